@@ -72,6 +72,9 @@ def number(low: float, high: float = math.inf, *, is_above: bool = False) -> Cal
     return parsed
 
 
+POSITIVE = number(0.0, is_above=True)  # the type of an argument that is a finite number above 0
+
+
 def whole(low: int, high: float = math.inf) -> Callable[[str], int]:
     """Return the type of an argument that is a whole number from `low` to `high`."""
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..errors import UsageError
 from ..files import outputs
-from .arguments import number, whole
+from .arguments import POSITIVE, number, whole
 
 MOST_STEPS = 1_000_000_000  # half an hour
 
@@ -40,7 +40,6 @@ WORLDS = 50  # as bench.worlds, which takes a second to import
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `hapticd bench`."""
     parser.description = f"{parser.description} Without a part: the parts, with the time that each takes."
     parser.add_argument("part", nargs="?", choices=(*PARTS, ALL), metavar="PART", help=", ".join((*PARTS, ALL)))
     parser.add_argument(
@@ -49,9 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--steps", type=whole(0, MOST_STEPS), default=10_000_000, help="stability: of the walk (default 10000000)"
     )
-    parser.add_argument(
-        "--hours", type=number(0.0, is_above=True), default=1.0, help="endurance, soak: virtual time (default 1)"
-    )
+    parser.add_argument("--hours", type=POSITIVE, default=1.0, help="endurance, soak: virtual time (default 1)")
     parser.add_argument(
         "--calibrating",
         action="store_true",
@@ -62,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--real-time",
-        type=number(0.0, is_above=True),
+        type=POSITIVE,
         metavar="SECONDS",
         help="soak: run the service in real time: alone, with CPU hogs, under a flood of messages; each so long",
     )

@@ -14,7 +14,6 @@ from .arguments import whole
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate's name, the number of its driven modes, and their wiring."""
     parser.add_argument(
         "--plate",
         metavar="PLATE",
@@ -22,7 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file that `hapticd plate --contacts --glass F.toml` writes",
     )
     parser.add_argument("--modes", type=whole(2), metavar="N", help="with an amplifier each (default: the plate's)")
-    add_wiring(parser)
+    parser.add_argument(
+        "--wiring",
+        choices=WIRING_NAMES,
+        help="of its amplifiers and sensors: each mode its own (default), the paper's sums and differences, or wrong",
+    )
 
 
 def settings(sim: SimConfig) -> dict[str, dict[str, Any]]:
@@ -35,15 +38,6 @@ def settings(sim: SimConfig) -> dict[str, dict[str, Any]]:
 def lines(sim: SimConfig) -> str:
     """Return the lines of a configuration's [sim] table that name the simulated plate."""
     return "\n".join(f"{name} = {toml(getattr(sim, name))}" for name in ("plate", "modes", "wiring"))
-
-
-def add_wiring(parser: argparse.ArgumentParser) -> None:
-    """Add the wiring of amplifiers and sensors."""
-    parser.add_argument(
-        "--wiring",
-        choices=WIRING_NAMES,
-        help="of its amplifiers and sensors: each mode its own (default), the paper's sums and differences, or wrong",
-    )
 
 
 def chosen(options: argparse.Namespace, before: SimConfig | None = None, *, is_simulated: bool = True) -> SimConfig:

@@ -44,7 +44,6 @@ class ServiceFile:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --print and --root."""
     parser.add_argument("--print", action="store_true", help="print the files with their destinations, change nothing")
     parser.add_argument("--root", type=Path, default=Path("/"), help="install below this directory (default /)")
     parser.set_defaults(command=_install_service)
@@ -80,7 +79,8 @@ def listing(files: Sequence[ServiceFile]) -> str:
 
 def install(files: Sequence[ServiceFile], root: Path) -> str:
     """Write the files below `root`; return a report with the next commands. Raises HapticdError."""
-    program = next(line.split("=")[1].split()[0] for line in _unit(files).splitlines() if line.startswith("ExecStart="))
+    unit = next(file.text for file in files if file.name.endswith(".service"))
+    program = next(line.split("=")[1].split()[0] for line in unit.splitlines() if line.startswith("ExecStart="))
     if program.startswith(tuple(f"{place}/" for place in HIDDEN_BY_UNIT)):
         raise HapticdError(f"{program}: is hidden from the service: install hapticd in /opt, see systemd/README.md.")
     done = []
@@ -97,10 +97,6 @@ def install(files: Sequence[ServiceFile], root: Path) -> str:
             raise HapticdError(f"{path}: cannot be written ({error.strerror}): run it as root.") from None
         done.append(f"installed  {path}")
     return "\n".join([*done, "then run:", *(f"  {line}" for line in AFTERWARDS.splitlines()), ""])
-
-
-def _unit(files: Sequence[ServiceFile]) -> str:
-    return next(file.text for file in files if file.name.endswith(".service"))
 
 
 def _folder() -> Path:

@@ -14,7 +14,6 @@ RESTART = "restart hapticd to apply"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the subcommands make, allow, revoke and list."""
     parser.epilog = (
         f"{parser.epilog}\n"
         "         hapticd keys make . study-7\n"

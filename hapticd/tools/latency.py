@@ -32,7 +32,7 @@ from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
 from ..files import outputs, plotting
 from ..sim import landing
-from .arguments import number
+from .arguments import POSITIVE
 from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr
 
@@ -68,9 +68,9 @@ class Measured:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the devices, the duration, and the outputs."""
     add_config_arguments(parser)
-    add_seconds(parser)
+    what = "duration (default 10); move two fingers meanwhile"
+    parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
     outputs.add_json(parser)
     outputs.add_file(
         parser, "--ledger", outputs.CSV, metavar="F.csv", help="write a line per frame: its report, ages, delays"
@@ -82,12 +82,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="measure on the simulated rig, in virtual time, how long a landing finger waits for its amplitude",
     )
     parser.set_defaults(command=_latency)
-
-
-def add_seconds(parser: argparse.ArgumentParser) -> None:
-    """Add the duration of a measurement."""
-    kind = number(0.0, is_above=True)
-    parser.add_argument("--seconds", type=kind, default=10.0, help="duration (default 10); move two fingers meanwhile")
 
 
 def _latency(options: argparse.Namespace) -> None:

@@ -27,7 +27,7 @@ from ..errors import CalibrationError, ModesError, UsageError
 from ..files import outputs, plotting
 from ..files.mode_map import FORMATS
 from . import plate_contacts
-from .arguments import number, whole
+from .arguments import POSITIVE, number, whole
 from .calibrate.modes import parse_size
 
 SPAN_FRAC = 0.05  # of the frequency, to either side: the searched band
@@ -37,11 +37,7 @@ MOST_UM = 20.0  # of a mode, as in the service's configuration
 DRAWN = 2  # pairs in the picture
 
 
-POSITIVE = number(0.0, is_above=True)
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate, the pair of modes, and the outputs."""
     parser.epilog = (
         f"{parser.epilog}\n\n"
         "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"
@@ -79,13 +75,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=run)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
     """Print the tables and write the outputs. Raises HapticdError."""
     if options.contacts:
         best = plate_contacts.run(options)
         if options.out is not None:
             _write_map(best.shapes, best.plate.size_mm, options.out)
-        return 0
+        return
     plate_contacts.refuse_without_contacts(options)
     size_mm = parse_size(options.size)
     if options.stamp_mm > min(size_mm) / 4.0:
@@ -108,7 +104,6 @@ def run(options: argparse.Namespace) -> int:
         _write_map(pair.shapes, size_mm, options.out)
     if options.plot is not None:
         draw(pairs[:DRAWN] if pair in pairs[:DRAWN] else (pair,), pair, nodes, chosen, options.plot)
-    return 0
 
 
 def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Material) -> tuple[ModePair, ...]:

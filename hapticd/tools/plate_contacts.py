@@ -133,7 +133,9 @@ def run(options: argparse.Namespace) -> ContactDesign:
         raise UsageError(
             f"--glass: simulated plates have no glued patches and a quality of {Q_FACTOR:g}: give neither."
         )
-    counts, drive_hz, plates = _modes(options.modes), _drive_hz(options.drive), _plates(options)
+    counts = _modes(options.modes)
+    drive_hz = _span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
+    plates = _plates(options)
     drive = Drive(
         Q_FACTOR if options.q is None else options.q,
         REACH_UM if options.reach is None else options.reach,
@@ -250,11 +252,6 @@ def _modes(text: str | None) -> list[int]:
     if any(value != round(value) for value in values):
         raise UsageError(f"--modes: {text!r} is not a whole number, or a range of them such as 4..6.")
     return [round(value) for value in values]
-
-
-def _drive_hz(text: str | None) -> tuple[float, float]:
-    low_hz, high_hz = _span(DRIVES if text is None else text, "--drive", 100.0, 1e6)
-    return low_hz, high_hz
 
 
 def _values(text: str, name: str, step: float, low: float, high: float) -> list[float]:

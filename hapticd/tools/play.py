@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import HapticdError, UsageError, missing_client
 from . import glass
-from .arguments import number
+from .arguments import POSITIVE
 from .daemon_process import PATIENT, DaemonProcess
 
 if TYPE_CHECKING:
@@ -30,23 +30,20 @@ PICTURE_S = 10.0  # of a picture with --sim, where no person ends it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the file, how it is felt, for how long, and the plate."""
     parser.add_argument("file", type=Path, metavar="FILE", help="a picture, .npy, .wav, .ahap or .hjif")
     parser.add_argument(
         "--high-um",
-        type=number(0.0, is_above=True),
+        type=POSITIVE,
         default=DEFAULT_UM,
         metavar="UM",
         help=f"amplitude of white, or of full intensity (default {DEFAULT_UM:g})",
     )
     parser.add_argument("--friction", action="store_true", help="a picture of friction: black is bare glass")
-    parser.add_argument(
-        "--width-mm", type=number(0.0, is_above=True), metavar="MM", help="of a picture (default: the whole plate)"
-    )
+    parser.add_argument("--width-mm", type=POSITIVE, metavar="MM", help="of a picture (default: the whole plate)")
     parser.add_argument("--loop", action="store_true", help="again and again, until Ctrl-C")
     parser.add_argument(
         "--seconds",
-        type=number(0.0, is_above=True),
+        type=POSITIVE,
         metavar="S",
         help=f"end after so long (default: at its end; a picture never, with --sim after {PICTURE_S:g})",
     )

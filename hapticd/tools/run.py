@@ -21,7 +21,6 @@ STDERR = 2  # the descriptor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the configuration, and the modes that do not serve."""
     add_config_arguments(parser)
     parser.add_argument("--print-config", action="store_true", help="print the active configuration, and exit")
     parser.add_argument("--check", action="store_true", help="read all files it names, report errors, and exit")
@@ -85,9 +84,8 @@ def without_openssl() -> Iterator[None]:
 
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
-    config_file = [] if options.config is None else ["--config", str(options.config)]
-    plate = [] if options.plate is None else ["--plate", options.plate]
-    modes = [] if options.modes is None else ["--modes", str(options.modes)]
-    wiring = [] if options.wiring is None else ["--wiring", options.wiring]
-    simulated = [*(["--sim"] if options.sim else []), *plate, *modes, *wiring]
-    return [sys.executable, "-P", "-m", "hapticd", "run", "--check", *config_file, *simulated]
+    command = [sys.executable, "-P", "-m", "hapticd", "run", "--check", *(["--sim"] if options.sim else [])]
+    for name in ("config", "plate", "modes", "wiring"):
+        if (value := getattr(options, name)) is not None:
+            command += [f"--{name}", str(value)]
+    return command

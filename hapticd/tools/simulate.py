@@ -17,7 +17,7 @@ from ..regular_file import read_bounded
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
 from . import glass
-from .arguments import number, whole
+from .arguments import POSITIVE, number, whole
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scenario, its conditions, and the outputs."""
     scenarios = "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values())
     parser.epilog = f"{parser.epilog}\n\nscenarios:\n{scenarios}"
     parser.add_argument("scenario", nargs="?", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
@@ -42,9 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
     parser.add_argument("--seconds", type=number(LEAST_S), help="duration (default: the scenario's own)")
-    parser.add_argument(
-        "--speed", type=number(0.0, is_above=True), metavar="MM_S", help="of a scenario's fingers (default 100)"
-    )
+    parser.add_argument("--speed", type=POSITIVE, metavar="MM_S", help="of a scenario's fingers (default 100)")
     parser.add_argument(
         "--noise",
         type=number(0.0),

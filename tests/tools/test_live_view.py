@@ -37,7 +37,6 @@ def shown(*states: PlateState) -> list[str]:
     view = LiveView(out, SIZE_MM)
     for index, each in enumerate(states):
         view.update(each, 100.0 + index * STEP_S)
-    view.close()
     return out.getvalue().rpartition("\x1b[J")[2].splitlines()
 
 

@@ -8,6 +8,7 @@ pad's report period. The sensor's own delay, from the finger's position to the r
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -95,20 +96,14 @@ def _lost_frac(measured: Measured) -> float:
     )
 
 
-def _findings(measured: Measured, lost_frac: float) -> list[Finding]:
+def _findings(measured: Measured, lost_frac: float) -> Iterator[Finding]:
     link = measured.stages["link"]
     spread_ms = (link.percentile_ns(95) - link.percentile_ns(50)) * 1e-6
-    findings: list[Finding] = []
     if lost_frac > USABLE_FRAC:
-        findings.append((Outcome.FAIL, f"{100 * lost_frac:.0f} % of the frames are late or lost: check the link."))
+        yield Outcome.FAIL, f"{100 * lost_frac:.0f} % of the frames are late or lost: check the link."
     elif lost_frac > STEADY_FRAC:
-        findings.append(
-            (Outcome.WARN, f"{100 * lost_frac:.1f} % of the frames are late or lost: reduce the host's load.")
-        )
+        yield Outcome.WARN, f"{100 * lost_frac:.1f} % of the frames are late or lost: reduce the host's load."
     if len(measured.lines) < LEAST_FRAMES:
-        findings.append((Outcome.WARN, f"Only {len(measured.lines)} frames: move two fingers, for longer."))
+        yield Outcome.WARN, f"Only {len(measured.lines)} frames: move two fingers, for longer."
     if spread_ms > SPREAD_WORTH_MS:
-        findings.append(
-            (Outcome.WARN, f"The link's delay varies by {spread_ms:.1f} ms: check [realtime] and the cable.")
-        )
-    return findings
+        yield Outcome.WARN, f"The link's delay varies by {spread_ms:.1f} ms: check [realtime] and the cable."

@@ -75,7 +75,6 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    check(options)
     readings = Readings(*simulated.friction_readings(options.seed)) if options.sim else read(options.readings)
     found = fit_friction(*readings)
     draw(found, options.out / PICTURE_FILE, source=simulated.source(options))
@@ -240,10 +239,9 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
 
 def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
     """Draw readings, outliers and the curve, as of a finger at rest. Raises HapticdError."""
-    figure, axes = plotting.subplots(6.0, 4.0, source=source)
+    figure, ((plot,),) = plotting.subplots(6.0, 4.0, source=source)
     amplitude_um, friction = found.at_rest
     left_out = found.left_out
-    (plot,) = axes[0]
     plot.plot(amplitude_um[~left_out], friction[~left_out], ".", label="readings")
     if left_out.any():
         plot.plot(amplitude_um[left_out], friction[left_out], "x", label="left out")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -182,48 +182,38 @@ def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], simulat
     return Verdict("modes", outcome, sentence, tuple(figures), settings, simulated is not None)
 
 
-def _findings(found: FittedMap, points: int, is_simulated: bool) -> list[Finding]:
+def _findings(found: FittedMap, points: int, is_simulated: bool) -> Iterator[Finding]:
     fit, leak_um = found.fit, found.leak.rms_um
-    findings: list[Finding] = []
     if leak_um > GOOD_LEAK_UM:
         bad = Outcome.FAIL if leak_um > USABLE_LEAK_UM else Outcome.WARN
-        findings.append(
-            (bad, f"The map would leak {leak_um:.2f} um for 1 um: measure closer points, or longer at each.")
-        )
+        yield bad, f"The map would leak {leak_um:.2f} um for 1 um: measure closer points, or longer at each."
     if len(USUAL_LIMIT_UM) != fit.modes.M and not is_simulated:
         count = f"{fit.modes.M} mode{'' if fit.modes.M == 1 else 's'} where a plate usually has {len(USUAL_LIMIT_UM)}"
-        findings.append((Outcome.WARN, f"The scan has {count}: check limits.w_limit_um and the board's modes."))
+        yield Outcome.WARN, f"The scan has {count}: check limits.w_limit_um and the board's modes."
     if found.beyond > RUNAWAY:
         beyond = f"The map goes {found.beyond:.1f} times beyond the largest readings"
-        findings.append((Outcome.FAIL, f"{beyond}: measure closer points, up to the edges."))
+        yield Outcome.FAIL, f"{beyond}: measure closer points, up to the edges."
     for first, second in zip(*np.triu_indices(fit.modes.M, 1), strict=True):
         if _correlation(fit.modes, int(first), int(second)) > ALIKE_FRAC:
-            findings.append(
-                (Outcome.FAIL, f"Modes {first} and {second} have the same shape: drive each of them alone.")
-            )
+            yield Outcome.FAIL, f"Modes {first} and {second} have the same shape: drive each of them alone."
     sizes = np.sqrt((fit.modes.shapes**2).mean(axis=(1, 2)))
     for mode, noise_frac in enumerate(fit.noise_rms / sizes):
         if not noise_frac <= USABLE_NOISE_FRAC:
-            findings.append((Outcome.FAIL, f"Mode {mode} is mostly noise: measure longer at each point."))
+            yield Outcome.FAIL, f"Mode {mode} is mostly noise: measure longer at each point."
     if not found.like:
-        findings.append(
-            (Outcome.WARN, "Theory has no mode of this wavelength: check --size, and that positions are in mm.")
-        )
+        yield Outcome.WARN, "Theory has no mode of this wavelength: check --size, and that positions are in mm."
     for mode, across in enumerate(fit.across_rms):
         if across > ONE_PHASE * fit.noise_rms[mode]:
-            findings.append((Outcome.WARN, f"Mode {mode} does not move in one phase: another mode was driven with it."))
+            yield Outcome.WARN, f"Mode {mode} does not move in one phase: another mode was driven with it."
     for mode, (name, correlation) in enumerate(found.like):
         if correlation < LIKE_THEORY_FRAC:
             like = f"Mode {mode} is like the free plate's {name} by only {100 * correlation:.0f} %"
-            findings.append((Outcome.WARN, f"{like}: check for another mode or a mixture."))
+            yield Outcome.WARN, f"{like}: check for another mode or a mixture."
     if fit.left_out > WRONG_FRAC * points:
-        findings.append((Outcome.WARN, f"{fit.left_out} of {points} readings are wrong: look at the reflecting film."))
+        yield Outcome.WARN, f"{fit.left_out} of {points} readings are wrong: look at the reflecting film."
     turned_deg, shifted_mm = math.degrees(fit.pose.rotation_rad), math.hypot(fit.pose.x_mm, fit.pose.y_mm)
     if abs(turned_deg) > TURNED_DEG or shifted_mm > SHIFTED_MM:
-        findings.append(
-            (Outcome.WARN, f"The scan lay {turned_deg:+.1f} degrees and {shifted_mm:.1f} mm off: check its axes.")
-        )
-    return findings
+        yield Outcome.WARN, f"The scan lay {turned_deg:+.1f} degrees and {shifted_mm:.1f} mm off: check its axes."
 
 
 def _limits_um(modes: int, simulated: SimConfig | None) -> list[float]:

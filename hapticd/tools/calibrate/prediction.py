@@ -23,11 +23,11 @@ from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.paths import Strokes
 from ...sim.fingers.sensor import SensorModel
-from ...values import RawReport
 from ...wire.trackpad import Decoder
 from ..touches import FloatArray, Touches, Trace, recorded
 from . import simulated
 from .delays import PERIOD_WORTH_FRAC
+from .live_pad import reading
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "prediction.png"
@@ -101,30 +101,15 @@ def strokes(seed: int, seconds: float) -> list[Trace]:
 
 async def _touched(pad: TrackpadSource, seconds: float) -> list[Trace]:
     """Return the touches of the next seconds on the pad."""
-    touches, decoders = Touches(), dict[str, Decoder]()
+    touches = Touches()
 
-    def on_link(is_up: bool, reason: str) -> None:
-        print(f"trackpad: {reason}", flush=True)
+    def on_link(is_up: bool) -> None:
         touches.lift_all()
-        if is_up and pad.model is not None:
-            decoders.setdefault(pad.model, Decoder(pad.model)).reset()
+        if is_up:
             print(f"stroke the pad for {seconds:g} s with one or two fingers, slowly and fast, with stops", flush=True)
 
-    def on_reports(reports: Sequence[RawReport]) -> None:
-        if pad.model is None:
-            return
-        decoder = decoders[pad.model]
-        for report in reports:
-            for frame in decoder.decode(report.data, report.t_host_ns):
-                touches.add(frame)
-        if decoder.needs_enable:
-            pad.request_enable()
-
-    pad.start(asyncio.get_running_loop(), on_reports, on_link)
-    try:
+    async with reading(pad, touches.add, on_link):
         await asyncio.sleep(seconds)
-    finally:
-        await pad.close()
     return touches.traces(pad.model or "no trackpad")
 
 
@@ -232,8 +217,7 @@ def verdict(traces: Sequence[Trace], found: Learned, *, is_simulated: bool) -> V
 
 def draw(found: Learned, path: Path, *, source: str = "") -> None:
     """Draw the errors before and after. Raises HapticdError."""
-    figure, axes = plotting.subplots(4.5, 3.5, source=source)
-    (plot,) = axes[0]
+    figure, ((plot,),) = plotting.subplots(4.5, 3.5, source=source)
     places = np.arange(len(AHEADS_MS))
     plot.bar(places - 0.2, found.before_mm, 0.4, label="weights of many pads")
     plot.bar(places + 0.2, found.after_mm, 0.4, label="weights of this pad")

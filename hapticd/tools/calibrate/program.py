@@ -6,33 +6,27 @@ Without a step it prints the overview. The steps are imported when one runs, whi
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..arguments import add_command, number, whole
+from ..arguments import POSITIVE, add_command, whole
 
 if TYPE_CHECKING:
     from .verdict import Outcome, Verdict
-
-POSITIVE = number(0.0, is_above=True)
 DEFAULT_OUT = Path("calibration")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the steps, in their order."""
     parser.description = f"{parser.description} Without a step: the order, and the steps done so far."
     parser.epilog = f"{parser.epilog}\n         hapticd run --config DIR/hapticd.toml"
     parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default calibration)")
     parser.set_defaults(command=_run, step=None)
     steps = parser.add_subparsers(title="steps", metavar="STEP")
-    _add_resonance(steps)
-    _add_modes(steps)
-    _add_trackpad(steps)
-    _add_latency(steps)
-    _add_prediction(steps)
-    _add_friction(steps)
-    _add_all(steps)
+    for name, summary, example, arguments in _STEPS:
+        step = _step(steps, name, summary, example)
+        for add in arguments:
+            add(step)
     _add_touch(steps)
 
 
@@ -95,31 +89,7 @@ def _add_seconds(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
 
 
-def _add_resonance(steps: Any) -> None:
-    parser = _step(
-        steps,
-        "resonance",
-        "sweep each amplifier of the board; fit modes, wires and drive",
-        "--port /dev/ttyACM0 --out DIR",
-    )
-    _add_board(parser)
-    _add_sweep(parser)
-    _add_plate(parser)
-
-
-def _add_modes(steps: Any) -> None:
-    parser = _step(steps, "modes", "fit the vibrometer's scan of the mode shapes", "--scan scan.csv --out DIR")
-    _add_scan(parser)
-    _add_plate(parser)
-
-
-def _add_trackpad(steps: Any) -> None:
-    parser = _step(steps, "trackpad", "fit the pad's position from touched marks on the plate", "--out DIR")
-    _add_marks(parser)
-
-
-def _add_latency(steps: Any) -> None:
-    parser = _step(steps, "latency", "measure the delays that the prediction must cover", "--out DIR --seconds 20")
+def _add_latency(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, help="the service's configuration (default: DIR/hapticd.toml)")
     _add_seconds(parser)
 
@@ -131,30 +101,32 @@ def _add_strokes(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_prediction(steps: Any) -> None:
-    parser = _step(steps, "prediction", "learn the pad's noise from a minute of strokes", "--out DIR")
-    _add_strokes(parser)
-
-
-def _add_friction(steps: Any) -> None:
-    parser = _step(steps, "friction", "fit friction against amplitude", "--readings friction.csv --out DIR")
+def _add_readings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction, and optionally speed_mm_s"
     )
 
 
-def _add_all(steps: Any) -> None:
-    parser = _step(steps, "all", "run all steps in order", "--sim --out DIR")
-    _add_plate(parser)
-    _add_board(parser)
-    _add_sweep(parser)
-    _add_scan(parser)
-    _add_marks(parser)
-    _add_seconds(parser)
-    _add_strokes(parser)
-    parser.add_argument(
-        "--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction, and optionally speed_mm_s"
-    )
+_ALL = (_add_plate, _add_board, _add_sweep, _add_scan, _add_marks, _add_seconds, _add_strokes, _add_readings)
+_STEPS: tuple[tuple[str, str, str, Sequence[Callable[[argparse.ArgumentParser], None]]], ...] = (
+    (
+        "resonance",
+        "sweep each amplifier of the board; fit modes, wires and drive",
+        "--port /dev/ttyACM0 --out DIR",
+        (_add_board, _add_sweep, _add_plate),
+    ),
+    (
+        "modes",
+        "fit the vibrometer's scan of the mode shapes",
+        "--scan scan.csv --out DIR",
+        (_add_scan, _add_plate),
+    ),
+    ("trackpad", "fit the pad's position from touched marks on the plate", "--out DIR", (_add_marks,)),
+    ("latency", "measure the delays that the prediction must cover", "--out DIR --seconds 20", (_add_latency,)),
+    ("prediction", "learn the pad's noise from a minute of strokes", "--out DIR", (_add_strokes,)),
+    ("friction", "fit friction against amplitude", "--readings friction.csv --out DIR", (_add_readings,)),
+    ("all", "run all steps in order", "--sim --out DIR", _ALL),
+)
 
 
 def _add_touch(steps: Any) -> None:

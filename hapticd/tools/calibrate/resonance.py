@@ -10,7 +10,7 @@ import argparse
 import asyncio
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ from ...board_values import BoardHello, Calibration, ModeCalibration, Sweep, Swe
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
-from ...errors import CalibrationError, DeviceError, SweepEndedError
+from ...errors import CalibrationError, DeviceError
 from ...files import calibration
 from ...io.devices.serial_link import SerialLink
 from ...wire import protocol
@@ -65,7 +65,6 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the board named by `options`. Raises HapticdError."""
-    check(options)
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         hello, measured = asyncio.run(_sweep_on(port, baud, options))
@@ -106,11 +105,11 @@ async def _closer(board: Conversation, plan: Sweep, found: MeasuredWiring, ampli
 
 
 async def _sweep(board: Conversation, plan: Sweep) -> list[SweepPoint]:
-    """Sweep piece by piece: on a loaded host the board may receive nothing for 50 ms, and ends a sweep."""
+    """Sweep piece by piece: the board may end one, which is repeated alone."""
     points: list[SweepPoint] = []
     with Progress(f"sweeping amplifier {plan.mode}") as progress:
         for piece in pieces(plan):
-            points += await _measured_piece(board, piece)
+            points += await sweep.measured_again(board, piece, TRIES)
             progress(len(points) / plan.points)
     return points
 
@@ -156,17 +155,6 @@ def pieces(plan: Sweep) -> list[Sweep]:
     ]
 
 
-async def _measured_piece(board: Conversation, piece: Sweep) -> list[SweepPoint]:
-    for tries_left in reversed(range(TRIES)):
-        await sweep.quiet(board)
-        try:
-            return await sweep.measured(board, piece)
-        except SweepEndedError:
-            if tries_left == 0:
-                raise
-    raise AssertionError("the last try returns or raises")
-
-
 def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
     """Return a sweep around the resonance, or None if `plan` resolved it."""
     width_hz = found.frequency_hz / found.q_factor
@@ -205,24 +193,18 @@ def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_sim
         Figure("largest voltage proposed", best_v, "V"),
     ]
     findings = [finding for one in sweeps for finding in _findings(one)]
-    findings += [(Outcome.WARN, sentence) for sentence in measured.wrong_wires]
+    warnings = [*measured.wrong_wires]
     if best_v > ENOUGH * hello.v_limit_v:
-        findings.append(
-            (
-                Outcome.WARN,
-                f"Full amplitude of all modes takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}.",
-            )
+        warnings.append(
+            f"Full amplitude of all modes takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}."
         )
     if now_v > WORTH_MOVING * best_v:
         remedy = "the calibration file sets it" if better_drive_hz(hello, modes) else "set DRIVE_HZ in the firmware"
-        findings.append(
-            (
-                Outcome.WARN,
-                f"At {best_hz:.1f} Hz full amplitude would take {best_v:.0f} V instead of {now_v:.0f}: {remedy}.",
-            )
+        warnings.append(
+            f"At {best_hz:.1f} Hz full amplitude would take {best_v:.0f} V instead of {now_v:.0f}: {remedy}."
         )
     outcome, sentence = judge(
-        findings,
+        [*findings, *((Outcome.WARN, warning) for warning in warnings)],
         f"{len(sweeps)} clean circles; the drive of {hello.drive_hz:.1f} Hz lies "
         f"{abs(hello.drive_hz - best_hz):.1f} Hz off the best one.",
     )
@@ -243,12 +225,11 @@ def _figures(one: ModeSweep, mode: ModeCalibration, hello: BoardHello) -> list[F
     ]
 
 
-def _findings(one: ModeSweep) -> list[Finding]:
+def _findings(one: ModeSweep) -> Iterator[Finding]:
     if not one.frequency_hz.min() <= one.fit.frequency_hz <= one.frequency_hz.max():
-        return [(Outcome.FAIL, f"Mode {one.mode} lies outside its sweep: give --from and --to around it.")]
-    if one.fit.residual_frac > USABLE_FRAC:
-        return [(Outcome.FAIL, f"Mode {one.mode} shows no resonance circle: check its sensor, amplifier and wiring.")]
-    if one.fit.residual_frac > CLEAN_FRAC:
+        yield Outcome.FAIL, f"Mode {one.mode} lies outside its sweep: give --from and --to around it."
+    elif one.fit.residual_frac > USABLE_FRAC:
+        yield Outcome.FAIL, f"Mode {one.mode} shows no resonance circle: check its sensor, amplifier and wiring."
+    elif one.fit.residual_frac > CLEAN_FRAC:
         left = 100.0 * one.fit.residual_frac
-        return [(Outcome.WARN, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby.")]
-    return []
+        yield Outcome.WARN, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby."

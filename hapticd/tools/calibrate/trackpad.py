@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -19,9 +19,10 @@ from ...errors import CalibrationError
 from ...files import plotting
 from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import MODELS, TrackpadSource
-from ...values import RawReport
+from ...values import TouchFrame
 from ...wire.trackpad import Decoder
 from . import simulated
+from .live_pad import reading
 from .marks import APART_MM, MIN_MARKS, AffineFit, Point, TouchedMarks, fit_affine, placement
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
@@ -83,38 +84,26 @@ def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
 
 async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[str, list[Point]]:
     """Prompt for one mark after the other; return the pad's model and the touches."""
-    touched, decoders = TouchedMarks(), dict[str, Decoder]()
-    done = asyncio.Event()
+    touched, done = TouchedMarks(), asyncio.Event()
 
-    def on_link(is_up: bool, reason: str) -> None:
-        print(f"trackpad: {reason}", flush=True)
-        if is_up and pad.model is not None:
-            decoders.setdefault(pad.model, Decoder(pad.model)).reset()
+    def on_link(is_up: bool) -> None:
+        if is_up:
             _ask(marks_mm, len(touched.rests_mm))
 
-    def on_reports(reports: Sequence[RawReport]) -> None:
-        if pad.model is None or done.is_set():
-            return
-        decoder = decoders[pad.model]
-        for report in reports:
-            for frame in decoder.decode(report.data, report.t_host_ns):
-                if len(touched.rests_mm) < len(marks_mm) and touched.update(frame) is not None:
-                    _ask(marks_mm, len(touched.rests_mm))
-        if decoder.needs_enable:
-            pad.request_enable()
-        if len(touched.rests_mm) == len(marks_mm):
-            done.set()
+    def take(frame: TouchFrame) -> None:
+        if not done.is_set() and touched.update(frame) is not None:
+            _ask(marks_mm, len(touched.rests_mm))
+            if len(touched.rests_mm) == len(marks_mm):
+                done.set()
 
-    pad.start(asyncio.get_running_loop(), on_reports, on_link)
     try:
-        await asyncio.wait_for(done.wait(), within_s)
+        async with reading(pad, take, on_link):
+            await asyncio.wait_for(done.wait(), within_s)
     except TimeoutError:
         raise CalibrationError(
             f"{len(touched.rests_mm)} of {len(marks_mm)} marks were touched in {within_s:g} s: rest one finger on each "
             "for half a second, lift it in between, and stop the service first if no touch is detected."
         ) from None
-    finally:
-        await pad.close()
     assert pad.model is not None
     return pad.model, touched.rests_mm
 
@@ -149,37 +138,27 @@ def verdict(found: AffineFit, device: dict[str, str], *, is_simulated: bool) -> 
     return Verdict("trackpad", outcome, sentence, figures, settings, is_simulated)
 
 
-def _findings(found: AffineFit) -> list[Finding]:
+def _findings(found: AffineFit) -> Iterator[Finding]:
     where = placement(found.plate_from_pad)
-    worst = int(np.argmax(found.left_out_mm)) + 1
-    findings: list[Finding] = []
     if where.scale_y < 0.0:
-        findings.append(
-            (Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you.")
-        )
+        yield Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you."
     elif abs(where.rotation_deg) > TURNED_DEG:
         turned = f"The pad seems rotated by {where.rotation_deg:.0f} degrees, as if x and y were swapped or reversed"
-        findings.append((Outcome.WARN, f"{turned}: check how it lies, and the order of the touches."))
+        yield Outcome.WARN, f"{turned}: check how it lies, and the order of the touches."
+    disagree = f"The marks disagree by {found.left_out_rms_mm:.1f} mm"
     if found.left_out_rms_mm > USABLE_MM:
-        findings.append((Outcome.FAIL, f"The marks disagree by {found.left_out_rms_mm:.1f} mm: touch them again."))
+        yield Outcome.FAIL, f"{disagree}: touch them again."
     elif found.left_out_rms_mm > GOOD_MM:
-        findings.append(
-            (
-                Outcome.WARN,
-                f"The marks disagree by {found.left_out_rms_mm:.1f} mm, mark {worst} most: touch them again.",
-            )
-        )
+        yield Outcome.WARN, f"{disagree}, mark {np.argmax(found.left_out_mm) + 1} most: touch them again."
     if not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
-        findings.append((Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."))
-    return findings
+        yield Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."
 
 
 def draw(
     marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFit, path: Path, *, source: str = ""
 ) -> None:
     """Draw marks, mapped touches and their difference, enlarged. Raises HapticdError."""
-    figure, axes = plotting.subplots(5.5, 4.5, source=source)
-    (plot,) = axes[0]
+    figure, ((plot,),) = plotting.subplots(5.5, 4.5, source=source)
     marks = np.array(marks_mm)
     mapped = np.array([found.plate_from_pad.apply(*touch) for touch in touches_mm])
     plot.plot(*marks.T, "s", markersize=9, fillstyle="none", label="marks")

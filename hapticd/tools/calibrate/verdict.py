@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -49,9 +49,9 @@ class Verdict:
 Finding = tuple[Outcome, str]
 
 
-def judge(findings: Sequence[Finding], passed: str) -> Finding:
+def judge(found: Iterable[Finding], passed: str) -> Finding:
     """Return the worst outcome with the sentences of all findings that have it; `passed` without findings."""
-    severity = list(Outcome)
+    findings, severity = list(found), list(Outcome)
     worst = max((outcome for outcome, _ in findings), key=severity.index, default=Outcome.PASS)
     sentences = [sentence for outcome, sentence in findings if outcome is worst]
     return worst, " ".join(sentences) or passed

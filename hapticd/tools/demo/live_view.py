@@ -55,10 +55,6 @@ class LiveView:
         self._out.flush()
         self._lines = len(lines)
 
-    def close(self) -> None:
-        """Keep the last picture."""
-        self._out.flush()
-
     def _rate_hz(self) -> float:
         if len(self._instants_s) < 2:
             return 0.0

@@ -35,7 +35,7 @@ from ...sim.rig.process import RigProcess
 from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
 from .. import glass
-from ..arguments import number, whole
+from ..arguments import POSITIVE, whole
 from ..daemon_process import DaemonProcess
 from .columns import Column, VirtualRun, columns, live_column
 from .live_view import LiveView
@@ -53,8 +53,7 @@ COMPARED_S = 6.0  # in virtual time, which takes a second for every two on the f
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add duration, seed, board and outputs."""
-    parser.add_argument("--seconds", type=number(0.0, is_above=True), default=10.0, help="duration (default 10)")
+    parser.add_argument("--seconds", type=POSITIVE, default=10.0, help="duration (default 10)")
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
     glass.add_arguments(parser)
     outputs.add_file(parser, "--out", outputs.PICTURE, metavar="F.png", help="the picture (default demo.png)")
@@ -251,7 +250,6 @@ def _watch(client: Client, user: _ScriptedUser, seconds: float) -> dict[str, Any
         view.update(state, t_now_s)
         if t_now_s >= t_end_s:
             break
-    view.close()
     return client.status()
 
 

@@ -42,7 +42,6 @@ SHOW_KEYS = "hapticd run --print-config shows every key; correct the file"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add configuration, output form and bundle."""
     parser.epilog = f"{parser.epilog}\n         hapticd doctor --bundle report.tar.gz"
     parser.add_argument("--config", type=Path, help="the service's configuration (default: the built-in one)")
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")

@@ -34,10 +34,8 @@ def directories(environ: Mapping[str, str]) -> tuple[Path, ...]:
 
 def find(config: Config, environ: Mapping[str, str]) -> System:
     """Return the system, with the replies of its daemon if one runs."""
-    if config.client.runtime_dir:
-        places: tuple[Path, ...] = (Path(config.client.runtime_dir),)
-    else:
-        places = directories(environ)
+    configured = config.client.runtime_dir
+    places = (Path(configured),) if configured else directories(environ)
     for place in places:
         if _distrust(place):
             continue

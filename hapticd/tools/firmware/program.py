@@ -33,7 +33,7 @@ from ...files import outputs
 from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
 from .. import glass
-from ..arguments import add_command, number, whole
+from ..arguments import POSITIVE, add_command, whole
 from . import selftest, sweep, telemetry, text
 from .conversation import Conversation
 
@@ -45,7 +45,6 @@ SIM_SCENARIO = "step"  # its plate is not touched
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the subcommands, each with the arguments that select the board."""
     commands = parser.add_subparsers(title="subcommands", required=True, metavar="SUBCOMMAND")
     _command(commands, "info", "show the board's identity and status", "--sim", json=True)
     _command(
@@ -115,18 +114,16 @@ def _add_telemetry(commands: Any) -> None:
     parser.add_argument(
         "--rate", type=whole(1, MOST_RATE_HZ), default=100, metavar="HZ", help="samples a second, at most (default 100)"
     )
-    parser.add_argument("--seconds", type=number(0.0, is_above=True), default=2.0, help="duration (default 2)")
+    parser.add_argument("--seconds", type=POSITIVE, default=2.0, help="duration (default 2)")
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run one subcommand; return the exit code."""
+def run(options: argparse.Namespace) -> None:
     with contextlib.ExitStack() as stack:
         port, baud = named_port(options, stack)
         try:
             asyncio.run(_converse(port, baud, options))
         except BrokenPipeError:  # as by `| head`; the buffer must not be flushed again at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
 
 
 def named_port(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[str, int]:

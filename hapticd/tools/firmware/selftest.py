@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import argparse
 import cmath
-import contextlib
 import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...board_values import BoardController, ControllerRequest, ModeCalibration, Sweep, SweepPoint
+from ...board_values import BoardController, ControllerRequest, ModeCalibration, Sweep
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
-from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
+from ...errors import ConfigError, DeviceError, UsageError
 from ...files import calibration
 from . import text
 from .conversation import Conversation
-from .sweep import VOLTS_FRAC, measured, quiet
+from .sweep import VOLTS_FRAC, measured_again
 
 TRIES = 4
 BAND_HZ, BESIDE_HZ = 80.0, 50.0  # swept to either side of the drive, and at least beyond the outermost modes
@@ -91,7 +90,6 @@ async def measure(board: Conversation, known: Sequence[ModeCalibration]) -> list
     points = max(LEAST_POINTS, 2 * hello.modes + 1)  # what a fit of as many modes takes
     dwell_ms = min(max(SWEEPS_MS // (points * hello.modes), SHORTEST_MS), LONGEST_MS)
     for amplifier in range(hello.modes):
-        await quiet(board)
         plan = Sweep(
             amplifier,
             low_hz,
@@ -100,19 +98,10 @@ async def measure(board: Conversation, known: Sequence[ModeCalibration]) -> list
             dwell_ms,
             VOLTS_FRAC * hello.v_limit_v,
         )
-        swept = await _swept(board, plan)
+        swept = await measured_again(board, plan, TRIES)
         response = np.array([point.measured_um for point in swept], np.complex128) / plan.voltage_v
         sweeps.append(AmplifierSweep(amplifier, np.array([point.frequency_hz for point in swept]), response))
     return sweeps
-
-
-async def _swept(board: Conversation, plan: Sweep) -> list[SweepPoint]:
-    """Sweep, and again if the board ended it: on a host that is busy starting it may receive nothing for 50 ms."""
-    for _ in range(TRIES - 1):
-        with contextlib.suppress(SweepEndedError):
-            return await measured(board, plan)
-        await quiet(board)
-    return await measured(board, plan)
 
 
 def unsafe(found: MeasuredWiring, known: Sequence[ModeCalibration]) -> list[str]:

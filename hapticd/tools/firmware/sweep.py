@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -112,7 +113,18 @@ async def measured(board: Conversation, sweep: Sweep, *, show: Callable[[str], N
     return points
 
 
-async def quiet(board: Conversation) -> None:
+async def measured_again(board: Conversation, sweep: Sweep, tries: int) -> list[SweepPoint]:
+    """Return all points as `measured`, in up to `tries` sweeps: on a busy host the board may receive nothing for 50 ms,
+    and ends one."""
+    for _ in range(tries - 1):
+        await _quiet(board)
+        with contextlib.suppress(SweepEndedError):
+            return await measured(board, sweep)
+    await _quiet(board)
+    return await measured(board, sweep)
+
+
+async def _quiet(board: Conversation) -> None:
     """Wait until the previous sweep has ramped down; any other busy state makes the board refuse the next one."""
     for _ in range(QUIET_WITHIN):
         status = await board.wait_for(BoardStatus, STATUS_WITHIN_S)

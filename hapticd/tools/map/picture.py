@@ -88,15 +88,7 @@ def _draw_contacts(figure: Any, axis: Any, panel: Panel, size_mm: tuple[float, f
     """Draw the contrast between whole contacts, as decades, for a finger that slips anywhere."""
     assert panel.contacts is not None
     contrast = panel.contacts.contrast
-    half_x_mm, half_y_mm = size_mm[0] / 2, size_mm[1] / 2
-    image = axis.imshow(
-        np.log10(contrast),
-        origin="lower",
-        extent=(-half_x_mm, half_x_mm, -half_y_mm, half_y_mm),
-        cmap="viridis",
-        vmin=0.0,
-        vmax=2.0,
-    )
+    image = _draw_image(axis, np.log10(contrast), size_mm, vmin=0.0, vmax=2.0)
     for finger in panel.fingers:
         axis.plot(finger.x_mm, finger.y_mm, "o", ms=10, mfc=_STICKY, mec="black", mew=1.2, clip_on=False)
     axis.set_title(f"whole contacts: contrast {np.median(contrast):.1f} at the median position", fontsize=10)
@@ -108,20 +100,15 @@ def _draw_contacts(figure: Any, axis: Any, panel: Panel, size_mm: tuple[float, f
 
 def _draw_field(axis: Any, values: FloatArray, modes: ModeShapes, size_mm: tuple[float, float], lowest: float) -> Any:
     """Draw values from `lowest` to 1 as colours over the whole plate, with the node lines on top."""
-    half_x_mm, half_y_mm = size_mm[0] / 2, size_mm[1] / 2
-    image = axis.imshow(
-        values,
-        origin="lower",
-        extent=(-half_x_mm, half_x_mm, -half_y_mm, half_y_mm),
-        cmap="viridis",
-        vmin=lowest,
-        vmax=1.0,
-        interpolation="bilinear",
-    )
+    image = _draw_image(axis, values, size_mm, vmin=lowest, vmax=1.0, interpolation="bilinear")
     _draw_nodes(axis, modes, size_mm)
-    axis.set_xlim(-half_x_mm, half_x_mm)
-    axis.set_ylim(-half_y_mm, half_y_mm)
+    axis.set(xlim=image.get_extent()[:2], ylim=image.get_extent()[2:])
     return image
+
+
+def _draw_image(axis: Any, values: FloatArray, size_mm: tuple[float, float], **look: Any) -> Any:
+    extent = (-size_mm[0] / 2, size_mm[0] / 2, -size_mm[1] / 2, size_mm[1] / 2)
+    return axis.imshow(values, origin="lower", extent=extent, cmap="viridis", **look)
 
 
 def _draw_nodes(axis: Any, modes: ModeShapes, size_mm: tuple[float, float]) -> None:

@@ -38,7 +38,6 @@ POSITION_ERROR_MM = 0.12  # RMS on each axis: the prediction's error on strokes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate, the fingers on it, what the other finger is to do, and the outputs."""
     # A position may begin with a minus sign, which argparse accepts in whole numbers only.
     parser._negative_number_matcher = re.compile(r"-[\d.]")
     parser.description = (
@@ -85,12 +84,12 @@ def _map(options: argparse.Namespace) -> None:
     if not options.finger:
         if options.still or options.slip:
             raise UsageError("--still and --slip need the other fingers: give a --finger, such as -30,20.")
-        _map_pairs(options, modes, size_mm, limit_um, target_um)
+        _map_pairs(options, modes, size_mm, limit_um)
         return
     if len(options.finger) > MOST_FINGERS:
         raise UsageError(f"--finger: {len(options.finger)} fingers are too many: give at most {MOST_FINGERS}.")
     panels = []
-    for other_um in _other_um(options, target_um):
+    for other_um in _other_um(options):
         usual_um = target_um if other_um == 0.0 else 0.0
         fingers = [_finger(text, usual_um, size_mm) for text in options.finger]
         if other_um == 0.0 and not any(finger.target_um > 0.0 for finger in fingers):
@@ -136,16 +135,12 @@ def _contacts(
 
 
 def _map_pairs(
-    options: argparse.Namespace,
-    modes: ModeShapes,
-    size_mm: tuple[float, float],
-    limit_um: tuple[float, ...],
-    target_um: float,
+    options: argparse.Namespace, modes: ModeShapes, size_mm: tuple[float, float], limit_um: tuple[float, ...]
 ) -> None:
     from ...design.achievability import pair_map
     from .picture import draw_pairs
 
-    cells = PAIR_CELLS if options.cells is None else options.cells
+    cells, target_um = PAIR_CELLS if options.cells is None else options.cells, options.target
     with Progress("all pairs of positions") as progress:
         pairs = pair_map(modes, target_um, limit_um, size_mm=size_mm, cells=cells, progress=progress)
     print(_plate_line(modes, size_mm, limit_um))
@@ -220,10 +215,10 @@ def _finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> Finger:
     return Finger(x_mm, y_mm, _number(parts[2], f"--finger {text}", 0.0, MOST_UM) if len(parts) == 3 else usual_um)
 
 
-def _other_um(options: argparse.Namespace, target_um: float) -> tuple[float, ...]:
+def _other_um(options: argparse.Namespace) -> tuple[float, ...]:
     if options.still or options.slip:
-        return (0.0,) if options.still else (target_um,)
-    return 0.0, target_um
+        return (0.0,) if options.still else (options.target,)
+    return 0.0, options.target
 
 
 def _number(text: str | float, name: str, low: float, high: float) -> float:

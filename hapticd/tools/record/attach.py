@@ -37,10 +37,6 @@ LATE = "Something is recorded already: this recording begins in mid-session, and
 Notify = Callable[[str], None]
 
 
-def _print(text: str) -> None:
-    print(text, flush=True)
-
-
 def record(
     out: Path,
     directory: Path | None,
@@ -48,7 +44,7 @@ def record(
     *,
     is_now: bool = False,
     wait_s: float = math.inf,
-    notify: Notify = _print,
+    notify: Notify = lambda text: print(text, flush=True),
 ) -> str:
     """Record for `seconds`, until KeyboardInterrupt, or until the daemon stops. Returns a sentence on the file.
 

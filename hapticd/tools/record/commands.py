@@ -13,7 +13,6 @@ from ..progress import Progress
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `record`."""
     parser.add_argument(
         "out", type=Path, metavar="OUT", help="file to write, such as session.mcap; where it exists, session-2.mcap"
     )
@@ -32,7 +31,6 @@ def _record(options: argparse.Namespace) -> None:
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `replay`."""
     parser.epilog = f"{parser.epilog}\n         hapticd replay session.mcap --set prediction.noise_mm=0.1"
     _add_files(parser)
     parser.add_argument(
@@ -68,7 +66,6 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `export`."""
     _add_files(parser)
     forms = parser.add_mutually_exclusive_group(required=True)
     forms.add_argument("--csv", type=Path, metavar="DIR", help="a folder with one CSV file for each table")
@@ -111,7 +108,6 @@ def _prepare(folder: Path, files: Sequence[Path], options: argparse.Namespace) -
 
 
 def add_plot_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `plot`."""
     parser.add_argument("files", nargs=1, type=Path, metavar="F.mcap", help="the recording")
     outputs.add_file(parser, "out", outputs.PICTURE, metavar="OUT.png", help="the picture")
     parser.add_argument("--from", dest="start_s", type=float, default=0.0, metavar="S", help="in s from its start")

@@ -71,12 +71,8 @@ def tables(recording: Recording) -> dict[str, dict[str, Column]]:
     rows: dict[str, list[Row]] = {name: [] for name in TABLES}
     for record in recording.records():
         for name, row in _rows(record):
-            rows[name].append((_seconds(record.t_ns - recording.header.t_start_ns), record.t_ns, *row))
+            rows[name].append((1e-9 * (record.t_ns - recording.header.t_start_ns), record.t_ns, *row))
     return {name: _columns(name, found) for name, found in rows.items() if found}
-
-
-def _seconds(span_ns: int) -> float:
-    return span_ns * 1e-9
 
 
 def _columns(name: str, rows: list[Row]) -> dict[str, Column]:

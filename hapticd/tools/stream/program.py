@@ -19,7 +19,6 @@ FINGERS, MAX_FINGERS = 5, 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the actions plotjuggler, prometheus and lsl."""
     parser.epilog = (
         "example: hapticd stream plotjuggler\n"
         f"         hapticd stream prometheus --port {PROMETHEUS_PORT}\n"

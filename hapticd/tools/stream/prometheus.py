@@ -230,7 +230,6 @@ class Status:
                 return None
 
     def close(self) -> None:
-        """Close the socket."""
         with self._one_at_a_time:
             self._control.close()
 

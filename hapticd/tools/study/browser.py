@@ -12,7 +12,6 @@ import secrets
 import threading
 from collections.abc import Awaitable, Callable
 from importlib import resources
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from ...errors import missing_library
@@ -62,9 +61,7 @@ class Browser:
             raise StudyError(f"port {self._port}: cannot be bound ({error.strerror}): choose another.") from None
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         asyncio.run_coroutine_threadsafe(self._runner.cleanup(), self._loop).result(START_WITHIN_S)
         self._end()
 

@@ -8,7 +8,6 @@ import sys
 import termios
 import tty
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any, TextIO
 
 from .panel import Key, Screen
@@ -39,9 +38,7 @@ class Keyboard:
             tty.setcbreak(self._fd)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._is_terminal:
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 

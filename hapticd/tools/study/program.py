@@ -40,7 +40,6 @@ LAST_SCREEN_S = 0.5  # for the page to show its last screen
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the actions run and report."""
     parser.epilog = (
         "example: hapticd study run --participant P03 --out answers/\n         hapticd study report answers/"
     )

@@ -69,7 +69,9 @@ class Stage:
         self._finger: tuple[int, int | str] | None = None
         self._states = client.states(STATE_WITHIN_S)
         self.touch = Touch()
-        self.mark = _marker(client)
+        takes_markers = "marker" in client.capabilities().get("ops", ())
+        # Marks an instant of the experiment, if the daemon takes markers.
+        self.mark: Callable[[str], object] = client.marker if takes_markers else lambda _: None
 
     def present(self, friction: Friction) -> None:
         """Give the finger on the plate this stimulus, and the virtual one the opposite, from its line's start."""
@@ -105,11 +107,3 @@ class Stage:
                 path_mm = math.hypot(finger.x_mm - before.x_mm, finger.y_mm - before.y_mm)
                 self.touch.add(step_s, path_mm, limited=state.limited)
         self._last = finger, state
-
-
-def _marker(client: Client) -> Callable[[str], object]:
-    """Return the function that marks instants of the experiment; it does nothing if the daemon takes no markers."""
-    marker = getattr(client, "marker", None)
-    if marker is None or "marker" not in client.capabilities().get("ops", ()):
-        return lambda _: None
-    return marker  # type: ignore[no-any-return]

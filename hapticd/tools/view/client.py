@@ -102,7 +102,8 @@ class PlateClient:
                     self._serve(client)
             except (hapticd_client.HapticdError, HapticdError) as error:
                 self._publish("gone", messages.gone(str(error)), None)
-                self._refuse_all(messages.refused(str(error)))
+                for _, refuse in self._pending():
+                    refuse(messages.refused(str(error)))
                 self._ending.wait(RETRY_S)
 
     def _serve(self, client: hapticd_client.Client) -> None:
@@ -144,10 +145,6 @@ class PlateClient:
             if t_now_s - t_status_s >= STATUS_EVERY_S:
                 t_status_s = t_now_s
                 self._publish("status", messages.status(client.status()), None)
-
-    def _refuse_all(self, sentence: str) -> None:
-        for _, refuse in self._pending():
-            refuse(sentence)
 
     def _execute(self, client: hapticd_client.Client) -> None:
         for request, refuse in self._pending():

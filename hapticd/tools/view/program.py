@@ -27,7 +27,6 @@ PORT = 8017
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the plate's source, and the page's address."""
     parser.add_argument("--sim", action="store_true", help="start a simulated plate and a service for it as well")
     parser.add_argument("--scenario", metavar="NAME", help="of its fingers until you touch it (default hands: none)")
     parser.add_argument(
@@ -49,15 +48,10 @@ def run(options: argparse.Namespace) -> None:
         stack.enter_context(listener)
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            service = stack.enter_context(_simulated(options))
+            scenario = options.scenario or SCENARIO
+            service = stack.enter_context(SimulatedService(scenario, options.seed, glass.chosen(options)))
             endpoint = str(service.runtime_dir)
         asyncio.run(_serve(listener, endpoint, service, open_browser=not options.no_browser))
-
-
-def _simulated(options: argparse.Namespace) -> SimulatedService:
-    """Return a service on a simulated plate of its own."""
-    sim = glass.chosen(options)
-    return SimulatedService(options.scenario or SCENARIO, options.seed, sim)
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -58,7 +58,6 @@ class TruthSubscriber:
         return self._last if self._last is not None and t_ns - self._last.t_ns < FRESH_NS else None
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
 
 

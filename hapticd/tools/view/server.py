@@ -90,7 +90,7 @@ class Viewer:
     def app(self) -> web.Application:
         """The web application; `port` must be set before it is served."""
         app = web.Application(middlewares=[self._guarded])
-        app.router.add_get("/", self._index)
+        app.router.add_get("/", partial(_file, "index.html"))
         app.router.add_get("/shapes", self._shapes)
         app.router.add_get("/layer", self._layer)
         app.router.add_get("/socket", self._socket)
@@ -123,18 +123,16 @@ class Viewer:
             response.headers.update(guard.headers(self.port))
         return response
 
-    async def _index(self, request: web.Request) -> web.StreamResponse:
-        return await _file("index.html", request)
-
     async def _shapes(self, _: web.Request) -> web.StreamResponse:
+        return web.Response(body=self._described_plate().grid, content_type="application/octet-stream")
+
+    def _described_plate(self) -> Plate:
         if self._plate is None:
             raise web.HTTPNotFound(text="The daemon has not described its plate yet.\n")
-        return web.Response(body=self._plate.grid, content_type="application/octet-stream")
+        return self._plate
 
     async def _layer(self, request: web.Request) -> web.StreamResponse:
-        plate = self._plate
-        if plate is None:
-            raise web.HTTPNotFound(text="The daemon has not described its plate yet.\n")
+        plate = self._described_plate()
         name, fingers = request.query.get("name", ""), plate.fingers
         try:
             mover = messages.mover(request.query.get("finger", ""))

@@ -1,0 +1,41 @@
+"""The connected pad during a step: its touch frames, decoded as the service decodes them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+
+from ...io.devices.trackpad_source import TrackpadSource
+from ...values import RawReport, TouchFrame
+from ...wire.trackpad import Decoder
+
+
+@asynccontextmanager
+async def reading(
+    pad: TrackpadSource, take: Callable[[TouchFrame], None], on_link: Callable[[bool], None]
+) -> AsyncIterator[None]:
+    """Context in which `take` gets each frame, and `on_link` whether the pad is connected; it is closed at the end."""
+    decoder: Decoder | None = None
+
+    def linked(is_up: bool, reason: str) -> None:
+        nonlocal decoder
+        print(f"trackpad: {reason}", flush=True)
+        if is_up:
+            assert pad.model is not None
+            decoder = Decoder(pad.model)
+        on_link(is_up)
+
+    def reported(reports: Sequence[RawReport]) -> None:
+        assert decoder is not None  # the pad is linked before its first report
+        for report in reports:
+            for frame in decoder.decode(report.data, report.t_host_ns):
+                take(frame)
+        if decoder.needs_enable:
+            pad.request_enable()
+
+    pad.start(asyncio.get_running_loop(), reported, linked)
+    try:
+        yield
+    finally:
+        await pad.close()
