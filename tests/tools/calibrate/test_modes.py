@@ -14,7 +14,6 @@ from hapticd.config.sections import SimConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose
 from hapticd.errors import CalibrationError
-from hapticd.files import plotting
 from hapticd.files.mode_map import Scan
 from hapticd.sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from hapticd.tools.calibrate import folder, modes, simulated
@@ -167,20 +166,9 @@ def test_a_size_that_no_plate_has_is_refused(text: str) -> None:
     assert modes.parse_size("160X114.9") == (160.0, 114.9)
 
 
-def test_the_map_s_file_is_one_that_the_service_loads_and_the_picture_one(
-    found: modes.FittedMap, tmp_path: Path
-) -> None:
-    found.fit.modes.save(tmp_path / "modes.npz")
-    assert np.array_equal(ModeShapes.load(tmp_path / "modes.npz").shapes, found.fit.modes.shapes)
-    modes.draw(Scan(*simulated.scan(1, SimConfig())), found, tmp_path / "modes.png")
-    assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")
-
-
 def test_the_picture_has_labels_and_a_scale_of_each_kind(
-    found: modes.FittedMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    found: modes.FittedMap, tmp_path: Path, figures: list[Any]
 ) -> None:
-    figures: list[Any] = []
-    monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: figures.append(figure))
     modes.draw(Scan(*simulated.scan(1, SimConfig())), found, tmp_path / "modes.png", source="simulated, seed 1")
     assert figures[0].get_supxlabel().endswith(", simulated, seed 1")
     *maps, shapes, differences = figures[0].axes
