@@ -1,11 +1,13 @@
-"""Wrong calls of commands, and the figures that commands draw."""
+"""Wrong calls of commands, the figures that commands draw, and a fake of the daemon's sockets."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
+from tools.stream.daemon_states import FakeDaemon
 
 from hapticd.__main__ import main
 from hapticd.files import plotting
@@ -30,3 +32,10 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     drawn: list[Any] = []
     monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: drawn.append(figure))
     return drawn
+
+
+@pytest.fixture
+def fake_daemon(tmp_path: Path) -> Iterator[FakeDaemon]:
+    daemon = FakeDaemon(tmp_path)
+    yield daemon
+    daemon.close()

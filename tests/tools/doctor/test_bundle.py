@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import stat
 import tarfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -106,14 +107,10 @@ def test_without_a_daemon_it_gives_the_reason_for_the_missing_recording(
     ],
 )
 def test_an_unusable_path_is_refused_before_the_checks(
-    name: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, word: str, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     (tmp_path / "old.tar.gz").touch()
-    assert main(["doctor", "--bundle", str(tmp_path / name)]) == 2
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert word in output.err
-    assert output.err.count("\n") == 1
+    assert word in refused("doctor", "--bundle", str(tmp_path / name))
 
 
 def test_versions_name_the_program_and_its_libraries() -> None:
