@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapticd.__main__ import main
 from hapticd.board_values import BoardState, BoardStatus, RawVoltage, SetGains, SweepPoint
 from hapticd.errors import DeviceError, UsageError
 from hapticd.files import calibration
@@ -264,25 +265,16 @@ def test_a_lost_reply_is_requested_again(link: Any, converse: Callable[..., Any]
     assert converse(link, talk) is BoardState.QUIET
 
 
-def test_without_a_board_the_options_that_select_one_are_named(capsys: pytest.CaptureFixture[str]) -> None:
-    from hapticd.__main__ import main
-
-    assert main(["firmware", "info"]) == UsageError.exit_code
-    assert "add --port or --config, or --sim" in capsys.readouterr().err
+def test_without_a_board_the_options_that_select_one_are_named(refused: Callable[..., str]) -> None:
+    assert "add --port or --config, or --sim" in refused("firmware", "info")
 
 
 @pytest.mark.parametrize("baud", ["0", "-5", "99999999999999"])
-def test_a_speed_that_no_board_has_is_refused_before_the_port_is_opened(
-    capsys: pytest.CaptureFixture[str], baud: str
-) -> None:
-    from hapticd.__main__ import main
-
-    assert main(["firmware", "info", "--port", "/dev/null", "--baud", baud]) == UsageError.exit_code
-    assert "it must be 9600 .. 5.25e+06" in capsys.readouterr().err
+def test_a_speed_that_no_board_has_is_refused_before_the_port_is_opened(baud: str, refused: Callable[..., str]) -> None:
+    complaint = refused("firmware", "info", "--port", "/dev/null", "--baud", baud)
+    assert "it must be 9600 .. 5.25e+06" in complaint
 
 
 def test_the_simulated_board_answers_through_its_pseudo_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    from hapticd.__main__ import main
-
     assert main(["firmware", "info", "--sim"]) == 0
     assert "29205.00 Hz" in capsys.readouterr().out
