@@ -24,11 +24,6 @@ from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.tools.record.replay import replay
 
 
-@pytest.fixture
-def header(strokes: Path) -> Header:
-    return open_recording(strokes).header
-
-
 @pytest.fixture(autouse=True)
 def _looks_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(background, "LOOK_EVERY_S", 0.001)
