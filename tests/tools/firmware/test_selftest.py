@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from virtual_board import BoardLink
 
 from hapticd.board_values import Calibration, ModeCalibration
 from hapticd.errors import DeviceError, UsageError
@@ -28,11 +29,11 @@ DEAD = {"sensor": np.diag([1.0, 0.0]), "noise_um": 0.0005}
 
 
 @pytest.fixture
-def tested(new_link: Any, type_in: TypeIn) -> Tested:
+def tested(type_in: TypeIn) -> Tested:
     """Returns what `selftest` with these arguments says of a plate that differs so from the board's models."""
 
     def run(*arguments: str, **changes: Any) -> str:
-        link = new_link()
+        link = BoardLink()
         link.board = Board(replace(link.board.model, **changes), config=OWN, boot_id=7)
         said = type_in(link, "selftest", *arguments)
         assert link.board.t_us < 2_200_000  # with the greeting
@@ -49,9 +50,7 @@ def test_a_plate_as_calibrated_has_not_moved(tested: Tested) -> None:
 
 
 @pytest.mark.parametrize(("modes", "most_s"), [(3, 2.2), (4, 2.2), (6, 3.9)])
-def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(
-    modes: int, most_s: float, new_link: Any, type_in: TypeIn
-) -> None:
+def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(modes: int, most_s: float, type_in: TypeIn) -> None:
     offsets_hz = np.array((12.0, -18.0, -91.0, -70.0, 82.0, 169.0))[:modes]
     config = replace(
         OWN,
@@ -61,7 +60,7 @@ def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(
         gain_um_per_v_s=(5.0,) * modes,
         loop_phase_rad=(0.0,) * modes,
     )
-    link = new_link(config=config)
+    link = BoardLink(config=config)
     assert "Nothing has moved" in type_in(link, "selftest")
     assert link.board.t_us < 1e6 * most_s
 
@@ -136,11 +135,11 @@ def test_a_dead_sensor_is_one_sentence_and_unsafe_in_the_document_too(
     assert "may be dead" in sentence
 
 
-def test_it_compares_with_a_calibration_file(link: Any, new_link: Any, type_in: TypeIn, tmp_path: Path) -> None:
+def test_it_compares_with_a_calibration_file(link: BoardLink, type_in: TypeIn, tmp_path: Path) -> None:
     saved = tmp_path / "plate.toml"
     for mode in ("0", "1"):
         with pytest.raises(UsageError, match="lacks a mode" if saved.exists() else "not exist|No such|cannot"):
-            type_in(new_link(), "selftest", "--calibration", str(saved))
+            type_in(BoardLink(), "selftest", "--calibration", str(saved))
         type_in(link, "sweep", "--points", "9", "--mode", mode, "--save", str(saved))
     found = json.loads(type_in(link, "selftest", "--calibration", str(saved), "--json"))
     assert found["moved"] == []
