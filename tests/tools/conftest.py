@@ -1,4 +1,4 @@
-"""Wrong calls of commands, the figures that commands draw, and a fake of the daemon's sockets."""
+"""Wrong calls of commands, the figures that commands draw, a daemon's status, and a fake of its sockets."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from machine_bench import SLIPPERY, STICKY, Bench
 from tools.stream.daemon_states import FakeDaemon
 
 from hapticd.__main__ import main
+from hapticd.config.sections import Config
+from hapticd.daemon.self_calibration import SelfCalibration
 from hapticd.files import plotting
 
 
@@ -32,6 +35,16 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     drawn: list[Any] = []
     monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: drawn.append(figure))
     return drawn
+
+
+@pytest.fixture(scope="session")
+def reported() -> dict[str, Any]:
+    """The status of a machine that drives two fingers."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.board.status()
+    bench.run(300)
+    bench.machine.status.calibration = SelfCalibration(Config(), bench.machine.modes, None).report
+    return dict(bench.machine.report_status(bench.t_ns))
 
 
 @pytest.fixture

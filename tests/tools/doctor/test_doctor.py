@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from machine_bench import SLIPPERY, STICKY, Bench
 from tools.stream.daemon_states import FakeDaemon
 from virtual_board import BoardLink, in_virtual_time
 
@@ -66,15 +65,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """The rate of reports is not waited for."""
     monkeypatch.setattr(devices, "LISTEN_S", 0.0)
     monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
-
-
-@pytest.fixture(scope="module")
-def reported() -> Any:
-    """Status of a daemon that drives two fingers."""
-    bench = Bench(SLIPPERY, STICKY).driven()
-    bench.board.status()
-    bench.run(100)
-    return bench.machine.report_status(bench.t_ns)
 
 
 REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plate": {"modes_file": "modes.npz"}}

@@ -27,7 +27,7 @@ class ManualClock:
 
 
 class FakeClient:
-    """The part of `hapticd_client.Client` that a study uses; keeps targets, markers and a log.
+    """The part of `hapticd_client.Client` that a study uses; keeps targets, markers and what it released.
 
     One finger moves to the right at `speed_mm_s`; another `finger` takes its place.
     """
@@ -41,7 +41,7 @@ class FakeClient:
         self.instance = 1
         self.targets_um: dict[int | str, float] = {}
         self.paths: dict[str, Any] = {}
-        self.log: list[tuple[str, dict[int | str, float]]] = []
+        self.released: list[dict[int | str, float]] = []
         self.markers: list[str] = []
 
     def capabilities(self) -> dict[str, Any]:
@@ -54,7 +54,7 @@ class FakeClient:
         self.targets_um[finger if isinstance(finger, str) else finger.id] = amplitude_um
 
     def release(self) -> None:
-        self.log.append(("release", dict(self.targets_um)))
+        self.released.append(dict(self.targets_um))
         self.targets_um.clear()
         self.paths.clear()
 

@@ -35,7 +35,7 @@ def hold(path: Path, person: Person, client: FakeClient, given: Session = GIVEN)
 def test_each_trial_gives_finger_and_virtual_finger_what_its_combination_says(tmp_path: Path) -> None:
     client = FakeClient()
     hold(tmp_path / "P1.jsonl", Person(sticky), client)
-    felt = [targets for _, targets in client.log if targets]
+    felt = [targets for targets in client.released if targets]
     expected = [{1: 1.0, WALKER: 0.0} if friction is Friction.LOW else {1: 0.0, WALKER: 1.0}
                 for friction in GIVEN.presented]  # fmt: skip
     assert felt == [{1: 0.0, WALKER: 1.0}, *expected]  # the training begins with high friction
@@ -102,7 +102,7 @@ def test_a_pause_stops_the_plate_and_repeats_the_trial(tmp_path: Path) -> None:
 
     hold(tmp_path / "P1.jsonl", Person(pause_once), client)
     assert paused[1] == {}
-    felt = [targets for _, targets in client.log if targets]
+    felt = [targets for targets in client.released if targets]
     assert felt[1] == felt[2]
     assert [answer.trial for answer in read(tmp_path / "P1.jsonl").answers] == list(range(1, TRIALS + 1))
 
