@@ -58,17 +58,13 @@ def test_a_pad_anywhere_is_found_to_a_twentieth_of_a_millimetre(seed: int) -> No
 
 def test_the_service_reads_the_same_map_from_the_settings() -> None:
     truth = AffineMap(1.01, -0.03, 0.04, 0.99, 2.5, -1.25)
-    fit = fit_affine([AffineMap(*inverse(truth)).apply(*mark) for mark in MARKS], MARKS)
+    matrix = np.array([[truth.xx, truth.xy], [truth.yx, truth.yy]])
+    on_pad_mm = np.linalg.solve(matrix, np.subtract(MARKS, (truth.offset_x_mm, truth.offset_y_mm)).T).T
+    fit = fit_affine(on_pad_mm, MARKS)
     verdict = trackpad.verdict(fit, {"source": "sim"}, is_simulated=True)
     configured = plate_from_pad(from_table(dict(verdict.settings), where="x", folder=Path()))
     for corner in MARKS:
         assert configured.apply(*corner) == pytest.approx(truth.apply(*corner), abs=1e-3)
-
-
-def inverse(one: AffineMap) -> tuple[float, ...]:
-    matrix = np.linalg.inv([[one.xx, one.xy], [one.yx, one.yy]])
-    offset = -matrix @ (one.offset_x_mm, one.offset_y_mm)
-    return (*matrix.ravel().tolist(), *offset.tolist())
 
 
 @pytest.mark.parametrize(
