@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import stat
 import tarfile
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -96,21 +95,6 @@ def test_without_a_daemon_it_gives_the_reason_for_the_missing_recording(
     assert held["hapticd.toml"] == given.read_bytes()
     assert b"did you mean w_limit_um?" in held["doctor.txt"]
     assert "recording.mcap" not in held
-
-
-@pytest.mark.parametrize(
-    ("name", "word"),
-    [
-        ("report.zip", "end it in .tar.gz"),
-        ("none/report.tar.gz", "its directory is missing"),
-        ("old.tar.gz", "already"),
-    ],
-)
-def test_an_unusable_path_is_refused_before_the_checks(
-    name: str, word: str, tmp_path: Path, refused: Callable[..., str]
-) -> None:
-    (tmp_path / "old.tar.gz").touch()
-    assert word in refused("doctor", "--bundle", str(tmp_path / name))
 
 
 def test_versions_name_the_program_and_its_libraries() -> None:
