@@ -1,4 +1,5 @@
-"""Wrong calls of commands, the figures that commands draw, a daemon's status, and a fake of its sockets."""
+"""Wrong calls of commands, the figures that commands draw, frames with known delays, a daemon's status, and a fake of
+its sockets."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from hapticd.__main__ import main
 from hapticd.config.sections import Config
 from hapticd.daemon.self_calibration import SelfCalibration
 from hapticd.files import plotting
+from hapticd.tools.latency import Measured, gather
 
 
 @pytest.fixture
@@ -35,6 +37,18 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     drawn: list[Any] = []
     monkeypatch.setattr(plotting, "save", lambda figure, *_, **__: drawn.append(figure))
     return drawn
+
+
+@pytest.fixture(scope="session")
+def measured() -> Measured:
+    """Frames of a driven bench whose board acknowledges each millisecond; the link takes no time, reports come every
+    11.25 ms."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    for _ in range(1000):
+        bench.machine.pipeline.resend()
+        bench.run(1)
+        bench.board.status()
+    return gather(bench.machine, list(bench.machine.session.ledger))
 
 
 @pytest.fixture(scope="session")

@@ -127,36 +127,31 @@ def test_a_fault_of_the_scan_is_reported(
     assert sentence in verdict.sentence
 
 
-def test_a_scan_that_is_none_is_refused_in_a_sentence() -> None:
-    with pytest.raises(CalibrationError, match="The scan cannot be fitted"):
-        fit_map(Scan(np.zeros((5, 2)), np.ones((5, 2))), SIZE_MM, normalise=True)
-
-
 GRID_MM = np.stack(np.meshgrid(np.linspace(-60, 60, 20), np.linspace(-60, 60, 20)), axis=-1).reshape(-1, 2)
+NOISE = np.random.default_rng(1).integers(-3, 4, (400, 1))
 
 
-@pytest.mark.parametrize(
-    ("points_mm", "scale"),
-    [(GRID_MM, 1.0), (GRID_MM, 1e11)],
-    ids=["noise", "huge"],
-)
-def test_readings_that_are_no_modes_fail(points_mm: np.ndarray, scale: float) -> None:
-    readings = scale * np.random.default_rng(1).integers(-3, 4, (400, 1))
-    found = fit_map(Scan(points_mm, readings), SIZE_MM, normalise=True)
+@pytest.mark.parametrize("scale", [1.0, 1e11])
+def test_readings_that_are_no_modes_fail(scale: float) -> None:
+    found = fit_map(Scan(GRID_MM, scale * NOISE), SIZE_MM, normalise=True)
     assert modes.verdict(found, 400, SIZE_MM, None).outcome is Outcome.FAIL
 
 
-@pytest.mark.parametrize("to_mm", [0.0, 1e-3], ids=["a point", "in metres"])
-def test_a_scan_in_other_units_than_mm_is_refused(to_mm: float) -> None:
-    readings = np.random.default_rng(1).integers(-3, 4, (400, 1))
-    with pytest.raises(CalibrationError, match="give positions in mm, or the plate's size"):
-        fit_map(Scan(GRID_MM * to_mm, readings), SIZE_MM, normalise=True)
-
-
-@pytest.mark.parametrize("value", [0.0, 1.0, 1e-200, np.inf, np.nan])
-def test_readings_that_are_all_the_same_are_refused(value: float) -> None:
-    with pytest.raises(CalibrationError, match="The scan cannot be fitted"):
-        fit_map(Scan(GRID_MM, np.full((400, 2), value)), SIZE_MM, normalise=True)
+@pytest.mark.parametrize(
+    ("scan", "sentence"),
+    [
+        (Scan(np.zeros((5, 2)), np.ones((5, 2))), "The scan cannot be fitted"),
+        (Scan(GRID_MM * 0.0, NOISE), "give positions in mm, or the plate's size"),
+        (Scan(GRID_MM * 1e-3, NOISE), "give positions in mm, or the plate's size"),
+        *(
+            (Scan(GRID_MM, np.full((400, 2), value)), "The scan cannot be fitted")
+            for value in (0.0, 1.0, 1e-200, np.inf, np.nan)
+        ),
+    ],
+)
+def test_a_scan_that_is_none_is_refused_in_a_sentence(scan: Scan, sentence: str) -> None:
+    with pytest.raises(CalibrationError, match=sentence):
+        fit_map(scan, SIZE_MM, normalise=True)
 
 
 @pytest.mark.parametrize("text", ["137", "1x2x3", "axb", "nanx100", "1x100", "infx100"])

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tools.frames import measured_frames
 from virtual_board import PlateLink, in_virtual_time
 
 from hapticd.__main__ import main
@@ -43,20 +42,15 @@ async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespac
         return board.hello, await resonance.sweep_modes(board, sweep.planned(board.hello, options))
 
 
-def frames_of_a_bench(configured: Config, seconds: float) -> latency.Measured:
-    del configured, seconds
-    return measured_frames()
-
-
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(tmp_path_factory: pytest.TempPathFactory, measured: latency.Measured) -> Path:
     """What `hapticd calibrate all --sim` leaves. What would run in real time runs in virtual time instead."""
     out = tmp_path_factory.mktemp("calibrate") / "plate"
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(resonance, "named_port", lambda *_: ("none", 921600))
         patched.setattr(resonance.asyncio, "run", in_virtual_time)
         patched.setattr(resonance, "_sweep_on", sweep_in_virtual_time)
-        patched.setattr(latency, "measure", frames_of_a_bench)
+        patched.setattr(latency, "measure", lambda _config, _seconds: measured)
         assert main(["calibrate", "all", "--sim", "--out", str(out), "--points", "21", "--dwell", "66"]) == 0
     return out
 
