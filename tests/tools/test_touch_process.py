@@ -34,7 +34,7 @@ from hapticd.design import finger_load
 from hapticd.design.touch.judge import NO_CHANGE
 from hapticd.design.touch.model import LATENCY
 from hapticd.errors import CalibrationError
-from hapticd.files.recording.header import Header, header_fields
+from hapticd.files.recording.header import header_fields
 from hapticd.files.recording.kinds import Record, record_of
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import DirectRecording
@@ -323,48 +323,43 @@ def test_a_long_refusal_is_cut(calibration: SelfCalibration) -> None:
     assert calibration.report()["last_refusal"] == "x" * 200
 
 
-class Foreign(SelfCalibration):
-    """Calibration whose process runs other code."""
-
-    def run(self, header: Header, monkeypatch: pytest.MonkeyPatch, code: str) -> None:
-        """Feed the process until it is ended."""
-        popen = subprocess.Popen
-
-        def other(_: object, **settings: Any) -> subprocess.Popen[bytes]:
-            return popen([sys.executable, "-I", "-S", "-c", code], **settings)
-
-        async def story() -> None:
-            monkeypatch.setattr(subprocess, "Popen", other)
-            self.start(asyncio.get_running_loop(), header)
-            while self.process is not None:
-                self.put("board_bytes", T_START_NS, b"nothing")
-                await asyncio.sleep(0)
-
-        try:
-            asyncio.run(asyncio.wait_for(story(), 30.0))
-        finally:
-            if self.process is not None:
-                self.process.kill()
-
-
 ENDED = "the self-calibration's process has ended: the pad stays as it is"
+NO_VERDICT = "the self-calibration's process sent no verdict, the pad stays as it is: b''"
 
 
 @pytest.mark.parametrize(
     ("code", "warning"),
     [
-        (
-            "import os\nwhile 1: os.write(1, b'\\n' * 65536)",
-            "the self-calibration's process sent no verdict, the pad stays as it is: b''",
-        ),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", ENDED),
         ("import os, signal; os.close(0); signal.pause()", ENDED),
+        ("import os\nwhile 1: os.write(1, b'\\n' * 65536)", NO_VERDICT),
     ],
-    ids=["floods the daemon", "reads no more"],
+    ids=["dies", "reads no more", "floods the daemon"],
 )
-def test_a_process_that_misbehaves_is_ended_with_one_warning(
-    code: str, warning: str, at_rest: Touching, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@asynchronous
+async def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
+    code: str,
+    warning: str,
+    at_rest: Touching,
+    calibration: SelfCalibration,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    Foreign(Config(), at_rest.header.modes, None).run(at_rest.header, monkeypatch, code)
+    popen, command = subprocess.Popen, [sys.executable, "-I", "-S", "-c", code]
+    monkeypatch.setattr(subprocess, "Popen", lambda _, **settings: popen(command, **settings))
+    calibration.start(asyncio.get_running_loop(), at_rest.header)
+    try:
+        async with asyncio.timeout(30.0):
+            while calibration.process is not None:
+                calibration.put("board_bytes", T_START_NS, b"nothing")
+                await asyncio.sleep(0)
+    finally:
+        if calibration.process is not None:
+            calibration.process.kill()
+    calibration.put("board_bytes", T_START_NS, b"nothing")
+    await asyncio.sleep(0)
+    calibration.close()
+    assert not calibration.report()["running"]
     assert [record.getMessage() for record in caplog.records] == [warning]
 
 
@@ -381,24 +376,6 @@ async def test_an_output_that_has_nothing_yet_is_read_later(
         calibration._read()
     assert calibration.process is not None
     calibration.close()
-
-
-@asynchronous
-async def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
-    at_rest: Touching, calibration: SelfCalibration, caplog: pytest.LogCaptureFixture
-) -> None:
-    calibration.start(asyncio.get_running_loop(), at_rest.header)
-    assert calibration.process is not None
-    calibration.put("board_bytes", T_START_NS, b"nothing")
-    calibration.process.kill()
-    while calibration.process is not None:
-        calibration.put("board_bytes", T_START_NS, b"nothing")
-        await asyncio.sleep(0)
-    calibration.put("board_bytes", T_START_NS, b"nothing")
-    await asyncio.sleep(0)
-    calibration.close()
-    assert not calibration.report()["running"]
-    assert [record.getMessage() for record in caplog.records] == [ENDED]
 
 
 def test_priorities_and_limits_that_are_refused_are_done_without(monkeypatch: pytest.MonkeyPatch) -> None:
