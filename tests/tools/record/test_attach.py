@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import zmq
+from asynchronous import asynchronous
 from machine_bench import SLIPPERY, START_NS, STICKY, Bench
 
 from hapticd.__main__ import main
@@ -97,24 +98,21 @@ def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Pa
     assert replay(open_recording(tmp_path / "own.mcap")).is_identical
 
 
-def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
+@asynchronous
+async def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path)
     thread = threading.Thread(target=lambda: record(tmp_path / "a.mcap", tmp_path, 60.0, is_now=True))
-
-    async def stops() -> None:
-        ours.start(asyncio.get_running_loop())
-        thread.start()
-        while not ours.is_live:
-            ours.sweep()
-            await asyncio.sleep(STEP_S)
-        bench.run(50)
-        bench.machine.stop(bench.t_ns)
+    ours.start(asyncio.get_running_loop())
+    thread.start()
+    while not ours.is_live:
+        ours.sweep()
         await asyncio.sleep(STEP_S)
-        ours.close(bench.t_ns)
-
-    asyncio.run(stops())
-    thread.join(20.0)
+    bench.run(50)
+    bench.machine.stop(bench.t_ns)
+    await asyncio.sleep(STEP_S)
+    ours.close(bench.t_ns)
+    await asyncio.to_thread(thread.join, 20.0)
     kinds = [one.kind for one in open_recording(tmp_path / "a.mcap").records()]
     assert "stop" in kinds
     assert kinds[-1] == "end"
@@ -280,7 +278,8 @@ def test_a_senseless_time_is_one_sentence(seconds: str, tmp_path: Path, refused:
     assert "--seconds" in refused("record", str(tmp_path / "a.mcap"), f"--seconds={seconds}")
 
 
-def test_a_recorder_that_attaches_and_detaches_all_the_time_makes_few_headers(tmp_path: Path) -> None:
+@asynchronous
+async def test_a_recorder_that_attaches_and_detaches_all_the_time_makes_few_headers(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     made: list[bool] = []
 
@@ -290,20 +289,16 @@ def test_a_recorder_that_attaches_and_detaches_all_the_time_makes_few_headers(tm
 
     ours = Recorders(bench.machine, RecordConfig(), tmp_path, counted)
 
-    async def harried() -> None:
-        ours.start(asyncio.get_running_loop())
-        context = zmq.Context()
-        with context.socket(zmq.XSUB) as socket:
-            socket.linger = 0
-            socket.connect(f"ipc://{tmp_path / 'record'}")
-            for _ in range(200):
-                socket.send(b"\x01")
-                socket.send(b"\x00")
+    ours.start(asyncio.get_running_loop())
+    with zmq.Context() as context, context.socket(zmq.XSUB) as socket:
+        socket.linger = 0
+        socket.connect(f"ipc://{tmp_path / 'record'}")
+        for _ in range(200):
             socket.send(b"\x01")
+            socket.send(b"\x00")
+        socket.send(b"\x01")
+        async with asyncio.timeout(30.0):
             while await asyncio.to_thread(socket.poll, 20) == 0 or not ours.is_live:  # it may have to reconnect
                 ours.sweep()
-        context.term()
-        ours.close(bench.t_ns)
-
-    asyncio.run(asyncio.wait_for(harried(), 30.0))
+    ours.close(bench.t_ns)
     assert 1 <= len(made) <= 2 + 401 // 64
