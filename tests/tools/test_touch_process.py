@@ -11,7 +11,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -97,16 +97,16 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(touch_process, "FIT_S", 0.8)
 
 
-def verdicts(touching: Touching, spent_s: Callable[[], float]) -> list[dict[str, Any]]:
+def verdicts(touching: Touching, *, spent_s: float) -> list[dict[str, Any]]:
     out = io.StringIO()
     seconds = iter(range(1_000_000))
-    serve(io.BytesIO(touching.packed()), out, spent_s, lambda: float(next(seconds)))
+    serve(io.BytesIO(touching.packed()), out, lambda: spent_s, lambda: float(next(seconds)))
     return [json.loads(line) for line in out.getvalue().splitlines()]
 
 
 @pytest.mark.usefixtures("soon")
 def test_fingers_at_rest_are_refused_with_a_reason(at_rest: Touching) -> None:
-    found = verdicts(at_rest, lambda: 0.0)
+    found = verdicts(at_rest, spent_s=0.0)
     assert found
     for verdict in found:
         assert verdict["refusal"]
@@ -115,7 +115,7 @@ def test_fingers_at_rest_are_refused_with_a_reason(at_rest: Touching) -> None:
 
 @pytest.mark.usefixtures("soon")
 def test_it_fits_only_while_it_has_used_less_than_its_share_of_the_time(at_rest: Touching) -> None:
-    assert verdicts(at_rest, lambda: 1e9) == []
+    assert verdicts(at_rest, spent_s=1e9) == []
 
 
 def accumulated(touching: Touching, *extra: Record) -> Accumulator:
@@ -348,6 +348,7 @@ async def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alon
     popen, command = subprocess.Popen, [sys.executable, "-I", "-S", "-c", code]
     monkeypatch.setattr(subprocess, "Popen", lambda _, **settings: popen(command, **settings))
     calibration.start(asyncio.get_running_loop(), at_rest.header)
+    calibration.put("board_bytes", T_START_NS, b"nothing")
     try:
         async with asyncio.timeout(30.0):
             while calibration.process is not None:
