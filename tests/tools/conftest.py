@@ -3,19 +3,23 @@ its sockets."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from machine_bench import SLIPPERY, STICKY, Bench
-from tools.stream.daemon_states import FakeDaemon
 
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
 from hapticd.daemon.self_calibration import SelfCalibration
 from hapticd.files import plotting
 from hapticd.tools.latency import Measured, gather
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "clients" / "python"))
+
+from tools.stream.daemon_states import FakeDaemon
 
 
 @pytest.fixture
