@@ -36,7 +36,7 @@ REFERENCE, FINGERTIP = "hapticd, reference plate, 2 modes", "hapticd, fingertip 
         "5 modes",
     ],
 )
-def test_the_live_column_takes_the_place_of_its_plate_beside_the_papers_scheme(
+def test_the_live_column_takes_the_place_of_its_plate_and_the_papers_scheme_is_compared(
     sim: SimConfig, titles: list[str]
 ) -> None:
     assert [column.title for column in columns(live_column(sim, is_bare=False), is_bare=False)] == titles
