@@ -13,33 +13,33 @@ from hapticd.tools.demo.program import summary
 STATUS: dict[str, dict[str, float]] = {"latency_ms": {}}
 
 
-def titles(sim: SimConfig) -> list[str]:
-    return [column.title for column in columns(live_column(sim, is_bare=False), is_bare=False)]
+PAPER = "the paper's scheme, reference plate, 2 modes"
+REFERENCE, FINGERTIP = "hapticd, reference plate, 2 modes", "hapticd, fingertip plate, 4 modes"
 
 
-def test_the_paper_is_compared_with_hapticd_on_both_plates() -> None:
-    paper = "the paper's scheme, reference plate, 2 modes"
-    reference, fingertip = "hapticd, reference plate, 2 modes", "hapticd, fingertip plate, 4 modes"
-    assert titles(SimConfig()) == [paper, reference, fingertip]
-    assert titles(SimConfig(plate="fingertip", modes=4)) == [paper, reference, fingertip]
-
-
-def test_on_the_papers_wires_the_papers_scheme_runs_too_and_every_title_says_so() -> None:
-    sim = SimConfig(wiring="paper")
-    first, second, third = titles(sim)
-    assert first == "the paper's scheme, reference plate, 2 modes, the paper's wires"
-    assert second == "hapticd, reference plate, 2 modes, the paper's wires"
-    assert "wires" not in third
-
-
-def test_wrong_wires_are_the_live_columns_alone() -> None:
-    first, second, _ = titles(SimConfig(wiring="swapped"))
-    assert ("wires" in first, second) == (False, "hapticd, reference plate, 2 modes, swapped wires")
-
-
-def test_the_live_column_has_the_requested_modes_and_takes_the_place_of_its_plate() -> None:
-    assert titles(SimConfig(modes=4))[1:] == ["hapticd, reference plate, 4 modes", "hapticd, fingertip plate, 4 modes"]
-    assert titles(SimConfig(plate="fingertip", modes=5))[2] == "hapticd, fingertip plate, 5 modes"
+@pytest.mark.parametrize(
+    ("sim", "titles"),
+    [
+        (SimConfig(), [PAPER, REFERENCE, FINGERTIP]),
+        (SimConfig(plate="fingertip", modes=4), [PAPER, REFERENCE, FINGERTIP]),
+        (SimConfig(wiring="paper"), [f"{PAPER}, the paper's wires", f"{REFERENCE}, the paper's wires", FINGERTIP]),
+        (SimConfig(wiring="swapped"), [PAPER, f"{REFERENCE}, swapped wires", FINGERTIP]),
+        (SimConfig(modes=4), [PAPER, "hapticd, reference plate, 4 modes", FINGERTIP]),
+        (SimConfig(plate="fingertip", modes=5), [PAPER, REFERENCE, "hapticd, fingertip plate, 5 modes"]),
+    ],
+    ids=[
+        "usual",
+        "fingertip plate",
+        "the paper's wires",
+        "wrong wires are the live column's alone",
+        "4 modes",
+        "5 modes",
+    ],
+)
+def test_the_live_column_takes_the_place_of_its_plate_and_the_papers_scheme_is_compared(
+    sim: SimConfig, titles: list[str]
+) -> None:
+    assert [column.title for column in columns(live_column(sim, is_bare=False), is_bare=False)] == titles
 
 
 def test_a_bare_board_is_compared_with_bare_plates() -> None:

@@ -10,33 +10,30 @@ from pathlib import Path
 
 import pytest
 from machine_bench import MS, SLIPPERY, STICKY, Bench
-from tools.frames import measured_frames
 
 from hapticd.config.sections import Config
 from hapticd.core.board.ledger import Histogram, LedgerLine
 from hapticd.errors import HapticdError
 from hapticd.tools import latency
-from hapticd.tools.latency import STAGES, draw, figures, gather, print_table, sparkline, write_ledger
+from hapticd.tools.latency import STAGES, Measured, draw, figures, gather, print_table, sparkline, write_ledger
 
 
-def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it() -> None:
-    found = measured_frames(500)
-    assert len(found.lines) > 30
-    for line in found.lines:
+def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it(measured: Measured) -> None:
+    assert len(measured.lines) > 30
+    for line in measured.lines:
         assert line.t_sent_ns - line.t_sample_ns == line.age_ns  # no time passes within a pass of the bench
         assert 9 * MS <= line.age_ns <= 12 * MS
         assert line.t_sample_ns < line.t_sent_ns <= line.t_applied_ns + MS
         assert line.horizon_ns >= line.age_ns
-    assert [line.t_sent_ns for line in found.lines] == sorted({line.t_sent_ns for line in found.lines})
+    assert [line.t_sent_ns for line in measured.lines] == sorted({line.t_sent_ns for line in measured.lines})
 
 
-def test_the_total_is_from_the_sample_to_the_plate() -> None:
-    found = measured_frames(500)
-    total_ns = [line.t_applied_ns - line.t_sample_ns for line in found.lines]
-    assert found.stages["total"].count == len(total_ns)
-    assert found.stages["total"].longest_ns == max(total_ns)
-    assert set(found.stages) == set(STAGES)
-    assert found.counts["frames"] == found.stages["late"].count
+def test_the_total_is_from_the_sample_to_the_plate(measured: Measured) -> None:
+    total_ns = [line.t_applied_ns - line.t_sample_ns for line in measured.lines]
+    assert measured.stages["total"].count == len(total_ns)
+    assert measured.stages["total"].longest_ns == max(total_ns)
+    assert set(measured.stages) == set(STAGES)
+    assert measured.counts["frames"] == measured.stages["late"].count
 
 
 def test_frames_that_the_board_never_applies_are_counted() -> None:
@@ -48,16 +45,15 @@ def test_frames_that_the_board_never_applies_are_counted() -> None:
     assert counts["frames unanswered"] > counts["frames"] > 0
 
 
-def test_the_table_has_a_row_for_each_stage_with_its_figures() -> None:
-    found = measured_frames(500)
+def test_the_table_has_a_row_for_each_stage_with_its_figures(measured: Measured) -> None:
     out = io.StringIO()
-    print_table(found, out)
+    print_table(measured, out)
     head, *rows, counts = out.getvalue().splitlines()
     assert head.split()[:5] == ["ms", "p50", "p95", "p99", "max"]
     assert [row[:20].strip() for row in rows] == list(STAGES.values())
     horizon = next(row for row in rows if row.startswith(STAGES["horizon"]))
-    assert float(horizon[20:28]) == pytest.approx(found.stages["horizon"].percentile_ns(50) * 1e-6, abs=1e-3)
-    assert counts.startswith(f"{found.counts['frames']} frames, ")
+    assert float(horizon[20:28]) == pytest.approx(measured.stages["horizon"].percentile_ns(50) * 1e-6, abs=1e-3)
+    assert counts.startswith(f"{measured.counts['frames']} frames, ")
 
 
 def test_a_sparkline_shows_the_most_frequent_span_highest_and_the_rarest_still() -> None:
@@ -72,20 +68,19 @@ def test_a_sparkline_shows_the_most_frequent_span_highest_and_the_rarest_still()
     assert sparkline(Histogram()).strip() == ""
 
 
-def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(tmp_path: Path) -> None:
-    found = measured_frames(500)
-    write_ledger(found.lines, tmp_path / "frames.csv")
+def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(measured: Measured, tmp_path: Path) -> None:
+    write_ledger(measured.lines, tmp_path / "frames.csv")
     with (tmp_path / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
     names = [field.name for field in fields(LedgerLine)]
     assert [tuple(int(row[name]) for name in names) for row in rows] == [
-        tuple(getattr(line, name) for name in names) for line in found.lines
+        tuple(getattr(line, name) for name in names) for line in measured.lines
     ]
-    plain = json.loads(json.dumps(figures(found)))
-    assert plain["stages"]["link"]["count"] == found.stages["link"].count
-    assert plain["counts"] == dict(found.counts)
+    plain = json.loads(json.dumps(figures(measured)))
+    assert plain["stages"]["link"]["count"] == measured.stages["link"].count
+    assert plain["counts"] == dict(measured.counts)
     assert plain["processor_percent"] is None
-    draw(found, tmp_path / "latency.png")
+    draw(measured, tmp_path / "latency.png")
     assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")
 
 

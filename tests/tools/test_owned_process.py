@@ -51,13 +51,19 @@ def owner(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
+def owned(owner: subprocess.Popen[str]) -> list[int]:
+    """The service and its rig, once both are started."""
+    assert owner.stdout is not None
+    pids = [int(pid) for pid in owner.stdout.readline().split()]
+    assert len(pids) == 2
+    return pids
+
+
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGHUP, signal.SIGTERM])
 def test_a_service_and_its_rig_end_with_their_owner_however_that_dies(
     owner: subprocess.Popen[str], sign: signal.Signals, tmp_path: Path
 ) -> None:
-    assert owner.stdout is not None
-    pids = [int(pid) for pid in owner.stdout.readline().split()]
-    assert len(pids) == 2
+    pids = owned(owner)
     until(lambda: any(tmp_path.glob("hapticd-run-*/run/control")))  # at work, or on its way there
 
     owner.send_signal(sign)
@@ -68,8 +74,7 @@ def test_a_service_and_its_rig_end_with_their_owner_however_that_dies(
 
 
 def test_a_service_that_is_only_beginning_ends_with_its_owner_too(owner: subprocess.Popen[str], tmp_path: Path) -> None:
-    assert owner.stdout is not None
-    pids = [int(pid) for pid in owner.stdout.readline().split()]
+    pids = owned(owner)
 
     owner.kill()
 

@@ -11,7 +11,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +20,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
+from asynchronous import asynchronous
 
 from hapticd.bench.calibrating import CalibratingSimulation
 from hapticd.config.sections import Config, TrackpadConfig
@@ -33,7 +34,7 @@ from hapticd.design import finger_load
 from hapticd.design.touch.judge import NO_CHANGE
 from hapticd.design.touch.model import LATENCY
 from hapticd.errors import CalibrationError
-from hapticd.files.recording.header import Header, header_fields
+from hapticd.files.recording.header import header_fields
 from hapticd.files.recording.kinds import Record, record_of
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import DirectRecording
@@ -58,16 +59,15 @@ def settings_of(pad: TrackpadConfig, telemetry_hz: int = 0) -> Settings:
 
 
 class Touching:
-    """What a daemon would send of simulated touching."""
+    """What a daemon would send of simulated fingers at rest on a misplaced pad."""
 
-    def __init__(self, scenario: str, pad: TrackpadConfig, seconds: float, telemetry_hz: int = 0) -> None:
+    def __init__(self, seconds: float, telemetry_hz: int = 0) -> None:
         self.records: list[Record] = []
-        self.headers: list[Header] = []
-        settings = settings_of(pad, telemetry_hz)
-        lockstep.run(scenario, settings=settings, seed=1, seconds=seconds, observer=self._observer)
+        settings = settings_of(MISPLACED, telemetry_hz)
+        lockstep.run("rest", settings=settings, seed=1, seconds=seconds, observer=self._observer)
 
     def _observer(self, machine: Machine, _: ModeShapes) -> Observer:
-        self.headers.append(header_of(machine, t_ns=T_START_NS, utc="", is_whole=True))
+        self.header = header_of(machine, t_ns=T_START_NS, utc="", is_whole=True)
 
         def put(kind: str, t_ns: int, *values: Any) -> None:
             if kind in KINDS:
@@ -78,12 +78,17 @@ class Touching:
     def packed(self) -> bytes:
         """What the process reads."""
         messages = [[record.kind, record.t_ns, record.fields] for record in self.records]
-        return b"".join(map(msgpack.packb, [header_fields(self.headers[0]), *messages]))
+        return b"".join(map(msgpack.packb, [header_fields(self.header), *messages]))
 
 
 @pytest.fixture(scope="module")
 def at_rest() -> Touching:
-    return Touching("rest", MISPLACED, 2.5)
+    return Touching(2.5)
+
+
+@pytest.fixture
+def calibration(at_rest: Touching) -> SelfCalibration:
+    return SelfCalibration(Config(), at_rest.header.modes, None)
 
 
 @pytest.fixture
@@ -92,16 +97,16 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(touch_process, "FIT_S", 0.8)
 
 
-def verdicts(touching: Touching, spent_s: Callable[[], float]) -> list[dict[str, Any]]:
+def verdicts(touching: Touching, *, spent_s: float) -> list[dict[str, Any]]:
     out = io.StringIO()
     seconds = iter(range(1_000_000))
-    serve(io.BytesIO(touching.packed()), out, spent_s, lambda: float(next(seconds)))
+    serve(io.BytesIO(touching.packed()), out, lambda: spent_s, lambda: float(next(seconds)))
     return [json.loads(line) for line in out.getvalue().splitlines()]
 
 
 @pytest.mark.usefixtures("soon")
 def test_fingers_at_rest_are_refused_with_a_reason(at_rest: Touching) -> None:
-    found = verdicts(at_rest, lambda: 0.0)
+    found = verdicts(at_rest, spent_s=0.0)
     assert found
     for verdict in found:
         assert verdict["refusal"]
@@ -110,11 +115,11 @@ def test_fingers_at_rest_are_refused_with_a_reason(at_rest: Touching) -> None:
 
 @pytest.mark.usefixtures("soon")
 def test_it_fits_only_while_it_has_used_less_than_its_share_of_the_time(at_rest: Touching) -> None:
-    assert verdicts(at_rest, lambda: 1e9) == []
+    assert verdicts(at_rest, spent_s=1e9) == []
 
 
 def accumulated(touching: Touching, *extra: Record) -> Accumulator:
-    accumulator = Accumulator(touching.headers[0])
+    accumulator = Accumulator(touching.header)
     for record in (*touching.records, *extra):
         accumulator.take(record)
     return accumulator
@@ -141,7 +146,7 @@ def test_fingers_are_kept_as_the_configured_pad_would_have_them() -> None:
 def test_what_is_in_force_is_what_was_adopted(at_rest: Touching) -> None:
     pad = adopting((1.01, -0.02, 0.02, 0.99, 0.1, 0.2), 11_000_000)
     readings = Record("adopt_readings", 0, T_START_NS, {"d": [1.0, 0.1, 0.0, 1.0], "q": [0.0, 0.0, 0.0, 0.0]})
-    shapes = 1.01 * at_rest.headers[0].modes.shapes
+    shapes = 1.01 * at_rest.header.modes.shapes
     change = Record("adopt_map", 0, T_START_NS, {"shapes": shapes.astype("<f4").tobytes(), "steepest_1_mm": 0.3})
     accumulator = accumulated(at_rest, pad, readings, change)
     matrix, offset_mm = accumulator._in_force.affine
@@ -154,15 +159,15 @@ def test_what_is_in_force_is_what_was_adopted(at_rest: Touching) -> None:
 
 
 def test_a_board_that_reports_four_times_as_often_is_judged_after_the_same_time() -> None:
-    often = accumulated(Touching("rest", MISPLACED, 1.0, telemetry_hz=2000))
-    usual = accumulated(Touching("rest", MISPLACED, 1.0))
+    often = accumulated(Touching(1.0, telemetry_hz=2000))
+    usual = accumulated(Touching(1.0))
     assert often._collected.live_us == pytest.approx(usual._collected.live_us, rel=0.02)
     assert len(often._collected.samples) == pytest.approx(len(usual._collected.samples), rel=0.02)
 
 
 @pytest.mark.usefixtures("soon")
 def test_a_touch_that_lasts_beyond_a_verdict_goes_on_in_the_next(at_rest: Touching) -> None:
-    accumulator = Accumulator(at_rest.headers[0])
+    accumulator = Accumulator(at_rest.header)
     first: Collected | None = None
     for record in at_rest.records:
         accumulator.take(record)
@@ -190,7 +195,7 @@ def test_what_is_older_than_the_plate_stays_alike_is_not_fitted(
     monkeypatch.setattr(touch_process, "touched", counted)
     for longest_s in (150.0, 0.0):
         monkeypatch.setattr(touch_process, "LONGEST_S", longest_s)
-        accumulator = Accumulator(at_rest.headers[0])
+        accumulator = Accumulator(at_rest.header)
         for record in at_rest.records:
             accumulator.take(record)
             if accumulator.is_full:
@@ -226,30 +231,25 @@ NO_VERDICTS = {
 
 
 @pytest.mark.parametrize("line", NO_VERDICTS.values(), ids=NO_VERDICTS)
-def test_what_is_no_verdict_changes_nothing(line: bytes, at_rest: Touching) -> None:
-    calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
+def test_what_is_no_verdict_changes_nothing(line: bytes, calibration: SelfCalibration) -> None:
     assert not calibration.take_verdict(line)
     assert calibration.report()["verdicts"] == 0
     assert not calibration.report()["moving"]
 
 
-def test_a_latency_beyond_all_bounds_is_a_refusal(at_rest: Touching) -> None:
-    calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
+def test_a_latency_beyond_all_bounds_is_a_refusal(calibration: SelfCalibration) -> None:
     assert calibration.take_verdict(json.dumps(RIGHT | {"latency_s": 1e300}).encode())
     assert "far from the configured one" in str(calibration.report()["last_refusal"])
     assert not calibration.report()["moving"]
 
 
-def test_a_map_far_from_the_scanned_one_is_a_refusal(at_rest: Touching) -> None:
-    modes = at_rest.headers[0].modes
-    calibration = SelfCalibration(Config(), modes, None)
-    assert calibration.take_verdict(json.dumps(changed(2.0, modes)).encode())
+def test_a_map_far_from_the_scanned_one_is_a_refusal(at_rest: Touching, calibration: SelfCalibration) -> None:
+    assert calibration.take_verdict(json.dumps(changed(2.0, at_rest.header.modes)).encode())
     assert "far from the configured one" in str(calibration.report()["last_refusal"])
 
 
-def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching) -> None:
-    modes = at_rest.headers[0].modes
-    calibration = SelfCalibration(Config(), modes, None)
+def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching, calibration: SelfCalibration) -> None:
+    modes = at_rest.header.modes
     assert calibration.take_verdict(json.dumps(changed(1.02, modes)).encode())
     assert not calibration.step(SimpleNamespace(is_idle=False), T_START_NS)  # type: ignore[arg-type]
     machine = Machine(Config(), modes, write_board=lambda _: T_START_NS)
@@ -268,7 +268,7 @@ def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching) -
 
 
 def test_a_finger_s_load_is_adopted_when_no_finger_is_down_also_where_the_pad_stays(at_rest: Touching) -> None:
-    header = at_rest.headers[0]
+    header = at_rest.header
     modes, known = header.modes, header.parasitic_modes
     assert known is not None
     calibration = SelfCalibration(Config(), modes, known)
@@ -291,7 +291,7 @@ def test_a_finger_s_load_is_adopted_when_no_finger_is_down_also_where_the_pad_st
 
 @pytest.mark.parametrize("load_1_s", [[-1.0, 0.0], [1e5, 0.0], [float("nan"), 0.0]])
 def test_a_load_that_no_finger_has_is_left_out_and_named(load_1_s: list[float], at_rest: Touching) -> None:
-    header = at_rest.headers[0]
+    header = at_rest.header
     calibration = SelfCalibration(Config(), header.modes, header.parasitic_modes)
     assert calibration.take_verdict(json.dumps(RIGHT | {"load_1_s": load_1_s}).encode())
     assert "load found is far from the configured one" in str(calibration.report()["last_refusal"])
@@ -318,96 +318,65 @@ def test_a_load_is_in_the_verdict_and_the_next_is_judged_against_what_is_in_forc
     assert judged_against == [120.0 + 300.0j]
 
 
-def test_a_long_refusal_is_cut(at_rest: Touching) -> None:
-    calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
+def test_a_long_refusal_is_cut(calibration: SelfCalibration) -> None:
     assert calibration.take_verdict(json.dumps({"refusal": "x" * 5000}).encode())
     assert calibration.report()["last_refusal"] == "x" * 200
 
 
-class Foreign(SelfCalibration):
-    """Calibration whose process runs other code."""
+ENDED = "the self-calibration's process has ended: the pad stays as it is"
+NO_VERDICT = "the self-calibration's process sent no verdict, the pad stays as it is: b''"
 
-    def run(self, header: Header, monkeypatch: pytest.MonkeyPatch, code: str) -> None:
-        """Feed the process until it is ended."""
-        popen = subprocess.Popen
 
-        def other(_: object, **settings: Any) -> subprocess.Popen[bytes]:
-            return popen([sys.executable, "-I", "-S", "-c", code], **settings)
-
-        async def story() -> None:
-            monkeypatch.setattr(subprocess, "Popen", other)
-            self.start(asyncio.get_running_loop(), header)
-            while self.process is not None:
-                self.put("board_bytes", T_START_NS, b"nothing")
+@pytest.mark.parametrize(
+    ("code", "warning"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", ENDED),
+        ("import os, signal; os.close(0); signal.pause()", ENDED),
+        ("import os\nwhile 1: os.write(1, b'\\n' * 65536)", NO_VERDICT),
+    ],
+    ids=["dies", "reads no more", "floods the daemon"],
+)
+@asynchronous
+async def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
+    code: str,
+    warning: str,
+    at_rest: Touching,
+    calibration: SelfCalibration,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    popen, command = subprocess.Popen, [sys.executable, "-I", "-S", "-c", code]
+    monkeypatch.setattr(subprocess, "Popen", lambda _, **settings: popen(command, **settings))
+    calibration.start(asyncio.get_running_loop(), at_rest.header)
+    calibration.put("board_bytes", T_START_NS, b"nothing")
+    try:
+        async with asyncio.timeout(30.0):
+            while calibration.process is not None:
+                calibration.put("board_bytes", T_START_NS, b"nothing")
                 await asyncio.sleep(0)
+    finally:
+        if calibration.process is not None:
+            calibration.process.kill()
+    calibration.put("board_bytes", T_START_NS, b"nothing")
+    await asyncio.sleep(0)
+    calibration.close()
+    assert not calibration.report()["running"]
+    assert [record.getMessage() for record in caplog.records] == [warning]
 
-        try:
-            asyncio.run(asyncio.wait_for(story(), 30.0))
-        finally:
-            if self.process is not None:
-                self.process.kill()
 
-
-def test_a_process_that_floods_the_daemon_is_ended_with_one_warning(
-    at_rest: Touching, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@asynchronous
+async def test_an_output_that_has_nothing_yet_is_read_later(
+    at_rest: Touching, calibration: SelfCalibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calibration = Foreign(Config(), at_rest.headers[0].modes, None)
-    calibration.run(at_rest.headers[0], monkeypatch, "import os\nwhile 1: os.write(1, b'\\n' * 65536)")
-    assert [record.getMessage() for record in caplog.records] == [
-        "the self-calibration's process sent no verdict, the pad stays as it is: b''"
-    ]
-
-
-def test_a_process_that_reads_no_more_is_ended_with_one_warning(
-    at_rest: Touching, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    calibration = Foreign(Config(), at_rest.headers[0].modes, None)
-    calibration.run(at_rest.headers[0], monkeypatch, "import os, signal; os.close(0); signal.pause()")
-    assert [record.getMessage() for record in caplog.records] == [
-        "the self-calibration's process has ended: the pad stays as it is"
-    ]
-
-
-def test_an_output_that_has_nothing_yet_is_read_later(at_rest: Touching, monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing_yet(*_: object) -> bytes:
         raise BlockingIOError
 
-    async def story() -> bool:
-        calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
-        calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
-        with monkeypatch.context() as patched:
-            patched.setattr(os, "read", nothing_yet)
-            calibration._read()
-        is_running = calibration.process is not None
-        calibration.close()
-        return is_running
-
-    assert asyncio.run(story())
-
-
-def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alone(
-    at_rest: Touching, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def story() -> SelfCalibration:
-        calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
-        calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
-        process = calibration.process
-        assert process is not None
-        calibration.put("board_bytes", T_START_NS, b"nothing")
-        process.kill()
-        while calibration.process is not None:
-            calibration.put("board_bytes", T_START_NS, b"nothing")
-            await asyncio.sleep(0)
-        calibration.put("board_bytes", T_START_NS, b"nothing")
-        await asyncio.sleep(0)
-        calibration.close()
-        return calibration
-
-    calibration = asyncio.run(story())
-    assert not calibration.report()["running"]
-    assert [record.getMessage() for record in caplog.records] == [
-        "the self-calibration's process has ended: the pad stays as it is"
-    ]
+    calibration.start(asyncio.get_running_loop(), at_rest.header)
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "read", nothing_yet)
+        calibration._read()
+    assert calibration.process is not None
+    calibration.close()
 
 
 def test_priorities_and_limits_that_are_refused_are_done_without(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -439,7 +408,7 @@ def test_what_is_collected_is_bounded_without_control_ticks_of_the_board(
 ) -> None:
     monkeypatch.setattr(touch_process, "MOST_FRAMES", 20)
     monkeypatch.setattr(touch_process, "MOST_POSITIONS", 50)
-    accumulator = Accumulator(at_rest.headers[0])
+    accumulator = Accumulator(at_rest.header)
     most_frames = most_positions = 0
     for record in at_rest.records:
         if record.kind == "written":
@@ -459,7 +428,7 @@ def hello(control_hz: float) -> Record:
 
 @pytest.mark.usefixtures("soon")
 def test_another_board_begins_a_collection_of_its_own(at_rest: Touching) -> None:
-    accumulator = Accumulator(at_rest.headers[0])
+    accumulator = Accumulator(at_rest.header)
     for record in at_rest.records:
         accumulator.take(record)
         if accumulator._collected.samples:
@@ -469,23 +438,21 @@ def test_another_board_begins_a_collection_of_its_own(at_rest: Touching) -> None
     assert not accumulator._collected.samples
 
 
-def test_a_process_that_does_not_read_costs_records_and_no_time_but_learns_what_is_in_force(at_rest: Touching) -> None:
-    async def story() -> tuple[dict[str, object], bytes]:
-        calibration = SelfCalibration(Config(), at_rest.headers[0].modes, None)
-        calibration.start(asyncio.get_running_loop(), at_rest.headers[0])
-        assert calibration.process is not None
-        calibration.process.send_signal(signal.SIGSTOP)
-        for _ in range(40):
-            calibration.put("board_bytes", T_START_NS, bytes(1 << 16))
-            await asyncio.sleep(0)
-        report = calibration.report()
-        calibration.put("adopt_readings", T_START_NS, [1.0, 0.0, 0.0, 1.0], [0.0] * 4)
+@asynchronous
+async def test_a_process_that_does_not_read_costs_records_and_no_time_but_learns_what_is_in_force(
+    at_rest: Touching, calibration: SelfCalibration
+) -> None:
+    calibration.start(asyncio.get_running_loop(), at_rest.header)
+    assert calibration.process is not None
+    calibration.process.send_signal(signal.SIGSTOP)
+    for _ in range(40):
+        calibration.put("board_bytes", T_START_NS, bytes(1 << 16))
         await asyncio.sleep(0)
-        waiting = bytes(calibration._out)
-        calibration.close()
-        return report, waiting
-
-    report, waiting = asyncio.run(story())
+    report = calibration.report()
+    calibration.put("adopt_readings", T_START_NS, [1.0, 0.0, 0.0, 1.0], [0.0] * 4)
+    await asyncio.sleep(0)
+    waiting = bytes(calibration._out)
+    calibration.close()
     assert report["running"]
     assert 0 < int(str(report["dropped"])) < 40
     fields = {"d": [1.0, 0.0, 0.0, 1.0], "q": [0.0] * 4}

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 from machine_bench import MS
-from tools.frames import measured_frames
 
 from hapticd.config.sections import Config, PredictionConfig
 from hapticd.core.board.ledger import Histogram
@@ -16,23 +15,22 @@ from hapticd.tools.latency import Measured
 
 
 @pytest.fixture(scope="module")
-def measured() -> Measured:
-    found = measured_frames()
-    return replace(found, counts={**found.counts, "frames unanswered": 0, "frames late": 0})
+def in_time(measured: Measured) -> Measured:
+    return replace(measured, counts={**measured.counts, "frames unanswered": 0, "frames late": 0})
 
 
-def test_the_link_goes_into_the_configuration_and_a_usual_period_does_not(measured: Measured) -> None:
-    verdict = delays.verdict(measured, Config(), is_simulated=True)
+def test_the_link_goes_into_the_configuration_and_a_usual_period_does_not(in_time: Measured) -> None:
+    verdict = delays.verdict(in_time, Config(), is_simulated=True)
     assert verdict.outcome is Outcome.PASS
     assert verdict.settings == {
-        "device": {"link_ms": pytest.approx(measured.stages["link"].percentile_ns(50) / MS, abs=0.01)}
+        "device": {"link_ms": pytest.approx(in_time.stages["link"].percentile_ns(50) / MS, abs=0.01)}
     }
-    assert delays.report_period_ms(measured) == pytest.approx(11.25, abs=0.3)
+    assert delays.report_period_ms(in_time) == pytest.approx(11.25, abs=0.3)
 
 
-def test_another_period_than_the_configured_one_becomes_a_setting(measured: Measured) -> None:
+def test_another_period_than_the_configured_one_becomes_a_setting(in_time: Measured) -> None:
     slow = Config(prediction=PredictionConfig(period_ms=16.0))
-    found = delays.verdict(measured, slow, is_simulated=True).settings
+    found = delays.verdict(in_time, slow, is_simulated=True).settings
     assert found["prediction"]["period_ms"] == pytest.approx(11.25, abs=0.3)
 
 
@@ -41,25 +39,25 @@ def test_another_period_than_the_configured_one_becomes_a_setting(measured: Meas
     [(0, Outcome.PASS, "ms ahead"), (5, Outcome.WARN, "reduce the host's load"), (60, Outcome.FAIL, "check the link")],
 )
 def test_frames_that_come_late_are_judged_by_their_share(
-    measured: Measured, late: int, outcome: Outcome, sentence: str
+    in_time: Measured, late: int, outcome: Outcome, sentence: str
 ) -> None:
-    counted = replace(measured, counts={**measured.counts, "frames": 100, "frames late": late})
+    counted = replace(in_time, counts={**in_time.counts, "frames": 100, "frames late": late})
     verdict = delays.verdict(counted, Config(), is_simulated=True)
     assert verdict.outcome is outcome
     assert sentence in verdict.sentence
 
 
-def test_few_frames_and_an_unsteady_link_want_a_look(measured: Measured) -> None:
-    few = delays.verdict(replace(measured, lines=measured.lines[:9]), Config(), is_simulated=True)
+def test_few_frames_and_an_unsteady_link_want_a_look(in_time: Measured) -> None:
+    few = delays.verdict(replace(in_time, lines=in_time.lines[:9]), Config(), is_simulated=True)
     assert (few.outcome, "Only 9 frames" in few.sentence) == (Outcome.WARN, True)
     unsteady = Histogram()
     for span_ns in [5 * MS] * 90 + [12 * MS] * 10:
         unsteady.add(span_ns)
-    changed = replace(measured, stages={**measured.stages, "link": unsteady})
+    changed = replace(in_time, stages={**in_time.stages, "link": unsteady})
     assert "varies by" in delays.verdict(changed, Config(), is_simulated=True).sentence
 
 
-def test_without_frames_the_period_is_unknown(measured: Measured) -> None:
-    empty = replace(measured, lines=())
+def test_without_frames_the_period_is_unknown(in_time: Measured) -> None:
+    empty = replace(in_time, lines=())
     assert delays.report_period_ms(empty) != delays.report_period_ms(empty)
     assert "prediction" not in delays.verdict(empty, Config(), is_simulated=True).settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -87,14 +88,10 @@ def test_the_step_runs_on_the_simulated_pad_and_writes_its_files(
     assert {path.name for path in out.iterdir()} == {"hapticd.toml", "prediction.json", "prediction.png"}
 
 
-def test_too_few_strokes_and_a_missing_recording_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = ["--out", str(tmp_path / "plate")]
-    assert main(["calibrate", "prediction", "--sim", "--strokes", "3", *out]) == 2
-    assert "fewer than 1000 samples" in capsys.readouterr().err
-    assert main(["calibrate", "prediction", "--recording", str(tmp_path / "none.mcap"), *out]) == 2
-    assert "there is no file" in capsys.readouterr().err
+def test_too_few_strokes_and_a_missing_recording_are_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
+    step = ["calibrate", "prediction", "--out", str(tmp_path / "plate")]
+    assert "fewer than 1000 samples" in refused(*step, "--sim", "--strokes", "3")
+    assert "there is no file" in refused(*step, "--recording", str(tmp_path / "none.mcap"))
 
 
 @pytest.mark.parametrize("weights", [[0.1] * 9, [0.1] * 9 + [9.0]])

@@ -34,6 +34,7 @@ from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.record import simulated
 from hapticd.tools.touch_recording import read
 
+Recorded = Callable[[TrackpadConfig, int, float], Path]
 MISPLACED = TrackpadConfig(offset_mm=(0.4, -0.3), latency_ms=13.0)  # the simulated pad lies at 0, 0 and takes 10 ms
 
 
@@ -42,7 +43,7 @@ def played(pad: TrackpadConfig, telemetry_hz: int = 500) -> Settings:
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[TrackpadConfig, int, float], Path]:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     """Return a recording of strokes, without the ground truth."""
 
     @cache
@@ -56,9 +57,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[TrackpadConf
     return make
 
 
-def test_a_recording_has_ticks_and_fingers_on_one_clock(
-    recorded: Callable[[TrackpadConfig, int, float], Path],
-) -> None:
+def test_a_recording_has_ticks_and_fingers_on_one_clock(recorded: Recorded) -> None:
     touched = read(recorded(TrackpadConfig(), 500, 2.5))
     assert 500 < len(touched.ticks.t_s) < 1250
     assert len(touched.tracks) == 2
@@ -68,21 +67,18 @@ def test_a_recording_has_ticks_and_fingers_on_one_clock(
     assert np.median(np.abs(touched.ticks.behind_um_s)) * 5e-4 < 0.01  # um
 
 
-def test_a_recording_without_control_ticks_is_refused(
-    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_recording_without_control_ticks_and_a_missing_one_are_refused(
+    recorded: Recorded, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
-    path = recorded(TrackpadConfig(), 0, 1.0)
-    assert main(["calibrate", "touch", str(path), "--out", str(tmp_path / "out")]) == 2
-    assert "set record.telemetry_hz = 500" in capsys.readouterr().err
-
-
-def test_a_missing_recording_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "touch", str(tmp_path / "none.mcap"), "--out", str(tmp_path / "out")]) == 2
-    assert "there is no file" in capsys.readouterr().err
+    for path, why in (
+        (recorded(TrackpadConfig(), 0, 1.0), "set record.telemetry_hz = 500"),
+        (tmp_path / "none.mcap", "there is no file"),
+    ):
+        assert why in refused("calibrate", "touch", str(path), "--out", str(tmp_path / "out"))
 
 
 def test_a_short_recording_is_refused_and_changes_no_setting(
-    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     assert main(["calibrate", "touch", str(recorded(MISPLACED, 500, 2.5)), "--out", str(out)]) == 1
@@ -97,9 +93,7 @@ def judged(found: Calibration, waves: Waves | None = None) -> Judged:
     return Judged(found, found, nothing, 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
 
 
-def test_what_is_adopted_is_written_as_the_service_loads_it(
-    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
-) -> None:
+def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, tmp_path: Path) -> None:
     turned = TrackpadConfig(offset_mm=(2.0, -1.0), rotation_deg=90.0, scale=(1.01, 0.99), latency_ms=12.0)
     touched = read(recorded(turned, 500, 2.5))
     before = [ModeCalibration(mode, 29195.0 + 20.0 * mode, 500.0, 7.5, 0.1) for mode in range(2)]
@@ -130,18 +124,14 @@ def test_what_is_adopted_is_written_as_the_service_loads_it(
     assert np.sqrt(np.mean(change[1] ** 2)) == pytest.approx(0.02, rel=0.2)
 
 
-def test_without_a_calibration_of_the_modes_no_board_gets_one(
-    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
-) -> None:
+def test_without_a_calibration_of_the_modes_no_board_gets_one(recorded: Recorded, tmp_path: Path) -> None:
     touched = read(recorded(TrackpadConfig(), 500, 2.5))
     settings = touch.saved(touched, judged(Calibration.nominal(2)), None, tmp_path)
     assert set(settings) == {"trackpad"}
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_learned_load_is_adopted_by_itself_too(
-    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
-) -> None:
+def test_a_learned_load_is_adopted_by_itself_too(recorded: Recorded, tmp_path: Path) -> None:
     touched = read(recorded(TrackpadConfig(), 500, 2.5))
     windows = touch.windows_of(touched)
     assert touch.learned_load(touched, windows, judged(Calibration.nominal(2))) is None  # too short to tell
@@ -159,7 +149,7 @@ def test_a_learned_load_is_adopted_by_itself_too(
 
 @pytest.mark.parametrize(("corrects", "sentence"), [(True, "began after its daemon"), (False, "holds 0 control ticks")])
 def test_what_began_while_the_pad_was_corrected_is_refused(
-    corrects: bool, sentence: str, recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path
+    corrects: bool, sentence: str, recorded: Recorded, tmp_path: Path
 ) -> None:
     """It does not say where the pad was taken to be."""
     header = open_recording(recorded(TrackpadConfig(), 500, 2.5)).header
@@ -207,7 +197,7 @@ def test_heavy_or_detuning_fingers_are_learned_in_nine_seconds_and_leak_little_m
 
 @pytest.mark.long
 def test_a_misplaced_pad_is_mended_by_ten_seconds_of_strokes(
-    recorded: Callable[[TrackpadConfig, int, float], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = recorded(MISPLACED, 500, 12.0), tmp_path / "out"
     before = path.read_bytes()

@@ -97,25 +97,6 @@ def test_without_a_daemon_it_gives_the_reason_for_the_missing_recording(
     assert "recording.mcap" not in held
 
 
-@pytest.mark.parametrize(
-    ("name", "word"),
-    [
-        ("report.zip", "end it in .tar.gz"),
-        ("none/report.tar.gz", "its directory is missing"),
-        ("old.tar.gz", "already"),
-    ],
-)
-def test_an_unusable_path_is_refused_before_the_checks(
-    name: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "old.tar.gz").touch()
-    assert main(["doctor", "--bundle", str(tmp_path / name)]) == 2
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert word in output.err
-    assert output.err.count("\n") == 1
-
-
 def test_versions_name_the_program_and_its_libraries() -> None:
     text = versions()
     assert all(name in text for name in ("hapticd ", "python 3", "zeromq ", "numpy ", "pyserial "))

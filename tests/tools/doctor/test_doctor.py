@@ -7,17 +7,14 @@ import fcntl
 import json
 import resource
 import socket
-import threading
-from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import msgpack
 import numpy as np
 import pytest
-import zmq
-from machine_bench import SLIPPERY, STICKY, Bench
-from virtual_board import BoardLink, VirtualLoop
+from tools.stream.daemon_states import FakeDaemon
+from virtual_board import BoardLink, in_virtual_time
 
 from hapticd import __version__
 from hapticd.__main__ import main
@@ -63,13 +60,11 @@ def _nothing_of_this_host(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(devices, "HidTrackpad", lambda _: Pad([], (False, "no trackpad is connected")))
 
 
-@pytest.fixture(scope="module")
-def reported() -> Any:
-    """Status of a daemon that drives two fingers."""
-    bench = Bench(SLIPPERY, STICKY).driven()
-    bench.board.status()
-    bench.run(100)
-    return bench.machine.report_status(bench.t_ns)
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rate of reports is not waited for."""
+    monkeypatch.setattr(devices, "LISTEN_S", 0.0)
+    monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
 
 
 REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plate": {"modes_file": "modes.npz"}}
@@ -83,14 +78,9 @@ def test_the_simulated_plate_has_no_failure(tmp_path: Path, capsys: pytest.Captu
     assert output.count("\npass") + output.count("\nwarn") == len(CHECKS)
 
 
-def test_after_a_bad_configuration_no_other_check_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, output = examined("[limits]\nw_limit = 3\n", tmp_path, capsys)
-    assert code == 1
-    assert "did you mean w_limit_um?" in output
-    assert "board:" not in output
-
-
-def test_the_report_can_be_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_after_a_bad_configuration_no_other_check_runs_and_the_report_can_be_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "hapticd.toml"
     path.write_text("[limits]\nw_limit = 3\n", encoding="utf-8")
     assert main(["doctor", "--config", str(path), "--json"]) == 1
@@ -98,7 +88,7 @@ def test_the_report_can_be_json(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert output["failed"]
     ((finding),) = output["findings"]
     assert (finding["verdict"], finding["check"]) == ("FAIL", "configuration")
-    assert "w_limit_um" in finding["text"]
+    assert "did you mean w_limit_um?" in finding["text"]
     assert finding["remedy"]
 
 
@@ -138,26 +128,27 @@ def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
     assert (found.verdict, found.text.split(",")[0]) == (FAIL, "limits.w_limit_um has 3 limits")
 
 
+BOTH_MODES = tuple(ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1))
+
+
 def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
     section = {"calibration_file": str(path)}
-    both = tuple(ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1))
     assert files.calibrated(system(tmp_path, device=section)).verdict == FAIL
-    calibration.save(path, Calibration(both[:1]))
+    calibration.save(path, Calibration(BOTH_MODES[:1]))
     assert "has 1 of 2 modes" in files.calibrated(system(tmp_path, device=section)).text
-    calibration.save(path, Calibration(both))
+    calibration.save(path, Calibration(BOTH_MODES))
     found = files.calibrated(system(tmp_path, device=section))
     assert (found.verdict, found.text) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
 
 
 def test_what_the_self_test_found_is_part_of_the_calibration(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
-    calibration.save(path, Calibration(tuple(ModeCalibration(k, 29195.0 + k, 500.0, 4.0, 0.0) for k in (0, 1))))
-    section = {"calibration_file": str(path), "port": "/dev/ttyACM0"}
-    real = {"trackpad": {"source": "hid"}, "plate": {"modes_file": "modes.npz"}}
+    calibration.save(path, Calibration(BOTH_MODES))
+    real = {**REAL, "device": {"calibration_file": str(path), "port": "/dev/ttyACM0"}}
     for outcome, verdict in (("passed", PASS), ("running", PASS), ("moved", WARN), ("unknown", WARN), ("unsafe", FAIL)):
         status = {"board": {"self_test": {"outcome": outcome, "text": "the result"}, "refused": "the result"}}
-        found = files.calibrated(system(tmp_path, status, device=section, **real))
+        found = files.calibrated(system(tmp_path, status, **real))
         assert (found.verdict, "self-test: the result" in found.text) == (verdict, True)
         assert ("firmware selftest --port /dev/ttyACM0 --calibration" in found.remedy) is (verdict != PASS)
         assert devices.firmware(system(tmp_path, status)).remedy == "see calibration above"
@@ -192,44 +183,22 @@ def test_a_stale_socket_is_not_a_daemon_and_a_lock_is(
         assert "fuser -v" in output
 
 
-@pytest.fixture
-def answering(tmp_path: Path, reported: Any) -> Iterator[Callable[[], list[str]]]:
-    """A `control` socket that replies as a daemon does; returns the requests."""
-    context = zmq.Context()
-    control = context.socket(zmq.ROUTER)
-    control.bind(f"ipc://{tmp_path / 'control'}")
-    ended, asked = threading.Event(), []
-    bodies = {"hello": {"protocol": 1, "version": __version__, "instance": 7}, "status": reported}
-
-    def answer() -> None:
-        while not ended.is_set():
-            if control.poll(20):
-                who, payload = control.recv_multipart()
-                request = msgpack.unpackb(payload)
-                asked.append(request["op"])
-                body = bodies.get(request["op"], {})
-                reply = {"v": 1, "id": request["id"], "ok": True, "body": body}
-                control.send_multipart([who, msgpack.packb(reply)])
-
-    thread = threading.Thread(target=answer)
-    thread.start()
-    yield lambda: asked
-    ended.set()
-    thread.join()
-    control.close(0)
-    context.term()
-
-
-def test_a_daemon_that_answers_is_asked_for_its_status(tmp_path: Path, answering: Callable[[], list[str]]) -> None:
-    found = service.find(config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None), {})
-    assert set(answering()) == {"hello", "status"}
+def test_a_daemon_that_answers_is_asked_for_its_status(
+    tmp_path: Path, fake_daemon: FakeDaemon, reported: dict[str, Any]
+) -> None:
+    given = config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None)
+    with ThreadPoolExecutor() as pool:
+        asked = pool.submit(service.find, given, {})
+        assert fake_daemon.answer({"protocol": 1, "version": __version__, "instance": 7}) == "hello"
+        assert fake_daemon.answer(reported) == "status"
+        found = asked.result()
     assert service.daemon(found) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
     assert service.health(found).text == "ACTIVE: touched"
     assert devices.firmware(found).text == "version 9.9, at 921600 baud, reported to the daemon"
 
 
 def test_a_daemon_in_a_directory_that_others_may_have_made_is_not_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answering: Callable[[], list[str]]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fake_daemon: FakeDaemon
 ) -> None:
     monkeypatch.setattr(service, "TEMPORARY", tmp_path.parent)
     monkeypatch.setattr(service, "directories", lambda _: (tmp_path,))
@@ -238,7 +207,7 @@ def test_a_daemon_in_a_directory_that_others_may_have_made_is_not_asked(
     assert (found.status, found.directory) == (None, tmp_path)
     finding = service.daemon(found)
     assert (finding.verdict, "other users may write to it" in finding.text) == (FAIL, True)
-    assert answering() == []
+    assert not fake_daemon.control.poll(0)
 
 
 def test_a_daemon_s_version_cannot_command_the_terminal(tmp_path: Path, reported: Any) -> None:
@@ -288,12 +257,9 @@ def test_a_second_daemon_elsewhere_is_found_by_its_lock(tmp_path: Path, monkeypa
     assert str(other) in found.text
 
 
+@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("answer", [{}, {"state": 3, "state_changes": "none", "board": [], "real_time": None}])
-def test_an_answer_of_another_version_breaks_no_check(
-    tmp_path: Path, answer: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(devices, "LISTEN_S", 0.0)
-    monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
+def test_an_answer_of_another_version_breaks_no_check(tmp_path: Path, answer: Any) -> None:
     for check in CHECKS:
         assert check(system(tmp_path, answer, **REAL)).verdict in (PASS, WARN, FAIL)
 
@@ -315,9 +281,13 @@ def test_a_port_of_another_group_fails_with_that_group(tmp_path: Path, monkeypat
     assert f"usermod -aG {port.group()} " in found.remedy
 
 
+def touched(seed: int, seconds: float) -> list[RawReport]:
+    reports = SensorModel(seed=seed).reports([Rest((0.0, 0.0))], seconds)
+    return [RawReport(round(report.t_arrive_s * 1e9), report.data) for report in reports]
+
+
 def test_the_rate_of_reports_is_that_of_the_pad_s_own_clock() -> None:
-    reports = SensorModel(seed=3).reports([Rest((0.0, 0.0))], 1.0)
-    raw = [RawReport(round(report.t_arrive_s * 1e9), report.data) for report in reports]
+    raw = touched(3, 1.0)
     assert devices.frame_rate_hz(raw, "mt2-usb") == pytest.approx(88.9, rel=0.03)
     assert devices.frame_rate_hz(raw[:1], "mt2-usb") is None
     assert devices.frame_rate_hz([RawReport(1, b"garbage")], "mt2-usb") is None
@@ -341,8 +311,7 @@ class Pad:
 
 
 def test_without_a_daemon_the_pad_itself_is_measured() -> None:
-    reports = [RawReport(round(r.t_arrive_s * 1e9), r.data) for r in SensorModel().reports([Rest((0.0, 0.0))], 0.5)]
-    assert devices.listen(Pad(reports), 0.001) == pytest.approx(88.9, rel=0.03)
+    assert devices.listen(Pad(touched(1, 0.5)), 0.001) == pytest.approx(88.9, rel=0.03)
     assert devices.listen(Pad([]), 0.001) is None
     with pytest.raises(HapticdError, match="no trackpad is connected"):
         devices.listen(Pad([], (False, "no trackpad is connected")), 0.001)
@@ -380,10 +349,9 @@ def test_the_rate_that_the_daemon_counts_is_judged(
 
 
 def test_a_free_board_reports_its_firmware() -> None:
-    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
-        assert runner.run(devices.firmware_version(BoardLink(), "the bench")) == "0.1.0"  # type: ignore[arg-type]
-        with pytest.raises(DeviceError, match="No board answers on the bench"):
-            runner.run(devices.firmware_version(BoardLink(mute=True), "the bench"))  # type: ignore[arg-type]
+    assert in_virtual_time(devices.firmware_version(BoardLink(), "the bench")) == "0.1.0"  # type: ignore[arg-type]
+    with pytest.raises(DeviceError, match="No board answers on the bench"):
+        in_virtual_time(devices.firmware_version(BoardLink(mute=True), "the bench"))  # type: ignore[arg-type]
 
 
 # --- the machine ---
@@ -468,9 +436,8 @@ def test_groups_are_asked_for_only_where_something_belongs_to_them(
     assert host.DEVICE_GROUP in found.text
 
 
-def test_every_finding_that_is_no_pass_has_a_fix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "LISTEN_S", 0.0)
-    monkeypatch.setattr(devices, "LOOK_EVERY_S", 0.01)
+@pytest.mark.usefixtures("impatient")
+def test_every_finding_that_is_no_pass_has_a_fix(tmp_path: Path) -> None:
     found = [check(system(tmp_path, **REAL, realtime={"fifo_priority": 50})) for check in CHECKS]
     found += [check(System(Config(), tmp_path, {"state": "FAULT"}, "0")) for check in CHECKS]
     assert all(one.remedy for one in found if one.verdict != PASS)

@@ -18,27 +18,18 @@ def link() -> BoardLink:
     return BoardLink()
 
 
-@pytest.fixture
-def new_link() -> type[BoardLink]:
-    return BoardLink
+def converse(link: BoardLink, talk: Callable[[Conversation], Coroutine[Any, Any, Any]]) -> Any:
+    """Run a coroutine function that takes a conversation over the link."""
+
+    async def whole() -> Any:
+        async with Conversation(link, "the bench") as board:  # type: ignore[arg-type]
+            return await talk(board)
+
+    return in_virtual_time(whole())
 
 
 @pytest.fixture
-def converse() -> Callable[..., Any]:
-    """Runs a coroutine function that takes a conversation over a link."""
-
-    def run(link: BoardLink, talk: Callable[[Conversation], Coroutine[Any, Any, Any]]) -> Any:
-        async def whole() -> Any:
-            async with Conversation(link, "the bench") as board:  # type: ignore[arg-type]
-                return await talk(board)
-
-        return in_virtual_time(whole())
-
-    return run
-
-
-@pytest.fixture
-def type_in(converse: Callable[..., Any], capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+def type_in(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """Runs `hapticd firmware ...` over a link and returns what it printed."""
 
     def run(link: BoardLink, *arguments: str) -> str:

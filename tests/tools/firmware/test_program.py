@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from virtual_board import BoardLink
 
+from hapticd.__main__ import main
 from hapticd.board_values import BoardState, BoardStatus, RawVoltage, SetGains, SweepPoint
 from hapticd.errors import DeviceError, UsageError
 from hapticd.files import calibration
@@ -22,11 +24,13 @@ from hapticd.sim.board.board import BoardConfig
 from hapticd.tools.firmware.conversation import Conversation
 from hapticd.wire.device import Decoder
 
+from .conftest import converse
+
 TypeIn = Callable[..., str]
 SWEEP = ("sweep", "--points", "9", "--dwell", "100")
 
 
-def test_info_shows_identity_and_status(link: Any, type_in: TypeIn) -> None:
+def test_info_shows_identity_and_status(link: BoardLink, type_in: TypeIn) -> None:
     output = type_in(link, "info")
     assert "firmware  0.1.0, protocol 2" in output
     assert "modes     2, limits 4, 4 um and 150 V" in output
@@ -35,7 +39,7 @@ def test_info_shows_identity_and_status(link: Any, type_in: TypeIn) -> None:
     assert "events    0 logged" in output
 
 
-def test_info_as_json_holds_the_whole_answer(link: Any, type_in: TypeIn) -> None:
+def test_info_as_json_holds_the_whole_answer(link: BoardLink, type_in: TypeIn) -> None:
     found = json.loads(type_in(link, "info", "--json"))
     assert found["hello"]["boot_id"] == 7
     assert found["status"]["state"] == "QUIET"
@@ -43,7 +47,7 @@ def test_info_as_json_holds_the_whole_answer(link: Any, type_in: TypeIn) -> None
     assert 0 < found["round_trip_ms"] < 20
 
 
-def test_a_sweep_fits_the_resonance_that_is_there(link: Any, type_in: TypeIn, tmp_path: Path) -> None:
+def test_a_sweep_fits_the_resonance_that_is_there(link: BoardLink, type_in: TypeIn, tmp_path: Path) -> None:
     """The bench's plate is exactly what the firmware believes: 10 Hz off the drive, Q 500."""
     saved, drawn = tmp_path / "plate.toml", tmp_path / "sweep.png"
     output = type_in(link, *SWEEP, "--mode", "0", "--save", str(saved), "--plot", str(drawn))
@@ -64,7 +68,7 @@ def test_a_sweep_fits_the_resonance_that_is_there(link: Any, type_in: TypeIn, tm
 
 
 def test_a_sweep_whose_reader_has_gone_still_writes_its_file_and_without_one_it_ends(
-    link: Any, new_link: Any, type_in: TypeIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    link: BoardLink, type_in: TypeIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reading, writing = os.pipe()
     os.close(reading)  # as `| head` does
@@ -73,11 +77,11 @@ def test_a_sweep_whose_reader_has_gone_still_writes_its_file_and_without_one_it_
         with pytest.raises(BrokenPipeError):
             type_in(link, *SWEEP)
         assert not link.voltage_v.any()
-        type_in(new_link(), *SWEEP, "--save", str(tmp_path / "plate.toml"))
+        type_in(BoardLink(), *SWEEP, "--save", str(tmp_path / "plate.toml"))
     assert len(calibration.load(tmp_path / "plate.toml", 2).modes) == 1
 
 
-def test_a_sweep_as_json_holds_points_and_fit(link: Any, type_in: TypeIn) -> None:
+def test_a_sweep_as_json_holds_points_and_fit(link: BoardLink, type_in: TypeIn) -> None:
     found = json.loads(type_in(link, *SWEEP, "--json"))
     assert len(found["points"]) == 9
     assert found["sweep"]["voltage_v"] == 15.0
@@ -96,20 +100,20 @@ def test_a_sweep_as_json_holds_points_and_fit(link: Any, type_in: TypeIn) -> Non
     ],
 )
 def test_a_sweep_that_cannot_be_is_refused_in_one_sentence(
-    link: Any, type_in: TypeIn, arguments: tuple[str, ...], sentence: str
+    link: BoardLink, type_in: TypeIn, arguments: tuple[str, ...], sentence: str
 ) -> None:
     with pytest.raises(UsageError, match=re.escape(sentence)):
         type_in(link, *SWEEP, *arguments)
 
 
-def test_too_few_points_make_no_resonance_which_is_one_sentence_too(link: Any, type_in: TypeIn) -> None:
+def test_too_few_points_make_no_resonance_which_is_one_sentence_too(link: BoardLink, type_in: TypeIn) -> None:
     with pytest.raises(DeviceError, match="5 or more points"):
         type_in(link, *SWEEP, "--points", "3")
 
 
 @pytest.mark.parametrize(("volts", "dwell"), [("0.5", "20"), ("1.4", "1")])
 def test_a_sweep_that_ends_without_a_ramp_still_gets_its_last_point(
-    link: Any, type_in: TypeIn, volts: str, dwell: str
+    link: BoardLink, type_in: TypeIn, volts: str, dwell: str
 ) -> None:
     """From so little the board is quiet a tick after the last point, and its STATUS goes first."""
     output = type_in(link, "sweep", "--points", "9", "--dwell", dwell, "--volts", volts)
@@ -117,13 +121,13 @@ def test_a_sweep_that_ends_without_a_ramp_still_gets_its_last_point(
     assert "9 points" in output
 
 
-def test_a_missing_directory_is_refused_before_the_sweep(link: Any, type_in: TypeIn, tmp_path: Path) -> None:
+def test_a_missing_directory_is_refused_before_the_sweep(link: BoardLink, type_in: TypeIn, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="its directory is missing"):
         type_in(link, *SWEEP, "--save", str(tmp_path / "nowhere" / "file.toml"))
     assert link.peak_v == 0.0
 
 
-def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: Any, converse: Callable[..., Any]) -> None:
+def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: BoardLink) -> None:
     async def interrupted(board: Conversation) -> None:
         with board.driving():
             await board.demand(RawVoltage(0, 10 + 0j, 1000))
@@ -136,7 +140,7 @@ def test_a_sweep_that_is_interrupted_leaves_a_quiet_plate(link: Any, converse: C
     assert not link.voltage_v.any()
 
 
-def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: Any, type_in: TypeIn) -> None:
+def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: BoardLink, type_in: TypeIn) -> None:
     def broken_after_a_point(output: bytes) -> bytes:
         if any(isinstance(message, SweepPoint) for message in Decoder().feed(output)):
             link.board.fake_measurement(np.array([7.0 + 0j, 0j]))
@@ -156,7 +160,7 @@ def test_a_fault_during_a_sweep_ends_it_with_a_sentence(link: Any, type_in: Type
     assert "1 logged" in type_in(link, "log")
 
 
-def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: Any, type_in: TypeIn) -> None:
+def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: BoardLink, type_in: TypeIn) -> None:
     output = type_in(link, "raw", "--volts", "12", "--phase", "90", "--ms", "400")
     gain, decay = link.board.config.gain_um_per_v_s[0], link.board.config.decay_1_s[0]
     expected_um = 12 * gain / math.hypot(decay, 20 * math.pi)
@@ -166,13 +170,13 @@ def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: A
 
 
 @pytest.mark.parametrize("phase", ["inf", "-inf", "nan"])
-def test_a_phase_that_is_no_angle_is_refused_in_one_sentence(link: Any, type_in: TypeIn, phase: str) -> None:
+def test_a_phase_that_is_no_angle_is_refused_in_one_sentence(link: BoardLink, type_in: TypeIn, phase: str) -> None:
     with pytest.raises(UsageError, match=f"--phase is {phase}: give a finite number"):
         type_in(link, "raw", "--volts", "5", f"--phase={phase}")
     assert link.peak_v == 0.0
 
 
-def test_gains_are_shown_and_set(link: Any, type_in: TypeIn) -> None:
+def test_gains_are_shown_and_set(link: BoardLink, type_in: TypeIn) -> None:
     assert "law       deadbeat" in type_in(link, "gains")
     output = type_in(link, "gains", "--law", "pi", "--bandwidth", "800", "--integral-time", "0.004")
     assert "law       pi, bandwidth 800 1/s, integral time 4 ms" in output
@@ -183,7 +187,7 @@ def test_gains_are_shown_and_set(link: Any, type_in: TypeIn) -> None:
         type_in(link, "gains", "--law", "pid")
 
 
-def test_telemetry_is_a_table_of_control_ticks(link: Any, type_in: TypeIn) -> None:
+def test_telemetry_is_a_table_of_control_ticks(link: BoardLink, type_in: TypeIn) -> None:
     header, *rows = type_in(link, "telemetry", "--rate", "100", "--seconds", "0.5").splitlines()
     names = header.split(",")
     assert names[:2] == ["t_s", "t_board_us"]
@@ -194,7 +198,7 @@ def test_telemetry_is_a_table_of_control_ticks(link: Any, type_in: TypeIn) -> No
     assert all(len(row.split(",")) == len(names) for row in rows)
 
 
-def test_telemetry_as_json_is_one_map_on_each_line(link: Any, type_in: TypeIn) -> None:
+def test_telemetry_as_json_is_one_map_on_each_line(link: BoardLink, type_in: TypeIn) -> None:
     rows = [
         json.loads(line)
         for line in type_in(link, "telemetry", "--rate", "50", "--seconds", "0.2", "--json").splitlines()
@@ -204,7 +208,7 @@ def test_telemetry_as_json_is_one_map_on_each_line(link: Any, type_in: TypeIn) -
 
 
 @pytest.mark.parametrize("seconds", ["nan", "0", "-3"])
-def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: TypeIn, seconds: str) -> None:
+def test_a_stream_of_no_time_is_refused_in_one_sentence(link: BoardLink, type_in: TypeIn, seconds: str) -> None:
     with pytest.raises(UsageError, match=f"--seconds: {seconds} is out of bounds, it must be above 0"):
         type_in(link, "telemetry", f"--seconds={seconds}")
 
@@ -224,26 +228,28 @@ def test_a_stream_of_no_time_is_refused_in_one_sentence(link: Any, type_in: Type
     ],
 )
 def test_a_board_that_cannot_be_reached_is_named_in_one_sentence(
-    new_link: Any, type_in: TypeIn, setting: dict[str, Any], sentence: str
+    type_in: TypeIn, setting: dict[str, Any], sentence: str
 ) -> None:
     with pytest.raises(DeviceError, match=re.escape(sentence)):
-        type_in(new_link(**setting), "info")
+        type_in(BoardLink(**setting), "info")
 
 
-def test_a_wrong_baud_rate_is_recognised_by_the_noise(link: Any, type_in: TypeIn) -> None:
+def test_a_wrong_baud_rate_is_recognised_by_the_noise(link: BoardLink, type_in: TypeIn) -> None:
     link.says = lambda data: bytes(byte ^ 0x5A for byte in data[:-1]) + b"\0"
     with pytest.raises(DeviceError, match="is damaged: check --baud"):
         type_in(link, "info")
 
 
-def test_a_board_with_another_protocol_is_refused(link: Any, type_in: TypeIn, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_board_with_another_protocol_is_refused(
+    link: BoardLink, type_in: TypeIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("hapticd.wire.protocol.PROTOCOL_HASH", 0x1234)
     monkeypatch.setattr("hapticd.wire.device.ALL_COMMANDS", 1 << 31)  # which a later host sends
     with pytest.raises(DeviceError, match=r"protocol hash [0-9a-f]{8}, this hapticd 00001234: flash"):
         type_in(link, "info")
 
 
-def test_a_plug_that_is_pulled_ends_the_conversation(link: Any, converse: Callable[..., Any]) -> None:
+def test_a_plug_that_is_pulled_ends_the_conversation(link: BoardLink) -> None:
     async def pulled(board: Conversation) -> None:
         asyncio.get_running_loop().call_later(0.05, link.pull)
         while await board.receive(1.0) is not None:
@@ -253,7 +259,7 @@ def test_a_plug_that_is_pulled_ends_the_conversation(link: Any, converse: Callab
         converse(link, pulled)
 
 
-def test_a_lost_reply_is_requested_again(link: Any, converse: Callable[..., Any]) -> None:
+def test_a_lost_reply_is_requested_again(link: BoardLink) -> None:
     async def talk(board: Conversation) -> BoardState | None:
         lost = iter((b"", b""))
         link.says = lambda data: next(lost, data)
@@ -264,25 +270,16 @@ def test_a_lost_reply_is_requested_again(link: Any, converse: Callable[..., Any]
     assert converse(link, talk) is BoardState.QUIET
 
 
-def test_without_a_board_the_options_that_select_one_are_named(capsys: pytest.CaptureFixture[str]) -> None:
-    from hapticd.__main__ import main
-
-    assert main(["firmware", "info"]) == UsageError.exit_code
-    assert "add --port or --config, or --sim" in capsys.readouterr().err
+def test_without_a_board_the_options_that_select_one_are_named(refused: Callable[..., str]) -> None:
+    assert "add --port or --config, or --sim" in refused("firmware", "info")
 
 
 @pytest.mark.parametrize("baud", ["0", "-5", "99999999999999"])
-def test_a_speed_that_no_board_has_is_refused_before_the_port_is_opened(
-    capsys: pytest.CaptureFixture[str], baud: str
-) -> None:
-    from hapticd.__main__ import main
-
-    assert main(["firmware", "info", "--port", "/dev/null", "--baud", baud]) == UsageError.exit_code
-    assert "it must be 9600 .. 5.25e+06" in capsys.readouterr().err
+def test_a_speed_that_no_board_has_is_refused_before_the_port_is_opened(baud: str, refused: Callable[..., str]) -> None:
+    complaint = refused("firmware", "info", "--port", "/dev/null", "--baud", baud)
+    assert "it must be 9600 .. 5.25e+06" in complaint
 
 
 def test_the_simulated_board_answers_through_its_pseudo_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    from hapticd.__main__ import main
-
     assert main(["firmware", "info", "--sim"]) == 0
     assert "29205.00 Hz" in capsys.readouterr().out

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from virtual_board import BoardLink
 
 from hapticd.board_values import Calibration, ModeCalibration
 from hapticd.errors import DeviceError, UsageError
@@ -22,26 +23,34 @@ TypeIn = Callable[..., str]
 OWN = BoardConfig()
 
 
-def moved(new_link: Any, type_in: TypeIn, **changes: Any) -> str:
-    """What is said of a plate that differs so from the board's models."""
-    link = new_link()
-    link.board = Board(replace(link.board.model, **changes), config=OWN, boot_id=7)
-    said = type_in(link, "selftest")
-    assert link.board.t_us < 2_200_000  # with the greeting
-    assert link.peak_v <= 15.0001
-    assert not link.voltage_v.any()
-    return said
+Tested = Callable[..., str]
+SWAPPED = np.array([[0.0, 1.0], [1.0, 0.0]])
+DEAD = {"sensor": np.diag([1.0, 0.0]), "noise_um": 0.0005}
 
 
-def test_a_plate_as_calibrated_has_not_moved(new_link: Any, type_in: TypeIn) -> None:
-    assert "Nothing has moved" in moved(new_link, type_in)
-    assert "Nothing has moved" in moved(new_link, type_in, noise_um=0.001)
+@pytest.fixture
+def tested(type_in: TypeIn) -> Tested:
+    """Returns what `selftest` with these arguments says of a plate that differs so from the board's models."""
+
+    def run(*arguments: str, **changes: Any) -> str:
+        link = BoardLink()
+        link.board = Board(replace(link.board.model, **changes), config=OWN, boot_id=7)
+        said = type_in(link, "selftest", *arguments)
+        assert link.board.t_us < 2_200_000  # with the greeting
+        assert link.peak_v <= 15.0001
+        assert not link.voltage_v.any()
+        return said
+
+    return run
+
+
+def test_a_plate_as_calibrated_has_not_moved(tested: Tested) -> None:
+    assert "Nothing has moved" in tested()
+    assert "Nothing has moved" in tested(noise_um=0.001)
 
 
 @pytest.mark.parametrize(("modes", "most_s"), [(3, 2.2), (4, 2.2), (6, 3.9)])
-def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(
-    modes: int, most_s: float, new_link: Any, type_in: TypeIn
-) -> None:
+def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(modes: int, most_s: float, type_in: TypeIn) -> None:
     offsets_hz = np.array((12.0, -18.0, -91.0, -70.0, 82.0, 169.0))[:modes]
     config = replace(
         OWN,
@@ -51,7 +60,7 @@ def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(
         gain_um_per_v_s=(5.0,) * modes,
         loop_phase_rad=(0.0,) * modes,
     )
-    link = new_link(config=config)
+    link = BoardLink(config=config)
     assert "Nothing has moved" in type_in(link, "selftest")
     assert link.board.t_us < 1e6 * most_s
 
@@ -65,15 +74,13 @@ def test_a_plate_of_more_modes_is_swept_as_wide_as_they_lie(
         ({"loop_phase_rad": (0.0, 0.5)}, ["Mode 1 has turned its loop phase by +29 degrees"]),
         ({"through_um_per_v": 0.005 * np.eye(2)}, ["Mode 0: the feedthrough of amplifier 0 is 0.005"]),
         ({"sensor": np.array([[1.0, 0.3], [0.0, 1.0]])}, ["the weight of sensor"]),
-        ({"sensor": np.array([[0.0, 1.0], [1.0, 0.0]])}, ["are swapped"]),
+        ({"sensor": SWAPPED}, ["are swapped"]),
         ({"sensor": np.diag([-1.0, 1.0])}, ["Amplifier 0 or sensor 0 is inverted"]),
     ],
     ids=["frequency", "quality", "gain", "phase", "feedthrough", "sense", "swapped", "inverted"],
 )
-def test_it_says_in_words_what_has_moved(
-    changes: dict[str, Any], sentences: list[str], new_link: Any, type_in: TypeIn
-) -> None:
-    said = moved(new_link, type_in, **changes)
+def test_it_says_in_words_what_has_moved(changes: dict[str, Any], sentences: list[str], tested: Tested) -> None:
+    said = tested(**changes)
     assert "Nothing" not in said
     for sentence in sentences:
         assert sentence in said
@@ -82,7 +89,7 @@ def test_it_says_in_words_what_has_moved(
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"sensor": np.array([[0.0, 1.0], [1.0, 0.0]])}, "Amplifiers 0 and 1, or their sensors, are swapped"),
+        ({"sensor": SWAPPED}, "Amplifiers 0 and 1, or their sensors, are swapped"),
         ({"sensor": np.diag([1.0, -1.0])}, "Amplifier 1 or sensor 1 is inverted"),
         ({"loop_phase_rad": (0.0, 1.0)}, r"The loop of mode 1 is \+57 degrees off"),
         ({"sensor": np.diag([2.5, 1.0])}, "The loop of mode 0 has 2.50 times its gain"),
@@ -95,29 +102,20 @@ def test_it_says_in_words_what_has_moved(
     ids=["swapped", "inverted", "phase", "gain", "weak", "drift", "finger", "half", "feedthrough"],
 )
 def test_it_tells_what_the_loop_cannot_bear_from_what_has_only_moved(
-    changes: dict[str, Any], sentence: str, new_link: Any, type_in: TypeIn
+    changes: dict[str, Any], sentence: str, tested: Tested
 ) -> None:
-    link = new_link()
-    link.board = Board(replace(link.board.model, **changes), config=OWN, boot_id=7)
-    found = json.loads(type_in(link, "selftest", "--json"))
+    found = json.loads(tested("--json", **changes))
     assert found["moved"] != []
     assert bool(found["unsafe"]) is bool(sentence)
     assert re.search(sentence, "\n".join(found["unsafe"]))
 
 
-def test_wires_that_a_calibration_knows_are_safe_however_they_lie(
-    new_link: Any, type_in: TypeIn, tmp_path: Path
-) -> None:
-    def swapped() -> Any:
-        link = new_link()
-        link.board = Board(replace(link.board.model, sensor=np.array([[0.0, 1.0], [1.0, 0.0]])), config=OWN, boot_id=7)
-        return link
-
-    found = json.loads(type_in(swapped(), "selftest", "--json"))
+def test_wires_that_a_calibration_knows_are_safe_however_they_lie(tested: Tested, tmp_path: Path) -> None:
+    found = json.loads(tested("--json", sensor=SWAPPED))
     assert found["unsafe"] != []
     saved = tmp_path / "plate.toml"
     calibration.save(saved, Calibration(tuple(mode_of(one) for one in found["modes"])))
-    assert json.loads(type_in(swapped(), "selftest", "--calibration", str(saved), "--json"))["unsafe"] == []
+    assert json.loads(tested("--calibration", str(saved), "--json", sensor=SWAPPED))["unsafe"] == []
 
 
 def mode_of(found: dict[str, Any]) -> ModeCalibration:
@@ -127,27 +125,21 @@ def mode_of(found: dict[str, Any]) -> ModeCalibration:
     )
 
 
-def test_a_dead_sensor_is_one_sentence(new_link: Any, type_in: TypeIn) -> None:
-    with pytest.raises(DeviceError, match="may be dead"):
-        moved(new_link, type_in, sensor=np.diag([1.0, 0.0]), noise_um=0.0005)
-
-
-def test_a_dead_sensor_is_unsafe_in_the_document_too(
-    new_link: Any, type_in: TypeIn, capsys: pytest.CaptureFixture[str]
+def test_a_dead_sensor_is_one_sentence_and_unsafe_in_the_document_too(
+    tested: Tested, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    link = new_link()
-    link.board = Board(replace(link.board.model, sensor=np.diag([1.0, 0.0]), noise_um=0.0005), config=OWN, boot_id=7)
-    with pytest.raises(DeviceError):
-        type_in(link, "selftest", "--json")
+    for arguments in ((), ("--json",)):
+        with pytest.raises(DeviceError, match="may be dead"):
+            tested(*arguments, **DEAD)
     (sentence,) = json.loads(capsys.readouterr().out)["unsafe"]
     assert "may be dead" in sentence
 
 
-def test_it_compares_with_a_calibration_file(link: Any, new_link: Any, type_in: TypeIn, tmp_path: Path) -> None:
+def test_it_compares_with_a_calibration_file(link: BoardLink, type_in: TypeIn, tmp_path: Path) -> None:
     saved = tmp_path / "plate.toml"
     for mode in ("0", "1"):
         with pytest.raises(UsageError, match="lacks a mode" if saved.exists() else "not exist|No such|cannot"):
-            type_in(new_link(), "selftest", "--calibration", str(saved))
+            type_in(BoardLink(), "selftest", "--calibration", str(saved))
         type_in(link, "sweep", "--points", "9", "--mode", mode, "--save", str(saved))
     found = json.loads(type_in(link, "selftest", "--calibration", str(saved), "--json"))
     assert found["moved"] == []

@@ -33,6 +33,11 @@ def strokes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture
+def header(strokes: Path) -> Header:
+    return open_recording(strokes).header
+
+
 def recorded(path: Path, *fingers: Finger) -> tuple[Bench, DirectRecording]:
     """A machine on the bench, recorded from before its first input."""
     begun: list[DirectRecording] = []

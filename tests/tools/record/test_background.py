@@ -24,11 +24,6 @@ from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.tools.record.replay import replay
 
 
-@pytest.fixture
-def header(strokes: Path) -> Header:
-    return open_recording(strokes).header
-
-
 @pytest.fixture(autouse=True)
 def _looks_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(background, "LOOK_EVERY_S", 0.001)
@@ -50,7 +45,7 @@ def test_what_was_put_is_there_after_the_end(tmp_path: Path, header: Header) -> 
 
 
 @pytest.fixture
-def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A file that refuses every byte behind its header."""
     full = os.open("/dev/full", os.O_WRONLY)
     honest, is_full = os.write, threading.Event()
@@ -62,7 +57,7 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
     monkeypatch.setattr(RecordingFile, "_open", opens)
     monkeypatch.setattr(mcap_writer.os, "write", lambda fd, data: honest(full if is_full.is_set() else fd, data))
-    yield Path()
+    yield
     is_full.clear()
     os.close(full)
 
@@ -150,10 +145,22 @@ def test_a_recording_in_parts_is_replayed_as_one(tmp_path: Path) -> None:
         replay(open_recording(files[1:]))
 
 
+def said_of_a_full(file: RecordingFile, caplog: pytest.LogCaptureFixture) -> list[str]:
+    """What is logged while so much is put that the writer ends by itself."""
+    is_over = threading.Event()
+    with caplog.at_level(logging.WARNING):
+        writer = BackgroundWriter(file, on_end=is_over.set)
+        for t_ns in range(400):
+            writer.put("timer", t_ns)
+        assert is_over.wait(10.0)
+        writer.close(0, "over")
+    return lines(caplog)
+
+
 def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_others(
     tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    is_over, others = threading.Event(), list[int]()
+    others: list[int] = []
     file = RecordingFile(tmp_path / "a.mcap", header, max_files=2)
     file._max_bytes = file.written_bytes + 20_000
 
@@ -162,14 +169,7 @@ def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_other
         raise OSError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(file, "_created", refuse)
-    with caplog.at_level(logging.WARNING):
-        writer = BackgroundWriter(file, on_end=is_over.set)
-        for t_ns in range(400):
-            writer.put("timer", t_ns)
-        assert is_over.wait(10.0)
-        writer.close(0, "over")
-
-    assert [line for line in lines(caplog) if "Permission denied" not in line] == []
+    assert [line for line in said_of_a_full(file, caplog) if "Permission denied" not in line] == []
     os.close(others[0])  # raises where it was closed
     assert sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) > 0
 
@@ -177,16 +177,8 @@ def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_other
 def test_a_file_that_may_not_be_followed_ends_the_recording_when_it_is_full(
     tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture
 ) -> None:
-    is_over = threading.Event()
     file = RecordingFile(tmp_path / "a.mcap", header)
     file._max_bytes = file.written_bytes + 20_000
-    with caplog.at_level(logging.WARNING):
-        writer = BackgroundWriter(file, on_end=is_over.set)
-        for t_ns in range(400):
-            writer.put("timer", t_ns)
-        assert is_over.wait(10.0)
-        writer.close(0, "over")
-
-    (line,) = lines(caplog)
+    (line,) = said_of_a_full(file, caplog)
     assert "record.max_mb" in line
     assert 0 < sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) < 400

@@ -45,15 +45,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
 from hapticd.files.recording.client_message import payload_of
 from hapticd.files.recording.header import FORMAT, Header, header_fields, header_from
-from hapticd.files.recording.kinds import (
-    HEADER,
-    INPUTS,
-    KINDS,
-    MAX_MESSAGE_BYTES,
-    Record,
-    decode,
-    encode,
-)
+from hapticd.files.recording.kinds import HEADER, INPUTS, KINDS, MAX_MESSAGE_BYTES, Record, decode, encode
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.sim.plate.ground_truth import GroundTruth
@@ -79,10 +71,6 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int]]:
             ends.append(path.stat().st_size)
     file.close()
     return path.read_bytes(), ends
-
-
-def numbers(path: Path) -> list[int]:
-    return [record.seq for record in open_recording(path).records()]
 
 
 def test_a_reading_tells_how_much_of_its_files_is_read(small: tuple[bytes, list[int]], tmp_path: Path) -> None:
@@ -252,8 +240,7 @@ def test_json_that_is_none_or_not_finite_is_no_record(text: str) -> None:
         decode("ledger", b'{"seq":' + text.encode("latin-1") + b"}")
 
 
-def test_what_no_reader_would_take_is_left_out_and_missed(tmp_path: Path, strokes: Path) -> None:
-    header = open_recording(strokes).header
+def test_what_no_reader_would_take_is_left_out_and_missed(tmp_path: Path, header: Header) -> None:
     nan = {"fingers": [], "modal_um": {"d": [math.nan], "q": [0.0]}}
     long = {"payload": bytes(MAX_MESSAGE_BYTES), "user": ""}
     records = [Record("timer", 0, 0, {}), Record("truth", 1, 1, nan), Record("request", 2, 2, long)]
@@ -272,8 +259,7 @@ def test_the_body_of_every_kind_is_read_back(eventful: Path, tmp_path: Path) -> 
     assert list(open_recording(again).records()) == records
 
 
-def test_the_header_is_read_back_to_the_last_bit(strokes: Path) -> None:
-    header = open_recording(strokes).header
+def test_the_header_is_read_back_to_the_last_bit(header: Header) -> None:
     again = header_from(msgpack.unpackb(encode(HEADER, header_fields(header))))
     known = GroundTruth().parasitic_modes(3)  # the seed that it was recorded with
 
@@ -304,9 +290,9 @@ def test_the_header_is_read_back_to_the_last_bit(strokes: Path) -> None:
         {"hapticd": None},
     ],
 )
-def test_a_bad_header_is_one_sentence(strokes: Path, change: dict[str, object]) -> None:
+def test_a_bad_header_is_one_sentence(header: Header, change: dict[str, object]) -> None:
     with pytest.raises(RecordingError) as refused:
-        header_from(header_fields(open_recording(strokes).header) | change)
+        header_from(header_fields(header) | change)
     assert str(refused.value).endswith(".")
 
 
@@ -343,12 +329,12 @@ def test_what_is_no_recording_is_one_sentence_that_names_the_file(tmp_path: Path
 
 
 def test_a_newer_hapticds_records_are_passed_over(
-    tmp_path: Path, strokes: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, header: Header, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as newer:
         newer.setitem(KINDS, "news", KINDS["marker"]._replace(topic="/news"))
         records = [Record(kind, seq, seq, {"client": "", "text": ""}) for seq, kind in enumerate(("marker", "news"))]
-        path = written(tmp_path / "newer.mcap", open_recording(strokes).header, [*records, Record("timer", 2, 2, {})])
+        path = written(tmp_path / "newer.mcap", header, [*records, Record("timer", 2, 2, {})])
     recording = open_recording(path)
 
     assert [record.kind for record in recording.records()] == ["marker", "timer"]
@@ -358,10 +344,10 @@ def test_a_newer_hapticds_records_are_passed_over(
 # --- names and sizes ------------------------------------------------------------------------------------------------
 
 
-def test_an_existing_recording_is_never_written_over(tmp_path: Path, strokes: Path) -> None:
+def test_an_existing_recording_is_never_written_over(tmp_path: Path, header: Header) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(b"precious")
-    made = [RecordingFile(path, open_recording(strokes).header) for _ in range(2)]
+    made = [RecordingFile(path, header) for _ in range(2)]
     for file in made:
         file.close()
 
@@ -373,9 +359,9 @@ def test_an_existing_recording_is_never_written_over(tmp_path: Path, strokes: Pa
     ("place", "sentence"),
     [(".", "is a folder"), ("/", "is a folder"), ("..", "is a folder"), ("/dev/null/a.mcap", "can be written there")],
 )
-def test_a_place_that_cannot_be_written_is_one_sentence(place: str, sentence: str, strokes: Path) -> None:
+def test_a_place_that_cannot_be_written_is_one_sentence(place: str, sentence: str, header: Header) -> None:
     with pytest.raises(RecordingError, match=sentence):
-        RecordingFile(Path(place), open_recording(strokes).header)
+        RecordingFile(Path(place), header)
 
 
 def fill(file: RecordingFile, records: int, *, in_chunk: int = 50) -> None:
@@ -386,18 +372,17 @@ def fill(file: RecordingFile, records: int, *, in_chunk: int = 50) -> None:
     file.close()
 
 
-def least_bytes(path: Path, strokes: Path) -> int:
+@pytest.fixture
+def least_bytes(tmp_path_factory: pytest.TempPathFactory, header: Header) -> int:
     """Of a file that holds nothing but its header."""
-    RecordingFile(path, open_recording(strokes).header).close()
-    size = path.stat().st_size
-    path.unlink()
-    return size
+    file = RecordingFile(tmp_path_factory.mktemp("least") / "a.mcap", header)
+    file.close()
+    return file.path.stat().st_size
 
 
-def test_a_full_file_is_followed_and_the_oldest_is_removed(tmp_path: Path, strokes: Path) -> None:
-    path = tmp_path / "a.mcap"
-    max_bytes = least_bytes(path, strokes) + 40_000
-    fill(RecordingFile(path, open_recording(strokes).header, max_bytes=max_bytes, max_files=3), 3000)
+def test_a_full_file_is_followed_and_the_oldest_is_removed(tmp_path: Path, header: Header, least_bytes: int) -> None:
+    max_bytes = least_bytes + 40_000
+    fill(RecordingFile(tmp_path / "a.mcap", header, max_bytes=max_bytes, max_files=3), 3000)
     kept = sorted(tmp_path.iterdir(), key=lambda path: int(path.stem.removeprefix("a-")))
 
     assert len(kept) == 3
@@ -411,16 +396,18 @@ def test_a_full_file_is_followed_and_the_oldest_is_removed(tmp_path: Path, strok
         list(open_recording([kept[0], kept[2], kept[1]]).records())
 
 
-def test_a_file_that_may_not_be_followed_is_full_in_its_bounds(tmp_path: Path, strokes: Path) -> None:
+def test_a_file_that_may_not_be_followed_is_full_in_its_bounds(
+    tmp_path: Path, header: Header, least_bytes: int
+) -> None:
     path = tmp_path / "a.mcap"
-    max_bytes = least_bytes(path, strokes) + 30_000
-    file = RecordingFile(path, open_recording(strokes).header, max_bytes=max_bytes)
+    max_bytes = least_bytes + 30_000
+    file = RecordingFile(path, header, max_bytes=max_bytes)
     with pytest.raises(RecordingError, match=r"reached record\.max_mb"):
         fill(file, 3000, in_chunk=1)
     file.close()
 
     assert path.stat().st_size <= max_bytes
-    assert len(numbers(path)) > 10
+    assert len(list(open_recording(path).records())) > 10
 
 
 def test_parts_of_different_recordings_are_refused(strokes: Path, eventful: Path) -> None:

@@ -13,15 +13,10 @@ from hapticd.wire.client import MAX_MARKER_CHARACTERS, Marker, decode_request
 from hapticd_client.messages import decode_state
 
 
-def states(bench: Bench) -> list[bytes]:
-    published: list[bytes] = []
-    bench.machine.status.publish = published.append
-    return published
-
-
 def test_a_marker_is_in_the_next_state_and_in_no_other() -> None:
     bench = Bench(SLIPPERY)
-    published = states(bench)
+    published: list[bytes] = []
+    bench.machine.status.publish = published.append
     reply = bench.ask("marker", client="study", text="trial 1 begins")
     bench.run(60)
 
@@ -49,16 +44,16 @@ def test_a_marker_changes_nothing_of_what_its_client_holds() -> None:
     assert bench.ask("set", client="study", stamp=7, targets=[{"finger": 1, "amplitude_um": 1.0}])["ok"]
 
 
+def request(text: object) -> bytes:
+    return msgpack.packb({"v": 1, "id": 1, "op": "marker", "body": {"client": "study", "text": text}})
+
+
 @pytest.mark.parametrize("text", ["", "x" * (MAX_MARKER_CHARACTERS + 1), "line\nbreak", 7, None, b"bytes"])
 def test_a_text_that_is_none_is_refused_in_a_sentence(text: object) -> None:
-    payload = msgpack.packb({"v": 1, "id": 1, "op": "marker", "body": {"client": "study", "text": text}})
-
     with pytest.raises(RequestError, match=r"body\.text"):
-        decode_request(payload)
+        decode_request(request(text))
 
 
 def test_the_longest_text_is_taken() -> None:
     text = "x" * MAX_MARKER_CHARACTERS
-    payload = msgpack.packb({"v": 1, "id": 1, "op": "marker", "body": {"client": "study", "text": text}})
-
-    assert decode_request(payload).body == Marker("study", text)
+    assert decode_request(request(text)).body == Marker("study", text)

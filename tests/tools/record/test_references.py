@@ -30,9 +30,3 @@ def test_the_line_is_the_reference_in_force_at_each_instant() -> None:
 
     assert (np.diff(t_ns) >= 0).all()
     np.testing.assert_allclose(np.interp(at_ns, t_ns, line_um), expected_um, atol=1e-12)
-
-
-def test_the_peak_between_two_frames_is_drawn() -> None:
-    """From first knot to first knot the line would rise by 1 um where 4 um were sent."""
-    _, line_um = in_force(table())
-    assert line_um.real.max() == 4.0

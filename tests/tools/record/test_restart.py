@@ -86,10 +86,14 @@ def hands(rig_dir: Path) -> Iterator[None]:
         moving.join()
 
 
-def work(runtime_dir: Path, rig_dir: Path, states: int = STATES, begun: threading.Event | None = None) -> set[int]:
+def client_of(config: Config) -> Client:
+    return Client(config.client.runtime_dir, timeout_s=PATIENCE_S)
+
+
+def work(config: Config, states: int = STATES, begun: threading.Event | None = None) -> set[int]:
     """A client sets targets of two fingers, then `begun`, and releases them in the end; returns the daemon's instances
     that it saw."""
-    with Client(runtime_dir, timeout_s=PATIENCE_S) as client, hands(rig_dir):
+    with client_of(config) as client, hands(Path(config.sim.rig_dir)):
         seen: set[int] = set()
         for count, state in enumerate(client.states(timeout_s=PATIENCE_S)):
             seen.add(state.instance)
@@ -154,18 +158,17 @@ def judged(path: Path) -> Counter[str]:
 def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recording_replays(
     configuration: Config, tmp_path: Path
 ) -> None:
-    runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
     instances: list[set[int]] = []
 
     async def story() -> None:
         begun = threading.Event()
-        touching = asyncio.create_task(asyncio.to_thread(work, runtime_dir, rig_dir, STATES, begun))
+        touching = asyncio.create_task(asyncio.to_thread(work, configuration, STATES, begun))
         await until(begun.is_set)
         late = Recorder(tmp_path / "a.mcap", configuration, 2.5)
         await until(lambda: WAITING in late.notes)
         instances.append(await touching)
         await until(lambda: BEGUN in late.notes)
-        instances.append(await asyncio.to_thread(work, runtime_dir, rig_dir))
+        instances.append(await asyncio.to_thread(work, configuration))
         await until(lambda: not late.is_alive())
         assert late.notes[:2] == [WAITING, BEGUN]
 
@@ -189,7 +192,7 @@ def test_scripted_fingers_lift_for_a_recorder_and_land_in_its_recording(configur
 
         async def story() -> None:
             def touched() -> None:
-                with Client(config.client.runtime_dir, timeout_s=PATIENCE_S) as client:
+                with client_of(config) as client:
                     next(state for state in client.states(timeout_s=PATIENCE_S) if len(state.fingers) == 2)
 
             await asyncio.to_thread(touched)
@@ -207,35 +210,31 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
     configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recorders, "RESTART_EVERY_NS", 0)
-    runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
-    command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.mcap"), "--endpoint"]
-    recording: list[dict[str, Any]] = []
+    endpoint = ["--endpoint", configuration.client.runtime_dir]
+    command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.mcap"), *endpoint]
+    reported: list[dict[str, Any]] = []
 
-    def ask() -> None:
-        with Client(runtime_dir, timeout_s=PATIENCE_S) as client:
-            recording.append(client.status()["recording"])
-
-    def is_recorded() -> bool:
-        with Client(runtime_dir, timeout_s=PATIENCE_S) as client:
-            return "attached" in client.status().get("recording", {})
+    def recording() -> dict[str, Any]:
+        with client_of(configuration) as client:
+            return dict(client.status().get("recording", {}))
 
     async def story() -> None:
         for name in ("a", "b"):
             whole = Recorder(tmp_path / f"{name}.mcap", configuration, 1.0)
             await until(lambda whole=whole: BEGUN in whole.notes)  # type: ignore[misc]
-            await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
+            await asyncio.to_thread(work, configuration, 25)
             await until(lambda whole=whole: not whole.is_alive())  # type: ignore[misc]
-        with subprocess.Popen([*command, str(runtime_dir)], stdout=subprocess.PIPE) as killed:
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as killed:
             assert killed.stdout is not None
             assert (await asyncio.to_thread(killed.stdout.readline)).decode().strip() in (WAITING, BEGUN)
             await until(lambda: (tmp_path / "killed.mcap").exists())
-            await asyncio.to_thread(work, runtime_dir, rig_dir, 2 * STATES)
+            await asyncio.to_thread(work, configuration, 2 * STATES)
             joined = Recorder(tmp_path / "joined.mcap", configuration, 0.2)
-            await asyncio.to_thread(ask)
+            reported.append(await asyncio.to_thread(recording))
             await until(lambda: not joined.is_alive())
             assert LATE in joined.notes
             killed.kill()
-        while await asyncio.to_thread(is_recorded):
+        while "attached" in await asyncio.to_thread(recording):
             pass
         last = Recorder(tmp_path / "last.mcap", configuration, 0.5)
         await until(lambda: not last.is_alive())
@@ -245,21 +244,20 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
     for name in ("a", "b", "killed", "last"):
         assert judged(tmp_path / f"{name}.mcap")["written"] > 10
     assert not open_recording(tmp_path / "joined.mcap").is_whole
-    assert recording[0]["attached"]["is_whole"] is True
-    assert recording[0]["attached"]["bytes"] > 10_000
-    assert recording[0]["attached"]["dropped"] == 0
+    attached = reported[0]["attached"]
+    assert (attached["is_whole"], attached["dropped"]) == (True, 0)
+    assert attached["bytes"] > 10_000
 
 
 def test_a_new_configuration_ends_the_recording_and_it_replays_to_its_end(
     configuration: Config, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO", "hapticd")
-    runtime_dir, rig_dir = Path(configuration.client.runtime_dir), Path(configuration.sim.rig_dir)
 
     async def story() -> None:
         whole = Recorder(tmp_path / "a.mcap", configuration, 60.0)
         await until(lambda: BEGUN in whole.notes)
-        await asyncio.to_thread(work, runtime_dir, rig_dir, 25)
+        await asyncio.to_thread(work, configuration, 25)
         os.kill(os.getpid(), signal.SIGHUP)
         await until(lambda: not whole.is_alive())
         await until(lambda: caplog.text.count("serving clients in") == 2)

@@ -13,6 +13,7 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.errors import RecordingError
+from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import Fields, Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.lockstep import T_START_NS
@@ -50,12 +51,12 @@ def touched(finger_id: int, start_ns: int, passes: int = 20) -> list[Record]:
 
 
 @pytest.fixture
-def strange(strokes: Path, tmp_path: Path) -> Callable[..., Path]:
+def strange(header: Header, tmp_path: Path) -> Callable[..., Path]:
     """Writes a recording of these records behind the header of an honest one."""
 
     def write(*records: Record) -> Path:
         numbered = (record._replace(seq=seq) for seq, record in enumerate(records))
-        return written(tmp_path / "strange.mcap", open_recording(strokes).header, numbered)
+        return written(tmp_path / "strange.mcap", header, numbered)
 
     return write
 
@@ -97,10 +98,11 @@ def test_more_fingers_at_once_than_memory_is_one_sentence() -> None:
             tracks(records)
 
 
-def test_a_truth_without_fingers_is_one_sentence() -> None:
+def test_a_recording_or_a_truth_without_fingers_is_one_sentence() -> None:
     truth = [Record("truth", 0, BEGIN_NS + step * 100 * MS, {"fingers": [], "modal_um": {}}) for step in range(3)]
-    with pytest.raises(RecordingError, match="no fingers to judge by"):
-        tracks(truth)
+    for records in ([], truth):
+        with pytest.raises(RecordingError, match="no fingers to judge by"):
+            tracks(records)
 
 
 def test_references_without_knots_are_passed_over(

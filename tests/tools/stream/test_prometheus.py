@@ -8,29 +8,16 @@ import urllib.request
 from typing import Any
 
 import pytest
-from machine_bench import SLIPPERY, STICKY, Bench
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 from tools.stream.daemon_states import FakeDaemon
 
-from hapticd.config.sections import Config
 from hapticd.core.board.ledger import Histogram
 from hapticd.daemon import status
-from hapticd.daemon.self_calibration import SelfCalibration
 from hapticd.errors import UsageError
 from hapticd.tools.stream import prometheus
 from hapticd.tools.stream.prometheus import COUNTERS, GAUGES, LOST_MESSAGES, SPANS, histogram
-
-
-@pytest.fixture(scope="module")
-def reported() -> Any:
-    """The status of a machine that drives two fingers."""
-    bench = Bench(SLIPPERY, STICKY).driven()
-    bench.board.status()
-    bench.run(300)
-    bench.machine.status.calibration = SelfCalibration(Config(), bench.machine.modes, None).report
-    return bench.machine.report_status(bench.t_ns)
 
 
 def scraped(answer: Any) -> dict[str, float]:

@@ -72,12 +72,6 @@ def test_a_value_that_is_not_finite_is_none() -> None:
     assert row["finger_1_target_um"] is None
 
 
-def test_a_mode_has_what_is_asked_of_it_and_what_was_measured() -> None:
-    row = Sampler(1).row(plate_state(), 0)
-    asked = [row[f"mode_1_{name}_um"] for name in ("d", "q", "measured_d", "measured_q")]
-    assert asked == [-0.5, 0.25, -0.5, 0.0]
-
-
 @given(st.lists(st.sets(st.integers(1, 8)), max_size=12), st.integers(1, 4))
 def test_places_hold_only_fingers_that_are_down_each_once_and_for_as_long_as_it_is_down(
     hands: list[set[int]], count: int

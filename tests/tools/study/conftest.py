@@ -1,9 +1,9 @@
-"""Puts the client library on the path, as for the clients' own tests."""
+"""Puts the fakes of this folder and of the clients' tests on the path."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[3]
-sys.path[:0] = [str(ROOT / "clients" / "python"), str(ROOT / "tests" / "clients"), str(Path(__file__).parent)]
+FOLDER = Path(__file__).parent
+sys.path[:0] = [str(FOLDER.parents[1] / "clients"), str(FOLDER)]

@@ -27,13 +27,13 @@ class ManualClock:
 
 
 class FakeClient:
-    """The part of `hapticd_client.Client` that a study uses; keeps targets and a log.
+    """The part of `hapticd_client.Client` that a study uses; keeps targets, markers and what it released.
 
-    One finger moves to the right at `speed_mm_s`; `land` puts another in its place.
+    One finger moves to the right at `speed_mm_s`; another `finger` takes its place.
     """
 
-    def __init__(self, clock: ManualClock, ops: Sequence[str] = ()) -> None:
-        self._clock = clock
+    def __init__(self, ops: Sequence[str] = ("hello", "marker")) -> None:
+        self.clock = ManualClock()
         self._ops = ops
         self.finger: int | None = 1
         self.speed_mm_s = 50.0
@@ -41,10 +41,8 @@ class FakeClient:
         self.instance = 1
         self.targets_um: dict[int | str, float] = {}
         self.paths: dict[str, Any] = {}
-        self.log: list[tuple[str, dict[int | str, float]]] = []
-
-    def land(self, finger: int | None) -> None:
-        self.finger = finger
+        self.released: list[dict[int | str, float]] = []
+        self.markers: list[str] = []
 
     def capabilities(self) -> dict[str, Any]:
         return {"ops": self._ops}
@@ -56,33 +54,25 @@ class FakeClient:
         self.targets_um[finger if isinstance(finger, str) else finger.id] = amplitude_um
 
     def release(self) -> None:
-        self.log.append(("release", dict(self.targets_um)))
+        self.released.append(dict(self.targets_um))
         self.targets_um.clear()
         self.paths.clear()
+
+    def marker(self, text: str) -> None:
+        self.markers.append(text)
 
     def states(self, timeout_s: float) -> Iterator[PlateState]:
         assert timeout_s > 0
         while True:
-            self._clock.t_ns += STATE_NS
+            self.clock.t_ns += STATE_NS
             yield self._state()
 
     def _state(self) -> PlateState:
-        t_ns = self._clock.t_ns
+        t_ns = self.clock.t_ns
         x_mm = self.speed_mm_s * (t_ns - T_START_NS) * 1e-9
         places = [(name, 0.0, True) for name in self.paths] + ([(self.finger, x_mm, False)] if self.finger else [])
         fingers = tuple(FingerState(key, x, 0.0, x, 0.0, None, None, virtual) for key, x, virtual in places)
         return PlateState(self.instance, t_ns, t_ns, "ACTIVE", fingers, (0.0, 0.0), self.limited, 10.0, 16.0)
-
-
-class MarkedClient(FakeClient):
-    """A client and a daemon that take markers."""
-
-    def __init__(self, clock: ManualClock) -> None:
-        super().__init__(clock, ops=("hello", "marker"))
-        self.markers: list[str] = []
-
-    def marker(self, text: str) -> None:
-        self.markers.append(text)
 
 
 class Person:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from plates import FakeClient, ManualClock, MarkedClient, Person
+from plates import FakeClient, Person
 
 from hapticd.tools.study.conduct import REST_S, _advice, conduct
 from hapticd.tools.study.panel import Key, Screen
@@ -27,16 +27,15 @@ def sticky(screen: Screen) -> Key:
     return Key.HIGH if Key.HIGH in screen.keys and Key.NEXT not in screen.keys else Key.NEXT
 
 
-def hold(path: Path, person: Person, client: FakeClient, clock: ManualClock, given: Session = GIVEN) -> None:
+def hold(path: Path, person: Person, client: FakeClient, given: Session = GIVEN) -> None:
     with SessionFile(path, given) as file:
-        conduct(file, Stage(client, given.design), person, clock)  # type: ignore[arg-type]
+        conduct(file, Stage(client, given.design), person, client.clock)  # type: ignore[arg-type]
 
 
 def test_each_trial_gives_finger_and_virtual_finger_what_its_combination_says(tmp_path: Path) -> None:
-    clock = ManualClock()
-    client = FakeClient(clock)
-    hold(tmp_path / "P1.jsonl", Person(sticky), client, clock)
-    felt = [targets for _, targets in client.log if targets]
+    client = FakeClient()
+    hold(tmp_path / "P1.jsonl", Person(sticky), client)
+    felt = [targets for targets in client.released if targets]
     expected = [{1: 1.0, WALKER: 0.0} if friction is Friction.LOW else {1: 0.0, WALKER: 1.0}
                 for friction in GIVEN.presented]  # fmt: skip
     assert felt == [{1: 0.0, WALKER: 1.0}, *expected]  # the training begins with high friction
@@ -44,10 +43,9 @@ def test_each_trial_gives_finger_and_virtual_finger_what_its_combination_says(tm
 
 
 def test_the_answers_and_how_the_plate_was_explored_are_kept(tmp_path: Path) -> None:
-    clock = ManualClock()
-    client = FakeClient(clock)
+    client = FakeClient()
     client.limited = True
-    hold(tmp_path / "P1.jsonl", Person(sticky), client, clock)
+    hold(tmp_path / "P1.jsonl", Person(sticky), client)
     held = read(tmp_path / "P1.jsonl")
     assert held.is_over
     for trial, answer in enumerate(held.answers, 1):
@@ -61,10 +59,9 @@ def test_the_answers_and_how_the_plate_was_explored_are_kept(tmp_path: Path) -> 
 def test_nothing_on_the_screen_depends_on_what_is_presented(tmp_path: Path) -> None:
     shown = []
     for seed in (3, 4):
-        clock = ManualClock()
         person = Person(sticky)
         given = Session("P1", seed, Design(trials=TRIALS))
-        hold(tmp_path / f"{seed}.jsonl", person, FakeClient(clock), clock, given)
+        hold(tmp_path / f"{seed}.jsonl", person, FakeClient(), given)
         shown.append((given.presented, person.screens, list(person.notes)))
     assert shown[0][0] != shown[1][0]
     assert shown[0][1:] == shown[1][1:]
@@ -80,10 +77,9 @@ def test_a_session_left_in_any_trial_continues_with_it(tmp_path: Path) -> None:
             return sticky(screen)
 
         for answer in (leave, sticky):
-            clock = ManualClock()
             person = Person(answer)
             try:
-                hold(path, person, FakeClient(clock), clock)
+                hold(path, person, FakeClient())
             except LeftError:
                 assert len(read(path).answers) == leaves_at - 1
         assert read(path).is_over
@@ -93,8 +89,7 @@ def test_a_session_left_in_any_trial_continues_with_it(tmp_path: Path) -> None:
 
 
 def test_a_pause_stops_the_plate_and_repeats_the_trial(tmp_path: Path) -> None:
-    clock = ManualClock()
-    client = FakeClient(clock)
+    client = FakeClient()
     paused: list[Any] = []
 
     def pause_once(screen: Screen) -> Key:
@@ -105,40 +100,38 @@ def test_a_pause_stops_the_plate_and_repeats_the_trial(tmp_path: Path) -> None:
             paused.append(dict(client.targets_um))
         return sticky(screen)
 
-    hold(tmp_path / "P1.jsonl", Person(pause_once), client, clock)
+    hold(tmp_path / "P1.jsonl", Person(pause_once), client)
     assert paused[1] == {}
-    felt = [targets for _, targets in client.log if targets]
+    felt = [targets for targets in client.released if targets]
     assert felt[1] == felt[2]
     assert [answer.trial for answer in read(tmp_path / "P1.jsonl").answers] == list(range(1, TRIALS + 1))
 
 
 def test_an_answer_without_a_touch_does_not_count(tmp_path: Path) -> None:
-    clock = ManualClock()
-    client = FakeClient(clock)
-    client.land(None)
+    client = FakeClient()
+    client.finger = None
     presses = 0
 
     def impatient(screen: Screen) -> Key:
         nonlocal presses
         presses += screen.heading == f"Trial 1 of {TRIALS}"
         if presses == 3:
-            client.land(2)
+            client.finger = 2
         return sticky(screen)
 
     person = Person(impatient)
-    hold(tmp_path / "P1.jsonl", person, client, clock)
+    hold(tmp_path / "P1.jsonl", person, client)
     assert presses == 4
     assert list(person.notes).count("Touch the plate first.") == 3
     assert read(tmp_path / "P1.jsonl").answers[0].touched_s == pytest.approx(0.58)
 
 
 def test_a_finger_that_lands_again_or_meets_another_daemon_gets_its_target() -> None:
-    clock = ManualClock()
-    client = FakeClient(clock)
+    client = FakeClient()
     stage = Stage(client, Design())  # type: ignore[arg-type]
     stage.present(Friction.LOW)
     stage.step()
-    client.land(2)
+    client.finger = 2
     stage.step()
     assert client.targets_um == {WALKER: 0.0, 1: 1.0, 2: 1.0}
     client.targets_um.clear()
@@ -149,8 +142,7 @@ def test_a_finger_that_lands_again_or_meets_another_daemon_gets_its_target() -> 
 
 
 def test_the_training_presents_both_frictions_by_name_and_shows_the_speed(tmp_path: Path) -> None:
-    clock = ManualClock()
-    client = FakeClient(clock)
+    client = FakeClient()
     client.speed_mm_s = 130.0
     choices = [Key.LOW, Key.HIGH, Key.LOW, Key.NEXT]
 
@@ -158,8 +150,7 @@ def test_the_training_presents_both_frictions_by_name_and_shows_the_speed(tmp_pa
         return choices.pop(0) if choices else sticky(screen)
 
     person = Person(trained)
-    with SessionFile(tmp_path / "P1.jsonl", GIVEN) as file:
-        conduct(file, Stage(client, GIVEN.design), person, clock)  # type: ignore[arg-type]
+    hold(tmp_path / "P1.jsonl", person, client)
     named = [screen.heading for screen in person.screens if screen.heading.startswith("Training")]
     assert named == [f"Training: {which} friction" for which in ("high", "low", "high", "low")]
     assert "130 mm/s, too fast: slower" in person.notes
@@ -182,10 +173,9 @@ def test_the_advice_does_not_change_with_every_millimetre(speed_mm_s: float, not
 def test_markers_name_each_trial_but_not_its_stimulus(tmp_path: Path) -> None:
     marked = []
     for seed in (3, 4):
-        clock = ManualClock()
-        client = MarkedClient(clock)
+        client = FakeClient()
         given = Session("P1", seed, Design(trials=2))
-        hold(tmp_path / f"{seed}.jsonl", Person(sticky), client, clock, given)
+        hold(tmp_path / f"{seed}.jsonl", Person(sticky), client, given)
         marked.append(client.markers)
     assert marked[0] == marked[1]
     assert marked[0] == [
@@ -199,8 +189,6 @@ def test_markers_name_each_trial_but_not_its_stimulus(tmp_path: Path) -> None:
 
 
 def test_a_daemon_without_markers_gets_none() -> None:
-    clock = ManualClock()
-    client = MarkedClient(clock)
-    client._ops = ("hello",)
+    client = FakeClient(ops=("hello",))
     Stage(client, Design()).mark("nothing")  # type: ignore[arg-type]
     assert client.markers == []

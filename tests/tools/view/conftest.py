@@ -12,8 +12,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
-ROOT = Path(__file__).parents[3]
-sys.path[:0] = [str(ROOT / "clients" / "python"), str(Path(__file__).parent)]
+sys.path.insert(0, str(Path(__file__).parent))
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 FLAGS = (

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from aiohttp import ClientSession, WSCloseCode, web
+from asynchronous import asynchronous
 
 from hapticd.tools.view.client import MAX_REQUESTS, PlateClient
 from hapticd.tools.view.messages import ClearFault, SetTarget, SwitchPlate
@@ -14,25 +15,23 @@ from hapticd.tools.view.server import MAX_HELD, MAX_PAGES, Page, Viewer
 from hapticd.tools.view.simulated import SimulatedService
 
 
-def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
-    async def crowd() -> tuple[int, int | None, str]:
-        viewer = Viewer(str(tmp_path), key="key")
-        runner = viewer.runner()
-        await runner.setup()
-        await web.TCPSite(runner, "127.0.0.1", 0).start()
-        viewer.port = runner.addresses[0][1]
-        own = f"http://127.0.0.1:{viewer.port}"
-        try:
-            async with ClientSession(headers={"Origin": own}) as session:
-                pages = [await session.ws_connect(f"{own}/socket?key=key") for _ in range(MAX_PAGES + 1)]
-                closing = await pages[-1].receive()
-                return sum(not page.closed for page in pages), closing.data, closing.extra or ""
-        finally:
-            await runner.cleanup()
-
-    is_open, code, why = asyncio.run(crowd())
-    assert is_open == MAX_PAGES
-    assert (code, why) == (WSCloseCode.TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already: close one.")
+@asynchronous
+async def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
+    viewer = Viewer(str(tmp_path), key="key")
+    runner = viewer.runner()
+    await runner.setup()
+    await web.TCPSite(runner, "127.0.0.1", 0).start()
+    viewer.port = runner.addresses[0][1]
+    own = f"http://127.0.0.1:{viewer.port}"
+    try:
+        async with ClientSession(headers={"Origin": own}) as session:
+            pages = [await session.ws_connect(f"{own}/socket?key=key") for _ in range(MAX_PAGES + 1)]
+            closing = await pages[-1].receive()
+            assert closing.data == WSCloseCode.TRY_AGAIN_LATER
+            assert closing.extra == f"{MAX_PAGES} pages are open already: close one."
+            assert sum(not page.closed for page in pages) == MAX_PAGES
+    finally:
+        await runner.cleanup()
 
 
 class Recorder(SimulatedService):
@@ -48,23 +47,20 @@ class Recorder(SimulatedService):
         await self.done.wait()
 
 
-def test_of_switches_to_another_plate_one_is_made_at_a_time_and_only_to_one_that_exists(tmp_path: Path) -> None:
-    async def crowd() -> tuple[list[SwitchPlate], list[str]]:
-        service, sent = Recorder(), list[str]()
-        viewer, stranger = Viewer(str(tmp_path), simulated=service), Viewer(str(tmp_path))
-        page = Page(web.WebSocketResponse(), 1)
-        page.send = lambda _, text: sent.append(text)  # type: ignore[method-assign]
-        for plate, modes in (("fingertip", 4), ("fingertip", 5), ("fingertip", 9), ("drum", 2)):
-            viewer._switch(page, SwitchPlate(plate, modes, 5.0))
-            await asyncio.sleep(0)
-        stranger._switch(page, SwitchPlate("fingertip", 4, 5.0))
-        service.done.set()
-        for one in (viewer, stranger):
-            await one._close(one.app())
-        return service.switched, sent
-
-    switched, sent = asyncio.run(crowd())
-    assert switched == [SwitchPlate("fingertip", 4, 5.0)]
+@asynchronous
+async def test_of_switches_to_another_plate_one_is_made_at_a_time_and_only_to_one_that_exists(tmp_path: Path) -> None:
+    service, sent = Recorder(), list[str]()
+    viewer, stranger = Viewer(str(tmp_path), simulated=service), Viewer(str(tmp_path))
+    page = Page(web.WebSocketResponse(), 1)
+    page.send = lambda _, text: sent.append(text)  # type: ignore[method-assign]
+    for plate, modes in (("fingertip", 4), ("fingertip", 5), ("fingertip", 9), ("drum", 2)):
+        viewer._switch(page, SwitchPlate(plate, modes, 5.0))
+        await asyncio.sleep(0)
+    stranger._switch(page, SwitchPlate("fingertip", 4, 5.0))
+    service.done.set()
+    for one in (viewer, stranger):
+        await one._close(one.app())
+    assert service.switched == [SwitchPlate("fingertip", 4, 5.0)]
     assert ["'fingertip' cannot drive 9" in sent[0], "'drum' cannot drive 2" in sent[1]] == [True, True]
     assert "only `hapticd view --sim` can switch it" in sent[2]
 

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,11 +19,6 @@ from hapticd.tools.view import program
 pytestmark = pytest.mark.long
 
 PATIENCE_S = 60.0
-
-
-def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    code = main(["view", "--no-browser", *arguments])
-    return code, capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -37,19 +32,15 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int,
     ],
 )
 def test_invalid_arguments_are_one_sentence(
-    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], sentence: str, refused: Callable[..., str]
 ) -> None:
-    code, output = complaint(capsys, *arguments)
-    assert code == 2
-    assert sentence in output
-    assert output.count("\n") == 1
+    assert sentence in refused("view", "--no-browser", *arguments)
 
 
 def test_a_port_in_use_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        code, output = complaint(capsys, "--port", str(taken.getsockname()[1]))
-    assert code == 1
-    assert "choose another with --port" in output
+        assert main(["view", "--no-browser", "--port", str(taken.getsockname()[1])]) == 1
+    assert "choose another with --port" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("missing", "remedy"), [("aiohttp", ".[view]"), ("hapticd_client", "clients/python")])
@@ -57,9 +48,8 @@ def test_a_missing_library_is_named_with_its_command(
     missing: str, remedy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
-    code, output = complaint(capsys)
-    assert code == 1
-    assert remedy in output
+    assert main(["view", "--no-browser"]) == 1
+    assert remedy in capsys.readouterr().err
 
 
 def test_no_browser_is_opened_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,35 +72,42 @@ def children_of(pid: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
-@pytest.mark.parametrize("depth", [1, 2], ids=["service", "rig"])
-def test_a_viewer_whose_simulated_plate_is_killed_ends_with_a_sentence(depth: int, tmp_path: Path) -> None:
+@pytest.fixture
+def simulated_view(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A viewer of a simulated plate, which keeps its files in `tmp_path`."""
     command = [sys.executable, "-m", "hapticd", "view", "--sim", "--no-browser", "--port", "0"]
     environ = {"TMPDIR": str(tmp_path), "PATH": "/usr/bin:/bin", "HAPTICD_PURE": "1"}
-    with subprocess.Popen(command, stdout=-1, stderr=-1, text=True, env=environ) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environ) as process:
         assert process.stdout is not None
-        assert process.stderr is not None
-        assert process.stdout.readline().startswith("the plate: ")
-        until(lambda: any(tmp_path.glob("hapticd-run-*/run/control")))
-        pid = process.pid
-        for _ in range(depth):
-            (pid,) = children_of(pid)
-        os.kill(pid, signal.SIGKILL)
-        assert process.wait(PATIENCE_S) == 1
-        said = process.stderr.read().splitlines()
+        assert process.stdout.readline().startswith("the plate: http://127.0.0.1:")
+        yield process
+        process.kill()
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
+@pytest.mark.parametrize("depth", [1, 2], ids=["service", "rig"])
+def test_a_viewer_whose_simulated_plate_is_killed_ends_with_a_sentence(
+    depth: int, simulated_view: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    until(lambda: any(tmp_path.glob("hapticd-run-*/run/control")))
+    pid = simulated_view.pid
+    for _ in range(depth):
+        (pid,) = children_of(pid)
+    os.kill(pid, signal.SIGKILL)
+    assert simulated_view.wait(PATIENCE_S) == 1
+    assert simulated_view.stderr is not None
+    said = simulated_view.stderr.read().splitlines()
     assert said[-1] == "hapticd: The service of the simulated plate has ended: start this command again."
     assert ("hapticd: The simulated rig has ended: start this command again." in said) == (depth == 2)
     assert not [left for left in tmp_path.iterdir() if depth == 2 or left.name.startswith("hapticd-run-")]
 
 
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
-def test_a_simulated_plate_ends_with_its_viewer(end: signal.Signals, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "hapticd", "view", "--sim", "--no-browser", "--port", "0"]
-    environ = {"TMPDIR": str(tmp_path), "PATH": "/usr/bin:/bin"}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline().startswith("the plate: http://127.0.0.1:")
-        assert [path.name.startswith("hapticd-run-") for path in tmp_path.iterdir()] == [True]
-        process.send_signal(end)
-        assert process.wait(60) == 0
+def test_a_simulated_plate_ends_with_its_viewer(
+    end: signal.Signals, simulated_view: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    assert [path.name.startswith("hapticd-run-") for path in tmp_path.iterdir()] == [True]
+    simulated_view.send_signal(end)
+    assert simulated_view.wait(PATIENCE_S) == 0
     assert list(tmp_path.iterdir()) == []

@@ -15,6 +15,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 from aiohttp import web
+from asynchronous import asynchronous
 
 from hapticd.__main__ import main
 from hapticd.tools.study.browser import Browser
@@ -71,19 +72,18 @@ def answers(port: int) -> list[bytes]:
     return lines
 
 
-def test_a_malformed_request_to_the_viewer_is_refused_without_a_traceback(
+@asynchronous
+async def test_a_malformed_request_to_the_viewer_is_refused_without_a_traceback(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def lines() -> list[bytes]:
-        runner = Viewer(str(tmp_path)).runner()
-        await runner.setup()
-        try:
-            await web.TCPSite(runner, "127.0.0.1", 0).start()
-            return await asyncio.to_thread(answers, runner.addresses[0][1])
-        finally:
-            await runner.cleanup()
-
-    assert all(b" 400 " in line for line in asyncio.run(lines()))
+    runner = Viewer(str(tmp_path)).runner()
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        lines = await asyncio.to_thread(answers, runner.addresses[0][1])
+    finally:
+        await runner.cleanup()
+    assert all(b" 400 " in line for line in lines)
     assert caplog.text == ""
 
 
