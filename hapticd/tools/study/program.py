@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ... import __version__
+from ...config.sections import SimConfig
 from ...errors import HapticdError, missing_client
 from ...files import outputs
-from ...sim.plate.glasses import REFERENCE
 from .. import glass
 from ..arguments import add_command
 from ..daemon_process import PATIENT, DaemonProcess
@@ -95,10 +95,9 @@ def _report(options: argparse.Namespace) -> None:
     report.write(options.folder, options.json, is_forced=options.force)
 
 
-def rehearsal(scenario: str = SCENARIO, plate: str = REFERENCE, modes: int = 0) -> DaemonProcess:
+def rehearsal(scenario: str = SCENARIO, plate: SimConfig = SimConfig()) -> DaemonProcess:
     """Return a service on a simulated plate, which logs only errors to the study's terminal."""
-    sim = f'scenario = "{scenario}"\nplate = "{plate}"\nmodes = {modes}'
-    return DaemonProcess(sim, PATIENT, log_level="error")
+    return DaemonProcess(f'scenario = "{scenario}"\n{glass.lines(plate)}', PATIENT, log_level="error")
 
 
 def run_session(options: argparse.Namespace) -> None:
@@ -193,8 +192,7 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
         raise missing_client("The study") from None
     with contextlib.ExitStack() as held:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
-        sim = glass.chosen(options)
-        simulated = held.enter_context(rehearsal(plate=sim.plate, modes=sim.modes)) if options.sim else None
+        simulated = held.enter_context(rehearsal(plate=glass.chosen(options))) if options.sim else None
         try:
             client = held.enter_context(_client(options, simulated))
             file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))
