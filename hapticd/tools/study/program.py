@@ -95,9 +95,9 @@ def _report(options: argparse.Namespace) -> None:
     report.write(options.folder, options.json, is_forced=options.force)
 
 
-def rehearsal(scenario: str = SCENARIO, plate: SimConfig = SimConfig()) -> DaemonProcess:
+def rehearsal(scenario: str = SCENARIO, plate: SimConfig | None = None) -> DaemonProcess:
     """Return a service on a simulated plate, which logs only errors to the study's terminal."""
-    return DaemonProcess(f'scenario = "{scenario}"\n{glass.lines(plate)}', PATIENT, log_level="error")
+    return DaemonProcess(f'scenario = "{scenario}"\n{glass.lines(plate or SimConfig())}', PATIENT, log_level="error")
 
 
 def run_session(options: argparse.Namespace) -> None:

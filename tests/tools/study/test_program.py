@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from fake_daemon import FakeDaemon
 
+from hapticd.config.sections import SimConfig
+from hapticd.tools.study import program
 from hapticd.tools.study.protocol import Friction
 from hapticd.tools.study.session import read
 from hapticd.wire import client as wire
@@ -113,3 +115,10 @@ def test_ctrl_c_leaves_the_plate_quiet_and_shows_how_to_continue(
     assert output.endswith("P1.jsonl: the same command continues it.\n")
     assert daemon.scene.owner_of(1) is None
     assert read(tmp_path / "answers" / "P1.jsonl").answers == ()
+
+
+def test_a_rehearsal_is_on_the_plate_and_the_wiring_that_were_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    tables: list[str] = []
+    monkeypatch.setattr(program, "DaemonProcess", lambda sim, *_, **__: tables.append(sim))
+    program.rehearsal(plate=SimConfig(plate="fingertip", modes=5, wiring="inverted"))
+    assert tables[0].splitlines()[1:] == ['plate = "fingertip"', "modes = 5", 'wiring = "inverted"']
