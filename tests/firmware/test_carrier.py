@@ -157,16 +157,6 @@ def test_samples_are_within_a_step_and_a_half_of_the_wave_that_is_meant() -> Non
     assert np.abs(error[:, 1]).max() < 0.55  # a small amplitude is not lost, but dithers between steps
 
 
-def test_w_d_is_the_cosine_and_w_q_the_negative_sine() -> None:
-    chain = SignalChain(DRIVE_HZ, phase=-2 * CHUNK * SignalChain(DRIVE_HZ).step % TURN)
-    chain.drive((1000.0, 1000.0j))
-    samples = steps(chain.synthesise())
-    assert samples[0, 0] == 1000
-    assert samples[0, 1] == 0
-    assert samples[4, 0] > 0  # 42 degrees on
-    assert samples[4, 1] < 0
-
-
 @pytest.mark.parametrize("level", [math.nan, math.inf, complex(1, math.nan), complex(-math.inf, 0)])
 def test_a_level_that_is_no_number_is_mid_rail(level: complex) -> None:
     chain = SignalChain(DRIVE_HZ)
