@@ -63,6 +63,10 @@ class FakeDaemon:
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(5.0)
 
+    def felt_um(self, x_mm: float, y_mm: float = 0.0) -> float:
+        """What the surfaces give a finger there now."""
+        return self.scene.surfaces.amplitude_um(x_mm, y_mm, time.monotonic_ns())
+
     def _serve(self, ready: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)
         self._loop.call_soon(self._begin, ready)

@@ -19,6 +19,7 @@ import zmq
 from fake_daemon import FakeDaemon
 
 from hapticd_client import (
+    Asset,
     Client,
     DaemonGoneError,
     FingerState,
@@ -26,6 +27,7 @@ from hapticd_client import (
     HapticdError,
     Map,
     PlateState,
+    Pulse,
     RefusedError,
     refresher,
 )
@@ -33,12 +35,6 @@ from hapticd_client.target_set import TargetSet, stamp_now
 
 LIBRARY = Path(__file__).parents[2] / "clients" / "python"
 PATIENCE_S = 5.0
-
-
-@pytest.fixture
-def client(daemon: FakeDaemon) -> Iterator[Client]:
-    with Client(daemon.directory) as client:
-        yield client
 
 
 def state_when(client: Client, is_so: Callable[[PlateState], bool]) -> PlateState:
@@ -152,6 +148,27 @@ def test_a_refusal_is_raised_with_the_daemons_sentence_and_changes_nothing(daemo
     state_when(client, lambda state: target_um(state, 1) == 1.0)
 
 
+@pytest.mark.parametrize(
+    ("known", "what", "call"),
+    [
+        ((), "surfaces", lambda c: c.surface("plate", friction=1.0)),
+        (("surfaces",), "effects", lambda c: c.effect("click", Pulse(1.0, 0.01))),
+        (("surfaces",), "assets", lambda c: c.asset([[1]])),
+        (("surfaces",), "assets", lambda c: c.surface("a", map=Map(Asset(bytes(32), 1, 1, b"a"), 1.0))),
+        (("surfaces",), "maps of frictions", lambda c: c.set(1, map=Map([[1]], frictions=(0, 1)))),
+    ],
+)
+def test_an_older_daemon_is_not_sent_what_it_does_not_know(
+    known: tuple[str, ...], what: str, call: Callable[[Client], object], daemon: FakeDaemon
+) -> None:
+    daemon.optional = ("stamp", *known)
+    with Client(daemon.directory) as client:
+        with pytest.raises(RefusedError, match=f"{what}: this daemon does not have that: update it"):
+            call(client)
+        client.set(1, friction=0.5)  # whose message it understands
+    assert daemon.refusals == []
+
+
 def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None:
     with Client(daemon.directory, name="first") as first, Client(daemon.directory) as second:
         first.set(1, friction=0.5)
@@ -180,25 +197,25 @@ def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None
     ],
 )
 def test_an_invalid_target_is_refused_without_waiting_and_leaves_other_fingers(
-    daemon: FakeDaemon, arguments: dict[str, Any]
+    daemon: FakeDaemon, client: Client, arguments: dict[str, Any]
 ) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
-    with Client(daemon.directory) as client:
-        client.set(1, amplitude_um=1.0)
-        with pytest.raises(RefusedError):
-            client.set(2, **arguments, wait=False)
-        state_when(client, lambda state: target_um(state, 1) == 1.0)
-        assert daemon.refusals == []
+    client.set(1, amplitude_um=1.0)
+    with pytest.raises(RefusedError):
+        client.set(2, **arguments, wait=False)
+    state_when(client, lambda state: target_um(state, 1) == 1.0)
+    assert daemon.refusals == []
 
 
-def test_more_maps_than_a_message_holds_are_refused_before_they_cost_the_connection(daemon: FakeDaemon) -> None:
+def test_more_maps_than_a_message_holds_are_refused_before_they_cost_the_connection(
+    daemon: FakeDaemon, client: Client
+) -> None:
     large = Map([[7] * 128] * 128, high_um=1.0)
-    with Client(daemon.directory) as client:
-        for finger in (1, 2, 3):
-            client.set(finger, map=large)
-        with pytest.raises(RefusedError, match="use smaller maps"):
-            client.set(4, map=large)
-        assert daemon.scene.owner_of(3) == client.name
+    for finger in (1, 2, 3):
+        client.set(finger, map=large)
+    with pytest.raises(RefusedError, match="use smaller maps"):
+        client.set(4, map=large)
+    assert daemon.scene.owner_of(3) == client.name
 
 
 # --- virtual fingers --------------------------------------------------------------------------------------------

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-import time
 import wave
 from collections.abc import Callable
 from itertools import pairwise
@@ -206,7 +205,7 @@ def test_waves_curves_and_transients_of_mpeg_are_envelopes_and_tones(tmp_path: P
     assert tones(score) == [(0.0, 0.2, 60.0, "sine")]
 
 
-def test_friction_and_texture_of_mpeg_lie_on_the_plate(daemon: FakeDaemon, tmp_path: Path) -> None:
+def test_friction_and_texture_of_mpeg_lie_on_the_plate(daemon: FakeDaemon, client: Client, tmp_path: Path) -> None:
     file = hjif(
         tmp_path,
         perception("Friction", band("Curve", effect(0, (0, 1.0, None), (137, 0.0, None)))),
@@ -215,13 +214,12 @@ def test_friction_and_texture_of_mpeg_lie_on_the_plate(daemon: FakeDaemon, tmp_p
     score = content.load(file, high_um=2.0)
     assert score.effects == ()
     profile, stripes = score.layers
-    with Client(daemon.directory) as plate:
-        Score("", (profile,)).lay(plate)
-        felt_um = [daemon.scene.surfaces.amplitude_um(x_mm, 5.0, time.monotonic_ns()) for x_mm in (-68.0, 0.0, 68.0)]
-        assert felt_um[0] < felt_um[1] < felt_um[2]
-        assert felt_um[2] == pytest.approx(2.0, abs=0.1)
-        Score("", (stripes,)).lay(plate)
-        felt_um = [daemon.scene.surfaces.amplitude_um(x_mm, 5.0, time.monotonic_ns()) for x_mm in (0.0, 2.0, 4.0)]
+    Score("", (profile,)).lay(client)
+    felt_um = [daemon.felt_um(x_mm, 5.0) for x_mm in (-68.0, 0.0, 68.0)]
+    assert felt_um[0] < felt_um[1] < felt_um[2]
+    assert felt_um[2] == pytest.approx(2.0, abs=0.1)
+    Score("", (stripes,)).lay(client)
+    felt_um = [daemon.felt_um(x_mm, 5.0) for x_mm in (0.0, 2.0, 4.0)]
     assert felt_um == pytest.approx([1.0, 0.0, 1.0], abs=1e-9)
 
 
@@ -289,23 +287,21 @@ def test_loudness_and_pitch_of_a_long_sound_stay_together_at_any_sampling_rate(t
 # --- pictures ---------------------------------------------------------------------------------------------------
 
 
-def test_a_picture_is_amplitude_over_the_plate_or_friction_in_millimetres(daemon: FakeDaemon, tmp_path: Path) -> None:
+def test_a_picture_is_amplitude_over_the_plate_or_friction_in_millimetres(
+    daemon: FakeDaemon, client: Client, tmp_path: Path
+) -> None:
     levels = np.tile(np.array([0] * 150 + [255] * 150, dtype=np.uint8), (100, 1))
     Image.fromarray(levels).save(tmp_path / "half.png")
     np.save(tmp_path / "half.npy", levels)
 
-    def felt_um(x_mm: float) -> float:
-        return daemon.scene.surfaces.amplitude_um(x_mm, 0.0, time.monotonic_ns())
-
-    with Client(daemon.directory) as plate:
-        content.load(tmp_path / "half.png", high_um=1.0).play(plate, 0.0)
-        assert [felt_um(x_mm) for x_mm in (-60.0, 60.0)] == [0.0, 1.0]
-        score = content.load(tmp_path / "half.png", is_friction=True, width_mm=60.0)
-        score.play(plate, 0.0)
-        assert [felt_um(x_mm) for x_mm in (-29.0, 29.0, 31.0)] == pytest.approx([0.0, 2.0, 0.0])
-        assert score.title == "half.png: a map of 300 x 100"
-        content.load(tmp_path / "half.npy", width_mm=30.0).play(plate, 0.0)
-        assert [felt_um(x_mm) for x_mm in (-14.0, 14.0, 16.0)] == [0.0, 1.5, 0.0]
+    content.load(tmp_path / "half.png", high_um=1.0).play(client, 0.0)
+    assert [daemon.felt_um(x_mm) for x_mm in (-60.0, 60.0)] == [0.0, 1.0]
+    score = content.load(tmp_path / "half.png", is_friction=True, width_mm=60.0)
+    score.play(client, 0.0)
+    assert [daemon.felt_um(x_mm) for x_mm in (-29.0, 29.0, 31.0)] == pytest.approx([0.0, 2.0, 0.0])
+    assert score.title == "half.png: a map of 300 x 100"
+    content.load(tmp_path / "half.npy", width_mm=30.0).play(client, 0.0)
+    assert [daemon.felt_um(x_mm) for x_mm in (-14.0, 14.0, 16.0)] == [0.0, 1.5, 0.0]
 
 
 # --- playing ----------------------------------------------------------------------------------------------------

@@ -49,11 +49,6 @@ def test_a_numpy_array_of_amplitudes_is_a_map() -> None:
     assert np.abs(amplitudes_um(image) - (1.0 + np.cos(9 * np.hypot(x, y)))).max() < 0.004
 
 
-def test_a_numpy_array_of_levels_is_a_map() -> None:
-    grey = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    assert (levels(Map(grey, high_um=1.0)) == grey).all()
-
-
 def test_an_even_array_is_even() -> None:
     image = Map.from_um([[0.7, 0.7]])
     assert (image.low_um, image.high_um) == (0.7, 0.7)
@@ -149,13 +144,12 @@ def test_without_pillow_the_error_names_the_package(monkeypatch: pytest.MonkeyPa
         Map.from_image(tmp_path / "picture.png", high_um=1.0)
 
 
-def test_a_daemon_lets_a_finger_feel_a_picture(daemon: FakeDaemon, tmp_path: Path) -> None:
+def test_a_daemon_lets_a_finger_feel_a_picture(daemon: FakeDaemon, client: Client, tmp_path: Path) -> None:
     half = Image.new("L", (64, 64), 0)
     half.paste(255, (0, 0, 32, 64))
     daemon.fingers = {1: (-30.0, 0.0)}
-    with Client(daemon.directory) as plate:
-        plate.set(1, map=Map.from_image(saved(tmp_path, half), high_um=1.5))
-        felt_um = [daemon.scene.amplitude_um(1, x_mm, 0.0) for x_mm in (-30.0, 30.0)]
+    client.set(1, map=Map.from_image(saved(tmp_path, half), high_um=1.5))
+    felt_um = [daemon.scene.amplitude_um(1, x_mm, 0.0) for x_mm in (-30.0, 30.0)]
     assert felt_um == [1.5, 0.0]
 
 

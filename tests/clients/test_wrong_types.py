@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -35,15 +34,13 @@ from hapticd_client import Client, Grating, Map, RefusedError
         (lambda c: c.virtual("a", ("x", "y")), "position: must be a number, not 'x'."),
         (lambda c: c.virtual("a", path=7), "path: a point has two numbers, x and y."),
         (lambda c: c.virtual("a", (0, 0), speed_mm_s="fast"), "speed_mm_s: must be a number, not 'fast'."),
+        (lambda _: Client(name=7), "name: must have 1 .. 32 printable characters."),
     ],
 )
-def test_a_wrong_type_is_one_sentence(call: Callable[[Any], object], sentence: str, daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client, pytest.raises(RefusedError) as raised:
+def test_a_wrong_type_is_one_sentence(
+    call: Callable[[Any], object], sentence: str, daemon: FakeDaemon, client: Client
+) -> None:
+    with pytest.raises(RefusedError) as raised:
         call(client)
     assert str(raised.value) == sentence
     assert daemon.scene.owner_of(1) is None
-
-
-def test_a_name_that_is_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RefusedError, match="name: must have 1"):
-        Client(tmp_path, name=7)  # type: ignore[arg-type]
