@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.board_values import BoardMessage
+from hapticd.board_values import BoardLog, BoardMessage, BoardStatus
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
@@ -73,6 +73,16 @@ class Bench:
         self.registers.write(address, size, value)
 
     @property
+    def status(self) -> BoardStatus:
+        """The last one that the host has heard."""
+        return [message for message in self.messages if isinstance(message, BoardStatus)][-1]
+
+    def log(self) -> BoardLog:
+        self.to_board += device.encode_log_request()
+        self.run(5)
+        return [message for message in self.messages if isinstance(message, BoardLog)][-1]
+
+    @property
     def amplifiers(self) -> bool:
         return bool(self.registers["GPIOB.ODR"] & AMPLIFIERS)
 
@@ -83,9 +93,14 @@ class Bench:
         return self.registers.now_us - self.registers.t_fed_us
 
     def reference(self, *knots: tuple[float, Sequence[complex]], has_pulse: bool = False) -> None:
-        """The host's next frame: knots as (ms after its start, amplitudes), from now on."""
+        """The host's next frame: knots as (ms after its start, amplitudes), from now on.
+
+        Amplitudes of modes that the board does not have are left out; modes without one rest.
+        """
         self.seq += 1
-        drive = SafeDrive(0, tuple(Knot(round(ms * 1e6), tuple(w)) for ms, w in knots), LimitReason.NONE)
+        rest = (0j,) * self.board.modes
+        line = tuple(Knot(round(ms * 1e6), (*w, *rest)[: self.board.modes]) for ms, w in knots)
+        drive = SafeDrive(0, line, LimitReason.NONE)
         self.to_board += device.encode_reference(self.seq, drive, self.registers.now_us & 0xFFFFFFFF, has_pulse)
 
     def arm(self, *w_um: complex) -> None:
