@@ -47,7 +47,7 @@ Messages = list[tuple[str, bytes]]
 
 
 def check(data: bytes) -> None:
-    in_file("recording.mcap", framed(data[1:]) if data[:1] == b"\1" else data[1:], read, RecordingError)
+    in_file("recording.mcap", read, RecordingError, framed(data[1:]) if data[:1] == b"\1" else data[1:])
 
 
 def framed(data: bytes) -> bytes:
