@@ -30,9 +30,6 @@ class FakeDaemon:
         self.remote = remote
         self.fingers: dict[int, tuple[float, float]] = {}
         self.protocol = wire.PROTOCOL_VERSION
-        self.scene = Scene(w_limit_um=4.0)
-        self.server = ClientServer(directory, remote)
-        self.client_registry = ClientRegistry()
         self.messages = 0
         self.overtaken = 0
         self.stamps: list[int | None] = []
