@@ -43,10 +43,6 @@ def drive(bench: Bench) -> None:
     bench.hold(20)
 
 
-def without_crystal(board: Board) -> Peripherals:
-    return board.registers(crystal=False)
-
-
 def without_brown_out_reset(board: Board) -> Peripherals:
     """The option bytes as the chips are delivered."""
     registers = board.registers()
@@ -66,14 +62,14 @@ def on_a_weak_supply(board: Board) -> Peripherals:
 @pytest.mark.parametrize(
     ("made", "reason"),
     [
-        (without_crystal, SLOW_CLOCK),
+        (lambda board: board.registers(crystal=False), SLOW_CLOCK),
         (without_brown_out_reset, BROWN_OUT_OFF),
         (on_a_weak_supply, SUPPLY),
     ],
+    ids=["crystal", "brown-out", "supply"],
 )
 def test_a_board_that_must_not_drive_says_why(board: Board, made: Callable[[Board], Peripherals], reason: int) -> None:
-    bench = Bench(board, registers=made(board))
-    expect_no_drive(bench, reason)
+    expect_no_drive(Bench(board, registers=made(board)), reason)
 
 
 def expect_no_drive(bench: Bench, reason: int) -> None:
