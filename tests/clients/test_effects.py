@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from typing import Any
 
 import msgpack
@@ -107,37 +105,6 @@ def test_more_points_than_a_message_may_have_are_refused_before_they_are_sent() 
     assert len(wire.decode_targets(full.payload("c", {})).effects) == 4
     with pytest.raises(RefusedError, match="may have 1024 points in all"):
         full.with_effect("more", thick, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (lambda c: c.effect("", CLICK), "name: must have 1 .. 32 printable characters."),
-        (lambda c: c.effect("a", 7), "form: must be a Pulse, an Envelope or a Modulation, not 7."),
-        (lambda c: c.effect("a", CLICK, start=OnLanding), "start: must be one of Now, At, OnLanding and the other"),
-        (lambda c: c.effect("a", CLICK, on=1.5), "on: must be a finger on the plate, the name of a surface or None"),
-        (lambda c: c.effect("a", CLICK, on="disc"), "effect: this client has no surface 'disc': lay it first."),
-        (lambda c: c.effect("a", CLICK, start=OnEntering(3)), "surface: must have 1 .. 32 printable characters."),
-        (lambda c: c.effect("a", CLICK, start=At(1.5)), "t_ns: must be a whole number"),
-        (lambda c: c.effect("a", CLICK, start=OnPressure(0.5, 0.6)), "release: must be below the threshold."),
-        (lambda c: c.effect("a", CLICK, start=OnLifting(), loops=True), "effect: what starts by lifting or crossing"),
-        (lambda c: c.effect("a", Pulse(1.0, 0.0)), "length_s: 0 is out of bounds"),
-        (lambda c: c.effect("a", Pulse(math.nan, 1.0)), "height_um: nan is out of bounds"),
-        (lambda c: c.effect("a", Envelope(7)), "points: must be a list of points"),
-        (lambda c: c.effect("a", Envelope([(0, 1), (1,)])), "points: a point has two numbers"),
-        (lambda c: c.effect("a", Envelope([(n, 1) for n in range(257)])), "points: "),
-        (lambda c: c.effect("a", Envelope([(0, 1), (1, 0), (0.5, 0)])), "points: a point must not be earlier"),
-        (lambda c: c.effect("a", Modulation(0)), "frequency_hz: 0 is out of bounds, it must be 1 .. 300."),
-        (lambda c: c.effect("a", Modulation(9, shape="saw")), "shape: must be one of sine, square."),
-        (lambda c: c.stop(3), "effect: must have 1 .. 32 printable characters."),
-    ],
-)
-def test_a_wrong_call_is_one_sentence_and_nothing_is_sent(
-    call: Callable[[Any], None], sentence: str, client: Client
-) -> None:
-    with pytest.raises(RefusedError) as refused:
-        call(client)
-    assert str(refused.value).startswith(sentence)
 
 
 # --- effects and events with a daemon ---------------------------------------------------------------------------

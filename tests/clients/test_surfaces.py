@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -20,7 +19,6 @@ from hapticd_client import (
     Client,
     Gradient,
     Grating,
-    Map,
     Noise,
     Polygon,
     Rectangle,
@@ -88,43 +86,6 @@ def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon, cl
     with pytest.raises(RefusedError, match="surface 'much' cannot have 900 um"):
         client.surface("much", amplitude_um=900.0)
     assert names(daemon) == ["good"]
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (
-            lambda c: c.surface("a"),
-            "surface: give exactly one of friction, amplitude_um, grating, map, gradient, noise.",
-        ),
-        (lambda c: c.surface(7, friction=1), "name: must have 1 .. 32 printable characters."),
-        (
-            lambda c: c.surface("a", (1, 2), friction=1),
-            "shape: must be a Circle, a Rectangle or a Polygon, not (1, 2).",
-        ),
-        (lambda c: c.surface("a", Circle("x"), friction=1), "radius_mm: must be a number, not 'x'."),
-        (lambda c: c.surface("a", Polygon(3), friction=1), "corners_mm: must be a list of points."),
-        (lambda c: c.surface("a", Polygon([(0, 0), (1, 1), 5]), friction=1), "corners_mm: must have two numbers"),
-        (lambda c: c.surface("a", Polygon([(0, 0)] * 3), friction=1), "corners_mm: encloses less than 0.01 mm^2."),
-        (lambda c: c.surface("a", friction=1, position_mm=4), "position_mm: must have two numbers, x and y."),
-        (lambda c: c.surface("a", friction=1, z=1.5), "z: must be a whole number, -1000 .. 1000."),
-        (lambda c: c.surface("a", friction=1, blend="mix"), "blend: must be one of replace, add, max."),
-        (lambda c: c.surface("a", friction=1, path=[(0, 0)], position_mm=(1, 1)), "path: with it there is no"),
-        (lambda c: c.surface("a", friction=1, path=[3]), "path: a point has two numbers, x and y."),
-        (lambda c: c.surface("a", noise=Noise(2, 1, 1, 1)), "longest_mm: 1 is out of bounds, it must be 2 .. 1000."),
-        (lambda c: c.surface("a", noise=Noise(1, 2, 1, 1, seed=-1)), "seed: must be a whole number"),
-        (lambda c: c.surface("a", gradient=3), "gradient: must be a Gradient, not 3."),
-        (lambda c: c.surface("a", map=Map([[1]])), "map: give exactly one of high_um and frictions."),
-        (lambda c: c.surface("a", map=Map([[1]], frictions=(1,))), "frictions: must have two numbers"),
-        (lambda c: c.remove(3), "surface: must have 1 .. 32 printable characters."),
-    ],
-)
-def test_a_wrong_call_is_one_sentence_and_nothing_is_sent(
-    call: Callable[[Any], None], sentence: str, client: Client
-) -> None:
-    with pytest.raises(RefusedError) as refused:
-        call(client)
-    assert str(refused.value).startswith(sentence)
 
 
 def test_one_surface_more_than_a_client_may_have_is_refused_before_it_is_sent() -> None:
