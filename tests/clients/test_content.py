@@ -112,7 +112,7 @@ points = st.lists(st.tuples(st.floats(0, 5), st.floats(0, 1)), min_size=1, max_s
 
 @example([[(0.0, 0.0), (5e-324, 1.0), (4.5, 0.0), (5.0, 0.0)]])
 @given(st.lists(points, min_size=1, max_size=5))
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list[tuple[float, float]]]) -> None:
     line = thinned(summed(lines))
     assert all(0.0 <= value <= 1.0 for _, value in line)
@@ -503,7 +503,7 @@ WHOLE = {
 
 @pytest.mark.filterwarnings("ignore::hapticd_client.content.DroppedWarning")
 @given(st.sampled_from(["ahap", "hjif"]), st.lists(st.integers(0, 20), max_size=9), strange)
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_a_damaged_file_is_refused_or_gives_effects_that_the_library_sends(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, path: list[int], value: Any
 ) -> None:

@@ -131,7 +131,7 @@ any_number = edges | st.floats() | st.sampled_from([2 * math.pi, -2 * math.pi, 6
 
 
 @given(any_number)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_constant_targets_have_the_same_bounds_on_both_sides(value: float) -> None:
     for name in ("friction", "amplitude_um"):
         arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
@@ -147,7 +147,7 @@ CONTENTS: dict[str, tuple[Callable[..., Any], dict[str, float]]] = {
 
 
 @given(st.sampled_from([(kind, name) for kind, (_, fields) in CONTENTS.items() for name in fields]), any_number)
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 def test_contents_have_the_same_bounds_on_both_sides(field: tuple[str, str], value: float) -> None:
     kind, name = field
     make, sound = CONTENTS[kind]
@@ -156,7 +156,7 @@ def test_contents_have_the_same_bounds_on_both_sides(field: tuple[str, str], val
 
 
 @given(st.lists(st.lists(st.integers(-1, 256), max_size=3), max_size=3), any_number)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_what_the_library_takes_for_a_map_the_daemon_takes_too(rows: list[list[int]], high: float) -> None:
     image = Map(rows, high_um=high)
     good = len(rows) > 0 and len(rows[0]) > 0 and len({len(row) for row in rows}) == 1
@@ -167,14 +167,14 @@ def test_what_the_library_takes_for_a_map_the_daemon_takes_too(rows: list[list[i
 
 
 @given(st.lists(st.tuples(any_number, any_number), max_size=3), any_number, st.booleans())
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_paths_have_the_same_bounds_on_both_sides(points: list[tuple[float, float]], speed: float, loop: bool) -> None:
     raw = {"name": "ghost", "path_mm": points, "speed_mm_s": speed, "loop": loop}
     assert offered(lambda: path_fields(points, speed, loop)) == understood(virtuals=[raw])
 
 
 @given(any_number, st.text(max_size=34))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_names_and_times_to_live_have_the_same_bounds_on_both_sides(ttl_s: float, name: str) -> None:
     assert offered(lambda: number("ttl_s", ttl_s, 0.02, 5.0)) == understood(ttl_s=ttl_s)
     if offered(lambda: label("name", name)):
@@ -216,7 +216,7 @@ def test_what_the_library_just_takes_still_fits_a_request() -> None:
 @given(
     st.binary(max_size=60) | st.recursive(st.integers() | st.text(), st.lists, max_leaves=4).map(repr).map(str.encode)
 )
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_a_stranger_on_the_endpoint_is_an_error_of_ours(payload: bytes) -> None:
     for read in (messages.decode_state, lambda data: messages.read_reply(data, 1)):
         with pytest.raises(HapticdError):

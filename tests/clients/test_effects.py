@@ -182,21 +182,21 @@ values = st.tuples(any_number, any_number)
 
 
 @given(any_number, any_number, any_number)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_pulses_have_the_same_bounds_on_both_sides(height_um: float, length_s: float, rise_s: float) -> None:
     raw = {"height_um": height_um, "length_s": length_s, "rise_s": rise_s}
     assert (decoded(Pulse(**raw)) is not None) == understood(effects=[{"name": "a", "pulse": raw}])
 
 
 @given(st.lists(values, max_size=4).map(lambda more: [(0.0, 0.5), *more]), st.booleans())
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_envelopes_have_the_same_bounds_on_both_sides(points: list[tuple[float, float]], is_factor: bool) -> None:
     raw = {"points": points, "is_factor": is_factor}
     assert (decoded(Envelope(points, is_factor)) is not None) == understood(effects=[{"name": "a", "envelope": raw}])
 
 
 @given(any_number, any_number, any_number)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_modulations_have_the_same_bounds_on_both_sides(frequency_hz: float, depth: float, length_s: float) -> None:
     raw = {"frequency_hz": frequency_hz, "depth": depth, "length_s": length_s}
     assert (decoded(Modulation(**raw)) is not None) == understood(effects=[{"name": "a", "modulation": raw}])

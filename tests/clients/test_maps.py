@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_daemon import FakeDaemon
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -35,7 +35,6 @@ def amplitudes_um(image: Map) -> np.ndarray[Any, np.dtype[np.float64]]:
 # --- arrays -----------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None)
 @given(st.lists(st.lists(st.floats(0.0, 20.0), min_size=3, max_size=3), min_size=1, max_size=4))
 def test_amplitudes_come_back_within_half_a_step(rows_um: list[list[float]]) -> None:
     image = Map.from_um(rows_um)

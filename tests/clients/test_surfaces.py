@@ -134,13 +134,13 @@ def raw(shape: Shape) -> dict[str, Any]:
 
 
 @given(shapes)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_shapes_have_the_same_bounds_on_both_sides(shape: Shape) -> None:
     assert offered(lambda: surface_fields(shape, **POSE)) == understood(surfaces=[PLAIN | raw(shape)])
 
 
 @given(st.sampled_from([*NUMBERS, "position_mm", "velocity_mm_s"]), any_number, st.integers(-1001, 1001))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_poses_have_the_same_bounds_on_both_sides(name: str, value: float, z: int) -> None:
     pose: dict[str, Any] = {"z": z} if name == "z" else {name: value if name in NUMBERS else (value, 0.5)}
     assert offered(lambda: surface_fields(None, **POSE | pose)) == understood(surfaces=[PLAIN | pose])

@@ -221,7 +221,7 @@ def test_a_calibrated_loop_phase_costs_nothing(law: Law, phase_rad: float) -> No
     np.testing.assert_allclose(told, law.respond(Plate(), 2.0), rtol=0.0, atol=3e-5)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.sampled_from(LAWS),
     st.floats(200.0, 1000.0),

@@ -115,7 +115,7 @@ operations = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(operations, max_size=20))
 def test_no_script_drives_the_board_out_of_its_bounds(parts: list[bytes]) -> None:
     check(b"".join(parts))

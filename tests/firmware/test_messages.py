@@ -122,7 +122,7 @@ def test_every_truncation_is_refused_by_the_board(bench: Bench, name: str) -> No
     assert (status.bad_frames, status.seq, status.t_received_us) == (len(line) - 2, 0, 0)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     st.lists(
         st.one_of(
@@ -144,7 +144,7 @@ def test_no_bytes_start_the_drive_or_stop_the_board_from_listening(pieces: list[
     assert of_kind(BoardHello, device.Decoder().feed(board.transmit()))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.lists(st.sampled_from(sorted(TO_BOARD)), max_size=8), st.integers(1, 40))
 def test_pieces_of_any_size_do_the_same_to_the_board(names: list[str], size: int) -> None:
     line = b"\x07\x03noise\x00" + b"".join(TO_BOARD[name] for name in names) + TO_BOARD["CLEAR_FAULT"]
@@ -222,7 +222,7 @@ def test_a_refusal_is_not_hidden_by_a_later_success(bench: Bench) -> None:
     assert bench.listen() == (BoardVerdict(protocol.MSG_SET_CONTROLLER, Verdict.OUT_OF_RANGE),)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.sampled_from(sorted(TO_BOARD)), st.binary(max_size=60), st.integers(0, 400))
 def test_one_frame_after_any_noise_the_board_understands_again(name: str, noise: bytes, cut: int) -> None:
     """Whatever was on the line before, even half a frame, costs at most the frame it runs into."""

@@ -42,7 +42,7 @@ def exponential(z: complex) -> tuple[complex, complex, complex]:
     return tuple(complex(part.d, part.q) for part in (told.exp, told.phi1, told.phi2))  # type: ignore[return-value]
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.floats(-2.75, 2.75, width=32), st.floats(-2.75, 2.75, width=32))
 @example(0.0, 0.0)
 @example(-1e-30, 1e-30)
@@ -161,7 +161,7 @@ def hold_for(board: Board, w_um: Phasors, seconds: float, contacts_1_s: tuple[fl
     return follow(board, constantly(*w_um), ticks, round(0.02 * board.config.control_hz), touch)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.sampled_from(LAWS),
     st.floats(200.0, 1000.0),
@@ -213,7 +213,7 @@ MEASUREMENTS = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.sampled_from(["pi", "pi_ff", "deadbeat"]), MEASUREMENTS, st.integers(1, 7))
 def test_whatever_the_sensors_say_voltages_and_estimates_stay_finite_and_bounded(
     controller: str, measured_um: list[complex], ticks: int

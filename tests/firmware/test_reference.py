@@ -200,7 +200,7 @@ def test_an_amplitude_above_the_limit_is_scaled_with_all_modes_and_flagged(pi_be
 FLOATS = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(st.lists(FLOATS, min_size=4, max_size=4), min_size=1, max_size=24), st.sampled_from(["pi", "pi_ff"]))
 def test_no_frame_makes_the_reference_or_the_voltage_pass_its_limit(rows: list[list[float]], controller: str) -> None:
     config = BoardConfig(controller=controller)
