@@ -23,7 +23,19 @@ from hapticd.io.clients import senders, server, sockets
 from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client as wire
 from hapticd.wire.effects import FORMS
-from hapticd_client import Gradient, Grating, HapticdError, Map, Noise, RefusedError, endpoint, messages, target_set
+from hapticd_client import (
+    Gradient,
+    Grating,
+    HapticdError,
+    Map,
+    Noise,
+    Pulse,
+    RefusedError,
+    endpoint,
+    messages,
+    target_set,
+)
+from hapticd_client.effects import Now, effect_fields
 from hapticd_client.endpoint import default_directory, directory
 from hapticd_client.targets import label, number, path_fields, target_fields
 
@@ -181,19 +193,31 @@ def test_names_and_times_to_live_have_the_same_bounds_on_both_sides(ttl_s: float
         assert understood(client=name)
 
 
-def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent() -> None:
+FELT, PLACE = {"friction": 0.5}, {"path_mm": [[0.0, 0.0]]}
+CLICK = effect_fields(Pulse(1.0, 0.01), None, Now(), False)
+
+
+@pytest.mark.parametrize(
+    ("kind", "most", "add", "sentence"),
+    [
+        ("targets", target_set.MAX_TARGETS, lambda s, n, ttl_s: s.with_target(n + 1, FELT, ttl_s), "release one"),
+        ("virtuals", target_set.MAX_VIRTUALS, lambda s, n, ttl_s: s.with_virtual(f"v{n}", PLACE, ttl_s), "release one"),
+        ("surfaces", target_set.MAX_SURFACES, lambda s, n, ttl_s: s.with_surface(f"s{n}", FELT, ttl_s), "remove one"),
+        ("effects", target_set.MAX_EFFECTS, lambda s, n, ttl_s: s.with_effect(f"e{n}", CLICK, ttl_s), "stop one"),
+    ],
+)
+def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent(
+    kind: str, most: int, add: Callable[[target_set.TargetSet, int, float], target_set.TargetSet], sentence: str
+) -> None:
     full = target_set.TargetSet()
-    for n in range(target_set.MAX_TARGETS):
-        full = full.with_target(n + 1, {"friction": 0.5}, ttl_s=0.1 * (n + 1))
-        full = full.with_virtual(f"v{n}", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
+    for n in range(most):
+        full = add(full, n, 0.2 + 0.1 * n)
     message = wire.decode_targets(full.payload("c", target_set.stamp_now()))
-    assert (len(message.targets), len(message.virtuals)) == (16, 16)
-    assert message.ttl_ns == 100_000_000  # the shortest of all
-    with pytest.raises(RefusedError, match="release one first"):
-        full.with_target(99, {"friction": 0.5}, ttl_s=0.5)
-    with pytest.raises(RefusedError, match="release one first"):
-        full.with_virtual("more", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
-    assert full.without(*full.targets, *full.virtuals).is_empty
+    assert (len(getattr(message, kind)), message.ttl_ns) == (16, 200_000_000)  # the shortest of all
+    with pytest.raises(RefusedError, match=f"{sentence} first"):
+        add(full, most, 0.5)
+    assert not full.is_empty
+    assert full.without(*full.targets, *full.virtuals).is_empty == (kind in ("targets", "virtuals"))
 
 
 def test_what_the_library_just_takes_still_fits_a_request() -> None:

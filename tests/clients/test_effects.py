@@ -87,16 +87,6 @@ def test_an_effect_is_kept_until_it_is_stopped_or_what_it_names_has_gone() -> No
         full.with_effect("e", effect_fields(CLICK, "patch", Now(), False), 0.2)
 
 
-def test_one_effect_more_than_a_client_may_have_is_refused_before_it_is_sent() -> None:
-    full = target_set.TargetSet()
-    for n in range(target_set.MAX_EFFECTS):
-        full = full.with_effect(f"e{n}", effect_fields(CLICK, None, Now(), False), 0.5)
-    assert len(wire.decode_targets(full.payload("c", {})).effects) == 16
-    with pytest.raises(RefusedError, match="stop one first"):
-        full.with_effect("more", effect_fields(CLICK, None, Now(), False), 0.5)
-    assert not full.is_empty
-
-
 def test_more_points_than_a_message_may_have_are_refused_before_they_are_sent() -> None:
     thick = effect_fields(Envelope([(0.1 * n, 1.0) for n in range(256)]), None, Now(), False)
     full = target_set.TargetSet()

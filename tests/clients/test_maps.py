@@ -132,11 +132,6 @@ def test_a_file_that_is_no_picture_is_one_sentence(tmp_path: Path) -> None:
             Map.from_image(path, high_um=1.0)
 
 
-def test_a_picture_that_is_missing_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(RefusedError, match=r"none\.png: cannot be read \(No such file or directory\)\.$"):
-        Map.from_image(tmp_path / "none.png", high_um=1.0)
-
-
 def test_without_pillow_the_error_names_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "PIL", None)
     with pytest.raises(HapticdError, match=r"pip install \"clients/python\[image\]\""):

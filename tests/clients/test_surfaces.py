@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.content_values import VirtualPath
-from hapticd.wire import client as wire
 from hapticd_client import (
     Circle,
     Client,
@@ -23,7 +22,6 @@ from hapticd_client import (
     Polygon,
     Rectangle,
     RefusedError,
-    target_set,
 )
 from hapticd_client.surface import Shape, surface_fields
 
@@ -86,17 +84,6 @@ def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon, cl
     with pytest.raises(RefusedError, match="surface 'much' cannot have 900 um"):
         client.surface("much", amplitude_um=900.0)
     assert names(daemon) == ["good"]
-
-
-def test_one_surface_more_than_a_client_may_have_is_refused_before_it_is_sent() -> None:
-    full = target_set.TargetSet()
-    for n in range(target_set.MAX_SURFACES):
-        full = full.with_surface(f"s{n}", {"friction": 0.5}, ttl_s=0.2 + 0.1 * n)
-    message = wire.decode_targets(full.payload("c", target_set.stamp_now()))
-    assert (len(message.surfaces), message.ttl_ns) == (16, 200_000_000)
-    with pytest.raises(RefusedError, match="remove one first"):
-        full.with_surface("more", {"friction": 0.5}, ttl_s=0.5)
-    assert not full.is_empty
 
 
 # --- the library and the daemon agree ---------------------------------------------------------------------------
