@@ -219,8 +219,7 @@ def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(client: Client
     client.virtual("ghost", path=[(-40, 20), (40, 20)], speed_mm_s=2000)
     client.set("ghost", amplitude_um=0.0)
     first = finger_of(state_when(client, lambda state: target_um(state, "ghost") == 0.0), "ghost")
-    assert first is not None
-    state_when(client, lambda state: abs(finger_of(state, "ghost").x_mm - first.x_mm) > 5)  # type: ignore[union-attr]
+    state_when(client, lambda state: abs(finger_of(state, "ghost").x_mm - first.x_mm) > 5)
     client.release("ghost")
     state_when(client, lambda state: finger_of(state, "ghost") is None)
 
@@ -281,7 +280,6 @@ def child(daemon: FakeDaemon, program: str, ttl_s: float) -> Iterator[subprocess
     command = [sys.executable, "-c", program, str(daemon.directory), str(ttl_s)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, env=environ, stdin=pipe, stdout=pipe, text=True) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "set\n"
         try:
             yield process
@@ -356,7 +354,7 @@ def test_targets_of_a_lifted_finger_are_dropped(daemon: FakeDaemon, client: Clie
 def test_a_day_of_new_fingers_never_fills_the_client(daemon: FakeDaemon, client: Client) -> None:
     for n in range(1, 40):
         daemon.fingers = {n: (0.0, 0.0)}
-        state_when(client, lambda state, n=n: finger_of(state, n) is not None)  # type: ignore[misc]
+        state_when(client, lambda state, n=n: finger_of(state, n) is not None)
         client.set(n, friction=0.5)
 
 

@@ -339,7 +339,7 @@ class Plate:
 
 def played(score: Score, seconds: float = math.inf, **options: Any) -> Plate:
     plate = Plate()
-    score.play(plate, seconds, sleep=plate.sleep, clock=plate.clock, **options)  # type: ignore[arg-type]
+    score.play(plate, seconds, sleep=plate.sleep, clock=plate.clock, **options)
     return plate
 
 
@@ -364,9 +364,9 @@ def test_what_the_plate_refuses_is_dropped_and_the_rest_is_played(tmp_path: Path
             raise RefusedError("effect 'content 1' needs more knots than a frame has.")
         effect(name, form, start)
 
-    plate.effect = refuse_the_second  # type: ignore[method-assign]
+    plate.effect = refuse_the_second
     with pytest.warns(content.DroppedWarning, match="needs more knots than a frame has\\.$"):
-        score.play(plate, sleep=plate.sleep, clock=plate.clock)  # type: ignore[arg-type]
+        score.play(plate, sleep=plate.sleep, clock=plate.clock)
     assert [begin_s for begin_s, _ in plate.played] == pytest.approx([0.1, 1.1])
 
 

@@ -116,7 +116,7 @@ def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> 
     capabilities = dict(wire.CAPABILITIES)
     for name in ("targets", "max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes"):
         assert f"`{name}`" in TEXT
-    for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):  # type: ignore[misc]
+    for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):
         assert f"{value:g}" in TEXT or str(value) in TEXT
 
 

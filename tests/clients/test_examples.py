@@ -39,8 +39,6 @@ NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))
 
 def example(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, CLIENTS / "examples" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -124,7 +122,6 @@ def test_ctrl_c_is_a_clean_end(name: str, daemon: FakeDaemon) -> None:
     daemon.fingers = {1: (-20.0, 0.0)}
     pipe = subprocess.PIPE
     with subprocess.Popen(command, env=environ, stdout=pipe, stderr=pipe, text=True) as process:
-        assert process.stdout is not None
         process.stdout.readline()
         process.send_signal(signal.SIGINT)
         _, complaints = process.communicate(timeout=5.0)

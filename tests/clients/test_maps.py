@@ -25,7 +25,7 @@ def levels(image: Map) -> np.ndarray[Any, np.dtype[np.uint8]]:
     fields = image.fields()
     raw, shape = fields["levels"], (fields["height"], fields["width"])
     assert isinstance(raw, bytes)
-    return np.frombuffer(raw, dtype=np.uint8).reshape(shape)  # type: ignore[arg-type]
+    return np.frombuffer(raw, dtype=np.uint8).reshape(shape)
 
 
 def amplitudes_um(image: Map) -> np.ndarray[Any, np.dtype[np.float64]]:

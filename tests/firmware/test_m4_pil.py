@@ -29,8 +29,7 @@ HARD_FAULT = 3
 
 @pytest.fixture(params=BOARDS, ids=str)
 def board(request: pytest.FixtureRequest) -> Board:
-    found: Board = request.param
-    return found
+    return request.param
 
 
 @pytest.fixture

@@ -39,7 +39,7 @@ def exponential(z: complex) -> tuple[complex, complex, complex]:
     function = firmware.load(2).hd_exponential
     function.argtypes, function.restype = [Phasor], Exponential
     told = function(Phasor(z.real, z.imag))
-    return tuple(complex(part.d, part.q) for part in (told.exp, told.phi1, told.phi2))  # type: ignore[return-value]
+    return tuple(complex(part.d, part.q) for part in (told.exp, told.phi1, told.phi2))
 
 
 @settings(max_examples=300)

@@ -63,7 +63,7 @@ def install_host(path: Path, source: str) -> None:
     mutant.__file__ = str(path)
     exec(compile(source, path, "exec"), mutant.__dict__)
     sys.modules[mutant.__name__] = mutant
-    hapticd.core.trajectory.gate = mutant  # type: ignore[attr-defined]
+    hapticd.core.trajectory.gate = mutant
     run_tests(HOST_TESTS)
 
 
@@ -139,8 +139,6 @@ def run_tests(files: Sequence[str]) -> None:
 
 def tests_of(path: Path) -> Iterator[Callable[..., None]]:
     spec = importlib.util.spec_from_file_location(f"trial_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     for name, value in vars(module).items():

@@ -108,8 +108,7 @@ class Stand:
 
     @property
     def status(self) -> dict[str, Any]:
-        status: Any = self.machine.report_status(self.t_ns)["board"]
-        return dict(status)
+        return self.machine.report_status(self.t_ns)["board"]
 
 
 def said(caplog: pytest.LogCaptureFixture, level: int = logging.WARNING) -> list[str]:
@@ -398,7 +397,7 @@ def test_a_board_of_any_whims_is_driven_only_while_it_reports_and_again_once_it_
     board = stand.board
 
     def witnessed(kind: int, payload: bytes) -> bytes | None:
-        let_pass: bytes | None = censor(kind, payload)
+        let_pass = censor(kind, payload)
         if kind == outsider.STATUS and let_pass == payload:
             reported_us.append(board.t_us)
         return let_pass
