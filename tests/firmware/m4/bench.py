@@ -39,9 +39,10 @@ class Bench:
         registers: Peripherals | None = None,
     ) -> None:
         self.board = board
-        self.plate = Plate(mode_hz=Plate().mode_hz[: board.modes]) if plate is None else plate
-        self.registers = board.registers() if registers is None else registers
-        self.cpu = Cpu(board, board.image() if image is None else image, read=self._read, write=self._write)
+        self.plate = plate or Plate(mode_hz=Plate().mode_hz[: board.modes])
+        self.registers = registers or board.registers()
+        read, write = lambda *at: self.registers.read(*at), lambda *at: self.registers.write(*at)  # those of each boot
+        self.cpu = Cpu(board, image or board.image(), read=read, write=write)
         self.to_board = bytearray()
         self.messages: list[BoardMessage] = []
         self.motion_um: list[npt.NDArray[np.complex128]] = []
@@ -65,12 +66,6 @@ class Bench:
         self._ring_at = 0
         self._sending = b""
         self._decoder = device.Decoder()
-
-    def _read(self, address: int, size: int) -> int:
-        return self.registers.read(address, size)
-
-    def _write(self, address: int, size: int, value: int) -> None:
-        self.registers.write(address, size, value)
 
     @property
     def status(self) -> BoardStatus:
