@@ -13,6 +13,8 @@ sys.path[:0] = [str(ROOT / "clients" / "python"), str(Path(__file__).parent)]
 
 from fake_daemon import FakeDaemon  # noqa: E402
 
+from hapticd_client import Client  # noqa: E402
+
 
 @pytest.fixture
 def daemon(tmp_path: Path) -> Iterator[FakeDaemon]:
@@ -21,3 +23,9 @@ def daemon(tmp_path: Path) -> Iterator[FakeDaemon]:
     running.start()
     yield running
     running.stop()
+
+
+@pytest.fixture
+def client(daemon: FakeDaemon) -> Iterator[Client]:
+    with Client(daemon.directory) as client:
+        yield client

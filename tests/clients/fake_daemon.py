@@ -30,9 +30,6 @@ class FakeDaemon:
         self.remote = remote
         self.fingers: dict[int, tuple[float, float]] = {}
         self.protocol = wire.PROTOCOL_VERSION
-        self.scene = Scene(w_limit_um=4.0)
-        self.server = ClientServer(directory, remote)
-        self.client_registry = ClientRegistry()
         self.messages = 0
         self.overtaken = 0
         self.stamps: list[int | None] = []
@@ -62,6 +59,10 @@ class FakeDaemon:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(5.0)
+
+    def felt_um(self, x_mm: float, y_mm: float = 0.0) -> float:
+        """What the surfaces give a finger there now."""
+        return self.scene.surfaces.amplitude_um(x_mm, y_mm, time.monotonic_ns())
 
     def _serve(self, ready: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)

@@ -23,7 +23,7 @@ PITCH_MM = 137.5 / 1023
 
 
 def felt_um(daemon: FakeDaemon, column: float) -> float:
-    return daemon.scene.surfaces.amplitude_um((column - 511.5) * PITCH_MM, 0.0, time.monotonic_ns())
+    return daemon.felt_um((column - 511.5) * PITCH_MM)
 
 
 def test_the_library_and_the_daemon_have_the_same_bounds() -> None:
@@ -32,20 +32,18 @@ def test_the_library_and_the_daemon_have_the_same_bounds() -> None:
     assert wire.MAX_ASSET_BYTES == store.MAX_ASSET_BYTES == MAX_ASSET_SIDE**2
 
 
-def test_a_picture_of_1024_pixels_is_felt_at_its_own_resolution_and_shared(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        picture = client.asset(STRIPES)
-        client.surface("photo", map=Map(picture, high_um=2.0))
-        client.surface("half", Rectangle(10, 10), map=Map(picture, frictions=(1.0, 1.0)), position_mm=(0, 60))
-        client.set(1, map=Map(picture, high_um=1.0))
-        assert [felt_um(daemon, column) for column in (510, 511, 512, 513)] == pytest.approx([0, 2, 0, 2], abs=1e-9)
-        assert daemon.scene.assets.report() == {"count": 1, "uploads": 0, "bytes": 2**20}
+def test_a_picture_of_1024_pixels_is_felt_at_its_own_resolution_and_shared(daemon: FakeDaemon, client: Client) -> None:
+    picture = client.asset(STRIPES)
+    client.surface("photo", map=Map(picture, high_um=2.0))
+    client.surface("half", Rectangle(10, 10), map=Map(picture, frictions=(1.0, 1.0)), position_mm=(0, 60))
+    client.set(1, map=Map(picture, high_um=1.0))
+    assert [felt_um(daemon, column) for column in (510, 511, 512, 513)] == pytest.approx([0, 2, 0, 2], abs=1e-9)
+    assert daemon.scene.assets.report() == {"count": 1, "uploads": 0, "bytes": 2**20}
 
 
-def test_a_picture_file_is_an_asset(daemon: FakeDaemon, tmp_path: Path) -> None:
+def test_a_picture_file_is_an_asset(client: Client, tmp_path: Path) -> None:
     Image.fromarray(STRIPES[:40, :60]).save(tmp_path / "stripes.png")
-    with Client(daemon.directory) as client:
-        picture = client.asset(tmp_path / "stripes.png")
+    picture = client.asset(tmp_path / "stripes.png")
     assert (picture.width, picture.height) == (40, 40)  # the middle square
 
 
@@ -63,33 +61,19 @@ def test_a_restarted_daemon_gets_the_assets_in_use_again(daemon: FakeDaemon, mon
         assert daemon.scene.assets.report()["count"] == 1  # what no map uses is not uploaded again
 
 
-def test_a_handle_that_the_daemon_has_dropped_is_uploaded_when_it_is_used(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        picture = client.asset([[0, 255]])
-        daemon.scene.assets.look((), time.monotonic_ns() + 10**11)
-        assert daemon.scene.assets.report()["count"] == 0
-        client.surface("photo", map=Map(picture, high_um=1.0))
-        assert felt_um(daemon, 1023) == 1.0
+def test_a_handle_that_the_daemon_has_dropped_is_uploaded_when_it_is_used(daemon: FakeDaemon, client: Client) -> None:
+    picture = client.asset([[0, 255]])
+    daemon.scene.assets.look((), time.monotonic_ns() + 10**11)
+    assert daemon.scene.assets.report()["count"] == 0
+    client.surface("photo", map=Map(picture, high_um=1.0))
+    assert felt_um(daemon, 1023) == 1.0
 
 
-def test_a_client_that_changes_its_picture_all_the_time_always_finds_room(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        for frame in range(store.MAX_CLIENT_BYTES // 2**20 + 2):
-            levels = bytes([frame]) * 1024
-            client.surface("video", map=Map(client.asset([levels] * 1024), high_um=2.55))
-        assert felt_um(daemon, 0) == pytest.approx(0.01 * frame)
-
-
-def test_an_older_daemon_is_not_sent_what_it_does_not_know(daemon: FakeDaemon) -> None:
-    daemon.optional = ("stamp", "surfaces")
-    with Client(daemon.directory) as client:
-        for call in (
-            lambda: client.asset([[1]]),
-            lambda: client.surface("a", map=Map(Asset(bytes(32), 1, 1, b"a"), 1.0)),
-            lambda: client.set(1, map=Map([[1]], frictions=(0, 1))),
-        ):
-            with pytest.raises(RefusedError, match="this daemon does not have that: update it"):
-                call()
+def test_a_client_that_changes_its_picture_all_the_time_always_finds_room(daemon: FakeDaemon, client: Client) -> None:
+    for frame in range(store.MAX_CLIENT_BYTES // 2**20 + 2):
+        levels = bytes([frame]) * 1024
+        client.surface("video", map=Map(client.asset([levels] * 1024), high_um=2.55))
+    assert felt_um(daemon, 0) == pytest.approx(0.01 * frame)
 
 
 @pytest.mark.parametrize(
@@ -102,8 +86,8 @@ def test_an_older_daemon_is_not_sent_what_it_does_not_know(daemon: FakeDaemon) -
         ("no such file.png", "no such file.png: cannot be read (No such file or directory)."),
     ],
 )
-def test_a_wrong_source_is_one_sentence(source: Any, sentence: str, daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client, pytest.raises(RefusedError) as refused:
+def test_a_wrong_source_is_one_sentence(source: Any, sentence: str, client: Client) -> None:
+    with pytest.raises(RefusedError) as refused:
         client.asset(source)
     assert str(refused.value) == sentence
 

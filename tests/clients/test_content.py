@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import struct
-import time
 import wave
 from collections.abc import Callable
 from itertools import pairwise
@@ -113,7 +112,7 @@ points = st.lists(st.tuples(st.floats(0, 5), st.floats(0, 1)), min_size=1, max_s
 
 @example([[(0.0, 0.0), (5e-324, 1.0), (4.5, 0.0), (5.0, 0.0)]])
 @given(st.lists(points, min_size=1, max_size=5))
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list[tuple[float, float]]]) -> None:
     line = thinned(summed(lines))
     assert all(0.0 <= value <= 1.0 for _, value in line)
@@ -206,7 +205,7 @@ def test_waves_curves_and_transients_of_mpeg_are_envelopes_and_tones(tmp_path: P
     assert tones(score) == [(0.0, 0.2, 60.0, "sine")]
 
 
-def test_friction_and_texture_of_mpeg_lie_on_the_plate(daemon: FakeDaemon, tmp_path: Path) -> None:
+def test_friction_and_texture_of_mpeg_lie_on_the_plate(daemon: FakeDaemon, client: Client, tmp_path: Path) -> None:
     file = hjif(
         tmp_path,
         perception("Friction", band("Curve", effect(0, (0, 1.0, None), (137, 0.0, None)))),
@@ -215,13 +214,12 @@ def test_friction_and_texture_of_mpeg_lie_on_the_plate(daemon: FakeDaemon, tmp_p
     score = content.load(file, high_um=2.0)
     assert score.effects == ()
     profile, stripes = score.layers
-    with Client(daemon.directory) as plate:
-        Score("", (profile,)).lay(plate)
-        felt_um = [daemon.scene.surfaces.amplitude_um(x_mm, 5.0, time.monotonic_ns()) for x_mm in (-68.0, 0.0, 68.0)]
-        assert felt_um[0] < felt_um[1] < felt_um[2]
-        assert felt_um[2] == pytest.approx(2.0, abs=0.1)
-        Score("", (stripes,)).lay(plate)
-        felt_um = [daemon.scene.surfaces.amplitude_um(x_mm, 5.0, time.monotonic_ns()) for x_mm in (0.0, 2.0, 4.0)]
+    Score("", (profile,)).lay(client)
+    felt_um = [daemon.felt_um(x_mm, 5.0) for x_mm in (-68.0, 0.0, 68.0)]
+    assert felt_um[0] < felt_um[1] < felt_um[2]
+    assert felt_um[2] == pytest.approx(2.0, abs=0.1)
+    Score("", (stripes,)).lay(client)
+    felt_um = [daemon.felt_um(x_mm, 5.0) for x_mm in (0.0, 2.0, 4.0)]
     assert felt_um == pytest.approx([1.0, 0.0, 1.0], abs=1e-9)
 
 
@@ -289,23 +287,21 @@ def test_loudness_and_pitch_of_a_long_sound_stay_together_at_any_sampling_rate(t
 # --- pictures ---------------------------------------------------------------------------------------------------
 
 
-def test_a_picture_is_amplitude_over_the_plate_or_friction_in_millimetres(daemon: FakeDaemon, tmp_path: Path) -> None:
+def test_a_picture_is_amplitude_over_the_plate_or_friction_in_millimetres(
+    daemon: FakeDaemon, client: Client, tmp_path: Path
+) -> None:
     levels = np.tile(np.array([0] * 150 + [255] * 150, dtype=np.uint8), (100, 1))
     Image.fromarray(levels).save(tmp_path / "half.png")
     np.save(tmp_path / "half.npy", levels)
 
-    def felt_um(x_mm: float) -> float:
-        return daemon.scene.surfaces.amplitude_um(x_mm, 0.0, time.monotonic_ns())
-
-    with Client(daemon.directory) as plate:
-        content.load(tmp_path / "half.png", high_um=1.0).play(plate, 0.0)
-        assert [felt_um(x_mm) for x_mm in (-60.0, 60.0)] == [0.0, 1.0]
-        score = content.load(tmp_path / "half.png", is_friction=True, width_mm=60.0)
-        score.play(plate, 0.0)
-        assert [felt_um(x_mm) for x_mm in (-29.0, 29.0, 31.0)] == pytest.approx([0.0, 2.0, 0.0])
-        assert score.title == "half.png: a map of 300 x 100"
-        content.load(tmp_path / "half.npy", width_mm=30.0).play(plate, 0.0)
-        assert [felt_um(x_mm) for x_mm in (-14.0, 14.0, 16.0)] == [0.0, 1.5, 0.0]
+    content.load(tmp_path / "half.png", high_um=1.0).play(client, 0.0)
+    assert [daemon.felt_um(x_mm) for x_mm in (-60.0, 60.0)] == [0.0, 1.0]
+    score = content.load(tmp_path / "half.png", is_friction=True, width_mm=60.0)
+    score.play(client, 0.0)
+    assert [daemon.felt_um(x_mm) for x_mm in (-29.0, 29.0, 31.0)] == pytest.approx([0.0, 2.0, 0.0])
+    assert score.title == "half.png: a map of 300 x 100"
+    content.load(tmp_path / "half.npy", width_mm=30.0).play(client, 0.0)
+    assert [daemon.felt_um(x_mm) for x_mm in (-14.0, 14.0, 16.0)] == [0.0, 1.5, 0.0]
 
 
 # --- playing ----------------------------------------------------------------------------------------------------
@@ -343,7 +339,7 @@ class Plate:
 
 def played(score: Score, seconds: float = math.inf, **options: Any) -> Plate:
     plate = Plate()
-    score.play(plate, seconds, sleep=plate.sleep, clock=plate.clock, **options)  # type: ignore[arg-type]
+    score.play(plate, seconds, sleep=plate.sleep, clock=plate.clock, **options)
     return plate
 
 
@@ -368,9 +364,9 @@ def test_what_the_plate_refuses_is_dropped_and_the_rest_is_played(tmp_path: Path
             raise RefusedError("effect 'content 1' needs more knots than a frame has.")
         effect(name, form, start)
 
-    plate.effect = refuse_the_second  # type: ignore[method-assign]
+    plate.effect = refuse_the_second
     with pytest.warns(content.DroppedWarning, match="needs more knots than a frame has\\.$"):
-        score.play(plate, sleep=plate.sleep, clock=plate.clock)  # type: ignore[arg-type]
+        score.play(plate, sleep=plate.sleep, clock=plate.clock)
     assert [begin_s for begin_s, _ in plate.played] == pytest.approx([0.1, 1.1])
 
 
@@ -507,7 +503,7 @@ WHOLE = {
 
 @pytest.mark.filterwarnings("ignore::hapticd_client.content.DroppedWarning")
 @given(st.sampled_from(["ahap", "hjif"]), st.lists(st.integers(0, 20), max_size=9), strange)
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 def test_a_damaged_file_is_refused_or_gives_effects_that_the_library_sends(
     tmp_path_factory: pytest.TempPathFactory, suffix: str, path: list[int], value: Any
 ) -> None:

@@ -7,22 +7,35 @@ import math
 import os
 import re
 import socket
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import msgpack
 import pytest
+from both_sides import offered, understood
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.content_values import Cause, Wave
 from hapticd.core.targets import client_registry as client_registry
-from hapticd.errors import RequestError
 from hapticd.io.clients import senders, server, sockets
 from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client as wire
 from hapticd.wire.effects import FORMS
-from hapticd_client import Gradient, Grating, HapticdError, Map, Noise, RefusedError, endpoint, messages, target_set
+from hapticd_client import (
+    Gradient,
+    Grating,
+    HapticdError,
+    Map,
+    Noise,
+    Pulse,
+    RefusedError,
+    endpoint,
+    messages,
+    target_set,
+)
+from hapticd_client.effects import Now, effect_fields
 from hapticd_client.endpoint import default_directory, directory
 from hapticd_client.targets import label, number, path_fields, target_fields
 
@@ -34,17 +47,6 @@ def examples(kind: str) -> list[dict[str, Any]]:
     found = [body for of_kind, body in EXAMPLES if of_kind == kind]
     assert found
     return found
-
-
-def understood(targets: list[dict[str, Any]], virtuals: list[dict[str, Any]] | None = None, **fields: Any) -> bool:
-    """Whether the daemon takes a message."""
-    try:
-        wire.decode_targets(
-            msgpack.packb({"v": 1, "client": "c", "targets": targets, "virtuals": virtuals or [], **fields})
-        )
-    except RequestError:
-        return False
-    return True
 
 
 # --- the text ---------------------------------------------------------------------------------------------------
@@ -114,7 +116,7 @@ def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> 
     capabilities = dict(wire.CAPABILITIES)
     for name in ("targets", "max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes"):
         assert f"`{name}`" in TEXT
-    for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):  # type: ignore[misc]
+    for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):
         assert f"{value:g}" in TEXT or str(value) in TEXT
 
 
@@ -140,92 +142,82 @@ edges = st.sampled_from(
 any_number = edges | st.floats() | st.sampled_from([2 * math.pi, -2 * math.pi, 6.2832, math.nan, math.inf, -math.inf])
 
 
-def offered(make: Any) -> dict[str, Any] | None:
-    """What the library would send, or None where it refuses."""
-    try:
-        return dict(make())
-    except RefusedError:
-        return None
-
-
 @given(any_number)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_constant_targets_have_the_same_bounds_on_both_sides(value: float) -> None:
     for name in ("friction", "amplitude_um"):
         arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
-        fields = offered(lambda arguments=arguments: target_fields(**arguments))
-        assert (fields is not None) == understood([{"finger": 1, name: value}])
+        is_offered = offered(lambda arguments=arguments: target_fields(**arguments))
+        assert is_offered == understood(targets=[{"finger": 1, name: value}])
 
 
-@given(st.sampled_from(["period_mm", "high_um", "low_um", "angle_rad", "duty_frac"]), any_number)
-@settings(deadline=None, max_examples=300)
-def test_gratings_have_the_same_bounds_on_both_sides(name: str, value: float) -> None:
-    raw = {"period_mm": 5.0, "high_um": 2.0, "low_um": 1.0, "angle_rad": 0.5, "duty_frac": 0.5} | {name: value}
-    fields = offered(Grating(**raw).fields)
-    assert (fields is not None) == understood([{"finger": 1, "grating": raw}])
+CONTENTS: dict[str, tuple[Callable[..., Any], dict[str, float]]] = {
+    "grating": (Grating, {"period_mm": 5.0, "high_um": 2.0, "low_um": 1.0, "angle_rad": 0.5, "duty_frac": 0.5}),
+    "gradient": (Gradient, {"length_mm": 5.0, "angle_rad": 0.5, "from_um": 1.0, "to_um": 2.0}),
+    "noise": (Noise, {"shortest_mm": 1.0, "longest_mm": 9.0, "exponent": 1.0, "mean_um": 1.0, "rms_um": 0.5}),
+}
 
 
-@given(st.sampled_from(["length_mm", "angle_rad", "from_um", "to_um"]), any_number)
-@settings(deadline=None, max_examples=100)
-def test_gradients_have_the_same_bounds_on_both_sides(name: str, value: float) -> None:
-    raw = {"length_mm": 5.0, "angle_rad": 0.5, "from_um": 1.0, "to_um": 2.0} | {name: value}
-    assert (offered(Gradient(**raw).fields) is not None) == understood([{"finger": 1, "gradient": raw}])
-
-
-@given(st.sampled_from(["shortest_mm", "longest_mm", "exponent", "mean_um", "rms_um"]), any_number)
-@settings(deadline=None, max_examples=100)
-def test_noise_has_the_same_bounds_on_both_sides(name: str, value: float) -> None:
-    raw: dict[str, Any] = {"shortest_mm": 1.0, "longest_mm": 9.0, "exponent": 1.0, "mean_um": 1.0, "rms_um": 0.5}
-    raw |= {name: value, "seed": 3}
-    assert (offered(Noise(**raw).fields) is not None) == understood([{"finger": 1, "noise": raw}])
+@given(st.sampled_from([(kind, name) for kind, (_, fields) in CONTENTS.items() for name in fields]), any_number)
+@settings(max_examples=500)
+def test_contents_have_the_same_bounds_on_both_sides(field: tuple[str, str], value: float) -> None:
+    kind, name = field
+    make, sound = CONTENTS[kind]
+    raw = sound | {name: value}
+    assert offered(make(**raw).fields) == understood(targets=[{"finger": 1, kind: raw}])
 
 
 @given(st.lists(st.lists(st.integers(-1, 256), max_size=3), max_size=3), any_number)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_what_the_library_takes_for_a_map_the_daemon_takes_too(rows: list[list[int]], high: float) -> None:
-    fields = offered(Map(rows, high_um=high).fields)
+    image = Map(rows, high_um=high)
     good = len(rows) > 0 and len(rows[0]) > 0 and len({len(row) for row in rows}) == 1
     good = good and all(0 <= level <= 255 for row in rows for level in row) and 0 <= high <= 1000
-    assert (fields is not None) == good
-    if fields is not None:
-        assert understood([{"finger": 1, "map": fields}])
+    assert offered(image.fields) == good
+    if good:
+        assert understood(targets=[{"finger": 1, "map": image.fields()}])
 
 
 @given(st.lists(st.tuples(any_number, any_number), max_size=3), any_number, st.booleans())
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_paths_have_the_same_bounds_on_both_sides(points: list[tuple[float, float]], speed: float, loop: bool) -> None:
-    fields = offered(lambda: path_fields(points, speed, loop))
     raw = {"name": "ghost", "path_mm": points, "speed_mm_s": speed, "loop": loop}
-    assert (fields is not None) == understood([], [raw])
+    assert offered(lambda: path_fields(points, speed, loop)) == understood(virtuals=[raw])
 
 
 @given(any_number, st.text(max_size=34))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_names_and_times_to_live_have_the_same_bounds_on_both_sides(ttl_s: float, name: str) -> None:
-    def offered_name() -> dict[str, Any]:
-        return {"client": label("name", name)}
-
-    def offered_ttl() -> dict[str, Any]:
-        return {"ttl_s": number("ttl_s", ttl_s, 0.02, 5.0)}
-
-    assert (offered(offered_ttl) is not None) == understood([], ttl_s=ttl_s)
-    if offered(offered_name) is not None:
-        assert understood([], client=name)
+    assert offered(lambda: number("ttl_s", ttl_s, 0.02, 5.0)) == understood(ttl_s=ttl_s)
+    if offered(lambda: label("name", name)):
+        assert understood(client=name)
 
 
-def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent() -> None:
+FELT, PLACE = {"friction": 0.5}, {"path_mm": [[0.0, 0.0]]}
+CLICK = effect_fields(Pulse(1.0, 0.01), None, Now(), False)
+
+
+@pytest.mark.parametrize(
+    ("kind", "most", "add", "sentence"),
+    [
+        ("targets", target_set.MAX_TARGETS, lambda s, n, ttl_s: s.with_target(n + 1, FELT, ttl_s), "release one"),
+        ("virtuals", target_set.MAX_VIRTUALS, lambda s, n, ttl_s: s.with_virtual(f"v{n}", PLACE, ttl_s), "release one"),
+        ("surfaces", target_set.MAX_SURFACES, lambda s, n, ttl_s: s.with_surface(f"s{n}", FELT, ttl_s), "remove one"),
+        ("effects", target_set.MAX_EFFECTS, lambda s, n, ttl_s: s.with_effect(f"e{n}", CLICK, ttl_s), "stop one"),
+    ],
+)
+def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent(
+    kind: str, most: int, add: Callable[[target_set.TargetSet, int, float], target_set.TargetSet], sentence: str
+) -> None:
     full = target_set.TargetSet()
-    for n in range(target_set.MAX_TARGETS):
-        full = full.with_target(n + 1, {"friction": 0.5}, ttl_s=0.1 * (n + 1))
-        full = full.with_virtual(f"v{n}", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
+    for n in range(most):
+        full = add(full, n, 0.2 + 0.1 * n)
     message = wire.decode_targets(full.payload("c", target_set.stamp_now()))
-    assert (len(message.targets), len(message.virtuals)) == (16, 16)
-    assert message.ttl_ns == 100_000_000  # the shortest of all
-    with pytest.raises(RefusedError, match="release one first"):
-        full.with_target(99, {"friction": 0.5}, ttl_s=0.5)
-    with pytest.raises(RefusedError, match="release one first"):
-        full.with_virtual("more", {"path_mm": [[0.0, 0.0]]}, ttl_s=0.5)
-    assert full.without(*full.targets, *full.virtuals).is_empty
+    assert (len(getattr(message, kind)), message.ttl_ns) == (16, 200_000_000)  # the shortest of all
+    with pytest.raises(RefusedError, match=f"{sentence} first"):
+        add(full, most, 0.5)
+    assert not full.is_empty
+    assert full.without(*full.targets, *full.virtuals).is_empty == (kind in ("targets", "virtuals"))
 
 
 def test_what_the_library_just_takes_still_fits_a_request() -> None:
@@ -248,7 +240,7 @@ def test_what_the_library_just_takes_still_fits_a_request() -> None:
 @given(
     st.binary(max_size=60) | st.recursive(st.integers() | st.text(), st.lists, max_leaves=4).map(repr).map(str.encode)
 )
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_a_stranger_on_the_endpoint_is_an_error_of_ours(payload: bytes) -> None:
     for read in (messages.decode_state, lambda data: messages.read_reply(data, 1)):
         with pytest.raises(HapticdError):

@@ -10,9 +10,7 @@ import random
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -41,8 +39,6 @@ NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))
 
 def example(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, CLIENTS / "examples" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -107,11 +103,12 @@ def test_the_study_gives_user_and_virtual_finger_opposite_friction(
     assert wanted_um == {1: user_um, "walker": virtual_um}
 
 
-def test_targets_and_achieved_amplitudes_are_printed(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
+def test_targets_and_achieved_amplitudes_are_printed(
+    daemon: FakeDaemon, client: Client, capsys: pytest.CaptureFixture[str]
+) -> None:
     daemon.fingers = {1: (-20.0, 0.0), 2: (20.0, 0.0)}
-    with Client(daemon.directory) as client:
-        client.set(1, amplitude_um=1.25)
-        run("print_achieved", daemon, "--every", "0.01")
+    client.set(1, amplitude_um=1.25)
+    run("print_achieved", daemon, "--every", "0.01")
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) > 2
     assert lines[-1] == "  ACTIVE  1: 1.25 -> 1.25 um"
@@ -125,7 +122,6 @@ def test_ctrl_c_is_a_clean_end(name: str, daemon: FakeDaemon) -> None:
     daemon.fingers = {1: (-20.0, 0.0)}
     pipe = subprocess.PIPE
     with subprocess.Popen(command, env=environ, stdout=pipe, stderr=pipe, text=True) as process:
-        assert process.stdout is not None
         process.stdout.readline()
         process.send_signal(signal.SIGINT)
         _, complaints = process.communicate(timeout=5.0)
@@ -137,21 +133,26 @@ def test_ctrl_c_is_a_clean_end(name: str, daemon: FakeDaemon) -> None:
 
 
 class ScriptedPlate:
-    """Fingers where each of the states has them, and what they were last given."""
+    """Fingers where each of the states has them, `step_ns` apart; what they were last given, and all that was laid."""
 
-    def __init__(self, *fingers_mm: dict[int, tuple[float, float]]) -> None:
+    def __init__(self, *fingers_mm: dict[int, tuple[float, float]], step_ns: int = 100_000_000) -> None:
         self._fingers_mm = fingers_mm
+        self.step_ns = step_ns
         self.given: dict[int | str, dict[str, Any]] = {}
+        self.laid: list[tuple[str, Any, dict[str, Any]]] = []
 
     def states(self) -> Iterator[PlateState]:
         for seq, places_mm in enumerate(self._fingers_mm):
             fingers = tuple(
                 FingerState(key, x_mm, y_mm, None, None, None, None, False) for key, (x_mm, y_mm) in places_mm.items()
             )
-            yield PlateState(1, seq, seq, "ACTIVE", fingers, (), False, 10.0, 16.0)
+            yield PlateState(1, seq, 1 + self.step_ns * seq, "ACTIVE", fingers, (), False, 10.0, 16.0)
 
     def set(self, finger: FingerState, **target: Any) -> None:
         self.given[finger.id] = target
+
+    def surface(self, name: str, shape: object = None, **fields: Any) -> None:
+        self.laid.append((name, shape, fields))
 
 
 def felt_um(daemon: FakeDaemon, target: dict[str, Any], *places_mm: tuple[float, float]) -> list[float | None]:
@@ -188,11 +189,10 @@ def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -
     assert felt_um(daemon, plate.given[1], *places_mm) == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
 
 
-def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as plate:
-        example("slider").lay(plate, 5, 1.5)
-        places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
-        felt = [daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm]
+def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon, client: Client) -> None:
+    example("slider").lay(client, 5, 1.5)
+    places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
+    felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
     assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
 
 
@@ -203,7 +203,7 @@ def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
 
     def look(_: float) -> None:
         places_mm = [*program.dots_mm("az"), (0.0, 0.0), (0.0, 40.0)]
-        felt.extend(daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm)
+        felt.extend(daemon.felt_um(*place_mm) for place_mm in places_mm)
 
     monkeypatch.setattr(program.time, "sleep", look)
     program.main(["AZ", "--endpoint", str(daemon.directory)])
@@ -241,72 +241,42 @@ def happened(kind: EventKind, finger: int, effect: str, client: str) -> PlateEve
 
 
 def test_the_button_s_daemon_clicks_by_pressure_and_its_program_counts(
-    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    daemon: FakeDaemon, client: Client, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     program = example("button")
-    with Client(daemon.directory) as plate:
-        program.lay(plate, 0.4, 2.0)
-        edge, click = daemon.scene.effects.held
-        assert (edge.name, edge.effect.start.surface, edge.effect.on) == ("edge", "button", None)
-        assert (click.effect.on, click.effect.start.threshold_frac) == ("button", 0.4)
-        events = [
-            happened(EventKind.PRESSED, 3, "click", plate.name),
-            happened(EventKind.BEGUN, 3, "click", plate.name),
-            happened(EventKind.BEGUN, 3, "edge", plate.name),
-            happened(EventKind.BEGUN, 4, "click", "another"),
-            happened(EventKind.BEGUN, 4, "click", plate.name),
-        ]
-        monkeypatch.setattr(Client, "events", lambda *_: iter(events))
-        program.count(plate, 1.0)
+    program.lay(client, 0.4, 2.0)
+    edge, click = daemon.scene.effects.held
+    assert (edge.name, edge.effect.start.surface, edge.effect.on) == ("edge", "button", None)
+    assert (click.effect.on, click.effect.start.threshold_frac) == ("button", 0.4)
+    events = [
+        happened(EventKind.PRESSED, 3, "click", client.name),
+        happened(EventKind.BEGUN, 3, "click", client.name),
+        happened(EventKind.BEGUN, 3, "edge", client.name),
+        happened(EventKind.BEGUN, 4, "click", "another"),
+        happened(EventKind.BEGUN, 4, "click", client.name),
+    ]
+    monkeypatch.setattr(Client, "events", lambda *_: iter(events))
+    program.count(client, 1.0)
     assert capsys.readouterr().out.splitlines() == ["finger 3: click 1", "finger 4: click 2"]
 
 
-def test_each_key_of_the_piano_hums_while_a_finger_is_on_it(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as plate:
-        example("piano").lay(plate, 2.0)
-        assert [held.name for held in daemon.scene.effects.held] == list("CDEFGABc")
-        for held in daemon.scene.effects.held:
-            assert held.effect.on == held.effect.start.surface == held.name
-        felt = [daemon.scene.surfaces.amplitude_um(x_mm, 0.0, time.monotonic_ns()) for x_mm in (-56.0, 0.0, 8.0, 70.0)]
+def test_each_key_of_the_piano_hums_while_a_finger_is_on_it(daemon: FakeDaemon, client: Client) -> None:
+    example("piano").lay(client, 2.0)
+    assert [held.name for held in daemon.scene.effects.held] == list("CDEFGABc")
+    for held in daemon.scene.effects.held:
+        assert held.effect.on == held.effect.start.surface == held.name
+    felt = [daemon.felt_um(x_mm) for x_mm in (-56.0, 0.0, 8.0, 70.0)]
     assert felt == [2.0, 0.0, 2.0, 0.0]
-
-
-class PatchPlate(ScriptedPlate):
-    """States half a second apart, and the surfaces that were laid."""
-
-    def __init__(self, *fingers_mm: dict[int, tuple[float, float]]) -> None:
-        super().__init__(*fingers_mm)
-        self.laid: list[tuple[float, float]] = []
-
-    def states(self) -> Iterator[PlateState]:
-        return (replace(state, t_ns=500_000_000 * state.seq) for state in super().states())
-
-    def surface(self, name: str, shape: Circle, **fields: Any) -> None:
-        assert (name, shape) == ("patch", Circle(15.0))
-        self.laid.append((fields["position_mm"][0], fields["velocity_mm_s"][0]))
 
 
 def test_the_patch_turns_at_its_ends_and_two_fingers_on_it_hold_it(capsys: pytest.CaptureFixture[str]) -> None:
     on_it = {1: (-20.0, 0.0), 2: (-15.0, 9.0)}
-    plate = PatchPlate({}, {}, on_it, on_it, {1: (-20.0, 0.0)}, {}, {}, {}, {}, {}, {})
+    plate = ScriptedPlate({}, {}, on_it, on_it, {1: (-20.0, 0.0)}, {}, {}, {}, {}, {}, {}, step_ns=500_000_000)
     example("moving_patch").serve(plate, 15.0, 20.0, math.inf)
-    assert plate.laid == [(-40.0, 20.0), (-20.0, 0.0), (-20.0, 20.0), (40.0, -20.0)]
+    assert all((name, shape) == ("patch", Circle(15.0)) for name, shape, _ in plate.laid)
+    ways = [(fields["position_mm"][0], fields["velocity_mm_s"][0]) for _, _, fields in plate.laid]
+    assert ways == [(-40.0, 20.0), (-20.0, 0.0), (-20.0, 20.0), (40.0, -20.0)]
     assert capsys.readouterr().out.splitlines()[1] == "patch at x = -20 mm: +0 mm/s"
-
-
-class TimedPlate(ScriptedPlate):
-    """States `step_ns` apart, and the newest surface of each name."""
-
-    def __init__(self, *fingers_mm: dict[int, tuple[float, float]], step_ns: int = 100_000_000) -> None:
-        super().__init__(*fingers_mm)
-        self.step_ns = step_ns
-        self.laid: list[tuple[str, dict[str, Any]]] = []
-
-    def states(self) -> Iterator[PlateState]:
-        return (replace(state, t_ns=1 + self.step_ns * state.seq) for state in super().states())
-
-    def surface(self, name: str, _shape: object = None, **fields: Any) -> None:
-        self.laid.append((name, fields))
 
 
 class FirstPlace(random.Random):
@@ -317,38 +287,26 @@ class FirstPlace(random.Random):
 
 
 def test_the_compass_has_a_ring_with_eight_notches_of_which_north_is_wide(
-    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]
+    daemon: FakeDaemon, client: Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     program = example("compass")
-    with Client(daemon.directory) as plate:
-        program.lay(plate, 4.0)
-        felt = [
-            daemon.scene.surfaces.amplitude_um(x_mm, y_mm, time.monotonic_ns())
-            for x_mm, y_mm in (
-                (40.0, 0.0),
-                (40.0, 3.0),
-                (3.0, 40.0),
-                (8.0, 40.0),
-                (0.0, 0.0),
-                (28.3, 28.3),
-                (60.0, 0.0),
-            )
-        ]
+    places_mm = ((40.0, 0.0), (40.0, 3.0), (3.0, 40.0), (8.0, 40.0), (0.0, 0.0), (28.3, 28.3), (60.0, 0.0))
+    program.lay(client, 4.0)
+    felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
     assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0, 0.0]
     program.serve(ScriptedPlate({1: (40.0, 2.0)}, {1: (40.0, 9.0)}, {1: (1.0, 1.0)}, {1: (-2.0, -40.0)}), math.inf)
     assert capsys.readouterr().out.splitlines()[1:] == ["finger 1: E", "finger 1: S"]
 
 
 def test_the_maze_s_walls_stick_but_for_their_gaps_and_a_way_through_is_timed(
-    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]
+    daemon: FakeDaemon, client: Client, capsys: pytest.CaptureFixture[str]
 ) -> None:
     program = example("maze")
-    with Client(daemon.directory) as plate:
-        program.lay(plate, FirstPlace())
-        places_mm = ((0.0, -40.0), (7.0, 20.0), (9.0, 20.0), (-60.0, 0.0), (-60.0, 10.0))
-        felt = [daemon.scene.surfaces.amplitude_um(*place_mm, time.monotonic_ns()) for place_mm in places_mm]
+    program.lay(client, FirstPlace())
+    places_mm = ((0.0, -40.0), (7.0, 20.0), (9.0, 20.0), (-60.0, 0.0), (-60.0, 10.0))
+    felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
     assert felt == [1.5, 1.5, 0.0, 0.0, 1.5]
-    plate_of_walls = TimedPlate(
+    plate_of_walls = ScriptedPlate(
         {1: (0.0, 50.0)}, {1: (0.0, -50.0)}, {1: (0.0, 30.0)}, {1: (0.0, 41.0)}, {1: (0.0, 50.0)}
     )
     program.play(plate_of_walls, FirstPlace(), math.inf)
@@ -360,15 +318,15 @@ def test_a_patch_that_is_held_for_half_a_second_is_caught_and_the_next_is_faster
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     on_it, next_to_it = {1: (3.0, 4.0)}, {1: (20.0, 0.0)}
-    plate = TimedPlate(*[on_it] * 4, next_to_it, *[on_it] * 7)
+    plate = ScriptedPlate(*[on_it] * 4, next_to_it, *[on_it] * 7)
     example("catch").play(plate, 25.0, FirstPlace(), math.inf)
     assert capsys.readouterr().out.splitlines()[1:] == ["1 caught; the next one runs at 30 mm/s"]
 
 
 def test_the_patch_to_catch_runs_from_place_to_place() -> None:
-    plate = TimedPlate(*[{}] * 300)
+    plate = ScriptedPlate(*[{}] * 300)
     example("catch").play(plate, 25.0, random.Random(1), math.inf)
-    legs = [fields for _, fields in plate.laid]
+    legs = [fields for _, _, fields in plate.laid]
     assert len(legs) > 5
     for before, after in itertools.pairwise(legs):
         assert math.hypot(*before["velocity_mm_s"]) == pytest.approx(25.0)
@@ -381,12 +339,12 @@ def test_the_patch_to_catch_runs_from_place_to_place() -> None:
 
 def test_the_record_turns_alone_and_a_finger_drags_it_along() -> None:
     quarter = {1: (0.0, 30.0)}
-    plate = TimedPlate({}, {}, {1: (30.0, 0.0)}, quarter, quarter, {}, step_ns=250_000_000)
+    plate = ScriptedPlate({}, {}, {1: (30.0, 0.0)}, quarter, quarter, {}, step_ns=250_000_000)
     example("turntable").serve(plate, Grating(6.0, 1.5), math.inf)
     free_rad_s = -33.3 * 2 * math.pi / 60
-    turning_rad_s = [fields["turning_rad_s"] for _, fields in plate.laid]
+    turning_rad_s = [fields["turning_rad_s"] for _, _, fields in plate.laid]
     assert turning_rad_s == pytest.approx([free_rad_s, free_rad_s, 0.0, 2 * math.pi, 0.0, free_rad_s])
-    angles_rad = [fields["angle_rad"] for _, fields in plate.laid]
+    angles_rad = [fields["angle_rad"] for _, _, fields in plate.laid]
     turned_rad = [math.remainder(after - before, 2 * math.pi) for before, after in itertools.pairwise(angles_rad)]
     assert turned_rad == pytest.approx([free_rad_s / 4, 0.0, math.pi / 2, 0.0, free_rad_s / 4])
 

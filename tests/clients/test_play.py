@@ -53,7 +53,7 @@ class BenchPlate:
 
     def surface(self, name: str, shape: Shape | None, *, position_mm: Any, z: int, **given: Any) -> None:
         arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": given.pop("map", None), **given}
-        pose = surface_fields(shape, position_mm=position_mm, z=z, blend="replace", **LINE)  # type: ignore[arg-type]
+        pose = surface_fields(shape, position_mm=position_mm, z=z, blend="replace", **LINE)
         self._send(self.targets.with_surface(name, {**target_fields(**arguments), **pose}, 5.0))
 
     def effect(self, name: str, form: Form, *, start: Start) -> None:
@@ -88,7 +88,7 @@ def landed(*fingers_mm: tuple[float, float]) -> BenchPlate:
 def test_each_click_is_given_to_all_fingers_at_its_time_and_nothing_in_between(tmp_path: Path) -> None:
     plate = landed(SLIPPERY, STICKY)
     score = content.load(pattern(tmp_path, 0.0, 0.4), high_um=1.2)
-    score.play(plate, sleep=plate.sleep, clock=plate.clock)  # type: ignore[arg-type]
+    score.play(plate, sleep=plate.sleep, clock=plate.clock)
     assert sorted(plate.given_um) == [1, 2]
     for given_um in plate.given_um.values():
         felt_s = [t_s for t_s, um in given_um if um > 0.3]
@@ -104,12 +104,7 @@ def test_a_picture_of_1024_pixels_is_given_where_it_lies(tmp_path: Path) -> None
     levels = np.zeros((1024, 1024), dtype=np.uint8)
     levels[:, :512] = 255
     Image.fromarray(levels).save(tmp_path / "half.png")
-    content.load(tmp_path / "half.png", high_um=1.0).play(
-        plate,  # type: ignore[arg-type]
-        0.3,
-        sleep=plate.sleep,
-        clock=plate.clock,
-    )
+    content.load(tmp_path / "half.png", high_um=1.0).play(plate, 0.3, sleep=plate.sleep, clock=plate.clock)
     assert {finger: given_um[-1][1] for finger, given_um in plate.given_um.items()} == {1: 1.0, 2: 0.0}
     assert plate.status()["assets"] == {"count": 1, "uploads": 0, "bytes": 2**20}
 

@@ -4,37 +4,28 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from typing import Any
 
-import msgpack
 import pytest
+from both_sides import offered, understood
 from fake_daemon import FakeDaemon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.content_values import VirtualPath
-from hapticd.errors import RequestError
-from hapticd.wire import client as wire
 from hapticd_client import (
     Circle,
     Client,
     Gradient,
     Grating,
-    Map,
     Noise,
     Polygon,
     Rectangle,
     RefusedError,
-    target_set,
 )
 from hapticd_client.surface import Shape, surface_fields
 
 TRIANGLE = Polygon([(0, 0), (9, 0), (0, 5.5)])
-
-
-def felt_um(daemon: FakeDaemon, x_mm: float, y_mm: float = 0.0) -> float:
-    return daemon.scene.surfaces.amplitude_um(x_mm, y_mm, time.monotonic_ns())
 
 
 def names(daemon: FakeDaemon) -> list[str]:
@@ -46,112 +37,53 @@ def test_surfaces_lie_on_the_plate_until_they_are_removed_or_the_client_ends(dae
         client.surface("track", Rectangle(100, 24), amplitude_um=1.5)
         client.surface("detent", Circle(2.0), friction=1.0, position_mm=(25, 0), z=1)
         client.surface("bow", TRIANGLE, grating=Grating(5.0, 1.0, 1.0), position_mm=(0, 40), scale=2.0)
-        assert [felt_um(daemon, x_mm) for x_mm in (0.0, 25.0, 28.0, 51.0)] == [1.5, 0.0, 1.5, 0.0]
-        assert felt_um(daemon, 1.0, 50.0) == pytest.approx(1.0)
+        assert [daemon.felt_um(x_mm) for x_mm in (0.0, 25.0, 28.0, 51.0)] == [1.5, 0.0, 1.5, 0.0]
+        assert daemon.felt_um(1.0, 50.0) == pytest.approx(1.0)
         client.surface("track", Rectangle(100, 24), amplitude_um=0.5)
         client.remove("detent")
         client.remove("detent")
-        assert [felt_um(daemon, x_mm) for x_mm in (0.0, 25.0)] == [0.5, 0.5]
+        assert [daemon.felt_um(x_mm) for x_mm in (0.0, 25.0)] == [0.5, 0.5]
     assert names(daemon) == []
 
 
-def test_a_surface_walks_a_path_and_has_gradients_and_noise(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.surface("ramp", gradient=Gradient(100.0, 2.0))
-        assert felt_um(daemon, 25.0) == pytest.approx(1.5)
-        client.surface("walk", Circle(3.0), friction=1.0, path=[(0, 0), (30, 0)], speed_mm_s=0.0, z=1)
-        assert [felt_um(daemon, x_mm) for x_mm in (0.0, 10.0)] == pytest.approx([0.0, 1.2])
-        client.surface("rough", Circle(3.0), noise=Noise(1.0, 8.0, 0.1, 1.0), position_mm=(0, 40), z=1)
-        assert 0.7 <= felt_um(daemon, 0.0, 40.0) <= 1.3
-        (walk,) = [layer for layer in daemon.scene.surfaces.layers if layer.name == "walk"]
-        assert walk.surface.path == VirtualPath(((0.0, 0.0), (30.0, 0.0)), 0.0, True)
+def test_a_surface_walks_a_path_and_has_gradients_and_noise(daemon: FakeDaemon, client: Client) -> None:
+    client.surface("ramp", gradient=Gradient(100.0, 2.0))
+    assert daemon.felt_um(25.0) == pytest.approx(1.5)
+    client.surface("walk", Circle(3.0), friction=1.0, path=[(0, 0), (30, 0)], speed_mm_s=0.0, z=1)
+    assert [daemon.felt_um(x_mm) for x_mm in (0.0, 10.0)] == pytest.approx([0.0, 1.2])
+    client.surface("rough", Circle(3.0), noise=Noise(1.0, 8.0, 0.1, 1.0), position_mm=(0, 40), z=1)
+    assert 0.7 <= daemon.felt_um(0.0, 40.0) <= 1.3
+    (walk,) = [layer for layer in daemon.scene.surfaces.layers if layer.name == "walk"]
+    assert walk.surface.path == VirtualPath(((0.0, 0.0), (30.0, 0.0)), 0.0, True)
 
 
-def test_a_finger_s_release_leaves_the_surfaces_and_a_release_of_all_removes_them(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.surface("plate", friction=1.0)
-        client.set(1, amplitude_um=1.0)
-        client.release(1)
-        assert names(daemon) == ["plate"]
-        client.release()
-        assert names(daemon) == []
-
-
-def test_surfaces_are_refreshed_without_starting_their_motion_again(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.surface("patch", Circle(3.0), amplitude_um=1.0, velocity_mm_s=(1, 0), ttl_s=0.1)
-        (layer,) = daemon.scene.surfaces.layers
-        before = layer.t_expires_ns
-        deadline_s = time.monotonic() + 5.0
-        while layer.t_expires_ns < before + 200_000_000 and time.monotonic() < deadline_s:
-            time.sleep(0.01)
-        assert daemon.scene.surfaces.layers == [layer]
-        assert layer.t_expires_ns >= before + 200_000_000
-
-
-def test_an_older_daemon_is_not_sent_a_surface(daemon: FakeDaemon) -> None:
-    daemon.optional = ("stamp",)
-    with Client(daemon.directory) as client:
-        with pytest.raises(RefusedError, match="surfaces: this daemon does not have that: update it"):
-            client.surface("plate", friction=1.0)
-        client.set(1, friction=0.5)  # whose message it understands
-    assert daemon.refusals == []
-
-
-def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory) as client:
-        client.surface("good", Circle(3.0), amplitude_um=1.0)
-        with pytest.raises(RefusedError, match="surface 'much' cannot have 900 um"):
-            client.surface("much", amplitude_um=900.0)
-        assert names(daemon) == ["good"]
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (
-            lambda c: c.surface("a"),
-            "surface: give exactly one of friction, amplitude_um, grating, map, gradient, noise.",
-        ),
-        (lambda c: c.surface(7, friction=1), "name: must have 1 .. 32 printable characters."),
-        (
-            lambda c: c.surface("a", (1, 2), friction=1),
-            "shape: must be a Circle, a Rectangle or a Polygon, not (1, 2).",
-        ),
-        (lambda c: c.surface("a", Circle("x"), friction=1), "radius_mm: must be a number, not 'x'."),
-        (lambda c: c.surface("a", Polygon(3), friction=1), "corners_mm: must be a list of points."),
-        (lambda c: c.surface("a", Polygon([(0, 0), (1, 1), 5]), friction=1), "corners_mm: must have two numbers"),
-        (lambda c: c.surface("a", Polygon([(0, 0)] * 3), friction=1), "corners_mm: encloses less than 0.01 mm^2."),
-        (lambda c: c.surface("a", friction=1, position_mm=4), "position_mm: must have two numbers, x and y."),
-        (lambda c: c.surface("a", friction=1, z=1.5), "z: must be a whole number, -1000 .. 1000."),
-        (lambda c: c.surface("a", friction=1, blend="mix"), "blend: must be one of replace, add, max."),
-        (lambda c: c.surface("a", friction=1, path=[(0, 0)], position_mm=(1, 1)), "path: with it there is no"),
-        (lambda c: c.surface("a", friction=1, path=[3]), "path: a point has two numbers, x and y."),
-        (lambda c: c.surface("a", noise=Noise(2, 1, 1, 1)), "longest_mm: 1 is out of bounds, it must be 2 .. 1000."),
-        (lambda c: c.surface("a", noise=Noise(1, 2, 1, 1, seed=-1)), "seed: must be a whole number"),
-        (lambda c: c.surface("a", gradient=3), "gradient: must be a Gradient, not 3."),
-        (lambda c: c.surface("a", map=Map([[1]])), "map: give exactly one of high_um and frictions."),
-        (lambda c: c.surface("a", map=Map([[1]], frictions=(1,))), "frictions: must have two numbers"),
-        (lambda c: c.remove(3), "surface: must have 1 .. 32 printable characters."),
-    ],
-)
-def test_a_wrong_call_is_one_sentence_and_nothing_is_sent(
-    call: Callable[[Any], None], sentence: str, daemon: FakeDaemon
+def test_a_finger_s_release_leaves_the_surfaces_and_a_release_of_all_removes_them(
+    daemon: FakeDaemon, client: Client
 ) -> None:
-    with Client(daemon.directory) as client, pytest.raises(RefusedError) as refused:
-        call(client)
-    assert str(refused.value).startswith(sentence)
+    client.surface("plate", friction=1.0)
+    client.set(1, amplitude_um=1.0)
+    client.release(1)
+    assert names(daemon) == ["plate"]
+    client.release()
+    assert names(daemon) == []
 
 
-def test_one_surface_more_than_a_client_may_have_is_refused_before_it_is_sent() -> None:
-    full = target_set.TargetSet()
-    for n in range(target_set.MAX_SURFACES):
-        full = full.with_surface(f"s{n}", {"friction": 0.5}, ttl_s=0.2 + 0.1 * n)
-    message = wire.decode_targets(full.payload("c", target_set.stamp_now()))
-    assert (len(message.surfaces), message.ttl_ns) == (16, 200_000_000)
-    with pytest.raises(RefusedError, match="remove one first"):
-        full.with_surface("more", {"friction": 0.5}, ttl_s=0.5)
-    assert not full.is_empty
+def test_surfaces_are_refreshed_without_starting_their_motion_again(daemon: FakeDaemon, client: Client) -> None:
+    client.surface("patch", Circle(3.0), amplitude_um=1.0, velocity_mm_s=(1, 0), ttl_s=0.1)
+    (layer,) = daemon.scene.surfaces.layers
+    before = layer.t_expires_ns
+    deadline_s = time.monotonic() + 5.0
+    while layer.t_expires_ns < before + 200_000_000 and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert daemon.scene.surfaces.layers == [layer]
+    assert layer.t_expires_ns >= before + 200_000_000
+
+
+def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon, client: Client) -> None:
+    client.surface("good", Circle(3.0), amplitude_um=1.0)
+    with pytest.raises(RefusedError, match="surface 'much' cannot have 900 um"):
+        client.surface("much", amplitude_um=900.0)
+    assert names(daemon) == ["good"]
 
 
 # --- the library and the daemon agree ---------------------------------------------------------------------------
@@ -166,6 +98,7 @@ POSE = {
     "z": 0,
     "blend": "replace",
 }
+PLAIN = {"name": "a", "friction": 0.5}
 any_number = st.floats() | st.sampled_from(
     [0.0, 0.0099, 0.01, 0.0999, 0.1, 100.0, 100.1, 1000.0, 1000.1, 2000.0, 2000.1, 2 * math.pi, 20 * math.pi, 63.0]
 )
@@ -175,22 +108,6 @@ shapes = st.one_of(
     st.builds(Rectangle, any_number, any_number),
     st.builds(Polygon, st.lists(st.tuples(any_number, any_number), max_size=18)),
 )
-
-
-def understood(surface: dict[str, Any]) -> bool:
-    message = {"v": 1, "client": "c", "surfaces": [{"name": "a", "friction": 0.5, **surface}]}
-    try:
-        wire.decode_targets(msgpack.packb(message))
-    except RequestError:
-        return False
-    return True
-
-
-def offered(shape: Shape | None, pose: dict[str, Any]) -> dict[str, Any] | None:
-    try:
-        return surface_fields(shape, **(POSE | pose))
-    except RefusedError:
-        return None
 
 
 def raw(shape: Shape) -> dict[str, Any]:
@@ -204,16 +121,16 @@ def raw(shape: Shape) -> dict[str, Any]:
 
 
 @given(shapes)
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_shapes_have_the_same_bounds_on_both_sides(shape: Shape) -> None:
-    assert (offered(shape, {}) is not None) == understood(raw(shape))
+    assert offered(lambda: surface_fields(shape, **POSE)) == understood(surfaces=[PLAIN | raw(shape)])
 
 
 @given(st.sampled_from([*NUMBERS, "position_mm", "velocity_mm_s"]), any_number, st.integers(-1001, 1001))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_poses_have_the_same_bounds_on_both_sides(name: str, value: float, z: int) -> None:
     pose: dict[str, Any] = {"z": z} if name == "z" else {name: value if name in NUMBERS else (value, 0.5)}
-    assert (offered(None, pose) is not None) == understood(pose)
+    assert offered(lambda: surface_fields(None, **POSE | pose)) == understood(surfaces=[PLAIN | pose])
 
 
 def test_all_surfaces_on_the_plate_can_be_read_as_they_were_laid(daemon: FakeDaemon) -> None:

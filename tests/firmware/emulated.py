@@ -27,7 +27,7 @@ class Host:
         self.line = b""  # everything the board has said
         self.session = BoardSession(link_start_ns=1_000_000, controller="pi_ff")
         self._decoder = device.Decoder()
-        self._to_say = _encoded(self.session.link_up(self.now_us * 1000))
+        self._to_say = encoded(self.session.link_up(self.now_us * 1000))
 
     @property
     def statuses(self) -> list[BoardStatus]:
@@ -45,19 +45,20 @@ class Host:
             LimitReason.NONE,
         )
         tick = Tick(self.now_us * 1000, 0, 0, drive, (), False)
-        self.say(_encoded(self.session.reference(drive, tick, self.now_us * 1000)))
+        self.say(encoded(self.session.reference(drive, tick, self.now_us * 1000)))
 
     def step(self, *, timer: bool = True) -> None:
         """2.5 ms; without `timer` the host's part of the conversation stays away."""
         if timer:
-            self.say(_encoded(self.session.timer(self.now_us * 1000)))
+            self.say(encoded(self.session.timer(self.now_us * 1000)))
         data, self._to_say = self._to_say, b""
         seen, said = self.board.step(data, STEP_US // CHUNK_US)
         self.now_us += STEP_US
         self.reports += seen
         self.line += said
         for message in self._decoder.feed(said):
-            self._hear(message)
+            self.messages.append(message)
+            self.say(answer(self.session, message, self.now_us * 1000))
 
     def run(self, us: int) -> None:
         for _ in range(us // STEP_US):
@@ -69,18 +70,20 @@ class Host:
         since_us = (t_us - self._t_start_us) % (1 << 32)
         return self._t_start_us + since_us, np.array([report.plate_um for report in self.reports])
 
-    def _hear(self, message: BoardMessage) -> None:
-        self.messages.append(message)
-        now_ns = self.now_us * 1000
-        if isinstance(message, BoardHello):
-            self.say(_encoded(self.session.receive_hello(message, now_ns)))
-        elif isinstance(message, BoardTime):
-            self.session.receive_time(message, now_ns)
-        elif isinstance(message, BoardStatus):
-            self.session.receive_status(message, now_ns)
-        elif isinstance(message, BoardVerdict):
-            self.say(_encoded(self.session.receive_answer(now_ns)))
+
+def answer(session: BoardSession, message: BoardMessage, now_ns: int) -> bytes:
+    """What the session says to a message."""
+    match message:
+        case BoardHello():
+            return encoded(session.receive_hello(message, now_ns))
+        case BoardVerdict():
+            return encoded(session.receive_answer(now_ns))
+        case BoardTime():
+            session.receive_time(message, now_ns)
+        case BoardStatus():
+            session.receive_status(message, now_ns)
+    return b""
 
 
-def _encoded(commands: Sequence[BoardCommand]) -> bytes:
+def encoded(commands: Sequence[BoardCommand]) -> bytes:
     return b"".join(map(encode, commands))

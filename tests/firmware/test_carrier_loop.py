@@ -13,6 +13,8 @@ from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.board.carrier import SAMPLE_HZ, Converters
 from hapticd.sim.plate.ground_truth import GroundTruth
 
+from .bench import constantly, nominal_plate
+
 DRIVE_HZ = 29205.0
 LAWS = ("pi", "pi_ff", "deadbeat")
 QUIET = Converters(noise_lsb=0.0)
@@ -30,15 +32,7 @@ def new_board(
     if told_phase_rad is None:
         told_phase_rad = 0.0 if converters is None else converters.loop_phase_rad(DRIVE_HZ)
     config = BoardConfig(controller=controller, control_hz=control_hz, loop_phase_rad=(told_phase_rad,) * 2)
-    model = PlateModel(
-        decay_1_s=np.array(config.decay_1_s),
-        detuning_rad_s=np.array(config.detuning_rad_s),
-        gain_um_per_v_s=np.diag(config.gain_um_per_v_s),
-        sensor=np.eye(2),
-        noise_um=0.0,
-        amplifier_limit_v=config.v_limit_v,
-    )
-    return Board(model, config=config, converters=converters, seed=seed)
+    return Board(nominal_plate(config), config=config, converters=converters, seed=seed)
 
 
 def stepped(board: Board, amplitude_um: float) -> BoardTrace:
@@ -95,7 +89,7 @@ def test_with_a_finger_and_neighbouring_modes_they_agree_too() -> None:
         config = BoardConfig(gain_um_per_v_s=tuple(truth.nominal_gain_um_per_v_s), loop_phase_rad=phase_rad)
         board = Board(model, config=config, converters=converters)
         touch = (truth.shapes(points_mm)[:, np.newaxis, :], landing_1_s)
-        plates.append(follow(board, lambda _: [(0.0, np.array([1 + 0j, -0.5j]))], 160, 20, touch).plate_um)
+        plates.append(follow(board, constantly(1.0, -0.5j), 160, 20, touch).plate_um)
     assert np.abs(plates[1] - plates[0]).max() < 0.005
     assert np.abs(plates[0][100:, 0] - plates[0][99, 0]).max() > 0.01  # the finger was felt
 
@@ -103,7 +97,7 @@ def test_with_a_finger_and_neighbouring_modes_they_agree_too() -> None:
 def test_v_q_drives_w_d_and_v_d_drives_minus_w_q() -> None:
     for target, voltage in ((1 + 0j, 1j), (1j, -1 + 0j)):
         board = new_board("pi", told_phase_rad=0.0)
-        trace = follow(board, lambda _, w=target: [(0.0, np.array([w, 0]))], 6, 6)  # type: ignore[misc]
+        trace = follow(board, constantly(target, 0.0), 6, 6)
         first = trace.voltage_v[1, 0]
         assert first / abs(first) == pytest.approx(voltage, abs=0.05)
         assert (trace.plate_um[5, 0] / target).real > 0
@@ -186,6 +180,6 @@ def test_converters_that_cannot_be_are_refused(name: str, value: float) -> None:
 
 
 def test_a_loop_phase_told_twice_is_refused() -> None:
-    model = PlateModel(np.ones(2), np.zeros(2), np.eye(2), np.eye(2), 0.0, 150.0, (0.1, 0.1))
+    plate = nominal_plate(BoardConfig(), loop_phase_rad=(0.1, 0.1))
     with pytest.raises(ValueError, match="omit loop_phase_rad"):
-        Board(model, converters=QUIET)
+        Board(plate, converters=QUIET)

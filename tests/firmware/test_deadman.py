@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from hapticd.board_values import BoardState, BoardStatus
 from hapticd.sim.board.board import FLAG_DEADMAN, FLAG_LIVE
 from hapticd.wire import device
 
-NewBench = Callable[..., Any]
+from .bench import Bench
 
 
 def live(flags: np.ndarray) -> np.ndarray:
@@ -21,8 +19,8 @@ def live(flags: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("t_start_us", [0, 2**32 - 30_000, 2**31 - 30_000])
-def test_a_silent_host_leads_to_a_silent_plate_within_60_ms(new_bench: NewBench, t_start_us: int) -> None:
-    bench = new_bench(t_start_us=t_start_us)
+def test_a_silent_host_leads_to_a_silent_plate_within_60_ms(t_start_us: int) -> None:
+    bench = Bench(t_start_us=t_start_us)
     bench.arm(2 + 0j, 1j)
     bench.say(bench.constant(2 + 0j, 1j))
     trace = bench.run(160)
@@ -37,18 +35,16 @@ def test_a_silent_host_leads_to_a_silent_plate_within_60_ms(new_bench: NewBench,
     assert bench.status().deadman_trips == 1
 
 
-def test_the_plate_follows_the_ramp_to_silence_from_its_very_limit(bench: Any) -> None:
+def test_the_plate_follows_the_ramp_to_silence_from_its_very_limit(bench: Bench) -> None:
     bench.arm(3.9 + 0j, 1 + 0j)
     bench.hold(80)
-    trace = bench.run(
-        117
-    )  # the last keep-alive was 20 ms ago: 50 ms of trust end after 60 ticks, then 20 ticks of ramp
+    trace = bench.run(117)  # 50 ms of trust since the last keep-alive end after 60 ticks, then 20 ticks of ramp
     falling = slice(62, 76)
     assert np.abs(trace.reference_um[76, 0]) < 1.0
     np.testing.assert_allclose(trace.plate_um[falling], trace.reference_um[falling], atol=0.02)
 
 
-def test_the_voltage_ramps_down_even_if_the_sensors_lie(bench: Any) -> None:
+def test_the_voltage_ramps_down_even_if_the_sensors_lie(bench: Bench) -> None:
     bench.arm(1 + 0j, 0j)
     bench.board.fake_measurement(np.array([-3.0, 3.0]))
     trace = bench.run(160)
@@ -56,14 +52,14 @@ def test_the_voltage_ramps_down_even_if_the_sensors_lie(bench: Any) -> None:
     assert (np.abs(trace.voltage_v).max(axis=1) <= bound + 1e-3).all()
 
 
-def test_keepalives_of_the_last_reference_keep_it_up(bench: Any) -> None:
+def test_keepalives_of_the_last_reference_keep_it_up(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     trace = bench.hold(400)
     assert live(trace.flags).all()
     assert abs(trace.plate_um[-1, 0] - 2) < 0.01
 
 
-def test_keepalives_that_outlive_their_planner_do_not_hold_the_plate(bench: Any) -> None:
+def test_keepalives_that_outlive_their_planner_do_not_hold_the_plate(bench: Bench) -> None:
     """A reference that moves the plate holds for 10 s; none at all for ever."""
     bench.arm(2 + 0j, 1j)
     trace = bench.hold(2000 * 11)
@@ -73,7 +69,7 @@ def test_keepalives_that_outlive_their_planner_do_not_hold_the_plate(bench: Any)
     assert live(bench.hold(2000 * 11).flags).all()
 
 
-def test_keepalives_of_another_reference_do_not(bench: Any) -> None:
+def test_keepalives_of_another_reference_do_not(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     for _ in range(8):
         bench.say(device.encode_keepalive(bench.seq + 1))
@@ -83,7 +79,7 @@ def test_keepalives_of_another_reference_do_not(bench: Any) -> None:
     assert status.late_frames == 8
 
 
-def test_only_three_references_in_a_row_start_the_drive(bench: Any) -> None:
+def test_only_three_references_in_a_row_start_the_drive(bench: Bench) -> None:
     for _ in range(2):
         bench.say(bench.constant(1 + 0j, 0j))
     for _ in range(10):
@@ -101,7 +97,7 @@ def test_only_three_references_in_a_row_start_the_drive(bench: Any) -> None:
     ],
     ids=["noise", "a frame of unknown type"],
 )
-def test_a_bad_frame_between_starts_the_count_anew(bench: Any, between: bytes) -> None:
+def test_a_bad_frame_between_starts_the_count_anew(bench: Bench, between: bytes) -> None:
     for _ in range(2):
         bench.say(bench.constant(1 + 0j, 0j))
     bench.say(between)
@@ -112,20 +108,20 @@ def test_a_bad_frame_between_starts_the_count_anew(bench: Any, between: bytes) -
     assert live(bench.run(1).flags).all()
 
 
-def test_a_stale_reference_between_starts_the_count_anew(bench: Any) -> None:
+def test_a_stale_reference_between_starts_the_count_anew(bench: Bench) -> None:
     bench.run(200)
     for late_us in (0, 0, 60_000, 0):
         bench.say(bench.polyline((0, (1 + 0j, 0j)), t_apply_us=bench.board.t_us - late_us))
     assert not live(bench.run(1).flags).any()
 
 
-def test_a_gap_between_starts_the_count_anew(bench: Any) -> None:
+def test_a_gap_between_starts_the_count_anew(bench: Bench) -> None:
     for _ in range(6):
         bench.say(bench.constant(1 + 0j, 0j))
         assert not live(bench.run(102).flags).any()
 
 
-def test_after_a_trip_three_fresh_references_ramp_the_drive_in_again(bench: Any) -> None:
+def test_after_a_trip_three_fresh_references_ramp_the_drive_in_again(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     bench.run(200)
     bench.say(device.encode_keepalive(bench.seq))
@@ -139,7 +135,7 @@ def test_after_a_trip_three_fresh_references_ramp_the_drive_in_again(bench: Any)
     assert not (trace.flags & FLAG_DEADMAN).any()
 
 
-def test_what_the_host_wanted_before_a_trip_does_not_come_back(bench: Any) -> None:
+def test_what_the_host_wanted_before_a_trip_does_not_come_back(bench: Bench) -> None:
     bench.arm(3 + 0j, 0j)
     t0 = bench.board.t_us
     bench.say(bench.polyline((0, (3 + 0j, 0j)), t_apply_us=t0 + 300_000))
@@ -151,7 +147,7 @@ def test_what_the_host_wanted_before_a_trip_does_not_come_back(bench: Any) -> No
     assert (trace.reference_um == 0).all()
 
 
-def test_references_that_come_back_during_the_ramp_wait_for_its_end(bench: Any) -> None:
+def test_references_that_come_back_during_the_ramp_wait_for_its_end(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     bench.run(90)
     for _ in range(3):
@@ -164,44 +160,42 @@ def test_references_that_come_back_during_the_ramp_wait_for_its_end(bench: Any) 
     assert live(trace.flags[silent[-1] + 1 :]).all()
 
 
-def test_three_trips_in_ten_seconds_latch_only_if_asked_to(new_bench: NewBench) -> None:
+def test_three_trips_in_ten_seconds_latch_only_if_asked_to() -> None:
     for latch, state in ((False, BoardState.QUIET), (True, BoardState.FAULT)):
-        bench = new_bench(latch_repeated_trips=latch)
+        bench = Bench(latch_repeated_trips=latch)
         for _ in range(3):
             bench.arm(1 + 0j, 0j)
             bench.run(200)
-        last = [m for m in bench.messages if isinstance(m, BoardStatus)][-1]
+        last = bench.heard(BoardStatus)[-1]
         assert (last.state, last.deadman_trips, last.fault_code) == (state, 3, 5 if latch else 0)
 
 
-def test_three_trips_in_more_than_ten_seconds_do_not_latch(new_bench: NewBench) -> None:
-    bench = new_bench(latch_repeated_trips=True)
+def test_three_trips_in_more_than_ten_seconds_do_not_latch() -> None:
+    bench = Bench(latch_repeated_trips=True)
     for _ in range(3):
         bench.arm(1 + 0j, 0j)
         bench.run(10_100)
-    states = [m.state for m in bench.messages if isinstance(m, BoardStatus)]
+    states = [status.state for status in bench.heard(BoardStatus)]
     assert states.count(BoardState.LIVE) >= 3
     assert BoardState.FAULT not in states
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_measurement_that_is_not_finite_is_silence_in_the_same_tick(bench: Any, value: float) -> None:
+@pytest.mark.parametrize(
+    ("measured_um", "fault"),
+    [*[((1.0, complex(0, value)), 1) for value in (math.nan, math.inf, -math.inf)], ((3e38, 0.0), 2)],
+)
+def test_what_is_not_finite_is_silence_in_the_same_tick(
+    bench: Bench, measured_um: tuple[complex, complex], fault: int
+) -> None:
+    """A measurement, or the voltage that the controller's gain makes of it."""
     bench.arm(2 + 0j, 0j)
-    bench.board.fake_measurement(np.array([1.0, complex(0, value)]))
+    bench.board.fake_measurement(np.array(measured_um))
     assert (bench.run(50).voltage_v == 0).all()
-    last = [m for m in bench.messages if isinstance(m, BoardStatus)][-1]
-    assert (last.state, last.fault_code) == (BoardState.FAULT, 1)
+    last = bench.heard(BoardStatus)[-1]
+    assert (last.state, last.fault_code) == (BoardState.FAULT, fault)
 
 
-def test_a_voltage_that_is_not_finite_is_silence_in_the_same_tick(bench: Any) -> None:
-    bench.arm(2 + 0j, 0j)
-    bench.board.fake_measurement(np.array([3e38, 0.0]))  # finite, but not after the controller's gain
-    assert (bench.run(50).voltage_v == 0).all()
-    last = [m for m in bench.messages if isinstance(m, BoardStatus)][-1]
-    assert (last.state, last.fault_code) == (BoardState.FAULT, 2)
-
-
-def test_an_amplitude_far_above_its_limit_is_a_fault(bench: Any) -> None:
+def test_an_amplitude_far_above_its_limit_is_a_fault(bench: Bench) -> None:
     bench.arm(1 + 0j, 0j)
     bench.board.fake_measurement(np.array([6.1, 0.0]))
     trace = bench.run(10)  # its turn is every other tick
@@ -210,7 +204,7 @@ def test_an_amplitude_far_above_its_limit_is_a_fault(bench: Any) -> None:
     assert bench.messages[-1].fault_code == 3
 
 
-def test_a_dead_sensor_is_a_fault_and_not_full_voltage_for_ever(bench: Any) -> None:
+def test_a_dead_sensor_is_a_fault_and_not_full_voltage_for_ever(bench: Bench) -> None:
     bench.arm(1 + 0j, 0j)
     bench.board.fake_measurement(np.zeros(2, dtype=np.complex128))
     trace = bench.hold(1000)
@@ -219,7 +213,7 @@ def test_a_dead_sensor_is_a_fault_and_not_full_voltage_for_ever(bench: Any) -> N
     assert bench.messages[-1].fault_code == 4
 
 
-def test_a_fault_stays_until_it_is_cleared(bench: Any) -> None:
+def test_a_fault_stays_until_it_is_cleared(bench: Bench) -> None:
     bench.arm(1 + 0j, 0j)
     bench.board.fake_measurement(np.array([math.nan, 0]))
     bench.run(1)
@@ -233,7 +227,7 @@ def test_a_fault_stays_until_it_is_cleared(bench: Any) -> None:
     assert live(bench.run(1).flags).all()
 
 
-def test_a_new_session_starts_from_silence_and_any_sequence_number(bench: Any) -> None:
+def test_a_new_session_starts_from_silence_and_any_sequence_number(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     bench.say(device.encode_hello_request())
     trace = bench.run(1)

@@ -14,7 +14,7 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardCommand, BoardHello, BoardState, BoardStatus, BoardTime, BoardVerdict
+from hapticd.board_values import BoardHello, BoardState, BoardStatus
 from hapticd.core.board.session import BoardSession
 from hapticd.core.solver.public import solve
 from hapticd.errors import DeviceError, UsageError
@@ -24,9 +24,8 @@ from hapticd.sim.board.emulator import Emulator, find_program
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.rig.program import Rig
 from hapticd.wire import device
-from hapticd.wire.commands import encode
 
-from .emulated import STEP_US, Host
+from .emulated import STEP_US, Host, answer, encoded
 
 pytestmark = pytest.mark.long
 WRAPS_SOON_US = (1 << 32) - 300_000  # the board's clock, in the middle of a run
@@ -192,35 +191,24 @@ async def armed(port: str) -> BoardStatus:
     """Talk to the board until it follows references."""
     loop = asyncio.get_running_loop()
     live: asyncio.Future[BoardStatus] = loop.create_future()
-    link, session, decoder = SerialLink(port, 921600), BoardSession(link_start_ns=5_000_000, controller="pi_ff"), None
-
-    def say(commands: list[BoardCommand]) -> None:
-        for command in commands:
-            link.write(encode(command))
+    link, session = SerialLink(port, 921600), BoardSession(link_start_ns=5_000_000, controller="pi_ff")
+    decoder = device.Decoder()
 
     def now_ns() -> int:
         return round(loop.time() * 1e9)
 
     def hear(data: bytes) -> None:
         for message in decoder.feed(data):
-            if isinstance(message, BoardHello):
-                say(session.receive_hello(message, now_ns()))
-            elif isinstance(message, BoardTime):
-                session.receive_time(message, now_ns())
-            elif isinstance(message, BoardVerdict):
-                say(session.receive_answer(now_ns()))
-            elif isinstance(message, BoardStatus):
-                session.receive_status(message, now_ns())
-                if message.state is BoardState.LIVE and not live.done():
-                    live.set_result(message)
+            link.write(answer(session, message, now_ns()))
+            if isinstance(message, BoardStatus) and message.state is BoardState.LIVE and not live.done():
+                live.set_result(message)
 
     def tick() -> None:
         nonlocal timer
-        say(session.timer(now_ns()))
+        link.write(encoded(session.timer(now_ns())))
         timer = loop.call_later(0.01, tick)
 
-    decoder = device.Decoder()
-    link.start(loop, hear, lambda up, _: say(session.link_up(now_ns())) if up else None)
+    link.start(loop, hear, lambda up, _: link.write(encoded(session.link_up(now_ns()))) if up else None)
     timer = loop.call_soon(tick)
     try:
         return await live

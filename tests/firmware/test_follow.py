@@ -8,40 +8,35 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
-from hapticd.board_values import BoardController, BoardStatus, BoardVerdict, ControllerRequest, SetDrive, Verdict
-from hapticd.sim.board.board import Board, BoardConfig, PlateModel
+from hapticd.bench.closed_loop import NOISE_UM, follow
+from hapticd.board_values import BoardController, BoardStatus, ControllerRequest, SetDrive, Verdict
+from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.wire import device
 from hapticd.wire.commands import encode
-from hapticd.wire.device import Decoder
+
+from .bench import Bench, constantly, nominal_plate, of_kind
 
 CONFIG = BoardConfig()
+STILL = constantly(4.0, 4.0j)
 DRIVE_HZ, TURN_RAD = CONFIG.drive_hz, 2.0 * np.pi
 
 
 def board(*, noise_um: float = NOISE_UM) -> Board:
-    gain = np.diag(CONFIG.gain_um_per_v_s)
-    decay, detuning = np.array(CONFIG.decay_1_s), np.array(CONFIG.detuning_rad_s)
-    return Board(PlateModel(decay, detuning, gain, np.eye(2), noise_um, LIMIT_V), config=CONFIG)
+    return Board(nominal_plate(CONFIG, noise_um=noise_um), config=CONFIG)
 
 
 def drive_hz(of: Board) -> float:
     of.receive(device.encode_clear_fault())
-    return [message.drive_hz for message in Decoder().feed(of.transmit()) if isinstance(message, BoardStatus)][-1]
+    return of_kind(BoardStatus, device.Decoder().feed(of.transmit()))[-1].drive_hz
 
 
-def still(_: float) -> list[tuple[float, npt.NDArray[np.complex128]]]:
-    return [(0.0, np.array([4.0 + 0j, 4.0j]))]
-
-
-def drifting(of: Board, seconds: float, hz_per_s: float, *, apart_hz: float = 0.0, asks: Any = still) -> float:
+def drifting(of: Board, seconds: float, hz_per_s: float, *, apart_hz: float = 0.0, asks: Any = STILL) -> float:
     """Least reach (um) of both modes, from the first tenth of a second on, while the plate drifts."""
 
     def knots(t_s: float) -> list[tuple[float, npt.NDArray[np.complex128]]]:
         hz = t_s * hz_per_s + np.array([-0.5, 0.5]) * apart_hz
         of.detune(np.array(CONFIG.detuning_rad_s) + TURN_RAD * hz)
-        found: list[tuple[float, npt.NDArray[np.complex128]]] = asks(t_s)
-        return found
+        return asks(t_s)
 
     trace = follow(of, knots, round(seconds * CONFIG.control_hz), 40)
     return float(np.abs(trace.plate_um[200:]).min())
@@ -75,7 +70,7 @@ def test_a_hundred_hertz_in_a_minute_cost_no_more_than_a_sixth_of_the_reach() ->
 
 def test_the_drive_stays_while_nothing_moves_that_could_teach_it() -> None:
     quiet = board(noise_um=0.01)
-    drifting(quiet, 2.0, 20.0, asks=lambda _: [(0.0, np.array([0.05, 0j]))])
+    drifting(quiet, 2.0, 20.0, asks=constantly(0.05, 0j))
     assert drive_hz(quiet) == DRIVE_HZ
 
 
@@ -93,15 +88,9 @@ def test_the_drive_follows_within_its_reach_only() -> None:
     assert drive_hz(near) == pytest.approx(DRIVE_HZ + 2.0, abs=0.01)
 
 
-def test_a_set_drive_leaves_the_modes_where_they_are(new_bench: Any) -> None:
-    bench = new_bench()
-    verdict, controller = (
-        *bench.say(encode(SetDrive(DRIVE_HZ + 10.0, 0.0))),
-        *bench.say(encode(ControllerRequest())),
-    )
-    assert isinstance(verdict, BoardVerdict)
-    assert verdict.verdict is Verdict.DONE
-    assert isinstance(controller, BoardController)
+def test_a_set_drive_leaves_the_modes_where_they_are(bench: Bench) -> None:
+    assert bench.verdict(SetDrive(DRIVE_HZ + 10.0, 0.0)) is Verdict.DONE
+    (controller,) = of_kind(BoardController, bench.say(encode(ControllerRequest())))
     for model, before in zip(controller.models, CONFIG.detuning_rad_s, strict=True):
         assert model.detuning_rad_s == pytest.approx(before - TURN_RAD * 10.0, abs=1e-3)
     bench.arm(3.0 + 0j, 2j)
@@ -110,12 +99,7 @@ def test_a_set_drive_leaves_the_modes_where_they_are(new_bench: Any) -> None:
 
 
 @pytest.mark.parametrize(("hz", "follow_hz"), [(27000.0, 0.0), (31300.0, 0.0), (DRIVE_HZ, 500.0)])
-def test_a_drive_is_taken_near_the_first_one_and_on_a_quiet_plate(hz: float, follow_hz: float, new_bench: Any) -> None:
-    bench = new_bench()
-    (verdict,) = bench.say(encode(SetDrive(hz, follow_hz)))
-    assert verdict.verdict is (Verdict.DONE if hz == DRIVE_HZ else Verdict.OUT_OF_RANGE)
+def test_a_drive_is_taken_near_the_first_one_and_on_a_quiet_plate(bench: Bench, hz: float, follow_hz: float) -> None:
+    assert bench.verdict(SetDrive(hz, follow_hz)) is (Verdict.DONE if hz == DRIVE_HZ else Verdict.OUT_OF_RANGE)
     bench.arm(1.0 + 0j, 0j)
-    (verdict,) = (
-        message for message in bench.say(encode(SetDrive(DRIVE_HZ, 0.0))) if isinstance(message, BoardVerdict)
-    )
-    assert verdict.verdict is Verdict.NOT_QUIET
+    assert bench.verdict(SetDrive(DRIVE_HZ, 0.0)) is Verdict.NOT_QUIET

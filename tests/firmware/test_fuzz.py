@@ -19,7 +19,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.sim.board.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.bench.closed_loop import Law, Plate
+from hapticd.sim.board.board import FLAG_LIVE, BoardTrace
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
@@ -48,10 +49,7 @@ def seeds() -> dict[str, bytes]:
 
 def played(script: bytes) -> Iterator[tuple[BoardTrace, int]]:
     """The script played to the host's library: the ticks of each RUN, and the references said before it."""
-    config = BoardConfig()
-    gain = np.diag(config.gain_um_per_v_s)
-    model = PlateModel(np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
-    board, decoder, references, at = Board(model, config=config), device.Decoder(), 0, 0
+    board, decoder, references, at = Law("deadbeat").board(Plate(), noise_um=0.0), device.Decoder(), 0, 0
     board.fake_measurement(np.zeros(2, dtype=np.complex128))
 
     def take(n: int) -> bytes:
@@ -117,7 +115,7 @@ operations = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(operations, max_size=20))
 def test_no_script_drives_the_board_out_of_its_bounds(parts: list[bytes]) -> None:
     check(b"".join(parts))

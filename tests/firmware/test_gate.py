@@ -43,7 +43,7 @@ def direction(phasors: Floats) -> npt.NDArray[np.float64]:
     return phasors.astype(np.float64) / np.abs(phasors).max()
 
 
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=400)
 @given(PHASORS)
 @example([4.0, 0.0, 2.5, 0.0])
 @example([3.4e38, 3.4e38, 0.0, 0.0])
@@ -70,7 +70,7 @@ def test_only_float32_rounding_is_tolerated_above_the_limit(over: float, result:
     assert limited_amplitudes([2.4 * (1 + over), 3.2 * (1 + over), 0.0, 0.0])[0] == result
 
 
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=400)
 @given(PHASORS)
 @example([150.0, 0.0, 0.0, -150.0])
 @example([3.4e38, 3.4e38, 1.0, 0.0])
@@ -90,7 +90,7 @@ def test_voltages_come_out_within_the_limit_whatever_goes_in(values: list[float]
             np.testing.assert_allclose(direction(mode_out), direction(mode_in), rtol=1e-6, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(
     st.integers(1, 255),
     st.one_of(st.binary(max_size=300), st.integers(0, 630).map(lambda n: b"\x2a" * n)),

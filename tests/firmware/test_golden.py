@@ -169,14 +169,6 @@ def test_every_message_of_the_protocol_is_in_the_file() -> None:
     assert {NAMES[kind] for kind in raw} == set(NAMES.values())
 
 
-def test_the_host_reads_of_each_golden_line_what_stands_beside_it() -> None:
-    rows = [row for row in golden() if "board" in row]
-    assert len(rows) > 10
-    for row in rows:
-        (message,) = Decoder().feed(bytes.fromhex(row["line"]))
-        assert plain(message) == row["value"]
-
-
 def examples() -> str:
     """Of each message the first golden line, as the protocol's text shows them."""
     first: dict[int, bytes] = {}

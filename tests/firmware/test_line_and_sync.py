@@ -3,49 +3,42 @@
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
 
-from hapticd.board_values import BoardHello, BoardStatus, BoardVerdict, SetBaud, Verdict
-from hapticd.sim.board.board import FLAG_SYNC, BoardTrace
+from hapticd.board_values import BoardHello, BoardStatus, SetBaud, Verdict
+from hapticd.sim.board.board import FLAG_SYNC
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device, protocol
-from hapticd.wire.commands import encode
 from hapticd.wire.framing import FrameSplitter, encode_frame
+
+from .bench import Bench, of_kind
 
 FAST_BAUD, TICK_US = 3_000_000, 500
 ONE_UM = SafeDrive(0, (Knot(0, (1 + 0j, 0j)),), LimitReason.NONE)
 
 
-def verdict(bench: Any, baud: int) -> Verdict:
-    (found,) = (m for m in bench.say(encode(SetBaud(baud))) if isinstance(m, BoardVerdict))
-    assert found.request == protocol.MSG_SET_BAUD
-    taken: Verdict = found.verdict
-    return taken
-
-
-def test_a_quiet_board_takes_a_speed_up_to_its_fastest(new_bench: Any) -> None:
-    bench = new_bench(baud_max=FAST_BAUD)
+def test_a_quiet_board_takes_a_speed_up_to_its_fastest() -> None:
+    bench = Bench(baud_max=FAST_BAUD)
     (hello,) = bench.say(device.encode_hello_request())
     assert (hello.baud_max, bench.board.baud) == (FAST_BAUD, 0)
-    assert verdict(bench, FAST_BAUD + 1) is Verdict.OUT_OF_RANGE
-    assert verdict(bench, FAST_BAUD) is Verdict.DONE
+    assert bench.verdict(SetBaud(FAST_BAUD + 1)) is Verdict.OUT_OF_RANGE
+    assert bench.verdict(SetBaud(FAST_BAUD)) is Verdict.DONE
     assert bench.board.baud == FAST_BAUD
     bench.arm()
-    assert verdict(bench, 921600) is Verdict.NOT_QUIET
+    assert bench.verdict(SetBaud(921600)) is Verdict.NOT_QUIET
     assert bench.board.baud == FAST_BAUD
 
 
-def test_a_board_with_one_speed_refuses_all(new_bench: Any) -> None:
-    bench = new_bench()
-    assert verdict(bench, 921600) is Verdict.OUT_OF_RANGE
+def test_a_board_with_one_speed_refuses_all() -> None:
+    bench = Bench()
+    assert bench.verdict(SetBaud(921600)) is Verdict.OUT_OF_RANGE
     assert bench.board.baud == 0
 
 
-def test_without_a_valid_frame_the_board_returns_to_its_first_speed(new_bench: Any) -> None:
-    bench = new_bench(baud_max=FAST_BAUD)
-    verdict(bench, FAST_BAUD)
+def test_without_a_valid_frame_the_board_returns_to_its_first_speed() -> None:
+    bench = Bench(baud_max=FAST_BAUD)
+    bench.verdict(SetBaud(FAST_BAUD))
     for _ in range(3):  # each in time
         bench.run(2300)
         assert bench.board.baud == FAST_BAUD
@@ -56,72 +49,70 @@ def test_without_a_valid_frame_the_board_returns_to_its_first_speed(new_bench: A
     assert bench.board.baud == 0
 
 
-def pulsed(bench: Any) -> None:
+def pulsed(bench: Bench) -> None:
     bench.seq += 1
     bench.say(device.encode_reference(bench.seq, ONE_UM, bench.board.t_us, has_pulse=True))
 
 
-def rises(trace: BoardTrace) -> list[int]:
-    high = (trace.flags & FLAG_SYNC) != 0
-    found: list[int] = np.flatnonzero(np.diff(high, prepend=False) & high).tolist()
-    return found
+def rises(flags: np.ndarray) -> list[int]:
+    high = (flags & FLAG_SYNC) != 0
+    return np.flatnonzero(np.diff(high, prepend=False) & high).tolist()
 
 
-def test_the_sync_output_rises_for_5_ms_at_the_tick_at_which_the_reference_takes_effect(bench: Any) -> None:
+def test_the_sync_output_rises_for_5_ms_at_the_tick_at_which_the_reference_takes_effect(bench: Bench) -> None:
     bench.arm()
     bench.messages.clear()
     pulsed(bench)
     trace = bench.run(40)
-    assert rises(trace) == [0]
+    assert rises(trace.flags) == [0]
     assert np.count_nonzero(trace.flags & FLAG_SYNC) * TICK_US == 5000
-    applied = [m for m in bench.messages if isinstance(m, BoardStatus) and m.applied]
+    applied = [status for status in bench.heard(BoardStatus) if status.applied]
     assert [m.pulsed for m in applied] == [True]
     assert applied[0].seq == bench.seq
 
 
-def test_a_marked_reference_that_is_replaced_before_it_takes_effect_leaves_its_mark(bench: Any) -> None:
+def test_a_marked_reference_that_is_replaced_before_it_takes_effect_leaves_its_mark(bench: Bench) -> None:
     bench.arm()
     pulsed(bench)
     bench.say(bench.constant(0.5, 0.0))
-    assert rises(bench.run(40)) == [0]
+    assert rises(bench.run(40).flags) == [0]
 
 
-def test_other_references_do_not_pulse(bench: Any) -> None:
+def test_other_references_do_not_pulse(bench: Bench) -> None:
     bench.arm()
     bench.say(bench.constant(1.0, 0.0))
-    assert rises(bench.run(40)) == []
-    assert not any(m.pulsed for m in bench.messages if isinstance(m, BoardStatus))
+    assert rises(bench.run(40).flags) == []
+    assert not any(status.pulsed for status in bench.heard(BoardStatus))
 
 
-def test_pulses_come_20_ms_apart_at_least(bench: Any) -> None:
+def test_pulses_come_20_ms_apart_at_least(bench: Bench) -> None:
     bench.arm()
     flags = []
     for _ in range(12):  # each 4 ms
         pulsed(bench)
         flags.append(bench.run(8).flags)
-    high = (np.concatenate(flags) & FLAG_SYNC) != 0
-    starts = np.flatnonzero(np.diff(high, prepend=False) & high)
+    starts = rises(np.concatenate(flags))
     assert (np.diff(starts) * TICK_US >= 20_000).all()
     assert len(starts) == 3
 
 
-def test_a_board_without_the_output_says_so_and_follows_the_reference_alone(new_bench: Any) -> None:
-    bench = new_bench(has_sync=False)
+def test_a_board_without_the_output_says_so_and_follows_the_reference_alone() -> None:
+    bench = Bench(has_sync=False)
     (hello,) = bench.say(device.encode_hello_request())
     assert not hello.has_sync
     bench.arm()
     pulsed(bench)
     trace = bench.run(40)
-    assert rises(trace) == []
+    assert rises(trace.flags) == []
     assert trace.reference_um[-1, 0].real > 0.9
 
 
 def hello_of(payload: bytes) -> list[BoardHello]:
-    return [m for m in device.Decoder().feed(encode_frame(payload)) if isinstance(m, BoardHello)]
+    return of_kind(BoardHello, device.Decoder().feed(encode_frame(payload)))
 
 
-def test_a_hello_may_lack_its_last_fields_and_may_have_more(new_bench: Any) -> None:
-    bench = new_bench(baud_max=FAST_BAUD, image_crc=0x1234ABCD)
+def test_a_hello_may_lack_its_last_fields_and_may_have_more() -> None:
+    bench = Bench(baud_max=FAST_BAUD, image_crc=0x1234ABCD)
     bench.board.receive(device.encode_hello_request())
     (payload,) = FrameSplitter(512).feed(bench.board.transmit())
     (whole,) = hello_of(payload)

@@ -14,8 +14,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-pytest.importorskip("unicorn", reason="unicorn is not installed")
-
 from hapticd.board_values import (
     ClearFault,
     LogRequest,
@@ -32,19 +30,15 @@ from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 
-from .m4 import image
-from .m4.boards import BOARDS, F405, G474, Board
+from .m4.boards import F405, G474, Board, every_board, needs_compiler
 from .m4.cpu import SCRATCH, Cpu
 
-pytestmark = [pytest.mark.long, pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))]
+pytestmark = [pytest.mark.long, needs_compiler]
 
 TICK_US = 500
 CONFIG_SIZE, OBJECT_SIZE, LINE_SIZE = 512, 32768, 2048
 CONFIG, CONVERTERS, OBJECT, IN, OUT = (SCRATCH + 0x8000 * i for i in range(5))
 CHUNK = 50
-
-
-every_board = pytest.mark.parametrize("board", BOARDS, ids=str)
 
 
 def fresh_cpu(board: Board) -> Cpu:

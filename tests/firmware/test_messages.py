@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,12 +25,13 @@ from hapticd.board_values import (
     Verdict,
 )
 from hapticd.sim.board import firmware
-from hapticd.sim.board.board import FLAG_LIVE, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import FLAG_LIVE
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import board_messages, device, protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-NewBench = Callable[..., Any]
+from .bench import Bench, of_kind, untouched
+
 EXAMPLE_DRIVE = SafeDrive(0, (Knot(0, (1 + 0j, -0.5 + 0j)), Knot(10_000_000, (1.25 + 0j, 0j))), LimitReason.NONE)
 TO_BOARD = {
     "HELLO_REQUEST": device.encode_hello_request(),
@@ -50,13 +50,7 @@ TO_BOARD = {
 }
 
 
-def new_board(**config: Any) -> Board:
-    c = BoardConfig(**config)
-    gain = np.diag(c.gain_um_per_v_s)
-    return Board(PlateModel(np.array(c.decay_1_s), np.array(c.detuning_rad_s), gain, np.eye(2), 0.0, 150.0), config=c)
-
-
-def test_the_hello_tells_versions_limits_and_rates(bench: Any) -> None:
+def test_the_hello_tells_versions_limits_and_rates(bench: Bench) -> None:
     (hello,) = bench.say(device.encode_hello_request())
     assert hello == BoardHello(
         protocol_version=protocol.PROTOCOL_VERSION,
@@ -75,13 +69,13 @@ def test_the_hello_tells_versions_limits_and_rates(bench: Any) -> None:
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
 
 
-def test_a_time_request_comes_back_with_the_boards_clock(new_bench: NewBench) -> None:
-    bench = new_bench(t_start_us=2**32 - 50)
+def test_a_time_request_comes_back_with_the_boards_clock() -> None:
+    bench = Bench(t_start_us=2**32 - 50)
     bench.board.receive(device.encode_time_request(2**63 + 5), at_us=2**32 - 20)
     assert bench.listen(at_us=2**32 + 30) == (BoardTime(2**63 + 5, 2**32 - 20, 30),)
 
 
-def test_a_slow_line_gets_the_newest_of_each_kind_once(bench: Any) -> None:
+def test_a_slow_line_gets_the_newest_of_each_kind_once(bench: Bench) -> None:
     for stamp in range(5):
         bench.board.receive(device.encode_time_request(stamp) + device.encode_hello_request())
     time, hello = bench.listen()
@@ -90,7 +84,7 @@ def test_a_slow_line_gets_the_newest_of_each_kind_once(bench: Any) -> None:
     assert bench.listen() == ()
 
 
-def test_a_buffer_for_the_longest_message_gets_whole_frames_one_by_one(bench: Any) -> None:
+def test_a_buffer_for_the_longest_message_gets_whole_frames_one_by_one(bench: Bench) -> None:
     """The most urgent first: the clock's exchange and the state do not wait for what a person asked."""
     asked = ("HELLO_REQUEST", "LOG_REQUEST", "CONTROLLER_REQUEST", "STOP", "CLEAR_FAULT", "TIME_REQUEST")
     bench.board.receive(b"".join(TO_BOARD[name] for name in asked))
@@ -106,7 +100,7 @@ def test_a_buffer_for_the_longest_message_gets_whole_frames_one_by_one(bench: An
 
 
 @pytest.mark.parametrize("name", TO_BOARD)
-def test_every_flipped_bit_is_refused_by_the_board(bench: Any, name: str) -> None:
+def test_every_flipped_bit_is_refused_by_the_board(bench: Bench, name: str) -> None:
     line = TO_BOARD[name]
     before = bench.status()
     for i in range(8 * len(line)):
@@ -120,7 +114,7 @@ def test_every_flipped_bit_is_refused_by_the_board(bench: Any, name: str) -> Non
 
 
 @pytest.mark.parametrize("name", TO_BOARD)
-def test_every_truncation_is_refused_by_the_board(bench: Any, name: str) -> None:
+def test_every_truncation_is_refused_by_the_board(bench: Bench, name: str) -> None:
     line = TO_BOARD[name]
     for n in range(1, len(line) - 1):
         assert bench.say(line[:n] + b"\0") == ()
@@ -128,7 +122,7 @@ def test_every_truncation_is_refused_by_the_board(bench: Any, name: str) -> None
     assert (status.bad_frames, status.seq, status.t_received_us) == (len(line) - 2, 0, 0)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     st.lists(
         st.one_of(
@@ -139,24 +133,22 @@ def test_every_truncation_is_refused_by_the_board(bench: Any, name: str) -> None
     )
 )
 def test_no_bytes_start_the_drive_or_stop_the_board_from_listening(pieces: list[bytes]) -> None:
-    board = new_board()
+    board = Bench().board
     for piece in pieces:
         board.receive(piece)
         board.transmit()
-    trace = BoardTrace(3, 2, 2)
-    board.run(3, np.zeros((3, 0, 2)), np.zeros((3, 0)), trace)
+    trace = untouched(board, 3)
     assert not (trace.flags & FLAG_LIVE).any()
     assert (np.abs(trace.voltage_v) <= protocol.RAW_LIMIT_FRAC * 150).all()  # a sweep may have been well-formed
     board.receive(b"\0" + device.encode_hello_request())
-    answers = device.Decoder().feed(board.transmit())
-    assert any(isinstance(answer, BoardHello) for answer in answers)
+    assert of_kind(BoardHello, device.Decoder().feed(board.transmit()))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.lists(st.sampled_from(sorted(TO_BOARD)), max_size=8), st.integers(1, 40))
 def test_pieces_of_any_size_do_the_same_to_the_board(names: list[str], size: int) -> None:
     line = b"\x07\x03noise\x00" + b"".join(TO_BOARD[name] for name in names) + TO_BOARD["CLEAR_FAULT"]
-    whole, piecewise = new_board(), new_board()
+    whole, piecewise = Bench().board, Bench().board
     whole.receive(line)
     for start in range(0, len(line), size):
         piecewise.receive(line[start : start + size])
@@ -164,10 +156,10 @@ def test_pieces_of_any_size_do_the_same_to_the_board(names: list[str], size: int
 
 
 @pytest.mark.parametrize("modes", [2, 3])
-def test_the_longest_frame_is_taken_and_followed(new_bench: NewBench, modes: int) -> None:
+def test_the_longest_frame_is_taken_and_followed(modes: int) -> None:
     detuning_rad_s = (-60.0, 60.0, 0.0)[:modes]
     nominal = {"decay_1_s": (183.0,) * modes, "detuning_rad_s": detuning_rad_s, "gain_um_per_v_s": (5.0,) * modes}
-    bench = new_bench(w_limit_um=(4.0,) * modes, **nominal)
+    bench = Bench(w_limit_um=(4.0,) * modes, **nominal)
     bench.arm()
     rng = np.random.default_rng(1)
     knots = [(10 * i, rng.uniform(0.1, 1, modes) + 1j * rng.uniform(0.1, 1, modes)) for i in range(24)]
@@ -178,13 +170,14 @@ def test_the_longest_frame_is_taken_and_followed(new_bench: NewBench, modes: int
     np.testing.assert_allclose(bench.hold(500).plate_um[-1], knots[-1][1], atol=1e-4)
 
 
-def verdicts(bench: Any, kind: int, *payloads: bytes) -> list[Verdict]:
-    found = [bench.say(encode_frame(bytes((kind,)) + payload)) for payload in payloads]
-    assert all(answer.request == kind for answers in found for answer in answers if isinstance(answer, BoardVerdict))
-    return [answer.verdict for answers in found for answer in answers if isinstance(answer, BoardVerdict)]
+def verdicts(bench: Bench, kind: int, *payloads: bytes) -> list[Verdict]:
+    answers = [one for payload in payloads for one in bench.say(encode_frame(bytes((kind,)) + payload))]
+    found = of_kind(BoardVerdict, answers)
+    assert all(answer.request == kind for answer in found)
+    return [answer.verdict for answer in found]
 
 
-def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Any) -> None:
+def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Bench) -> None:
     sound = (1, 900.0, 0.0025)
     senseless = (
         (9, 900.0, 0.0025),
@@ -213,7 +206,7 @@ def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Any) -> None:
     ids=["mode", "decay", "detuning", "gain", "loop d", "loop q"],
 )
 def test_a_model_with_a_figure_out_of_bounds_is_refused_whole(
-    bench: Any, place: int, values: tuple[float, ...]
+    bench: Bench, place: int, values: tuple[float, ...]
 ) -> None:
     before = bench.say(device.encode_controller_request())
     sound = [1, 180.0, 60.0, 5.0, 0.6, 0.8]
@@ -222,24 +215,24 @@ def test_a_model_with_a_figure_out_of_bounds_is_refused_whole(
     assert bench.say(device.encode_controller_request()) == before
 
 
-def test_a_refusal_is_not_hidden_by_a_later_success(bench: Any) -> None:
+def test_a_refusal_is_not_hidden_by_a_later_success(bench: Bench) -> None:
     for law in (9, 1):
         payload = protocol.SET_CONTROLLER.pack(law, 0.0, 0.0)
         bench.board.receive(encode_frame(bytes((protocol.MSG_SET_CONTROLLER,)) + payload))
     assert bench.listen() == (BoardVerdict(protocol.MSG_SET_CONTROLLER, Verdict.OUT_OF_RANGE),)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.sampled_from(sorted(TO_BOARD)), st.binary(max_size=60), st.integers(0, 400))
 def test_one_frame_after_any_noise_the_board_understands_again(name: str, noise: bytes, cut: int) -> None:
     """Whatever was on the line before, even half a frame, costs at most the frame it runs into."""
-    board = new_board()
+    board = Bench().board
     board.receive(noise + TO_BOARD[name][:cut] + TO_BOARD["KEEPALIVE"])
     board.receive(TO_BOARD["HELLO_REQUEST"])
-    assert any(isinstance(answer, BoardHello) for answer in device.Decoder().feed(board.transmit()))
+    assert of_kind(BoardHello, device.Decoder().feed(board.transmit()))
 
 
-def test_statuses_are_numbered_so_that_a_lost_one_shows(bench: Any) -> None:
+def test_statuses_are_numbered_so_that_a_lost_one_shows(bench: Bench) -> None:
     first, second = bench.status().number, bench.status().number
     bench.say(device.encode_hello_request())
     assert (second, bench.status().number) == (first + 1, first + 2)
@@ -257,7 +250,7 @@ def test_statuses_are_numbered_so_that_a_lost_one_shows(bench: Any) -> None:
     ids=["knots", "nan", "ahead", "stale", "order"],
 )
 def test_a_reference_that_is_not_taken_is_named_with_its_reason(
-    bench: Any, reason: int, late_us: int, edit: Callable[[bytes], bytes]
+    bench: Bench, reason: int, late_us: int, edit: Callable[[bytes], bytes]
 ) -> None:
     bench.run(200)  # 0.1 s
     bench.say(bench.constant(0j, 0j))
@@ -273,14 +266,14 @@ def test_a_reference_that_is_not_taken_is_named_with_its_reason(
     assert bench.status().refusal == 0
 
 
-def test_a_reference_during_a_tool_is_named_with_its_reason(bench: Any) -> None:
+def test_a_reference_during_a_tool_is_named_with_its_reason(bench: Bench) -> None:
     bench.say(device.encode_raw_voltage(RawVoltage(0, 3 + 0j, 100)))
     bench.run(2)
     bench.say(bench.constant(0j, 0j))
     assert (bench.status().refused_seq, bench.status().refusal) == (1, 5)
 
 
-def test_a_change_of_controller_ramps_the_drive_in_anew(bench: Any) -> None:
+def test_a_change_of_controller_ramps_the_drive_in_anew(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     bench.hold(40)
     bench.say(device.encode_set_controller("pi"))

@@ -15,10 +15,12 @@ from hapticd.bench.closed_loop import LIMIT_V, Law, Phasors, Plate, follow, step
 from hapticd.bench.lqg import hold
 from hapticd.board_values import SetDrive
 from hapticd.sim.board import firmware
-from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
 from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
 from hapticd.wire.commands import encode
+
+from .bench import constantly, nominal_plate, untouched
 
 DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
 LAWS = (DEADBEAT, FAST, PI_FF, PI)
@@ -37,10 +39,10 @@ def exponential(z: complex) -> tuple[complex, complex, complex]:
     function = firmware.load(2).hd_exponential
     function.argtypes, function.restype = [Phasor], Exponential
     told = function(Phasor(z.real, z.imag))
-    return tuple(complex(part.d, part.q) for part in (told.exp, told.phi1, told.phi2))  # type: ignore[return-value]
+    return tuple(complex(part.d, part.q) for part in (told.exp, told.phi1, told.phi2))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.floats(-2.75, 2.75, width=32), st.floats(-2.75, 2.75, width=32))
 @example(0.0, 0.0)
 @example(-1e-30, 1e-30)
@@ -156,10 +158,10 @@ def hold_for(board: Board, w_um: Phasors, seconds: float, contacts_1_s: tuple[fl
     """Holds amplitudes while a finger on X takes each of `contacts_1_s`, one after the other."""
     ticks = round(seconds * board.config.control_hz)
     touch = np.tile([1.0, 0.0], (ticks, 1, 1)), np.repeat(contacts_1_s, ticks // len(contacts_1_s))[:, np.newaxis]
-    return follow(board, lambda _: [(0.0, w_um)], ticks, round(0.02 * board.config.control_hz), touch)
+    return follow(board, constantly(*w_um), ticks, round(0.02 * board.config.control_hz), touch)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.sampled_from(LAWS),
     st.floats(200.0, 1000.0),
@@ -194,11 +196,10 @@ def test_nothing_is_learned_from_silence() -> None:
     np.testing.assert_allclose(board.estimate(), np.transpose([decay_1_s(), (-20 * np.pi, 20 * np.pi)]), rtol=1e-6)
     hold_for(board, np.array([1.0 + 0j, 1.0]), 0.2)
     learned = board.estimate()
-    quiet = BoardTrace(2000, 2, 2)
-    board.run(2000, np.zeros((2000, 0, 2)), np.zeros((2000, 0)), quiet)  # the host has fallen silent
+    untouched(board, 2000)  # the host has fallen silent
     np.testing.assert_allclose(board.estimate(), learned, rtol=0.02, atol=1.0)
     silent = board.estimate()
-    board.run(2000, np.zeros((2000, 0, 2)), np.zeros((2000, 0)), quiet)
+    untouched(board, 2000)
     np.testing.assert_array_equal(board.estimate(), silent)
 
 
@@ -212,17 +213,16 @@ MEASUREMENTS = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.sampled_from(["pi", "pi_ff", "deadbeat"]), MEASUREMENTS, st.integers(1, 7))
 def test_whatever_the_sensors_say_voltages_and_estimates_stay_finite_and_bounded(
     controller: str, measured_um: list[complex], ticks: int
 ) -> None:
     board = Law(controller).board(Plate())
     hold_for(board, np.array([1.0 + 0j, -1.0]), 0.02)
-    trace = BoardTrace(ticks, 2, 2)
     for value in measured_um:
         board.fake_measurement(np.array([value, -0.5 * value]))
-        board.run(ticks, np.zeros((ticks, 0, 2)), np.zeros((ticks, 0)), trace)
+        trace = untouched(board, ticks)
         assert (np.abs(trace.voltage_v) <= LIMIT_V * (1 + 1e-6)).all()  # False for NaN
         assert np.isfinite(board.estimate()).all()
         assert (np.abs(board.estimate()) < 2000.0).all()
@@ -238,11 +238,8 @@ def test_a_long_memory_does_not_outweigh_what_is_new() -> None:
 
 @pytest.mark.parametrize("gains", [(20000.0, 0.0001), (10.0, 1.0), (20000.0, 1.0), (10.0, 0.0001)])
 def test_the_extremes_of_the_gains_neither_break_the_bound_nor_the_arithmetic(gains: tuple[float, float]) -> None:
-    gain = gain_um_per_v_s()
     config = BoardConfig(bandwidth_1_s=gains[0], integral_time_s=gains[1])
-    model = PlateModel(
-        np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain * np.eye(2), np.eye(2), 0.0006, LIMIT_V
-    )
-    trace = step_trace(Board(model, config=config), np.zeros(2, complex), np.array([1.0 + 0j, -1.0]))
+    board = Board(nominal_plate(config, noise_um=0.0006), config=config)
+    trace = step_trace(board, np.zeros(2, complex), np.array([1.0 + 0j, -1.0]))
     assert (np.abs(trace.voltage_v) <= LIMIT_V * (1 + 1e-6)).all()
     assert np.abs(trace.plate_um[-1] - [1.0, -1.0]).max() < 0.02

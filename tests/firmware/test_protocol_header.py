@@ -78,26 +78,16 @@ def test_the_hash_sees_a_changed_field_but_not_a_changed_comment() -> None:
     assert hash_of(text.replace("\n", "\n\n  ")) == hash_of(text)
 
 
-@pytest.mark.parametrize(
-    ("packed", "host"),
-    [
-        ("hd_wire_reference_t", protocol.REFERENCE),
-        ("hd_wire_keepalive_t", protocol.KEEPALIVE),
-        ("hd_wire_time_request_t", protocol.TIME_REQUEST),
-        ("hd_wire_set_controller_t", protocol.SET_CONTROLLER),
-        ("hd_wire_set_model_t", protocol.SET_MODEL),
-        ("hd_wire_set_drive_t", protocol.SET_DRIVE),
-        ("hd_wire_set_baud_t", protocol.SET_BAUD),
-        ("hd_wire_sweep_t", protocol.SWEEP),
-        ("hd_wire_raw_voltage_t", protocol.RAW_VOLTAGE),
-        ("hd_wire_set_telemetry_t", protocol.SET_TELEMETRY),
-        ("hd_wire_time_t", protocol.TIME),
-        ("hd_wire_log_entry_t", protocol.LOG_ENTRY),
-        ("hd_wire_verdict_t", protocol.VERDICT),
-    ],
+FIXED = (
+    *("reference", "keepalive", "time_request", "set_controller", "set_model", "set_drive", "set_baud", "sweep"),
+    *("raw_voltage", "set_telemetry", "time", "log_entry", "verdict"),
 )
-def test_fixed_payloads_are_laid_out_as_the_header_says(packed: str, host: struct.Struct) -> None:
-    assert host.format == "<" + layout(packed)
+
+
+@pytest.mark.parametrize("name", FIXED)
+def test_fixed_payloads_are_laid_out_as_the_header_says(name: str) -> None:
+    host: struct.Struct = getattr(protocol, name.upper())
+    assert host.format == "<" + layout(f"hd_wire_{name}_t")
 
 
 @pytest.mark.parametrize("modes", [2, 3])

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,21 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.board_values import BoardStatus
-from hapticd.sim.board.board import FLAG_LIMITED, Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import FLAG_LIMITED, Board, BoardConfig
 from hapticd.wire import device, protocol
 from hapticd.wire.framing import encode_frame
 
-NewBench = Callable[..., Any]
+from .bench import Bench, nominal_plate, untouched
+
 FLOAT32_UM = 4 * 2.0**-23
 
 
 @pytest.fixture
-def pi_bench(new_bench: NewBench) -> Any:
+def pi_bench() -> Bench:
     """The paper's law follows the reference at the tick itself, so the trace shows it to the last bit."""
-    return new_bench(controller="pi")
+    return Bench(controller="pi")
 
 
-def test_knots_are_joined_by_straight_lines_and_the_last_one_holds(pi_bench: Any) -> None:
+def test_knots_are_joined_by_straight_lines_and_the_last_one_holds(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     t0 = pi_bench.board.t_us
     pi_bench.say(pi_bench.polyline((0, (0j, 1j)), (10, (2 + 0j, 1j)), (15, (1 + 1j, 0j)), t_apply_us=t0))
@@ -38,7 +37,7 @@ def test_knots_are_joined_by_straight_lines_and_the_last_one_holds(pi_bench: Any
     np.testing.assert_allclose(trace.reference_um[:, 1], 1j * np.interp(t_ms, [10, 15], [1, 0]), atol=FLOAT32_UM)
 
 
-def test_the_old_reference_goes_on_until_the_new_one_begins(pi_bench: Any) -> None:
+def test_the_old_reference_goes_on_until_the_new_one_begins(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     t0 = pi_bench.board.t_us
     pi_bench.say(pi_bench.polyline((0, (0j, 0j)), (100, (2 + 0j, 0j)), t_apply_us=t0))
@@ -48,7 +47,7 @@ def test_the_old_reference_goes_on_until_the_new_one_begins(pi_bench: Any) -> No
     np.testing.assert_allclose(reference_um, np.where(t_ms < 20, 2 * t_ms / 100, 3), atol=FLOAT32_UM)
 
 
-def test_a_late_frame_is_joined_in_the_middle(pi_bench: Any) -> None:
+def test_a_late_frame_is_joined_in_the_middle(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     t0 = pi_bench.board.t_us
     pi_bench.say(pi_bench.polyline((0, (0j, 0j)), (40, (4 + 0j, 0j)), t_apply_us=t0 - 20_000))
@@ -56,7 +55,7 @@ def test_a_late_frame_is_joined_in_the_middle(pi_bench: Any) -> None:
     assert pi_bench.status().late_frames == 1
 
 
-def test_a_first_knot_after_the_start_leaves_the_old_reference_until_then(pi_bench: Any) -> None:
+def test_a_first_knot_after_the_start_leaves_the_old_reference_until_then(pi_bench: Bench) -> None:
     pi_bench.arm(1 + 0j, 0j)
     pi_bench.say(pi_bench.polyline((5, (2 + 0j, 0j)), (10, (3 + 0j, 0j))))
     reference_um = pi_bench.run(30).reference_um[:, 0].real
@@ -64,23 +63,19 @@ def test_a_first_knot_after_the_start_leaves_the_old_reference_until_then(pi_ben
     np.testing.assert_allclose(reference_um[9:], np.minimum(2 + 0.1 * np.arange(21), 3), atol=FLOAT32_UM)
 
 
-def test_frames_sent_faster_than_their_horizon_still_move_the_plate(pi_bench: Any) -> None:
+@pytest.mark.parametrize(("ahead_us", "newest"), [(12_000, (93.9999, 94.0001)), (40_000, (60, 80))])
+def test_frames_sent_faster_than_their_horizon_still_move_the_plate(
+    pi_bench: Bench, ahead_us: int, newest: tuple[float, float]
+) -> None:
+    """More waiting frames than the board can hold coarsen the plan but keep it moving."""
     pi_bench.arm(0j, 0j)
     for i in range(100):
-        pi_bench.say(pi_bench.polyline((0, (0.02 * i + 0j, 0j)), t_apply_us=pi_bench.board.t_us + 12_000))
+        pi_bench.say(pi_bench.polyline((0, (0.02 * i + 0j, 0j)), t_apply_us=pi_bench.board.t_us + ahead_us))
         reference_um = pi_bench.run(4).reference_um[-1, 0].real
-    assert reference_um == pytest.approx(0.02 * 94, abs=1e-6)
+    assert 0.02 * newest[0] < reference_um <= 0.02 * newest[1]
 
 
-def test_more_waiting_frames_than_the_board_can_hold_coarsen_the_plan_but_keep_it_moving(pi_bench: Any) -> None:
-    pi_bench.arm(0j, 0j)
-    for i in range(100):
-        pi_bench.say(pi_bench.polyline((0, (0.02 * i + 0j, 0j)), t_apply_us=pi_bench.board.t_us + 40_000))
-        reference_um = pi_bench.run(4).reference_um[-1, 0].real
-    assert 0.02 * 60 < reference_um <= 0.02 * 80
-
-
-def test_a_newer_plan_for_an_earlier_time_replaces_what_was_planned_later(pi_bench: Any) -> None:
+def test_a_newer_plan_for_an_earlier_time_replaces_what_was_planned_later(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     t0 = pi_bench.board.t_us
     pi_bench.say(pi_bench.polyline((0, (3 + 0j, 0j)), t_apply_us=t0 + 30_000))
@@ -89,7 +84,7 @@ def test_a_newer_plan_for_an_earlier_time_replaces_what_was_planned_later(pi_ben
     np.testing.assert_array_equal(pi_bench.run(80).reference_um[:, 0], np.where(t_ms < 10, 0, 1))
 
 
-def test_duplicates_and_older_frames_change_nothing(pi_bench: Any) -> None:
+def test_duplicates_and_older_frames_change_nothing(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     older = pi_bench.constant(3 + 0j, 0j)
     newer = pi_bench.constant(1 + 0j, 0j)
@@ -100,7 +95,7 @@ def test_duplicates_and_older_frames_change_nothing(pi_bench: Any) -> None:
     assert pi_bench.status().late_frames == 2
 
 
-def test_sequence_numbers_wrap(pi_bench: Any) -> None:
+def test_sequence_numbers_wrap(pi_bench: Bench) -> None:
     pi_bench.seq = 65_533
     pi_bench.arm(1 + 0j, 0j)
     pi_bench.say(pi_bench.constant(2 + 0j, 0j))
@@ -109,9 +104,9 @@ def test_sequence_numbers_wrap(pi_bench: Any) -> None:
 
 
 @pytest.mark.parametrize("t_start_us", [2**32 - 80_000, 2**32 - 10_250, 2**31 - 50_000])
-def test_the_clock_may_wrap_in_the_middle_of_a_run(new_bench: NewBench, t_start_us: int) -> None:
+def test_the_clock_may_wrap_in_the_middle_of_a_run(t_start_us: int) -> None:
     def history(start_us: int) -> list[bytes]:
-        bench = new_bench(t_start_us=start_us, noise_um=0.001)
+        bench = Bench(t_start_us=start_us, noise_um=0.001)
         bench.arm(0j, 0j)
         parts = []
         for i in range(30):
@@ -124,23 +119,22 @@ def test_the_clock_may_wrap_in_the_middle_of_a_run(new_bench: NewBench, t_start_
     assert history(t_start_us) == history(3_000_000)
 
 
-def test_a_reference_renewed_every_five_seconds_stands_for_longer_than_half_a_wrap(new_bench: NewBench) -> None:
-    bench = new_bench(controller="pi", control_hz=500.0)
+def test_a_reference_renewed_every_five_seconds_stands_for_longer_than_half_a_wrap() -> None:
+    bench = Bench(controller="pi", control_hz=500.0)
     bench.arm(1 + 0j, 0.5j)
-    trace, no_fingers = BoardTrace(24, 2, 2), (np.zeros((24, 0, 2)), np.zeros((24, 0)))
     minutes, spans_a_minute = 37, 60 * 500 // 24
     for span in range(minutes * spans_a_minute):
         if span % (spans_a_minute // 12) == 0:
             bench.say(bench.constant(1 + 0j, 0.5j))
         else:
             bench.board.receive(device.encode_keepalive(bench.seq))
-        bench.board.run(24, *no_fingers, trace)
+        trace = untouched(bench.board, 24)
         assert trace.voltage_v[-1].any()
     np.testing.assert_array_equal(trace.reference_um, np.tile([1, 0.5j], (24, 1)))
 
 
 @pytest.mark.parametrize("dt_us", [1_000_001, 2**31 - 1, -50_001, -(2**31)])
-def test_times_too_far_ahead_and_stale_are_dropped(pi_bench: Any, dt_us: int) -> None:
+def test_times_too_far_ahead_and_stale_are_dropped(pi_bench: Bench, dt_us: int) -> None:
     pi_bench.arm(0j, 0j)
     seq = pi_bench.seq
     pi_bench.say(pi_bench.polyline((0, (1 + 0j, 0j)), t_apply_us=pi_bench.board.t_us + dt_us))
@@ -150,7 +144,7 @@ def test_times_too_far_ahead_and_stale_are_dropped(pi_bench: Any, dt_us: int) ->
 
 
 @pytest.mark.parametrize("dt_us", [1_000_000, -50_000])
-def test_times_just_within_bounds_are_taken(pi_bench: Any, dt_us: int) -> None:
+def test_times_just_within_bounds_are_taken(pi_bench: Bench, dt_us: int) -> None:
     pi_bench.arm(0j, 0j)
     pi_bench.say(pi_bench.polyline((0, (1 + 0j, 0j)), t_apply_us=pi_bench.board.t_us + dt_us))
     assert pi_bench.status().seq == pi_bench.seq
@@ -159,7 +153,7 @@ def test_times_just_within_bounds_are_taken(pi_bench: Any, dt_us: int) -> None:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("place", [0, 3])
-def test_a_frame_with_anything_not_finite_is_refused_whole(pi_bench: Any, value: float, place: int) -> None:
+def test_a_frame_with_anything_not_finite_is_refused_whole(pi_bench: Bench, value: float, place: int) -> None:
     pi_bench.arm(0j, 0j)
     parts = [1.0] * 4
     parts[place] = value
@@ -169,7 +163,7 @@ def test_a_frame_with_anything_not_finite_is_refused_whole(pi_bench: Any, value:
     assert pi_bench.status().bad_frames == 1
 
 
-def test_knots_out_of_order_and_wrong_counts_are_refused(pi_bench: Any) -> None:
+def test_knots_out_of_order_and_wrong_counts_are_refused(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     good = protocol.REFERENCE.pack(9, pi_bench.board.t_us, 2, 2)
     knot = (1.0, 0.0, 1.0, 0.0)
@@ -189,7 +183,7 @@ def test_knots_out_of_order_and_wrong_counts_are_refused(pi_bench: Any) -> None:
     assert (pi_bench.run(20).reference_um == 0).all()
 
 
-def test_an_amplitude_above_the_limit_is_scaled_with_all_modes_and_flagged(pi_bench: Any) -> None:
+def test_an_amplitude_above_the_limit_is_scaled_with_all_modes_and_flagged(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     pi_bench.say(pi_bench.constant(6 + 8j, 1 + 0j))
     trace = pi_bench.run(5)
@@ -206,32 +200,23 @@ def test_an_amplitude_above_the_limit_is_scaled_with_all_modes_and_flagged(pi_be
 FLOATS = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(st.lists(FLOATS, min_size=4, max_size=4), min_size=1, max_size=24), st.sampled_from(["pi", "pi_ff"]))
 def test_no_frame_makes_the_reference_or_the_voltage_pass_its_limit(rows: list[list[float]], controller: str) -> None:
     config = BoardConfig(controller=controller)
-    model = PlateModel(
-        np.array(config.decay_1_s),
-        np.array(config.detuning_rad_s),
-        np.diag(config.gain_um_per_v_s),
-        np.eye(2),
-        0.0,
-        1e9,
-    )
-    board = Board(model, config=config)
+    board = Board(nominal_plate(config, amplifier_limit_v=1e9), config=config)
     for seq in range(3):
         head = protocol.REFERENCE.pack(seq, 0, len(rows), 2)
         knots = b"".join(struct.pack("<H4f", 500 * i, *row) for i, row in enumerate(rows))
         board.receive(encode_frame(bytes((protocol.MSG_REFERENCE,)) + head + knots))
-    trace = BoardTrace(100, 2, 2)
-    board.run(100, np.zeros((100, 0, 2)), np.zeros((100, 0)), trace)
+    trace = untouched(board, 100)
     assert np.abs(trace.reference_um).max() <= 4 * (1 + 1.2e-6)
     assert np.abs(trace.voltage_v).max() <= 150 * (1 + 1e-7)
     if not np.isfinite(rows).all():
         assert (trace.voltage_v == 0).all()
 
 
-def test_each_reference_is_acknowledged_once_when_it_takes_effect(pi_bench: Any) -> None:
+def test_each_reference_is_acknowledged_once_when_it_takes_effect(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     pi_bench.messages.clear()
     t0 = pi_bench.board.t_us
@@ -239,21 +224,21 @@ def test_each_reference_is_acknowledged_once_when_it_takes_effect(pi_bench: Any)
     pi_bench.say(pi_bench.polyline((0, (1 + 0j, 0j)), t_apply_us=t0 + 3_200), at_us=t0 + 100)
     pi_bench.say(pi_bench.polyline((0, (2 + 0j, 0j)), t_apply_us=t0 + 9_000), at_us=t0 + 150)
     pi_bench.run(30)
-    acks = [m for m in pi_bench.messages if isinstance(m, BoardStatus)]
+    acks = pi_bench.heard(BoardStatus)
     assert [(a.seq, a.applied, a.t_received_us - t0, a.t_applied_us - t0) for a in acks] == [
         (first, True, 100, 3_500),
         (second, True, 150, 9_000),
     ]
 
 
-def test_a_later_status_still_says_that_the_reference_has_taken_effect(bench: Any) -> None:
+def test_a_later_status_still_says_that_the_reference_has_taken_effect(bench: Bench) -> None:
     bench.arm(1 + 0j, 0j)
     bench.run(5)
     status = bench.status()
     assert (status.seq, status.applied, status.t_applied_us) == (bench.seq, True, 500)
 
 
-def test_a_change_of_law_at_the_start_of_a_polyline_does_not_skip_it(bench: Any) -> None:
+def test_a_change_of_law_at_the_start_of_a_polyline_does_not_skip_it(bench: Bench) -> None:
     """The default law looks 1.2 ticks ahead; the paper's may then be asked for an instant before the first knot."""
     bench.arm(0j, 0j)
     t_us = bench.board.t_us + 500
@@ -263,6 +248,6 @@ def test_a_change_of_law_at_the_start_of_a_polyline_does_not_skip_it(bench: Any)
     assert np.abs(bench.run(1).reference_um).max() == 0
 
 
-def test_a_status_comes_every_100_ms_without_an_event(bench: Any) -> None:
+def test_a_status_comes_every_100_ms_without_an_event(bench: Bench) -> None:
     bench.run(2000)
     assert [m.t_board_us for m in bench.messages] == list(range(100_000, 1_000_001, 100_000))

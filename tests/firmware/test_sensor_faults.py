@@ -9,6 +9,7 @@ import cmath
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,17 @@ import pytest
 
 from hapticd.bench import endurance
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
-from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace
 from hapticd.sim.board.carrier import Converters
 from hapticd.sim.plate.wirings import PAPER, wiring
 from hapticd.wire.protocol import FAULTS
 
+from .bench import Bench, constantly, nominal_plate, quiet_after_ms
+
 QUIET_WITHIN_MS = 120.0
 CONFIG = BoardConfig()
-SWAPPED, DEAD = [[0.0, 1.0], [1.0, 0.0]], np.zeros((2, 2))
+PHASES_DEG = (50, -50, 60, 80, -80)
+SWAPPED, DEAD = np.array([[0.0, 1.0], [1.0, 0.0]]), np.zeros((2, 2))
 ONE_INVERTED, ONE_DEAD = np.diag([-1.0, 1.0]), np.diag([0.0, 1.0])
 BROKEN: dict[str, dict[str, Any]] = {
     "dead": {"sensor": DEAD},
@@ -31,36 +35,19 @@ BROKEN: dict[str, dict[str, Any]] = {
     "inverted": {"sensor": -np.eye(2)},
     "one inverted": {"sensor": ONE_INVERTED},
     "swapped": {"sensor": SWAPPED},
-    "phase 50 degrees": {"loop_phase_rad": (math.radians(50),) * 2},
-    "phase -50 degrees": {"loop_phase_rad": (math.radians(-50),) * 2},
-    "phase 80 degrees": {"loop_phase_rad": (math.radians(80),) * 2},
+    **{f"phase {deg} degrees": {"loop_phase_rad": (math.radians(deg),) * 2} for deg in PHASES_DEG},
     "2.5 times the gain": {"gain_um_per_v_s": 2.5 * np.diag(CONFIG.gain_um_per_v_s)},
     "2.5 times the signal": {"sensor": 2.5 * np.eye(2)},
 }
 
 
 def board(config: BoardConfig = CONFIG, **changes: Any) -> Board:
-    plate = {
-        "decay_1_s": np.array(CONFIG.decay_1_s),
-        "detuning_rad_s": np.array(CONFIG.detuning_rad_s),
-        "gain_um_per_v_s": np.diag(CONFIG.gain_um_per_v_s),
-        "sensor": np.eye(2),
-        "noise_um": NOISE_UM,
-        "amplifier_limit_v": LIMIT_V,
-        "loop_phase_rad": (0.0, 0.0),
-    } | changes
-    return Board(PlateModel(**{name: _array(value) for name, value in plate.items()}), config=config)
-
-
-def _array(value: object) -> Any:
-    return np.asarray(value, float) if isinstance(value, list) else value
+    return Board(nominal_plate(CONFIG, **{"noise_um": NOISE_UM} | changes), config=config)
 
 
 def held_ms(broken: Board, asked_um: tuple[float, ...]) -> float:
     """How long there is any voltage, in a run of 0.4 s that asks for these amplitudes; infinite if to its end."""
-    trace = follow(broken, lambda _: [(0.0, np.array(asked_um, complex))], 800, 100)
-    driven = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))
-    return math.inf if driven[-1] == 799 else float(driven[-1] - driven[0] + 1) / 2
+    return quiet_after_ms(follow(broken, constantly(*asked_um), 800, 100))
 
 
 @pytest.mark.parametrize("asked_um", [(0.02, 0.0), (0.4, 0.1), (2.0, 0.0), (3.9, 0.5)])
@@ -74,12 +61,12 @@ def test_so_it_does_on_a_plate_that_should_rest(name: str) -> None:
     assert held_ms(board(**BROKEN[name]), (0.0, 0.0)) <= QUIET_WITHIN_MS
 
 
-@pytest.mark.parametrize("phase_deg", [80, -80, 60, 50, -50])
+@pytest.mark.parametrize("phase_deg", PHASES_DEG)
 @pytest.mark.parametrize("asked_um", [(2.0, 2.0), (3.0, 3.0), (2.0, -1.5)])
 def test_so_does_a_wrong_phase_while_both_modes_are_asked_for_much(
-    phase_deg: float, asked_um: tuple[float, float]
+    phase_deg: int, asked_um: tuple[float, float]
 ) -> None:
-    assert held_ms(board(loop_phase_rad=(math.radians(phase_deg),) * 2), asked_um) <= QUIET_WITHIN_MS
+    assert held_ms(board(**BROKEN[f"phase {phase_deg} degrees"]), asked_um) <= QUIET_WITHIN_MS
 
 
 def grating(amplitudes_um: tuple[float, float], f_hz: float) -> Callable[[float], list[tuple[float, Any]]]:
@@ -93,18 +80,16 @@ def grating(amplitudes_um: tuple[float, float], f_hz: float) -> Callable[[float]
     return knots
 
 
-@pytest.mark.parametrize("f_hz", [5.0, 30.0, 100.0])
-@pytest.mark.parametrize("phase_deg", [50, -80])
-def test_so_does_a_wrong_phase_while_a_texture_plays(phase_deg: float, f_hz: float) -> None:
-    trace = follow(board(loop_phase_rad=(math.radians(phase_deg),) * 2), grating((0.4, -0.28), f_hz), 400, 40)
-    assert (np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))[-1] + 1) / 2 <= QUIET_WITHIN_MS
+TEXTURES = (
+    *product(["phase 50 degrees", "phase -80 degrees"], [(0.4, -0.28)], [5.0, 30.0, 100.0]),
+    *product(["dead", "one dead", "inverted", "one inverted", "swapped"], [(3.0, -2.1)], [10.0, 30.0, 100.0, 200.0]),
+)
 
 
-@pytest.mark.parametrize("f_hz", [10.0, 30.0, 100.0, 200.0])
-@pytest.mark.parametrize("name", ["dead", "one dead", "inverted", "one inverted", "swapped"])
-def test_so_does_a_bad_sensor_while_a_texture_of_three_micrometres_plays(name: str, f_hz: float) -> None:
-    trace = follow(board(**BROKEN[name]), grating((3.0, -2.1), f_hz), 400, 40)
-    assert (np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))[-1] + 1) / 2 <= QUIET_WITHIN_MS
+@pytest.mark.parametrize(("name", "amplitudes_um", "f_hz"), TEXTURES)
+def test_so_it_does_while_a_texture_plays(name: str, amplitudes_um: tuple[float, float], f_hz: float) -> None:
+    trace = follow(board(**BROKEN[name]), grating(amplitudes_um, f_hz), 400, 40)
+    assert quiet_after_ms(trace) <= QUIET_WITHIN_MS
 
 
 # Where the other mode takes more power than this one gives back: damping, drift of both modes (Hz), amplitudes.
@@ -139,7 +124,7 @@ def test_an_inverted_wire_or_sensor_does_not_hide_behind_another_mode(
 def test_no_inverted_or_swapped_wire_of_a_hundred_drives_two_modes_for_longer() -> None:
     """Damping x0.5 to x3, up to 30 Hz of drift and 20 Hz between the modes, 0.5 to 4 um of each."""
     random = np.random.default_rng(16)
-    wires = np.diag([-1.0, 1.0]), np.diag([1.0, -1.0]), np.array(SWAPPED)
+    wires = ONE_INVERTED, -ONE_INVERTED, SWAPPED
     for case in range(100):
         wire = wires[random.integers(3)]
         bad = board(
@@ -155,9 +140,8 @@ def test_no_inverted_or_swapped_wire_of_a_hundred_drives_two_modes_for_longer() 
 
 @pytest.mark.parametrize(("glitch_um", "code"), [(20.0, 7), (1e10, 7), (1e18, 7), (1e25, 2), (1e38, 2)])
 def test_one_absurd_measurement_is_a_fault_and_moves_the_plate_within_its_limit(
-    glitch_um: float, code: int, new_bench: Any
+    bench: Bench, glitch_um: float, code: int
 ) -> None:
-    bench = new_bench()
     bench.arm(1 + 0j, 0.5 + 0j)
     bench.hold(40)
     bench.board.fake_measurement(np.full(2, complex(glitch_um)))
@@ -172,16 +156,14 @@ def test_one_absurd_measurement_is_a_fault_and_moves_the_plate_within_its_limit(
 def clipped(offset_lsb: float, asked_um: float) -> BoardTrace:
     converters = Converters(offset_lsb=offset_lsb)
     config = replace(CONFIG, loop_phase_rad=(converters.loop_phase_rad(CONFIG.drive_hz),) * 2)
-    plate = replace(board().model, noise_um=0.0, loop_phase_rad=())
-    driven = Board(plate, config=config, converters=converters)
-    return follow(driven, lambda _: [(0.0, np.array([asked_um, 0j]))], 300, 100)
+    driven = Board(nominal_plate(CONFIG), config=config, converters=converters)
+    return follow(driven, constantly(asked_um, 0j), 300, 100)
 
 
 @pytest.mark.parametrize("offset_lsb", [1700.0, -1700.0])
 def test_a_sensor_whose_converter_clips_quietens_the_plate(offset_lsb: float) -> None:
     trace = clipped(offset_lsb, 2.0)
-    driven = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))
-    assert (driven[-1] - driven[0] + 1) / 2 <= QUIET_WITHIN_MS
+    assert quiet_after_ms(trace) <= QUIET_WITHIN_MS
     assert np.abs(trace.plate_um).max() < 2.5
     assert "rails" in FAULTS[9]
 
@@ -190,9 +172,8 @@ def test_an_offset_that_leaves_room_for_the_amplitude_is_no_fault() -> None:
     assert clipped(1500.0, 2.0).voltage_v[-1].any()
 
 
-def test_a_reference_out_of_reach_ends_after_a_hundred_seconds(new_bench: Any) -> None:
+def test_a_reference_out_of_reach_ends_after_a_hundred_seconds(bench: Bench) -> None:
     slow = replace(CONFIG, control_hz=500.0)
-    bench = new_bench()
     bench.board = Board(replace(board().model, decay_1_s=2.0 * np.array(CONFIG.decay_1_s)), config=slow)
     bench.arm(3.9, 0.0)
     while bench.messages[-1].fault_code == 0:
@@ -226,24 +207,21 @@ def test_a_dead_sensor_that_sees_both_modes_quietens_the_plate(asked_um: tuple[f
 @pytest.mark.parametrize("scale", [0.1, 1.0])
 def test_a_dead_sensor_of_a_mode_far_from_the_drive_quietens_the_plate(modes: int, scale: float) -> None:
     """Whose amplifier reaches a tenth of what is asked at most."""
-    detuning_rad_s = 2.0 * np.pi * np.linspace(-300.0, 300.0, modes)
-    decay_1_s, gain_um_per_v_s = (np.full(modes, value[0]) for value in (CONFIG.decay_1_s, CONFIG.gain_um_per_v_s))
     config = BoardConfig(
         w_limit_um=(4.0,) * modes,
-        decay_1_s=tuple(decay_1_s),
-        detuning_rad_s=tuple(detuning_rad_s),
-        gain_um_per_v_s=tuple(gain_um_per_v_s),
+        decay_1_s=CONFIG.decay_1_s[:1] * modes,
+        detuning_rad_s=tuple(2.0 * np.pi * np.linspace(-300.0, 300.0, modes)),
+        gain_um_per_v_s=CONFIG.gain_um_per_v_s[:1] * modes,
         loop_phase_rad=(0.0,) * modes,
     )
     for dead in range(modes):
         alive = np.diag([float(k != dead) for k in range(modes)])
-        plate = PlateModel(decay_1_s, detuning_rad_s, np.diag(gain_um_per_v_s), alive, NOISE_UM, LIMIT_V)
+        plate = nominal_plate(config, sensor=alive, noise_um=NOISE_UM)
         assert held_ms(Board(plate, config=config), (3.9 * scale,) * modes) <= QUIET_WITHIN_MS
 
 
 @pytest.mark.parametrize(("name", "code"), [("one dead", 4), ("one inverted", 8)])
-def test_the_fault_says_which_of_both_it_is(name: str, code: int, new_bench: Any) -> None:
-    bench = new_bench()
+def test_the_fault_says_which_of_both_it_is(bench: Bench, name: str, code: int) -> None:
     bench.arm(1 + 0j, 0j)
     for _ in range(40):
         bench.board.fake_measurement(np.diag(BROKEN[name]["sensor"]) * np.array([0.9, 0.0]))
@@ -260,7 +238,7 @@ def test_a_mode_that_a_heavy_finger_pushes_from_its_reference_is_no_fault(
     ticks, heavy_1_s = 2000, 600.0
     phi, load_1_s = np.ones((ticks, 1, 2)), np.full((ticks, 1), heavy_1_s)
     touch = (phi, load_1_s, detuned_frac * load_1_s)
-    trace = follow(board(), lambda _: [(0.0, np.array(asked_um, complex))], ticks, 100, touch)
+    trace = follow(board(), constantly(*asked_um), ticks, 100, touch)
     assert (np.abs(trace.voltage_v[-1]) > 0.5 * LIMIT_V).any()
 
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC, Phasors, step
-from hapticd.sim.board.board import Board, BoardConfig, PlateModel
+from hapticd.sim.board.board import Board, BoardConfig
+
+from .bench import nominal_plate
 
 CONTROL_HZ, DECAY_1_S = 5000.0, 183.0
 OFF_THE_WAY_UM = {150.0: 0.01, 300.0: 0.035}  # by how far modes may be from the drive, Hz
@@ -16,23 +18,20 @@ MOST_MS, SHARE = 6.0, 0.5  # of what the voltage holds of each mode
 def random_step(modes: int, farthest_hz: float, seed: int) -> tuple[Phasors, Phasors, Phasors]:
     """References before and after, and the amplitudes (ticks, modes) from the tick of the step on."""
     random = np.random.default_rng(seed)
-    detuning_rad_s, held_um = (
-        2 * np.pi * random.uniform(-farthest_hz, farthest_hz, modes),
-        random.uniform(1.5, 3.0, modes),
-    )
-    decay_1_s = np.full(modes, DECAY_1_S)
-    gain = held_um * np.hypot(decay_1_s, detuning_rad_s) / LIMIT_V
+    detuning_rad_s = 2 * np.pi * random.uniform(-farthest_hz, farthest_hz, modes)
+    held_um = random.uniform(1.5, 3.0, modes)
+    gain = held_um * np.hypot(DECAY_1_S, detuning_rad_s) / LIMIT_V
     config = BoardConfig(
         control_hz=CONTROL_HZ,
-        decay_1_s=tuple(decay_1_s),
+        decay_1_s=(DECAY_1_S,) * modes,
         detuning_rad_s=tuple(detuning_rad_s),
         gain_um_per_v_s=tuple(gain),
         loop_phase_rad=(0.0,) * modes,
         w_limit_um=(4.0,) * modes,
     )
-    model = PlateModel(decay_1_s, detuning_rad_s, np.diag(gain), np.eye(modes), NOISE_UM, LIMIT_V)
+    board = Board(nominal_plate(config, noise_um=NOISE_UM), config=config)
     before, after = (SHARE * held_um * random.uniform(-1, 1, modes) + 0j for _ in range(2))
-    return before, after, step(Board(model, config=config), before, after)
+    return before, after, step(board, before, after)
 
 
 @pytest.mark.parametrize("farthest_hz", OFF_THE_WAY_UM)

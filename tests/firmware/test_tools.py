@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,12 +10,10 @@ import pytest
 
 from hapticd.board_values import (
     BoardController,
-    BoardLog,
     BoardState,
     BoardVerdict,
     ControllerRequest,
     KeepAlive,
-    LogRequest,
     ModeModel,
     RawVoltage,
     SelectController,
@@ -28,52 +25,26 @@ from hapticd.board_values import (
     TelemetrySample,
     Verdict,
 )
-from hapticd.sim.board.board import RESET_POWER, BoardTrace
+from hapticd.sim.board.board import RESET_POWER
 from hapticd.wire import protocol
 from hapticd.wire.commands import encode
 from hapticd.wire.device import encode_hello_request, encode_time_request
 from hapticd.wire.framing import encode_frame
 
-NewBench = Callable[..., Any]
-TICK_HZ = 2000
+from .bench import Bench, joined, untouched
+
 SWEEP = Sweep(0, 29150.0, 29250.0, points=11, dwell_ms=20, voltage_v=15.0)
 RAMP_TICKS = 20
-
-
-def verdict(bench: Any, command: Any) -> Verdict:
-    (answer,) = [message for message in bench.say(encode(command)) if isinstance(message, BoardVerdict)]
-    return answer.verdict
-
-
-def joined(parts: list[BoardTrace]) -> np.ndarray:
-    return np.concatenate([part.voltage_v for part in parts])
-
-
-def attended(bench: Any, ticks: int) -> np.ndarray:
-    """The voltages of so many ticks under a host that says KEEPALIVE, of any reference, every 20 ms."""
-    parts = []
-    for start in range(0, ticks, 40):
-        bench.say(encode(KeepAlive(4711)))
-        parts.append(bench.run(min(40, ticks - start)))
-    return joined(parts)
-
-
-def points(bench: Any) -> list[SweepPoint]:
-    return [message for message in bench.messages if isinstance(message, SweepPoint)]
-
-
-def log(bench: Any) -> BoardLog:
-    (found,) = [message for message in bench.say(encode(LogRequest())) if isinstance(message, BoardLog)]
-    return found
 
 
 # --- the sweep --------------------------------------------------------------------------------------------------
 
 
-def test_a_sweep_drives_one_amplifier_with_one_voltage_and_ramps_in_and_out(bench: Any) -> None:
-    assert verdict(bench, SWEEP) is Verdict.DONE
+def test_a_sweep_drives_one_amplifier_with_one_voltage_and_ramps_in_and_out(bench: Bench) -> None:
+    assert bench.verdict(SWEEP) is Verdict.DONE
     assert bench.status().state is BoardState.TOOL
-    voltage_v = attended(bench, 11 * 40 + 3 * RAMP_TICKS)
+    bench.seq = 4711  # KEEPALIVE of any reference keeps a tool up
+    voltage_v = bench.hold(11 * 40 + 3 * RAMP_TICKS).voltage_v
     assert (voltage_v[:, 1] == 0).all()
     assert np.abs(voltage_v[:, 0].imag).max() == 0
     assert np.abs(voltage_v[15:-60, 0]).max() == 15
@@ -83,33 +54,33 @@ def test_a_sweep_drives_one_amplifier_with_one_voltage_and_ramps_in_and_out(benc
     assert bench.status().state is BoardState.QUIET
 
 
-def test_a_sweep_reports_each_frequency_once_and_in_order(bench: Any) -> None:
+def test_a_sweep_reports_each_frequency_once_and_in_order(bench: Bench) -> None:
     bench.say(encode(SWEEP))
-    attended(bench, 11 * 40 + 3 * RAMP_TICKS)
-    found = points(bench)
+    bench.hold(11 * 40 + 3 * RAMP_TICKS)
+    found = bench.heard(SweepPoint)
     assert [(point.index, point.points, point.mode) for point in found] == [(i, 11, 0) for i in range(11)]
     np.testing.assert_allclose([point.frequency_hz for point in found], np.linspace(29150, 29250, 11), atol=0.005)
     assert {point.voltage_v for point in found} == {15.0}
 
 
-def test_a_point_is_the_mean_over_the_second_half_of_its_dwell(bench: Any) -> None:
+def test_a_point_is_the_mean_over_the_second_half_of_its_dwell(bench: Bench) -> None:
     """The sensors say another value in each tick of the dwell."""
     bench.say(encode(Sweep(0, 29205.0, 29205.0, points=1, dwell_ms=5, voltage_v=1.5)))
     bench.run(1)  # 1.5 V a tick: the voltage is there
     for i in range(10):
         bench.board.fake_measurement(np.array([0.1 * i + 0j, -0.1j * i]))
         bench.run(1)
-    (point,) = points(bench)
+    (point,) = bench.heard(SweepPoint)
     np.testing.assert_allclose(point.measured_um, [0.7, -0.7j], rtol=1e-6)  # of ticks 5 to 9
 
 
-def test_a_sweep_finds_the_resonance_of_the_plate(new_bench: NewBench) -> None:
+def test_a_sweep_finds_the_resonance_of_the_plate() -> None:
     """W = -j g V / (sigma - j delta), delta = 2 pi (f0 - f), at every point, once it has settled."""
-    bench = new_bench()
+    bench = Bench()
     config = bench.config
     bench.say(encode(Sweep(0, 29165.0, 29225.0, points=13, dwell_ms=100, voltage_v=20.0)))
-    attended(bench, 13 * 200 + 3 * RAMP_TICKS)
-    found = points(bench)
+    bench.hold(13 * 200 + 3 * RAMP_TICKS)
+    found = bench.heard(SweepPoint)
     f_hz = np.array([point.frequency_hz for point in found])
     delta = config.detuning_rad_s[0] - 2 * math.pi * (f_hz - config.drive_hz)
     expected_um = -1j * config.gain_um_per_v_s[0] * 20 / (config.decay_1_s[0] - 1j * delta)
@@ -126,14 +97,14 @@ def test_a_sweep_finds_the_resonance_of_the_plate(new_bench: NewBench) -> None:
         {"voltage_v": 30.01},
     ],
 )
-def test_a_sweep_beyond_the_boards_own_bounds_does_not_begin(bench: Any, wrong: dict[str, Any]) -> None:
+def test_a_sweep_beyond_the_boards_own_bounds_does_not_begin(bench: Bench, wrong: dict[str, Any]) -> None:
     fields = {"mode": 0, "start_hz": 29190.0, "stop_hz": 29220.0, "points": 3, "dwell_ms": 2, "voltage_v": 30.0}
-    assert verdict(bench, Sweep(**fields | wrong)) is Verdict.OUT_OF_RANGE
+    assert bench.verdict(Sweep(**fields | wrong)) is Verdict.OUT_OF_RANGE
     assert (bench.run(40).voltage_v == 0).all()
-    assert verdict(bench, Sweep(**fields)) is Verdict.DONE
+    assert bench.verdict(Sweep(**fields)) is Verdict.DONE
 
 
-def test_senseless_figures_in_a_sound_frame_do_not_begin_a_sweep(bench: Any) -> None:
+def test_senseless_figures_in_a_sound_frame_do_not_begin_a_sweep(bench: Bench) -> None:
     sound = (0, 29190.0, 29220.0, 3, 2, 10.0)
     for place, value in ((1, math.nan), (2, math.inf), (3, 0), (3, 2002), (4, 0), (4, 1001), (5, 0.0), (5, math.nan)):
         payload = protocol.SWEEP.pack(*sound[:place], value, *sound[place + 1 :])
@@ -145,9 +116,10 @@ def test_senseless_figures_in_a_sound_frame_do_not_begin_a_sweep(bench: Any) -> 
 # --- the raw voltage --------------------------------------------------------------------------------------------
 
 
-def test_a_raw_voltage_stands_for_its_time_and_ramps_out(bench: Any) -> None:
-    assert verdict(bench, RawVoltage(1, 12 - 16j, duration_ms=30)) is Verdict.DONE
-    voltage_v = attended(bench, 100)
+def test_a_raw_voltage_stands_for_its_time_and_ramps_out(bench: Bench) -> None:
+    assert bench.verdict(RawVoltage(1, 12 - 16j, duration_ms=30)) is Verdict.DONE
+    bench.seq = 4711
+    voltage_v = bench.hold(100).voltage_v
     assert (voltage_v[:, 0] == 0).all()
     assert (voltage_v[14:58, 1] == 12 - 16j).all()
     np.testing.assert_allclose(np.abs(voltage_v[:13, 1]), 1.5 * np.arange(1, 14), rtol=1e-6)  # 30 V in 20 ticks
@@ -155,12 +127,11 @@ def test_a_raw_voltage_stands_for_its_time_and_ramps_out(bench: Any) -> None:
     assert bench.status().state is BoardState.QUIET
 
 
-def test_a_raw_voltage_said_again_goes_on_without_a_jump(bench: Any) -> None:
+def test_a_raw_voltage_said_again_goes_on_without_a_jump(bench: Bench) -> None:
     bench.say(encode(RawVoltage(0, 20 + 0j, duration_ms=30)))
-    parts = [bench.run(40)]
-    assert verdict(bench, RawVoltage(0, -20 + 0j, duration_ms=30)) is Verdict.DONE
-    parts.append(bench.run(40))
-    voltage_v = joined(parts)[:, 0]
+    before = bench.run(40)
+    assert bench.verdict(RawVoltage(0, -20 + 0j, duration_ms=30)) is Verdict.DONE
+    voltage_v = joined([before, bench.run(40)]).voltage_v[:, 0]
     assert np.abs(np.diff(voltage_v)).max() <= 1.5 * 1.0001
     assert voltage_v[-1] == -20
 
@@ -168,24 +139,24 @@ def test_a_raw_voltage_said_again_goes_on_without_a_jump(bench: Any) -> None:
 @pytest.mark.parametrize(
     "raw", [RawVoltage(2, 1j, 10), RawVoltage(0, 22 + 22j, 10), RawVoltage(0, complex(0, 1e4), 10)]
 )
-def test_a_raw_voltage_above_its_limit_does_not_begin(bench: Any, raw: RawVoltage) -> None:
-    assert verdict(bench, raw) is Verdict.OUT_OF_RANGE
+def test_a_raw_voltage_above_its_limit_does_not_begin(bench: Bench, raw: RawVoltage) -> None:
+    assert bench.verdict(raw) is Verdict.OUT_OF_RANGE
     assert (bench.run(10).voltage_v == 0).all()
 
 
 @pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 9 - 12j, 60)], ids=["sweep", "raw voltage"])
 @pytest.mark.parametrize("before_ms", [10, 40, 97])
-def test_the_clock_may_wrap_while_a_tool_drives(new_bench: NewBench, command: Any, before_ms: int) -> None:
+def test_the_clock_may_wrap_while_a_tool_drives(command: Any, before_ms: int) -> None:
     """On a ramp, at full voltage, in the dead-man's last 50 ms: nothing of it may depend on where the clock stands."""
 
     def history(t_start_us: int) -> tuple[bytes, list[int], list[Any]]:
-        bench = new_bench(t_start_us=t_start_us)
+        bench = Bench(t_start_us=t_start_us)
         bench.say(encode(SetTelemetry(500)))
         bench.say(encode(command))
-        voltage_v = np.concatenate((attended(bench, 120), bench.run(140).voltage_v))
-        samples = [message for message in bench.messages if isinstance(message, TelemetrySample)]
+        voltage_v = joined([bench.hold(120), bench.run(140)]).voltage_v
+        samples = bench.heard(TelemetrySample)
         times_us = [(sample.t_board_us - t_start_us) % 2**32 for sample in samples]
-        return voltage_v.tobytes(), times_us, points(bench)
+        return voltage_v.tobytes(), times_us, bench.heard(SweepPoint)
 
     wrapped = history(2**32 - 1000 * before_ms)
     assert wrapped == history(3_000_000)
@@ -196,22 +167,22 @@ def test_the_clock_may_wrap_while_a_tool_drives(new_bench: NewBench, command: An
 
 
 @pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
-def test_a_host_that_falls_silent_ends_a_tool_within_60_ms(bench: Any, command: Any) -> None:
+def test_a_host_that_falls_silent_ends_a_tool_within_60_ms(bench: Bench, command: Any) -> None:
     bench.say(encode(command))
     voltage_v = bench.run(140).voltage_v
     ticks_ms = 0.5 * (1 + np.arange(140))
     assert (np.abs(voltage_v[(ticks_ms > 6) & (ticks_ms <= 50), 0]) == 15).all()
     assert (voltage_v[ticks_ms > 60] == 0).all()
     assert bench.status().state is BoardState.QUIET
-    (entry,) = log(bench).entries
+    (entry,) = bench.log().entries
     assert (entry.code, entry.mode, entry.value) == (65, 0, 15.0)
 
 
 @pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
-def test_stop_ramps_a_tool_out_and_a_greeting_ends_it_at_once(bench: Any, command: Any) -> None:
+def test_stop_ramps_a_tool_out_and_a_greeting_ends_it_at_once(bench: Bench, command: Any) -> None:
     bench.say(encode(command))
     bench.run(20)
-    assert verdict(bench, Stop()) is Verdict.DONE
+    assert bench.verdict(Stop()) is Verdict.DONE
     voltage_v = np.abs(bench.run(20).voltage_v[:, 0])
     assert (np.diff(voltage_v[:10]) < 0).all()
     assert voltage_v[-1] == 0
@@ -222,27 +193,27 @@ def test_stop_ramps_a_tool_out_and_a_greeting_ends_it_at_once(bench: Any, comman
     assert bench.status().state is BoardState.QUIET
 
 
-def test_an_amplitude_far_above_its_limit_ends_a_sweep_as_a_fault(bench: Any) -> None:
+def test_an_amplitude_far_above_its_limit_ends_a_sweep_as_a_fault(bench: Bench) -> None:
     bench.say(encode(SWEEP))
     bench.run(20)
     bench.board.fake_measurement(np.array([6.5 + 0j, 0j]))
-    voltage_v = attended(bench, 20)
+    voltage_v = bench.hold(20).voltage_v
     assert (voltage_v[8:] == 0).all()
     assert bench.status().state is BoardState.QUIET  # asking clears it
-    (entry,) = log(bench).entries
+    (entry,) = bench.log().entries
     assert (entry.code, entry.mode, entry.value) == (3, 0, 6.5)
 
 
-def test_a_measurement_that_is_not_finite_ends_a_raw_voltage_in_the_same_tick(bench: Any) -> None:
+def test_a_measurement_that_is_not_finite_ends_a_raw_voltage_in_the_same_tick(bench: Bench) -> None:
     bench.say(encode(RawVoltage(0, 15 + 0j, 1000)))
     bench.run(20)
     bench.board.fake_measurement(np.array([0j, complex(math.nan)]))
-    assert (attended(bench, 20) == 0).all()
-    (entry,) = log(bench).entries
+    assert (bench.hold(20).voltage_v == 0).all()
+    (entry,) = bench.log().entries
     assert (entry.code, entry.mode) == (1, 1)
 
 
-def test_references_neither_reach_the_plate_during_a_sweep_nor_start_it_afterwards(bench: Any) -> None:
+def test_references_neither_reach_the_plate_during_a_sweep_nor_start_it_afterwards(bench: Bench) -> None:
     bench.say(encode(SWEEP))
     for _ in range(11 * 40 + RAMP_TICKS // 2):
         bench.say(bench.constant(1 + 0j, 1j))
@@ -255,30 +226,30 @@ def test_references_neither_reach_the_plate_during_a_sweep_nor_start_it_afterwar
 
 
 @pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
-def test_only_a_quiet_board_takes_a_tool(bench: Any, command: Any) -> None:
+def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
     bench.arm(1 + 0j, 0j)
-    assert verdict(bench, command) is Verdict.NOT_QUIET
+    assert bench.verdict(command) is Verdict.NOT_QUIET
     assert bench.status().state is BoardState.LIVE
     bench.run(90)
-    assert verdict(bench, command) is Verdict.NOT_QUIET  # its ramp to silence is not over
+    assert bench.verdict(command) is Verdict.NOT_QUIET  # its ramp to silence is not over
     bench.run(40)
-    assert verdict(bench, command) is Verdict.DONE
-    assert verdict(bench, SWEEP) is Verdict.NOT_QUIET
-    assert verdict(bench, SelectController("pi")) is Verdict.NOT_QUIET
+    assert bench.verdict(command) is Verdict.DONE
+    assert bench.verdict(SWEEP) is Verdict.NOT_QUIET
+    assert bench.verdict(SelectController("pi")) is Verdict.NOT_QUIET
     bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
-    assert verdict(bench, command) is Verdict.NOT_QUIET
+    assert bench.verdict(command) is Verdict.NOT_QUIET
 
 
 # --- models, telemetry, log -------------------------------------------------------------------------------------
 
 
-def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: Any) -> None:
+def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: Bench) -> None:
     model = ModeModel(150.0, 30.0, 4.0, 0.6 + 0.8j)
     bench.arm(1 + 0j, 0j)
-    assert verdict(bench, SetModel(1, model)) is Verdict.NOT_QUIET
+    assert bench.verdict(SetModel(1, model)) is Verdict.NOT_QUIET
     bench.say(encode_hello_request())
-    assert verdict(bench, SetModel(1, model)) is Verdict.DONE
+    assert bench.verdict(SetModel(1, model)) is Verdict.DONE
     bench.say(encode_hello_request())
     (controller,) = bench.say(encode(ControllerRequest()))
     assert isinstance(controller, BoardController)
@@ -289,20 +260,19 @@ def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: An
 
 @pytest.mark.parametrize(("asked_hz", "ticks"), [(2000, 1), (5000, 1), (1999, 2), (1000, 2), (999, 3), (1, 2000)])
 def test_telemetry_comes_at_the_highest_divisor_of_the_control_rate_not_above_the_asked(
-    bench: Any, asked_hz: int, ticks: int
+    bench: Bench, asked_hz: int, ticks: int
 ) -> None:
-    assert verdict(bench, SetTelemetry(asked_hz)) is Verdict.DONE
+    assert bench.verdict(SetTelemetry(asked_hz)) is Verdict.DONE
     bench.run(2 * ticks)
-    times_us = [sample.t_board_us for sample in bench.messages if isinstance(sample, TelemetrySample)]
-    assert times_us == [500 * ticks, 1000 * ticks]
+    assert [sample.t_board_us for sample in bench.heard(TelemetrySample)] == [500 * ticks, 1000 * ticks]
 
 
-def test_telemetry_shows_the_tick_it_was_taken_in(bench: Any) -> None:
+def test_telemetry_shows_the_tick_it_was_taken_in(bench: Bench) -> None:
     bench.say(encode(SetTelemetry(2000)))
     for _ in range(3):
         bench.say(bench.constant(1 + 0j, -0.5j))
     trace = bench.run(30)
-    samples = [message for message in bench.messages if isinstance(message, TelemetrySample)]
+    samples = bench.heard(TelemetrySample)
     assert len(samples) == 30
     for row, sample in enumerate(samples):
         np.testing.assert_array_equal([mode.voltage_v for mode in sample.modes], trace.voltage_v[row])
@@ -312,43 +282,41 @@ def test_telemetry_shows_the_tick_it_was_taken_in(bench: Any) -> None:
     assert samples[0].modes[0].decay_1_s == pytest.approx(bench.config.decay_1_s[0])
 
 
-def test_a_line_too_slow_for_telemetry_loses_the_oldest_samples_and_counts_them(bench: Any) -> None:
+def test_a_line_too_slow_for_telemetry_loses_the_oldest_samples_and_counts_them(bench: Bench) -> None:
     bench.say(encode(SetTelemetry(2000)))
-    trace = BoardTrace(100, 2, 2)
-    bench.board.run(100, np.zeros((100, 0, 2)), np.zeros((100, 0)), trace)
-    heard = []
-    while answers := bench.listen():
-        heard += [sample for sample in answers if isinstance(sample, TelemetrySample)]
+    untouched(bench.board, 100)
+    while bench.listen():
+        pass
+    heard = bench.heard(TelemetrySample)
     assert [sample.t_board_us for sample in heard] == [500 * tick for tick in range(85, 101)]
     assert {sample.dropped for sample in heard} == {84}
 
 
-def test_a_stream_does_not_keep_the_clock_and_the_state_waiting(bench: Any) -> None:
+def test_a_stream_does_not_keep_the_clock_and_the_state_waiting(bench: Bench) -> None:
     bench.say(encode(SetTelemetry(2000)))
-    trace = BoardTrace(300, 2, 2)
-    bench.board.run(300, np.zeros((300, 0, 2)), np.zeros((300, 0)), trace)
+    untouched(bench.board, 300)
     bench.board.receive(encode_time_request(1))
     kinds = [type(message).__name__ for message in bench.listen()]
     assert kinds[:3] == ["BoardTime", "BoardStatus", "TelemetrySample"]
 
 
-def test_a_greeting_and_rate_zero_end_the_stream(bench: Any) -> None:
+def test_a_greeting_and_rate_zero_end_the_stream(bench: Bench) -> None:
     for line in (encode(SetTelemetry(0)), encode_hello_request()):
         bench.say(encode(SetTelemetry(2000)))
         bench.run(3)
         bench.say(line)
         bench.messages.clear()
         bench.run(10)
-        assert not any(isinstance(message, TelemetrySample) for message in bench.messages)
+        assert not bench.heard(TelemetrySample)
 
 
-def test_the_log_keeps_the_last_eight_events_and_counts_all(bench: Any) -> None:
+def test_the_log_keeps_the_last_eight_events_and_counts_all(bench: Bench) -> None:
     for _ in range(10):
         bench.arm(1 + 0j, 0j)
         bench.run(160)
     bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
-    found = log(bench)
+    found = bench.log()
     assert (found.reset_cause, found.events) == (RESET_POWER, 11)
     assert [entry.code for entry in found.entries] == [64] * 7 + [1]
     assert [entry.boot_id for entry in found.entries] == [0x1234] * 8

@@ -13,31 +13,31 @@ import pytest
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.board_values import BoardLog, ModeModel, SetModel, SetWiring, Verdict
 from hapticd.sim import lockstep
-from hapticd.sim.board.board import Board, BoardConfig, PlateModel
+from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.plate.wirings import PAPER, SEPARATE, wiring
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 from hapticd.wire.protocol import FAULTS
 
+from .bench import Bench, constantly, nominal_plate, of_kind, quiet_after_ms
+
 OWN = BoardConfig()
 QUIET_WITHIN_MS = 120.0
-SWAP, INVERT = np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
+STRAIGHT, SWAP, INVERT = np.eye(2), np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
 
 
 def board(
-    name: str = PAPER, *, amplifiers: Any = None, sensors: Any = None, through: Any = None, **known: Any
+    name: str = PAPER, *, amplifiers: Any = STRAIGHT, sensors: Any = STRAIGHT, through: Any = None, **known: Any
 ) -> Board:
     """A board that knows this wiring, on a plate where `amplifiers` or `sensors` are connected otherwise."""
     wires = wiring(name, 2)
     gain = np.diag(OWN.gain_um_per_v_s) @ wires.drives
-    plate = PlateModel(
-        decay_1_s=np.array(OWN.decay_1_s),
-        detuning_rad_s=np.array(OWN.detuning_rad_s),
-        gain_um_per_v_s=gain if amplifiers is None else gain @ amplifiers,
-        sensor=wires.senses if sensors is None else sensors @ wires.senses,
+    plate = nominal_plate(
+        OWN,
+        gain_um_per_v_s=gain @ amplifiers,
+        sensor=sensors @ wires.senses,
         noise_um=NOISE_UM,
-        amplifier_limit_v=LIMIT_V,
         through_um_per_v=through,
     )
     nominal = tuple(wires.gain * np.array(OWN.gain_um_per_v_s))
@@ -46,7 +46,7 @@ def board(
 
 def faults(of: Board) -> list[int]:
     of.receive(device.encode_log_request())
-    (log,) = (message for message in device.Decoder().feed(of.transmit()) if isinstance(message, BoardLog))
+    (log,) = of_kind(BoardLog, device.Decoder().feed(of.transmit()))
     return [entry.code for entry in log.entries if entry.code in FAULTS]
 
 
@@ -61,14 +61,14 @@ def test_no_amplifier_is_ever_above_its_limit_and_both_modes_reach_theirs() -> N
     trace = follow(board(), steps(np.random.default_rng(3)), 8000, 40)
     assert np.abs(trace.voltage_v).max() <= LIMIT_V * (1.0 + 1e-6)
     for sign in (1.0, -1.0, 1j):
-        held = follow(board(), lambda _, sign=sign: [(0.0, np.array([3.9, 3.9 * sign]))], 400, 100)
+        held = follow(board(), constantly(3.9, 3.9 * sign), 400, 100)
         np.testing.assert_allclose(held.plate_um[-50:].mean(axis=0), [3.9, 3.9 * sign], atol=0.01)
 
 
 def test_what_the_wires_mix_the_modes_do_not_see() -> None:
     """A step of one mode leaves the other alone, as with an amplifier and a sensor for each."""
     for name in (SEPARATE, PAPER):
-        trace = follow(board(name), lambda _: [(0.0, np.array([2.0, 0.0]))], 200, 100)
+        trace = follow(board(name), constantly(2.0, 0.0), 200, 100)
         assert np.abs(trace.plate_um[:, 1]).max() < 0.01
         assert np.abs(trace.plate_um[-20:, 0] - 2.0).max() < 0.01
 
@@ -89,16 +89,13 @@ def test_swapped_and_inverted_wires_are_a_fault_that_names_them(
 ) -> None:
     for wrong in (SWAP, INVERT):
         wrongly = board(name, **{wires: wrong})
-        trace = follow(wrongly, lambda _: [(0.0, np.array(asked_um, complex))], 400, 100)
-        driven = np.flatnonzero(np.abs(trace.voltage_v).max(axis=1))
-        assert (driven[-1] - driven[0] + 1) / 2 <= QUIET_WITHIN_MS
+        assert quiet_after_ms(follow(wrongly, constantly(*asked_um), 400, 100)) <= QUIET_WITHIN_MS
         assert faults(wrongly) == [8]
     assert "swapped or inverted" in FAULTS[8]
 
 
-def test_a_board_that_is_given_its_wiring_drives_the_papers_plate(new_bench: Any) -> None:
+def test_a_board_that_is_given_its_wiring_drives_the_papers_plate(bench: Bench) -> None:
     wires = wiring(PAPER, 2)
-    bench = new_bench()
     bench.board = Board(board().model, config=OWN)
     both = tuple(map(tuple, wires.drive)), tuple(map(tuple, wires.sense)), ((0.0,) * 2,) * 2
     for k in (0, 1):
@@ -123,7 +120,7 @@ def test_feedthrough_known_to_a_tenth_makes_no_limit_cycle(control_hz: float, na
             driven = board(
                 name, through=through, control_hz=control_hz, controller=law, feedthrough_um_per_v=feedthrough
             )
-            trace = follow(driven, lambda _: [(0.0, asked_um)], round(0.2 * control_hz), round(0.05 * control_hz))
+            trace = follow(driven, constantly(*asked_um), round(0.2 * control_hz), round(0.05 * control_hz))
             held = slice(-round(0.05 * control_hz), None)
             assert np.abs(trace.plate_um[held] - asked_um).max() < (0.01 if known == 1.0 else 0.3)
             assert np.abs(trace.voltage_v[held] - trace.voltage_v[held].mean(axis=0)).max() < 5.0
@@ -131,7 +128,7 @@ def test_feedthrough_known_to_a_tenth_makes_no_limit_cycle(control_hz: float, na
 
 def test_feedthrough_that_is_not_known_ends_in_a_fault() -> None:
     unknown = board(SEPARATE, through=0.02 * np.eye(2))
-    follow(unknown, lambda _: [(0.0, np.array([2.0, -1.0]))], 400, 100)
+    follow(unknown, constantly(2.0, -1.0), 400, 100)
     assert faults(unknown) == [7]
 
 
@@ -140,10 +137,9 @@ OWN_WIRES, NO_WIRES = ((1.0, 0.0), (0.0, 1.0)), ((0.0, 0.0),) * 2
 
 @pytest.mark.parametrize("second", [(1.0, 1.0), (1.0, 0.99)], ids=["singular", "nearly so"])
 def test_a_board_refuses_amplifiers_that_cannot_drive_the_modes_independently(
-    second: tuple[float, float], new_bench: Any
+    bench: Bench, second: tuple[float, float]
 ) -> None:
-    (verdict,) = new_bench().say(encode(SetWiring(((1.0, 1.0), second), OWN_WIRES, NO_WIRES)))
-    assert verdict.verdict is Verdict.OUT_OF_RANGE
+    assert bench.verdict(SetWiring(((1.0, 1.0), second), OWN_WIRES, NO_WIRES)) is Verdict.OUT_OF_RANGE
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ from __future__ import annotations
 import io
 import tempfile
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +28,11 @@ from hapticd.io.devices.trackpad_source import REPORT_BYTES
 from hapticd.values import RawReport
 
 LONGEST_SENTENCE = 6000  # one that quotes a file's name, of 4096 characters
+NPZ_NAMES = ("x_mm", "y_mm", "shapes")
 FOLDER = Path(tempfile.mkdtemp(prefix="hapticd-fuzz-"))
 
 
-def in_file(name: str, data: bytes, read: Callable[[Path], None], error_type: type[HapticdError]) -> None:
+def in_file(name: str, read: Callable[[Path], None], error_type: type[HapticdError], data: bytes) -> None:
     """`data` as a file to `read`, which may raise `error_type` and nothing else."""
     path = FOLDER / name
     path.write_bytes(data)
@@ -44,10 +46,6 @@ def in_file(name: str, data: bytes, read: Callable[[Path], None], error_type: ty
 
 
 # --- configuration ----------------------------------------------------------------------------------------------
-
-
-def check_config(data: bytes) -> None:
-    in_file("hapticd.toml", data, read_config, ConfigError)
 
 
 def read_config(path: Path) -> None:
@@ -94,10 +92,6 @@ def toml_extremes() -> dict[str, bytes]:
 # --- calibration ------------------------------------------------------------------------------------------------
 
 
-def check_calibration(data: bytes) -> None:
-    in_file("calibration.toml", data, read_calibration, ConfigError)
-
-
 def read_calibration(path: Path) -> None:
     found = calibration.load(path, 2).modes
     assert len({one.mode for one in found}) == len(found) <= 2
@@ -126,10 +120,6 @@ def calibration_seeds() -> dict[str, bytes]:
 
 
 # --- recordings -------------------------------------------------------------------------------------------------
-
-
-def check_recording(data: bytes) -> None:
-    in_file("recording.jsonl", data, read_reports, TrackpadError)
 
 
 def read_reports(path: Path) -> None:
@@ -172,22 +162,21 @@ def recording_extremes() -> dict[str, bytes]:
 # --- maps of the mode shapes ------------------------------------------------------------------------------------
 
 
-def check_csv(data: bytes) -> None:
-    in_file("plate.csv", data, read_map, ModesError)
-
-
 def check_npz(data: bytes) -> None:
     """An archive holds checksums that no fuzzer guesses: behind a first byte of 1 come the three arrays without it."""
-    in_file("plate.npz", packed_arrays(data[1:]) if data[:1] == b"\1" else data[1:], read_map, ModesError)
+    in_file("plate.npz", read_map, ModesError, packed_arrays(data[1:]) if data[:1] == b"\1" else data[1:])
 
 
 def packed_arrays(data: bytes) -> bytes:
     """An archive of the parts between the words `\\x93NUMPY`."""
+    return archived([b"\x93NUMPY" + part for part in data.split(b"\x93NUMPY")[1:]])
+
+
+def archived(parts: Sequence[bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
     buffer = io.BytesIO()
-    parts = data.split(b"\x93NUMPY")[1:]
     with zipfile.ZipFile(buffer, "w") as archive:
-        for name, part in zip(("x_mm", "y_mm", "shapes"), parts, strict=False):
-            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), b"\x93NUMPY" + part)
+        for name, part in zip(NPZ_NAMES, parts, strict=False):
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), part, compression)
     return buffer.getvalue()
 
 
@@ -262,21 +251,17 @@ def as_npy(array: np.ndarray) -> bytes:
 
 def npz_extremes() -> dict[str, bytes]:
     """A bomb: a little more than may be unpacked, of zeros."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in ("x_mm", "y_mm", "shapes"):
-            archive.writestr(f"{name}.npy", bytes(4 * MAX_BYTES))
-    bomb, packed_otherwise = buffer.getvalue(), io.BytesIO()
-    with zipfile.ZipFile(packed_otherwise, "w", zipfile.ZIP_BZIP2) as archive:
-        for name in ("x_mm", "y_mm", "shapes"):
-            archive.writestr(f"{name}.npy", bytes(4 * MAX_BYTES))
-    return {"bomb": b"\0" + bomb, "bzip2": b"\0" + packed_otherwise.getvalue()}
+    zeros = [bytes(4 * MAX_BYTES)] * len(NPZ_NAMES)
+    return {
+        "bomb": b"\0" + archived(zeros, zipfile.ZIP_DEFLATED),
+        "bzip2": b"\0" + archived(zeros, zipfile.ZIP_BZIP2),
+    }
 
 
 TARGETS = (
     Target(
         name="config",
-        check=check_config,
+        check=partial(in_file, "hapticd.toml", read_config, ConfigError),
         seeds=config_seeds,
         fixed=Cost(60_000, 2_000_000),
         per_byte=Cost(150, 2500),
@@ -284,7 +269,7 @@ TARGETS = (
     ),
     Target(
         name="calibration",
-        check=check_calibration,
+        check=partial(in_file, "calibration.toml", read_calibration, ConfigError),
         seeds=calibration_seeds,
         fixed=Cost(5000, 1_000_000),
         per_byte=Cost(150, 2500),
@@ -292,7 +277,7 @@ TARGETS = (
     ),
     Target(
         name="recording",
-        check=check_recording,
+        check=partial(in_file, "recording.jsonl", read_reports, TrackpadError),
         seeds=recording_seeds,
         fixed=Cost(10_000, 300_000),
         per_byte=Cost(20, 100),
@@ -300,7 +285,7 @@ TARGETS = (
     ),
     Target(
         name="modes-csv",
-        check=check_csv,
+        check=partial(in_file, "plate.csv", read_map, ModesError),
         seeds=csv_seeds,
         fixed=Cost(50_000, 1.1 * MAX_BYTES),  # a reader's buffer
         per_byte=Cost(60, 2000),

@@ -47,7 +47,7 @@ Messages = list[tuple[str, bytes]]
 
 
 def check(data: bytes) -> None:
-    in_file("recording.mcap", framed(data[1:]) if data[:1] == b"\1" else data[1:], read, RecordingError)
+    in_file("recording.mcap", read, RecordingError, framed(data[1:]) if data[:1] == b"\1" else data[1:])
 
 
 def framed(data: bytes) -> bytes:
@@ -66,7 +66,7 @@ def mcap(messages: Messages, *, crcs: bool = False, in_chunk: int = 1 << 20, seq
     writer.add_message(channels[HEADER], 0, least_header(), 0)
     for number, (kind, data) in enumerate(messages):
         writer.add_message(channels[kind], 7 + number, data, 7, seq(number))
-    writer.finish()  # type: ignore[no-untyped-call]
+    writer.finish()
     return file.getvalue()
 
 

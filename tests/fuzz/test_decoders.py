@@ -19,16 +19,15 @@ from fuzz.targets import TARGETS
 NEW_INPUTS = 500  # to each decoder, a second at most: `make fuzz` tries as many as it has time for
 DAMAGES = 60
 
-KEPT = [
-    pytest.param(target, path, id=f"{target.name}-{path.name}")
-    for target in TARGETS.values()
-    for path in sorted(target.corpus.iterdir())
-]
-SEEDS = [
-    pytest.param(target, data, id=f"{target.name}-{label}")
-    for target in TARGETS.values()
-    for label, data in target.seeds().items()
-]
+
+def inputs(target: Target) -> dict[str, bytes]:
+    """The seeds, and what else is in the corpus."""
+    seeds = target.seeds()
+    kept = {f"kept {path.name}": path.read_bytes() for path in sorted(target.corpus.iterdir())}
+    return seeds | {label: data for label, data in kept.items() if data not in seeds.values()}
+
+
+INPUTS = {name: inputs(target) for name, target in TARGETS.items()}
 
 
 def check_cost(target: Target, data: bytes) -> None:
@@ -37,14 +36,9 @@ def check_cost(target: Target, data: bytes) -> None:
     assert cost.peak_bytes <= allowed.peak_bytes
 
 
-@pytest.mark.parametrize(("target", "data"), SEEDS)
-def test_a_seed_keeps_the_promises_at_a_bounded_cost(target: Target, data: bytes) -> None:
-    check_cost(target, data)
-
-
-@pytest.mark.parametrize(("target", "path"), KEPT)
-def test_a_kept_input_keeps_the_promises_at_a_bounded_cost(target: Target, path: Path) -> None:
-    check_cost(target, path.read_bytes())
+@pytest.mark.parametrize(("name", "label"), [(name, label) for name, found in INPUTS.items() for label in found])
+def test_an_input_keeps_the_promises_at_a_bounded_cost(name: str, label: str) -> None:
+    check_cost(TARGETS[name], INPUTS[name][label])
 
 
 @pytest.mark.long
@@ -57,18 +51,16 @@ def test_what_strains_a_decoder_most_stays_within_its_bounds(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(TARGETS.keys() - {"modes-npz"}))  # numpy reads a header by `ast.literal_eval`
 def test_what_a_decoder_leaves_is_gone_without_the_garbage_collector(name: str) -> None:
     """Which sleeps while fingers are down; what waits for it holds whole files, and the heap between them."""
-    target = TARGETS[name]
-    inputs = [*target.seeds().values(), *(path.read_bytes() for path in target.corpus.iterdir())]
-    assert min(left_behind(target, inputs) for _ in range(3)) == 0  # the first fills caches; threads leave their own
+    assert min(left_behind(name) for _ in range(3)) == 0  # the first fills caches; threads leave their own
 
 
-def left_behind(target: Target, inputs: list[bytes]) -> int:
+def left_behind(name: str) -> int:
     """How many objects wait for the collector."""
     gc.collect()
     gc.disable()
     try:
-        for data in inputs:
-            target.check(data)
+        for data in INPUTS[name].values():
+            TARGETS[name].check(data)
         return gc.collect()
     finally:
         gc.enable()
@@ -90,10 +82,8 @@ def damaged(draw: st.DrawFn, kept: list[bytes]) -> bytes:
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_damaged_input_breaks_no_promise(name: str) -> None:
-    kept = [path.read_bytes() for path in sorted(TARGETS[name].corpus.iterdir())]
-
-    @settings(deadline=None, max_examples=DAMAGES, derandomize=True)
-    @given(damaged(kept))
+    @settings(max_examples=DAMAGES, derandomize=True)
+    @given(damaged(list(INPUTS[name].values())))
     def damage(data: bytes) -> None:
         TARGETS[name].check(data)
 

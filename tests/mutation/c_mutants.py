@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
+
+from mutation.python_mutants import Mutant
 
 OPERATORS = {
     "<=": ["<", ">"],
@@ -40,14 +41,6 @@ TOKEN = re.compile(
     r"|(?P<space>/\*.*?\*/|->)|(?P<operator><=|>=|==|!=|&&|\|\||\+\+|[<>!+\-*/])",
     re.DOTALL,
 )
-
-
-class Mutant(NamedTuple):
-    """A changed source: where, what for what, and its text."""
-
-    text: str
-    change: str
-    source: str
 
 
 def mutants(source: str, functions: Sequence[str]) -> Iterator[Mutant]:

@@ -32,7 +32,7 @@ ATTRIBUTES = {"real": "imag", "imag": "real"}
 
 
 class Mutant(NamedTuple):
-    """A changed module: where, what for what, and its source."""
+    """A changed source: the line's text, what for what, and the whole."""
 
     text: str
     change: str
@@ -87,8 +87,8 @@ def _changes(node: Node) -> list[Callable[[], None]]:
             return [_put(node, "op", ARITHMETIC[type(op)]())]
         case ast.UnaryOp(op=ast.Not() | ast.USub()):
             return [_put(node, "op", ast.UAdd())]  # `+True` is as true as True: a dropped `not`
-        case ast.IfExp(test=test) | ast.If(test=test):
-            return [_put(node, "test", ast.Constant(value)) for value in (True, False) if not _is_constant(test)]
+        case ast.IfExp(test=test) | ast.If(test=test) if not isinstance(test, ast.Constant):
+            return [_put(node, "test", ast.Constant(value)) for value in (True, False)]
         case ast.Name(id=name) if name in NAMES:
             return [_put(node, "id", NAMES[name])]
         case ast.Attribute(attr=name) if name in ATTRIBUTES:
@@ -104,10 +104,6 @@ def _changes(node: Node) -> list[Callable[[], None]]:
 
 def _text(node: Node) -> str:
     return ast.unparse(node.test if isinstance(node, ast.If) else node)
-
-
-def _is_constant(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant)
 
 
 def _put(node: ast.AST, name: str, value: object) -> Callable[[], None]:

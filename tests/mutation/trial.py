@@ -33,6 +33,7 @@ import hapticd.core.trajectory
 from hapticd.core.trajectory import gate as limits
 from hapticd.sim.board import firmware
 from mutation import c_mutants, python_mutants
+from mutation.python_mutants import Mutant
 
 ROOT = Path(__file__).parents[2]
 HOST_TESTS = ("tests/core/trajectory/test_gate.py",)
@@ -53,7 +54,7 @@ PATIENCE = 2.0  # times the processor seconds that the sound code takes
 
 def host_trial() -> tuple[int, list[str]]:
     path = Path(str(limits.__file__))
-    return trial([(m.text, m.change, m.source) for m in python_mutants.mutants(path.read_text())], path, install_host)
+    return trial(list(python_mutants.mutants(path.read_text())), path, install_host)
 
 
 def install_host(path: Path, source: str) -> None:
@@ -62,7 +63,7 @@ def install_host(path: Path, source: str) -> None:
     mutant.__file__ = str(path)
     exec(compile(source, path, "exec"), mutant.__dict__)
     sys.modules[mutant.__name__] = mutant
-    hapticd.core.trajectory.gate = mutant  # type: ignore[attr-defined]
+    hapticd.core.trajectory.gate = mutant
     run_tests(HOST_TESTS)
 
 
@@ -70,8 +71,7 @@ def board_trial() -> tuple[int, list[str]]:
     lived: list[str] = []
     count = 0
     for path, functions in BOARD_SOURCES.items():
-        found = [(m.text, m.change, m.source) for m in c_mutants.mutants(path.read_text(), functions)]
-        of_file, left = trial(found, path, install_board)
+        of_file, left = trial(list(c_mutants.mutants(path.read_text(), functions)), path, install_board)
         count += of_file
         lived += [f"{path.name} {one}" for one in left]
     return count, lived
@@ -94,9 +94,7 @@ def install_board(path: Path, source: str) -> None:
         run_tests(BOARD_TESTS)
 
 
-def trial(
-    found: Sequence[tuple[str, str, str]], path: Path, install: Callable[[Path, str], None]
-) -> tuple[int, list[str]]:
+def trial(found: Sequence[Mutant], path: Path, install: Callable[[Path, str], None]) -> tuple[int, list[str]]:
     """How many mutants of the file at `path` there are, and the living ones as `text of the line: change`."""
     begun_s = processor_s()
     if is_killed(lambda: install(path, path.read_text()), 60.0):
@@ -141,8 +139,6 @@ def run_tests(files: Sequence[str]) -> None:
 
 def tests_of(path: Path) -> Iterator[Callable[..., None]]:
     spec = importlib.util.spec_from_file_location(f"trial_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     for name, value in vars(module).items():

@@ -108,8 +108,7 @@ class Stand:
 
     @property
     def status(self) -> dict[str, Any]:
-        status: Any = self.machine.report_status(self.t_ns)["board"]
-        return dict(status)
+        return self.machine.report_status(self.t_ns)["board"]
 
 
 def said(caplog: pytest.LogCaptureFixture, level: int = logging.WARNING) -> list[str]:
@@ -290,55 +289,35 @@ def refusing(kind: int, payload: bytes) -> bytes:
     return bytes((payload[0], outsider.OUT_OF_RANGE)) if kind == outsider.VERDICT else payload
 
 
-INVALID_HELLO = "board: not driven: it sends no valid HELLO: flash the firmware that came with this hapticd"
-FLASH = "flash the firmware that came with this hapticd."
+NO_HELLO = "board: not driven: it sends no HELLO: check device.port, device.baud, the cable and the board's supply"
+FLASH = "flash the firmware that came with this hapticd"
+INVALID_HELLO = f"board: not driven: it sends no valid HELLO: {FLASH}"
+NO_TIME = f"board: not driven: it sends no TIME that continues its clock: {FLASH}"
+SENSELESS_HELLO = "board refused: The board's HELLO makes no sense"
 
 
 @pytest.mark.parametrize(
     ("censor", "sentence"),
     [
-        (
-            only(*range(0x80, 0x90)),
-            "board: not driven: it sends no HELLO: check device.port, device.baud, the cable and the board's supply",
-        ),
+        (only(*range(0x80, 0x90)), NO_HELLO),
         (hello_with(limits=(math.nan, math.nan)), INVALID_HELLO),
         (hello_with(limits=(math.inf, 4.0)), INVALID_HELLO),
         (hello_with(modes=0), INVALID_HELLO),
         (hello_with(modes=255), INVALID_HELLO),
-        (
-            hello_with(modes=255, limits=(4.0,) * 255),
-            "board: not driven: it sends no HELLO: check device.port, device.baud, the cable and the board's supply",
-        ),
+        (hello_with(modes=255, limits=(4.0,) * 255), NO_HELLO),
         (
             hello_with(modes=3, limits=(4.0,) * 3),
             "board refused: The board drives 3 modes, the mode map has 2: use a matching map and firmware.",
         ),
-        (
-            hello_with(control_hz=0.0),
-            f"board refused: The board's HELLO makes no sense: control_hz is 0, not within 500..50000: {FLASH}",
-        ),
-        (
-            hello_with(drive_hz=0.0),
-            f"board refused: The board's HELLO makes no sense: drive_hz is 0, not within 1..1e+06: {FLASH}",
-        ),
-        (
-            hello_with(deadman_ms=0),
-            f"board refused: The board's HELLO makes no sense: deadman_ms is 0, not within 50..50: {FLASH}",
-        ),
+        (hello_with(control_hz=0.0), f"{SENSELESS_HELLO}: control_hz is 0, not within 500..50000: {FLASH}."),
+        (hello_with(drive_hz=0.0), f"{SENSELESS_HELLO}: drive_hz is 0, not within 1..1e+06: {FLASH}."),
+        (hello_with(deadman_ms=0), f"{SENSELESS_HELLO}: deadman_ms is 0, not within 50..50: {FLASH}."),
         (
             only(outsider.VERDICT),
-            "board: not driven: it sends no VERDICT on its controller and models: "
-            "flash the firmware that came with this hapticd",
+            f"board: not driven: it sends no VERDICT on its controller and models: {FLASH}",
         ),
-        (
-            only(outsider.TIME),
-            "board: not driven: it sends no TIME that continues its clock: "
-            "flash the firmware that came with this hapticd",
-        ),
-        (
-            refusing,
-            "board refused: The board refuses the control law or its gains: a value is out of range.",
-        ),
+        (only(outsider.TIME), NO_TIME),
+        (refusing, "board refused: The board refuses the control law or its gains: a value is out of range."),
     ],
 )
 def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_the_status(
@@ -376,9 +355,7 @@ def test_a_clock_that_runs_backwards_is_said_and_the_board_is_not_driven(caplog:
     stand.run(4000)
     first, *others = dict.fromkeys(said(caplog))
     assert first == "board: Clock discontinuity (board reset?): reconnecting"
-    assert others == [
-        "board: not driven: it sends no TIME that continues its clock: flash the firmware that came with this hapticd"
-    ]
+    assert others == [NO_TIME]
     assert stand.peak_um(2000) < 0.01
 
 
@@ -420,7 +397,7 @@ def test_a_board_of_any_whims_is_driven_only_while_it_reports_and_again_once_it_
     board = stand.board
 
     def witnessed(kind: int, payload: bytes) -> bytes | None:
-        let_pass: bytes | None = censor(kind, payload)
+        let_pass = censor(kind, payload)
         if kind == outsider.STATUS and let_pass == payload:
             reported_us.append(board.t_us)
         return let_pass

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.board_values import BoardMessage
+from hapticd.board_values import BoardLog, BoardMessage, BoardStatus
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
@@ -39,9 +39,10 @@ class Bench:
         registers: Peripherals | None = None,
     ) -> None:
         self.board = board
-        self.plate = Plate(mode_hz=Plate().mode_hz[: board.modes]) if plate is None else plate
-        self.registers = board.registers() if registers is None else registers
-        self.cpu = Cpu(board, board.image() if image is None else image, read=self._read, write=self._write)
+        self.plate = plate or Plate(mode_hz=Plate().mode_hz[: board.modes])
+        self.registers = registers or board.registers()
+        read, write = lambda *at: self.registers.read(*at), lambda *at: self.registers.write(*at)  # those of each boot
+        self.cpu = Cpu(board, image or board.image(), read=read, write=write)
         self.to_board = bytearray()
         self.messages: list[BoardMessage] = []
         self.motion_um: list[npt.NDArray[np.complex128]] = []
@@ -66,11 +67,15 @@ class Bench:
         self._sending = b""
         self._decoder = device.Decoder()
 
-    def _read(self, address: int, size: int) -> int:
-        return self.registers.read(address, size)
+    @property
+    def status(self) -> BoardStatus:
+        """The last one that the host has heard."""
+        return [message for message in self.messages if isinstance(message, BoardStatus)][-1]
 
-    def _write(self, address: int, size: int, value: int) -> None:
-        self.registers.write(address, size, value)
+    def log(self) -> BoardLog:
+        self.to_board += device.encode_log_request()
+        self.run(5)
+        return [message for message in self.messages if isinstance(message, BoardLog)][-1]
 
     @property
     def amplifiers(self) -> bool:
@@ -83,9 +88,14 @@ class Bench:
         return self.registers.now_us - self.registers.t_fed_us
 
     def reference(self, *knots: tuple[float, Sequence[complex]], has_pulse: bool = False) -> None:
-        """The host's next frame: knots as (ms after its start, amplitudes), from now on."""
+        """The host's next frame: knots as (ms after its start, amplitudes), from now on.
+
+        Amplitudes of modes that the board does not have are left out; modes without one rest.
+        """
         self.seq += 1
-        drive = SafeDrive(0, tuple(Knot(round(ms * 1e6), tuple(w)) for ms, w in knots), LimitReason.NONE)
+        rest = (0j,) * self.board.modes
+        line = tuple(Knot(round(ms * 1e6), (*w, *rest)[: self.board.modes]) for ms, w in knots)
+        drive = SafeDrive(0, line, LimitReason.NONE)
         self.to_board += device.encode_reference(self.seq, drive, self.registers.now_us & 0xFFFFFFFF, has_pulse)
 
     def arm(self, *w_um: complex) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import pytest
+
 from . import image, stm32f405, stm32g474
 from .image import Image
 from .peripherals import Peripherals
@@ -54,3 +56,5 @@ G474 = Board(
     (0x0C000000, *_FLAGS, None, 1 << 31 | _PIN),
 )
 BOARDS = (F405, G474)
+every_board = pytest.mark.parametrize("board", BOARDS, ids=str)
+needs_compiler = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))

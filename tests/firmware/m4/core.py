@@ -13,11 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.sim.board.board import BoardConfig, PlateModel, _setup
+from hapticd.sim.board.board import BoardConfig, _setup
 from hapticd.sim.board.firmware import load
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
+from ..bench import nominal_plate
 from .boards import G474
 from .cpu import SCRATCH, Cpu
 from .image import build_core
@@ -64,11 +65,9 @@ class CoreBench:
             gain_um_per_v_s=tuple(plate.gain_um_per_v_s(k) for k in modes),
             loop_phase_rad=(-CONVERTER_LAG_RAD,) * self.modes,
         )
-        gain, one = np.diag(config.gain_um_per_v_s), np.eye(self.modes)
-        model = PlateModel(np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, one, 0.0, 150.0)
         describe = load(self.modes).hd_board_config
         describe.restype = _Room
-        return bytes(describe(ctypes.byref(_setup(model, config, 0, 1, 0, None))).bytes)
+        return bytes(describe(ctypes.byref(_setup(nominal_plate(config), config, 0, 1, 0, None))).bytes)
 
     def hold(self, w_um: Sequence[complex]) -> None:
         """The host's next frame, from now on."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 
-import unicorn
-from unicorn import arm_const as arm
+import pytest
 
 from .boards import Board
 from .image import Image
+
+unicorn = pytest.importorskip("unicorn", reason="unicorn is not installed")
+arm = unicorn.arm_const
 
 SCRATCH = 0x30000000  # memory that the board does not have, for the test's own arguments
 RETURN = SCRATCH + 0xFFFF0  # a function that comes back there stops the emulator

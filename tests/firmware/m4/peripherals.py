@@ -46,6 +46,7 @@ def _crc_table() -> list[int]:
 
 
 _CRC_TABLE = _crc_table()
+Effect = Callable[[int], None]  # of the value written
 
 
 class Peripherals:
@@ -85,7 +86,7 @@ class Peripherals:
         self._crystal = crystal
         self._pll = pll
         self._updating = 0
-        self._effects: dict[str, Callable[[int], None]] = {
+        self._effects: dict[str, Effect] = {
             "RCC.CR": self._clock_control,
             "RCC.CFGR": self._clock_switch,
             "RCC.CSR": self._reset_flags,
@@ -98,7 +99,12 @@ class Peripherals:
             "GPIOB.BSRR": lambda value: self._pins("GPIOB.ODR", value),
             **{f"NVIC.ISER{i}": self._enable_interrupts(i) for i in range(4)},
             **{f"NVIC.ICPR{i}": self._forget_interrupt for i in range(4)},
+            **self.own_effects(),
         }
+
+    def own_effects(self) -> dict[str, Effect]:
+        """What a write to a register of this chip alone does, besides being kept."""
+        return {}
 
     def __getitem__(self, name: str) -> int:
         return self.registers[name]
@@ -175,7 +181,7 @@ class Peripherals:
             value = (value << 8 & 0xFFFFFF00) ^ _CRC_TABLE[value >> 24 ^ byte]
         self.registers["CRC.DR"] = value
 
-    def _enable_interrupts(self, i: int) -> Callable[[int], None]:
+    def _enable_interrupts(self, i: int) -> Effect:
         return lambda value: self.registers.__setitem__(f"NVIC.ISER{i}", self.registers[f"NVIC.ISER{i}"] | value)
 
     def _forget_interrupt(self, _: int) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import ClassVar, Final
 
 from . import peripherals
-from .peripherals import Peripherals
+from .peripherals import Effect, Peripherals
 from .wiring import INTERNAL_HZ, Lane, Sampling, Stream, Wiring
 
 _ADC = {"SR": 0x00, "CR1": 0x04, "CR2": 0x08, "SMPR2": 0x10, "SQR1": 0x2C, "SQR3": 0x34}
@@ -61,9 +61,8 @@ class Registers(Peripherals):
     FORGET_RESET_FLAGS: ClassVar = 1 << 24
     CHUNK_FLAGS: ClassVar = "DMA2.LISR"
 
-    def __init__(self, *, crystal: bool = True, pll: bool = True, reset_flags: int | None = None) -> None:
-        super().__init__(crystal=crystal, pll=pll, reset_flags=reset_flags)
-        self._effects |= {
+    def own_effects(self) -> dict[str, Effect]:
+        return {
             "RCC.APB1RSTR": lambda value: self.reset_blocks(value, {0: ["TIM2"], 29: ["DAC"]}),
             "RCC.APB2RSTR": lambda value: self.reset_blocks(value, {8: ["ADC1", "ADC2", "ADC"]}),
             "DMA2.LIFCR": lambda value: self.clear("DMA2.LISR", value),

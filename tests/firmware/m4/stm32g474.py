@@ -4,11 +4,10 @@ chapters, its clock tree; pins after the datasheet DS12288.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import ClassVar, Final
 
 from . import peripherals
-from .peripherals import Peripherals
+from .peripherals import Effect, Peripherals
 from .wiring import INTERNAL_HZ, Lane, Sampling, Stream, Wiring
 
 _ADC = {"ISR": 0x00, "CR": 0x08, "CFGR": 0x0C, "SMPR1": 0x14, "SMPR2": 0x18, "SQR1": 0x30, "DR": 0x40}
@@ -77,10 +76,9 @@ class Registers(Peripherals):
     FORGET_RESET_FLAGS: ClassVar = 1 << 23
     CHUNK_FLAGS: ClassVar = "DMA1.ISR"
 
-    def __init__(self, *, crystal: bool = True, pll: bool = True, reset_flags: int | None = None) -> None:
-        super().__init__(crystal=crystal, pll=pll, reset_flags=reset_flags)
+    def own_effects(self) -> dict[str, Effect]:
         converters = {13: ["ADC1", "ADC2", "ADC12"], 14: ["ADC3", "ADC345"], 16: ["DAC1"], 17: ["DAC2"]}
-        self._effects |= {
+        return {
             "RCC.APB1RSTR1": lambda value: self.reset_blocks(value, {0: ["TIM2"]}),
             "RCC.AHB2RSTR": lambda value: self.reset_blocks(value, converters),
             "DMA1.IFCR": lambda value: self.clear("DMA1.ISR", value),
@@ -88,7 +86,7 @@ class Registers(Peripherals):
             **{f"ADC{i}.CR": self._adc_control(f"ADC{i}") for i in (1, 2, 3)},
         }
 
-    def _adc_control(self, name: str) -> Callable[[int], None]:
+    def _adc_control(self, name: str) -> Effect:
         """Calibration ends at once. An ADC is ready if its regulator ran, and it was calibrated."""
         calibrated = False
 

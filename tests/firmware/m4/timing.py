@@ -63,7 +63,7 @@ def cycles(instruction: Instruction, before: Instruction | None = None) -> int:
     """Of an instruction that follows `before`, without the refill of a branch that is taken."""
     name = instruction.mnemonic
     waits = before is not None and _FLOAT_RESULT.match(before.mnemonic) is not None
-    stall = 1 if waits and re.search(rf"\b{_result(before)}\b", instruction.operands) else 0  # type: ignore[arg-type]
+    stall = 1 if waits and re.search(rf"\b{_result(before)}\b", instruction.operands) else 0
     if _MULTIPLE.fullmatch(name):
         return 1 + _registers(instruction.operands) + stall
     if name.startswith(("ldr", "str", "vldr", "vstr")):

@@ -1,0 +1,112 @@
+"""A wrong argument is refused in one sentence, before anything is sent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from fake_daemon import FakeDaemon
+
+from hapticd_client import (
+    At,
+    Circle,
+    Client,
+    Envelope,
+    Grating,
+    Map,
+    Modulation,
+    Noise,
+    OnEntering,
+    OnLanding,
+    OnLifting,
+    OnPressure,
+    Polygon,
+    Pulse,
+    RefusedError,
+)
+
+CLICK = Pulse(1.0, 0.01)
+FINGERS: list[tuple[Callable[[Any], object], str]] = [
+    (lambda c: c.set(1, amplitude_um="a"), "amplitude_um: must be a number, not 'a'."),
+    (lambda c: c.set(1, amplitude_um=[1.0]), "amplitude_um: must be a number, not [1.0]."),
+    (lambda c: c.set(1, friction=1j), "friction: must be a number, not 1j."),
+    (lambda c: c.set(1, friction=0.5, ttl_s=None), "ttl_s: must be a number, not None."),
+    (lambda c: c.set(1, grating=6.0), "grating: must be a Grating, not 6.0."),
+    (lambda c: c.set(1, grating=Grating("wide", 1.0)), "period_mm: must be a number, not 'wide'."),
+    (lambda c: c.set(1, map=[[1]]), "map: must be a Map, not [[1]]."),
+    (lambda c: c.set(1, map=Map([1, 2], 1.0)), "map: must have rows of numbers, such as a two-dimensional array."),
+    (lambda c: c.set(1, map=Map(7, 1.0)), "map: must have rows of numbers, such as a two-dimensional array."),
+    (lambda _: Map.from_um([1, 2, 3]), "map: must have rows of numbers, such as a two-dimensional array."),
+    (lambda _: Map.from_um([["a"]]), "map: must be a number, not 'a'."),
+    (lambda c: c.set(None, friction=0.5), "finger: must be one of fingers(), its id or a name, not None."),
+    (lambda c: c.set(True, friction=0.5), "finger: must be one of fingers(), its id or a name, not True."),
+    (lambda c: c.set(1.5, friction=0.5), "finger: must be one of fingers(), its id or a name, not 1.5."),
+    (lambda c: c.release([1]), "finger: must be one of fingers(), its id or a name, not [1]."),
+    (lambda c: c.virtual(7, (0, 0)), "name: must have 1 .. 32 printable characters."),
+    (lambda c: c.virtual("a", 5.0), "path: a point has two numbers, x and y."),
+    (lambda c: c.virtual("a", ("x", "y")), "position: must be a number, not 'x'."),
+    (lambda c: c.virtual("a", path=7), "path: a point has two numbers, x and y."),
+    (lambda c: c.virtual("a", (0, 0), speed_mm_s="fast"), "speed_mm_s: must be a number, not 'fast'."),
+    (lambda _: Client(name=7), "name: must have 1 .. 32 printable characters."),
+]
+SURFACES: list[tuple[Callable[[Any], object], str]] = [
+    (
+        lambda c: c.surface("a"),
+        "surface: give exactly one of friction, amplitude_um, grating, map, gradient, noise.",
+    ),
+    (lambda c: c.surface(7, friction=1), "name: must have 1 .. 32 printable characters."),
+    (
+        lambda c: c.surface("a", (1, 2), friction=1),
+        "shape: must be a Circle, a Rectangle or a Polygon, not (1, 2).",
+    ),
+    (lambda c: c.surface("a", Circle("x"), friction=1), "radius_mm: must be a number, not 'x'."),
+    (lambda c: c.surface("a", Polygon(3), friction=1), "corners_mm: must be a list of points."),
+    (lambda c: c.surface("a", Polygon([(0, 0), (1, 1), 5]), friction=1), "corners_mm: must have two numbers"),
+    (lambda c: c.surface("a", Polygon([(0, 0)] * 3), friction=1), "corners_mm: encloses less than 0.01 mm^2."),
+    (lambda c: c.surface("a", friction=1, position_mm=4), "position_mm: must have two numbers, x and y."),
+    (lambda c: c.surface("a", friction=1, z=1.5), "z: must be a whole number, -1000 .. 1000."),
+    (lambda c: c.surface("a", friction=1, blend="mix"), "blend: must be one of replace, add, max."),
+    (lambda c: c.surface("a", friction=1, path=[(0, 0)], position_mm=(1, 1)), "path: with it there is no"),
+    (lambda c: c.surface("a", friction=1, path=[3]), "path: a point has two numbers, x and y."),
+    (lambda c: c.surface("a", noise=Noise(2, 1, 1, 1)), "longest_mm: 1 is out of bounds, it must be 2 .. 1000."),
+    (lambda c: c.surface("a", noise=Noise(1, 2, 1, 1, seed=-1)), "seed: must be a whole number"),
+    (lambda c: c.surface("a", gradient=3), "gradient: must be a Gradient, not 3."),
+    (lambda c: c.surface("a", map=Map([[1]])), "map: give exactly one of high_um and frictions."),
+    (lambda c: c.surface("a", map=Map([[1]], frictions=(1,))), "frictions: must have two numbers"),
+    (lambda c: c.remove(3), "surface: must have 1 .. 32 printable characters."),
+]
+EFFECTS: list[tuple[Callable[[Any], object], str]] = [
+    (lambda c: c.effect("", CLICK), "name: must have 1 .. 32 printable characters."),
+    (lambda c: c.effect("a", 7), "form: must be a Pulse, an Envelope or a Modulation, not 7."),
+    (lambda c: c.effect("a", CLICK, start=OnLanding), "start: must be one of Now, At, OnLanding and the other"),
+    (lambda c: c.effect("a", CLICK, on=1.5), "on: must be a finger on the plate, the name of a surface or None"),
+    (lambda c: c.effect("a", CLICK, on="disc"), "effect: this client has no surface 'disc': lay it first."),
+    (lambda c: c.effect("a", CLICK, start=OnEntering(3)), "surface: must have 1 .. 32 printable characters."),
+    (lambda c: c.effect("a", CLICK, start=At(1.5)), "t_ns: must be a whole number"),
+    (lambda c: c.effect("a", CLICK, start=OnPressure(0.5, 0.6)), "release: must be below the threshold."),
+    (lambda c: c.effect("a", CLICK, start=OnLifting(), loops=True), "effect: what starts by lifting or crossing"),
+    (lambda c: c.effect("a", Pulse(1.0, 0.0)), "length_s: 0 is out of bounds"),
+    (lambda c: c.effect("a", Pulse(math.nan, 1.0)), "height_um: nan is out of bounds"),
+    (lambda c: c.effect("a", Envelope(7)), "points: must be a list of points"),
+    (lambda c: c.effect("a", Envelope([(0, 1), (1,)])), "points: a point has two numbers"),
+    (lambda c: c.effect("a", Envelope([(n, 1) for n in range(257)])), "points: "),
+    (lambda c: c.effect("a", Envelope([(0, 1), (1, 0), (0.5, 0)])), "points: a point must not be earlier"),
+    (lambda c: c.effect("a", Modulation(0)), "frequency_hz: 0 is out of bounds, it must be 1 .. 300."),
+    (lambda c: c.effect("a", Modulation(9, shape="saw")), "shape: must be one of sine, square."),
+    (lambda c: c.stop(3), "effect: must have 1 .. 32 printable characters."),
+]
+
+
+@pytest.mark.parametrize(("call", "sentence"), FINGERS + SURFACES + EFFECTS)
+def test_a_wrong_call_is_one_sentence_and_nothing_is_sent(
+    call: Callable[[Any], object], sentence: str, daemon: FakeDaemon, client: Client
+) -> None:
+    """Of a sentence without its full stop only the beginning is compared."""
+    with pytest.raises(RefusedError) as refused:
+        call(client)
+    said = str(refused.value)
+    assert said == sentence or (said.startswith(sentence) and not sentence.endswith("."))
+    assert daemon.messages == 0
+    assert daemon.stamps == []
