@@ -128,13 +128,7 @@ def worst_response(
     """The worst of each measure over the corners in which the voltage can hold the amplitude."""
     plates = _corners(quality, amplitude_um, detunes_hz)
     found = [measure(respond(plate, amplitude_um), amplitude_um, tick_ms, step_ms) for plate in plates]
-    return Response(
-        settling_ms=max(one.settling_ms for one in found),
-        overshoot_frac=max(one.overshoot_frac for one in found),
-        cross_axis_frac=max(one.cross_axis_frac for one in found),
-        recovery_ms=max(one.recovery_ms for one in found),
-        dip_frac=max(one.dip_frac for one in found),
-    )
+    return Response(*map(max, zip(*found, strict=True)))
 
 
 def _tracking() -> Table:

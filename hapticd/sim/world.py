@@ -27,7 +27,6 @@ class Recording:
     t_s: npt.NDArray[np.float64]
     finger_mm: npt.NDArray[np.float64]
     reference_um: npt.NDArray[np.complex128]
-    measured_um: npt.NDArray[np.complex128]
     plate_um: npt.NDArray[np.complex128]
     flags: npt.NDArray[np.uint8]
 
@@ -38,6 +37,34 @@ class PlateInstant:
 
     finger_mm: npt.NDArray[np.float64]
     plate_um: npt.NDArray[np.complex128]
+
+
+def plate_model(plate: GroundTruth) -> PlateModel:
+    """Return the plate as the board model has it."""
+    return PlateModel(
+        decay_1_s=plate.decay_1_s,
+        detuning_rad_s=plate.detuning_rad_s,
+        gain_um_per_v_s=plate.gain_um_per_v_s,
+        sensor=plate.sensor,
+        noise_um=plate.settings.sensor_noise_um,
+        amplifier_limit_v=plate.settings.v_limit_v,
+        loop_phase_rad=plate.loop_phase_rad,
+    )
+
+
+def board_config(plate: GroundTruth, w_limit_um: tuple[float, ...]) -> BoardConfig:
+    """Return the configuration of a board that knows the plate's nominal rates and its wires."""
+    return BoardConfig(
+        w_limit_um=w_limit_um,
+        v_limit_v=plate.settings.v_limit_v,
+        control_hz=CONTROL_HZ,
+        drive_hz=plate.settings.drive_hz,
+        decay_1_s=tuple(plate.nominal_decay_1_s),
+        detuning_rad_s=tuple(plate.nominal_detuning_rad_s),
+        gain_um_per_v_s=tuple(plate.nominal_gain_um_per_v_s),
+        drive=plate.drive,
+        sense=plate.sense,
+    )
 
 
 class World:
@@ -60,26 +87,8 @@ class World:
     ) -> None:
         self.plate = plate
         self.board = Board(
-            PlateModel(
-                decay_1_s=plate.decay_1_s,
-                detuning_rad_s=plate.detuning_rad_s,
-                gain_um_per_v_s=plate.gain_um_per_v_s,
-                sensor=plate.sensor,
-                noise_um=plate.settings.sensor_noise_um,
-                amplifier_limit_v=plate.settings.v_limit_v,
-                loop_phase_rad=plate.loop_phase_rad,
-            ),
-            config=BoardConfig(
-                w_limit_um=w_limit_um,
-                v_limit_v=plate.settings.v_limit_v,
-                control_hz=CONTROL_HZ,
-                drive_hz=plate.settings.drive_hz,
-                decay_1_s=tuple(plate.nominal_decay_1_s),
-                detuning_rad_s=tuple(plate.nominal_detuning_rad_s),
-                gain_um_per_v_s=tuple(plate.nominal_gain_um_per_v_s),
-                drive=plate.drive,
-                sense=plate.sense,
-            ),
+            plate_model(plate),
+            config=board_config(plate, w_limit_um),
             seed=seed,
             boot_id=boot_id,
             t_start_us=board_start_us,
@@ -146,7 +155,6 @@ class World:
             t_s=(np.arange(self._forgotten, self.ticks) + 1) / CONTROL_HZ,
             finger_mm=np.concatenate([fingers[:count] for fingers, _, count in parts]),
             reference_um=np.concatenate([trace.reference_um[:count] for _, trace, count in parts]),
-            measured_um=np.concatenate([trace.measured_um[:count] for _, trace, count in parts]),
             plate_um=np.concatenate([trace.plate_um[:count] for _, trace, count in parts]),
             flags=np.concatenate([trace.flags[:count] for _, trace, count in parts]),
         )
