@@ -171,27 +171,18 @@ def _contacts() -> Settings:
 def _textured(recording: Recording) -> Recording:
     """The same touch; the slippery finger's target is a sine grating."""
     grating = GratingTarget(period_mm=8.0, angle_rad=0.4, low_um=0.0, high_um=1.0, duty_frac=0.0)
-    calls = []
-    for call in recording.calls:
-        if call.name == "want":
-            message, *rest = call.arguments
-            targets = {
-                key: target if target == AmplitudeTarget(0.0) else grating for key, target in message.targets.items()
-            }
-            call = call._replace(arguments=(replace(message, targets=targets), *rest))
-        calls.append(call)
-    return recording._replace(calls=tuple(calls))
+    still = AmplitudeTarget(0.0)
+
+    def textured(message: ClientTargets) -> ClientTargets:
+        targets = message.targets.items()
+        return replace(message, targets={key: target if target == still else grating for key, target in targets})
+
+    return recording.with_messages(textured)
 
 
 def _on_surfaces(recording: Recording, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> Recording:
     """The same touch without targets on `_surfaces`."""
-    calls = []
-    for call in recording.calls:
-        if call.name == "want":
-            message, *rest = call.arguments
-            call = call._replace(arguments=(_surfaces(message, count, modulated_hz, on), *rest))
-        calls.append(call)
-    return recording._replace(calls=tuple(calls))
+    return recording.with_messages(lambda message: _surfaces(message, count, modulated_hz, on))
 
 
 def _surfaces(message: ClientTargets, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> ClientTargets:
