@@ -181,13 +181,10 @@ class Board:
             ctypes.byref(_setup(model, config, seed, boot_id, t_start_us, converters))
         )
         if not self._board:
+            carrier = ", and a carrier needs a drive of 20 to 125 kHz and ticks of 1 to 40 chunks of 50 us"
             raise ValueError(
                 "The firmware refuses its configuration: rates, limits and gains must be positive and bounded"
-                + (
-                    ", and a carrier needs a drive of 20 to 125 kHz and ticks of 1 to 40 chunks of 50 us."
-                    if converters
-                    else "."
-                )
+                + (f"{carrier}." if converters else ".")
             )
         self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
         self._buffers: TickBuffers | None = None

@@ -227,11 +227,8 @@ def _built_hz(settings: PlateSettings) -> FloatArray:
     theory_hz = np.array([theory(name, settings.plate)[0] for name in names])
     if settings.plate != REFERENCE:
         is_pair = np.isclose(theory_hz[:, None], theory_hz, rtol=1e-9)
-        return theory_hz + np.where(
-            is_pair.sum(axis=1) == 2,
-            np.where(is_pair.argmax(axis=1) == np.arange(len(names)), -_SPLIT_HZ, _SPLIT_HZ),
-            0.0,
-        )
+        is_first = is_pair.argmax(axis=1) == np.arange(len(names))
+        return theory_hz + np.where(is_pair.sum(axis=1) == 2, np.where(is_first, -_SPLIT_HZ, _SPLIT_HZ), 0.0)
     pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
     next_hz = pair_hz + (theory_hz[2] - theory_hz[0])
     return np.concatenate((pair_hz, next_hz, pair_hz.mean() + theory_hz[4:] - theory_hz[0]))
@@ -244,9 +241,8 @@ def _amplifiers(settings: PlateSettings, driven_hz: FloatArray) -> tuple[FloatAr
     own = settings.w_limit_um * stiffness_1_s / settings.v_limit_v
     if settings.plate == REFERENCE and settings.driven_modes <= _SIZED_EACH:
         return own, (settings.w_limit_um,) * len(own)
-    alike = np.full(
-        len(own), own[0] if settings.plate == REFERENCE else settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
-    )
+    at_resonance = settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
+    alike = np.full(len(own), own[0] if settings.plate == REFERENCE else at_resonance)
     return alike, tuple((alike * settings.v_limit_v / stiffness_1_s).tolist())
 
 
