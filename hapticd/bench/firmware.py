@@ -7,7 +7,7 @@ firmware's own C against the plate model (`closed_loop`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -50,11 +50,8 @@ def _followers() -> Iterator[tuple[str, Respond, float, float]]:
     linalg = optional("scipy.linalg")
     if linalg is not None:
         for name, control_hz in OUTSIDE.items():
-            yield name, _outside(control_hz, linalg), 1e3 / control_hz, 1e3 / control_hz
-
-
-def _outside(control_hz: float, linalg: Any) -> Respond:
-    return lambda plate, amplitude_um: lqg.respond(plate, amplitude_um, control_hz, linalg)
+            respond = partial(lqg.respond, control_hz=control_hz, scipy_linalg=linalg)
+            yield name, respond, 1e3 / control_hz, 1e3 / control_hz
 
 
 def _steps(repeats: int, ticks: int) -> Table:
