@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -114,7 +114,7 @@ class Run:
 def run(
     scenario: str | Scenario,
     *,
-    settings: Settings | Mapping[str, Any] | None = None,
+    settings: Settings | None = None,
     seed: int = 1,
     seconds: float | None = None,
     observer: Callable[[Machine, ModeShapes], Observer] | None = None,
@@ -124,10 +124,9 @@ def run(
     """Play `scenario`, a name or one of the caller's own, for `seconds` of virtual time.
 
     The same arguments give the same arrays, byte for byte.
-    `settings` may be a mapping of some fields of Settings; `observer` makes the machine's observer before the first
-    event; `measured` replaces the daemon's mode map and calibrates the board; `progress` is called with the share of
-    the run that is done.
-    Raises SimulationError, a ValueError, for an unknown scenario or setting and for values out of bounds.
+    `observer` makes the machine's observer before the first event; `measured` replaces the daemon's mode map and
+    calibrates the board; `progress` is called with the share of the run that is done.
+    Raises SimulationError, a ValueError, for an unknown scenario and for values out of bounds.
     """
     if isinstance(scenario, str) and scenario not in SCENARIOS:
         raise SimulationError(f"there is no scenario {scenario!r}: choose one of {', '.join(SCENARIOS)}.")
@@ -137,7 +136,7 @@ def run(
         raise SimulationError(f"a run of {seconds} s cannot be played: give a finite number, at least {LEAST_S}.")
     if seed < 0:
         raise SimulationError(f"the seed is {seed}: give 0 or more.")
-    chosen = _as_settings(settings)
+    chosen = Settings() if settings is None else settings
     try:
         actors = played.build(seed, chosen.speed_mm_s)
     except ValueError as error:
@@ -361,19 +360,6 @@ class Simulation:
             t_ns = T_START_NS + np.round(t_s * 1e9).astype(np.int64)
             true_mm[:, index] = [self.machine.scene.virtual_position_mm(name, int(instant)) for instant in t_ns]
         return true_mm
-
-
-def _as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:
-    """Return `given` as Settings. Raises SimulationError for an unknown name."""
-    if given is None:
-        return Settings()
-    if isinstance(given, Settings):
-        return given
-    valid = [entry.name for entry in fields(Settings)]
-    unknown = [name for name in given if name not in valid]
-    if unknown:
-        raise SimulationError(f"there is no setting {unknown[0]!r}: choose from {', '.join(valid)}.")
-    return Settings(**given)
 
 
 def scheme_config(settings: Settings) -> Config:

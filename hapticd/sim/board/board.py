@@ -15,23 +15,8 @@ import numpy.typing as npt
 
 from .carrier import Converters
 from .firmware import Setup, doubles, load
-from .trace import BoardTrace, TickBuffers
-
-__all__ = [
-    "CHUNK_S",
-    "FLAG_DEADMAN",
-    "FLAG_LIMITED",
-    "FLAG_LIVE",
-    "FLAG_SATURATED",
-    "FLAG_SYNC",
-    "PLATE_MODES_MAX",
-    "RESET_POWER",
-    "RESET_WATCHDOG",
-    "Board",
-    "BoardConfig",
-    "BoardTrace",
-    "PlateModel",
-]
+from .trace import BoardTrace as BoardTrace
+from .trace import TickBuffers
 
 FLAG_SATURATED: Final = 0x01
 FLAG_LIMITED: Final = 0x02

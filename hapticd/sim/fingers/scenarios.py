@@ -92,8 +92,7 @@ def _circles(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     )
 
 
-def _rest(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    del speed_mm_s
+def _rest(seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     x_mm, y_mm = np.random.default_rng(seed).uniform(-50, 50, (2, 2))
     return (
         _touching(Rest((-abs(x_mm[0]) - 5.0, y_mm[0])), SLIPPERY_UM),
@@ -101,9 +100,8 @@ def _rest(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     )
 
 
-def _swap(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _swap(_seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """The fingers pass each other as closely as fingertips can; one lifts and lands again; targets are exchanged."""
-    del seed
     over = Line((-45.0, -12.0), (45.0, -9.0), speed_mm_s)
     under = Line((45.0, -30.0), (-45.0, -27.0), speed_mm_s)
     return (
@@ -131,21 +129,18 @@ def _two_virtual(
     )
 
 
-def _paper_figure_10(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _paper_figure_10(_seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """Two imposed paths that avoid singular positions: no reference approaches its limit."""
-    del seed
     return _two_virtual(((6.0, -47.0), (-47.0, -1.0)), ((36.0, 17.0), (-14.0, -32.0)), 0.3 * speed_mm_s)
 
 
-def _paper_figure_11(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _paper_figure_11(_seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """Two imposed paths through seven singular positions each way, a quarter of the time at the limits."""
-    del seed
     return _two_virtual(((-46.0, 9.0), (21.0, -24.0)), ((-41.0, 30.0), (-40.0, -45.0)), 0.3 * speed_mm_s)
 
 
-def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _step(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     """Figure 7: no load; at 1 s a virtual finger where only mode X moves gets the target that makes W_X 1 um."""
-    del seed, speed_mm_s
     steps = ((0.0, 0.0), (STEP_S, STEP_TARGET_UM))
     return (Actor(steps, virtual=VirtualPath((STEP_POINT_MM,), 0.0, loop=False)),)
 
@@ -165,8 +160,7 @@ def _three(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     )
 
 
-def _hands(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    del seed, speed_mm_s
+def _hands(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     return ()
 
 
