@@ -24,6 +24,7 @@ from ..sim.board.board import (
     reference_decay_1_s,
     reference_gain_um_per_v_s,
 )
+from ..sim.score import rms
 from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
 
@@ -221,15 +222,11 @@ def step(board: Board, from_um: Phasors, to_um: Phasors) -> Phasors:
     return trace.plate_um[len(trace) // 2 :]
 
 
-def rms_um(w_um: Phasors) -> float:
-    return math.sqrt(float(np.mean(np.abs(w_um) ** 2)))
-
-
 def tracking_figures(reference_um: Phasors, plate_um: Phasors, tick_ms: float) -> dict[str, float]:
     """RMS error, the delay of least error, and the error without that delay."""
     delay_ticks = _delay_ticks(reference_um, plate_um)
     return {
-        "error_um": rms_um(plate_um - reference_um),
+        "error_um": rms(plate_um - reference_um),
         "delay_ms": delay_ticks * tick_ms,
         "residual_um": _late_error_um(reference_um, plate_um, delay_ticks),
     }
@@ -254,4 +251,4 @@ def _late_error_um(reference_um: Phasors, plate_um: Phasors, delay_ticks: float)
     whole = np.floor(then).astype(int)
     share = (then - whole)[:, np.newaxis]
     late_um = reference_um[whole] * (1 - share) + reference_um[whole + 1] * share
-    return rms_um(plate_um[ticks] - late_um)
+    return rms(plate_um[ticks] - late_um)

@@ -15,6 +15,7 @@ from ..core.solver.public import solve_batch
 from ..sim.board.board import Board, BoardTrace
 from ..sim.fingers.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
+from ..sim.score import rms
 from ..sim.world import board_config, plate_model
 from .closed_loop import (
     SETTLED_FRAC,
@@ -24,7 +25,6 @@ from .closed_loop import (
     Plate,
     follow,
     measure,
-    rms_um,
     step,
     step_trace,
     stepped,
@@ -127,7 +127,7 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
     settled = slice(law.phase_ticks, None)
     figures = tracking_figures(trace.reference_um[settled], trace.plate_um[settled, :2], law.tick_ms)
     still_um = np.einsum("tp,tp->t", phi_ticks[settled, 1, :2], trace.plate_um[settled, :2])
-    return {**figures, "leak_um": rms_um(still_um)}
+    return {**figures, "leak_um": rms(still_um)}
 
 
 @lru_cache(maxsize=4)

@@ -22,7 +22,6 @@ LANDED_NS = T_START_NS + 800_000_000  # fingers are down, the board trusts the h
 _CALLS = ("trackpad_link", "board_link", "want", "board_bytes", "timer", "reports")
 
 Publish = Callable[[bytes], None]
-Now = Callable[[], int]
 WaitUntil = Callable[[int], None]
 
 

@@ -80,8 +80,8 @@ def score(
     still = counts & (target_um == 0)
     slipping = counts & (target_um > 0)
     return Score(
-        leak_um=_rms(finger_um[still]),
-        slip_error_um=_rms(finger_um[slipping] - target_um[slipping]),
+        leak_um=rms(finger_um[still]),
+        slip_error_um=rms(finger_um[slipping] - target_um[slipping]),
         slip_frac=float(np.mean(finger_um[slipping] / target_um[slipping])) if slipping.any() else float("nan"),
         limited_frac=float(np.mean(limited)) if limited.size else float("nan"),
         largest_reference_um=float(np.abs(reference_um).max(initial=0.0)),
@@ -105,7 +105,7 @@ def with_contacts(
     sliding_mm_s = _speed_mm_s(t_s, finger_mm)
     rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
-    leak_um, slip_um = _rms(rms_um[still]), _rms(rms_um[slipping])
+    leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0
     of_all = _friction(change[counts])
     return replace(
@@ -189,5 +189,7 @@ def settled(t_s: Floats, target_um: Floats) -> npt.NDArray[np.bool_]:
     return np.asarray((since >= steps) & np.isfinite(target_um))
 
 
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+def rms(values: npt.ArrayLike) -> float:
+    """Return the root of the mean square of real or complex values; NaN where there is none."""
+    sizes = np.abs(values)
+    return float(np.sqrt(np.mean(sizes**2))) if sizes.size else float("nan")

@@ -189,10 +189,6 @@ class Board:
         return self.unwrapped_us & 0xFFFFFFFF
 
     @property
-    def t_ns(self) -> int:
-        return self.unwrapped_us * 1000
-
-    @property
     def baud(self) -> int:
         """The line's speed that the host has set; 0 for the one that the board started with."""
         return int(self._library.hd_board_baud(self._board))
