@@ -56,10 +56,7 @@ def situations(problems: int = 200) -> Table:
     """One row for each kind of awkward input."""
     mpmath = optional("mpmath")
     random = np.random.default_rng(29)
-    rows = []
-    for name, make in SITUATIONS.items():
-        made = [make(random) for _ in range(problems)]
-        rows.append((name, _figures(made, mpmath)))
+    rows = [(name, _figures([make(random) for _ in range(problems)], mpmath)) for name, make in SITUATIONS.items()]
     return Table(
         name="stability",
         title="stability: the solver at the ends of its range; worst of all problems",
@@ -227,11 +224,10 @@ def _walked(
                 second = last
         took_us = (time.perf_counter_ns() - t_start_ns) * 1e-3
     got, was = (np.abs(np.einsum("snm,sm->sn", np.array(track), np.array(lap))) for lap in (last, second))
-    errors = []
+    errors: list[float] = []
     if mpmath is not None and wanted[1] == 0.0:
-        for rows, modal in zip(track, last, strict=True):
-            turned = _real(modal)
-            errors.append(10 ** -agreeing_digits(mpmath, Problem(rows, wanted, W_LIMIT_UM), turned))
+        problems = [Problem(rows, wanted, W_LIMIT_UM) for rows in track]
+        errors = [10 ** -agreeing_digits(mpmath, *solved) for solved in zip(problems, map(_real, last), strict=True)]
     return {
         "steps_count": laps * len(track),
         "time_us": took_us / (laps * len(track)),

@@ -8,7 +8,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -98,7 +98,8 @@ def run(minutes: Mapping[str, float], extent: Extent, *, json_file: str | None, 
     for name, tables in _results(minutes, extent):
         figures[name] = {table.name: plain(table) for table in tables}
         found += tables
-        _print(tables, out)
+        for table in tables:
+            print(render(table), end="\n\n", file=out, flush=True)
     if json_file is not None:
         write_text(json.dumps({"machine": _machine(), "parts": figures}, indent=2, allow_nan=False) + "\n", json_file)
     drawn = [table for table in found if _is_drawn(table)]
@@ -123,11 +124,6 @@ def _results(minutes: Mapping[str, float], extent: Extent) -> Iterator[tuple[str
         print(f"measuring {name} ({place} of {len(minutes)}, about {takes_min:g} min{in_all}) ...", file=sys.stderr)
         yield name, PARTS[name](extent)
         left_min -= takes_min
-
-
-def _print(tables: tuple[Table, ...], out: TextIO) -> None:
-    for table in tables:
-        print(render(table), end="\n\n", file=out, flush=True)
 
 
 def _machine() -> dict[str, str | int]:
