@@ -107,7 +107,6 @@ def with_contacts(
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0
-    of_all = _friction(change[counts])
     return replace(
         judged,
         contact_leak_um=leak_um,
@@ -116,7 +115,7 @@ def with_contacts(
         contrast_median=_median_contrast(rms_um, still, slipping),
         still_friction_change=_friction(change[still]).friction_change,
         slip_friction_change=_friction(change[slipping]).friction_change,
-        weber_frac=of_all.weber_frac,
+        weber_frac=_friction(change[counts]).weber_frac,
         fingers=tuple(_friction(change[counts[:, n], n]) for n in range(change.shape[1])),
     )
 
