@@ -72,7 +72,10 @@ def test_a_free_plates_mode_is_a_function_of_places() -> None:
     assert shape(points_mm).tolist() == shape.evaluate(points_mm).tolist()
 
 
-def test_a_run_has_its_arrays_by_name() -> None:
-    run = hapticd.sim.run("strokes", seed=1, seconds=0.2)
+def test_a_run_has_its_arrays_by_name_and_takes_settings_by_name() -> None:
+    run = hapticd.sim.run("strokes", settings={"speed_mm_s": 50.0}, seed=1, seconds=0.2)
+    assert run.settings.speed_mm_s == 50.0
     names = ("t_s", "finger_true_mm", "finger_predicted_mm", "target_um", "reference_um", "modal_um", "truth_um")
     assert {len(getattr(run, name)) for name in (*names, "limited")} == {len(run.t_s)}
+    with pytest.raises(ValueError, match=r"^there is no setting 'speed': choose from [^\n]*\.$"):
+        hapticd.sim.run("strokes", settings={"speed": 50.0})

@@ -10,6 +10,7 @@ import cmath
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,11 +24,13 @@ from ..sim.board.board import (
     reference_decay_1_s,
     reference_gain_um_per_v_s,
 )
+from ..sim.score import rms
 from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
 
 Phasors = npt.NDArray[np.complex128]
 Floats = npt.NDArray[np.float64]
+KnotsAt = Callable[[float], list[tuple[float, Phasors]]]  # of a frame that starts at an instant (s): ms after it, um
 
 SETTLED_FRAC = 0.02
 NOISE_UM = 0.00061  # one step of 14 bits over +-5 um
@@ -65,17 +68,15 @@ class Plate:
         return amplitude_um * demand_1_s <= 0.97 * reference_gain_um_per_v_s(self.quality) * LIMIT_V
 
 
-def straight_bound_ms(plate: Plate, amplitude_um: float, steps: int = 1000) -> float:
+def straight_bound_ms(plate: Plate, amplitude_um: float) -> float:
     """Shortest settling time (2 %) on a way that keeps its phase: dW/dt <= sqrt((g V)^2 - (detuning W)^2) - decay W.
 
     The amplitude is one that the voltage holds.
     """
-    push_um_s, detuning_rad_s = (
-        reference_gain_um_per_v_s(plate.quality) * LIMIT_V,
-        2.0 * math.pi * (plate.detune_hz - 10),
-    )
-    step_um = (1.0 - SETTLED_FRAC) * amplitude_um / steps
-    w_um = step_um * (np.arange(steps) + 0.5)
+    push_um_s = reference_gain_um_per_v_s(plate.quality) * LIMIT_V
+    detuning_rad_s = 2.0 * math.pi * (plate.detune_hz - 10)
+    step_um = (1.0 - SETTLED_FRAC) * amplitude_um / 1000
+    w_um = step_um * (np.arange(1000) + 0.5)
     speed_um_s = np.sqrt(push_um_s**2 - (detuning_rad_s * w_um) ** 2) - plate.decay_1_s * w_um
     return float(1e3 * np.sum(step_um / speed_um_s))
 
@@ -124,9 +125,7 @@ class Law:
         landing_1_s[2 * ticks + 1 : 3 * ticks + 1] = (LANDED_DAMPING - 1.0) * plate.decay_1_s
         on_x = np.tile([1.0, 0.0], (4 * ticks, 1, 1))
 
-        def knots(t_s: float) -> list[tuple[float, Phasors]]:
-            return [(0.0, np.array([amplitude_um if t_s > PHASE_S - 1e-4 else 0.0, 0.0j]))]
-
+        knots = stepped(np.zeros(2, complex), np.array([amplitude_um, 0.0j]))
         trace = follow(self.board(plate), knots, 4 * ticks, ticks // 10, (on_x, landing_1_s))
         return between_ticks(trace, plate, landing_1_s[:, 0], self.tick_ms)[ticks:].ravel()
 
@@ -144,8 +143,7 @@ def between_ticks(trace: BoardTrace, plate: Plate, contact_1_s: Floats, tick_ms:
     return np.stack(rows, axis=1)
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+class Response(NamedTuple):
     """Measures of a step and a landing; times in ms, the rest as fractions of the amplitude."""
 
     settling_ms: float
@@ -182,12 +180,12 @@ def settling_ms(w_um: Phasors, target_um: complex, tick_ms: float, step_ms: floa
 
 def follow(
     board: Board,
-    knots_at: Callable[[float], list[tuple[float, Phasors]]],
+    knots_at: KnotsAt,
     ticks: int,
     every: int,
     touch: tuple[Floats, Floats] | tuple[Floats, Floats, Floats] | None = None,
 ) -> BoardTrace:
-    """Drive the board with the knots (ms after the frame, amplitudes) that `knots_at` gives for each frame's start (s).
+    """Drive the board with the knots that `knots_at` gives for each frame.
 
     `touch` is phi (ticks, F, P), contact decay (ticks, F) and, if fingers detune, contact detuning (ticks, F) as in
     `Board.run`; without it no finger touches.
@@ -207,14 +205,15 @@ def follow(
     return trace
 
 
+def stepped(from_um: Phasors, to_um: Phasors) -> KnotsAt:
+    """One reference for PHASE_S, then another."""
+    return lambda t_s: [(0.0, to_um if t_s > PHASE_S - 1e-4 else from_um)]
+
+
 def step_trace(board: Board, from_um: Phasors, to_um: Phasors) -> BoardTrace:
     """0.1 s of one reference, then 0.1 s of another."""
     ticks = round(PHASE_S * board.config.control_hz)
-
-    def knots(t_s: float) -> list[tuple[float, Phasors]]:
-        return [(0.0, to_um if t_s > PHASE_S - 1e-4 else from_um)]
-
-    return follow(board, knots, 2 * ticks, ticks // 10)
+    return follow(board, stepped(from_um, to_um), 2 * ticks, ticks // 10)
 
 
 def step(board: Board, from_um: Phasors, to_um: Phasors) -> Phasors:
@@ -223,15 +222,11 @@ def step(board: Board, from_um: Phasors, to_um: Phasors) -> Phasors:
     return trace.plate_um[len(trace) // 2 :]
 
 
-def rms_um(w_um: Phasors) -> float:
-    return math.sqrt(float(np.mean(np.abs(w_um) ** 2)))
-
-
 def tracking_figures(reference_um: Phasors, plate_um: Phasors, tick_ms: float) -> dict[str, float]:
     """RMS error, the delay of least error, and the error without that delay."""
     delay_ticks = _delay_ticks(reference_um, plate_um)
     return {
-        "error_um": rms_um(plate_um - reference_um),
+        "error_um": rms(plate_um - reference_um),
         "delay_ms": delay_ticks * tick_ms,
         "residual_um": _late_error_um(reference_um, plate_um, delay_ticks),
     }
@@ -256,4 +251,4 @@ def _late_error_um(reference_um: Phasors, plate_um: Phasors, delay_ticks: float)
     whole = np.floor(then).astype(int)
     share = (then - whole)[:, np.newaxis]
     late_um = reference_um[whole] * (1 - share) + reference_um[whole + 1] * share
-    return rms_um(plate_um[ticks] - late_um)
+    return rms(plate_um[ticks] - late_um)

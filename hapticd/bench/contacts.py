@@ -22,7 +22,7 @@ from ..design.contact_pairs import contact_rms_um, grams, settle
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ..sim.plate.glasses import FINGERTIP, LEAST_PARASITIC
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
-from ..sim.score import CONTACT_RADIUS_MM, settled
+from ..sim.score import CONTACT_RADIUS_MM, rms, settled
 from .stability import LAP, closed_way_mm
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, no_garbage_collection, optional
@@ -145,7 +145,7 @@ def frontier(modes: int = 4, *, seeds: Sequence[int] = (1, 2, 3, 4, 5), every_s:
         for slipping, still in touched:
             w_um = settle(slipping, [still], 1.0, np.array(plate.w_limit_um), still_importance=importance)
             slip_um, still_um = contact_rms_um(slipping, w_um), contact_rms_um(still, w_um)
-            slip_rms_um, still_rms_um = (math.sqrt(np.mean(each**2)) for each in (slip_um, still_um))
+            slip_rms_um, still_rms_um = rms(slip_um), rms(still_um)
             figures.append((slip_rms_um, slip_rms_um / still_rms_um, float(np.median(slip_um / still_um))))
         mean = np.mean(figures, axis=0).tolist()
         names = ("contact_slip_um", "contrast", "contrast_median")

@@ -53,10 +53,10 @@ def run(hours: float = 1.0) -> Table:
     by_kind: dict[str, list[Findings]] = {}
     runs = max(1, round(hours * 3600.0 / RUN_S))
     far_runs = round(runs * FAR_SHARE)
-    for number in range(runs):
-        far = number >= runs - far_runs
-        kind, found = play(number - (runs - far_runs) if far else number, far=far)
-        by_kind.setdefault(kind, []).append(found)
+    for far, count in ((False, runs - far_runs), (True, far_runs)):
+        for seed in range(count):
+            kind, found = play(seed, far=far)
+            by_kind.setdefault(kind, []).append(found)
     made = {kind: total(found) for kind, found in by_kind.items()}
     made["all"] = total(made.values())
     table, failures = _table(made), made["all"].failures

@@ -176,11 +176,8 @@ def _ridges(random: np.random.Generator, modes: int) -> Reference:
 
 def _stroke(random: np.random.Generator, modes: int) -> Reference:
     """Each mode goes its own way, as for two fingers that move."""
-    w_um, turns_hz, at = (
-        _amplitudes_um(random, modes),
-        random.uniform(0.0, STROKE_HZ, modes),
-        random.uniform(size=modes),
-    )
+    w_um = _amplitudes_um(random, modes)
+    turns_hz, at = random.uniform(0.0, STROKE_HZ, modes), random.uniform(size=modes)
     return lambda t_s: np.asarray(w_um * np.cos(2.0 * np.pi * (turns_hz * t_s + at)))
 
 

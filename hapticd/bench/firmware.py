@@ -7,7 +7,7 @@ firmware's own C against the plate model (`closed_loop`).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -50,11 +50,8 @@ def _followers() -> Iterator[tuple[str, Respond, float, float]]:
     linalg = optional("scipy.linalg")
     if linalg is not None:
         for name, control_hz in OUTSIDE.items():
-            yield name, _outside(control_hz, linalg), 1e3 / control_hz, 1e3 / control_hz
-
-
-def _outside(control_hz: float, linalg: Any) -> Respond:
-    return lambda plate, amplitude_um: lqg.respond(plate, amplitude_um, control_hz, linalg)
+            respond = partial(lqg.respond, control_hz=control_hz, scipy_linalg=linalg)
+            yield name, respond, 1e3 / control_hz, 1e3 / control_hz
 
 
 def _steps(repeats: int, ticks: int) -> Table:
@@ -128,13 +125,7 @@ def worst_response(
     """The worst of each measure over the corners in which the voltage can hold the amplitude."""
     plates = _corners(quality, amplitude_um, detunes_hz)
     found = [measure(respond(plate, amplitude_um), amplitude_um, tick_ms, step_ms) for plate in plates]
-    return Response(
-        settling_ms=max(one.settling_ms for one in found),
-        overshoot_frac=max(one.overshoot_frac for one in found),
-        cross_axis_frac=max(one.cross_axis_frac for one in found),
-        recovery_ms=max(one.recovery_ms for one in found),
-        dip_frac=max(one.dip_frac for one in found),
-    )
+    return Response(*map(max, zip(*found, strict=True)))
 
 
 def _tracking() -> Table:

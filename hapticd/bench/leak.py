@@ -51,6 +51,8 @@ CALIBRATED = "calibrated"
 CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5))  # and their numbers of modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
 PERCEIVED = ("still_friction_change", "slip_friction_change", "weber_frac")
+FIGURES = ("leak_um", "slip_error_um", "slip_frac", "limited_frac", *PERCEIVED)
+CONTACTS = ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED)
 PERCEIVED_NOTES = (
     "friction_change: mean relative change of friction over the contact against the target's, still or slipping",
     f"weber: share of time in which it is beyond {WEBER_FRAC}, the least change that is felt",
@@ -82,8 +84,8 @@ def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequen
 
     def judge(finished: FinishedRun) -> Figures:
         if finished.name == DEFAULT:
-            known.append(_figures(perfect(finished.run).score))
-        return _figures(finished.run.score)
+            known.append(_picked(perfect(finished.run).score, FIGURES))
+        return _picked(finished.run.score, FIGURES)
 
     rows = [*compared(chosen, judge, seeds=seeds, seconds=seconds), (PERFECT, over_seeds(known))]
     return _table(
@@ -112,30 +114,25 @@ def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Tabl
     )
 
 
-def contact_conditions(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
+def contact_conditions() -> Table:
     """Compare harder conditions on the plate for whole contacts, each with the bound of perfect knowledge."""
     four = Settings(plate=PlateSettings.of(FINGERTIP))
     six = Settings(plate=PlateSettings.of(FINGERTIP, 6))
+    strokes = {"strokes, 20 cm/s": replace(four, speed_mm_s=200.0)}
+    for radius_mm in WRONG_RADII_MM:
+        config = changed(four.config, {"solver": {"contact_radius_mm": radius_mm}})
+        strokes[f"contacts taken for {radius_mm:g} mm"] = replace(four, config=config)
+    three = {"1, 0 and 0.5 um, 4 modes": four, "1, 0 and 0.5 um, 6 modes": six}
     judged = [
-        *_contact_rows({"strokes, 20 cm/s": replace(four, speed_mm_s=200.0)}, SCENARIO, seeds, seconds),
-        *_contact_rows(
-            {f"contacts taken for {radius_mm:g} mm": _with_radius(four, radius_mm) for radius_mm in WRONG_RADII_MM},
-            SCENARIO,
-            seeds,
-            seconds,
-        ),
-        *_contact_rows({"1, 0 and 0.5 um, 4 modes": four, "1, 0 and 0.5 um, 6 modes": six}, THREE, seeds, seconds),
+        *_contact_rows(strokes, SCENARIO, SEEDS, SECONDS),
+        *_contact_rows(three, THREE, SEEDS, SECONDS),
     ]
     return _table(
         "leak_contact_conditions",
         f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm on the fingertip plate in harder conditions",
         judged,
-        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED),
+        CONTACTS,
     )
-
-
-def _with_radius(settings: Settings, radius_mm: float) -> Settings:
-    return replace(settings, config=changed(settings.config, {"solver": {"contact_radius_mm": radius_mm}}))
 
 
 def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
@@ -152,7 +149,7 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
         *_contact_rows(plates, SCENARIO, seeds, seconds),
         *compared(
             calibrated,
-            lambda finished: _contacts(finished.run.score),
+            lambda finished: _picked(finished.run.score, CONTACTS),
             seeds=seeds,
             seconds=seconds,
             scenario=SCENARIO,
@@ -163,7 +160,7 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
         "leak_contact",
         f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
         rows,
-        ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED),
+        CONTACTS,
         *PERCEIVED_NOTES,
         f"{CALIBRATED}: by `hapticd calibrate resonance`; the others' sensors see 1 % of each other's modes, unknown",
     )
@@ -176,8 +173,8 @@ def _contact_rows(
     known: dict[str, list[Figures]] = {f"{name}, {PERFECT}": [] for name in chosen}
 
     def judge(finished: FinishedRun) -> Figures:
-        known[f"{finished.name}, {PERFECT}"].append(_contacts(perfect(finished.run).score))
-        return _contacts(finished.run.score)
+        known[f"{finished.name}, {PERFECT}"].append(_picked(perfect(finished.run).score, CONTACTS))
+        return _picked(finished.run.score, CONTACTS)
 
     runs = {name: Alternative(settings) for name, settings in chosen.items()}
     rows = compared(runs, judge, seeds=seeds, seconds=seconds, scenario=scenario, timed=False)
@@ -201,14 +198,8 @@ def _table(
     )
 
 
-def _figures(score: Score) -> Figures:
-    return {
-        "leak_um": score.leak_um,
-        "slip_error_um": score.slip_error_um,
-        "slip_frac": score.slip_frac,
-        "limited_frac": score.limited_frac,
-        **_perceived(score),
-    }
+def _picked(score: Score, names: Sequence[str]) -> Figures:
+    return {name: getattr(score, name) for name in names}
 
 
 def _smoothness(finished: FinishedRun) -> Figures:
@@ -221,17 +212,3 @@ def _smoothness(finished: FinishedRun) -> Figures:
         "dip_frac": float(np.mean((np.abs(run.truth_um) < _DIP_FRAC * run.target_um)[counts])),
         "step_um": float(np.quantile(steps_um, 0.999)),
     }
-
-
-def _contacts(score: Score) -> Figures:
-    return {
-        "contact_leak_um": score.contact_leak_um,
-        "contact_slip_um": score.contact_slip_um,
-        "contrast": score.contrast,
-        "contrast_median": score.contrast_median,
-        **_perceived(score),
-    }
-
-
-def _perceived(score: Score) -> Figures:
-    return {name: getattr(score, name) for name in PERCEIVED}

@@ -12,7 +12,7 @@ tolerance within which a reference stands.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -24,7 +24,7 @@ from ..sim.fingers.paths import Path, Touch
 from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import T_START_NS, Run, Settings, Simulation
 from ..sim.plate.ground_truth import DRIVEN_MODES
-from ..sim.score import score, settled
+from ..sim.score import rms, score, settled
 from .leak_runs import DEFAULT, SCENARIO, use_predictor
 from .tables import Table, finite_rows
 
@@ -71,7 +71,7 @@ def run(*, seeds: Sequence[int] = (1, 2, 3, 4, 5), seconds: float = 10.0, settin
             leaks_um.setdefault(name, []).append(leak_um)
             errors_mm.setdefault(name, []).append(_position_error_mm(finished))
     rows = [
-        (name, {"leak_um": _rms(leaks_um[name]), "position_error_mm": _rms(errors_mm[name])})
+        (name, {"leak_um": rms(leaks_um[name]), "position_error_mm": rms(errors_mm[name])})
         for name in sorted(leaks_um, key=lambda name: (name != DEFAULT, name.count("+"), name))
     ]
     return Table(
@@ -120,7 +120,7 @@ def _leaks_um(simulation: Simulation, finished: Run, *, still: bool) -> dict[boo
 def _position_error_mm(finished: Run) -> float:
     error_mm = np.linalg.norm(finished.finger_predicted_mm - finished.finger_true_mm, axis=-1)
     counts = settled(finished.t_s, finished.target_um) & np.isfinite(error_mm)
-    return _rms(error_mm[counts].tolist())
+    return rms(error_mm[counts])
 
 
 def _name(perfect: Mapping[str, bool]) -> str:
@@ -131,7 +131,3 @@ def _name(perfect: Mapping[str, bool]) -> str:
 def _at(path: Path, t_ns: int) -> tuple[float, float]:
     ((x_mm, y_mm),) = path.position_mm(np.array([(t_ns - T_START_NS) * 1e-9])).tolist()
     return x_mm, y_mm
-
-
-def _rms(values: Iterable[float]) -> float:
-    return math.sqrt(np.mean(np.square(list(values))))

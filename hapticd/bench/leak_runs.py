@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +14,7 @@ from ..config.sections import Config
 from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import Measured, Run, Settings, Simulation
 from ..sim.plate.ground_truth import PlateSettings
+from ..sim.score import rms
 from .timing import least, no_garbage_collection
 
 SCENARIO = "strokes"
@@ -80,10 +80,7 @@ def compared(
 def over_seeds(judged: Sequence[Figures]) -> Figures:
     """RMS of figures in um, means of the others."""
     columns = {name: np.array([figures[name] for figures in judged]) for name in judged[0]}
-    return {
-        name: math.sqrt(np.mean(column**2)) if name.endswith("_um") else float(np.mean(column))
-        for name, column in columns.items()
-    }
+    return {name: rms(column) if name.endswith("_um") else float(np.mean(column)) for name, column in columns.items()}
 
 
 def _finished(

@@ -6,16 +6,18 @@ All run the firmware's own C against the plate model.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from ..core.solver.public import solve_batch
-from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from ..sim.board.board import Board, BoardTrace
 from ..sim.fingers.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
+from ..sim.score import rms
+from ..sim.world import board_config, plate_model
 from .closed_loop import (
-    PHASE_S,
     SETTLED_FRAC,
     Floats,
     Law,
@@ -25,6 +27,7 @@ from .closed_loop import (
     measure,
     step,
     step_trace,
+    stepped,
     tracking_figures,
 )
 
@@ -61,11 +64,9 @@ def coupling_figures(law: Law, *, noise_um: float = 0.0) -> dict[str, float]:
     ticks, one = law.phase_ticks, np.array([1.0 + 0j, 0.0])
     phi, decay_1_s = np.full((2 * ticks, 1, 2), COUPLING_PHI), np.full((2 * ticks, 1), COUPLING_1_S)
 
-    def knots(t_s: float) -> list[tuple[float, Phasors]]:
-        return [(0.0, one if t_s > PHASE_S - 1e-4 else 0 * one)]
-
     board = law.board(Plate(), noise_um=noise_um)
-    other_um = np.abs(follow(board, knots, 2 * ticks, ticks // 10, (phi, decay_1_s)).plate_um[:, 1])
+    trace = follow(board, stepped(0 * one, one), 2 * ticks, ticks // 10, (phi, decay_1_s))
+    other_um = np.abs(trace.plate_um[:, 1])
     return {
         "coupled_um": float(other_um.max()),
         "coupled_ms": float(np.count_nonzero(other_um > SETTLED_FRAC)) * law.tick_ms,
@@ -126,7 +127,7 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
     settled = slice(law.phase_ticks, None)
     figures = tracking_figures(trace.reference_um[settled], trace.plate_um[settled, :2], law.tick_ms)
     still_um = np.einsum("tp,tp->t", phi_ticks[settled, 1, :2], trace.plate_um[settled, :2])
-    return {**figures, "leak_um": math.sqrt(float(np.mean(np.abs(still_um) ** 2)))}
+    return {**figures, "leak_um": rms(still_um)}
 
 
 @lru_cache(maxsize=4)
@@ -141,20 +142,5 @@ def _strokes(speed_mm_s: float, seconds: float) -> tuple[Floats, Floats, Floats]
 
 
 def _truth_board(law: Law, truth: GroundTruth) -> Board:
-    model = PlateModel(
-        decay_1_s=truth.decay_1_s,
-        detuning_rad_s=truth.detuning_rad_s,
-        gain_um_per_v_s=truth.gain_um_per_v_s,
-        sensor=truth.sensor,
-        noise_um=truth.settings.sensor_noise_um,
-        amplifier_limit_v=truth.settings.v_limit_v,
-        loop_phase_rad=truth.loop_phase_rad,
-    )
-    config = BoardConfig(
-        controller=law.controller,
-        control_hz=law.control_hz,
-        decay_1_s=tuple(truth.nominal_decay_1_s),
-        detuning_rad_s=tuple(truth.nominal_detuning_rad_s),
-        gain_um_per_v_s=tuple(truth.nominal_gain_um_per_v_s),
-    )
-    return Board(model, config=config)
+    config = board_config(truth, truth.w_limit_um)
+    return Board(plate_model(truth), config=replace(config, controller=law.controller, control_hz=law.control_hz))

@@ -22,6 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 
 NOISE_MM, QUIET_NOISE_MM, STEP_MM, STAMP_ERROR_S = 0.05, 0.02, 0.02, 1e-3
 PERIOD_S = 0.010  # 100 Hz, the rate for which the goals are stated; the default predictor expects 88.9 Hz
+_WHITE_NOISE = PadNoise(NOISE_MM)
 REACHES = ((20.0, 0.3), (50.0, 0.45), (80.0, 0.6))  # mm in s
 REST_AFTER_REACH_S = 0.25
 
@@ -57,17 +58,20 @@ class Touch(NamedTuple):
     path: Path
 
 
-def sense(path: Path, seconds: float, seed: int, *, noise_mm: float = NOISE_MM, period_s: float = PERIOD_S) -> Touch:
-    """Sample a path as the pad of white noise does."""
-    return _sensed(path, seconds, seed, PadNoise(noise_mm), period_s)
+def touch(motion: Motion, seed: int, period_s: float = PERIOD_S) -> Touch:
+    """The touch of a motion and seed."""
+    return sense(motion.path(seed), motion.seconds, seed, noise=PadNoise(motion.noise_mm), period_s=period_s)
 
 
 def filtered_touch(motion: Motion, seed: int) -> Touch:
     """The touch of a motion and seed on the pad whose firmware filters."""
-    return _sensed(motion.path(seed), motion.seconds, seed, FILTERED_NOISE, PERIOD_S)
+    return sense(motion.path(seed), motion.seconds, seed, noise=FILTERED_NOISE)
 
 
-def _sensed(path: Path, seconds: float, seed: int, noise: PadNoise, period_s: float) -> Touch:
+def sense(
+    path: Path, seconds: float, seed: int, *, noise: PadNoise = _WHITE_NOISE, period_s: float = PERIOD_S
+) -> Touch:
+    """Sample a path as a pad with this noise does."""
     firmware = Firmware(noise)
     rng = np.random.default_rng([seed, 5])
     sampled_s = np.asarray(period_s * (np.arange(round(seconds / period_s)) + rng.uniform()), np.float64)
@@ -78,11 +82,6 @@ def _sensed(path: Path, seconds: float, seed: int, noise: PadNoise, period_s: fl
     stamps_s = sampled_s + rng.uniform(-STAMP_ERROR_S, STAMP_ERROR_S, len(sampled_s))
     stamps_ns: list[int] = np.rint(stamps_s * 1e9).astype(np.int64).tolist()
     return Touch([(t, x, y) for t, (x, y) in zip(stamps_ns, rounded_mm.tolist(), strict=True)], sampled_s, path)
-
-
-def touch(motion: Motion, seed: int, period_s: float = PERIOD_S) -> Touch:
-    """The touch of a motion and seed."""
-    return sense(motion.path(seed), motion.seconds, seed, noise_mm=motion.noise_mm, period_s=period_s)
 
 
 def _straight(speed_mm_s: float) -> Motion:

@@ -19,7 +19,7 @@ from ..sim.fingers.paths import Reach
 from .baselines import PREDICTORS
 from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, FloatArray, Touch, filtered_touch, touch
 from .tables import Table, finite_rows
-from .timing import REPEATS, Timing, compare
+from .timing import REPEATS, compare
 
 DEFAULT = "default"
 LIBRARY = "numpy polyfit"
@@ -34,7 +34,10 @@ def run(*, seeds: Sequence[int] = range(6), repeats: int = REPEATS) -> tuple[Tab
     on a pad whose firmware filters."""
     touches = {name: [touch(motion, seed) for seed in seeds] for name, motion in MOTIONS.items()}
     filtered = {name: [filtered_touch(MOTIONS[name], seed) for seed in seeds] for name in FILTERED}
-    times = _times(touches["strokes"][0], repeats)
+    timed = touches["strokes"][0].samples
+    times = compare(
+        {name: (partial(_follow, make, timed), len(timed)) for name, make in alternatives().items()}, repeats
+    )
     rows, filtered_rows = [], []
     for name, make in alternatives().items():
         errors = {f"{motion}_mm": rms_mm(make, motion, of_seeds) for motion, of_seeds in touches.items()}
@@ -152,13 +155,6 @@ class NumpyParabola(MotionModel):
 
     def velocity(self, ahead_s: float) -> tuple[float, float]:
         return float(self._along_x.deriv()(ahead_s)), float(self._along_y.deriv()(ahead_s))
-
-
-def _times(touched: Touch, repeats: int) -> dict[str, Timing]:
-    samples = touched.samples
-    return compare(
-        {name: (partial(_follow, make, samples), len(samples)) for name, make in alternatives().items()}, repeats
-    )
 
 
 def _follow(make: Make, samples: Sequence[tuple[int, float, float]]) -> None:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,6 +31,7 @@ from ..core.prediction.prior import Prior, Vector
 from ..core.touch.sample_clock import SampleClock
 from ..tools.touches import FloatArray, Trace
 from .motions import MOTIONS, touch
+from .tables import render
 from .traces import by_device, load
 
 SYNTHETIC = 18
@@ -154,19 +156,9 @@ def all_sums(traces: list[Trace]) -> dict[str, list[Sums]]:
 
 def priors_without(group: str | None, found: Mapping[str, list[Sums]], groups: Mapping[str, str]) -> list[Prior]:
     """The prior at each horizon of all devices but those of a group."""
-    return [
-        prior_of(
-            *fitted(
-                [
-                    horizons[place]
-                    for name, horizons in found.items()
-                    for _ in range(1 if name else SYNTHETIC)
-                    if not name or groups[name] != group
-                ]
-            )
-        )
-        for place in range(len(HORIZONS_S))
-    ]
+    devices = [horizons for name, horizons in found.items() if name and groups[name] != group]
+    devices += [found[""]] * SYNTHETIC
+    return [prior_of(*fitted(at_horizon)) for at_horizon in zip(*devices, strict=True)]
 
 
 def spreads_mm(traces: list[Trace], priors: Sequence[Prior]) -> FloatArray:
@@ -198,25 +190,18 @@ def _device_spreads_mm(traces: list[Trace], ahead_s: float, weights: FloatArray)
     return found
 
 
-def _kind(trace: Trace) -> str:
-    return trace.kind
-
-
-def _group(trace: Trace) -> str:
-    return trace.group
-
-
 def main() -> None:
     """Print the module, or the check."""
     traces = load(Path(sys.argv[1]))
     found = all_sums(traces)
-    group_of = _kind if "--kinds" in sys.argv else _group
+    group_of = attrgetter("kind" if "--kinds" in sys.argv else "group")
     groups = {trace.device: group_of(trace) for trace in traces}
     if "--check" in sys.argv:
-        from .prediction_traces import compared, rendered
+        from .prediction_traces import compared, tables
 
         unseen = {group: priors_without(group, found, groups) for group in sorted(set(groups.values()))}
-        print(rendered(compared(traces, lambda group: memory_of(unseen[group]), group_of)))
+        checked = tables(compared(traces, lambda group: memory_of(unseen[group]), group_of))
+        print("\n\n".join(map(render, checked)))
         return
     priors = priors_without(None, found, groups)
     print(module_text(priors, spreads_mm(traces, priors)))

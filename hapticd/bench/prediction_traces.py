@@ -17,7 +17,7 @@ from ..core.prediction.predictor import DEFAULT as FACTORY
 from ..core.prediction.predictor import Predictor
 from ..tools.touches import FloatArray, Trace
 from .baselines import PREDICTORS
-from .tables import Table, finite_rows, render
+from .tables import Table, finite_rows
 from .traces import by_device
 
 DEFAULT, RIVALS = "default", ("linear", "kalman_cv")
@@ -98,9 +98,8 @@ def _joined(parts: Sequence[Errors]) -> Errors:
 
 def rms_mm(found: Errors, place: int) -> float:
     """RMS error at one of the horizons."""
-    return (
-        float(np.sqrt(np.mean(np.sum(found.error_mm[place] ** 2, axis=1)))) if len(found.error_mm[place]) else math.nan
-    )
+    error_mm = found.error_mm[place]
+    return float(np.sqrt(np.mean(np.sum(error_mm**2, axis=1)))) if len(error_mm) else math.nan
 
 
 def _errors(found: Mapping[str, Mapping[str, Errors]]) -> Table:
@@ -163,8 +162,3 @@ def _within(found: Errors, place: int | None) -> dict[str, float]:
         row.setdefault("predictions_count", len(is_within))
         row[f"within_{ahead_ms}ms_frac"] = float(is_within.mean()) if len(is_within) else math.nan
     return row
-
-
-def rendered(found: Mapping[str, Mapping[str, Errors]]) -> str:
-    """Both tables as text."""
-    return "\n\n".join(render(table) for table in tables(found))

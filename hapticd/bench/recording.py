@@ -22,7 +22,6 @@ LANDED_NS = T_START_NS + 800_000_000  # fingers are down, the board trusts the h
 _CALLS = ("trackpad_link", "board_link", "want", "board_bytes", "timer", "reports")
 
 Publish = Callable[[bytes], None]
-Now = Callable[[], int]
 WaitUntil = Callable[[int], None]
 
 
@@ -49,6 +48,14 @@ class Recording(NamedTuple):
     def is_timed(self, call: Call) -> bool:
         """A pass that counts: made once everything has settled."""
         return call.name == self.timed and call.t_ns >= LANDED_NS
+
+    def with_messages(self, changed: Callable[[ClientTargets], ClientTargets]) -> Recording:
+        """The same inputs with the client's messages as `changed`."""
+        calls = [
+            call._replace(arguments=(changed(call.arguments[0]), call.t_ns)) if call.name == "want" else call
+            for call in self.calls
+        ]
+        return self._replace(calls=tuple(calls))
 
 
 def record(
@@ -85,14 +92,13 @@ def play(
     machine: Machine,
     *,
     before: Callable[[], None] | None = None,
-    after: Callable[[], None] | None = None,
     wait_until: WaitUntil | None = None,
     limit: int | None = None,
 ) -> list[float]:
     """Play all inputs, or up to `limit` passes that count. Returns how long each of these took, in us.
 
-    `before` and `after` are called around each of them; `wait_until` makes each wait for its time of the host's
-    clock, at the pace of the recording.
+    `before` is called before each of them; `wait_until` makes each wait for its time of the host's clock, at the pace
+    of the recording.
     """
     taken_us: list[float] = []
     t_begin_ns, t_first_ns = time.monotonic_ns(), 0
@@ -111,8 +117,6 @@ def play(
         t_start_ns = time.perf_counter_ns()
         method(*call.arguments)
         taken_us.append((time.perf_counter_ns() - t_start_ns) * 1e-3)
-        if after is not None:
-            after()
     return taken_us
 
 

@@ -17,6 +17,7 @@ from ..sim.fingers.paths import Touch
 from ..sim.fingers.scenarios import SLIPPERY_UM, STICKY_UM, Actor
 from ..sim.fingers.strokes import strokes_pair
 from ..sim.lockstep import T_START_NS, Settings, in_world
+from ..sim.score import rms
 from ..sim.world import Recording
 from ..sim.world_tolerances import draw
 from . import touching
@@ -111,8 +112,7 @@ class _Spans:
         """Return what the still finger gets, RMS."""
         chosen = np.flatnonzero(is_calm)[::LEAK_EVERY_TICKS]
         shapes = self._simulation.world.plate.shapes(recording.finger_mm[chosen, _STILL])
-        truth_um = np.abs((shapes * recording.plate_um[chosen]).sum(axis=1))
-        return float(np.sqrt(np.mean(truth_um**2)))
+        return rms((shapes * recording.plate_um[chosen]).sum(axis=1))
 
 
 def _is_calm(t_s: FloatArray, faults: list[Fault], t_until_s: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

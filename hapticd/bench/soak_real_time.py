@@ -26,9 +26,8 @@ from typing import Any, TypeVar
 from ..config.sections import Config
 from ..content_values import AmplitudeTarget, ClientTargets, Target
 from ..core.board.ledger import Ledger, LoopTiming
-from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.daemon import Daemon, now_ns
-from ..daemon.lifecycle import serve
+from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
 from ..daemon.service import ConfigLoader
 from ..errors import HapticdError
@@ -96,27 +95,15 @@ def run(seconds: float) -> tuple[Table, ...]:
         prepared = loader.prepare(config)
         thresholds, interval_s = gc.get_threshold(), sys.getswitchinterval()
         try:
-            rows, notes = asyncio.run(_soaked(prepared.daemon(), prepared.modes, seconds))
+            daemon = prepared.daemon()
+            found = asyncio.run(while_served(daemon, prepared.modes, _measured(daemon, seconds)))
         finally:
             go_real_time()
             gc.set_threshold(*thresholds)
             sys.setswitchinterval(interval_s)
-    return (_table(rows, notes, seconds),)
-
-
-async def _soaked(daemon: Daemon, modes: ModeShapes, seconds: float) -> Result:
-    serving = asyncio.create_task(serve(daemon, modes))
-    watching = asyncio.create_task(_measured(daemon, seconds))
-    await asyncio.wait((serving, watching), return_when=asyncio.FIRST_COMPLETED)
-    for task in (watching, serving):
-        task.cancel()
-    await asyncio.wait((serving, watching))
-    for task in (serving, watching):
-        if not task.cancelled() and (error := task.exception()) is not None:
-            raise error
-    if watching.cancelled():
+    if found is None:
         raise HapticdError("soak: interrupted before its end.")
-    return watching.result()
+    return (_table(*found, seconds),)
 
 
 async def _measured(daemon: Daemon, seconds: float) -> Result:

@@ -17,6 +17,7 @@ from ..compiled import why_interpreted
 from ..core.solver.points.arithmetic import Row, Rows
 from ..core.solver.public import solve, solve_batch, solve_fast, solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
+from ..sim.score import rms
 from .baselines.solver import POLICIES, solve_rows
 from .hard_problems import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
@@ -56,9 +57,9 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
         got_um, got_both_um = _achieved_um(still_phi, still_um), _achieved_um(slip_phi, both_um)
         figures = {
             **times[name].figures(),
-            "leak_um": _rms(got_um[:, 1]),
-            "slip_error_um": _rms(got_um[:, 0] - ONE_STILL[0]),
-            "both_slip_error_um": _rms(got_both_um - np.array(BOTH_SLIP)),
+            "leak_um": rms(got_um[:, 1]),
+            "slip_error_um": rms(got_um[:, 0] - ONE_STILL[0]),
+            "both_slip_error_um": rms(got_both_um - np.array(BOTH_SLIP)),
             "limits_broken_count": float(np.sum(np.abs(np.concatenate((still_um, both_um))) > W_LIMIT_UM)),
         }
         rows.append((name, figures))
@@ -119,10 +120,6 @@ def _daqp(daqp: Any, phi: FloatArray, target_um: tuple[float, float]) -> FloatAr
 
 def _achieved_um(phi: FloatArray, modal_um: FloatArray | Phasors) -> FloatArray:
     return np.asarray(np.abs(np.einsum("knm,km->kn", phi, modal_um)))
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 # --- N fingers on M modes -------------------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ from .timing import no_garbage_collection, optional
 
 FloatArray = npt.NDArray[np.float64]
 Phasors = Sequence[complex]
-Step = Callable[[Rows, tuple[float, float], Any], Phasors]  # rows, targets, the last step's amplitudes
+Solve = Callable[..., tuple[Phasors, bool]]  # rows, targets, limits, the last step's amplitudes
 
 STEPS = 10_000_000
 PHASED_SHARE = 40  # steps with free phases cost some ten times as much: so many times fewer
@@ -56,10 +56,7 @@ def situations(problems: int = 200) -> Table:
     """One row for each kind of awkward input."""
     mpmath = optional("mpmath")
     random = np.random.default_rng(29)
-    rows = []
-    for name, make in SITUATIONS.items():
-        made = [make(random) for _ in range(problems)]
-        rows.append((name, _figures(made, mpmath)))
+    rows = [(name, _figures([make(random) for _ in range(problems)], mpmath)) for name, make in SITUATIONS.items()]
     return Table(
         name="stability",
         title="stability: the solver at the ends of its range; worst of all problems",
@@ -174,14 +171,14 @@ def walk(steps: int = STEPS) -> Table:
     mpmath = optional("mpmath")
     track = [row_tuples(rows) for rows in GroundTruth().shapes(closed_way_mm())[..., :2]]
     few = steps // PHASED_SHARE
-    ways: dict[str, tuple[int, tuple[float, float], Step]] = {
-        "solve_fast, one still": (steps, (1.0, 0.0), _real_step),
-        "solve_phased_fast, one still": (few, (1.0, 0.0), _phased_step),
-        "solve_phased_fast, both slip": (few, (1.0, 0.6), _phased_step),
+    ways: dict[str, tuple[int, tuple[float, float], Solve]] = {
+        "solve_fast, one still": (steps, (1.0, 0.0), solve_fast),
+        "solve_phased_fast, one still": (few, (1.0, 0.0), solve_phased_fast),
+        "solve_phased_fast, both slip": (few, (1.0, 0.6), solve_phased_fast),
     }
-    rows = []
-    for name, (count, wanted, way) in ways.items():
-        rows.append((name, _walked(track, wanted, way, max(count // LAP, 3), mpmath)))
+    rows = [
+        (name, _walked(track, wanted, way, max(count // LAP, 3), mpmath)) for name, (count, wanted, way) in ways.items()
+    ]
     return Table(
         name="stability_walk",
         title="stability: consecutive steps along a closed way, each from the last one's amplitudes",
@@ -199,14 +196,6 @@ def walk(steps: int = STEPS) -> Table:
     )
 
 
-def _real_step(rows: Rows, wanted_um: tuple[float, float], previous: Any) -> Phasors:
-    return solve_fast(rows, wanted_um, W_LIMIT_UM, previous)[0]
-
-
-def _phased_step(rows: Rows, wanted_um: tuple[float, float], previous: Any) -> Phasors:
-    return solve_phased_fast(rows, wanted_um, W_LIMIT_UM, previous)[0]
-
-
 def closed_way_mm() -> FloatArray:
     """Return places (LAP, 2, 2) of two fingers along a closed way, 0.2 mm apart in the mean."""
     angle = 2 * np.pi * np.arange(LAP) / LAP
@@ -220,7 +209,7 @@ def closed_way_mm() -> FloatArray:
 
 
 def _walked(
-    track: list[Rows], wanted: tuple[float, float], way: Step, laps: int, mpmath: Any | None
+    track: list[Rows], wanted: tuple[float, float], way: Solve, laps: int, mpmath: Any | None
 ) -> dict[str, float]:
     previous: Any = None
     second: list[Phasors] = []
@@ -229,17 +218,16 @@ def _walked(
         for lap in range(laps):
             last = []
             for rows in track:
-                previous = way(rows, wanted, previous)
+                previous, _ = way(rows, wanted, W_LIMIT_UM, previous)
                 last.append(previous)
             if lap == 1:
                 second = last
         took_us = (time.perf_counter_ns() - t_start_ns) * 1e-3
     got, was = (np.abs(np.einsum("snm,sm->sn", np.array(track), np.array(lap))) for lap in (last, second))
-    errors = []
+    errors: list[float] = []
     if mpmath is not None and wanted[1] == 0.0:
-        for rows, modal in zip(track, last, strict=True):
-            turned = _real(modal)
-            errors.append(10 ** -agreeing_digits(mpmath, Problem(rows, wanted, W_LIMIT_UM), turned))
+        problems = [Problem(rows, wanted, W_LIMIT_UM) for rows in track]
+        errors = [10 ** -agreeing_digits(mpmath, *solved) for solved in zip(problems, map(_real, last), strict=True)]
     return {
         "steps_count": laps * len(track),
         "time_us": took_us / (laps * len(track)),

@@ -8,7 +8,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,8 +36,6 @@ from . import (
 )
 from .tables import Table, plain, render
 
-__all__ = ["PARTS", "run"]
-
 
 class Extent(NamedTuple):
     """Lengths of the parts that have one: seconds of paced passes, steps of the long walk, virtual hours of endurance
@@ -45,7 +43,7 @@ class Extent(NamedTuple):
     kind."""
 
     seconds: float
-    steps: int
+    steps: int = stability.STEPS
     hours: float = 1.0
     real_time_s: float | None = None
     touches: list[Trace] | None = None
@@ -81,20 +79,14 @@ PARTS: dict[str, Part] = {
 }
 
 
-def run(
-    minutes: Mapping[str, float],
-    *,
-    seconds: float,
-    json_file: str | None,
-    plot: Path | None,
-    steps: int = stability.STEPS,
-    hours: float = 1.0,
-    real_time_s: float | None = None,
-    traces_file: Path | None = None,
-    recording: Path | None = None,
-    worlds_count: int = worlds.WORLDS,
-    is_calibrating: bool = False,
-) -> None:
+def touches(traces_file: Path | None, recording: Path | None) -> list[Trace] | None:
+    """Return the recorded touches of one of the files, if one is given. Raises HapticdError."""
+    if traces_file is not None:
+        return traces.load(traces_file)
+    return None if recording is None else recorded(recording)
+
+
+def run(minutes: Mapping[str, float], extent: Extent, *, json_file: str | None, plot: Path | None) -> None:
     """Run the parts named by `minutes`, which says how long each takes: print each table, then write JSON and the
     picture if requested.
 
@@ -103,14 +95,11 @@ def run(
     out = sys.stderr if json_file == "-" else sys.stdout
     figures: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
-    touches = traces.load(traces_file) if traces_file is not None else None
-    touches = recorded(recording) if recording is not None else touches
-    for name, tables in _results(
-        minutes, Extent(seconds, steps, hours, real_time_s, touches, worlds_count, is_calibrating)
-    ):
+    for name, tables in _results(minutes, extent):
         figures[name] = {table.name: plain(table) for table in tables}
         found += tables
-        _print(tables, out)
+        for table in tables:
+            print(render(table), end="\n\n", file=out, flush=True)
     if json_file is not None:
         write_text(json.dumps({"machine": _machine(), "parts": figures}, indent=2, allow_nan=False) + "\n", json_file)
     drawn = [table for table in found if _is_drawn(table)]
@@ -135,11 +124,6 @@ def _results(minutes: Mapping[str, float], extent: Extent) -> Iterator[tuple[str
         print(f"measuring {name} ({place} of {len(minutes)}, about {takes_min:g} min{in_all}) ...", file=sys.stderr)
         yield name, PARTS[name](extent)
         left_min -= takes_min
-
-
-def _print(tables: tuple[Table, ...], out: TextIO) -> None:
-    for table in tables:
-        print(render(table), end="\n\n", file=out, flush=True)
 
 
 def _machine() -> dict[str, str | int]:

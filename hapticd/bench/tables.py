@@ -1,6 +1,6 @@
 """Results of a benchmark: rows of figures, ratios to the default, as text and as JSON.
 
-Every figure's name ends in its unit (`time_us`, `leak_um_per_um`, `limits_broken_count`), and a ratio's in `_ratio`.
+Every figure's name ends in its unit (`time_us`, `leak_um`, `limits_broken_count`), and a ratio's in `_ratio`.
 Only finite numbers are kept: an alternative without a figure lacks its key.
 """
 
@@ -12,14 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 UNITS = {
-    "_um_per_um": "um/um",
-    "_um2": "um2",
     "_count": "",
     "_code": "",
     "_frac": "frac",
     "_deg": "deg",
     "_us": "us",
-    "_ns": "ns",
     "_ms": "ms",
     "_mm": "mm",
     "_um": "um",

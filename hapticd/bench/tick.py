@@ -22,9 +22,9 @@ from ..daemon.machine import Machine
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.paths import Circle, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
-from ..sim.lockstep import Settings
-from ..sim.plate.glasses import FINGERTIP
-from ..sim.plate.ground_truth import GroundTruth, PlateSettings
+from ..sim.lockstep import Settings, scheme_config
+from ..sim.plate.glasses import FINGERTIP, REFERENCE
+from ..sim.plate.ground_truth import PlateSettings
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
@@ -50,7 +50,8 @@ def run(
     reason = why_interpreted()
     if not reason:
         for name, figures in _measured_as_python(repeats, passes).items():
-            found[name] = {**_some(found[name], "hot"), "interpreted_us": figures["hot_us"], **found[name]}
+            hot = {figure: value for figure, value in found[name].items() if figure.startswith("hot")}
+            found[name] = {**hot, "interpreted_us": figures["hot_us"], **found[name]}
     way = f"as Python: {reason}" if reason else "as machine code (interpreted: the same passes as Python)"
     table = Table(
         name="situations",
@@ -64,10 +65,6 @@ def run(
         ),
     )
     return (table,)
-
-
-def _some(figures: dict[str, float], start: str) -> dict[str, float]:
-    return {name: value for name, value in figures.items() if name.startswith(start)}
 
 
 def _measured(seconds: float, repeats: int, passes: int, wait_until: WaitUntil = sleep_until) -> Figures:
@@ -119,7 +116,9 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     still = record(SCENARIOS["rest"].build(1, SPEED_MM_S), settings=Settings(noise=PadNoise(0.0)), seconds=span_s)
     no_finger = partial(record, (), seconds=span_s, timed="timer")
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
-    three_modes, contacts = _three_modes(), _contacts()
+    three_modes = Settings(plate=PlateSettings.of(REFERENCE, 3))
+    contacts = Settings(plate=PlateSettings.of(FINGERTIP))
+    five_fingers = record(_five_fingers(), settings=three_modes, seconds=span_s)
     return {
         DEFAULT: _Situation(strokes, config),
         "with telemetry": _Situation(strokes, config, lambda _: None),
@@ -133,8 +132,8 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "64 surfaces, one modulated at 40 Hz": _Situation(_on_surfaces(both_slip, 64, 40.0), config),
         "the whole plate at 40 Hz": _Situation(_on_surfaces(both_slip, 8, 40.0, on=None), config),
         "the whole plate at 250 Hz": _Situation(_on_surfaces(both_slip, 8, 250.0, on=None), config),
-        FIVE_FINGERS: _Situation(record(_five_fingers(), settings=three_modes, seconds=span_s), three_modes.config),
-        CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), contacts.config),
+        FIVE_FINGERS: _Situation(five_fingers, scheme_config(three_modes)),
+        CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), scheme_config(contacts)),
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
         "no finger": _Situation(no_finger(), config),
@@ -156,42 +155,21 @@ def _five_fingers() -> tuple[Actor, ...]:
     )
 
 
-def _three_modes() -> Settings:
-    ours = Settings()
-    config = changed(ours.config, {"limits": {"w_limit_um": (4.0,) * 3}})
-    return replace(ours, plate=replace(ours.plate, driven_modes=3), config=config)
-
-
-def _contacts() -> Settings:
-    plate = PlateSettings.of(FINGERTIP)
-    config = changed(Config(), {"limits": {"w_limit_um": GroundTruth(plate).w_limit_um}})
-    return Settings(plate=plate, config=config)
-
-
 def _textured(recording: Recording) -> Recording:
     """The same touch; the slippery finger's target is a sine grating."""
     grating = GratingTarget(period_mm=8.0, angle_rad=0.4, low_um=0.0, high_um=1.0, duty_frac=0.0)
-    calls = []
-    for call in recording.calls:
-        if call.name == "want":
-            message, *rest = call.arguments
-            targets = {
-                key: target if target == AmplitudeTarget(0.0) else grating for key, target in message.targets.items()
-            }
-            call = call._replace(arguments=(replace(message, targets=targets), *rest))
-        calls.append(call)
-    return recording._replace(calls=tuple(calls))
+    still = AmplitudeTarget(0.0)
+
+    def textured(message: ClientTargets) -> ClientTargets:
+        targets = message.targets.items()
+        return replace(message, targets={key: target if target == still else grating for key, target in targets})
+
+    return recording.with_messages(textured)
 
 
 def _on_surfaces(recording: Recording, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> Recording:
     """The same touch without targets on `_surfaces`."""
-    calls = []
-    for call in recording.calls:
-        if call.name == "want":
-            message, *rest = call.arguments
-            call = call._replace(arguments=(_surfaces(message, count, modulated_hz, on), *rest))
-        calls.append(call)
-    return recording._replace(calls=tuple(calls))
+    return recording.with_messages(lambda message: _surfaces(message, count, modulated_hz, on))
 
 
 def _surfaces(message: ClientTargets, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> ClientTargets:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import signal
-from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any, TypeVar
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..errors import DeviceError, HapticdError
@@ -16,6 +16,7 @@ from .daemon import Daemon
 log = logging.getLogger("hapticd")
 
 Again = TypeVar("Again")
+Found = TypeVar("Found")
 
 
 async def serve(
@@ -65,6 +66,18 @@ async def serve(
         for task in rereading:
             task.cancel()
         await daemon.stop()
+
+
+async def while_served(daemon: Daemon, modes: ModeShapes, watch: Coroutine[Any, Any, Found]) -> Found | None:
+    """Serve until `watch` ends and return what it finds; None if the service ended first. Raises the errors of both."""
+    serving, watching = asyncio.create_task(serve(daemon, modes)), asyncio.create_task(watch)
+    await asyncio.wait((serving, watching), return_when=asyncio.FIRST_COMPLETED)
+    for task in (watching, serving):
+        task.cancel()
+    await asyncio.wait((serving, watching))
+    if not serving.cancelled() and (error := serving.exception()) is not None:
+        raise error
+    return None if watching.cancelled() else watching.result()
 
 
 def _answer(asked: asyncio.Future[Again | None], again: Again | None, why: str) -> None:

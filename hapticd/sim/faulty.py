@@ -75,26 +75,22 @@ class FaultySimulation(Simulation):
         self._carries["trackpad"] = True
         self.machine.trackpad_link(True, "open", t_ns)
 
-    def reset_board(self, t_ns: int) -> None:
+    def reset_board(self, _t_ns: int) -> None:
         """Watchdog reset: the port stays open, without a board behind it for BOOT_S."""
-        del t_ns
         self._resets += 1
         self.world.reset_board(self.seed + 1000 * self._resets)  # each boot has a new id
         self._carries["board"] = False
         self.at((self._t_ns - T_START_NS) * 1e-9 + BOOT_S, lambda _: self._carries.update(board=True))
 
-    def stop_client(self, t_ns: int) -> None:
+    def stop_client(self, _t_ns: int) -> None:
         """Stop or kill the client: its messages end without notice."""
-        del t_ns
         self.client_lives = False
 
-    def resume_client(self, t_ns: int) -> None:
-        del t_ns
+    def resume_client(self, _t_ns: int) -> None:
         self.client_lives = True
 
-    def stop_daemon(self, t_ns: int) -> None:
+    def stop_daemon(self, _t_ns: int) -> None:
         """SIGSTOP or SIGKILL: the kernel buffers what arrives."""
-        del t_ns
         self.daemon_runs = False
 
     def resume_daemon(self, t_ns: int) -> None:
@@ -123,8 +119,7 @@ class FaultySimulation(Simulation):
     def leap_host_clock(self, seconds: float) -> Callable[[int], None]:
         """Return an action that advances the daemon's clock, as after a suspend that the clock counted."""
 
-        def action(t_ns: int) -> None:
-            del t_ns
+        def action(_t_ns: int) -> None:
             self._host_ahead_ns += round(seconds * 1e9)
 
         return action

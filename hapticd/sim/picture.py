@@ -83,7 +83,6 @@ class Film:
 
     @property
     def seconds(self) -> float:
-        """Its length."""
         return float(np.ptp(self.t_s)) if len(self.t_s) else 0.0
 
 
@@ -102,7 +101,10 @@ def draw(
     explains how long a target that changes once takes to reach the plate.
     """
     shown_s = min(seconds, max(film.seconds for film in films))
-    figure, axes = _canvas(len(films), min(max(INCHES_PER_S * shown_s, LEAST_IN), MOST_IN), source)
+    columns, width_in = len(films), min(max(INCHES_PER_S * shown_s, LEAST_IN), MOST_IN)
+    figure, axes = plotting.subplots(
+        width_in * columns, 8.0, 3, columns, source=source, sharex="col", sharey="row", height_ratios=(2, 1, 2)
+    )
     # Where signs alone decide it stays near 0; two slipping fingers may turn the phase between the modes all round.
     quadrature_um = max(float(np.fmax.reduce(np.abs(f.modal_um.imag), axis=None, initial=QUADRATURE_UM)) for f in films)
     for column, film in enumerate(films):
@@ -128,19 +130,6 @@ def draw_run(run: Run, path: Path) -> None:
         film, link_ms = film.between(start_s, end_s), run.settings.link_ms
     source = f"simulated {run.scenario}, seed {run.seed}"
     draw([film], path, source=source, link_ms=link_ms, has_contacts=run.has_contacts)
-
-
-def _canvas(columns: int, width_in: float, source: str) -> tuple[Any, Any]:
-    return plotting.subplots(
-        width_in * columns,
-        8.0,
-        3,
-        columns,
-        source=source,
-        sharex="col",
-        sharey="row",
-        height_ratios=(2, 1, 2),
-    )
 
 
 def _modes(film: Film) -> list[tuple[str, str]]:

@@ -68,8 +68,8 @@ def exponential(w_um: Floats, _sliding_mm_s: Floats) -> Floats:
 
 
 def score(
-    t_s: npt.NDArray[np.float64],
-    target_um: npt.NDArray[np.float64],
+    t_s: Floats,
+    target_um: Floats,
     truth_um: npt.NDArray[np.complex128],
     reference_um: npt.NDArray[np.complex128],
     limited: npt.NDArray[np.bool_],
@@ -80,8 +80,8 @@ def score(
     still = counts & (target_um == 0)
     slipping = counts & (target_um > 0)
     return Score(
-        leak_um=_rms(finger_um[still]),
-        slip_error_um=_rms(finger_um[slipping] - target_um[slipping]),
+        leak_um=rms(finger_um[still]),
+        slip_error_um=rms(finger_um[slipping] - target_um[slipping]),
         slip_frac=float(np.mean(finger_um[slipping] / target_um[slipping])) if slipping.any() else float("nan"),
         limited_frac=float(np.mean(limited)) if limited.size else float("nan"),
         largest_reference_um=float(np.abs(reference_um).max(initial=0.0)),
@@ -95,7 +95,6 @@ def with_contacts(
     target_um: Floats,
     plate_um: npt.NDArray[np.complex128],
     shapes: Callable[[Floats], Floats],
-    radius_mm: float = CONTACT_RADIUS_MM,
     every: int = _EVERY_TICKS,
     friction: Friction = exponential,
 ) -> Score:
@@ -104,11 +103,10 @@ def with_contacts(
     counts = settled(t_s, target_um)[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
     sliding_mm_s = _speed_mm_s(t_s, finger_mm)
-    rms_um, got = felt(finger_mm, plate_um, shapes, radius_mm, friction, sliding_mm_s)
+    rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
-    leak_um, slip_um = _rms(rms_um[still]), _rms(rms_um[slipping])
+    leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0
-    of_all = _friction(change[counts])
     return replace(
         judged,
         contact_leak_um=leak_um,
@@ -117,7 +115,7 @@ def with_contacts(
         contrast_median=_median_contrast(rms_um, still, slipping),
         still_friction_change=_friction(change[still]).friction_change,
         slip_friction_change=_friction(change[slipping]).friction_change,
-        weber_frac=of_all.weber_frac,
+        weber_frac=_friction(change[counts]).weber_frac,
         fingers=tuple(_friction(change[counts[:, n], n]) for n in range(change.shape[1])),
     )
 
@@ -139,7 +137,6 @@ def felt(
     finger_mm: Floats,
     plate_um: npt.NDArray[np.complex128],
     shapes: Callable[[Floats], Floats],
-    radius_mm: float = CONTACT_RADIUS_MM,
     friction: Friction = exponential,
     sliding_mm_s: Floats | None = None,
 ) -> tuple[Floats, Floats]:
@@ -147,7 +144,7 @@ def felt(
     rms_um, got = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
     if sliding_mm_s is None:
         sliding_mm_s = np.zeros(finger_mm.shape[:2])
-    offsets_mm, weights = disc(radius_mm)
+    offsets_mm, weights = disc(CONTACT_RADIUS_MM)
     for start in range(0, len(finger_mm), _AT_ONCE):
         when = slice(start, start + _AT_ONCE)
         for finger in range(finger_mm.shape[1]):
@@ -179,18 +176,19 @@ def _median_contrast(rms_um: Floats, still: npt.NDArray[np.bool_], slipping: npt
     return float(np.median(least_um / np.maximum(largest_um, 1e-9)))
 
 
-def settled(t_s: npt.NDArray[np.float64], target_um: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+def settled(t_s: Floats, target_um: Floats) -> npt.NDArray[np.bool_]:
     """Return where a finger counts (T,N): its target was constant for the last SETTLE_S."""
     if len(t_s) < 2:
         return np.zeros(target_um.shape, dtype=bool)
     steps = round(SETTLE_S / (t_s[1] - t_s[0]))
     changed = np.ones(target_um.shape, dtype=bool)
     changed[1:] = target_um[1:] != target_um[:-1]  # NaN differs from itself, so an absent finger never settles
-    since = np.arange(len(t_s))[:, None] - np.maximum.accumulate(
-        np.where(changed, np.arange(len(t_s))[:, None], 0), axis=0
-    )
+    ticks = np.arange(len(t_s))[:, None]
+    since = ticks - np.maximum.accumulate(np.where(changed, ticks, 0), axis=0)
     return np.asarray((since >= steps) & np.isfinite(target_um))
 
 
-def _rms(values: npt.NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+def rms(values: npt.ArrayLike) -> float:
+    """Return the root of the mean square of real or complex values; NaN where there is none."""
+    sizes = np.abs(values)
+    return float(np.sqrt(np.mean(sizes**2))) if sizes.size else float("nan")

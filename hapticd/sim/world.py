@@ -27,7 +27,6 @@ class Recording:
     t_s: npt.NDArray[np.float64]
     finger_mm: npt.NDArray[np.float64]
     reference_um: npt.NDArray[np.complex128]
-    measured_um: npt.NDArray[np.complex128]
     plate_um: npt.NDArray[np.complex128]
     flags: npt.NDArray[np.uint8]
 
@@ -38,6 +37,34 @@ class PlateInstant:
 
     finger_mm: npt.NDArray[np.float64]
     plate_um: npt.NDArray[np.complex128]
+
+
+def plate_model(plate: GroundTruth) -> PlateModel:
+    """Return the plate as the board model has it."""
+    return PlateModel(
+        decay_1_s=plate.decay_1_s,
+        detuning_rad_s=plate.detuning_rad_s,
+        gain_um_per_v_s=plate.gain_um_per_v_s,
+        sensor=plate.sensor,
+        noise_um=plate.settings.sensor_noise_um,
+        amplifier_limit_v=plate.settings.v_limit_v,
+        loop_phase_rad=plate.loop_phase_rad,
+    )
+
+
+def board_config(plate: GroundTruth, w_limit_um: tuple[float, ...]) -> BoardConfig:
+    """Return the configuration of a board that knows the plate's nominal rates and its wires."""
+    return BoardConfig(
+        w_limit_um=w_limit_um,
+        v_limit_v=plate.settings.v_limit_v,
+        control_hz=CONTROL_HZ,
+        drive_hz=plate.settings.drive_hz,
+        decay_1_s=tuple(plate.nominal_decay_1_s),
+        detuning_rad_s=tuple(plate.nominal_detuning_rad_s),
+        gain_um_per_v_s=tuple(plate.nominal_gain_um_per_v_s),
+        drive=plate.drive,
+        sense=plate.sense,
+    )
 
 
 class World:
@@ -60,26 +87,8 @@ class World:
     ) -> None:
         self.plate = plate
         self.board = Board(
-            PlateModel(
-                decay_1_s=plate.decay_1_s,
-                detuning_rad_s=plate.detuning_rad_s,
-                gain_um_per_v_s=plate.gain_um_per_v_s,
-                sensor=plate.sensor,
-                noise_um=plate.settings.sensor_noise_um,
-                amplifier_limit_v=plate.settings.v_limit_v,
-                loop_phase_rad=plate.loop_phase_rad,
-            ),
-            config=BoardConfig(
-                w_limit_um=w_limit_um,
-                v_limit_v=plate.settings.v_limit_v,
-                control_hz=CONTROL_HZ,
-                drive_hz=plate.settings.drive_hz,
-                decay_1_s=tuple(plate.nominal_decay_1_s),
-                detuning_rad_s=tuple(plate.nominal_detuning_rad_s),
-                gain_um_per_v_s=tuple(plate.nominal_gain_um_per_v_s),
-                drive=plate.drive,
-                sense=plate.sense,
-            ),
+            plate_model(plate),
+            config=board_config(plate, w_limit_um),
             seed=seed,
             boot_id=boot_id,
             t_start_us=board_start_us,
@@ -91,7 +100,7 @@ class World:
         self._chunk_ticks = chunk_ticks
         self._kept: list[tuple[npt.NDArray[np.float64], BoardTrace]] = []
         self._forgotten = 0  # ticks
-        self._previous = np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128)
+        self._previous = PlateInstant(np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128))
         self._start_chunk()
 
     @property
@@ -106,8 +115,7 @@ class World:
 
     def now(self) -> PlateInstant:
         """Return the state at the last tick; before the first, a plate at rest."""
-        finger_mm, plate_um = self._previous if self._done == 0 else self._state_at(self._done - 1)
-        return PlateInstant(finger_mm, plate_um)
+        return self._previous if self._done == 0 else self._state_at(self._done - 1)
 
     def advance(self, t_s: float) -> bytes:
         """Run up to `t_s`, or to the first tick with board output; returns that output, b"" at `t_s`."""
@@ -140,15 +148,13 @@ class World:
 
     def recording(self) -> Recording:
         """Return the history so far, without what was forgotten."""
-        parts = [(fingers, trace, self._chunk_ticks) for fingers, trace in self._kept[:-1]]
-        parts.append((*self._kept[-1], self._done))
+        done = slice(self.ticks - self._forgotten)  # of the chunk that runs, only some ticks
         return Recording(
             t_s=(np.arange(self._forgotten, self.ticks) + 1) / CONTROL_HZ,
-            finger_mm=np.concatenate([fingers[:count] for fingers, _, count in parts]),
-            reference_um=np.concatenate([trace.reference_um[:count] for _, trace, count in parts]),
-            measured_um=np.concatenate([trace.measured_um[:count] for _, trace, count in parts]),
-            plate_um=np.concatenate([trace.plate_um[:count] for _, trace, count in parts]),
-            flags=np.concatenate([trace.flags[:count] for _, trace, count in parts]),
+            finger_mm=np.concatenate([fingers_mm for fingers_mm, _ in self._kept])[done],
+            reference_um=np.concatenate([trace.reference_um for _, trace in self._kept])[done],
+            plate_um=np.concatenate([trace.plate_um for _, trace in self._kept])[done],
+            flags=np.concatenate([trace.flags for _, trace in self._kept])[done],
         )
 
     def forget(self) -> None:
@@ -156,10 +162,10 @@ class World:
         del self._kept[:-1]
         self._forgotten = self.ticks - self._done
 
-    def _state_at(self, tick: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]:
-        """Return fingers (F, 2) and plate (P,) at a tick of this chunk."""
+    def _state_at(self, tick: int) -> PlateInstant:
+        """Return the state at a tick of this chunk."""
         fingers_mm, trace = self._kept[-1]
-        return fingers_mm[tick], trace.plate_um[tick]
+        return PlateInstant(fingers_mm[tick], trace.plate_um[tick])
 
     def _finger_loads(
         self, t_s: npt.NDArray[np.float64], fingers: npt.NDArray[np.intp], touching: npt.NDArray[np.bool_]

@@ -96,19 +96,16 @@ def _bench(options: argparse.Namespace) -> None:
     from ..bench import suite
 
     names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
-    suite.run(
-        {name: _minutes(name, options) for name in names},
+    extent = suite.Extent(
         seconds=options.seconds,
         steps=options.steps,
         hours=options.hours,
         real_time_s=options.real_time,
-        traces_file=options.traces,
-        recording=options.recording,
-        worlds_count=options.worlds,
+        touches=suite.touches(options.traces, options.recording),
+        worlds=options.worlds,
         is_calibrating=options.calibrating,
-        json_file=options.json,
-        plot=options.plot,
     )
+    suite.run({name: _minutes(name, options) for name in names}, extent, json_file=options.json, plot=options.plot)
 
 
 def _minutes(name: str, options: argparse.Namespace) -> float:

@@ -25,9 +25,9 @@ from ..config.sections import Config
 from ..content_values import AmplitudeTarget, ClientTargets, Target
 from ..core.board.ledger import Histogram, LedgerLine
 from ..daemon.daemon import Daemon, now_ns
-from ..daemon.lifecycle import serve
+from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
-from ..daemon.service import ConfigLoader, Prepared
+from ..daemon.service import ConfigLoader
 from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
 from ..files import outputs, plotting
@@ -129,23 +129,12 @@ def measure(config: Config, seconds: float) -> Measured:
     """Serve the configured devices for `seconds`. Raises HapticdError if the board applied no frame."""
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, ConfigLoader() as config_loader:
         config = replace(config, client=replace(config.client, runtime_dir=folder))
-        measured = asyncio.run(_measure(config_loader.prepare(config), seconds))
-    if not measured.lines:
+        prepared = config_loader.prepare(config)
+        daemon = prepared.daemon()
+        measured = asyncio.run(while_served(daemon, prepared.modes, _watch(daemon, seconds)))
+    if measured is None or not measured.lines:
         raise HapticdError("latency: no frame reached the board: move two fingers on the pad, and see the log above.")
     return measured
-
-
-async def _measure(prepared: Prepared, seconds: float) -> Measured:
-    daemon = prepared.daemon()
-    serving = asyncio.create_task(serve(daemon, prepared.modes))
-    watching = asyncio.create_task(_watch(daemon, seconds))
-    await asyncio.wait((serving, watching), return_when=asyncio.FIRST_COMPLETED)
-    for task in (watching, serving):
-        task.cancel()
-    await asyncio.wait((serving, watching))
-    if not serving.cancelled() and (error := serving.exception()) is not None:
-        raise error
-    return Measured((), {}, {}) if watching.cancelled() else watching.result()
 
 
 async def _watch(daemon: Daemon, seconds: float) -> Measured:

@@ -140,7 +140,8 @@ class Collected:
     def _take_written(self, message: bytes) -> None:
         if message[0] != protocol.MSG_REFERENCE:
             return
-        _, t_apply_us, knots, modes = protocol.REFERENCE.unpack_from(message, 1)
+        _, t_apply_us, count, modes = protocol.REFERENCE.unpack_from(message, 1)
+        knots = count & ~protocol.REFERENCE_PULSE
         knot = struct.Struct(f"<H{2 * modes}f")
         rows = [knot.unpack_from(message, 1 + protocol.REFERENCE.size + index * knot.size) for index in range(knots)]
         values = np.array(rows)

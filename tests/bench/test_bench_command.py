@@ -99,4 +99,4 @@ def test_a_wrong_argument_is_one_sentence_before_anything_runs(
 @pytest.mark.usefixtures("quick")
 def test_a_picture_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(HapticdError, match="cannot be written"):
-        suite.run({"solver": 1.0}, seconds=0.0, json_file=None, plot=tmp_path / "none" / "solver.png")
+        suite.run({"solver": 1.0}, suite.Extent(0.0), json_file=None, plot=tmp_path / "none" / "solver.png")

@@ -40,8 +40,8 @@ def table(**changes: object) -> Table:
 
 
 def test_a_figure_s_unit_stands_at_the_end_of_its_name() -> None:
-    assert [unit(name) for name in ("time_us", "leak_um_per_um", "limits_broken_count")] == ["us", "um/um", ""]
-    assert stem("leak_um_per_um") == "leak"
+    assert [unit(name) for name in ("time_us", "leak_um", "limits_broken_count")] == ["us", "um", ""]
+    assert stem("leak_um") == "leak"
     assert ratio_name("time_us") == "time_ratio"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -189,7 +190,8 @@ def test_limited_marks_targets_out_of_reach(strokes: dict[int, Run]) -> None:
 
 def test_every_link_delay_is_met_with_the_prediction_it_needs() -> None:
     leaks_um = [
-        lockstep.run("strokes", settings={"link_ms": link_ms}, seconds=4.0).score.leak_um for link_ms in (1.0, 12.0)
+        lockstep.run("strokes", settings=Settings(link_ms=link_ms), seconds=4.0).score.leak_um
+        for link_ms in (1.0, 12.0)
     ]
 
     assert leaks_um[0] < leaks_um[1]  # the farther ahead, the less is known
@@ -235,7 +237,6 @@ def test_the_world_stops_at_the_given_time_and_its_recording_is_continuous() -> 
     ("arguments", "what"),
     [
         ({"scenario": "juggling"}, "no scenario 'juggling': choose one of strokes"),
-        ({"settings": {"speed": 100.0}}, "no setting 'speed': choose from scheme, speed_mm_s"),
         ({"settings": {"scheme": "best"}}, "no scheme 'best': choose one of hapticd, paper"),
         ({"settings": {"speed_mm_s": 0.0}}, "speed_mm_s is 0.0"),
         ({"settings": {"stamp_jitter_ms": -1.0}}, "stamp_jitter_ms is -1.0"),
@@ -247,16 +248,15 @@ def test_the_world_stops_at_the_given_time_and_its_recording_is_continuous() -> 
         ({"scenario": "swap", "settings": {"speed_mm_s": 3000.0}}, "swap cannot be played at 3000 mm/s"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_in_a_sentence(arguments: dict[str, object], what: str) -> None:
+def test_what_cannot_be_simulated_is_refused_in_a_sentence(arguments: dict[str, Any], what: str) -> None:
+    given = {"scenario": "strokes", "seconds": 0.1, "settings": {}} | arguments
     with pytest.raises(SimulationError, match=what) as refusal:
-        lockstep.run(**{"scenario": "strokes", "seconds": 0.1, **arguments})  # type: ignore[arg-type]
+        lockstep.run(**given | {"settings": Settings(**given["settings"])})
     assert isinstance(refusal.value, ValueError)
     assert str(refusal.value).endswith(".")
 
 
-def test_settings_may_be_a_mapping() -> None:
-    as_mapping = lockstep.run("step", settings={"noise": PadNoise(0.1), "link_ms": 3.0}, seconds=0.2)
+def test_the_paper_s_scheme_has_a_sensor_of_its_own() -> None:
+    ours = Settings(noise=PadNoise(0.1), link_ms=3.0)
 
-    assert as_mapping.settings == Settings(noise=PadNoise(0.1), link_ms=3.0)
-    assert lockstep.paper(as_mapping.settings).scheme == "paper"
-    assert lockstep.paper(as_mapping.settings).report_period_ms == 10.0
+    assert lockstep.paper(ours) == Settings("paper", noise=PadNoise(0.1), link_ms=3.0, report_period_ms=10.0)

@@ -13,7 +13,7 @@ import pytest
 from hapticd.errors import HapticdError
 from hapticd.files import plotting
 from hapticd.sim import lockstep, picture
-from hapticd.sim.lockstep import Run
+from hapticd.sim.lockstep import Run, Settings
 from hapticd.sim.picture import Film
 from hapticd.sim.plate.ground_truth import PlateSettings
 
@@ -97,7 +97,7 @@ def test_of_a_long_run_its_first_seconds_are_drawn_and_its_title_says_so(monkeyp
 def test_a_plate_with_contacts_is_drawn_with_their_rms_before_the_amplitude_at_the_centre(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    run = lockstep.run("strokes", settings={"plate": PlateSettings.of("fingertip")}, seconds=1.0)
+    run = lockstep.run("strokes", settings=Settings(plate=PlateSettings.of("fingertip")), seconds=1.0)
     modes, _, fingers = axes_of(run, monkeypatch)
     texts = [text.get_text() for text in fingers.get_legend().get_texts()]
     assert texts == ["finger 1", "finger 2", "at its centre", "targets"]

@@ -15,23 +15,8 @@ import numpy.typing as npt
 
 from .carrier import Converters
 from .firmware import Setup, doubles, load
-from .trace import BoardTrace, TickBuffers
-
-__all__ = [
-    "CHUNK_S",
-    "FLAG_DEADMAN",
-    "FLAG_LIMITED",
-    "FLAG_LIVE",
-    "FLAG_SATURATED",
-    "FLAG_SYNC",
-    "PLATE_MODES_MAX",
-    "RESET_POWER",
-    "RESET_WATCHDOG",
-    "Board",
-    "BoardConfig",
-    "BoardTrace",
-    "PlateModel",
-]
+from .trace import BoardTrace as BoardTrace
+from .trace import TickBuffers
 
 FLAG_SATURATED: Final = 0x01
 FLAG_LIMITED: Final = 0x02
@@ -181,13 +166,10 @@ class Board:
             ctypes.byref(_setup(model, config, seed, boot_id, t_start_us, converters))
         )
         if not self._board:
+            carrier = ", and a carrier needs a drive of 20 to 125 kHz and ticks of 1 to 40 chunks of 50 us"
             raise ValueError(
                 "The firmware refuses its configuration: rates, limits and gains must be positive and bounded"
-                + (
-                    ", and a carrier needs a drive of 20 to 125 kHz and ticks of 1 to 40 chunks of 50 us."
-                    if converters
-                    else "."
-                )
+                + (f"{carrier}." if converters else ".")
             )
         self._out = ctypes.create_string_buffer(_TRANSMIT_BYTES)
         self._buffers: TickBuffers | None = None
@@ -205,10 +187,6 @@ class Board:
     def t_us(self) -> int:
         """The same on the board's own 32-bit clock."""
         return self.unwrapped_us & 0xFFFFFFFF
-
-    @property
-    def t_ns(self) -> int:
-        return self.unwrapped_us * 1000
 
     @property
     def baud(self) -> int:

@@ -7,7 +7,7 @@ rate, framing errors and full buffers.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Line:
     """One direction of a line. `counters` has the number of writes with each fault."""
 
     def __init__(self, faults: LineFaults, seed: int) -> None:
-        self.counters = Counter({field.name: 0 for field in fields(faults) if field.name in _SHARES})
+        self.counters = Counter(dict.fromkeys(_SHARES, 0))
         self._faults = faults
         self._rng = np.random.default_rng(seed)
         self._held: bytes | None = None

@@ -67,12 +67,13 @@ def paths_of(actors: Sequence[Actor]) -> list[Path]:
     return [actor.path for actor in actors if actor.path is not None]
 
 
-def _always(amplitude_um: float) -> tuple[tuple[float, float], ...]:
-    return ((LAND_S, amplitude_um),)
+def _touching(path: Path, amplitude_um: float) -> Actor:
+    """Return a finger that lands with the others and keeps its target."""
+    return Actor(((LAND_S, amplitude_um),), path=Touch(path, LAND_S))
 
 
-def _landed(path: Path) -> Touch:
-    return Touch(path, LAND_S)
+def _virtual(path: VirtualPath, amplitude_um: float) -> Actor:
+    return Actor(((LAND_S, amplitude_um),), virtual=path)
 
 
 def _strokes(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
@@ -80,36 +81,31 @@ def _strokes(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     landing_s = np.array([LAND_S])
     pair = strokes_pair(seed, speed_mm_s=speed_mm_s)
     slippery, sticky = sorted(pair, key=lambda path: float(path.position_mm(landing_s)[0, 0]))
-    return (
-        Actor(_always(SLIPPERY_UM), path=_landed(slippery)),
-        Actor(_always(STICKY_UM), path=_landed(sticky)),
-    )
+    return _touching(slippery, SLIPPERY_UM), _touching(sticky, STICKY_UM)
 
 
 def _circles(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     phase_rad = 0.7 * seed
     return (
-        Actor(_always(SLIPPERY_UM), path=_landed(Circle((-28.0, 4.0), 20.0, speed_mm_s, phase_rad))),
-        Actor(_always(STICKY_UM), path=_landed(Circle((30.0, -6.0), 15.0, -speed_mm_s, 2 * phase_rad))),
+        _touching(Circle((-28.0, 4.0), 20.0, speed_mm_s, phase_rad), SLIPPERY_UM),
+        _touching(Circle((30.0, -6.0), 15.0, -speed_mm_s, 2 * phase_rad), STICKY_UM),
     )
 
 
-def _rest(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    del speed_mm_s
+def _rest(seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     x_mm, y_mm = np.random.default_rng(seed).uniform(-50, 50, (2, 2))
     return (
-        Actor(_always(SLIPPERY_UM), path=_landed(Rest((-abs(x_mm[0]) - 5.0, y_mm[0])))),
-        Actor(_always(STICKY_UM), path=_landed(Rest((abs(x_mm[1]) + 5.0, y_mm[1])))),
+        _touching(Rest((-abs(x_mm[0]) - 5.0, y_mm[0])), SLIPPERY_UM),
+        _touching(Rest((abs(x_mm[1]) + 5.0, y_mm[1])), STICKY_UM),
     )
 
 
-def _swap(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _swap(_seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """The fingers pass each other as closely as fingertips can; one lifts and lands again; targets are exchanged."""
-    del seed
     over = Line((-45.0, -12.0), (45.0, -9.0), speed_mm_s)
     under = Line((45.0, -30.0), (-45.0, -27.0), speed_mm_s)
     return (
-        Actor(((LAND_S, SLIPPERY_UM), (SWAP_S, STICKY_UM)), path=_landed(over)),
+        Actor(((LAND_S, SLIPPERY_UM), (SWAP_S, STICKY_UM)), path=Touch(over, LAND_S)),
         Actor(
             ((LAND_S, STICKY_UM), (SWAP_S, SLIPPERY_UM)),
             path=Touches((Touch(under, LAND_S, LIFT_S), Touch(under, LAND_AGAIN_S))),
@@ -121,36 +117,30 @@ def _virtual_finger(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """The paper's study: one finger explores, a virtual one moves along a line."""
     slippery, _ = strokes_pair(seed, speed_mm_s=speed_mm_s)
     line = VirtualPath(((-40.0, 25.0), (40.0, -15.0)), 40.0, loop=True)
-    return (
-        Actor(_always(SLIPPERY_UM), path=_landed(slippery)),
-        Actor(_always(STICKY_UM), virtual=line),
-    )
+    return _touching(slippery, SLIPPERY_UM), _virtual(line, STICKY_UM)
 
 
 def _two_virtual(
     first: tuple[tuple[float, float], ...], second: tuple[tuple[float, float], ...], speed_mm_s: float
 ) -> tuple[Actor, ...]:
     return (
-        Actor(_always(SLIPPERY_UM), virtual=VirtualPath(first, speed_mm_s, loop=True)),
-        Actor(_always(STICKY_UM), virtual=VirtualPath(second, speed_mm_s, loop=True)),
+        _virtual(VirtualPath(first, speed_mm_s, loop=True), SLIPPERY_UM),
+        _virtual(VirtualPath(second, speed_mm_s, loop=True), STICKY_UM),
     )
 
 
-def _paper_figure_10(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _paper_figure_10(_seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """Two imposed paths that avoid singular positions: no reference approaches its limit."""
-    del seed
     return _two_virtual(((6.0, -47.0), (-47.0, -1.0)), ((36.0, 17.0), (-14.0, -32.0)), 0.3 * speed_mm_s)
 
 
-def _paper_figure_11(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _paper_figure_11(_seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """Two imposed paths through seven singular positions each way, a quarter of the time at the limits."""
-    del seed
     return _two_virtual(((-46.0, 9.0), (21.0, -24.0)), ((-41.0, 30.0), (-40.0, -45.0)), 0.3 * speed_mm_s)
 
 
-def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+def _step(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     """Figure 7: no load; at 1 s a virtual finger where only mode X moves gets the target that makes W_X 1 um."""
-    del seed, speed_mm_s
     steps = ((0.0, 0.0), (STEP_S, STEP_TARGET_UM))
     return (Actor(steps, virtual=VirtualPath((STEP_POINT_MM,), 0.0, loop=False)),)
 
@@ -158,23 +148,19 @@ def _step(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
 def _both_slip(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """Two slippery fingers on independent strokes, which pass singular positions often."""
     first, second = strokes_pair(seed, speed_mm_s=speed_mm_s)
-    return (
-        Actor(_always(SLIPPERY_UM), path=_landed(first)),
-        Actor(_always(SLIPPERY_UM), path=_landed(second)),
-    )
+    return _touching(first, SLIPPERY_UM), _touching(second, SLIPPERY_UM)
 
 
 def _three(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """One slippery finger, one sticky and one in between, on circles at least 25 mm apart: six modes' worth."""
     centres_mm, amplitudes_um = ((-34.0, -20.0), (34.0, -20.0), (0.0, 34.0)), (SLIPPERY_UM, STICKY_UM, HALF_UM)
     return tuple(
-        Actor(_always(amplitude_um), path=_landed(Circle(centre_mm, 14.0, speed_mm_s, 0.7 * seed + 2.0 * index)))
+        _touching(Circle(centre_mm, 14.0, speed_mm_s, 0.7 * seed + 2.0 * index), amplitude_um)
         for index, (centre_mm, amplitude_um) in enumerate(zip(centres_mm, amplitudes_um, strict=True))
     )
 
 
-def _hands(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    del seed, speed_mm_s
+def _hands(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     return ()
 
 

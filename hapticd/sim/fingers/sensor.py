@@ -21,16 +21,6 @@ from ...wire.trackpad import GEOMETRY, MAX_RECORDS, RECORD, STAMP_WRAP_MS
 from .pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from .paths import Path
 
-__all__ = [
-    "Record",
-    "Report",
-    "Scan",
-    "SensorModel",
-    "SensorSettings",
-    "encode_mt1",
-    "encode_mt2",
-]
-
 Array = npt.NDArray[np.float64]
 
 _TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
@@ -150,9 +140,7 @@ class SensorModel:
         self.seed = seed
         self._block = block
         affine = settings.plate_from_pad
-        self._pad_from_plate = np.linalg.inv(
-            ((affine.xx, affine.xy), (affine.yx, affine.yy))
-        )  # LinAlgError: ValueError
+        self._pad_from_plate = np.linalg.inv(((affine.xx, affine.xy), (affine.yx, affine.yy)))  # or LinAlgError
         self._offset_mm = np.array((affine.offset_x_mm, affine.offset_y_mm))
 
     def reports(self, paths: Sequence[Path], t_end_s: float) -> list[Report]:
@@ -163,12 +151,6 @@ class SensorModel:
         """Return the same, computed as they are taken."""
         scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths))
         return (report for scan in scans for report in scan.reports)
-
-    def stream(self, paths: Sequence[Path]) -> Iterator[Report]:
-        """Return an endless stream of reports. It blocks until a finger lands; `scans` does not."""
-        if not paths:
-            raise ValueError("a pad without fingers never reports: use scans")
-        return (report for scan in self.scans(paths) for report in scan.reports)
 
     def scans(self, paths: Sequence[Path]) -> Iterator[Scan]:
         """Return an endless stream of scans: without touch or when lost they have no report, when duplicated two."""
@@ -216,10 +198,8 @@ class SensorModel:
 
     def _copies(self, rng: np.random.Generator) -> list[int]:
         """Draw how many times the report of each scan of a block is delivered."""
-        is_lost, is_duplicated = rng.random((2, self._block)) < [
-            [self.settings.lost_frac],
-            [self.settings.duplicate_frac],
-        ]
+        shares = [[self.settings.lost_frac], [self.settings.duplicate_frac]]
+        is_lost, is_duplicated = rng.random((2, self._block)) < shares
         copies: list[int] = np.where(is_lost, 0, 1 + is_duplicated).tolist()
         return copies
 

@@ -15,8 +15,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Strokes", "require_positive", "strokes_pair", "tremor_mm"]
-
 Array = npt.NDArray[np.float64]
 
 _TREMOR_HZ = (8.0, 9.0)

@@ -28,15 +28,15 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
-from . import shapes as plate_shapes
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass
 from .shape_tables import Disturbed, Scan, mode_map, true_grid, true_surfaces
+from .shapes import theory
 from .wirings import SEPARATE, wiring
 
 FloatArray = npt.NDArray[np.float64]
 
 MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and along y, and the pair above them
-DRIVEN_MODES, PARASITIC_MODES = MODES[:2], MODES[2:]
+DRIVEN_MODES = MODES[:2]
 _SPLIT_HZ = 10.0  # a plate is not quite square: modes of equal frequency are this far to either side of it
 _SIZED_EACH = 3  # driven modes of the reference plate whose amplifiers are sized for them
 _LEAST_MODES = 4  # of all
@@ -59,8 +59,6 @@ class PlateSettings:
     measurement of this plate exists.
     `sized_for_damping` follows the paper, whose amplifiers reach W_LIM = 4 um *in use*, with a finger on the plate; 1
     sizes them for the bare plate.
-    `parasitic_offset_hz` is the distance between the two pairs' centres; None takes the theory's.
-    `shapes` is one of `plate_shapes.KINDS`: shape and normalisation of the modes.
     `world` is what is wrong: causes of the plate apply here, those of pad, link and fingers in `sim.lockstep`.
     `wiring` is one of `wirings.WIRINGS`; its amplifiers hold all driven modes at `w_limit_um` together.
     `driven_modes` have an amplifier and a sensor; up to three of the reference plate have amplifiers that reach
@@ -73,9 +71,7 @@ class PlateSettings:
     f_y_hz: float = 29215.0
     drive_hz: float = 29205.0
     q_factor: float = 500.0
-    parasitic_offset_hz: float | None = None
     finger_decay_1_s: float = FINGER_DECAY_1_S
-    shapes: str = plate_shapes.FREE_PLATE
     driven_modes: int = 2
     wiring: str = SEPARATE
     world: WorldErrors = NEUTRAL
@@ -112,15 +108,13 @@ class PlateSettings:
         )
 
     def __post_init__(self) -> None:
-        if self.shapes not in plate_shapes.KINDS:
-            raise ValueError(f"PlateSettings.shapes is {self.shapes!r}; choose from {', '.join(plate_shapes.KINDS)}.")
         most = len(find_glass(self.plate).modes) - LEAST_PARASITIC
         if not 2 <= self.driven_modes <= most:
             raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 to {most}.")
         wiring(self.wiring, self.driven_modes)
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, (str, WorldErrors)) or (value is None and field.name == "parasitic_offset_hz"):
+            if isinstance(value, (str, WorldErrors)):
                 continue
             if not math.isfinite(value):
                 raise ValueError(f"PlateSettings.{field.name} is {value}; give a finite number.")
@@ -163,15 +157,13 @@ class GroundTruth:
         self.nominal_decay_1_s = _read_only(math.pi * driven_hz / settings.q_factor)
         self.nominal_detuning_rad_s = _read_only(2.0 * math.pi * (driven_hz - settings.drive_hz))
         self.nominal_gain_um_per_v_s = _read_only(wires.gain * own)
-        peak = 1.0 if settings.shapes == plate_shapes.FREE_PLATE else plate_shapes.peak_at_fingers()
-        self._usual_finger_decay_1_s = peak**2 * settings.finger_decay_1_s
-        self.finger_decay_1_s = world.finger_load.damping_factor * self._usual_finger_decay_1_s
+        self.finger_decay_1_s = world.finger_load.damping_factor * settings.finger_decay_1_s
         mass_ratio = settings.finger_decay_1_s / FINGER_DECAY_1_S  # a finger changes a heavier plate less
-        self.finger_detuning_rad_s = 2.0 * math.pi * world.finger_load.detuning_hz * peak**2 * mass_ratio
+        self.finger_detuning_rad_s = 2.0 * math.pi * world.finger_load.detuning_hz * mass_ratio
         self._names = find_glass(settings.plate).modes[: len(built_hz)]
         disturbed = Disturbed(world.glue_frac, world.map_change.waves_frac, world.map_change.local_frac, world.seed)
-        self._grid = true_grid(settings.shapes, settings.plate, self._names, disturbed)
-        self._surfaces = true_surfaces(settings.shapes, settings.plate, self._names, disturbed)
+        self._grid = true_grid(settings.plate, self._names, disturbed)
+        self._surfaces = true_surfaces(settings.plate, self._names, disturbed)
 
     def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return all modes (..., P) at points (..., 2); clamped to the plate's edge, zero where a coordinate is NaN."""
@@ -209,7 +201,7 @@ class GroundTruth:
             self._measured(parasitic, _PARASITIC_NOISE, seed),
             self.decay_1_s[parasitic].tolist(),
             self.detuning_rad_s[parasitic].tolist(),
-            _MEASURED_FINGER_DECAY * self._usual_finger_decay_1_s,
+            _MEASURED_FINGER_DECAY * settings.finger_decay_1_s,
         )
 
     def measured_mode_map(self, seed: int) -> ModeShapes:
@@ -225,25 +217,21 @@ class GroundTruth:
         glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed)
         step_mm = settings.map_step_mm if world.map_step_mm is None else world.map_step_mm
         scan = Scan(step_mm, noise_frac, seed, first=chosen.start)
-        return mode_map(settings.shapes, settings.plate, self._names[chosen], scan, glued)
+        return mode_map(settings.plate, self._names[chosen], scan, glued)
 
 
 def _built_hz(settings: PlateSettings) -> FloatArray:
     """Return the frequencies of all modes as built, before drift."""
     count = _LEAST_MODES if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + LEAST_PARASITIC
     names = find_glass(settings.plate).modes[:count]
-    theory_hz = np.array([plate_shapes.theory(name, settings.plate)[0] for name in names])
+    theory_hz = np.array([theory(name, settings.plate)[0] for name in names])
     if settings.plate != REFERENCE:
         is_pair = np.isclose(theory_hz[:, None], theory_hz, rtol=1e-9)
-        return theory_hz + np.where(
-            is_pair.sum(axis=1) == 2,
-            np.where(is_pair.argmax(axis=1) == np.arange(len(names)), -_SPLIT_HZ, _SPLIT_HZ),
-            0.0,
-        )
-    offset_hz = settings.parasitic_offset_hz
-    offset_hz = theory_hz[2] - theory_hz[0] if offset_hz is None else offset_hz
+        is_first = is_pair.argmax(axis=1) == np.arange(len(names))
+        return theory_hz + np.where(is_pair.sum(axis=1) == 2, np.where(is_first, -_SPLIT_HZ, _SPLIT_HZ), 0.0)
     pair_hz = np.array((settings.f_x_hz, settings.f_y_hz))
-    return np.concatenate((pair_hz, pair_hz + offset_hz, pair_hz.mean() + theory_hz[4:] - theory_hz[0]))
+    next_hz = pair_hz + (theory_hz[2] - theory_hz[0])
+    return np.concatenate((pair_hz, next_hz, pair_hz.mean() + theory_hz[4:] - theory_hz[0]))
 
 
 def _amplifiers(settings: PlateSettings, driven_hz: FloatArray) -> tuple[FloatArray, tuple[float, ...]]:
@@ -253,9 +241,8 @@ def _amplifiers(settings: PlateSettings, driven_hz: FloatArray) -> tuple[FloatAr
     own = settings.w_limit_um * stiffness_1_s / settings.v_limit_v
     if settings.plate == REFERENCE and settings.driven_modes <= _SIZED_EACH:
         return own, (settings.w_limit_um,) * len(own)
-    alike = np.full(
-        len(own), own[0] if settings.plate == REFERENCE else settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
-    )
+    at_resonance = settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
+    alike = np.full(len(own), own[0] if settings.plate == REFERENCE else at_resonance)
     return alike, tuple((alike * settings.v_limit_v / stiffness_1_s).tolist())
 
 

@@ -12,12 +12,13 @@ from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
 from hapticd.design import ModeShape, fit_cartography, sample_cartography
 
 from . import disturbances
-from . import shapes as plate_shapes
+from .shapes import theory
 
 FloatArray = npt.NDArray[np.float64]
 
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
 _RMS_POINTS = 101
+_KEPT = 6  # tables
 
 
 class Disturbed(NamedTuple):
@@ -60,30 +61,32 @@ def _rms(shape: ModeShape) -> float:
     return float(np.sqrt(np.mean(shape.on_grid(*axes_mm) ** 2)))
 
 
-@lru_cache(maxsize=2 * len(plate_shapes.KINDS))
-def _bare_grid(kind: str, glass: str, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _bare(glass: str, names: tuple[str, ...]) -> tuple[ModeShape, ...]:
+    return tuple(theory(name, glass)[1] for name in names)
+
+
+@lru_cache(maxsize=_KEPT)
+def _bare_grid(glass: str, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Tabulate the shapes: summing their Legendre series at every point takes several times as long."""
-    shapes = plate_shapes.shapes(kind, names, glass)
+    shapes = _bare(glass, names)
     x_mm, y_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _TABLE_POINTS) for edge_mm in shapes[0].size_mm)
     return x_mm, y_mm, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes])
 
 
-@lru_cache(maxsize=2 * len(plate_shapes.KINDS))
-def true_grid(
-    kind: str, glass: str, names: tuple[str, ...], disturbed: Disturbed
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    x_mm, y_mm, shapes = _bare_grid(kind, glass, names)
-    return x_mm, y_mm, shapes + _added((x_mm, y_mm), plate_shapes.shapes(kind, names, glass), 0, disturbed)
+@lru_cache(maxsize=_KEPT)
+def true_grid(glass: str, names: tuple[str, ...], disturbed: Disturbed) -> tuple[FloatArray, FloatArray, FloatArray]:
+    x_mm, y_mm, shapes = _bare_grid(glass, names)
+    return x_mm, y_mm, shapes + _added((x_mm, y_mm), _bare(glass, names), 0, disturbed)
 
 
-@lru_cache(maxsize=2 * len(plate_shapes.KINDS))
-def true_surfaces(kind: str, glass: str, names: tuple[str, ...], disturbed: Disturbed) -> BicubicSurfaces:
-    return BicubicSurfaces(*true_grid(kind, glass, names, disturbed))
+@lru_cache(maxsize=_KEPT)
+def true_surfaces(glass: str, names: tuple[str, ...], disturbed: Disturbed) -> BicubicSurfaces:
+    return BicubicSurfaces(*true_grid(glass, names, disturbed))
 
 
 @lru_cache(maxsize=16)
-def mode_map(kind: str, glass: str, names: tuple[str, ...], scan: Scan, glued: Disturbed) -> ModeShapes:
-    bare = plate_shapes.shapes(kind, names, glass)
+def mode_map(glass: str, names: tuple[str, ...], scan: Scan, glued: Disturbed) -> ModeShapes:
+    bare = _bare(glass, names)
     seed = scan.seed if scan.first == 0 else (scan.seed, scan.first)
     x_mm, y_mm, shapes = sample_cartography(bare, step_mm=scan.step_mm, noise_frac=scan.noise_frac, seed=seed)
     shapes += _added((x_mm, y_mm), bare, scan.first, glued)

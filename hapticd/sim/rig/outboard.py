@@ -83,7 +83,6 @@ class Outboard:
             t_s=t_s,
             finger_mm=finger_mm,
             reference_um=self._references.at(t_us),
-            measured_um=plate_um,
             plate_um=plate_um,
             flags=np.zeros(len(t_s), dtype=np.uint8),
         )

@@ -23,8 +23,6 @@ MODES_FILE = "modes.npz"
 PARASITIC_MODES_FILE = "neighbours.npz"
 PLATE_FILE = "plate.toml"
 HISTORY_FILE = "history.npz"
-
-
 ENDED = "The simulated rig has ended: start this command again."
 
 
@@ -75,24 +73,10 @@ class RigProcess:
     ) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
         self.directory = Path(self._directory.name)
-        command = [
-            sys.executable,
-            "-P",  # nothing is imported from the current directory
-            "-m",
-            "hapticd.sim.rig.program",
-            str(self.directory),
-            "--scenario",
-            scenario,
-            "--seed",
-            str(seed),
-            "--plate",
-            plate,
-            "--modes",
-            str(modes),
-            "--wiring",
-            wiring,
-            "--owned",
-        ]
+        # -P: nothing is imported from the current directory.
+        command = [sys.executable, "-P", "-m", "hapticd.sim.rig.program", str(self.directory), "--owned"]
+        command += ["--scenario", scenario, "--seed", str(seed)]
+        command += ["--plate", plate, "--modes", str(modes), "--wiring", wiring]
         if record:
             command += ["--record", str(self.directory / HISTORY_FILE)]
         if program is not None:

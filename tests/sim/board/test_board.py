@@ -161,7 +161,7 @@ def test_an_absent_finger_may_have_no_shape() -> None:
 def test_time_goes_tick_by_tick_and_wraps_for_the_board_only() -> None:
     board = Board(plate(), config=BoardConfig(control_hz=3000.0), t_start_us=2**32 - 1000)
     trace = BoardTrace(9, 2, 4)
-    assert board.t_ns == (2**32 - 1000) * 1000
+    assert board.unwrapped_us == 2**32 - 1000
     board.run(7, np.zeros((7, 0, 4)), np.zeros((7, 0)), trace)
     assert board.unwrapped_us == 2**32 - 1000 + 2333
     assert board.t_us == 1333

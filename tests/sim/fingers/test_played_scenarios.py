@@ -12,7 +12,7 @@ from hapticd.config.sections import Config
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.scenarios import LAND_AGAIN_S, LAND_S, LIFT_S, STEP_S, SWAP_S
-from hapticd.sim.lockstep import Run
+from hapticd.sim.lockstep import Run, Settings
 from hapticd.sim.report import step_response
 
 W_LIM_UM = 4.0
@@ -35,9 +35,8 @@ def rms(values: np.ndarray) -> float:
 @pytest.mark.parametrize("controller", ["deadbeat", "pi_ff", "pi"])
 def test_figure_7_a_step_settles_within_10_ms_and_leaves_the_quadrature_alone(controller: str) -> None:
     config = Config()
-    run = lockstep.run(
-        "step", settings={"config": replace(config, device=replace(config.device, controller=controller))}
-    )
+    config = replace(config, device=replace(config.device, controller=controller))
+    run = lockstep.run("step", settings=Settings(config=config))
 
     response = step_response(run.t_s, run.modal_um[:, 0], t_step_s=STEP_S)
 
@@ -119,7 +118,7 @@ def test_circles_are_served_as_strokes_are() -> None:
 
 
 def test_at_rest_without_noise_one_frame_serves_for_ever() -> None:
-    run = lockstep.run("rest", settings={"noise": PadNoise(0.0), "stamp_jitter_ms": 0.0}, seconds=3.0)
+    run = lockstep.run("rest", settings=Settings(noise=PadNoise(0.0), stamp_jitter_ms=0.0), seconds=3.0)
     touch = run.status["touch"]
     after = run.t_s > LAND_S + 0.1
 
@@ -133,7 +132,7 @@ def test_at_rest_with_noise_most_passes_send_nothing_and_the_skipped_frames_cost
     skipping = played("rest")
     config = Config()
     always = lockstep.run(
-        "rest", settings={"config": replace(config, solver=replace(config.solver, tolerance_um=1e-4))}
+        "rest", settings=Settings(config=replace(config, solver=replace(config.solver, tolerance_um=1e-4)))
     )
 
     touch = skipping.status["touch"]

@@ -23,6 +23,7 @@ from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.waves import Waves
 from hapticd.errors import CalibrationError
 from hapticd.files import calibration as calibration_file
+from hapticd.files.recording.kinds import Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import DirectRecording
 from hapticd.sim import lockstep
@@ -32,7 +33,9 @@ from hapticd.sim.world_errors import FingerLoad, WorldErrors
 from hapticd.tools.calibrate import folder, touch
 from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.record import simulated
-from hapticd.tools.touch_recording import read
+from hapticd.tools.touch_recording import Collected, read
+from hapticd.values import Knot, LimitReason, SafeDrive
+from hapticd.wire.reference import encode_reference
 
 Recorded = Callable[[TrackpadConfig, int, float], Path]
 MISPLACED = TrackpadConfig(offset_mm=(0.4, -0.3), latency_ms=13.0)  # the simulated pad lies at 0, 0 and takes 10 ms
@@ -55,6 +58,15 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
         return path
 
     return make
+
+
+@pytest.mark.parametrize("has_pulse", [False, True])
+def test_a_reference_is_read_with_and_without_a_pulse_of_the_sync_output(has_pulse: bool) -> None:
+    drive = SafeDrive(0, (Knot(0, (1.0, 0.5j)), Knot(8_000_000, (0.25, 0.0))), LimitReason.NONE)
+    collected = Collected.of(Config())
+    collected.take(Record("written", 1, 0, {"line": encode_reference(7, drive, 1000, has_pulse)}))
+    (frame,) = collected.frames
+    assert frame.modal_um.tolist() == [[1.0, 0.5j], [0.25, 0.0]]
 
 
 def test_a_recording_has_ticks_and_fingers_on_one_clock(recorded: Recorded) -> None:
