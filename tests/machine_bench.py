@@ -10,13 +10,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgpack
-import numpy as np
 import pytest
+from pipeline_bench import MS, PLATE
 
 from hapticd.board_values import UNCALIBRATED, Calibration
 from hapticd.config.sections import Config
 from hapticd.core.board.supervisor import State
-from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.daemon.machine import TIMER_NS, Machine
 from hapticd.daemon.observer import Observer
@@ -27,7 +26,6 @@ from hapticd.values import RawReport
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-MS = 1_000_000
 START_NS = 900_000_000_000
 SLIPPERY, STICKY = Rest((-30.2, 5.1)), Rest((21.3, -14.9))
 QUIET, LIVE, FAULT = 0, 1, 2
@@ -44,15 +42,6 @@ NAMES = {
     protocol.MSG_SET_TELEMETRY: "telemetry",
 }
 NUMBERS = {name: number for number, name in NAMES.items()}
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 111)
-    wave = np.sin(2 * np.pi * axis_mm / 27.0)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
-
-
-PLATE = sine_plate()
 
 
 @dataclass(frozen=True)
@@ -155,7 +144,6 @@ class Bench:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)
-        self.published: list[dict[str, Any]] = []
         config = Config() if config is None else config
         self.machine = Machine(
             *(config, PLATE),

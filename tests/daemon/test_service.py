@@ -9,16 +9,16 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from asynchronous import PATIENCE_S, until
+from machine_bench import PLATE
 
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
-from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
 from hapticd.daemon.settings import pipeline_settings
@@ -29,21 +29,14 @@ from hapticd.sim.rig.files import write_measured
 from hapticd.sim.rig.process import MODES_FILE
 from hapticd_client import Client
 
-PATIENCE_S = 10.0
 _POINTS_MM = [(x_mm, y_mm) for y_mm in (-60, -20, 20, 60) for x_mm in (-60, -20, 20, 60)]
 ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 3600}\n" for x, y in _POINTS_MM)).encode()
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 56)
-    wave = np.sin(2 * np.pi * axis_mm / 27.0)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (56, 1)), np.tile(wave, (56, 1)).T]))
 
 
 @pytest.fixture
 def configuration(tmp_path: Path) -> Config:
     """One whose rig runs already, as far as anybody can see: a map, and neither board nor pad yet."""
-    sine_plate().save(tmp_path / MODES_FILE)
+    PLATE.save(tmp_path / MODES_FILE)
     config = Config()
     return replace(
         config,
@@ -52,24 +45,10 @@ def configuration(tmp_path: Path) -> Config:
     )
 
 
-@pytest.fixture
-def manager(tmp_path: Path) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(str(tmp_path / "notify"))
-        listening.setblocking(False)
-        yield listening
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():
-            await asyncio.sleep(0.002)
-
-
 def test_the_simulated_plate_s_map_is_the_rig_s(configuration: Config, tmp_path: Path) -> None:
     with ConfigLoader() as config_loader:
         prepared = config_loader.prepare(configuration)
-    assert np.array_equal(prepared.modes.shapes, sine_plate().shapes)
+    assert np.array_equal(prepared.modes.shapes, PLATE.shapes)
     assert prepared.board_port == str(tmp_path / "board")
     assert prepared.runtime_dir == tmp_path / "run"
 
@@ -248,7 +227,7 @@ def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
             del scenario, seed, plate, modes, wiring
             self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
             self.directory = Path(self._directory.name)
-            sine_plate().save(self.directory / MODES_FILE)
+            PLATE.save(self.directory / MODES_FILE)
             self.process = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     monkeypatch.setattr(service, "RigProcess", IdleRig)
@@ -271,7 +250,7 @@ def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
 def test_a_configuration_is_checked_without_opening_anything(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sine_plate().save(tmp_path / "map.npz")
+    PLATE.save(tmp_path / "map.npz")
     config = tmp_path / "hapticd.toml"
     text = f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n[client]\nruntime_dir = "{tmp_path}/run"\n'
     for limits, code, said in (("[4.0, 4.0]", 0, ""), ("[4.0]", 78, "give one for each mode.")):
