@@ -24,17 +24,7 @@ RING_DOWN_S = 0.060  # ten time constants of the plate
 def test_a_killed_client_s_fingers_are_released_within_its_time_to_live(bench: Bench) -> None:
     bench.rig()
     bench.service()
-    watcher = bench.client("watcher")
-    program = (
-        "import sys, time\nfrom hapticd_client import Client\n"
-        "with Client(sys.argv[1], 'doomed', timeout_s=30) as plate:\n"
-        "    while len(fingers := plate.fingers(30)) < 2: pass\n"
-        "    left, right = sorted(fingers, key=lambda finger: finger.x_mm)\n"
-        f"    plate.set(left, amplitude_um=1.0, ttl_s={TTL_S}); plate.set(right, amplitude_um=0.0, ttl_s={TTL_S})\n"
-        "    time.sleep(60)\n"
-    )
-    doomed = bench.program("-c", program, str(bench.runtime_dir))
-    wait_state(watcher, is_driven)
+    watcher, doomed = bench.driven_by_a_program(TTL_S)
     doomed.kill()
     t_kill_ns = time.monotonic_ns()
     released = wait_state(watcher, is_quiet)

@@ -103,13 +103,3 @@ def test_the_papers_study_gives_the_user_and_a_virtual_finger_opposite_friction(
     study.send_signal(signal.SIGTERM)
     study.communicate(timeout=PATIENCE_S)
     wait_state(client, lambda state: not any(finger.virtual for finger in state.fingers))
-
-
-@pytest.mark.parametrize("directory", ["missing/demo.png"])
-def test_a_demo_checks_first_that_it_can_write_its_picture(bench: Bench, directory: str) -> None:
-    out = Path(bench.folder, directory)
-    command = [sys.executable, "-m", "hapticd", "demo", "--out", str(out)]
-    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
-        output, complaints = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, output) == (2, "")
-    assert complaints.startswith(f"hapticd: {out}: its directory is missing")
