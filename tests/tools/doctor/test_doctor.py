@@ -16,8 +16,9 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
+from asynchronous import VirtualTimeLoop
 from machine_bench import SLIPPERY, STICKY, Bench
-from virtual_board import BoardLink, VirtualLoop
+from virtual_board import BoardLink
 
 from hapticd import __version__
 from hapticd.__main__ import main
@@ -380,7 +381,7 @@ def test_the_rate_that_the_daemon_counts_is_judged(
 
 
 def test_a_free_board_reports_its_firmware() -> None:
-    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         assert runner.run(devices.firmware_version(BoardLink(), "the bench")) == "0.1.0"  # type: ignore[arg-type]
         with pytest.raises(DeviceError, match="No board answers on the bench"):
             runner.run(devices.firmware_version(BoardLink(mute=True), "the bench"))  # type: ignore[arg-type]
