@@ -27,10 +27,7 @@ def stay_driven(client: Client) -> None:
 
 
 def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_again(bench: Bench) -> None:
-    rig = bench.rig(record=True)
-    service = bench.service()
-    client = bench.client()
-    drive(client)
+    rig, service, client, _ = bench.driven(record=True)
     stay_driven(client)
     service.process.send_signal(signal.SIGSTOP)
     t_stop_s = time.monotonic() - rig.t_start_s
@@ -55,8 +52,6 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
 
 
 def test_a_stopped_client_s_fingers_are_released_within_its_time_to_live(bench: Bench) -> None:
-    bench.rig()
-    bench.service()
     watcher, stopped = bench.driven_by_a_program(TTL_S)
     stopped.send_signal(signal.SIGSTOP)
     t_stop_ns = time.monotonic_ns()

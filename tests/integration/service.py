@@ -146,8 +146,15 @@ class Bench:
         self._running.append(process)
         return process
 
+    def driven(self, scenario: str = "circles", *, record: bool = False) -> tuple[Rig, Service, Client, PlateState]:
+        """A rig, a service and a client that has one finger slip and one stick, and the first state with both."""
+        rig, service, client = self.rig(scenario, record=record), self.service(), self.client()
+        return rig, service, client, drive(client)
+
     def driven_by_a_program(self, ttl_s: float) -> tuple[Client, subprocess.Popen[str]]:
         """A client that only watches, and a program that makes one finger slip and one stick, once it is obeyed."""
+        self.rig()
+        self.service()
         watcher = self.client("watcher")
         program = self.program("-c", DRIVING, str(self.runtime_dir), str(ttl_s))
         wait_state(watcher, is_driven)

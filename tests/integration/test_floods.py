@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from flooder import KINDS
-from service import Bench, drive, resident_mb, wait_for
+from service import Bench, resident_mb, wait_for
 
 from hapticd.io.clients import keys
 
@@ -34,10 +34,7 @@ def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kin
     text = bench.config.read_text().replace("[client]", f'[client]\ntcp = "127.0.0.1:{PORT}"\nkeys_dir = "{folder}"')
     bench.config.write_text(text)
     bench.configure("[realtime]\nfifo_priority = 20\n")  # as the system service; else a warning
-    bench.rig()
-    service = bench.service()
-    client = bench.client()
-    drive(client)
+    _, service, client, _ = bench.driven()
     states = client.states(timeout_s=10.0)
     if kind != "none":
         where = [f"tcp://127.0.0.1:{PORT}", str(folder / "hapticd.key"), str(folder / "eve.key_secret")]

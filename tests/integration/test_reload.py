@@ -59,7 +59,5 @@ def test_reloads_in_a_row_trip_no_dead_man_and_leave_nothing_behind(bench: Bench
 
 
 def test_a_running_service_takes_at_most_60_mb(bench: Bench) -> None:
-    bench.rig()
-    service = bench.service()
-    drive(bench.client())
+    _, service, _, _ = bench.driven()
     assert resident_mb(service.process.pid) <= 60.0
