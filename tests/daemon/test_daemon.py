@@ -6,7 +6,7 @@ import asyncio
 import os
 import signal
 import socket
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -59,6 +59,12 @@ class Hardware:
         finally:
             await daemon.stop()
 
+    async def serving(self, *reread: Callable[[], Coroutine[Any, Any, Any]]) -> asyncio.Task[Any]:
+        """`serve` from when it serves clients."""
+        task = asyncio.create_task(serve(self.daemon(), PLATE, *reread))
+        await until((self.folder / "run" / "control").is_socket)
+        return task
+
     def close(self) -> None:
         self.terminal.close()
         self.pad.close()
@@ -74,8 +80,7 @@ def hardware(tmp_path: Path) -> Iterator[Hardware]:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @asynchronous
 async def test_a_signal_ends_serving_and_frees_the_directory(hardware: Hardware, number: signal.Signals) -> None:
-    serving = asyncio.create_task(serve(hardware.daemon(), PLATE))
-    await until(lambda: (hardware.folder / "run" / "control").is_socket())
+    serving = await hardware.serving()
     os.kill(os.getpid(), number)
     os.kill(os.getpid(), number)  # an impatient person
     await asyncio.wait_for(serving, PATIENCE_S)
@@ -88,38 +93,32 @@ async def test_the_board_is_greeted_as_soon_as_the_service_starts(hardware: Hard
         assert hardware.terminal.heard() == b"\0" + device.encode_hello_request()
 
 
-def test_a_hang_up_with_a_sound_configuration_ends_serving_with_what_shall_follow(hardware: Hardware) -> None:
-    async def story() -> str | None:
-        async def reread() -> str:
-            return "the next"
+@asynchronous
+async def test_a_hang_up_with_a_sound_configuration_ends_serving_with_what_shall_follow(hardware: Hardware) -> None:
+    async def reread() -> str:
+        return "the next"
 
-        serving = asyncio.create_task(serve(hardware.daemon(), PLATE, reread))
-        await until(lambda: (hardware.folder / "run" / "control").is_socket())
-        os.kill(os.getpid(), signal.SIGHUP)
-        return await asyncio.wait_for(serving, PATIENCE_S)
-
-    assert asyncio.run(story()) == "the next"
+    serving = await hardware.serving(reread)
+    os.kill(os.getpid(), signal.SIGHUP)
+    assert await asyncio.wait_for(serving, PATIENCE_S) == "the next"
     assert sorted(os.listdir(hardware.folder / "run")) == ["lock"]
 
 
-def test_a_hang_up_with_a_bad_configuration_is_one_line_and_changes_nothing(
+@asynchronous
+async def test_a_hang_up_with_a_bad_configuration_is_one_line_and_changes_nothing(
     hardware: Hardware, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def story() -> str | None:
-        async def reread() -> str:
-            raise ConfigError("hapticd.toml: limits is wrong.")
+    async def reread() -> str:
+        raise ConfigError("hapticd.toml: limits is wrong.")
 
-        serving = asyncio.create_task(serve(hardware.daemon(), PLATE, reread))
-        await until(lambda: (hardware.folder / "run" / "control").is_socket())
-        for _ in range(2):  # the second shows that the first is over and done with
-            caplog.clear()
-            os.kill(os.getpid(), signal.SIGHUP)
-            await until(lambda: "hapticd.toml: limits is wrong." in caplog.text)
-        assert not serving.done()
-        os.kill(os.getpid(), signal.SIGTERM)
-        return await asyncio.wait_for(serving, PATIENCE_S)
-
-    assert asyncio.run(story()) is None
+    serving = await hardware.serving(reread)
+    for _ in range(2):  # the second shows that the first is over and done with
+        caplog.clear()
+        os.kill(os.getpid(), signal.SIGHUP)
+        await until(lambda: "hapticd.toml: limits is wrong." in caplog.text)
+    assert not serving.done()
+    os.kill(os.getpid(), signal.SIGTERM)
+    assert await asyncio.wait_for(serving, PATIENCE_S) is None
     said = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
     assert said == ["SIGHUP: hapticd.toml: limits is wrong. The present configuration stays."]
 
@@ -280,15 +279,13 @@ async def test_telemetry_is_built_while_somebody_listens(hardware: Hardware) -> 
         await until(lambda: machine.status.publish is None)
 
 
-def test_each_start_has_an_instance_of_its_own(hardware: Hardware) -> None:
-    async def story() -> set[int]:
-        instances = set()
-        for _ in range(3):
-            async with hardware.started() as service:
-                instances.add(service.machine.instance)
-        return instances
-
-    assert len(asyncio.run(story())) == 3
+@asynchronous
+async def test_each_start_has_an_instance_of_its_own(hardware: Hardware) -> None:
+    instances = set()
+    for _ in range(3):
+        async with hardware.started() as service:
+            instances.add(service.machine.instance)
+    assert len(instances) == 3
 
 
 def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_make_them(
@@ -306,16 +303,14 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     assert "the allow-list is empty" in capsys.readouterr().err
 
 
-def test_what_corrects_the_pad_runs_with_the_service_and_ends_with_it(hardware: Hardware) -> None:
-    async def story() -> list[object]:
-        config = replace(CONFIG, trackpad=replace(CONFIG.trackpad, correct_while_touched=True))
-        async with hardware.started(config=config) as daemon:
-            calibration = daemon.machine.status.calibration
-            assert daemon.machine.observer is not None
-            running = calibration()["running"]
-        return [running, calibration()["running"]]
-
-    assert asyncio.run(story()) == [True, False]
+@asynchronous
+async def test_what_corrects_the_pad_runs_with_the_service_and_ends_with_it(hardware: Hardware) -> None:
+    config = replace(CONFIG, trackpad=replace(CONFIG.trackpad, correct_while_touched=True))
+    async with hardware.started(config=config) as daemon:
+        calibration = daemon.machine.status.calibration
+        assert daemon.machine.observer is not None
+        assert calibration()["running"] is True
+    assert calibration()["running"] is False
 
 
 @asynchronous

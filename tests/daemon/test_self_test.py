@@ -113,7 +113,10 @@ async def test_a_test_of_a_touched_plate_is_made_again(
 
 
 @pytest.mark.parametrize("last", [UNKNOWN, MOVED])
-def test_what_a_touched_test_found_unsafe_is_not_driven_untested(last: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@asynchronous
+async def test_what_a_touched_test_found_unsafe_is_not_driven_untested(
+    last: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As when the board is unplugged meanwhile, or a finger rests on it."""
     results: list[tuple[str, str]] = []
     found = iter([(UNSAFE, SWAPPED), (UNSAFE, SWAPPED), (last, SHIFTED), (UNSAFE, SWAPPED), (UNKNOWN, "")])
@@ -125,12 +128,8 @@ def test_what_a_touched_test_found_unsafe_is_not_driven_untested(last: str, monk
     monkeypatch.setattr(self_test, "LOOK_S", 0.0)
     down = itertools.chain([1] * 7, itertools.repeat(0))
     made = self_test.SelfTest(CONFIG.device, "/dev/none")
-
-    async def story() -> None:
-        made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: (5, next(down)))
-        await until(lambda: results[-1][0] != RUNNING)
-
-    asyncio.run(story())
+    made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: (5, next(down)))
+    await until(lambda: results[-1][0] != RUNNING)
     assert results[-1] == (UNSAFE, SWAPPED)
 
 
