@@ -1,18 +1,57 @@
-"""Decorator for test functions that are coroutines."""
+"""Test functions that are coroutines, in real or in virtual time, and a bounded wait for what they bring about."""
 
 from __future__ import annotations
 
 import asyncio
 import functools
+import selectors
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+PATIENCE_S = 20.0
 
-def asynchronous(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+
+def asynchronous(
+    test: Callable[..., Coroutine[Any, Any, None]],
+    loop_factory: Callable[[], asyncio.AbstractEventLoop] | None = None,
+) -> Callable[..., None]:
     """Run the test on an event loop of its own; pytest passes fixtures as for a function."""
 
     @functools.wraps(test)
     def run(*arguments: Any, **options: Any) -> None:
-        asyncio.run(test(*arguments, **options))
+        with asyncio.Runner(loop_factory=loop_factory) as runner:
+            runner.run(test(*arguments, **options))
 
     return run
+
+
+async def until(condition: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
+    """Turn the loop until it holds, calling `meanwhile` at each look; TimeoutError after PATIENCE_S."""
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.002)
+            meanwhile()
+
+
+class JumpingSelector(selectors.DefaultSelector):
+    """Instead of waiting, moves the clock."""
+
+    t_s = 0.0
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        events = super().select(0)
+        if not events:
+            assert timeout is not None, "nothing is left that could wake the loop"
+            self.t_s += max(timeout, 0.0)
+        return events
+
+
+class VirtualTimeLoop(asyncio.SelectorEventLoop):
+    """A loop whose time passes only when nothing else can happen."""
+
+    def __init__(self) -> None:
+        self.selector = JumpingSelector()
+        super().__init__(self.selector)
+
+    def time(self) -> float:
+        return self.selector.t_s

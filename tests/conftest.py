@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gc
 import os
+import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,6 +26,15 @@ settings.register_profile(
 )
 settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False)
 settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    """What a service manager hears: NOTIFY_SOCKET."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(tmp_path / "notify"))
+        listening.setblocking(False)
+        yield listening
 
 
 SLOWEST = {"virtual_machine", "view"}  # folders of emulated machines and browsers

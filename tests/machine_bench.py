@@ -10,13 +10,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import msgpack
-import numpy as np
 import pytest
+from pipeline_bench import MS, PLATE
 
 from hapticd.board_values import UNCALIBRATED, Calibration
 from hapticd.config.sections import Config
 from hapticd.core.board.supervisor import State
-from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.daemon.machine import TIMER_NS, Machine
 from hapticd.daemon.observer import Observer
@@ -27,7 +26,6 @@ from hapticd.values import RawReport
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-MS = 1_000_000
 START_NS = 900_000_000_000
 SLIPPERY, STICKY = Rest((-30.2, 5.1)), Rest((21.3, -14.9))
 QUIET, LIVE, FAULT = 0, 1, 2
@@ -44,15 +42,6 @@ NAMES = {
     protocol.MSG_SET_TELEMETRY: "telemetry",
 }
 NUMBERS = {name: number for number, name in NAMES.items()}
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 111)
-    wave = np.sin(2 * np.pi * axis_mm / 27.0)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
-
-
-PLATE = sine_plate()
 
 
 @dataclass(frozen=True)
@@ -118,6 +107,11 @@ class FakeBoard:
         if self.state != FAULT:
             self.state = QUIET
 
+    def latch(self, fault_code: int) -> None:
+        """A fault that stays until it is cleared, and the status that tells of it."""
+        self.state, self.fault_code = FAULT, fault_code
+        self.status()
+
     def status(self) -> None:
         now_us = self.bench.t_ns // 1000 % 2**32
         head = (now_us, self.state, 1, self.fault_code, 2, self.seq, now_us, now_us, 0, 0, 0)
@@ -155,7 +149,6 @@ class Bench:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
         self.board = FakeBoard(self, protocol_hash)
-        self.published: list[dict[str, Any]] = []
         config = Config() if config is None else config
         self.machine = Machine(
             *(config, PLATE),
@@ -202,15 +195,25 @@ class Bench:
     def want(self, targets: dict[int | str, float], ttl_s: float = 5.0) -> None:
         items = [{"finger": finger, "amplitude_um": amplitude_um} for finger, amplitude_um in targets.items()]
         before = self.machine.clients.refused
-        payload = msgpack.packb({"v": 1, "client": "test", "ttl_s": ttl_s, "targets": items})
-        self.machine.targets(payload, self.t_ns)
+        self.send(ttl_s=ttl_s, targets=items)
         assert self.machine.clients.refused == before, self.machine.clients.last_refusal
 
-    def ask(self, op: str, **body: object) -> dict[str, Any]:
+    def send(self, *, by: str = "", **message: object) -> None:
+        """A message of a client, of the user `by`, on the targets socket."""
+        self.machine.targets(msgpack.packb({"v": 1, "client": "test", "ttl_s": 5.0, **message}), self.t_ns, by)
+
+    def ask(self, op: str, *, by: str = "", **body: object) -> dict[str, Any]:
+        """The reply to a request of the user `by` on the control socket."""
         request = {"v": 1, "id": 3, "op": op, **({"body": body} if body else {})}
-        reply = msgpack.unpackb(self.machine.request(msgpack.packb(request), self.t_ns))
+        reply = msgpack.unpackb(self.machine.request(msgpack.packb(request), self.t_ns, by))
         assert isinstance(reply, dict)
         return reply
+
+    def published(self) -> list[dict[str, Any]]:
+        """A list that gets every state from now on."""
+        states: list[dict[str, Any]] = []
+        self.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
+        return states
 
     @property
     def state(self) -> State:

@@ -151,10 +151,13 @@ def test_a_configuration_that_cannot_run_is_one_sentence(
     assert not (tmp_path / "run").exists()
 
 
-def test_a_missing_configuration_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, complaint = outcome(capsys, "run", "--config", str(tmp_path / "none.toml"))
-    assert code == 78
-    assert complaint.startswith(f"hapticd: {tmp_path}/none.toml: cannot be read")
+@pytest.mark.parametrize(("name", "why"), [("none.toml", "No such file or directory"), ("", "Is a directory")])
+def test_a_missing_configuration_is_one_sentence(
+    name: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    sentence = f"hapticd: {path}: cannot be read ({why}): check the path given to --config.\n"
+    assert outcome(capsys, "run", "--config", str(path)) == (78, "", sentence)
 
 
 def test_a_played_scenario_gives_figures_and_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -198,12 +201,6 @@ def test_an_image_is_refused_without_its_board_or_its_file(capsys: pytest.Captur
     assert "no-such-image: there is no such firmware image" in complaint
 
 
-def test_the_package_runs_as_a_module() -> None:
-    command = [sys.executable, "-m", "hapticd", "--version"]
-    output = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert output.stdout.startswith(f"hapticd {__version__}")
-
-
 def test_the_service_imports_no_other_command() -> None:
     program = "import sys; from hapticd.__main__ import parser; parser('run'); print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
@@ -211,16 +208,6 @@ def test_the_service_imports_no_other_command() -> None:
     others = {command.module for name, command in COMMANDS.items() if name != "run"}
     assert not {f"hapticd.{module}" for module in others} & set(loaded)
     assert not any(name.startswith(("hapticd.sim", "numpy")) for name in loaded)
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk_behind_standard_output_is_one_sentence() -> None:
-    with open("/dev/full", "w") as full:
-        ended = subprocess.run(
-            [sys.executable, "-m", "hapticd", "run", "--print-config"], stdout=full, stderr=subprocess.PIPE, text=True
-        )
-    assert ended.returncode == 1
-    assert ended.stderr == "hapticd: standard output: No space left on device\n"
 
 
 def test_a_file_that_cannot_be_written_is_one_sentence(
@@ -245,27 +232,27 @@ def test_no_time_is_a_usage_error(command: tuple[str, ...], seconds: str, capsys
     code, output, complaint = outcome(capsys, *command, f"--seconds={seconds}")
     assert (code, output) == (2, "")
     assert complaint == f"hapticd: --seconds: {float(seconds):g} is out of bounds, it must be above 0.\n"
-    assert complaint.count("\n") == 1
 
 
-def test_a_folder_as_configuration_is_refused_without_an_errno(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, _, complaint = outcome(capsys, "run", "--config", str(tmp_path))
-    assert code == 78
-    assert complaint == f"hapticd: {tmp_path}: cannot be read (Is a directory): check the path given to --config.\n"
+SIMULATE = ("simulate", "rest", "--seconds", "0.2", "--alone", "--json")
 
 
-@pytest.mark.parametrize("file", ["/dev/full", "-"])
-def test_a_full_disk_is_reported_with_its_file(file: str) -> None:
-    command = [sys.executable, "-m", "hapticd", "simulate", "rest", "--seconds", "0.2", "--alone", "--json", file]
-    with Path("/dev/full").open("w") as full:
-        out = full if file == "-" else subprocess.DEVNULL
-        ended = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ((*SIMULATE, "/dev/full"), "/dev/full: cannot be written (No space left on device): choose another place."),
+        ((*SIMULATE, "-"), "standard output: No space left on device"),
+        (("run", "--print-config"), "standard output: No space left on device"),
+    ],
+)
+def test_a_full_disk_is_reported_with_its_file(command: tuple[str, ...], sentence: str) -> None:
+    with open("/dev/full", "w") as full:
+        call = [sys.executable, "-m", "hapticd", *command]
+        ended = subprocess.run(call, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 1
-    complaint = ended.stderr.splitlines()[-1]
-    assert complaint.startswith(f"hapticd: {'standard output' if file == '-' else file}: ")
-    assert "No space left on device" in complaint
+    assert ended.stderr.splitlines()[-1] == f"hapticd: {sentence}"
+    assert "Traceback" not in ended.stderr
 
 
 def test_a_demo_without_matplotlib_says_so_at_its_start_and_goes_on(

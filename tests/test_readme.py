@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from hapticd import __version__
-from hapticd.__main__ import main
+from hapticd.__main__ import COMMANDS
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
 
@@ -64,14 +64,8 @@ def test_its_first_clients_are_ten_lines_of_python_that_compile() -> None:
         compile(block, "README.md", "exec")
 
 
-@pytest.mark.parametrize(
-    "command", sorted({name for _, name in found(r"hapticd (demo|run|simulate|bench|doctor|keys)\b")})
-)
-def test_a_command_that_is_named_exists_and_shows_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main([command, "--help"])
-    assert ended.value.code == 0
-    assert "example: hapticd " + command in capsys.readouterr().out
+def test_a_command_that_is_named_exists() -> None:
+    assert {name for _, name in found(r"(?:bin/|`)hapticd ([a-z-]+)")} <= set(COMMANDS)
 
 
 def test_the_make_targets_that_are_named_exist() -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import selectors
 from collections.abc import Callable, Coroutine
 from typing import Any
 
 import numpy as np
+from asynchronous import VirtualTimeLoop
 
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.plate.ground_truth import GroundTruth
@@ -15,28 +15,6 @@ from hapticd.sim.world import World
 
 STEP_TICKS = 4  # 2 ms
 LINK_S = 0.002
-
-
-class JumpingSelector(selectors.SelectSelector):
-    """Waits by moving the clock on."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.now_s = 0.0
-
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        assert timeout is not None, "nothing will ever happen"
-        self.now_s += max(timeout, 0.0)
-        return super().select(0)
-
-
-class VirtualLoop(asyncio.SelectorEventLoop):
-    def __init__(self) -> None:
-        self._jumping = JumpingSelector()
-        super().__init__(self._jumping)
-
-    def time(self) -> float:
-        return self._jumping.now_s
 
 
 class BoardLink:
@@ -93,7 +71,7 @@ class BoardLink:
 
 
 def in_virtual_time(what: Coroutine[Any, Any, Any]) -> Any:
-    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         return runner.run(what)
 
 

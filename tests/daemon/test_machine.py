@@ -5,9 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import weakref
-from typing import Any
 
-import msgpack
 import pytest
 from machine_bench import MS, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
@@ -89,9 +87,7 @@ def test_virtual_fingers_walk_on_without_a_single_report() -> None:
     bench = Bench()
     bench.run(400)
     path = {"name": "walker", "path_mm": [[-40.0, 0.0], [40.0, 0.0]], "speed_mm_s": 50.0}
-    items = [{"finger": "walker", "amplitude_um": 1.0}]
-    message = {"v": 1, "client": "test", "ttl_s": 5.0, "targets": items, "virtuals": [path]}
-    bench.machine.targets(msgpack.packb(message), bench.t_ns)
+    bench.send(targets=[{"finger": "walker", "amplitude_um": 1.0}], virtuals=[path])
     assert bench.machine.clients.last_refusal == ""
     said = references(bench.run(400))
     assert bench.state is State.ACTIVE
@@ -114,8 +110,7 @@ def test_the_last_thing_said_is_silence() -> None:
 def test_telemetry_is_built_for_listeners_only() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     assert bench.machine.status.published == 0
-    states: list[dict[str, Any]] = []
-    bench.machine.status.publish = lambda payload: states.append(msgpack.unpackb(payload))
+    states = bench.published()
     bench.run(100)
     assert 8 <= len(states) <= 10
     assert [state["seq"] for state in states] == list(range(1, len(states) + 1))
@@ -143,7 +138,7 @@ def test_a_listener_changes_nothing_of_what_the_board_hears_and_the_unbuilt_are_
 def test_bad_messages_are_counted_and_the_last_refusal_is_kept() -> None:
     bench = Bench()
     bench.machine.targets(b"\xc1", bench.t_ns)
-    bench.machine.targets(msgpack.packb({"v": 1, "client": "x", "ttl_s": 99.0, "targets": []}), bench.t_ns)
+    bench.send(ttl_s=99.0, targets=[])
     clients = bench.ask("status")["body"]["clients"]
     assert clients["refused"] == 2
     assert "ttl_s" in clients["last_refusal"]

@@ -243,8 +243,7 @@ def test_moving_fingers_need_no_keep_alives() -> None:
 def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     lines(caplog)
-    bench.board.state, bench.board.fault_code = FAULT, 3
-    bench.board.status()
+    bench.board.latch(3)
     bench.run(300)
     assert bench.state is State.FAULT
     assert bench.board.peak_um == 0.0
@@ -261,8 +260,7 @@ def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pyt
 
 def test_a_fault_outlives_the_board_that_had_it_and_can_still_be_cleared() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
-    bench.board.state, bench.board.fault_code = FAULT, 3
-    bench.board.status()
+    bench.board.latch(3)
     bench.run(50)
     bench.board.plugged = False
     bench.machine.board_link(False, "pulled", bench.t_ns)
@@ -280,8 +278,7 @@ def test_a_fault_outlives_the_board_that_had_it_and_can_still_be_cleared() -> No
 
 def test_a_fault_whose_cause_persists_stays_and_an_old_request_does_not_clear_a_later_one() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
-    bench.board.state, bench.board.fault_code = FAULT, 6
-    bench.board.status()
+    bench.board.latch(6)
     bench.run(50)
     bench.machine.request(msgpack.packb({"v": 1, "id": 1, "op": "clear_fault"}), bench.t_ns)
     bench.board.state, bench.board.fault_code = FAULT, 6

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -43,17 +42,9 @@ def held(*, is_running: bool = False) -> Bench:
     while len(bench.machine.pipeline.fingers) < 2:
         bench.run(10)
     items = [{"finger": 1, "amplitude_um": 1.0}, {"finger": 2, "amplitude_um": 0.0}]
-    message = {"v": 1, "client": "study", "ttl_s": 5.0, "stamp": 100, "targets": items}
-    bench.machine.targets(msgpack.packb(message), bench.t_ns, VICTIM)
+    bench.send(by=VICTIM, client="study", stamp=100, targets=items)
     assert bench.machine.clients.refused == 0
     return bench
-
-
-def ask(bench: Bench, user: str, op: str, **body: object) -> dict[str, Any]:
-    payload = msgpack.packb({"v": 1, "id": 3, "op": op, "body": body})
-    reply = msgpack.unpackb(bench.machine.request(payload, bench.t_ns, user))
-    assert isinstance(reply, dict)
-    return reply
 
 
 @given(attacks=st.lists(ATTACKS, min_size=1, max_size=4))
@@ -62,11 +53,11 @@ def test_no_message_of_another_user_changes_what_a_held_finger_is_to_get(attacks
     bench = held()
     before = [bench.machine.scene.target_of(finger) for finger in (1, 2)]
     for attack in attacks:
-        bench.machine.targets(msgpack.packb({"v": 1, **attack}), bench.t_ns, ATTACKER)
-        ask(bench, ATTACKER, "set", **attack)
-        ask(bench, ATTACKER, "release", client=attack["client"])
-        ask(bench, ATTACKER, "release", client="study", finger=1)
-        bench.machine.targets(msgpack.packb({"v": 1, **attack}), bench.t_ns, ATTACKER)
+        bench.send(by=ATTACKER, **attack)
+        bench.ask("set", by=ATTACKER, **attack)
+        bench.ask("release", by=ATTACKER, client=attack["client"])
+        bench.ask("release", by=ATTACKER, client="study", finger=1)
+        bench.send(by=ATTACKER, **attack)
     assert [bench.machine.scene.target_of(finger) for finger in (1, 2)] == before
     assert [bench.machine.scene.owner_of(finger) for finger in (1, 2)] == ["study", "study"]
 
@@ -76,8 +67,7 @@ def attacked(bench: Bench, amplitude_um: float) -> list[Heard]:
     for n in range(40):
         path = {"name": f"v{n}", "path_mm": [[-60.0 + 3.0 * n, -60.0], [60.0, 60.0 - 3.0 * n]], "speed_mm_s": 2000.0}
         wish = {"finger": f"v{n}", "amplitude_um": amplitude_um}
-        message = {"v": 1, "client": f"attacker-{n}", "ttl_s": 5.0, "targets": [wish], "virtuals": [path]}
-        bench.machine.targets(msgpack.packb(message), bench.t_ns, ATTACKER)
+        bench.send(by=ATTACKER, client=f"attacker-{n}", targets=[wish], virtuals=[path])
     assert bench.machine.clients.refused == 40 - 15
     return references(bench.run(200))
 
@@ -99,27 +89,27 @@ def test_a_crowd_of_still_fingers_can_silence_the_plate_and_no_more() -> None:
 
 def test_a_name_in_use_is_refused_to_another_user_with_a_sentence() -> None:
     bench = held()
-    assert "in use by uid 1000: choose another" in ask(bench, ATTACKER, "release", client="study")["error"]
-    bench.machine.targets(msgpack.packb({"v": 1, "client": "study"}), bench.t_ns, ATTACKER)
+    assert "in use by uid 1000: choose another" in bench.ask("release", by=ATTACKER, client="study")["error"]
+    bench.send(by=ATTACKER, client="study")
     assert "in use by uid 1000" in bench.machine.clients.last_refusal
 
 
 def test_a_marker_under_another_users_name_is_refused_and_one_under_a_free_name_takes_it() -> None:
     bench = held()
-    refused = ask(bench, ATTACKER, "marker", client="study", text="trial 7 begins")
+    refused = bench.ask("marker", by=ATTACKER, client="study", text="trial 7 begins")
     assert refused["error"] == "The client name 'study' is in use by uid 1000: choose another."
     assert bench.machine.clients.markers == []
-    assert ask(bench, VICTIM, "marker", client="study", text="trial 7 begins")["ok"]
-    assert ask(bench, VICTIM, "marker", client="notes", text="a dog barks")["ok"]
-    assert "in use by uid 1000" in ask(bench, ATTACKER, "marker", client="notes", text="trial 8 begins")["error"]
+    assert bench.ask("marker", by=VICTIM, client="study", text="trial 7 begins")["ok"]
+    assert bench.ask("marker", by=VICTIM, client="notes", text="a dog barks")["ok"]
+    assert "in use by uid 1000" in bench.ask("marker", by=ATTACKER, client="notes", text="trial 8 begins")["error"]
 
 
 def test_a_finger_that_has_not_touched_yet_can_be_held_by_nobody() -> None:
     bench = held()
     future = [{"finger": finger, "amplitude_um": 0.0} for finger in range(3, 19)]
-    bench.machine.targets(msgpack.packb({"v": 1, "client": "greedy", "targets": future}), bench.t_ns, ATTACKER)
+    bench.send(by=ATTACKER, client="greedy", targets=future)
     assert bench.machine.clients.last_refusal == "finger 3 has not touched the plate: use an id from the newest state."
-    reply = ask(bench, ATTACKER, "set", client="greedy", targets=[{"finger": 77, "amplitude_um": 1.0}])
+    reply = bench.ask("set", by=ATTACKER, client="greedy", targets=[{"finger": 77, "amplitude_um": 1.0}])
     assert reply["error"] == "finger 77 has not touched the plate: use an id from the newest state."
     assert [bench.machine.scene.owner_of(finger) for finger in (3, 18, 77)] == [None] * 3
 
@@ -128,24 +118,23 @@ def test_a_finger_that_has_lifted_may_stay_in_a_message_with_others() -> None:
     bench = held()
     bench.machine.trackpad_link(False, "unplugged", bench.t_ns)
     items = [{"finger": 1, "amplitude_um": 1.0}]
-    assert ask(bench, VICTIM, "set", client="study", targets=items)["ok"]
+    assert bench.ask("set", by=VICTIM, client="study", targets=items)["ok"]
 
 
 @pytest.mark.parametrize("op", ["set", "release"])
 def test_a_request_that_a_newer_message_overtook_is_an_error_and_changes_nothing(op: str) -> None:
     bench = held()
-    reply = ask(bench, VICTIM, op, client="study", stamp=99)
+    reply = bench.ask(op, by=VICTIM, client="study", stamp=99)
     assert (reply["ok"], "A newer message of this client" in reply["error"]) == (False, True)
     assert bench.machine.scene.owner_of(1) == "study"
-    assert ask(bench, VICTIM, op, client="study", stamp=100)["ok"]
+    assert bench.ask(op, by=VICTIM, client="study", stamp=100)["ok"]
     assert bench.machine.scene.owner_of(1) is None
 
 
 def test_an_overtaken_refresh_is_dropped_and_counted_not_refused() -> None:
     bench = held()
-    assert ask(bench, VICTIM, "release", client="study", stamp=101)["ok"]
-    late = {"v": 1, "client": "study", "stamp": 100, "targets": [{"finger": 1, "amplitude_um": 1.0}]}
-    bench.machine.targets(msgpack.packb(late), bench.t_ns, VICTIM)
+    assert bench.ask("release", by=VICTIM, client="study", stamp=101)["ok"]
+    bench.send(by=VICTIM, client="study", stamp=100, targets=[{"finger": 1, "amplitude_um": 1.0}])
     assert bench.machine.scene.owner_of(1) is None
     clients = bench.ask("status")["body"]["clients"]
     assert (clients["overtaken"], clients["refused"]) == (1, 0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgpack
 import pytest
 from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
 
@@ -14,8 +13,7 @@ CLICK = {"name": "click", "pulse": {"height_um": 1.0, "length_s": 0.05}}
 
 
 def publish(bench: Bench, *effects: dict[str, Any], ttl_s: float = 5.0, **more: object) -> None:
-    message = {"v": 1, "client": "test", "ttl_s": ttl_s, "effects": list(effects), **more}
-    bench.machine.targets(msgpack.packb(message), bench.t_ns)
+    bench.send(ttl_s=ttl_s, effects=effects, **more)
 
 
 def peaks_um(bench: Bench, milliseconds: int) -> list[float]:

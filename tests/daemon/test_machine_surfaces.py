@@ -16,8 +16,7 @@ from hapticd.daemon import client_gateway, layers
 
 
 def publish(bench: Bench, *surfaces: dict[str, object], client: str = "test", ttl_s: float = 5.0) -> None:
-    message = {"v": 1, "client": client, "ttl_s": ttl_s, "surfaces": list(surfaces)}
-    bench.machine.targets(msgpack.packb(message), bench.t_ns)
+    bench.send(client=client, ttl_s=ttl_s, surfaces=surfaces)
     assert bench.machine.clients.refused == 0, bench.machine.clients.last_refusal
 
 
@@ -75,21 +74,15 @@ def test_an_asset_is_uploaded_in_parts_felt_and_counted_and_a_name_has_one_user(
     bench = Bench(SLIPPERY)
     levels = bytes(200) + b"\xff" * 200
     body = {"client": "painter", "asset": hashlib.sha256(levels).digest(), "size": 400}
-
-    def ask(user: str, **part: object) -> dict[str, object]:
-        payload = msgpack.packb({"v": 1, "id": 3, "op": "asset", "body": body | part})
-        reply: dict[str, object] = msgpack.unpackb(bench.machine.request(payload, bench.t_ns, user))
-        return reply
-
-    assert ask("uid 1", offset=0, part=levels[:300])["body"] == {"have": 300}
-    assert ask("uid 2", offset=300, part=levels[300:])["ok"] is False
+    assert bench.ask("asset", by="uid 1", offset=0, part=levels[:300], **body)["body"] == {"have": 300}
+    assert bench.ask("asset", by="uid 2", offset=300, part=levels[300:], **body)["ok"] is False
     assert bench.ask("status")["body"]["assets"] == {"count": 0, "uploads": 1, "bytes": 400}
-    assert ask("uid 1", offset=300, part=levels[300:])["body"] == {"have": 400}
+    assert bench.ask("asset", by="uid 1", offset=300, part=levels[300:], **body)["body"] == {"have": 400}
     image = {"width": 1, "height": 400, "asset": body["asset"], "high_um": 1.0}
     publish(bench, {"name": "photo", "map": image, "position_mm": [0, 70]})
     landing(bench)
     assert [point.target_um for point in bench.machine.last_tick.points] == [1.0]  # type: ignore[union-attr]
-    bench.machine.targets(msgpack.packb({"v": 1, "client": "test"}), bench.t_ns)
+    bench.send()
     bench.run(12_000)
     assert bench.ask("status")["body"]["assets"] == {"count": 0, "uploads": 0, "bytes": 0}
 

@@ -7,16 +7,15 @@ import itertools
 import json
 import logging
 import os
-import pty
 import sys
-import tty
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from asynchronous import PATIENCE_S, asynchronous, until
 from machine_bench import PLATE, Bench
+from terminal import Terminal
 
 from hapticd.config.sections import Config
 from hapticd.daemon import self_test
@@ -25,7 +24,6 @@ from hapticd.daemon.daemon import Daemon
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.wire import device
 
-PATIENCE_S = 20.0
 CONFIG = replace(Config(), device=replace(Config().device, self_test=True))
 SHIFTED = "Mode 0 has moved by +30.0 Hz to 29225.0 Hz."
 SWAPPED = "Amplifiers 0 and 1, or their sensors, are swapped: amplifier 0 moves sensor 1."
@@ -93,7 +91,8 @@ def test_a_test_that_never_ends_is_ended(monkeypatch: pytest.MonkeyPatch) -> Non
         ),  # after three tests the next one waits until nothing touches the plate
     ],
 )
-def test_a_test_of_a_touched_plate_is_made_again(
+@asynchronous
+async def test_a_test_of_a_touched_plate_is_made_again(
     touches: list[tuple[int, int]],
     found: str,
     outcomes: list[str],
@@ -105,12 +104,8 @@ def test_a_test_of_a_touched_plate_is_made_again(
     made._command = prints(document(moved=(SWAPPED,), unsafe=(SWAPPED,) if found == UNSAFE else ()))
     monkeypatch.setattr(self_test, "LOOK_S", 0.0)
     left = iter(touches)
-
-    async def story() -> None:
-        made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: next(left))
-        await until(lambda: results[-1][0] != RUNNING)
-
-    asyncio.run(story())
+    made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: next(left))
+    await until(lambda: results[-1][0] != RUNNING)
     assert [result[0] for result in results] == outcomes
     assert made.result == results[-1]
     looks = 3 if tests > self_test.TRIES else 0
@@ -118,7 +113,10 @@ def test_a_test_of_a_touched_plate_is_made_again(
 
 
 @pytest.mark.parametrize("last", [UNKNOWN, MOVED])
-def test_what_a_touched_test_found_unsafe_is_not_driven_untested(last: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@asynchronous
+async def test_what_a_touched_test_found_unsafe_is_not_driven_untested(
+    last: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As when the board is unplugged meanwhile, or a finger rests on it."""
     results: list[tuple[str, str]] = []
     found = iter([(UNSAFE, SWAPPED), (UNSAFE, SWAPPED), (last, SHIFTED), (UNSAFE, SWAPPED), (UNKNOWN, "")])
@@ -130,12 +128,8 @@ def test_what_a_touched_test_found_unsafe_is_not_driven_untested(last: str, monk
     monkeypatch.setattr(self_test, "LOOK_S", 0.0)
     down = itertools.chain([1] * 7, itertools.repeat(0))
     made = self_test.SelfTest(CONFIG.device, "/dev/none")
-
-    async def story() -> None:
-        made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: (5, next(down)))
-        await until(lambda: results[-1][0] != RUNNING)
-
-    asyncio.run(story())
+    made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: (5, next(down)))
+    await until(lambda: results[-1][0] != RUNNING)
     assert results[-1] == (UNSAFE, SWAPPED)
 
 
@@ -179,65 +173,43 @@ class Line:
     """A terminal behind which nothing answers, and a daemon that tests it."""
 
     def __init__(self, folder: Path, command: list[str]) -> None:
-        self.master, self._slave = pty.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self.master, False)
-        port, pad = os.ttyname(self._slave), SocketTrackpad(folder / "trackpad")
-        self.daemon = Daemon(CONFIG, folder / "run", board_port=port, trackpad=pad)
+        self.terminal = Terminal()
+        pad = SocketTrackpad(folder / "trackpad")
+        self.daemon = Daemon(CONFIG, folder / "run", board_port=self.terminal.port, trackpad=pad)
         assert self.daemon._self_test is not None
         self.test = self.daemon._self_test
         self.asked, self.test._command = self.test._command, command
 
-    def heard(self) -> bytes:
-        try:
-            return os.read(self.master, 1 << 16)
-        except BlockingIOError:
-            return b""
 
-    def close(self) -> None:
-        os.close(self.master)
-        os.close(self._slave)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():
-            await asyncio.sleep(0.005)
-
-
-def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path) -> None:
-    async def story() -> None:
-        gate = tmp_path / "gate"
-        os.mkfifo(gate)
-        waits = f"open({str(gate)!r}).read(); print({document(moved=(SHIFTED,))!r})"
-        line = Line(tmp_path, [sys.executable, "-c", waits])
-        port = line.daemon._link.port
-        assert line.asked[3:] == ["hapticd", "firmware", "selftest", "--port", port, "--baud", "921600", "--json"]
-        line.daemon.start(asyncio.get_running_loop(), PLATE)
-        assert line.test.result is not None
-        assert line.test.result[0] == RUNNING
-        await asyncio.to_thread(gate.write_text, "go on")  # opens only once the test reads: the port was free until now
-        assert line.heard() == b""
-        await until(lambda: line.heard() == b"\0" + device.encode_hello_request())
-        assert line.test.result[0] == MOVED
-        line.test._command = prints(document())
-        line.daemon._on_board_link(False, "unplugged")
-        assert line.test.result is None
-        line.daemon._on_board_link(True, "plugged in")
-        await until(lambda: line.test.result is not None and line.test.result[0] == PASSED)
-        await line.daemon.stop()
-        line.close()
-
-    asyncio.run(story())
+@asynchronous
+async def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path) -> None:
+    gate = tmp_path / "gate"
+    os.mkfifo(gate)
+    waits = f"open({str(gate)!r}).read(); print({document(moved=(SHIFTED,))!r})"
+    line = Line(tmp_path, [sys.executable, "-c", waits])
+    port = line.daemon._link.port
+    assert line.asked[3:] == ["hapticd", "firmware", "selftest", "--port", port, "--baud", "921600", "--json"]
+    line.daemon.start(asyncio.get_running_loop(), PLATE)
+    assert line.test.result is not None
+    assert line.test.result[0] == RUNNING
+    await asyncio.to_thread(gate.write_text, "go on")  # opens only once the test reads: the port was free until now
+    assert line.terminal.heard() == b""
+    await until(lambda: line.terminal.heard() == b"\0" + device.encode_hello_request())
+    assert line.test.result[0] == MOVED
+    line.test._command = prints(document())
+    line.daemon._on_board_link(False, "unplugged")
+    assert line.test.result is None
+    line.daemon._on_board_link(True, "plugged in")
+    await until(lambda: line.test.result is not None and line.test.result[0] == PASSED)
+    await line.daemon.stop()
+    line.terminal.close()
 
 
-def test_a_daemon_that_ends_ends_its_test(tmp_path: Path) -> None:
-    async def story() -> None:
-        line = Line(tmp_path, [sys.executable, "-c", "while True: pass"])
-        line.daemon.start(asyncio.get_running_loop(), PLATE)
-        await asyncio.sleep(0)
-        await asyncio.wait_for(line.daemon.stop(), PATIENCE_S)
-        assert line.heard() == b""
-        line.close()
-
-    asyncio.run(story())
+@asynchronous
+async def test_a_daemon_that_ends_ends_its_test(tmp_path: Path) -> None:
+    line = Line(tmp_path, [sys.executable, "-c", "while True: pass"])
+    line.daemon.start(asyncio.get_running_loop(), PLATE)
+    await asyncio.sleep(0)
+    await asyncio.wait_for(line.daemon.stop(), PATIENCE_S)
+    assert line.terminal.heard() == b""
+    line.terminal.close()

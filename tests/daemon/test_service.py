@@ -9,16 +9,17 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from asynchronous import PATIENCE_S, asynchronous, until
+from machine_bench import PLATE
 
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
-from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon import service
 from hapticd.daemon.service import ConfigLoader, load_modes
 from hapticd.daemon.settings import pipeline_settings
@@ -29,21 +30,14 @@ from hapticd.sim.rig.files import write_measured
 from hapticd.sim.rig.process import MODES_FILE
 from hapticd_client import Client
 
-PATIENCE_S = 10.0
 _POINTS_MM = [(x_mm, y_mm) for y_mm in (-60, -20, 20, 60) for x_mm in (-60, -20, 20, 60)]
 ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 3600}\n" for x, y in _POINTS_MM)).encode()
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 56)
-    wave = np.sin(2 * np.pi * axis_mm / 27.0)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (56, 1)), np.tile(wave, (56, 1)).T]))
 
 
 @pytest.fixture
 def configuration(tmp_path: Path) -> Config:
     """One whose rig runs already, as far as anybody can see: a map, and neither board nor pad yet."""
-    sine_plate().save(tmp_path / MODES_FILE)
+    PLATE.save(tmp_path / MODES_FILE)
     config = Config()
     return replace(
         config,
@@ -53,23 +47,16 @@ def configuration(tmp_path: Path) -> Config:
 
 
 @pytest.fixture
-def manager(tmp_path: Path) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(str(tmp_path / "notify"))
-        listening.setblocking(False)
-        yield listening
+def config_loader() -> Iterator[ConfigLoader]:
+    with ConfigLoader() as loader:
+        yield loader
 
 
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():
-            await asyncio.sleep(0.002)
-
-
-def test_the_simulated_plate_s_map_is_the_rig_s(configuration: Config, tmp_path: Path) -> None:
-    with ConfigLoader() as config_loader:
-        prepared = config_loader.prepare(configuration)
-    assert np.array_equal(prepared.modes.shapes, sine_plate().shapes)
+def test_the_simulated_plate_s_map_is_the_rig_s(
+    config_loader: ConfigLoader, configuration: Config, tmp_path: Path
+) -> None:
+    prepared = config_loader.prepare(configuration)
+    assert np.array_equal(prepared.modes.shapes, PLATE.shapes)
     assert prepared.board_port == str(tmp_path / "board")
     assert prepared.runtime_dir == tmp_path / "run"
 
@@ -81,12 +68,11 @@ def test_a_rig_that_wrote_no_map_has_the_one_of_its_seed(configuration: Config, 
 
 
 def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_bit(
-    configuration: Config, tmp_path: Path
+    config_loader: ConfigLoader, configuration: Config, tmp_path: Path
 ) -> None:
     plate = GroundTruth()
     files = write_measured(plate, 3, tmp_path, with_parasitic_modes=True)
-    with ConfigLoader() as config_loader:
-        prepared = config_loader.prepare(configuration)
+    prepared = config_loader.prepare(configuration)
     known, loaded = plate.parasitic_modes(3), prepared.parasitic_modes
     assert loaded is not None
     assert np.array_equal(loaded.modes.shapes, known.modes.shapes)
@@ -98,12 +84,13 @@ def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_
     assert service._on_rig(real, tmp_path).plate == real.plate  # another plate
 
 
-def test_a_simulated_plate_brings_its_size_and_limits_with_its_map(configuration: Config, tmp_path: Path) -> None:
+def test_a_simulated_plate_brings_its_size_and_limits_with_its_map(
+    config_loader: ConfigLoader, configuration: Config, tmp_path: Path
+) -> None:
     plate = GroundTruth(PlateSettings.of("fingertip"))
     write_measured(plate, 1, tmp_path, with_parasitic_modes=True)
     lower = replace(configuration, limits=replace(configuration.limits, w_limit_um=(1.0, 1.0, 1.0, 1.0)))
-    with ConfigLoader() as config_loader:
-        prepared, limited = config_loader.prepare(configuration), config_loader.prepare(lower)
+    prepared, limited = config_loader.prepare(configuration), config_loader.prepare(lower)
     assert prepared.modes.M == 4
     assert prepared.config.plate.size_mm == (200.0, 200.0)
     assert prepared.config.limits.w_limit_um == pytest.approx(plate.w_limit_um)
@@ -112,7 +99,7 @@ def test_a_simulated_plate_brings_its_size_and_limits_with_its_map(configuration
 
 
 def test_a_rig_is_started_with_the_configured_plate(
-    configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    config_loader: ConfigLoader, configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[tuple[str, int, str]] = []
 
@@ -127,20 +114,20 @@ def test_a_rig_is_started_with_the_configured_plate(
 
     monkeypatch.setattr(service, "RigProcess", NoRig)
     own = replace(configuration.sim, rig_dir="", plate="fingertip")
-    with ConfigLoader() as config_loader:
-        for sim in (own, own, replace(own, modes=5)):
-            config_loader.prepare(replace(configuration, sim=sim))
-        with pytest.raises(ConfigError, match=r"sim.modes: 7 modes cannot be driven .*: give 2 to 6"):
-            config_loader.prepare(replace(configuration, sim=replace(own, modes=7)))
-        with pytest.raises(ConfigError, match=r"sim.wiring: the paper's wiring has two amplifiers .* drives 4\."):
-            config_loader.prepare(replace(configuration, sim=replace(own, wiring="paper")))
+    for sim in (own, own, replace(own, modes=5)):
+        config_loader.prepare(replace(configuration, sim=sim))
+    with pytest.raises(ConfigError, match=r"sim.modes: 7 modes cannot be driven .*: give 2 to 6"):
+        config_loader.prepare(replace(configuration, sim=replace(own, modes=7)))
+    with pytest.raises(ConfigError, match=r"sim.wiring: the paper's wiring has two amplifiers .* drives 4\."):
+        config_loader.prepare(replace(configuration, sim=replace(own, wiring="paper")))
     assert started == [("fingertip", 4, "separate"), ("fingertip", 5, "separate")]
 
 
-def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(configuration: Config, tmp_path: Path) -> None:
+def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(
+    config_loader: ConfigLoader, configuration: Config, tmp_path: Path
+) -> None:
     write_measured(GroundTruth(), 3, tmp_path, with_parasitic_modes=False)
-    with ConfigLoader() as config_loader:
-        assert config_loader.prepare(configuration).parasitic_modes is None
+    assert config_loader.prepare(configuration).parasitic_modes is None
 
 
 @pytest.mark.parametrize(
@@ -170,20 +157,26 @@ def test_a_bad_map_of_neighbouring_modes_is_one_sentence(
     assert said.count("\n") == 1
 
 
-def test_what_cannot_run_is_refused_and_nothing_is_opened(configuration: Config, tmp_path: Path) -> None:
+def test_what_cannot_run_is_refused_and_nothing_is_opened(
+    config_loader: ConfigLoader, configuration: Config, tmp_path: Path
+) -> None:
     (tmp_path / "bad.npz").write_bytes(b"junk")
     bad_map = replace(configuration, plate=replace(configuration.plate, modes_file=str(tmp_path / "bad.npz")))
     bad_limits = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
-    with ConfigLoader() as config_loader:
-        with pytest.raises(ConfigError):
-            config_loader.prepare(bad_map)
-        with pytest.raises(ConfigError):
-            config_loader.prepare(bad_limits)
+    with pytest.raises(ConfigError):
+        config_loader.prepare(bad_map)
+    with pytest.raises(ConfigError):
+        config_loader.prepare(bad_limits)
     assert not (tmp_path / "run").exists()
 
 
-def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_leaves_them_the_old(
-    configuration: Config, manager: socket.socket, tmp_path: Path, caplog: pytest.LogCaptureFixture
+@asynchronous
+async def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_leaves_them_the_old(
+    config_loader: ConfigLoader,
+    configuration: Config,
+    manager: socket.socket,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level("INFO", "hapticd")
     runtime_dir = Path(configuration.client.runtime_dir)
@@ -195,30 +188,25 @@ def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_lea
         "-c",
         f"import os, sys; sys.exit('hapticd: It is bad.' if os.path.exists({str(bad)!r}) else 0)",
     )
-
-    async def story(notifier: Notifier) -> None:
-        with ConfigLoader() as config_loader:
-            prepared = config_loader.prepare(configuration)
-            serving = asyncio.create_task(service._serve(config_loader, prepared, notifier, lambda: read.pop(0), judge))
-            await until(lambda: (runtime_dir / "control").is_socket())
-            with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
-                first = await asyncio.to_thread(client.status)
-                os.kill(os.getpid(), signal.SIGHUP)
-                await until(lambda: "SIGHUP: It is bad. The present configuration stays." in caplog.text)
-                assert not serving.done()
-                bad.unlink()
-                os.kill(os.getpid(), signal.SIGHUP)
-                await until(lambda: caplog.text.count("serving clients in") == 2)
-            with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
-                second = await asyncio.to_thread(client.status)
-                while "tick_late" not in second["timing"]["histograms"]:  # of the second daemon: it counts from 0
-                    second = await asyncio.to_thread(client.status)
-            assert first["real_time"]["refused"] == second["real_time"]["refused"] == []
-            os.kill(os.getpid(), signal.SIGTERM)
-            await asyncio.wait_for(serving, PATIENCE_S)
-
     notifier = Notifier({"NOTIFY_SOCKET": manager.getsockname()})
-    asyncio.run(story(notifier))
+    prepared = config_loader.prepare(configuration)
+    serving = asyncio.create_task(service._serve(config_loader, prepared, notifier, lambda: read.pop(0), judge))
+    await until(lambda: (runtime_dir / "control").is_socket())
+    with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
+        first = await asyncio.to_thread(client.status)
+        os.kill(os.getpid(), signal.SIGHUP)
+        await until(lambda: "SIGHUP: It is bad. The present configuration stays." in caplog.text)
+        assert not serving.done()
+        bad.unlink()
+        os.kill(os.getpid(), signal.SIGHUP)
+        await until(lambda: caplog.text.count("serving clients in") == 2)
+    with await asyncio.to_thread(Client, runtime_dir, timeout_s=PATIENCE_S) as client:
+        second = await asyncio.to_thread(client.status)
+        while "tick_late" not in second["timing"]["histograms"]:  # of the second daemon: it counts from 0
+            second = await asyncio.to_thread(client.status)
+    assert first["real_time"]["refused"] == second["real_time"]["refused"] == []
+    os.kill(os.getpid(), signal.SIGTERM)
+    await asyncio.wait_for(serving, PATIENCE_S)
     notifier.close()
     ready = f"READY=1\nSTATUS=serving clients in {runtime_dir}".encode()
     assert [manager.recv(200) for _ in range(3)] == [ready, ready, b"STOPPING=1"]
@@ -227,19 +215,19 @@ def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_lea
 
 
 def test_what_goes_bad_after_it_was_judged_leaves_the_configuration_in_force(
-    configuration: Config, caplog: pytest.LogCaptureFixture
+    config_loader: ConfigLoader, configuration: Config, caplog: pytest.LogCaptureFixture
 ) -> None:
     bad = replace(configuration, limits=replace(configuration.limits, w_limit_um=(4.0,)))
-    with ConfigLoader() as config_loader:
-        prepared = asyncio.run(service._prepared(config_loader, bad, configuration, Notifier({})))
+    prepared = asyncio.run(service._prepared(config_loader, bad, configuration, Notifier({})))
     assert prepared.config == configuration
     assert (
         "has 1 limits for a plate of 2 modes: give one for each mode. The present configuration stays." in caplog.text
     )
 
 
-def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
-    configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@asynchronous
+async def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
+    config_loader: ConfigLoader, configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class IdleRig(service.RigProcess):
         """A process in the rig's place, with a directory that has a map and no devices."""
@@ -248,30 +236,25 @@ def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
             del scenario, seed, plate, modes, wiring
             self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
             self.directory = Path(self._directory.name)
-            sine_plate().save(self.directory / MODES_FILE)
+            PLATE.save(self.directory / MODES_FILE)
             self.process = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     monkeypatch.setattr(service, "RigProcess", IdleRig)
     config = replace(configuration, sim=replace(configuration.sim, rig_dir=""))
-
-    async def serve(config_loader: ConfigLoader) -> None:
-        prepared = config_loader.prepare(config)
-        serving = asyncio.create_task(service._serve(config_loader, prepared, Notifier({}), None))
-        await until((tmp_path / "run" / "control").exists)
-        (rig,) = config_loader._rigs.values()
-        rig.process.kill()
-        with pytest.raises(DeviceError, match="The simulated rig has ended: start this command again"):
-            await asyncio.wait_for(serving, PATIENCE_S)
-
-    with ConfigLoader() as config_loader:
-        asyncio.run(serve(config_loader))
+    prepared = config_loader.prepare(config)
+    serving = asyncio.create_task(service._serve(config_loader, prepared, Notifier({}), None))
+    await until((tmp_path / "run" / "control").exists)
+    (rig,) = config_loader._rigs.values()
+    rig.process.kill()
+    with pytest.raises(DeviceError, match="The simulated rig has ended: start this command again"):
+        await asyncio.wait_for(serving, PATIENCE_S)
     assert not (tmp_path / "run" / "control").exists()
 
 
 def test_a_configuration_is_checked_without_opening_anything(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    sine_plate().save(tmp_path / "map.npz")
+    PLATE.save(tmp_path / "map.npz")
     config = tmp_path / "hapticd.toml"
     text = f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n[client]\nruntime_dir = "{tmp_path}/run"\n'
     for limits, code, said in (("[4.0, 4.0]", 0, ""), ("[4.0]", 78, "give one for each mode.")):

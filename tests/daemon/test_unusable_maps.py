@@ -7,24 +7,18 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from machine_bench import PLATE
 
 from hapticd.__main__ import main
-from hapticd.core.plate.mode_shapes import ModeShapes
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 56)
-    wave = np.sin(2 * np.pi * axis_mm / 27.0)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (56, 1)), np.tile(wave, (56, 1)).T]))
 
 
 @pytest.mark.parametrize(
     ("to_mm", "shapes", "word"),
     [
         (1e-3, None, "x_mm runs from -0.06875 to 0.06875 on a plate of 137.5 mm; give positions in mm"),
-        (1.0, np.zeros((2, 56, 56)), "mode 1 is zero everywhere"),
-        (1.0, np.ones((2, 56, 56)), "modes 1 and 2 have the same shape"),
-        (1.0, np.stack([np.eye(56), -2.0 * np.eye(56)]), "modes 1 and 2 have the same shape"),
+        (1.0, np.zeros(PLATE.shapes.shape), "mode 1 is zero everywhere"),
+        (1.0, np.ones(PLATE.shapes.shape), "modes 1 and 2 have the same shape"),
+        (1.0, np.stack([np.eye(111), -2.0 * np.eye(111)]), "modes 1 and 2 have the same shape"),
     ],
     ids=["in metres", "all zero", "twice", "twice, scaled"],
 )
@@ -37,9 +31,8 @@ def test_a_map_that_drives_nothing_is_refused_in_one_sentence(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    plate = sine_plate()
-    written = plate.shapes if shapes is None else shapes
-    np.savez(tmp_path / "map.npz", x_mm=plate.x_mm * to_mm, y_mm=plate.y_mm * to_mm, shapes=written)
+    written = PLATE.shapes if shapes is None else shapes
+    np.savez(tmp_path / "map.npz", x_mm=PLATE.x_mm * to_mm, y_mm=PLATE.y_mm * to_mm, shapes=written)
     config = tmp_path / "hapticd.toml"
     config.write_text(f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n', encoding="utf-8")
     assert main([*command, "--config", str(config)]) == (1 if command == ("doctor",) else 78)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "clients" / "python"), str(ROOT / "tests" / "integration"), str(Path(__file__).parent)]
 
-from service import Bench  # noqa: E402
+from service import Bench, opened  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -23,10 +22,6 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    """Rig, service and clients as processes, in a folder with a short name: a socket allows 107 bytes."""
-    with tempfile.TemporaryDirectory(prefix="hd-") as folder:
-        made = Bench(Path(folder))
-        try:
-            yield made
-        finally:
-            made.close()
+    """Rig, service and clients as processes."""
+    with opened() as made:
+        yield made

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +22,20 @@ QUIET_UM = 0.01  # of the largest mode: a hundredth of what a slippery finger as
 DRIVEN_UM = 0.3
 W_LIM_UM = 4.0
 OVERSHOOT = 1.1  # of the plate beyond its reference, when that steps
-PHASES_S = (0.0, 0.0031, 0.0064, 0.0095)  # of the fault in the period of reports, 11.25 ms: the worst of them counts
+PHASES_S = (0.0, 0.0031, 0.0064, 0.0095)  # of the fault in the period of reports: the worst of them counts
 T_FAULT_S = 1.5
 
 DEADMAN_MS, RAMP_MS, LINK_MS = 50.0, 10.0, 5.0
 RING_DOWN_MS = 35.0  # undriven from 4 to 0.01 um: six time constants of 5.45 ms
 LED_DOWN_MS = 12.0  # with the control loop's help
+HANDSHAKE_MS = 150.0  # greeting, four looks at its clock 20 ms apart, three zero frames, and the next report
+PERIOD_MS = 11.25  # of reports
+SILENCE_MS = 40.0  # of the trackpad, after which fingers count as lifted
+TIMER_MS = 10.0
 SILENT_MS = DEADMAN_MS + RAMP_MS + LED_DOWN_MS  # from the last frame that the board takes
 
 SetUp = Callable[[FaultySimulation, float, float], None]  # called with the instants of the fault and of its end
+Action = Callable[[FaultySimulation, int], None]
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,27 @@ def cut(t_from_s: float, t_until_s: float) -> Way:
         return [] if t_from_s <= seconds(t_ns) < t_until_s else [(t_ns, data)]
 
     return way
+
+
+def passing(way: Callable[[float, float], Way], *kinds: str) -> SetUp:
+    """Events of these kinds take the way that is made with the instants of the fault and of its end."""
+
+    def set_up(simulation: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        for kind in kinds:
+            simulation.ways[kind] = way(t_fault_s, t_over_s)
+
+    return set_up
+
+
+def doing(at_fault: Action, at_end: Action | None = None) -> SetUp:
+    """Methods of the simulation that are called when the fault comes and when it is over."""
+
+    def set_up(simulation: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
+        simulation.at(t_fault_s, partial(at_fault, simulation))
+        if at_end is not None:
+            simulation.at(t_over_s, partial(at_end, simulation))
+
+    return set_up
 
 
 def seconds(t_ns: int) -> float:

@@ -5,16 +5,29 @@ from __future__ import annotations
 import math
 
 import pytest
-from stand import LED_DOWN_MS, LINK_MS, RING_DOWN_MS, SILENT_MS, cut, lines, seconds, tell, worst
+from stand import (
+    HANDSHAKE_MS,
+    LED_DOWN_MS,
+    LINK_MS,
+    PERIOD_MS,
+    RING_DOWN_MS,
+    SILENCE_MS,
+    SILENT_MS,
+    TIMER_MS,
+    cut,
+    doing,
+    lines,
+    passing,
+    seconds,
+    tell,
+    worst,
+)
 
 from hapticd.sim.faulty import BOOT_S, FaultySimulation, Way
 from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-HANDSHAKE_MS = 150.0  # greeting, four looks at its clock 20 ms apart, three zero frames, and the next report
-PERIOD_MS = 11.25
 THREE_FRAMES_MS = 4 * PERIOD_MS + LINK_MS  # that the board takes as a sign of life, and one that moves
-SILENCE_MS = 40.0
 STATUS_EVERY_MS = 100.0
 TIME_EVERY_MS = 500.0
 GREET_EVERY_MS = 250.0
@@ -22,11 +35,7 @@ BOARD_SILENT_MS = 1000.0
 
 
 def test_a_pulled_trackpad_is_a_quiet_plate_within_one_zero_frame(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.at(t_fault_s, stand.pull_trackpad)
-        stand.at(t_over_s, stand.plug_trackpad)
-
-    after = worst(set_up, 0.5)
+    after = worst(doing(FaultySimulation.pull_trackpad, FaultySimulation.plug_trackpad), 0.5)
     assert after.quiet_ms <= LINK_MS + LED_DOWN_MS
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert after.board["deadman_trips"] == 0
@@ -35,22 +44,15 @@ def test_a_pulled_trackpad_is_a_quiet_plate_within_one_zero_frame(caplog: pytest
 
 
 def test_a_trackpad_that_falls_silent_under_fingers_lifts_them(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.ways["report"] = cut(t_fault_s, t_over_s)
-
-    after = worst(set_up, 0.5)
-    assert after.quiet_ms <= SILENCE_MS + 10.0 + LINK_MS + LED_DOWN_MS  # the timer that sees it comes each 10 ms
+    after = worst(passing(cut, "report"), 0.5)
+    assert after.quiet_ms <= SILENCE_MS + TIMER_MS + LINK_MS + LED_DOWN_MS
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert lines(caplog) == ["WARNING trackpad silent with 2 fingers down: they count as lifted"]
     tell("trackpad silent under fingers", after, "its fingers", *lines(caplog))
 
 
 def test_a_pulled_board_quiets_itself_and_is_driven_again_after_a_handshake(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.at(t_fault_s, stand.pull_board)
-        stand.at(t_over_s, stand.plug_board)
-
-    after = worst(set_up, 0.5)
+    after = worst(doing(FaultySimulation.pull_board, FaultySimulation.plug_board), 0.5)
     assert after.quiet_ms <= SILENT_MS
     assert after.back_ms <= HANDSHAKE_MS
     assert after.board["reboots"] == 0  # it ran on
@@ -64,11 +66,7 @@ def test_a_pulled_board_quiets_itself_and_is_driven_again_after_a_handshake(capl
 def test_a_board_that_was_reset_behind_an_open_port_is_greeted_anew(
     t_fault_s: float, noticed_ms: float, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        del t_over_s
-        stand.at(t_fault_s, stand.reset_board)
-
-    after = worst(set_up, BOOT_S + RING_DOWN_MS * 1e-3, t_fault_s=t_fault_s, after_s=1.2)
+    after = worst(doing(FaultySimulation.reset_board), BOOT_S + RING_DOWN_MS * 1e-3, t_fault_s=t_fault_s, after_s=1.2)
     assert after.quiet_ms <= RING_DOWN_MS
     assert after.back_ms <= noticed_ms + HANDSHAKE_MS
     assert after.board["reboots"] == 1
@@ -96,10 +94,7 @@ def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.L
 
 
 def test_a_board_that_is_mute_is_let_go_after_a_second(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.ways["host"] = cut(t_fault_s, t_over_s)
-
-    after = worst(set_up, 1.5)
+    after = worst(passing(cut, "host"), 1.5)
     # It hears, and follows; then the greeting makes it let go.
     assert after.quiet_ms <= BOARD_SILENT_MS + STATUS_EVERY_MS + RING_DOWN_MS + LINK_MS
     assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
@@ -108,10 +103,7 @@ def test_a_board_that_is_mute_is_let_go_after_a_second(caplog: pytest.LogCapture
 
 
 def test_a_board_that_is_deaf_quiets_itself(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.ways["board"] = cut(t_fault_s, t_over_s)
-
-    after = worst(set_up, 0.5)
+    after = worst(passing(cut, "board"), 0.5)
     assert after.quiet_ms <= SILENT_MS
     assert after.back_ms <= THREE_FRAMES_MS
     assert after.board["deadman_trips"] == 1
@@ -120,11 +112,7 @@ def test_a_board_that_is_deaf_quiets_itself(caplog: pytest.LogCaptureFixture) ->
 
 
 def test_a_silent_board_quiets_itself_and_is_greeted_until_it_answers(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.ways["host"] = cut(t_fault_s, t_over_s)
-        stand.ways["board"] = cut(t_fault_s, t_over_s)
-
-    after = worst(set_up, 1.5)
+    after = worst(passing(cut, "host", "board"), 1.5)
     assert after.quiet_ms <= SILENT_MS
     assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
     assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
@@ -132,10 +120,7 @@ def test_a_silent_board_quiets_itself_and_is_greeted_until_it_answers(caplog: py
 
 
 def test_half_a_frame_for_ever_is_silence_and_costs_no_frame_behind_it(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.ways["board"] = half_a_frame_and_no_more(t_fault_s, t_over_s)
-
-    after = worst(set_up, 0.5)
+    after = worst(passing(half_a_frame_and_no_more, "board"), 0.5)
     assert after.quiet_ms <= SILENT_MS + PERIOD_MS  # the half frame is no sign of life
     assert after.back_ms <= THREE_FRAMES_MS
     assert after.board["bad_frames"] == 1  # the half alone: each frame begins by ending what was on the line before

@@ -7,15 +7,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stand import LED_DOWN_MS, LINK_MS, SILENT_MS, T_FAULT_S, lines, simulate, tell, worst
+from stand import (
+    HANDSHAKE_MS,
+    LED_DOWN_MS,
+    LINK_MS,
+    PERIOD_MS,
+    SILENT_MS,
+    T_FAULT_S,
+    TIMER_MS,
+    doing,
+    lines,
+    simulate,
+    tell,
+    worst,
+)
 
 import hapticd
 from hapticd.sim.faulty import FaultySimulation
 
-HANDSHAKE_MS = 150.0  # greeting, four looks at its clock 20 ms apart, three zero frames, and the next report
 TTL_MS = 500.0
-PERIOD_MS = 11.25
-TIMER_MS = 10.0
 PACKAGE = Path(hapticd.__file__).parent
 WALL_CLOCKS = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "datetime", "time.clock_gettime"}
 DATED = (
@@ -28,11 +38,7 @@ DATED = (
 def test_a_daemon_that_is_stopped_for_two_seconds_leaves_a_quiet_plate_and_goes_on(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.at(t_fault_s, stand.stop_daemon)
-        stand.at(t_over_s, stand.resume_daemon)
-
-    after = worst(set_up, 2.0)
+    after = worst(doing(FaultySimulation.stop_daemon, FaultySimulation.resume_daemon), 2.0)
     assert after.quiet_ms <= LINK_MS + SILENT_MS
     assert after.back_ms <= TIMER_MS + HANDSHAKE_MS
     assert after.board["deadman_trips"] == 1
@@ -41,38 +47,21 @@ def test_a_daemon_that_is_stopped_for_two_seconds_leaves_a_quiet_plate_and_goes_
 
 
 def test_a_killed_daemon_leaves_a_quiet_plate_and_the_next_one_serves_it() -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.at(t_fault_s, stand.stop_daemon)
-        stand.at(t_over_s, stand.start_daemon)
-
-    after = worst(set_up, 0.5)
+    after = worst(doing(FaultySimulation.stop_daemon, FaultySimulation.start_daemon), 0.5)
     assert after.quiet_ms <= LINK_MS + SILENT_MS
     assert after.back_ms <= HANDSHAKE_MS
-    tell(
-        "daemon killed, and another started",
-        after,
-        "finger ids: clients see new ones",
-        "the new one's start",
-    )
+    tell("daemon killed, and another started", after, "finger ids: clients see new ones", "the new one's start")
 
 
 def test_a_daemon_that_ends_in_mid_stroke_says_zero_first() -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.at(t_fault_s, stand.end_daemon)
-        stand.at(t_over_s, stand.start_daemon)
-
-    after = worst(set_up, 0.5)
+    after = worst(doing(FaultySimulation.end_daemon, FaultySimulation.start_daemon), 0.5)
     assert after.quiet_ms <= LINK_MS + LED_DOWN_MS
     assert after.back_ms <= HANDSHAKE_MS
     tell("daemon ended in mid-stroke", after, "nothing", "INFO SIGTERM: stopping, silencing the plate")
 
 
 def test_a_client_that_dies_or_stops_is_released_when_its_time_to_live_ends(caplog: pytest.LogCaptureFixture) -> None:
-    def set_up(stand: FaultySimulation, t_fault_s: float, t_over_s: float) -> None:
-        stand.at(t_fault_s, stand.stop_client)
-        stand.at(t_over_s, stand.resume_client)
-
-    after = worst(set_up, 1.0)
+    after = worst(doing(FaultySimulation.stop_client, FaultySimulation.resume_client), 1.0)
     assert after.quiet_ms <= TTL_MS + max(TIMER_MS, PERIOD_MS) + LINK_MS + LED_DOWN_MS
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert after.board["deadman_trips"] == 0

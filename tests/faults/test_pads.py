@@ -10,8 +10,11 @@ import pytest
 from stand import (
     LED_DOWN_MS,
     LINK_MS,
+    PERIOD_MS,
     QUIET_UM,
+    SILENCE_MS,
     T_FAULT_S,
+    TIMER_MS,
     W_LIM_UM,
     lines,
     play,
@@ -29,7 +32,6 @@ from hapticd.wire.trackpad import STAMP_WRAP_MS
 
 STAMP_AT = 9  # of a Magic Trackpad 2 over USB: 8 bytes, the report's type, then 21 bits of milliseconds above 3 others
 STICKY = 1
-PERIOD_MS, SILENCE_MS, TIMER_MS = 11.25, 40.0, 10.0
 CLEAN_UM = 0.040
 
 

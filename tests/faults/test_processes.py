@@ -27,10 +27,7 @@ def stay_driven(client: Client) -> None:
 
 
 def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_again(bench: Bench) -> None:
-    rig = bench.rig(record=True)
-    service = bench.service()
-    client = bench.client()
-    drive(client)
+    rig, service, client, _ = bench.driven(record=True)
     stay_driven(client)
     service.process.send_signal(signal.SIGSTOP)
     t_stop_s = time.monotonic() - rig.t_start_s
@@ -51,28 +48,11 @@ def test_a_daemon_stopped_for_two_seconds_leaves_the_plate_quiet_and_drives_it_a
     assert [line for line in warnings if not any(words in line for words in expected)] == []
     assert moving_ms <= SILENT_MS + BUSY_S * 1e3
     assert service.lines_with("ERROR") == []
-    tell(
-        "daemon stopped for 2 s, as processes",
-        None,
-        f"the plate moved for {moving_ms:.0f} ms",
-        *warnings,
-    )
+    tell("daemon stopped for 2 s, as processes", None, f"the plate moved for {moving_ms:.0f} ms", *warnings)
 
 
 def test_a_stopped_client_s_fingers_are_released_within_its_time_to_live(bench: Bench) -> None:
-    bench.rig()
-    bench.service()
-    watcher = bench.client("watcher")
-    program = (
-        "import sys, time\nfrom hapticd_client import Client\n"
-        "with Client(sys.argv[1], 'stopped', timeout_s=30) as plate:\n"
-        "    while len(fingers := plate.fingers(30)) < 2: pass\n"
-        "    left, right = sorted(fingers, key=lambda finger: finger.x_mm)\n"
-        f"    plate.set(left, amplitude_um=1.0, ttl_s={TTL_S}); plate.set(right, amplitude_um=0.0, ttl_s={TTL_S})\n"
-        "    time.sleep(60)\n"
-    )
-    stopped = bench.program("-c", program, str(bench.runtime_dir))
-    wait_state(watcher, is_driven)
+    watcher, stopped = bench.driven_by_a_program(TTL_S)
     stopped.send_signal(signal.SIGSTOP)
     t_stop_ns = time.monotonic_ns()
     released = wait_state(watcher, is_quiet)

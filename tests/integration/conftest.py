@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,15 +11,10 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "clients" / "python"), str(Path(__file__).parent)]
 
-from service import Bench  # noqa: E402
+from service import Bench, opened  # noqa: E402
 
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    """A folder with a short name, for a socket allows 107 bytes, and an end to all that runs in it."""
-    with tempfile.TemporaryDirectory(prefix="hd-") as folder:
-        made = Bench(Path(folder))
-        try:
-            yield made
-        finally:
-            made.close()
+    with opened() as made:
+        yield made

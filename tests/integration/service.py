@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import selectors
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,14 +24,23 @@ from hapticd_client import Client, PlateState
 PATIENCE_S = 45.0
 PIPE = subprocess.PIPE
 ROOT = Path(__file__).parents[2]
-
+DRIVING = """
+import sys, time
+from hapticd_client import Client
+with Client(sys.argv[1], "driving", timeout_s=30) as plate:
+    while len(fingers := plate.fingers(30)) < 2: pass
+    left, right = sorted(fingers, key=lambda finger: finger.x_mm)
+    plate.set(left, amplitude_um=1.0, ttl_s=float(sys.argv[2]))
+    plate.set(right, amplitude_um=0.0, ttl_s=float(sys.argv[2]))
+    time.sleep(60)
+"""
 
 Process = TypeVar("Process", bound="subprocess.Popen[Any]")
 
 
 def first(process: Process) -> Process:
     """With other tests on few cores it would be late for reasons that are not its own: it goes first, if it may."""
-    with contextlib.suppress(PermissionError, ProcessLookupError):
+    with suppress(PermissionError, ProcessLookupError):
         os.setpriority(os.PRIO_PROCESS, process.pid, -10)
     return process
 
@@ -136,6 +146,25 @@ class Bench:
         self._running.append(process)
         return process
 
+    def driven(self, scenario: str = "circles", *, record: bool = False) -> tuple[Rig, Service, Client, PlateState]:
+        """A rig, a service and a client that has one finger slip and one stick, and the first state with both."""
+        rig, service, client = self.rig(scenario, record=record), self.service(), self.client()
+        return rig, service, client, drive(client)
+
+    def driven_by_a_program(self, ttl_s: float) -> tuple[Client, subprocess.Popen[str]]:
+        """A client that only watches, and a program that makes one finger slip and one stick, once it is obeyed."""
+        self.rig()
+        self.service()
+        watcher = self.client("watcher")
+        program = self.program("-c", DRIVING, str(self.runtime_dir), str(ttl_s))
+        wait_state(watcher, is_driven)
+        return watcher, program
+
+    def configure(self, text: str) -> None:
+        """Add sections to the configuration."""
+        with self.config.open("a", encoding="utf-8") as file:
+            file.write(text)
+
     def close_clients(self) -> None:
         for client in self._clients:
             client.close()
@@ -149,6 +178,17 @@ class Bench:
                 if pipe is not None:
                     pipe.close()
             process.wait(PATIENCE_S)
+
+
+@contextmanager
+def opened() -> Iterator[Bench]:
+    """A bench in a folder with a short name, for a socket allows 107 bytes, and an end to all that runs in it."""
+    with tempfile.TemporaryDirectory(prefix="hd-") as folder:
+        bench = Bench(Path(folder))
+        try:
+            yield bench
+        finally:
+            bench.close()
 
 
 def wait_state(client: Client, condition: Callable[[PlateState], bool]) -> PlateState:
@@ -184,6 +224,12 @@ def wait_board(rig_dir: Path, state: BoardState, statuses: int) -> BoardStatus:
     finally:
         os.close(fd)
     raise AssertionError("the board is silent")
+
+
+def resident_mb(pid: int) -> float:
+    """The memory that a process holds."""
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii").split()
+    return int(status[status.index("VmRSS:") + 1]) / 1024
 
 
 def is_driven(state: PlateState) -> bool:

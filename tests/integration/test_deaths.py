@@ -22,19 +22,7 @@ RING_DOWN_S = 0.060  # ten time constants of the plate
 
 
 def test_a_killed_client_s_fingers_are_released_within_its_time_to_live(bench: Bench) -> None:
-    bench.rig()
-    bench.service()
-    watcher = bench.client("watcher")
-    program = (
-        "import sys, time\nfrom hapticd_client import Client\n"
-        "with Client(sys.argv[1], 'doomed', timeout_s=30) as plate:\n"
-        "    while len(fingers := plate.fingers(30)) < 2: pass\n"
-        "    left, right = sorted(fingers, key=lambda finger: finger.x_mm)\n"
-        f"    plate.set(left, amplitude_um=1.0, ttl_s={TTL_S}); plate.set(right, amplitude_um=0.0, ttl_s={TTL_S})\n"
-        "    time.sleep(60)\n"
-    )
-    doomed = bench.program("-c", program, str(bench.runtime_dir))
-    wait_state(watcher, is_driven)
+    watcher, doomed = bench.driven_by_a_program(TTL_S)
     doomed.kill()
     t_kill_ns = time.monotonic_ns()
     released = wait_state(watcher, is_quiet)
@@ -44,10 +32,7 @@ def test_a_killed_client_s_fingers_are_released_within_its_time_to_live(bench: B
 
 
 def test_a_killed_daemon_leaves_the_board_to_its_dead_man(bench: Bench) -> None:
-    rig = bench.rig(record=True)
-    service = bench.service()
-    client = bench.client()
-    state = drive(client)
+    rig, service, client, state = bench.driven(record=True)
     wait_state(client, lambda later: later.seq > state.seq + 50)
     service.process.kill()
     t_kill_s = time.monotonic() - rig.t_start_s
@@ -74,23 +59,17 @@ def test_a_killed_daemon_leaves_the_board_to_its_dead_man(bench: Bench) -> None:
 
 
 def test_a_daemon_that_comes_after_a_killed_one_serves_in_the_same_place(bench: Bench) -> None:
-    bench.rig()
-    first = bench.service()
-    client = bench.client()
-    instance = drive(client).instance
+    _, first, client, state = bench.driven()
     first.process.kill()
     first.process.wait(PATIENCE_S)
     bench.service()
-    wait_state(client, lambda state: state.instance != instance)
+    wait_state(client, lambda later: later.instance != state.instance)
     drive(client)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_in_a_quiet_plate(bench: Bench, number: signal.Signals) -> None:
-    rig = bench.rig(record=True)
-    service = bench.service()
-    client = bench.client()
-    state = drive(client)
+    rig, service, client, state = bench.driven(record=True)
     wait_state(client, lambda later: later.seq > state.seq + 20)
     assert service.end(number) == 0
     wait_board(bench.rig_dir, BoardState.QUIET, 4)
@@ -112,10 +91,7 @@ def test_a_signal_while_nothing_is_there_ends_as_well(bench: Bench) -> None:
 
 
 def test_a_second_daemon_exits_without_effect_on_the_first(bench: Bench) -> None:
-    bench.rig()
-    bench.service()
-    client = bench.client()
-    state = drive(client)
+    _, _, client, state = bench.driven()
     second = bench.service()
     assert second.process.wait(PATIENCE_S) == 75
     log = (bench.folder / "log-2").read_text()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from flooder import KINDS
-from service import Bench, drive, wait_for
+from service import Bench, resident_mb, wait_for
 
 from hapticd.io.clients import keys
 
@@ -24,11 +24,6 @@ PORT = 27610
 pytestmark = pytest.mark.long
 
 
-def rss_mb(pid: int) -> float:
-    status = Path(f"/proc/{pid}/status").read_text().split()
-    return int(status[status.index("VmRSS:") + 1]) / 1024
-
-
 @pytest.mark.parametrize("transport", ["ipc", "tcp"])
 @pytest.mark.parametrize("kind", ["none", *KINDS])
 def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kind: str, transport: str) -> None:
@@ -37,11 +32,9 @@ def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kin
         keys.make_pair(folder, name)
     keys.allow(folder, folder / "eve.key")
     text = bench.config.read_text().replace("[client]", f'[client]\ntcp = "127.0.0.1:{PORT}"\nkeys_dir = "{folder}"')
-    bench.config.write_text(f"{text}[realtime]\nfifo_priority = 20\n")  # as the system service; else a warning
-    bench.rig()
-    service = bench.service()
-    client = bench.client()
-    drive(client)
+    bench.config.write_text(text)
+    bench.configure("[realtime]\nfifo_priority = 20\n")  # as the system service; else a warning
+    _, service, client, _ = bench.driven()
     states = client.states(timeout_s=10.0)
     if kind != "none":
         where = [f"tcp://127.0.0.1:{PORT}", str(folder / "hapticd.key"), str(folder / "eve.key_secret")]
@@ -54,11 +47,11 @@ def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kin
     while time.monotonic() < t_end_s:
         instants_ns.append(next(states).t_ns)
     gap_ms = max(after_ns - before_ns for before_ns, after_ns in pairwise(instants_ns)) * 1e-6
-    flooded_mb = rss_mb(service.process.pid)
+    flooded_mb = resident_mb(service.process.pid)
     if kind != "none":
         flooder.kill()
     wait_for(lambda: client.status()["state"] == "ACTIVE")
-    left_mb = rss_mb(service.process.pid)
+    left_mb = resident_mb(service.process.pid)
     print(f"\n{kind:14} {transport}  gap {gap_ms:5.1f} ms  RSS {flooded_mb:5.1f} MB, then {left_mb:5.1f} MB")
     assert max(flooded_mb, left_mb) <= MAX_RSS_MB
     assert len(instants_ns) >= FLOOD_S * MIN_STATES_HZ

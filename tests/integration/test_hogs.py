@@ -26,9 +26,7 @@ def may_have_fifo() -> bool:
 def test_hogs_on_every_processor_cost_a_fifo_service_no_keep_alive(bench: Bench) -> None:
     rig = bench.rig()
     os.sched_setscheduler(rig.process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))  # hardware is never preempted
-    bench.config.write_text(
-        bench.config.read_text(encoding="utf-8") + f"[realtime]\nfifo_priority = {PRIORITY}\n", encoding="utf-8"
-    )
+    bench.configure(f"[realtime]\nfifo_priority = {PRIORITY}\n")
     service = bench.service()
     client = bench.client()
     drive(client)

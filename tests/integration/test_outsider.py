@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ import msgpack
 import pytest
 import zmq
 from outsider import Outsider, finger
-from service import Bench, drive
+from service import drive, opened
 
 MOVING = {"name": "walker", "path_mm": [[-40, 20], [40, 20]], "speed_mm_s": 80.0, "loop": True}
 
@@ -20,16 +19,12 @@ MOVING = {"name": "walker", "path_mm": [[-40, 20], [40, 20]], "speed_mm_s": 80.0
 @pytest.fixture(scope="module")
 def directory() -> Iterator[Path]:
     """A service whose two fingers are down."""
-    with tempfile.TemporaryDirectory(prefix="hd-") as folder:
-        bench = Bench(Path(folder))
-        try:
-            bench.rig("rest")
-            bench.service()
-            drive(bench.client())  # it is driven once
-            bench.close_clients()
-            yield bench.runtime_dir
-        finally:
-            bench.close()
+    with opened() as bench:
+        bench.rig("rest")
+        bench.service()
+        drive(bench.client())  # it is driven once
+        bench.close_clients()
+        yield bench.runtime_dir
 
 
 @pytest.fixture

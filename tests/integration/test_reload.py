@@ -9,15 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from service import Bench, drive, first, wait_for
+from service import Bench, drive, first, resident_mb, wait_for
 
 PULSE_S = 0.002
 STOOD_STILL_S = 0.030  # the board waits 50 ms from a keep-alive, and one comes every 20
-
-
-def resident_mb(pid: int) -> float:
-    with open(f"/proc/{pid}/status", encoding="ascii") as file:
-        return next(int(line.split()[1]) for line in file if line.startswith("VmRSS")) / 1024
 
 
 @contextmanager
@@ -64,7 +59,5 @@ def test_reloads_in_a_row_trip_no_dead_man_and_leave_nothing_behind(bench: Bench
 
 
 def test_a_running_service_takes_at_most_60_mb(bench: Bench) -> None:
-    bench.rig()
-    service = bench.service()
-    drive(bench.client())
+    _, service, _, _ = bench.driven()
     assert resident_mb(service.process.pid) <= 60.0

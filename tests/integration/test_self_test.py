@@ -10,8 +10,7 @@ pytestmark = pytest.mark.long
 
 
 def test_a_sound_plate_is_measured_and_then_driven(bench: Bench) -> None:
-    with bench.config.open("a") as file:
-        file.write("[device]\nself_test = true\n")
+    bench.configure("[device]\nself_test = true\n")
     bench.rig("step")
     service, client = bench.service(), bench.client()
     wait_for(lambda: bool(client.status()["board"].get("state") == "LIVE"))
@@ -23,8 +22,7 @@ def test_a_sound_plate_is_measured_and_then_driven(bench: Bench) -> None:
 
 
 def test_swapped_wires_keep_the_plate_quiet_and_are_named(bench: Bench) -> None:
-    with bench.config.open("a") as file:
-        file.write("[device]\nself_test = true\n")
+    bench.configure("[device]\nself_test = true\n")
     rig = bench.rig("step", "--wiring", "swapped", record=True)
     service, client = bench.service(), bench.client()
     wait_for(lambda: "refused" in client.status()["board"])

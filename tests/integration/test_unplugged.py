@@ -10,10 +10,7 @@ pytestmark = pytest.mark.long
 
 
 def test_a_rig_that_dies_is_two_lines_and_the_next_one_is_driven(bench: Bench) -> None:
-    rig = bench.rig()
-    service = bench.service()
-    client = bench.client()
-    drive(client)
+    rig, service, client, _ = bench.driven()
     rig.kill()
     state = wait_state(client, lambda state: state.state == "IDLE" and is_quiet(state))
     assert state.fingers == ()
@@ -27,10 +24,7 @@ def test_a_rig_that_dies_is_two_lines_and_the_next_one_is_driven(bench: Bench) -
 
 
 def test_a_trackpad_that_is_pulled_alone_leaves_a_quiet_plate_at_once(bench: Bench) -> None:
-    rig = bench.rig(record=True)
-    service = bench.service()
-    client = bench.client()
-    drive(client)
+    rig, service, client, _ = bench.driven(record=True)
     before = len(service.lines)
     rig.replug_trackpad()
     wait_state(client, lambda state: state.state == "IDLE" and is_quiet(state))
@@ -51,10 +45,7 @@ def test_a_trackpad_that_is_pulled_alone_leaves_a_quiet_plate_at_once(bench: Ben
 
 
 def test_a_board_that_is_pulled_alone_falls_quiet_by_itself_and_is_driven_again(bench: Bench) -> None:
-    rig = bench.rig()
-    service = bench.service()
-    client = bench.client()
-    state = drive(client)
+    rig, service, client, state = bench.driven()
     fingers = [finger.id for finger in state.fingers]
     before = len(service.lines)
     rig.replug_board()
@@ -73,10 +64,7 @@ def test_a_board_that_is_pulled_alone_falls_quiet_by_itself_and_is_driven_again(
 
 
 def test_still_fingers_are_driven_again_after_the_boards_plug_was_pulled(bench: Bench) -> None:
-    rig = bench.rig("rest")
-    bench.service()
-    client = bench.client()
-    drive(client)
+    rig, _, client, _ = bench.driven("rest")
     rig.replug_board()
     wait_state(client, lambda state: state.state == "IDLE")
     rig.replug_board()

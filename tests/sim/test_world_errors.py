@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import asdict, replace
 from typing import Any
@@ -69,8 +70,6 @@ def test_an_unknown_level_names_the_known_ones() -> None:
 
 
 def test_a_world_of_a_file_is_the_world_that_was_written() -> None:
-    import json
-
     world = draw("laboratory", 2)
     assert WorldErrors.parsed(json.dumps(asdict(world))) == world
     assert WorldErrors.parsed('{"pad_pose": {"x_mm": 0.5}}') == WorldErrors(pad_pose=PadPose(x_mm=0.5))

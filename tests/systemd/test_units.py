@@ -49,16 +49,18 @@ def analyze(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-@needs_systemd
-def test_systemd_accepts_the_unit_without_a_word(installed_unit: Path) -> None:
-    verified = analyze("verify", installed_unit)
+def check(unit: Path, max_exposure: float) -> None:
+    verified = analyze("verify", unit)
     assert (verified.returncode, verified.stderr) == (0, "")  # an unknown key is only a line on stderr
+    judged = analyze("security", "--offline=true", f"--threshold={round(max_exposure * 10)}", unit)
+    assert judged.returncode == 0, judged.stdout[-300:]
 
 
 @needs_systemd
-def test_the_service_is_left_with_next_to_nothing(installed_unit: Path) -> None:
-    judged = analyze("security", "--offline=true", f"--threshold={round(MAX_EXPOSURE * 10)}", installed_unit)
-    assert judged.returncode == 0, judged.stdout[-300:]
+def test_systemd_accepts_the_unit_without_a_word_and_the_service_is_left_with_next_to_nothing(
+    installed_unit: Path,
+) -> None:
+    check(installed_unit, MAX_EXPOSURE)
 
 
 def test_the_only_folder_on_a_disk_that_it_may_write_is_the_one_that_the_configuration_names_for_recordings() -> None:
@@ -73,10 +75,7 @@ def test_the_drop_in_for_tcp_is_accepted_and_opens_next_to_nothing(installed_uni
     merged = tmp_path / "merged" / UNIT.name  # a drop-in's lines are read after the unit's own
     merged.parent.mkdir()
     merged.write_text(f"{installed_unit.read_text()}\n{TCP.read_text(encoding='utf-8')}", encoding="utf-8")
-    verified = analyze("verify", merged)
-    assert (verified.returncode, verified.stderr) == (0, "")
-    judged = analyze("security", "--offline=true", f"--threshold={round(MAX_EXPOSURE_TCP * 10)}", merged)
-    assert judged.returncode == 0, judged.stdout[-300:]
+    check(merged, MAX_EXPOSURE_TCP)
 
 
 def test_the_drop_in_opens_the_three_ports_of_one_address_range_and_no_more() -> None:

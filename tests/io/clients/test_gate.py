@@ -5,14 +5,15 @@ from __future__ import annotations
 import asyncio
 import socket
 import struct
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zmq
-from asynchronous import asynchronous
+from asynchronous import PATIENCE_S, asynchronous, until
+from client_sockets import GREETING, command, connected, frame, greeted, in_thread, raw, ready
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,25 +31,7 @@ from hapticd.io.clients.zmtp import (
     ProtocolError,
 )
 
-PATIENCE_S = 10.0
-GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
 REPLY = bytes(60_000)
-
-
-def command(name: bytes, body: bytes = b"") -> bytes:
-    return frame(bytes([len(name)]) + name + body, flags=4)
-
-
-def frame(body: bytes, flags: int = 0) -> bytes:
-    if len(body) > 255:
-        return struct.pack(">BQ", flags | 2, len(body)) + body
-    return bytes([flags, len(body)]) + body
-
-
-def ready(**properties: bytes) -> bytes:
-    pairs = ((name.replace("_", "-").encode(), value) for name, value in properties.items())
-    body = b"".join(bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in pairs)
-    return command(b"READY", body)
 
 
 # --- what passes -------------------------------------------------------------------------------------------------
@@ -143,44 +126,12 @@ async def served(directory: Path) -> AsyncIterator[tuple[ClientServer, Gate, lis
         server.close()
 
 
-async def until(server: ClientServer, is_true: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not is_true():
-            await asyncio.sleep(0.002)
-            server.sweep()
-
-
-@contextmanager
-def raw(path: Path, *data: bytes) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_UNIX) as client:
-        client.settimeout(PATIENCE_S)
-        client.connect(str(path))
-        client.sendall(b"".join(data))
-        yield client
-
-
-@asynccontextmanager
-async def greeted(path: Path, kind: bytes, *frames: bytes) -> AsyncIterator[socket.socket]:
-    """A client that has sent these frames, as soon as its handshake allowed it, and reads nothing more."""
-    with raw(path, GREETING) as client:
-        left = len(GREETING)
-        while left > 0:
-            left -= len(await asyncio.to_thread(client.recv, left))
-        await asyncio.to_thread(client.sendall, ready(Socket_Type=kind) + b"".join(frames))
-        yield client
-
-
 async def answered(directory: Path) -> bytes:
     """The reply to an ordinary client."""
-
-    def ask() -> bytes:
-        with zmq.Context() as context, context.socket(zmq.REQ) as client:
-            client.linger, client.rcvtimeo = 0, int(1000 * PATIENCE_S)
-            client.connect(f"ipc://{directory / 'control'}")
-            client.send(b"please")
-            return client.recv()
-
-    return await asyncio.to_thread(ask)
+    with connected(directory, zmq.REQ, "control") as client:
+        client.send(b"please")
+        reply: bytes = await in_thread(client.recv)
+        return reply
 
 
 @asynchronous
@@ -191,11 +142,11 @@ async def test_a_user_has_a_number_of_connections_and_the_next_are_closed_and_co
     async with served(tmp_path) as (server, gate, _):
         with ExitStack() as stack:
             clients = [stack.enter_context(raw(tmp_path / "targets", GREETING)) for _ in range(10)]
-            await until(server, lambda: server.counters["crowded"] == 6)
+            await until(lambda: server.counters["crowded"] == 6, server.sweep)
             assert len(gate._relays) == 4
             closed = [client for client in clients[4:] if await asyncio.to_thread(_is_closed, client)]
             assert len(closed) == 6
-        await until(server, lambda: not gate._relays)
+        await until(lambda: not gate._relays, server.sweep)
         assert await answered(tmp_path) == REPLY
 
 
@@ -218,12 +169,12 @@ async def test_a_client_that_leaves_its_replies_unread_is_disconnected_and_the_o
             return decide(relay, most)
 
         monkeypatch.setattr(gate, "leaves_too_much", noted)
-        async with greeted(tmp_path / "control", b"DEALER", frame(b"plate") * 60):
-            await until(server, lambda: server.counters["unread"] == 1)
+        async with greeted(tmp_path / "control", frame(b"plate") * 60, Socket_Type=b"DEALER"):
+            await until(lambda: server.counters["unread"] == 1, server.sweep)
             most_bytes = UNREAD_REPLIES.connection
             assert most_bytes < max(unread) <= most_bytes + gate_module.CHUNK_BYTES
             assert await answered(tmp_path) == REPLY
-            await until(server, lambda: not gate._relays)  # what ZeroMQ still answered was read and dropped
+            await until(lambda: not gate._relays, server.sweep)  # what ZeroMQ still answered was read and dropped
 
 
 @asynchronous
@@ -231,8 +182,8 @@ async def test_unread_replies_are_bounded_per_user_too(tmp_path: Path, monkeypat
     monkeypatch.setattr(sockets_module, "UNREAD_REPLIES", UNREAD_REPLIES._replace(connection=2**40))
     async with served(tmp_path) as (server, gate, _), AsyncExitStack() as stack:
         for _ in range(4):
-            await stack.enter_async_context(greeted(tmp_path / "control", b"DEALER", frame(b"plate") * 20))
-        await until(server, lambda: server.counters["unread"] >= 1)
+            await stack.enter_async_context(greeted(tmp_path / "control", frame(b"plate") * 20, Socket_Type=b"DEALER"))
+        await until(lambda: server.counters["unread"] >= 1, server.sweep)
         unread = sum(len(relay.to_client) for relay in gate._relays.values())
         assert unread <= UNREAD_REPLIES.user
 
@@ -243,9 +194,9 @@ async def test_the_requests_of_a_client_that_left_are_not_handled_for_long(
 ) -> None:
     monkeypatch.setattr(gate_module, "STALE_S", 0.0)
     async with served(tmp_path) as (server, gate, handled):
-        async with greeted(tmp_path / "control", b"DEALER", frame(b"x") * 2000):
-            await until(server, lambda: len(handled) > 0)
-        await until(server, lambda: not gate._relays)
+        async with greeted(tmp_path / "control", frame(b"x") * 2000, Socket_Type=b"DEALER"):
+            await until(lambda: len(handled) > 0, server.sweep)
+        await until(lambda: not gate._relays, server.sweep)
         assert len(handled) < 1000
         assert await answered(tmp_path) == REPLY
 
@@ -253,9 +204,9 @@ async def test_the_requests_of_a_client_that_left_are_not_handled_for_long(
 @asynchronous
 async def test_the_last_message_of_a_client_that_leaves_at_once_is_handled(tmp_path: Path) -> None:
     async with served(tmp_path) as (server, gate, handled):
-        async with greeted(tmp_path / "control", b"DEALER", frame(b"goodbye")):
+        async with greeted(tmp_path / "control", frame(b"goodbye"), Socket_Type=b"DEALER"):
             pass
-        await until(server, lambda: handled == [b"goodbye"] and not gate._relays)
+        await until(lambda: handled == [b"goodbye"] and not gate._relays, server.sweep)
 
 
 @asynchronous
@@ -263,8 +214,8 @@ async def test_half_a_handshake_is_given_up(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(sockets_module, "HANDSHAKE_MS", 30)
     async with served(tmp_path) as (server, gate, _):
         with raw(tmp_path / "control", GREETING[:40]), raw(tmp_path / "telemetry", GREETING, ready(A=b"")[:5]):
-            await until(server, lambda: len(gate._relays) == 2)
-            await until(server, lambda: not gate._relays)
+            await until(lambda: len(gate._relays) == 2, server.sweep)
+            await until(lambda: not gate._relays, server.sweep)
 
 
 @asynchronous
@@ -278,7 +229,7 @@ async def test_a_recorder_that_does_not_read_is_disconnected_and_costs_a_bounded
     gate = recorders._gate
     assert gate is not None
     try:
-        async with greeted(tmp_path / "record", b"SUB", frame(b"\x01")):
+        async with greeted(tmp_path / "record", frame(b"\x01"), Socket_Type=b"SUB"):
             longest = 0
             async with asyncio.timeout(PATIENCE_S):
                 while gate.counters["unread"] == 0:

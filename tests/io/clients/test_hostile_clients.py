@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import functools
 import logging
 import os
 import signal
@@ -12,14 +11,14 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 import zmq
 from asynchronous import asynchronous
+from client_sockets import connected, frame, greeted, in_thread, raw, served
 
 from hapticd.io.clients import server as server_module
 from hapticd.io.clients.listeners import inner_path
@@ -27,7 +26,6 @@ from hapticd.io.clients.senders import BURST
 from hapticd.io.clients.server import BUDGET_S, MAX_READS, ClientServer
 from hapticd.io.clients.zmtp import MAX_FRAME_BYTES
 
-PATIENCE_S = 10.0
 STATE = bytes(400)
 
 # Sends as fast as the machine can: what the daemon does not take is thrown away by its sender.
@@ -55,32 +53,6 @@ with zmq.Context() as context, context.socket(zmq.SUB) as socket:
     sys.stdin.read()
 """
 
-Seen = list[tuple[bytes, str]]
-
-
-@asynccontextmanager
-async def served(directory: Path) -> AsyncIterator[tuple[ClientServer, Seen]]:
-    seen: Seen = []
-    running = ClientServer(directory)
-    running.start(
-        asyncio.get_running_loop(),
-        lambda payload, user: seen.append((payload, user)),
-        lambda payload, _: b"answer to " + payload,
-    )
-    try:
-        yield running, seen
-    finally:
-        running.close()
-
-
-@contextmanager
-def connected(directory: Path, kind: int, name: str) -> Iterator[zmq.Socket[bytes]]:
-    with zmq.Context() as context, context.socket(kind) as client:
-        client.linger = 0
-        client.rcvtimeo = int(1000 * PATIENCE_S)
-        client.connect(f"ipc://{directory / name}")
-        yield client
-
 
 @contextmanager
 def programs(source: str, endpoint: Path, count: int = 1) -> Iterator[list[subprocess.Popen[str]]]:
@@ -99,38 +71,6 @@ def programs(source: str, endpoint: Path, count: int = 1) -> Iterator[list[subpr
             process.communicate()
 
 
-GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
-
-
-@asynccontextmanager
-async def greeted(path: Path, properties: dict[bytes, bytes]) -> AsyncIterator[socket.socket]:
-    """A raw ZMTP 3.0 client after its handshake."""
-    with socket.socket(socket.AF_UNIX) as client:
-        client.settimeout(PATIENCE_S)
-        client.connect(str(path))
-        client.sendall(GREETING)
-        answered = b""
-        while len(answered) < len(GREETING):  # who goes on before has broken the protocol
-            answered += await in_thread(functools.partial(client.recv, len(GREETING) - len(answered)))
-        ready = b"\x05READY" + b"".join(
-            bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in properties.items()
-        )
-        client.sendall(b"\x04" + bytes([len(ready)]) + ready)
-        yield client
-
-
-async def until(server: ClientServer, is_true: Callable[[], bool]) -> None:
-    """Turn the loop, tick by tick as the daemon does, until something holds."""
-    async with asyncio.timeout(PATIENCE_S):
-        while not is_true():
-            await asyncio.sleep(0.005)
-            server.sweep()
-
-
-async def in_thread(function: Callable[[], Any]) -> Any:
-    return await asyncio.wait_for(asyncio.to_thread(function), PATIENCE_S)
-
-
 # --- floods ------------------------------------------------------------------------------------------------------
 
 
@@ -138,12 +78,12 @@ def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def scenario() -> None:
-        async with served(tmp_path) as (server, seen):
+        async with served(tmp_path) as running:
             with programs(FLOODER, tmp_path / "targets", count=4) as flooders:
                 for flooder in flooders:
                     assert flooder.stdout is not None
                     assert await in_thread(flooder.stdout.readline) == "ready\n"
-                await until(server, lambda: server.counters["too_fast"] > 4 * BURST)
+                await running.until(lambda: running.server.counters["too_fast"] > 4 * BURST)
                 with (
                     connected(tmp_path, zmq.PUSH, "targets") as polite,
                     connected(tmp_path, zmq.DEALER, "control") as requester,
@@ -151,10 +91,10 @@ def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_
                     for n in range(10):
                         message = b"please %d" % n
                         polite.send(message)
-                        await until(server, lambda message=message: message in [payload for payload, _ in seen])
+                        await running.until(lambda message=message: message in running.messages)
                         requester.send(b"%d" % n)
                         assert await in_thread(requester.recv) == b"answer to %d" % n
-            assert len({user for _, user in seen}) == 1  # this test is one user, whatever its processes
+            assert len(set(running.users)) == 1  # this test is one user, whatever its processes
 
     with caplog.at_level(logging.WARNING, "hapticd"):
         asyncio.run(scenario())
@@ -164,14 +104,14 @@ def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_
 
 @asynchronous
 async def test_the_newest_message_of_a_flood_is_the_one_that_stays(tmp_path: Path) -> None:
-    async with served(tmp_path) as (server, seen):
+    async with served(tmp_path) as running:
         with connected(tmp_path, zmq.PUSH, "targets") as streaming:
             for n in range(10 * BURST):
                 await in_thread(lambda n=n: streaming.send(b"%d" % n))
-            await until(server, lambda: (b"%d" % (10 * BURST - 1)) in [payload for payload, _ in seen])
-            numbers = [int(payload) for payload, _ in seen]
+            await running.until(lambda: (b"%d" % (10 * BURST - 1)) in running.messages)
+            numbers = [int(payload) for payload in running.messages]
             assert numbers == sorted(numbers)
-            assert len(numbers) + server.counters["too_fast"] == 10 * BURST
+            assert len(numbers) + running.server.counters["too_fast"] == 10 * BURST
 
 
 def test_messages_that_take_long_to_read_get_no_more_time_than_short_ones(
@@ -233,7 +173,8 @@ async def test_requests_beyond_the_rate_wait_their_turn_and_are_answered_in_orde
 
 @asynchronous
 async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_of_states(tmp_path: Path) -> None:
-    async with served(tmp_path) as (server, _):
+    async with served(tmp_path) as running:
+        server = running.server
         with (
             programs(SUBSCRIBER, tmp_path / "telemetry") as (deaf,),
             connected(tmp_path, zmq.SUB, "telemetry") as listening,
@@ -242,13 +183,12 @@ async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_
             ready = asyncio.create_task(asyncio.to_thread(deaf.stdout.readline))
             while not ready.done():
                 server.publish(STATE)
-                await until(server, lambda: True)
                 await asyncio.sleep(0)
             assert await ready == "ready\n"
             deaf.send_signal(signal.SIGSTOP)
             listening.subscribe(b"")
             listening.conflate = False
-            await until(server, lambda: server.has_subscribers)
+            await running.until(lambda: server.has_subscribers)
             for n in range(5000):  # far more than the stopped process's buffers hold: none of it waits
                 server.publish(b"%d" % n + STATE)
             last = 5000
@@ -264,10 +204,11 @@ async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_
 
 @asynchronous
 async def test_a_subscription_longer_than_any_client_needs_costs_its_sender_the_connection(tmp_path: Path) -> None:
-    async with served(tmp_path) as (server, _), greeted(tmp_path / "telemetry", {b"Socket-Type": b"SUB"}) as greedy:
+    async with served(tmp_path) as running, greeted(tmp_path / "telemetry", Socket_Type=b"SUB") as greedy:
+        server = running.server
         with connected(tmp_path, zmq.SUB, "telemetry") as modest:
             modest.subscribe(b"")
-            await until(server, lambda: server.has_subscribers)
+            await running.until(lambda: server.has_subscribers)
             greedy.sendall(b"\x02" + struct.pack(">Q", MAX_FRAME_BYTES + 1) + b"\x01")
             assert await in_thread(lambda: all_received(greedy)) is not None
             server.publish(STATE)
@@ -291,25 +232,23 @@ def all_received(rude: socket.socket) -> bytes:
 async def test_a_client_that_claims_another_users_id_in_the_handshake_is_known_by_its_own(tmp_path: Path) -> None:
     """On ipc the handshake's properties are not authenticated, so they must not be trusted."""
 
-    async with served(tmp_path) as (server, seen):
-        server._key_names = {"Z" * 40: "the boss"}
-        lies = {b"Socket-Type": b"PUSH", b"User-Id": b"Z" * 40, b"X-Hapticd-Peer": b"12345:1:1"}
-        async with greeted(tmp_path / "targets", lies) as liar:
-            liar.sendall(b"\x00\x04lies")
-            await until(server, lambda: len(seen) == 1)
-        assert seen == [(b"lies", f"uid {os.getuid()}")]
+    async with served(tmp_path) as running:
+        running.server._key_names = {"Z" * 40: "the boss"}
+        lies = {"Socket_Type": b"PUSH", "User_Id": b"Z" * 40, "X_Hapticd_Peer": b"12345:1:1"}
+        async with greeted(tmp_path / "targets", frame(b"lies"), **lies):
+            await running.until(lambda: len(running.messages) == 1)
+        assert (running.messages, running.users) == ([b"lies"], [f"uid {os.getuid()}"])
 
 
 @asynchronous
 async def test_garbage_instead_of_a_handshake_costs_only_its_sender(tmp_path: Path) -> None:
-    async with served(tmp_path) as (server, seen):
+    async with served(tmp_path) as running:
         for name in ("targets", "control", "telemetry"):
-            with socket.socket(socket.AF_UNIX) as rude:
-                rude.connect(str(tmp_path / name))
-                rude.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
+            with raw(tmp_path / name, b"GET / HTTP/1.1\r\n\r\n", bytes(range(256))):
+                pass
         with connected(tmp_path, zmq.PUSH, "targets") as polite:
             polite.send(b"polite")
-            await until(server, lambda: [payload for payload, _ in seen] == [b"polite"])
+            await running.until(lambda: running.messages == [b"polite"])
 
 
 def test_the_share_of_one_wake_up_is_less_than_half_of_the_time() -> None:

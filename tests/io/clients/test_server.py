@@ -5,15 +5,13 @@ from __future__ import annotations
 import asyncio
 import os
 import stat
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
-from contextlib import asynccontextmanager, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zmq
-from asynchronous import asynchronous
+from asynchronous import asynchronous, until
+from client_sockets import connected, in_thread, served
 
 from hapticd.errors import AlreadyRunningError, HapticdError
 from hapticd.io.clients.record_socket import RecordSocket
@@ -21,67 +19,6 @@ from hapticd.io.clients.runtime_dir import own_directory
 from hapticd.io.clients.senders import BURST
 from hapticd.io.clients.server import MAX_MESSAGE_BYTES, MAX_READS, ClientServer, runtime_directory
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES
-
-PATIENCE_S = 5.0
-
-
-@dataclass
-class Served:
-    """A running server, what it received, and a way to wait for more of it."""
-
-    server: ClientServer
-    directory: Path
-    messages: list[bytes] = field(default_factory=list)
-    arrived: asyncio.Event = field(default_factory=asyncio.Event)
-
-    def on_message(self, payload: bytes, _user: str) -> None:
-        self.messages.append(payload)
-        self.arrived.set()
-
-    async def until(self, is_true: Callable[[], bool]) -> None:
-        """Wait for arriving messages, or at most a tick at a time, until something holds."""
-        async with asyncio.timeout(PATIENCE_S):
-            while not is_true():
-                self.arrived.clear()
-                try:
-                    await asyncio.wait_for(self.arrived.wait(), 0.01)
-                except TimeoutError:
-                    self.server.sweep()
-
-
-@asynccontextmanager
-async def served(directory: Path) -> AsyncIterator[Served]:
-    running = Served(ClientServer(directory), directory)
-    running.server.start(
-        asyncio.get_running_loop(),
-        running.on_message,
-        lambda payload, _: b"answer to " + payload,
-        refusal_of_parts=b"one part, please",
-    )
-    try:
-        yield running
-    finally:
-        running.server.close()
-
-
-@contextmanager
-def connected(directory: Path, kind: int, name: str, **options: Any) -> Iterator[zmq.Socket[bytes]]:
-    with zmq.Context() as context, context.socket(kind) as socket:
-        socket.linger = 0
-        for option, value in options.items():
-            setattr(socket, option, value)
-        socket.connect(f"ipc://{directory / name}")
-        yield socket
-
-
-def run(scenario: Callable[[Path], Coroutine[Any, Any, None]], directory: Path) -> None:
-    asyncio.run(scenario(directory))
-
-
-async def in_thread(function: Callable[[], Any]) -> Any:
-    """Run a blocking client call in a thread."""
-    return await asyncio.wait_for(asyncio.to_thread(function), PATIENCE_S)
-
 
 # --- targets ----------------------------------------------------------------------------------------------------
 
@@ -92,10 +29,7 @@ async def test_every_message_arrives_in_order_without_a_sweep(tmp_path: Path) ->
         with connected(tmp_path, zmq.PUSH, "targets") as client:
             sent = [b"message %d" % n for n in range(BURST)]
             await in_thread(lambda: [client.send(message) for message in sent])
-            async with asyncio.timeout(PATIENCE_S):
-                while len(running.messages) < len(sent):
-                    running.arrived.clear()
-                    await running.arrived.wait()
+            await until(lambda: len(running.messages) >= len(sent))
             assert running.messages == sent
 
 
@@ -117,10 +51,7 @@ async def test_one_wake_up_reads_no_more_than_its_share_and_the_rest_follows_by_
             monkeypatch.setattr(running.server, "_read_targets", counted)
             for n in range(BURST):  # while the loop does not run: a flood that is all there at once
                 client.send(b"%d" % n)
-            async with asyncio.timeout(PATIENCE_S):
-                while len(running.messages) < BURST:
-                    running.arrived.clear()
-                    await running.arrived.wait()
+            await until(lambda: len(running.messages) >= BURST)
             assert max(per_wake_up) <= MAX_READS
             assert len([count for count in per_wake_up if count > 0]) > 1
 
@@ -201,30 +132,26 @@ async def test_the_server_tracks_subscribers(tmp_path: Path) -> None:
         await running.until(lambda: not server.has_subscribers)
 
 
-def test_the_last_of_several_listeners_ends_the_telemetry(tmp_path: Path) -> None:
-    async def scenario(directory: Path) -> None:
-        async with served(directory) as running:
-            server = running.server
-            with connected(directory, zmq.SUB, "telemetry") as stays:
-                stays.subscribe(b"")
-                await running.until(lambda: server.has_subscribers)
-                with connected(directory, zmq.SUB, "telemetry") as leaves:
-                    leaves.subscribe(b"")
-                    await in_thread(lambda: received_while(server, leaves))
-                await in_thread(lambda: received_while(server, stays))
-                assert server.has_subscribers
-            await running.until(lambda: not server.has_subscribers)
+@asynchronous
+async def test_the_last_of_several_listeners_ends_the_telemetry(tmp_path: Path) -> None:
+    loop = asyncio.get_running_loop()
+    async with served(tmp_path) as running:
+        server = running.server
 
-    def received_while(server: ClientServer, listener: zmq.Socket[bytes]) -> bytes:
-        while listener.poll(10) == 0:
-            loop.call_soon_threadsafe(server.publish, b"state")
-        return listener.recv()
+        def received_while(listener: zmq.Socket[bytes]) -> bytes:
+            while listener.poll(10) == 0:
+                loop.call_soon_threadsafe(server.publish, b"state")
+            return listener.recv()
 
-    loop = asyncio.new_event_loop()
-    try:
-        loop.run_until_complete(scenario(tmp_path))
-    finally:
-        loop.close()
+        with connected(tmp_path, zmq.SUB, "telemetry") as stays:
+            stays.subscribe(b"")
+            await running.until(lambda: server.has_subscribers)
+            with connected(tmp_path, zmq.SUB, "telemetry") as leaves:
+                leaves.subscribe(b"")
+                await in_thread(lambda: received_while(leaves))
+            await in_thread(lambda: received_while(stays))
+            assert server.has_subscribers
+        await running.until(lambda: not server.has_subscribers)
 
 
 @asynchronous
@@ -296,16 +223,16 @@ async def test_sockets_left_by_a_killed_daemon_are_taken_over(tmp_path: Path) ->
 def test_a_directory_too_deep_for_a_socket_is_refused_before_anything_is_touched(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100)
     with pytest.raises(HapticdError, match="a socket allows 107"):
-        run(lambda directory: _start_and_stop(directory), deep)
+        asyncio.run(_start_and_stop(deep))
     assert list(deep.iterdir()) == []
 
 
 def test_a_directory_where_nothing_can_be_bound_is_refused_and_left_unlocked(tmp_path: Path) -> None:
     (tmp_path / "control").mkdir()
     with pytest.raises(HapticdError, match="clients cannot be served here"):
-        run(lambda directory: _start_and_stop(directory), tmp_path)
+        asyncio.run(_start_and_stop(tmp_path))
     (tmp_path / "control").rmdir()
-    run(lambda directory: _start_and_stop(directory), tmp_path)
+    asyncio.run(_start_and_stop(tmp_path))
 
 
 async def _start_and_stop(directory: Path) -> None:

@@ -6,21 +6,19 @@ import asyncio
 import fcntl
 import functools
 import os
-import pty
 import struct
 import termios
-import tty
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
 import pytest
+from asynchronous import PATIENCE_S, until
+from terminal import Terminal
 from virtual_board import in_virtual_time
 
 from hapticd.io.devices import serial_link
 from hapticd.io.devices.serial_link import SerialLink
-
-PATIENCE_S = 5.0
 
 
 class Port:
@@ -28,44 +26,44 @@ class Port:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.ends: tuple[int, int] | None = None
+        self._terminal: Terminal | None = None
 
     def plug(self) -> None:
-        master, slave = self.ends = pty.openpty()
-        tty.setraw(slave)
-        os.set_blocking(master, False)
+        self._terminal = Terminal()
         self.path.unlink(missing_ok=True)
-        self.path.symlink_to(os.ttyname(slave))
+        self.path.symlink_to(self._terminal.port)
 
     def pull(self) -> None:
-        if self.ends is not None:
-            for end in self.ends:
-                os.close(end)
-            self.ends = None
+        if self._terminal is not None:
+            self._terminal.close()
+            self._terminal = None
         self.path.unlink(missing_ok=True)
 
     @property
-    def master(self) -> int:
-        assert self.ends is not None
-        return self.ends[0]
+    def terminal(self) -> Terminal:
+        assert self._terminal is not None
+        return self._terminal
+
+    def say(self, data: bytes) -> None:
+        os.write(self.terminal.master, data)
+
+    def heard(self) -> bytes:
+        return self.terminal.heard()
+
+    @property
+    def speed(self) -> int:
+        found: int = termios.tcgetattr(self.terminal.slave)[5]
+        return found
 
     @property
     def lying(self) -> int:
         """How many bytes the link could read: a pseudo-terminal hands them over in its own time."""
-        assert self.ends is not None
-        (count,) = struct.unpack("i", fcntl.ioctl(self.ends[1], termios.FIONREAD, bytes(4)))
+        (count,) = struct.unpack("i", fcntl.ioctl(self.terminal.slave, termios.FIONREAD, bytes(4)))
         return int(count)
 
     def taken(self) -> bytes:
         """What another program reads in the link's place."""
-        assert self.ends is not None
-        return os.read(self.ends[1], 1 << 16)
-
-    def received(self) -> bytes:
-        try:
-            return os.read(self.master, 1 << 16)
-        except BlockingIOError:
-            return b""
+        return os.read(self.terminal.slave, 1 << 16)
 
 
 class Bench:
@@ -77,21 +75,21 @@ class Bench:
         self.links: list[tuple[bool, str]] = []
         self.data = b""
 
+    def open(self) -> None:
+        """Start it on a port that is there."""
+        self.port.plug()
+        self.start()
+
     def start(self) -> None:
         self.link.start(asyncio.get_running_loop(), self._on_bytes, lambda up, reason: self.links.append((up, reason)))
 
     def _on_bytes(self, data: bytes) -> None:
         self.data += data
 
-    async def until(self, condition: Callable[[], bool]) -> None:
-        async with asyncio.timeout(PATIENCE_S):
-            while not condition():
-                await asyncio.sleep(0.002)
-
     async def tried_again(self) -> None:
         """Wait for another attempt to open the port."""
         planned = self.link._retry
-        await self.until(lambda: self.link._retry is not planned)
+        await until(lambda: self.link._retry is not planned)
 
 
 @pytest.fixture
@@ -120,38 +118,30 @@ def played(story: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., Non
 
 @played
 async def test_bytes_go_both_ways(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
+    bench.open()
     assert bench.links == [(True, f"{bench.port.path} open at 921600 baud")]
     assert bench.link.write(bytes(range(256)))
-    assert bench.port.received() == bytes(range(256))
-    os.write(bench.port.master, b"\x00\xff\r\n\x03")
-    await bench.until(lambda: bench.data == b"\x00\xff\r\n\x03")
-
-
-def speed(bench: Bench) -> int:
-    assert bench.port.ends is not None
-    found: int = termios.tcgetattr(bench.port.ends[1])[5]
-    return found
+    assert bench.port.heard() == bytes(range(256))
+    bench.port.say(b"\x00\xff\r\n\x03")
+    await until(lambda: bench.data == b"\x00\xff\r\n\x03")
 
 
 @played
 async def test_another_speed_lasts_until_the_port_is_opened_again(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
-    assert speed(bench) == termios.B921600
+    bench.open()
+    assert bench.port.speed == termios.B921600
     bench.link.set_baud(3_000_000)
-    assert speed(bench) == termios.B3000000
+    assert bench.port.speed == termios.B3000000
     assert bench.link.write(b"still here")
-    assert bench.port.received() == b"still here"
-    os.write(bench.port.master, b"there too")
-    await bench.until(lambda: bench.data == b"there too")
+    assert bench.port.heard() == b"still here"
+    bench.port.say(b"there too")
+    await until(lambda: bench.data == b"there too")
     bench.port.pull()
     bench.link.set_baud(921600)
-    await bench.until(lambda: not bench.links[-1][0])
+    await until(lambda: not bench.links[-1][0])
     bench.port.plug()
-    await bench.until(lambda: bench.links[-1][0])
-    assert speed(bench) == termios.B921600
+    await until(lambda: bench.links[-1][0])
+    assert bench.port.speed == termios.B921600
 
 
 @played
@@ -161,7 +151,7 @@ async def test_a_missing_port_is_reported_once_and_opened_when_it_appears(bench:
     assert not bench.link.write(b"not open")
     await bench.tried_again()
     bench.port.plug()
-    await bench.until(lambda: len(bench.links) == 2)
+    await until(lambda: len(bench.links) == 2)
     assert bench.links[1][0]
 
 
@@ -188,24 +178,22 @@ def test_however_long_a_port_was_gone_it_is_opened_a_quarter_of_a_second_after_i
 
 @played
 async def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
+    bench.open()
     bench.port.pull()
-    await bench.until(lambda: len(bench.links) == 2)
+    await until(lambda: len(bench.links) == 2)
     assert not bench.links[1][0]
     assert bench.links[1][1].startswith(f"{bench.port.path} lost: ")
     await bench.tried_again()
     assert len(bench.links) == 2
     bench.port.plug()
-    await bench.until(lambda: len(bench.links) == 3)
+    await until(lambda: len(bench.links) == 3)
     assert bench.link.write(b"again")
-    assert bench.port.received() == b"again"
+    assert bench.port.heard() == b"again"
 
 
 @played
 async def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
+    bench.open()
     bench.port.pull()
     assert not bench.link.write(b"too late")  # before the loop could see it
     assert [up for up, _ in bench.links] == [True, False]
@@ -215,22 +203,21 @@ async def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None
 
 @played
 async def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
+    bench.open()
     frame = bytes(4000)
     written = [bench.link.write(frame) for _ in range(64)]
     assert written[0]
     assert False in written
     assert bench.link.dropped_writes == written.count(False)
-    while bench.port.received():
+    while bench.port.heard():
         pass
     bench.link.write(bytes(70_000))  # more than a pty takes: torn
-    while bench.port.received():
+    while bench.port.heard():
         pass
     assert bench.link.write(b"fresh")
-    assert bench.port.received() == b"\0fresh"
+    assert bench.port.heard() == b"\0fresh"
     assert bench.link.write(b"whole")
-    assert bench.port.received() == b"whole"
+    assert bench.port.heard() == b"whole"
 
 
 @played
@@ -251,17 +238,16 @@ async def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port
     bench.start()
     await bench.link.drained(PATIENCE_S)  # no port
     bench.port.plug()
-    await bench.until(lambda: len(bench.links) == 2)
+    await until(lambda: len(bench.links) == 2)
     assert bench.link.write(b"the last word")
     async with asyncio.timeout(PATIENCE_S / 2):
         await bench.link.drained(PATIENCE_S)
-    assert bench.port.received() == b"the last word"
+    assert bench.port.heard() == b"the last word"
 
 
 @played
 async def test_a_closed_link_reports_nothing_more(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
+    bench.open()
     bench.link.close()
     bench.link.close()
     assert not bench.link.write(b"gone")
@@ -272,12 +258,11 @@ async def test_a_closed_link_reports_nothing_more(bench: Bench) -> None:
 
 @played
 async def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
+    bench.open()
     bench.link.rest(True)
     for data in (b"one", b"two"):
-        os.write(bench.port.master, data)
-    await bench.until(lambda: bench.port.lying == len(b"onetwo"))
+        bench.port.say(data)
+    await until(lambda: bench.port.lying == len(b"onetwo"))
     for _ in range(3):
         await asyncio.sleep(0)  # the loop looks at its descriptors each time
     assert bench.data == b""
@@ -285,29 +270,27 @@ async def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> 
     assert bench.data == b"onetwo"
     bench.link.read()  # there is nothing
     bench.link.write(b"what time is it?")
-    os.write(bench.port.master, b"late")
-    await bench.until(lambda: bench.data == b"onetwolate")
-    os.write(bench.port.master, b"!")
+    bench.port.say(b"late")
+    await until(lambda: bench.data == b"onetwolate")
+    bench.port.say(b"!")
     bench.link.rest(False)
-    await bench.until(lambda: bench.data == b"onetwolate!")
+    await until(lambda: bench.data == b"onetwolate!")
 
 
 @played
 async def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
-    os.write(bench.port.master, b"taken")
+    bench.open()
+    bench.port.say(b"taken")
     assert bench.port.taken() == b"taken"
     bench.link._readable()  # as if the loop had seen them first
     assert [up for up, _ in bench.links] == [True]
-    os.write(bench.port.master, b"ours")
-    await bench.until(lambda: bench.data == b"ours")
+    bench.port.say(b"ours")
+    await until(lambda: bench.data == b"ours")
 
 
 @played
 async def test_unplugging_while_idle_is_reported_at_the_next_read(bench: Bench) -> None:
-    bench.port.plug()
-    bench.start()
+    bench.open()
     bench.link.rest(True)
     bench.port.pull()
     bench.link.read()

@@ -7,15 +7,13 @@ import functools
 import json
 import os
 import queue
-import selectors
 import socket
 import threading
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
-from asynchronous import asynchronous
+from asynchronous import VirtualTimeLoop, asynchronous
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,6 +25,8 @@ from hapticd.io.devices.trackpad_source import MODELS, PADS, TrackpadSource
 from hapticd.values import RawReport
 
 MS = 1_000_000
+
+in_virtual_time = functools.partial(asynchronous, loop_factory=VirtualTimeLoop)
 
 
 class Listener:
@@ -356,40 +356,7 @@ def test_the_real_hidapi_is_there_and_can_list() -> None:
     assert isinstance(load_hid().enumerate(0x05AC, 0x0265), list)
 
 
-# --- a unix socket, and time that only passes when nothing else can happen ------------------------------------------
-
-
-class EagerSelector(selectors.DefaultSelector):
-    """Instead of waiting, moves the clock."""
-
-    t_s = 0.0
-
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        events = super().select(0)
-        if not events:
-            assert timeout is not None, "nothing is left that could wake the loop"
-            self.t_s += timeout
-        return events
-
-
-class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    def __init__(self) -> None:
-        self.selector = EagerSelector()
-        super().__init__(self.selector)
-
-    def time(self) -> float:
-        return self.selector.t_s
-
-
-def in_virtual_time(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
-    """Run a test coroutine on a VirtualTimeLoop."""
-
-    @functools.wraps(test)
-    def run(**fixtures: Any) -> None:
-        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-            runner.run(test(**fixtures))
-
-    return run
+# --- a unix socket --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

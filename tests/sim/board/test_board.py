@@ -39,19 +39,24 @@ def reference(seq: int, *w_um: complex) -> bytes:
     return device.encode_reference(seq, SafeDrive(0, (Knot(0, w_um),), LimitReason.NONE), 0)
 
 
+def refer(board: Board, *w_um: complex) -> None:
+    """Three references at once, which a board wants before it trusts a host."""
+    for seq in range(3):
+        board.receive(reference(seq, *w_um))
+
+
 def touched_run(
-    board: Board, ticks: int = 80, detuning_rad_s: float = 0.0
+    board: Board, detuning_rad_s: float = 0.0
 ) -> tuple[BoardTrace, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Three references at once, then two fingers on the move, the second lifting halfway."""
     rng = np.random.default_rng(5)
-    phi = rng.uniform(-1, 1, (ticks, 2, 4))
-    decay_1_s = np.repeat([[90.0, 140.0]], ticks, axis=0)
-    decay_1_s[ticks // 2 :, 1] = 0.0
-    for seq in range(3):
-        board.receive(reference(seq, 2 + 1j, -1 + 0.5j))
-    trace = BoardTrace(ticks, 2, 4)
-    detuning = np.full((ticks, 2), detuning_rad_s)
-    board.run(ticks, phi, decay_1_s, trace, contact_detuning_rad_s=detuning if detuning_rad_s else None)
+    phi = rng.uniform(-1, 1, (80, 2, 4))
+    decay_1_s = np.repeat([[90.0, 140.0]], 80, axis=0)
+    decay_1_s[40:, 1] = 0.0
+    refer(board, 2 + 1j, -1 + 0.5j)
+    trace = BoardTrace(80, 2, 4)
+    detuning = np.full((80, 2), detuning_rad_s)
+    board.run(80, phi, decay_1_s, trace, contact_detuning_rad_s=detuning if detuning_rad_s else None)
     return trace, phi, decay_1_s
 
 
@@ -132,14 +137,9 @@ def test_same_seed_same_bytes_other_seed_other_bytes() -> None:
 
 
 def test_cut_into_pieces_a_run_is_the_same() -> None:
-    whole, _, _ = touched_run(Board(plate(noise_um=0.001)))
+    whole, phi, decay_1_s = touched_run(Board(plate(noise_um=0.001)))
     board = Board(plate(noise_um=0.001))
-    for seq in range(3):
-        board.receive(reference(seq, 2 + 1j, -1 + 0.5j))
-    rng = np.random.default_rng(5)
-    phi = rng.uniform(-1, 1, (80, 2, 4))
-    decay_1_s = np.repeat([[90.0, 140.0]], 80, axis=0)
-    decay_1_s[40:, 1] = 0.0
+    refer(board, 2 + 1j, -1 + 0.5j)
     trace = BoardTrace(80, 2, 4)
     done = 0
     while done < 80:
@@ -151,8 +151,7 @@ def test_cut_into_pieces_a_run_is_the_same() -> None:
 
 def test_an_absent_finger_may_have_no_shape() -> None:
     board = Board(plate())
-    for seq in range(3):
-        board.receive(reference(seq, 1 + 0j, 0j))
+    refer(board, 1 + 0j, 0j)
     trace = BoardTrace(20, 2, 4)
     board.run(20, np.full((20, 1, 4), np.nan), np.zeros((20, 1)), trace)
     assert np.isfinite(trace.plate_um).all()

@@ -129,11 +129,9 @@ def test_swap_crosses_lifts_lands_again_and_changes_the_roles() -> None:
     assert sum(a != b for a, b in pairwise(sides[sides != 0])) >= 4
     assert np.hypot(*(places[:, 0] - places[:, 1]).T).min() == pytest.approx(18.0, abs=0.1)
 
-    lifted = np.isnan(places_mm(under, run_times_s("swap"))[:, 0])
-    np.testing.assert_array_equal(
-        run_times_s("swap")[lifted & (run_times_s("swap") >= LAND_S)],
-        run_times_s("swap")[(run_times_s("swap") >= LIFT_S) & (run_times_s("swap") < LAND_AGAIN_S)],
-    )
+    t_s = run_times_s("swap")
+    lifted = np.isnan(places_mm(under, t_s)[:, 0])
+    np.testing.assert_array_equal(lifted[t_s >= LAND_S], ((t_s >= LIFT_S) & (t_s < LAND_AGAIN_S))[t_s >= LAND_S])
     for actor in (over, under):
         before, after = actor.target_at_um(SWAP_S - 1e-6), actor.target_at_um(SWAP_S)
         assert {before, after} == {0.0, 1.0}
