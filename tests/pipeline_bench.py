@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from hapticd.content_values import ClientTargets, Target, VirtualPath
+from hapticd.content_values import AmplitudeTarget, ClientTargets, Polygon, Target, VirtualPath
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
-from hapticd.values import Contact, Tick, TouchFrame
+from hapticd.values import Contact, FingerFrame, Tick, TouchFrame
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000
@@ -41,13 +41,18 @@ class Bench:
         message = ClientTargets("test", FOREVER_NS, targets, virtuals or {})
         assert self.scene.apply(message, self.t_ns) == ()
 
-    def report(self, *positions_mm: tuple[float, float]) -> Tick:
+    def touch(
+        self, t_device_ns: int, t_read_ns: int, *positions_mm: tuple[float, float], pressure_frac: float = 0.2
+    ) -> FingerFrame:
         contacts = tuple(
-            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, 0.2, True, 4, 0, 0)
+            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, pressure_frac, True, 4, 0, 0)
             for index, (x_mm, y_mm) in enumerate(positions_mm)
         )
+        return self.pipeline.touch(TouchFrame(t_device_ns, contacts, False), t_read_ns)
+
+    def report(self, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> Tick:
         self.t_ns += self.period_ns
-        self.pipeline.touch(TouchFrame(self.t_ns - 10 * MS, contacts, False), self.t_ns)
+        self.touch(self.t_ns - 10 * MS, self.t_ns, *positions_mm, pressure_frac=pressure_frac)
         return self.pipeline.drive(self.t_ns, LINK_NS)
 
     def hold(self, reports: int, *positions_mm: tuple[float, float]) -> list[Tick]:
@@ -55,9 +60,10 @@ class Bench:
 
 
 def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:
-    assert tick.drive is not None
     shapes = PLATE.at(*at_mm)
     return abs(sum(phi * w_um.real for phi, w_um in zip(shapes, tick.drive.knots[knot].modal_um, strict=True)))
 
 
 SLIPPERY, STICKY = (-30.2, 5.1), (21.3, -14.9)
+ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
+LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from pipeline_bench import PLATE
 
 from hapticd.core.phasors import Row
 from hapticd.core.plate.contact import contact_grams
-from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.instant import LEAST_STEP_UM, InstantSolver, ModalSolution, Place, interpolated_um
 from hapticd.core.trajectory.gate import silence
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -20,17 +20,7 @@ from hapticd.values import Knot, LimitReason, SafeDrive
 
 W_LIMIT_UM = (4.0, 4.0)
 STEP_NS = 500_000
-WAVE_MM = 27.0
 positions_mm = st.floats(-60.0, 60.0)
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 111)
-    wave = np.sin(2 * np.pi * axis_mm / WAVE_MM)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
-
-
-PLATE = sine_plate()
 
 
 def solver(*, phase_rotation: bool = True) -> InstantSolver:
