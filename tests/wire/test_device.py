@@ -172,7 +172,6 @@ def test_each_message_becomes_its_value() -> None:
 
 def test_a_law_of_a_later_firmware_is_read_as_unknown() -> None:
     (controller,) = device.Decoder().feed(frame(protocol.MSG_CONTROLLER, b"\x63" + CONTROLLER[1:]))
-    assert isinstance(controller, BoardController)
     assert controller.law is None
 
 
@@ -250,7 +249,6 @@ def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload:
 
 def hello(payload: bytes = HELLO) -> BoardHello:
     (message,) = device.Decoder().feed(frame(protocol.MSG_HELLO, payload))
-    assert isinstance(message, BoardHello)
     return message
 
 
@@ -322,7 +320,6 @@ def test_a_status_may_grow_at_its_end() -> None:
         (protocol.MORE_STATUS.pack(29205.0, 9, 712, 3) + b"of a later version", 29205.0, 9, 712, 3),
     ):
         (status,) = device.Decoder().feed(frame(protocol.MSG_STATUS, STATUS + tail))
-        assert isinstance(status, BoardStatus)
         found = (status.drive_hz, status.number, status.refused_seq, status.refusal)
         assert found == (drive_hz, number, refused, refusal)
 
