@@ -225,8 +225,7 @@ def test_a_map_has_no_steps(target: MapTarget, x_mm: float, y_mm: float, step_mm
 # --- friction ---------------------------------------------------------------------------------------------------
 
 
-def test_friction_one_is_still_glass_and_friction_zero_the_curves_most() -> None:
-    assert CURVE.amplitude_um(1.0) == 0.0
+def test_friction_zero_is_the_curves_most() -> None:
     assert CURVE.amplitude_um(0.0) == 2.0
 
 
@@ -237,9 +236,9 @@ def test_more_friction_never_needs_more_amplitude(a: float, b: float) -> None:
     assert CURVE.amplitude_um(low) >= CURVE.amplitude_um(high)
 
 
-@pytest.mark.parametrize("odd", [math.nan, 1.5, math.inf])
-def test_a_friction_beyond_bare_glass_is_bare_glass(odd: float) -> None:
-    assert CURVE.amplitude_um(odd) == 0.0
+@pytest.mark.parametrize("friction", [1.0, 1.5, math.inf, math.nan])
+def test_friction_one_is_still_glass_and_so_is_any_beyond_it(friction: float) -> None:
+    assert CURVE.amplitude_um(friction) == 0.0
 
 
 def test_the_default_curve_is_its_exponential_within_three_nanometres() -> None:
@@ -297,9 +296,6 @@ def test_a_curve_that_is_not_monotone_from_the_most_to_still_glass_is_refused(
 def test_a_calibration_sweep_that_is_no_curve_is_refused(amplitudes_um: list[float]) -> None:
     with pytest.raises(ValueError, match="friction curve"):
         FrictionCurve.from_amplitudes(amplitudes_um)
-
-
-# --- friction ---------------------------------------------------------------------------------------------------
 
 
 @given(st.floats(0, 1), st.floats(0, 500), st.floats(10, 1000))
