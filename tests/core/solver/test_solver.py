@@ -240,61 +240,50 @@ def test_a_batch_is_solve_after_solve_each_from_the_last() -> None:
     phi = np.random.default_rng(1).uniform(-1, 1, (20, 2, 2))
     targets = np.random.default_rng(2).uniform(0.1, 2, (20, 2))
     batch = solve_batch(phi, targets, [4.0, 3.0], previous_um=[1.0, -1.0])
-    previous: object = [1.0, -1.0]
+    previous = [1.0, -1.0]
     for shapes, target, modal in zip(phi, targets, batch, strict=True):
-        previous = solve(shapes, target, [4.0, 3.0], previous_um=previous).modal_um  # type: ignore[arg-type]
+        previous = solve(shapes, target, [4.0, 3.0], previous_um=previous).modal_um
         assert modal.tolist() == previous.tolist()
     assert solve_batch(np.zeros((0, 2, 3)), [1.0, 0.0], 4.0).shape == (0, 3)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"phi": {(0.5, 0.4): 1, (0.3, -0.2): 2}},
-        {"phi": [{0.5, 0.4}, {0.3, -0.2}]},
-        {"phi": np.full((2, 2, 2), 0.5)},
-        {"target_um": {1.0, 0.0}},
-        {"target_um": "10"},
-        {"limit_um": {4.0: 1, 3.0: 2}},
-        {"previous_um": iter((1.0, 2.0))},
-    ],
-)
-def test_what_only_looks_like_numbers_is_refused(change: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match=rf"^{next(iter(change))}[^\n]*\.$"):
-        solve(**{**GOOD, **change})  # type: ignore[arg-type]
 
 
 GOOD: dict[str, object] = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 0.0], "limit_um": 4.0}
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
+    ("name", "value"),
     [
-        ({"phi": [[math.nan, 0.4], [0.3, -0.2]]}, "phi"),
-        ({"phi": [[math.inf, 0.4], [0.3, -0.2]]}, "phi"),
-        ({"phi": [[0.5, 0.4], [0.3]]}, "phi"),
-        ({"phi": [0.5, 0.4]}, "phi"),
-        ({"phi": np.zeros((2, 0))}, "phi"),
-        ({"phi": "plate"}, "phi"),
-        ({"target_um": [1.0]}, "target_um"),
-        ({"target_um": [-1.0, 0.0]}, "target_um"),
-        ({"target_um": [math.nan, 0.0]}, "target_um"),
-        ({"target_um": [math.inf, 0.0]}, "target_um"),
-        ({"limit_um": 0.0}, "limit_um"),
-        ({"limit_um": [4.0, -1.0]}, "limit_um"),
-        ({"limit_um": [4.0, math.nan]}, "limit_um"),
-        ({"limit_um": [4.0, 4.0, 4.0]}, "limit_um"),
-        ({"previous_um": [1.0]}, "previous_um"),
-        ({"previous_um": [1.0, math.nan]}, "previous_um"),
+        ("phi", [[math.nan, 0.4], [0.3, -0.2]]),
+        ("phi", [[math.inf, 0.4], [0.3, -0.2]]),
+        ("phi", [[0.5, 0.4], [0.3]]),
+        ("phi", [0.5, 0.4]),
+        ("phi", np.zeros((2, 0))),
+        ("phi", np.full((2, 2, 2), 0.5)),
+        ("phi", "plate"),
+        ("phi", {(0.5, 0.4): 1, (0.3, -0.2): 2}),
+        ("phi", [{0.5, 0.4}, {0.3, -0.2}]),
+        ("target_um", [1.0]),
+        ("target_um", [-1.0, 0.0]),
+        ("target_um", [math.nan, 0.0]),
+        ("target_um", [math.inf, 0.0]),
+        ("target_um", {1.0, 0.0}),
+        ("target_um", "10"),
+        ("limit_um", 0.0),
+        ("limit_um", [4.0, -1.0]),
+        ("limit_um", [4.0, math.nan]),
+        ("limit_um", [4.0, 4.0, 4.0]),
+        ("limit_um", {4.0: 1, 3.0: 2}),
+        ("previous_um", [1.0]),
+        ("previous_um", [1.0, math.nan]),
+        ("previous_um", iter((1.0, 2.0))),
     ],
 )
-def test_bad_input_gets_one_sentence_that_names_it(change: dict[str, object], named: str) -> None:
-    with pytest.raises(ValueError, match=r"^[^\n]*\.$") as caught:
-        solve(**{**GOOD, **change})  # type: ignore[arg-type]
-    assert named in str(caught.value)
-    if "phi" not in change and "target_um" not in change:
-        with pytest.raises(ValueError, match=named):
-            solve_batch(**{**GOOD, "phi": np.zeros((0, 2, 2)), **change})  # type: ignore[arg-type]
+def test_bad_input_gets_one_sentence_that_names_it(name: str, value: object) -> None:
+    with pytest.raises(ValueError, match=rf"^{name}[^\n]*\.$"):
+        solve(**{**GOOD, name: value})
+    if name not in ("phi", "target_um"):
+        with pytest.raises(ValueError, match=name):
+            solve_batch(**{**GOOD, "phi": np.zeros((0, 2, 2)), name: value})
 
 
 def test_the_condition_number_is_infinite_where_phi_is_singular_and_has_no_scale() -> None:

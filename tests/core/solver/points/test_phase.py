@@ -88,9 +88,8 @@ def test_of_phasors_that_serve_both_fingers_the_least_is_taken() -> None:
     random = np.random.default_rng(3)
     for _ in range(100):
         phi, target_um = random.uniform(-1, 1, (2, 2)), random.uniform(0.1, 1.5, 2)
-        free = [solve(phi, target_um * [1.0, 1.0], 1e9).modal_um]
         modal_um = solve_phased(phi, target_um, 1e9)
-        assert np.linalg.norm(modal_um) == pytest.approx(np.linalg.norm(free[0]), rel=1e-9)
+        assert np.linalg.norm(modal_um) == pytest.approx(np.linalg.norm(solve(phi, target_um, 1e9).modal_um), rel=1e-9)
         assert not np.any(modal_um.imag)  # without limits a sign pattern is best
 
 
@@ -181,8 +180,7 @@ def test_more_fingers_turn_from_pattern_to_pattern_as_unfelt(fingers: int, modes
         turned.append(solve_phased(phi, target_um, FAR_UM, previous_um=turned[-1] if turned else None))
         real.append(solve(phi, target_um, FAR_UM, previous_um=real[-1] if real else None).modal_um)
     least, least_real = 1.0, 1.0
-    for index in range(1, len(ways)):
-        phi = ways[index]
+    for index, phi in enumerate(ways[1:], 1):
         assert np.abs(phi @ turned[index]) == pytest.approx(target_um, rel=1e-6, abs=1e-9)
         share, share_real = (
             float(np.min(np.abs(phi @ (way[index] + way[index - 1]))[:fingers] / target_um[:fingers] / 2))
@@ -254,19 +252,19 @@ def test_the_scale_of_the_shapes_changes_no_turn(scale: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
+    ("name", "value"),
     [
-        ({"phi": [[math.nan, 0.4], [0.3, -0.2]]}, "phi"),
-        ({"target_um": [-1.0, 0.0]}, "target_um"),
-        ({"limit_um": 0.0}, "limit_um"),
-        ({"previous_um": [1.0]}, "previous_um"),
-        ({"previous_um": [1.0, complex(0.0, math.inf)]}, "previous_um"),
-        ({"previous_um": "plate"}, "previous_um"),
-        ({"turn_rad": -1.0}, "turn_rad"),
-        ({"turn_rad": math.nan}, "turn_rad"),
+        ("phi", [[math.nan, 0.4], [0.3, -0.2]]),
+        ("target_um", [-1.0, 0.0]),
+        ("limit_um", 0.0),
+        ("previous_um", [1.0]),
+        ("previous_um", [1.0, complex(0.0, math.inf)]),
+        ("previous_um", "plate"),
+        ("turn_rad", -1.0),
+        ("turn_rad", math.nan),
     ],
 )
-def test_bad_input_gets_one_sentence_that_names_it(change: dict[str, object], named: str) -> None:
-    good: dict[str, object] = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 0.5], "limit_um": 4.0}
-    with pytest.raises(ValueError, match=rf"^{named}[^\n]*\.$"):
-        solve_phased(**{**good, **change})  # type: ignore[arg-type]
+def test_bad_input_gets_one_sentence_that_names_it(name: str, value: object) -> None:
+    good = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 0.5], "limit_um": 4.0}
+    with pytest.raises(ValueError, match=rf"^{name}[^\n]*\.$"):
+        solve_phased(**{**good, name: value})
