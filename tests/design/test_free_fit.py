@@ -21,6 +21,8 @@ from hapticd.design.free_fit import FreePlateModes
 from hapticd.design.pose import NOMINAL, find_pose
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
+from .reference_plate import driven_modes, grid_points
+
 pytestmark = pytest.mark.long
 
 WAVE_RAD_MM = 2.0 * math.pi / 26.2
@@ -32,12 +34,6 @@ OBLONG_MM = (120.0, 80.0)
 @cache
 def neighbours(size_mm: tuple[float, float], band_hz: tuple[float, float]) -> list[ModeShape]:
     return [shape for _, shape in free_plate_modes(size_mm, band_hz=band_hz)]
-
-
-@cache
-def driven_modes() -> list[ModeShape]:
-    by_name = {shape.name: shape for _, shape in free_plate_modes()}
-    return [by_name["11x0"], by_name["0x11"]]
 
 
 def scan_axis_mm(edge_mm: float) -> np.ndarray:
@@ -56,8 +52,7 @@ def noisy(surfaces: np.ndarray, seed: int = 1) -> np.ndarray:
 
 
 def map_error(fit: CartographyFit, truth: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray) -> float:
-    points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    error = fit.modes.evaluate(points).T.reshape(truth.shape) - truth
+    error = fit.modes.evaluate(grid_points(x_mm, y_mm)).T.reshape(truth.shape) - truth
     return float(np.sqrt((error**2).mean()))
 
 
@@ -167,9 +162,8 @@ def test_exact_values_give_the_exact_shares() -> None:
     modes = FreePlateModes(SQUARE_MM, WAVE_RAD_MM)
     shares = np.random.default_rng(3).normal(size=(len(modes), 2))
     axis_mm = scan_axis_mm(137.5)
-    points = np.stack(np.meshgrid(axis_mm, axis_mm), axis=-1).reshape(-1, 2)
 
-    fit, pose = modes.fit(points, modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
+    fit, pose = modes.fit(grid_points(axis_mm, axis_mm), modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
 
     assert pose == NOMINAL
     np.testing.assert_allclose(fit.coefficients, shares, rtol=1e-9)

@@ -154,19 +154,17 @@ def test_through_a_singular_position_the_amplitudes_stay_where_the_papers_flip()
 
 @settings(deadline=None, max_examples=150)
 @given(
-    rows=st.lists(row, min_size=1, max_size=4),
-    targets=st.lists(amplitude, min_size=4, max_size=4),
-    limits=st.tuples(amplitude, amplitude),
-    previous=st.none() | st.tuples(amplitude, amplitude),
+    rows=st.integers(1, 5).flatmap(lambda modes: st.lists(st.tuples(*[shape] * modes), min_size=1, max_size=5)),
+    targets=st.lists(amplitude, min_size=5, max_size=5),
+    limits=st.lists(amplitude, min_size=5, max_size=5),
+    previous=st.none() | st.lists(amplitude, min_size=5, max_size=5),
 )
 def test_no_point_of_the_box_serves_slipping_fingers_better(
-    rows: list[tuple[float, float]],
-    targets: list[float],
-    limits: tuple[float, float],
-    previous: tuple[float, float] | None,
+    rows: list[tuple[float, ...]], targets: list[float], limits: list[float], previous: list[float] | None
 ) -> None:
-    phi, target_um, limit_um = np.array(rows), np.array(targets[: len(rows)]), np.array(limits)
-    solution = solve(phi, target_um, limit_um, previous_um=previous)
+    modes = len(rows[0])
+    phi, target_um, limit_um = np.array(rows), np.array(targets[: len(rows)]), np.array(limits[:modes])
+    solution = solve(phi, target_um, limit_um, previous_um=previous and previous[:modes])
     assert np.all(np.abs(solution.modal_um) <= limit_um)
     assert error(phi, target_um, solution.modal_um) <= best_error_in_box(phi, target_um, limit_um) + 1e-9
 
