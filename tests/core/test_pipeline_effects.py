@@ -565,7 +565,7 @@ any_step = st.tuples(
 
 
 @given(st.lists(any_step, max_size=12))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_whatever_fingers_and_clients_do_every_pass_makes_a_sound_frame_and_events_in_order(steps: list[Any]) -> None:
     player = Player()
     for effects, surfaces, places, pressure_frac, reports in steps:

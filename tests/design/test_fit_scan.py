@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.design import CartographyFit, Pose, fit_cartography, fit_scan, sample_scan
@@ -118,7 +118,6 @@ def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
     np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), estimated, rtol=0.05)
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.floats(-math.pi, math.pi), st.floats(1e-6, 1e6), st.integers(0, 100))
 def test_one_phase_is_taken_out_of_each_mode(phase_rad: float, size: float, seed: int) -> None:
     real = np.random.default_rng(seed).standard_normal((50, 2))

@@ -425,7 +425,7 @@ def test_no_field_takes_a_number_that_is_not_finite(bad: float) -> None:
 
 
 @given(st.binary(max_size=200))
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 def test_random_bytes_never_raise_anything_else(payload: bytes) -> None:
     for decode in (client.decode_targets, client.decode_request):
         with pytest.raises(RequestError):
@@ -433,7 +433,7 @@ def test_random_bytes_never_raise_anything_else(payload: bytes) -> None:
 
 
 @given(st.integers(0, 2**32), st.integers(1, 6))
-@settings(deadline=None, max_examples=400)
+@settings(max_examples=400)
 def test_a_damaged_message_is_refused_or_is_within_all_bounds(seed: int, damages: int) -> None:
     rng = random.Random(seed)
     payload = bytearray(packed())
@@ -462,7 +462,7 @@ plain = st.recursive(
 
 
 @given(st.sampled_from([*FULL, "other"]), plain)
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 def test_any_value_in_any_field_is_refused_or_read(name: str, value: object) -> None:
     try:
         payload = packed(**{name: value})

@@ -168,7 +168,7 @@ def test_the_middle_of_the_declared_range_is_the_origin_and_its_edges_half_the_s
     st.integers(-4096, 4095),
     st.integers(0, 7),
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_the_placement_moves_points_and_turns_ellipses_as_the_affine_map_does(
     affine: AffineMap, x: int, y: int, orientation: int
 ) -> None:
@@ -249,7 +249,7 @@ REPORT_LIKE = st.one_of(
 
 
 @given(st.sampled_from(MODELS), st.lists(st.tuples(REPORT_LIKE, st.integers(-(10**18), 10**18)), max_size=20))
-@settings(deadline=None, max_examples=120)
+@settings(max_examples=120)
 def test_no_bytes_raise_and_every_report_is_a_frame_or_counted(model: str, reports: list[tuple[bytes, int]]) -> None:
     decoder = Decoder(model)
     frames: list[TouchFrame] = []
@@ -286,7 +286,7 @@ def stamps_ns(stamps: list[tuple[int, int]]) -> tuple[list[int], Decoder]:
     st.integers(-200, 200),
 )
 @example(WRAP_MS - 1, 0, [(11, 0), (WRAP_MS, 0), (3 * WRAP_MS + WRAP_MS // 2, 0), (11, 0)], 0)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_frame_times_follow_the_device_over_wraps_idle_gaps_drift_and_late_arrivals(
     start_ms: int, host_ns: int, steps: list[tuple[int, int]], drift_ppm: int
 ) -> None:
@@ -333,7 +333,7 @@ STAMPS = st.integers(0, WRAP_MS - 1)
 
 
 @given(STAMPS, st.lists(st.tuples(STAMPS, st.integers(0, 10**10)), max_size=40))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_a_device_clock_that_makes_no_sense_stays_near_the_hosts(first: int, rest: list[tuple[int, int]]) -> None:
     host_ns, stamps = 0, [(first, 0)]
     for stamp_ms, elapsed_ns in rest:

@@ -6,7 +6,7 @@ import random
 import statistics
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.board_values import BoardTime
@@ -177,7 +177,6 @@ def test_a_reset_sensor_clock_locks_on_the_next_report() -> None:
     assert clock.relocks == 0
 
 
-@settings(deadline=None, max_examples=100)
 @given(values=st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=40), size=st.integers(1, 9))
 def test_the_rolling_quantile_is_that_of_the_last_values(values: list[int], size: int) -> None:
     rolling = RollingQuantile(size, 0.5)
@@ -237,7 +236,6 @@ def test_the_board_clock_holds_through_jitter_drift_and_the_wrap(ppm: float) -> 
     assert clock.relocks == 0
 
 
-@settings(deadline=None, max_examples=100)
 @given(ahead_ns=st.integers(-30 * 60 * S, 30 * 60 * S), start_us=st.integers(0, WRAP_US - 1))
 def test_there_and_back_is_the_same_instant_however_the_counter_stands(ahead_ns: int, start_us: int) -> None:
     link, clock = Link(start_us=start_us, ppm=50.0), BoardClock()
@@ -325,7 +323,6 @@ def test_without_noted_requests_any_recent_stamp_is_taken() -> None:
     assert BoardClock().update(BoardTime(S, 0, 0), S + MS)
 
 
-@settings(deadline=None, max_examples=100)
 @given(replies=st.lists(st.tuples(*[st.integers(0, 2**32 - 1)] * 2, st.integers(-S, 3 * S)), max_size=20))
 def test_no_sequence_of_answers_breaks_the_clock(replies: list[tuple[int, int, int]]) -> None:
     clock = BoardClock()

@@ -50,7 +50,7 @@ def test_a_wave_is_interpolated_between_the_points_of_the_map(modes: ModeShapes)
     assert np.abs(error).max() < 1.5e-3
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.floats(width=64), st.floats(width=64))
 def test_one_point_and_many_points_agree_to_the_last_bit(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
     many = np.full((40, 2), (x_mm, y_mm))
@@ -62,7 +62,7 @@ def test_one_point_and_many_points_agree_to_the_last_bit(modes: ModeShapes, x_mm
     np.testing.assert_array_equal(modes.evaluate(many[:1]), [one])
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.floats(width=64), st.floats(width=64))
 def test_value_and_gradient_in_one_pass_are_those_of_two(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
     rows = np.array(modes.at_with_gradient(x_mm, y_mm))

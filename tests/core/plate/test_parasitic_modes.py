@@ -120,7 +120,7 @@ def test_nothing_changes_where_all_slip_or_all_are_still() -> None:
 
 
 @given(st.lists(st.tuples(positions_mm, positions_mm, st.sampled_from((0.0, 1.0, 4.0))), min_size=1, max_size=4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_mode_passes_its_limit(places: list[Place]) -> None:
     moment = solver(NEIGHBOURS).solve(places, (4.0 + 0j, -4.0 + 0j), STEP_NS)
     assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(moment.modal_um, LIMIT_UM, strict=True))

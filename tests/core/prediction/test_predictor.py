@@ -230,7 +230,7 @@ places_mm = st.one_of(st.floats(-80.0, 80.0), st.floats(-1e6, 1e6), st.floats())
 
 
 @every_predictor
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(samples=st.lists(st.tuples(gaps_ns, places_mm, places_mm), min_size=1, max_size=30))
 def test_for_any_samples_a_prediction_is_finite_and_within_reach_of_a_finger(
     name: str, samples: list[tuple[int, float, float]]

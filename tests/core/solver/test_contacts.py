@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 from scipy.optimize import minimize_scalar
@@ -161,7 +161,6 @@ def test_no_slipping_finger_is_silence_and_the_start_is_the_same_each_time(plate
 
 
 @given(st.data())
-@settings(deadline=None)
 def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data: st.DataObject) -> None:
     """Two to eight modes, up to six contacts, some on top of each other, some that move nothing, at any scale."""
     modes, fingers = data.draw(st.integers(2, 8)), data.draw(st.integers(1, 6))

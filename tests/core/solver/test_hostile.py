@@ -35,7 +35,7 @@ def problems(draw: st.DrawFn) -> dict[str, object]:
     }
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(problem=problems())
 def test_the_result_is_finite_and_within_the_limits(problem: dict[str, object]) -> None:
     limits = problem["limits"]
@@ -46,7 +46,6 @@ def test_the_result_is_finite_and_within_the_limits(problem: dict[str, object]) 
         assert all(-bound <= w <= bound for w, bound in zip(modal, limits, strict=True))
 
 
-@settings(deadline=None, max_examples=100)
 @given(problem=problems(), value=never, where=st.integers(0, 100))
 @example(
     problem={"rows": ((1.0, 0.0),), "targets": (1.0,), "limits": (4.0, 4.0), "previous": None}, value=math.nan, where=1

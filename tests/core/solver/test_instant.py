@@ -88,7 +88,7 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
 @example(  # an angle below the range of floats
     places=[(0.0, 0.0, 0.0), (16.0, 0.0, 0.3), (-29.0, 0.0, 0.3)], previous_um=(5e-324 + 3j, 0j), since_ns=0
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_mode_passes_its_limit_for_any_targets(places: list[Place], previous_um: Row, since_ns: int) -> None:
     solution = solver().solve(places, previous_um, since_ns)
     assert all(math.hypot(w.real, w.imag) <= limit for w, limit in zip(solution.modal_um, W_LIMIT_UM, strict=True))

@@ -59,7 +59,7 @@ def test_at_the_limit_the_still_finger_stays_still_and_the_other_gets_less() -> 
     assert solution.limited
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(slipping=row, still=row, target=amplitude, limits=st.tuples(amplitude, amplitude))
 def test_the_still_finger_gets_zero_and_the_other_all_that_the_limits_allow(
     slipping: tuple[float, float], still: tuple[float, float], target: float, limits: tuple[float, float]
@@ -94,7 +94,7 @@ def test_a_still_finger_on_a_node_of_both_modes_asks_for_nothing() -> None:
     assert with_it.modal_um == pytest.approx(without.modal_um)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     rows=st.lists(row, min_size=1, max_size=2),
     targets=st.tuples(st.just(0.0) | amplitude, st.just(0.0) | amplitude),
@@ -152,7 +152,7 @@ def test_through_a_singular_position_the_amplitudes_stay_where_the_papers_flip()
 # --- two fingers slipping, one finger alone -----------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(
     rows=st.integers(1, 5).flatmap(lambda modes: st.lists(st.tuples(*[shape] * modes), min_size=1, max_size=5)),
     targets=st.lists(amplitude, min_size=5, max_size=5),

@@ -35,7 +35,7 @@ def conditioned(exponent: float, angle: float, other_angle: float) -> np.ndarray
     return left @ np.diag([1.0, 10.0**-exponent]) @ right
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(exponent=exponent, angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4), target_um=st.floats(1e-9, 1e12))
 def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
     exponent: float, angle: float, other: float, target_um: float
@@ -61,7 +61,7 @@ def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
         assert abs(c * modal[0] + d * modal[1]) <= 1e-15 * max(map(abs, modal))
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(exponent=st.floats(0.0, 14.0), angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4))
 def test_both_fingers_get_twelve_digits_of_their_amplitude_while_no_limit_is_met(
     exponent: float, angle: float, other: float
@@ -77,7 +77,7 @@ def test_both_fingers_get_twelve_digits_of_their_amplitude_while_no_limit_is_met
             assert abs(given_um - target) <= 1e-12 * target or abs(given_um - target) <= 1e-15 * size
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     still=row,
     slipping=row,

@@ -251,7 +251,7 @@ steps = st.tuples(
 
 
 @given(st.lists(steps, max_size=20))
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_a_finger_always_has_one_living_owner_or_nobodys_target(
     history: list[tuple[str, dict[int, Target], dict[str, VirtualPath], int]],
 ) -> None:

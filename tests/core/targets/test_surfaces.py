@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.content_values import (
@@ -245,7 +245,6 @@ numbers = st.floats(-60.0, 60.0)
     st.sampled_from([0.5, 1.0, 3.0]),
     st.tuples(st.floats(-300.0, 300.0), st.floats(-300.0, 300.0)),
 )
-@settings(deadline=None, max_examples=100)
 def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_else(
     shape: Circle | Polygon,
     start_mm: tuple[float, float],

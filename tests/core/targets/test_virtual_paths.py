@@ -48,7 +48,7 @@ def test_a_finger_with_nowhere_to_go_rests(points_mm: tuple[tuple[float, float],
 
 
 @given(paths, st.integers(0, 10**14))
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed_ns: int) -> None:
     with mpmath.workdps(50):
         lengths = [
@@ -75,7 +75,7 @@ def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed
 
 
 @given(paths, st.integers(-(10**9), 10**12), st.integers(0, 10**7))
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_no_finger_moves_faster_than_its_speed(path: VirtualPath, elapsed_ns: int, step_ns: int) -> None:
     walk = Walk(path, START_NS)
     here, there = (walk.position_mm(START_NS + t_ns) for t_ns in (elapsed_ns, elapsed_ns + step_ns))
@@ -83,7 +83,6 @@ def test_no_finger_moves_faster_than_its_speed(path: VirtualPath, elapsed_ns: in
 
 
 @given(paths, st.integers(0, 10**12), st.integers(-(2**60), 2**60))
-@settings(deadline=None, max_examples=100)
 def test_the_clocks_origin_does_not_matter(path: VirtualPath, elapsed_ns: int, shift_ns: int) -> None:
     assert Walk(path, 0).position_mm(elapsed_ns) == Walk(path, shift_ns).position_mm(shift_ns + elapsed_ns)
 
@@ -104,7 +103,7 @@ def test_a_path_turns_at_its_corners_and_where_it_begins_and_ends() -> None:
 
 
 @given(paths, st.floats(-1.0, 1e9), st.integers(1, 8))
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 def test_turns_are_within_the_span_in_order_and_bounded(path: VirtualPath, t_s: float, most: int) -> None:
     found_ms = turns_ms(path, t_s, 0.017, most)
     assert len(found_ms) <= most

@@ -31,7 +31,7 @@ def cheapest_by_trying_all(costs: list[list[float]]) -> float:
     return min(sum(matrix[i, j] for i, j in enumerate(order)) for order in permutations(range(columns), rows))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(small_matrices)
 def test_no_permutation_is_cheaper_and_every_row_and_column_is_used_at_most_once(costs: list[list[float]]) -> None:
     pairs = least_cost_assignment(costs)

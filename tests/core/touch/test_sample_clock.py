@@ -85,7 +85,7 @@ def test_a_restart_keeps_the_period_and_takes_the_next_stamp_as_it_is() -> None:
     assert clock.period_s == pytest.approx(0.010, abs=20e-6)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     gaps=st.lists(st.floats(1e-9, 0.06), max_size=60),
     period_s=st.floats(0.0005, 0.05),

@@ -242,7 +242,7 @@ def hands(draw: st.DrawFn) -> list[list[Spot]]:
 drawn_hands = st.composite(hands)()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(drawn_hands, st.randoms(use_true_random=False))
 def test_the_order_of_contacts_in_a_frame_does_not_matter(spots: list[list[Spot]], rng: random.Random) -> None:
     shuffled = [rng.sample(each, len(each)) for each in spots]
@@ -250,7 +250,7 @@ def test_the_order_of_contacts_in_a_frame_does_not_matter(spots: list[list[Spot]
     assert track(*(frame(k, *each) for k, each in enumerate(shuffled))) == straight
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(drawn_hands, st.randoms(use_true_random=False))
 def test_permuted_contact_ids_give_the_same_paths(spots: list[list[Spot]], rng: random.Random) -> None:
     scrambled = [
@@ -280,7 +280,7 @@ wild_frames = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(wild_frames)
 def test_whatever_comes_each_id_begins_once_ends_once_and_holds_one_contact(
     steps: list[tuple[int, list[Contact]]],

@@ -23,7 +23,7 @@ def cost_um2(rows: Rows, targets: tuple[float, ...], modal: tuple[float, ...]) -
     return float(np.dot(missed, missed) + 1e-12 * np.dot(modal, modal))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     seed=st.integers(0, 10**6),
     modes=st.integers(2, 3),
@@ -53,7 +53,7 @@ def test_no_pattern_of_the_general_path_is_better(
         assert abs(np.dot(row, modal)) <= 2e-15 * max(map(abs, modal))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), still=st.integers(0, 1), slipping=st.integers(1, 2))
 def test_what_limits_leave_alone_is_met_to_the_last_digits_with_the_least_amplitudes(
     seed: int, still: int, slipping: int

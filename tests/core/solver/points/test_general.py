@@ -28,7 +28,7 @@ def most_descent(gradient: Array, at: Array, still: Array, limit: float) -> floa
     return float(gradient @ at - found.fun)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10**6), modes=st.integers(1, 6), fingers=st.integers(1, 5), reach=st.sampled_from([1.0, 8.0])
 )
@@ -49,7 +49,7 @@ def test_no_feasible_direction_lowers_the_error_and_the_zero_holds(
     assert most_descent(gradient, solution.modal_um, still, 1.5) < 1e-8
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), modes=st.integers(3, 5), fingers=st.integers(1, 4))
 def test_of_all_points_as_good_the_least_is_taken(seed: int, modes: int, fingers: int) -> None:
     """(4): given what the fingers get, no other W within the limits has a smaller norm (gradient test again)."""

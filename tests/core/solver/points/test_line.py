@@ -28,7 +28,7 @@ problems = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(posed=problems, seed=st.integers(0, 10**6))
 def test_it_is_the_general_paths_solution_on_the_side_of_the_previous_one(
     posed: tuple[Rows, tuple[float, ...], tuple[float, ...]], seed: int
@@ -44,7 +44,6 @@ def test_it_is_the_general_paths_solution_on_the_side_of_the_previous_one(
     assert all(abs(w) <= limit for w, limit in zip(modal, limits, strict=True))
 
 
-@settings(deadline=None, max_examples=100)
 @given(seed=st.integers(0, 10**6), exponent=st.floats(0.0, 9.0))
 def test_however_near_to_each_other_still_fingers_are_they_feel_rounding_alone(seed: int, exponent: float) -> None:
     random = np.random.default_rng(seed)

@@ -41,7 +41,6 @@ def turning_pair(steps: int = 200) -> tuple[Array, Array]:
 # --- the turn -----------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=100)
 @given(seed=st.integers(0, 10**6), modes=st.integers(1, 8), fingers=st.integers(1, 15), tau_rad=st.floats(0.0, math.pi))
 def test_in_a_turn_every_square_is_the_mean_of_its_ends(seed: int, modes: int, fingers: int, tau_rad: float) -> None:
     random = np.random.default_rng(seed)
@@ -67,7 +66,7 @@ def test_a_turn_is_read_from_its_phasors() -> None:
 # --- two fingers, two modes ---------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), reach=st.sampled_from([1.0, 4.0, 9.0]))
 def test_no_phasors_within_the_limits_serve_two_fingers_better(seed: int, reach: float) -> None:
     """An oracle: a general minimiser over both magnitudes and the phase between, from several starts."""
@@ -198,7 +197,7 @@ awkward = st.sampled_from([0.0, 1.0, 0.3, 5e-324, -1e-320, 1e-300, 1e-160, 1e17,
 )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(data=st.data(), modes=st.integers(1, 4), fingers=st.integers(0, 4), turn_rad=st.sampled_from([0.0, 0.4, 1e300]))
 def test_phasors_of_hostile_input_are_finite_and_within_the_limits(
     data: st.DataObject, modes: int, fingers: int, turn_rad: float
