@@ -36,7 +36,7 @@ def table(**changes: object) -> Table:
         "floor": 1e-9,
         "skipped": SKIPPED,
     }
-    return Table(**{**settings, **changes})  # type: ignore[arg-type]
+    return Table(**{**settings, **changes})
 
 
 def test_a_figure_s_unit_stands_at_the_end_of_its_name() -> None:

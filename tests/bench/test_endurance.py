@@ -16,7 +16,7 @@ from hapticd.errors import HapticdError
 
 def with_plate(seed: int, seconds: float, **changes: object) -> endurance_worlds.World:
     world = endurance_worlds.draw(seed, seconds)
-    return replace(world, plate=replace(world.plate, **changes))  # type: ignore[arg-type]
+    return replace(world, plate=replace(world.plate, **changes))
 
 
 def dead(seed: int, seconds: float) -> endurance_worlds.World:
@@ -68,7 +68,7 @@ def test_a_limit_passed_is_a_failure(name: str, sentence: str, frac: float) -> N
     trace = endurance.BoardTrace(100, 2, 2)
     trace.flags[:] = endurance.FLAG_LIVE
     assert list(endurance._violations(Findings(), trace, 0, 2000.0)) == []
-    (said,) = endurance._violations(replace(Findings(), **{name: frac}), trace, 0, 2000.0)  # type: ignore[arg-type]
+    (said,) = endurance._violations(replace(Findings(), **{name: frac}), trace, 0, 2000.0)
     assert said.startswith(sentence)
 
 

@@ -16,7 +16,7 @@ from hapticd.errors import UsageError
 from hapticd.sim.fingers.paths import Strokes
 from hapticd.tools.touches import FloatArray, Trace
 
-Arrays = dict[str, np.ndarray]  # type: ignore[type-arg]
+Arrays = dict[str, np.ndarray]
 
 
 def stroked(device: str, seed: int, seconds: float = 3.0) -> Trace:
@@ -42,7 +42,7 @@ def arrays(some: list[Trace]) -> Arrays:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "traces.npz"
-    np.savez(path, **arrays(STROKED))  # type: ignore[arg-type]
+    np.savez(path, **arrays(STROKED))
     return path
 
 
@@ -77,9 +77,9 @@ def test_a_file_of_another_form_is_refused_with_what_is_wrong(
         if value is None:
             del held[name]
         else:
-            held[name] = value(held[name]) if callable(value) else value  # type: ignore[assignment]
+            held[name] = value(held[name]) if callable(value) else value
     path = tmp_path / "wrong.npz"
-    np.savez(path, **held)  # type: ignore[arg-type]
+    np.savez(path, **held)
     with pytest.raises(UsageError, match=problem):
         traces.load(path)
 

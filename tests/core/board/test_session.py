@@ -82,7 +82,7 @@ class Bench:
         self.session.receive_time(BoardTime(request.t_host_ns, t_us, t_us), self.t_ns)
 
     def say(self, state: BoardState = BoardState.LIVE, **fields: object) -> None:
-        self.session.receive_status(replace(STATUS, state=state, **fields), self.t_ns)  # type: ignore[arg-type]
+        self.session.receive_status(replace(STATUS, state=state, **fields), self.t_ns)
 
     def met(self, hello: BoardHello = HELLO) -> Bench:
         """Link, greeting, clock, first status."""

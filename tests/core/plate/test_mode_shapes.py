@@ -35,11 +35,6 @@ def anywhere(count: int, reach_mm: float = 80.0) -> np.ndarray:
     return np.random.default_rng(count).uniform(-reach_mm, reach_mm, (count, 2))
 
 
-def test_the_map_has_a_number_of_modes(modes: ModeShapes) -> None:
-    assert modes.M == 2
-    assert modes.shapes.shape == (2, modes.y_mm.size, modes.x_mm.size)
-
-
 def test_a_wave_is_interpolated_between_the_points_of_the_map(modes: ModeShapes) -> None:
     points = anywhere(5000, 68.75)
 

@@ -60,7 +60,7 @@ def test_every_setting_refuses_values_out_of_its_range(name: str) -> None:
     for setting in PREDICTORS[name].defaults:
         for wrong in (math.nan, math.inf, -1.0, 1e15, "1", None):
             with pytest.raises(ValueError, match=rf"{setting}.*give a number from"):
-                make_predictor(name, **{setting: wrong})  # type: ignore[arg-type]
+                make_predictor(name, **{setting: wrong})
 
 
 @every_predictor

@@ -40,7 +40,7 @@ def problems(draw: st.DrawFn) -> dict[str, object]:
 def test_the_result_is_finite_and_within_the_limits(problem: dict[str, object]) -> None:
     limits = problem["limits"]
     for solve_any in (solve_fast, solve_general):
-        modal, limited = solve_any(**problem)  # type: ignore[arg-type]
+        modal, limited = solve_any(**problem)
         assert isinstance(limited, bool)
         assert len(modal) == len(limits)
         assert all(-bound <= w <= bound for w, bound in zip(modal, limits, strict=True))
@@ -51,12 +51,12 @@ def test_the_result_is_finite_and_within_the_limits(problem: dict[str, object]) 
     problem={"rows": ((1.0, 0.0),), "targets": (1.0,), "limits": (4.0, 4.0), "previous": None}, value=math.nan, where=1
 )
 def test_a_phi_that_is_not_finite_gives_silence(problem: dict[str, object], value: float, where: int) -> None:
-    rows = [list(row) for row in problem["rows"]]  # type: ignore[attr-defined]
+    rows = [list(row) for row in problem["rows"]]
     if not rows:
         return
     rows[where % len(rows)][where % len(rows[0])] = value
     problem = problem | {"rows": tuple(tuple(row) for row in rows)}
-    modal, limited = solve_fast(**problem)  # type: ignore[arg-type]
+    modal, limited = solve_fast(**problem)
     assert not any(modal)
     assert not limited
 

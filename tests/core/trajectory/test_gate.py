@@ -112,8 +112,8 @@ GOOD = (Knot(0, (1 + 0j, 0j)), Knot(5, (1 + 0j, 0j)))
         (Drive(1, (*GOOD, Knot(4, (0j, 0j)))), (4.0, 4.0)),
         (Drive(1, (Knot(-1, (0j, 0j)),)), (4.0, 4.0)),
         (Drive(1, (Knot(MAX_SPAN_NS + 1, (0j, 0j)),)), (4.0, 4.0)),
-        (Drive(1, (Knot(math.nan, (0j, 0j)),)), (4.0, 4.0)),  # type: ignore[arg-type]
-        (Drive(1, (*GOOD, Knot(5.5, (0j, 0j)))), (4.0, 4.0)),  # type: ignore[arg-type]
+        (Drive(1, (Knot(math.nan, (0j, 0j)),)), (4.0, 4.0)),
+        (Drive(1, (*GOOD, Knot(5.5, (0j, 0j)))), (4.0, 4.0)),
         (Drive(1, (*GOOD, Knot(6, (0j,)))), (4.0, 4.0)),
         (Drive(1, GOOD), (4.0,)),
         (Drive(1, GOOD), (4.0, 4.0, 4.0)),
@@ -124,7 +124,7 @@ GOOD = (Knot(0, (1 + 0j, 0j)), Knot(5, (1 + 0j, 0j)))
         (Drive(1, GOOD), (4.0, math.inf)),
         (Drive(1, GOOD), ()),
         (Drive(1, (Knot(0, ()),)), ()),
-        (Drive(math.nan, GOOD), (4.0, 4.0)),  # type: ignore[arg-type]
+        (Drive(math.nan, GOOD), (4.0, 4.0)),
     ],
 )
 def test_what_is_malformed_is_silence(malformed: Drive, limit_um: tuple[float, ...]) -> None:

@@ -37,7 +37,7 @@ def test_the_nearer_hand_is_the_solution_or_its_mirror_image_at_the_nearest_comm
     modal: Phasors2, previous: Phasors2
 ) -> None:
     modal = within(modal)
-    near = np.array(as_complex(nearer_hand(modal, LIMITS, previous)))  # type: ignore[arg-type]
+    near = np.array(as_complex(nearer_hand(modal, LIMITS, previous)))
     assert all(abs(w) <= limit for w, limit in zip(near.tolist(), LIMITS, strict=True))
     assert np.abs(near) == pytest.approx(np.abs(as_complex(modal)), abs=1e-12)
     now = np.array(as_complex(previous))
