@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapticd.content_values import AmplitudeTarget, ClientTargets, Polygon, Target, VirtualPath
+from hapticd.core.phasors import Row
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
@@ -50,6 +51,11 @@ class Bench:
         )
         return self.pipeline.touch(TouchFrame(t_device_ns, contacts, False), t_read_ns)
 
+    def land(self, wanted_um: dict[tuple[float, float], float]) -> None:
+        """Fingers land at these places, and each gets its target amplitude."""
+        self.report(*wanted_um)
+        self.want({index + 1: AmplitudeTarget(um) for index, um in enumerate(wanted_um.values())})
+
     def report(self, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> Tick:
         self.t_ns += self.period_ns
         self.touch(self.t_ns - 10 * MS, self.t_ns, *positions_mm, pressure_frac=pressure_frac)
@@ -59,9 +65,12 @@ class Bench:
         return [self.report(*positions_mm) for _ in range(reports)]
 
 
+def felt_um(modal_um: Row, at_mm: tuple[float, float]) -> float:
+    return abs(sum(phi * w_um for phi, w_um in zip(PLATE.at(*at_mm), modal_um, strict=True)))
+
+
 def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:
-    shapes = PLATE.at(*at_mm)
-    return abs(sum(phi * w_um.real for phi, w_um in zip(shapes, tick.drive.knots[knot].modal_um, strict=True)))
+    return felt_um(tick.drive.knots[knot].modal_um, at_mm)
 
 
 SLIPPERY, STICKY = (-30.2, 5.1), (21.3, -14.9)

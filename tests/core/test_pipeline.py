@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pipeline_bench import LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench, amplitude_um
+from pipeline_bench import LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench, amplitude_um, felt_um
 
 from hapticd.bench.baselines.paper_scheme import invert
 from hapticd.content_values import AmplitudeTarget, GratingTarget, VirtualPath
@@ -21,8 +21,7 @@ def bench() -> Bench:
 
 
 def test_one_finger_slips_while_the_other_sticks(bench: Bench) -> None:
-    bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+    bench.land({SLIPPERY: 1.0, STICKY: 0.0})
     tick = bench.report(SLIPPERY, STICKY)
     assert [point.target_um for point in tick.points] == [1.0, 0.0]
     for knot in (0, -1):
@@ -32,8 +31,7 @@ def test_one_finger_slips_while_the_other_sticks(bench: Bench) -> None:
 
 def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_lost_report() -> None:
     bench = Bench(cover_ns=17 * MS, loop_delay_ns=2 * MS)
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(1.0)})
+    bench.land({SLIPPERY: 1.0})
     tick = bench.report(SLIPPERY)
     assert tick.drive.t_apply_ns == bench.t_ns + LINK_NS
     assert tick.drive.knots[0].dt_ns == 0
@@ -45,8 +43,7 @@ def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_
 def test_frames_outlast_a_report_that_a_slow_pad_loses_too() -> None:
     bench = Bench(cover_ns=17 * MS)
     bench.period_ns = 16_667_000  # 60 Hz
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(1.0)})
+    bench.land({SLIPPERY: 1.0})
     bench.hold(12, SLIPPERY)
     slid_mm = SLIPPERY[0] + 1.0, SLIPPERY[1]
     tick = bench.report(slid_mm)
@@ -59,8 +56,7 @@ def test_frames_outlast_a_report_that_a_slow_pad_loses_too() -> None:
 
 
 def test_no_finger_is_one_zero_frame_and_then_nothing(bench: Bench) -> None:
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(1.0)})
+    bench.land({SLIPPERY: 1.0})
     assert bench.report(SLIPPERY).drive is not None
     lifted = bench.report()
     assert [knot.modal_um for knot in lifted.drive.knots] == [(0.0, 0.0)]
@@ -75,8 +71,7 @@ def test_no_target_is_nothing_to_solve(bench: Bench) -> None:
 
 
 def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down(bench: Bench) -> None:
-    bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(1.0)})
+    bench.land({SLIPPERY: 1.0, STICKY: 1.0})
     bench.report(SLIPPERY, STICKY)
     bench.want({1: AmplitudeTarget(1.0)})
     bench.pipeline.release(bench.scene.expire(bench.t_ns))
@@ -91,8 +86,7 @@ def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down(bench: Bench)
 def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_would_say() -> None:
     bench, never = Bench(), Bench(tolerance_um=1e-12)
     for each in (bench, never):
-        each.report(SLIPPERY, STICKY)
-        each.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        each.land({SLIPPERY: 1.0, STICKY: 0.0})
     standing, solved = bench.hold(40, SLIPPERY, STICKY), never.hold(40, SLIPPERY, STICKY)
     assert standing[-1].drive is None
     assert bench.pipeline.counters.skipped_standing > 20
@@ -135,8 +129,7 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
             middle_ns = (before.dt_ns + after.dt_ns) // 2
             here_mm = bench.scene.virtual_position_mm("walker", t_plate_ns + middle_ns)
             between = [(a + b) / 2 for a, b in zip(before.modal_um, after.modal_um, strict=True)]
-            got_um = abs(sum(phi * w.real for phi, w in zip(PLATE.at(*here_mm), between, strict=True)))
-            assert abs(got_um - 1.0) < 3 * 0.005 or tick.limited
+            assert abs(felt_um(between, here_mm) - 1.0) < 3 * 0.005 or tick.limited
         assert bench.pipeline.counters.knots == len(knots)
         assert bench.pipeline.counters.skipped_knots == 16 - len(knots)
     assert counts == sorted(counts)
@@ -157,8 +150,7 @@ def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
         for knot in tick.drive.knots:
             here_mm = bench.scene.virtual_position_mm("walker", tick.drive.t_apply_ns + knot.dt_ns)
             wanted_um = bench.scene.amplitude_um("walker", *here_mm)
-            got_um = abs(sum(phi * w.real for phi, w in zip(PLATE.at(*here_mm), knot.modal_um, strict=True)))
-            assert got_um == pytest.approx(wanted_um, abs=1e-9) or tick.limited
+            assert felt_um(knot.modal_um, here_mm) == pytest.approx(wanted_um, abs=1e-9) or tick.limited
     assert counts["square"] > 2 * counts["constant"]
 
 
@@ -186,15 +178,14 @@ def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
             bench.t_ns += MS
             tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
             if tick.drive is not None:
-                first_um.append(np.array(tick.drive.knots[0].modal_um).real)
-        largest[name] = max(float(np.abs(after - before).max()) for before, after in pairwise(first_um))
+                first_um.append(np.real(tick.drive.knots[0].modal_um))
+        largest[name] = np.abs(np.diff(first_um, axis=0)).max()
     assert largest["paper"] > 4.0
     assert largest["ours"] < largest["paper"] / 3
 
 
 def test_positions_off_the_plate_or_not_finite_never_break_the_limit(bench: Bench) -> None:
-    bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(4.0), 2: AmplitudeTarget(0.0)})
+    bench.land({SLIPPERY: 4.0, STICKY: 0.0})
     for x_mm in (500.0, -1e9, math.nan, math.inf, 12.0):
         tick = bench.report((x_mm, 3.0), STICKY)
         for knot in tick.drive.knots if tick.drive is not None else ():
@@ -214,8 +205,7 @@ def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers(bench: Bench
 def test_the_same_calls_give_the_same_drives() -> None:
     def play() -> list[Tick]:
         bench = Bench()
-        bench.report(SLIPPERY, STICKY)
-        bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        bench.land({SLIPPERY: 1.0, STICKY: 0.0})
         return [bench.report((SLIPPERY[0] + step, SLIPPERY[1]), STICKY) for step in range(40)]
 
     assert play() == play()
@@ -227,8 +217,7 @@ def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and
     nearly_singular = (STICKY[0] - 27.3, STICKY[1])  # a wavelength on: nearly the same shapes
     ticks = []
     for bench in (riding, derated):
-        bench.report(nearly_singular, STICKY)
-        bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        bench.land({nearly_singular: 1.0, STICKY: 0.0})
         ticks.append(bench.report(nearly_singular, STICKY))
     assert ticks[0].limited
     assert ticks[1].limited
@@ -247,15 +236,13 @@ def test_fading_changes_nothing_where_targets_are_met_or_nobody_sticks() -> None
         ticks = []
         for price in (0.0, 5.0):
             bench = Bench(max_knots=2, derating_mm2_um2=price)
-            bench.report(SLIPPERY, STICKY)
-            bench.want({index + 1: AmplitudeTarget(um) for index, um in enumerate(targets)})
+            bench.land(dict(zip((SLIPPERY, STICKY), targets, strict=True)))
             ticks.append(bench.report(SLIPPERY, STICKY))
         assert ticks[0] == ticks[1]
 
 
 def test_fingers_that_all_stick_are_still_shown_where_they_are(bench: Bench) -> None:
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(0.0)})
+    bench.land({SLIPPERY: 0.0})
     for step in range(60):
         tick = bench.report((SLIPPERY[0] + step, SLIPPERY[1]))
     assert tick.drive is None  # nothing to say: the plate stands still
@@ -267,8 +254,7 @@ def test_sensors_that_read_otherwise_get_another_reference_within_the_limits_and
     bench, right = Bench(), Bench()
     bench.pipeline.set_readings([tuple(row) for row in readings.tolist()])
     for one in (bench, right):
-        one.report(SLIPPERY, STICKY)
-        one.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        one.land({SLIPPERY: 1.0, STICKY: 0.0})
     read, true = bench.report(SLIPPERY, STICKY), right.report(SLIPPERY, STICKY)
     assert read.points == true.points
     assert bench.pipeline.modal_um == right.pipeline.modal_um

@@ -15,12 +15,12 @@ from pipeline_bench import (
     MS,
     ONE,
     PERIOD_NS,
-    PLATE,
     SLIPPERY,
     START_NS,
     STICKY,
     STILL,
     Bench,
+    felt_um,
 )
 
 from hapticd.content_values import (
@@ -91,13 +91,8 @@ class Player(Bench):
         left = [knot for knot in drive.knots if knot.dt_ns <= since_ns][-1]
         right = next((knot for knot in drive.knots if knot.dt_ns > since_ns), left)
         share = (since_ns - left.dt_ns) / max(right.dt_ns - left.dt_ns, 1)
-        shapes = PLATE.at(*at_mm)
-        return abs(
-            sum(
-                phi * (before + (after - before) * share)
-                for phi, before, after in zip(shapes, left.modal_um, right.modal_um, strict=True)
-            )
-        )
+        ends = zip(left.modal_um, right.modal_um, strict=True)
+        return felt_um([before + (after - before) * share for before, after in ends], at_mm)
 
 
 @pytest.fixture
@@ -422,12 +417,12 @@ def test_an_effect_is_felt_by_its_client_s_and_free_fingers_only(player: Player)
 
 
 def test_an_effect_on_a_surface_is_felt_on_it_and_one_on_a_finger_by_that_finger() -> None:
-    for on, felt_um in (("left", [1.5, 0.0]), (2, [1.0, 0.5])):
+    for on, targets_um in (("left", [1.5, 0.0]), (2, [1.0, 0.5])):
         player = Player()
         player.play(3, SLIPPERY, STICKY)
         player.lay({"up": Effect(Pulse(0.5, 1.0), on=on)}, TILE)
         player.play(2, SLIPPERY, STICKY)
-        assert [point.target_um for point in player.press(SLIPPERY, STICKY).points] == felt_um
+        assert [point.target_um for point in player.press(SLIPPERY, STICKY).points] == targets_um
 
 
 # --- what it costs ----------------------------------------------------------------------------------------------

@@ -172,9 +172,8 @@ SCAN = np.cos(0.24 * SCAN_MM)[None, None, :] * np.ones((1, 31, 1))
 def test_invalid_grids_are_refused_in_a_sentence(
     x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
 ) -> None:
-    with pytest.raises(ModesError, match=what) as refusal:
+    with pytest.raises(ModesError, match=rf"{what}.*\.$"):
         fit_cartography(x_mm, y_mm, shapes)
-    assert str(refusal.value).endswith(".")
 
 
 def coarse(step_mm: float, noise_frac: float) -> CartographyFit:

@@ -166,9 +166,8 @@ WAVE = np.cos(0.24 * POINTS)
     ],
 )
 def test_invalid_scans_are_refused_in_a_sentence(points: np.ndarray, readings: np.ndarray, what: str) -> None:
-    with pytest.raises(ModesError, match=what) as refusal:
+    with pytest.raises(ModesError, match=rf"{what}.*\.$"):
         fit_scan(points, readings)
-    assert str(refusal.value).endswith(".")
 
 
 @pytest.mark.parametrize(
@@ -183,9 +182,8 @@ def test_invalid_scans_are_refused_in_a_sentence(points: np.ndarray, readings: n
     ],
 )
 def test_invalid_options_are_refused_in_a_sentence(wrong: dict[str, Any], what: str) -> None:
-    with pytest.raises(ValueError, match=what) as refusal:
+    with pytest.raises(ValueError, match=rf"{what}.*\.$"):
         fit_scan(POINTS, WAVE, **wrong)
-    assert str(refusal.value).endswith(".")
 
 
 def test_a_fit_asked_for_by_name_is_the_one_taken() -> None:

@@ -102,6 +102,10 @@ def with_target(**target: object) -> bytes:
     return packed(targets=[{"finger": 1, **target}])
 
 
+def with_map(**fields: object) -> bytes:
+    return with_target(map={"width": 1, "height": 1, "levels": b"a", **fields})
+
+
 def with_surface(**surface: object) -> bytes:
     return packed(surfaces=[{"name": "one", **surface}], effects=[])
 
@@ -109,6 +113,10 @@ def with_surface(**surface: object) -> bytes:
 def with_effect(**effect: object) -> bytes:
     form = {} if any(name in effect for name in ("pulse", "envelope", "modulation")) else {"pulse": CLICK}
     return packed(effects=[{"name": "one", **form, **effect}])
+
+
+def with_start(**start: object) -> bytes:
+    return with_effect(start=start)
 
 
 def with_envelope(*points: object, **fields: object) -> bytes:
@@ -208,9 +216,9 @@ def test_whole_numbers_become_floats_and_stay_exact() -> None:
         packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(targets.MAX_TARGETS)]),
         packed(targets=[], virtuals=[{"name": str(n), "path_mm": [[0, 0]]} for n in range(targets.MAX_VIRTUALS)]),
         packed(targets=[], virtuals=[{"name": "a", "path_mm": [[-1000, 1000]] * paths.MAX_PATH_POINTS}]),
-        with_target(map={"width": 128, "height": 128, "levels": bytes(128 * 128), "high_um": 1}),
+        with_map(width=128, height=128, levels=bytes(128 * 128), high_um=1),
         with_target(map={"width": 1024, "height": 1024, "asset": bytes(32), "high_um": 1}),
-        with_target(map={"width": 1, "height": 1, "levels": b"a", "friction": [0, 1]}),
+        with_map(friction=[0, 1]),
         with_target(gradient={"length_mm": 0.1, "from_um": 0, "to_um": contents.MAX_AMPLITUDE_UM}),
         with_target(noise={"shortest_mm": 0.1, "longest_mm": 0.1, "mean_um": 0, "rms_um": 0, "seed": 2**32 - 1}),
         with_surface(friction=1, path_mm=[[1, 2]], speed_mm_s=0),
@@ -237,21 +245,15 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(ttl_s=True), "ttl_s: must be a number, not a truth value."),
         (packed(ttl_ms=3), "'ttl_ms': unknown field"),
         (
-            with_target(map={"width": 129, "height": 1, "levels": bytes(129), "high_um": 1}),
+            with_map(width=129, levels=bytes(129), high_um=1),
             "targets[0].map.width: 129 is out of bounds, it must be 1 .. 128.",
         ),
         (
             with_target(map={"width": 1, "height": 1, "asset": bytes(31), "high_um": 1}),
             "targets[0].map.asset: has 31 bytes, it must have 32.",
         ),
-        (
-            with_target(map={"width": 1, "height": 1, "levels": b"a", "friction": [0.5]}),
-            "targets[0].map.friction: has two numbers, the frictions of level 0 and 255.",
-        ),
-        (
-            with_target(map={"width": 1, "height": 1, "levels": b"a", "friction": [0, 1], "high_um": 1}),
-            "'targets[0].map.high_um': unknown field",
-        ),
+        (with_map(friction=[0.5]), "targets[0].map.friction: has two numbers, the frictions of level 0 and 255."),
+        (with_map(friction=[0, 1], high_um=1), "'targets[0].map.high_um': unknown field"),
         (with_target(gradient={"length_mm": 0, "to_um": 1}), "targets[0].gradient.length_mm: 0 is out of bounds"),
         (
             with_target(noise={"shortest_mm": 2, "longest_mm": 1, "mean_um": 1, "rms_um": 1}),
@@ -266,12 +268,9 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(17)]), "targets: has 17 items, at most 16"),
         (packed(targets=[{"finger": 1, "friction": 0.5}] * 2), "targets[1].finger: 1 is listed twice."),
         (packed(targets=[{"friction": 0.5}]), "targets[0].finger: is missing."),
-        (packed(targets=[{"finger": 0, "friction": 0.5}]), "targets[0].finger: 0 is out of bounds"),
-        (
-            packed(targets=[{"finger": 1.5, "friction": 0.5}]),
-            "targets[0].finger: must be a whole number, not a number.",
-        ),
-        (packed(targets=[{"finger": "phantom", "friction": 0.5}]), "this message defines no virtual finger 'phantom'"),
+        (with_target(finger=0, friction=0.5), "targets[0].finger: 0 is out of bounds"),
+        (with_target(finger=1.5, friction=0.5), "targets[0].finger: must be a whole number, not a number."),
+        (with_target(finger="phantom", friction=0.5), "this message defines no virtual finger 'phantom'"),
         (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map, gradient, noise."),
         (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
         (with_target(friction=0.5, fiction=1), "'targets[0].fiction': unknown field"),
@@ -282,11 +281,8 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (with_target(grating={"period_mm": 0, "high_um": 1}), "targets[0].grating.period_mm: 0 is out of bounds"),
         (with_target(grating={"period_mm": 5}), "targets[0].grating.high_um: is missing."),
         (with_target(grating={"period_mm": 5, "high_um": 1, "hue": 2}), "'targets[0].grating.hue': unknown field"),
-        (
-            with_target(map={"width": 2, "height": 2, "levels": b"abc", "high_um": 1}),
-            "levels: has 3 bytes, it must have 4",
-        ),
-        (with_target(map={"width": 1, "height": 1, "levels": "x", "high_um": 1}), "levels: must be bytes, not a text."),
+        (with_map(width=2, height=2, levels=b"abc", high_um=1), "levels: has 3 bytes, it must have 4"),
+        (with_map(levels="x", high_um=1), "levels: must be bytes, not a text."),
         (packed(virtuals=[{"name": "a", "path_mm": []}]), "virtuals[0].path_mm: needs at least one point."),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 65}]), "path_mm: has 65 items, at most 64 are allowed."),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 257}]), "exceeds max_array_len"),
@@ -346,17 +342,14 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (with_effect(finger="ghost"), "effects[0].finger: must be a whole number, not a text."),
         (with_effect(surface="none"), "effects[0].surface: this message defines no surface 'none'."),
         (with_effect(start="now"), "effects[0].start: must be a map, not a text."),
-        (with_effect(start={"cause": "sneezing"}), "start.cause: must be one of now, at, landing, lifting, entering, "),
-        (with_effect(start={"cause": "now", "id": -1}), "start.id: -1 is out of bounds"),
-        (with_effect(start={"cause": "at"}), "effects[0].start.t_ns: is missing."),
-        (with_effect(start={"cause": "landing", "t_ns": 1}), "'effects[0].start.t_ns': unknown field"),
-        (with_effect(start={"cause": "leaving", "surface": "none"}), "defines no surface 'none'."),
+        (with_start(cause="sneezing"), "start.cause: must be one of now, at, landing, lifting, entering, "),
+        (with_start(cause="now", id=-1), "start.id: -1 is out of bounds"),
+        (with_start(cause="at"), "effects[0].start.t_ns: is missing."),
+        (with_start(cause="landing", t_ns=1), "'effects[0].start.t_ns': unknown field"),
+        (with_start(cause="leaving", surface="none"), "defines no surface 'none'."),
+        (with_start(cause="pressure", threshold=0), "threshold: 0 is out of bounds, it must be 0.01 .. 1."),
         (
-            with_effect(start={"cause": "pressure", "threshold": 0}),
-            "threshold: 0 is out of bounds, it must be 0.01 .. 1.",
-        ),
-        (
-            with_effect(start={"cause": "pressure", "threshold": 0.5, "release": 0.5}),
+            with_start(cause="pressure", threshold=0.5, release=0.5),
             "effects[0].start.release: must be below the threshold.",
         ),
         (with_effect(start={"cause": "lifting"}, loops=True), "an effect that starts by lifting needs a length."),

@@ -175,6 +175,5 @@ def with_value(shapes: np.ndarray, where: tuple[object, ...], value: float) -> n
 def test_an_invalid_map_is_refused_in_a_sentence(
     x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
 ) -> None:
-    with pytest.raises(ModesError, match=what) as refusal:
+    with pytest.raises(ModesError, match=rf"{what}.*\.$"):
         ModeShapes.from_grid(x_mm, y_mm, shapes)
-    assert str(refusal.value).endswith(".")
