@@ -57,9 +57,7 @@ def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: in
     for step in range(20):
         t_ns = START_NS + step * PERIOD_NS
         bench.touch(t_ns - 10 * MS, t_ns, *scatter(kind, count, source))
-        targets: dict[int | str, Target] = {
-            finger.finger_id: source.choice(TARGETS) for finger in bench.pipeline.fingers
-        }
+        targets = {finger.finger_id: source.choice(TARGETS) for finger in bench.pipeline.fingers}
         targets["walker"] = source.choice(TARGETS)
         walk = VirtualPath(((-200.0, 0.0), (200.0, 0.0)), source.choice((0.0, 1e3)), loop=True)
         bench.scene.apply(ClientTargets("test", 500 * MS, targets, {"walker": walk}), t_ns)
