@@ -9,7 +9,7 @@ import pytest
 
 from hapticd.design.touch.judge import calibrate
 from hapticd.design.touch.model import Calibration
-from hapticd.design.touch.observations import Windows, in_windows
+from hapticd.design.touch.observations import in_windows
 
 from .synthetic import Touching, mode_map
 from .test_fit import NOMINAL, WRONG
@@ -60,19 +60,15 @@ def test_loads_that_no_position_explains_are_not_adopted() -> None:
 
 
 def test_windows_hold_the_same_fingers_throughout() -> None:
-    cut = with_a_late_finger(Touching(WRONG, seconds=3.0))
+    touching = Touching(WRONG, seconds=3.0)
+    first, second = touching.windows().tracks
+    late = second.t_s > 1.5  # the second finger is down from the middle on
+    part = replace(second, t_s=second.t_s[late], xy_mm=second.xy_mm[late], velocity_mm_s=second.velocity_mm_s[late])
+    cut = in_windows(touching.ticks(np.random.default_rng(1)), [first, part], 0.01)
     assert {tuple(row) for row in cut.track.tolist()} == {(0, -1), (0, 1)}
     position, _ = cut.fingers_mm()
     down = np.isfinite(position[..., 0]).all(axis=1)
     assert np.array_equal(down, cut.track >= 0)
-
-
-def with_a_late_finger(touching: Touching) -> Windows:
-    """The windows of a touching whose second finger is down from the middle on."""
-    first, second = touching.windows().tracks
-    late = second.t_s > 1.5
-    part = replace(second, t_s=second.t_s[late], xy_mm=second.xy_mm[late], velocity_mm_s=second.velocity_mm_s[late])
-    return in_windows(touching.ticks(np.random.default_rng(1)), [first, part], 0.01)
 
 
 def test_ticks_next_to_each_other_are_averaged() -> None:
