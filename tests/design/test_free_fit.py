@@ -41,6 +41,9 @@ def scan_axis_mm(edge_mm: float) -> np.ndarray:
     return 4.5 * np.arange(-count, count + 1)
 
 
+AXIS_MM = scan_axis_mm(137.5)
+
+
 def mixture(shapes: list[ModeShape], x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """Two surfaces as of a real plate: a sum of all modes near one frequency, with either sign."""
     shares = np.random.default_rng(11).uniform(-0.3, 0.3, (2, len(shapes)))
@@ -96,11 +99,11 @@ def clamped_corner(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
 
 
 def test_a_plate_that_is_not_free_keeps_the_smoothing_fit() -> None:
-    axis_mm, fine_mm = scan_axis_mm(137.5), np.linspace(-68.75, 68.75, 151)
+    fine_mm = np.linspace(-68.75, 68.75, 151)
     truth = clamped_corner(fine_mm, fine_mm)
-    scan = noisy(clamped_corner(axis_mm, axis_mm))
+    scan = noisy(clamped_corner(AXIS_MM, AXIS_MM))
 
-    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
 
     assert (fit.freedom > 60.0).all()
     error = map_error(fit, truth, fine_mm, fine_mm)
@@ -109,11 +112,10 @@ def test_a_plate_that_is_not_free_keeps_the_smoothing_fit() -> None:
 
 
 def test_one_mode_that_is_not_free_makes_the_choice_for_all() -> None:
-    axis_mm = scan_axis_mm(137.5)
-    free = neighbours(SQUARE_MM, (29100.0, 29200.0))[0].on_grid(axis_mm, axis_mm)[None]
-    scan = noisy(np.concatenate((free, clamped_corner(axis_mm, axis_mm))))
+    free = neighbours(SQUARE_MM, (29100.0, 29200.0))[0].on_grid(AXIS_MM, AXIS_MM)[None]
+    scan = noisy(np.concatenate((free, clamped_corner(AXIS_MM, AXIS_MM))))
 
-    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
 
     assert (fit.freedom > 60.0).all()
 
@@ -132,11 +134,10 @@ class Crowded(FreePlateModes):
 def test_where_theory_has_too_many_modes_or_none_the_smoothing_fit_stands(
     unusable: type[FreePlateModes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    axis_mm = scan_axis_mm(137.5)
-    scan = noisy(mixture(neighbours(SQUARE_MM, (28500.0, 30000.0)), axis_mm, axis_mm))
+    scan = noisy(mixture(neighbours(SQUARE_MM, (28500.0, 30000.0)), AXIS_MM, AXIS_MM))
     monkeypatch.setattr("hapticd.design.cartography.FreePlateModes", unusable)
 
-    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
 
     assert (fit.freedom > 60.0).all()
 
@@ -161,9 +162,8 @@ def wave_frequency_hz(wave_rad_mm: float) -> float:
 def test_exact_values_give_the_exact_shares() -> None:
     modes = FreePlateModes(SQUARE_MM, WAVE_RAD_MM)
     shares = np.random.default_rng(3).normal(size=(len(modes), 2))
-    axis_mm = scan_axis_mm(137.5)
 
-    fit, pose = modes.fit(grid_points(axis_mm, axis_mm), modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
+    fit, pose = modes.fit(grid_points(AXIS_MM, AXIS_MM), modes.on_grid(shares, AXIS_MM, AXIS_MM).reshape(2, -1).T)
 
     assert pose == NOMINAL
     np.testing.assert_allclose(fit.coefficients, shares, rtol=1e-9)
