@@ -273,6 +273,11 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
         assert after_ns - before_ns == 4_000
 
 
+def test_a_finger_that_passes_by_a_disc_meets_no_edge() -> None:
+    scene = a_scene(disc=Surface(ONE, Circle(5.0)))
+    assert scene.surfaces.along(lambda t_ns: ((t_ns - T0_NS) * 1e-6, 5.1), T0_NS, 17_000_000, 0.02).edges_ns == []
+
+
 def test_a_layer_walks_its_path_and_a_refreshed_one_goes_on() -> None:
     path = VirtualPath(((0.0, 0.0), (30.0, 0.0)), 100.0, loop=True)
     scene = a_scene(patch=Surface(ONE, Circle(1.0), path=path))
