@@ -136,10 +136,10 @@ def test_glued_patches_move_a_plates_modes() -> None:
 
 
 def test_random_plates_have_their_patches_on_them() -> None:
-    random = np.random.default_rng(1)
+    random, patches = np.random.default_rng(1), PATCHES
     for _ in range(200):
-        plate = random_plate(replace(FINGERTIP, patches=PATCHES), Tolerances(), random)
-        for patch, design in zip(plate.patches, PATCHES, strict=True):
+        plate = random_plate(replace(FINGERTIP, patches=patches), Tolerances(), random)
+        for patch, design in zip(plate.patches, patches, strict=True):
             reach_mm = np.abs((patch.x_mm, patch.y_mm)) + 5.0
             assert (reach_mm <= np.array(plate.size_mm) / 2.0 + 1e-9).all()
             assert np.hypot(patch.x_mm - design.x_mm, patch.y_mm - design.y_mm) < 0.8
