@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from hapticd.content_values import ClientTargets, Target, VirtualPath
+from hapticd.content_values import AmplitudeTarget, ClientTargets, Polygon, Target, VirtualPath
+from hapticd.core.phasors import Row
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
-from hapticd.values import Contact, Tick, TouchFrame
+from hapticd.values import Contact, FingerFrame, Tick, TouchFrame
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000
@@ -41,23 +42,37 @@ class Bench:
         message = ClientTargets("test", FOREVER_NS, targets, virtuals or {})
         assert self.scene.apply(message, self.t_ns) == ()
 
-    def report(self, *positions_mm: tuple[float, float]) -> Tick:
+    def touch(
+        self, t_device_ns: int, t_read_ns: int, *positions_mm: tuple[float, float], pressure_frac: float = 0.2
+    ) -> FingerFrame:
         contacts = tuple(
-            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, 0.2, True, 4, 0, 0)
+            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, pressure_frac, True, 4, 0, 0)
             for index, (x_mm, y_mm) in enumerate(positions_mm)
         )
+        return self.pipeline.touch(TouchFrame(t_device_ns, contacts, False), t_read_ns)
+
+    def land(self, wanted_um: dict[tuple[float, float], float]) -> None:
+        """Fingers land at these places, and each gets its target amplitude."""
+        self.report(*wanted_um)
+        self.want({index + 1: AmplitudeTarget(um) for index, um in enumerate(wanted_um.values())})
+
+    def report(self, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> Tick:
         self.t_ns += self.period_ns
-        self.pipeline.touch(TouchFrame(self.t_ns - 10 * MS, contacts, False), self.t_ns)
+        self.touch(self.t_ns - 10 * MS, self.t_ns, *positions_mm, pressure_frac=pressure_frac)
         return self.pipeline.drive(self.t_ns, LINK_NS)
 
     def hold(self, reports: int, *positions_mm: tuple[float, float]) -> list[Tick]:
         return [self.report(*positions_mm) for _ in range(reports)]
 
 
+def felt_um(modal_um: Row, at_mm: tuple[float, float]) -> float:
+    return abs(sum(phi * w_um for phi, w_um in zip(PLATE.at(*at_mm), modal_um, strict=True)))
+
+
 def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:
-    assert tick.drive is not None
-    shapes = PLATE.at(*at_mm)
-    return abs(sum(phi * w_um.real for phi, w_um in zip(shapes, tick.drive.knots[knot].modal_um, strict=True)))
+    return felt_um(tick.drive.knots[knot].modal_um, at_mm)
 
 
 SLIPPERY, STICKY = (-30.2, 5.1), (21.3, -14.9)
+ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
+LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))

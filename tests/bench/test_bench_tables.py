@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +26,18 @@ def table(**changes: object) -> Table:
             ("exact", {"time_us": 3.0, "leak_um": 1e-17, "slip_error_um": math.nan}),
         ]
     )
-    settings: dict[str, object] = {
-        "name": "made-up",
-        "title": "a made-up comparison",
-        "default": "ours",
-        "rows": rows,
-        "compared": ("time_us", "leak_um"),
-        "time": "time_us",
-        "error": "leak_um",
-        "floor": 1e-9,
-        "skipped": SKIPPED,
-    }
-    return Table(**{**settings, **changes})  # type: ignore[arg-type]
+    made = Table(
+        name="made-up",
+        title="a made-up comparison",
+        default="ours",
+        rows=rows,
+        compared=("time_us", "leak_um"),
+        time="time_us",
+        error="leak_um",
+        floor=1e-9,
+        skipped=SKIPPED,
+    )
+    return replace(made, **changes)
 
 
 def test_a_figure_s_unit_stands_at_the_end_of_its_name() -> None:
@@ -98,10 +99,7 @@ def test_a_library_may_be_missing() -> None:
 
 def test_every_kind_of_panel_can_be_drawn(tmp_path: Path) -> None:
     bars = finite_rows([("whole", {"hot_us": 9.0, "paced_us": 20.0}), ("part", {"hot_us": 4.0})])
-    tables = [
-        table(),
-        table(default="whole", rows=bars, time="", error="", compared=("hot_us",)),
-    ]
+    tables = [table(), table(default="whole", rows=bars, time="", error="", compared=("hot_us",))]
     picture = tmp_path / "bench.png"
     draw(tables, picture)
     assert picture.read_bytes().startswith(b"\x89PNG")

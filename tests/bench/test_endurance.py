@@ -14,13 +14,9 @@ from hapticd.bench.endurance import Findings
 from hapticd.errors import HapticdError
 
 
-def with_plate(seed: int, seconds: float, **changes: object) -> endurance_worlds.World:
-    world = endurance_worlds.draw(seed, seconds)
-    return replace(world, plate=replace(world.plate, **changes))  # type: ignore[arg-type]
-
-
 def dead(seed: int, seconds: float) -> endurance_worlds.World:
-    return with_plate(seed, seconds, sensor=np.zeros((2, 2)))
+    world = endurance_worlds.draw(seed, seconds)
+    return replace(world, plate=replace(world.plate, sensor=np.zeros((2, 2))))
 
 
 def test_every_kind_of_board_is_driven_to_its_limits_without_a_failure() -> None:
@@ -68,7 +64,7 @@ def test_a_limit_passed_is_a_failure(name: str, sentence: str, frac: float) -> N
     trace = endurance.BoardTrace(100, 2, 2)
     trace.flags[:] = endurance.FLAG_LIVE
     assert list(endurance._violations(Findings(), trace, 0, 2000.0)) == []
-    (said,) = endurance._violations(replace(Findings(), **{name: frac}), trace, 0, 2000.0)  # type: ignore[arg-type]
+    (said,) = endurance._violations(replace(Findings(), **{name: frac}), trace, 0, 2000.0)
     assert said.startswith(sentence)
 
 

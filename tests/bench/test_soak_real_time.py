@@ -68,8 +68,6 @@ def test_a_silence_ends_with_the_next_write_that_the_port_accepts() -> None:
 def test_a_stall_monitor_reports_its_longest_stall_once() -> None:
     command = [sys.executable, "-m", "hapticd.bench.stall_monitor", "0", "0"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as monitor:
-        assert monitor.stdin is not None
-        assert monitor.stdout is not None
         assert monitor.stdout.readline() == "ready\n"
         monitor.send_signal(signal.SIGSTOP)
         os.waitid(os.P_PID, monitor.pid, os.WSTOPPED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,6 @@ from hapticd.errors import UsageError
 from hapticd.sim.fingers.paths import Strokes
 from hapticd.tools.touches import FloatArray, Trace
 
-Arrays = dict[str, np.ndarray]  # type: ignore[type-arg]
-
 
 def stroked(device: str, seed: int, seconds: float = 3.0) -> Trace:
     """Strokes on a pad that averages its positions."""
@@ -30,7 +29,7 @@ def stroked(device: str, seed: int, seconds: float = 3.0) -> Trace:
 STROKED = [stroked("kind/one", 1), stroked("kind/one", 2), stroked("hid/maker_0001_0002", 3)]
 
 
-def arrays(some: list[Trace]) -> Arrays:
+def arrays(some: list[Trace]) -> dict[str, np.ndarray]:
     return {
         "t_s": np.concatenate([trace.t_s for trace in some]),
         "xy_mm": np.concatenate([trace.xy_mm for trace in some]),
@@ -42,7 +41,7 @@ def arrays(some: list[Trace]) -> Arrays:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "traces.npz"
-    np.savez(path, **arrays(STROKED))  # type: ignore[arg-type]
+    np.savez(path, **arrays(STROKED))
     return path
 
 
@@ -59,27 +58,25 @@ def test_a_file_is_read_as_it_was_written_one_device_after_the_other(file: Path)
 
 
 @pytest.mark.parametrize(
-    ("change", "problem"),
+    ("name", "change", "problem"),
     [
-        ({"xy_mm": np.zeros(3)}, "two columns"),
-        ({"trace": np.array([2, 1, 0])}, "must not decrease|one entry"),
-        ({"trace": np.flip}, "must not decrease"),
-        ({"device": np.array(["kind/one"])}, "count the names"),
-        ({"t_s": lambda t_s: t_s * np.nan}, "finite"),
-        ({"xy_mm": None}, "cannot be read"),
+        ("xy_mm", lambda _: np.zeros(3), "two columns"),
+        ("trace", lambda _: np.array([2, 1, 0]), "must not decrease|one entry"),
+        ("trace", np.flip, "must not decrease"),
+        ("device", lambda _: np.array(["kind/one"]), "count the names"),
+        ("t_s", lambda t_s: t_s * np.nan, "finite"),
+        ("xy_mm", None, "cannot be read"),
     ],
 )
 def test_a_file_of_another_form_is_refused_with_what_is_wrong(
-    tmp_path: Path, change: dict[str, object], problem: str
+    tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray] | None, problem: str
 ) -> None:
     held = arrays(STROKED)
-    for name, value in change.items():
-        if value is None:
-            del held[name]
-        else:
-            held[name] = value(held[name]) if callable(value) else value  # type: ignore[assignment]
+    values = held.pop(name)
+    if change is not None:
+        held[name] = change(values)
     path = tmp_path / "wrong.npz"
-    np.savez(path, **held)  # type: ignore[arg-type]
+    np.savez(path, **held)
     with pytest.raises(UsageError, match=problem):
         traces.load(path)
 

@@ -7,27 +7,21 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pipeline_bench import (
-    LINK_NS,
-    MS,
-    PERIOD_NS,
-    PLATE,
-    SLIPPERY,
-    STICKY,
-    Bench,
-    amplitude_um,
-)
+from pipeline_bench import LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench, amplitude_um, felt_um
 
 from hapticd.bench.baselines.paper_scheme import invert
 from hapticd.content_values import AmplitudeTarget, GratingTarget, VirtualPath
 from hapticd.core.solver.derating import LEAST_SHARE
-from hapticd.values import Tick, TouchFrame
+from hapticd.values import Tick
 
 
-def test_one_finger_slips_while_the_other_sticks() -> None:
-    bench = Bench()
-    bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_one_finger_slips_while_the_other_sticks(bench: Bench) -> None:
+    bench.land({SLIPPERY: 1.0, STICKY: 0.0})
     tick = bench.report(SLIPPERY, STICKY)
     assert [point.target_um for point in tick.points] == [1.0, 0.0]
     for knot in (0, -1):
@@ -37,10 +31,8 @@ def test_one_finger_slips_while_the_other_sticks() -> None:
 
 def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_lost_report() -> None:
     bench = Bench(cover_ns=17 * MS, loop_delay_ns=2 * MS)
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(1.0)})
+    bench.land({SLIPPERY: 1.0})
     tick = bench.report(SLIPPERY)
-    assert tick.drive is not None
     assert tick.drive.t_apply_ns == bench.t_ns + LINK_NS
     assert tick.drive.knots[0].dt_ns == 0
     assert tick.drive.knots[-1].dt_ns == 17 * MS
@@ -51,44 +43,35 @@ def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_
 def test_frames_outlast_a_report_that_a_slow_pad_loses_too() -> None:
     bench = Bench(cover_ns=17 * MS)
     bench.period_ns = 16_667_000  # 60 Hz
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(1.0)})
+    bench.land({SLIPPERY: 1.0})
     bench.hold(12, SLIPPERY)
     slid_mm = SLIPPERY[0] + 1.0, SLIPPERY[1]
     tick = bench.report(slid_mm)
-    assert tick.drive is not None
     assert tick.drive.knots[-1].dt_ns == 24 * MS
 
     bench.period_ns = 4 * MS  # 250 Hz: no shorter than configured
     for place in range(40):
         tick = bench.report((slid_mm[0] + 0.2 * place, slid_mm[1]))
-    assert tick.drive is not None
     assert tick.drive.knots[-1].dt_ns == 17 * MS
 
 
-def test_no_finger_is_one_zero_frame_and_then_nothing() -> None:
-    bench = Bench()
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(1.0)})
+def test_no_finger_is_one_zero_frame_and_then_nothing(bench: Bench) -> None:
+    bench.land({SLIPPERY: 1.0})
     assert bench.report(SLIPPERY).drive is not None
     lifted = bench.report()
-    assert lifted.drive is not None
     assert [knot.modal_um for knot in lifted.drive.knots] == [(0.0, 0.0)]
     assert [tick.drive for tick in bench.hold(5)] == [None] * 5
     assert bench.pipeline.counters.skipped_no_finger == 6
 
 
-def test_no_target_is_nothing_to_solve() -> None:
-    bench = Bench()
+def test_no_target_is_nothing_to_solve(bench: Bench) -> None:
     assert [tick.drive for tick in bench.hold(5, SLIPPERY)] == [None] * 5
     assert bench.pipeline.counters.skipped_no_target == 5
     assert bench.pipeline.counters.solves == 0
 
 
-def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down() -> None:
-    bench = Bench()
-    bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(1.0)})
+def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down(bench: Bench) -> None:
+    bench.land({SLIPPERY: 1.0, STICKY: 1.0})
     bench.report(SLIPPERY, STICKY)
     bench.want({1: AmplitudeTarget(1.0)})
     bench.pipeline.release(bench.scene.expire(bench.t_ns))
@@ -97,15 +80,13 @@ def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down() -> None:
     bench.scene.release_client("test")
     bench.pipeline.release(bench.scene.expire(bench.t_ns))
     tick = bench.report(SLIPPERY, STICKY)
-    assert tick.drive is not None
     assert not any(any(knot.modal_um) for knot in tick.drive.knots)
 
 
 def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_would_say() -> None:
     bench, never = Bench(), Bench(tolerance_um=1e-12)
     for each in (bench, never):
-        each.report(SLIPPERY, STICKY)
-        each.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        each.land({SLIPPERY: 1.0, STICKY: 0.0})
     standing, solved = bench.hold(40, SLIPPERY, STICKY), never.hold(40, SLIPPERY, STICKY)
     assert standing[-1].drive is None
     assert bench.pipeline.counters.skipped_standing > 20
@@ -117,8 +98,7 @@ def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_wou
 
 
 @pytest.mark.parametrize("change", ["moves", "target", "lands", "forgotten"])
-def test_whatever_changes_ends_the_standing(change: str) -> None:
-    bench = Bench()
+def test_whatever_changes_ends_the_standing(change: str, bench: Bench) -> None:
     bench.report(SLIPPERY, STICKY)
     bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0), 3: AmplitudeTarget(0.0)})
     assert bench.hold(30, SLIPPERY, STICKY)[-1].drive is None
@@ -142,7 +122,6 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
         bench.want({"walker": AmplitudeTarget(1.0)}, {"walker": path})
         bench.t_ns += 150 * MS
         tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
-        assert tick.drive is not None
         knots = tick.drive.knots
         counts.append(len(knots))
         t_plate_ns = tick.drive.t_apply_ns + bench.pipeline._settings.loop_delay_ns
@@ -150,8 +129,7 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
             middle_ns = (before.dt_ns + after.dt_ns) // 2
             here_mm = bench.scene.virtual_position_mm("walker", t_plate_ns + middle_ns)
             between = [(a + b) / 2 for a, b in zip(before.modal_um, after.modal_um, strict=True)]
-            got_um = abs(sum(phi * w.real for phi, w in zip(PLATE.at(*here_mm), between, strict=True)))
-            assert abs(got_um - 1.0) < 3 * 0.005 or tick.limited
+            assert abs(felt_um(between, here_mm) - 1.0) < 3 * 0.005 or tick.limited
         assert bench.pipeline.counters.knots == len(knots)
         assert bench.pipeline.counters.skipped_knots == 16 - len(knots)
     assert counts == sorted(counts)
@@ -168,18 +146,15 @@ def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
         bench.want({"walker": target}, {"walker": path})
         bench.t_ns += 150 * MS
         tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
-        assert tick.drive is not None
         counts[name] = len(tick.drive.knots)
         for knot in tick.drive.knots:
             here_mm = bench.scene.virtual_position_mm("walker", tick.drive.t_apply_ns + knot.dt_ns)
             wanted_um = bench.scene.amplitude_um("walker", *here_mm)
-            got_um = abs(sum(phi * w.real for phi, w in zip(PLATE.at(*here_mm), knot.modal_um, strict=True)))
-            assert got_um == pytest.approx(wanted_um, abs=1e-9) or tick.limited
+            assert felt_um(knot.modal_um, here_mm) == pytest.approx(wanted_um, abs=1e-9) or tick.limited
     assert counts["square"] > 2 * counts["constant"]
 
 
-def test_a_virtual_finger_takes_part_where_it_will_be() -> None:
-    bench = Bench()
+def test_a_virtual_finger_takes_part_where_it_will_be(bench: Bench) -> None:
     path = VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 80.0, loop=True)
     bench.report(SLIPPERY)
     bench.want({1: AmplitudeTarget(1.0), "still": AmplitudeTarget(0.0)}, {"still": path})
@@ -203,33 +178,21 @@ def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
             bench.t_ns += MS
             tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
             if tick.drive is not None:
-                first_um.append(np.array(tick.drive.knots[0].modal_um).real)
-        largest[name] = max(float(np.abs(after - before).max()) for before, after in pairwise(first_um))
+                first_um.append(np.real(tick.drive.knots[0].modal_um))
+        largest[name] = np.abs(np.diff(first_um, axis=0)).max()
     assert largest["paper"] > 4.0
     assert largest["ours"] < largest["paper"] / 3
 
 
-def test_positions_off_the_plate_or_not_finite_never_break_the_limit() -> None:
-    bench = Bench()
-    bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(4.0), 2: AmplitudeTarget(0.0)})
+def test_positions_off_the_plate_or_not_finite_never_break_the_limit(bench: Bench) -> None:
+    bench.land({SLIPPERY: 4.0, STICKY: 0.0})
     for x_mm in (500.0, -1e9, math.nan, math.inf, 12.0):
         tick = bench.report((x_mm, 3.0), STICKY)
         for knot in tick.drive.knots if tick.drive is not None else ():
             assert all(abs(w_um) <= 4.0 for w_um in knot.modal_um)
 
 
-def test_a_frame_out_of_order_says_nothing_new() -> None:
-    bench = Bench()
-    bench.hold(3, SLIPPERY)
-    before = bench.pipeline.fingers
-    old = TouchFrame(bench.t_ns - 200 * MS, (), False)
-    bench.pipeline.touch(old, bench.t_ns)
-    assert bench.pipeline.fingers == before
-
-
-def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers() -> None:
-    bench = Bench()
+def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers(bench: Bench) -> None:
     bench.hold(3, SLIPPERY)
     assert not bench.pipeline.sensor_is_silent(bench.t_ns + 40 * MS)
     assert bench.pipeline.sensor_is_silent(bench.t_ns + 41 * MS)
@@ -242,8 +205,7 @@ def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers() -> None:
 def test_the_same_calls_give_the_same_drives() -> None:
     def play() -> list[Tick]:
         bench = Bench()
-        bench.report(SLIPPERY, STICKY)
-        bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        bench.land({SLIPPERY: 1.0, STICKY: 0.0})
         return [bench.report((SLIPPERY[0] + step, SLIPPERY[1]), STICKY) for step in range(40)]
 
     assert play() == play()
@@ -255,14 +217,12 @@ def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and
     nearly_singular = (STICKY[0] - 27.3, STICKY[1])  # a wavelength on: nearly the same shapes
     ticks = []
     for bench in (riding, derated):
-        bench.report(nearly_singular, STICKY)
-        bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        bench.land({nearly_singular: 1.0, STICKY: 0.0})
         ticks.append(bench.report(nearly_singular, STICKY))
     assert ticks[0].limited
     assert ticks[1].limited
     share = amplitude_um(ticks[0], 0, nearly_singular)
     assert 0.0 < share < 1.0
-    assert ticks[0].drive is not None
     slopes = PLATE.gradient([STICKY])[0]
     slope_um_mm = np.linalg.norm(np.real(ticks[0].drive.knots[0].modal_um) @ slopes)
     scale = min(1.0, math.hypot(share, LEAST_SHARE) / max(price * slope_um_mm**2, 1e-12))
@@ -276,16 +236,13 @@ def test_fading_changes_nothing_where_targets_are_met_or_nobody_sticks() -> None
         ticks = []
         for price in (0.0, 5.0):
             bench = Bench(max_knots=2, derating_mm2_um2=price)
-            bench.report(SLIPPERY, STICKY)
-            bench.want({index + 1: AmplitudeTarget(um) for index, um in enumerate(targets)})
+            bench.land(dict(zip((SLIPPERY, STICKY), targets, strict=True)))
             ticks.append(bench.report(SLIPPERY, STICKY))
         assert ticks[0] == ticks[1]
 
 
-def test_fingers_that_all_stick_are_still_shown_where_they_are() -> None:
-    bench = Bench()
-    bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(0.0)})
+def test_fingers_that_all_stick_are_still_shown_where_they_are(bench: Bench) -> None:
+    bench.land({SLIPPERY: 0.0})
     for step in range(60):
         tick = bench.report((SLIPPERY[0] + step, SLIPPERY[1]))
     assert tick.drive is None  # nothing to say: the plate stands still
@@ -297,16 +254,12 @@ def test_sensors_that_read_otherwise_get_another_reference_within_the_limits_and
     bench, right = Bench(), Bench()
     bench.pipeline.set_readings([tuple(row) for row in readings.tolist()])
     for one in (bench, right):
-        one.report(SLIPPERY, STICKY)
-        one.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0)})
+        one.land({SLIPPERY: 1.0, STICKY: 0.0})
     read, true = bench.report(SLIPPERY, STICKY), right.report(SLIPPERY, STICKY)
     assert read.points == true.points
     assert bench.pipeline.modal_um == right.pipeline.modal_um
-    assert read.drive is not None
-    assert true.drive is not None
     for of_read, of_true in zip(read.drive.knots, true.drive.knots, strict=True):
         assert of_read.modal_um == pytest.approx(readings @ of_true.modal_um)
     bench.pipeline.set_readings(((9.0, 0.0), (0.0, 9.0)))
     limited = bench.report(SLIPPERY, STICKY)
-    assert limited.drive is not None
     assert 3.9 < max(abs(w_um) for knot in limited.drive.knots for w_um in knot.modal_um) <= 4.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import random
 
-import numpy as np
 import pytest
+from pipeline_bench import LINK_NS, MS, PERIOD_NS, START_NS, Bench
 
 from hapticd.content_values import (
     AmplitudeTarget,
@@ -16,26 +16,9 @@ from hapticd.content_values import (
     Target,
     VirtualPath,
 )
-from hapticd.core.pipeline import Pipeline, PipelineSettings
-from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.prediction.predictor import DEFAULT
-from hapticd.core.targets.scene import Scene
-from hapticd.values import Contact, FingerFrame, Knot, LimitReason, TouchFrame
+from hapticd.values import Knot, LimitReason
 
-MS = 1_000_000
-PERIOD_NS = 11_250_000
-LINK_NS = 5 * MS
-START_NS = 77_000_000_000
 W_LIMIT_UM = (4.0, 0.5)
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 63)
-    wave = np.sin(2 * np.pi * axis_mm / 27.0)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (63, 1)), np.tile(wave, (63, 1)).T]))
-
-
-PLATE = sine_plate()
 TARGETS: tuple[Target, ...] = (
     AmplitudeTarget(0.0),
     AmplitudeTarget(4.0),
@@ -46,15 +29,9 @@ TARGETS: tuple[Target, ...] = (
 )
 
 
-def contacts(positions_mm: list[tuple[float, float]]) -> tuple[Contact, ...]:
-    return tuple(
-        Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, 0.2, True, 4, 0, 0)
-        for index, (x_mm, y_mm) in enumerate(positions_mm)
-    )
-
-
-def touch(pipeline: Pipeline, t_device_ns: int, t_read_ns: int, *positions_mm: tuple[float, float]) -> FingerFrame:
-    return pipeline.touch(TouchFrame(t_device_ns, contacts(list(positions_mm)), False), t_read_ns)
+@pytest.fixture
+def bench() -> Bench:
+    return Bench(w_limit_um=W_LIMIT_UM)
 
 
 def assert_within_limits(knots: tuple[Knot, ...]) -> None:
@@ -75,20 +52,17 @@ def scatter(kind: str, count: int, source: random.Random) -> list[tuple[float, f
 
 @pytest.mark.parametrize("kind", ["coincident", "node", "outside", "jumping"])
 @pytest.mark.parametrize("count", [1, 3, 15])
-def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: int) -> None:
-    source = random.Random(f"{kind}{count}")
-    scene = Scene(w_limit_um=max(W_LIMIT_UM))
-    pipeline = Pipeline(PLATE, scene, PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
-    drives = 0
+def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: int, bench: Bench) -> None:
+    source, drives = random.Random(f"{kind}{count}"), 0
     for step in range(20):
         t_ns = START_NS + step * PERIOD_NS
-        touch(pipeline, t_ns - 10 * MS, t_ns, *scatter(kind, count, source))
-        targets: dict[int | str, Target] = {finger.finger_id: source.choice(TARGETS) for finger in pipeline.fingers}
+        bench.touch(t_ns - 10 * MS, t_ns, *scatter(kind, count, source))
+        targets = {finger.finger_id: source.choice(TARGETS) for finger in bench.pipeline.fingers}
         targets["walker"] = source.choice(TARGETS)
         walk = VirtualPath(((-200.0, 0.0), (200.0, 0.0)), source.choice((0.0, 1e3)), loop=True)
-        scene.apply(ClientTargets("test", 500 * MS, targets, {"walker": walk}), t_ns)
-        pipeline.release(scene.expire(t_ns))
-        tick = pipeline.drive(t_ns, LINK_NS)
+        bench.scene.apply(ClientTargets("test", 500 * MS, targets, {"walker": walk}), t_ns)
+        bench.pipeline.release(bench.scene.expire(t_ns))
+        tick = bench.pipeline.drive(t_ns, LINK_NS)
         if tick.drive is not None:
             drives += 1
             assert_within_limits(tick.drive.knots)
@@ -96,42 +70,37 @@ def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: in
     assert drives > 0
 
 
-def test_targets_that_change_a_thousand_times_a_second_are_each_followed() -> None:
-    scene = Scene(w_limit_um=4.0)
-    pipeline = Pipeline(PLATE, scene, PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
-    touch(pipeline, START_NS, START_NS + 10 * MS, (6.0, 20.0))
+def test_targets_that_change_a_thousand_times_a_second_are_each_followed(bench: Bench) -> None:
+    bench.touch(START_NS, START_NS + 10 * MS, (6.0, 20.0))
     for step in range(200):
         t_ns = START_NS + 10 * MS + step * MS
         if step % 11 == 0:
-            touch(pipeline, t_ns - 9 * MS, t_ns, (6.0, 20.0))
+            bench.touch(t_ns - 9 * MS, t_ns, (6.0, 20.0))
         wanted_um = 0.4 * (step % 2)
-        scene.apply(ClientTargets("test", 500 * MS, {1: AmplitudeTarget(wanted_um)}, {}), t_ns)
-        tick = pipeline.drive(t_ns, LINK_NS)
+        bench.scene.apply(ClientTargets("test", 500 * MS, {1: AmplitudeTarget(wanted_um)}, {}), t_ns)
+        tick = bench.pipeline.drive(t_ns, LINK_NS)
         assert [point.target_um for point in tick.points] == [wanted_um]
-        assert tick.drive is not None
         assert_within_limits(tick.drive.knots)
         assert tick.points[0].achieved_um == pytest.approx(wanted_um, abs=1e-9)
 
 
-def test_fingers_go_on_within_three_reports_when_the_pad_s_clock_is_laid_anew_in_the_past() -> None:
-    pipeline = Pipeline(PLATE, Scene(w_limit_um=4.0), PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
+def test_fingers_go_on_within_three_reports_when_the_pad_s_clock_is_set_back(bench: Bench) -> None:
     for step in range(10):
         t_ns = START_NS + step * PERIOD_NS
-        touch(pipeline, t_ns + 1900 * MS, t_ns, (float(step), 0.0))
-    before = pipeline.fingers[0].finger_id
+        bench.touch(t_ns + 1900 * MS, t_ns, (float(step), 0.0))
+    before = bench.pipeline.fingers[0].finger_id
     lifted: tuple[int, ...] = ()
     seen_mm = []
     for step in range(10, 20):
         t_ns = START_NS + step * PERIOD_NS
-        lifted += touch(pipeline, t_ns, t_ns, (float(step), 0.0)).lifted
-        seen_mm += [finger.x_mm for finger in pipeline.fingers]
+        lifted += bench.touch(t_ns, t_ns, (float(step), 0.0)).lifted
+        seen_mm += [finger.x_mm for finger in bench.pipeline.fingers]
     assert seen_mm == [9.0, 9.0, *(float(step) for step in range(12, 20))]
     assert lifted == (before,)
 
 
-def test_a_straggler_changes_nothing() -> None:
-    pipeline = Pipeline(PLATE, Scene(w_limit_um=4.0), PipelineSettings(W_LIMIT_UM, DEFAULT.for_touch))
-    touch(pipeline, START_NS, START_NS + 10 * MS, (1.0, 0.0))
-    touch(pipeline, START_NS + PERIOD_NS, START_NS + PERIOD_NS + 10 * MS, (2.0, 0.0))
-    touch(pipeline, START_NS + 1, START_NS + PERIOD_NS + 11 * MS, (50.0, 50.0))
-    assert [(finger.finger_id, finger.x_mm) for finger in pipeline.fingers] == [(1, 2.0)]
+def test_a_straggler_changes_nothing(bench: Bench) -> None:
+    bench.touch(START_NS, START_NS + 10 * MS, (1.0, 0.0))
+    bench.touch(START_NS + PERIOD_NS, START_NS + PERIOD_NS + 10 * MS, (2.0, 0.0))
+    bench.touch(START_NS + 1, START_NS + PERIOD_NS + 11 * MS, (50.0, 50.0))
+    assert [(finger.finger_id, finger.x_mm) for finger in bench.pipeline.fingers] == [(1, 2.0)]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hapticd.core.small_matrices import dot, length, normalize, remove, solved
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 8))
 def test_a_positive_definite_system_is_solved_from_its_lower_triangle(seed: int, count: int) -> None:
     random = np.random.default_rng(seed)
@@ -20,7 +20,7 @@ def test_a_positive_definite_system_is_solved_from_its_lower_triangle(seed: int,
     assert found == pytest.approx(np.linalg.solve(matrix, right), rel=1e-8)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), exponent=st.floats(0.0, 9.0))
 def test_what_a_basis_sees_is_removed_to_the_last_bits_in_two_turns(seed: int, exponent: float) -> None:
     random = np.random.default_rng(seed)

@@ -10,6 +10,8 @@ from hapticd.core.solver.public import solve
 from hapticd.design.achievability import Finger, achievability_map, achievable_share, pair_map, reach_um
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
+from .reference_plate import grid_points
+
 PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
 SIZE_MM = (137.5, 137.5)
 OUT_OF_REACH_UM = 1e6
@@ -71,8 +73,7 @@ def test_each_cell_agrees_with_the_solver(modes: int, targets: tuple[float, ...]
             assert made.achieved_um[:, row, column] == pytest.approx(solved, abs=EXACT_UM)
             expected = np.minimum(solved[slips] / np.array(targets)[slips], 1.0).min()
             assert made.share[row, column] == pytest.approx(expected, abs=EXACT_UM)
-    points = np.stack(np.meshgrid(made.x_mm, made.y_mm), axis=-1).reshape(-1, 2)
-    alone = achievable_share(shapes, fingers, targets[-1], limits, points)
+    alone = achievable_share(shapes, fingers, targets[-1], limits, grid_points(made.x_mm, made.y_mm))
     assert alone == pytest.approx(made.share.ravel(), abs=EXACT_UM)
 
 
@@ -134,11 +135,8 @@ def test_without_a_slipping_or_a_still_finger_figures_are_nan() -> None:
     alone = achievability_map(PAIR, [], 1.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
     assert np.isnan(alone.contrast(0.1)).all()
     assert np.isnan(alone.determinant).all()
-    assert alone.reach_um == pytest.approx(4.0 * np.abs(PAIR.evaluate(grid_of(alone))).sum(axis=1).reshape(4, 4))
-
-
-def grid_of(made: object) -> np.ndarray:
-    return np.stack(np.meshgrid(made.x_mm, made.y_mm), axis=-1).reshape(-1, 2)  # type: ignore[attr-defined]
+    phi = PAIR.evaluate(grid_points(alone.x_mm, alone.y_mm))
+    assert alone.reach_um == pytest.approx(4.0 * np.abs(phi).sum(axis=1).reshape(4, 4))
 
 
 def test_the_cells_tile_the_plate() -> None:

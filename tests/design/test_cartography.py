@@ -8,20 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hapticd.design import CartographyFit, ModeShape, fit_cartography, free_plate_modes, sample_cartography
+from hapticd.design import CartographyFit, fit_cartography, free_plate_modes, sample_cartography
 from hapticd.errors import ModesError
+
+from .reference_plate import driven_modes, grid_points
 
 pytestmark = pytest.mark.long
 
 FINE_MM = np.linspace(-68.75, 68.75, 276)
+FINE_POINTS = grid_points(FINE_MM, FINE_MM)
 SCAN_MM = 4.5 * np.arange(-15, 16)
 MARGIN = np.maximum(*np.abs(np.meshgrid(FINE_MM, FINE_MM))) > 67.5
-
-
-@cache
-def driven_modes() -> list[ModeShape]:
-    by_name = {shape.name: shape for _, shape in free_plate_modes()}
-    return [by_name["11x0"], by_name["0x11"]]
 
 
 @cache
@@ -35,8 +32,7 @@ def reference_fit(seed: int) -> CartographyFit:
 
 
 def on_fine_grid(fit: CartographyFit) -> np.ndarray:
-    points = np.stack(np.meshgrid(FINE_MM, FINE_MM), axis=-1).reshape(-1, 2)
-    return fit.modes.evaluate(points).T.reshape(-1, FINE_MM.size, FINE_MM.size)
+    return fit.modes.evaluate(FINE_POINTS).T.reshape(-1, FINE_MM.size, FINE_MM.size)
 
 
 def rms(values: np.ndarray) -> float:
@@ -135,9 +131,8 @@ def test_the_map_covers_the_whole_plate_in_small_steps() -> None:
 def test_readings_in_nanometres_are_scaled_to_a_peak_of_one() -> None:
     x_mm, y_mm, shapes = sample_cartography(driven_modes(), seed=2)
     fit = fit_cartography(x_mm, y_mm, 740.0 * shapes)
-    points = np.stack(np.meshgrid(FINE_MM, FINE_MM), axis=-1).reshape(-1, 2)
 
-    np.testing.assert_allclose(np.abs(fit.modes.evaluate(points)).max(axis=0), 1.0, rtol=0.0, atol=2e-3)
+    np.testing.assert_allclose(np.abs(fit.modes.evaluate(FINE_POINTS)).max(axis=0), 1.0, rtol=0.0, atol=2e-3)
     np.testing.assert_allclose(fit.noise_rms, 0.02, rtol=0.15)  # in units of the map, not of the readings
 
 
@@ -153,8 +148,7 @@ def test_the_plate_need_not_be_square() -> None:
     x_mm, y_mm, shapes = sample_cartography([mode], seed=3)
     fit = fit_cartography(x_mm, y_mm, shapes, size_mm=(120.0, 80.0), normalise=False)
 
-    fine_x_mm, fine_y_mm = np.linspace(-60.0, 60.0, 121), np.linspace(-40.0, 40.0, 81)
-    points = np.stack(np.meshgrid(fine_x_mm, fine_y_mm), axis=-1).reshape(-1, 2)
+    points = grid_points(np.linspace(-60.0, 60.0, 121), np.linspace(-40.0, 40.0, 81))
     error = fit.modes.evaluate(points)[:, 0] - mode.evaluate(points)
 
     assert frequency_hz > 20000.0
@@ -178,15 +172,13 @@ SCAN = np.cos(0.24 * SCAN_MM)[None, None, :] * np.ones((1, 31, 1))
 def test_invalid_grids_are_refused_in_a_sentence(
     x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
 ) -> None:
-    with pytest.raises(ModesError, match=what) as refusal:
+    with pytest.raises(ModesError, match=rf"{what}.*\.$"):
         fit_cartography(x_mm, y_mm, shapes)
-    assert str(refusal.value).endswith(".")
 
 
 def coarse(step_mm: float, noise_frac: float) -> CartographyFit:
-    return fit_cartography(
-        *sample_cartography(driven_modes(), step_mm=step_mm, noise_frac=noise_frac, seed=1), normalise=False
-    )
+    scan = sample_cartography(driven_modes(), step_mm=step_mm, noise_frac=noise_frac, seed=1)
+    return fit_cartography(*scan, normalise=False)
 
 
 @pytest.mark.parametrize(("step_mm", "noise_frac"), [(9.0, 0.02), (9.0, 0.0), (8.0, 0.0), (6.0, 0.02)])

@@ -19,6 +19,7 @@ from hapticd.design.materials import MATERIALS
 GLASS = MATERIALS["glass"]
 REFERENCE = Plate((137.5, 137.5), 2.0, GLASS)
 FINGERTIP = Plate((200.0, 200.0), 3.0, GLASS)
+PATCHES = (Patch(95.0, 95.0, (10.0, 10.0), 0.3), Patch(0.0, -95.0, (10.0, 10.0), 0.3))
 DRIVE = Drive()
 
 
@@ -135,10 +136,7 @@ def test_glued_patches_move_a_plates_modes() -> None:
 
 
 def test_random_plates_have_their_patches_on_them() -> None:
-    random, patches = (
-        np.random.default_rng(1),
-        (Patch(95.0, 95.0, (10.0, 10.0), 0.3), Patch(0.0, -95.0, (10.0, 10.0), 0.3)),
-    )
+    random, patches = np.random.default_rng(1), PATCHES
     for _ in range(200):
         plate = random_plate(replace(FINGERTIP, patches=patches), random)
         for patch, design in zip(plate.patches, patches, strict=True):
@@ -149,7 +147,7 @@ def test_random_plates_have_their_patches_on_them() -> None:
 
 @pytest.mark.long
 def test_random_plates_with_patches_reach_most_of_the_designs_contrast() -> None:
-    glued = replace(FINGERTIP, patches=(Patch(95.0, 95.0, (10.0, 10.0), 0.3), Patch(0.0, -95.0, (10.0, 10.0), 0.3)))
+    glued = replace(FINGERTIP, patches=PATCHES)
     study = tolerance_study(designed(glued, 29375.0, 4), DRIVE, 3, pairs=100)
     assert study.contrast_frac.min() > ENOUGH_FRAC
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
@@ -13,11 +12,10 @@ from hapticd.design.finger_load import learned_1_s
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.observations import Windows
 
-from .touch import synthetic
+from .touch.synthetic import DECAY_1_S as DECAY_OF_PLATE_1_S
 from .touch.synthetic import Touching, mode_map
 
 NOMINAL = Calibration.nominal(2)
-BARE_1_S = synthetic.DECAY_1_S.tolist()
 DECAY_1_S, DETUNING_RAD_S = (180.0, 185.0), (470.0, 590.0)
 
 
@@ -28,27 +26,25 @@ def beside(finger_decay_1_s: float, finger_detuning_rad_s: float = 0.0) -> Paras
     return ParasiticModes(faint, DECAY_1_S, DETUNING_RAD_S, finger_decay_1_s, finger_detuning_rad_s)
 
 
-def touching(monkeypatch: pytest.MonkeyPatch, load_1_s: complex, seconds: float = 8.0) -> Windows:
-    monkeypatch.setattr(synthetic, "LOAD_1_S", load_1_s)
-    return Touching(NOMINAL, seconds=seconds).windows()
+def learned(windows: Windows, modes: ParasiticModes) -> complex | None:
+    return learned_1_s(windows, mode_map(), modes, DECAY_OF_PLATE_1_S.tolist(), NOMINAL)
 
 
-def test_damping_and_detuning_of_fingers_are_learned_from_touches(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damping_and_detuning_of_fingers_are_learned_from_touches() -> None:
     truth_1_s = 230.0 - 400.0j
-    found_1_s = learned_1_s(touching(monkeypatch, truth_1_s), mode_map(), beside(100.0), BARE_1_S, NOMINAL)
-    assert found_1_s is not None
+    found_1_s = learned(Touching(NOMINAL, seconds=8.0, load_1_s=truth_1_s).windows(), beside(100.0))
     assert abs(found_1_s - truth_1_s) < 0.1 * abs(truth_1_s)
 
 
-def test_a_load_that_is_known_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    windows = touching(monkeypatch, 230.0 - 400.0j)
-    assert learned_1_s(windows, mode_map(), beside(210.0, 380.0), BARE_1_S, NOMINAL) is None
+def test_a_load_that_is_known_is_left_as_it_is() -> None:
+    windows = Touching(NOMINAL, seconds=8.0, load_1_s=230.0 - 400.0j).windows()
+    assert learned(windows, beside(210.0, 380.0)) is None
 
 
-def test_a_short_touch_and_fingers_that_feel_nothing_tell_no_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert learned_1_s(touching(monkeypatch, 300.0, seconds=3.0), mode_map(), beside(100.0), BARE_1_S, NOMINAL) is None
-    windows = touching(monkeypatch, 300.0)
+def test_a_short_touch_and_fingers_that_feel_nothing_tell_no_load() -> None:
+    assert learned(Touching(NOMINAL, seconds=3.0, load_1_s=300.0).windows(), beside(100.0)) is None
+    windows = Touching(NOMINAL, seconds=8.0, load_1_s=300.0).windows()
     rng = np.random.default_rng(1)
     noise_v = rng.standard_normal((2, *windows.voltage_v.shape)) * 300.0
     drowned = replace(windows, voltage_v=windows.voltage_v + noise_v[0] + 1j * noise_v[1])
-    assert learned_1_s(drowned, mode_map(), beside(100.0), BARE_1_S, NOMINAL) is None
+    assert learned(drowned, beside(100.0)) is None

@@ -9,26 +9,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.design import CartographyFit, ModeShape, Pose, fit_cartography, fit_scan, free_plate_modes, sample_scan
+from hapticd.design import CartographyFit, Pose, fit_cartography, fit_scan, sample_scan
 from hapticd.design.readings import in_phase, outliers
 from hapticd.errors import ModesError
+
+from .reference_plate import driven_modes, grid_points
 
 pytestmark = pytest.mark.long
 
 NOISE = 0.02
 FINE_MM = np.linspace(-68.75, 68.75, 139)
-FINE_POINTS = np.stack(np.meshgrid(FINE_MM, FINE_MM), axis=-1).reshape(-1, 2)
+FINE_POINTS = grid_points(FINE_MM, FINE_MM)
 SCALE = (740.0 * cmath.exp(1.1j), 0.3 * cmath.exp(-2.5j))
 TURNED = Pose(math.radians(3.0), 2.0, -2.0)
-
-
-@cache
-def driven_modes() -> list[ModeShape]:
-    by_name = {shape.name: shape for _, shape in free_plate_modes()}
-    return [by_name["11x0"], by_name["0x11"]]
 
 
 @cache
@@ -80,10 +76,9 @@ def test_a_sampled_scan_has_the_requested_faults_and_no_others() -> None:
 
 def test_drop_outs_are_left_out_and_counted() -> None:
     points, readings = sample_scan(driven_modes(), seed=2, dropout_frac=0.05)
-    clean = fit_scan(*sample_scan(driven_modes(), seed=2))
     fit = fit_scan(points, readings)
 
-    assert clean.left_out == 0
+    assert fit_scan(*sample_scan(driven_modes(), seed=2)).left_out == 0
     assert 0.02 * len(points) < fit.left_out < 0.07 * len(points)
 
 
@@ -123,7 +118,6 @@ def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
     np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), estimated, rtol=0.05)
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.floats(-math.pi, math.pi), st.floats(1e-6, 1e6), st.integers(0, 100))
 def test_one_phase_is_taken_out_of_each_mode(phase_rad: float, size: float, seed: int) -> None:
     real = np.random.default_rng(seed).standard_normal((50, 2))
@@ -172,9 +166,8 @@ WAVE = np.cos(0.24 * POINTS)
     ],
 )
 def test_invalid_scans_are_refused_in_a_sentence(points: np.ndarray, readings: np.ndarray, what: str) -> None:
-    with pytest.raises(ModesError, match=what) as refusal:
+    with pytest.raises(ModesError, match=rf"{what}.*\.$"):
         fit_scan(points, readings)
-    assert str(refusal.value).endswith(".")
 
 
 @pytest.mark.parametrize(
@@ -189,9 +182,8 @@ def test_invalid_scans_are_refused_in_a_sentence(points: np.ndarray, readings: n
     ],
 )
 def test_invalid_options_are_refused_in_a_sentence(wrong: dict[str, Any], what: str) -> None:
-    with pytest.raises(ValueError, match=what) as refusal:
+    with pytest.raises(ValueError, match=rf"{what}.*\.$"):
         fit_scan(POINTS, WAVE, **wrong)
-    assert str(refusal.value).endswith(".")
 
 
 def test_a_fit_asked_for_by_name_is_the_one_taken() -> None:

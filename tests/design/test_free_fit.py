@@ -21,6 +21,8 @@ from hapticd.design.free_fit import FreePlateModes
 from hapticd.design.pose import NOMINAL, find_pose
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
+from .reference_plate import driven_modes, grid_points
+
 pytestmark = pytest.mark.long
 
 WAVE_RAD_MM = 2.0 * math.pi / 26.2
@@ -34,15 +36,12 @@ def neighbours(size_mm: tuple[float, float], band_hz: tuple[float, float]) -> li
     return [shape for _, shape in free_plate_modes(size_mm, band_hz=band_hz)]
 
 
-@cache
-def driven_modes() -> list[ModeShape]:
-    by_name = {shape.name: shape for _, shape in free_plate_modes()}
-    return [by_name["11x0"], by_name["0x11"]]
-
-
 def scan_axis_mm(edge_mm: float) -> np.ndarray:
     count = math.floor(edge_mm / 2.0 / 4.5)
     return 4.5 * np.arange(-count, count + 1)
+
+
+AXIS_MM = scan_axis_mm(137.5)
 
 
 def mixture(shapes: list[ModeShape], x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
@@ -56,8 +55,7 @@ def noisy(surfaces: np.ndarray, seed: int = 1) -> np.ndarray:
 
 
 def map_error(fit: CartographyFit, truth: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray) -> float:
-    points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    error = fit.modes.evaluate(points).T.reshape(truth.shape) - truth
+    error = fit.modes.evaluate(grid_points(x_mm, y_mm)).T.reshape(truth.shape) - truth
     return float(np.sqrt((error**2).mean()))
 
 
@@ -101,11 +99,11 @@ def clamped_corner(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
 
 
 def test_a_plate_that_is_not_free_keeps_the_smoothing_fit() -> None:
-    axis_mm, fine_mm = scan_axis_mm(137.5), np.linspace(-68.75, 68.75, 151)
+    fine_mm = np.linspace(-68.75, 68.75, 151)
     truth = clamped_corner(fine_mm, fine_mm)
-    scan = noisy(clamped_corner(axis_mm, axis_mm))
+    scan = noisy(clamped_corner(AXIS_MM, AXIS_MM))
 
-    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
 
     assert (fit.freedom > 60.0).all()
     error = map_error(fit, truth, fine_mm, fine_mm)
@@ -114,11 +112,10 @@ def test_a_plate_that_is_not_free_keeps_the_smoothing_fit() -> None:
 
 
 def test_one_mode_that_is_not_free_makes_the_choice_for_all() -> None:
-    axis_mm = scan_axis_mm(137.5)
-    free = neighbours(SQUARE_MM, (29100.0, 29200.0))[0].on_grid(axis_mm, axis_mm)[None]
-    scan = noisy(np.concatenate((free, clamped_corner(axis_mm, axis_mm))))
+    free = neighbours(SQUARE_MM, (29100.0, 29200.0))[0].on_grid(AXIS_MM, AXIS_MM)[None]
+    scan = noisy(np.concatenate((free, clamped_corner(AXIS_MM, AXIS_MM))))
 
-    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
 
     assert (fit.freedom > 60.0).all()
 
@@ -137,11 +134,10 @@ class Crowded(FreePlateModes):
 def test_where_theory_has_too_many_modes_or_none_the_smoothing_fit_stands(
     unusable: type[FreePlateModes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    axis_mm = scan_axis_mm(137.5)
-    scan = noisy(mixture(neighbours(SQUARE_MM, (28500.0, 30000.0)), axis_mm, axis_mm))
+    scan = noisy(mixture(neighbours(SQUARE_MM, (28500.0, 30000.0)), AXIS_MM, AXIS_MM))
     monkeypatch.setattr("hapticd.design.cartography.FreePlateModes", unusable)
 
-    fit = fit_cartography(axis_mm, axis_mm, scan, normalise=False)
+    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
 
     assert (fit.freedom > 60.0).all()
 
@@ -166,10 +162,8 @@ def wave_frequency_hz(wave_rad_mm: float) -> float:
 def test_exact_values_give_the_exact_shares() -> None:
     modes = FreePlateModes(SQUARE_MM, WAVE_RAD_MM)
     shares = np.random.default_rng(3).normal(size=(len(modes), 2))
-    axis_mm = scan_axis_mm(137.5)
-    points = np.stack(np.meshgrid(axis_mm, axis_mm), axis=-1).reshape(-1, 2)
 
-    fit, pose = modes.fit(points, modes.on_grid(shares, axis_mm, axis_mm).reshape(2, -1).T)
+    fit, pose = modes.fit(grid_points(AXIS_MM, AXIS_MM), modes.on_grid(shares, AXIS_MM, AXIS_MM).reshape(2, -1).T)
 
     assert pose == NOMINAL
     np.testing.assert_allclose(fit.coefficients, shares, rtol=1e-9)

@@ -203,4 +203,4 @@ def test_a_turned_plate_has_the_turned_modes() -> None:
 )
 def test_a_plate_that_cannot_be_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong)).split("[")[0]):
-        free_plate_modes(**wrong)  # type: ignore[arg-type]
+        free_plate_modes(**wrong)

@@ -28,7 +28,7 @@ def noisy(truth: Resonance, noise_frac: float, seed: int = 1) -> npt.NDArray[np.
     return y + noise_frac * np.abs(y).max() * (rng.standard_normal(41) + 1j * rng.standard_normal(41))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.floats(29160, 29250), st.floats(150, 1500), st.floats(0.01, 100), st.floats(-179, 179))
 def test_a_resonance_without_noise_is_found_to_many_digits(f0_hz: float, q: float, gain: float, deg: float) -> None:
     truth = resonance(f0_hz, q, gain, deg)
@@ -124,7 +124,7 @@ def test_with_shared_amplifiers_the_best_drive_is_that_of_their_sum() -> None:
     assert abs(shared_hz - apart_hz) > 1.0
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.lists(modes, min_size=1, max_size=4))
 def test_no_other_frequency_needs_less(some: list[ModeCalibration]) -> None:
     amplitude_um = [4.0] * len(some)

@@ -86,7 +86,7 @@ def decoded_knots(line: bytes) -> list[tuple[int, list[complex]]]:
 PHASORS = st.complex_numbers(max_magnitude=1e6, allow_nan=False, allow_infinity=False)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.lists(st.tuples(PHASORS, PHASORS), min_size=1, max_size=24))
 def test_rounding_to_float32_never_lets_a_magnitude_grow(rows: list[tuple[complex, complex]]) -> None:
     knots = [Knot(i * 1_000_000, row) for i, row in enumerate(rows)]
@@ -103,7 +103,6 @@ def test_what_float32_can_hold_is_sent_as_it_is() -> None:
     assert decoded_knots(device.encode_reference(0, drive(Knot(0, values)), 0)) == [(0, list(values))]
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.lists(st.integers(0, protocol.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
 def test_knots_stay_in_order_and_within_two_microseconds_of_their_time(dt_ns: list[int]) -> None:
     spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= protocol.KNOT_UNIT_NS] or dt_ns[:1]
@@ -172,7 +171,6 @@ def test_each_message_becomes_its_value() -> None:
 
 def test_a_law_of_a_later_firmware_is_read_as_unknown() -> None:
     (controller,) = device.Decoder().feed(frame(protocol.MSG_CONTROLLER, b"\x63" + CONTROLLER[1:]))
-    assert isinstance(controller, BoardController)
     assert controller.law is None
 
 
@@ -229,7 +227,7 @@ def test_a_sound_frame_with_senseless_contents_is_counted_by_reason(kind: int, p
     assert {key: count for key, count in decoder.counters.items() if count} == {reason: 1}
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.lists(st.one_of(st.binary(max_size=80), st.sampled_from([frame(*m) for m in TO_HOST.items()])), max_size=8))
 def test_no_bytes_make_the_decoder_raise(pieces: list[bytes]) -> None:
     bytewise, whole = device.Decoder(), device.Decoder()
@@ -238,7 +236,7 @@ def test_no_bytes_make_the_decoder_raise(pieces: list[bytes]) -> None:
     assert bytewise.counters == whole.counters
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.sampled_from(sorted(TO_HOST)), st.binary(max_size=100))
 def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload: bytes) -> None:
     decoder = device.Decoder()
@@ -250,7 +248,6 @@ def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload:
 
 def hello(payload: bytes = HELLO) -> BoardHello:
     (message,) = device.Decoder().feed(frame(protocol.MSG_HELLO, payload))
-    assert isinstance(message, BoardHello)
     return message
 
 
@@ -322,7 +319,6 @@ def test_a_status_may_grow_at_its_end() -> None:
         (protocol.MORE_STATUS.pack(29205.0, 9, 712, 3) + b"of a later version", 29205.0, 9, 712, 3),
     ):
         (status,) = device.Decoder().feed(frame(protocol.MSG_STATUS, STATUS + tail))
-        assert isinstance(status, BoardStatus)
         found = (status.drive_hz, status.number, status.refused_seq, status.refusal)
         assert found == (drive_hz, number, refused, refusal)
 

@@ -19,7 +19,7 @@ def test_the_crc_is_ccitt_false() -> None:
     assert encode_frame(b"123456789") == b"\x0c123456789\xb1\x29\x00"
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(MESSAGES, max_size=6))
 def test_what_is_framed_comes_out_again(messages: list[bytes]) -> None:
     line = b"".join(map(encode_frame, messages))
@@ -29,7 +29,7 @@ def test_what_is_framed_comes_out_again(messages: list[bytes]) -> None:
     assert not any(splitter.counters.values())
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(
     st.lists(st.one_of(st.binary(max_size=90), MESSAGES.map(encode_frame)), max_size=6).map(b"".join),
     st.lists(st.integers(0, 1500), max_size=12),
@@ -42,7 +42,6 @@ def test_pieces_of_any_size_give_the_same_messages(line: bytes, cuts: list[int])
     assert piecewise.counters == whole.counters
 
 
-@settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=400))
 def test_noise_costs_at_most_the_frame_it_runs_into(noise: bytes) -> None:
     splitter = FrameSplitter(300)

@@ -64,7 +64,7 @@ def test_both_link_and_sensor_must_be_up_in_either_order(order: tuple[Event, ...
     assert supervisor.may_drive
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(events=st.lists(st.sampled_from(EVENTS), max_size=40))
 def test_it_drives_only_with_link_sensor_touch_and_no_fault(events: list[Event]) -> None:
     """A model kept apart from the table: four flags, each set by its last event."""

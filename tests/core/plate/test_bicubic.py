@@ -28,7 +28,7 @@ def points_within(random: np.random.Generator, surfaces: BicubicSurfaces, count:
     return np.stack((x, y), axis=-1)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(4, 12), st.integers(4, 12))
 def test_a_bicubic_polynomial_is_reproduced_on_any_grid(seed: int, nx: int, ny: int) -> None:
     random = np.random.default_rng(seed)

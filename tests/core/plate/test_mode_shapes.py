@@ -35,11 +35,6 @@ def anywhere(count: int, reach_mm: float = 80.0) -> np.ndarray:
     return np.random.default_rng(count).uniform(-reach_mm, reach_mm, (count, 2))
 
 
-def test_the_map_has_a_number_of_modes(modes: ModeShapes) -> None:
-    assert modes.M == 2
-    assert modes.shapes.shape == (2, modes.y_mm.size, modes.x_mm.size)
-
-
 def test_a_wave_is_interpolated_between_the_points_of_the_map(modes: ModeShapes) -> None:
     points = anywhere(5000, 68.75)
 
@@ -50,7 +45,7 @@ def test_a_wave_is_interpolated_between_the_points_of_the_map(modes: ModeShapes)
     assert np.abs(error).max() < 1.5e-3
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.floats(width=64), st.floats(width=64))
 def test_one_point_and_many_points_agree_to_the_last_bit(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
     many = np.full((40, 2), (x_mm, y_mm))
@@ -62,7 +57,7 @@ def test_one_point_and_many_points_agree_to_the_last_bit(modes: ModeShapes, x_mm
     np.testing.assert_array_equal(modes.evaluate(many[:1]), [one])
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.floats(width=64), st.floats(width=64))
 def test_value_and_gradient_in_one_pass_are_those_of_two(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
     rows = np.array(modes.at_with_gradient(x_mm, y_mm))
@@ -180,6 +175,5 @@ def with_value(shapes: np.ndarray, where: tuple[object, ...], value: float) -> n
 def test_an_invalid_map_is_refused_in_a_sentence(
     x_mm: np.ndarray, y_mm: np.ndarray, shapes: np.ndarray, what: str
 ) -> None:
-    with pytest.raises(ModesError, match=what) as refusal:
+    with pytest.raises(ModesError, match=rf"{what}.*\.$"):
         ModeShapes.from_grid(x_mm, y_mm, shapes)
-    assert str(refusal.value).endswith(".")

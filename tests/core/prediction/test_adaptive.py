@@ -160,7 +160,7 @@ gaps_ns = st.one_of(st.integers(0, 2_000_000), st.integers(8_000_000, 30_000_000
 places_mm = st.one_of(st.floats(-80.0, 80.0), st.sampled_from([0.0, 0.1, 1e5, math.nan]))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(samples=st.lists(st.tuples(gaps_ns, places_mm, places_mm), min_size=1, max_size=80))
 def test_for_any_samples_the_covariance_is_a_covariance(samples: list[tuple[int, float, float]]) -> None:
     predictor, t_ns = DEFAULT(), 0

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.prediction.pad_memory import (
@@ -95,7 +95,6 @@ def test_what_was_kept_of_a_pad_is_where_the_next_memory_begins() -> None:
 vectors = st.tuples(*[st.floats(-20.0, 20.0)] * 5)
 
 
-@settings(deadline=None, max_examples=100)
 @given(samples=st.lists(st.tuples(vectors, vectors, st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)), max_size=60))
 def test_for_any_corrections_the_weights_stay_finite_and_bounded(
     samples: list[tuple[Vector, Vector, float, float]],

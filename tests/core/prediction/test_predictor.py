@@ -32,6 +32,10 @@ def slide(seed: int = 3, samples: int = 60, speed_mm_s: float = 120.0) -> Touch:
     return touch
 
 
+TOUCH = slide()
+END_NS = TOUCH[-1][0]
+
+
 def fed(touch: Touch, name: str = "default", **chosen: float) -> Predictor:
     predictor = make_predictor(name, **chosen)
     for sample in touch:
@@ -60,14 +64,13 @@ def test_every_setting_refuses_values_out_of_its_range(name: str) -> None:
     for setting in PREDICTORS[name].defaults:
         for wrong in (math.nan, math.inf, -1.0, 1e15, "1", None):
             with pytest.raises(ValueError, match=rf"{setting}.*give a number from"):
-                make_predictor(name, **{setting: wrong})  # type: ignore[arg-type]
+                make_predictor(name, **{setting: wrong})
 
 
 @every_predictor
 def test_the_listed_defaults_are_the_defaults(name: str) -> None:
-    touch = slide()
-    plain, spelled_out = fed(touch, name), fed(touch, name, **PREDICTORS[name].defaults)
-    assert plain.predict(touch[-1][0] + AHEAD_NS) == spelled_out.predict(touch[-1][0] + AHEAD_NS)
+    plain, spelled_out = fed(TOUCH, name), fed(TOUCH, name, **PREDICTORS[name].defaults)
+    assert plain.predict(END_NS + AHEAD_NS) == spelled_out.predict(END_NS + AHEAD_NS)
 
 
 # --- the first samples ---
@@ -104,9 +107,8 @@ def test_a_reset_predictor_is_like_a_new_one(name: str) -> None:
 @every_predictor
 @pytest.mark.parametrize("origin_ns", [10**9, 2**53, 2**62, -(2**40) - 1])
 def test_the_origin_of_time_does_not_matter_to_the_last_bit(name: str, origin_ns: int) -> None:
-    touch = slide()
     here, there = make_predictor(name), make_predictor(name)
-    for t_ns, x, y in touch:
+    for t_ns, x, y in TOUCH:
         here.update(t_ns, x, y)
         there.update(origin_ns + t_ns, x, y)
         for ahead_ns in (-1, 0, 7_000_001, 50_000_000):
@@ -116,10 +118,9 @@ def test_the_origin_of_time_does_not_matter_to_the_last_bit(name: str, origin_ns
 
 @every_predictor
 def test_the_origin_of_place_does_not_matter(name: str) -> None:
-    touch = slide()
-    moved = [(t_ns, x + 64.0, y - 32.0) for t_ns, x, y in touch]
+    moved = [(t_ns, x + 64.0, y - 32.0) for t_ns, x, y in TOUCH]
     here, there = make_predictor(name), make_predictor(name)
-    for sample, sample_moved in zip(touch, moved, strict=True):
+    for sample, sample_moved in zip(TOUCH, moved, strict=True):
         here.update(*sample)
         there.update(*sample_moved)
         x, y = here.predict(sample[0] + AHEAD_NS)
@@ -128,10 +129,8 @@ def test_the_origin_of_place_does_not_matter(name: str) -> None:
 
 @every_predictor
 def test_the_axes_are_treated_alike(name: str) -> None:
-    touch = slide()
-    t_ns = touch[-1][0] + AHEAD_NS
-    x, y = fed(touch, name).predict(t_ns)
-    assert fed([(t, b, a) for t, a, b in touch], name).predict(t_ns) == pytest.approx((y, x), abs=1e-9)
+    x, y = fed(TOUCH, name).predict(END_NS + AHEAD_NS)
+    assert fed([(t, b, a) for t, a, b in TOUCH], name).predict(END_NS + AHEAD_NS) == pytest.approx((y, x), abs=1e-9)
 
 
 # --- hostile samples ---
@@ -140,46 +139,39 @@ def test_the_axes_are_treated_alike(name: str) -> None:
 @every_predictor
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e300])
 def test_an_invalid_position_is_ignored(name: str, wrong: float) -> None:
-    touch = slide()
-    t_ns = touch[-1][0]
-    predictor = fed([(touch[0][0] - 1, wrong, 0.0), *touch], name)
-    predictor.update(t_ns + PERIOD_NS, wrong, 0.0)
-    predictor.update(t_ns + PERIOD_NS, 0.0, wrong)
-    assert predictor.predict(t_ns + AHEAD_NS) == fed(touch, name).predict(t_ns + AHEAD_NS)
+    predictor = fed([(TOUCH[0][0] - 1, wrong, 0.0), *TOUCH], name)
+    predictor.update(END_NS + PERIOD_NS, wrong, 0.0)
+    predictor.update(END_NS + PERIOD_NS, 0.0, wrong)
+    assert predictor.predict(END_NS + AHEAD_NS) == fed(TOUCH, name).predict(END_NS + AHEAD_NS)
 
 
 @every_predictor
 @pytest.mark.parametrize("back_ns", [0, 1, PERIOD_NS, 10**10])
 def test_a_stamp_that_does_not_increase_is_ignored(name: str, back_ns: int) -> None:
-    touch = slide()
-    t_ns = touch[-1][0]
-    predictor = fed([*touch, (t_ns - back_ns, 0.0, 0.0)], name)
-    assert predictor.predict(t_ns + AHEAD_NS) == fed(touch, name).predict(t_ns + AHEAD_NS)
+    predictor = fed([*TOUCH, (END_NS - back_ns, 0.0, 0.0)], name)
+    assert predictor.predict(END_NS + AHEAD_NS) == fed(TOUCH, name).predict(END_NS + AHEAD_NS)
 
 
 @every_predictor
 def test_a_sample_a_microsecond_later_moves_the_prediction_by_millimetres_at_most(name: str) -> None:
-    touch = slide()
-    t_ns, x, y = touch[-1]
-    predicted = fed([*touch, (t_ns + 1000, x + 0.1, y - 0.1)], name).predict(t_ns + AHEAD_NS)
+    t_ns, x, y = TOUCH[-1]
+    predicted = fed([*TOUCH, (t_ns + 1000, x + 0.1, y - 0.1)], name).predict(t_ns + AHEAD_NS)
     assert math.dist(predicted, (x, y)) < 5.0
 
 
 @every_predictor
 @pytest.mark.parametrize("silence_ns", [70_000_000, 10**10, 2**62])
 def test_after_a_long_silence_the_motion_restarts(name: str, silence_ns: int) -> None:
-    touch = slide()
-    predictor = fed([*touch, (touch[-1][0] + silence_ns, -30.0, 20.0)], name)
-    assert predictor.predict(touch[-1][0] + silence_ns + AHEAD_NS) == (-30.0, 20.0)
+    predictor = fed([*TOUCH, (END_NS + silence_ns, -30.0, 20.0)], name)
+    assert predictor.predict(END_NS + silence_ns + AHEAD_NS) == (-30.0, 20.0)
 
 
 @every_predictor
 def test_a_stale_duplicate_is_dropped_from_the_motion_and_from_the_clock(name: str) -> None:
     """Touchpads repeat a report some 6 ms after it; the next one has moved two steps."""
-    touch = slide()
-    t_ns, x, y = touch[40]
-    with_duplicate = [*touch[:41], (t_ns + 6_000_000, x, y), *touch[42:]]
-    without = [*touch[:41], *touch[42:]]
+    t_ns, x, y = TOUCH[40]
+    with_duplicate = [*TOUCH[:41], (t_ns + 6_000_000, x, y), *TOUCH[42:]]
+    without = [*TOUCH[:41], *TOUCH[42:]]
     for k in range(41, len(without)):
         t_ns = without[k][0] + AHEAD_NS
         assert fed(with_duplicate[: k + 2], name).predict(t_ns) == fed(without[: k + 1], name).predict(t_ns)
@@ -187,9 +179,8 @@ def test_a_stale_duplicate_is_dropped_from_the_motion_and_from_the_clock(name: s
 
 @every_predictor
 def test_an_equal_position_after_a_long_silence_is_no_stale_duplicate(name: str) -> None:
-    touch = slide()
-    t_ns, x, y = touch[-1]
-    predictor = fed([*touch, (t_ns + 10**9, x, y)], name)
+    t_ns, x, y = TOUCH[-1]
+    predictor = fed([*TOUCH, (t_ns + 10**9, x, y)], name)
     assert predictor.predict(t_ns + 10**9 + AHEAD_NS) == (x, y)
 
 
@@ -206,20 +197,17 @@ def test_a_finger_that_stops_abruptly_is_detected_at_the_second_equal_sample() -
 
 @every_predictor
 def test_the_past_is_the_last_position_and_the_far_future_is_fifty_milliseconds_ahead(name: str) -> None:
-    touch = slide()
-    t_ns = touch[-1][0]
-    predictor = fed(touch, name)
-    assert predictor.predict(t_ns - 10**9) == predictor.predict(t_ns - 2_000_000)
-    assert math.dist(predictor.predict(t_ns - 10**9), touch[-1][1:]) < 1.0
-    assert predictor.predict(t_ns + 60_000_000) == predictor.predict(t_ns + 10**12)
-    assert predictor.velocity(t_ns + 60_000_000) == predictor.velocity(t_ns + 10**12)
+    predictor = fed(TOUCH, name)
+    assert predictor.predict(END_NS - 10**9) == predictor.predict(END_NS - 2_000_000)
+    assert math.dist(predictor.predict(END_NS - 10**9), TOUCH[-1][1:]) < 1.0
+    assert predictor.predict(END_NS + 60_000_000) == predictor.predict(END_NS + 10**12)
+    assert predictor.velocity(END_NS + 60_000_000) == predictor.velocity(END_NS + 10**12)
 
 
 @every_predictor
 def test_velocity_is_the_slope_of_position(name: str) -> None:
-    touch = slide()
-    predictor = fed(touch, name)
-    t_ns, step_ns = touch[-1][0] + AHEAD_NS, 1_000_000
+    predictor = fed(TOUCH, name)
+    t_ns, step_ns = END_NS + AHEAD_NS, 1_000_000
     (x0, y0), (x1, y1) = predictor.predict(t_ns - step_ns), predictor.predict(t_ns + step_ns)
     slope = ((x1 - x0) / (2e-9 * step_ns), (y1 - y0) / (2e-9 * step_ns))
     assert predictor.velocity(t_ns) == pytest.approx(slope, abs=1e-6)
@@ -230,7 +218,7 @@ places_mm = st.one_of(st.floats(-80.0, 80.0), st.floats(-1e6, 1e6), st.floats())
 
 
 @every_predictor
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(samples=st.lists(st.tuples(gaps_ns, places_mm, places_mm), min_size=1, max_size=30))
 def test_for_any_samples_a_prediction_is_finite_and_within_reach_of_a_finger(
     name: str, samples: list[tuple[int, float, float]]
@@ -252,7 +240,5 @@ def test_for_any_samples_a_prediction_is_finite_and_within_reach_of_a_finger(
 
 
 def test_numpy_scalars_give_the_same_as_floats() -> None:
-    touch = slide()
-    t_ns = touch[-1][0] + AHEAD_NS
-    arrays = [(t, np.float64(x), np.float64(y)) for t, x, y in touch]
-    assert fed(arrays).predict(t_ns) == fed(touch).predict(t_ns)
+    arrays = [(t, np.float64(x), np.float64(y)) for t, x, y in TOUCH]
+    assert fed(arrays).predict(END_NS + AHEAD_NS) == fed(TOUCH).predict(END_NS + AHEAD_NS)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from pipeline_bench import PLATE
 
 from hapticd.core.phasors import Row
 from hapticd.core.plate.contact import contact_grams
-from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.instant import LEAST_STEP_UM, InstantSolver, ModalSolution, Place, interpolated_um
 from hapticd.core.trajectory.gate import silence
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -20,17 +20,7 @@ from hapticd.values import Knot, LimitReason, SafeDrive
 
 W_LIMIT_UM = (4.0, 4.0)
 STEP_NS = 500_000
-WAVE_MM = 27.0
 positions_mm = st.floats(-60.0, 60.0)
-
-
-def sine_plate() -> ModeShapes:
-    axis_mm = np.linspace(-68.75, 68.75, 111)
-    wave = np.sin(2 * np.pi * axis_mm / WAVE_MM)
-    return ModeShapes.from_grid(axis_mm, axis_mm, np.stack([np.tile(wave, (111, 1)), np.tile(wave, (111, 1)).T]))
-
-
-PLATE = sine_plate()
 
 
 def solver(*, phase_rotation: bool = True) -> InstantSolver:
@@ -98,7 +88,7 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
 @example(  # an angle below the range of floats
     places=[(0.0, 0.0, 0.0), (16.0, 0.0, 0.3), (-29.0, 0.0, 0.3)], previous_um=(5e-324 + 3j, 0j), since_ns=0
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_mode_passes_its_limit_for_any_targets(places: list[Place], previous_um: Row, since_ns: int) -> None:
     solution = solver().solve(places, previous_um, since_ns)
     assert all(math.hypot(w.real, w.imag) <= limit for w, limit in zip(solution.modal_um, W_LIMIT_UM, strict=True))

@@ -35,7 +35,7 @@ def conditioned(exponent: float, angle: float, other_angle: float) -> np.ndarray
     return left @ np.diag([1.0, 10.0**-exponent]) @ right
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(exponent=exponent, angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4), target_um=st.floats(1e-9, 1e12))
 def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
     exponent: float, angle: float, other: float, target_um: float
@@ -61,7 +61,7 @@ def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
         assert abs(c * modal[0] + d * modal[1]) <= 1e-15 * max(map(abs, modal))
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(exponent=st.floats(0.0, 14.0), angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4))
 def test_both_fingers_get_twelve_digits_of_their_amplitude_while_no_limit_is_met(
     exponent: float, angle: float, other: float
@@ -77,7 +77,7 @@ def test_both_fingers_get_twelve_digits_of_their_amplitude_while_no_limit_is_met
             assert abs(given_um - target) <= 1e-12 * target or abs(given_um - target) <= 1e-15 * size
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     still=row,
     slipping=row,
@@ -104,35 +104,29 @@ def test_the_wire_breaks_no_limit_and_leaks_less_than_a_nanometre(
         assert abs(still[0] * sent[0] + still[1] * sent[1]) < 1e-3
 
 
+TRACK = [
+    ((math.cos(a), math.sin(2 * a)), (0.8 * math.sin(3 * a + 1), 0.9 * math.cos(a - 0.5)))
+    for a in (2 * np.pi * np.arange(200) / 200).tolist()
+]
+
+
 def test_a_hundred_laps_end_where_the_second_did_to_the_last_bit() -> None:
     """Each step begins at the last one's amplitudes: only a sign is taken from them, so nothing can add up."""
-    angle = 2 * np.pi * np.arange(200) / 200
-    phi = np.stack(
-        [
-            np.stack([np.cos(angle), np.sin(2 * angle)], -1),
-            np.stack([0.8 * np.sin(3 * angle + 1), 0.9 * np.cos(angle - 0.5)], -1),
-        ],
-        1,
-    )
     previous = None
     laps = []
     for _ in range(100):
-        lap = solve_batch(phi, [1.0, 0.0], 4.0, previous_um=previous)
+        lap = solve_batch(TRACK, [1.0, 0.0], 4.0, previous_um=previous)
         previous = lap[-1]
         laps.append(np.abs(lap))
     assert all(np.array_equal(lap, laps[1]) for lap in laps[2:])
 
 
 def test_a_hundred_laps_with_free_phases_give_the_fingers_what_the_second_did() -> None:
-    angle = 2 * np.pi * np.arange(200) / 200
-    track = [
-        ((math.cos(a), math.sin(2 * a)), (0.8 * math.sin(3 * a + 1), 0.9 * math.cos(a - 0.5))) for a in angle.tolist()
-    ]
     previous = None
     laps = []
     for _ in range(100):
         lap = []
-        for rows in track:
+        for rows in TRACK:
             previous, _ = solve_phased_fast(rows, (1.0, 0.6), LIMITS_UM, previous)
             lap.append([abs(x * previous[0] + y * previous[1]) for x, y in rows])
         laps.append(np.array(lap))

@@ -15,17 +15,20 @@ NEVER = 2**63 - 1
 stamps = st.none() | st.integers(0, 2**63 - 1)
 
 
+@pytest.fixture
+def client_registry() -> ClientRegistry:
+    return ClientRegistry()
+
+
 def say(client_registry: ClientRegistry, stamp: int | None, t_ns: int, user: str = "uid 1", name: str = "a") -> bool:
     return client_registry.is_newest(name, user, stamp, S, t_ns)
 
 
-def test_an_older_message_is_overtaken_and_a_repeated_one_is_not() -> None:
-    client_registry = ClientRegistry()
+def test_an_older_message_is_overtaken_and_a_repeated_one_is_not(client_registry: ClientRegistry) -> None:
     assert [say(client_registry, stamp, 0) for stamp in (5, 7, 6, 7, 8, 0)] == [True, True, False, True, True, False]
 
 
-def test_a_message_without_a_stamp_is_always_taken_and_forgets_no_stamp() -> None:
-    client_registry = ClientRegistry()
+def test_a_message_without_a_stamp_is_always_taken_and_forgets_no_stamp(client_registry: ClientRegistry) -> None:
     assert say(client_registry, 5, 0)
     assert say(client_registry, None, 0)
     assert not say(client_registry, 4, 0)
@@ -39,8 +42,7 @@ def test_what_is_taken_never_goes_back_wherever_time_begins(said: list[int | Non
     assert [stamp for stamp in said if stamp is not None][:1] == taken[:1]
 
 
-def test_another_users_name_is_refused_with_a_sentence_until_it_is_forgotten() -> None:
-    client_registry = ClientRegistry()
+def test_another_users_name_is_refused_with_a_sentence_until_it_is_forgotten(client_registry: ClientRegistry) -> None:
     assert say(client_registry, 9, 0, "uid 1")
     with pytest.raises(RequestError, match="name 'a' is in use by uid 1: choose another"):
         say(client_registry, 10, KEPT_NS - 1, "uid 2")
@@ -49,8 +51,7 @@ def test_another_users_name_is_refused_with_a_sentence_until_it_is_forgotten() -
         say(client_registry, 10, KEPT_NS, "uid 1")
 
 
-def test_another_user_cannot_prolong_a_name_or_advance_its_stamp() -> None:
-    client_registry = ClientRegistry()
+def test_another_user_cannot_prolong_a_name_or_advance_its_stamp(client_registry: ClientRegistry) -> None:
     say(client_registry, 9, 0, "uid 1")
     with pytest.raises(RequestError):
         say(client_registry, NEVER, KEPT_NS - 1, "uid 2")
@@ -58,16 +59,14 @@ def test_another_user_cannot_prolong_a_name_or_advance_its_stamp() -> None:
     assert say(client_registry, None, 2 * KEPT_NS - 2, "uid 1")
 
 
-def test_a_name_lives_as_long_as_what_was_asked_under_it() -> None:
-    client_registry = ClientRegistry()
+def test_a_name_lives_as_long_as_what_was_asked_under_it(client_registry: ClientRegistry) -> None:
     client_registry.is_newest("a", "uid 1", 3, 4 * KEPT_NS, 0)
     assert client_registry.is_newest("a", "uid 1", 3, 0, 1)  # a later, shorter message does not shorten it
     assert not client_registry.is_newest("a", "uid 1", 2, 0, 4 * KEPT_NS - 1)
     assert client_registry.is_newest("a", "uid 1", 2, 0, 4 * KEPT_NS)
 
 
-def test_invented_names_fill_no_more_than_their_room_and_spare_those_in_use() -> None:
-    client_registry = ClientRegistry()
+def test_invented_names_fill_no_more_than_their_room_and_spare_those_in_use(client_registry: ClientRegistry) -> None:
     say(client_registry, 1, 0, name="mine")
     for n in range(MAX_NAMES - 1):
         say(client_registry, 1, 0, "uid 666", f"invented-{n}")

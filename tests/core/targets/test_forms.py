@@ -90,7 +90,6 @@ forms = st.one_of(
 
 
 @given(forms, st.booleans(), st.integers(-5 * MS, 200 * MS), st.integers(1, 30 * MS))
-@settings(deadline=None, max_examples=100)
 def test_between_two_corners_every_form_is_straight(form: Form, loops: bool, from_ns: int, span_ns: int) -> None:
     course = Course(form, loops)
     if isinstance(form, Modulation):
@@ -110,7 +109,7 @@ def test_between_two_corners_every_form_is_straight(form: Form, loops: bool, fro
 
 
 @given(forms, st.booleans(), st.integers(0, 100 * MS))
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_no_span_has_more_corners_than_a_form_says(form: Form, loops: bool, from_ns: int) -> None:
     course, span_ns = Course(form, loops), 12 * MS
     assert len(course.corners_ns(from_ns, from_ns + span_ns - 1)) <= course.most_corners(span_ns)

@@ -30,6 +30,11 @@ def a_scene(w_limit_um: float = 4.0) -> Scene:
     return Scene(w_limit_um, FrictionCurve.exponential(), (137.5, 137.5))
 
 
+@pytest.fixture
+def scene() -> Scene:
+    return a_scene()
+
+
 def wants(
     client: str, targets: dict[int | str, Target] | None = None, virtuals: dict[str, VirtualPath] | None = None
 ) -> ClientTargets:
@@ -39,8 +44,7 @@ def wants(
 # --- one client -------------------------------------------------------------------------------------------------
 
 
-def test_nobody_wants_anything_in_an_empty_scene() -> None:
-    scene = a_scene()
+def test_nobody_wants_anything_in_an_empty_scene(scene: Scene) -> None:
     assert scene.amplitude_um(1, 0.0, 0.0) is None
     assert scene.target_of(1) is None
     assert scene.next_expiry_ns is None
@@ -48,8 +52,7 @@ def test_nobody_wants_anything_in_an_empty_scene() -> None:
     assert scene.expire(T0_NS) == ()
 
 
-def test_a_finger_gets_what_its_client_asked_for() -> None:
-    scene = a_scene()
+def test_a_finger_gets_what_its_client_asked_for(scene: Scene) -> None:
     assert scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS) == ()
     assert scene.amplitude_um(1, 3.0, 4.0) == 1.0
     assert scene.amplitude_um(2, 3.0, 4.0) == 0.0  # not None: to be held still is a wish
@@ -57,8 +60,7 @@ def test_a_finger_gets_what_its_client_asked_for() -> None:
     assert scene.owner_of(2) == "a"
 
 
-def test_a_message_replaces_all_that_the_same_client_wanted_before() -> None:
-    scene = a_scene()
+def test_a_message_replaces_all_that_the_same_client_wanted_before(scene: Scene) -> None:
     scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS)
     scene.apply(wants("a", {2: SLIPPERY}), T0_NS + 1)
     assert scene.amplitude_um(1, 0.0, 0.0) is None
@@ -66,8 +68,7 @@ def test_a_message_replaces_all_that_the_same_client_wanted_before() -> None:
     assert scene.expire(T0_NS + 1) == (1,)
 
 
-def test_a_texture_is_felt_where_the_finger_is() -> None:
-    scene = a_scene()
+def test_a_texture_is_felt_where_the_finger_is(scene: Scene) -> None:
     scene.apply(wants("a", {1: GratingTarget(8.0, 0.0, 0.0, 2.0, 0.0)}), T0_NS)
     assert scene.amplitude_um(1, 0.0, 9.0) == 2.0
     assert scene.amplitude_um(1, 4.0, 9.0) == pytest.approx(0.0, abs=1e-12)
@@ -75,9 +76,8 @@ def test_a_texture_is_felt_where_the_finger_is() -> None:
 
 def test_friction_goes_through_the_curve_and_never_beyond_what_the_plate_can_do() -> None:
     scene = a_scene(w_limit_um=1.5)
-    assert (
-        scene.apply(wants("a", {1: FrictionTarget(1.0), 2: FrictionTarget(0.0), 3: FrictionTarget(0.5)}), T0_NS) == ()
-    )
+    frictions = {1: FrictionTarget(1.0), 2: FrictionTarget(0.0), 3: FrictionTarget(0.5)}
+    assert scene.apply(wants("a", frictions), T0_NS) == ()
     assert scene.amplitude_um(1, 0.0, 0.0) == 0.0
     assert scene.amplitude_um(2, 0.0, 0.0) == 1.5
     assert scene.amplitude_um(3, 0.0, 0.0) == FrictionCurve.exponential().amplitude_um(0.5)
@@ -105,8 +105,7 @@ def test_more_than_the_plate_can_do_is_refused_and_the_clients_other_fingers_kee
 # --- time to live -----------------------------------------------------------------------------------------------
 
 
-def test_a_silent_client_loses_its_fingers_when_its_time_is_up_and_not_before() -> None:
-    scene = a_scene()
+def test_a_silent_client_loses_its_fingers_when_its_time_is_up_and_not_before(scene: Scene) -> None:
     scene.apply(wants("a", {1: SLIPPERY, "ghost": STILL}, {"ghost": LINE}), T0_NS)
     assert scene.next_expiry_ns == T0_NS + TTL_NS
     assert scene.expire(T0_NS + TTL_NS - 1) == ()
@@ -117,16 +116,14 @@ def test_a_silent_client_loses_its_fingers_when_its_time_is_up_and_not_before() 
     assert scene.expire(T0_NS + TTL_NS) == ()
 
 
-def test_a_refreshed_finger_lives_on() -> None:
-    scene = a_scene()
+def test_a_refreshed_finger_lives_on(scene: Scene) -> None:
     for n in range(10):
         scene.apply(wants("a", {1: SLIPPERY}), T0_NS + n * TTL_NS // 3)
     assert scene.expire(T0_NS + 3 * TTL_NS) == ()
     assert scene.next_expiry_ns == T0_NS + 4 * TTL_NS
 
 
-def test_released_fingers_are_reported_once_however_they_were_released() -> None:
-    scene = a_scene()
+def test_released_fingers_are_reported_once_however_they_were_released(scene: Scene) -> None:
     scene.apply(wants("a", {1: SLIPPERY, 2: SLIPPERY, 3: SLIPPERY}), T0_NS)
     scene.apply(wants("b", {4: SLIPPERY}), T0_NS)
     assert scene.release("a", 1)
@@ -136,8 +133,7 @@ def test_released_fingers_are_reported_once_however_they_were_released() -> None
     assert scene.expire(T0_NS) == ()
 
 
-def test_a_finger_taken_up_again_does_not_count_as_released() -> None:
-    scene = a_scene()
+def test_a_finger_taken_up_again_does_not_count_as_released(scene: Scene) -> None:
     scene.apply(wants("a", {1: SLIPPERY}), T0_NS)
     scene.release_client("a")
     scene.apply(wants("b", {1: STILL}), T0_NS)
@@ -147,8 +143,7 @@ def test_a_finger_taken_up_again_does_not_count_as_released() -> None:
 # --- several clients --------------------------------------------------------------------------------------------
 
 
-def test_a_second_client_is_refused_a_finger_by_the_owners_name() -> None:
-    scene = a_scene()
+def test_a_second_client_is_refused_a_finger_by_the_owners_name(scene: Scene) -> None:
     scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
     refusals = scene.apply(wants("second", {1: STILL, 2: STILL}), T0_NS)
     assert refusals == ("finger 1 is held by 'first': wait until that client releases it.",)
@@ -156,15 +151,13 @@ def test_a_second_client_is_refused_a_finger_by_the_owners_name() -> None:
     assert scene.amplitude_um(2, 0.0, 0.0) == 0.0
 
 
-def test_an_expired_owner_does_not_block_the_next_even_before_anybody_swept() -> None:
-    scene = a_scene()
+def test_an_expired_owner_does_not_block_the_next_even_before_anybody_swept(scene: Scene) -> None:
     scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
     assert scene.apply(wants("second", {1: STILL}), T0_NS + TTL_NS) == ()
     assert scene.owner_of(1) == "second"
 
 
-def test_nobody_can_release_what_another_holds() -> None:
-    scene = a_scene()
+def test_nobody_can_release_what_another_holds(scene: Scene) -> None:
     scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
     assert not scene.release("second", 1)
     assert not scene.release("first", 2)
@@ -172,8 +165,7 @@ def test_nobody_can_release_what_another_holds() -> None:
     assert scene.owner_of(1) == "first"
 
 
-def test_inventing_client_names_does_not_fill_the_plate() -> None:
-    scene = a_scene()
+def test_inventing_client_names_does_not_fill_the_plate(scene: Scene) -> None:
     for n in range(MAX_CLIENTS):
         assert scene.apply(wants(f"client {n}", {n + 1: STILL}), T0_NS) == ()
     (refusal,) = scene.apply(wants("one more", {99: SLIPPERY}), T0_NS)
@@ -186,8 +178,7 @@ def test_inventing_client_names_does_not_fill_the_plate() -> None:
 # --- virtual fingers --------------------------------------------------------------------------------------------
 
 
-def test_a_virtual_finger_walks_and_feels() -> None:
-    scene = a_scene()
+def test_a_virtual_finger_walks_and_feels(scene: Scene) -> None:
     scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
     assert scene.virtuals(T0_NS) == (Virtual("ghost", "a", T0_NS),)
     assert scene.virtual_names(T0_NS + TTL_NS - 1) == ("ghost",)
@@ -196,8 +187,7 @@ def test_a_virtual_finger_walks_and_feels() -> None:
     assert scene.amplitude_um("ghost", 0.0, 0.0) == 0.0
 
 
-def test_refreshing_a_path_does_not_start_it_anew_but_another_path_does() -> None:
-    scene = a_scene()
+def test_refreshing_a_path_does_not_start_it_anew_but_another_path_does(scene: Scene) -> None:
     scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
     scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS + 100)
     assert scene.virtuals(T0_NS + 100) == (Virtual("ghost", "a", T0_NS),)
@@ -205,47 +195,41 @@ def test_refreshing_a_path_does_not_start_it_anew_but_another_path_does() -> Non
     assert scene.virtuals(T0_NS + 200) == (Virtual("ghost", "a", T0_NS + 200),)
 
 
-def test_a_virtual_finger_without_a_target_walks_and_nobody_solves_for_it() -> None:
-    scene = a_scene()
+def test_a_virtual_finger_without_a_target_walks_and_nobody_solves_for_it(scene: Scene) -> None:
     scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
     assert scene.virtual_names(T0_NS) == ("ghost",)
     assert scene.target_of("ghost") is None
     assert scene.amplitude_um("ghost", 0.0, 0.0) is None
 
 
-def test_a_virtual_finger_belongs_to_the_client_that_made_it() -> None:
-    scene = a_scene()
+def test_a_virtual_finger_belongs_to_the_client_that_made_it(scene: Scene) -> None:
     scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
     (refusal,) = scene.apply(wants("b", {"ghost": STILL}, {"ghost": OTHER_LINE}), T0_NS)
     assert refusal == "virtual finger 'ghost' is held by 'a': wait until that client releases it."
     assert scene.virtual_position_mm("ghost", T0_NS) == (-40.0, 0.0)
 
 
-def test_a_target_for_a_virtual_finger_without_a_path_is_refused() -> None:
-    (refusal,) = a_scene().apply(wants("a", {"ghost": STILL}), T0_NS)
+def test_a_target_for_a_virtual_finger_without_a_path_is_refused(scene: Scene) -> None:
+    (refusal,) = scene.apply(wants("a", {"ghost": STILL}), T0_NS)
     assert "has a target but no path" in refusal
 
 
-def test_the_plate_serves_only_so_many_virtual_fingers_and_refreshing_them_needs_no_room() -> None:
-    scene = a_scene()
-    mine: dict[str, VirtualPath] = {f"a{n}": LINE for n in range(MAX_VIRTUALS - 1)}
-    yours: dict[str, VirtualPath] = {"b0": LINE, "b1": LINE}
+def test_the_plate_serves_only_so_many_virtual_fingers_and_refreshing_them_needs_no_room(scene: Scene) -> None:
+    mine = {f"a{n}": LINE for n in range(MAX_VIRTUALS - 1)}
     assert scene.apply(wants("a", {}, mine), T0_NS) == ()
-    (refusal,) = scene.apply(wants("b", {}, yours), T0_NS)
+    (refusal,) = scene.apply(wants("b", {}, {"b0": LINE, "b1": LINE}), T0_NS)
     assert refusal.startswith("virtual finger 'b1' is one too many")
     assert scene.apply(wants("a", {}, mine), T0_NS) == ()
     assert len(scene.virtuals(T0_NS)) == MAX_VIRTUALS
 
 
-def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error() -> None:
-    scene = a_scene()
+def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error(scene: Scene) -> None:
     scene.apply(wants("a", {1: STILL}), T0_NS)
     with pytest.raises(KeyError):
         scene.virtual_position_mm("unknown", T0_NS)
 
 
-def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at() -> None:
-    scene = a_scene()
+def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at(scene: Scene) -> None:
     square = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.25)
     sine = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.0)
     scene.apply(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
@@ -267,7 +251,7 @@ steps = st.tuples(
 
 
 @given(st.lists(steps, max_size=20))
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_a_finger_always_has_one_living_owner_or_nobodys_target(
     history: list[tuple[str, dict[int, Target], dict[str, VirtualPath], int]],
 ) -> None:
@@ -283,9 +267,7 @@ def test_a_finger_always_has_one_living_owner_or_nobodys_target(
         assert len(refusals) == sum(scene.owner_of(key) != client for key in asked)
         held: set[int | str] = {key for key in (1, 2, 3, 4, "x", "y") if scene.owner_of(key) is not None}
         for key in held:
-            owner = scene.owner_of(key)
-            assert owner is not None
-            assert t_ns - t_said_ns[owner] < TTL_NS
+            assert t_ns - t_said_ns[scene.owner_of(key)] < TTL_NS
         for key in (1, 2, 3, 4):
             assert (scene.target_of(key) is not None) == (key in held)
         assert held_before - held <= set(released)
@@ -295,8 +277,7 @@ def test_a_finger_always_has_one_living_owner_or_nobodys_target(
     assert scene.next_expiry_ns is None
 
 
-def test_a_virtual_finger_beside_the_plate_is_refused_and_one_on_its_edge_is_not() -> None:
-    scene = a_scene()
+def test_a_virtual_finger_beside_the_plate_is_refused_and_one_on_its_edge_is_not(scene: Scene) -> None:
     outside = VirtualPath(((0.0, 0.0), (500.0, 0.0)), 50.0, loop=True)
     (refusal,) = scene.apply(wants("a", {"far": SLIPPERY}, {"far": outside}), T0_NS)
     expected = "virtual finger 'far' leaves the plate: its path must lie within ±68.75 mm in x and ±68.75 mm in y."
@@ -306,7 +287,6 @@ def test_a_virtual_finger_beside_the_plate_is_refused_and_one_on_its_edge_is_not
     assert scene.apply(wants("a", {"edge": SLIPPERY}, {"edge": edge}), T0_NS) == ()
 
 
-def test_a_virtual_finger_takes_part_beside_fingers_whose_targets_have_ended() -> None:
-    scene = a_scene()
+def test_a_virtual_finger_takes_part_beside_fingers_whose_targets_have_ended(scene: Scene) -> None:
     scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
     assert scene.requested((1, 2), {1, 2}, T0_NS) == [1, 2, "ghost"]

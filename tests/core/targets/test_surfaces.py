@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.content_values import (
@@ -245,7 +245,6 @@ numbers = st.floats(-60.0, 60.0)
     st.sampled_from([0.5, 1.0, 3.0]),
     st.tuples(st.floats(-300.0, 300.0), st.floats(-300.0, 300.0)),
 )
-@settings(deadline=None, max_examples=100)
 def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_else(
     shape: Circle | Polygon,
     start_mm: tuple[float, float],
@@ -272,6 +271,11 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
         assert any(t_ns - 4_000 <= edge_ns < t_ns + 100_000 for edge_ns in found_ns)
     for before_ns, after_ns in zip(edges_ns[::2], edges_ns[1::2], strict=True):
         assert after_ns - before_ns == 4_000
+
+
+def test_a_finger_that_passes_by_a_disc_meets_no_edge() -> None:
+    scene = a_scene(disc=Surface(ONE, Circle(5.0)))
+    assert scene.surfaces.along(lambda t_ns: ((t_ns - T0_NS) * 1e-6, 5.1), T0_NS, 17_000_000, 0.02).edges_ns == []
 
 
 def test_a_layer_walks_its_path_and_a_refreshed_one_goes_on() -> None:

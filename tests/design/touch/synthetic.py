@@ -12,11 +12,9 @@ from hapticd.design.touch.observations import ComplexArray, FloatArray, Ticks, T
 
 WAVE_RAD_MM = 0.23
 TICK_HZ, REPORT_HZ = 400.0, 90.0
-LOAD_1_S = 100.0
 DECAY_1_S = np.array((180.0, 190.0))
 DETUNING_RAD_S = np.array((-60.0, 60.0))
 GAIN_UM_PER_V_S = 7.5
-MARGIN_S = 0.01
 
 
 def shapes_at(points_mm: FloatArray) -> FloatArray:
@@ -42,6 +40,7 @@ class Touching:
     seed: int = 1
     at_rest: bool = False
     fingers: int = 2
+    load_1_s: complex = 100.0
     noise_um_s: float = 1.0
     noise_mm: float = 0.02
 
@@ -70,7 +69,7 @@ class Touching:
         reported_mm = self.reported_mm(t_report_s)
         reported_mm = reported_mm + self.noise_mm * rng.standard_normal(reported_mm.shape)
         tracks = [Track.of(t_report_s, reported_mm[:, finger]) for finger in range(self.fingers)]
-        return in_windows(self.ticks(rng), tracks, MARGIN_S)
+        return in_windows(self.ticks(rng), tracks, 0.01)
 
     def ticks(self, rng: np.random.Generator) -> Ticks:
         """Return what the board reports."""
@@ -81,7 +80,7 @@ class Touching:
         modal_slope = 2j * turning_rad_s * np.exp(1j * angle)
         phi = shapes_at(self.path_mm(t_s))
         swing = 1.0 + 0.3 * np.sin(2.0 * np.pi * 0.8 * t_s)[:, None] * np.ones(self.fingers)
-        felt = LOAD_1_S * swing * np.einsum("tnm,tm->tn", phi, modal_um)
+        felt = self.load_1_s * swing * np.einsum("tnm,tm->tn", phi, modal_um)
         pushed = modal_slope + (DECAY_1_S - 1j * DETUNING_RAD_S) * modal_um + np.einsum("tn,tnm->tm", felt, phi)
         noise = rng.standard_normal((2, *pushed.shape)) * self.noise_um_s
         voltage_v = 1j * (pushed + noise[0] + 1j * noise[1]) / GAIN_UM_PER_V_S

@@ -9,7 +9,7 @@ import pytest
 
 from hapticd.design.touch.judge import calibrate
 from hapticd.design.touch.model import Calibration
-from hapticd.design.touch.observations import Windows, in_windows
+from hapticd.design.touch.observations import in_windows
 
 from .synthetic import Touching, mode_map
 from .test_fit import NOMINAL, WRONG
@@ -28,21 +28,18 @@ def test_what_held_out_touches_confirm_is_adopted() -> None:
     assert "map needs" in judged.map_refusal
 
 
-def test_a_plate_that_is_as_calibrated_stays_as_it_is() -> None:
-    judged = calibrate(Touching(NOMINAL, seconds=8.0).windows(), mode_map())
-    assert "confirm no change" in judged.refusal
-    assert is_nominal(judged.calibration)
-
-
-def test_a_finger_at_rest_tells_nothing() -> None:
-    judged = calibrate(Touching(WRONG, seconds=6.0, at_rest=True, fingers=1).windows(), mode_map())
-    assert "node lines" in judged.refusal
-    assert is_nominal(judged.calibration)
-
-
-def test_a_short_touch_tells_nothing() -> None:
-    judged = calibrate(Touching(WRONG, seconds=3.0).windows(), mode_map())
-    assert judged.refusal.startswith("Only 3")
+@pytest.mark.parametrize(
+    ("touching", "refusal"),
+    [
+        (Touching(NOMINAL, seconds=8.0), "confirm no change"),
+        (Touching(WRONG, seconds=6.0, at_rest=True, fingers=1), "node lines"),
+        (Touching(WRONG, seconds=3.0), "Only 3"),
+    ],
+    ids=["as calibrated", "at rest", "short"],
+)
+def test_what_touches_do_not_tell_stays_as_it_is(touching: Touching, refusal: str) -> None:
+    judged = calibrate(touching.windows(), mode_map())
+    assert refusal in judged.refusal
     assert is_nominal(judged.calibration)
 
 
@@ -55,30 +52,23 @@ def test_no_touch_at_all_is_refused() -> None:
 def test_loads_that_no_position_explains_are_not_adopted() -> None:
     windows = Touching(WRONG, seconds=8.0).windows()
     rng = np.random.default_rng(3)
-    judged = calibrate(shuffled(windows, rng.permutation(len(windows))), mode_map())
+    # The instants, and so the positions, of other windows.
+    shuffled = replace(windows, t_s=windows.t_s[rng.permutation(len(windows))])
+    judged = calibrate(shuffled, mode_map())
     assert judged.refusal
     assert is_nominal(judged.calibration)
 
 
-def shuffled(windows: Windows, order: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Windows:
-    """The same windows with the instants, and so the positions, of others."""
-    return replace(windows, t_s=windows.t_s[order])
-
-
 def test_windows_hold_the_same_fingers_throughout() -> None:
-    cut = with_a_late_finger(Touching(WRONG, seconds=3.0))
+    touching = Touching(WRONG, seconds=3.0)
+    first, second = touching.windows().tracks
+    late = second.t_s > 1.5  # the second finger is down from the middle on
+    part = replace(second, t_s=second.t_s[late], xy_mm=second.xy_mm[late], velocity_mm_s=second.velocity_mm_s[late])
+    cut = in_windows(touching.ticks(np.random.default_rng(1)), [first, part], 0.01)
     assert {tuple(row) for row in cut.track.tolist()} == {(0, -1), (0, 1)}
     position, _ = cut.fingers_mm()
     down = np.isfinite(position[..., 0]).all(axis=1)
     assert np.array_equal(down, cut.track >= 0)
-
-
-def with_a_late_finger(touching: Touching) -> Windows:
-    """The windows of a touching whose second finger is down from the middle on."""
-    first, second = touching.windows().tracks
-    late = second.t_s > 1.5
-    part = replace(second, t_s=second.t_s[late], xy_mm=second.xy_mm[late], velocity_mm_s=second.velocity_mm_s[late])
-    return in_windows(touching.ticks(np.random.default_rng(1)), [first, part], 0.01)
 
 
 def test_ticks_next_to_each_other_are_averaged() -> None:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.solver.points.few_modes import MOST_SLIPPING, pose_few
@@ -23,7 +23,7 @@ def cost_um2(rows: Rows, targets: tuple[float, ...], modal: tuple[float, ...]) -
     return float(np.dot(missed, missed) + 1e-12 * np.dot(modal, modal))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     seed=st.integers(0, 10**6),
     modes=st.integers(2, 3),
@@ -32,6 +32,7 @@ def cost_um2(rows: Rows, targets: tuple[float, ...], modal: tuple[float, ...]) -
     reach=st.sampled_from([0.3, 3.0, 30.0]),
     squeeze=st.sampled_from([1.0, 1e-3, 1e-9, 0.0]),
 )
+@example(seed=150, modes=3, still=1, slipping=3, reach=3.0, squeeze=1.0)  # a pattern as good but for rounding
 def test_no_pattern_of_the_general_path_is_better(
     seed: int, modes: int, still: int, slipping: int, reach: float, squeeze: float
 ) -> None:
@@ -53,7 +54,7 @@ def test_no_pattern_of_the_general_path_is_better(
         assert abs(np.dot(row, modal)) <= 2e-15 * max(map(abs, modal))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), still=st.integers(0, 1), slipping=st.integers(1, 2))
 def test_what_limits_leave_alone_is_met_to_the_last_digits_with_the_least_amplitudes(
     seed: int, still: int, slipping: int

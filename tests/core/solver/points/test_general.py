@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -30,7 +28,7 @@ def most_descent(gradient: Array, at: Array, still: Array, limit: float) -> floa
     return float(gradient @ at - found.fun)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10**6), modes=st.integers(1, 6), fingers=st.integers(1, 5), reach=st.sampled_from([1.0, 8.0])
 )
@@ -51,7 +49,7 @@ def test_no_feasible_direction_lowers_the_error_and_the_zero_holds(
     assert most_descent(gradient, solution.modal_um, still, 1.5) < 1e-8
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), modes=st.integers(3, 5), fingers=st.integers(1, 4))
 def test_of_all_points_as_good_the_least_is_taken(seed: int, modes: int, fingers: int) -> None:
     """(4): given what the fingers get, no other W within the limits has a smaller norm (gradient test again)."""
@@ -59,17 +57,6 @@ def test_of_all_points_as_good_the_least_is_taken(seed: int, modes: int, fingers
     phi = random.uniform(-1, 1, (fingers, modes))
     solution = solve(phi, random.uniform(0.2, 2.0, fingers), 1.0)
     assert most_descent(2 * solution.modal_um, solution.modal_um, phi, 1.0) < 1e-7
-
-
-@settings(deadline=None, max_examples=40)
-@given(seed=st.integers(0, 10**6), modes=st.integers(1, 5), fingers=st.integers(2, 5))
-def test_no_sign_pattern_serves_the_fingers_better(seed: int, modes: int, fingers: int) -> None:
-    random = np.random.default_rng(seed)
-    phi, target_um = random.uniform(-1, 1, (fingers, modes)), random.uniform(0.2, 4.0, fingers)
-    ours = slipping_error(phi, target_um, solve(phi, target_um, 1.0).modal_um)
-    for signs in itertools.product((1.0, -1.0), repeat=fingers):
-        found = lsq_linear(phi, np.array(signs) * target_um, (-1.0, 1.0), method="bvls").x
-        assert ours <= slipping_error(phi, target_um, found) + 1e-9
 
 
 def test_a_third_mode_frees_a_pair_that_two_modes_cannot_serve() -> None:

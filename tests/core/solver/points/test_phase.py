@@ -41,7 +41,6 @@ def turning_pair(steps: int = 200) -> tuple[Array, Array]:
 # --- the turn -----------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=100)
 @given(seed=st.integers(0, 10**6), modes=st.integers(1, 8), fingers=st.integers(1, 15), tau_rad=st.floats(0.0, math.pi))
 def test_in_a_turn_every_square_is_the_mean_of_its_ends(seed: int, modes: int, fingers: int, tau_rad: float) -> None:
     random = np.random.default_rng(seed)
@@ -67,7 +66,7 @@ def test_a_turn_is_read_from_its_phasors() -> None:
 # --- two fingers, two modes ---------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), reach=st.sampled_from([1.0, 4.0, 9.0]))
 def test_no_phasors_within_the_limits_serve_two_fingers_better(seed: int, reach: float) -> None:
     """An oracle: a general minimiser over both magnitudes and the phase between, from several starts."""
@@ -88,9 +87,8 @@ def test_of_phasors_that_serve_both_fingers_the_least_is_taken() -> None:
     random = np.random.default_rng(3)
     for _ in range(100):
         phi, target_um = random.uniform(-1, 1, (2, 2)), random.uniform(0.1, 1.5, 2)
-        free = [solve(phi, target_um * [1.0, 1.0], 1e9).modal_um]
         modal_um = solve_phased(phi, target_um, 1e9)
-        assert np.linalg.norm(modal_um) == pytest.approx(np.linalg.norm(free[0]), rel=1e-9)
+        assert np.linalg.norm(modal_um) == pytest.approx(np.linalg.norm(solve(phi, target_um, 1e9).modal_um), rel=1e-9)
         assert not np.any(modal_um.imag)  # without limits a sign pattern is best
 
 
@@ -181,8 +179,7 @@ def test_more_fingers_turn_from_pattern_to_pattern_as_unfelt(fingers: int, modes
         turned.append(solve_phased(phi, target_um, FAR_UM, previous_um=turned[-1] if turned else None))
         real.append(solve(phi, target_um, FAR_UM, previous_um=real[-1] if real else None).modal_um)
     least, least_real = 1.0, 1.0
-    for index in range(1, len(ways)):
-        phi = ways[index]
+    for index, phi in enumerate(ways[1:], 1):
         assert np.abs(phi @ turned[index]) == pytest.approx(target_um, rel=1e-6, abs=1e-9)
         share, share_real = (
             float(np.min(np.abs(phi @ (way[index] + way[index - 1]))[:fingers] / target_um[:fingers] / 2))
@@ -193,54 +190,7 @@ def test_more_fingers_turn_from_pattern_to_pattern_as_unfelt(fingers: int, modes
     assert least > 0.9
 
 
-# --- hostile input --------------------------------------------------------------------------------------------
-
-awkward = st.sampled_from([0.0, 1.0, 0.3, 5e-324, -1e-320, 1e-300, 1e-160, 1e17, 1e160, 1e300, -1.7e308]) | st.floats(
-    -1.0, 1.0
-)
-
-
-@settings(deadline=None, max_examples=300)
-@given(data=st.data(), modes=st.integers(1, 4), fingers=st.integers(0, 4), turn_rad=st.sampled_from([0.0, 0.4, 1e300]))
-def test_phasors_of_hostile_input_are_finite_and_within_the_limits(
-    data: st.DataObject, modes: int, fingers: int, turn_rad: float
-) -> None:
-    rows = tuple(tuple(data.draw(awkward) for _ in range(modes)) for _ in range(fingers))
-    targets = tuple(abs(data.draw(awkward)) for _ in range(fingers))
-    limits = tuple(data.draw(st.sampled_from([4.0, 4.0, 1e-300, 5e-324, 1e300])) for _ in range(modes))
-    previous = data.draw(
-        st.none() | st.tuples(*[st.builds(complex, awkward, awkward | st.just(math.nan)) for _ in range(modes)])
-    )
-    modal, limited = solve_phased_fast(rows, targets, limits, previous, turn_rad)
-    assert isinstance(limited, bool)
-    assert len(modal) == modes
-    assert all(abs(w) <= limit for w, limit in zip(modal, limits, strict=True))
-
-
-@pytest.mark.parametrize(
-    ("rows", "targets", "limits", "previous", "turn_rad"),
-    [
-        (((0.3, 1e300), (1e-300, 0.3)), (0.4, 0.3), (1e300, 1e300), (1e-300 + 5e-324j, -0.4 - 1e-320j), 0.4),
-        (((1.0, 1e-160), (1e160, 1e-300)), (0.7, 1e-160), (4.0, 1e300), (0.3 + 1j, 1e-160 - 0.4j), 0.0),
-        (((-0.4, 1e160), (1.0, 1e160)), (1e17, 1e17), (4.0, 4.0), None, 0.0),
-        (((-1e-320, 1e-300), (1.0, 1e17)), (1e-300, 1e17), (4.0, 1e300), None, 0.4),
-    ],
-    ids=[
-        "squares overflow",
-        "limits of unlike size",
-        "phasors cancel to the last digit",
-        "they cancel, one limit huge",
-    ],
-)
-def test_two_fingers_at_the_ends_of_the_range_break_no_limit(
-    rows: tuple[tuple[float, float], tuple[float, float]],
-    targets: tuple[float, float],
-    limits: tuple[float, float],
-    previous: tuple[complex, complex] | None,
-    turn_rad: float,
-) -> None:
-    modal, _ = solve_phased_fast(rows, targets, limits, previous, turn_rad)
-    assert all(abs(w) <= limit for w, limit in zip(modal, limits, strict=True))
+# --- scale and input --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e160, 1e300])
@@ -254,19 +204,19 @@ def test_the_scale_of_the_shapes_changes_no_turn(scale: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "named"),
+    ("name", "value"),
     [
-        ({"phi": [[math.nan, 0.4], [0.3, -0.2]]}, "phi"),
-        ({"target_um": [-1.0, 0.0]}, "target_um"),
-        ({"limit_um": 0.0}, "limit_um"),
-        ({"previous_um": [1.0]}, "previous_um"),
-        ({"previous_um": [1.0, complex(0.0, math.inf)]}, "previous_um"),
-        ({"previous_um": "plate"}, "previous_um"),
-        ({"turn_rad": -1.0}, "turn_rad"),
-        ({"turn_rad": math.nan}, "turn_rad"),
+        ("phi", [[math.nan, 0.4], [0.3, -0.2]]),
+        ("target_um", [-1.0, 0.0]),
+        ("limit_um", 0.0),
+        ("previous_um", [1.0]),
+        ("previous_um", [1.0, complex(0.0, math.inf)]),
+        ("previous_um", "plate"),
+        ("turn_rad", -1.0),
+        ("turn_rad", math.nan),
     ],
 )
-def test_bad_input_gets_one_sentence_that_names_it(change: dict[str, object], named: str) -> None:
-    good: dict[str, object] = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 0.5], "limit_um": 4.0}
-    with pytest.raises(ValueError, match=rf"^{named}[^\n]*\.$"):
-        solve_phased(**{**good, **change})  # type: ignore[arg-type]
+def test_bad_input_gets_one_sentence_that_names_it(name: str, value: object) -> None:
+    good = {"phi": [[0.5, 0.4], [0.3, -0.2]], "target_um": [1.0, 0.5], "limit_um": 4.0}
+    with pytest.raises(ValueError, match=rf"^{name}[^\n]*\.$"):
+        solve_phased(**{**good, name: value})

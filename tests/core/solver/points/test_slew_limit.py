@@ -31,13 +31,13 @@ def within(modal: Phasors2) -> Phasors2:
     return a / excess, b / excess, c / excess, d / excess
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @drawn(phasors, phasors)
 def test_the_nearer_hand_is_the_solution_or_its_mirror_image_at_the_nearest_common_phase(
     modal: Phasors2, previous: Phasors2
 ) -> None:
     modal = within(modal)
-    near = np.array(as_complex(nearer_hand(modal, LIMITS, previous)))  # type: ignore[arg-type]
+    near = np.array(as_complex(nearer_hand(modal, LIMITS, previous)))
     assert all(abs(w) <= limit for w, limit in zip(near.tolist(), LIMITS, strict=True))
     assert np.abs(near) == pytest.approx(np.abs(as_complex(modal)), abs=1e-12)
     now = np.array(as_complex(previous))
@@ -47,7 +47,6 @@ def test_the_nearer_hand_is_the_solution_or_its_mirror_image_at_the_nearest_comm
         assert distance <= np.linalg.norm(turned - now, axis=1).min() + 1e-9
 
 
-@settings(max_examples=100, deadline=None)
 @drawn(phasors, phasors, st.floats(0.0, 1.0))
 def test_every_square_goes_in_a_straight_line(begin: Phasors2, end: Phasors2, share: float) -> None:
     there = squares(between(squares(begin), squares(end), share))
@@ -55,7 +54,7 @@ def test_every_square_goes_in_a_straight_line(begin: Phasors2, end: Phasors2, sh
         assert math.isclose(got, first + share * (last - first), rel_tol=1e-9, abs_tol=1e-7)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @drawn(phasors, phasors, shapes)
 def test_no_finger_is_carried_through_a_dip_that_it_feels(
     wanted: Phasors2, previous: Phasors2, at_fingers: Phasors2

@@ -1,0 +1,20 @@
+"""The reference plate's driven modes, and grids of points, for the tests of fits."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from hapticd.design import ModeShape, free_plate_modes
+
+
+@cache
+def driven_modes() -> list[ModeShape]:
+    by_name = {shape.name: shape for _, shape in free_plate_modes()}
+    return [by_name["11x0"], by_name["0x11"]]
+
+
+def grid_points(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """Return the points (N, 2) of a grid, row by row."""
+    return np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
