@@ -177,9 +177,10 @@ def test_a_world_is_drawn_or_comes_from_a_file(tmp_path: Path, capsys: pytest.Ca
     world.write_text(json.dumps(json.loads(drawn)["world"]))
     _, read, _ = outcome(capsys, *arguments, "--world", str(world), "--seed", "3")
     assert json.loads(read) == json.loads(drawn)
+    assert outcome(capsys, *arguments, "--world", "ideal")[1] == outcome(capsys, *arguments)[1]
     code, _, complaint = outcome(capsys, *arguments, "--world", "moon")
     assert code == 2
-    assert "mild, laboratory, worst, or a JSON file" in complaint
+    assert "ideal, mild, laboratory, worst, or a JSON file" in complaint
     world.write_text("{")
     code, _, complaint = outcome(capsys, *arguments, "--world", str(world))
     assert code == 2

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..sim.board.board import BoardConfig, PlateModel
-from ..sim.plate.wirings import PAPER, SEPARATE, wiring
+from ..sim.plate.wirings import IDENTITY, PAPER, wiring
 from .closed_loop import LIMIT_V, NOISE_UM, Floats, Phasors
 
 RUN_S = 30.0
 KINDS = tuple(
     (modes, name, control_hz)
-    for modes, name in ((2, SEPARATE), (2, PAPER), (3, SEPARATE))
+    for modes, name in ((2, IDENTITY), (2, PAPER), (3, IDENTITY))
     for control_hz in (2000.0, 5000.0)
 )
-FAR_KINDS = tuple((modes, SEPARATE, control_hz) for modes in range(2, 7) for control_hz in (2000.0, 5000.0))
+FAR_KINDS = tuple((modes, IDENTITY, control_hz) for modes in range(2, 7) for control_hz in (2000.0, 5000.0))
 FAR_HZ = 300.0  # from the drive, that their modes may be
 W_LIMIT_UM = 4.0
 SCALES_UM = (0.05, 0.5, 2.0, 4.0, 6.0)  # the largest is beyond the limit, for the limiter to scale

@@ -14,7 +14,7 @@ import numpy as np
 from ..board_values import BoardLog
 from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from ..sim.board.carrier import Converters
-from ..sim.plate.wirings import PAPER, SEPARATE, wiring
+from ..sim.plate.wirings import IDENTITY, PAPER, wiring
 from ..wire import device, protocol
 from .closed_loop import LIMIT_V, NOISE_UM, Floats, follow
 from .tables import Table, finite_rows
@@ -29,7 +29,7 @@ Run = tuple[Board, BoardTrace]
 
 
 def board(
-    name: str = SEPARATE,
+    name: str = IDENTITY,
     *,
     amplifiers: Floats | None = None,
     sensors: Floats | None = None,

@@ -24,6 +24,7 @@ from . import (
     landing,
     leak,
     leak_budget,
+    modes,
     prediction,
     prediction_traces,
     soak,
@@ -54,6 +55,7 @@ class Extent(NamedTuple):
 Part = Callable[[Extent], tuple[Table, ...]]
 
 PARTS: dict[str, Part] = {
+    "modes": lambda _: (modes.run(),),
     "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
     "solver": lambda _: (solver.run(), solver.sizes(), contacts.run()),
     "stability": lambda extent: (*stability.run(steps=extent.steps), contacts.walk(extent.steps)),

@@ -13,7 +13,7 @@ SIMULATED = "sim"
 
 # Repeated from the simulation, which is not loaded when a configuration is checked; tests compare them.
 PLATE_NAMES = ("reference", "fingertip")
-WIRING_NAMES = ("separate", "paper", "swapped", "inverted")
+WIRING_NAMES = ("identity", "paper", "swapped", "inverted")
 SCENARIO_NAMES = (
     "strokes",
     "circles",
@@ -209,7 +209,7 @@ class SimConfig:
     seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
     plate: str = key("reference", f"one of {', '.join(PLATE_NAMES)}, or a plate's file (.toml)")
     modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=8)
-    wiring: str = key("separate", "of amplifiers and sensors to the modes; two are wrong", choices=WIRING_NAMES)
+    wiring: str = key("identity", "of amplifiers and sensors to the modes; two are wrong", choices=WIRING_NAMES)
     rig_dir: str = key("", "directory of a running rig; empty: the daemon starts one")
 
 

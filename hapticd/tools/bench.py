@@ -22,6 +22,7 @@ class Part(NamedTuple):
 
 
 PARTS = {
+    "modes": Part("ways to interpolate a measured mode map", 0.1),
     "prediction": Part("predictions 15 ms ahead on 15 motions", 1.5),
     "solver": Part("solvers against general optimisers", 1.0),
     "stability": Part("digits of a solution at the ends of the solver's range", 2.0),

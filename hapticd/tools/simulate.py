@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..sim.world_errors import WorldErrors
 
 WORLD_BYTES = 1 << 20
+IDEAL = "ideal"
 LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 
 
@@ -52,8 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--world",
         metavar="WORLD",
-        help="what is wrong: one of mild, laboratory and worst, drawn by --seed, or a JSON file of your own "
-        "(hapticd/sim/README.md; default: nothing)",
+        default=IDEAL,
+        help="what is wrong: nothing (ideal, the default), what --seed draws (mild, laboratory or worst), or a JSON "
+        "file of your own (hapticd/sim/README.md)",
     )
     parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
@@ -116,11 +118,11 @@ def _world(options: argparse.Namespace) -> WorldErrors:
     from ..sim import world_tolerances
     from ..sim.world_errors import NEUTRAL, WorldErrors
 
-    if options.world is None:
+    if options.world == IDEAL:
         return NEUTRAL
     if options.world in world_tolerances.LEVELS:
         return world_tolerances.draw(options.world, options.seed)
-    levels = ", ".join(world_tolerances.LEVELS)
+    levels = ", ".join((IDEAL, *world_tolerances.LEVELS))
     try:
         return WorldErrors.parsed(read_bounded(Path(options.world), WORLD_BYTES).decode())
     except OSError as error:

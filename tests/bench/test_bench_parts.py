@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import firmware, prediction, tick
+from hapticd.bench import firmware, modes, prediction, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
@@ -20,6 +20,7 @@ from hapticd.sim.fingers.scenarios import SCENARIOS
 pytestmark = pytest.mark.long
 
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
+    "modes": lambda: (modes.run(pairs=200, seeds=(1,), repeats=1, timed=20),),
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
     "firmware": lambda: firmware.run(repeats=1, ticks=20),
@@ -47,6 +48,19 @@ def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) ->
         for compared in table.compared:
             assert compared in table.row(table.default).figures
         assert table.default in render(table)
+
+
+def test_a_map_is_limited_by_its_noise_and_not_by_its_interpolation() -> None:
+    (table,) = part("modes")
+    leaks = {row.name: row.figures["leak_um_per_um"] for row in table.rows}
+    assert 0.003 < leaks["bicubic"] < 0.03
+    assert leaks["bicubic"] < leaks["bilinear"]
+    assert leaks["bicubic"] == pytest.approx(leaks["RectBivariateSpline"], rel=1e-3)
+    assert (
+        figure(table, "bicubic", "interpolation_um_per_um")
+        < 1e-4
+        < figure(table, "bilinear", "interpolation_um_per_um")
+    )
 
 
 def test_on_no_motion_does_another_predictor_err_less_by_a_twentieth() -> None:

@@ -45,7 +45,7 @@ def test_a_dead_sensor_is_counted_with_its_code_and_its_run() -> None:
     found = endurance.judge(dead(6, 4.0), 6)
     assert found.faults == Counter({4: 1})
     (failure,) = found.failures
-    assert re.fullmatch(r"run 6 \(2 modes, separate, 2 kHz\): fault 4 after [\d.]+ s, the sensors do not .*\.", failure)
+    assert re.fullmatch(r"run 6 \(2 modes, identity, 2 kHz\): fault 4 after [\d.]+ s, the sensors do not .*\.", failure)
 
 
 def test_a_board_that_leaves_live_without_a_fault_is_a_failure() -> None:

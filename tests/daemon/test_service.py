@@ -120,7 +120,7 @@ def test_a_rig_is_started_with_the_configured_plate(
         config_loader.prepare(replace(configuration, sim=replace(own, modes=7)))
     with pytest.raises(ConfigError, match=r"sim.wiring: the paper's wiring has two amplifiers .* drives 4\."):
         config_loader.prepare(replace(configuration, sim=replace(own, wiring="paper")))
-    assert started == [("fingertip", 4, "separate"), ("fingertip", 5, "separate")]
+    assert started == [("fingertip", 4, "identity"), ("fingertip", 5, "identity")]
 
 
 def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(

@@ -15,7 +15,7 @@ from hapticd.board_values import BoardLog, ModeModel, SetModel, SetWiring, Verdi
 from hapticd.sim import lockstep
 from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.sim.plate.ground_truth import PlateSettings
-from hapticd.sim.plate.wirings import PAPER, SEPARATE, wiring
+from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 from hapticd.wire.protocol import FAULTS
@@ -67,7 +67,7 @@ def test_no_amplifier_is_ever_above_its_limit_and_both_modes_reach_theirs() -> N
 
 def test_what_the_wires_mix_the_modes_do_not_see() -> None:
     """A step of one mode leaves the other alone, as with an amplifier and a sensor for each."""
-    for name in (SEPARATE, PAPER):
+    for name in (IDENTITY, PAPER):
         trace = follow(board(name), constantly(2.0, 0.0), 200, 100)
         assert np.abs(trace.plate_um[:, 1]).max() < 0.01
         assert np.abs(trace.plate_um[-20:, 0] - 2.0).max() < 0.01
@@ -78,12 +78,12 @@ def test_the_papers_wiring_leaks_no_more_than_a_mode_per_amplifier() -> None:
         plate = PlateSettings.of("reference", None, name)
         return lockstep.run("strokes", settings=lockstep.Settings(plate=plate), seconds=2.0).score.leak_um
 
-    assert leak_um(PAPER) <= 1.1 * leak_um(SEPARATE)
+    assert leak_um(PAPER) <= 1.1 * leak_um(IDENTITY)
 
 
 @pytest.mark.parametrize("asked_um", [(0.0, 0.0), (0.02, 0.0), (0.4, 0.1), (2.0, 2.0), (3.9, 0.5), (1.0, -1.0)])
 @pytest.mark.parametrize("wires", ["amplifiers", "sensors"])
-@pytest.mark.parametrize("name", [SEPARATE, PAPER])
+@pytest.mark.parametrize("name", [IDENTITY, PAPER])
 def test_swapped_and_inverted_wires_are_a_fault_that_names_them(
     name: str, wires: str, asked_um: tuple[float, float]
 ) -> None:
@@ -108,7 +108,7 @@ def test_a_board_that_is_given_its_wiring_drives_the_papers_plate(bench: Bench) 
 
 
 @pytest.mark.parametrize("law", ["deadbeat", "pi_ff", "pi"])
-@pytest.mark.parametrize("name", [SEPARATE, PAPER])
+@pytest.mark.parametrize("name", [IDENTITY, PAPER])
 @pytest.mark.parametrize("control_hz", [2000.0, 5000.0])
 def test_feedthrough_known_to_a_tenth_makes_no_limit_cycle(control_hz: float, name: str, law: str) -> None:
     """0.02 um/V is 3 um at the voltage limit; what is not known of it moves the plate by a tenth of that at most."""
@@ -127,7 +127,7 @@ def test_feedthrough_known_to_a_tenth_makes_no_limit_cycle(control_hz: float, na
 
 
 def test_feedthrough_that_is_not_known_ends_in_a_fault() -> None:
-    unknown = board(SEPARATE, through=0.02 * np.eye(2))
+    unknown = board(IDENTITY, through=0.02 * np.eye(2))
     follow(unknown, constantly(2.0, -1.0), 400, 100)
     assert faults(unknown) == [7]
 

@@ -31,7 +31,7 @@ from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass
 from .shape_tables import Disturbed, Scan, mode_map, true_grid, true_surfaces
 from .shapes import theory
-from .wirings import SEPARATE, wiring
+from .wirings import IDENTITY, wiring
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -73,7 +73,7 @@ class PlateSettings:
     q_factor: float = 500.0
     finger_decay_1_s: float = FINGER_DECAY_1_S
     driven_modes: int = 2
-    wiring: str = SEPARATE
+    wiring: str = IDENTITY
     world: WorldErrors = NEUTRAL
 
     w_limit_um: float = 4.0
@@ -92,7 +92,7 @@ class PlateSettings:
     map_noise_frac: float = 0.02
 
     @classmethod
-    def of(cls, plate: str, driven_modes: int | None = None, wiring: str = SEPARATE) -> PlateSettings:
+    def of(cls, plate: str, driven_modes: int | None = None, wiring: str = IDENTITY) -> PlateSettings:
         """Return the settings of a plate (`find_glass`) with this many amplifiers. Raises ValueError."""
         if plate == REFERENCE:
             return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes, wiring=wiring)

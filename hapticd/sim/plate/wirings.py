@@ -1,6 +1,6 @@
 """Wirings of the simulated plate: how amplifiers and sensors belong to its driven modes.
 
-`separate` gives each mode an amplifier and a sensor of its own. `paper` is the founding paper's rig: four patches on
+`identity` gives each mode an amplifier and a sensor of its own. `paper` is the founding paper's rig: four patches on
 two amplifiers, v_x = V_A - V_C + V_B - V_D and v_y = V_A - V_C - V_B + V_D, so that each amplifier drives the sum or
 the difference of the modes; the sensors see them so too. In `swapped` and `inverted` the wires are wrong, and the board
 does not know.
@@ -16,11 +16,11 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-SEPARATE: Final = "separate"
+IDENTITY: Final = "identity"
 PAPER: Final = "paper"
 SWAPPED: Final = "swapped"
 INVERTED: Final = "inverted"
-WIRINGS: Final = (SEPARATE, PAPER, SWAPPED, INVERTED)
+WIRINGS: Final = (IDENTITY, PAPER, SWAPPED, INVERTED)
 
 _SUM_AND_DIFFERENCE = ((1.0, 1.0), (1.0, -1.0))
 
@@ -45,7 +45,7 @@ def wiring(name: str, modes: int) -> Wiring:
     if name not in WIRINGS:
         raise ValueError(f"there is no wiring {name!r}; choose from {', '.join(WIRINGS)}.")
     own = np.eye(modes)
-    if name == SEPARATE:
+    if name == IDENTITY:
         return Wiring(own, own, own, own, 1.0)
     if name == PAPER:
         if modes != 2:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import DeviceError
 from ..plate.glasses import REFERENCE
-from ..plate.wirings import SEPARATE
+from ..plate.wirings import IDENTITY
 
 END_WITHIN_S = 10.0
 # In the rig's directory: the mode maps of its driven and parasitic modes, and a configuration with the plate's size and
@@ -67,7 +67,7 @@ class RigProcess:
         *,
         plate: str = REFERENCE,
         modes: int = 0,
-        wiring: str = SEPARATE,
+        wiring: str = IDENTITY,
         record: bool = False,
         program: Path | None = None,
     ) -> None:

@@ -43,7 +43,7 @@ from ..fingers.scenarios import SCENARIOS, SPEED_MM_S, paths_of
 from ..fingers.sensor import Report, SensorModel, SensorSettings
 from ..plate.glasses import REFERENCE, driven_modes
 from ..plate.ground_truth import GroundTruth, PlateSettings
-from ..plate.wirings import SEPARATE, WIRINGS
+from ..plate.wirings import IDENTITY, WIRINGS
 from ..world import World
 from .files import write_measured
 from .outboard import Outboard
@@ -230,7 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--plate", default=REFERENCE, help="a name, or a file")
     parser.add_argument("--modes", type=int, default=0, help="those that are driven; 0: the plate's own")
-    parser.add_argument("--wiring", default=SEPARATE, choices=WIRINGS)
+    parser.add_argument("--wiring", default=IDENTITY, choices=WIRINGS)
     parser.add_argument("--record", type=Path, help="write the history (NPZ) at the end")
     parser.add_argument("--program", type=Path, help="run the board in another process: this firmware image")
     parser.add_argument(

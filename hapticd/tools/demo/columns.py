@@ -18,8 +18,8 @@ from ...sim import lockstep
 from ...sim.picture import Film
 from ...sim.plate.glasses import FINGERTIP, REFERENCE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
+from ...sim.plate.wirings import IDENTITY
 from ...sim.plate.wirings import PAPER as SHARED
-from ...sim.plate.wirings import SEPARATE
 from ..progress import Progress
 
 PAPER, HAPTICD = "the paper", "hapticd"
@@ -37,7 +37,7 @@ class Column:
     def title(self) -> str:
         """Name of the scheme, the plate, its number of modes, and its wiring where that is shared or wrong."""
         scheme = "the paper's scheme" if self.scheme == PAPER else self.scheme
-        wires = "" if self.wires == SEPARATE else f", {self.wires} wires"
+        wires = "" if self.wires == IDENTITY else f", {self.wires} wires"
         return f"{scheme}, {self.plate.plate} plate, {self.plate.driven_modes} modes{wires}"
 
     @property
@@ -56,12 +56,12 @@ def columns(live: Column, *, is_bare: bool) -> list[Column]:
 
     On the paper's wires the paper's scheme runs too; wrong ones are the live column's alone.
     """
-    wires = live.plate.wiring if live.plate.wiring == SHARED else SEPARATE
+    wires = live.plate.wiring if live.plate.wiring == SHARED else IDENTITY
     fixed = [(PAPER, REFERENCE), (HAPTICD, REFERENCE), (HAPTICD, FINGERTIP)]
     return [
         live
         if (scheme, name) == (HAPTICD, live.plate.plate)
-        else Column(scheme, _plate(name, 0, wires if name == live.plate.plate else SEPARATE, is_bare=is_bare))
+        else Column(scheme, _plate(name, 0, wires if name == live.plate.plate else IDENTITY, is_bare=is_bare))
         for scheme, name in fixed
     ]
 

@@ -30,7 +30,7 @@ from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.fingers.scripted import ScriptedClient
 from ...sim.picture import Film, draw
 from ...sim.plate.ground_truth import GroundTruth
-from ...sim.plate.wirings import SEPARATE
+from ...sim.plate.wirings import IDENTITY
 from ...sim.rig.process import RigProcess
 from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
@@ -159,7 +159,7 @@ def summary(films: Mapping[Column, Film], live: Column, status: dict[str, Any]) 
         row("", [column.scheme for column in films]),
         row("plate", [column.plate.plate for column in films]),
         row("", [f"{column.plate.driven_modes} modes" for column in films]),
-        *([row("wires", [column.wires for column in films])] if live.wires != SEPARATE else []),
+        *([row("wires", [column.wires for column in films])] if live.wires != IDENTITY else []),
         row("", ["live" if column == live else "" for column in films]),
         row("sticky contact, um RMS", [f"{score.contact_leak_um:.3f}" for score in scores]),
         row("slippery contact, um RMS", [f"{score.contact_slip_um:.3f}" for score in scores]),
