@@ -21,6 +21,7 @@ from hapticd.config.sections import (
     Config,
     DeviceConfig,
     PlateConfig,
+    SimConfig,
     TrackpadConfig,
 )
 from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE
@@ -161,6 +162,12 @@ def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
         device=DeviceConfig(port="/dev/ttyACM0"),
     )
     assert config.simulated(real) == Config()
+
+
+def test_only_a_simulated_trackpad_has_the_rigs_directory() -> None:
+    rig = SimConfig(rig_dir="rig")
+    assert Config(sim=rig).rig_dir == "rig"
+    assert Config(sim=rig, trackpad=TrackpadConfig(source="hid")).rig_dir == ""
 
 
 def test_a_matrix_takes_the_place_of_rotation_and_scale(tmp_path: Path) -> None:
