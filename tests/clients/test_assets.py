@@ -105,21 +105,22 @@ def test_a_daemon_that_keeps_no_part_is_not_asked_forever() -> None:
 
 
 def test_the_end_of_a_client_does_not_wait_for_a_daemon_per_asset(
-    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
+    client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(asset, "LOOK_S", 0.001)
-    asked: list[str] = []
+    asked, keeper = list[str](), client._link.keeper
 
-    def unanswered(_: object, __: str, one: Asset) -> None:
-        asked.append(one.digest.hex())
-        client._link.keeper._stopped.set()  # as `close` does while it waits
+    def unanswered(_: object, what: str, *__: object, **___: object) -> dict[str, Any]:
+        asked.append(what)
+        keeper._stopped.set()  # as `close` does while it waits
+        raise HapticdError("no answer")
 
-    with Client(daemon.directory) as client:
-        handles = [Asset(bytes([n]) * 32, 1, 1, bytes([n])) for n in range(16)]
-        monkeypatch.setattr(asset, "upload", unanswered)
-        client._link.keeper.keep(handles)
-        client._link.keeper.stop()
-    assert len(asked) <= 1
+    with monkeypatch.context() as patched:
+        patched.setattr(asset, "LOOK_S", 0.0)
+        patched.setattr(asset.Control, "request", unanswered)
+        keeper.keep([Asset(bytes([n]) * 32, 1, 1, bytes([n])) for n in range(16)])
+        assert keeper._thread is not None
+        keeper._thread.join(20.0)
+    assert asked == ["asset"]
 
 
 def test_a_client_that_is_closed_on_a_thread_of_its_program_has_released_when_that_returns(daemon: FakeDaemon) -> None:
