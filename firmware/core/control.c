@@ -69,7 +69,7 @@ static hd_gains_t bearable(const hd_gains_t *gains, const hd_plant_t *plant)
     return (hd_gains_t){gains->law, slower * gains->bandwidth_1_s, gains->integral_time_s / slower};
 }
 
-/* Fingers and the plate's drift, as far as the drive follows it, may make a mode so much duller. */
+/* A sound plate shows at least so much per volt: fingers damp it by up to DULLER, and it drifts by up to 120 Hz. */
 #define DULLER 3.0f
 #define ADRIFT_RAD_S 754.0f
 

@@ -16,8 +16,8 @@
 #define SURPRISE 0.4f /* innovation per change of voltage: of limit cycles at least 0.6 of |b|, on sound plates at most 0.16 */
 #define HURRY 0.5f    /* of the voltage that a change of the reference within a tick would take */
 #define LEAST_DAMPING 0.25f /* of the model's: plates have half of it at least, and gains are known to a factor of 2 */
-#define FAR_DECAYS 2.0f     /* of detuning; what is beyond hides power where the loops of two modes are off by */
-#define PHASES_APART_RAD 0.2f
+#define FAR_DECAYS 2.0f       /* of detuning, which LEAST_DAMPING covers; beyond, power mostly goes to and fro */
+#define PHASES_APART_RAD 0.2f /* by which each mode's loop may be off in its own way, and hide so much of that */
 #define NEWEST 4.0f /* times what the observer takes at once: most of it with the tested gains, little with slow ones */
 
 static const hd_phasor_t ONE = {1.0f, 0.0f};

@@ -24,7 +24,7 @@ ATTACKS = st.fixed_dictionaries(
         "client": st.sampled_from(["study", "attacker", "other"]),
         "ttl_s": st.sampled_from([0.02, 5.0]),
         "targets": st.dictionaries(FINGERS, WISHES, max_size=4).map(
-            lambda wishes: [{"finger": finger, **wish} for finger, wish in wishes.items()]
+            lambda targets: [{"finger": finger, **target} for finger, target in targets.items()]
         ),
         "virtuals": st.sets(st.sampled_from(["ghost", "walker"])).map(
             lambda names: [{"name": name, "path_mm": [[-30.0, 0.0], [30.0, 0.0]]} for name in sorted(names)]
@@ -66,8 +66,8 @@ def attacked(bench: Bench, amplitude_um: float) -> list[Heard]:
     """What the board hears while virtual fingers of forty clients, where 16 have room, cross the plate."""
     for n in range(40):
         path = {"name": f"v{n}", "path_mm": [[-60.0 + 3.0 * n, -60.0], [60.0, 60.0 - 3.0 * n]], "speed_mm_s": 2000.0}
-        wish = {"finger": f"v{n}", "amplitude_um": amplitude_um}
-        bench.send(by=ATTACKER, client=f"attacker-{n}", targets=[wish], virtuals=[path])
+        target = {"finger": f"v{n}", "amplitude_um": amplitude_um}
+        bench.send(by=ATTACKER, client=f"attacker-{n}", targets=[target], virtuals=[path])
     assert bench.machine.clients.refused == 40 - 15
     return references(bench.run(200))
 

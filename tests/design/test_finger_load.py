@@ -19,7 +19,7 @@ NOMINAL = Calibration.nominal(2)
 DECAY_1_S, DETUNING_RAD_S = (180.0, 185.0), (470.0, 590.0)
 
 
-def beside(finger_decay_1_s: float, finger_detuning_rad_s: float = 0.0) -> ParasiticModes:
+def parasitic_modes(finger_decay_1_s: float, finger_detuning_rad_s: float = 0.0) -> ParasiticModes:
     """Parasitic modes that hardly move: the synthetic plate has none."""
     modes = mode_map()
     faint = ModeShapes(modes.x_mm, modes.y_mm, 1e-3 * modes.shapes)
@@ -32,19 +32,19 @@ def learned(windows: Windows, modes: ParasiticModes) -> complex | None:
 
 def test_damping_and_detuning_of_fingers_are_learned_from_touches() -> None:
     truth_1_s = 230.0 - 400.0j
-    found_1_s = learned(Touching(NOMINAL, seconds=8.0, load_1_s=truth_1_s).windows(), beside(100.0))
+    found_1_s = learned(Touching(NOMINAL, seconds=8.0, load_1_s=truth_1_s).windows(), parasitic_modes(100.0))
     assert abs(found_1_s - truth_1_s) < 0.1 * abs(truth_1_s)
 
 
 def test_a_load_that_is_known_is_left_as_it_is() -> None:
     windows = Touching(NOMINAL, seconds=8.0, load_1_s=230.0 - 400.0j).windows()
-    assert learned(windows, beside(210.0, 380.0)) is None
+    assert learned(windows, parasitic_modes(210.0, 380.0)) is None
 
 
 def test_a_short_touch_and_fingers_that_feel_nothing_tell_no_load() -> None:
-    assert learned(Touching(NOMINAL, seconds=3.0, load_1_s=300.0).windows(), beside(100.0)) is None
+    assert learned(Touching(NOMINAL, seconds=3.0, load_1_s=300.0).windows(), parasitic_modes(100.0)) is None
     windows = Touching(NOMINAL, seconds=8.0, load_1_s=300.0).windows()
     rng = np.random.default_rng(1)
     noise_v = rng.standard_normal((2, *windows.voltage_v.shape)) * 300.0
     drowned = replace(windows, voltage_v=windows.voltage_v + noise_v[0] + 1j * noise_v[1])
-    assert learned(drowned, beside(100.0)) is None
+    assert learned(drowned, parasitic_modes(100.0)) is None

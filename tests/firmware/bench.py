@@ -34,7 +34,7 @@ def nominal_plate(config: BoardConfig, **changes: Any) -> PlateModel:
 
 
 def untouched(board: Board, ticks: int) -> BoardTrace:
-    """So many ticks without a finger, during which nobody listens."""
+    """So many ticks without a finger and without a listener."""
     modes = board.model.modes
     trace = BoardTrace(ticks, modes, modes)
     board.run(ticks, np.zeros((ticks, 0, modes)), np.zeros((ticks, 0)), trace)
@@ -97,10 +97,10 @@ class Bench:
 
     def run(self, ticks: int) -> BoardTrace:
         trace = BoardTrace(ticks, self.modes, self.modes)
-        nobody = np.zeros((ticks, 0, self.modes)), np.zeros((ticks, 0))
+        untouched_run = np.zeros((ticks, 0, self.modes)), np.zeros((ticks, 0))
         done = 0
         while done < ticks:
-            done += self.board.run(ticks - done, *nobody, trace, done, stop_on_transmit=True)
+            done += self.board.run(ticks - done, *untouched_run, trace, done, stop_on_transmit=True)
             self.listen()
         return trace
 

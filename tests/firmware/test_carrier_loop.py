@@ -24,14 +24,14 @@ def new_board(
     controller: str = "deadbeat",
     converters: Converters | None = QUIET,
     *,
-    told_phase_rad: float | None = None,
+    known_phase_rad: float | None = None,
     control_hz: float = 2000.0,
     seed: int = 0,
 ) -> Board:
     """The nominal plate, without noise but for the converters'; the board is calibrated to their loop phase."""
-    if told_phase_rad is None:
-        told_phase_rad = 0.0 if converters is None else converters.loop_phase_rad(DRIVE_HZ)
-    config = BoardConfig(controller=controller, control_hz=control_hz, loop_phase_rad=(told_phase_rad,) * 2)
+    if known_phase_rad is None:
+        known_phase_rad = 0.0 if converters is None else converters.loop_phase_rad(DRIVE_HZ)
+    config = BoardConfig(controller=controller, control_hz=control_hz, loop_phase_rad=(known_phase_rad,) * 2)
     return Board(nominal_plate(config), config=config, converters=converters, seed=seed)
 
 
@@ -96,7 +96,7 @@ def test_with_a_finger_and_neighbouring_modes_they_agree_too() -> None:
 
 def test_v_q_drives_w_d_and_v_d_drives_minus_w_q() -> None:
     for target, voltage in ((1 + 0j, 1j), (1j, -1 + 0j)):
-        board = new_board("pi", told_phase_rad=0.0)
+        board = new_board("pi", known_phase_rad=0.0)
         trace = follow(board, constantly(target, 0.0), 6, 6)
         first = trace.voltage_v[1, 0]
         assert first / abs(first) == pytest.approx(voltage, abs=0.05)
@@ -107,7 +107,7 @@ def test_v_q_drives_w_d_and_v_d_drives_minus_w_q() -> None:
 @pytest.mark.parametrize("lag_us", [0.0, 0.5, 2.0])
 def test_half_a_held_sample_and_the_amplifier_s_lag_are_the_loop_s_phase(lag_us: float) -> None:
     converters = Converters(noise_lsb=0.0, amplifier_lag_us=lag_us)
-    measured_deg = loop_phase_deg(stepped(new_board(converters=converters, told_phase_rad=0.0), 2.0))
+    measured_deg = loop_phase_deg(stepped(new_board(converters=converters, known_phase_rad=0.0), 2.0))
     half_sample_deg = 180.0 * DRIVE_HZ / SAMPLE_HZ
     assert half_sample_deg == pytest.approx(5.3, abs=0.05)
     assert measured_deg == pytest.approx(-half_sample_deg - math.degrees(math.atan(0.1835 * lag_us)), abs=0.1)
@@ -118,8 +118,8 @@ def test_half_a_held_sample_and_the_amplifier_s_lag_are_the_loop_s_phase(lag_us:
 def test_a_calibrated_loop_keeps_a_step_on_its_axis(controller: str) -> None:
     converters = Converters(noise_lsb=0.0, amplifier_lag_us=0.5)
     cross_um = [
-        float(np.abs(after_step(stepped(new_board(controller, converters, told_phase_rad=told), 1.0)).imag).max())
-        for told in (0.0, converters.loop_phase_rad(DRIVE_HZ))
+        float(np.abs(after_step(stepped(new_board(controller, converters, known_phase_rad=known), 1.0)).imag).max())
+        for known in (0.0, converters.loop_phase_rad(DRIVE_HZ))
     ]
     assert cross_um[1] < 0.01
     assert cross_um[0] > 5 * cross_um[1]

@@ -49,10 +49,10 @@ LAWS = (DEADBEAT, FAST, PI_FF, PI)
     ("law", "amplitude_um", "most_ms"), [(DEADBEAT, 0.4, 1.5), (DEADBEAT, 2.0, 4.0), (FAST, 0.4, 0.9), (FAST, 2.0, 3.9)]
 )
 def test_the_default_law_settles_near_the_voltage_s_bound(law: Law, amplitude_um: float, most_ms: float) -> None:
-    told = measure(law.respond(Plate(), amplitude_um), amplitude_um, law.tick_ms)
-    assert Plate().bound_ms(amplitude_um) < told.settling_ms <= most_ms
-    assert told.overshoot_frac <= 0.02
-    assert told.cross_axis_frac <= 0.1
+    found = measure(law.respond(Plate(), amplitude_um), amplitude_um, law.tick_ms)
+    assert Plate().bound_ms(amplitude_um) < found.settling_ms <= most_ms
+    assert found.overshoot_frac <= 0.02
+    assert found.cross_axis_frac <= 0.1
 
 
 def test_the_voltage_s_bound_is_the_facts() -> None:
@@ -62,10 +62,10 @@ def test_the_voltage_s_bound_is_the_facts() -> None:
 
 
 def test_the_papers_law_settles_in_the_papers_ten_ms() -> None:
-    told = measure(PI.respond(Plate(), 1.0), 1.0, PI.tick_ms)
-    assert 9.0 <= told.settling_ms <= 11.0
-    assert told.overshoot_frac < 0.05
-    assert told.cross_axis_frac < 0.08
+    found = measure(PI.respond(Plate(), 1.0), 1.0, PI.tick_ms)
+    assert 9.0 <= found.settling_ms <= 11.0
+    assert found.overshoot_frac < 0.05
+    assert found.cross_axis_frac < 0.08
 
 
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
@@ -110,9 +110,9 @@ def test_the_default_law_settles_on_plates_of_other_quality(quality: float, most
 
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
 def test_a_finger_that_lands_is_made_good_within_4_ms(law: Law) -> None:
-    told = measure(law.respond(Plate(), 2.0), 2.0, law.tick_ms)
-    assert 0.02 < told.dip_frac < 0.07
-    assert told.recovery_ms <= 4.0
+    found = measure(law.respond(Plate(), 2.0), 2.0, law.tick_ms)
+    assert 0.02 < found.dip_frac < 0.07
+    assert found.recovery_ms <= 4.0
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
@@ -131,23 +131,23 @@ def test_a_step_keeps_the_node_under_a_still_finger() -> None:
 @pytest.mark.parametrize("law", [DEADBEAT, FAST, PI_FF], ids=str)
 @pytest.mark.parametrize("f_hz", [2.0, 10.0, 15.0])
 def test_a_moving_reference_is_followed_to_nanometres_without_delay(law: Law, f_hz: float) -> None:
-    told = sinusoid_figures(law, f_hz)
-    assert told["error_um"] < 0.002
-    assert abs(told["delay_ms"]) <= 0.01
+    found = sinusoid_figures(law, f_hz)
+    assert found["error_um"] < 0.002
+    assert abs(found["delay_ms"]) <= 0.01
 
 
 def test_the_papers_law_lags_a_moving_reference() -> None:
-    told = sinusoid_figures(PI, 10.0)
-    assert 0.05 < told["error_um"] < 0.2
-    assert told["delay_ms"] == pytest.approx(1.0, abs=0.1)
+    found = sinusoid_figures(PI, 10.0)
+    assert 0.05 < found["error_um"] < 0.2
+    assert found["delay_ms"] == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("speed_mm_s", "most_delay_ms", "most_um"), [(100.0, 0.1, 0.035), (200.0, 0.3, 0.07)])
 def test_strokes_are_followed_with_next_to_no_delay(speed_mm_s: float, most_delay_ms: float, most_um: float) -> None:
-    told, papers = stroke_figures(DEADBEAT, speed_mm_s), stroke_figures(PI, speed_mm_s)
-    assert 0.0 <= told["delay_ms"] <= most_delay_ms
-    assert told["residual_um"] <= most_um
-    assert told["leak_um"] < 0.6 * papers["leak_um"]
+    found, papers = stroke_figures(DEADBEAT, speed_mm_s), stroke_figures(PI, speed_mm_s)
+    assert 0.0 <= found["delay_ms"] <= most_delay_ms
+    assert found["residual_um"] <= most_um
+    assert found["leak_um"] < 0.6 * papers["leak_um"]
     assert papers["delay_ms"] > 1.0
 
 
@@ -164,9 +164,9 @@ def test_a_reference_out_of_reach_saturates_and_lets_go_again(law: Law) -> None:
 
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
 def test_the_default_law_saturates_with_its_phase_kept_and_has_nothing_to_unwind(law: Law) -> None:
-    told = saturation_figures(law)
-    assert told["phase_deg"] < 0.1
-    assert told["release_ms"] <= 1.5
+    found = saturation_figures(law)
+    assert found["phase_deg"] < 0.1
+    assert found["release_ms"] <= 1.5
     assert saturation_figures(PI)["phase_deg"] > 3.0
 
 
@@ -210,15 +210,15 @@ def test_coupling_compensation_keeps_a_touch_out_of_the_other_axis() -> None:
 @pytest.mark.parametrize("phase_rad", [math.radians(-10), math.radians(10)])
 def test_ten_degrees_of_loop_phase_are_borne(law: Law, phase_rad: float) -> None:
     for quality in (200.0, 500.0, 1000.0):
-        told = measure(law.respond(Plate(quality, loop_phase_rad=phase_rad), 0.4), 0.4, law.tick_ms)
-        assert told.settling_ms < (5.0 if law in (DEADBEAT, FAST) else 25.0)
+        found = measure(law.respond(Plate(quality, loop_phase_rad=phase_rad), 0.4), 0.4, law.tick_ms)
+        assert found.settling_ms < (5.0 if law in (DEADBEAT, FAST) else 25.0)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("phase_rad", [-2.5, 0.8, math.pi])
 def test_a_calibrated_loop_phase_costs_nothing(law: Law, phase_rad: float) -> None:
-    told = law.respond(Plate(loop_phase_rad=phase_rad, calibrated_phase_rad=phase_rad), 2.0)
-    np.testing.assert_allclose(told, law.respond(Plate(), 2.0), rtol=0.0, atol=3e-5)
+    found = law.respond(Plate(loop_phase_rad=phase_rad, calibrated_phase_rad=phase_rad), 2.0)
+    np.testing.assert_allclose(found, law.respond(Plate(), 2.0), rtol=0.0, atol=3e-5)
 
 
 @settings(max_examples=60)
@@ -245,7 +245,7 @@ def test_the_loop_is_stable_on_every_plate_of_the_grid(
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
 def test_amplifiers_that_drive_both_modes_are_sorted_out(law: Law, share: float) -> None:
-    """Each amplifier also drives the other mode by `share` of its own, and nobody has told the board."""
+    """Each amplifier also drives the other mode by `share` of its own, and nobody has found the board."""
     for quality in (200.0, 1000.0):
         gain = gain_um_per_v_s(quality) * np.array([[1.0, share], [share, 1.0]])
         config = BoardConfig(

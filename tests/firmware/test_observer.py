@@ -38,8 +38,8 @@ class Exponential(ctypes.Structure):
 def exponential(z: complex) -> tuple[complex, complex, complex]:
     function = firmware.load(2).hd_exponential
     function.argtypes, function.restype = [Phasor], Exponential
-    told = function(Phasor(z.real, z.imag))
-    return tuple(complex(part.d, part.q) for part in (told.exp, told.phi1, told.phi2))
+    result = function(Phasor(z.real, z.imag))
+    return tuple(complex(part.d, part.q) for part in (result.exp, result.phi1, result.phi2))
 
 
 @settings(max_examples=300)
@@ -58,8 +58,8 @@ def test_the_exponential_and_its_differences_agree_with_mpmath(real: float, imag
         )
         if abs(z) < 1e-20:
             exact = (exact[0], mpmath.mpf(1), mpmath.mpf(1) / 2)
-    for told, wanted in zip(exponential(complex(real, imag)), exact, strict=True):
-        assert abs(told - complex(wanted)) <= 1e-6 * abs(complex(wanted)) + 1e-7
+    for result, wanted in zip(exponential(complex(real, imag)), exact, strict=True):
+        assert abs(result - complex(wanted)) <= 1e-6 * abs(complex(wanted)) + 1e-7
 
 
 def test_a_decay_far_beyond_a_tick_is_nothing_and_no_longer_a_number_is_still_no_danger() -> None:

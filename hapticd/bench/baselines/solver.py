@@ -32,7 +32,9 @@ def solve(
     previous_um: npt.ArrayLike | None = None,
 ) -> Solution:
     """As `core.solver.solve`, under one of the `POLICIES`. Raises ValueError for an unknown one, too."""
-    default = public.solve(phi, target_um, limit_um, previous_um=previous_um)
+    default = public.solve(phi, target_um, limit_um, previous_um=previous_um)  # which checks the input
+    if policy == "keep_zero":
+        return default
     shapes = np.asarray(phi, np.float64).reshape(-1, len(default.modal_um))
     targets: Row = tuple(np.asarray(target_um, np.float64).tolist())
     limits: Row = tuple(np.broadcast_to(np.asarray(limit_um, np.float64), len(default.modal_um)).tolist())

@@ -241,8 +241,8 @@ def _amplifiers(settings: PlateSettings, driven_hz: FloatArray) -> tuple[FloatAr
     own = settings.w_limit_um * stiffness_1_s / settings.v_limit_v
     if settings.plate == REFERENCE and settings.driven_modes <= _SIZED_EACH:
         return own, (settings.w_limit_um,) * len(own)
-    at_resonance = settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
-    alike = np.full(len(own), own[0] if settings.plate == REFERENCE else at_resonance)
+    resonant_um_per_v_s = settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
+    alike = np.full(len(own), own[0] if settings.plate == REFERENCE else resonant_um_per_v_s)
     return alike, tuple((alike * settings.v_limit_v / stiffness_1_s).tolist())
 
 

@@ -55,7 +55,7 @@ def test_nobody_wants_anything_in_an_empty_scene(scene: Scene) -> None:
 def test_a_finger_gets_what_its_client_asked_for(scene: Scene) -> None:
     assert scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS) == ()
     assert scene.amplitude_um(1, 3.0, 4.0) == 1.0
-    assert scene.amplitude_um(2, 3.0, 4.0) == 0.0  # not None: to be held still is a wish
+    assert scene.amplitude_um(2, 3.0, 4.0) == 0.0  # not None: to be held still is a target too
     assert scene.target_of(2) is STILL
     assert scene.owner_of(2) == "a"
 

@@ -1,4 +1,4 @@
-"""A Cortex-M4 with the board's memories: calls functions of an image, and stops where it is told."""
+"""A Cortex-M4 with the board's memories: calls functions of an image, and stops at a given address."""
 
 from __future__ import annotations
 
