@@ -4,11 +4,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check
+LOCKED := $(PIP) --no-deps --require-hashes --requirement
 HAPTICD := $(VENV)/.hapticd
 TESTS := $(VENV)/.tests
 LINT := $(VENV)/.lint
 
-.PHONY: demo test test-all coverage fuzz lint bench firmware clean
+.PHONY: demo test test-all coverage fuzz lint bench firmware lock clean
 
 demo: $(HAPTICD)
 	$(BIN)/hapticd demo --force
@@ -55,29 +56,31 @@ firmware:
 	$(MAKE) -C firmware
 
 # What installation compiles: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py \
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*.c \
     hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/*.py)
-LISTED := import functools as f, sys, tomllib as t; print(*f.reduce(dict.get, sys.argv[1:], t.load(open("pyproject.toml", "rb"))), sep="\n")
-# $(call install,path of a list): the packages that a list of pyproject.toml names.
-install = $(BIN)/python -c '$(LISTED)' $(1) > $(VENV)/$(lastword $(1)).txt && $(PIP) --requirement $(VENV)/$(lastword $(1)).txt
 
 # Without pip's isolated build, which would download and unpack mypy and numpy a second time; and beside it, on the core
-# that mypyc leaves idle, what the demo imports.
-$(HAPTICD): pyproject.toml clients/python/pyproject.toml $(COMPILED)
+# that mypyc leaves idle, what the demo and the viewer import.
+$(HAPTICD): pyproject.toml .lock/build.txt .lock/demo.txt $(COMPILED)
+	@$(PYTHON) hapticd/compiled/prerequisites.py
 	@echo "Everything goes into $(VENV). Compiling the touch path takes about half a minute."
 	$(PYTHON) -m venv $(VENV)
-	$(call install,build-system requires)
-	{ $(call install,project dependencies) && $(call install,project optional-dependencies plot); } & imports=$$!; \
-	$(PIP) --no-build-isolation --no-deps --editable . --editable clients/python && wait $$imports
+	$(LOCKED) .lock/build.txt
+	$(LOCKED) .lock/demo.txt & imports=$$!; $(PIP) --no-build-isolation --no-deps --editable . && wait $$imports
 	touch $@
 
-$(TESTS): $(HAPTICD)
-	$(call install,project optional-dependencies test)
+$(TESTS): $(HAPTICD) .lock/test.txt
+	$(LOCKED) .lock/test.txt
 	touch $@
 
-$(LINT): $(TESTS)
-	$(call install,project optional-dependencies lint)
+$(LINT): $(TESTS) .lock/lint.txt
+	$(LOCKED) .lock/lint.txt
 	touch $@
+
+# The newest versions that pyproject.toml allows, for each Python and platform.
+lock: $(HAPTICD)
+	$(PIP) uv
+	$(BIN)/python .lock/lock.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info hapticd/core/*.so hapticd/core/*/*.so hapticd/wire/*.so hapticd/sim/board/*.so

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import shlex
+import sys
 from enum import IntEnum
+from pathlib import Path
+
+CHECKOUT = Path(__file__).parents[1]
 
 
 class ExitCode(IntEnum):
@@ -82,14 +88,34 @@ class SimulationError(HapticdError, ValueError):
 
 def missing_library(need: str, extra: str) -> HapticdError:
     """Return the error for a `need` such as "A picture needs matplotlib", met by an extra of pyproject.toml."""
-    return HapticdError(f'{need}: run `pip install ".[{extra}]"` in the checkout of hapticd.')
+    libraries = requirements(extra)
+    return HapticdError(f"{need}: run `{pip_install(*libraries)}`." if libraries else f"{need}.")
 
 
-def missing_client(need: str) -> HapticdError:
-    """Return the error for what needs the client library."""
-    return HapticdError(
-        f"{need} needs the client library: run `pip install clients/python` in the checkout of hapticd."
-    )
+def requirements(extra: str = "") -> list[str]:
+    """Return what an extra adds to the installation, or what every one has; empty for a copy without metadata.
+
+    The libraries and not `hapticd[extra]`, for which pip would look on an index, and replace a checkout.
+    """
+    from importlib.metadata import PackageNotFoundError, requires  # not at the start of every command
+
+    try:
+        split = [requirement.partition(";") for requirement in requires("hapticd") or ()]
+    except PackageNotFoundError:
+        return []
+    named = f"extra=={extra}" if extra else ""
+    return [library.strip() for library, _, marker in split if re.sub(r"[\s\"']", "", marker) == named]
+
+
+def pip_install(*arguments: str) -> str:
+    """Return the command that installs into the Python that runs: a bare `pip` may be that of another one."""
+    return shlex.join((sys.executable, "-m", "pip", "install", *arguments))
+
+
+def rebuild() -> str:
+    """Return the command that compiles hapticd again: a checkout in place, else from one."""
+    is_checkout = (CHECKOUT / "pyproject.toml").exists()
+    return pip_install("--no-deps", *(["--editable", str(CHECKOUT)] if is_checkout else ["CHECKOUT_OF_HAPTICD"]))
 
 
 def reason(error: Exception) -> str:

@@ -1,34 +1,66 @@
-"""Files from outside, read as regular files only and up to a bound: a pipe would block, a device never end."""
+"""Files from outside, all read here: regular files only, and up to a bound. A pipe would block, a device never end."""
 
 from __future__ import annotations
 
 import errno
+import io
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 PIECE_BYTES = 1 << 16
+MAX_LINE_CHARACTERS = 1 << 14
 
 
-def open_regular(path: Path) -> BinaryIO:
-    """Open a file for reading. Raises OSError, also for what is not a regular file."""
-    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+def open_regular(path: Path, *, to_append: bool = False) -> BinaryIO:
+    """Open a file for reading, and `to_append` to it, which creates it. Raises OSError, also for what is not a regular
+    file."""
+    access = os.O_RDWR | os.O_APPEND | os.O_CREAT if to_append else os.O_RDONLY
+    fd = os.open(path, access | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
     mode = os.fstat(fd).st_mode
     if not stat.S_ISREG(mode):
         os.close(fd)
         if stat.S_ISDIR(mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "Not a regular file", str(path))
-    return os.fdopen(fd, "rb")
+    return os.fdopen(fd, "a+b" if to_append else "rb")
 
 
 def read_bounded(path: Path, max_bytes: int) -> bytes:
     """Return a file's bytes. Raises OSError, also for more than `max_bytes`."""
-    data = bytearray()
     with open_regular(path) as file:
-        while piece := file.read(PIECE_BYTES):  # a read of `max_bytes` would take that much memory at once
-            data += piece
-            if len(data) > max_bytes:
-                raise OSError(errno.EFBIG, f"More than {max_bytes} bytes", str(path))
+        return read_rest(file, path, max_bytes)
+
+
+def read_rest(file: BinaryIO, path: Path, max_bytes: int) -> bytes:
+    """Return what follows in an open file. Raises OSError, also for more than `max_bytes`."""
+    data = bytearray()
+    while piece := file.read(PIECE_BYTES):  # a read of `max_bytes` would take that much memory at once
+        data += piece
+        if len(data) > max_bytes:
+            raise OSError(errno.EFBIG, f"More than {max_bytes} bytes", str(path))
     return bytes(data)
+
+
+def read_lines(path: Path, max_lines: int) -> Iterator[tuple[int, str]]:
+    """Yield number, from 1, and text of each line of a UTF-8 file, as it is read: so it takes memory for one.
+
+    Raises OSError, also for more lines or a longer one than allowed, UnicodeDecodeError.
+    """
+    with open_regular(path) as file:
+        yield from lines_of(file, path, max_lines)
+
+
+def lines_of(file: BinaryIO, path: Path, max_lines: int) -> Iterator[tuple[int, str]]:
+    """The same of an open file, which it closes."""
+    with io.TextIOWrapper(file, encoding="utf-8-sig") as text:
+        number = 0
+        while line := text.readline(MAX_LINE_CHARACTERS + 1):
+            number += 1
+            if number > max_lines:
+                raise OSError(errno.EFBIG, f"More than {max_lines} lines", str(path))
+            if len(line) > MAX_LINE_CHARACTERS:
+                raise OSError(errno.EFBIG, f"Line {number} has more than {MAX_LINE_CHARACTERS} characters", str(path))
+            yield number, line.removesuffix("\n")

@@ -264,7 +264,7 @@ def test_a_demo_without_matplotlib_says_so_at_its_start_and_goes_on(
     monkeypatch.setattr(demo, "_play", lambda _options, _program, out: played.append(out))
     code, output, _ = outcome(capsys, "demo")
     assert (code, played) == (0, [None])
-    assert output.startswith("without a picture: A picture needs matplotlib: run `pip install ")
+    assert output.startswith(f"without a picture: A picture needs matplotlib: run `{sys.executable} -m pip install ")
     assert outcome(capsys, "demo", "--out", "no-picture-yet.png")[0] == 1  # it was asked for
     assert len(played) == 1
 

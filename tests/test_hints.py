@@ -1,22 +1,26 @@
-"""Hints to install something are commands that work in a checkout: nothing of hapticd is on a package index."""
+"""Hints to install something: commands for the Python that runs, which leave hapticd itself as it is."""
 
 from __future__ import annotations
 
 import re
 import shlex
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
 
-from hapticd.errors import missing_client, missing_library
+import hapticd_client.errors
+from hapticd import errors
 
 ROOT = Path(__file__).parents[1]
-PLACES = {".": ROOT, "clients/python": ROOT / "clients" / "python"}
-ON_AN_INDEX = {"hidapi"}
-CALL = re.compile(r'pip install((?: (?:\\?"[^"\\]+\\?"|[-\w./]+))+)')
+CALL = re.compile(r"pip install((?: (?:\"[^\"]+\"|[-\w./]+))*)")
+IN_A_CHECKOUT = {".", '".[all]"', "-e .", "-e . --no-deps --no-build-isolation"}  # of which pip makes what is there
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+OF_CLIENT = tomllib.loads((ROOT / "clients/python/pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 def texts() -> Iterator[tuple[str, str]]:
@@ -26,40 +30,73 @@ def texts() -> Iterator[tuple[str, str]]:
                 yield str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
 
 
-def hints() -> list[tuple[str, str]]:
-    """Each printed `pip install`, with the file that prints it; those made by `missing_library` are below."""
+def test_a_text_that_is_always_the_same_installs_nothing_but_the_checkout_where_it_is_typed() -> None:
     found = [(name, call.strip()) for name, text in texts() for call in CALL.findall(text)]
-    return [(name, call) for name, call in found if "{extra}" not in call]
+    assert {call for _, call in found} - {""} <= IN_A_CHECKOUT
+    programs = {name for name, _ in found if not name.endswith(".md")}
+    assert programs == {"hapticd/compiled/prerequisites.py"}  # before there is an installation
 
 
-def project(place: str) -> dict[str, Any]:
-    return dict(tomllib.loads((PLACES[place] / "pyproject.toml").read_text(encoding="utf-8"))["project"])
+def command_in(error: Exception) -> list[str]:
+    (command,) = re.findall(r": run `(.*)`\.$", str(error))
+    return shlex.split(command)
 
 
-def check_hint(call: str) -> None:
-    requirements = [word for word in shlex.split(call.replace("\\", "")) if not word.startswith("-")]
-    assert requirements
-    for requirement in requirements:
-        place, _, extras = requirement.rstrip("]").partition("[")
-        assert place in PLACES or place in ON_AN_INDEX, requirement
-        for extra in extras.split(",") if extras else ():
-            assert extra in project(place)["optional-dependencies"], requirement
+def used(top: str) -> set[str]:
+    """The extras that errors below a folder name."""
+    pattern = r'missing_library\(\s*f?"[^"]*", "(\w+)"\)'
+    return {extra for name, text in texts() if name.startswith(top) for extra in re.findall(pattern, text)}
 
 
-def test_there_are_hints_to_look_at() -> None:
-    assert len(hints()) >= 10
+@pytest.mark.parametrize("extra", sorted(used("hapticd/")))
+def test_a_missing_library_is_installed_by_its_name_into_this_python(extra: str) -> None:
+    command = command_in(errors.missing_library("It needs it", extra))
+    assert command[:4] == [sys.executable, "-m", "pip", "install"]
+    assert [Requirement(one) for one in command[4:]] == [Requirement(one) for one in EXTRAS[extra]]
+    assert "hapticd" not in " ".join(command[4:])
 
 
-@pytest.mark.parametrize(("where", "call"), hints())
-def test_a_printed_hint_installs_what_exists(where: str, call: str) -> None:
-    assert where
-    check_hint(call)
+def test_the_printed_command_is_one_that_pip_takes_and_that_leaves_hapticd_alone() -> None:
+    libraries = [library for extra in used("hapticd/") for library in errors.requirements(extra)]
+    command = shlex.split(errors.pip_install("--dry-run", "--no-index", *libraries))
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Would install" not in done.stdout  # the tests have them all
 
 
-def test_every_error_about_a_missing_library_names_an_extra() -> None:
-    calls = [call for _, text in texts() for call in re.findall(r'missing_library\(\s*f?"[^"]*", "(\w+)"\)', text)]
-    assert len(calls) >= 8
-    for extra in calls:
-        (command,) = re.findall(r"`pip install (.*)`", str(missing_library("It needs it", extra)))
-        check_hint(command)
-    assert "`pip install clients/python`" in str(missing_client("The demo"))
+def test_what_every_installation_has_is_known_too() -> None:
+    assert "hidapi" in {Requirement(one).name for one in errors.requirements()}
+
+
+@pytest.mark.parametrize("extra", sorted(used("clients/")))
+def test_the_client_alone_names_what_its_own_extra_adds(
+    extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    metadata = tmp_path / "hapticd_client-0.1.0.dist-info" / "METADATA"
+    metadata.parent.mkdir()
+    needs = [f'Requires-Dist: {one}; extra == "{name}"' for name, group in extras_of_client() for one in group]
+    needs += [f"Requires-Dist: {one}" for one in OF_CLIENT["dependencies"]]
+    metadata.write_text("\n".join(["Metadata-Version: 2.1", "Name: hapticd-client", "Version: 0.1.0", *needs, ""]))
+    monkeypatch.syspath_prepend(tmp_path)
+    command = command_in(hapticd_client.errors.missing_library("It needs it", extra))
+    assert command == [sys.executable, "-m", "pip", "install", *dict(extras_of_client())[extra]]
+
+
+def extras_of_client() -> list[tuple[str, list[str]]]:
+    return list(OF_CLIENT["optional-dependencies"].items())
+
+
+@pytest.mark.parametrize("module", [errors, hapticd_client.errors])
+def test_a_copy_without_metadata_names_what_it_needs_without_a_command(
+    module: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    assert str(module.missing_library("It needs it", "image")) == "It needs it."  # type: ignore[attr-defined]
+
+
+def test_a_checkout_is_built_again_in_place_and_elsewhere_it_is_named_to_be_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert shlex.split(errors.rebuild())[-3:] == ["--no-deps", "--editable", str(ROOT)]
+    monkeypatch.setattr(errors, "CHECKOUT", tmp_path)
+    assert "--editable" not in errors.rebuild()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 import os
 from pathlib import Path
 
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.regular_file import open_regular, read_bounded
+from hapticd.regular_file import MAX_LINE_CHARACTERS, open_regular, read_bounded, read_lines
+from hapticd.tools.study.protocol import Design, StudyError
+from hapticd.tools.study.session import Session, SessionFile
+from hapticd_client import RefusedError, content
 
 READERS = [
     ("run", "--check", "--config"),
@@ -51,6 +55,16 @@ def test_a_configuration_that_names_one_is_refused(key: str, name: str, capsys: 
     assert capsys.readouterr().err.startswith(f"hapticd: hapticd.toml: {key}: there is no file ")
 
 
+def test_lines_are_read_up_to_their_bounds() -> None:
+    Path("lines").write_bytes("\ufeffa\r\nb\n\nc".encode())
+    assert list(read_lines(Path("lines"), 4)) == [(1, "a"), (2, "b"), (3, ""), (4, "c")]
+    with pytest.raises(OSError, match="More than 3 lines"):
+        list(read_lines(Path("lines"), 3))
+    Path("lines").write_bytes(b"x" * (MAX_LINE_CHARACTERS + 1))
+    with pytest.raises(OSError, match="Line 1 has more than"):
+        list(read_lines(Path("lines"), 3))
+
+
 def test_a_file_is_read_up_to_its_bound() -> None:
     Path("file").write_bytes(b"12345")
     assert read_bounded(Path("file"), 5) == b"12345"
@@ -58,3 +72,88 @@ def test_a_file_is_read_up_to_its_bound() -> None:
         read_bounded(Path("file"), 4)
     with pytest.raises(IsADirectoryError):
         open_regular(Path("folder.csv"))
+
+
+@pytest.mark.parametrize("suffix", content.SUFFIXES)
+@pytest.mark.parametrize("name", ["pipe", "folder", "zero"])
+def test_content_that_is_not_a_regular_file_is_refused_at_once(name: str, suffix: str) -> None:
+    path = Path(name + suffix)
+    if not path.exists():
+        path.symlink_to(f"{name}.csv")
+    with pytest.raises(RefusedError, match="cannot be read \\(Not a regular file\\)") as refused:
+        content.load(path)
+    assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["pipe.csv", "zero.csv"])
+def test_a_session_that_is_not_a_regular_file_is_refused_at_once(name: str) -> None:
+    with pytest.raises(StudyError, match="Not a regular file"):
+        SessionFile(Path(name), Session("P1", 1, Design()))
+
+
+# --- one place ------------------------------------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = (ROOT / "hapticd", ROOT / "clients" / "python" / "hapticd_client")
+OPENERS = {
+    *(
+        "open",
+        "io.open",
+        "os.open",
+        "Image.open",
+        "wave.open",
+        "tarfile.open",
+        "np.load",
+        "np.loadtxt",
+        "np.genfromtxt",
+    ),
+    *("np.fromfile", "np.memmap", "h5py.File", "zipfile.ZipFile", "zmq.auth.load_certificate", "tomllib.load"),
+}
+READING_METHODS = {"read_text", "read_bytes"}
+READ_ELSEWHERE = {
+    "regular_file.py": "the one place",
+    "bench/prediction_prior.py": "its own package's source",
+    "bench/soak.py": "the kernel's figures",
+    "compiled/build_ext.py": "the checkout's pyproject.toml",
+    "files/npz.py": "an archive in memory",
+    "files/plotting.py": "a picture in memory",
+    "files/outputs.py": "writes",
+    "files/recording/mcap_writer.py": "writes",
+    "io/devices/replay.py": "writes",
+    "io/clients/runtime_dir.py": "its own lock",
+    "io/host/cpu_latency.py": "the kernel's device",
+    "io/host/journal.py": "its own standard error",
+    "sim/rig/process.py": "the history that its own process wrote",
+    "tools/doctor/bundle.py": "its own recording, and the archive that it writes",
+    "tools/doctor/finding.py": "the kernel's files",
+    "tools/doctor/service.py": "the daemon's lock",
+    "tools/record/export.py": "writes",
+    "tools/firmware/program.py": "/dev/null",
+    "tools/firmware/text.py": "/dev/null",
+    "tools/install_service.py": "its own package's files",
+    "tools/study/browser.py": "its own package's page",
+    "tools/view/server.py": "its own package's page",
+    "__main__.py": "/dev/null",
+    "image.py": "a picture in memory, of two formats",
+    "content/sound.py": "the head of a sound in memory",
+}
+
+
+def opens(path: Path) -> bool:
+    """Whether a module opens files by itself."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call):
+            name = ast.unparse(node.func)
+            is_path = isinstance(node.func, ast.Attribute) and node.func.attr == "open" and bool(node.args)
+            is_mode = is_path and isinstance(node.args[0], ast.Constant) and isinstance(node.args[0].value, str)
+            if name in OPENERS or is_mode or name.rpartition(".")[2] in READING_METHODS:
+                return True
+    return False
+
+
+def test_files_are_opened_for_reading_in_one_place_of_each_package() -> None:
+    found = {
+        path.relative_to(package).as_posix() for package in PACKAGES for path in package.rglob("*.py") if opens(path)
+    }
+    assert found - READ_ELSEWHERE.keys() == set()
+    assert READ_ELSEWHERE.keys() - found == set()

@@ -16,8 +16,9 @@ from operator import sub
 import numpy as np
 import numpy.typing as npt
 
+from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.plate.contact import Gram, contact_grams, disc_points
-from ..core.solver.contacts import FULL_FRICTION, STILL_IMPORTANCE, UNCERTAIN_FRAC, felt_error, solve_contacts
+from ..core.solver.contacts import BUILT_IN, STILL_IMPORTANCE, UNCERTAIN_FRAC, solve_contacts
 from ..design.contact_pairs import contact_rms_um, grams, settle
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ..sim.plate.glasses import FINGERTIP, LEAST_PARASITIC
@@ -32,7 +33,13 @@ SIZES = ((2, 4), (2, 5), (2, 6), (3, 6), (5, 6))  # fingers and modes
 REACH_MM, LEAST_GAP_MM = 85.0, 20.0
 STARTS = 5  # of the general minimiser
 SETTLING = 6  # calls until the amplitudes before are settled
-IMPORTANCES = (FULL_FRICTION, 1.0, 1.5, STILL_IMPORTANCE, 3.0)  # of a still contact; the first is Weber's law
+IMPORTANCES = (
+    DEFAULT_FRICTION_CURVE.friction(1.0),
+    1.0,
+    1.5,
+    STILL_IMPORTANCE,
+    3.0,
+)  # of a still contact; the first is Weber's law
 WALKING_MODES = range(2, 9)
 WALKING_LIMIT_UM = 4.0
 
@@ -42,7 +49,7 @@ class _Problem:
 
     def __init__(self, plate: GroundTruth, fingers: int, random: np.random.Generator) -> None:
         modes = plate.true_mode_map()
-        points_mm = _apart(fingers, random)
+        points_mm = apart(fingers, random)
         self.limits_um = plate.w_limit_um
         self.targets_um = tuple(float(index % 2 == 0) for index in range(fingers))
         before = contact_grams(modes, points_mm + random.normal(scale=1.0, size=points_mm.shape), CONTACT_RADIUS_MM)
@@ -62,7 +69,7 @@ class _Problem:
         for gram, target_um in zip(np.array(self.grams), self.targets_um, strict=True):
             expected = gram + UNCERTAIN_FRAC**2 * np.diag(np.diag(gram))
             square = max(float((modal_um.conj() @ expected @ modal_um).real), 0.0)
-            total += felt_error(math.sqrt(square), target_um)
+            total += BUILT_IN.error(math.sqrt(square), target_um)
         return total
 
 
@@ -99,7 +106,7 @@ def _problems(fingers: int, modes: int, count: int) -> list[_Problem]:
     return [_Problem(plate, fingers, random) for _ in range(count)]
 
 
-def _apart(fingers: int, random: np.random.Generator) -> FloatArray:
+def apart(fingers: int, random: np.random.Generator) -> FloatArray:
     """Return points (N, 2) at random, LEAST_GAP_MM apart."""
     points: list[FloatArray] = []
     while len(points) < fingers:

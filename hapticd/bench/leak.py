@@ -48,12 +48,14 @@ BOTH_SLIP, THREE = "both-slip", "three"
 WRONG_RADII_MM = (4.0, 6.0)
 SIGNS_ALONE = "signs alone"
 CALIBRATED = "calibrated"
+BY_CONTRAST = "by contrast"
 CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5))  # and their numbers of modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
 PERCEIVED = ("still_friction_change", "slip_friction_change", "weber_frac")
 FIGURES = ("leak_um", "slip_error_um", "slip_frac", "limited_frac", *PERCEIVED)
-CONTACTS = ("contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED)
+CONTACTS = ("felt_frac", "contact_leak_um", "contact_slip_um", "contrast", "contrast_median", *PERCEIVED)
 PERCEIVED_NOTES = (
+    "felt: share of time in which both fingers' friction is within the Weber fraction of what was asked",
     "friction_change: mean relative change of friction over the contact against the target's, still or slipping",
     f"weber: share of time in which it is beyond {WEBER_FRAC}, the least change that is felt",
 )
@@ -140,6 +142,14 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     plates = {
         f"{name} plate, {modes} modes": Settings(plate=PlateSettings.of(name, modes)) for name, modes in CONTACT_PLATES
     }
+    by_contrast = {
+        f"{name}, {BY_CONTRAST}": replace(
+            settings, config=changed(settings.config, {"solver": {"objective": "contrast"}})
+        )
+        for name, settings in plates.items()
+        if name.startswith(FINGERTIP)
+    }
+    plates |= by_contrast
     calibrated = {
         f"{name}, {CALIBRATED}": Alternative(settings, measured=swept)
         for name, settings in plates.items()
@@ -162,6 +172,7 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
         rows,
         CONTACTS,
         *PERCEIVED_NOTES,
+        f"{BY_CONTRAST}: `solver.objective`, of the solver and of perfect knowledge",
         f"{CALIBRATED}: by `hapticd calibrate resonance`; the others' sensors see 1 % of each other's modes, unknown",
     )
 

@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..core.solver import solve
 from ..core.solver.points.arithmetic import Rows
-from ..core.solver.public import solve, solve_fast, solve_phased_fast
+from ..core.solver.points.general import solve_fast
+from ..core.solver.points.phase import solve_phased_fast
 from ..core.trajectory.gate import gate
 from ..sim.plate.ground_truth import GroundTruth
 from ..values import Drive, Knot

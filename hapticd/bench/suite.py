@@ -18,7 +18,9 @@ from ..files.outputs import write_text
 from ..tools.touches import Trace, recorded
 from . import (
     contacts,
+    dearest,
     endurance,
+    felt,
     firmware,
     firmware_faults,
     landing,
@@ -57,9 +59,10 @@ Part = Callable[[Extent], tuple[Table, ...]]
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
-    "solver": lambda _: (solver.run(), solver.sizes(), contacts.run()),
+    "solver": lambda _: (solver.run(), solver.sizes(), solver.many(), contacts.run(), felt.run()),
     "stability": lambda extent: (*stability.run(steps=extent.steps), contacts.walk(extent.steps)),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
+    "dearest": lambda _: (dearest.run(),),
     "landing": lambda _: (landing.run(),),
     "leak": lambda _: (
         leak.run(),

@@ -20,6 +20,7 @@ UNITS = {
     "_ms": "ms",
     "_mm": "mm",
     "_um": "um",
+    "_jnd": "JND",
     "_hz": "Hz",
     "_v": "V",
     "_h": "h",

@@ -18,16 +18,20 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UsageError, reason
+from ..files.npz import arrays_of
+from ..regular_file import read_bounded
 from ..tools.touches import Trace
+
+MAX_BYTES = 1 << 26  # of the file, and of an array in it: four million samples
 
 
 def load(path: Path) -> list[Trace]:
     """Read the traces, those of one device together. Raises UsageError."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            t_s, xy_mm = file["t_s"].astype(np.float64), file["xy_mm"].astype(np.float64)
-            number, devices = file["trace"].astype(np.int64), [str(name) for name in file["device"]]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        file = arrays_of(read_bounded(path, MAX_BYTES), [("t_s", "xy_mm", "trace", "device")], MAX_BYTES)
+        t_s, xy_mm = file["t_s"].astype(np.float64), file["xy_mm"].astype(np.float64)
+        number, devices = file["trace"].astype(np.int64), [str(name) for name in file["device"]]
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise UsageError(f"--traces {path}: cannot be read ({reason(error)}): see hapticd/bench/README.md.") from None
     if not (t_s.shape == number.shape and xy_mm.shape == (len(t_s), 2) and len(t_s) > 0):
         raise UsageError(f"--traces {path}: t_s, trace and xy_mm must have one entry a sample, xy_mm two columns.")

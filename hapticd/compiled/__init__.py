@@ -14,6 +14,8 @@ from importlib.machinery import EXTENSION_SUFFIXES, ModuleSpec
 from importlib.util import spec_from_file_location
 from pathlib import Path
 
+from ..errors import rebuild
+
 PACKAGE = Path(__file__).parents[1]
 FOLDERS = ("core", "wire")
 PROJECT = PACKAGE.parent / "pyproject.toml"  # only a checkout has it
@@ -45,7 +47,7 @@ def why_interpreted() -> str:
     if not built:
         return "it was built without mypyc"
     if PROJECT.exists() and _is_stale(built):
-        return "a source was edited after the build: `make` or `pip install -e .` compiles it again"
+        return f"a source was edited after the build: `{rebuild()}` compiles it again"
     return ""
 
 

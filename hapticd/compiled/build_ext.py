@@ -1,12 +1,14 @@
 """Builds the C of the simulated board and, with mypyc, the touch path; used by setuptools alone.
 
 `pyproject.toml` lists what: the board's sources as an extension module, the touch path under [tool.hapticd.compiled].
-HAPTICD_PURE=1 leaves the touch path as Python; so does a build without mypy. See hapticd/core/README.md.
+HAPTICD_PURE=1 leaves the touch path as Python; so does a build without mypy. Without a C compiler a build fails at
+once, and with HAPTICD_PURE=1 it leaves the board out. See hapticd/core/README.md.
 """
 
 from __future__ import annotations
 
 import os
+import runpy
 import tomllib
 from glob import glob
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -15,7 +17,9 @@ from threading import Lock
 
 from setuptools import Extension
 from setuptools.command import build_ext
+from setuptools.errors import PlatformError
 
+PREREQUISITES = runpy.run_path(str(Path(__file__).with_name("prerequisites.py")))  # setuptools loads no package for us
 GROUP = "hapticd.core.compiled"
 # The same bits as the interpreter's; and calls within the group go straight, not by a table that another library could
 # change: half as many indirect calls, which a pass on a cold cache notices.
@@ -38,12 +42,26 @@ class BuildExt(build_ext.build_ext):
             board.sources = [path for pattern in board.sources for path in sorted(glob(pattern))]
             board.depends = sorted(glob("firmware/core/*.h") + glob("firmware/boards/host/*.h"))
             is_build = not LISTING.issuperset(self.distribution.commands)
+            if is_build and not self._can_compile():
+                extensions.clear()
+                break
             extensions += [
                 *(compiled_modules() if is_build else []),
                 *(for_modes(board, modes) for modes in MORE_MODES),
             ]
+        if is_pure():
+            extensions[:] = [extension for extension in extensions if not extension.name.startswith("hapticd.core.")]
         super().finalize_options()
         self.parallel = os.cpu_count()
+
+    def _can_compile(self) -> bool:
+        """Return whether C can be built; without it raise PlatformError, unless HAPTICD_PURE=1 is content."""
+        problem = PREREQUISITES["missing_for_c"](needs_python_h=not is_pure())
+        if problem and not is_pure():
+            raise PlatformError(PREREQUISITES["not_built"](problem))
+        if problem:
+            self.warn(f"the simulated plate is left out: {problem}.")
+        return not problem
 
     def run(self) -> None:
         """Build; in a checkout, remove what an earlier build made of modules that are Python now: it fits no other."""
@@ -87,9 +105,14 @@ def touch_path(checkout: Path) -> list[Path]:
     return sorted(matching - {checkout / path for path in rule["interpreted"]})
 
 
+def is_pure() -> bool:
+    """Return whether the touch path is to stay Python."""
+    return os.environ.get("HAPTICD_PURE", "0") != "0"
+
+
 def compiled_modules() -> list[Extension]:
     """Return the extensions that replace Python modules; none where the build is to stay pure."""
-    if os.environ.get("HAPTICD_PURE", "0") != "0":
+    if is_pure():
         return []
     try:
         from mypyc.build import mypycify

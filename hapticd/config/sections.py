@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from .keys import key
 
 SIMULATED = "sim"
+FELT = "felt"
+CONTRAST = "contrast"
+OBJECTIVES = (FELT, CONTRAST)
 
 # Repeated from the simulation, which is not loaded when a configuration is checked; tests compare them.
 PLATE_NAMES = ("reference", "fingertip")
@@ -182,6 +185,9 @@ class SolverConfig:
         "radius of a fingertip's contact, over which amplitudes count, on plates of four modes or more; 0: a point",
         low=0,
         high=15,
+    )
+    objective: str = key(
+        FELT, "what counts of contacts: that friction is felt as asked, or their contrast", choices=OBJECTIVES
     )
     tolerance_um: float = key(
         0.02,

@@ -6,11 +6,14 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from ..values import Finger
+from .targets.costs import MAX_EDGES
 from .targets.effects import Held
 from .targets.layer import Layer
-from .targets.surfaces import MAX_EDGES, Surfaces, crossing_ns, meeting
+from .targets.surfaces import Surfaces, crossing_ns, meeting
 from .touch.fingers import Fingers
 from .trajectory.knots import GRAIN_NS
+
+MAX_FOLLOWED: Final = 32  # crossings in one pass, of all fingers; of further layers only what has changed at its end
 
 
 class Touched:
@@ -23,9 +26,9 @@ class Touched:
         self.finger = finger
         self.t_ns = t_ns  # of its newest sample, on the host's axis and on the pad's
         self.t_device_ns = t_device_ns
-        self.on: list[Layer] = []
-        self.hard: list[Held] = []
-        self.pressed: list[Held] = []
+        self.on: dict[Layer, None] = {}  # in the order in which it came to them, as are the others
+        self.hard: dict[Held, None] = {}
+        self.pressed: dict[Held, None] = {}
         self.t_checked_ns = 0
         self.is_seen = False
 
@@ -51,9 +54,12 @@ class Crossings:
         self._layers: list[Layer] = []
         self._known: set[Layer] = set()  # layers at the last pass
         self._new: set[Layer] = set()
+        self._named: dict[tuple[str, str], Layer] = {}
+        self._left = MAX_FOLLOWED
 
     def begin(self) -> bool:
         """Begin a pass; False where there are no layers and were none."""
+        self._left = MAX_FOLLOWED
         layers = self._surfaces.layers
         if not layers and not self._layers:
             return False
@@ -61,6 +67,7 @@ class Crossings:
             self._layers = layers
             self._new = set(layers) - self._known
             self._known = set(layers)
+            self._named = {(layer.owner, layer.name): layer for layer in layers}
         elif self._new:
             self._new = set()
         return True
@@ -81,6 +88,8 @@ class Crossings:
         crossed: list[Change] = []
         for layer in self._layers:
             was_on = layer in touched.on
+            if layer.is_whole and was_on:
+                continue
             if not was_on and layer.is_far(place_mm[0], place_mm[1], t_from_ns, way_mm + layer.speed_mm_s * span_s):
                 continue
             if not touched.is_seen or layer in self._new:
@@ -88,7 +97,8 @@ class Crossings:
                 if is_on != was_on:
                     found.append(Change(t_change_ns, layer, is_on, False))
                     was_on = is_on
-            crossed += self._crossed(finger_id, layer, was_on, place_mm, to_place_mm, t_from_ns, t_to_ns)
+            if not layer.is_whole:
+                crossed += self._crossed(finger_id, layer, was_on, place_mm, to_place_mm, t_from_ns, t_to_ns)
         touched.t_checked_ns = t_to_ns
         crossed.sort(key=_instant_ns)
         return found + crossed
@@ -103,8 +113,11 @@ class Crossings:
         t_from_ns: int,
         t_to_ns: int,
     ) -> list[Change]:
-        start_mm = layer.local_mm(place_mm[0], place_mm[1], t_from_ns)
         end_mm = layer.local_mm(to_place_mm[0], to_place_mm[1], t_to_ns)
+        if self._left <= 0:  # where it will be is enough
+            is_off = layer.holds(end_mm[0], end_mm[1]) != is_on
+            return [Change(t_from_ns, layer, not is_on, True)] if is_off else []
+        start_mm = layer.local_mm(place_mm[0], place_mm[1], t_from_ns)
         span_ns = t_to_ns - t_from_ns
         turns_ns = layer.turns_ns(t_from_ns, span_ns, MAX_EDGES)
         predicted_mm = partial(self._fingers.predicted_mm, finger_id)
@@ -115,20 +128,22 @@ class Crossings:
             since_ns = since_ns + GRAIN_NS if since_ns >= 0 else int(at_ns)
             is_on = not is_on
             found.append(Change(t_from_ns + since_ns, layer, is_on, True))
+        self._left -= len(found)
         if layer.holds(end_mm[0], end_mm[1]) != is_on:  # it was predicted otherwise before
             found.append(Change(found[-1].t_ns if found else t_from_ns, layer, not is_on, True))
         return found
 
     def _take_changed_layers(self, touched: Touched, t_now_ns: int, found: list[Change]) -> None:
         """Replace layers that a message has changed, which have another object, and leave those that are gone."""
-        for index, layer in enumerate(touched.on):
-            if layer in self._known:
-                continue
-            same = [one for one in self._layers if one.name == layer.name and one.owner == layer.owner]
-            if same:
-                touched.on[index] = same[0]
-            else:
+        if self._known.issuperset(touched.on):
+            return
+        still_on: dict[Layer, None] = {}
+        for layer in touched.on:
+            same = self._named.get((layer.owner, layer.name))
+            if same is None:
                 found.append(Change(t_now_ns, layer, False, False))
+            still_on[layer if same is None else same] = None
+        touched.on = still_on
 
 
 def _instant_ns(change: Change) -> int:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
+from .budget import MOST_SLOWNESS, PassBudget
 from .phasors import Row
 from .plate.mode_shapes import ModeShapes
 from .plate.parasitic_modes import ParasiticModes
@@ -51,9 +52,10 @@ class PipelineSettings:
 
     `derating_mm2_um2` is how far amplitude is derated where a limit keeps a slippery finger from its target anyway (see
     `core.solver.derating`; 0 also removes the bound on the reference's slope). `phase_rotation`: two slipping fingers
-    change their signs by turning their phase (see `core.solver.instant`). `contact_radius_mm` above 0 makes still
-    fingers discs. `cover_ns` is how long one frame must last: one and a half report periods, to bridge a lost report; a
-    slower pad gets frames of one and a half of its own periods. While an effect plays, a frame may have `effect_knots`,
+    change their signs by turning their phase (see `core.solver.instant`). `contact_radius_mm` above 0 makes
+    fingers discs; `feels`: their friction is as asked, else their contrast is most. `cover_ns` is how long one frame
+    must last: one and a half report periods, to bridge a lost report; a slower pad gets frames of one and a half of its
+    own periods. While an effect plays, a frame may have `effect_knots`,
     and be shorter: 1.1 report periods.
     `loop_delay_ns` is by how much the plate follows its reference late.
     """
@@ -63,6 +65,7 @@ class PipelineSettings:
     derating_mm2_um2: float = 0.0
     phase_rotation: bool = True
     contact_radius_mm: float = 0.0
+    feels: bool = False
     tolerance_um: float = 0.02
     max_knots: int = 16
     effect_knots: int = 24
@@ -84,6 +87,8 @@ class PipelineCounters:
     gated: int = 0
     knots: int = 0
     skipped_knots: int = 0
+    left_out_knots: int = 0
+    left_out_fingers: int = 0
     skipped_no_finger: int = 0
     skipped_no_target: int = 0
     skipped_standing: int = 0
@@ -114,8 +119,12 @@ class Pipeline:
             phase_rotation=settings.phase_rotation,
             parasitic_modes=parasitic_modes,
             contact_radius_mm=settings.contact_radius_mm,
+            friction_curve=scene.friction_curve,
+            feels=settings.feels,
             solve=settings.solve,
         )
+        self._budget = PassBudget(scene, self._solver)
+        self.estimated_ns = 0.0  # for what the last pass did
         self._fingers = Fingers(
             settings.make_predictor, sensor_latency_ns=settings.sensor_latency_ns, silence_ns=settings.silence_ns
         )
@@ -181,6 +190,15 @@ class Pipeline:
         self._steepness_1_mm = modes.steepest_1_mm()
         self._ways = Ways(self._scene, self._fingers, self._steepness_1_mm, self._settings.tolerance_um)
 
+    @property
+    def slowness(self) -> float:
+        """How much longer passes are taken to last than estimated."""
+        return self._budget.slowness
+
+    def set_slowness(self, slowness: float) -> None:
+        """Take passes to last so many times longer than estimated for machine code: from 1 to MOST_SLOWNESS."""
+        self._budget.slowness = min(max(slowness, 1.0), MOST_SLOWNESS)
+
     def set_parasitic_modes(self, parasitic_modes: ParasiticModes) -> None:
         """Compensate these undriven modes from the next pass on."""
         self._solver.set_parasitic_modes(parasitic_modes)
@@ -215,6 +233,7 @@ class Pipeline:
         sent again, however still the fingers are.
         """
         self.counters.passes += 1
+        self.estimated_ns = 0.0
         if self._surfaces.layers:
             self._surfaces.expire(t_now_ns)
             self._fingers.hold_all()
@@ -229,13 +248,25 @@ class Pipeline:
         if self._effects.playing or self._effects.felt:
             t_end_ns = t_plate_ns + self._cover_ns
             self._effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
+        is_silent = not any(self._active.knots[-1].modal_um)
+        allotted = self._budget.allot(keys, len(self._fingers.down), is_silent=is_silent)
+        self.estimated_ns = allotted.fixed_ns
+        self.counters.left_out_fingers += len(keys) - len(allotted.keys)
+        keys = allotted.keys
         still = self._still(keys, t_apply_ns, t_plate_ns)
         if still is not None:
             self.counters.skipped_standing += 1
             standing, limited = self._active_points
             return self._tick(t_now_ns, t_plate_ns, None, tuple(map(moved, standing, still)), limited)
 
-        first, last, knots = self._polyline(keys, t_plate_ns, interpolated_um(self._active, t_apply_ns))
+        solved = self.counters.solves
+        first, last, knots = self._polyline(
+            keys, t_plate_ns, interpolated_um(self._active, t_apply_ns), allotted.solves
+        )
+        solves = self.counters.solves - solved
+        self.estimated_ns += solves * allotted.solve_ns
+        if solves >= allotted.solves:
+            self.counters.left_out_knots += max(self.max_knots - len(knots), 0)
         drive = gate(Drive(t_apply_ns, tuple(knots)), self._settings.w_limit_um)
 
         limited = first.limited or last.limited
@@ -268,15 +299,16 @@ class Pipeline:
     # --- the steps of a pass ---
 
     def _polyline(
-        self, keys: list[Key], t_plate_ns: int, previous_um: Row
+        self, keys: list[Key], t_plate_ns: int, previous_um: Row, solves: int
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
-        """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
+        """Return the solutions at the frame's beginning and end, and the knots from one to the other, by at most
+        so many solves."""
         tolerance_um = self._settings.tolerance_um
         first = self._solve_at(keys, t_plate_ns, previous_um, 0)
         begin = Knot(0, first.modal_um)
-        span_ns, most, corners_ns = self._cover_ns, self.max_knots, list[int]()
+        span_ns, most, corners_ns = self._cover_ns, min(self.max_knots, solves), list[int]()
         if self._effects.felt:
-            most = self._effect_knots
+            most = min(self._effect_knots, solves)
             span_ns, corners_ns = self._effects.frame(t_plate_ns, span_ns, most)
         if most == 1:
             return first, first, [begin]
@@ -294,7 +326,9 @@ class Pipeline:
         between_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
         for dt_ns in sorted({*between_ns, *edges_ns, *corners_ns}) if edges_ns or corners_ns else between_ns:
             knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
-        return first, last, knots if is_plain else refine(solve, knots, tolerance_um, most, smooth=smooth)
+        if is_plain:
+            return first, last, knots
+        return first, last, refine(solve, knots, tolerance_um, most, solves - len(knots), smooth=smooth)
 
     def _as_read(self, drive: SafeDrive) -> SafeDrive:
         """Return the drive in what the board's sensors read, within its limits there too."""
@@ -305,8 +339,14 @@ class Pipeline:
     def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
         """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
-        variances_mm2 = self._fingers.variances_mm2(keys, t_ns) if self._solver.has_contacts else None
-        return self._solver.solve(self._places(keys, t_ns), previous_um, since_ns, variances_mm2)
+        places = self._places(keys, t_ns)
+        if not self._solver.has_contacts:
+            return self._solver.solve(places, previous_um, since_ns)
+        stretches = None
+        if self._scene.depends_on_speed:
+            stretches = [self._scene.stretch(self._speed_mm_s(key, t_ns)) for key in keys]
+        variances_mm2 = self._fingers.variances_mm2(keys, t_ns)
+        return self._solver.solve(places, previous_um, since_ns, variances_mm2, stretches)
 
     def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
         """Return where the fingers will be at an instant, and the target amplitude of each there."""

@@ -28,7 +28,7 @@ class Triggers:
 
     def __init__(self, scene: Scene, fingers: Fingers, period_ns: int) -> None:
         """`period_ns`: from one frame to the next."""
-        self.events: Final = Events()
+        self.events: Final = Events(scene.user_of)
         self._effects: Final = scene.effects
         self._fingers: Final = fingers
         self._period_ns = period_ns
@@ -114,7 +114,7 @@ class Triggers:
             self._leave(touched, layer, t_ns, t_begin_ns)
 
     def _enter(self, touched: Touched, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
-        touched.on.append(layer)
+        touched.on[layer] = None
         self._add_event(EventKind.ENTERED, touched, t_ns, layer=layer)
         self._end_by(Cause.LEAVING, touched, layer, t_ns)
         self._start(Cause.ENTERING, touched, t_begin_ns, layer, t_ns)
@@ -123,23 +123,22 @@ class Triggers:
         self._add_event(EventKind.LEFT, touched, t_ns, layer=layer)
         self._end_by(Cause.ENTERING, touched, layer, t_ns)
         self._start(Cause.LEAVING, touched, t_begin_ns, layer, t_ns)
-        touched.on.remove(layer)
+        touched.on.pop(layer, None)
 
     def _check_effects(self, t_plate_ns: int) -> None:
         for held in self._effects.held:
-            cause = held.effect.start.cause
-            if cause is Cause.PRESSURE:
+            if held.is_due:
+                self._check_clock(held, t_plate_ns)
+            elif held.effect.start.cause is Cause.PRESSURE:
                 for touched in self._touched.values():
                     self._check_pressure(held, touched, t_plate_ns)
-            elif held.is_due:
-                self._check_clock(held, t_plate_ns)
             held.is_new = False
         for touched in self._touched.values():
             if not touched.is_seen:
                 self._start(Cause.LANDING, touched, t_plate_ns)
             if touched.hard:
-                touched.hard = [held for held in touched.hard if not held.is_gone]
-                touched.pressed = [held for held in touched.pressed if not held.is_gone]
+                touched.hard = {held: None for held in touched.hard if not held.is_gone}
+                touched.pressed = {held: None for held in touched.pressed if not held.is_gone}
 
     def _check_clock(self, held: Held, t_plate_ns: int) -> None:
         """Start an effect that a message started, in time for its instant."""
@@ -157,19 +156,19 @@ class Triggers:
         start, pressure_frac = held.effect.start, touched.finger.pressure_frac
         if held in touched.hard:
             if pressure_frac <= start.release_frac:
-                touched.hard.remove(held)
+                del touched.hard[held]
                 if held in touched.pressed:
-                    touched.pressed.remove(held)
+                    del touched.pressed[held]
                     self._add_event(EventKind.RELEASED, touched, held=held)
                     self._end_one(held, touched, touched.t_ns)
             return
         if held.is_new and touched.is_seen:
             if pressure_frac > start.release_frac:
-                touched.hard.append(held)  # it pressed already
+                touched.hard[held] = None  # it pressed already
         elif pressure_frac >= start.threshold_frac:
-            touched.hard.append(held)
+            touched.hard[held] = None
             if _is_at(held, touched):
-                touched.pressed.append(held)
+                touched.pressed[held] = None
                 self._add_event(EventKind.PRESSED, touched, held=held)
                 self._begin(held, touched, touched.finger.finger_id, touched.t_ns, t_plate_ns)
 
@@ -185,8 +184,8 @@ class Triggers:
         finger_id: int | None = None,
     ) -> None:
         """Start all effects that have this cause; `layer` is the one that was entered, left or crossed."""
-        for held in self._effects.held:
-            if held.effect.start.cause is cause and held.trigger is layer and _is_at(held, touched):
+        for held in self._effects.caused(cause, layer):
+            if _is_at(held, touched):
                 t_cause_ns = t_ns if t_ns is not None else touched.t_ns if layer is None else t_begin_ns
                 playing_id = touched.finger.finger_id if finger_id is None else finger_id
                 self._begin(held, touched, playing_id, t_cause_ns, t_begin_ns)

@@ -11,6 +11,7 @@ from ..values import Knot
 from .phasors import magnitude, re_im
 from .solver.instant import Key, Place
 from .targets.scene import Scene
+from .targets.surfaces import Crossing
 from .touch.fingers import Fingers
 from .trajectory.knots import SHORTEST_NS
 
@@ -48,15 +49,15 @@ class Ways:
         self, keys: Sequence[Key], t_plate_ns: int, span_ns: int, most: int
     ) -> tuple[float, bool, Sequence[int]]:
         """Return what the surfaces add to `pieces`; where there are too many edges, the earliest."""
-        pieces, smooth, found_ns = 1.0, True, set[int]()
+        pieces, smooth, crossed = 1.0, True, list[Crossing]()
         for key in keys:
             if isinstance(key, int) and self._scene.target_of(key) is None:
                 predicted_mm = partial(self._fingers.predicted_mm, key)
-                way = self._surfaces.along(predicted_mm, t_plate_ns, span_ns, self._tolerance_um)
+                way = self._surfaces.along(predicted_mm, t_plate_ns, span_ns)
                 pieces, smooth = max(pieces, way.pieces), smooth and way.is_smooth
-                found_ns.update(way.edges_ns)
-        found_ns.discard(0)
-        return pieces, smooth, sorted(found_ns)[: max(most - 2, 0) // 2 * 2]
+                crossed += way.crossings
+        edges_ns = [edge_ns for edge_ns in self._surfaces.edges_ns(crossed, t_plate_ns, self._tolerance_um) if edge_ns]
+        return pieces, smooth, edges_ns[: max(most - 2, 0) // 2 * 2]
 
     def bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
         """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""

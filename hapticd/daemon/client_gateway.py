@@ -52,7 +52,14 @@ class ClientGateway:
     """All clients: each message names its client, and the socket knows its user."""
 
     def __init__(
-        self, scene: Scene, pipeline: Pipeline, board: BoardGateway, instance: int, host: Host, observed: Observed
+        self,
+        scene: Scene,
+        registry: ClientRegistry,
+        pipeline: Pipeline,
+        board: BoardGateway,
+        instance: int,
+        host: Host,
+        observed: Observed,
     ) -> None:
         """`instance` distinguishes one start of the host from the next."""
         self.refused = 0
@@ -65,7 +72,7 @@ class ClientGateway:
         self._instance = instance
         self._host = host
         self._observed = observed
-        self._client_registry = ClientRegistry()
+        self._client_registry = registry
         self._described: dict[tuple[str, str], _Described] = {}  # as last read: maps take time to make small
 
     def targets(self, payload: bytes, t_now_ns: int, user: str) -> None:

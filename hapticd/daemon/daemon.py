@@ -17,6 +17,7 @@ from pathlib import Path
 
 from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
+from ..core.budget import OVERRUN_NS, Slowness
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.dates import utc_now
@@ -27,6 +28,7 @@ from ..io.devices.serial_link import SerialLink
 from ..io.devices.trackpad_source import TrackpadSource
 from ..io.host import cpu_latency as awake
 from ..io.host.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
+from ..io.host.runaway import Breather, on_processor_limit
 from ..io.host.systemd import Notifier
 from ..values import RawReport
 from ..wire import client as client_wire
@@ -75,6 +77,8 @@ class Daemon:
         self._t_collected_ns = self._t_logged_ns = self._t_swept_ns = 0
         self._t_awake_ns: int | None = None
         self._logged_missed = 0
+        self._slowness = Slowness()
+        self._breather = Breather()
         self._machine: Machine | None = None
         self._pad_link: tuple[bool, str] | None = None  # whether it is connected, and why
         self._board_link: tuple[bool, str] | None = None
@@ -150,6 +154,7 @@ class Daemon:
         self._machine = machine
         self._logged_missed = 0
         self._recorders.begin(machine, t_now_ns)
+        machine.adopt_slowness(self._slowness.adopted, t_now_ns)
         if self._calibration_task is not None:
             machine.status.calibration = self._calibration_task.report
             self._calibration_task.restart()
@@ -190,6 +195,8 @@ class Daemon:
         granted = go_real_time(
             fifo_priority=requested.fifo_priority, processor=requested.processor, lock_memory=requested.lock_memory
         )
+        if granted.priority > 0:
+            on_processor_limit(log.error)
         refused = list(granted.refused)
         if requested.stay_awake:
             try:
@@ -235,7 +242,9 @@ class Daemon:
         self._notice_stall(now_ns())
         self._update_subscription()
         machine, t_begin_ns = self.machine, now_ns()
+        begin_ran_ns = time.thread_time_ns()
         t_written_ns = machine.reports(batch, t_begin_ns)
+        self._judge_pass(begin_ran_ns)
         tick, loop, t_read_ns = machine.last_tick, machine.status.loop, batch[-1].t_host_ns
         age_ns = tick.age_ns if tick is not None and machine.pipeline.fingers else None
         if t_written_ns is not None:
@@ -271,9 +280,26 @@ class Daemon:
             self._link.read()
         machine, t_now_ns = self.machine, now_ns()
         machine.status.loop.ticked(late_ns, missed)
+        begin_ran_ns = time.thread_time_ns()
         machine.timer(t_now_ns)
+        self._judge_pass(begin_ran_ns)
         self._set_pace()
         self._housekeep(t_now_ns)
+
+    def _judge_pass(self, begin_ran_ns: int) -> None:
+        """Compare the processor time of a pass with its estimate; after one that overran, sleep before the next."""
+        ran_ns = time.thread_time_ns() - begin_ran_ns
+        slowness = self._slowness.measured(ran_ns, self.machine.pipeline.estimated_ns)
+        if slowness is not None:
+            self.machine.adopt_slowness(slowness, now_ns())
+        is_overrun = ran_ns >= OVERRUN_NS
+        self.machine.status.loop.overruns += is_overrun
+        if self._breather.look(is_overrun=is_overrun):
+            self.machine.status.loop.breaths = self._breather.breaths
+            log.warning(
+                "the loop had no pause for too long and sleeps for a moment, before the kernel ends it: scenes are too "
+                "dear, or messages too many (details: `status`, timing and touch)"
+            )
 
     def _notice_stall(self, t_now_ns: int) -> None:
         """After a stall of this process read what the board has sent meanwhile, before its silence is judged."""
@@ -320,15 +346,17 @@ class Daemon:
             self._timer.set_period(period_ns)
 
     def _log_missed(self) -> None:
-        loop, ledger = self.machine.status.loop, self.machine.session.ledger
-        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered
+        loop, ledger, touch = self.machine.status.loop, self.machine.session.ledger, self.machine.pipeline.counters
+        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered + touch.left_out_fingers
         if missed > self._logged_missed:
             self._logged_missed = missed
             log.warning(
-                "timing since the start: %d ticks missed, %d frames late, %d unanswered (details: `status`)",
+                "timing since the start: %d ticks missed, %d frames late, %d unanswered, %d fingers left out of "
+                "passes that were too dear (details: `status`)",
                 loop.missed_ticks,
                 ledger.late_frames,
                 ledger.unanswered,
+                touch.left_out_fingers,
             )
 
     def _update_subscription(self) -> None:

@@ -19,6 +19,7 @@ from ..core.board.supervisor import Event, State, Supervisor
 from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
+from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
 from ..values import AffineMap, RawReport, Tick
 from ..wire import trackpad as trackpad_wire
@@ -68,10 +69,12 @@ class Machine:
         self.calibration = calibration
         self._observed = Observed()
         self.supervisor = Supervisor()
+        registry = ClientRegistry()
         self.scene = Scene(
             w_limit_um=max(config.limits.w_limit_um),
             friction_curve=friction_curve(config),
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
+            user_of=registry.user_of,
         )
         settings = pipeline_settings(config) if pipeline is None else pipeline
         self.pipeline = Pipeline(modes, self.scene, settings, parasitic_modes=parasitic_modes)
@@ -91,7 +94,7 @@ class Machine:
         self.session = self.board.session
         # A weak reference: a machine that another replaces is freed at once, without the garbage collector.
         self.clients = ClientGateway(
-            self.scene, self.pipeline, self.board, instance, weakref.proxy(self), self._observed
+            self.scene, registry, self.pipeline, self.board, instance, weakref.proxy(self), self._observed
         )
         self.status = Status(
             config,
@@ -270,6 +273,11 @@ class Machine:
         self.pipeline.sensor_lost()
         self._supervise(Event.SENSOR_UP if up else Event.SENSOR_DOWN, reason, t_now_ns)
         self._pass(t_now_ns)
+
+    def adopt_slowness(self, slowness: float, t_now_ns: int) -> None:
+        """Take passes to last so many times longer than estimated, as measured on this machine: they do less then."""
+        self._observed.put("adopt_slowness", t_now_ns, slowness)
+        self.pipeline.set_slowness(slowness)
 
     def adopt(self, plate_from_pad: Sequence[float], latency_ns: int, t_now_ns: int) -> None:
         """Take the pad to lie here, the numbers of an AffineMap, and to report so late, from its next report on."""

@@ -11,9 +11,9 @@ import logging
 import math
 from collections.abc import Sequence
 
+from ..core.friction import FrictionCurve
 from ..core.plate.contact import disc_points
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.targets.scene import FrictionCurve
 from ..values import WEBER_FRAC, Perceived, Tick, TouchPoint
 
 log = logging.getLogger("hapticd")

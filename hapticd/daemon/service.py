@@ -26,13 +26,14 @@ from ..core.plate.parasitic_modes import ParasiticModes
 from ..errors import ConfigError, HapticdError, ModesError, TrackpadError
 from ..files import calibration
 from ..files.mode_map import require_usable
-from ..io.clients import keys
+from ..io.clients import gate, keys
 from ..io.clients.server import runtime_directory
 from ..io.clients.sockets import Remote
 from ..io.devices.hid_trackpad import HidTrackpad
 from ..io.devices.replay import ReplayTrackpad
 from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
+from ..io.host.limits import require_descriptors, require_threads
 from ..io.host.systemd import Notifier
 from ..sim.plate.glasses import driven_modes
 from ..sim.plate.wirings import wiring
@@ -43,6 +44,10 @@ from .settings import warm_up
 
 log = logging.getLogger("hapticd")
 
+GATES = 2  # of clients, and of recorders
+OWN_DESCRIPTORS = 128  # of listeners, devices, files, pipes, libzmq itself: on the simulated plate there are 40
+MAX_DESCRIPTORS = GATES * gate.MAX_DESCRIPTORS + OWN_DESCRIPTORS
+ZMQ_THREADS = 2 * GATES  # of each context one for I/O, and one that closes sockets
 WATCHDOG_EVERY_S = 0.2  # watchdog period while a configuration is prepared
 CHECK_WITHIN_S = 30.0
 
@@ -81,6 +86,9 @@ class ConfigLoader:
         self._rigs: dict[SimConfig, RigProcess] = {}
 
     def __enter__(self) -> ConfigLoader:
+        """Raises HapticdError where this process may not open or start what the clients can make necessary."""
+        require_descriptors(MAX_DESCRIPTORS)
+        require_threads(ZMQ_THREADS)
         return self
 
     def __exit__(self, *_: object) -> None:

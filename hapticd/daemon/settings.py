@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from functools import partial
 
-from ..config.sections import Config
+from ..config.sections import FELT, Config
+from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..core.pipeline import PipelineSettings
 from ..core.prediction.pad_memory import PadMemory
 from ..core.prediction.predictor import DEFAULT
-from ..core.targets.scene import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..values import AffineMap
 from ..wire.protocol import KNOTS_MAX, REFERENCE
 
@@ -46,6 +46,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         derating_mm2_um2=solver.derating_mm2_um2,
         phase_rotation=solver.phase_rotation,
         contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,
+        feels=solver.objective == FELT,
         tolerance_um=solver.tolerance_um,
         max_knots=max_knots(config, config.device.baud),
         effect_knots=effect_knots(config, config.device.baud),
@@ -91,7 +92,7 @@ def friction_curve(config: Config) -> FrictionCurve:
         return FrictionCurve.from_amplitudes(plate.friction_curve, plate.friction_floor_frac, speed_mm_s)
     if speed_mm_s == math.inf:
         return DEFAULT_FRICTION_CURVE
-    return FrictionCurve(DEFAULT_FRICTION_CURVE.knots, DEFAULT_FRICTION_CURVE.floor_frac, speed_mm_s)
+    return FrictionCurve.exponential(speed_mm_s=speed_mm_s)
 
 
 def plate_from_pad(config: Config) -> AffineMap:

@@ -12,9 +12,10 @@ import numpy.typing as npt
 from ..config.sections import Config
 from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
 from ..core.board.supervisor import Supervisor
+from ..core.friction import FrictionCurve
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.targets.scene import FrictionCurve, Scene
+from ..core.targets.scene import Scene
 from ..values import Perceived, PlateEvent, Tick, TouchPoint
 from ..wire import protocol
 from ..wire.client import FingerState, PlateState, encode_state
@@ -204,6 +205,9 @@ class Status:
             "joined_reports": loop.joined_reports,
             "missed_ticks": loop.missed_ticks,
             "pauses": loop.pauses,
+            "overruns": loop.overruns,
+            "breaths": loop.breaths,
+            "slowness": self._pipeline.slowness,
             "late_frames": ledger.late_frames,
             "unanswered_frames": ledger.unanswered,
             "histograms": {

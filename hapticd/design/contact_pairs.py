@@ -14,20 +14,17 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.bicubic import BicubicSurfaces
 from hapticd.core.solver.contacts import (
     COLD_CALLS,
     COLD_TURN_RAD,
-    FRICTION_DECAY_UM,
-    FULL_FRICTION,
-    FULL_UM,
-    JUST_FELT,
     NEAR_UM,
     PAST_FRAC,
     STILL_IMPORTANCE,
     SWEEPS,
     UNCERTAIN_FRAC,
-    importance,
+    FeltError,
 )
 
 from .free_plate import ModeShape
@@ -42,6 +39,7 @@ _DISC_RADII, _DISC_ANGLES = 3, 8  # exact to degree 5; the solver's seven points
 _KNOTS_PER_WAVE = 12  # of the spline through a shape
 _DRAWN_PER_PAIR = 8  # more than enough of them are 20 mm apart, on plates of 60 mm and more
 _TINY_UM = 1e-9
+_AT_REST = np.zeros(1)
 
 
 class Shapes(Protocol):
@@ -95,19 +93,21 @@ def settle(
     limits_um: FloatArray,
     calls: int = COLD_CALLS,
     still_importance: float = STILL_IMPORTANCE,
+    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
 ) -> ComplexArray:
     """Return the modal amplitudes (M, P) of `solve_contacts` from rest, by the Gram matrices (M, M, P) of P slipping
     contacts and of the still ones."""
     modes, count = slipping.shape[1:]
     certain = 1.0 + UNCERTAIN_FRAC**2 * np.eye(modes)[:, :, None]
     contacts = [gram * certain for gram in (slipping, *still)]
-    asked = [(target_um, importance(target_um))] + [(0.0, still_importance)] * len(still)
+    felt = FeltError(curve)
+    asked = [(target_um, felt.importance(target_um))] + [(0.0, still_importance)] * len(still)
     limits_um = np.asarray(limits_um, np.float64)
     start = np.minimum(limits_um, target_um) * np.exp(1j * COLD_TURN_RAD * np.arange(modes))
     w = np.repeat(start[:, None], count, axis=1)
     for _ in range(calls):
         weights = [
-            weight * _error_weight(contact_rms_um(gram, w), asked_um)
+            weight * _error_weight(felt, curve, contact_rms_um(gram, w), asked_um)
             for gram, (asked_um, weight) in zip(contacts, asked, strict=True)
         ]
         curvature = np.sum([weight * gram for weight, gram in zip(weights, contacts, strict=True)], axis=0)
@@ -122,21 +122,25 @@ def settle(
     return w
 
 
-def _error_weight(rms_um: FloatArray, target_um: float) -> FloatArray:
-    """Return `core.solver.contacts.error_weight` of many contacts, but for the importance."""
-    off_um, error = target_um - rms_um, _friction(rms_um) - _friction(np.array(target_um))
-    slope_1_um = _friction(np.minimum(rms_um, FULL_UM)) / FRICTION_DECAY_UM
+def _error_weight(felt: FeltError, curve: FrictionCurve, rms_um: FloatArray, target_um: float) -> FloatArray:
+    """Return `FeltError.weight` of many contacts, but for the importance."""
+    off_um, error = target_um - rms_um, _friction(felt, curve, rms_um) - _friction(felt, curve, np.array(target_um))
+    slope_1_um = _slope_1_um(curve, np.minimum(rms_um, felt.full_um))
     is_near = np.abs(off_um) <= NEAR_UM
     secant_1_um = np.where(is_near, slope_1_um, error / np.where(is_near, 1.0, off_um))
-    weight: FloatArray = slope_1_um * secant_1_um / np.hypot(error, JUST_FELT)
+    weight: FloatArray = slope_1_um * secant_1_um / np.hypot(error, felt.just_felt)
     return weight
 
 
-def _friction(amplitude_um: FloatArray) -> FloatArray:
-    """Return friction relative to bare glass; beyond FULL_UM it goes on straight."""
-    beyond_um = np.maximum(amplitude_um - FULL_UM, 0.0)
-    friction: FloatArray = np.exp(-np.minimum(amplitude_um, FULL_UM) / FRICTION_DECAY_UM)
-    return friction - FULL_FRICTION * beyond_um / FRICTION_DECAY_UM
+def _friction(felt: FeltError, curve: FrictionCurve, amplitude_um: FloatArray) -> FloatArray:
+    """Return friction relative to bare glass; beyond `full_um` it goes on straight."""
+    beyond_um = np.maximum(amplitude_um - felt.full_um, 0.0)
+    friction = curve.frictions(np.minimum(amplitude_um, felt.full_um), _AT_REST)
+    return np.asarray(friction - _slope_1_um(curve, np.array(felt.full_um)) * beyond_um)
+
+
+def _slope_1_um(curve: FrictionCurve, amplitude_um: FloatArray) -> FloatArray:
+    return np.asarray(curve.frictions(amplitude_um, _AT_REST) / curve.decays_um(amplitude_um))
 
 
 def contact_rms_um(gram: FloatArray, w_um: ComplexArray) -> FloatArray:

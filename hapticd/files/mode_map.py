@@ -11,8 +11,6 @@ from outside: no bytes raise anything but ModesError, whose sentence `read_grid`
 from __future__ import annotations
 
 import io
-import math
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -21,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.errors import ModesError
-from hapticd.regular_file import open_regular
+from hapticd.regular_file import lines_of, open_regular
 
+from . import npz
 from .outputs import opened
 
 Floats = npt.NDArray[np.float64]
@@ -36,6 +35,7 @@ MAX_LINES = 400  # of a grid along one axis: a third of a millimetre on the plat
 MAX_POSITION_MM = 1e6  # from the plate's centre: a larger value is a damaged file, and could overflow
 
 _GRID, _POINTS = ("x_mm", "y_mm", "shapes"), ("points_mm", "readings")
+_PADDING = ' \t"'  # of cells
 _FORMS = (("phi",), ("re", "im"), ("abs", "deg"))
 _SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above the rounding of a printed position
 _BEYOND_MM = 5.0  # a map may be shifted, and reach this far beyond the plate
@@ -158,13 +158,12 @@ def _suffix(path: Path) -> str:
 def _decode_npz(data: bytes, choices: Sequence[Sequence[str]]) -> Arrays:
     """Return the arrays of the first of `choices`, sets of names, that the archive holds in full."""
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            present = {entry.filename for entry in archive.infolist()}
-            names = next((names for names in choices if present.issuperset(f"{name}.npy" for name in names)), ())
-            arrays = {name: _member(archive, f"{name}.npy") for name in names}
-    except ModesError:
-        raise
-    except Exception as error:  # a damaged archive fails in any of zipfile's, zlib's and numpy's ways
+        arrays = npz.arrays_of(data, choices, MAX_BYTES)
+    except OverflowError:
+        raise ModesError(
+            f"unpacks to an array of more than {MAX_BYTES >> 20} MiB; measure on a coarser grid."
+        ) from None
+    except ValueError as error:
         raise ModesError("is not a readable NPZ archive; save it again with numpy.savez.") from error
     if not arrays:
         expected = " nor ".join(", ".join(names) for names in choices)
@@ -172,22 +171,6 @@ def _decode_npz(data: bytes, choices: Sequence[Sequence[str]]) -> Arrays:
     if any(array.dtype.kind not in "fiuc" for array in arrays.values()):
         raise ModesError("holds arrays that are not numbers; save them as float64 or complex128.")
     return arrays
-
-
-def _member(archive: zipfile.ZipFile, name: str) -> npt.NDArray[Any]:
-    """Return one array. Neither a bomb of packed zeros nor a header that claims too much can exceed the bound."""
-    if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError("numpy uses no other compression, and others cannot be unpacked in pieces")
-    with archive.open(name) as file:
-        npy = file.read(MAX_BYTES + 1)
-    if len(npy) > MAX_BYTES:
-        raise ModesError(f"unpacks to an array of more than {MAX_BYTES >> 20} MiB; measure on a coarser grid.")
-    head = io.BytesIO(npy)
-    if np.lib.format.read_magic(head) != (1, 0):
-        raise ValueError("an array of plain numbers has this version")
-    shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(head)
-    values: npt.NDArray[Any] = np.frombuffer(npy, dtype, offset=head.tell())
-    return values.reshape(shape, order="F" if is_fortran else "C")
 
 
 def _scattered(arrays: Arrays) -> Scan:
@@ -223,30 +206,33 @@ def _numbers(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 def _decode_csv(data: bytes) -> tuple[tuple[str, ...], list[int], Floats]:
     """Return the form of the readings, each point's line number, and the table (N, columns)."""
+    numbers: list[int] = []
+    table: list[Floats] = []  # a list of numbers would take four times as much
     try:
-        text = data.decode("utf-8-sig")
+        lines = _rows(data)
+        _, header = next(lines, (0, []))
+        form = _form(header)
+        for number, cells in lines:
+            if len(table) == MAX_LINES**2:
+                raise ModesError(f"has more than {MAX_LINES**2} points; measure on a coarser grid.")
+            numbers.append(number)
+            table.append(np.array(_parse_line(number, cells, len(header))))
     except UnicodeDecodeError as error:
         raise ModesError("is not a text file; save the map as CSV in UTF-8.") from error
-    lines = _rows(text)
-    _, header = next(lines, (0, []))
-    form = _form(header)
-    numbers: list[int] = []
-    table: list[list[float]] = []
-    for number, cells in lines:
-        if len(table) == MAX_LINES**2:
-            raise ModesError(f"has more than {MAX_LINES**2} points; measure on a coarser grid.")
-        numbers.append(number)
-        table.append(_parse_line(number, cells, len(header)))
+    except OSError as error:
+        raise ModesError(f"is no such table ({error.strerror}); give one line per measured point.") from None
     if not table:
         raise ModesError("holds a header and no points; add a line per measured point.")
     return form, numbers, np.array(table)
 
 
-def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
+def _rows(data: bytes) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and cells, without blanks and quotes, of every line that holds data."""
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in lines_of(io.BytesIO(data), Path(), 2 * MAX_LINES**2):
         if line.strip() and not line.lstrip().startswith("#"):
-            yield number, [cell.strip(' \t"') for cell in line.split(",")]
+            cells = line.split(",")
+            is_padded = any(padding in line for padding in _PADDING)
+            yield number, [cell.strip(_PADDING) for cell in cells] if is_padded else cells
 
 
 def _form(header: Sequence[str]) -> tuple[str, ...]:
@@ -268,7 +254,7 @@ def _parse_line(number: int, cells: Sequence[str], columns: int) -> list[float]:
     if len(cells) != columns:
         raise ModesError(f"line {number} has {len(cells)} values, the header {columns}; complete it.")
     try:
-        values = [float(cell) if cell else math.nan for cell in cells]
+        values = [float(cell or "nan") for cell in cells]
     except ValueError as error:
         raise ModesError(f"line {number} holds something that is not a number; correct or empty it.") from error
     if not all(abs(position_mm) <= MAX_POSITION_MM for position_mm in values[:2]):

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ..errors import HapticdError, UsageError, missing_library, reason
+from ..regular_file import open_regular
 
 PICTURE = (".png", ".pdf", ".svg")
 JSON, CSV, NPZ, HDF5, RECORDING = (".json",), (".csv",), (".npz",), (".h5", ".hdf5"), (".mcap",)
@@ -85,6 +86,15 @@ def check(paths: Sequence[Path], *, inputs: Iterable[Path] = (), is_forced: bool
             raise UsageError(f"{path}: exists already: name another file, or add --force to overwrite it.")
         if not os.access(path if path.exists() else folder, os.W_OK):
             raise UsageError(f"{path}: is not writable by this user: choose another place.")
+
+
+def has_mark(path: Path, mark: bytes, within: int = 0) -> bool:
+    """Return whether a file has `mark` at its beginning, or within its first bytes: a command's own earlier output."""
+    try:
+        with open_regular(path) as file:
+            return mark in file.read(max(within, len(mark)))
+    except OSError:
+        return False
 
 
 def create_folder(folder: Path) -> None:

@@ -12,6 +12,7 @@ from .outputs import PICTURE, check_suffix, opened, require_matplotlib
 
 DPI = 110
 SIGNATURE_PT = 7
+SIGNED_BYTES = 512  # of a PNG, which has its title among the first
 
 
 def subplots(
@@ -61,21 +62,24 @@ def mark_empty(axis: Any, text: str) -> None:
 def save(figure: Any, path: Path, *, dpi: int = DPI, colours: int | None = None) -> None:
     """Write the figure in the format of the path's suffix. Raises UsageError, HapticdError.
 
-    A PNG reduced to `colours` takes a third of the bytes.
+    A PNG reduced to `colours` takes a third of the bytes. The metadata have the signature as title.
     """
     check_suffix(path, PICTURE)
     form = path.suffix.lower()[1:] or "png"  # without a suffix: a device or a pipe
     try:
         with opened(path) as file:
             if colours is None or form != "png":
-                figure.savefig(file, dpi=dpi, format=form)
+                figure.savefig(file, dpi=dpi, format=form, metadata={"Title": figure.get_supxlabel()})
                 return
             from PIL import Image  # a dependency of matplotlib
+            from PIL.PngImagePlugin import PngInfo
 
             drawn = io.BytesIO()
             figure.savefig(drawn, dpi=dpi, format="png")
             few = Image.open(drawn).convert("RGB").quantize(colours, method=Image.Quantize.MAXCOVERAGE)
-            few.save(file, format="png", optimize=True)
+            signed = PngInfo()
+            signed.add_text("Title", figure.get_supxlabel())
+            few.save(file, format="png", optimize=True, pnginfo=signed)
     except ValueError as error:
         raise HapticdError(f"The picture cannot be written to {path} ({reason(error)}): choose another form.") from None
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, reason
-from ..regular_file import open_regular
+from ..regular_file import read_bounded
 
 MAX_BYTES = 65536  # the complete commented configuration has 5000
 MAX_TEXT = 4096  # characters of a key or a string: the longest path
@@ -24,13 +24,9 @@ _SHOWN = 60  # characters of a value in an error's sentence
 def read_table(path: Path, hint: str) -> dict[str, Any]:
     """Return the table in the file. Raises ConfigError; for an unreadable file it ends with `hint`."""
     try:
-        with open_regular(path) as file:
-            data = file.read(MAX_BYTES + 1)
-        text = data.decode("utf-8")
+        text = read_bounded(path, MAX_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read ({reason(error)}): {hint}.") from None
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"{path}: has more than {MAX_BYTES} bytes: {hint}.")
     return parse(text, str(path))
 
 

@@ -13,7 +13,7 @@ from ..core.solver.instant import InstantSolver
 from ..daemon.settings import friction_curve, pipeline_settings
 from .lockstep import TICK_NS, Run, scheme_config
 from .plate.ground_truth import GroundTruth
-from .score import Score, score, with_contacts
+from .score import Score, score, speeds_mm_s, with_contacts
 
 
 class Perfect(NamedTuple):
@@ -30,6 +30,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
     """Solve for true positions and shapes, without the loop's delay, at each `every` ticks."""
     part = slice(None, None, every)
     plate = GroundTruth(played.settings.plate)
+    curve = friction_curve(played.settings.config)
     settings = pipeline_settings(scheme_config(played.settings))
     solver = InstantSolver(
         plate.true_mode_map(),
@@ -37,8 +38,11 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
         derating_mm2_um2=0.0,
         phase_rotation=False,
         contact_radius_mm=settings.contact_radius_mm,
+        friction_curve=curve,
+        feels=settings.feels,
     )
     t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
+    stretches = 1.0 + np.nan_to_num(speeds_mm_s(t_s, finger_mm)) / curve.speed_mm_s
     modes = plate.settings.driven_modes
     plate_um = np.zeros((len(t_s), len(plate.decay_1_s)), dtype=np.complex128)
     limited = np.zeros(len(t_s), dtype=bool)
@@ -51,11 +55,11 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
             if math.isfinite(asked_um)
         ]
         if places:
-            solution = solver.solve(places, previous_um, every * TICK_NS)
+            slides = stretches[index, np.isfinite(target_um[index])].tolist()
+            solution = solver.solve(places, previous_um, every * TICK_NS, None, slides)
             previous_um, limited[index] = solution.modal_um, solution.limited
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
     judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
-    curve = friction_curve(played.settings.config)
     judged = with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1, friction=curve.frictions)
     return Perfect(t_s, plate_um[:, :modes], truth_um, limited, judged)

@@ -78,6 +78,20 @@ class Film:
         part = slice(None, int(np.searchsorted(self.t_s, self.t_s[0] + seconds)), CONTACT_EVERY)
         return self.t_s[part], felt(self.finger_mm[part], self.plate_um[part], self._shapes)[0]
 
+    def contacts_at_um(self, index: int) -> npt.NDArray[np.float64]:
+        """Return the RMS amplitude over each contact (N,) at one instant."""
+        part = slice(index, index + 1)
+        contacts_um: npt.NDArray[np.float64] = felt(self.finger_mm[part], self.plate_um[part], self._shapes)[0][0]
+        return contacts_um
+
+    def field_um(
+        self, index: int, x_mm: npt.NDArray[np.float64], y_mm: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float64]:
+        """Return the plate's amplitude on a grid (Y, X) at one instant."""
+        points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
+        w_um = self._shapes(points_mm.reshape(-1, 2)) @ self.plate_um[index]
+        return np.asarray(np.abs(w_um), np.float64).reshape(points_mm.shape[:2])
+
     def _shapes(self, points_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return GroundTruth(self.plate).shapes(points_mm)[..., : self.plate_um.shape[1]]
 

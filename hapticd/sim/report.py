@@ -32,6 +32,7 @@ ARRAYS = (
 PERFECT_ARRAYS = ("t_s", "modal_um", "truth_um", "limited")
 Progress = Callable[[float], None]
 _COLUMNS = (
+    ("felt", "felt_frac", 7),
     ("leak um", "leak_um", 9),
     ("slip error um", "slip_error_um", 15),
     ("slip", "slip_frac", 8),

@@ -9,6 +9,10 @@
     friction change              a finger's friction, the mean over its contact, relative to its target's, minus 1: its
                                  mean over the fingers with target 0 (still), over the others (slip), or of one finger
     weber                        share of time in which that is beyond the Weber fraction of friction, either way
+    felt                         share of time in which no finger's change is beyond it: all feel what was asked
+    error                        one finger's change, either way, in just noticeable differences: in Weber fractions
+
+An amplitude asks for the friction that it has when it is the same all over the contact.
 
 A finger counts from 0.1 s after it landed or its target changed: the system cannot respond earlier.
 """
@@ -21,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..values import WEBER_FRAC
 
 Floats = npt.NDArray[np.float64]
@@ -28,7 +33,6 @@ Friction = Callable[[Floats, Floats], Floats]  # of amplitudes in um, and of sli
 
 SETTLE_S = 0.1
 CONTACT_RADIUS_MM = 5.0  # a fingertip at 0.2 .. 1 N covers 50 .. 150 mm2
-FRICTION_DECAY_UM = 0.7  # friction of bare glass times exp(-|w| / this), as the daemon's default curve
 _RINGS, _SPOKES = 4, 12  # of a contact's points: exact to rounding for waves of 27 mm on discs of 6 mm
 _EVERY_TICKS = 4  # of the contacts' history
 _AT_ONCE = 4000  # instants evaluated together
@@ -36,11 +40,14 @@ _AT_ONCE = 4000  # instants evaluated together
 
 @dataclass(frozen=True, slots=True)
 class FingerFriction:
-    """What one finger felt while it counted: the mean of its friction change, and its share of time beyond the Weber
-    fraction; NaN if it never counted."""
+    """What one finger felt while it counted: the mean of its friction change, its share of time beyond the Weber
+    fraction, and its error in just noticeable differences, the median and what 95 % of the time is below; NaN if it
+    never counted."""
 
     friction_change: float
     weber_frac: float
+    error_jnd: float
+    error_95_jnd: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +66,8 @@ class Score:
     still_friction_change: float = float("nan")
     slip_friction_change: float = float("nan")
     weber_frac: float = float("nan")
+    felt_frac: float = float("nan")
     fingers: tuple[FingerFriction, ...] = ()
-
-
-def exponential(w_um: Floats, _sliding_mm_s: Floats) -> Floats:
-    """Friction relative to bare glass that falls exponentially with amplitude, whatever the speed."""
-    return np.exp(-w_um / FRICTION_DECAY_UM)
 
 
 def score(
@@ -96,13 +99,13 @@ def with_contacts(
     plate_um: npt.NDArray[np.complex128],
     shapes: Callable[[Floats], Floats],
     every: int = _EVERY_TICKS,
-    friction: Friction = exponential,
+    friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
 ) -> Score:
     """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true."""
     part = slice(None, None, every)
     counts = settled(t_s, target_um)[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
-    sliding_mm_s = _speed_mm_s(t_s, finger_mm)
+    sliding_mm_s = speeds_mm_s(t_s, finger_mm)
     rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
@@ -116,17 +119,29 @@ def with_contacts(
         still_friction_change=_friction(change[still]).friction_change,
         slip_friction_change=_friction(change[slipping]).friction_change,
         weber_frac=_friction(change[counts]).weber_frac,
+        felt_frac=_felt_frac(change, counts),
         fingers=tuple(_friction(change[counts[:, n], n]) for n in range(change.shape[1])),
     )
 
 
 def _friction(change: Floats) -> FingerFriction:
     if not change.size:
-        return FingerFriction(float("nan"), float("nan"))
-    return FingerFriction(float(np.mean(change)), float(np.mean(np.abs(change) > WEBER_FRAC)))
+        return FingerFriction(*[float("nan")] * 4)
+    errors_jnd = np.abs(change) / WEBER_FRAC
+    middle_jnd, most_jnd = np.quantile(errors_jnd, (0.5, 0.95))
+    return FingerFriction(
+        float(np.mean(change)), float(np.mean(np.abs(change) > WEBER_FRAC)), float(middle_jnd), float(most_jnd)
+    )
 
 
-def _speed_mm_s(t_s: Floats, finger_mm: Floats) -> Floats:
+def _felt_frac(change: Floats, counts: npt.NDArray[np.bool_]) -> float:
+    """Return the share of time in which all fingers that count feel what was asked."""
+    is_judged = np.asarray(counts.any(axis=1))
+    is_wrong = np.asarray((counts & ~(np.abs(change) <= WEBER_FRAC)).any(axis=1))
+    return 1.0 - float(np.mean(is_wrong[is_judged])) if is_judged.any() else float("nan")
+
+
+def speeds_mm_s(t_s: Floats, finger_mm: Floats) -> Floats:
     """Return how fast each finger slides (T,N); NaN while absent."""
     if len(t_s) < 2:
         return np.zeros(finger_mm.shape[:2])
@@ -137,7 +152,7 @@ def felt(
     finger_mm: Floats,
     plate_um: npt.NDArray[np.complex128],
     shapes: Callable[[Floats], Floats],
-    friction: Friction = exponential,
+    friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
     sliding_mm_s: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent."""

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import SimulationError
+from ..files.toml_file import shown
 from .fingers.pad_noise import PadNoise
 
 
@@ -135,9 +136,11 @@ class WorldErrors:
         """Return the world of a JSON object with some of the fields, as `asdict` nests them. Raises SimulationError."""
         try:
             given = json.loads(text)
-        except ValueError as error:
+            made: WorldErrors = _made(cls, given, "world")
+        except SimulationError:
+            raise
+        except (ValueError, RecursionError) as error:
             raise SimulationError(f"a world is a JSON object, and this is none: {error}.") from None
-        made: WorldErrors = _made(cls, given, "world")
         return made
 
 
@@ -157,7 +160,7 @@ def _numbers(nested: object, name: str = "") -> list[tuple[str, float]]:
     if isinstance(nested, (tuple, list)):
         return [one for value in nested for one in _numbers(value, name)]
     if isinstance(nested, bool) or not isinstance(nested, (int, float)):
-        raise SimulationError(f"the world's {name} is {nested!r}: give a number.")
+        raise SimulationError(f"the world's {name} is {shown(nested)}: give a number.")
     return [(name, float(nested))]
 
 
@@ -173,11 +176,11 @@ _NESTED: Final = {
 def _made(kind: Any, given: object, name: str) -> Any:
     """Return a value of `kind` from a JSON object. Raises SimulationError for unknown names and missing values."""
     if not isinstance(given, dict):
-        raise SimulationError(f"{name} is {given!r}: give an object with some of its fields.")
+        raise SimulationError(f"{name} is {shown(given)}: give an object with some of its fields.")
     valid = [entry.name for entry in fields(kind)]
     for key in given:
         if key not in valid:
-            raise SimulationError(f"{name} has no {key!r}: choose from {', '.join(valid)}.")
+            raise SimulationError(f"{name} has no {shown(key)}: choose from {', '.join(valid)}.")
     values = {
         key: _made(_NESTED[key], value, key) if key in _NESTED and value is not None else _frozen(value)
         for key, value in given.items()

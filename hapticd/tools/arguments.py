@@ -17,8 +17,14 @@ from ..errors import UsageError
 class Parser(argparse.ArgumentParser):
     """An `ArgumentParser` that reports unknown words as the command's own, with its usage and the nearest valid word.
 
-    A value that an argument refuses raises UsageError in place of the usage.
+    A value that an argument refuses raises UsageError in place of the usage. The types `int` and `float` take whole
+    numbers and finite ones.
     """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.register("type", int, lambda text: int(_converted(int, text, "a whole number")))
+        self.register("type", float, _finite)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse; unknown words are an error here, where argparse lets the parent command report them."""
@@ -82,6 +88,16 @@ def whole(low: int, high: float = math.inf) -> Callable[[str], int]:
         return int(_bounded(_converted(int, text, "a whole number"), low, high, is_above=False))
 
     return parsed
+
+
+PORT_NUMBER = whole(0, 65535)  # the type of an argument that is a port; 0 is any free one
+
+
+def _finite(text: str) -> float:
+    value = _converted(float, text, "a number")
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+    return value
 
 
 def _converted(kind: Callable[[str], float], text: str, what: str) -> float:

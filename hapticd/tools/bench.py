@@ -27,6 +27,7 @@ PARTS = {
     "solver": Part("solvers against general optimisers", 1.0),
     "stability": Part("digits of a solution at the ends of the solver's range", 2.0),
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
+    "dearest": Part("the longest pass of scenes that clients may ask for", 3.0, has_picture=False),
     "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
     "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),

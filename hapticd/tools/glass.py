@@ -8,23 +8,33 @@ from pathlib import Path
 from typing import Any
 
 from ..config.keys import toml
-from ..config.sections import PLATE_NAMES, WIRING_NAMES, SimConfig
+from ..config.sections import WIRING_NAMES, SimConfig
 from ..errors import UsageError
 from .arguments import whole
 
+# What a newcomer is shown: whole fingertips feel what was asked, which two modes cannot give them.
+SHOWN = SimConfig(plate="fingertip")
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
+
+def add_arguments(parser: argparse.ArgumentParser, default: SimConfig | None = None) -> None:
+    plate = (default or SimConfig()).plate
+    reference, fingertip = (" (default)" if plate == name else "" for name in ("reference", "fingertip"))
+    group = parser.add_argument_group("the simulated plate")
+    group.add_argument(
         "--plate",
         metavar="PLATE",
-        help=f"the simulated one: {', '.join(PLATE_NAMES)} (the paper's, the default; for whole contacts), or a "
-        "file that `hapticd plate --contacts --glass F.toml` writes",
+        help=f"reference: the paper's plate, two driven modes{reference}. fingertip: a larger one, four driven modes, "
+        f"for whole fingertips{fingertip}. F.toml: your own, as `hapticd plate --contacts --glass F.toml` writes it",
     )
-    parser.add_argument("--modes", type=whole(2), metavar="N", help="with an amplifier each (default: the plate's)")
-    parser.add_argument(
+    group.add_argument(
+        "--modes", type=whole(2), metavar="N", help="number of driven modes, an amplifier each (default: the plate's)"
+    )
+    group.add_argument(
         "--wiring",
         choices=WIRING_NAMES,
-        help="of its amplifiers and sensors: each mode its own (default), the paper's sums and differences, or wrong",
+        metavar="WIRING",
+        help="of amplifiers and sensors. identity: one for each mode (default). paper: for sums and differences of "
+        "two modes. swapped, inverted: wrong ones, for tests of what finds them",
     )
 
 

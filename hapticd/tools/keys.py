@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import zmq.auth
-
 from ..io.clients import keys
 from .arguments import add_command
 
@@ -59,6 +57,6 @@ def _revoke(options: argparse.Namespace) -> None:
 
 def _list(options: argparse.Namespace) -> None:
     own = options.directory / f"{keys.DAEMON_NAME}.key"
-    print(f"{keys.DAEMON_NAME:<32} {zmq.auth.load_certificate(own)[0].decode() if own.is_file() else 'no key yet'}")
+    print(f"{keys.DAEMON_NAME:<32} {keys.read_pair(own)[0].decode() if own.is_file() else 'no key yet'}")
     for public, name in sorted(keys.allowed(options.directory).items(), key=lambda entry: entry[1]):
         print(f"{name:<32} {public}")

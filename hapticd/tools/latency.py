@@ -19,7 +19,10 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
+
+import numpy as np
+import numpy.typing as npt
 
 from ..config.sections import Config
 from ..content_values import AmplitudeTarget, ClientTargets, Target
@@ -36,24 +39,28 @@ from .arguments import POSITIVE
 from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr
 
+FloatArray = npt.NDArray[np.float64]
+
 AMPLITUDE_UM = 0.5
 POLL_EVERY_S = 0.1  # of targets and ledger, whose 512 lines take far longer to fill
 TTL_NS = 500_000_000
 
 _FROM_MS, _DECADES, _COLUMNS_PER_DECADE = 0.001, 5, 10  # the picture's axis, logarithmic: 1 us .. 100 ms
+_BINS_PER_DECADE = 20  # of the picture
 _BARS = " ▁▂▃▄▅▆▇█"
 
-STAGES = {
+STAGES = {  # along the way of a touch, then its sum, and what is to be compared with that
     "read_age": "sample to reading",
     "wait": "reading to pass",
-    "wire": "reading to wire",
     "compute": "pass and after",
+    "wire": "reading to wire",
     "link": "writing to board",
-    "late": "later than planned",
     "total": "sample to plate",
     "horizon": "predicted ahead",
+    "late": "later than planned",
     "tick_late": "timer late",
 }
+PATH, WHOLE = ("read_age", "wait", "compute", "wire", "link"), ("total", "horizon")
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,18 +238,47 @@ def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
         writer.writerows(map(astuple, lines))
 
 
+def verdict(measured: Measured) -> str:
+    """Return in one sentence how long a touch takes, and how many frames took effect when they were planned to."""
+    total, horizon, frames = measured.stages["total"], measured.stages["horizon"], measured.counts["frames"]
+    on_time_frac = 1.0 - measured.counts["frames late"] / max(frames, 1)
+    return (
+        f"{100.0 * on_time_frac:.1f} % of {frames} frames were on time: sample to plate took "
+        f"{total.percentile_ns(50) * 1e-6:.1f} ms (p99 {total.percentile_ns(99) * 1e-6:.1f}), "
+        f"{horizon.percentile_ns(50) * 1e-6:.1f} ms were predicted"
+    )
+
+
 def draw(measured: Measured, path: Path, **style: int) -> None:
-    """Draw each stage's cumulative distribution; `style` is that of `plotting.save`. Raises HapticdError."""
-    figure, ((axes,),) = plotting.subplots(8.0, 4.5)
-    axes.set(xscale="log", xlabel="ms", ylabel="share of frames below", ylim=(0, 1.02))
-    for name, what in STAGES.items():
+    """Draw each stage's distribution in a row of its own, along the way of a touch, below the verdict; `style` is that
+    of `plotting.save`. Raises HapticdError."""
+    figure, ((axes,),) = plotting.subplots(9.0, 5.0)
+    axes.set(xscale="log", xlabel="ms", xlim=(_FROM_MS, _FROM_MS * 10**_DECADES), ylim=(len(STAGES) - 0.8, -1.0))
+    right: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "va": "center", "fontsize": 9}
+    axes.annotate("p50 / p99, ms", (1.01, -0.75), **right)
+    for row, name in enumerate(STAGES):
         histogram = measured.stages[name]
-        below_ms, share, seen = [_FROM_MS], [0.0], 0
-        for _, edge_ns, count in histogram.buckets():
-            seen += count
-            below_ms.append(max(edge_ns * 1e-6, _FROM_MS))
-            share.append(seen / histogram.count)
-        axes.step(below_ms, share, where="post", label=what)
-    axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
+        edges_ms, heights = _outline(histogram)
+        colour = "tab:blue" if name in PATH else "tab:orange" if name in WHOLE else "tab:gray"
+        axes.fill_between(edges_ms, row, row - 0.85 * heights, step="post", color=colour, alpha=0.75, lw=0)
+        axes.axhline(row, color=colour, lw=0.6)
+        p50_ms, p99_ms = (histogram.percentile_ns(percent) * 1e-6 for percent in (50, 99))
+        axes.plot([p50_ms, p50_ms], [row, row - 0.85], color="black", lw=1.2)
+        axes.annotate(f"{p50_ms:.2f} / {p99_ms:.2f}", (1.01, row - 0.25), **right)
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_yticks(np.arange(len(STAGES)) - 0.25, STAGES.values())
+    axes.tick_params(axis="y", length=0)
+    axes.grid(alpha=0.3, axis="x")
+    axes.set_title(verdict(measured), loc="left", fontsize=10, x=-0.17)
     plotting.save(figure, path, **style)
+
+
+def _outline(histogram: Histogram) -> tuple[FloatArray, FloatArray]:
+    """Return a distribution over the picture's axis: edges in ms, and from each on its share of the highest column."""
+    edges_ms = _FROM_MS * 10 ** (np.arange(_DECADES * _BINS_PER_DECADE + 1) / _BINS_PER_DECADE)
+    shares = np.zeros(len(edges_ms))
+    for from_ns, below_ns, count in histogram.buckets():
+        middle_ms = max((from_ns + below_ns) * 0.5e-6, _FROM_MS)
+        column = int(np.searchsorted(edges_ms, middle_ms, side="right")) - 1
+        shares[min(column, len(shares) - 2)] += count
+    return edges_ms, shares / max(shares.max(), 1.0)

@@ -16,7 +16,6 @@ import numpy as np
 from ..design.contact_map import contact_map
 from ..design.contact_pairs import surfaces
 from ..design.contact_search import (
-    ENOUGH_SLIP_FRAC,
     FARTHEST_HZ,
     Q_FACTOR,
     RADIUS_MM,
@@ -29,12 +28,13 @@ from ..design.contact_search import (
 )
 from ..design.contact_tolerances import ENOUGH_FRAC, ToleranceStudy, tolerance_study
 from ..design.glued_plate import Patch
-from ..design.materials import MATERIALS, find_material
+from ..design.materials import find_material
 from ..errors import CalibrationError, UsageError
 from ..files import outputs, plotting
-from . import plate_files, plate_patches
+from . import plate_files, plate_patches, plate_verdict
 from .arguments import number, whole
 from .plate_patches import Placement
+from .plate_verdict import Motion, verdict
 from .progress import Progress
 
 TOML = (".toml",)
@@ -43,7 +43,7 @@ DRIVES = "27000..33000"  # in Hz: 30 kHz is above hearing, and amplifiers and pa
 MOST_PLATES = 2000
 LEAST_MODES, MOST_MODES = 2, 8
 ROWS = 15
-ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
+CELL_IN = 2.9  # of a mode's picture
 CELLS = 61  # per side of the picture's map
 _CONTACTS = (
     "modes",
@@ -131,7 +131,8 @@ def run(options: argparse.Namespace) -> ContactDesign:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
     if options.glass is not None and (options.patch or options.q is not None):
         raise UsageError(
-            f"--glass: simulated plates have no glued patches and a quality of {Q_FACTOR:g}: give neither."
+            f"--glass: the file of a simulated plate has no glued patches and a quality of {Q_FACTOR:g}: "
+            "omit --patch and --q."
         )
     counts = _modes(options.modes)
     drive_hz = _span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
@@ -159,37 +160,41 @@ def run(options: argparse.Namespace) -> ContactDesign:
     if options.tolerances is not None:
         with Progress(f"{options.tolerances} random plates") as progress:
             study = tolerance_study(best, drive, options.tolerances, seed=seed, progress=progress)
+    glass = None if options.glass is None else _glass(best, drive)
+    motion = _motion(best, drive)
+    judged = verdict(best, drive, motion)
     out = sys.stderr if options.json == outputs.STDOUT else sys.stdout
-    print(_table(designs), verdict(best, drive), sep="\n\n", file=out)
+    print(_table(designs), judged, sep="\n\n", file=out)
     if placement is not None:
         print("", plate_patches.table(placement, best), sep="\n", file=out)
     if study is not None:
         print(_study_line(study), file=out)
     if options.json is not None:
-        _write_json(designs, drive, study, placement, options.json)
+        _write_json(designs, drive, motion, study, placement, options.json)
     if options.config is not None:
-        plate_files.write_config(best, drive, f"# {verdict(best, drive)}", options.config, options.out)
-    if options.glass is not None:
-        plate_files.write_glass(best, drive, f"# {verdict(best, drive)}", options.glass)
+        plate_files.write_config(best, drive, f"# {judged}", options.config, options.out)
+    if glass is not None:
+        outputs.write_text("\n".join((f"# {judged}", *glass)) + "\n", options.glass)
     if options.plot is not None:
         draw(best, drive, options.plot, placement)
     return best
 
 
-def verdict(design: ContactDesign, drive: Drive) -> str:
-    """Return in one sentence what the plate gives, and whether that is enough."""
-    slip_um, enough_um = design.slip_um, ENOUGH_SLIP_FRAC * drive.target_um
-    lacks = []
-    if design.contrast < ENOUGH_CONTRAST:
-        lacks.append(f"a contrast of {ENOUGH_CONTRAST:g}")
-    if slip_um < enough_um:
-        lacks.append(f"{enough_um:g} um of slip")
-    judged = "enough for whole fingertips" if not lacks else f"less than {' and '.join(lacks)}"
-    return (
-        f"{_plate_name(design.plate)}, driven at {design.drive_hz:g} Hz with {len(design.shapes)} modes "
-        f"({', '.join(shape.name for shape in design.shapes)}): a slipping contact gets {slip_um:.2f} um, a still one "
-        f"{design.still_um:.3f} um, a contrast of {design.contrast:.1f}: {judged}."
-    )
+def _glass(design: ContactDesign, drive: Drive) -> list[str]:
+    """Return the lines of --glass. Raises CalibrationError."""
+    try:
+        return plate_files.glass_lines(design, drive)
+    except ValueError as error:
+        raise CalibrationError(f"--glass: {error}.") from None
+
+
+def _motion(design: ContactDesign, drive: Drive) -> Motion | str:
+    """Return what fingers in motion get, or why that is unknown."""
+    try:
+        with Progress("fingers in motion on the best plate") as progress:
+            return plate_verdict.simulate(design, drive, progress)
+    except ValueError as error:
+        return str(error).rstrip(".")
 
 
 # --- arguments --------------------------------------------------------------------------------------------------
@@ -275,7 +280,8 @@ def _span(text: str, name: str, low: float, high: float) -> tuple[float, float]:
 
 
 def _table(designs: Sequence[ContactDesign]) -> str:
-    lines = ["   plate mm             drive Hz modes farthest Hz slip um still um contrast median tenth  bound"]
+    lines = ["   static bounds, for fingers at rest"]
+    lines += ["   plate mm             drive Hz modes farthest Hz slip um still um contrast median tenth  bound"]
     for place, one in enumerate(designs[:ROWS], 1):
         size = "x".join(f"{edge_mm:g}" for edge_mm in (*one.plate.size_mm, one.plate.thickness_mm))
         lines.append(
@@ -288,19 +294,11 @@ def _table(designs: Sequence[ContactDesign]) -> str:
     return "\n".join(lines)
 
 
-def _plate_name(plate: Plate) -> str:
-    width_mm, depth_mm = plate.size_mm
-    of = plate.material
-    name = next((name for name, known in MATERIALS.items() if known == of), f"a material of {of.young_gpa:g} GPa")
-    glued = f" with {len(plate.patches)} patches" if plate.patches else ""
-    return f"{width_mm:g} x {depth_mm:g} x {plate.thickness_mm:g} mm of {name}{glued}"
-
-
 def _study_line(study: ToleranceStudy) -> str:
     tenth, median = np.quantile(study.contrast_frac, (0.1, 0.5))
     return (
         f"Within tolerance {100 * study.enough_frac:.1f} % of {len(study.contrast_frac)} plates reach two thirds of "
-        f"this contrast (median {100 * median:.0f} % of it, worst tenth {100 * tenth:.0f} %; "
+        f"this static contrast (median {100 * median:.0f} % of it, worst tenth {100 * tenth:.0f} %; "
         f"slip {100 * np.median(study.slip_frac):.0f} %)."
     )
 
@@ -308,11 +306,16 @@ def _study_line(study: ToleranceStudy) -> str:
 def _write_json(
     designs: Sequence[ContactDesign],
     drive: Drive,
+    motion: Motion | str,
     study: ToleranceStudy | None,
     placement: Placement | None,
     file: str,
 ) -> None:
     table: dict[str, Any] = {"drive": asdict(drive), "designs": [_as_json(one) for one in designs]}
+    if isinstance(motion, Motion):
+        table["motion"] = {**asdict(motion), "contrast": motion.contrast}
+    else:
+        table["motion"] = {"unknown": motion}
     if placement is not None:
         table["placement"] = plate_patches.as_json(placement)
     if study is not None:
@@ -335,6 +338,8 @@ def _as_json(design: ContactDesign) -> dict[str, Any]:
 def draw(design: ContactDesign, drive: Drive, path: Path, placement: Placement | None = None) -> None:
     """Draw each mode with two contacts to scale, patches and stamps where there are any, and the contrast of a finger
     that slips anywhere. Raises HapticdError."""
+    from matplotlib.ticker import MaxNLocator
+
     size_mm, count = design.plate.size_mm, len(design.shapes)
     still_mm = -size_mm[0] / 6.0, size_mm[1] / 10.0
     splines = surfaces(design.shapes)
@@ -350,8 +355,9 @@ def draw(design: ContactDesign, drive: Drive, path: Path, placement: Placement |
     at = np.unravel_index(int(np.argmin(np.abs(found.contrast - np.median(found.contrast)))), found.contrast.shape)
     slip_mm = float(found.x_mm[at[1]]), float(found.y_mm[at[0]])
     columns = math.ceil((count + 1) / 2)
+    high_in = CELL_IN * min(size_mm[1] / size_mm[0], 2.0)
     figure, axes = plotting.subplots(
-        3.1 * columns + 1.0, 6.6, 2, columns, layout="compressed", sharex=True, sharey=True
+        (CELL_IN + 0.2) * columns + 1.6, 2.0 * (high_in + 0.4) + 1.5, 2, columns, sharex=True, sharey=True
     )
     extent = (-size_mm[0] / 2, size_mm[0] / 2, -size_mm[1] / 2, size_mm[1] / 2)
     x_mm, y_mm = (np.linspace(-edge_mm / 2, edge_mm / 2, 161) for edge_mm in size_mm)
@@ -371,12 +377,30 @@ def draw(design: ContactDesign, drive: Drive, path: Path, placement: Placement |
         axis.set_axis_off()
     for axis in axes[-1]:
         axis.set_xlabel("x, mm")
+        axis.xaxis.set_major_locator(MaxNLocator(4, prune="both"))
     for axis in axes[:, 0]:
         axis.set_ylabel("y, mm")
-    figure.colorbar(modes, ax=axes, location="bottom", label="mode shape; its largest value is 1", aspect=60)
-    bar = figure.colorbar(contrast, ax=axes, label="contrast: slipping contact over the still one", ticks=[0, 1, 2])
+        axis.yaxis.set_major_locator(MaxNLocator(4, prune="both"))  # labels at an edge would meet the next picture's
+    figure.colorbar(
+        modes, ax=axes, location="bottom", label="mode shape; its largest value is 1", shrink=0.8, aspect=50
+    )
+    bar = figure.colorbar(contrast, ax=axes, label="contrast: slip over still", ticks=[0, 1, 2], shrink=0.8, aspect=30)
     bar.ax.set_yticklabels(["1", "10", "100"])
+    figure.legend(handles=_marks(placement), loc="outside upper left", ncols=5, fontsize=8, frameon=False)
     plotting.save(figure, path, dpi=80, colours=96)
+
+
+def _marks(placement: Placement | None) -> list[Any]:
+    """Return a line of the legend for each mark."""
+    from matplotlib.lines import Line2D
+
+    marks = [("o", "tab:orange", "still contact"), ("o", "tab:cyan", "slipping contact")]
+    if placement is not None:
+        marks += [("s", "black", "patch"), ("D", "black", "sensor"), ("x", "black", "stamp")]
+    return [
+        Line2D([], [], ls="", marker=marker, color=colour, fillstyle="none", label=label)
+        for marker, colour, label in marks
+    ]
 
 
 def _mark(axis: Any, still_mm: tuple[float, float], slip_mm: tuple[float, float] | None, radius_mm: float) -> None:

@@ -10,9 +10,8 @@ from ..config.keys import toml
 from ..design.contact_search import ContactDesign, Drive
 from ..design.free_plate import free_modes
 from ..design.materials import MATERIALS
-from ..errors import CalibrationError
 from ..files import outputs
-from ..sim.plate.glasses import FARTHEST_HZ
+from ..sim.plate.glasses import FARTHEST_HZ, LEAST_PARASITIC, NUMBERS
 
 PARASITIC = 4  # modes besides the driven ones that a simulated plate has
 
@@ -38,18 +37,28 @@ def write_config(design: ContactDesign, drive: Drive, heading: str, path: Path, 
     outputs.write_text("\n".join(lines) + "\n", path)
 
 
-def write_glass(design: ContactDesign, drive: Drive, heading: str, path: Path) -> None:
-    """Write what the simulation needs for this plate: `sim.plate.glasses`. Raises CalibrationError where names of modes
-    are not unique."""
+def glass_lines(design: ContactDesign, drive: Drive) -> list[str]:
+    """Return the lines of a file with what the simulation needs for this plate: `sim.plate.glasses`.
+
+    Raises ValueError with the reason why there can be none.
+    """
     plate, driven = design.plate, [shape.name for shape in design.shapes]
     of = plate.material
+    if plate.patches:
+        raise ValueError("simulated plates have no glued patches")
+    for key, what, value in (("driven", "driven modes", len(driven)), ("drive_hz", "Hz of drive", design.drive_hz)):
+        low, high = NUMBERS[key]
+        if not low <= value <= high:
+            raise ValueError(f"simulated plates have {low:g} to {high:g} {what}")
     band_hz = (design.drive_hz - FARTHEST_HZ, design.drive_hz + FARTHEST_HZ)
     modes = free_modes(plate.size_mm, plate.thickness_mm, of, band_hz)
     times = Counter(shape.name for _, shape in modes)
     if any(times[mode] != 1 for mode in driven):
-        raise CalibrationError(f"--glass: a file names modes, and two near the drive are {' or '.join(driven)}.")
+        raise ValueError(f"a simulated plate names its modes, and two near the drive are {' or '.join(driven)}")
     others = [(abs(hz - design.drive_hz), one.name) for hz, one in modes if times[one.name] == 1]
     near = sorted(other for other in others if other[1] not in driven)
+    if len(near) < LEAST_PARASITIC:
+        raise ValueError(f"simulated plates have {LEAST_PARASITIC} more modes within {FARTHEST_HZ:g} Hz of the drive")
     name = next((name for name, known in MATERIALS.items() if known == of), None)
     values = {
         "size_mm": plate.size_mm,
@@ -60,5 +69,5 @@ def write_glass(design: ContactDesign, drive: Drive, heading: str, path: Path) -
         "modes": (*driven, *(name for _, name in near[:PARASITIC])),
         "material": name or f"{of.young_gpa:g},{of.poisson:g},{of.density_kg_m3:g}",
     }
-    lines = [heading, "# For --plate of simulated plates: the driven modes first, then the next ones."]
-    outputs.write_text("\n".join([*lines, *(f"{key} = {toml(value)}" for key, value in values.items())]) + "\n", path)
+    head = "# For --plate of simulated plates: the driven modes first, then the next ones."
+    return [head, *(f"{key} = {toml(value)}" for key, value in values.items())]

@@ -54,8 +54,8 @@ def table(placement: Placement, design: ContactDesign) -> str:
     after = (
         "with all glued on, no drive has enough modes"
         if glued is None
-        else f"with all glued on, the best drive is {glued.drive_hz:.0f} Hz, the contrast {glued.contrast:.1f}, the "
-        f"slip {glued.slip_um:.2f} um"
+        else f"with all glued on, the best drive is {glued.drive_hz:.0f} Hz, the static contrast "
+        f"{glued.contrast:.1f}, the slip {glued.slip_um:.2f} um"
     )
     return "\n".join((*lines, f"{conditions} the sense matrix; {after}."))
 

@@ -10,22 +10,22 @@ import contextlib
 import math
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from ..errors import HapticdError, UsageError, missing_client
+import hapticd_client
+from hapticd_client import Client, content
+from hapticd_client.content import Score
+
+from ..errors import HapticdError, UsageError
 from . import glass
-from .arguments import POSITIVE
+from .arguments import POSITIVE, number
 from .daemon_process import PATIENT, DaemonProcess
-
-if TYPE_CHECKING:
-    from hapticd_client import Client
-    from hapticd_client.content import Score
 
 DEFAULT_UM = 1.5
 ANSWER_S, SIMULATED_ANSWER_S = 2.0, 60.0
 SCENARIO = "strokes"
+LEAST_WIDTH_MM, MOST_WIDTH_MM = 0.1, 1000.0  # of any plate
 PICTURE_S = 10.0  # of a picture with --sim, where no person ends it
 
 
@@ -39,7 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"amplitude of white, or of full intensity (default {DEFAULT_UM:g})",
     )
     parser.add_argument("--friction", action="store_true", help="a picture of friction: black is bare glass")
-    parser.add_argument("--width-mm", type=POSITIVE, metavar="MM", help="of a picture (default: the whole plate)")
+    parser.add_argument(
+        "--width-mm",
+        type=number(LEAST_WIDTH_MM, MOST_WIDTH_MM),
+        metavar="MM",
+        help="width of a picture, which must fit on the plate (default: it fills the plate)",
+    )
     parser.add_argument("--loop", action="store_true", help="again and again, until Ctrl-C")
     parser.add_argument(
         "--seconds",
@@ -55,10 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Play the file. Raises UsageError for the file, HapticdError without a service."""
-    try:
-        import hapticd_client
-    except ImportError:
-        raise missing_client("Playing") from None
     if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
     glass.chosen(options, is_simulated=options.sim)
@@ -76,8 +77,6 @@ def run(options: argparse.Namespace) -> None:
 
 def _loaded(options: argparse.Namespace) -> Score:
     """Return the file's content; print what of it is dropped."""
-    from hapticd_client import content
-
     with _dropped():
         return content.load(
             options.file, high_um=options.high_um, is_friction=options.friction, width_mm=options.width_mm
@@ -97,8 +96,6 @@ def _dropped() -> Iterator[None]:
 @contextlib.contextmanager
 def _plate(options: argparse.Namespace) -> Iterator[Client]:
     """Return a client of the service, or of one on a simulated plate."""
-    from hapticd_client import Client
-
     with contextlib.ExitStack() as held:
         endpoint, within_s = options.endpoint, ANSWER_S
         if options.sim:
@@ -112,8 +109,25 @@ def _plate(options: argparse.Namespace) -> Iterator[Client]:
         yield client
 
 
+def _check_width(score: Score, plate: Client, width_mm: float | None) -> None:
+    """Raise UsageError for a picture that is larger than the plate."""
+    from hapticd_client import Rectangle
+
+    shape = score.layers[0].shape if width_mm is not None else None  # with a width it is one picture
+    if width_mm is None or not isinstance(shape, Rectangle):
+        return
+    size_mm = plate.plate()["size_mm"]
+    most_mm = min(size_mm[0], size_mm[1] * shape.width_mm / shape.height_mm)
+    if width_mm > most_mm:
+        raise UsageError(
+            f"--width-mm: a picture of {shape.width_mm:g} x {shape.height_mm:g} mm is larger than the plate of "
+            f"{size_mm[0]:g} x {size_mm[1]:g} mm: give {LEAST_WIDTH_MM:g} .. {math.floor(10 * most_mm) / 10:g}."
+        )
+
+
 def _play(score: Score, plate: Client, options: argparse.Namespace) -> str:
-    """Play until the end; return what fingers were given, as far as the states show it."""
+    """Play until the end; return the largest target of each finger, as far as the states show it."""
+    _check_width(score, plate, options.width_mm)
     seconds = math.inf if options.seconds is None else options.seconds
     if options.seconds is None and options.sim and not score.effects:
         seconds = PICTURE_S
@@ -125,7 +139,12 @@ def _play(score: Score, plate: Client, options: argparse.Namespace) -> str:
                 felt_um[finger.id] = max(felt_um.get(finger.id, 0.0), finger.target_um)
 
     score.play(plate, seconds, loops=options.loop, sleep=look)
+    return largest(felt_um)
+
+
+def largest(felt_um: Mapping[int | str, float]) -> str:
+    """Return the sentence on the largest target of each finger."""
     if not felt_um:
         return "no finger touched the plate"
-    fingers = sorted(felt_um.items(), key=str)
-    return ", ".join(f"finger {finger} was given {most_um:.2f} um and more" for finger, most_um in fingers)
+    fingers = ", ".join(f"{most_um:.2f} um for finger {finger}" for finger, most_um in sorted(felt_um.items(), key=str))
+    return f"largest amplitude asked for, of the states read: {fingers}"

@@ -11,13 +11,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..config.sections import FELT, OBJECTIVES, Config, SolverConfig
 from ..errors import UsageError, reason
 from ..files import outputs
 from ..regular_file import read_bounded
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
 from . import glass
-from .arguments import POSITIVE, number, whole
+from .arguments import number, whole
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 WORLD_BYTES = 1 << 20
 IDEAL = "ideal"
 LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
+MOST_S = 3600.0  # all of it is kept in memory until the end
+MOST_MM_S, MOST_NOISE_MM = 2000.0, 10.0  # faster and noisier than any finger on a pad
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,11 +44,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(hapticd/sim/README.md)",
     )
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
-    parser.add_argument("--seconds", type=number(LEAST_S), help="duration (default: the scenario's own)")
-    parser.add_argument("--speed", type=POSITIVE, metavar="MM_S", help="of a scenario's fingers (default 100)")
+    parser.add_argument("--seconds", type=number(LEAST_S, MOST_S), help="duration (default: the scenario's own)")
+    parser.add_argument(
+        "--speed",
+        type=number(0.0, MOST_MM_S, is_above=True),
+        metavar="MM_S",
+        help="of a scenario's fingers (default 100)",
+    )
     parser.add_argument(
         "--noise",
-        type=number(0.0),
+        type=number(0.0, MOST_NOISE_MM),
         metavar="MM",
         help="white noise of the pad, RMS on each axis (default: noise that its firmware has filtered)",
     )
@@ -56,6 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=IDEAL,
         help="what is wrong: nothing (ideal, the default), what --seed draws (mild, laboratory or worst), or a JSON "
         "file of your own (hapticd/sim/README.md)",
+    )
+    parser.add_argument(
+        "--objective",
+        choices=OBJECTIVES,
+        default=FELT,
+        help="what counts of contacts, as solver.objective (default felt: friction as asked)",
     )
     parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
@@ -77,7 +91,8 @@ def _simulate(options: argparse.Namespace) -> None:
     plate = replace(PlateSettings.of(sim.plate, sim.modes or None, sim.wiring), world=_world(options))
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
-    settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate)
+    config = Config(solver=replace(SolverConfig(), objective=options.objective))
+    settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate, config=config)
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
         if options.record is None:

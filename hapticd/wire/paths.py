@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..content_values import VirtualPath
 from ..errors import RequestError
 from .contents import MAX_POSITION_MM
-from .fields import Fields, items, pair
+from .fields import Fields, points
 
 MAX_PATH_POINTS = 64
 MAX_SPEED_MM_S, DEFAULT_SPEED_MM_S = 2000.0, 50.0
@@ -14,11 +14,11 @@ MAX_SPEED_MM_S, DEFAULT_SPEED_MM_S = 2000.0, 50.0
 def read_path(fields: Fields) -> VirtualPath:
     """Read the fields of a path. Raises RequestError."""
     where = fields.place("path_mm")
-    points = items(fields.take("path_mm"), MAX_PATH_POINTS, where)
-    if not points:
+    points_mm = points(fields.take("path_mm"), MAX_PATH_POINTS, MAX_POSITION_MM, where)
+    if not points_mm:
         raise RequestError(f"{where}: needs at least one point.")
     return VirtualPath(
-        points_mm=tuple(pair(point, MAX_POSITION_MM, f"{where}[{index}]") for index, point in enumerate(points)),
+        points_mm=points_mm,
         speed_mm_s=fields.number("speed_mm_s", 0.0, MAX_SPEED_MM_S, DEFAULT_SPEED_MM_S),
         loop=fields.boolean("loop", default=True),
     )

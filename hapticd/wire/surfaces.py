@@ -11,7 +11,7 @@ import math
 from ..content_values import Blend, Circle, Polygon, Surface, VirtualPath
 from ..errors import RequestError
 from .contents import MAX_ANGLE_RAD, MAX_POSITION_MM, read_content
-from .fields import Fields, items, pair
+from .fields import Fields, pair, points
 from .paths import MAX_SPEED_MM_S, read_path
 
 MAX_SURFACES = 16
@@ -82,10 +82,9 @@ def _rectangle(fields: Fields) -> Polygon:
 
 def _polygon(fields: Fields) -> Polygon:
     where = fields.place("polygon_mm")
-    points = items(fields.take("polygon_mm"), MAX_POLYGON_POINTS, where)
-    if len(points) < 3:
+    corners = points(fields.take("polygon_mm"), MAX_POLYGON_POINTS, MAX_POSITION_MM, where)
+    if len(corners) < 3:
         raise RequestError(f"{where}: needs three points or more.")
-    corners = tuple(pair(point, MAX_POSITION_MM, f"{where}[{index}]") for index, point in enumerate(points))
     doubled_mm2 = 0.0
     for index, (x_mm, y_mm) in enumerate(corners):
         before_x_mm, before_y_mm = corners[index - 1]

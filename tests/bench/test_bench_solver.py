@@ -9,7 +9,7 @@ from functools import cache
 
 import pytest
 
-from hapticd.bench import contacts, solver, stability
+from hapticd.bench import contacts, felt, solver, stability
 from hapticd.bench.tables import UNITS, Table, plain
 from hapticd.core.solver.contacts import STILL_IMPORTANCE
 
@@ -18,7 +18,9 @@ pytestmark = pytest.mark.long
 TABLES: dict[str, Callable[[], Table]] = {
     "solver": lambda: solver.run(problems=120, repeats=1, timed=5),
     "contacts": lambda: contacts.run(problems=4, repeats=1),
+    "felt": lambda: felt.run(problems=6, repeats=1, starts=3),
     "sizes": lambda: solver.sizes(calls=1, repeats=1),
+    "many": lambda: solver.many(problems=60, repeats=1, timed=1),
     "situations": lambda: stability.situations(problems=5),
     "walk": lambda: stability.walk(steps=10_000),
     "contacts_walk": lambda: contacts.walk(steps=0),  # three laps
@@ -58,6 +60,15 @@ def test_clamping_each_mode_by_itself_leaks() -> None:
     naive = table("solver").row("numpy solve + clip").figures
     assert naive["leak_um"] > 0.01
     assert figure("solver", "solve_fast", "both_slip_error_um") < naive["both_slip_error_um"]
+
+
+def test_many_fingers_miss_less_by_phases_than_by_the_best_signs_and_no_still_one_moves() -> None:
+    phases, signs, best = (
+        figure("many", name, "missed_um") for name in ("phases by descent", "signs by descent", "best of all signs")
+    )
+    assert phases < best
+    assert best * (1.0 - 1e-9) < signs < 1.1 * best
+    assert all(row.figures["leak_um"] < solver.NOTHING_UM for row in table("many").rows)
 
 
 def test_a_general_solver_of_quadratic_programmes_finds_the_same_solution() -> None:
@@ -115,3 +126,12 @@ def test_more_importance_of_the_still_contact_buys_contrast_with_slip() -> None:
     ours = contacts.IMPORTANCES.index(STILL_IMPORTANCE)
     assert 0.75 < slip_um[ours] < 0.85
     assert 14.0 < contrast[ours] < 20.0
+
+
+def test_all_fingers_feel_what_was_asked_about_as_often_as_a_general_minimiser_gives() -> None:
+    for fingers, modes in felt.SIZES:
+        name = f"{fingers} contacts, {modes} modes"
+        ours, bound = figure("felt", name, "felt_frac"), figure("felt", f"{name}, bound", "felt_frac")
+        assert ours >= bound - 0.34, name  # two of six problems
+        assert ours >= figure("felt", f"{name}, by contrast", "felt_frac")
+    assert figure("felt", "2 contacts, 8 modes", "felt_frac") > 0.6

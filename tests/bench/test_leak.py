@@ -41,11 +41,17 @@ def test_two_slippery_fingers_dip_less_with_phase_continuation_than_with_sign_ch
 
 def test_contacts_differ_by_more_the_more_modes_and_near_what_perfect_knowledge_gives() -> None:
     table = leak.contact(seeds=(1,), seconds=2.0)
-    contrast = figures(table, "contrast")
+    contrast, felt = figures(table, "contrast"), figures(table, "felt_frac")
     named = [f"{plate} plate, {modes} modes" for plate, modes in leak.CONTACT_PLATES]
     assert contrast[named[0]] < 2.0 < contrast[named[1]] < contrast[named[2]]
-    for name in named[1:]:
-        assert contrast[name] > 0.8 * contrast[f"{name}, {leak.PERFECT}"]
+    assert felt[named[0]] < 0.02 < felt[named[2]] < felt[named[3]]
+    for name in named[2:]:
+        by_contrast = f"{name}, {leak.BY_CONTRAST}"
+        assert felt[name] > 2.0 * felt[by_contrast]
+        assert contrast[name] < contrast[by_contrast]
+        for one in (name, by_contrast):
+            assert contrast[one] > 0.8 * contrast[f"{one}, {leak.PERFECT}"]
+            assert felt[one] <= felt[f"{one}, {leak.PERFECT}"] + 0.02
 
 
 @pytest.fixture(scope="module")

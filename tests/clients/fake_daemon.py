@@ -28,6 +28,7 @@ class FakeDaemon:
     def __init__(self, directory: Path, remote: Remote | None = None) -> None:
         self.directory = directory
         self.remote = remote
+        self.size_mm = (137.5, 137.5)
         self.fingers: dict[int, tuple[float, float]] = {}
         self.protocol = wire.PROTOCOL_VERSION
         self.messages = 0
@@ -129,6 +130,8 @@ class FakeDaemon:
             case "surfaces", _:
                 surfaces, assets = self.scene.surfaces, self.scene.assets
                 return {"version": surfaces.version, "surfaces": [described(one, assets) for one in surfaces.layers]}
+            case "plate", _:
+                return {"size_mm": self.size_mm}
             case "clear_fault", _:
                 self.fault_cleared = True
             case "set", ClientTargets() as targets:

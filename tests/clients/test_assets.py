@@ -70,7 +70,7 @@ def test_a_handle_that_the_daemon_has_dropped_is_uploaded_when_it_is_used(daemon
 
 
 def test_a_client_that_changes_its_picture_all_the_time_always_finds_room(daemon: FakeDaemon, client: Client) -> None:
-    for frame in range(store.MAX_CLIENT_BYTES // 2**20 + 2):
+    for frame in range(store.MAX_BYTES // 2**20 + 2):
         levels = bytes([frame]) * 1024
         client.surface("video", map=Map(client.asset([levels] * 1024), high_um=2.55))
     assert felt_um(daemon, 0) == pytest.approx(0.01 * frame)

@@ -412,7 +412,7 @@ def test_a_picture_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path
 @pytest.mark.parametrize(
     ("name", "data", "sentence"),
     [
-        ("a.txt", b"", "a.txt: must be one of .png"),
+        ("a.txt", b"", "a.txt: must end in one of .png"),
         ("a.ahap", b"{", "a.ahap: is not JSON."),
         ("a.ahap", b"[" * 100_000, "a.ahap: is not JSON."),
         ("a.ahap", b"[]", "a.ahap: must be an object."),
@@ -442,7 +442,7 @@ def test_a_picture_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path
         ("a.hjif", b'{"perceptions": [{}], "timescale": 0}', "a.hjif.timescale: must be above 0."),
         ("a.wav", b"RIFF", "a.wav: is no WAV file of whole numbers"),
         ("a.npy", b"no array", "a.npy: is not an array that NumPy can read."),
-        ("a.png", b"no picture", "a.png: is not a picture that Pillow can read."),
+        ("a.png", b"no picture", "a.png: is not a PNG or JPEG that Pillow can read."),
     ],
 )
 def test_a_file_that_cannot_be_played_is_one_sentence(name: str, data: bytes, sentence: str, tmp_path: Path) -> None:
@@ -450,7 +450,7 @@ def test_a_file_that_cannot_be_played_is_one_sentence(name: str, data: bytes, se
     with pytest.raises(HapticdError) as refused:
         content.load(tmp_path / name)
     assert sentence in str(refused.value)
-    assert str(refused.value).endswith(".") or "must be one of" in sentence
+    assert str(refused.value).endswith(".") or "must end in one of" in sentence
 
 
 NAMES = (
@@ -525,7 +525,14 @@ def test_a_damaged_file_is_refused_or_gives_effects_that_the_library_sends(
         (lambda path: path / "no.ahap", "cannot be read (No such file or directory)."),
         (lambda path: path / "no.npy", "cannot be read (No such file or directory)."),
         (lambda path: wav(path / "a.wav", np.zeros(800)), "has no sound."),
-        (lambda path: wav(path / "a.wav", np.ones(8), rate_hz=100), "must have 200 samples per second or more"),
+        (
+            lambda path: wav(path / "a.wav", np.ones(8), rate_hz=100),
+            "a.wav: has 100 samples per second, it must have 200 .. 192000: save it at another rate.",
+        ),
+        (
+            lambda path: wav(path / "a.wav", np.ones(640 * 200), rate_hz=200),
+            "a.wav: lasts 640 s, it must last 600 s at most: divide it.",
+        ),
     ],
 )
 def test_a_file_that_is_missing_or_silent_is_one_sentence(
@@ -544,3 +551,23 @@ def test_a_sound_of_24_bits_is_played(tmp_path: Path) -> None:
         samples = [round(2**22 * math.sin(2 * math.pi * 100 * n / 8000)) for n in range(8000)]
         file.writeframes(b"".join(struct.pack("<i", sample)[:3] for sample in samples))
     assert [round(hz, -1) for _, _, hz, _ in tones(content.load(tmp_path / "a.wav"))] == [100.0]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_picture_of_another_format_is_refused_whatever_its_name(suffix: str, tmp_path: Path) -> None:
+    for kind in ("GIF", "BMP", "TIFF", "WEBP", "EPS"):
+        Image.new("RGB", (8, 8)).save(tmp_path / "a", kind)
+        (tmp_path / "a").replace(tmp_path / f"a{suffix}")
+        with pytest.raises(RefusedError, match="is not a PNG or JPEG that Pillow can read"):
+            content.load(tmp_path / f"a{suffix}")
+
+
+def test_a_transparent_picture_is_black_where_it_is_transparent(tmp_path: Path) -> None:
+    for mode in ("RGBA", "LA"):
+        levels = Image.new("L", (4, 4), 200).convert(mode)
+        levels.putalpha(Image.linear_gradient("L").resize((4, 4)))
+        levels.save(tmp_path / "a.png")
+        (layer,) = content.load(tmp_path / "a.png").layers
+        alphas = np.asarray(levels.getchannel("A"), float)
+        given = np.array([list(row) for row in layer.levels], float)
+        np.testing.assert_allclose(given, 200.0 * alphas / 255.0, atol=1.0)

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from hapticd.content_values import Cause, Wave
 from hapticd.core.targets import client_registry as client_registry
-from hapticd.io.clients import senders, server, sockets
+from hapticd.io.clients import gate, senders, server, sockets
 from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client as wire
 from hapticd.wire.effects import FORMS
@@ -129,6 +129,10 @@ def test_the_text_names_the_rates_and_limits_in_force() -> None:
         f"(a subscription: {sockets.MAX_SUBSCRIPTION_BYTES})",
         f"at most {sockets.SEND_HIGH_WATER} states per reader",
         f"until {client_registry.KEPT_NS * 1e-9:g} s after its last message",
+        f"at most {gate.MAX_CONNECTIONS_PER_USER} connections, all together {gate.MAX_CONNECTIONS}",
+        f"open {gate.MAX_CONNECTIONS} at once, and {gate.CONNECTIONS_HZ:g} a second",
+        f"one connection every {gate.ADMIT_EVERY_S * 1e3:g} ms",
+        "by cause under `clients`: `{}`, `{}`, `{}`.".format(*gate.CAUSES),
         f"At most {client_registry.MAX_NAMES}\nnames are in use",
     ):
         assert " ".join(sentence.split()) in " ".join(TEXT.split())

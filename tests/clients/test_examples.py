@@ -398,4 +398,4 @@ def test_a_photograph_that_is_none_is_one_sentence(daemon: FakeDaemon, capsys: p
     with pytest.raises(SystemExit) as left:
         run("photograph", daemon, str(CLIENTS / "PROTOCOL.md"))
     assert left.value.code == 1
-    assert capsys.readouterr().err.endswith("PROTOCOL.md: is not a picture that Pillow can read.\n")
+    assert capsys.readouterr().err.endswith("PROTOCOL.md: is not a PNG or JPEG that Pillow can read.\n")

@@ -134,7 +134,7 @@ def test_a_file_that_is_no_picture_is_one_sentence(tmp_path: Path) -> None:
 
 def test_without_pillow_the_error_names_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(HapticdError, match=r"pip install \"clients/python\[image\]\""):
+    with pytest.raises(HapticdError, match=f"run `{sys.executable} -m pip install 'pillow>="):
         Map.from_image(tmp_path / "picture.png", high_um=1.0)
 
 

@@ -14,6 +14,7 @@ from PIL import Image
 
 from hapticd.__main__ import main
 from hapticd.errors import ExitCode
+from hapticd.tools import play
 from hapticd_client import content
 from hapticd_client.asset import asset_of, upload
 from hapticd_client.effects import Form, Start, effect_fields
@@ -129,7 +130,7 @@ def test_the_command_plays_a_file_prints_what_is_dropped_and_ends(
     ("name", "options", "sentence"),
     [
         ("no.wav", [], "no.wav: cannot be read (No such file or directory).\n"),
-        ("a.mp3", [], "a.mp3: must be one of .png, .jpg,"),
+        ("a.mp3", [], "a.mp3: must end in one of .png, .jpg,"),
         ("a.ahap", ["--sim", "--endpoint", "."], "--sim starts a service of its own: it cannot be combined"),
         ("a.ahap", ["--friction"], "a.ahap: a width and friction are for pictures.\n"),
     ],
@@ -139,6 +140,41 @@ def test_a_wrong_call_is_one_sentence(
 ) -> None:
     assert main(["play", str(tmp_path / name), *options]) == ExitCode.WRONG_CALL
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("width_mm", "sentence"),
+    [
+        ("900", "900 x 450 mm is larger than the plate of 137.5 x 137.5 mm: give 0.1 .. 137.5."),
+        ("137.6", "137.6 x 68.8 mm is larger than the plate of 137.5 x 137.5 mm: give 0.1 .. 137.5."),
+        ("0.05", "--width-mm: 0.05 is out of bounds, it must be 0.1 .. 1000."),
+        ("nan", "--width-mm: nan is out of bounds, it must be 0.1 .. 1000."),
+    ],
+)
+def test_a_picture_wider_than_the_plate_is_refused_before_it_is_laid(
+    width_mm: str, sentence: str, daemon: FakeDaemon, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Image.fromarray(np.full((8, 16), 200, dtype=np.uint8)).save(tmp_path / "wide.png")
+    call = ["play", str(tmp_path / "wide.png"), "--endpoint", str(daemon.directory), "--seconds", "0.1"]
+    assert main([*call, "--width-mm", width_mm]) == ExitCode.WRONG_CALL
+    assert capsys.readouterr().err.endswith(f"{sentence}\n")
+    assert not daemon.scene.surfaces.layers
+    assert main([*call, "--width-mm", "137.5"]) == ExitCode.DONE
+
+
+def test_a_tall_picture_is_bounded_by_the_height_of_the_plate(
+    daemon: FakeDaemon, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Image.fromarray(np.full((30, 10), 200, dtype=np.uint8)).save(tmp_path / "tall.png")
+    call = ["play", str(tmp_path / "tall.png"), "--endpoint", str(daemon.directory), "--width-mm", "100"]
+    assert main(call) == ExitCode.WRONG_CALL
+    assert "100 x 300 mm is larger than the plate of 137.5 x 137.5 mm: give 0.1 .. 45.8." in capsys.readouterr().err
+
+
+def test_the_largest_amplitude_of_each_finger_is_one_sentence() -> None:
+    sentence = "largest amplitude asked for, of the states read: 1.46 um for finger 1, 0.30 um for finger 2"
+    assert play.largest({2: 0.3, 1: 1.456}) == sentence
+    assert play.largest({}) == "no finger touched the plate"
 
 
 def test_without_a_service_it_ends_with_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -151,4 +187,4 @@ def test_without_a_service_it_ends_with_one_sentence(tmp_path: Path, capsys: pyt
 def test_a_file_is_played_on_the_simulated_plate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = pattern(tmp_path, *[0.05 * index for index in range(20)])
     assert main(["play", str(path), "--sim"]) == ExitCode.DONE
-    assert "finger 1 was given" in capsys.readouterr().out
+    assert "um for finger 1" in capsys.readouterr().out

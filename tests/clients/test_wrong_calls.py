@@ -50,6 +50,10 @@ FINGERS: list[tuple[Callable[[Any], object], str]] = [
     (lambda c: c.virtual("a", path=7), "path: a point has two numbers, x and y."),
     (lambda c: c.virtual("a", (0, 0), speed_mm_s="fast"), "speed_mm_s: must be a number, not 'fast'."),
     (lambda _: Client(name=7), "name: must have 1 .. 32 printable characters."),
+    (lambda _: Client(name="x" * 200), "name: must have 1 .. 32 printable characters."),
+    (lambda c: c.marker("x" * 200), "text: must have 1 .. 100 printable characters."),
+    (lambda c: c.marker("two\nlines"), "text: must have 1 .. 100 printable characters."),
+    (lambda c: c.marker(None), "text: must have 1 .. 100 printable characters."),
 ]
 SURFACES: list[tuple[Callable[[Any], object], str]] = [
     (

@@ -24,7 +24,7 @@ from hapticd.config.sections import (
     SimConfig,
     TrackpadConfig,
 )
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.daemon.settings import friction_curve
 from hapticd.errors import ConfigError
 from hapticd.io.devices.replay import read_recording
@@ -97,7 +97,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("a = " + "[" * 5000, "nests too deeply"),
         ("a" + ".a" * 16 + " = 1", "16 dots or more"),
         ('[plate]\nmodes_file = "a\\u0000b"\n', "not one printable line"),
-        ("#" * 65537, "more than 65536 bytes"),
+        ("#" * 65537, "More than 65536 bytes"),
         ("[plate]\nmodes_file = '" + "x" * 300 + "'\n", "there is no file"),
         ('[solver]\ntolerance_um = "much"\n', "must be a number"),
         ("limits = 3", "limits is a section"),

@@ -16,9 +16,9 @@ from hapticd.content_values import (
     Target,
     VirtualPath,
 )
+from hapticd.core.friction import FrictionCurve
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.targets.scene import Scene
-from hapticd.core.targets.textures import FrictionCurve
 from hapticd.values import Tick
 
 SPEED_MM_S, REST_UM = 100.0, 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import os
 import signal
 import socket
@@ -19,12 +20,14 @@ from terminal import Terminal
 
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
+from hapticd.core.budget import OVERRUN_NS
 from hapticd.daemon.daemon import Daemon, now_ns
 from hapticd.daemon.lifecycle import serve
 from hapticd.daemon.machine import TIMER_NS
 from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
+from hapticd.io.host.runaway import Breather
 from hapticd.io.host.systemd import Notifier
 from hapticd.values import Finger, RawReport, Tick
 from hapticd.wire import device
@@ -225,6 +228,21 @@ async def test_each_batch_of_reports_is_timed_from_its_reading(hardware: Hardwar
         assert timing.wait.count == timing.compute.count
         assert timing.wait.count + timing.joined_reports == 2
         assert timing.wait.shortest_ns >= 0
+
+
+@asynchronous
+async def test_after_a_pass_that_overran_the_loop_sleeps_the_next_passes_do_less_and_the_log_says_so(
+    hardware: Hardware, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    ran_ns, slept_s = itertools.count(0, 2 * OVERRUN_NS), list[float]()
+    async with hardware.started() as service:
+        service._breather = Breather(ran_ns=lambda: 0, sleep=slept_s.append)
+        monkeypatch.setattr("hapticd.daemon.daemon.time.thread_time_ns", lambda: next(ran_ns))
+        service._reports([RawReport(now_ns(), b"")])
+        timing = service.machine.report_status(now_ns())["timing"]
+        assert (timing["overruns"], timing["breaths"], len(slept_s)) == (1, 1, 1)
+        assert timing["slowness"] == service.machine.pipeline.slowness > 2.0
+        assert "sleeps for a moment, before the kernel ends it" in caplog.text
 
 
 @asynchronous

@@ -118,7 +118,7 @@ def test_a_rig_is_started_with_the_configured_plate(
         config_loader.prepare(replace(configuration, sim=sim))
     with pytest.raises(ConfigError, match=r"sim.modes: 7 modes cannot be driven .*: give 2 to 6"):
         config_loader.prepare(replace(configuration, sim=replace(own, modes=7)))
-    with pytest.raises(ConfigError, match=r"sim.wiring: the paper's wiring has two amplifiers .* drives 4\."):
+    with pytest.raises(ConfigError, match=r"sim.wiring: the paper's wiring has two amplifiers .* drives 4: choose"):
         config_loader.prepare(replace(configuration, sim=replace(own, wiring="paper")))
     assert started == [("fingertip", 4, "identity"), ("fingertip", 5, "identity")]
 

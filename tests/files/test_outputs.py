@@ -146,6 +146,7 @@ def test_every_option_that_writes_is_declared_as_an_output(command: str) -> None
 
 
 ELSEWHERE = {
+    "compiled/prerequisites.py",  # a folder of its own
     "files/outputs.py",
     "files/recording/mcap_writer.py",  # recordings take the next free name
     "io/clients/keys.py",  # keys are refused by name
@@ -156,8 +157,9 @@ ELSEWHERE = {
     "sim/rig/files.py",  # the rig's own folder
     "sim/rig/program.py",  # likewise
     "tools/daemon_process.py",  # its own folder
+    "tools/plate_verdict.py",  # its own folder
     "tools/install_service.py",  # its destinations are fixed
-    "tools/study/session.py",  # a session is continued
+    "regular_file.py",  # a study's session is continued
     "tools/view/program.py",  # the address, in a folder of its own
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import random
 import socket
 import sys
 import time
@@ -15,6 +16,8 @@ import zmq.auth
 NAMES = {"targets": zmq.PUSH, "control": zmq.DEALER, "telemetry": zmq.SUB}
 SOCKETS = 500
 REQUESTERS = 140
+NOBODY = 65534
+OTHER_ADDRESS = "127.0.0.2"
 HALF_A_GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL"
 
 is_program = __name__ == "__main__"  # the test imports KINDS alone
@@ -91,7 +94,34 @@ def half() -> None:
             held.pop(0).close()
 
 
-KINDS = {one.__name__: one for one in (subscriptions, unread, churn, half)}
+def closing() -> None:
+    """Connections of another user (over TCP: from another address) that are closed at once, one after the other."""
+    if os.geteuid() == 0:
+        os.setuid(NOBODY)  # the group that may open the sockets stays
+    for name in itertools.cycle(NAMES):
+        with socket.socket(socket.AF_INET if is_remote else socket.AF_UNIX) as client:
+            if is_remote:
+                client.bind((OTHER_ADDRESS, 0))
+            client.connect(address(name) if is_remote else f"{endpoint}/{name}")
+
+
+def dear() -> None:
+    """Another user's scenes that cost as much as any may, another one every 20 ms."""
+    from hapticd.bench.dearest_messages import scene
+
+    if os.geteuid() == 0 and not is_remote:
+        os.setuid(NOBODY)
+    rng = random.Random(1)
+    scenes = [[msgpack.packb(message) for message in scene(rng, 1).messages] for _ in range(50)]
+    clients = [connected("targets") for _ in scenes[0]]
+    for messages in itertools.cycle(scenes):
+        for client, message in zip(clients, messages, strict=True):
+            if client.poll(0, zmq.POLLOUT):
+                client.send(message, zmq.NOBLOCK)
+        time.sleep(0.02)
+
+
+KINDS = {one.__name__: one for one in (subscriptions, unread, churn, half, closing, dear)}
 
 if __name__ == "__main__":
     print("ready", flush=True)

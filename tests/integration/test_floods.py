@@ -6,27 +6,32 @@ printed only: without SCHED_FIFO they are also those of a machine that is busy w
 
 from __future__ import annotations
 
+import subprocess
 import time
 from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import pytest
+import zmq
 from flooder import KINDS
-from service import Bench, resident_mb, wait_for
+from service import PATIENCE_S, Bench, resident_mb, wait_for
 
 from hapticd.io.clients import keys
+from hapticd_client.control import Control
+from hapticd_client.endpoint import find
 
 FLOOD_S = 3.0
 MAX_RSS_MB = 150.0
 MIN_STATES_HZ = 30.0  # of ninety: they do not stop
+MIN_HELLOS_HZ = 2.0  # of dozens, each on a connection of its own
 PORT = 27610
 
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.parametrize("transport", ["ipc", "tcp"])
-@pytest.mark.parametrize("kind", ["none", *KINDS])
-def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kind: str, transport: str) -> None:
+def served_over_both(bench: Bench) -> Path:
+    """Configure ipc and TCP; return the folder of the daemon's key and eve's."""
     folder = bench.folder / "keys"
     for name in ("hapticd", "eve"):
         keys.make_pair(folder, name)
@@ -34,14 +39,54 @@ def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kin
     text = bench.config.read_text().replace("[client]", f'[client]\ntcp = "127.0.0.1:{PORT}"\nkeys_dir = "{folder}"')
     bench.config.write_text(text)
     bench.configure("[realtime]\nfifo_priority = 20\n")  # as the system service; else a warning
+    bench.folder.chmod(0o711)  # for the flooder of another user
+    return folder
+
+
+def endpoint_of(bench: Bench, transport: str, folder: Path) -> list[str]:
+    where = [f"tcp://127.0.0.1:{PORT}", str(folder / "hapticd.key"), str(folder / "eve.key_secret")]
+    return where if transport == "tcp" else [str(bench.runtime_dir)]
+
+
+def flooded(bench: Bench, kind: str, endpoint: list[str]) -> subprocess.Popen[str]:
+    """A flooder that has begun."""
+    flooder = bench.program(str(Path(__file__).with_name("flooder.py")), kind, *endpoint)
+    assert flooder.stdout is not None
+    assert flooder.stdout.readline() == "ready\n"
+    return flooder
+
+
+@pytest.mark.parametrize(("kind", "transport"), [("closing", "ipc"), ("closing", "tcp"), ("dear", "ipc")])
+def test_while_another_user_floods_each_hello_is_answered(bench: Bench, kind: str, transport: str) -> None:
+    folder = served_over_both(bench)
+    client = bench.driven()[2]
+    endpoint = endpoint_of(bench, transport, folder)
+    flooded(bench, kind, endpoint)
+    t_end_s = time.monotonic() + FLOOD_S
+    hellos_s = []
+    with zmq.Context() as context:
+        while time.monotonic() < t_end_s:
+            t_begin_s = time.monotonic()
+            control = Control(context, find(endpoint[0], {}, *endpoint[1:]))
+            control.request("hello", timeout_s=PATIENCE_S)
+            control.close()
+            hellos_s.append(time.monotonic() - t_begin_s)
+    status = client.status()
+    counts = {"closing": status["clients"]["gone_early"], "dear": status["touch"]["left_out_knots"]}
+    print(f"\n{kind}  {transport}  {len(hellos_s)} hellos,", end=" ")
+    print(f"median {1e3 * median(hellos_s):.0f} ms, worst {1e3 * max(hellos_s):.0f} ms")
+    assert len(hellos_s) >= FLOOD_S * MIN_HELLOS_HZ
+    assert counts[kind] > 0  # there was a flood
+
+
+@pytest.mark.parametrize("transport", ["ipc", "tcp"])
+@pytest.mark.parametrize("kind", ["none", *KINDS])
+def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kind: str, transport: str) -> None:
+    folder = served_over_both(bench)
     _, service, client, _ = bench.driven()
     states = client.states(timeout_s=10.0)
     if kind != "none":
-        where = [f"tcp://127.0.0.1:{PORT}", str(folder / "hapticd.key"), str(folder / "eve.key_secret")]
-        endpoint = where if transport == "tcp" else [str(bench.runtime_dir)]
-        flooder = bench.program(str(Path(__file__).with_name("flooder.py")), kind, *endpoint)
-        assert flooder.stdout is not None
-        assert flooder.stdout.readline() == "ready\n"
+        flooder = flooded(bench, kind, endpoint_of(bench, transport, folder))
     t_end_s = time.monotonic() + FLOOD_S
     instants_ns = []
     while time.monotonic() < t_end_s:
@@ -52,6 +97,8 @@ def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kin
         flooder.kill()
     wait_for(lambda: client.status()["state"] == "ACTIVE")
     left_mb = resident_mb(service.process.pid)
-    print(f"\n{kind:14} {transport}  gap {gap_ms:5.1f} ms  RSS {flooded_mb:5.1f} MB, then {left_mb:5.1f} MB")
+    trips = client.status()["board"]["deadman_trips"]
+    print(f"\n{kind:14} {transport}  gap {gap_ms:5.1f} ms  RSS {flooded_mb:5.1f} MB, then {left_mb:5.1f} MB", end="")
+    print(f"  dead-man trips {trips}")
     assert max(flooded_mb, left_mb) <= MAX_RSS_MB
     assert len(instants_ns) >= FLOOD_S * MIN_STATES_HZ

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,22 +40,34 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     assert {path.name for path in bench.folder.iterdir()} <= {"demo.png", "hapticd.toml", "rig"}  # it tidied up
 
 
+@pytest.mark.long
+def test_the_address_that_a_demo_prints_is_a_page_while_it_runs(tmp_path: Path) -> None:
+    with live_demo(tmp_path) as (process, lines):
+        (address,) = re.findall(r"(?m)^the plate: (http://127\.0\.0\.1:\S+)$", "".join(lines))
+        with urllib.request.urlopen(address, timeout=PATIENCE_S) as page:
+            assert (page.status, b"<canvas" in page.read()) == (200, True)
+        process.send_signal(signal.SIGHUP)
+        process.wait(PATIENCE_S)
+
+
 @contextmanager
-def live_demo(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """A demo that has printed its first live line; its picture and its files go to this folder."""
+def live_demo(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """A demo and the lines up to its first live one; its picture and its files go to this folder."""
     command = [sys.executable, "-m", "hapticd", "demo", "--out", str(folder / "demo.png")]
     environ = {**os.environ, "TMPDIR": str(folder)}
     with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
         assert process.stdout is not None
-        while not re.match("(ACTIVE|ARMED|IDLE)", process.stdout.readline()):
+        lines = [process.stdout.readline()]
+        while not re.match("(ACTIVE|ARMED|IDLE)", lines[-1]):
             assert process.poll() is None
-        yield process
+            lines.append(process.stdout.readline())
+        yield process, lines
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGHUP])
 def test_a_demo_that_is_killed_leaves_no_folder_and_no_process(tmp_path: Path, sign: signal.Signals) -> None:
-    with live_demo(tmp_path) as process:
+    with live_demo(tmp_path) as (process, _):
         process.send_signal(sign)
         process.wait(PATIENCE_S)
     wait_for(lambda: not any(tmp_path.iterdir()))
@@ -62,7 +75,7 @@ def test_a_demo_that_is_killed_leaves_no_folder_and_no_process(tmp_path: Path, s
 
 @pytest.mark.long
 def test_a_demo_whose_rig_is_killed_ends_with_a_sentence(tmp_path: Path) -> None:
-    with live_demo(tmp_path) as process:
+    with live_demo(tmp_path) as (process, _):
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
         (rig,) = (pid for pid in children if b"hapticd.sim.rig.program" in Path(f"/proc/{pid}/cmdline").read_bytes())
         os.kill(int(rig), signal.SIGKILL)

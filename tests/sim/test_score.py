@@ -8,8 +8,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from hapticd.core.targets.textures import FrictionCurve
-from hapticd.sim.score import SETTLE_S, Friction, Score, exponential, score, settled, with_contacts
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.sim.score import SETTLE_S, Friction, Score, score, settled, with_contacts
 
 T_S = (np.arange(2000) + 1) / 2000.0
 SETTLE_TICKS = 200
@@ -98,7 +98,7 @@ def test_without_fingers_figures_are_nan() -> None:
         "slip_error_um",
         "slip_frac",
         *("contact_leak_um", "contact_slip_um", "contrast", "contrast_median"),
-        *("still_friction_change", "slip_friction_change", "weber_frac"),
+        *("still_friction_change", "slip_friction_change", "weber_frac", "felt_frac"),
     ]
     assert judged.limited_frac == 0.0
 
@@ -123,7 +123,9 @@ def test_hardly_any_run_at_all_has_no_figures_and_raises_nothing(ticks: int) -> 
     assert judged.largest_reference_um == 0.0
 
 
-def perceived(target_um: np.ndarray, plate_um: np.ndarray, friction: Friction = exponential) -> Score:
+def perceived(
+    target_um: np.ndarray, plate_um: np.ndarray, friction: Friction = DEFAULT_FRICTION_CURVE.frictions
+) -> Score:
     """The score of fingers that slide at 100 mm/s on a plate whose one mode is 1 everywhere."""
     slide_mm = 100.0 * T_S
     finger_mm = np.stack([np.stack((slide_mm, np.zeros(len(T_S))), axis=1)] * target_um.shape[1], axis=1)
@@ -152,9 +154,43 @@ def test_a_change_is_felt_from_the_weber_fraction_on() -> None:
     assert judged.weber_frac == pytest.approx(felt_s / after_s, abs=0.005)
 
 
+def test_time_counts_as_felt_where_every_finger_is_within_the_weber_fraction_of_what_was_asked() -> None:
+    # 0.05 um is 7 % less friction, 0.1 um is 13 %: felt; 1 um asked and 0.95 um given is 7 % more
+    moving_um = np.where(T_S < 0.4, 0.05, np.where(T_S < 0.7, 0.1, 0.95))
+
+    alone = perceived(constant(0.0, np.nan), moving_um)
+    assert alone.felt_frac == pytest.approx((0.4 - SETTLE_S) / (1.0 - SETTLE_S), abs=0.005)
+    both = perceived(constant(0.0, 1.0), moving_um)
+    assert both.felt_frac == 0.0  # never both at once
+    assert perceived(constant(0.05, 0.1), constant(0.05)[:, 0]).felt_frac == 1.0
+    assert math.isnan(perceived(constant(np.nan), moving_um).felt_frac)
+
+
+def test_a_finger_s_error_is_in_just_noticeable_differences_and_has_a_median_and_a_tail() -> None:
+    moving_um = np.where(T_S < 0.8, 0.05, 0.1)
+
+    (finger,) = perceived(constant(0.0), moving_um).fingers
+
+    assert finger.error_jnd == pytest.approx((1.0 - math.exp(-0.05 / 0.7)) / 0.11)
+    assert finger.error_95_jnd == pytest.approx((1.0 - math.exp(-0.1 / 0.7)) / 0.11)
+
+
+def test_an_amplitude_asks_for_the_friction_that_it_has_when_it_is_even_over_the_contact() -> None:
+    uneven = lambda places_mm: 1.0 + 0.6 * np.sign(places_mm @ np.array([[0.3], [1.0]]))  # noqa: E731
+    finger_mm = np.zeros((len(T_S), 1, 2))
+    rms_um = math.sqrt((1.6**2 + 0.4**2) / 2)
+    plate_um = np.full((len(T_S), 1), 1.0 / rms_um + 0j)  # 1.37 um on one half, 0.34 um on the other
+
+    judged = with_contacts(Score(*[float("nan")] * 5), T_S, finger_mm, constant(1.0), plate_um, uneven)
+
+    assert judged.contact_slip_um == pytest.approx(1.0)
+    assert judged.felt_frac == 0.0
+    assert judged.fingers[0].friction_change > 0.2  # stickier
+
+
 def test_the_plate_s_own_friction_curve_judges_at_the_finger_s_own_speed() -> None:
     fast = FrictionCurve.from_amplitudes((0.0, 2.0), floor_frac=0.5, speed_mm_s=100.0)
 
     judged = perceived(constant(0.0), constant(1.0)[:, 0], fast.frictions)
 
-    assert judged.still_friction_change == pytest.approx(0.875 - 1.0)  # 1 um has the effect of 0.5 um at rest
+    assert judged.still_friction_change == pytest.approx(0.5**0.25 - 1.0)  # 1 um has the effect of 0.5 um at rest

@@ -12,6 +12,7 @@ import pytest
 
 from hapticd.config import loader as config
 from hapticd.config.sections import SIMULATED, Config
+from hapticd.daemon.service import MAX_DESCRIPTORS
 from hapticd.errors import ConfigError
 from hapticd.io.devices.trackpad_source import PADS
 from hapticd.io.host.cpu_latency import LATENCY_FILE
@@ -99,10 +100,15 @@ def test_a_configuration_that_is_wrong_is_not_started_again_and_last_words_are_e
     assert directives("SyslogLevel") == ["err"]
 
 
+def test_the_service_may_open_what_all_clients_together_need() -> None:
+    assert directives("LimitNOFILE") == [str(MAX_DESCRIPTORS)]
+
+
 def test_the_unit_grants_what_the_configuration_may_ask_for_and_stops_a_runaway() -> None:
     assert directives("RestrictRealtime") == []
     assert int(directives("LimitRTPRIO")[0]) == 20
-    assert int(directives("LimitRTTIME")[0]) <= 200_000  # us of a loop that never sleeps
+    soft_us, hard_us = map(int, directives("LimitRTTIME")[0].split(":"))  # of a loop that never sleeps
+    assert soft_us < hard_us <= 200_000
     assert directives("LimitMEMLOCK") == directives("MemoryMax")  # mlockall counts address space, not what is touched
     assert {"sched_setscheduler", "sched_setaffinity"} <= {
         call for calls in directives("SystemCallFilter") for call in calls.split()

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import pytest
+from pictures import faults
 
 from hapticd.config.sections import SimConfig
+from hapticd.files import outputs, plotting
 from hapticd.sim import lockstep
 from hapticd.sim.picture import Film
+from hapticd.tools.demo import program
 from hapticd.tools.demo.columns import Column, VirtualRun, columns, live_column
+from hapticd.tools.demo.picture import draw, typical_instant
 from hapticd.tools.demo.program import summary
 
 STATUS: dict[str, dict[str, float]] = {"latency_ms": {}}
@@ -53,10 +61,45 @@ def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
     films = dict.fromkeys(columns(live, is_bare=False), Film.of(run, live.title))
     rows = {line[:26].strip(): line[26:].split() for line in summary(films, live, STATUS).splitlines()}
     assert rows["plate"] == ["reference", "reference", "fingertip"]
+    assert rows["both felt as asked"] == [f"{run.score.felt_frac:.0%}"] * 3
     assert rows["sticky contact, um RMS"] == [f"{run.score.contact_leak_um:.3f}"] * 3
     assert rows["slippery contact, um RMS"] == [f"{run.score.contact_slip_um:.3f}"] * 3
     assert rows["contrast of the two"] == [f"{run.score.contrast:.1f}"] * 3
     assert rows["sticky centre, um RMS"] == [f"{run.score.leak_um:.3f}"] * 3
+
+
+def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_path: Path, figures: list[Any]) -> None:
+    paper, ours = (Film.of(lockstep.run("strokes", seconds=1.5), title) for title in (PAPER, REFERENCE))
+    draw(paper, ours, tmp_path / "demo.png", seconds=1.0, source="demo")
+    papers, hapticds, plate, _ = figures[0].axes
+    at = typical_instant(ours, 1.0)
+    contacts_um = ours.contacts_at_um(at)
+    assert [text.get_text() for text in plate.texts] == [
+        f"finger 1: asked 1 µm, gets {contacts_um[0]:.2f}",
+        f"finger 2: asked 0 µm, gets {contacts_um[1]:.2f}",
+    ]
+    assert {tuple(patch.center) for patch in plate.patches} == {tuple(place) for place in ours.finger_mm[at]}
+    assert papers.get_title(loc="left") == f"the paper's scheme: {paper.score.contrast:.1f} to 1"
+    assert hapticds.get_title(loc="left") == f"hapticd: {ours.score.contrast:.1f} to 1"
+    assert papers.get_ylim() == hapticds.get_ylim()
+    assert faults(figures[0]) == []
+
+
+def test_the_instant_of_the_picture_is_a_typical_one_and_the_field_under_a_finger_is_what_it_gets() -> None:
+    film = Film.of(lockstep.run("strokes", seconds=1.5), REFERENCE).between(0.7, 1.5)
+    at = typical_instant(film, 1.0)
+    usual_um = np.array([film.score.contact_slip_um, film.score.contact_leak_um])
+    _, contacts_um = film.contacts_um(1.0)
+    off = np.abs(np.log(contacts_um / usual_um)).sum(axis=1)
+    assert np.abs(np.log(film.contacts_at_um(at) / usual_um)).sum() < np.quantile(off, 0.2)
+    (x_mm, y_mm), centre_um = film.finger_mm[at][0], abs(film.truth_um[at, 0])
+    assert film.field_um(at, np.array([x_mm]), np.array([y_mm]))[0, 0] == pytest.approx(centre_um, abs=0.02)
+
+
+def test_a_run_that_is_too_short_to_be_judged_still_has_a_picture(tmp_path: Path, figures: list[Any]) -> None:
+    film = Film.of(lockstep.run("strokes", seconds=0.5), REFERENCE).between(0.42, 0.46)
+    draw(film, film, tmp_path / "demo.png", seconds=2.5, source="demo")
+    assert figures[0].axes[0].get_title(loc="left") == "hapticd"
 
 
 @pytest.mark.long
@@ -68,3 +111,9 @@ def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
     same = Film.of(lockstep.run("strokes", seconds=1.0), column.title).between(0.5, 1.0)
     assert film.score == same.score
     assert film.t_s.tolist() == same.t_s.tolist()
+
+
+def test_the_picture_is_known_as_an_earlier_demos(tmp_path: Path) -> None:
+    film, out = Film.of(lockstep.run("strokes", seconds=0.5), REFERENCE), tmp_path / "demo.png"
+    draw(film, film, out, seconds=0.5, source=f"{program.SOURCE}1")
+    assert outputs.has_mark(out, f", {program.SOURCE}".encode(), plotting.SIGNED_BYTES)

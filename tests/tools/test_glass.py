@@ -11,10 +11,12 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config.sections import SimConfig
-from hapticd.errors import SimulationError
+from hapticd.errors import DeviceError, SimulationError
 from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import glass, run
+from hapticd.tools.demo import program as demo_program
+from hapticd.tools.view import program as view_program
 
 
 def parsed(*words: str) -> argparse.Namespace:
@@ -39,6 +41,27 @@ def test_every_command_with_a_simulated_plate_takes_its_name_and_number_of_modes
     assert glass.chosen(parsed(*command, "--modes", "3")) == SimConfig(modes=3)
 
 
+def test_a_newcomer_is_shown_the_plate_for_whole_fingertips(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[SimConfig] = []
+
+    class Service:
+        def __init__(self, _scenario: str, _seed: int, sim: SimConfig) -> None:
+            started.append(sim)
+            raise DeviceError("Enough.")
+
+    monkeypatch.setattr(view_program.signal, "signal", lambda *_: None)  # its handler would stay
+    monkeypatch.setattr(view_program, "SimulatedService", Service)
+    for options in ((), ("--modes", "6"), ("--plate", "reference")):
+        assert main(["view", "--sim", "--port", "0", *options]) == 1
+    assert started == [
+        SimConfig(plate="fingertip"),
+        SimConfig(plate="fingertip", modes=6),
+        SimConfig(plate="reference", modes=2),
+    ]
+    assert demo_program._simulated(parsed("demo")) == SimConfig(plate="fingertip")
+    assert demo_program._simulated(parsed("demo", "--board", "host")) == SimConfig()  # its board has two modes
+
+
 def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked() -> None:
     options = parsed("run", "--sim", "--plate", "fingertip", "--modes", "5")
     assert run.configuration(options).sim == SimConfig(plate="fingertip", modes=5)
@@ -51,7 +74,8 @@ def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked(
         ("run --modes 5", "--modes: 5 modes cannot be driven on the reference plate: give 2 to 4."),
         ("view --plate fingertip", "--plate, --modes and --wiring name a simulated plate: give --sim as well."),
         ("study run --participant P --out x --modes 4", "give --sim as well."),
-        ("demo --modes 9", "--modes: 9 modes cannot be driven on the reference plate: give 2 to 4."),
+        ("demo --modes 9", "--modes: 9 modes cannot be driven on the fingertip plate: give 2 to 6."),
+        ("view --sim --wiring paper", "this plate drives 4: choose the reference plate, or 2 modes."),
         ("simulate strokes --plate steel", "--plate: there is no plate 'steel': give reference, fingertip, or a file;"),
         ("simulate strokes --plate none.toml", "none.toml: cannot be read (No such file or directory)"),
         ("play sound.wav --plate fingertip", "give --sim as well."),

@@ -7,9 +7,11 @@ import io
 import json
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pytest
 from machine_bench import MS, SLIPPERY, STICKY, Bench
+from pictures import faults
 
 from hapticd.config.sections import Config
 from hapticd.core.board.ledger import Histogram, LedgerLine
@@ -82,6 +84,21 @@ def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(measured: Mea
     assert plain["processor_percent"] is None
     draw(measured, tmp_path / "latency.png")
     assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_picture_has_the_verdict_as_its_title_and_a_row_for_each_stage_along_the_way(
+    measured: Measured, tmp_path: Path, figures: list[Any]
+) -> None:
+    draw(measured, tmp_path / "latency.png")
+    (axes,) = figures[0].axes
+    median_ms = measured.stages["total"].percentile_ns(50) * 1e-6
+    late, frames = measured.counts["frames late"], measured.counts["frames"]
+    assert f"{100 * (1 - late / frames):.1f} % of {frames} frames were on time" in axes.get_title(loc="left")
+    assert f"sample to plate took {median_ms:.1f} ms" in axes.get_title(loc="left")
+    assert [label.get_text() for label in axes.get_yticklabels()] == list(STAGES.values())
+    medians_ms = [line.get_xdata()[0] for line in axes.lines if line.get_color() == "black"]
+    assert medians_ms == [measured.stages[name].percentile_ns(50) * 1e-6 for name in STAGES]
+    assert faults(figures[0]) == []
 
 
 def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pictures import faults
 
 from hapticd.__main__ import main
 from hapticd.config import loader
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.service import load_modes
 from hapticd.design import free_plate_modes
+from hapticd.design.contact_search import Drive, Plate, search
+from hapticd.design.materials import find_material
+from hapticd.tools.plate_verdict import Motion, verdict
 
 
 def test_the_reference_plate_is_designed_and_its_files_are_what_they_say(
@@ -44,6 +49,14 @@ def test_the_picture_has_labels_and_a_scale_of_each_kind(tmp_path: Path, figures
     assert [axis.get_ylabel() for axis in maps[::3]] == ["y, mm"] * (len(maps) // 3)
     assert "its largest value is 1" in shapes.get_xlabel()
     assert "sum of both" in both.get_xlabel()
+
+
+def test_the_picture_for_contacts_has_no_text_that_is_covered_or_cut_off(tmp_path: Path, figures: list[Any]) -> None:
+    plate = "plate --contacts --size 240x160 --thickness 3 --modes 5 --drive 32350 --place 10x10x0.3"
+    assert main([*plate.split(), "--plot", str(tmp_path / "plate.png")]) == 0
+    assert faults(figures[0]) == []
+    words = [text.get_text() for text in figures[0].legends[0].get_texts()]
+    assert words == ["still contact", "slipping contact", "patch", "sensor", "stamp"]
 
 
 def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
@@ -99,6 +112,7 @@ def test_a_plate_that_cannot_be_is_one_sentence_and_exit_code_2(
 
 # --- whole fingertips -------------------------------------------------------------------------------------------
 
+FAR = Drive(farthest_hz=600.0)
 FINGERTIP = ["plate", "--contacts", "--size", "200x200", "--thickness", "3", "--drive", "29300..29450"]
 
 
@@ -111,6 +125,7 @@ def test_a_plate_for_whole_fingertips_is_judged_in_a_sentence_and_its_files_fit_
     verdict = capsys.readouterr().out.splitlines()[-1]
     assert verdict.startswith("200 x 200 x 3 mm of glass, driven at 29375 Hz with 4 modes (13x1-1x13, 10x8-8x10, 13x0")
     assert verdict.endswith(": enough for whole fingertips.")
+    assert f"# {verdict}" == files["toml"].read_text().splitlines()[0]
     (design,) = json.loads(files["json"].read_text())["designs"]
     assert design["modes"] == ["13x1-1x13", "10x8-8x10", "13x0", "0x13"]
     assert design["contrast"] > 12.0
@@ -127,7 +142,8 @@ def test_a_plate_for_whole_fingertips_is_judged_in_a_sentence_and_its_files_fit_
 
 def test_ranges_are_searched_and_sorted_and_random_plates_are_judged(capsys: pytest.CaptureFixture[str]) -> None:
     ranges = ["--size", "180..190", "--thickness", "2.5..3", "--modes", "3..4", "--drive", "32400..32600"]
-    assert main(["plate", "--contacts", *ranges, "--tolerances", "1", "--json", "-"]) == 0
+    still = ["--radius", "5.1"]  # of which no motion is simulated
+    assert main(["plate", "--contacts", *ranges, *still, "--tolerances", "1", "--json", "-"]) == 0
     output = capsys.readouterr()
     found = json.loads(output.out)
     scores = [design["score"] for design in found["designs"]]
@@ -141,7 +157,69 @@ def test_ranges_are_searched_and_sorted_and_random_plates_are_judged(capsys: pyt
 def test_a_plate_that_is_not_enough_is_told_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plate", "--contacts", "--modes", "2", "--drive", "29150"]) == 0
     assert "with 2 modes (11x0, 0x11)" in (verdict := capsys.readouterr().out.splitlines()[-1])
-    assert verdict.endswith(": less than a contrast of 12 and 0.75 um of slip.")
+    assert verdict.endswith(": not enough for whole fingertips (less than a contrast of 12).")
+
+
+@pytest.mark.timeout(300)
+def test_a_plate_is_judged_by_what_simulate_gives_fingers_in_motion_on_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its static bound would be enough, with a contrast of 14."""
+    files = {name: tmp_path / f"{name}.json" for name in ("design", "motion")}
+    plate = ["plate", "--contacts", "--size", "160x160", "--thickness", "3", "--drive", "32370", "--modes", "5"]
+    glass = tmp_path / "glass.toml"
+    assert main([*plate, "--glass", str(glass), "--json", str(files["design"])]) == 0
+    verdict = capsys.readouterr().out.splitlines()[-1]
+    simulate = ["simulate", "strokes", "--alone", "--plate", str(glass), "--json", str(files["motion"])]
+    assert main([*simulate, "--objective", "felt"]) == 0
+    felt = json.loads(files["motion"].read_text())
+    assert main([*simulate, "--objective", "contrast", "--force"]) == 0
+    found, played = (json.loads(file.read_text()) for file in files.values())
+    assert found["designs"][0]["contrast"] > 13.0 > 12.0 > found["motion"]["contrast"]
+    assert found["designs"][0]["slip_um"] > 0.75
+    assert found["motion"]["contrast"] == pytest.approx(played["hapticd"]["contrast"], rel=1e-12)
+    assert found["motion"]["slip_um"] == pytest.approx(played["hapticd"]["contact_slip_um"], rel=1e-12)
+    assert found["motion"]["felt_frac"] == pytest.approx(felt["hapticd"]["felt_frac"], rel=1e-12)
+    assert f"in {felt['hapticd']['felt_frac']:.0%} of the time, or with `--objective contrast`" in verdict
+    assert verdict.endswith(": not enough for whole fingertips (less than a contrast of 12).")
+
+
+def test_a_design_is_enough_only_by_contrast_and_by_slip() -> None:
+    def judged(slip_um: float, still_um: float) -> str:
+        return verdict(design, FAR, Motion(slip_um, still_um, 0.3)).rpartition(": ")[2]
+
+    (design,) = search([Plate((100.0, 100.0), 2.0, find_material("glass"))], [2], (29000.0, 29000.0), FAR, pairs=4)
+    assert judged(0.67, 0.055) == "enough for whole fingertips."
+    assert judged(0.66, 0.05) == "not enough for whole fingertips (less than 0.67 um of slip)."
+    lacks = "less than a contrast of 12 and less than 0.67 um of slip"
+    assert judged(0.5, 0.05) == f"not enough for whole fingertips ({lacks})."
+    assert judged(math.nan, math.nan) == f"not enough for whole fingertips ({lacks})."
+    assert judged(0.7, 0.0) == "enough for whole fingertips."
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--size", "100x100", "--modes", "2", "--farthest", "600"], "strokes need a plate of 116 x 116 mm or more"),
+        (["--modes", "2", "--radius", "4"], "simulated contacts have a radius of 5 mm"),
+        (["--modes", "2", "--patch", "45,45,8x8x0.3"], "simulated plates have no glued patches"),
+        (["--modes", "7", "--farthest", "1000"], "simulated plates have 2 to 6 driven modes"),
+    ],
+)
+def test_where_motion_cannot_be_simulated_the_verdict_says_why(
+    arguments: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "plate.json"
+    assert main(["plate", "--contacts", "--drive", "29000..29100", *arguments, "--json", str(output)]) == 0
+    verdict = capsys.readouterr().out.splitlines()[-1]
+    assert f"{reason}. The static bound is " in verdict
+    assert reason in json.loads(output.read_text())["motion"]["unknown"]
+
+
+def test_a_plate_that_cannot_be_simulated_has_no_file_for_it(tmp_path: Path, refused: Callable[..., str]) -> None:
+    arguments = ["--contacts", "--drive", "29100", "--modes", "7", "--farthest", "1000"]
+    sentence = refused("plate", *arguments, "--glass", str(tmp_path / "glass.toml"))
+    assert sentence == "hapticd: --glass: simulated plates have 2 to 6 driven modes.\n"
 
 
 def test_glued_patches_count_in_the_verdict(capsys: pytest.CaptureFixture[str]) -> None:

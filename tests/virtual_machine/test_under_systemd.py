@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,11 @@ SECCOMP_FILTER = ["2"]
 ERROR, INFO = 3, 6  # syslog(3)
 
 each_strike = pytest.mark.parametrize("step", ["killed", "hung"])
-each_drive = pytest.mark.parametrize("step", ["driven", "killed", "hung", "refused", "reloaded"])
+each_drive = pytest.mark.parametrize("step", ["driven", "killed", "hung", "refused", "reloaded", "flooded"])
+each_flood = pytest.mark.parametrize("kind", ["slipping", "crowded"])
+
+MAX_GAP_MS = 250.0  # between two states, in the guest's own time; a flood had 64 ms
+MIN_STATES = 25  # of a flood of 2.5 s, in which its reader has the little that the loop leaves of one processor
 
 
 def seconds(directive: str) -> float:
@@ -161,6 +166,33 @@ def test_a_configuration_that_is_sound_is_taken_by_the_same_process(service: Boo
     found = service.step("reloaded")
     assert found["after"]["MainPID"] == found["before"]["MainPID"]
     assert found["driven"]["w_limit_um"] == [3.0, 3.0]
+
+
+def test_the_dearest_scenes_of_two_users_do_not_end_it(service: Boot) -> None:
+    """Without a budget for a pass the kernel kills it at LimitRTTIME, as it never sleeps."""
+    found = service.step("flooded")
+    assert [found["after"][name] for name in ("MainPID", "NRestarts", "ActiveState")] == [
+        found["before"][name] for name in ("MainPID", "NRestarts", "ActiveState")
+    ]
+    process = found["driven"]["process"]
+    demoted = lines(service, "it continues with ordinary priority")
+    assert process["policies"]["true"] == (os.SCHED_OTHER if demoted else FIFO_RESET_ON_FORK)
+
+
+@each_flood
+def test_while_two_users_publish_the_dearest_scenes_states_come_and_less_is_computed(service: Boot, kind: str) -> None:
+    found = service.step("flooded")[kind]
+    instants_ns = found.pop("instants_ns")
+    assert len(instants_ns) >= MIN_STATES
+    gap_ms = max(after_ns - before_ns for before_ns, after_ns in pairwise(instants_ns)) * 1e-6
+    print(f"\n{kind:8}  {len(instants_ns)} states, gap {gap_ms:.1f} ms, {found}")
+    assert gap_ms < MAX_GAP_MS
+    assert found["left_out_knots"] + found["left_out_fingers"] > 0
+
+
+def test_a_loop_that_messages_keep_busy_takes_breaths_and_says_so(service: Boot) -> None:
+    assert service.step("flooded")["crowded"]["breaths"] > 0
+    assert lines(service, "the loop had no pause for too long")
 
 
 def test_it_stops_within_its_time_and_leaves_a_quiet_plate_and_nothing_else(service: Boot) -> None:

@@ -215,7 +215,9 @@ def test_whole_numbers_become_floats_and_stay_exact() -> None:
         packed(client="é" * 32),
         packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(targets.MAX_TARGETS)]),
         packed(targets=[], virtuals=[{"name": str(n), "path_mm": [[0, 0]]} for n in range(targets.MAX_VIRTUALS)]),
-        packed(targets=[], virtuals=[{"name": "a", "path_mm": [[-1000, 1000]] * paths.MAX_PATH_POINTS}]),
+        packed(
+            targets=[], virtuals=[{"name": "a", "path_mm": [[-1000.0, 1000.0], [1, 2]] * (paths.MAX_PATH_POINTS // 2)}]
+        ),
         with_map(width=128, height=128, levels=bytes(128 * 128), high_um=1),
         with_target(map={"width": 1024, "height": 1024, "asset": bytes(32), "high_um": 1}),
         with_map(friction=[0, 1]),
@@ -285,7 +287,10 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (with_map(levels="x", high_um=1), "levels: must be bytes, not a text."),
         (packed(virtuals=[{"name": "a", "path_mm": []}]), "virtuals[0].path_mm: needs at least one point."),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 65}]), "path_mm: has 65 items, at most 64 are allowed."),
-        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 257}]), "exceeds max_array_len"),
+        (
+            packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 999}]),
+            "path_mm: has 999 items, at most 64 are allowed.",
+        ),
         (packed(virtuals=[{"name": "a", "path_mm": [[0]]}]), "virtuals[0].path_mm[0]: a point has two numbers"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 1001]]}]), "virtuals[0].path_mm[0]: 1001 is out of bounds"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "speed_mm_s": 2001}]), "speed_mm_s: 2001 is out of"),
@@ -303,7 +308,7 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (with_surface(friction=1, polygon_mm=[[0, 0], [1, 1], [2, 2]]), "polygon_mm: encloses less than 0.01 mm^2."),
         (with_surface(friction=1, polygon_mm=[[0, 0], [9, 9], [9, 0], [0, 9]]), "encloses less than 0.01 mm^2."),
         (with_surface(friction=1, polygon_mm=[[0, 0]] * 17), "polygon_mm: has 17 items, at most 16 are allowed."),
-        (with_surface(friction=1, polygon_mm=[[0, 0]] * 1000), "exceeds max_array_len"),
+        (with_surface(friction=1, polygon_mm=[[0, 0]] * 999), "polygon_mm: has 999 items, at most 16 are allowed."),
         (with_surface(friction=1, polygon_mm=[[0, 0], [1e9, 0], [0, 1]]), "polygon_mm[1]: 1e+09 is out of bounds"),
         (with_surface(friction=1, scale=1e6), "surfaces[0].scale: 1e+06 is out of bounds, it must be 0.01 .. 100."),
         (with_surface(friction=1, velocity_mm_s=[0, 2001]), "surfaces[0].velocity_mm_s: 2001 is out of bounds"),
@@ -329,7 +334,12 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
             with_envelope([0, 1], [1, -1], is_factor=True),
             "envelope.points[1]: -1 is out of bounds, it must be 0 .. 10.",
         ),
-        (with_envelope(*[[n, 0] for n in range(257)]), "exceeds max_array_len"),
+        (with_envelope(*[[n, 0] for n in range(257)]), "envelope.points: has 257 items, at most 256 are allowed."),
+        (packed(client="c" * 200), "client: a name has 1 .. 32 printable characters."),
+        (packed(virtuals=[{"name": "\U0001d11e" * 40, "path_mm": [[0, 0]]}]), "virtuals[0].name: a name has 1 .. 32"),
+        (with_effect(**{"x" * 200: 1}), f"'effects[0].{'x' * 32}': unknown field"),
+        (with_target(**{str(number): 1 for number in range(300)}), "targets[0]: needs exactly one of"),
+        (with_map(width=128, height=128, levels=bytes(20000), high_um=1), "has 20000 bytes, it must have 16384."),
         (
             packed(effects=[{"name": f"{n}", "envelope": {"points": [[0, 1]] * 205 + [[1, 1]]}} for n in range(5)]),
             "effects[4].envelope: more than 1024 points in one message.",
@@ -485,6 +495,8 @@ def test_each_request_is_read_with_its_body() -> None:
     assert client.decode_request(request("release", body=everything)).body == client.Release("a", None)
     noted = {"client": "a", "text": "trial 1: begins"}
     assert client.decode_request(request("marker", body=noted)).body == client.Marker("a", "trial 1: begins")
+    longest = "\U0001d11e" * 100  # of four bytes each
+    assert client.decode_request(request("marker", body={**noted, "text": longest})).body == client.Marker("a", longest)
     for op in ("hello", "capabilities", "status", "plate", "clear_fault"):
         assert client.decode_request(request(op)) == client.Request(op, 7, None)
 
@@ -551,6 +563,8 @@ def test_a_part_of_an_asset_is_read_with_its_place_and_one_without_bytes_only_as
         ("marker", {"text": 7}, "body.text: must be a text, not a whole number"),
         ("marker", {"text": ""}, NO_MARKER),
         ("marker", {"text": "a" * 101}, NO_MARKER),
+        ("marker", {"text": "a" * 200}, NO_MARKER),
+        ("marker", {"text": "\U0001d11e" * 101}, NO_MARKER),
         ("marker", {"text": "two\nlines"}, NO_MARKER),
     ],
 )

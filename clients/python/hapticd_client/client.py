@@ -22,6 +22,7 @@ from .messages import FingerState, PlateEvent, PlateState
 from .surface import Shape, surface_fields
 from .target_set import DEFAULT_TTL_S, Key, TargetSet
 from .targets import (
+    MAX_MARKER_CHARACTERS,
     MAX_TTL_S,
     MIN_TTL_S,
     Asset,
@@ -34,6 +35,7 @@ from .targets import (
     label,
     number,
     path_fields,
+    printable,
     target_fields,
 )
 
@@ -314,7 +316,7 @@ class Client:
         at most every 20 ms. Raises RefusedError, also from an older daemon without markers, or for a board without the
         output.
         """
-        body: dict[str, object] = {"client": self.name, "text": text}
+        body: dict[str, object] = {"client": self.name, "text": printable("text", text, MAX_MARKER_CHARACTERS)}
         if pulse:
             body["pulse"] = True
         return int(self._call("marker", body)["t_ns"])

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import zmq
-import zmq.auth
 from zmq.utils import z85
 
 from .errors import HapticdError
+from .regular_file import read_bounded
 
 TEMPORARY = Path("/tmp")
 SYSTEM_DIRECTORY = Path("/run/hapticd")  # of the system service
 ENDPOINTS = ("targets", "control", "telemetry")  # sockets in the directory, and TCP ports in this order
+MAX_BYTES = 1 << 16  # of a certificate, which has 400
+_KEY = re.compile(rb"""^[ \t]*(public|secret)-key[ \t]*=[ \t]*["']?([^"'\s]*)""", re.MULTILINE)  # of a certificate
 
 KeyFile = str | os.PathLike[str]
 
@@ -133,10 +136,14 @@ def _own_pair(path: Path) -> tuple[bytes, bytes]:
 
 def _certificate(path: Path) -> tuple[bytes, bytes | None]:
     try:
-        public, secret = zmq.auth.load_certificate(path)
+        found = dict(_KEY.findall(read_bounded(path, MAX_BYTES)))  # ZeroMQ's own reader takes any file, and all of it
+        if b"public" not in found:
+            raise ValueError("it has no public key")
+        public, secret = found[b"public"], found.get(b"secret")
         for key in (public, secret):
             if key is not None and len(z85.decode(key)) != 32:
                 raise ValueError("a key has 40 characters")
     except (OSError, ValueError, KeyError) as error:
-        raise HapticdError(f"{path}: is not a ZeroMQ certificate ({error}).") from None
+        reason = getattr(error, "strerror", None) or error
+        raise HapticdError(f"{path}: is not a ZeroMQ certificate ({reason}).") from None
     return public, secret

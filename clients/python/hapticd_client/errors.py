@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import shlex
+import sys
+
 
 class HapticdError(Exception):
     """Base class of all errors of this library."""
@@ -13,3 +17,23 @@ class RefusedError(HapticdError, ValueError):
 
 class DaemonGoneError(HapticdError, ConnectionError):
     """No daemon answers."""
+
+
+def missing_library(need: str, extra: str) -> HapticdError:
+    """Return the error for a `need` such as "Pictures need Pillow", with the command that meets it.
+
+    It names what the extra adds, and not the extra: that of a checkout pip would replace. A bare `pip` may be another
+    Python's.
+    """
+    from importlib.metadata import PackageNotFoundError, requires
+
+    for distribution in ("hapticd-client", "hapticd"):  # either contains this library, and both have the extra
+        try:
+            split = [requirement.partition(";") for requirement in requires(distribution) or ()]
+        except PackageNotFoundError:
+            continue
+        libraries = [name.strip() for name, _, marker in split if re.sub(r"[\s\"']", "", marker) == f"extra=={extra}"]
+        if libraries:
+            command = shlex.join([sys.executable, "-m", "pip", "install", *libraries])
+            return HapticdError(f"{need}: run `{command}`.")
+    return HapticdError(f"{need}.")

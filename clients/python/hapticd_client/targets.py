@@ -18,6 +18,7 @@ Fields = dict[str, object]
 MAX_AMPLITUDE_UM = 1000.0
 MAX_LEVEL = 255  # of a map's pixel
 MAX_MAP_SIDE = 128
+MAX_MARKER_CHARACTERS = 100
 MAX_PATH_POINTS = 64
 MAX_POSITION_MM = 1000.0
 MAX_SPEED_MM_S = 2000.0
@@ -162,7 +163,7 @@ class Map:
         """Make a map of a picture file, in grey: white is `high_um`, black `low_um`; swap the two for a negative.
 
         The plate is square: the middle square of the picture is used, scaled down to at most 128 x 128, with the
-        camera's orientation applied. Transparent parts are black. Needs Pillow (`pip install "clients/python[image]"`).
+        camera's orientation applied. Transparent parts are black. Needs Pillow, the extra `image`.
         Raises HapticdError without Pillow, RefusedError for a file that is no picture.
         """
         from .image import grey_rows
@@ -273,9 +274,14 @@ def number(name: str, value: object, low: float, high: float) -> float:
 
 def label(name: str, value: object) -> str:
     """Validate a name of 1 .. 32 printable characters."""
-    if isinstance(value, str) and 1 <= len(value) <= 32 and value.isprintable():
+    return printable(name, value, 32)
+
+
+def printable(name: str, value: object, longest: int) -> str:
+    """Validate a text of 1 .. `longest` printable characters."""
+    if isinstance(value, str) and 1 <= len(value) <= longest and value.isprintable():
         return value
-    raise RefusedError(f"{name}: must have 1 .. 32 printable characters.")
+    raise RefusedError(f"{name}: must have 1 .. {longest} printable characters.")
 
 
 def _shown(value: object) -> str:

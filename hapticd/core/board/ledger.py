@@ -131,7 +131,8 @@ class LoopTiming:
     known while a finger is down.
 
     `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
-    loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS.
+    loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS; `overruns` are
+    passes that took more than `core.budget.OVERRUN_NS` of the processor, `breaths` the sleeps of a loop that had none.
     """
 
     read_age: Histogram = field(default_factory=Histogram)
@@ -143,6 +144,8 @@ class LoopTiming:
     joined_reports: int = 0
     missed_ticks: int = 0
     pauses: int = 0
+    overruns: int = 0
+    breaths: int = 0
     last_late_ns: int = 0  # of the newest tick
 
     def passed(self, t_read_ns: int, t_begin_ns: int, t_end_ns: int, reports: int, age_ns: int | None) -> None:

@@ -227,7 +227,10 @@ def _zeroed(felt: Parts, modal_um: Row) -> Parts:
 
 
 def _all_zeroed(felt: Sequence[Parts], modal_um: Row) -> Parts:
-    """The same for several fingers at once: W - A' (A A' + s I)^-1 A W, where A gives both parts of what each feels."""
+    """The same for several fingers at once: W - A' (A A' + s I)^-1 A W, where A gives both parts of what each feels.
+
+    With as many fingers as modes or more that is (A' A / s + I)^-1 W, whose matrix does not grow with them.
+    """
     modes = len(modal_um)
     before_um = [0.0] * (2 * modes)
     for mode in range(modes):
@@ -236,15 +239,32 @@ def _all_zeroed(felt: Sequence[Parts], modal_um: Row) -> Parts:
     for row_d, row_q in felt:
         rows.append(row_d + [-shape for shape in row_q])
         rows.append(row_q + row_d)
+    if len(felt) >= modes:
+        before_um = solved(_felt_squares(rows), before_um)
+        return before_um[:modes], before_um[modes:]
     known = [[dot(row, other) for other in rows[: index + 1]] for index, row in enumerate(rows)]
     for index in range(len(rows)):
-        own = known[index][index]
-        known[index][index] = own + max(NODE_SHAPE_SQUARED, own * ROUNDING)
+        known[index][index] = known[index][index] + _softness(known[index][index])
     shares_um = solved(known, [dot(row, before_um) for row in rows])
     for row, share_um in zip(rows, shares_um, strict=True):
         for part in range(2 * modes):
             before_um[part] = before_um[part] - share_um * row[part]
     return before_um[:modes], before_um[modes:]
+
+
+def _softness(square: float) -> float:
+    """What is added to the square of a row's shapes."""
+    return max(NODE_SHAPE_SQUARED, square * ROUNDING)
+
+
+def _felt_squares(rows: Sequence[Vector]) -> list[Vector]:
+    """A' A + I, A with rows in units of the root of their softness: the lower triangle."""
+    scaled = [[shape / math.sqrt(_softness(dot(row, row))) for shape in row] for row in rows]
+    columns = [list(column) for column in zip(*scaled, strict=True)]
+    squares = [[dot(one, other) for other in columns[: index + 1]] for index, one in enumerate(columns)]
+    for index in range(len(squares)):
+        squares[index][index] = squares[index][index] * (1.0 + ROUNDING) + 1.0
+    return squares
 
 
 def _within(changed_um: Parts, w_limit_um: tuple[float, ...]) -> Row:

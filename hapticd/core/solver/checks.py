@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 
 import numpy as np
@@ -12,54 +11,56 @@ from .points.arithmetic import Phasors, Row, Rows
 from .points.sign_patterns import FloatArray
 
 
-def checked_shapes(phi: npt.ArrayLike) -> Rows:
-    """phi (N, M) as rows."""
-    array = _numbers("phi", phi, 2)
-    _check_modes(array)
-    return tuple(map(tuple, array.tolist()))
+def checked_shapes(phi: npt.ArrayLike) -> tuple[Rows, int]:
+    """phi (N, M) as rows, and M."""
+    array = _array("phi", phi, 2)
+    listed: list[list[float]] = array.tolist()
+    rows: list[Row] = []
+    for row in listed:
+        _check_finite("phi", row)
+        rows.append(tuple(row))
+    modes: int = len(rows[0]) if rows else array.shape[1]
+    _check_modes(modes)
+    return tuple(rows), modes
 
 
 def checked_track(phi: npt.ArrayLike) -> FloatArray:
     """phi (K, N, M)."""
     array = _numbers("phi", phi, 3)
-    _check_modes(array)
+    _check_modes(array.shape[2])
     return array
 
 
 def checked_targets(target_um: npt.ArrayLike, fingers: int) -> Row:
     """target_um (N,)."""
-    array = _numbers("target_um", target_um, 1)
-    _check_targets(array, (fingers,))
-    return tuple(array.tolist())
+    targets = _row("target_um", target_um, fingers)
+    _check_targets(targets)
+    return tuple(targets)
 
 
 def checked_target_track(target_um: npt.ArrayLike, count: int, fingers: int) -> FloatArray:
     """target_um (K, N), or (N,) for all instants, as (K, N)."""
     is_constant = np.ndim(target_um) == 1
     array = _numbers("target_um", target_um, 1 if is_constant else 2)
-    _check_targets(array, (fingers,) if is_constant else (count, fingers))
+    _check_shape("target_um", array, (fingers,) if is_constant else (count, fingers))
+    _check_targets(array.ravel().tolist())
     return np.broadcast_to(array, (count, fingers))
 
 
 def checked_limits(limit_um: npt.ArrayLike, modes: int) -> Row:
     """limit_um (M,), or one number for all modes."""
-    if isinstance(limit_um, float | int):
+    if isinstance(limit_um, (float, int)):  # a union would be built at each call
         limit_um = [limit_um] * modes
-    array = _numbers("limit_um", limit_um, 1)
-    _check_shape("limit_um", array, (modes,))
-    limits: Row = tuple(array.tolist())
-    if not min(limits) > 0.0:
-        raise ValueError("limit_um: every limit must be greater than 0.")
-    return limits
+    limits = _row("limit_um", limit_um, modes)
+    for limit in limits:
+        if not limit > 0.0:
+            raise ValueError("limit_um: every limit must be greater than 0.")
+    return tuple(limits)
 
 
 def checked_previous(previous_um: npt.ArrayLike | None, modes: int) -> Row | None:
     """previous_um (M,), or None."""
-    if previous_um is None:
-        return None
-    array = _numbers("previous_um", previous_um, 1)
-    _check_shape("previous_um", array, (modes,))
-    return tuple(array.tolist())
+    return None if previous_um is None else tuple(_row("previous_um", previous_um, modes))
 
 
 def checked_phasors(previous_um: npt.ArrayLike | None, modes: int) -> Phasors | None:
@@ -71,8 +72,10 @@ def checked_phasors(previous_um: npt.ArrayLike | None, modes: int) -> Phasors | 
     except (TypeError, ValueError):
         raise ValueError("previous_um: must be an array of complex numbers.") from None
     _check_shape("previous_um", array, (modes,))
-    _check_finite("previous_um", array)
-    return tuple(array.tolist())
+    phasors: list[complex] = array.tolist()
+    for phasor in phasors:
+        _check_finite("previous_um", [phasor.real, phasor.imag])
+    return tuple(phasors)
 
 
 def checked_grams(gram: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -88,34 +91,67 @@ def check_turn(turn_rad: float) -> None:
         raise ValueError(f"turn_rad: {turn_rad!r} must be a finite number, 0 or more.")
 
 
+def _row(name: str, values: npt.ArrayLike, count: int) -> list[float]:
+    """Finite numbers, `count` of them. Plain floats stay out of arrays, which would take ten times as long."""
+    row = _plain(values)
+    if row is None:
+        array = _array(name, values, 1)
+        row = array.tolist()
+    _check_finite(name, row)
+    if len(row) != count:
+        raise ValueError(_other_shape(name, (len(row),), (count,)))
+    return row
+
+
+def _plain(values: npt.ArrayLike) -> list[float] | None:
+    """A list or a tuple of floats as a list; None for anything else."""
+    if not isinstance(values, (list, tuple)):
+        return None
+    row: list[float] = []
+    for value in values:
+        if not isinstance(value, float):
+            return None
+        row.append(float(value))
+    return row
+
+
 def _numbers(name: str, values: npt.ArrayLike, dimensions: int) -> FloatArray:
+    array = _array(name, values, dimensions)
+    _check_finite(name, array.ravel().tolist())
+    return array
+
+
+def _array(name: str, values: npt.ArrayLike, dimensions: int) -> FloatArray:
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: must be an array of numbers, all rows of the same length.") from None
     if array.ndim != dimensions:
         raise ValueError(f"{name}: has {array.ndim} dimensions and needs {dimensions}.")
-    _check_finite(name, array)
     return array
 
 
-def _check_modes(array: FloatArray) -> None:
-    if array.shape[-1] < 1:
+def _check_modes(modes: int) -> None:
+    if modes < 1:
         raise ValueError("phi: has no modes; its last axis must hold at least one.")
 
 
-def _check_targets(array: FloatArray, shape: tuple[int, ...]) -> None:
-    _check_shape("target_um", array, shape)
-    if min(array.ravel().tolist(), default=0.0) < 0.0:
-        raise ValueError("target_um: amplitudes must be 0 or more; the solver chooses the sign.")
+def _check_targets(targets: list[float]) -> None:
+    for target in targets:
+        if target < 0.0:
+            raise ValueError("target_um: amplitudes must be 0 or more; the solver chooses the sign.")
 
 
 def _check_shape(name: str, array: npt.NDArray[np.generic], shape: tuple[int, ...]) -> None:
     if array.shape != shape:
-        raise ValueError(f"{name}: has shape {array.shape}, but phi asks for {shape}.")
+        raise ValueError(_other_shape(name, array.shape, shape))
 
 
-def _check_finite(name: str, array: npt.NDArray[np.generic]) -> None:
-    # By Python: at two fingers and two modes a reduction by numpy takes five times as long.
-    if not all(map(cmath.isfinite, array.ravel().tolist())):
-        raise ValueError(f"{name}: holds NaN or infinity; give finite numbers.")
+def _other_shape(name: str, shape: tuple[int, ...], asked: tuple[int, ...]) -> str:
+    return f"{name}: has shape {shape}, but phi asks for {asked}."
+
+
+def _check_finite(name: str, values: list[float]) -> None:
+    for value in values:
+        if not -math.inf < value < math.inf:
+            raise ValueError(f"{name}: holds NaN or infinity; give finite numbers.")

@@ -1,14 +1,14 @@
 """Fingertips as discs: modal amplitudes that give each whole contact its vibration.
 
-What counts is friction as felt, F(r) = exp(-r / FRICTION_DECAY_UM) of bare glass. With r_i the RMS over contact i
+What counts is friction as felt, F(r), the plate's friction curve. With r_i the RMS over contact i
 (`plate.contact`) that is to be expected, and its target a_i, this sum is least within the limits |W_k| <= L_k:
 
     sum_i importance(a_i) sqrt((F(r_i) - F(a_i))^2 + JUST_FELT^2)  +  stay |W - W_before|^2
 
 expected     r_i^2 = W^H G_i W + UNCERTAIN_FRAC^2 sum_k G_i,kk |W_k|^2: each mode errs by a share of its amplitude, by
              map, gain and sensor together.
-importance   the error of a finger that should stick counts STILL_IMPORTANCE times, that of one at 1 um and above once;
-             targets between pass from one to the other without a step. What is asked of the plate sets it: the
+importance   the error of a finger that should stick counts STILL_IMPORTANCE times, that of one at FULL_UM and above
+             once; targets between pass from one to the other without a step. What is asked of the plate sets it: the
              slippery finger keeps 0.75 um on the fingertip plate with four modes, and the sticky one gets the rest.
              By Weber's law, in differences that are just felt, the slippery one's error would count 4 times; perfect
              knowledge then has a contrast of 4.4, and of 8.7 where both count alike (`hapticd bench leak`).
@@ -34,13 +34,12 @@ import math
 from typing import Final
 
 from ...values import WEBER_FRAC
+from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..plate.contact import Gram
 from .points.arithmetic import SAFE, Row
 
-FRICTION_DECAY_UM: Final = 0.7  # Biet, Giraud and Lemaire-Semail 2007; the default friction curve's
 FULL_UM: Final = 1.0  # beyond this friction is nearly as low as it gets: its slope stays, so that more is still more
-FULL_FRICTION: Final = math.exp(-FULL_UM / FRICTION_DECAY_UM)
-JUST_FELT: Final = WEBER_FRAC * FULL_FRICTION
+FULL_FRAC: Final = 0.5  # of the amplitude at which the curve ends, where that is less than FULL_UM
 STILL_IMPORTANCE: Final = 2.2  # what leaves the other finger 0.75 um
 NEAR_UM: Final = 1e-6  # of a target: the difference of frictions is rounding there
 UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
@@ -63,12 +62,61 @@ class _Mode:
         self.stay_d = self.stay_q = self.pull_d = self.pull_q = self.along_d = self.along_q = 0.0
 
 
+class FeltError:
+    """What a contact adds to the sum that is least, by a friction curve: its error of friction, relative to bare glass.
+
+    `stretch` is by how much more amplitude a sliding finger needs than one at rest.
+    """
+
+    def __init__(self, curve: FrictionCurve) -> None:
+        self._curve = curve
+        self.full_um: Final = min(FULL_UM, FULL_FRAC * curve.full_um)
+        self._full_friction: Final = curve.friction(self.full_um)
+        self._full_decay_um: Final = curve.decay_um(self.full_um)
+        self.just_felt: Final = WEBER_FRAC * self._full_friction
+
+    def error(self, rms_um: float, target_um: float, stretch: float = 1.0) -> float:
+        """Return the error, times its importance."""
+        off = self._friction(rms_um / stretch) - self._friction(target_um / stretch)
+        return self.importance(target_um / stretch) * math.hypot(off, self.just_felt)
+
+    def weight(self, rms_um: float, target_um: float, stretch: float = 1.0) -> float:
+        """Return the weight, in 1/um^2, with which weight (r - a)^2 / 2 has the slope of `error` at r."""
+        rms_um, target_um = rms_um / stretch, target_um / stretch
+        off_um, error = target_um - rms_um, self._friction(rms_um) - self._friction(target_um)
+        at_um = min(rms_um, self.full_um)
+        slope_1_um = self._friction(at_um) / self._curve.decay_um(at_um)
+        secant_1_um = error / off_um if abs(off_um) > NEAR_UM else slope_1_um
+        weight = self.importance(target_um) * slope_1_um * secant_1_um / math.hypot(error, self.just_felt)
+        return weight / (stretch * stretch)
+
+    def importance(self, target_um: float) -> float:
+        """Return how much a finger's error counts: STILL_IMPORTANCE at 0, 1 from `full_um` on."""
+        return STILL_IMPORTANCE + (1.0 - STILL_IMPORTANCE) * min(target_um / self.full_um, 1.0)
+
+    def _friction(self, amplitude_um: float) -> float:
+        """Return friction relative to bare glass; beyond `full_um` it goes on straight."""
+        if amplitude_um <= self.full_um:
+            return self._curve.friction(amplitude_um)
+        return self._full_friction * (1.0 - (amplitude_um - self.full_um) / self._full_decay_um)
+
+
+BUILT_IN: Final = FeltError(DEFAULT_FRICTION_CURVE)
+
+
 def solve_contacts(
-    grams: list[Gram], targets_um: Row, limits_um: Row, d_um: list[float], q_um: list[float]
+    grams: list[Gram],
+    targets_um: Row,
+    limits_um: Row,
+    d_um: list[float],
+    q_um: list[float],
+    felt: FeltError = BUILT_IN,
+    stretches: list[float] | None = None,
 ) -> tuple[list[float], bool]:
     """Move W (M,), given in its parts, to where the sum is least; return each contact's RMS (N,), and `limited`.
 
-    Without a slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
+    `stretches` (N,) are those of sliding fingers (`FeltError`), 1 if not given. Without a slipping finger W becomes 0.
+    If W is 0, the search starts from all modes alike.
     """
     count = len(limits_um)
     if max(targets_um) <= 0.0:
@@ -84,44 +132,27 @@ def solve_contacts(
             d_um[k], q_um[k] = start_um * math.cos(turn_rad), start_um * math.sin(turn_rad)
     modes = [_Mode(d_um[k], q_um[k], limits_um[k]) for k in range(count)]
     for _ in range(COLD_CALLS if is_cold else 1):
-        _descend(grams, targets_um, modes, 0.0 if is_cold else STAY_FRAC)
+        _descend(grams, targets_um, modes, felt, stretches, 0.0 if is_cold else STAY_FRAC)
     for k in range(count):
         d_um[k], q_um[k] = modes[k].d_um, modes[k].q_um
     achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
     return achieved_um, _is_limited(achieved_um, targets_um, limits_um, d_um, q_um)
 
 
-def felt_error(rms_um: float, target_um: float) -> float:
-    """Return what a contact adds to the sum that is least: its error of friction, relative to bare glass."""
-    return importance(target_um) * math.hypot(_friction(rms_um) - _friction(target_um), JUST_FELT)
-
-
-def error_weight(rms_um: float, target_um: float) -> float:
-    """Return the weight, in 1/um^2, with which weight (r - a)^2 / 2 has the slope of `felt_error` at r."""
-    off_um, error = target_um - rms_um, _friction(rms_um) - _friction(target_um)
-    slope_1_um = _friction(min(rms_um, FULL_UM)) / FRICTION_DECAY_UM
-    secant_1_um = error / off_um if abs(off_um) > NEAR_UM else slope_1_um
-    return importance(target_um) * slope_1_um * secant_1_um / math.hypot(error, JUST_FELT)
-
-
-def _friction(amplitude_um: float) -> float:
-    """Return friction relative to bare glass; beyond FULL_UM it goes on straight."""
-    if amplitude_um <= FULL_UM:
-        return math.exp(-amplitude_um / FRICTION_DECAY_UM)
-    return FULL_FRICTION * (1.0 - (amplitude_um - FULL_UM) / FRICTION_DECAY_UM)
-
-
-def importance(target_um: float) -> float:
-    """Return how much a finger's error counts: STILL_IMPORTANCE at 0, 1 from FULL_UM on."""
-    return STILL_IMPORTANCE + (1.0 - STILL_IMPORTANCE) * min(target_um / FULL_UM, 1.0)
-
-
-def _descend(grams: list[Gram], targets_um: Row, modes: list[_Mode], stay_frac: float) -> None:
+def _descend(
+    grams: list[Gram],
+    targets_um: Row,
+    modes: list[_Mode],
+    felt: FeltError,
+    stretches: list[float] | None,
+    stay_frac: float,
+) -> None:
     """Weigh the errors as they are, then sweep over the modes."""
     weights = []
     for finger in range(len(grams)):
         rms_um = _along(grams[finger], modes)
-        weights.append(error_weight(rms_um if rms_um < SAFE else SAFE, targets_um[finger]))
+        stretch = 1.0 if stretches is None else stretches[finger]
+        weights.append(felt.weight(rms_um if rms_um < SAFE else SAFE, targets_um[finger], stretch))
     curvature = _curvature(grams, weights)
     mean = 0.0
     for k in range(len(modes)):

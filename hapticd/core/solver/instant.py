@@ -11,14 +11,17 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from ...values import SafeDrive, TouchPoint
+from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude, re_im
 from ..plate.contact import contact_gram, disc_points, stretch
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
-from .contacts import contact_rms_um, solve_contacts, step_towards
+from .contacts import COLD_CALLS, FeltError, contact_rms_um, solve_contacts, step_towards
 from .derating import derated, is_near_node, least_share, slopes_at
+from .felt import contacts_rms_um, felt_points, solve_felt
 from .points.arithmetic import Rows
+from .points.few_modes import MOST_MODES, MOST_SLIPPING
 from .points.general import solve_fast
 from .points.phase import solve_phased_fast
 
@@ -52,7 +55,8 @@ class InstantSolver:
 
     `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
     `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0:
-    fingers are discs (`contacts`), and amplitudes complex.
+    fingers are discs (`contacts`), and amplitudes complex; `friction_curve` is what they feel, and with
+    `feels` their friction is as asked (`felt`), else their contrast is most.
     """
 
     def __init__(
@@ -64,6 +68,8 @@ class InstantSolver:
         phase_rotation: bool,
         parasitic_modes: ParasiticModes | None = None,
         contact_radius_mm: float = 0.0,
+        friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
+        feels: bool = False,
         solve: PointSolver = solve_fast,
     ) -> None:
         self.set_modes(modes)
@@ -74,8 +80,14 @@ class InstantSolver:
         self._rotates = phase_rotation
         self._parasitic_modes = parasitic_modes
         self._contact_radius_mm = contact_radius_mm
-        self._disc = disc_points(contact_radius_mm) if contact_radius_mm > 0.0 else []
-        self._is_turned = False
+        rule = felt_points if feels else disc_points
+        self._disc = rule(contact_radius_mm) if contact_radius_mm > 0.0 else []
+        self._disc_weights = [weight for _, _, weight in self._disc]
+        self._feels = feels
+        self._log_weights: list[float] = []
+        self._curve = friction_curve
+        self._felt_error = FeltError(friction_curve)
+        self._is_turned = self._is_crowded = False
 
     def set_modes(self, modes: ModeShapes) -> None:
         """Solve for this map from now on."""
@@ -86,18 +98,38 @@ class InstantSolver:
         """Compensate these undriven modes from now on."""
         self._parasitic_modes = parasitic_modes
 
+    def cost_ns(self, fingers: int) -> float:
+        """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code."""
+        modes = len(self._w_limit_um)
+        if len(self._disc) > 0:
+            return 9_900.0 + 2_050.0 * fingers * modes + 64.0 * fingers * modes * modes
+        if fingers <= 2 and modes <= 2:
+            return 13_300.0
+        if fingers <= MOST_SLIPPING and modes <= MOST_MODES:
+            return 9_000.0 * fingers * modes + 5_200.0 * 2.0**fingers
+        return 18_600.0 + 1_000.0 * fingers * modes + 89.0 * modes * modes * modes
+
+    def cold_ns(self, fingers: int) -> float:
+        """Return what the first solve from silence takes more, by the same estimate."""
+        return (COLD_CALLS - 1) * self.cost_ns(fingers) if len(self._disc) > 0 else 0.0
+
     @property
     def has_contacts(self) -> bool:
         """Whether fingers are discs, whose places are taken with their variance."""
         return len(self._disc) > 0
 
     def solve(
-        self, places: list[Place], previous_um: Row, since_ns: int, variances_mm2: list[float] | None = None
+        self,
+        places: list[Place],
+        previous_um: Row,
+        since_ns: int,
+        variances_mm2: list[float] | None = None,
+        stretches: list[float] | None = None,
     ) -> ModalSolution:
-        """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. `variances_mm2` (N,)
-        are those of the places on each axis, for contacts."""
+        """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
+        `variances_mm2` (N,) of the places on each axis, and by how much more amplitude each sliding finger needs."""
         if len(self._disc) > 0:
-            return self._solve_contacts(places, previous_um, since_ns, variances_mm2)
+            return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches)
         phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
@@ -106,8 +138,11 @@ class InstantSolver:
         modal_um: Row
         if self._turns(len(places) - still, previous_um):
             turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)
-            previous_um = tuple(map(complex, previous_um))
-            modal_um, limited = solve_phased_fast(phi, targets_um, self._w_limit_um, previous_um, turn_rad)
+            phasors_um = tuple(map(complex, previous_um))
+            descends = self._descends(len(places) - still, previous_um)
+            modal_um, limited = solve_phased_fast(
+                phi, targets_um, self._w_limit_um, phasors_um, turn_rad, descends=descends
+            )
         else:
             real_um = tuple([w_um if isinstance(w_um, float) else w_um.real for w_um in previous_um])
             modal_um, limited = self._solve(phi, targets_um, self._w_limit_um, real_um)
@@ -118,7 +153,12 @@ class InstantSolver:
         return ModalSolution(places, [_amplitude_um(row, modal_um) for row in phi], modal_um, limited)
 
     def _solve_contacts(
-        self, places: list[Place], previous_um: Row, since_ns: int, variances_mm2: list[float] | None
+        self,
+        places: list[Place],
+        previous_um: Row,
+        since_ns: int,
+        variances_mm2: list[float] | None,
+        stretches: list[float] | None,
     ) -> ModalSolution:
         d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
         for mode in range(len(previous_um)):
@@ -126,15 +166,35 @@ class InstantSolver:
         before_d_um, before_q_um = d_um.copy(), q_um.copy()
         if variances_mm2 is None:
             variances_mm2 = [0.0] * len(places)
-        grams = []
-        for place, variance_mm2 in zip(places, variances_mm2, strict=True):
-            stretched = stretch(variance_mm2, self._contact_radius_mm)
-            grams.append(contact_gram(self._modes, self._disc, place[0], place[1], stretched))
         targets_um = tuple([target_um for _, _, target_um in places])
-        achieved_um, limited = solve_contacts(grams, targets_um, self._contact_limit_um, d_um, q_um)
+        stretched = [stretch(variance_mm2, self._contact_radius_mm) for variance_mm2 in variances_mm2]
+        if self._feels:
+            shapes = [
+                self._modes.at(x_mm + disc * dx_mm, y_mm + disc * dy_mm)
+                for (x_mm, y_mm, _), disc in zip(places, stretched, strict=True)
+                for dx_mm, dy_mm, _ in self._disc
+            ]
+            if len(self._log_weights) != len(places):
+                self._log_weights = [0.0] * len(places)
+            slides = [1.0] * len(places) if stretches is None else stretches
+            limits_um, weights, logs = self._contact_limit_um, self._disc_weights, self._log_weights
+            achieved_um, limited = solve_felt(
+                shapes, weights, self._curve, targets_um, limits_um, d_um, q_um, logs, slides
+            )
+        else:
+            grams = [
+                contact_gram(self._modes, self._disc, x_mm, y_mm, disc)
+                for (x_mm, y_mm, _), disc in zip(places, stretched, strict=True)
+            ]
+            achieved_um, limited = solve_contacts(
+                grams, targets_um, self._contact_limit_um, d_um, q_um, self._felt_error, stretches
+            )
         most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
         if max(targets_um) > 0.0 and step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
-            achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
+            if self._feels:
+                achieved_um = contacts_rms_um(shapes, self._disc_weights, d_um, q_um)
+            else:
+                achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
         return ModalSolution(places, achieved_um, tuple(map(complex, d_um, q_um)), limited)
 
     def _turns(self, slipping: int, previous_um: Row) -> bool:
@@ -148,6 +208,12 @@ class InstantSolver:
         elif not any(previous_um):
             self._is_turned = False
         return self._is_turned
+
+    def _descends(self, slipping: int, previous_um: Row) -> bool:
+        """More fingers slip than turn from pattern to pattern, or did since the plate was silent: what their phases
+        have become is no turn."""
+        self._is_crowded = slipping > MOST_SLIPPING or (self._is_crowded and any(previous_um))
+        return self._is_crowded
 
     def _derated(
         self,

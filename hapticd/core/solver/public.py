@@ -29,8 +29,8 @@ from .checks import (
     checked_track,
 )
 from .contacts import COLD_TURN_RAD, solve_contacts
-from .points.arithmetic import Row, Rows, clamped
-from .points.general import solve_fast
+from .points.arithmetic import Row, Rows, amplitudes, clamped
+from .points.general import solve_exactly
 from .points.pair import condition
 from .points.phase import TURN_RAD, solve_phased_fast
 from .points.sign_patterns import FloatArray
@@ -38,7 +38,7 @@ from .points.sign_patterns import FloatArray
 _SIZELESS = 1e-12  # a contact of no size is a point
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere
 
-__all__ = ["solve", "solve_batch", "solve_fast", "solve_phased", "solve_phased_fast"]
+__all__ = ["solve", "solve_batch", "solve_phased"]
 
 
 def solve(
@@ -57,17 +57,15 @@ def solve(
     Raises ValueError, in one sentence, for wrong shapes, numbers that are not finite, negative targets, limits that are
     not positive.
     """
-    rows = checked_shapes(phi)
-    modes = np.shape(phi)[1]
+    rows, modes = checked_shapes(phi)
     targets = checked_targets(target_um, len(rows))
     limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
     if gram is not None:
         grams = checked_grams(gram, (len(rows), modes, modes))
         if not np.allclose(grams, [np.outer(row, row) for row in rows], rtol=_SIZELESS, atol=0.0):
             return _solved_contacts(grams, rows, targets, limits, previous)
-    modal, limited = solve_fast(rows, targets, limits, previous)
-    achieved = [_amplitude(row, modal) for row in rows]
-    return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
+    modal, limited = solve_exactly(rows, targets, limits, previous)
+    return Solution(np.array(modal), np.array(amplitudes(rows, modal)), limited, _condition(rows))
 
 
 def solve_batch(
@@ -88,7 +86,7 @@ def solve_batch(
     modal_um: list[Row] = []
     for shapes, wanted in zip(track.tolist(), targets.tolist(), strict=True):
         rows: Rows = tuple(map(tuple, shapes))
-        previous, _ = solve_fast(rows, tuple(wanted), limits, previous)
+        previous, _ = solve_exactly(rows, tuple(wanted), limits, previous)
         modal_um.append(previous)
     return np.array(modal_um).reshape(count, modes)
 
@@ -107,8 +105,7 @@ def solve_phased(
     between fingers may turn from that of `previous_um`, where their amplitudes leave the choice.
     Raises ValueError as `solve` does.
     """
-    rows = checked_shapes(phi)
-    modes = np.shape(phi)[1]
+    rows, modes = checked_shapes(phi)
     targets = checked_targets(target_um, len(rows))
     limits, previous = checked_limits(limit_um, modes), checked_phasors(previous_um, modes)
     check_turn(turn_rad)
@@ -126,14 +123,6 @@ def _solved_contacts(grams: FloatArray, rows: Rows, targets: Row, limits: Row, p
         achieved, limited = solve_contacts(listed, targets, limits, modal, none)
     modal = [clamped(w, limit) for w, limit in zip(modal, limits, strict=True)]
     return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
-
-
-def _amplitude(row: Row, modal: Row) -> float:
-    amplitude = abs(sum([shape * w for shape, w in zip(row, modal, strict=True)]))
-    if amplitude < math.inf:
-        return amplitude
-    size = max([abs(shape) for shape in row])  # products beyond the range of floats may still cancel
-    return abs(sum([shape / size * w for shape, w in zip(row, modal, strict=True)])) * size
 
 
 def _condition(rows: Rows) -> float:

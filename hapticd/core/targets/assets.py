@@ -1,9 +1,9 @@
 """Uploaded assets: levels of maps that are larger than a message, by the SHA-256 of their bytes.
 
-An asset arrives in parts, in order, and is there when its bytes have the hash that was announced. Its whole size
-counts from the first part on, so that nothing that is begun finds no room. What no surface and no target uses is
-dropped KEPT_NS after it was last used or asked for, an upload UPLOAD_NS after its last part; where there is no room,
-the unused one that was used longest ago is dropped earlier.
+An asset arrives in parts, in order, and is there when its bytes have the hash that was announced. Of an upload counts
+what has arrived, so that nobody takes room by announcing; it lapses UPLOAD_NS after its last part, and SLOWEST_NS after
+its first. What no surface and no target uses is dropped KEPT_NS after it was last used or asked for; where there is no
+room, the unused one that was used longest ago is dropped earlier.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from typing import Final
 
 from ...content_values import MapTarget, Target
 from ...errors import RequestError
+from .shares import UserOf, host_of, left, spoken
 
 MAX_ASSET_BYTES: Final = 2**20  # a picture of 1024 x 1024
-MAX_CLIENT_BYTES: Final = 2**23
-MAX_BYTES: Final = 2**25  # of all clients
+MAX_BYTES: Final = 2**25
 MAX_ASSETS: Final = 256
 KEPT_NS: Final = 10_000_000_000
 UPLOAD_NS: Final = 5_000_000_000
+SLOWEST_NS: Final = 60_000_000_000  # for 1 MiB: 18 kB/s
 LOOK_NS: Final = 1_000_000_000
 
 
@@ -38,9 +39,10 @@ class _Asset:
 class _Upload:
     """An asset that has not arrived in whole. Its hash is taken part by part, so that no message takes long."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, t_ns: int) -> None:
         self.size: Final = size
-        self.t_ns = 0
+        self.t_first_ns: Final = t_ns
+        self.t_ns = t_ns
         self.parts = bytearray()
         self.hash = hashlib.sha256()
 
@@ -53,7 +55,8 @@ class _Upload:
 class Assets:
     """All assets of all clients. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(self) -> None:
+    def __init__(self, user_of: UserOf = host_of) -> None:
+        self._user_of = user_of
         self._assets: dict[bytes, _Asset] = {}
         self._uploads: dict[tuple[str, bytes], _Upload] = {}  # by client: what another one sends is not waited for
         self._t_looked_ns = 0
@@ -71,12 +74,13 @@ class Assets:
         if upload is None:
             if not part or offset > 0:
                 return 0
-            self._make_room(client, size)
-            upload = self._uploads[client, digest] = _Upload(size)
+            self._make_room(client, len(part), 1)
+            upload = self._uploads[client, digest] = _Upload(size, t_ns)
         if not part or offset != len(upload.parts):
             return len(upload.parts)
         if size != upload.size or offset + len(part) > size:
             raise RequestError(f"asset: has {upload.size} bytes, not {size}, and no part goes beyond.")
+        self._make_room(client, len(part), 0)
         upload.add(part, t_ns)
         if len(upload.parts) == size:
             del self._uploads[client, digest]
@@ -85,26 +89,37 @@ class Assets:
             self._assets[digest] = _Asset(client, bytes(upload.parts), t_ns)
         return offset + len(part)
 
-    def _make_room(self, client: str, size: int) -> None:
-        """Drop unused assets until there is room, the client's own first. Raises RequestError where there is none."""
-        for name, most_bytes in ((client, MAX_CLIENT_BYTES), ("", MAX_BYTES)):
-            if not self._drop_oldest(name, most_bytes - size):
-                whose = "a client" if name else "all clients together"
-                raise RequestError(f"asset: {whose} may have {most_bytes} bytes at once: remove a surface first.")
+    def _make_room(self, client: str, size: int, assets: int) -> None:
+        """Drop unused assets until there is room, the user's own first. Raises RequestError where there is none."""
+        user = self._user_of(client)
+        for is_own in (True, False):
+            if not self._drop_oldest(user, is_own, size, assets):
+                raise RequestError(
+                    f"asset: the daemon keeps {spoken(MAX_BYTES, 'bytes', user)}, and "
+                    f"{spoken(MAX_ASSETS, 'assets', user)}: remove a surface first."
+                )
 
-    def _drop_oldest(self, owner: str, most_bytes: int) -> bool:
-        """Drop unused assets of a client ("": of all) until there is room for one more; return whether there is."""
-        mine = {digest: asset for digest, asset in self._assets.items() if owner in ("", asset.owner)}
-        uploads = [upload.size for (client, _), upload in self._uploads.items() if owner in ("", client)]
-        total = sum(uploads) + sum([len(asset.levels) for asset in mine.values()])
-        count = len(uploads) + len(mine)
-        for digest in sorted(mine, key=lambda digest: mine[digest].t_ns):
-            if total <= most_bytes and count < MAX_ASSETS:
+    def _drop_oldest(self, user: str, is_own: bool, size: int, assets: int) -> bool:
+        """Drop unused assets of a user, or of all, until its share, or all, have room; return whether they have."""
+        mine = [digest for digest, asset in self._assets.items() if not is_own or self._user_of(asset.owner) == user]
+        parts = [
+            upload.parts for (client, _), upload in self._uploads.items() if not is_own or self._user_of(client) == user
+        ]
+        total = sum([len(part) for part in parts]) + sum([len(self._assets[digest].levels) for digest in mine])
+        count = len(parts) + len(mine)
+
+        def has_room() -> bool:
+            used = (0, total) if is_own else (total, 0)
+            used_count = (0, count) if is_own else (count, 0)
+            return left(MAX_BYTES, user, *used) >= size and left(MAX_ASSETS, user, *used_count) >= assets
+
+        for digest in sorted(mine, key=lambda digest: self._assets[digest].t_ns):
+            if has_room():
                 break
-            if not mine[digest].is_used:
-                total, count = total - len(mine[digest].levels), count - 1
+            if not self._assets[digest].is_used:
+                total, count = total - len(self._assets[digest].levels), count - 1
                 del self._assets[digest]
-        return total <= most_bytes and count < MAX_ASSETS
+        return has_room()
 
     # --- use ---
 
@@ -142,13 +157,13 @@ class Assets:
             elif t_ns - asset.t_ns >= KEPT_NS:
                 del self._assets[digest]
         for key, upload in tuple(self._uploads.items()):
-            if t_ns - upload.t_ns >= UPLOAD_NS:
+            if t_ns - upload.t_ns >= UPLOAD_NS or t_ns - upload.t_first_ns >= SLOWEST_NS:
                 del self._uploads[key]
 
     # --- status ---
 
     def report(self) -> dict[str, int]:
-        """Return counts and bytes; an upload counts with its whole size."""
+        """Return counts and bytes; of an upload, those that have arrived."""
         sizes = [len(asset.levels) for asset in self._assets.values()]
-        announced = [upload.size for upload in self._uploads.values()]
-        return {"count": len(sizes), "uploads": len(announced), "bytes": sum(sizes) + sum(announced)}
+        arrived = [len(upload.parts) for upload in self._uploads.values()]
+        return {"count": len(sizes), "uploads": len(arrived), "bytes": sum(sizes) + sum(arrived)}

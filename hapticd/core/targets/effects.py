@@ -13,6 +13,7 @@ from ...content_values import Cause, ClientTargets, Effect, Envelope, Modulation
 from ..trajectory.knots import GRAIN_NS
 from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer
+from .shares import UserOf, left, spoken
 from .surfaces import NEVER_NS, Surfaces
 
 Key = int | str
@@ -69,7 +70,7 @@ class Playing:
 class Effects:
     """All effects of all clients. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(self, w_limit_um: float, surfaces: Surfaces) -> None:
+    def __init__(self, w_limit_um: float, surfaces: Surfaces, user_of: UserOf) -> None:
         self.held: list[Held] = []
         self.playing: list[Playing] = []
         self.felt: list[Playing] = []  # of those, what a finger feels in the frame that is being made
@@ -78,7 +79,10 @@ class Effects:
         self.skipped = 0  # starts for which there was no room
         self._w_limit_um: Final = w_limit_um
         self._surfaces: Final = surfaces
+        self._user_of: Final = user_of
         self._layers: list[Layer] = []
+        self._of_layers: dict[Layer, list[Held]] = {}  # those that entering, leaving or crossing it starts
+        self._of_fingers: dict[Cause, list[Held]] = {}  # those that a finger starts by itself
         self._start_ids: dict[tuple[str, str], int] = {}  # of the newest start by owner and name, oldest first
         self._max_knots = 24
         self._least_span_ns = 12_000_000
@@ -99,15 +103,20 @@ class Effects:
         others = [held for held in self.held if held.owner != message.client]
         mine: list[Held] = []
         refusals: list[str] = []
+        user = self._user_of(message.client)
+        room = left(MAX_EFFECTS, user, len(others), self._count(others, user))
         for name, effect in message.effects.items():
             held = before.get(name)
             if held is None or held.effect != effect:
                 held = Held(name, message.client, effect, t_ns)
                 held.corners = held.course.most_corners(self._least_span_ns)
-            refusal = self._refusal(held, owner_of) if len(others) + len(mine) < MAX_EFFECTS else _CROWDED
+            refusal = self._refusal(held, owner_of)
+            if room < 1.0:
+                refusal = f"is one too many: the plate has {spoken(MAX_EFFECTS, 'effects', user)}."
             if refusal:
                 refusals.append(f"effect {name!r} {refusal}")
                 continue
+            room -= 1.0
             if held is not before.get(name):
                 held.is_due = held.is_due and not self._has_been_played(held)
             held.t_expires_ns = t_ns + message.ttl_ns
@@ -144,7 +153,7 @@ class Effects:
             held.is_gone = held not in kept
         self.held = kept
         self.t_expires_ns = min([held.t_expires_ns for held in kept], default=NEVER_NS)
-        self._layers = []
+        self._layers, self._of_layers, self._of_fingers = [], {}, {}
 
     def _refusal(self, held: Held, owner_of: OwnerOf) -> str:
         """Return why an effect is refused; empty if it is not."""
@@ -173,7 +182,7 @@ class Effects:
     def start(self, held: Held, finger_id: int, begin_ns: int) -> bool:
         """Begin to play an effect, from its beginning if it plays already; False where there is no room."""
         playing = [one for one in self.playing if one.held is not held or one.finger_id != finger_id]
-        if len(playing) >= MAX_PLAYING or (held.is_wave and not self._has_room(playing, held)):
+        if not self._has_room([one.held for one in playing], held):
             self.skipped += 1
             return False
         playing.append(Playing(held, finger_id, begin_ns))
@@ -181,20 +190,41 @@ class Effects:
         self.begun += 1
         return True
 
-    def _has_room(self, playing: list[Playing], held: Held) -> bool:
-        corners = sum([one.held.corners for one in playing if one.held.is_wave])
-        return corners + held.corners <= self._max_knots - 2
+    def _has_room(self, playing: list[Held], held: Held) -> bool:
+        """Whether one more may play: so many of all users, and of waves no more than their knots."""
+        user = self._user_of(held.owner)
+        if left(MAX_PLAYING, user, len(playing), self._count(playing, user)) < 1.0:
+            return False
+        if not held.is_wave or not (waves := [one for one in playing if one.is_wave]):
+            return True
+        own = sum([one.corners for one in waves if self._user_of(one.owner) == user])
+        room = left(self._max_knots - 2, user, sum([one.corners for one in waves]), own)
+        return held.corners <= room
+
+    def _count(self, some: list[Held], user: str) -> int:
+        return sum([self._user_of(held.owner) == user for held in some])
 
     def resolve(self) -> None:
         """Find the layers that effects name, where the layers have changed."""
         layers = self._surfaces.layers
         if self._layers is layers:
             return
-        self._layers = layers
+        self._layers, self._of_layers, self._of_fingers = layers, {}, {}
+        named = {(layer.owner, layer.name): layer for layer in layers}
         for held in self.held:
-            on = held.effect.on
-            held.layer = self._surfaces.layer(held.owner, on) if isinstance(on, str) else None
-            held.trigger = self._surfaces.layer(held.owner, held.effect.start.surface)
+            on, start = held.effect.on, held.effect.start
+            held.layer = named.get((held.owner, on)) if isinstance(on, str) else None
+            held.trigger = named.get((held.owner, start.surface))
+            if held.trigger is not None:
+                self._of_layers.setdefault(held.trigger, []).append(held)
+            else:
+                self._of_fingers.setdefault(start.cause, []).append(held)
+
+    def caused(self, cause: Cause, layer: Layer | None) -> list[Held]:
+        """Return the effects that this cause starts; `layer` is the one that was entered, left or crossed."""
+        if layer is None:
+            return self._of_fingers.get(cause, [])
+        return [held for held in self._of_layers.get(layer, []) if held.effect.start.cause is cause]
 
     # --- reading, for the touch path ---
 
@@ -247,9 +277,6 @@ class Effects:
             return max(merged[room], self._least_span_ns), merged[:room]
         merged = sorted(waves) + sorted(others - waves)[: room - len(waves)]
         return self._least_span_ns, sorted([corner for corner in merged if corner < self._least_span_ns])
-
-
-_CROWDED: Final = f"is one too many: the plate has {MAX_EFFECTS} effects at once."
 
 
 def _reaches(one: Playing, finger_id: int, place_mm: tuple[float, float], t_ns: int) -> bool:

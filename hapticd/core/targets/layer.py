@@ -9,6 +9,7 @@ import math
 from typing import Final
 
 from ...content_values import Blend, Circle, Polygon, Surface
+from .costs import layer_cost
 from .textures import Detail, Texture
 from .virtual_paths import Walk
 
@@ -20,10 +21,9 @@ class Layer:
     """One surface with its owner and its place in the stack. `born` counts layers in the order in which they came."""
 
     __slots__ = (
-        *("_angle_rad", "_cos", "_is_whole", "_radius_mm", "_reach_mm", "_scale", "_sides", "_sin"),
-        *("_turning_rad_s", "_vx_mm_s", "_vy_mm_s", "_walk", "_x_mm", "_y_mm", "adds", "born", "finest_mm"),
-        *("is_smooth", "_moves", "name", "owner", "replaces", "speed_mm_s", "surface", "t_expires_ns", "t_pose_ns"),
-        *("texture", "z"),
+        *("_angle_rad", "_cos", "_moves", "_radius_mm", "_reach_mm", "_sides", "_sin", "_turning_rad_s", "_vx_mm_s"),
+        *("_vy_mm_s", "_walk", "_x_mm", "_y_mm", "adds", "born", "cost", "finest_mm", "is_smooth", "is_whole"),
+        *("name", "owner", "replaces", "scale", "speed_mm_s", "surface", "t_expires_ns", "t_pose_ns", "texture", "z"),
     )
 
     def __init__(
@@ -35,6 +35,7 @@ class Layer:
         self.texture: Final = texture
         self.born: Final = born
         self.z: Final = surface.z
+        self.cost: Final = layer_cost(surface)
         self.t_pose_ns: Final = t_pose_ns
         self.t_expires_ns = t_pose_ns
         self.replaces: Final = surface.blend is Blend.REPLACE
@@ -49,9 +50,9 @@ class Layer:
         self._angle_rad: Final = surface.angle_rad
         self._cos: Final = math.cos(surface.angle_rad)
         self._sin: Final = math.sin(surface.angle_rad)
-        self._scale: Final = surface.scale
+        self.scale: Final = surface.scale
         shape = surface.shape
-        self._is_whole: Final = shape is None
+        self.is_whole: Final = shape is None
         self._radius_mm: Final = shape.radius_mm if isinstance(shape, Circle) else 0.0
         self._sides: Final = _sides(shape) if isinstance(shape, Polygon) else []
         self._reach_mm: Final = _reach_mm(shape) * surface.scale
@@ -65,7 +66,7 @@ class Layer:
         if self._turning_rad_s != 0.0:
             angle_rad = self._angle_rad + (t_ns - self.t_pose_ns) * 1e-9 * self._turning_rad_s
             cos, sin = math.cos(angle_rad), math.sin(angle_rad)
-        return (cos * x_mm + sin * y_mm) / self._scale, (cos * y_mm - sin * x_mm) / self._scale
+        return (cos * x_mm + sin * y_mm) / self.scale, (cos * y_mm - sin * x_mm) / self.scale
 
     def amplitude_um(self, x_mm: float, y_mm: float, t_ns: int) -> float:
         """Return what the layer asks for at a place of the plate; OUTSIDE_UM beyond its shape."""
@@ -76,7 +77,7 @@ class Layer:
 
     def is_far(self, x_mm: float, y_mm: float, t_ns: int, way_mm: float = 0.0) -> bool:
         """Return whether a place, and a way of `way_mm` from it, is certainly beyond the shape: most are, of most."""
-        if self._is_whole:
+        if self.is_whole:
             return False
         x_mm, y_mm = self._from_origin(x_mm, y_mm, t_ns)
         reach_mm = self._reach_mm + way_mm
@@ -106,7 +107,7 @@ class Layer:
 
     def holds(self, u_mm: float, v_mm: float) -> bool:
         """Return whether a place of the layer's frame is within its shape."""
-        if self._is_whole:
+        if self.is_whole:
             return True
         if self._radius_mm > 0.0:
             return u_mm * u_mm + v_mm * v_mm <= self._radius_mm * self._radius_mm
@@ -121,7 +122,7 @@ class Layer:
         """Return at which shares (0 .. 1) of a straight way in the layer's frame it crosses the shape's edge."""
         du, dv = to_u - from_u, to_v - from_v
         length_mm = math.sqrt(du * du + dv * dv)
-        if self._is_whole or not length_mm > 0.0:
+        if self.is_whole or not length_mm > 0.0:
             return []
         if self._radius_mm > 0.0:
             return _circle_crossings(from_u, from_v, du, dv, self._radius_mm)

@@ -11,14 +11,15 @@ from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
 from ...content_values import ClientTargets, Target, VirtualPath
+from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from .assets import Assets
+from .costs import content_ns, virtual_ns
 from .effects import Effects
+from .shares import UserOf, host_of, left, spoken
 from .surfaces import NEVER_NS, Surfaces
 from .textures import (
-    DEFAULT_FRICTION_CURVE,
     NO_DETAIL,
     Detail,
-    FrictionCurve,
     Sliding,
     Texture,
     detail,
@@ -27,7 +28,7 @@ from .textures import (
 )
 from .virtual_paths import Walk
 
-__all__ = ["DEFAULT_FRICTION_CURVE", "MAX_CLIENTS", "MAX_VIRTUALS", "FrictionCurve", "Scene", "Virtual"]
+__all__ = ["MAX_CLIENTS", "MAX_VIRTUALS", "Scene", "Virtual"]
 
 Key = int | str  # a finger's id, or a virtual finger's name
 
@@ -55,9 +56,10 @@ class _Held:
     texture: Texture | None
     detail: Detail
     walk: Walk | None
+    place_ns: float  # estimated for its target, and its place on a path, at one instant
 
 
-_UNHELD = _Held(owner="", t_expires_ns=0, target=None, texture=None, detail=NO_DETAIL, walk=None)
+_UNHELD = _Held(owner="", t_expires_ns=0, target=None, texture=None, detail=NO_DETAIL, walk=None, place_ns=0.0)
 
 
 class Scene:
@@ -68,15 +70,18 @@ class Scene:
         w_limit_um: float,
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
         plate_size_mm: tuple[float, float] = (137.5, 137.5),
+        user_of: UserOf = host_of,
     ) -> None:
+        """`user_of` names the user of a client, whose clients share what one user may take."""
+        self.user_of = user_of
         self._w_limit_um = w_limit_um
         self.friction_curve = friction_curve
         self._plate_size_mm = plate_size_mm
         self.depends_on_speed = friction_curve.speed_mm_s < math.inf
         self._sliding = Sliding()
-        self.assets = Assets()
-        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding)
-        self.effects = Effects(w_limit_um, self.surfaces)
+        self.assets = Assets(user_of)
+        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding, user_of)
+        self.effects = Effects(w_limit_um, self.surfaces, user_of)
         self._held: dict[Key, _Held] = {}
         self._released: dict[Key, None] = {}  # in the order in which they were released
 
@@ -87,9 +92,10 @@ class Scene:
         self._drop_expired(t_ns)
         requested: dict[Key, _Held] = {}
         refusals: list[str] = []
-        room = self._room_for_virtuals(message.client)
+        user = self.user_of(message.client)
+        room = self._room_for_virtuals(message.client, user)
         for key in dict.fromkeys((*message.virtuals, *message.targets)):
-            refusal = self._refusal(message, key, room)
+            refusal = self._refusal(message, key, user, room)
             if refusal is not None:
                 refusals.append(refusal)
                 continue
@@ -157,7 +163,11 @@ class Scene:
 
     def slide(self, speed_mm_s: float) -> None:
         """From now on look up amplitudes for a finger of this speed; that of one that hardly moves is noise."""
-        self._sliding.gain = 1.0 + max(speed_mm_s - NOISE_MM_S, 0.0) / self.friction_curve.speed_mm_s
+        self._sliding.gain = self.stretch(speed_mm_s)
+
+    def stretch(self, speed_mm_s: float) -> float:
+        """By how much more amplitude a finger of this predicted speed needs."""
+        return self.friction_curve.stretch(max(speed_mm_s - NOISE_MM_S, 0.0))
 
     def amplitude_um(self, key: Key, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
@@ -168,6 +178,11 @@ class Scene:
         """How finely a finger's texture must be sampled."""
         held = self._held.get(key)
         return NO_DETAIL if held is None else held.detail
+
+    def place_ns(self, key: Key) -> float:
+        """Return what one look-up of a finger's target is estimated to take; without one, of all surfaces."""
+        held = self._held.get(key)
+        return self.surfaces.place_ns if held is None or held.target is None else held.place_ns
 
     def virtuals(self, t_ns: int) -> tuple[Virtual, ...]:
         """The virtual fingers at `t_ns`, in the order in which they came."""
@@ -204,11 +219,12 @@ class Scene:
 
     # --- ownership ---
 
-    def _refusal(self, message: ClientTargets, key: Key, room: int) -> str | None:
+    def _refusal(self, message: ClientTargets, key: Key, user: str, room: float) -> str | None:
         """Return why the client's request for this finger is refused, None if it is not."""
         owner = self.owner_of(key)
-        if owner is None and self._is_crowded(message.client):
-            return f"{_spoken(key)}: {MAX_CLIENTS} clients hold fingers already, one must release its own first."
+        if owner is None and self._is_crowded(message.client, user):
+            most = spoken(MAX_CLIENTS, "clients that hold fingers", user)
+            return f"{_spoken(key)}: the plate has {most}: one must release its own first."
         if owner is not None and owner != message.client:
             return f"{_spoken(key)} is held by {owner!r}: wait until that client releases it."
         if isinstance(key, str) and key not in message.virtuals:
@@ -219,8 +235,9 @@ class Scene:
                 f"{_spoken(key)} leaves the plate: its path must lie within ±{0.5 * width_mm:g} mm in x and "
                 f"±{0.5 * depth_mm:g} mm in y."
             )
-        if isinstance(key, str) and room <= 0:
-            return f"{_spoken(key)} is one too many: the plate serves {MAX_VIRTUALS} virtual fingers at once."
+        if isinstance(key, str) and room < 1.0:
+            most = spoken(MAX_VIRTUALS, "virtual fingers", user)
+            return f"{_spoken(key)} is one too many: the plate serves {most}."
         return self._refusal_of_target(key, message.targets.get(key))
 
     def _is_on_plate(self, path: VirtualPath) -> bool:
@@ -245,6 +262,7 @@ class Scene:
             texture=before.texture if before.target == target else self._texture(target),
             detail=detail(target, self._plate_size_mm),
             walk=_walk(path, t_ns, before.walk),
+            place_ns=content_ns(target) if path is None else virtual_ns(target),
         )
 
     def _texture(self, target: Target | None) -> Texture | None:
@@ -258,12 +276,14 @@ class Scene:
         targets = [held.target for held in self._held.values() if held.target is not None]
         return targets + [layer.surface.content for layer in self.surfaces.layers]
 
-    def _room_for_virtuals(self, client: str) -> int:
-        return MAX_VIRTUALS - sum(held.owner != client for _, held, _ in self._walking())
+    def _room_for_virtuals(self, client: str, user: str) -> float:
+        others = [held.owner for _, held, _ in self._walking() if held.owner != client]
+        return left(MAX_VIRTUALS, user, len(others), sum([self.user_of(owner) == user for owner in others]))
 
-    def _is_crowded(self, client: str) -> bool:
+    def _is_crowded(self, client: str, user: str) -> bool:
         owners = {held.owner for held in self._held.values()}
-        return len(owners) >= MAX_CLIENTS and client not in owners
+        own = sum([self.user_of(owner) == user for owner in owners])
+        return client not in owners and left(MAX_CLIENTS, user, len(owners), own) < 1.0
 
     def _walking(self) -> Iterator[tuple[str, _Held, Walk]]:
         for key, held in self._held.items():

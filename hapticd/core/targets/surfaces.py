@@ -12,27 +12,42 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from ...content_values import Circle, ClientTargets, MapTarget, Polygon, Surface, Target
+from ..friction import FrictionCurve
 from ..trajectory.knots import GRAIN_NS
 from .assets import Assets
+from .costs import MAX_EDGES
 from .layer import Layer
-from .textures import FrictionCurve, Sliding, Texture, detail, refusal, texture
+from .shares import UserOf, left, spoken
+from .textures import Sliding, Texture, detail, refusal, texture
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
+MAX_PASS_US: Final = 256.0  # of processor time for one finger's pass (`costs`): 64 rectangles at rest take 200
 NEVER_NS: Final = 2**62
-MAX_EDGES: Final = 8  # that one finger crosses in one frame: a frame has room for knots at seven
+MAX_REFINED: Final = 16  # crossings of all fingers whose instant is refined for one frame: it has room for knots at 11
 
 Predicted = Callable[[int], tuple[float, float]]  # an instant: where the finger will be
 _Span = tuple[float, float, float]  # of a crossing, ns: when it is, and from when to when it is the only one
 
 
+class Crossing(NamedTuple):
+    """A finger's crossing of a layer's edge: about when, in ns from the way's beginning, and from when to when it is
+    the only one."""
+
+    at_ns: float
+    from_ns: float
+    to_ns: float
+    layer: Layer
+    predicted_mm: Predicted
+
+
 class Way(NamedTuple):
     """How a finger's way is to be divided: into at least so many pieces, whether they are without corners, and the
-    instants from its beginning on just before and just after each edge that it crosses."""
+    edges that it crosses."""
 
     pieces: float
     is_smooth: bool
-    edges_ns: list[int]
+    crossings: list[Crossing]
 
 
 class Surfaces:
@@ -45,8 +60,11 @@ class Surfaces:
         plate_size_mm: tuple[float, float],
         assets: Assets,
         sliding: Sliding,
+        user_of: UserOf,
     ) -> None:
         self.layers: list[Layer] = []
+        self.has_edges = False
+        self.way_ns = self.place_ns = 0.0  # estimated for each finger's way in a pass, and each of its places
         self.version = 0  # counts changes; a refreshed surface is none
         self.t_expires_ns = NEVER_NS  # the next one does
         self._w_limit_um: Final = w_limit_um
@@ -54,6 +72,7 @@ class Surfaces:
         self._plate_size_mm: Final = plate_size_mm
         self._assets: Final = assets
         self._sliding: Final = sliding
+        self._user_of: Final = user_of
         self._born = 0
 
     # --- requests of clients ---
@@ -67,12 +86,18 @@ class Surfaces:
         others = [layer for layer in self.layers if layer.owner != message.client]
         mine: list[Layer] = []
         refusals: list[str] = []
+        room = _Room(others, self._user_of, message.client)
         for name, surface in message.surfaces.items():
-            refusal = self._refusal(surface, others + mine)
+            refusal = self._refusal(surface)
             if refusal:
                 refusals.append(f"surface {name!r} {refusal}")
                 continue
             layer = self._layer(name, message.client, surface, before.get(name), t_ns)
+            refusal = room.refusal(layer)
+            if refusal:
+                refusals.append(f"surface {name!r} {refusal}")
+                continue
+            room.take(layer, is_own=True)
             layer.t_expires_ns = t_ns + message.ttl_ns
             mine.append(layer)
         self._stack(others + mine)
@@ -113,36 +138,44 @@ class Surfaces:
         felt_um = max(below_um + added_um, least_um)
         return felt_um if felt_um < self._w_limit_um else self._w_limit_um
 
-    def along(self, predicted_mm: Predicted, t_ns: int, span_ns: int, tolerance_um: float) -> Way:
+    def along(self, predicted_mm: Predicted, t_ns: int, span_ns: int) -> Way:
         """Return what a finger without a target meets on its way over `span_ns` from `t_ns`."""
         x_mm, y_mm = predicted_mm(t_ns)
         end_x_mm, end_y_mm = predicted_mm(t_ns + span_ns)
         way_mm = math.hypot(end_x_mm - x_mm, end_y_mm - y_mm)
         pieces, smooth = 1.0, True
-        crossed: list[tuple[float, float, float, int]] = []  # at, from, to in ns; layer
-        for index in range(len(self.layers)):
-            layer = self.layers[index]
+        crossed: list[Crossing] = []
+        for layer in self.layers:
             if layer.is_far(x_mm, y_mm, t_ns, way_mm + layer.speed_mm_s * span_ns * 1e-9):
                 continue
             u_mm, v_mm = layer.local_mm(x_mm, y_mm, t_ns)
             end_mm = layer.local_mm(end_x_mm, end_y_mm, t_ns + span_ns)
             turns_ns = layer.turns_ns(t_ns, span_ns, MAX_EDGES)
             is_inside = layer.holds(u_mm, v_mm)
-            met_mm, met = meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
+            if layer.is_whole and turns_ns:
+                met_mm, met = (way_mm + layer.speed_mm_s * span_ns * 1e-9) / layer.scale, list[_Span]()
+            else:
+                met_mm, met = meeting(layer, (u_mm, v_mm), end_mm, turns_ns, predicted_mm, t_ns, span_ns)
             if not met and not is_inside:
                 continue
             smooth = smooth and layer.is_smooth and not turns_ns
             pieces = max(pieces, met_mm / layer.finest_mm)
-            crossed += [(*span, index) for span in met]
+            for at_ns, from_ns, to_ns in met:
+                crossed.append(Crossing(at_ns, from_ns, to_ns, layer, predicted_mm))
             if layer.replaces and is_inside and not met:
                 break  # it hides what is below
-        crossed.sort()
-        found_ns: list[int] = []
-        for _, from_ns, to_ns, index in crossed[:MAX_EDGES]:
-            before_ns = crossing_ns(self.layers[index], predicted_mm, t_ns, from_ns, to_ns)
+        return Way(pieces, smooth, crossed)
+
+    def edges_ns(self, crossed: list[Crossing], t_ns: int, tolerance_um: float) -> list[int]:
+        """Return the instants from `t_ns` on just before and just after the crossings of any fingers where what they
+        feel steps, the earliest of them."""
+        crossed.sort(key=_about_ns)
+        found_ns = set[int]()
+        for _, from_ns, to_ns, layer, predicted_mm in crossed[:MAX_REFINED]:
+            before_ns = crossing_ns(layer, predicted_mm, t_ns, from_ns, to_ns)
             if before_ns >= 0 and self._steps(predicted_mm, t_ns + before_ns, tolerance_um):
-                found_ns += (before_ns, before_ns + GRAIN_NS)
-        return Way(pieces, smooth, found_ns)
+                found_ns.update((before_ns, before_ns + GRAIN_NS))
+        return sorted(found_ns)
 
     def _steps(self, predicted_mm: Predicted, t_ns: int, tolerance_um: float) -> bool:
         """Whether what the finger feels jumps within a grain of time."""
@@ -153,12 +186,8 @@ class Surfaces:
 
     # --- the stack ---
 
-    def _refusal(self, surface: Surface, others: list[Layer]) -> str:
-        """Return why a surface is refused; empty if it is not."""
-        if len(others) >= MAX_SURFACES:
-            return f"is one too many: the plate has {MAX_SURFACES} surfaces at once."
-        if sum([_corners(layer.surface) for layer in others]) + _corners(surface) > MAX_CORNERS:
-            return f"has too many corners: all surfaces on the plate have {MAX_CORNERS} at most."
+    def _refusal(self, surface: Surface) -> str:
+        """Return why a surface is refused that has room; empty if it is not."""
         return refusal(surface.content, self._curve, self._w_limit_um) or self._assets.refusal(surface.content)
 
     def _layer(self, name: str, owner: str, surface: Surface, before: Layer | None, t_ns: int) -> Layer:
@@ -182,7 +211,55 @@ class Surfaces:
         if stacked != self.layers:
             self.version += 1
         self.layers = stacked
+        self.has_edges = any(not layer.is_whole for layer in layers)
+        self.way_ns = sum([layer.cost.way_ns for layer in layers])
+        self.place_ns = sum([layer.cost.place_ns for layer in layers])
         self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
+
+
+class _Room:
+    """What the surfaces of all clients leave for one client, whose own are replaced: how many, their corners, and their
+    cost in a finger's pass."""
+
+    def __init__(self, others: list[Layer], user_of: UserOf, client: str) -> None:
+        self._user: Final = user_of(client)
+        self._used = [0.0, 0.0, 0.0]
+        self._used_by_user = [0.0, 0.0, 0.0]
+        for layer in others:
+            self.take(layer, is_own=user_of(layer.owner) == self._user)
+
+    def take(self, layer: Layer, *, is_own: bool) -> None:
+        """Count a layer; `is_own`: it is one of the client's user."""
+        for index, amount in enumerate((1.0, float(_corners(layer.surface)), layer.cost.pass_us)):
+            self._used[index] += amount
+            self._used_by_user[index] += amount if is_own else 0.0
+
+    def refusal(self, layer: Layer) -> str:
+        """Return why there is no room for a layer; empty if there is."""
+        surfaces, corners, pass_us = [
+            left(most, self._user, used, used_by_user)
+            for most, used, used_by_user in zip(_MOST, self._used, self._used_by_user, strict=True)
+        ]
+        if surfaces < 1.0:
+            return f"is one too many: the plate has {spoken(MAX_SURFACES, 'surfaces', self._user)}."
+        if corners < _corners(layer.surface):
+            most = spoken(MAX_CORNERS, "corners", self._user)
+            return f"has too many corners: {corners:g} are left, the plate has {most}."
+        asked_us = layer.cost.pass_us
+        if pass_us < asked_us:
+            return (
+                f"is too dear: it takes {asked_us:.3g} us of a finger's pass, {max(pass_us, 0.0):.3g} us are left of "
+                f"{spoken(MAX_PASS_US, 'us of surfaces', self._user)}. Noise, paths with near corners and turning "
+                "layers take most."
+            )
+        return ""
+
+
+_MOST: Final = (MAX_SURFACES, MAX_CORNERS, MAX_PASS_US)
+
+
+def _about_ns(crossing: Crossing) -> float:
+    return crossing.at_ns
 
 
 def _corners(surface: Surface) -> int:

@@ -8,14 +8,9 @@ give what silence would.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Final, NamedTuple
-
-import numpy as np
-import numpy.typing as npt
 
 from ...content_values import (
     AmplitudeTarget,
@@ -26,94 +21,10 @@ from ...content_values import (
     NoiseTarget,
     Target,
 )
+from ..friction import FrictionCurve
 from .noise import FAR_MM, MOST_RMS, noise
 
 Texture = Callable[[float, float], float]
-Floats = npt.NDArray[np.float64]
-
-FLOOR_FRAC = 0.057  # friction at 2 um of the built-in curve, relative to bare glass
-
-
-@dataclass(frozen=True, slots=True)
-class FrictionCurve:
-    """Amplitude in um that gives a friction, piecewise linear through (friction_frac, amplitude_um) knots.
-
-    Friction 1 is bare glass, so the last knot is (1, 0); friction 0 is the most slippery the plate can usefully do:
-    `floor_frac` of bare glass's. The amplitude falls strictly from knot to knot. A finger that slides at `speed_mm_s`
-    needs twice the amplitude of one at rest, for any friction; at inf, speed changes nothing. Raises ValueError
-    otherwise.
-    """
-
-    knots: tuple[tuple[float, float], ...]
-    floor_frac: float = FLOOR_FRAC
-    speed_mm_s: float = math.inf
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.floor_frac < 1.0 and self.speed_mm_s > 0.0):
-            raise ValueError("friction curve: its floor must be above 0 and below 1, and its speed above 0.")
-        if not all(math.isfinite(friction) and math.isfinite(amplitude) for friction, amplitude in self.knots):
-            raise ValueError("friction curve: every knot needs two finite numbers, friction and amplitude.")
-        if len(self.knots) < 2 or self.knots[0][0] != 0.0 or self.knots[-1] != (1.0, 0.0):
-            raise ValueError("friction curve: knots must run from friction 0 to friction 1, where it is 0 um.")
-        for (friction, amplitude), (next_friction, next_amplitude) in pairwise(self.knots):
-            if not (friction < next_friction and amplitude > next_amplitude):
-                raise ValueError("friction curve: from knot to knot friction must rise and amplitude must fall.")
-
-    @classmethod
-    def from_amplitudes(
-        cls, amplitudes_um: Sequence[float], floor_frac: float = FLOOR_FRAC, speed_mm_s: float = math.inf
-    ) -> FrictionCurve:
-        """Amplitudes at equally spaced frictions 1 .. 0, as a calibration sweeps them: rising from 0 um."""
-        last = len(amplitudes_um) - 1
-        if last < 1:
-            raise ValueError("friction curve: needs two or more amplitudes.")
-        knots = tuple((1.0 - index / last, float(amplitudes_um[index])) for index in range(last, -1, -1))
-        return cls(knots, floor_frac, speed_mm_s)
-
-    @classmethod
-    def exponential(cls, full_um: float = 2.0, decay_um: float = 0.7, intervals: int = 16) -> FrictionCurve:
-        """Friction that decays exponentially with amplitude, reaching its floor at `full_um`.
-
-        The fast-then-slow fall is what is measured on vibrating glass (Biet, Giraud and Lemaire-Semail 2007;
-        Wiertlewski, Fenton Friesen and Colgate 2016). The two numbers are only a start: fingers, glass and
-        frequency change them, so calibrate before trusting a friction value.
-        """
-        floor = math.exp(-full_um / decay_um)
-        amplitudes_um = [full_um * index / intervals for index in range(intervals - 1, 0, -1)]
-        inner = tuple(((math.exp(-a_um / decay_um) - floor) / (1.0 - floor), a_um) for a_um in amplitudes_um)
-        return cls(((0.0, full_um), *inner, (1.0, 0.0)), floor)
-
-    def amplitude_um(self, friction_frac: float) -> float:
-        """The amplitude for a friction; beyond 0 .. 1 that of the nearer end, for NaN 0 um."""
-        if not friction_frac < 1.0:
-            return 0.0
-        if friction_frac <= 0.0:
-            return self.knots[0][1]
-        right = bisect_right(self.knots, friction_frac, key=lambda knot: knot[0])
-        (friction, amplitude), (next_friction, next_amplitude) = self.knots[right - 1 : right + 1]
-        share = (friction_frac - friction) / (next_friction - friction)
-        return amplitude * (1.0 - share) + next_amplitude * share
-
-    def friction(self, amplitude_um: float, sliding_mm_s: float = 0.0) -> float:
-        """The friction that an amplitude gives, relative to that of bare glass; the inverse of `amplitude_um`."""
-        at_um = amplitude_um / (1.0 + sliding_mm_s / self.speed_mm_s)
-        if not at_um < self.knots[0][1]:
-            return self.floor_frac
-        if at_um <= 0.0:
-            return 1.0
-        right = bisect_right(self.knots, -at_um, key=lambda knot: -knot[1])
-        (friction, amplitude), (next_friction, next_amplitude) = self.knots[right - 1 : right + 1]
-        share = (amplitude - at_um) / (amplitude - next_amplitude)
-        return self.floor_frac + (1.0 - self.floor_frac) * (friction + (next_friction - friction) * share)
-
-    def frictions(self, amplitude_um: Floats, sliding_mm_s: Floats) -> Floats:
-        """`friction` of arrays that broadcast."""
-        friction, knots_um = np.array(self.knots[::-1]).T
-        relative = self.floor_frac + (1.0 - self.floor_frac) * friction
-        return np.asarray(np.interp(amplitude_um / (1.0 + sliding_mm_s / self.speed_mm_s), knots_um, relative))
-
-
-DEFAULT_FRICTION_CURVE = FrictionCurve.exponential()
 
 
 class Sliding:

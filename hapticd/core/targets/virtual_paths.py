@@ -18,12 +18,17 @@ SHORT_MM: Final = 1e-3  # nothing is felt of a path as short as that
 class Walk:
     """A path with its start instant. With `loop` it reverses at either end, else it ends on the last point."""
 
-    __slots__ = ("_arc_mm", "path", "t_start_ns")
+    __slots__ = ("_arc_mm", "_corners_mm", "_found_for", "_found_ns", "path", "t_start_ns")
 
     def __init__(self, path: VirtualPath, t_start_ns: int) -> None:
         self.path = path
         self.t_start_ns = t_start_ns
         self._arc_mm = tuple(accumulate((math.dist(a, b) for a, b in pairwise(path.points_mm)), initial=0.0))
+        there_mm, length_mm = list(self._arc_mm), self._arc_mm[-1]
+        back_mm = [2.0 * length_mm - mm for mm in there_mm[-2::-1]] if path.loop else []
+        self._corners_mm = there_mm + back_mm  # of one lap
+        self._found_for = (0, 0, 0)
+        self._found_ns: list[int] = []
 
     def position_mm(self, t_ns: int) -> tuple[float, float]:
         """The position at an instant; before the start, the first point."""
@@ -38,25 +43,34 @@ class Walk:
 
     def turns_ns(self, t_ns: int, span_ns: int, most: int) -> list[int]:
         """Return when the path has a corner, ends or begins within `span_ns` from `t_ns` on: ns from there, `most` in
-        all."""
-        arc_mm, speed_mm_s = self._arc_mm, self.path.speed_mm_s
-        length_mm = arc_mm[-1]
-        if not (speed_mm_s > 0.0 and length_mm >= SHORT_MM):
+        all. All fingers of a pass ask for the same span."""
+        asked = (t_ns, span_ns, most)
+        if asked != self._found_for:
+            self._found_for, self._found_ns = asked, self._turns_ns(t_ns, span_ns, most)
+        return self._found_ns
+
+    def _turns_ns(self, t_ns: int, span_ns: int, most: int) -> list[int]:
+        speed_mm_s, corners_mm = self.path.speed_mm_s, self._corners_mm
+        if not (speed_mm_s > 0.0 and self._arc_mm[-1] >= SHORT_MM):
             return []
-        from_mm = (t_ns - self.t_start_ns) * 1e-9 * speed_mm_s
-        to_mm = from_mm + span_ns * 1e-9 * speed_mm_s
-        corners_mm, lap_mm = list(arc_mm), 0.0
-        if self.path.loop:
-            corners_mm += [2.0 * length_mm - mm for mm in arc_mm[-2::-1]]
-            lap_mm = math.floor(max(from_mm, 0.0) / corners_mm[-1]) * corners_mm[-1]
-        turns_ns: list[int] = []
-        while lap_mm < to_mm and len(turns_ns) < most:
-            ahead_mm = [lap_mm + corner_mm - from_mm for corner_mm in corners_mm]
-            turns_ns += [int(mm / speed_mm_s * 1e9) for mm in ahead_mm if 0.0 < mm < to_mm - from_mm]
-            if not self.path.loop:
+        from_mm, way_mm = (t_ns - self.t_start_ns) * 1e-9 * speed_mm_s, span_ns * 1e-9 * speed_mm_s
+        if self.path.loop and from_mm > 0.0:
+            from_mm = math.fmod(from_mm, corners_mm[-1])
+        lap_mm, turns_ns = 0.0, list[int]()
+        index = bisect_right(corners_mm, from_mm)
+        while len(turns_ns) < most:
+            if index == len(corners_mm):
+                if not self.path.loop:
+                    break
+                lap_mm, index = lap_mm + corners_mm[-1], 0
+            ahead_mm = lap_mm + corners_mm[index] - from_mm
+            if ahead_mm >= way_mm:
                 break
-            lap_mm += corners_mm[-1]
-        return sorted(set(turns_ns))[:most]
+            turn_ns = int(ahead_mm / speed_mm_s * 1e9)
+            if not turns_ns or turn_ns > turns_ns[-1]:
+                turns_ns.append(turn_ns)
+            index += 1
+        return turns_ns
 
     def _along_mm(self, t_ns: int) -> float:
         """Arc length from the first point."""

@@ -23,8 +23,11 @@ GRAIN_NS: Final = 4_000  # the wire's unit of time
 _Miss = tuple[float, Knot, Knot, Knot]  # by how much a chord misses its middle, in um; left knot, middle, right one
 
 
-def refine(solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, *, smooth: bool) -> list[Knot]:
-    """`start` (two knots or more, in order) and what must lie between, `most` knots in all; the worst chords first.
+def refine(
+    solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, solves: int, *, smooth: bool
+) -> list[Knot]:
+    """`start` (two knots or more, in order) and what must lie between, `most` knots in all, and at most so many solves;
+    the worst chords first.
 
     `solve(dt_ns, knot)` gives the amplitudes at an instant, continuing those of the knot to its left. `smooth`
     promises that no span of `start` hides a corner or a whole wave.
@@ -32,7 +35,9 @@ def refine(solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, 
     knots = list(start)
     spans = [(knots[i], knots[i + 1]) for i in range(len(knots) - 1)]
     settled_um = 4.0 * tolerance_um if smooth else 0.0
-    while spans and len(knots) < most:
+    while spans and len(knots) < most and solves > 0:
+        spans = spans[:solves]
+        solves -= len(spans)
         misses = [miss for left, right in spans if (miss := _missed(solve, left, right, tolerance_um)) is not None]
         room = most - len(knots)
         if len(misses) > room:

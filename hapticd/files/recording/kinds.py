@@ -1,7 +1,7 @@
 """Kinds of records: one for each thing that a machine receives, decides or finds, with its topic, form and encoding.
 
     input   reports timer board_bytes board_link trackpad_link targets request watched adopt adopt_readings
-            adopt_map adopt_load self_test stop disconnect: fed by `replay`
+            adopt_map adopt_load adopt_slowness self_test stop disconnect: fed by `replay`
     output  written                                                                     compared by `replay`
     found   pass event status ledger marker                                             for people and other programs
     added   truth end                                                                   the plate's own; the last record
@@ -12,6 +12,7 @@ Foxglove draw as it is.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -31,6 +32,8 @@ MAX_MESSAGE_BYTES = 1 << 20
 MAX_HEADER_BYTES = 1 << 22  # the header holds the mode map: at most 250 000 values of 8 bytes
 LEDGER = ("seq", "t_sample_ns", "t_sent_ns", "t_applied_ns", "age_ns", "horizon_ns", "link_ns", "late_ns")
 HEADER = "header"
+MAX_CONTAINERS = 10_000  # of a message of more than SMALL_BYTES: an empty one takes seventy times its byte
+SMALL_BYTES = 1 << 16
 
 Fields: TypeAlias = dict[str, Any]
 
@@ -252,6 +255,7 @@ KINDS: dict[str, Kind] = {
     "adopt_readings": _kind("/input/adopt_readings", dict(AMPLITUDES)),
     "adopt_map": _kind("/input/adopt_map", {"shapes": BYTES, "steepest_1_mm": NUMBER}),
     "adopt_load": _kind("/input/adopt_load", {"decay_1_s": NUMBER, "detuning_rad_s": NUMBER}),
+    "adopt_slowness": _kind("/input/adopt_slowness", {"slowness": NUMBER}),
     "stop": _kind("/input/stop", {}),
     "disconnect": _kind("/input/disconnect", {}),
     "written": _kind("/output/written", {"line": BYTES, "is_accepted": BOOL}),
@@ -323,11 +327,25 @@ def encode(kind: str, fields: Fields) -> bytes:
     return data
 
 
+def _bounds(data: bytes) -> dict[str, Callable[[Any], Any]]:
+    """Hooks of the library that count the containers of a long message, and raise ValueError for too many."""
+    if len(data) <= SMALL_BYTES:
+        return {}
+    found = itertools.count(1)
+
+    def counted(container: Any) -> Any:
+        if next(found) > MAX_CONTAINERS:
+            raise ValueError("too many containers")
+        return container
+
+    return {"list_hook": counted, "object_hook": counted}
+
+
 def decode(kind: str, data: bytes) -> Fields:
     """A message's fields. Raises RecordingError where they are not its kind's."""
     try:
         if KINDS[kind].encoding == "msgpack":
-            fields = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0)
+            fields = msgpack.unpackb(data, raw=False, strict_map_key=True, max_ext_len=0, **_bounds(data))
         else:
             fields = json.loads(data)
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException):

@@ -1,29 +1,23 @@
 """Reads recordings: whatever the bytes, records or RecordingError, in memory and time that the file's size bounds.
 
-Files are read as a stream, without their index: what a killed writer left is read up to its last whole chunk. A chunk
-whose checksum fails is passed over; where lengths are damaged, reading ends.
+Each whole chunk is found by itself, without index or lengths of others (`mcap_chunks`): what a killed writer left is
+read up to its last whole chunk, and a damaged one is lost alone. The header is that of any of its copies.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from struct import error as StructError
-from typing import IO, cast
+from typing import BinaryIO
 
-from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Channel, Chunk, DataEnd, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Channel, Message
 
 from ...errors import RecordingError
 from ...regular_file import open_regular
 from .header import Header, header_from
-from .kinds import HEADER, KINDS, MAX_HEADER_BYTES, MAX_WHOLE, Record, decode
-
-MAX_RECORD_BYTES = 2 * MAX_HEADER_BYTES  # of MCAP's records; the longest that is written is the header's chunk
-_DAMAGE = (McapError, StructError, ValueError, OverflowError)
+from .kinds import HEADER, KINDS, MAX_WHOLE, Record, decode
+from .mcap_chunks import Chunks
 
 
 @dataclass(slots=True)
@@ -91,14 +85,19 @@ class Recording:
             def has_read(share: float, done: int = place) -> None:
                 self.progress((done + share) / len(self.paths))
 
+            is_first = True
             for kind, message in _messages(path, losses, has_read):
                 seq = message.sequence
                 if kind == HEADER:
+                    if not is_first:
+                        continue
+                    is_first = False
                     if seq < expected and seq != 0:
                         raise RecordingError(f"{path}: comes before the other: give the files in their order.")
                     losses.note_gap(expected, seq)
                     expected = max(expected, seq)
                     continue
+                is_first = False
                 losses.note_gap(expected, seq)
                 expected = seq + 1
                 if kind is None:  # a newer hapticd's
@@ -125,12 +124,11 @@ def open_recording(paths: Path | Sequence[Path]) -> Recording:
 
 def _header(path: Path) -> tuple[int, Header]:
     for kind, message in _messages(path, Losses()):
-        if kind != HEADER:
-            break
-        try:
-            return message.sequence, header_from(decode(HEADER, message.data))
-        except RecordingError as error:
-            raise RecordingError(f"{path}: {error}") from None
+        if kind == HEADER:
+            try:
+                return message.sequence, header_from(decode(HEADER, message.data))
+            except RecordingError as error:
+                raise RecordingError(f"{path}: {error}") from None
     raise RecordingError(f"{path}: the recording's header is missing or damaged: without it nothing can be read.")
 
 
@@ -146,57 +144,30 @@ def _messages(
     """All messages of intact chunks, each with its kind; None where its topic is unknown."""
     try:
         with open_regular(path) as file:
-            yield from _intact(path, _Bounded(file), losses, progress)
+            yield from _intact(path, file, losses, progress)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror}): check the path.") from None
 
 
 def _intact(
-    path: Path, file: _Bounded, losses: Losses, progress: Callable[[float], None]
+    path: Path, file: BinaryIO, losses: Losses, progress: Callable[[float], None]
 ) -> Iterator[tuple[str | None, Message]]:
     names = {(kind.topic, kind.encoding): name for name, kind in KINDS.items()}
+    found = Chunks(file)
     channels: dict[int, str | None] = {}
-    records = StreamReader(cast("IO[bytes]", file), emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
-    is_begun, size_bytes = False, file.left_bytes
-    while True:
-        left_bytes = file.left_bytes
-        progress(1.0 - left_bytes / max(size_bytes, 1))
-        try:
-            record = next(records, None)
-        except _DAMAGE:
-            if not is_begun:
-                raise RecordingError(f"{path}: is no recording of hapticd's: it does not begin as one.") from None
-            losses.skipped_bytes += left_bytes
-            return
-        is_begun = True
-        if record is None or isinstance(record, DataEnd):
-            return
-        if not isinstance(record, Chunk):
-            continue
-        if record.compression:
-            raise RecordingError(f"{path}: its chunks are compressed: decompress it first (`mcap decompress`).")
-        try:
-            parts = breakup_chunk(record, validate_crc=True)
-        except _DAMAGE:
-            losses.skipped_bytes += left_bytes - file.left_bytes
-            continue
-        for part in parts:
-            if isinstance(part, Channel):
-                channels[part.id] = names.get((part.topic, part.message_encoding))
-            elif isinstance(part, Message):
-                yield channels.get(part.channel_id), part
-
-
-class _Bounded:
-    """A file that is never asked for more than it holds, whatever lengths are written in it."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self.left_bytes = os.fstat(file.fileno()).st_size
-        self._file = file
-
-    def read(self, size: int) -> bytes:
-        """Exactly `size` bytes. Raises EndOfFile."""
-        if not 0 <= size <= self.left_bytes:
-            raise EndOfFile
-        self.left_bytes -= size
-        return self._file.read(size)
+    if not found.is_begun and next(iter(found), None) is None:
+        raise RecordingError(f"{path}: is no recording of hapticd's: it does not begin as one.")
+    waiting: list[Message] = []  # of channels that a later copy of the header names
+    for parts in found:
+        progress(found.share)
+        channels |= {
+            part.id: names.get((part.topic, part.message_encoding)) for part in parts if isinstance(part, Channel)
+        }
+        waiting += [part for part in parts if isinstance(part, Message)]
+        if channels:
+            for message in waiting:
+                yield channels.get(message.channel_id), message
+            waiting.clear()
+    losses.skipped_bytes += found.skipped_bytes
+    if found.is_compressed_otherwise:
+        raise RecordingError(f"{path}: its chunks are compressed: decompress it first (`mcap decompress`).")

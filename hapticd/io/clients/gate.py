@@ -1,48 +1,47 @@
 """Gate in front of the ZeroMQ sockets: accepts clients' connections, bounds what they cost, and relays their bytes.
 
 libzmq bounds messages per peer, but neither connections, nor subscriptions, nor the bytes that a peer leaves unread.
-Here each user has a number of connections, each connection's inbound bytes are checked (zmtp.py), and a client that
-leaves too many bytes of replies unread is disconnected. Behind the gate libzmq serves sockets that only the daemon's
-user may open.
+Here each user has a number and a rate of connections, each connection's inbound bytes are checked (zmtp.py), and a
+client that leaves too many bytes of replies unread is disconnected. Behind the gate libzmq serves sockets that only the
+daemon's user may open.
+
+Accepting is cheap and admitting is not, so they are two steps. A wake-up accepts many connections and drops those that
+are closed again or too fast, so that a flood does not fill the kernel's queue, in which users have no turns. What is
+left waits, and is admitted one at a time, of each user in turn.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import math
+import select
 import socket
 import struct
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from .listeners import close_listener
-from .zmtp import EncryptedInbound, Inbound, LocalInbound, ProtocolError, unchecked
+from .relay import Relay, UnreadBytes
+from .senders import RateLimiter
+from .zmtp import EncryptedInbound, Inbound, LocalInbound, unchecked
 
 MAX_CONNECTIONS, MAX_CONNECTIONS_PER_USER = 128, 64  # 16 clients of one user have 48
+CONNECTIONS_HZ = 50.0  # of one user, after MAX_CONNECTIONS at once
 
-REFUSALS = 32  # per wake-up of a listener, or one admission; it rests afterwards, lest connecting delays the touch
-REST_S = 0.01
+ACCEPTS = 16  # per wake-up of a listener: some 0.2 ms; it rests afterwards, lest connecting delays the touch
+REST_S = 0.002
+ADMIT_EVERY_S = 0.003
+# Most descriptors of a gate: an admitted connection has one to the client, one to libzmq, and libzmq's own.
+MAX_DESCRIPTORS = 3 * MAX_CONNECTIONS + ACCEPTS
 DRAIN_EVERY_S = 0.001
 STALE_S = 0.5  # after a client's end its requests are dropped: a flood of them is handled for minutes
-CHUNK_BYTES = 65_536
 INNER_BUFFER_BYTES = 16_384  # of requests that wait in the kernel: what a lost client left is handled to its end
-CAUSES = ("crowded", "unread", "broken")  # too many connections, replies not read, not the protocol
-_CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
-
-
-class UnreadBytes(NamedTuple):
-    """Most bytes that one connection, one user and all of them may leave unread, besides the kernel's buffers."""
-
-    connection: int
-    user: int
-    in_all: int
-
-
+# Closed before they were accepted, by users that connect too fast, too many, replies not read, not the protocol
+CAUSES = ("gone_early", "connected_too_fast", "crowded", "unread", "broken")
 UNREAD_REPLIES = UnreadBytes(2**18, 2**20, 2**22)  # the longest reply has 140 kB
+_CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +65,12 @@ class Gate:
         self.counters = dict.fromkeys(CAUSES, 0)
         self.loop = loop
         self._doors: list[Door] = []
-        self._relays: dict[int, _Relay] = {}  # by a number that no other connection gets
+        self._waiting: dict[str, deque[tuple[Door, socket.socket]]] = {}  # to be admitted, by user; the next one first
+        self._rates: RateLimiter[None] = RateLimiter(0, CONNECTIONS_HZ, MAX_CONNECTIONS)
+        self._relays: dict[int, Relay] = {}  # by a number that no other connection gets
         self._connections = 0
         self._rests: dict[Door, asyncio.TimerHandle] = {}
+        self._admission: asyncio.TimerHandle | None = None
 
     def open(self, door: Door) -> None:
         """Accept connections at a door."""
@@ -79,10 +81,16 @@ class Gate:
         """Pass on what ZeroMQ has sent, close all connections and remove the socket files."""
         for rest in self._rests.values():
             rest.cancel()
+        if self._admission is not None:
+            self._admission.cancel()
         for door in self._doors:
             self.unwatch(door.listener)
             close_listener(door.listener)
             door.inner.unlink(missing_ok=True)
+        for waiting in self._waiting.values():
+            for _, outer in waiting:
+                outer.close()
+        self._waiting.clear()
         for relay in tuple(self._relays.values()):
             relay.finish()
 
@@ -102,7 +110,7 @@ class Gate:
             self.loop.remove_reader(one)
             self.loop.remove_writer(one)
 
-    def forget(self, relay: _Relay) -> None:
+    def forget(self, relay: Relay) -> None:
         """Take note that a connection is closed."""
         del self._relays[relay.number]
 
@@ -111,7 +119,7 @@ class Gate:
         relay = self._relays.get(number)
         return relay is not None and self.loop.time() - relay.t_lost_s > STALE_S
 
-    def leaves_too_much(self, relay: _Relay, most: UnreadBytes) -> bool:
+    def leaves_too_much(self, relay: Relay, most: UnreadBytes) -> bool:
         """Return whether a connection that leaves bytes unread has to be closed."""
         users, in_all = 0, 0
         for one in self._relays.values():
@@ -121,214 +129,99 @@ class Gate:
         return len(relay.to_client) > most.connection or users > most.user or in_all > most.in_all
 
     def _accept(self, door: Door) -> None:
-        for _ in range(REFUSALS):
+        """Accept at most ACCEPTS connections; those that may stay wait to be admitted."""
+        accepted = []
+        for _ in range(ACCEPTS):
             try:
-                outer = door.listener.accept()[0]
-            except OSError:  # none is left, or no descriptor is
+                accepted.append(door.listener.accept()[0])
+            except OSError:  # none is left
                 break
-            if self._is_admitted(door, outer):
-                break
-            self.counters["crowded"] += 1
-            outer.close()
+        gone = _gone(accepted)
+        for outer in accepted:
+            user = None if outer.fileno() in gone else _user(outer)
+            cause = "gone_early" if user is None else self._refusal(user)
+            if user is None or cause:
+                self._refuse(outer, cause)
+            else:
+                self._waiting.setdefault(user, deque()).append((door, outer))
+        if self._admission is None:
+            self._admit()
         self.loop.remove_reader(door.listener)
         self._rests[door] = self.loop.call_later(REST_S, self.loop.add_reader, door.listener, self._accept, door)
 
-    def _is_admitted(self, door: Door, outer: socket.socket) -> bool:
-        try:
-            user, inbound = _checks(door, outer, self._connections)
-        except OSError:  # it is closed already
-            return False
-        users = sum(relay.user == user for relay in self._relays.values())
-        if users >= MAX_CONNECTIONS_PER_USER or len(self._relays) >= MAX_CONNECTIONS:
-            return False
+    def _refusal(self, user: str) -> str:
+        """Return the cause for which a user's connection is refused, "" if it may wait to be admitted."""
+        if not self._rates.admit(user, None, self.loop.time()):
+            return "connected_too_fast"
+        users = len(self._waiting.get(user, ())) + sum(relay.user == user for relay in self._relays.values())
+        in_all = len(self._relays) + sum(map(len, self._waiting.values()))
+        return "crowded" if users >= MAX_CONNECTIONS_PER_USER or in_all >= MAX_CONNECTIONS else ""
+
+    def _refuse(self, outer: socket.socket, cause: str) -> None:
+        self.counters[cause] += 1
+        outer.close()
+
+    def _admit(self) -> None:
+        """Relay the next connection that waits, of each user in turn, and go on after ADMIT_EVERY_S."""
+        self._admission = None
+        while self._waiting and self._admission is None:
+            user = next(iter(self._waiting))
+            waiting = self._waiting.pop(user)
+            door, outer = waiting.popleft()
+            if waiting:
+                self._waiting[user] = waiting  # behind the other users
+            if _gone([outer]):
+                self._refuse(outer, "gone_early")
+                continue
+            self._relay(door, outer, user)
+            self._admission = self.loop.call_later(ADMIT_EVERY_S, self._admit)
+
+    def _relay(self, door: Door, outer: socket.socket, user: str) -> None:
         inner = socket.socket(socket.AF_UNIX)
-        inner.setblocking(False)
-        inner.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, INNER_BUFFER_BYTES)
         try:
+            inner.setblocking(False)
+            inner.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, INNER_BUFFER_BYTES)
             inner.connect(str(door.inner))
-        except OSError:  # libzmq is behind with accepting
+            number = self._connections
+            inbound = _inbound(door, outer, number)
+            self._relays[number] = Relay(self, number, user, outer, inner, inbound, door.most_unread)
+            self._connections += 1
+        except OSError:  # libzmq is behind with accepting, or the client is gone
             inner.close()
-            return False
-        self._relays[self._connections] = _Relay(self, self._connections, user, outer, inner, inbound, door.most_unread)
-        self._connections += 1
-        return True
+            self._refuse(outer, "crowded")
 
 
-class _Relay:
-    """One client's connection and its counterpart to ZeroMQ, each read only while the other takes the bytes.
-
-    libzmq goes on to answer the requests that a lost client has left, and frees the answers only when they are read. So
-    that counterpart is read to its end.
-    """
-
-    def __init__(
-        self,
-        gate: Gate,
-        number: int,
-        user: str,
-        outer: socket.socket,
-        inner: socket.socket,
-        inbound: Inbound,
-        most_unread: UnreadBytes | None,
-    ) -> None:
-        self.number = number
-        self.user = user
-        self.t_lost_s = math.inf
-        self.most_unread = most_unread
-        self.to_client = bytearray()
-        self.relayed_bytes = 0
-        self._is_ending = False
-        self._to_daemon = b""
-        self._gate, self._loop = gate, gate.loop
-        self._outer: socket.socket | None = outer
-        self._inner = inner
-        self._inbound = inbound
-        self._loop.add_reader(outer, self._from_client)
-        self._loop.add_reader(inner, self._from_daemon)
-
-    def _from_client(self) -> None:
-        assert self._outer is not None
-        try:
-            data = self._outer.recv(CHUNK_BYTES)
-            self._to_daemon = _unsent(self._inner, self._inbound(data))
-        except BlockingIOError:
-            return
-        except ProtocolError:
-            self._lose("broken")
-        except OSError:
-            self._lose()
-        else:
-            if not data:
-                self._lose()
-            elif self._to_daemon:
-                self._loop.remove_reader(self._outer)
-                self._loop.add_writer(self._inner, self._push_to_daemon)
-
-    def _push_to_daemon(self) -> None:
-        try:
-            self._to_daemon = _unsent(self._inner, self._to_daemon)
-        except OSError:
-            self._close()
-            return
-        if not self._to_daemon:
-            self._loop.remove_writer(self._inner)
-            if self._outer is not None:
-                self._loop.add_reader(self._outer, self._from_client)
-
-    def _from_daemon(self) -> None:
-        try:
-            data = self._inner.recv(CHUNK_BYTES)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        was_behind = bool(self.to_client)
-        self.relayed_bytes += len(data)
-        self._to_outer(data)
-        if not data and (self._outer is None or not self.to_client):
-            self._close()
-        elif self._outer is None or not self.to_client:
-            return
-        elif not data:  # ZeroMQ is done; the client still has to take what waits
-            self._is_ending = True
-            self._loop.remove_reader(self._inner)
-            self._loop.add_writer(self._outer, self._push_to_client)
-        elif self.most_unread is not None and self._gate.leaves_too_much(self, self.most_unread):
-            self._lose("unread")
-        elif not was_behind:
-            self._loop.add_writer(self._outer, self._push_to_client)
-            if self.most_unread is None:
-                self._loop.remove_reader(self._inner)
-
-    def _push_to_client(self) -> None:
-        assert self._outer is not None
-        try:
-            del self.to_client[: self._outer.send(self.to_client[:CHUNK_BYTES])]
-        except BlockingIOError:
-            return
-        except OSError:
-            self._lose()
-            return
-        if self.to_client:
-            return
-        if self._is_ending:
-            self._close()
-        else:
-            self._loop.remove_writer(self._outer)
-            self._loop.add_reader(self._inner, self._from_daemon)
-
-    def _to_outer(self, data: bytes) -> None:
-        """Send to the client, behind what waits already; without a client, nothing waits."""
-        if self._outer is None:
-            return
-        try:
-            self.to_client += data if self.to_client else _unsent(self._outer, data)
-        except OSError:
-            self._lose()
-
-    def _lose(self, cause: str | None = None) -> None:
-        """Close the client's side, and read the other to its end."""
-        if cause is not None:
-            self._gate.counters[cause] += 1
-        self.to_client.clear()
-        if self._outer is None:
-            return
-        self._gate.unwatch(self._outer)
-        self._outer.close()
-        self._outer = None
-        self.t_lost_s = self._loop.time()
-        self._to_daemon = b""
-        self._loop.remove_writer(self._inner)
-        self._loop.add_reader(self._inner, self._from_daemon)
-        with contextlib.suppress(OSError):
-            self._inner.shutdown(socket.SHUT_WR)
-
-    def pump(self) -> bool:
-        """Relay some bytes to the client; return whether there were any."""
-        if self.to_client:
-            self._push_to_client()
-            return True
-        before = self.relayed_bytes
-        self._from_daemon()
-        return self.relayed_bytes > before
-
-    def finish(self) -> None:
-        """Pass on what ZeroMQ has sent, as far as the client takes it at once, and close."""
-        try:
-            while data := self._inner.recv(CHUNK_BYTES):
-                self.to_client += data
-        except OSError:  # nothing more
-            pass
-        if self._outer is not None:
-            with contextlib.suppress(OSError):
-                _unsent(self._outer, bytes(self.to_client))
-        self._close()
-
-    def _close(self) -> None:
-        for one in (self._outer, self._inner):
-            if one is not None:
-                self._gate.unwatch(one)
-                one.close()
-        self._outer = None
-        self._gate.forget(self)
+def _gone(connections: Sequence[socket.socket]) -> set[int]:
+    """Return the descriptors of those whose peer has closed: without the daemon's greeting it sent no message."""
+    poll = select.poll()
+    for one in connections:
+        poll.register(one, select.POLLRDHUP)
+    return {fd for fd, _ in poll.poll(0)}
 
 
-def _unsent(to: socket.socket, data: bytes) -> bytes:
-    """Send without blocking; return the rest. Raises OSError if the other side is gone."""
-    if not data:
-        return b""
+def _user(outer: socket.socket) -> str | None:
+    """Return the user of a connection, as far as it is known before the handshake; None if it is closed."""
     try:
-        return data[to.send(data) :]
-    except BlockingIOError:
-        return data
+        return f"uid {_credentials(outer)[1]}" if _is_local(outer) else f"address {outer.getpeername()[0]}"
+    except OSError:
+        return None
 
 
-def _checks(door: Door, outer: socket.socket, number: int) -> tuple[str, Inbound]:
-    """Return the user of a connection, as far as it is known before the handshake, and the check of its bytes."""
+def _inbound(door: Door, outer: socket.socket, number: int) -> Inbound:
+    """Return the check of a connection's bytes. Raises OSError."""
     outer.setblocking(False)
-    if outer.family == socket.AF_UNIX:
-        found = outer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-        pid, uid, _ = _CREDENTIALS.unpack(found)
-        return f"uid {uid}", LocalInbound(f"{uid}:{pid}:{number}", door.topics).feed
+    if _is_local(outer):
+        pid, uid, _ = _credentials(outer)
+        return LocalInbound(f"{uid}:{pid}:{number}", door.topics).feed
     outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return f"address {outer.getpeername()[0]}", unchecked if door.topics is None else EncryptedInbound().feed
+    return unchecked if door.topics is None else EncryptedInbound().feed
+
+
+def _is_local(outer: socket.socket) -> bool:
+    return outer.family == socket.AF_UNIX
+
+
+def _credentials(outer: socket.socket) -> tuple[int, int, int]:
+    found = outer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    pid, uid, gid = _CREDENTIALS.unpack(found)
+    return pid, uid, gid

@@ -25,6 +25,7 @@ DAEMON_NAME = "hapticd"
 CLIENTS = "clients"  # the allow-list's directory
 SECRET_UMASK = 0o077
 MAX_BYTES = 1 << 16  # of a certificate, which has 400
+_KEY = re.compile(rb"""^[ \t]*(public|secret)-key[ \t]*=[ \t]*["']?([^"'\s]*)""", re.MULTILINE)  # of a certificate
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,31}")  # a file name and nothing more
 
 
@@ -57,7 +58,7 @@ def make_pair(directory: Path, name: str) -> tuple[Path, Path]:
 def allow(directory: Path, certificate: Path) -> Path:
     """Allow the client with this public certificate, under the file's name. Returns the allow-list's file."""
     _check_name(certificate.stem)
-    public, secret = _certificate(certificate)
+    public, secret = read_pair(certificate)
     if secret is not None:
         raise UsageError(f"{certificate}: contains a secret key, which must stay with the client: use its .key file.")
     known = allowed(directory).get(public.decode())
@@ -87,7 +88,7 @@ def revoke(directory: Path, name: str) -> None:
 def allowed(directory: Path) -> dict[str, str]:
     """Return the allow-list, public key (Z85) to name. Raises HapticdError for an invalid file."""
     listed = sorted((directory / CLIENTS).glob("*.key"))
-    return {_certificate(path)[0].decode(): path.stem for path in listed}
+    return {read_pair(path)[0].decode(): path.stem for path in listed}
 
 
 def load(directory: Path) -> ServerKeys:
@@ -98,7 +99,7 @@ def load(directory: Path) -> ServerKeys:
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise ConfigError(f"{path}: other users may read this secret: run `chmod 600` on it, or make a new one.")
     try:
-        public, secret = _certificate(path)
+        public, secret = read_pair(path)
         clients = allowed(directory)
     except UsageError as error:
         raise ConfigError(str(error)) from None
@@ -111,11 +112,13 @@ def load(directory: Path) -> ServerKeys:
     return ServerKeys(public, secret, clients)
 
 
-def _certificate(path: Path) -> tuple[bytes, bytes | None]:
+def read_pair(path: Path) -> tuple[bytes, bytes | None]:
     """Return public and secret key (Z85) of a certificate. Raises HapticdError if it is invalid."""
     try:
-        read_bounded(path, MAX_BYTES)  # the library's reader takes any file, and all of it
-        public, secret = zmq.auth.load_certificate(path)
+        found = dict(_KEY.findall(read_bounded(path, MAX_BYTES)))  # ZeroMQ's own reader takes any file, and all of it
+        if b"public" not in found:
+            raise ValueError("it has no public key")
+        public, secret = found[b"public"], found.get(b"secret")
         for key in (public, secret):
             if key is not None and len(z85.decode(key)) != 32:
                 raise ValueError("a key has 40 characters")

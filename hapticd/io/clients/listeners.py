@@ -12,7 +12,7 @@ from .runtime_dir import masked
 
 SOCKET_UMASK = 0o117  # owner and group may connect, others may not
 INNER_UMASK = 0o177  # the owner alone
-BACKLOG = 64  # connections that wait to be accepted
+BACKLOG = 1024  # connections that wait to be accepted; where they are full a client waits 0.1 s (TCP: 1 s) and retries
 
 
 def inner_path(path: Path, *, is_remote: bool = False) -> Path:

@@ -17,8 +17,9 @@ from pathlib import Path
 import zmq
 
 from ...errors import HapticdError
-from .gate import Door, Gate, UnreadBytes
+from .gate import Door, Gate
 from .listeners import bind_inner, inner_path, local_listener
+from .relay import UnreadBytes
 from .runtime_dir import endpoint_path
 from .sockets import HANDSHAKE_MS, MAX_SUBSCRIPTION_BYTES
 

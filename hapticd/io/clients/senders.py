@@ -69,15 +69,17 @@ class _Bucket(Generic[Message]):
 
 
 class RateLimiter(Generic[Message]):
-    """Admit RATE_HZ messages of each source, BURST at once. `lost` counts dropped messages.
+    """Admit `rate_hz` messages of each source, `burst` at once. `lost` counts dropped messages.
 
     Messages beyond the rate wait in a queue of `queue_length`, which drops its oldest. With a length of 1 the newest
-    message of a flood is always handled.
+    message of a flood is always handled, with 0 none waits.
     """
 
-    def __init__(self, queue_length: int) -> None:
+    def __init__(self, queue_length: int, rate_hz: float = RATE_HZ, burst: int = BURST) -> None:
         self.lost = 0
         self._queue_length = queue_length
+        self._rate_hz = rate_hz
+        self._burst = burst
         self._buckets: dict[str, _Bucket[Message]] = {}
 
     @property
@@ -88,34 +90,33 @@ class RateLimiter(Generic[Message]):
     def admit(self, source: str, message: Message, t_s: float) -> bool:
         """Return whether to handle this message now; if not, `due` yields it later unless newer ones replace it."""
         bucket = self._bucket_of(source, t_s)
-        if not bucket.waiting and _take_token(bucket, t_s):
+        if not bucket.waiting and self._take_token(bucket, t_s):
             return True
-        if len(bucket.waiting) == self._queue_length:
+        bucket.waiting.append(message)
+        if len(bucket.waiting) > self._queue_length:
             bucket.waiting.popleft()
             self.lost += 1
-        bucket.waiting.append(message)
         return False
 
     def due(self, t_s: float) -> Iterator[Message]:
         """Yield the waiting messages whose source has a token."""
         for bucket in list(self._buckets.values()):
-            while bucket.waiting and _take_token(bucket, t_s):
+            while bucket.waiting and self._take_token(bucket, t_s):
                 yield bucket.waiting.popleft()
 
     def _bucket_of(self, source: str, t_s: float) -> _Bucket[Message]:
         bucket = self._buckets.pop(source, None)  # re-inserted at the end: the first is the one idle longest
         if bucket is None:
-            bucket = _Bucket(float(BURST), t_s, deque())
+            bucket = _Bucket(float(self._burst), t_s, deque())
             if len(self._buckets) >= MAX_SENDERS:
                 self.lost += len(self._buckets.pop(next(iter(self._buckets))).waiting)
         self._buckets[source] = bucket
         return bucket
 
-
-def _take_token(bucket: _Bucket[Message], t_s: float) -> bool:
-    bucket.tokens = min(bucket.tokens + max(t_s - bucket.t_s, 0.0) * RATE_HZ, float(BURST))
-    bucket.t_s = t_s
-    if bucket.tokens < 1.0:
-        return False
-    bucket.tokens -= 1.0
-    return True
+    def _take_token(self, bucket: _Bucket[Message], t_s: float) -> bool:
+        bucket.tokens = min(bucket.tokens + max(t_s - bucket.t_s, 0.0) * self._rate_hz, float(self._burst))
+        bucket.t_s = t_s
+        if bucket.tokens < 1.0:
+            return False
+        bucket.tokens -= 1.0
+        return True

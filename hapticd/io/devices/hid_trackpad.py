@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, cast
 
-from ...errors import TrackpadError
+from ...errors import TrackpadError, pip_install
 from ...values import RawReport
 from .trackpad_source import BATCH, MODELS, PADS, REPORT_BYTES, OnLink, OnReports, PadId
 
@@ -47,7 +47,7 @@ def load_hid() -> HidModule:
             return cast(HidModule, importlib.import_module(name))
         except ImportError:
             continue
-    raise TrackpadError("hidapi is not installed, so no trackpad can be read: run `pip install hidapi`.")
+    raise TrackpadError(f"hidapi is not installed, so no trackpad can be read: run `{pip_install('hidapi')}`.")
 
 
 def find_pads(hid: HidModule, model: str = "auto") -> Iterator[tuple[PadId, bytes]]:

@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ...errors import TrackpadError
-from ...regular_file import read_bounded
+from ...regular_file import read_lines
 from ...values import RawReport
 from .trackpad_source import MODELS, REPORT_BYTES, OnLink, OnReports
 
-MAX_BYTES = 1 << 28  # of a recording: three hours of reports
+MAX_LINES = 500_000  # of a recording: an hour of reports
 
 __all__ = ["ReplayTrackpad", "read_recording", "write_recording"]
 
@@ -33,31 +33,29 @@ def write_recording(path: str | os.PathLike[str], model: str, reports: Iterable[
 
 def read_recording(path: str | os.PathLike[str]) -> tuple[str, list[RawReport]]:
     """Return model and reports of a recording. Raises TrackpadError with the file, the line and the defect."""
+    number, reports = 1, list[RawReport]()
     try:
-        lines = read_bounded(Path(path), MAX_BYTES).splitlines()
+        lines = read_lines(Path(path), MAX_LINES)
+        model = _model(next(lines, (1, ""))[1])
+        for number, line in lines:  # noqa: B007 - named in the error
+            reports.append(_report(line, not_before_ns=reports[-1].t_host_ns if reports else None))
     except OSError as error:
         raise TrackpadError(f"The recording {os.fspath(path)} cannot be read: {error.strerror}.") from error
-    model = ""
-    reports: list[RawReport] = []
-    for number, line in enumerate(lines or [b""], 1):
-        try:
-            if number == 1:
-                model = _model(line)
-            else:
-                reports.append(_report(line, not_before_ns=reports[-1].t_host_ns if reports else None))
-        except ValueError as error:
-            raise TrackpadError(f"{os.fspath(path)}, line {number}: {error}.") from error
+    except UnicodeDecodeError as error:
+        raise TrackpadError(f"The recording {os.fspath(path)} is not JSON: it is no text in UTF-8.") from error
+    except ValueError as error:
+        raise TrackpadError(f"{os.fspath(path)}, line {number}: {error}.") from error
     return model, reports
 
 
-def _model(line: bytes) -> str:
+def _model(line: str) -> str:
     model = _fields(line, 'the first line must be {"model": "..."}').get("model")
     if model not in MODELS:
         raise ValueError(f'the first line must be {{"model": "..."}} with one of {", ".join(MODELS)}')
     return str(model)
 
 
-def _report(line: bytes, not_before_ns: int | None) -> RawReport:
+def _report(line: str, not_before_ns: int | None) -> RawReport:
     form = 'a report must be {"t_ns": integer, "report": "hex"}'
     fields = _fields(line, form)
     t_ns, text = fields.get("t_ns"), fields.get("report")
@@ -76,10 +74,10 @@ def _report(line: bytes, not_before_ns: int | None) -> RawReport:
     return RawReport(t_ns, data)
 
 
-def _fields(line: bytes, form: str) -> dict[str, object]:
+def _fields(line: str, form: str) -> dict[str, object]:
     try:
         fields = json.loads(line)
-    except (ValueError, RecursionError) as error:  # bad UTF-8 and bad JSON are ValueErrors
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"not JSON, and {form}") from error
     if not isinstance(fields, dict):
         raise ValueError(form)

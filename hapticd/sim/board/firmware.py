@@ -12,6 +12,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from ...errors import DeviceError, rebuild
+
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
 
@@ -81,13 +83,13 @@ class Trace(ctypes.Structure):
 
 @cache
 def load(modes: int) -> ctypes.CDLL:
-    """Load the host build of the firmware for this number of modes. Raises RuntimeError if it was not built."""
+    """Load the host build of the firmware for this number of modes. Raises DeviceError if it was not built."""
     name = "hapticd.sim.board._firmware" if modes == 2 else f"hapticd.sim.board._firmware_{modes}modes"
     spec = importlib.util.find_spec(name)
     if spec is None or spec.origin is None:
-        raise RuntimeError(
-            f"The firmware for {modes} modes ({name}) is not built: "
-            f"install a C compiler, then hapticd with `pip install -e .`."
+        raise DeviceError(
+            f"The simulated board's firmware for {modes} modes ({name}) is not built: "
+            f"install a C compiler, then run `{rebuild()}`."
         )
     library = ctypes.CDLL(spec.origin)
     board, size = ctypes.c_void_p, ctypes.c_size_t
@@ -115,7 +117,7 @@ def load(modes: int) -> ctypes.CDLL:
         getattr(library, function).restype = result
         getattr(library, function).argtypes = arguments
     if library.hd_board_modes() != modes or library.hd_board_setup_size() != ctypes.sizeof(Setup):
-        raise RuntimeError(f"{spec.origin} was built from other sources: reinstall hapticd with `pip install -e .`.")
+        raise DeviceError(f"{spec.origin} was built from other sources: run `{rebuild()}`.")
     return library
 
 

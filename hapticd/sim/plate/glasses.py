@@ -21,15 +21,14 @@ LEAST_PARASITIC = 2  # modes near the drive that no amplifier drives
 SUFFIX = ".toml"  # of a file that describes a plate
 FARTHEST_HZ = 1250.0  # from the drive: where the modes of a plate of a file are sought
 WRITES = "`hapticd plate --contacts --glass F.toml` writes one"
-FILE_KEYS = {  # what it must have, and the bounds of each number
+NUMBERS = {  # bounds of a file's numbers
     "size_mm": (10.0, 1000.0),
     "thickness_mm": (0.01, 100.0),
     "drive_hz": (2000.0, 1e6),
     "driven": (2, 6),
     "reach_um": (0.01, 100.0),
-    "modes": None,
-    "material": None,
 }
+FILE_KEYS = (*NUMBERS, "modes", "material")
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +110,11 @@ def _of_file(path: str) -> Glass:
         raise SimulationError(str(error)) from None
     if set(table) != set(FILE_KEYS):
         raise SimulationError(f"{path}: must have {', '.join(FILE_KEYS)}, and nothing else; {WRITES}.")
-    for key, bounds in FILE_KEYS.items():
+    for key, bounds in NUMBERS.items():
         value = table[key]
         is_pair = isinstance(value, list) and len(value) == 2
         numbers = value if key == "size_mm" and is_pair else [value]
-        if bounds is not None and not all(_is_within(number, bounds) for number in numbers):
+        if not all(_is_within(number, bounds) for number in numbers):
             raise SimulationError(f"{path}: {key}: {shown(value)} is not within {bounds[0]:g} and {bounds[1]:g}.")
     modes, driven = table["modes"], table["driven"]
     if not (isinstance(modes, list) and all(isinstance(mode, str) for mode in modes) and isinstance(driven, int)):

@@ -185,10 +185,10 @@ class GroundTruth:
         share = 1.0 + world.finger_load.force_frac * np.sin(2.0 * math.pi * rate_hz * t_s + phase_rad)
         return self.finger_decay_1_s * share, self.finger_detuning_rad_s * share
 
-    def true_mode_map(self) -> ModeShapes:
-        """Return the true shapes of the driven modes, as perfect knowledge has them."""
+    def true_mode_map(self, modes: int | None = None) -> ModeShapes:
+        """Return the true shapes of the driven modes, as perfect knowledge has them, or of the first `modes`."""
         x_mm, y_mm, shapes = self._grid
-        return ModeShapes(x_mm, y_mm, shapes[: self.settings.driven_modes])
+        return ModeShapes(x_mm, y_mm, shapes[: self.settings.driven_modes if modes is None else modes])
 
     def parasitic_modes(self, seed: int) -> ParasiticModes:
         """Return the measured parasitic modes: mode map, sweep, and the damping of a finger to within an eighth.

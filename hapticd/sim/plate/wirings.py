@@ -49,7 +49,10 @@ def wiring(name: str, modes: int) -> Wiring:
         return Wiring(own, own, own, own, 1.0)
     if name == PAPER:
         if modes != 2:
-            raise ValueError(f"the paper's wiring has two amplifiers for two modes, and this plate drives {modes}.")
+            raise ValueError(
+                f"the paper's wiring has two amplifiers for two modes, and this plate drives {modes}: "
+                "choose the reference plate, or 2 modes."
+            )
         mixed = np.array(_SUM_AND_DIFFERENCE)
         return Wiring(mixed, mixed / np.sqrt(2.0), mixed, mixed / np.sqrt(2.0), 2.0)
     wrong = own[[1, 0, *range(2, modes)]] if name == SWAPPED else np.diag([1.0] * (modes - 1) + [-1.0])

@@ -14,8 +14,8 @@ from typing import Any
 
 from ...config import loader as config
 from ...errors import CalibrationError, ConfigError, reason
-from ...files.outputs import check, create_folder, write_text
-from ...regular_file import open_regular, read_bounded
+from ...files.outputs import check, create_folder, has_mark, write_text
+from ...regular_file import read_bounded
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE, CALIBRATION_FILE, MODES_FILE, LEDGER_FILE = "hapticd.toml", "calibration.toml", "modes.npz", "latency.csv"
@@ -64,15 +64,7 @@ def prepare(
         files = [directory / name for name in (f"{step}.json", f"{step}.png", *FILES.get(step, ()))]
         check(files, inputs=given, is_forced=is_forced or step in done)
     if steps:
-        check([directory / CONFIG_FILE], is_forced=is_forced or _is_own(directory / CONFIG_FILE))
-
-
-def _is_own(config_file: Path) -> bool:
-    try:
-        with open_regular(config_file) as file:
-            return file.read(len(HEADER)) == HEADER.encode()
-    except OSError:
-        return False
+        check([directory / CONFIG_FILE], is_forced=is_forced or has_mark(directory / CONFIG_FILE, HEADER.encode()))
 
 
 def load(directory: Path) -> dict[str, Verdict]:

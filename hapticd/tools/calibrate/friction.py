@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from ...errors import CalibrationError, missing_library, reason
 from ...files import plotting
-from ...regular_file import read_bounded
+from ...regular_file import read_lines
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
@@ -35,7 +35,6 @@ SPEED_COLUMN = "speed_mm_s"  # optional
 KNOTS = 17  # of the curve, at equally spaced frictions
 MIN_LEVELS = 4  # different amplitudes: fewer show no curve
 MAX_READINGS = 100_000
-MAX_BYTES = 1 << 24  # of the file
 OUTLIER_SIGMA = 5.0
 SIGMA_PER_MEDIAN = 1.4826  # of normal noise: standard deviation over median size
 LEAST_FALL = 0.2  # of bare glass's friction: a smaller fall is hardly perceptible
@@ -92,8 +91,8 @@ class Readings(NamedTuple):
 def read(path: Path) -> Readings:
     """Read a CSV file with the header COLUMNS, and SPEED_COLUMN if it has speeds. Raises CalibrationError."""
     try:
-        lines = read_bounded(path, MAX_BYTES).decode("utf-8-sig").splitlines()
-        rows = csv.reader(line for line in lines if line.strip() and not line.startswith("#"))
+        lines = read_lines(path, 2 * MAX_READINGS)  # some of them empty
+        rows = csv.reader(line for _, line in lines if line.strip() and not line.startswith("#"))
         header = [cell.strip() for cell in next(rows, [])]
         if header not in ([*COLUMNS], [*COLUMNS, SPEED_COLUMN]):
             raise CalibrationError(f"{path}: does not begin with the header {','.join(COLUMNS)}: add it.")

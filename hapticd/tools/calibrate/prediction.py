@@ -70,7 +70,7 @@ class PadNoise(NamedTuple):
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
     if options.recording is not None and not options.recording.is_file():
-        raise CalibrationError(f"--recording: there is no file {options.recording}.")
+        raise CalibrationError(f"--recording: {options.recording} is not a file: give a recording (.mcap).")
 
 
 def run(options: argparse.Namespace) -> Verdict:

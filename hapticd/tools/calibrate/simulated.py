@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...config.sections import SimConfig
-from ...core.targets.textures import DEFAULT_FRICTION_CURVE
+from ...core.friction import DEFAULT_FRICTION_CURVE
 from ...design import sample_scan
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
@@ -69,8 +69,8 @@ def friction_readings(seed: int) -> tuple[Array, Array]:
     """Return amplitudes in um and coefficients of friction (N,), some of them wrong."""
     random = np.random.default_rng(seed)
     amplitude_um = np.repeat(np.linspace(0.0, 3.0, 25), REPEATS)
-    curve_um, fractions = zip(*((um, frac) for frac, um in DEFAULT_FRICTION_CURVE.knots), strict=True)
-    share = np.interp(amplitude_um, curve_um[::-1], fractions[::-1])
+    floor = DEFAULT_FRICTION_CURVE.floor_frac
+    share = (DEFAULT_FRICTION_CURVE.frictions(amplitude_um, np.zeros(1)) - floor) / (1.0 - floor)
     friction = FLOOR_FRICTION + (BARE_FRICTION - FLOOR_FRICTION) * share
     friction += FRICTION_NOISE * random.standard_normal(len(friction))
     friction[random.choice(len(friction), SLIPS, replace=False)] += 0.3

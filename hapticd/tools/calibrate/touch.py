@@ -49,7 +49,7 @@ _ENLARGED = 20.0  # magnification of moved positions in the picture
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
     if not options.recording.is_file():
-        raise CalibrationError(f"RECORDING: there is no file {options.recording}.")
+        raise CalibrationError(f"RECORDING: {options.recording} is not a file: give a recording (.mcap).")
 
 
 def is_simulated(path: Path) -> bool:

@@ -2,15 +2,16 @@
 
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
-The client sets a slippery and a sticky finger, a live view shows their amplitudes, and at the end the plate's true
-motion is scored, and the same fingers in virtual time: the paper's scheme and hapticd on the reference plate, and
-hapticd on the fingertip plate. The board is the firmware's core in the rig, or its whole program in a process, with a
-simpler plate inside; the others then get such a plate too.
+The client sets a slippery and a sticky finger on the fingertip plate, a live view shows their amplitudes, and at the
+end the plate's true motion is scored, and the same fingers in virtual time: the paper's scheme and hapticd on the
+reference plate. The board is the firmware's core in the rig, or its whole program in a process, with a simpler
+reference plate inside; the others then get such a plate too.
 """
 
 from __future__ import annotations
 
 import argparse
+import shlex
 import signal
 import subprocess
 import sys
@@ -19,16 +20,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import hapticd_client
+from hapticd_client import Client, PlateState
 
 from ...config.sections import SimConfig
 from ...content_values import AmplitudeTarget
-from ...errors import HapticdError, UsageError, missing_client
-from ...files import outputs
+from ...errors import HapticdError, UsageError
+from ...files import outputs, plotting
 from ...sim.board.emulator import find_program
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.fingers.scripted import ScriptedClient
-from ...sim.picture import Film, draw
+from ...sim.picture import Film
+from ...sim.picture import draw as draw_details
 from ...sim.plate.ground_truth import GroundTruth
 from ...sim.plate.wirings import IDENTITY
 from ...sim.rig.process import RigProcess
@@ -39,11 +44,10 @@ from ..arguments import POSITIVE, whole
 from ..daemon_process import DaemonProcess
 from .columns import Column, VirtualRun, columns, live_column
 from .live_view import LiveView
+from .picture import draw
 
-if TYPE_CHECKING:
-    from hapticd_client import Client, PlateState
-
-DEFAULT_OUT = Path("demo.png")
+DEFAULT_OUT = Path("demo.png")  # written again over that of an earlier demo
+SOURCE = "demo, seed "  # in the picture's signature
 SCENARIO = "strokes"
 FINGERS = 2
 DAEMON_WITHIN_S = 15.0
@@ -55,8 +59,11 @@ COMPARED_S = 6.0  # in virtual time, which takes a second for every two on the f
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help="duration (default 10)")
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
-    glass.add_arguments(parser)
+    glass.add_arguments(parser, glass.SHOWN)
     outputs.add_file(parser, "--out", outputs.PICTURE, metavar="F.png", help="the picture (default demo.png)")
+    parser.add_argument(
+        "--details", action="store_true", help="draw the modes' amplitudes and all three runs, as the paper does"
+    )
     parser.add_argument(
         "--board",
         choices=("library", "host"),
@@ -70,23 +77,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the demo, print the summary and write the picture; the page of `hapticd view` is served meanwhile."""
-    try:
-        import hapticd_client
-    except ImportError:
-        raise missing_client("The demo") from None
     if options.board == "library" and options.image is not None:
         raise UsageError("--image needs a board in another process: give --board host as well.")
-    sim = glass.chosen(options)
-    if options.board == "host" and sim != SimConfig():
-        raise UsageError(
-            "--plate, --modes and --wiring: the board in another process has the reference plate with two modes."
-        )
+    _simulated(options)
     program = None if options.board == "library" else find_program(options.image)
     out = _picture_file(options)
     try:
         _play(options, program, out)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
+
+
+def _simulated(options: argparse.Namespace) -> SimConfig:
+    """Return the live plate. Raises UsageError."""
+    if options.board != "host":
+        return glass.chosen(options, glass.SHOWN)
+    if (sim := glass.chosen(options)) != SimConfig():
+        raise UsageError(
+            "--plate, --modes and --wiring: the board in another process has the reference plate with two modes."
+        )
+    return sim
 
 
 def _picture_file(options: argparse.Namespace) -> Path | None:
@@ -98,14 +108,13 @@ def _picture_file(options: argparse.Namespace) -> Path | None:
     except HapticdError as error:
         print(f"without a picture: {error}", flush=True)
         return None
-    outputs.check([DEFAULT_OUT], is_forced=options.force)
+    is_own = outputs.has_mark(DEFAULT_OUT, f", {SOURCE}".encode(), plotting.SIGNED_BYTES)
+    outputs.check([DEFAULT_OUT], is_forced=options.force or is_own)
     return DEFAULT_OUT
 
 
 def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -> None:
-    import hapticd_client
-
-    board, seed, sim = options.board, options.seed, glass.chosen(options)
+    board, seed, sim = options.board, options.seed, _simulated(options)
     is_bare = board == "host"
     live = live_column(sim, is_bare=is_bare)
     compared = columns(live, is_bare=is_bare)
@@ -132,7 +141,11 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
     ours = _film(rig.history, live, t_asked_s, t_end_s)
     films = {column: ours if column == live else runs[column].film() for column in compared}
     if out is not None:
-        draw(list(films.values()), out, seconds=PICTURE_S, source=f"demo, seed {seed}", has_contacts=True)
+        shown, source = list(films.values()), f"{SOURCE}{seed}"
+        if options.details:
+            draw_details(shown, out, seconds=PICTURE_S, source=source, has_contacts=True)
+        else:
+            draw(shown[0], ours, out, seconds=PICTURE_S, source=source)
     print(summary(films, live, status))
     if board == "library":
         print(
@@ -144,7 +157,8 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
         print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
     if out is not None:
         print(f"picture: {out.resolve()}")
-    print("To touch such a plate yourself, in the browser: hapticd view --sim")
+    caller = sys.argv[0] if Path(sys.argv[0]).name == "hapticd" else "hapticd"  # `make` calls one off the PATH
+    print(f"To touch such a plate yourself, in the browser: {shlex.quote(caller)} view --sim")
 
 
 def summary(films: Mapping[Column, Film], live: Column, status: dict[str, Any]) -> str:
@@ -161,6 +175,7 @@ def summary(films: Mapping[Column, Film], live: Column, status: dict[str, Any]) 
         row("", [f"{column.plate.driven_modes} modes" for column in films]),
         *([row("wires", [column.wires for column in films])] if live.wires != IDENTITY else []),
         row("", ["live" if column == live else "" for column in films]),
+        row("both felt as asked", [f"{score.felt_frac:.0%}" for score in scores]),
         row("sticky contact, um RMS", [f"{score.contact_leak_um:.3f}" for score in scores]),
         row("slippery contact, um RMS", [f"{score.contact_slip_um:.3f}" for score in scores]),
         row("contrast of the two", [f"{score.contrast:.1f}" for score in scores]),

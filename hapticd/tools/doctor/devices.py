@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
-from ...errors import DeviceError, HapticdError
+from ...errors import DeviceError, HapticdError, pip_install
 from ...io.devices.hid_trackpad import HidTrackpad, find_pads, load_hid
 from ...io.devices.serial_link import SerialLink
 from ...io.devices.trackpad_source import TrackpadSource
@@ -38,7 +38,7 @@ def trackpad(system: System) -> Finding:
     try:
         pads = list(find_pads(load_hid(), system.config.trackpad.model))
     except (HapticdError, OSError) as error:
-        return Finding(FAIL, "trackpad", str(error), "pip install hidapi")
+        return Finding(FAIL, "trackpad", str(error), pip_install("hidapi"))
     if not pads:
         remedy = "plug it in, or bluetoothctl connect ADDRESS, and wake it"
         return Finding(FAIL, "trackpad", "none is connected", remedy)

@@ -10,7 +10,7 @@ import resource
 import sys
 from pathlib import Path
 
-from ...errors import HapticdError
+from ...errors import HapticdError, rebuild
 from ...io.host.cpu_latency import LATENCY_FILE
 from ..install_service import service_files
 from .finding import PASS, WARN, Finding, System
@@ -155,13 +155,6 @@ def built(_: System) -> Finding:
             WARN,
             "simulated board",
             "its firmware is not built",
-            "sudo apt install gcc, then in the checkout: pip install .",
+            f"sudo apt install build-essential python3-dev, then {rebuild()}",
         )
     return Finding(PASS, "simulated board", "its firmware is built")
-
-
-def client_library(_: System) -> Finding:
-    """Check the Python client library, which this program uses too."""
-    if importlib.util.find_spec("hapticd_client") is None:
-        return Finding(WARN, "client library", "not installed", "in the checkout: pip install clients/python")
-    return Finding(PASS, "client library", "installed")

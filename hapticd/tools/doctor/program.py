@@ -22,7 +22,6 @@ CHECKS: tuple[Callable[[System], Finding], ...] = (
     files.recordings,
     files.key_ring,
     host.built,
-    host.client_library,
     service.daemon,
     service.health,
     service.alone,

@@ -11,6 +11,10 @@ from typing import Any
 
 import zmq
 
+from hapticd_client import HapticdError as ClientError
+from hapticd_client.control import Control
+from hapticd_client.endpoint import Endpoint
+
 from ... import __version__
 from ...config.sections import Config
 from ...errors import HapticdError
@@ -55,12 +59,6 @@ def refreshed(system: System) -> System:
 def _request(directory: Path) -> tuple[Mapping[str, Any] | None, str]:
     """Return status and version of the daemon there. Unlike a full client, this releases no fingers on exit."""
     if not _is_socket(directory / "control"):
-        return None, ""
-    try:
-        from hapticd_client import HapticdError as ClientError
-        from hapticd_client.control import Control
-        from hapticd_client.endpoint import Endpoint
-    except ImportError:
         return None, ""
     context = zmq.Context()
     try:

@@ -205,8 +205,6 @@ async def _gains(board: Conversation, options: argparse.Namespace) -> None:
 
 async def _raw(board: Conversation, options: argparse.Namespace) -> None:
     sweep.check_drive(board.hello, options.mode, options.volts)
-    if not math.isfinite(options.phase):
-        raise UsageError(f"--phase is {options.phase:g}: give a finite number of degrees.")
     voltage_v = cmath.rect(options.volts, math.radians(options.phase))
     with board.driving():
         await board.demand(RawVoltage(options.mode, voltage_v, options.ms))

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import msgpack
@@ -37,6 +38,19 @@ LATE = "Something is recorded already: this recording begins in mid-session, and
 Notify = Callable[[str], None]
 
 
+@contextmanager
+def until_signal() -> Iterator[Callable[[], bool]]:
+    """Yield what tells whether SIGINT, SIGTERM or SIGHUP has come, also where a shell had SIGINT ignored behind `&`."""
+    found: list[int] = []
+    endings = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, lambda ending, _: found.append(ending)) for number in endings}
+    try:
+        yield lambda: bool(found)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def record(
     out: Path,
     directory: Path | None,
@@ -45,8 +59,11 @@ def record(
     is_now: bool = False,
     wait_s: float = math.inf,
     notify: Notify = lambda text: print(text, flush=True),
+    is_ended: Callable[[], bool] = lambda: False,
 ) -> str:
-    """Record for `seconds`, until KeyboardInterrupt, or until the daemon stops. Returns a sentence on the file.
+    """Record for `seconds`, until `is_ended` or KeyboardInterrupt, or until the daemon stops.
+
+    Returns a sentence on the file.
 
     `notify` is given what a person should know meanwhile. Raises HapticdError; RecordingError, before the daemon
     is asked, if the file cannot be made.
@@ -64,27 +81,32 @@ def record(
         for topic in (NOW,) if is_now else (WAITS, WHOLE):
             socket.subscribe(topic)
         with closing(_Wait(context, socket, wait_s, notify)) as wait:
-            opening = _opening(socket, directory, wait)
+            opening = _opening(socket, directory, wait, is_ended)
         notify(BEGUN)
         header = header_from(opening.fields)
         if not is_now and not (header.is_whole and opening.seq == 0):
             notify(LATE)
         file = RecordingFile(out, header, seq=opening.seq)
         with closing(RigTruth(context, header)) as truth:
-            return _record(socket, truth, opening, file, seconds)
+            return _record(socket, truth, opening, file, seconds, is_ended)
     finally:
         socket.close()
         context.term()
 
 
 def _record(
-    socket: zmq.Socket[bytes], truth: RigTruth, opening: Record, file: RecordingFile, seconds: float | None
+    socket: zmq.Socket[bytes],
+    truth: RigTruth,
+    opening: Record,
+    file: RecordingFile,
+    seconds: float | None,
+    is_ended: Callable[[], bool],
 ) -> str:
     records, lost, next_seq = 0, 0, opening.seq
     begun_s = synced_s = time.monotonic()
     try:
         try:
-            for message in _messages(socket, math.inf if seconds is None else begun_s + seconds):
+            for message in _messages(socket, math.inf if seconds is None else begun_s + seconds, is_ended):
                 found = _decoded(message)
                 if found is not None and found.kind == HEADER:
                     if found.fields != opening.fields:
@@ -109,10 +131,10 @@ def _record(
     return f"{file.path}: {records} records of {time.monotonic() - begun_s:.1f} s{missing}"
 
 
-def _opening(socket: zmq.Socket[bytes], directory: Path, wait: _Wait) -> Record:
+def _opening(socket: zmq.Socket[bytes], directory: Path, wait: _Wait, is_ended: Callable[[], bool]) -> Record:
     """The first header: sent to this recorder, or to another that attached at the same time."""
     deadline_s = time.monotonic() + HEADER_WITHIN_S
-    for message in _messages(socket, math.inf):
+    for message in _messages(socket, math.inf, is_ended):
         found = _decoded(message)
         if found is not None and found.kind == HEADER:
             return found
@@ -167,10 +189,10 @@ class _Wait:
             self._pad.close()
 
 
-def _messages(socket: zmq.Socket[bytes], deadline_s: float) -> Iterator[bytes]:
-    """The messages until the deadline or Ctrl-C; b"" where none came for a moment."""
+def _messages(socket: zmq.Socket[bytes], deadline_s: float, is_ended: Callable[[], bool]) -> Iterator[bytes]:
+    """The messages until the deadline or the end; b"" where none came for a moment."""
     try:
-        while time.monotonic() < deadline_s:
+        while time.monotonic() < deadline_s and not is_ended():
             yield socket.recv() if socket.poll(POLL_MS) else b""
     except KeyboardInterrupt:
         return

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ...errors import ConfigError, UsageError
 from ...files import outputs
+from ..arguments import POSITIVE
 from ..progress import Progress
 
 
@@ -16,7 +17,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "out", type=Path, metavar="OUT", help="file to write, such as session.mcap; where it exists, session-2.mcap"
     )
-    parser.add_argument("--seconds", type=float, help="how long (default: until Ctrl-C)")
+    parser.add_argument("--seconds", type=POSITIVE, help="how long (default: until Ctrl-C)")
     parser.add_argument(
         "--now", action="store_true", help="begin at once, in mid-session: such a file cannot be replayed"
     )
@@ -25,9 +26,10 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _record(options: argparse.Namespace) -> None:
-    from .attach import record
+    from .attach import record, until_signal
 
-    print(record(options.out, options.endpoint, options.seconds, is_now=options.now))
+    with until_signal() as is_ended:
+        print(record(options.out, options.endpoint, options.seconds, is_now=options.now, is_ended=is_ended))
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:

@@ -226,13 +226,13 @@ def in_force_um(t_ns: npt.NDArray[np.int64], made: Sequence[Polyline], modes: in
 def table(fingers: Tracks, judged: Sequence[Judged]) -> str:
     """For a person."""
     width = max(len(name) for name, _ in judged)
-    widths = (10, 15, 8, 18, 10, 8)
-    heads = ("leak um", "slip error um", "slip", "friction: sticky", "slippery", "weber")
+    widths = (8, 10, 15, 8, 18, 10, 8)
+    heads = ("felt", "leak um", "slip error um", "slip", "friction: sticky", "slippery", "weber")
     rows = [" " * width + "".join(f"{head:>{wide}}" for head, wide in zip(heads, widths, strict=True))]
     for name, one in judged:
         errors = (one.leak_um, one.slip_error_um, one.slip_frac)
         perceived = (one.still_friction_change, one.slip_friction_change, one.weber_frac)
-        rows.append(f"{name:<{width}}" + "".join(map(_cell, (*errors, *perceived), widths)))
+        rows.append(f"{name:<{width}}" + "".join(map(_cell, (one.felt_frac, *errors, *perceived), widths)))
     if all(math.isnan(one.leak_um) and math.isnan(one.slip_frac) for _, one in judged):
         rows.append("no finger had a target while it touched: there is nothing to judge")
     where = "true positions" if fingers.is_true else "positions by the pad (there is no ground truth in it)"

@@ -10,8 +10,11 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from ...errors import HapticdError, UsageError, missing_client, missing_library
-from ..arguments import add_command
+import hapticd_client
+from hapticd_client.endpoint import find
+
+from ...errors import HapticdError, UsageError, missing_library
+from ..arguments import PORT_NUMBER, add_command, whole
 
 PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
 PROMETHEUS_PORT = 9873
@@ -38,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     prometheus = _action(actions, "prometheus", "serve the daemon's status as metrics over HTTP", "--port 9100")
     prometheus.add_argument("--host", default="127.0.0.1", help="address to serve at (default 127.0.0.1)")
     prometheus.add_argument(
-        "--port", type=int, default=PROMETHEUS_PORT, help=f"0: any free one (default {PROMETHEUS_PORT})"
+        "--port", type=PORT_NUMBER, default=PROMETHEUS_PORT, help=f"0: any free one (default {PROMETHEUS_PORT})"
     )
     prometheus.set_defaults(command=_prometheus)
 
@@ -56,7 +59,7 @@ def _action(actions: Any, name: str, summary: str, example: str) -> argparse.Arg
 def _add_fingers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fingers",
-        type=int,
+        type=whole(1, MAX_FINGERS),
         default=FINGERS,
         metavar="N",
         help=f"number of fingers with curves of their own (default {FINGERS})",
@@ -66,13 +69,10 @@ def _add_fingers(parser: argparse.ArgumentParser) -> None:
 def _plotjuggler(options: argparse.Namespace) -> None:
     from .plotjuggler import run
 
-    fingers = _checked_fingers(options)
-    _streaming(options.endpoint, lambda: run(options.endpoint, options.bind, fingers))
+    _streaming(options.endpoint, lambda: run(options.endpoint, options.bind, options.fingers))
 
 
 def _prometheus(options: argparse.Namespace) -> None:
-    if not 0 <= options.port <= 65535:
-        raise UsageError(f"--port: {options.port} is out of bounds, it must be 0 .. 65535.")
     try:
         import prometheus_client  # noqa: F401
     except ImportError:
@@ -83,24 +83,17 @@ def _prometheus(options: argparse.Namespace) -> None:
 
 
 def _lsl(options: argparse.Namespace) -> None:
-    fingers = _checked_fingers(options)
     try:
         import pylsl
     except (ImportError, RuntimeError, OSError) as error:  # the latter two if pylsl finds no liblsl
         raise missing_library(f"The Lab Streaming Layer cannot be loaded ({_first_line(error)})", "lsl") from None
     from .lsl import run
 
-    _streaming(options.endpoint, lambda: run(pylsl, options.endpoint, fingers))
+    _streaming(options.endpoint, lambda: run(pylsl, options.endpoint, options.fingers))
 
 
 def _streaming(endpoint: str | None, run: Callable[[], None]) -> None:
     """Run until Ctrl-C or SIGTERM. Raises UsageError for an unusable --endpoint, HapticdError for a daemon's reply."""
-    try:
-        import hapticd_client
-    except ImportError:
-        raise missing_client("A stream") from None
-    from hapticd_client.endpoint import find
-
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         find(endpoint, os.environ)
@@ -110,12 +103,6 @@ def _streaming(endpoint: str | None, run: Callable[[], None]) -> None:
         run()
     except hapticd_client.HapticdError as error:
         raise HapticdError(str(error)) from None
-
-
-def _checked_fingers(options: argparse.Namespace) -> int:
-    if not 1 <= options.fingers <= MAX_FINGERS:
-        raise UsageError(f"--fingers: {options.fingers} is out of bounds, it must be 1 .. {MAX_FINGERS}.")
-    return int(options.fingers)
 
 
 def _first_line(error: BaseException) -> str:

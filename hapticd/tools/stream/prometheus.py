@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import zmq
-from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client import CollectorRegistry
 from prometheus_client.core import (
     CounterMetricFamily,
     GaugeMetricFamily,
@@ -28,6 +28,7 @@ from hapticd_client.control import Control
 from hapticd_client.endpoint import Endpoint, find
 
 from ...errors import UsageError
+from .metrics_server import MetricsServer, serving
 from .samples import STATES
 
 Fields = Mapping[str, Any]
@@ -71,6 +72,7 @@ GAUGES = (
     Figure("calibration.moved_mm", "calibration_moved_meters", "Between the configured pad and the adopted one", 1e-3),
     Figure("calibration.latency_ms", "calibration_latency_seconds", "The pad's latency, as adopted", 1e-3),
     Figure("latency_ms.frames_hz", "reference_frame_rate_hertz", "Frames applied by the board, of the last 10 s"),
+    Figure("timing.slowness", "pass_slowness_ratio", "How much longer passes take than estimated"),
     Figure("real_time.priority", "real_time_priority", "SCHED_FIFO priority, 0 for ordinary scheduling"),
     Figure("real_time.memory_locked", "real_time_memory_locked", "1 where the daemon's memory is not paged out"),
 )
@@ -93,6 +95,8 @@ COUNTERS = (
     Figure("timing.joined_reports", "reports_joined", "Reports merged into a pass with a newer one"),
     Figure("timing.missed_ticks", "ticks_missed", "Timer ticks skipped because the loop was busy"),
     Figure("timing.pauses", "collector_pauses", "Garbage collections of more than 1 ms"),
+    Figure("timing.overruns", "passes_overrun", "Passes that took the processor for more than 8 ms"),
+    Figure("timing.breaths", "loop_breaths", "Sleeps of a loop that had no pause"),
     Figure("timing.late_frames", "frames_late", "Frames applied more than 1 ms late"),
     Figure("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
     Figure("calibration.verdicts", "calibration_verdicts", "Fits of what touches do to the plate"),
@@ -277,9 +281,9 @@ def run(
         context.term()
 
 
-def _server(host: str, port: int, registry: CollectorRegistry) -> tuple[Any, threading.Thread]:
+def _server(host: str, port: int, registry: CollectorRegistry) -> tuple[MetricsServer, threading.Thread]:
     try:
-        return start_http_server(port, host, registry)
+        return serving(host, port, registry)
     except (OSError, OverflowError) as error:
         raise UsageError(
             f"--host {host} --port {port}: cannot be bound ({getattr(error, 'strerror', error)}): choose another."

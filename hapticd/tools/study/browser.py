@@ -9,12 +9,14 @@ from __future__ import annotations
 import asyncio
 import queue
 import secrets
+import socket
 import threading
 from collections.abc import Awaitable, Callable
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from ...errors import missing_library
+from ...errors import RequestError, missing_library
+from ...wire.fields import whole
 from ..view import guard
 from .panel import Key, Screen
 from .protocol import StudyError
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 ADDRESS = "127.0.0.1"
 MAX_PRESS_BYTES = 256
+MAX_NUMBER = 2**31 - 1  # of a screen
 START_WITHIN_S = 10.0
 TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
 
@@ -82,21 +85,19 @@ class Browser:
         return None
 
     async def _start(self) -> None:
+        from ..view import connections
+
         application = self._web.Application(client_max_size=MAX_PRESS_BYTES)
         root = f"/{self._secret}"
         application.router.add_get(f"{root}/", self._guarded(self._page))
         application.router.add_get(f"{root}/{{name}}", self._guarded(self._page))
         application.router.add_get(f"{root}/now/screen", self._guarded(self._now))
         application.router.add_post(f"{root}/press", self._guarded(self._press))
-        self._runner = self._web.AppRunner(application, access_log=None, logger=guard.logger())
+        self._runner = self._web.AppRunner(application, access_log=None, logger=connections.logger())
+        listener = socket.create_server((ADDRESS, self._port))
         await self._runner.setup()
-        site = self._web.TCPSite(self._runner, ADDRESS, self._port)
-        try:
-            await site.start()
-        except OSError:
-            await self._runner.cleanup()
-            raise
-        self._port = self._runner.addresses[0][1]
+        await connections.Site(self._runner, listener).start()
+        self._port = listener.getsockname()[1]
 
     def _end(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
@@ -105,10 +106,12 @@ class Browser:
 
     def _guarded(self, handler: Handler) -> Handler:
         """Return the handler, restricted to requests of this server's own page."""
+        from ..view.connections import know
 
         async def guarded(request: web.Request) -> web.StreamResponse:
             if why := guard.refusal(self._port, request.headers, needs_origin=request.method == "POST"):
                 raise self._web.HTTPForbidden(text=why)
+            know(request)
             response = await handler(request)
             response.headers.update(guard.headers(self._port))
             return response
@@ -139,8 +142,8 @@ class Browser:
     async def _press(self, request: web.Request) -> web.StreamResponse:
         try:
             body = await request.json()
-            number, key = body["number"], Key(body["key"])
-        except (ValueError, LookupError, TypeError, RecursionError):
+            number, key = whole(body["number"], 0, MAX_NUMBER, "number"), Key(body["key"])
+        except (ValueError, LookupError, TypeError, RecursionError, RequestError):
             raise self._web.HTTPBadRequest(text="A press is a screen's number and a key.") from None
         self._presses.put((number, key))
         response: web.StreamResponse = self._web.json_response({})

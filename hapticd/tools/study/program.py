@@ -10,14 +10,17 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import hapticd_client
+from hapticd_client import Client
 
 from ... import __version__
 from ...config.sections import SimConfig
-from ...errors import HapticdError, missing_client
+from ...errors import HapticdError
 from ...files import outputs
 from .. import glass
-from ..arguments import add_command
+from ..arguments import PORT_NUMBER, add_command, number, whole
 from ..daemon_process import PATIENT, DaemonProcess
 from ..progress import Progress
 from . import report
@@ -28,13 +31,9 @@ from .protocol import Design, StudyError, participant_name
 from .session import MAX_SEED, SUFFIX, Session, SessionFile
 from .stage import Stage
 
-if TYPE_CHECKING:
-    from hapticd_client import Client
-
 SCENARIO = "virtual-finger"  # of a rehearsal: its finger explores in strokes; the virtual one is the client's own
 DAEMON_WITHIN_S = 2.0
 REHEARSAL_WITHIN_S = 20.0
-MAX_PORT = 65535
 DEFAULT_SPEED_MM_S, MAX_SPEED_MM_S = 100.0, 1000.0  # of a simulated finger
 LAST_SCREEN_S = 0.5  # for the page to show its last screen
 
@@ -62,18 +61,24 @@ def _add_run(actions: Any) -> None:
         "--out", required=True, type=Path, metavar="DIR", help="the study's folder, with a file for each participant"
     )
     parser.add_argument("--trials", type=int, metavar="N", help="default 20, half of either friction")
-    parser.add_argument("--seed", type=int, help="of the trials' order (default: a random one, kept in the file)")
+    parser.add_argument(
+        "--seed", type=whole(0, MAX_SEED), help="of the trials' order (default: a random one, kept in the file)"
+    )
     parser.add_argument(
         "--browser", action="store_true", help="ask on a page in this machine's browser, not in the terminal"
     )
-    parser.add_argument("--page-port", type=int, default=0, metavar="PORT", help="of that page (default: any free one)")
+    parser.add_argument(
+        "--page-port", type=PORT_NUMBER, default=0, metavar="PORT", help="of that page (default: any free one)"
+    )
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--sim", action="store_true", help="rehearse on a simulated plate with a scripted finger")
     glass.add_arguments(parser)
     simulated = parser.add_argument_group("a simulated participant")
     simulated.add_argument("--simulate", action="store_true", help="answer by a simulated participant, in virtual time")
     simulated.add_argument("--scheme", choices=("hapticd", "paper"), help="the control scheme (default hapticd)")
-    simulated.add_argument("--speed", type=float, metavar="MM_S", help="of its finger (default 100)")
+    simulated.add_argument(
+        "--speed", type=number(0.0, MAX_SPEED_MM_S, is_above=True), metavar="MM_S", help="of its finger (default 100)"
+    )
     parser.set_defaults(command=run_session)
 
 
@@ -129,17 +134,11 @@ def _check(options: argparse.Namespace) -> None:
         raise StudyError(
             "--simulate uses neither service nor page: it cannot be combined with --browser or --endpoint."
         )
-    if options.speed is not None and not 0 < options.speed <= MAX_SPEED_MM_S:
-        raise StudyError(f"--speed: {options.speed:g} is out of bounds, give 0 .. {MAX_SPEED_MM_S:g} mm/s.")
     if options.page_port != 0 and not options.browser:
         raise StudyError("--page-port needs the page: give --browser as well.")
     glass.chosen(options, is_simulated=options.sim)
     if options.sim and options.endpoint is not None:
         raise StudyError("--sim starts a service of its own: it cannot be combined with --endpoint.")
-    if options.seed is not None and not 0 <= options.seed <= MAX_SEED:
-        raise StudyError(f"--seed: {options.seed} is out of bounds, give 0 .. {MAX_SEED}.")
-    if not 0 <= options.page_port <= MAX_PORT:
-        raise StudyError(f"--page-port: {options.page_port} is out of bounds, give 0 .. {MAX_PORT}.")
 
 
 def _given(options: argparse.Namespace) -> Session:
@@ -186,10 +185,6 @@ def _simulate(file: SessionFile, given: Session) -> None:
 
 def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
     """Run the session with a person, on the plate."""
-    try:
-        import hapticd_client
-    except ImportError:
-        raise missing_client("The study") from None
     with contextlib.ExitStack() as held:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
         simulated = held.enter_context(rehearsal(plate=glass.chosen(options))) if options.sim else None
@@ -209,8 +204,6 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
 
 
 def _client(options: argparse.Namespace, simulated: DaemonProcess | None) -> Client:
-    from hapticd_client import Client
-
     name = f"study-{os.getpid()}"  # unique, so that a second study on the plate is refused
     if simulated is None:
         return Client(options.endpoint, name=name, timeout_s=DAEMON_WITHIN_S)

@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from ...files import plotting
-from ...files.outputs import check, opened, require_matplotlib, write_text
+from ...files.outputs import check, has_mark, opened, require_matplotlib, write_text
 from .analysis import GUESSING_FRAC, Group, Result, analyse, analyse_group
 from .protocol import StudyError
 from .session import SUFFIX, Session, read
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
+SOURCE = "study report"  # in the picture's signature
+MARKS = {RESULTS: b"participant,recognised,", TRIALS: b"participant,trial,", FIGURE: f", {SOURCE}".encode()}
 SIMULATED = {"": "real", "participant": "simulated participants", "plate": "simulated plate"}
 LIGHT, DARK = "#9ecae1", "#08519c"
 BAR_IN = 0.55  # a participant's share of the figure's width
@@ -26,14 +28,14 @@ MAX_WIDTH_IN = 16.0
 
 
 def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False) -> None:
-    """Analyse the sessions in `folder`, print the report, and write its files there.
+    """Analyse the sessions in `folder`, print the report, and write its files there, over those of an earlier report.
 
     Raises HapticdError if no session is finished, a file is damaged, simulated sessions are among others, or an output
     cannot be written.
     """
     require_matplotlib()
-    check([folder / name for name in (RESULTS, TRIALS, FIGURE)], is_forced=is_forced)
     sessions = sessions_in(folder)
+    _check_outputs(folder, is_forced=is_forced)
     finished = [session for session in sessions if session.is_over]
     if not finished:
         raise StudyError(f"{folder}: holds no finished session: {_progress(sessions) or 'run one with --out first'}.")
@@ -46,14 +48,25 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     _write_rows(folder / RESULTS, result_rows(results, group), simulated)
     _write_rows(folder / TRIALS, trial_rows(finished), simulated)
     draw(results, group, folder / FIGURE, simulated)
+    print(f"wrote {', '.join(MARKS)} in {folder}", file=sys.stderr)
     if json_file is not None:
         write_text(json.dumps({"simulated": simulated or None, **figures(results, group)}, indent=2) + "\n", json_file)
+
+
+def _check_outputs(folder: Path, *, is_forced: bool) -> None:
+    """Raise UsageError for a file that cannot be written, or with the name of a report's that no report wrote."""
+    for name, mark in MARKS.items():
+        path = folder / name
+        if path.is_file() and not (is_forced or has_mark(path, mark, plotting.SIGNED_BYTES if name == FIGURE else 0)):
+            raise StudyError(f"{path}: is no file of an earlier report: move it away, or add --force to overwrite it.")
+    check([folder / name for name in MARKS], is_forced=True)
 
 
 def sessions_in(folder: Path) -> list[Session]:
     """Read all sessions of a folder, sorted by participant (P2 before P10). Raises StudyError."""
     if not folder.is_dir():
-        raise StudyError(f"{folder}: is not a folder: give the --out of the sessions.")
+        what = "is not a folder" if folder.exists() else "does not exist"
+        raise StudyError(f"{folder}: {what}: give the folder that `hapticd study run` had as --out.")
     paths: dict[str, Path] = {}
     sessions = []
     for path in sorted(folder.glob(f"*{SUFFIX}")):
@@ -144,7 +157,7 @@ def trial_rows(sessions: Iterable[Session]) -> list[list[object]]:
 def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "") -> None:
     """Draw the paper's figure 12: success rates, light, and their average with its standard deviation, dark."""
     width_in = min(2.4 + BAR_IN * len(results), MAX_WIDTH_IN)
-    figure, ((axes,),) = plotting.subplots(max(width_in, 4.0), 3.2)
+    figure, ((axes,),) = plotting.subplots(max(width_in, 4.0), 3.2, source=SOURCE)
     top = max(105.0, 5.0 + 100 * (group.mean_frac + (0.0 if math.isnan(group.sd_frac) else group.sd_frac)))
     trials = sorted({one.trials for one in results})
     axes.set(ylabel="stimuli recognised, %", ylim=(0, top))

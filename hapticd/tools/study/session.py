@@ -19,14 +19,14 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ...regular_file import read_bounded
+from ...regular_file import open_regular, read_bounded, read_rest
 from .protocol import Design, Friction, StudyError, participant_name, presented
 
 VERSION = 1
 SUFFIX = ".jsonl"
 BEGIN = b'{"kind": "session", '  # of every session file: others are not overwritten
 MAX_SEED = 2**63 - 1
-MAX_BYTES = 1 << 24  # of a file, which has some 10 kB
+MAX_BYTES = 1 << 20  # of a file, which has some 10 kB
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +84,15 @@ class SessionFile:
     def __init__(self, path: Path, given: Session) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file: BinaryIO = path.open("a+b")
+            self._file: BinaryIO = open_regular(path, to_append=True)
         except OSError as error:
             raise StudyError(f"{path}: cannot be written ({error.strerror}): choose another --out.") from None
         try:
             self._lock(path)
             self.session = self._begin(path, given)
+        except OSError as error:
+            self._file.close()
+            raise StudyError(f"{path}: cannot be read ({error.strerror}): choose another --out.") from None
         except BaseException:
             self._file.close()
             raise
@@ -133,7 +136,7 @@ class SessionFile:
 
     def _begin(self, path: Path, given: Session) -> Session:
         self._file.seek(0)
-        data = self._file.read()
+        data = read_rest(self._file, path, MAX_BYTES)
         whole = data.rfind(b"\n") + 1
         if whole > 0:
             started = decode(data[:whole], str(path))
@@ -188,7 +191,7 @@ def _started(entry: dict[str, Any]) -> Session:
     if entry["kind"] != "session":
         raise ValueError("a file begins with its session")
     if entry["version"] != VERSION:
-        raise StudyError(f"is of version {entry['version']!r}, this hapticd reads {VERSION}: use a newer one.")
+        raise StudyError(f"is of version {str(entry['version'])[:20]}, this hapticd reads {VERSION}: use a newer one.")
     if type(entry["seed"]) is not int or not 0 <= entry["seed"] <= MAX_SEED:
         raise ValueError("a seed is a whole number")
     table = entry["design"]

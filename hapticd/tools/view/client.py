@@ -22,8 +22,8 @@ import hapticd_client
 
 from ...config import loader as config
 from ...content_values import AmplitudeTarget, Circle, FrictionTarget, Surface
+from ...core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ...core.plate.mode_shapes import ModeShapes
-from ...core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
 from . import messages

@@ -8,7 +8,6 @@ program printed.
 from __future__ import annotations
 
 import hmac
-import logging
 from collections.abc import Mapping
 
 HOSTS = ("127.0.0.1", "localhost")
@@ -46,19 +45,6 @@ def headers(port: int) -> dict[str, str]:
         "Cross-Origin-Resource-Policy": "same-origin",
         "Cache-Control": "no-store",
     }
-
-
-def logger() -> logging.Logger:
-    """Return the server's logger, without malformed requests: any process can send them, and they get a 400."""
-    log = logging.getLogger("aiohttp.server")
-    log.addFilter(_is_own)
-    return log
-
-
-def _is_own(record: logging.LogRecord) -> bool:
-    from aiohttp.http_exceptions import HttpProcessingError
-
-    return record.exc_info is None or not isinstance(record.exc_info[1], HttpProcessingError)
 
 
 def _hosts(port: int) -> list[str]:

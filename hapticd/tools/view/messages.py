@@ -10,7 +10,9 @@ page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm], ..}}   all tha
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
                  {"kind": "surfaces", ..}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
-                 {"kind": "choices", "plates": {"reference": [2, 3, 4], ..}}   those that a page can switch to
+                 {"kind": "starting", "plate": "fingertip", "modes": 4}   the service of a simulated plate (re)starts
+                 {"kind": "choices", "plates": {"reference": {"modes": [2, 3, 4], "own_modes": 2}, ..}, ..}
+                                      those that a page can switch to
 """
 
 from __future__ import annotations
@@ -18,10 +20,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from ...config.sections import SolverConfig
 from ...content_values import Surface
+from ...daemon.settings import LEAST_CONTACT_MODES
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_POSITION_MM, Point
 from ...wire.fields import Fields, bounded, items, label, whole
@@ -76,6 +80,14 @@ class SwitchPlate:
     plate: str
     modes: int
     contact_radius_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlateChoice:
+    """The numbers of modes that a simulated plate can drive, and the one that it is made for."""
+
+    modes: tuple[int, ...]
+    own_modes: int
 
 
 Message = Hold | SetTarget | DrawSurface | ClearFault | SwitchPlate
@@ -224,9 +236,21 @@ def status(body: Mapping[str, Any]) -> str:
     )
 
 
-def choices(plates: Mapping[str, Sequence[int]]) -> str:
-    """Return the simulated plates that a page can switch to, with the numbers of modes that they can drive."""
-    return _text({"kind": "choices", "plates": dict(plates)})
+def choices(plates: Mapping[str, PlateChoice]) -> str:
+    """Return the simulated plates that a page can switch to; contacts count from `least_contact_modes` on."""
+    return _text(
+        {
+            "kind": "choices",
+            "plates": {name: asdict(choice) for name, choice in plates.items()},
+            "contact_radius_mm": SolverConfig().contact_radius_mm,
+            "least_contact_modes": LEAST_CONTACT_MODES,
+        }
+    )
+
+
+def starting(plate: str, modes: int) -> str:
+    """Return the message that the service of a simulated plate starts, which takes some seconds."""
+    return _text({"kind": "starting", "plate": plate, "modes": modes})
 
 
 def gone(sentence: str) -> str:

@@ -16,9 +16,9 @@ from html import escape
 from pathlib import Path
 
 from ...config.sections import SCENARIO_NAMES
-from ...errors import HapticdError, UsageError, missing_client, missing_library
+from ...errors import HapticdError, UsageError, missing_library
 from .. import glass
-from ..arguments import whole
+from ..arguments import PORT_NUMBER, whole
 from .simulated import SimulatedService
 
 SCENARIO = "hands"
@@ -32,9 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=whole(0, 2**31 - 1), default=1, help="of its fingers, noise and mode map (default 1)"
     )
-    glass.add_arguments(parser)
+    glass.add_arguments(parser, glass.SHOWN)
     parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
-    parser.add_argument("--port", type=int, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})")
+    parser.add_argument(
+        "--port", type=PORT_NUMBER, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})"
+    )
     parser.add_argument("--no-browser", action="store_true", help="print the page's address without opening it")
     parser.set_defaults(command=run)
 
@@ -49,7 +51,7 @@ def run(options: argparse.Namespace) -> None:
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
             scenario = options.scenario or SCENARIO
-            service = stack.enter_context(SimulatedService(scenario, options.seed, glass.chosen(options)))
+            service = stack.enter_context(SimulatedService(scenario, options.seed, glass.chosen(options, glass.SHOWN)))
             endpoint = str(service.runtime_dir)
         asyncio.run(_serve(listener, endpoint, service, open_browser=not options.no_browser))
 
@@ -59,15 +61,9 @@ def _check(options: argparse.Namespace) -> None:
         import aiohttp  # noqa: F401
     except ImportError:
         raise missing_library("The page needs aiohttp", "view") from None
-    try:
-        import hapticd_client  # noqa: F401
-    except ImportError:
-        raise missing_client("The viewer") from None
-    if not 0 <= options.port <= 65535:
-        raise UsageError(f"--port: {options.port} is out of bounds, it must be 0 .. 65535.")
     if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
-    glass.chosen(options, is_simulated=options.sim)
+    glass.chosen(options, glass.SHOWN, is_simulated=options.sim)
     if options.scenario is not None and not options.sim:
         raise UsageError("--scenario needs a simulated plate: give --sim as well.")
     if options.scenario is not None and options.scenario not in SCENARIO_NAMES:
@@ -92,8 +88,7 @@ def _listener(port: int) -> socket.socket:
 async def _serve(
     listener: socket.socket, endpoint: str | None, service: SimulatedService | None, *, open_browser: bool
 ) -> None:
-    from aiohttp import web
-
+    from .connections import Site
     from .server import Viewer
 
     viewer = Viewer(endpoint, simulated=service)
@@ -101,7 +96,7 @@ async def _serve(
     runner = viewer.runner()
     await runner.setup()
     try:
-        await web.SockSite(runner, listener).start()
+        await Site(runner, listener).start()
         ended = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, ended.set)

@@ -18,7 +18,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_HANDS, Point
-from . import guard, layers, messages
+from . import connections, guard, layers, messages
 from .client import Plate, PlateClient
 from .messages import ClearFault, DrawSurface, Hold, SetTarget, SwitchPlate
 from .rig import PadSender
@@ -81,6 +81,8 @@ class Viewer:
         self._client: PlateClient | None = None
         self._plate: Plate | None = None
         self._last: dict[str, str] = {}
+        if simulated is not None:
+            self._last["starting"] = messages.starting(*simulated.first)
         self._context = zmq.Context()
         self._pad: PadSender | None = None
         self._closing: set[asyncio.Task[None]] = set()
@@ -102,7 +104,7 @@ class Viewer:
 
     def runner(self) -> web.AppRunner:
         """The server of that application."""
-        return web.AppRunner(self.app(), access_log=None, logger=guard.logger(), shutdown_timeout=END_WITHIN_S)
+        return web.AppRunner(self.app(), access_log=None, logger=connections.logger(), shutdown_timeout=END_WITHIN_S)
 
     # --- responses ---
 
@@ -111,6 +113,8 @@ class Viewer:
         why = guard.refusal(self.port, request.headers, needs_origin=request.path == "/socket")
         if not why and request.path in KEYED:
             is_known = guard.has_key(request.query.get("key", ""), self.key)
+            if is_known:
+                connections.know(request)
             why = "" if is_known else "Open the address that `hapticd view` printed: it ends with a key."
         if why:
             return web.Response(status=403, text=why + "\n", headers=guard.headers(self.port))
@@ -154,11 +158,12 @@ class Viewer:
         self._opened += 1
         page = Page(socket, self._opened)
         self._enter(page)
-        writing = asyncio.ensure_future(page.write())
+        writing, pace = asyncio.ensure_future(page.write()), connections.Pace()
         try:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
                     self._receive(page, message.data)
+                await pace.wait()
         finally:
             writing.cancel()
             await asyncio.gather(writing, return_exceptions=True)
@@ -173,14 +178,17 @@ class Viewer:
         for kind, text in self._last.items():
             page.send(kind, text)
         self._pages.append(page)
-        if self._client is None:
-            loop = asyncio.get_running_loop()
+        if self._client is None and not self._is_switching:
+            self._connect()
 
-            def publish(kind: str, text: str, plate: Plate | None) -> None:
-                loop.call_soon_threadsafe(self._publish, kind, text, plate)
+    def _connect(self) -> None:
+        loop = asyncio.get_running_loop()
 
-            self._client = PlateClient(self._endpoint, publish)
-            self._client.start()
+        def publish(kind: str, text: str, plate: Plate | None) -> None:
+            loop.call_soon_threadsafe(self._publish, kind, text, plate)
+
+        self._client = PlateClient(self._endpoint, publish)
+        self._client.start()
 
     def _leave(self, page: Page) -> None:
         self._pages.remove(page)
@@ -194,7 +202,6 @@ class Viewer:
         if self._pad is not None and page.held:
             self._pad.hold({})
         client, self._client = self._client, None
-        self._last.clear()
         self._clear_plate()
         if client is not None:  # disconnecting may take half a second: not on the loop
             task = asyncio.ensure_future(asyncio.to_thread(client.close))
@@ -219,11 +226,29 @@ class Viewer:
         service = self._simulated
         if service is None:
             page.send("refused", messages.refused("plate: only `hapticd view --sim` can switch it."))
-        elif to.modes not in service.choices.get(to.plate, ()):
+        elif to.plate not in service.choices or to.modes not in service.choices[to.plate].modes:
             page.send("refused", messages.refused(f"modes: the plate {to.plate!r} cannot drive {to.modes}."))
-        elif self._switching is None or self._switching.done():
-            self._publish("gone", messages.gone("Starting the simulated plate ..."), None)
-            self._switching = asyncio.ensure_future(service.switch(to))
+        elif not self._is_switching:
+            self._switching = asyncio.ensure_future(self._restart(service, to))
+
+    @property
+    def _is_switching(self) -> bool:
+        return self._switching is not None and not self._switching.done()
+
+    async def _restart(self, service: SimulatedService, to: SwitchPlate) -> None:
+        """Switch the plate while no client is connected: the end of the old service is no failure."""
+        client, self._client = self._client, None
+        self._clear_plate()
+        self._last["starting"] = text = messages.starting(to.plate, to.modes)
+        for page in self._pages:
+            page.send("starting", text)
+        if client is not None:
+            await asyncio.to_thread(client.close)
+        try:
+            await service.switch(to)
+        finally:
+            if self._pages:
+                self._connect()
 
     def _request(self, page: Page, request: SetTarget | DrawSurface | ClearFault) -> None:
         if isinstance(request, SetTarget):
@@ -250,10 +275,12 @@ class Viewer:
         if self._client is None:
             return  # from a client that is being closed
         if kind == "gone":
-            self._last.clear()
+            if "starting" in self._last:
+                return  # the service does not answer yet; the viewer ends with it
             self._clear_plate()
         if plate is not None:
             self._last.pop("gone", None)
+            self._last.pop("starting", None)
             self._clear_plate()
             self._plate = plate
             self._pad = None if plate.rig_dir is None else PadSender(self._context, plate.rig_dir)
@@ -262,19 +289,21 @@ class Viewer:
             page.send(kind, text)
 
     def _clear_plate(self) -> None:
+        """Forget the plate and all messages about it, but not that one is starting."""
+        self._last = {kind: text for kind, text in self._last.items() if kind == "starting"}
         self._plate = None
         if self._pad is not None:
             self._pad.close()
             self._pad = None
 
     async def _close(self, _: web.Application) -> None:
-        client, self._client = self._client, None
         for page in tuple(self._pages):
             await page.socket.close()
+        if self._switching is not None:
+            await asyncio.wait((self._switching,))
+        client, self._client = self._client, None
         if client is not None:  # its pages close later, perhaps too late
             await asyncio.to_thread(client.close)
-        if self._switching is not None:
-            self._closing.add(self._switching)
         if self._closing:
             await asyncio.gather(*self._closing)
         self._context.destroy(linger=0)

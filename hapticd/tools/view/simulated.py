@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Callable
 
 from ...config.sections import PLATE_NAMES, SimConfig
-from ...sim.plate.glasses import LEAST_PARASITIC, find_glass
+from ...sim.plate.glasses import LEAST_PARASITIC, driven_modes, find_glass
 from ...sim.rig.process import watch
 from ..daemon_process import PATIENT, DaemonProcess
-from .messages import SwitchPlate
+from .messages import PlateChoice, SwitchPlate
 
 LEAST_MODES = 2
 
@@ -18,14 +18,15 @@ class SimulatedService(DaemonProcess):
     """Context manager of a service on a simulated plate.
 
     When the plate is switched, `scenario` and `seed` stay, and each mode gets an amplifier of its own. `choices` are
-    the numbers of modes of each plate: of those with a name, and of the first one.
+    the plates with a name, and the first one, which is `first` with its number of modes.
     """
 
     def __init__(self, scenario: str, seed: int, sim: SimConfig) -> None:
         self._fixed = f'scenario = "{scenario}"\nseed = {seed}\n'
         super().__init__(f'{self._plate(sim.plate, sim.modes)}\nwiring = "{sim.wiring}"', PATIENT)
         self._switching = asyncio.Lock()
-        self.choices = {name: _counts(name) for name in dict.fromkeys((*PLATE_NAMES, sim.plate))}
+        self.first = sim.plate, driven_modes(sim.plate, sim.modes)
+        self.choices = {name: _choice(name) for name in dict.fromkeys((*PLATE_NAMES, sim.plate))}
         self._on_end: Callable[[], None] = lambda: None
 
     def watch(self, on_end: Callable[[], None]) -> None:
@@ -46,6 +47,6 @@ class SimulatedService(DaemonProcess):
         return f'{self._fixed}plate = "{plate}"\nmodes = {modes}'
 
 
-def _counts(plate: str) -> list[int]:
-    """Return the numbers of modes that can be driven."""
-    return list(range(LEAST_MODES, len(find_glass(plate).modes) - LEAST_PARASITIC + 1))
+def _choice(plate: str) -> PlateChoice:
+    most = len(find_glass(plate).modes) - LEAST_PARASITIC
+    return PlateChoice(tuple(range(LEAST_MODES, most + 1)), driven_modes(plate))

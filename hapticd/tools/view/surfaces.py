@@ -11,7 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 from ...content_values import AmplitudeTarget, Circle, FrictionTarget, Surface, Target
-from ...core.targets.textures import FrictionCurve, texture
+from ...core.friction import FrictionCurve
+from ...core.targets.textures import texture
 from ...errors import RequestError
 from ...wire.fields import Fields
 from ...wire.surfaces import read_surface

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.plate.parasitic_modes import ParasiticModes
+from hapticd.core.plate.parasitic_modes import NODE_SHAPE_SQUARED, ParasiticModes, _all_zeroed
 from hapticd.core.solver.instant import InstantSolver, Place
 
 LIMIT_UM = (4.0, 4.0)
@@ -157,3 +157,17 @@ def test_numbers_that_do_not_belong_to_the_modes_are_refused() -> None:
             ParasiticModes(OTHERS, DECAY_1_S, (DETUNING_RAD_S[0], infinite), 100.0)
         with pytest.raises(ValueError, match="finite"):
             ParasiticModes(OTHERS, DECAY_1_S, DETUNING_RAD_S, infinite)
+
+
+@given(seed=st.integers(0, 10**6), modes=st.integers(1, 8), fingers=st.integers(1, 26))
+def test_any_number_of_still_fingers_is_zeroed_as_by_the_matrix_of_them_all(
+    seed: int, modes: int, fingers: int
+) -> None:
+    random = np.random.default_rng(seed)
+    shapes = random.uniform(-1, 1, (fingers, modes)) + 1j * random.uniform(-1, 1, (fingers, modes))
+    modal = random.normal(size=modes) + 1j * random.normal(size=modes)
+    felt = [(row.real.tolist(), row.imag.tolist()) for row in shapes]
+    d_um, q_um = _all_zeroed(felt, tuple(modal.tolist()))
+    known = shapes @ shapes.conj().T + NODE_SHAPE_SQUARED * np.eye(fingers)
+    expected = modal - shapes.conj().T @ np.linalg.solve(known, shapes @ modal)
+    assert np.array(d_um) + 1j * np.array(q_um) == pytest.approx(expected, abs=1e-9)

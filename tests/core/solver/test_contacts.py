@@ -12,20 +12,18 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 from scipy.optimize import minimize_scalar
 
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.contact import contact_gram, disc_points
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver import solve
 from hapticd.core.solver.contacts import (
-    FRICTION_DECAY_UM,
-    JUST_FELT,
+    BUILT_IN,
     STILL_IMPORTANCE,
     UNCERTAIN_FRAC,
-    error_weight,
-    felt_error,
+    FeltError,
     solve_contacts,
     step_towards,
 )
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.values import WEBER_FRAC
 
@@ -62,7 +60,7 @@ def cost(grams: list[list[list[float]]], targets_um: tuple[float, ...], modal_um
     total = 0.0
     for gram, target_um in zip(np.array(grams), targets_um, strict=True):
         square = float((modal_um.conj() @ expected(gram) @ modal_um).real)
-        total += felt_error(math.sqrt(square), target_um)
+        total += BUILT_IN.error(math.sqrt(square), target_um)
     return total
 
 
@@ -87,7 +85,8 @@ def test_within_ample_limits_the_sum_is_that_of_the_generalized_eigenvalue(plate
         slip, still = (expected(gram) for gram in np.array(grams))
         contrast = math.sqrt(eigh(slip, still)[0][-1])
         least = minimize_scalar(
-            lambda r_um, contrast=contrast: felt_error(r_um, 1.0) + felt_error(r_um / contrast, 0.0), bounds=(0.0, 1.0)
+            lambda r_um, contrast=contrast: BUILT_IN.error(r_um, 1.0) + BUILT_IN.error(r_um / contrast, 0.0),
+            bounds=(0.0, 1.0),
         )
         modal_um, _ = solved(grams, (1.0, 0.0), (1e3,) * 4, calls=30)
         excess.append(cost(grams, (1.0, 0.0), modal_um) - least.fun)
@@ -101,16 +100,33 @@ def test_errors_are_those_of_the_default_friction_curve() -> None:
         for rms_um in (0.0, 0.05, 0.4, 0.9):
             error = DEFAULT_FRICTION_CURVE.friction(rms_um) - DEFAULT_FRICTION_CURVE.friction(target_um)
             share = STILL_IMPORTANCE + (1.0 - STILL_IMPORTANCE) * target_um
-            assert felt_error(rms_um, target_um) == pytest.approx(share * math.hypot(error, JUST_FELT), abs=0.02)
-    assert pytest.approx(WEBER_FRAC * math.exp(-1.0 / FRICTION_DECAY_UM)) == JUST_FELT
+            assert BUILT_IN.error(rms_um, target_um) == pytest.approx(
+                share * math.hypot(error, BUILT_IN.just_felt), abs=1e-12
+            )
+    assert pytest.approx(WEBER_FRAC * math.exp(-1.0 / 0.7)) == BUILT_IN.just_felt
 
 
+@pytest.mark.parametrize("curve", [DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.2, 0.5, 1.1), 0.3)])
 @pytest.mark.parametrize("target_um", [0.0, 0.4, 1.0, 3.0])
-def test_the_weight_has_the_slope_of_the_error(target_um: float) -> None:
-    for rms_um in (0.01, 0.3, target_um + 1e-7, 0.7, 1.0 - 1e-6, 1.5, 2.9):
-        slope = (felt_error(rms_um + 1e-6, target_um) - felt_error(rms_um - 1e-6, target_um)) / 2e-6
-        assert error_weight(rms_um, target_um) * (rms_um - target_um) == pytest.approx(slope, rel=1e-3, abs=1e-4)
-        assert error_weight(rms_um, target_um) > 0.0
+@pytest.mark.parametrize("stretch", [1.0, 1.7])
+def test_the_weight_has_the_slope_of_the_error(target_um: float, curve: FrictionCurve, stretch: float) -> None:
+    felt = FeltError(curve)
+    for rms_um in (0.01, 0.3, target_um + 1e-7, 0.7, 1.0 - 1e-5, 1.5, 2.9):
+        ends = (felt.error(rms_um + step_um, target_um, stretch) for step_um in (-1e-6, 1e-6))
+        slope = -float(np.subtract(*ends)) / 2e-6
+        weight = felt.weight(rms_um, target_um, stretch)
+        assert weight * (rms_um - target_um) == pytest.approx(slope, rel=1e-3, abs=1e-4)
+        assert weight > 0.0
+
+
+def test_a_contact_that_slides_where_the_curve_depends_on_speed_needs_more_amplitude(plate: ModeShapes) -> None:
+    grams = grams_at(plate, [(-40.0, 10.0), (35.0, -20.0)])
+    d_um, q_um = [0.0] * 4, [0.0] * 4
+    for _ in range(20):
+        slow_um, _ = solve_contacts(grams, (0.3, 0.0), LIMITS_UM, d_um, q_um)
+    for _ in range(20):
+        fast_um, _ = solve_contacts(grams, (0.6, 0.0), LIMITS_UM, d_um, q_um, BUILT_IN, [2.0, 2.0])
+    assert fast_um == pytest.approx([2.0 * rms_um for rms_um in slow_um], rel=0.01)
 
 
 def test_one_descent_ends_near_the_best_of_many_starts(plate: ModeShapes) -> None:

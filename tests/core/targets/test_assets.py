@@ -14,6 +14,7 @@ from hapticd.content_values import Circle, ClientTargets, MapTarget, Surface
 from hapticd.core.targets import assets as store
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.scene import Scene
+from hapticd.core.targets.shares import USER_SHARE
 from hapticd.errors import RequestError
 
 T0_NS = 1_234_567_890_123
@@ -104,8 +105,8 @@ def test_an_asset_stays_while_it_is_used_and_a_while_longer_and_an_upload_that_e
     assert reports.index((0, 0)) == 15 + store.KEPT_NS // 10**9
 
 
-def test_a_client_and_all_clients_have_a_bound_and_what_is_unused_longest_makes_room() -> None:
-    scene, numbers = Scene(w_limit_um=4.0), count()
+def test_a_user_and_all_users_have_a_bound_and_what_is_unused_longest_makes_room() -> None:
+    scene, numbers = Scene(w_limit_um=4.0, user_of=lambda client: client), count()
 
     def fill(client: str) -> bytes:
         one = next(numbers)
@@ -113,26 +114,37 @@ def test_a_client_and_all_clients_have_a_bound_and_what_is_unused_longest_makes_
 
     first = fill("a")
     lay(scene, Surface(picture(first, 1024, 1024)))
-    for _ in range(20):
+    for _ in range(40):
         newest = fill("a")
-    assert scene.assets.report()["bytes"] == store.MAX_CLIENT_BYTES
+    assert scene.assets.report()["bytes"] == USER_SHARE * store.MAX_BYTES
     assert scene.assets.upload("a", first, 2**20, 0, b"", T0_NS) == 2**20  # it is used
     assert scene.assets.upload("a", newest, 2**20, 0, b"", T0_NS) == 2**20
-    for client in range(4 * store.MAX_BYTES // store.MAX_CLIENT_BYTES):
+    for client in range(32):
         for _ in range(2):
             fill(f"client {client}")
     assert scene.assets.report()["bytes"] == store.MAX_BYTES
     assert scene.assets.upload("a", first, 2**20, 0, b"", T0_NS) == 2**20
 
 
-def test_uploads_that_never_end_are_refused_beyond_the_bound_and_others_wait_for_seconds_at_most() -> None:
-    assets = Assets()
-    for one in range(store.MAX_CLIENT_BYTES // 2**20):
+def test_uploads_that_never_end_are_refused_beyond_the_bound_and_others_have_room_meanwhile() -> None:
+    assets = Assets(user_of=lambda client: client)
+    for one in range(192):
         assert assets.upload("hog", bytes([one]) * 32, 2**20, 0, b"x", T0_NS) == 1
-    with pytest.raises(RequestError, match="a client may have 8388608 bytes at once"):
+    with pytest.raises(RequestError, match="256 assets at once, one user has 192 of them"):
         assets.upload("hog", b"\xff" * 32, 2**20 - 1, 0, b"x", T0_NS)
+    assert assets.upload("other", b"\xff" * 32, 2**20, 0, b"x", T0_NS) == 1
     assets.look((), T0_NS + store.UPLOAD_NS)
     assert assets.report() == {"count": 0, "uploads": 0, "bytes": 0}
+
+
+def test_an_upload_counts_what_has_arrived_and_lapses_however_slowly_it_goes_on() -> None:
+    assets = Assets()
+    for second in range(0, 60, 4):
+        assets.upload("slow", b"\x01" * 32, 2**20, second // 4, b"x", T0_NS + second * 10**9)
+        assets.look((), T0_NS + second * 10**9)
+        assert assets.report() == {"count": 0, "uploads": 1, "bytes": second // 4 + 1}
+    assets.look((), T0_NS + 60 * 10**9)
+    assert assets.report()["uploads"] == 0
 
 
 @given(
@@ -147,9 +159,9 @@ def test_whatever_is_sent_the_bounds_hold_and_an_asset_has_its_hash(
 ) -> None:
     """Small bounds, and parts of a few contents in any order, some of them damaged."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, bound in (("MAX_CLIENT_BYTES", 900), ("MAX_BYTES", 1500), ("MAX_ASSETS", 4)):
+        for name, bound in (("MAX_BYTES", 1500), ("MAX_ASSETS", 4)):
             patch.setattr(store, name, bound)
-        scene, t_ns = Scene(w_limit_um=4.0), T0_NS
+        scene, t_ns = Scene(w_limit_um=4.0, user_of=lambda client: client), T0_NS
         for client, content, offset, seconds, is_damaged in steps:
             levels, t_ns = bytes([content]) * 400, t_ns + seconds * 10**8
             digest, at = digest_of(levels), 100 * offset

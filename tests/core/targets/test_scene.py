@@ -17,7 +17,8 @@ from hapticd.content_values import (
     Target,
     VirtualPath,
 )
-from hapticd.core.targets.scene import MAX_CLIENTS, MAX_VIRTUALS, FrictionCurve, Scene, Virtual
+from hapticd.core.friction import FrictionCurve
+from hapticd.core.targets.scene import MAX_CLIENTS, MAX_VIRTUALS, Scene, Virtual
 
 T0_NS = 1_234_567_890_123
 TTL_NS = 500_000_000
@@ -169,7 +170,7 @@ def test_inventing_client_names_does_not_fill_the_plate(scene: Scene) -> None:
     for n in range(MAX_CLIENTS):
         assert scene.apply(wants(f"client {n}", {n + 1: STILL}), T0_NS) == ()
     (refusal,) = scene.apply(wants("one more", {99: SLIPPERY}), T0_NS)
-    assert "clients hold fingers already" in refusal
+    assert "the plate has 16 clients that hold fingers at once" in refusal
     assert scene.owner_of(99) is None
     assert scene.apply(wants("client 0", {1: SLIPPERY, 98: STILL}), T0_NS) == ()
     assert scene.apply(wants("one more"), T0_NS) == ()

@@ -21,7 +21,7 @@ from hapticd.content_values import (
     VirtualPath,
 )
 from hapticd.core.targets.scene import Scene
-from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_SURFACES
+from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_SURFACES, Predicted
 
 T0_NS = 1_234_567_890_123
 TTL_NS = 500_000_000
@@ -221,7 +221,7 @@ def test_all_shapes_together_have_so_many_corners_and_a_refresh_needs_no_room() 
     stack = {f"s{n}": Surface(ONE, ring) for n in range(MAX_CORNERS // 16)}
     assert publish(scene, **stack) == ()
     (refusal,) = publish(scene, "late", one=Surface(ONE, SQUARE), disc=Surface(ONE, Circle(5.0)))
-    assert refusal == "surface 'one' has too many corners: all surfaces on the plate have 256 at most."
+    assert refusal == "surface 'one' has too many corners: 0 are left, the plate has 256 corners at once."
     assert publish(scene, **stack) == ()
 
 
@@ -235,6 +235,10 @@ def test_more_than_the_plate_can_do_is_refused_and_the_other_surfaces_are_active
 # --- edges ------------------------------------------------------------------------------------------------------
 
 numbers = st.floats(-60.0, 60.0)
+
+
+def edges_of(scene: Scene, predicted_mm: Predicted, t_ns: int, span_ns: int) -> list[int]:
+    return scene.surfaces.edges_ns(scene.surfaces.along(predicted_mm, t_ns, span_ns).crossings, t_ns, 0.02)
 
 
 @given(
@@ -259,7 +263,7 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
         since_s = (t_ns - T0_NS) * 1e-9
         return start_mm[0] + 10.0 * speed_mm_s[0] * since_s, start_mm[1] + 10.0 * speed_mm_s[1] * since_s
 
-    edges_ns = scene.surfaces.along(predicted_mm, T0_NS, 17_000_000, 0.02).edges_ns
+    edges_ns = edges_of(scene, predicted_mm, T0_NS, 17_000_000)
     changes_ns = [
         t_ns
         for t_ns in range(0, 17_000_000, 100_000)
@@ -275,7 +279,7 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
 
 def test_a_finger_that_passes_by_a_disc_meets_no_edge() -> None:
     scene = a_scene(disc=Surface(ONE, Circle(5.0)))
-    assert scene.surfaces.along(lambda t_ns: ((t_ns - T0_NS) * 1e-6, 5.1), T0_NS, 17_000_000, 0.02).edges_ns == []
+    assert edges_of(scene, lambda t_ns: ((t_ns - T0_NS) * 1e-6, 5.1), T0_NS, 17_000_000) == []
 
 
 def test_a_layer_walks_its_path_and_a_refreshed_one_goes_on() -> None:
@@ -292,6 +296,7 @@ def test_a_finger_that_a_turning_layer_only_touches_is_found_both_ways() -> None
     """At the frame's ends the layer is away: it turns back in between."""
     path = VirtualPath(((0.0, 0.0), (10.0, 0.0)), 1000.0, loop=True)  # reaches 10 mm after 10 ms
     scene = a_scene(patch=Surface(ONE, Circle(2.0), path=path))
-    way = scene.surfaces.along(lambda _t_ns: (11.0, 0.0), T0_NS + 5_000_000, 10_000_000, 0.02)
+    way = scene.surfaces.along(lambda _t_ns: (11.0, 0.0), T0_NS + 5_000_000, 10_000_000)
     assert not way.is_smooth
-    assert [edge_ns * 1e-6 for edge_ns in way.edges_ns] == pytest.approx([4.0, 4.0, 6.0, 6.0], abs=0.005)
+    edges_ns = scene.surfaces.edges_ns(way.crossings, T0_NS + 5_000_000, 0.02)
+    assert [edge_ns * 1e-6 for edge_ns in edges_ns] == pytest.approx([4.0, 4.0, 6.0, 6.0], abs=0.005)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import mpmath
 import numpy as np
@@ -22,8 +21,9 @@ from hapticd.content_values import (
     NoiseTarget,
     Target,
 )
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.core.targets.noise import MOST_RMS
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve, detail, highest_um, refusal, texture
+from hapticd.core.targets.textures import detail, highest_um, refusal, texture
 
 PLATE_MM = (137.5, 100.0)
 CURVE = DEFAULT_FRICTION_CURVE
@@ -218,102 +218,3 @@ def test_a_map_has_no_steps(target: MapTarget, x_mm: float, y_mm: float, step_mm
     image = texture(target, CURVE, PLATE_MM)
     steepest_um_per_mm = 6 / min(PLATE_MM) * abs(target.high_um - target.low_um)
     assert abs(image(x_mm + step_mm, y_mm) - image(x_mm, y_mm)) <= steepest_um_per_mm * abs(step_mm) + 1e-9
-
-
-# --- friction ---------------------------------------------------------------------------------------------------
-
-
-def test_friction_zero_is_the_curves_most() -> None:
-    assert CURVE.amplitude_um(0.0) == 2.0
-
-
-@given(st.floats(0, 1), st.floats(0, 1))
-@settings(max_examples=200)
-def test_more_friction_never_needs_more_amplitude(a: float, b: float) -> None:
-    low, high = sorted((a, b))
-    assert CURVE.amplitude_um(low) >= CURVE.amplitude_um(high)
-
-
-@pytest.mark.parametrize("friction", [1.0, 1.5, math.inf, math.nan])
-def test_friction_one_is_still_glass_and_so_is_any_beyond_it(friction: float) -> None:
-    assert CURVE.amplitude_um(friction) == 0.0
-
-
-def test_the_default_curve_is_its_exponential_within_three_nanometres() -> None:
-    floor = math.exp(-2.0 / 0.7)
-    for n in range(1001):
-        friction = n / 1000
-        exact_um = -0.7 * math.log(friction + (1 - friction) * floor)
-        assert CURVE.amplitude_um(friction) == pytest.approx(exact_um, abs=0.003)
-
-
-def test_a_calibration_sweep_becomes_a_curve() -> None:
-    curve = FrictionCurve.from_amplitudes([0.0, 0.3, 0.9, 2.4])
-    assert [curve.amplitude_um(f) for f in (1.0, 0.0)] == [0.0, 2.4]
-    assert curve.amplitude_um(1 / 3) == pytest.approx(0.9)
-    assert curve.amplitude_um(0.5) == pytest.approx(0.6)
-
-
-@given(st.lists(st.floats(0.001, 5), min_size=1, max_size=12), st.integers(0, 50))
-def test_a_curve_goes_through_its_knots_and_stays_between_them(steps_um: list[float], n: int) -> None:
-    amplitudes_um = [0.0]
-    for step_um in steps_um:
-        amplitudes_um.append(amplitudes_um[-1] + step_um)
-    curve = FrictionCurve.from_amplitudes(amplitudes_um)
-    for friction, amplitude_um in curve.knots:
-        assert curve.amplitude_um(friction) == amplitude_um
-    left, right = list(pairwise(curve.knots))[n % len(steps_um)]
-    middle_um = curve.amplitude_um((left[0] + right[0]) / 2)
-    assert middle_um == pytest.approx((left[1] + right[1]) / 2)
-
-
-@pytest.mark.parametrize(
-    "knots",
-    [
-        (),
-        ((1.0, 0.0),),
-        ((0.0, 2.0), (1.0, 0.1)),
-        ((0.1, 2.0), (1.0, 0.0)),
-        ((0.0, 2.0), (0.9, 0.0)),
-        ((0.0, 1.0), (0.5, 1.0), (1.0, 0.0)),
-        ((0.0, 1.0), (0.5, 1.5), (1.0, 0.0)),
-        ((0.0, 2.0), (0.5, 1.0), (0.5, 0.5), (1.0, 0.0)),
-        ((0.0, math.inf), (1.0, 0.0)),
-        ((0.0, 2.0), (math.nan, 1.0), (1.0, 0.0)),
-    ],
-)
-def test_a_curve_that_is_not_monotone_from_the_most_to_still_glass_is_refused(
-    knots: tuple[tuple[float, float], ...],
-) -> None:
-    with pytest.raises(ValueError, match="friction curve"):
-        FrictionCurve(knots)
-
-
-@pytest.mark.parametrize("amplitudes_um", [[], [0.0], [0.0, 0.0], [0.1, 2.0], [0.0, 1.0, 0.5]])
-def test_a_calibration_sweep_that_is_no_curve_is_refused(amplitudes_um: list[float]) -> None:
-    with pytest.raises(ValueError, match="friction curve"):
-        FrictionCurve.from_amplitudes(amplitudes_um)
-
-
-@given(st.floats(0, 1), st.floats(0, 500), st.floats(10, 1000))
-def test_the_friction_of_an_amplitude_is_the_inverse_of_the_amplitude_for_a_friction(
-    friction_frac: float, sliding_mm_s: float, speed_mm_s: float
-) -> None:
-    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2, speed_mm_s=speed_mm_s)
-    amplitude_um = curve.amplitude_um(friction_frac) * (1.0 + sliding_mm_s / speed_mm_s)
-    assert curve.friction(amplitude_um, sliding_mm_s) == pytest.approx(0.2 + 0.8 * friction_frac, abs=1e-9)
-
-
-def test_friction_stays_at_its_floor_and_speed_matters_only_where_it_was_fitted() -> None:
-    assert [CURVE.friction(um) for um in (0.0, 2.0, 5.0)] == pytest.approx(
-        [1.0, math.exp(-2 / 0.7), math.exp(-2 / 0.7)]
-    )
-    assert CURVE.friction(1.0) == pytest.approx(math.exp(-1 / 0.7), rel=0.005)
-    assert CURVE.friction(1.0, 300.0) == CURVE.friction(1.0)
-
-
-def test_the_curve_of_arrays_is_the_curve() -> None:
-    curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2, speed_mm_s=100.0)
-    amplitudes_um, sliding_mm_s = np.linspace(0.0, 3.0, 31), np.linspace(0.0, 200.0, 31)
-    exact = [curve.friction(*one) for one in zip(amplitudes_um.tolist(), sliding_mm_s.tolist(), strict=True)]
-    np.testing.assert_allclose(curve.frictions(amplitudes_um, sliding_mm_s), exact, rtol=1e-12)

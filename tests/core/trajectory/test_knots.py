@@ -54,21 +54,21 @@ def test_smooth_amplitudes_are_followed_within_the_tolerance(
         lambda t_s: amplitude_um * math.sin(math.tau * frequency_hz * t_s + phase_rad),
         lambda t_s: 0.5 * amplitude_um * math.cos(math.tau * frequency_hz * t_s),
     )
-    knots = refine(curve, curve.ends(), tolerance_um, 24, smooth=False)
+    knots = refine(curve, curve.ends(), tolerance_um, 24, 99, smooth=False)
     assert error_um(curve, knots) <= 3.0 * tolerance_um  # next to an inflection a chord strays most off its middle
     assert [knot.modal_um for knot in knots] == [curve(knot.dt_ns) for knot in knots]
 
 
 def test_a_straight_line_needs_its_ends_only() -> None:
     curve = Curve(lambda t_s: 1.0 - 3.0 * t_s, lambda _: 0.5)
-    assert refine(curve, curve.ends(), 0.001, 24, smooth=True) == curve.ends()
+    assert refine(curve, curve.ends(), 0.001, 24, 99, smooth=True) == curve.ends()
 
 
 def test_a_smooth_curve_costs_fewer_looks_than_one_that_may_have_corners() -> None:
     asked = []
     for promise in (True, False):
         curve = Curve(lambda t_s: 2.0 * math.sin(60.0 * t_s))
-        knots = refine(curve, curve.ends(), 0.02, 24, smooth=promise)
+        knots = refine(curve, curve.ends(), 0.02, 24, 99, smooth=promise)
         asked.append(curve.asked)
         assert error_um(curve, knots) < 0.03
     assert asked[0] < asked[1]
@@ -76,7 +76,7 @@ def test_a_smooth_curve_costs_fewer_looks_than_one_that_may_have_corners() -> No
 
 def test_a_step_is_narrowed_down_to_the_board_s_own_pace() -> None:
     curve = Curve(lambda t_s: 1.0 if t_s > 0.0061 else 0.0)
-    knots = refine(curve, curve.ends(), 0.01, 24, smooth=False)
+    knots = refine(curve, curve.ends(), 0.01, 24, 99, smooth=False)
     (edge,) = [i for i in range(len(knots) - 1) if knots[i].modal_um != knots[i + 1].modal_um]
     assert knots[edge].dt_ns <= 6_100_000 < knots[edge + 1].dt_ns
     assert knots[edge + 1].dt_ns - knots[edge].dt_ns < 2 * SHORTEST_NS + GRAIN_NS
@@ -86,7 +86,7 @@ def test_a_step_is_narrowed_down_to_the_board_s_own_pace() -> None:
 def test_knots_are_in_order_on_the_wire_s_grain_and_never_too_many(most: int, seed: int) -> None:
     noise = np.random.default_rng(seed).normal(size=(2, 4096))
     curve = Curve(*(lambda t_s, row=row: float(row[int(t_s * 2e5) % 4096]) for row in noise))
-    knots = refine(curve, curve.ends(), 0.001, most, smooth=False)
+    knots = refine(curve, curve.ends(), 0.001, most, 99, smooth=False)
     assert 2 <= len(knots) <= most
     times_ns = [knot.dt_ns for knot in knots]
     assert times_ns == sorted(set(times_ns))
@@ -95,7 +95,7 @@ def test_knots_are_in_order_on_the_wire_s_grain_and_never_too_many(most: int, se
 
 def test_where_knots_are_short_the_worst_chord_is_mended_first() -> None:
     curve = Curve(lambda t_s: math.exp(-t_s / 0.001))
-    knots = refine(curve, curve.ends(), 1e-4, 6, smooth=False)
+    knots = refine(curve, curve.ends(), 1e-4, 6, 99, smooth=False)
     assert len(knots) == 6
     assert all(knot.dt_ns < SPAN_NS / 2 + GRAIN_NS for knot in knots[:-1])
 
@@ -103,7 +103,7 @@ def test_where_knots_are_short_the_worst_chord_is_mended_first() -> None:
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_what_is_not_finite_makes_no_knots_and_no_error(value: float) -> None:
     curve = Curve(lambda t_s: value if t_s > 0.008 else 0.0)
-    assert len(refine(curve, curve.ends(), 0.01, 24, smooth=False)) <= 24
+    assert len(refine(curve, curve.ends(), 0.01, 24, 99, smooth=False)) <= 24
 
 
 # --- magnitudes ---

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
 import struct
-from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ from hypothesis import strategies as st
 from hapticd.io.clients import gate as gate_module
 from hapticd.io.clients import record_socket as record_module
 from hapticd.io.clients import sockets as sockets_module
-from hapticd.io.clients.gate import UNREAD_REPLIES, Gate
+from hapticd.io.clients.gate import UNREAD_REPLIES, Door, Gate
+from hapticd.io.clients.relay import CHUNK_BYTES, UnreadBytes
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.zmtp import (
     MAX_CHANGES,
@@ -143,11 +145,97 @@ async def test_a_user_has_a_number_of_connections_and_the_next_are_closed_and_co
         with ExitStack() as stack:
             clients = [stack.enter_context(raw(tmp_path / "targets", GREETING)) for _ in range(10)]
             await until(lambda: server.counters["crowded"] == 6, server.sweep)
-            assert len(gate._relays) == 4
+            await until(lambda: len(gate._relays) == 4, server.sweep)
             closed = [client for client in clients[4:] if await asyncio.to_thread(_is_closed, client)]
             assert len(closed) == 6
         await until(lambda: not gate._relays, server.sweep)
         assert await answered(tmp_path) == REPLY
+
+
+@asynchronous
+async def test_a_connection_that_is_closed_again_is_dropped_before_anything_is_built_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wakeups = 0
+
+    def counted(gate: Gate, door: Door, accept: Callable[[Gate, Door], None] = Gate._accept) -> None:
+        nonlocal wakeups
+        wakeups += 1
+        accept(gate, door)
+
+    monkeypatch.setattr(Gate, "_accept", counted)
+    async with served(tmp_path) as (server, gate, _):
+        for _ in range(60):
+            with raw(tmp_path / "control"):
+                pass
+        with raw(tmp_path / "control"):
+            await until(lambda: len(gate._relays) == 1, server.sweep)
+            assert wakeups == math.ceil(61 / gate_module.ACCEPTS)
+            assert (gate._connections, server.counters["gone_early"]) == (1, 60)
+
+
+@pytest.fixture
+def claimed_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The name of a client's own socket begins with the user id that the kernel is taken to report."""
+
+    def credentials(outer: socket.socket) -> tuple[int, int, int]:
+        return 42, int(Path(outer.getpeername()).name.partition("-")[0]), 0
+
+    monkeypatch.setattr(gate_module, "_credentials", credentials)
+
+
+@contextmanager
+def of_user(uid: int, directory: Path, count: int) -> Iterator[list[socket.socket]]:
+    """Connections of a user, which wait to be accepted."""
+    with ExitStack() as stack:
+        clients = [stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(count)]
+        for client in clients:
+            client.settimeout(PATIENCE_S)
+            client.bind(str(directory / f"{uid}-{client.fileno()}"))
+            client.connect(str(directory / "control"))
+        yield clients
+        for client in clients:
+            Path(client.getsockname()).unlink()
+
+
+@pytest.mark.usefixtures("claimed_users")
+@asynchronous
+async def test_a_user_that_connects_too_fast_is_refused_and_counted_and_another_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate_module, "CONNECTIONS_HZ", 0.0)
+    monkeypatch.setattr(gate_module, "MAX_CONNECTIONS", 8)
+    async with served(tmp_path) as (server, gate, _):
+        for _ in range(2):
+            with of_user(7, tmp_path, 4):
+                await until(lambda: len(gate._relays) == 4, server.sweep)
+            await until(lambda: not gate._relays, server.sweep)
+        with of_user(7, tmp_path, 3) as refused, of_user(8, tmp_path, 1):
+            await until(lambda: len(gate._relays) == 1, server.sweep)
+            assert [await asyncio.to_thread(_is_closed, client) for client in refused] == [True] * 3
+            assert server.counters["connected_too_fast"] == 3
+            assert [relay.user for relay in gate._relays.values()] == ["uid 8"]
+
+
+@pytest.mark.usefixtures("claimed_users")
+@asynchronous
+async def test_of_connections_that_wait_each_user_has_its_turn(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, gate, _):
+        with of_user(7, tmp_path, 12), of_user(8, tmp_path, 2):
+            await until(lambda: len(gate._relays) == 14, server.sweep)
+            users = [gate._relays[number].user for number in sorted(gate._relays)]
+            assert users == ["uid 7", "uid 8"] * 2 + ["uid 7"] * 10
+
+
+@asynchronous
+async def test_connections_that_wait_at_the_end_are_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate_module, "ADMIT_EVERY_S", 60.0)
+    async with served(tmp_path) as (server, gate, _):
+        with ExitStack() as stack:
+            clients = [stack.enter_context(raw(tmp_path / "control")) for _ in range(5)]
+            await until(lambda: sum(map(len, gate._waiting.values())) == 4, server.sweep)
+            server.close()
+            assert [await asyncio.to_thread(_is_closed, client) for client in clients[1:]] == [True] * 4
 
 
 def _is_closed(client: socket.socket) -> bool:
@@ -172,7 +260,7 @@ async def test_a_client_that_leaves_its_replies_unread_is_disconnected_and_the_o
         async with greeted(tmp_path / "control", frame(b"plate") * 60, Socket_Type=b"DEALER"):
             await until(lambda: server.counters["unread"] == 1, server.sweep)
             most_bytes = UNREAD_REPLIES.connection
-            assert most_bytes < max(unread) <= most_bytes + gate_module.CHUNK_BYTES
+            assert most_bytes < max(unread) <= most_bytes + CHUNK_BYTES
             assert await answered(tmp_path) == REPLY
             await until(lambda: not gate._relays, server.sweep)  # what ZeroMQ still answered was read and dropped
 
@@ -222,7 +310,7 @@ async def test_half_a_handshake_is_given_up(tmp_path: Path, monkeypatch: pytest.
 async def test_a_recorder_that_does_not_read_is_disconnected_and_costs_a_bounded_number_of_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(record_module, "UNREAD_RECORDS", gate_module.UnreadBytes(2**20, 2**20, 2**20))
+    monkeypatch.setattr(record_module, "UNREAD_RECORDS", UnreadBytes(2**20, 2**20, 2**20))
     recorders = record_module.RecordSocket(tmp_path)
     attached: list[bytes] = []
     recorders.start(asyncio.get_running_loop(), lambda topic, _: attached.append(topic))

@@ -10,6 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 from hapticd.board_values import BoardHello
+from hapticd.errors import DeviceError
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
@@ -213,7 +214,7 @@ def three_more() -> dict[str, tuple[float, ...]]:
 
 
 def test_a_firmware_that_was_not_built_is_named() -> None:
-    with pytest.raises(RuntimeError, match=r"firmware for 7 modes .* is not built: install a C compiler"):
+    with pytest.raises(DeviceError, match=r"firmware for 7 modes .* is not built: install a C compiler"):
         firmware.load(7)
 
 

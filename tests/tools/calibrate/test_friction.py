@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.config.loader import from_table
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.errors import CalibrationError
 from hapticd.tools.calibrate import friction, simulated
 from hapticd.tools.calibrate.friction import KNOTS, fit_friction, read

@@ -91,7 +91,7 @@ def test_the_step_runs_on_the_simulated_pad_and_writes_its_files(
 def test_too_few_strokes_and_a_missing_recording_are_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
     step = ["calibrate", "prediction", "--out", str(tmp_path / "plate")]
     assert "fewer than 1000 samples" in refused(*step, "--sim", "--strokes", "3")
-    assert "there is no file" in refused(*step, "--recording", str(tmp_path / "none.mcap"))
+    assert "is not a file: give a recording" in refused(*step, "--recording", str(tmp_path / "none.mcap"))
 
 
 @pytest.mark.parametrize("weights", [[0.1] * 9, [0.1] * 9 + [9.0]])

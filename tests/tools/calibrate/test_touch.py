@@ -84,7 +84,7 @@ def test_a_recording_without_control_ticks_and_a_missing_one_are_refused(
 ) -> None:
     for path, why in (
         (recorded(TrackpadConfig(), 0, 1.0), "set record.telemetry_hz = 500"),
-        (tmp_path / "none.mcap", "there is no file"),
+        (tmp_path / "none.mcap", "is not a file: give a recording"),
     ):
         assert why in refused("calibrate", "touch", str(path), "--out", str(tmp_path / "out"))
 

@@ -93,7 +93,7 @@ def test_a_sweep_as_json_holds_points_and_fit(link: BoardLink, type_in: TypeIn) 
     [
         (("--mode", "2"), "There is no mode 2: the board has modes 0 to 1"),
         (("--volts", "31"), "--volts is 31: open loop the board takes more than 0 and at most 30 V"),
-        (("--volts", "nan"), "--volts is nan"),
+        (("--volts", "nan"), "--volts: 'nan' is not a finite number"),
         (("--to", "40000"), "--to is 40000 Hz: the board sweeps 2000 Hz at most"),
         (("--points", "3000"), "points is 3000, not within 1..2001"),
         (("--dwell", "0"), "dwell_ms is 0, not within 1..1000"),
@@ -171,7 +171,7 @@ def test_a_raw_voltage_is_held_for_its_time_and_its_amplitude_is_printed(link: B
 
 @pytest.mark.parametrize("phase", ["inf", "-inf", "nan"])
 def test_a_phase_that_is_no_angle_is_refused_in_one_sentence(link: BoardLink, type_in: TypeIn, phase: str) -> None:
-    with pytest.raises(UsageError, match=f"--phase is {phase}: give a finite number"):
+    with pytest.raises(UsageError, match=f"--phase: '{phase}' is not a finite number"):
         type_in(link, "raw", "--volts", "5", f"--phase={phase}")
     assert link.peak_v == 0.0
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import signal
+import subprocess
+import sys
 import tempfile
 import threading
 from collections.abc import Callable
@@ -13,6 +16,7 @@ import pytest
 import zmq
 from asynchronous import asynchronous
 from machine_bench import SLIPPERY, START_NS, STICKY, Bench
+from mcap.reader import make_reader
 
 from hapticd.__main__ import main
 from hapticd.board_values import BoardState
@@ -76,6 +80,29 @@ def test_a_recorder_gets_everything_from_when_it_attached_and_nothing_is_encoded
     assert not (tmp_path / "record").exists()
     with pytest.raises(RecordingError, match="begins when the daemon ran already"):
         replay(recording)
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_ends_a_recording_with_its_index_also_behind_an_ampersand(ending: int, tmp_path: Path) -> None:
+    """A shell has SIGINT ignored in what it starts with `&`."""
+    bench = Bench(SLIPPERY, STICKY).driven()
+    ours = recorders(bench, tmp_path)
+    script = 'trap "" INT; exec "$@"'
+    command = [sys.executable, "-m", "hapticd", "record", tmp_path / "a.mcap", "--now", "--endpoint", tmp_path]
+    ended: list[tuple[str, int]] = []
+
+    def run() -> None:
+        process = subprocess.Popen(["sh", "-c", script, "sh", *command], stdout=subprocess.PIPE, text=True)
+        assert process.stdout is not None
+        process.stdout.readline()  # it has begun
+        process.send_signal(ending)
+        ended.append((process.communicate(timeout=60)[0], process.returncode))
+
+    asyncio.run(served(bench, ours, threading.Thread(target=run)))
+    assert ended[0][1] == 0
+    assert "a.mcap: " in ended[0][0]
+    with (tmp_path / "a.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
 
 
 def test_the_daemons_own_file_goes_on_beside_a_recorder_and_replays(tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_a_recording_in_parts_is_replayed_as_one(tmp_path: Path) -> None:
     def observer(machine: Machine) -> Observer:
         header = header_of(machine, t_ns=START_NS, utc="", is_whole=True)
         file = RecordingFile(tmp_path / "a.mcap", header, max_files=99)
-        file._max_bytes = file.written_bytes + 22_000
+        file._max_bytes = file.written_bytes + file._index_bytes + 6_000
         made.append(BackgroundWriter(file))
         return made[0].put
 
@@ -162,7 +162,7 @@ def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_other
 ) -> None:
     others: list[int] = []
     file = RecordingFile(tmp_path / "a.mcap", header, max_files=2)
-    file._max_bytes = file.written_bytes + 20_000
+    file._max_bytes = file.written_bytes + file._index_bytes + 4_000
 
     def refuse() -> int:
         others.append(os.open(os.devnull, os.O_RDONLY))  # takes the number of the file that was closed
@@ -178,7 +178,7 @@ def test_a_file_that_may_not_be_followed_ends_the_recording_when_it_is_full(
     tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = RecordingFile(tmp_path / "a.mcap", header)
-    file._max_bytes = file.written_bytes + 20_000
+    file._max_bytes = file.written_bytes + file._index_bytes + 4_000
     (line,) = said_of_a_full(file, caplog)
     assert "record.max_mb" in line
     assert 0 < sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) < 400

@@ -43,6 +43,7 @@ from hapticd.content_values import (
 )
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
+from hapticd.files.recording import mcap_writer
 from hapticd.files.recording.client_message import payload_of
 from hapticd.files.recording.header import FORMAT, Header, header_fields, header_from
 from hapticd.files.recording.kinds import HEADER, INPUTS, KINDS, MAX_MESSAGE_BYTES, Record, decode, encode
@@ -62,7 +63,9 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int]]:
     axis_mm = np.linspace(-9.0, 9.0, 4)
     modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 4, 4)))
     path = tmp_path_factory.mktemp("small") / "small.mcap"
-    file = RecordingFile(path, Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, Calibration()))
+    with pytest.MonkeyPatch.context() as patched:  # so that a test finds what it damages
+        patched.setattr(mcap_writer, "COMPRESSION", CompressionType.NONE)
+        file = RecordingFile(path, Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, Calibration()))
     ends = [path.stat().st_size]
     for seq in range(CHUNKS * IN_EACH):
         file.add(Record("marker", seq, seq, {"client": "test", "text": "x" * seq}))
@@ -82,7 +85,7 @@ def test_a_reading_tells_how_much_of_its_files_is_read(small: tuple[bytes, list[
     assert len(list(recording.records())) == 2 * CHUNKS * IN_EACH
     assert shares == sorted(shares)
     assert len({round(share, 3) for share in shares}) > 2 * CHUNKS
-    assert 0.0 <= shares[0] < 0.1
+    assert 0.0 <= shares[0] < 0.2  # two copies of the header
     assert 0.8 < shares[-1] <= 1.0  # the index at the end is not read
 
 
@@ -157,6 +160,7 @@ def test_what_a_killed_process_wrote_is_read_up_to_its_last_whole_chunk(tmp_path
 import os, signal, sys
 from pathlib import Path
 from hapticd.files.recording.kinds import Record
+from hapticd.files.recording import mcap_writer
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
 file = RecordingFile(Path(sys.argv[2]), open_recording(Path(sys.argv[1])).header)
@@ -317,7 +321,7 @@ def test_what_is_no_recording_is_one_sentence_that_names_the_file(tmp_path: Path
         "another program's": (foreign(path), "header is missing"),
         "a header of nothing": (foreign(path, topic="/header", data=b"\xc1"), "form of its kind"),
         "an empty header": (foreign(path, topic="/header", data=b"\x80"), "header is not readable"),
-        "compressed": (foreign(path, compression=CompressionType.ZSTD), "compressed"),
+        "compressed": (foreign(path, compression=CompressionType.LZ4), "compressed"),
     }
     for data, sentence in cases.values():
         path.write_bytes(data)

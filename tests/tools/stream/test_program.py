@@ -25,11 +25,12 @@ def test_invalid_arguments_are_one_sentence(arguments: tuple[str, ...], word: st
 
 
 @pytest.mark.parametrize(
-    ("action", "module", "extra"), [("prometheus", "prometheus_client", "streams"), ("lsl", "pylsl", "lsl")]
+    ("action", "module", "library"),
+    [("prometheus", "prometheus_client", "prometheus-client"), ("lsl", "pylsl", "pylsl")],
 )
 def test_a_missing_library_is_named_with_what_installs_it(
-    action: str, module: str, extra: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    action: str, module: str, library: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     assert main(["stream", action]) == 1
-    assert f'pip install ".[{extra}]"' in capsys.readouterr().err
+    assert f"run `{sys.executable} -m pip install '{library}>=" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from aiohttp import ClientSession, WSCloseCode, web
 from asynchronous import asynchronous
 
 from hapticd.tools.view.client import MAX_REQUESTS, PlateClient
-from hapticd.tools.view.messages import ClearFault, SetTarget, SwitchPlate
+from hapticd.tools.view.messages import ClearFault, PlateChoice, SetTarget, SwitchPlate
 from hapticd.tools.view.server import MAX_HELD, MAX_PAGES, Page, Viewer
 from hapticd.tools.view.simulated import SimulatedService
 
@@ -38,7 +38,8 @@ class Recorder(SimulatedService):
     """A service that is not started; it notes what it is switched to, and takes until `done`."""
 
     def __init__(self) -> None:
-        self.choices = {"reference": (2, 3, 4), "fingertip": (2, 3, 4, 5, 6)}
+        self.first = "fingertip", 4
+        self.choices = {"reference": PlateChoice((2, 3, 4), 2), "fingertip": PlateChoice((2, 3, 4, 5, 6), 4)}
         self.switched: list[SwitchPlate] = []
         self.done = asyncio.Event()
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from browserpage import PATIENCE_S, Page, drag
 from selenium.webdriver import ActionChains, Chrome, Keys
-from test_browser import PATIENCE_S, SETTINGS, Page, drag
+from test_browser import SETTINGS
 from viewprocess import View, first
 
 from hapticd.sim.rig.process import RigProcess

@@ -39,6 +39,8 @@ STATE = PlateState(
     measured_um=(1.4 + 0.2j, complex(math.nan, 0.0)),
 )
 
+LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as many digits
+
 
 @pytest.mark.parametrize(
     ("sent", "decoded"),
@@ -79,11 +81,26 @@ def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> N
         '{"op": "switch", "plate": "fingertip", "modes": 4}',
         '{"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": NaN}',
         '{"op": "switch", "plate": ["fingertip"], "modes": 4, "contact_radius_mm": 5}',
+        f'{{"op": "set", "finger": 1, "amplitude_um": {LONG}}}',
+        f'{{"op": "set", "finger": 1, "amplitude_um": -{LONG}}}',
+        f'{{"op": "set", "finger": {LONG}, "amplitude_um": 1}}',
+        f'{{"op": "fingers", "fingers": {{"a": [1, {LONG}]}}}}',
+        f'{{"op": "switch", "plate": "fingertip", "modes": {LONG}, "contact_radius_mm": 5}}',
+        f'{{"op": "draw", "surface": {{"name": "a", "amplitude_um": 1, "circle_mm": 5, "z": {LONG}}}}}',
+        f'{{"op": "draw", "surface": {{"name": "a", "amplitude_um": 1, "circle_mm": {LONG}}}}}',
+        f'{{"op": {LONG}}}',
+        f'{{"op": "set", "finger": 1, "amplitude_um": {2 * LONG}}}',
     ],
 )
 def test_an_invalid_request_is_refused_in_a_sentence(text: str) -> None:
-    with pytest.raises(RequestError, match=r"\.$"):
+    with pytest.raises(RequestError, match=r"^.{1,120}\.$"):
         messages.decode(text)
+
+
+@pytest.mark.parametrize("text", ["0", "x", LONG, 2 * LONG])
+def test_a_layer_for_an_invalid_finger_is_refused_in_a_sentence(text: str) -> None:
+    with pytest.raises(RequestError, match=r"^finger: .{1,120}\.$"):
+        messages.mover(text)
 
 
 @given(st.text(max_size=60) | st.dictionaries(st.sampled_from(["op", "finger", "fingers"]), st.integers()).map(str))

@@ -14,11 +14,11 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from aiohttp import web
 from asynchronous import asynchronous
 
 from hapticd.__main__ import main
 from hapticd.tools.study.browser import Browser
+from hapticd.tools.view.connections import Site
 from hapticd.tools.view.server import Viewer
 
 
@@ -79,7 +79,7 @@ async def test_a_malformed_request_to_the_viewer_is_refused_without_a_traceback(
     runner = Viewer(str(tmp_path)).runner()
     await runner.setup()
     try:
-        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        await Site(runner, socket.create_server(("127.0.0.1", 0))).start()
         lines = await asyncio.to_thread(answers, runner.addresses[0][1])
     finally:
         await runner.cleanup()

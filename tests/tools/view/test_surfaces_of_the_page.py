@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hapticd.content_values import AmplitudeTarget, Circle, Surface
-from hapticd.core.targets.textures import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.errors import RequestError
 from hapticd.tools.view import client, messages
 from hapticd.tools.view.messages import DrawSurface

@@ -1,5 +1,5 @@
 """What runs under systemd in the guest: hapticd is installed as a user would, touched, killed, hung, given other
-configurations, and stopped. `test_under_systemd.py` outside judges.
+configurations, flooded, and stopped. `test_under_systemd.py` outside judges.
 """
 
 from __future__ import annotations
@@ -15,8 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import manager
+import msgpack
+import zmq
 from bluetooth import BluetoothPad
 from cable import CableBoard
+from dear import KINDS, published
 from hand import Hand
 from kernel import PATIENCE_S, Node, touch_node, wait_for
 from plate import MOVES_UM, RESTS_UM, is_as_asked, measured_um, wait_state
@@ -31,6 +34,8 @@ RUNTIME = Path("/run/hapticd")
 PORT, GADGET_END, TRACE = Path("/dev/ttyACM0"), Path("/dev/ttyGS0"), Path("/run/board-trace")
 LEFT, RIGHT = (-824, 275), (1317, -386)
 STRANGER = 64445
+PRIORITY = 20
+FLOOD_S = 2.5
 CONFIGURATION = f"""
 [plate]
 modes_file = "modes.npz"
@@ -41,7 +46,7 @@ port = "{PORT}"
 [limits]
 w_limit_um = [LIMIT, LIMIT]
 [realtime]
-fifo_priority = 20
+fifo_priority = {PRIORITY}
 processor = 0
 lock_memory = true
 stay_awake = true
@@ -57,6 +62,7 @@ class Story:
         self._pad = BluetoothPad(0x004C, 0x0265)
         wait_for("the board's two ends", lambda: PORT.exists() and GADGET_END.exists())
         self._board = subprocess.Popen([sys.executable, HERE / "board.py", GADGET_END, TRACE])
+        os.sched_setscheduler(self._board.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))  # it has its own processor
         self._node: Node = touch_node("0005:004C:0265")
         self._hand: Hand | None = None
         self._client: Client | None = None
@@ -69,6 +75,7 @@ class Story:
         yield "hung", lambda: self._strike(signal.SIGSTOP)
         yield "refused", lambda: self._reload(NONSENSE, "The present configuration stays.")
         yield "reloaded", lambda: self._reload(configuration(3.0), "applying the new configuration")
+        yield "flooded", self._flood
         yield "stopped", self._stop
         yield "misconfigured", self._start_on_nonsense
 
@@ -124,6 +131,20 @@ class Story:
         manager.wait_said(answer)
         return {"before": before, "after": manager.facts(), "driven": self._drive()}
 
+    def _flood(self) -> dict[str, Any]:
+        """Two users publish the dearest scenes. The fingers are no client's, so that they feel surfaces and effects."""
+        assert self._client is not None
+        self._client.close()
+        self._client = client = Client(timeout_s=PATIENCE_S)
+        before, then, kinds = manager.facts(), client.status(), {}
+        for kind in KINDS:
+            with published(kind, RUNTIME):
+                instants_ns = _instants_ns(FLOOD_S)
+            now = client.status()
+            kinds[kind] = {"instants_ns": instants_ns, **_counted(then, now)}
+            then = now
+        return {"before": before, **kinds, "after": manager.facts(), "driven": self._drive()}
+
     def _stop(self) -> dict[str, Any]:
         uid = int(manager.run("id -u hapticd"))
         t_asked_ns = time.monotonic_ns()
@@ -156,6 +177,24 @@ class Story:
 
 def configuration(limit_um: float) -> str:
     return CONFIGURATION.replace("LIMIT", str(limit_um))
+
+
+def _instants_ns(seconds: float) -> list[int]:
+    """The instants of all states that come in this time: none from a service that has ended."""
+    t_end_s, found = time.monotonic() + seconds, []
+    with zmq.Context() as context, context.socket(zmq.SUB) as states:
+        states.subscribe(b"")
+        states.connect(f"ipc://{RUNTIME}/telemetry")
+        while (left_s := t_end_s - time.monotonic()) > 0.0:
+            if states.poll(1e3 * left_s):
+                found.append(msgpack.unpackb(states.recv())["t_ns"])
+    return found
+
+
+def _counted(before: dict[str, Any], after: dict[str, Any]) -> dict[str, int]:
+    """How much its counters of what was too dear have grown."""
+    names = {"touch": ("passes", "left_out_knots", "left_out_fingers"), "timing": ("overruns", "breaths")}
+    return {name: after[part][name] - before[part][name] for part, several in names.items() for name in several}
 
 
 def _access(node: Path) -> list[str | int]:

@@ -11,13 +11,16 @@ clients/python/CONTENT.md lists them.
 
 from __future__ import annotations
 
+import io
 import os
+from importlib.util import find_spec
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
 
 from ..asset import MAX_SIDE
-from ..errors import HapticdError, RefusedError
+from ..errors import RefusedError, missing_library
+from ..regular_file import read_bounded
 from .dropped import DroppedWarning
 from .picture import layer_of
 from .score import Layer, Score, Timed
@@ -25,9 +28,10 @@ from .track import Track
 
 __all__ = ["SUFFIXES", "DroppedWarning", "Layer", "Score", "Timed", "load", "picture"]
 
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
+PICTURES = (".png", ".jpg", ".jpeg")
 SUFFIXES = (*PICTURES, ".npy", ".wav", ".ahap", ".hjif")
 DEFAULT_UM = 1.5
+MAX_ARRAY_BYTES = MAX_SIDE**2 + (1 << 16)  # with its head
 
 
 def load(
@@ -44,7 +48,7 @@ def load(
     """
     suffix, name = Path(path).suffix.lower(), Path(path).name
     if suffix not in SUFFIXES:
-        raise RefusedError(f"{os.fspath(path)}: must be one of {', '.join(SUFFIXES)}.")
+        raise RefusedError(f"{os.fspath(path)}: must end in one of {', '.join(SUFFIXES)}.")
     if suffix in (*PICTURES, ".npy"):
         source = _array(path) if suffix == ".npy" else path
         return picture(source, high_um=None if is_friction else high_um, width_mm=width_mm, title=name)
@@ -60,6 +64,7 @@ def load(
 
         track = ahap.track_of(path)
     else:
+        _require_numpy("Sounds")
         from . import sound
 
         track = sound.track_of(path)
@@ -80,19 +85,29 @@ def _score(name: str, track: Track, layers: list[Layer], high_um: float) -> Scor
     return Score(f"{name}: {' and '.join(what)}", tuple(layers), effects, track.length_s)
 
 
+def _require_numpy(what: str) -> None:
+    if find_spec("numpy") is None:
+        raise missing_library(f"{what} need NumPy", "content")
+
+
 def _array(path: str | os.PathLike[str]) -> Any:
+    _require_numpy("Arrays")
+    import numpy as np
+
     try:
-        import numpy as np
-    except ImportError:
-        raise HapticdError('Arrays need NumPy: run `pip install "clients/python[content]"`.') from None
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)  # of too short a file nothing is allocated
+        file = io.BytesIO(read_bounded(path, MAX_ARRAY_BYTES))
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError("an array of plain numbers has this version")
+        shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(file)
+        if dtype.hasobject:
+            raise ValueError("numbers only")
+        array = np.frombuffer(file.read(), dtype).reshape(shape, order="F" if is_fortran else "C")
     except OSError as error:
         raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or 'no array'}).") from None
     except (ValueError, EOFError, SyntaxError, TokenError, TypeError, ArithmeticError, MemoryError, RecursionError):
         raise RefusedError(f"{os.fspath(path)}: is not an array that NumPy can read.") from None
-    if getattr(array, "ndim", 0) != 2 or array.dtype != np.uint8 or 0 in array.shape:
+    if array.ndim != 2 or array.dtype != np.uint8 or 0 in array.shape:
         raise RefusedError(f"{os.fspath(path)}: must be a two-dimensional array of uint8, 0 .. 255.")
     if max(array.shape) > MAX_SIDE:
         raise RefusedError(f"{os.fspath(path)}: must have at most {MAX_SIDE} x {MAX_SIDE} levels.")
-    return np.array(array)
+    return array

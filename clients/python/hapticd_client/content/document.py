@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import sys
-from pathlib import Path
 from typing import Any
 
 from ..errors import RefusedError
+from ..regular_file import read_bounded
 
-MAX_BYTES = 16_000_000
+MAX_BYTES = 4_000_000  # an empty list in a list takes forty times its text
+MAX_ENTRIES = 50_000  # of a list
 
 
 class Document:
@@ -25,18 +26,14 @@ class Document:
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Document:
         """Read a file. Raises RefusedError."""
-        file = Path(path)
+        file = os.fspath(path)
         try:
-            if file.stat().st_size > MAX_BYTES:
-                raise RefusedError(f"{file}: has more than {MAX_BYTES} bytes.")
-            value = json.loads(file.read_text(encoding="utf-8-sig"))
-        except RefusedError:
-            raise
+            value = json.loads(read_bounded(path, MAX_BYTES).decode("utf-8-sig"))
         except OSError as error:
             raise RefusedError(f"{file}: cannot be read ({error.strerror or error}).") from None
         except (ValueError, RecursionError):
             raise RefusedError(f"{file}: is not JSON.") from None
-        return cls(value, str(file))
+        return cls(value, file)
 
     def __contains__(self, name: str) -> bool:
         return name in self._fields
@@ -74,4 +71,6 @@ class Document:
         values = self._fields.get(name, [])
         if not isinstance(values, list):
             raise RefusedError(f"{self.where}.{name}: must be a list.")
+        if len(values) > MAX_ENTRIES:
+            raise RefusedError(f"{self.where}.{name}: has {len(values)} entries, at most {MAX_ENTRIES}: divide it.")
         return [Document(value, f"{self.where}.{name}[{index}]") for index, value in enumerate(values)]

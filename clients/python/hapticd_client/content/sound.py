@@ -6,18 +6,30 @@ the rate at which the sound crosses zero once its overtones are averaged away. T
 
 from __future__ import annotations
 
+import io
 import math
 import os
-import sys
 import wave
-from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
 
 from ..errors import RefusedError
+from ..regular_file import open_regular
 from .dropped import drop
-from .track import MAX_S, Tone, Track
+from .track import Tone, Track, check_length
 
+Floats = npt.NDArray[np.float32]
+
+MAX_BYTES = 1 << 28
+HEAD_BYTES = 1 << 20  # before the samples
+MAX_SAMPLES = 30_000_000  # of all channels: ten minutes at 48 kHz, five in stereo
+MAX_CHANNELS = 32
+MAX_RATE_HZ = 192_000
+BLOCK = 1 << 18  # samples that are read at once
 FRAME_S = 0.010
 PITCH_S = 0.1
 AVERAGED_HZ = 1200.0  # the rate after averaging: what is above 600 Hz is gone
@@ -30,76 +42,112 @@ SAME_PITCH = 0.06  # a semitone
 
 def track_of(path: str | os.PathLike[str]) -> Track:
     """Return the track of a WAV file. Raises RefusedError."""
-    samples, rate_hz = _mono(path)
-    size = round(rate_hz * FRAME_S)
-    loudness = _rms(samples, size)
-    loudest = max(loudness, default=0.0)
-    if loudest == 0.0:
-        raise RefusedError(f"{os.fspath(path)}: has no sound.")
-    ends = (min((index + 1) * size, len(samples)) / rate_hz for index in range(len(loudness)))
-    track = Track([[(end_s, one / loudest) for end_s, one in zip(ends, loudness, strict=True)]])
-    for tone in _tones(samples, rate_hz):
-        track.tone(tone)
-    return track
-
-
-def _mono(path: str | os.PathLike[str]) -> tuple[Sequence[float], int]:
-    """Return samples, the mean of all channels, and their rate."""
     try:
-        with wave.open(os.fspath(path), "rb") as file:
-            channels, width, rate_hz, frames = file.getparams()[:4]
-            if rate_hz < 2 / FRAME_S or frames > MAX_S * rate_hz:
-                raise RefusedError(f"{os.fspath(path)}: must have 200 samples per second or more, in {MAX_S:g} s.")
-            data = file.readframes(frames)
+        with open_regular(path, MAX_BYTES) as file:
+            return _track(Sound(file, os.fspath(path)), os.fspath(path))
     except (wave.Error, EOFError) as error:
         why = str(error) or "it ends early"
         raise RefusedError(f"{os.fspath(path)}: is no WAV file of whole numbers ({why}): save it as 16 bit.") from None
     except OSError as error:
         raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or error}).") from None
-    if channels > 1:
-        drop(f"{channels} channels: their mean is played")
-    samples = _whole_numbers(data, width)
-    ends = range(channels, len(samples) + 1, channels)
-    return [math.fsum(samples[end - channels : end]) / channels for end in ends], rate_hz
 
 
-def _whole_numbers(data: bytes, width: int) -> Sequence[int]:
+class Sound:
+    """An open WAV file of a bounded size, read window by window: so it takes memory for a few."""
+
+    def __init__(self, file: BinaryIO, path: str) -> None:
+        """Raises RefusedError for more than can be played, wave.Error, EOFError."""
+        head = io.BytesIO(file.read(HEAD_BYTES))  # which bounds the number of chunks, too
+        with wave.open(head, "rb") as found:
+            self._channels, self._width, self.rate_hz, frames = found.getparams()[:4]
+            self._begin = head.tell()
+        if not 2 / FRAME_S <= self.rate_hz <= MAX_RATE_HZ:
+            raise RefusedError(
+                f"{path}: has {self.rate_hz} samples per second, it must have {2 / FRAME_S:g} .. {MAX_RATE_HZ}: save "
+                "it at another rate."
+            )
+        check_length(frames / self.rate_hz, path)
+        if self._channels > MAX_CHANNELS:
+            raise RefusedError(
+                f"{path}: has {self._channels} channels, it must have {MAX_CHANNELS} at most: save it with fewer."
+            )
+        if frames * self._channels > MAX_SAMPLES:
+            raise RefusedError(
+                f"{path}: has {frames * self._channels} samples in all channels, it must have {MAX_SAMPLES} at most: "
+                "divide it."
+            )
+        if self._width not in (1, 2, 3, 4):
+            raise wave.Error(f"samples of {self._width} bytes")
+        if self._channels > 1:
+            drop(f"{self._channels} channels: their mean is played")
+        self._file, self._frames = file, frames
+
+    def windows(self, size: int) -> Iterator[Floats]:
+        """Yield the mean of all channels from the begin on, some windows (n, size) at a time; a shorter one at last."""
+        self._file.seek(self._begin)
+        left, frames = self._frames, max(BLOCK // size, 1) * size
+        while left > 0 and (data := self._file.read(min(frames, left) * self._channels * self._width)):
+            left -= frames
+            samples = _whole_numbers(data, self._width)
+            whole = len(samples) // self._channels * self._channels
+            mono = samples[:whole].reshape(-1, self._channels) @ np.full(
+                self._channels, 1.0 / self._channels, np.float32
+            )
+            whole = len(mono) // size * size
+            if whole:
+                yield mono[:whole].reshape(-1, size)
+            if len(mono) > whole:
+                yield mono[whole:].reshape(1, -1)
+
+    def means(self, size: int, *, of_squares: bool) -> tuple[Floats, int]:
+        """Return the mean of each window, or of its squares, and the number of samples."""
+        found, samples = [np.zeros(0, np.float32)], 0
+        for part in self.windows(size):
+            each = np.full(part.shape[1], 1.0 / part.shape[1], np.float32)
+            found.append(np.einsum("ij,ij,j->i", part, part, each) if of_squares else part @ each)
+            samples += part.size
+        return np.concatenate(found), samples
+
+
+def _track(sound: Sound, path: str) -> Track:
+    size = round(sound.rate_hz * FRAME_S)
+    means, samples = sound.means(size, of_squares=True)
+    # Each frame with the one after it, so that a low pitch is no ripple of the loudness.
+    loudness = np.sqrt(0.5 * (means + np.append(means[1:], means[-1:]))).tolist()
+    loudest = max(loudness, default=0.0)
+    if loudest == 0.0:
+        raise RefusedError(f"{path}: has no sound.")
+    ends = (min((index + 1) * size, samples) / sound.rate_hz for index in range(len(loudness)))
+    track = Track([[(end_s, one / loudest) for end_s, one in zip(ends, loudness, strict=True)]])
+    for tone in _tones(sound):
+        track.tone(tone)
+    return track
+
+
+def _whole_numbers(data: bytes, width: int) -> Floats:
     if width == 1:
-        return [one - 128 for one in data]
+        return np.frombuffer(data, np.uint8).astype(np.float32) - np.float32(128.0)
+    data = data[: len(data) // width * width]
     if width == 3:  # the two upper bytes are enough
-        data, width = b"".join(data[at + 1 : at + 3] for at in range(0, len(data) - 2, 3)), 2
-    samples = array("h" if width == 2 else "i", data[: len(data) // width * width])
-    if sys.byteorder == "big":
-        samples.byteswap()
-    return samples
+        return np.frombuffer(data, np.uint8).reshape(-1, 3)[:, 1:].copy().view("<i2")[:, 0].astype(np.float32)
+    return np.frombuffer(data, f"<i{width}").astype(np.float32)
 
 
-def _rms(samples: Sequence[float], size: int) -> list[float]:
-    """Return the RMS of each frame and the one after it, so that a low pitch is no ripple of the loudness."""
-    means = []
-    for at in range(0, len(samples), size):
-        frame = samples[at : at + size]
-        means.append(math.fsum(one * one for one in frame) / len(frame))
-    return [math.sqrt(0.5 * (before + after)) for before, after in pairwise([*means, means[-1]])] if means else []
-
-
-def _tones(samples: Sequence[float], rate_hz: int) -> list[Tone]:
-    size = max(round(rate_hz / AVERAGED_HZ), 1)
-    averaged = [math.fsum(samples[at : at + size]) / size for at in range(0, len(samples) - size + 1, size)]
-    count = max(round(PITCH_S * rate_hz / size), 1)
-    pitch_s = count * size / rate_hz
+def _tones(sound: Sound) -> list[Tone]:
+    size = max(round(sound.rate_hz / AVERAGED_HZ), 1)
+    averaged, samples = sound.means(size, of_squares=False)
+    averaged = averaged[: samples // size]
+    count = max(round(PITCH_S * sound.rate_hz / size), 1)
+    pitch_s = count * size / sound.rate_hz
+    loudness = sound.means(count * size, of_squares=True)[0][: len(averaged) // count].tolist()
     tones: list[Tone] = []
-    sizes: list[float] = []
-    for index, at in enumerate(range(0, len(averaged) - count + 1, count)):
-        part = averaged[at : at + count]
-        whole = samples[at * size : (at + count) * size]
-        loud, low = math.fsum(one * one for one in whole) / len(whole), math.fsum(one * one for one in part) / count
-        sizes.append(loud)
-        frequency_hz = _frequency_hz(part, rate_hz / size)
-        share = math.sqrt(low / loud) if loud > 0.0 else 0.0
+    for index, loud in enumerate(loudness):
+        part = averaged[index * count : (index + 1) * count]
+        frequency_hz = _frequency_hz(part.tolist(), sound.rate_hz / size)
+        share = math.sqrt(float(np.mean(part * part)) / loud) if loud > 0.0 else 0.0
         if share >= LEAST_SHARE and LOWEST_HZ <= frequency_hz <= HIGHEST_HZ:
             tones.append(Tone(index * pitch_s, (index + 1) * pitch_s, frequency_hz, min(share, 1.0)))
-    if len(tones) < 0.5 * sum(loud >= QUIET * max(sizes) for loud in sizes):
+    if len(tones) < 0.5 * sum(loud >= QUIET * max(loudness) for loud in loudness):
         drop(f"sound without a pitch of {LOWEST_HZ:g} .. {HIGHEST_HZ:g} Hz: only its loudness is felt")
     return _joined(tones)
 

@@ -75,8 +75,7 @@ class Track:
 
         Raises RefusedError beyond MAX_S.
         """
-        if not self.length_s <= MAX_S:
-            raise RefusedError(f"{where}: lasts {self.length_s:.4g} s, it must last {MAX_S:g} s at most: divide it.")
+        check_length(self.length_s, where)
         found = [
             Timed(chunk[0][0], Envelope(tuple((t_s - chunk[0][0], value * high_um) for t_s, value in chunk)))
             for chunk in chunks(thinned(summed(self.lines)))
@@ -85,6 +84,12 @@ class Track:
             length_s = tone.end_s - tone.begin_s
             found.append(Timed(tone.begin_s, Modulation(tone.frequency_hz, tone.depth, tone.shape, length_s)))
         return sorted(found, key=lambda one: one.begin_s)
+
+
+def check_length(length_s: float, where: str) -> None:
+    """Raise RefusedError for what lasts longer than MAX_S."""
+    if not length_s <= MAX_S:
+        raise RefusedError(f"{where}: lasts {length_s:.4g} s, it must last {MAX_S:g} s at most: divide it.")
 
 
 def summed(lines: Iterable[Sequence[Point]]) -> list[Point]:

@@ -39,3 +39,22 @@ def unscaled(reach: float, modal: Sequence[float], limits: Row) -> Row:
 def all_finite(rows: Rows) -> bool:
     """No shape is NaN or infinite."""
     return all(-math.inf < value < math.inf for row in rows for value in row)
+
+
+def amplitudes(rows: Rows, modal: Row) -> list[float]:
+    """|w_i| of each finger, from real modal amplitudes."""
+    found: list[float] = []
+    for row in rows:
+        amplitude = abs(_product(row, modal, 1.0))
+        if not amplitude < math.inf:  # products beyond the range of floats may still cancel
+            size = max([abs(shape) for shape in row])
+            amplitude = abs(_product(row, modal, size)) * size
+        found.append(amplitude)
+    return found
+
+
+def _product(row: Row, modal: Row, size: float) -> float:
+    total = 0.0
+    for mode in range(len(row)):
+        total += row[mode] / size * modal[mode]
+    return total

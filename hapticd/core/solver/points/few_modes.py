@@ -13,11 +13,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ...small_matrices import Vector, complement, dot
+from ...small_matrices import Vector, complement_of_any, dot
 from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, SAFE, Row, Rows, clamped
 from .faces import DAMPING, Face
 
-MOST_SLIPPING: Final = 6  # 32 patterns; above it, arrays take less time
+MOST_SLIPPING: Final = 5  # 16 patterns; above it, a descent takes less time
 MOST_MODES: Final = 3  # plates of more serve contacts
 _LEAST_GAIN: Final = 1e-6  # of a row: below it the slipping fingers are all but still
 _MOST_REACH: Final = 1e3  # of a target, times what the limits can give
@@ -40,8 +40,6 @@ class Pattern:
 class FewModes:
     """A problem: `rows` (n, M) and `targets` (n,) of the slipping fingers, `box` (M,), and the `directions` (r, M) that
     the still fingers leave; `shapes` are the rows as they were given, before scaling."""
-
-    is_line: Final = False
 
     def __init__(
         self,
@@ -143,10 +141,10 @@ def pose_few(rows: Rows, targets: Row, limits: Row) -> FewModes | None:
             wanted.append(target)
         elif size > 0.0:
             still.append([shape / size for shape in row])
-    if modes > MOST_MODES or not 0 < len(slipping) <= MOST_SLIPPING or len(still) >= modes:
+    if modes > MOST_MODES or not 0 < len(slipping) <= MOST_SLIPPING:
         return None
-    directions = complement(still, modes)
-    return None if directions is None else _scaled(directions, slipping, wanted, limits)
+    directions = complement_of_any(still, modes)
+    return None if not directions else _scaled(directions, slipping, wanted, limits)
 
 
 def _scaled(directions: list[Vector], slipping: list[Vector], wanted: Vector, limits: Row) -> FewModes | None:

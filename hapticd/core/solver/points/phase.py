@@ -20,7 +20,8 @@ Free phases give up to sqrt(2) more amplitude than signs where two fingers see t
 singular position, where one of the signs is best anyway. What jumps there, the amplitude along what neither finger
 sees, turns as well (`slew_limit.eased`).
 
-More fingers or modes turn between their real solutions (`phase_continuation`): what a third phase could add is unused.
+Up to five slipping fingers on two or three modes turn between their real solutions (`phase_continuation`): what a third
+phase could add is unused. More fingers or modes use it (`descent`).
 """
 
 from __future__ import annotations
@@ -30,7 +31,10 @@ from typing import Final
 
 from ...phasors import magnitude
 from .arithmetic import SAFE, Pair, Phasors, Row, Rows, Shapes2, all_finite
+from .descent import serve_many
+from .few_modes import MOST_MODES, MOST_SLIPPING, pose_few
 from .general import solve_fast
+from .line import solve_line
 from .pair import amplitudes, excess_error, in_range, meeting, misses_either, serve_both
 from .phase_continuation import in_phase, turn_patterns
 from .slew_limit import Phasors2, eased, given, nearer_hand
@@ -44,17 +48,39 @@ _HALVINGS: Final = 32  # to 1e-9 of the cosine, the error being flat there
 
 
 def solve_phased_fast(
-    rows: Rows, targets: Row, limits: Row, previous: Phasors | None = None, turn_rad: float = TURN_RAD
+    rows: Rows,
+    targets: Row,
+    limits: Row,
+    previous: Phasors | None = None,
+    turn_rad: float = TURN_RAD,
+    *,
+    descends: bool = False,
 ) -> tuple[Phasors, bool]:
-    """`solver.solve_phased` for callers that have checked their input: modal phasors in um, and `limited`."""
-    if len(rows) == 2 == len(limits):
+    """`solver.solve_phased` for callers that have checked their input: modal phasors in um, and `limited`.
+
+    `descends`: as with many fingers, however few they are.
+    """
+    if len(rows) == 2 == len(limits) and not descends:
         return _two_on_two(rows, targets, limits, previous, turn_rad)
     if previous is not None and not all(magnitude(w.real, w.imag) < SAFE for w in previous):
         previous = None
-    if previous is not None and sum([target > 0.0 for target in targets]) >= 2:
-        return turn_patterns(rows, targets, limits, previous, turn_rad)
-    modal, limited = solve_fast(rows, targets, limits)
-    return in_phase(modal, limits, previous), limited
+    slipping = sum([target > 0.0 for target in targets])
+    is_small = len(limits) <= MOST_MODES and slipping <= MOST_SLIPPING and not descends
+    if is_small and (previous is None or slipping < 2):
+        modal, limited = solve_fast(rows, targets, limits)
+        return in_phase(modal, limits, previous), limited
+    line = solve_line(rows, targets, limits)  # all that can turn is the common phase
+    if line is not None:
+        return in_phase(line[0], limits, previous), line[1]
+    few = pose_few(rows, targets, limits) if is_small else None
+    if few is not None and previous is not None:
+        return turn_patterns(few, limits, previous, turn_rad)
+    d_um, q_um = [0.0] * len(limits), [0.0] * len(limits)
+    if previous is not None:
+        for mode in range(len(limits)):
+            d_um[mode], q_um[mode] = previous[mode].real, previous[mode].imag
+    limited = serve_many(rows, targets, limits, d_um, q_um, is_real=False)
+    return tuple(map(complex, d_um, q_um)), limited
 
 
 # --- two fingers on two modes ---------------------------------------------------------------------------------------

@@ -16,10 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...phasors import magnitude
-from .arithmetic import Phasors, Row, Rows, unscaled
-from .few_modes import Pattern
-from .general import posed
-from .line import solve_line
+from .arithmetic import Phasors, Row, unscaled
+from .few_modes import FewModes, Pattern
 from .sign_patterns import FloatArray
 from .slew_limit import nearer_hand
 
@@ -36,17 +34,11 @@ class Turn(NamedTuple):
     tau_rad: float
 
 
-def turn_patterns(rows: Rows, targets: Row, limits: Row, previous: Phasors, turn_rad: float) -> tuple[Phasors, bool]:
+def turn_patterns(problem: FewModes, limits: Row, previous: Phasors, turn_rad: float) -> tuple[Phasors, bool]:
     """One step, of `turn_rad` at most, from the pattern that `previous` has, or is leaving, to the best one."""
-    line = solve_line(rows, targets, limits)  # all that can turn is the common phase
-    if line is not None:
-        return in_phase(line[0], limits, previous), line[1]
-    problem = posed(rows, targets, limits)
-    if problem is None:
-        return (0j,) * len(limits), False
     now = _turn_at(problem.shapes, previous)
     best = problem.best(None, now.signs)
-    turn = None if problem.is_line else _next_turn(now, problem.shapes, best.modal)
+    turn = _next_turn(now, problem.shapes, best.modal)
     if turn is None:
         return in_phase(unscaled(problem.reach, best.modal, limits), limits, previous), best.is_limited
     begin, end = problem.with_signs(turn.signs), problem.with_signs(_flipped(turn))

@@ -1,4 +1,4 @@
-"""The general path, N fingers on M modes on arrays: null space, sign patterns, least squares within the limits.
+"""The best of all signs, N fingers on M modes on arrays: null space, sign patterns, least squares within the limits.
 
 The still fingers leave a subspace of modal amplitudes, W = basis z (singular value decomposition; rows are scaled to
 a largest entry of 1, ranks are cut at `RANK`). For every sign pattern of the slipping fingers the minimum-norm
@@ -6,7 +6,8 @@ least-squares z is computed, all patterns at once. Without limits it is a lower 
 where z leaves the box |W_k| <= limit_k and the bound beats the best so far does the active set of `polytope` run.
 
 Cost, n slipping fingers: 2^(n-1) patterns up to n = 10, beyond that a local search over single signs from n + M starts.
-A pattern costs O(n M); where limits bind, some 2 M decompositions of O(n M^2) each. Not compiled: NumPy does the work.
+A pattern costs O(n M); where limits bind, some 2 M decompositions of O(n M^2) each. For
+`solve`, not for the touch path. Not compiled: NumPy does the work.
 """
 
 from __future__ import annotations
@@ -44,22 +45,10 @@ class Problem(NamedTuple):
     targets: FloatArray  # (n,)
     reach: float
     factored: Factored  # the gains
-    shapes: list[list[float]]  # (n, M): the slipping fingers' rows at a largest entry of 1
 
-    @property
-    def is_line(self) -> bool:
-        """One direction is left, so there is one pattern."""
-        return len(self.basis.T) == 1
-
-    def best(self, previous: Row | None, _first: Sequence[float] | None = None) -> Pattern:
-        """As `FewModes.best`; in which order the signs are tried makes no difference."""
-        return self._pattern(_best_of_all(self, previous))
-
-    def with_signs(self, signs: Sequence[float]) -> Pattern:
-        """The pattern of given signs of the slipping fingers."""
-        return self._pattern(_solved(self, np.array([signs]))[0])
-
-    def _pattern(self, one: Candidate) -> Pattern:
+    def best(self, previous: Row | None) -> Pattern:
+        """As `FewModes.best`."""
+        one = _best_of_all(self, previous)
         is_missed = not np.all(np.abs(one.amplitudes - self.targets) <= MISSED * self.targets)
         return Pattern(one.modal.tolist(), one.error, one.is_bent and is_missed)
 
@@ -97,7 +86,7 @@ def pose(rows: Rows, targets: Row, limits: Row) -> Problem | None:
     reach, peak = max(limits), max(requested)
     scaled_peak = peak / max(size * largest, sys.float_info.min) / reach
     wanted = np.array(requested) / peak * (scaled_peak if scaled_peak <= _REACH_CAP else _REACH_CAP)
-    return Problem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains), phi.tolist())
+    return Problem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains))
 
 
 def null_basis(still: Sequence[Row], modes: int) -> FloatArray:

@@ -1,11 +1,10 @@
 // Friction against amplitude, by the daemon's curve, relative to that of bare glass.
 
 export const WEBER_FRAC = 0.11; // as values.py: least relative change of friction that is felt
-const DECAY_UM = 0.7; // of the curve where an older daemon sends none
-const BUILT_IN = Array.from({ length: 33 }, (_, i) => [i / 16, Math.exp(-i / 16 / DECAY_UM)]);
+const BUILT_IN = [[0, 1], [2, Math.exp(-2 / 0.7)]]; // where an older daemon sends none
 
 export class FrictionCurve {
-  /** `knots` are rising amplitudes in um, each with its friction; a finger at `speed_mm_s` needs twice the amplitude. */
+  /** `knots` are rising amplitudes in um, each with its friction, whose logarithm is straight between them; a finger at `speed_mm_s` needs twice the amplitude. */
   constructor(knots, speed_mm_s) {
     this.knots = knots ?? BUILT_IN;
     this.speed_mm_s = speed_mm_s ?? Infinity;
@@ -17,7 +16,7 @@ export class FrictionCurve {
     if (right === 0) return this.knots[0][1];
     if (right < 0) return this.knots.at(-1)[1];
     const [[from_um, from], [to_um, to]] = [this.knots[right - 1], this.knots[right]];
-    return from + ((um - from_um) / (to_um - from_um)) * (to - from);
+    return from * (to / from) ** ((um - from_um) / (to_um - from_um));
   }
 }
 

@@ -28,11 +28,11 @@ export class Hands {
     setInterval(() => this.held.size > 0 && this.sendFingers(), REPEAT_MS);
   }
 
-  /** Enable touching a plate of this size, or disable it with null. */
+  /** Enable touching a plate of this size, or disable it with null; fingers that lie there stay, on the new plate. */
   allow(size_mm) {
     this.size_mm = size_mm;
     this.canvas.classList.toggle("touchable", size_mm !== null);
-    if (size_mm === null) this.held.clear();
+    if (size_mm) for (const [name, place_mm] of this.held) this.put(name, place_mm);
   }
 
   /** Called once per picture: send the fingers if they moved. */

@@ -54,27 +54,30 @@ export class History {
     return this.frames.slice(this.index(t_s - span_s)).filter((frame) => frame.t_s <= t_s);
   }
 
-  /** RMS amplitude of the sticky fingers, RMS error of the others, and the share of time in which a finger's friction is
-   * beyond the Weber fraction from what was asked, over the window. */
+  /** RMS amplitude of the sticky fingers, RMS error of the others, and the share of time in which all fingers'
+   * friction is within the Weber fraction of what was asked, over the window. */
   leak() {
     const current = this.current;
-    if (!current) return { leak_um: null, off_um: null, weber_frac: null };
-    const sums = { leak: [0, 0], off: [0, 0], weber: [0, 0] };
+    if (!current) return { leak_um: null, off_um: null, felt_frac: null };
+    const sums = { leak: [0, 0], off: [0, 0], felt: [0, 0] };
     for (let i = this.index(current.t_s - OVER_S); i < this.frames.length && this.frames[i].t_s <= current.t_s; i++) {
+      let [judged, wrong] = [0, 0];
       for (const { target_um, gets_um, friction_change } of this.frames[i].fingers) {
         if (target_um === null || gets_um === null) continue;
         if (friction_change !== null) {
-          sums.weber[0] += Math.abs(friction_change) > WEBER_FRAC;
-          sums.weber[1] += 1;
+          judged += 1;
+          wrong += Math.abs(friction_change) > WEBER_FRAC;
         }
         const sum = target_um === 0 ? sums.leak : sums.off;
         sum[0] += (gets_um - target_um) ** 2;
         sum[1] += 1;
       }
+      sums.felt[0] += judged > 0 && wrong === 0;
+      sums.felt[1] += judged > 0;
     }
     const rms = ([squares, count]) => (count > 0 ? Math.sqrt(squares / count) : null);
-    const weber_frac = sums.weber[1] > 0 ? sums.weber[0] / sums.weber[1] : null;
-    return { leak_um: rms(sums.leak), off_um: rms(sums.off), weber_frac };
+    const felt_frac = sums.felt[1] > 0 ? sums.felt[0] / sums.felt[1] : null;
+    return { leak_um: rms(sums.leak), off_um: rms(sums.off), felt_frac };
   }
 }
 

@@ -6,6 +6,7 @@ import { Drawing } from "./draw.js";
 import { Effects, ringSpan_s } from "./effects.js";
 import { Field } from "./field.js";
 import { FingerList, write } from "./fingers.js";
+import { Flags } from "./flags.js";
 import { FrictionCurve } from "./friction.js";
 import { Hands } from "./hands.js";
 import { History, judge, motion } from "./history.js";
@@ -13,12 +14,11 @@ import { LayerMenu } from "./layers.js";
 import { Link } from "./link.js";
 import { PlatePicture } from "./plate.js";
 import { Surfaces } from "./surfaces.js";
-import { SwitchMenu } from "./switch.js";
+import { SwitchMenu, shortName } from "./switch.js";
 
 const SLOW_MS = 120; // texts change no faster than they can be read
 const STEP_UM = 0.2; // of the number keys
 const NEAR_MM = 10;
-const NEW_MS = 5000;
 const HINTS = {
   simulated:
     "Drag to touch. Shift-click leaves a finger lying there, and lifts it again; on a touch screen use several. " +
@@ -45,12 +45,14 @@ let status = null;
 let chosen = null;
 let colours = theme();
 let isLive = false;
+let starting = ""; // what is being started: no failure
 let pictures = 0;
 let t_texts_ms = 0;
 
 const link = new Link({
   plate: async (message) => {
     plate = message;
+    starting = "";
     chosen = null;
     greeted.clear(); // another daemon counts its fingers from 1
     history.clear();
@@ -63,8 +65,9 @@ const link = new Link({
     picture.field = new Field(shapes, message.size_mm, message.w_limit_um);
     const { name, modes, has_contacts, contact_radius_mm } = message;
     picture.radius_mm = contact_radius_mm;
+    picture.least_friction = curve.at(1);
     const contacts = has_contacts ? `, contacts of ${contact_radius_mm} mm` : "";
-    write($("what"), `${name} plate, ${modes} modes${contacts}`.trim());
+    write($("what"), `${shortName(name)} plate, ${modes} modes${contacts}`.trim());
     hands.allow(message.simulated ? message.size_mm : null);
     write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
     $("new-box").hidden = !message.simulated;
@@ -85,10 +88,21 @@ const link = new Link({
   surfaces: (message) => {
     if (!drawing.dragged) surfaces.take(message.surfaces, plate?.client);
   },
-  choices: (message) => switches.offer(message.plates),
-  gone: (message) => stopped("No daemon", message.sentence),
+  choices: (message) => switches.offer(message),
+  starting: ({ plate: name, modes }) => {
+    starting = `Starting: ${shortName(name)}, ${modes} modes …`;
+    stopped(starting, "");
+    switches.show({ name, modes });
+  },
+  gone: (message) => {
+    starting = "";
+    stopped("No daemon", message.sentence);
+  },
   refused: (message) => notice(message.sentence, 6000),
-  lost: (why) => stopped("Not connected", why || ENDED),
+  lost: (why) => {
+    starting = "";
+    stopped("Not connected", why || ENDED);
+  },
 });
 const send = (request) => link.send(request);
 const drawing = new Drawing($("plate"), $("tool"), surfaces, {
@@ -99,6 +113,7 @@ const drawing = new Drawing($("plate"), $("tool"), surfaces, {
 const hands = new Hands($("plate"), send, pointedAt);
 const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
 const switches = new SwitchMenu($("switch-box"), $("switch-plate"), $("switch-modes"), $("switch-radius"), send);
+const flags = new Flags($("flags"), () => send({ op: "clear_fault" }));
 const list = new FingerList($("fingers"), $("untouched"), send, choose);
 
 function stopped(state, sentence) {
@@ -107,6 +122,7 @@ function stopped(state, sentence) {
   hands.allow(null);
   surfaces.clear();
   write($("state"), state);
+  flags.show(history.current, null, false);
   notice(sentence);
 }
 
@@ -155,14 +171,15 @@ const greeted = new Set();
 function giveTargets(frame) {
   if (!plate?.simulated || history.paused) return;
   const way = $("new").value;
+  let isSlippery = frame.fingers.some(({ owner, target_um }) => owner === plate.client && target_um > 0);
   for (const finger of frame.fingers) {
     if (finger.virtual || greeted.has(finger.id) || !hands.holds(...finger.seen_mm)) continue;
     greeted.add(finger.id);
     chosen = finger.id;
     if (finger.owner !== null || way === "nothing" || surfaces.layers.length > 0) continue;
-    const isSlippery = frame.fingers.some((other) => other !== finger && other.owner === plate.client && other.target_um > 0);
     const sticks = way === "sticky" || (way === "both" && isSlippery);
     send({ op: "set", finger: finger.id, amplitude_um: sticks ? 0 : 1 });
+    isSlippery ||= !sticks;
   }
 }
 
@@ -206,7 +223,8 @@ function draw(t_ms) {
   hands.flush();
   const frame = history.current;
   const present = history.paused ? {} : { layer: layers.canvas, surfaces };
-  const invitation = plate?.simulated && isLive && surfaces.layers.length === 0 ? INVITATION : "";
+  const isUntouched = frame?.fingers.length === 0 && surfaces.layers.length === 0;
+  const invitation = plate?.simulated && isLive && isUntouched ? INVITATION : starting;
   picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s), ...present });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
@@ -226,6 +244,7 @@ function draw(t_ms) {
 function writeTexts(frame) {
   list.show(frame?.fingers ?? [], chosen, plate?.client, isLive);
   drawLatency($("latency"), status?.latency ?? {}, colours);
+  flags.show(frame, status, isLive);
   if (!frame) return;
   const is = motion(frame);
   const fingers = frame.fingers.length;
@@ -234,50 +253,20 @@ function writeTexts(frame) {
   const isLayered = !history.paused && layers.canvas !== null;
   if (picture.field) drawScale($("scale"), isLayered ? null : picture.field.full_um, colours);
   write($("scale-text"), isLayered ? "share of the target that is reached" : "|W|, µm peak to peak");
-  write($("modes-text"), `Grey: asked. Blue: ${is.of}. Circle: limit. ${drive()}.`);
+  write($("modes-text"), `Grey: asked. Blue: ${is.of}. Ring: limit. ${drive()}.`);
   const horizon = frame.horizon_ms?.toFixed(1) ?? "–";
   const rate = status?.frames_hz ? `, ${status.frames_hz.toFixed(0)} frames/s` : "";
   write($("latency-text"), `Now predicted ${horizon} ms ahead${rate}.`);
-  const { leak_um, off_um, weber_frac } = history.leak();
+  const { leak_um, off_um, felt_frac } = history.leak();
   const labelled = (um, what) => (um === null ? "" : `${what} ${um.toFixed(3)} µm`);
-  const felt = weber_frac === null ? "" : `friction is not as asked ${Math.round(100 * weber_frac)} % of the time`;
-  write($("leak"), [labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by"), felt].filter(Boolean).join(" · ")
+  const felt = felt_frac === null ? "" : `all feel what was asked ${Math.round(100 * felt_frac)} % of the time`;
+  write($("leak"), [felt, labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
     + (leak_um === null && off_um === null ? "" : " (RMS, 2 s)"));
   write($("surfaces"), [...surfaces.texts(), ...effects.texts()].join("\n"));
   $("erase").disabled = drawing.chosen === null || !isLive;
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
-  flags(frame);
 }
 
 const drive = () => (plate?.drive_hz ? `${(plate.drive_hz / 1000).toFixed(3)} kHz` : "The board has not answered");
-
-const counts = new Map();
-/** A counter since the daemon's start; it is highlighted for a while when it grows. */
-function count(name, value = 0, how = "bad") {
-  const known = counts.get(name);
-  if (!known || value < known.value) counts.set(name, { value, grew_ms: -Infinity });
-  else if (value > known.value) counts.set(name, { value, grew_ms: performance.now() });
-  return [`${name} ${value}`, performance.now() - counts.get(name).grew_ms < NEW_MS && how];
-}
-
-function flags(frame) {
-  const board = status?.board ?? {};
-  const flags = [
-    ["limit met", frame.limited && "is"], // of a mode, as at many pairs of positions
-    ["amplifier saturated", board.saturated === true && "is"], // as in each fast change of a reference
-    ...(board.ready === false ? [["board is silent", "bad"]] : []),
-    ...(frame.state === "FAULT" ? [[`fault ${board.fault_code ?? ""}`, "bad"]] : []),
-    count("dead-man trips", board.deadman_trips ?? 0),
-    count("late frames", status?.late_frames, "is"), // by more than 1 ms, as often without real-time priority
-    count("missed ticks", status?.missed_ticks),
-  ];
-  const box = $("flags");
-  while (box.children.length > flags.length) box.lastChild.remove();
-  flags.forEach(([text, how], index) => {
-    const flag = box.children[index] ?? box.appendChild(document.createElement("li"));
-    write(flag, text);
-    flag.className = how || "";
-  });
-}
 
 requestAnimationFrame(draw);

@@ -6,21 +6,24 @@ import { motion } from "./history.js";
 const LEAST_UM = 0.02; // a plate that moves less than this has no node lines to show
 // The colours of a contact, red, green and blue: with the friction of bare glass, and with that at 1 um.
 const [STUCK, SLID] = [[255, 184, 119], [143, 211, 255]];
-const LEAST_FRICTION = Math.exp(-1 / 0.7);
 
 export class PlatePicture {
   constructor(canvas) {
     this.canvas = canvas;
     this.field = null;
     this.radius_mm = 5; // of the contacts
+    this.least_friction = 0; // that at 1 um
   }
 
   /** Draw a frame; `chosen` is the id of the selected finger, `layer` a picture over the field,
-   * `invitation` the text on an untouched plate, `surfaces` those in force, if they are shown, `drawing` what is being drawn,
+   * `invitation` a text over all, `surfaces` those in force, if they are shown, `drawing` what is being drawn,
    * `effects` those that play and `recent` the frames before this one. */
   draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent }) {
     const { context, width, height } = prepared(this.canvas);
-    if (!frame || !this.field) return;
+    if (!frame || !this.field) {
+      if (invitation) invite(context, invitation, width, height);
+      return;
+    }
     const { modal_um } = motion(frame);
     const largest_um = this.field.update(modal_um);
     context.globalAlpha = isLive ? 1 : 0.4;
@@ -42,8 +45,8 @@ export class PlatePicture {
     }
     effects.draw(context, to, scale, frame, recent);
     drawing.draw(context, to, scale);
-    if (invitation && frame.fingers.length === 0) invite(context, invitation, width, height);
     context.globalAlpha = 1;
+    if (invitation) invite(context, invitation, width, height);
   }
 
   /** True fingers that the daemon does not see. */
@@ -56,7 +59,7 @@ export class PlatePicture {
   finger(context, finger, to, scale, isChosen, width) {
     const radius = this.radius_mm * scale;
     const centre = to(finger.true_mm ?? finger.seen_mm);
-    if (finger.felt) disc(context, centre, radius, finger.felt.friction);
+    if (finger.felt) disc(context, centre, radius, finger.felt.friction, this.least_friction);
     if (finger.true_mm) this.ring(context, centre, radius, isChosen);
     else if (isChosen) this.ring(context, centre, radius + 3, true);
     const [x, y] = to(finger.seen_mm);
@@ -103,9 +106,9 @@ export class PlatePicture {
   }
 }
 
-/** A contact, coloured by its friction. */
-function disc(context, [x, y], radius, friction) {
-  const part = Math.min(Math.max((friction - LEAST_FRICTION) / (1 - LEAST_FRICTION), 0), 1);
+/** A contact, coloured by its friction, down to the `least`. */
+function disc(context, [x, y], radius, friction, least) {
+  const part = Math.min(Math.max((friction - least) / (1 - least), 0), 1);
   const [r, g, b] = STUCK.map((stuck, i) => Math.round(SLID[i] + part * (stuck - SLID[i])));
   context.fillStyle = `rgb(${r} ${g} ${b} / .75)`;
   context.beginPath();

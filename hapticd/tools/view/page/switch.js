@@ -6,42 +6,51 @@ export class SwitchMenu {
   /** `send` sends a request; the menus stay hidden until the server offers plates. */
   constructor(box, plate, modes, radius, send) {
     Object.assign(this, { box, plate, modes, radius, send });
-    this.plates = {};
-    radius.replaceChildren(...RADII_MM.map((mm) => new Option(mm === 0 ? "points" : `${mm} mm`, mm)));
-    radius.value = 5;
+    this.offered = null;
+    this.radius_mm = 0;
     plate.addEventListener("change", () => {
-      this.offerModes();
+      this.radius_mm = this.offered.contact_radius_mm;
+      this.select(this.plate.value, this.offered.plates[this.plate.value].own_modes);
       this.request();
     });
-    for (const menu of [modes, radius]) menu.addEventListener("change", () => this.request());
+    modes.addEventListener("change", () => this.request());
+    radius.addEventListener("change", () => {
+      this.radius_mm = Number(radius.value);
+      this.request();
+    });
   }
 
-  /** `plates`: numbers of modes by name. */
-  offer(plates) {
-    this.plates = plates;
-    this.plate.replaceChildren(...Object.keys(plates).map((name) => new Option(name, name)));
+  /** `offered`: the plates by name, each with its numbers of modes and its own one, and a contact's usual radius. */
+  offer(offered) {
+    this.offered = offered;
+    this.radius_mm = offered.contact_radius_mm;
+    this.plate.replaceChildren(...Object.keys(offered.plates).map((name) => new Option(shortName(name), name)));
     this.box.hidden = false;
   }
 
   /** Select what the service runs on. */
   show({ name, modes, contact_radius_mm, has_contacts }) {
-    if (!(name in this.plates)) return;
-    this.plate.value = name;
-    this.offerModes();
-    this.modes.value = modes;
-    if (has_contacts) this.radius.value = contact_radius_mm;
+    if (!this.offered?.plates[name]) return;
+    if (has_contacts) this.radius_mm = contact_radius_mm;
+    this.select(name, modes);
   }
 
-  /** Offer the plate's numbers of modes; the same stays selected where it can, else four, whole contacts' least. */
-  offerModes() {
-    const before = Number(this.modes.value);
-    const counts = this.plates[this.plate.value] ?? [];
-    this.modes.replaceChildren(...counts.map((count) => new Option(count, count)));
-    this.modes.value = counts.includes(before) ? before : counts[Math.min(2, counts.length - 1)];
+  /** Select a plate and one of its numbers of modes; with few modes amplitudes count at points, whatever the radius. */
+  select(name, modes) {
+    this.plate.value = name;
+    this.modes.replaceChildren(...this.offered.plates[name].modes.map((count) => new Option(count, count)));
+    this.modes.value = modes;
+    this.radius.disabled = modes < this.offered.least_contact_modes;
+    const radii_mm = this.radius.disabled ? [0] : RADII_MM;
+    this.radius.replaceChildren(...radii_mm.map((mm) => new Option(mm === 0 ? "points" : `${mm} mm`, mm)));
+    this.radius.value = this.radius.disabled ? 0 : this.radius_mm;
   }
 
   request() {
-    const [modes, contact_radius_mm] = [Number(this.modes.value), Number(this.radius.value)];
-    this.send({ op: "switch", plate: this.plate.value, modes, contact_radius_mm });
+    const modes = Number(this.modes.value);
+    this.send({ op: "switch", plate: this.plate.value, modes, contact_radius_mm: this.radius_mm });
   }
 }
+
+/** A plate's name; of one that a file describes, the file's. */
+export const shortName = (name) => name.split("/").at(-1);

@@ -1,0 +1,140 @@
+"""Friction as asked over whole contacts: modal amplitudes that make the largest error, in just noticeable differences,
+least.
+
+Friction is convex in amplitude: a contact whose RMS is as asked feels stickier, the more so the less even the vibration
+is. So what counts is its mean over the contact. With F the friction curve, phi_q the shapes at the contact's points q,
+c_q their weights, and F_i* the friction that the finger's target has when it is the same all over the contact,
+
+    u_i = (F_i - F_i*) / (WEBER_FRAC F_i*),    F_i = sum_q c_q F(r_q)
+    r_q^2 = |phi_q W|^2 + UNCERTAIN_FRAC^2 sum_k |phi_qk W_k|^2
+
+are the errors, and max |u_i| is least within |W_k| <= L_k. r_q is what is to be expected: each mode errs by a share of
+its amplitude, by map, gain and sensor together. Where not all can be had, the error of a finger that should stick
+counts in full, and of any other at most MOST_SLIPPERY of a just noticeable difference: the sticky one is as asked, and
+the others get what is left.
+
+Each iteration
+
+1.  weighs the fingers: the logarithm of alpha_i moves by RATE towards that of |u_i|, less the mean over the fingers
+    (multiplicative weights: S. Arora, E. Hazan and S. Kale, Theory of Computing 8, 2012);
+2.  replaces sum alpha_i |F_i - F_i*| by a sum of squares, point by point, that has its slope at the present W. A sticky
+    finger's points are pulled to 0, as |r| is (iteratively reweighted least squares, see `contacts`); another's to r
+    plus the change that would make F_i right if all points changed alike. Over the frictions TO_ZERO one passes into
+    the other, within what is felt;
+3.  sweeps over the modes, each moved to its best, or PAST_FRAC past it, and into its limit (as in `contacts`).
+
+It starts from the last W and the last weights, so W follows the fingers continuously: phases are free and nothing
+flips. From there it stays near the best of many starts (`hapticd bench solver`). `felt_descent` is the iteration.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from ..friction import FrictionCurve
+from .felt_descent import descend
+from .points.arithmetic import Row
+
+ITERATIONS: Final = 8  # of a call
+COLD_ITERATIONS: Final = 60  # from rest
+STAY_FRAC: Final = 0.03  # of the mean curvature: keeps W where directions are nearly equal
+COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
+MISSED_JND: Final = 1.0  # more than this counts as limited
+AT_LIMIT_FRAC: Final = 0.99
+
+RINGS: Final = 2
+SPOKES: Final = 6
+
+
+def solve_felt(
+    shapes: list[tuple[float, ...]],
+    weights: list[float],
+    curve: FrictionCurve,
+    targets_um: Row,
+    limits_um: Row,
+    d_um: list[float],
+    q_um: list[float],
+    log_weights: list[float],
+    stretches: list[float],
+) -> tuple[list[float], bool]:
+    """Move W (M,), given in its parts, to where the largest error is least; return each contact's RMS (N,), and
+    `limited`.
+
+    `shapes` (N Q, M) are those at the points of each contact, of these `weights` (Q,); `stretches` (N,) are by how much
+    more amplitude each finger needs as it slides. `log_weights` (N,) are kept from call to call, from 0 on. Without a
+    slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
+    """
+    if max(targets_um) <= 0.0:
+        for k in range(len(limits_um)):
+            d_um[k] = q_um[k] = 0.0
+        return [0.0] * len(targets_um), False
+    is_cold = True
+    for k in range(len(limits_um)):
+        is_cold = is_cold and d_um[k] == 0.0 and q_um[k] == 0.0
+    if is_cold:
+        for k in range(len(limits_um)):
+            start_um, turn_rad = min(limits_um[k], max(targets_um)), COLD_TURN_RAD * k
+            d_um[k], q_um[k] = start_um * math.cos(turn_rad), start_um * math.sin(turn_rad)
+    frictions = [curve.friction(targets_um[n] / stretches[n]) for n in range(len(targets_um))]
+    errors_jnd, rms_um = descend(
+        shapes,
+        weights,
+        frictions,
+        stretches,
+        curve.pieces,
+        (curve.full_um, curve.floor_frac),
+        limits_um,
+        d_um,
+        q_um,
+        log_weights,
+        COLD_ITERATIONS if is_cold else ITERATIONS,
+        STAY_FRAC,
+    )
+    return rms_um, _is_limited(errors_jnd, limits_um, d_um, q_um)
+
+
+def _is_limited(errors_jnd: list[float], limits_um: Row, d_um: list[float], q_um: list[float]) -> bool:
+    """Whether some mode is at its limit while a finger feels that it misses its target."""
+    misses = False
+    for error_jnd in errors_jnd:
+        misses = misses or abs(error_jnd) > MISSED_JND
+    if not misses:
+        return False
+    for k in range(len(limits_um)):
+        if d_um[k] * d_um[k] + q_um[k] * q_um[k] >= AT_LIMIT_FRAC * limits_um[k] * limits_um[k]:
+            return True
+    return False
+
+
+def felt_points(radius_mm: float) -> list[tuple[float, float, float]]:
+    """Return points of a disc, (dx_mm, dy_mm, weight) about its centre: Gauss's rule along the radius squared, the
+    rings turned against each other. Friction needs more of them than an RMS: it is no polynomial."""
+    points = []
+    for ring in range(RINGS):
+        node = (2 * ring - 1) / math.sqrt(3.0)  # of Gauss's rule of two nodes, -1 .. 1
+        reach_mm = radius_mm * math.sqrt((node + 1.0) / 2.0)
+        for spoke in range(SPOKES):
+            turn_rad = 2.0 * math.pi * (spoke + 0.5 * ring) / SPOKES
+            weight = 1.0 / (RINGS * SPOKES)
+            points.append((reach_mm * math.cos(turn_rad), reach_mm * math.sin(turn_rad), weight))
+    return points
+
+
+def contacts_rms_um(
+    shapes: list[tuple[float, ...]], weights: list[float], d_um: list[float], q_um: list[float]
+) -> list[float]:
+    """Return the RMS amplitude over each contact (N,)."""
+    points = len(weights)
+    found = []
+    for start in range(0, len(shapes), points):
+        square = 0.0
+        for index in range(points):
+            row = shapes[start + index]
+            w_d_um = w_q_um = 0.0
+            for k in range(len(row)):
+                w_d_um += row[k] * d_um[k]
+                w_q_um += row[k] * q_um[k]
+            square += weights[index] * (w_d_um * w_d_um + w_q_um * w_q_um)
+        found.append(math.sqrt(square))
+    return found

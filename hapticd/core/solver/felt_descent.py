@@ -1,0 +1,209 @@
+"""The iteration of `felt`. `felt_descent.c` is its translation, to the last bit; installation puts it in its place."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from ...values import WEBER_FRAC
+
+UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
+TO_ZERO: Final = (0.9, 0.97)  # frictions from which on a finger's points are pulled to 0, in part and altogether
+FIRST: Final = (0.7, 0.9)  # from which on errors count in full where not all can be had, in part and altogether
+MOST_SLIPPERY: Final = 0.9  # of a just noticeable difference: as much of a slippery finger's error counts
+RATE: Final = 0.3  # of the weights
+LEAST_JND: Final = 0.02  # smaller errors weigh alike
+MOST_WEIGHT: Final = 4.6  # of its logarithm: 100 either way
+ROUND_UM: Final = 0.05  # of amplitude, about which |r| is rounded
+MOST_LESS: Final = 1.5  # of its decay: by how much a point is pulled towards 0 at most; outwards once
+SWEEPS: Final = 4  # of an iteration
+PAST_FRAC: Final = 0.1  # 0.2 makes larger steps
+TINY_UM: Final = 1e-9
+SAFE: Final = 1e100
+
+Pieces = list[tuple[float, float, float]]  # of a friction curve: where each begins, where it would be 1, its decay
+
+
+class _Point:
+    """What one point of a contact has: its motion, the expected size of it, its friction, and the decay there."""
+
+    __slots__ = ("decay_um", "friction", "rms_um", "w_d_um", "w_q_um")
+
+    def __init__(self, w_d_um: float, w_q_um: float, rms_um: float, friction: float, decay_um: float) -> None:
+        self.w_d_um, self.w_q_um, self.rms_um = w_d_um, w_q_um, rms_um
+        self.friction, self.decay_um = friction, decay_um
+
+
+def descend(
+    shapes: list[tuple[float, ...]],
+    weights: list[float],
+    frictions: list[float],
+    stretches: list[float],
+    pieces: Pieces,
+    floor: tuple[float, float],
+    limits_um: tuple[float, ...],
+    d_um: list[float],
+    q_um: list[float],
+    log_weights: list[float],
+    iterations: int,
+    stay_frac: float,
+) -> tuple[list[float], list[float]]:
+    """Move W (M,), in its parts, and the fingers' weights (N,); return errors in just noticeable differences before the
+    last sweeps, and the RMS over each contact after them.
+
+    `shapes` (N Q, M) are those at the Q points of each contact, of these `weights`; `frictions` and `stretches` are
+    wanted (`felt.solve_felt`); `floor` is the amplitude at which the curve ends, and its friction there.
+    """
+    fingers, points, modes = len(frictions), len(weights), len(limits_um)
+    errors = [0.0] * fingers
+    for _ in range(iterations):
+        got = [0.0] * fingers
+        moved = []
+        for finger in range(fingers):
+            for index in range(points):
+                point = _point(shapes[finger * points + index], d_um, q_um, stretches[finger], pieces, floor)
+                got[finger] = got[finger] + weights[index] * point.friction
+                moved.append(point)
+            errors[finger] = (got[finger] - frictions[finger]) / (WEBER_FRAC * frictions[finger])
+        _weigh(errors, frictions, log_weights)
+        curvature = [[0.0] * modes for _ in range(modes)]
+        pull_d, pull_q = [0.0] * modes, [0.0] * modes
+        for finger in range(fingers):
+            wanted = frictions[finger]
+            alpha = math.exp(log_weights[finger]) / (WEBER_FRAC * wanted)
+            stickiness = _share(wanted, TO_ZERO)
+            outwards = (got[finger] - wanted) / got[finger]
+            outwards = 1.0 if outwards > 1.0 else (-MOST_LESS if outwards < -MOST_LESS else outwards)
+            for index in range(points):
+                place = finger * points + index
+                point, row = moved[place], shapes[place]
+                slope = alpha * weights[index] * point.friction / point.decay_um
+                to_zero = stickiness * slope / math.sqrt(point.rms_um * point.rms_um + ROUND_UM * ROUND_UM)
+                along = (1.0 - stickiness) * slope / point.decay_um
+                aim_um = point.rms_um + point.decay_um * outwards
+                aim_um = aim_um if aim_um > 0.0 else 0.0
+                size_um = math.sqrt(point.w_d_um * point.w_d_um + point.w_q_um * point.w_q_um)
+                pulled = along * aim_um / (size_um if size_um > TINY_UM else TINY_UM)
+                kappa = to_zero + along
+                for k in range(modes):
+                    share = kappa * row[k]
+                    line = curvature[k]
+                    for other in range(k):
+                        line[other] = line[other] + share * row[other]
+                    line[k] = line[k] + (1.0 + UNCERTAIN_FRAC * UNCERTAIN_FRAC) * (share * row[k])
+                    pull_d[k] = pull_d[k] + pulled * row[k] * point.w_d_um
+                    pull_q[k] = pull_q[k] + pulled * row[k] * point.w_q_um
+        _sweep(curvature, pull_d, pull_q, limits_um, d_um, q_um, stay_frac)
+    rms_um = [
+        _rms_um(shapes[finger * points : (finger + 1) * points], weights, d_um, q_um) for finger in range(fingers)
+    ]
+    return errors, rms_um
+
+
+def _point(
+    row: tuple[float, ...],
+    d_um: list[float],
+    q_um: list[float],
+    stretch: float,
+    pieces: Pieces,
+    floor: tuple[float, float],
+) -> _Point:
+    w_d_um = w_q_um = uncertain = 0.0
+    for k in range(len(row)):
+        w_d_um += row[k] * d_um[k]
+        w_q_um += row[k] * q_um[k]
+        uncertain += row[k] * row[k] * (d_um[k] * d_um[k] + q_um[k] * q_um[k])
+    rms_um = math.sqrt(w_d_um * w_d_um + w_q_um * w_q_um + UNCERTAIN_FRAC * UNCERTAIN_FRAC * uncertain)
+    at_um = rms_um / stretch
+    piece = 0
+    while piece + 1 < len(pieces) and at_um >= pieces[piece + 1][0]:
+        piece += 1
+    _, origin_um, decay_um = pieces[piece]
+    full_um, least = floor
+    friction = math.exp(-(at_um - origin_um) / decay_um) if at_um < full_um else least
+    return _Point(w_d_um, w_q_um, rms_um, friction, decay_um * stretch)
+
+
+def _share(friction: float, ends: tuple[float, float]) -> float:
+    """Return 0 up to the lower end, 1 from the upper one on."""
+    low, high = ends
+    share = (friction - low) / (high - low)
+    return 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
+
+
+def _weigh(errors: list[float], frictions: list[float], log_weights: list[float]) -> None:
+    """Move the fingers' weights; those of slippery ones no more than their errors count."""
+    fingers = len(errors)
+    logs = [0.0] * fingers
+    mean = 0.0
+    for finger in range(fingers):
+        error = abs(errors[finger])
+        error = error if error > LEAST_JND else LEAST_JND
+        slipperiness = 1.0 - _share(frictions[finger], FIRST)
+        if slipperiness * error > MOST_SLIPPERY:
+            error = MOST_SLIPPERY / slipperiness
+        logs[finger] = math.log(error)
+        mean += logs[finger] / fingers
+    centre = 0.0
+    for finger in range(fingers):
+        log_weights[finger] = log_weights[finger] + RATE * (logs[finger] - mean)
+        centre += log_weights[finger] / fingers
+    for finger in range(fingers):
+        weight = log_weights[finger] - centre
+        weight = MOST_WEIGHT if weight > MOST_WEIGHT else weight
+        log_weights[finger] = -MOST_WEIGHT if weight < -MOST_WEIGHT else weight
+
+
+def _sweep(
+    curvature: list[list[float]],
+    pull_d: list[float],
+    pull_q: list[float],
+    limits_um: tuple[float, ...],
+    d_um: list[float],
+    q_um: list[float],
+    stay_frac: float,
+) -> None:
+    """Move each mode in turn past where the sum is least with the others held, and into its limit."""
+    modes = len(limits_um)
+    mean = 0.0
+    for k in range(modes):
+        mean += curvature[k][k] / modes
+    stay = stay_frac * mean
+    for k in range(modes):
+        for other in range(k):
+            curvature[other][k] = curvature[k][other]
+        curvature[k][k] = curvature[k][k] + stay
+        pull_d[k] = pull_d[k] + stay * d_um[k]
+        pull_q[k] = pull_q[k] + stay * q_um[k]
+    for _ in range(SWEEPS):
+        for k in range(modes):
+            line = curvature[k]
+            own = line[k]
+            rest_d, rest_q = pull_d[k], pull_q[k]
+            for other in range(modes):
+                rest_d -= line[other] * d_um[other]
+                rest_q -= line[other] * q_um[other]
+            if not own > 0.0:  # no finger feels this mode
+                d_um[k] = q_um[k] = 0.0
+                continue
+            w_d_um = d_um[k] + (1.0 + PAST_FRAC) * (rest_d / own)
+            w_q_um = q_um[k] + (1.0 + PAST_FRAC) * (rest_q / own)
+            square = w_d_um * w_d_um + w_q_um * w_q_um
+            limit_um = limits_um[k]
+            if not square < SAFE * SAFE:  # shapes whose products leave the range of floats
+                w_d_um = w_q_um = 0.0
+            elif square > limit_um * limit_um:
+                share = limit_um / math.sqrt(square)
+                w_d_um, w_q_um = w_d_um * share, w_q_um * share
+            d_um[k], q_um[k] = w_d_um, w_q_um
+
+
+def _rms_um(rows: list[tuple[float, ...]], weights: list[float], d_um: list[float], q_um: list[float]) -> float:
+    square = 0.0
+    for row, weight in zip(rows, weights, strict=True):
+        w_d_um = w_q_um = 0.0
+        for k in range(len(row)):
+            w_d_um += row[k] * d_um[k]
+            w_q_um += row[k] * q_um[k]
+        square += weight * (w_d_um * w_d_um + w_q_um * w_q_um)
+    return math.sqrt(square)

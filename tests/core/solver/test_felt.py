@@ -1,0 +1,201 @@
+"""Friction as asked: the largest error is least, limits hold whatever comes, and amplitudes follow without a jump."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.solver.felt import contacts_rms_um, felt_points, solve_felt
+from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.score import felt
+from hapticd.values import WEBER_FRAC
+
+Array = npt.NDArray[np.float64]
+Phasors = npt.NDArray[np.complex128]
+FINGERTIP = GroundTruth(PlateSettings.of("fingertip"))
+LIMITS_UM = FINGERTIP.w_limit_um
+PAIR_MM = np.array([(-40.0, 10.0), (35.0, -20.0)])
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def plate() -> ModeShapes:
+    return FINGERTIP.true_mode_map()
+
+
+def solver(plate: ModeShapes, limits_um: tuple[float, ...] = LIMITS_UM, *, feels: bool = True) -> InstantSolver:
+    return InstantSolver(
+        plate, limits_um, derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=5.0, feels=feels
+    )
+
+
+def places(points_mm: Array, targets_um: tuple[float, ...]) -> list[tuple[float, float, float]]:
+    return [(*point_mm, target_um) for point_mm, target_um in zip(points_mm.tolist(), targets_um, strict=True)]
+
+
+def settled(
+    plate: ModeShapes,
+    points_mm: Array,
+    targets_um: tuple[float, ...],
+    limits_um: tuple[float, ...] = LIMITS_UM,
+    *,
+    feels: bool = True,
+) -> Phasors:
+    one, modal_um = solver(plate, limits_um, feels=feels), (0j,) * 4
+    for _ in range(40):
+        modal_um = one.solve(places(points_mm, targets_um), modal_um, 100 * MS).modal_um
+    return np.array(modal_um)
+
+
+def errors_jnd(points_mm: Array, targets_um: tuple[float, ...], modal_um: Phasors) -> Array:
+    """The truth, by the simulation's own quadrature."""
+    plate_um = np.concatenate((modal_um, np.zeros(len(FINGERTIP.decay_1_s) - len(modal_um))))
+    _, frictions = felt(points_mm[None], plate_um[None], FINGERTIP.shapes)
+    asked = [DEFAULT_FRICTION_CURVE.friction(target_um) for target_um in targets_um]
+    return np.asarray((frictions[0] / asked - 1.0) / WEBER_FRAC)
+
+
+def pairs(seed: int, count: int) -> list[Array]:
+    random, found = np.random.default_rng(seed), list[Array]()
+    while len(found) < count:
+        points_mm = random.uniform(-85.0, 85.0, (2, 2))
+        if np.hypot(*(points_mm[0] - points_mm[1])) > 20.0:
+            found.append(points_mm)
+    return found
+
+
+@pytest.mark.parametrize(("targets_um", "least"), [((1.0, 0.0), 0.25), ((0.5, 0.0), 0.75)])
+def test_both_fingers_feel_what_was_asked_far_more_often_than_by_contrast(
+    plate: ModeShapes, targets_um: tuple[float, float], least: float
+) -> None:
+    as_asked = {
+        feels: np.mean(
+            [
+                np.abs(errors_jnd(pair, targets_um, settled(plate, pair, targets_um, feels=feels))).max() <= 1.0
+                for pair in pairs(3, 40)
+            ]
+        )
+        for feels in (True, False)
+    }
+    assert as_asked[True] >= least
+    assert as_asked[True] >= 2.0 * as_asked[False]
+
+
+def test_where_not_both_can_be_had_the_sticky_finger_is_as_asked(plate: ModeShapes) -> None:
+    weak_um = tuple(limit_um / 4.0 for limit_um in LIMITS_UM)
+    errors = np.array(
+        [errors_jnd(pair, (1.0, 0.0), settled(plate, pair, (1.0, 0.0), weak_um)) for pair in pairs(4, 30)]
+    )
+    assert np.mean(errors[:, 0] > 1.0) == 1.0
+    assert np.mean(np.abs(errors[:, 1]) <= 1.0) > 0.9
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.5, 0.7, 0.8, 0.9, 0.93, 0.95, 0.98])
+def test_one_finger_gets_any_friction(plate: ModeShapes, friction: float) -> None:
+    target_um = -0.7 * math.log(friction)
+    for points_mm in np.random.default_rng(5).uniform(-80.0, 80.0, (10, 1, 2)):
+        modal_um = settled(plate, points_mm, (target_um,), (6.0,) * 4)
+        assert abs(errors_jnd(points_mm, (target_um,), modal_um)[0]) < 0.8
+
+
+def test_a_finger_that_slides_where_friction_depends_on_speed_gets_more_amplitude(plate: ModeShapes) -> None:
+    got_um = []
+    for target_um, stretch in ((0.4, 1.0), (0.8, 2.0)):
+        one, modal_um = solver(plate), (0j,) * 4
+        for _ in range(40):
+            solution = one.solve(places(PAIR_MM, (target_um, 0.0)), modal_um, 100 * MS, None, [stretch, stretch])
+            modal_um = solution.modal_um
+        got_um.append(solution.achieved_um[0])
+    assert got_um[1] == pytest.approx(2.0 * got_um[0], rel=0.03)
+
+
+def test_amplitudes_follow_the_fingers_without_a_jump(plate: ModeShapes) -> None:
+    """Along straight ways through the plate at 10 cm/s, a knot each millisecond."""
+    steps_um = []
+    for begin_mm, end_mm in zip(pairs(6, 6), pairs(7, 6), strict=True):
+        modal_um, one = settled(plate, begin_mm, (1.0, 0.0)), solver(plate)
+        for share in np.linspace(0.0, 1.0, int(np.hypot(*(end_mm - begin_mm).T).max() / 0.1)):
+            points_mm = begin_mm + share * (end_mm - begin_mm)
+            before_um, modal_um = (
+                modal_um,
+                np.array(one.solve(places(points_mm, (1.0, 0.0)), tuple(modal_um.tolist()), MS).modal_um),
+            )
+            steps_um.append(float(np.abs(modal_um - before_um).max()))
+    assert np.quantile(steps_um, 0.99) < 0.5
+    assert max(steps_um) < 1.0 + SLEW_UM_NS * MS + 1e-9  # a flip would be 8 um
+
+
+def test_targets_from_0_to_1_um_pass_without_a_step(plate: ModeShapes) -> None:
+    one, modal_um = solver(plate), tuple(settled(plate, PAIR_MM, (1.0, 0.0)).tolist())
+    before = None
+    for target_um in np.linspace(0.0, 1.0, 401).tolist():
+        solution = one.solve(places(PAIR_MM, (1.0, target_um)), modal_um, 4 * MS)
+        modal_um = solution.modal_um
+        if before is not None:
+            assert np.abs(np.subtract(solution.achieved_um, before)).max() < 0.06
+        before = solution.achieved_um
+    assert solution.achieved_um[1] > 0.5
+
+
+def test_no_slipping_finger_is_silence_and_the_start_is_the_same_each_time(plate: ModeShapes) -> None:
+    sticky = solver(plate).solve(places(PAIR_MM, (0.0, 0.0)), (1j, 1.0, 0j, 2.0), MS)
+    assert not any(sticky.modal_um)
+    first, second = (solver(plate).solve(places(PAIR_MM, (1.0, 0.0)), (0j,) * 4, MS) for _ in range(2))
+    assert first.modal_um == second.modal_um
+
+
+def test_contacts_on_top_of_each_other_and_over_the_edge_share_what_they_get(plate: ModeShapes) -> None:
+    same_mm = np.array([(10.0, 20.0), (10.0, 20.0)])
+    errors = errors_jnd(same_mm, (1.0, 0.0), settled(plate, same_mm, (1.0, 0.0)))
+    assert abs(errors[1]) < 1.2  # sticky first
+    beyond_mm = np.array([(99.0, -99.0), (-40.0, 30.0)])
+    assert np.isfinite(settled(plate, beyond_mm, (1.0, 0.0))).all()
+    assert np.isfinite(settled(plate, beyond_mm * 10.0, (1.0, 0.0))).all()
+
+
+@given(st.data())
+def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data: st.DataObject) -> None:
+    """Two to eight modes, up to six contacts, some on top of each other, some that move nothing, at any scale."""
+    modes, fingers = data.draw(st.integers(2, 8)), data.draw(st.integers(1, 6))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    phi = random.normal(size=(fingers, 5, modes)) * 10.0 ** data.draw(st.integers(-160, 160))
+    if data.draw(st.booleans()):
+        phi[-1] = phi[0]
+    if data.draw(st.booleans()):
+        phi[0] = 0.0
+    targets_um = tuple(
+        data.draw(st.lists(st.sampled_from((0.0, 1e-9, 0.1, 0.5, 1.0, 1e6)), min_size=fingers, max_size=fingers))
+    )
+    curve = data.draw(st.sampled_from((DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.2, 1.1), 0.3))))
+    limits_um = tuple((10.0 ** random.uniform(-3, 2, modes)).tolist())
+    shapes = [tuple(row) for row in phi.reshape(-1, modes).tolist()]
+    d_um, q_um, logs = [0.0] * modes, [0.0] * modes, [0.0] * fingers
+    for _ in range(4):
+        rms_um, _ = solve_felt(shapes, [0.2] * 5, curve, targets_um, limits_um, d_um, q_um, logs, [1.0] * fingers)
+        assert np.isfinite([d_um, q_um]).all()
+        assert np.isfinite(logs).all()
+        assert np.all(np.hypot(d_um, q_um) <= np.array(limits_um) * (1.0 + 1e-12))
+        assert rms_um == contacts_rms_um(shapes, [0.2] * 5, d_um, q_um) or not max(targets_um)
+
+
+def test_the_points_are_those_of_the_disc() -> None:
+    points = np.array(felt_points(5.0))
+    x_mm, y_mm, weight = points.T
+    assert weight.sum() == pytest.approx(1.0)
+    for power_x, power_y, mean in (
+        (1, 0, 0.0),
+        (2, 0, 25.0 / 4.0),
+        (1, 1, 0.0),
+        (4, 0, 625.0 / 8.0),
+        (2, 2, 625.0 / 24.0),
+    ):
+        assert (weight * x_mm**power_x * y_mm**power_y).sum() == pytest.approx(mean, abs=1e-9)
+    assert math.isclose(np.hypot(x_mm, y_mm).max(), 5.0 * math.sqrt((1 + 1 / math.sqrt(3)) / 2))

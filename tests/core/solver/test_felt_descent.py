@@ -1,0 +1,109 @@
+"""The felt iteration as machine code gives the bits of the Python that it was translated from."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hapticd
+from hapticd.compiled import why_interpreted
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+
+SOURCE = Path(hapticd.__file__).parent / "core" / "solver" / "felt_descent.py"
+CURVES = (DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.1, 0.3, 0.8, 1.4), 0.12))
+
+
+def as_python() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("hapticd.core.solver.felt_descent_py", SOURCE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def machine_code() -> ModuleType:
+    module = importlib.import_module("hapticd.core.solver.felt_descent")
+    if not str(module.__file__).endswith(EXTENSION_SUFFIXES[0]):
+        pytest.skip(f"Python runs: {why_interpreted()}")
+    return module
+
+
+def called(module: ModuleType, seed: int) -> list[list[float]]:
+    """What a call returns and changes, for a random problem of up to 6 fingers on up to 9 modes."""
+    random = np.random.default_rng(seed)
+    fingers, modes, points = int(random.integers(1, 7)), int(random.integers(1, 10)), int(random.integers(1, 13))
+    scale = float(random.choice([1.0, 1.0, 1.0, 0.0, 1e-200, 1e120, np.nan]))
+    curve = CURVES[seed % 2]
+    shapes = [tuple(row) for row in (scale * random.uniform(-1, 1, (fingers * points, modes))).tolist()]
+    d_um, q_um = random.normal(size=(2, modes)).tolist()
+    frictions = random.choice([1.0, 0.9, 0.8, 0.5, 0.24, curve.floor_frac], fingers).tolist()
+    logs = random.normal(size=fingers).tolist()
+    found: Any = module.descend(
+        shapes,
+        [1.0 / points] * points,
+        frictions,
+        random.choice([1.0, 1.6], fingers).tolist(),
+        curve.pieces,
+        (curve.full_um, curve.floor_frac),
+        tuple((10.0 ** random.uniform(-3, 1, modes)).tolist()),
+        d_um,
+        q_um,
+        logs,
+        int(random.integers(0, 5)),
+        0.03,
+    )
+    return [*found, d_um, q_um, logs]
+
+
+def test_machine_code_gives_the_python_s_bits(machine_code: ModuleType) -> None:
+    python = as_python()
+    for seed in range(1000):
+        assert [list(map(float.hex, one)) for one in called(machine_code, seed)] == [
+            list(map(float.hex, one)) for one in called(python, seed)
+        ], seed
+
+
+@pytest.mark.parametrize(
+    ("place", "given", "error"),
+    [
+        (0, [], ValueError),
+        (0, [(1.0,), (1.0, 2.0)], ValueError),
+        (0, None, TypeError),
+        (1, ["a", "b"], TypeError),
+        (2, [1.0, 1.0], ValueError),
+        (4, [], ValueError),
+        (4, [(0.0, 0.0)], ValueError),
+        (7, [0.0, 0.0], ValueError),
+        (9, [None], TypeError),
+    ],
+)
+def test_what_is_no_list_of_the_right_length_is_refused(
+    machine_code: ModuleType, place: int, given: object, error: type[Exception]
+) -> None:
+    arguments: list[object] = [
+        [(1.0,), (0.5,)],
+        [0.5, 0.5],
+        [0.5],
+        [1.0],
+        [(0.0, 0.0, 0.7)],
+        (2.0, 0.05),
+        (1.0,),
+        [0.1],
+        [0.0],
+        [0.0],
+        1,
+        0.03,
+    ]
+    machine_code.descend(*arguments)
+    arguments[place] = given
+    with pytest.raises(error):
+        machine_code.descend(*arguments)

@@ -1,0 +1,73 @@
+"""A loop with real-time priority that never sleeps is made to, and loses its priority before the kernel kills it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from hapticd.io.host.runaway import WINDOW_NS, Breather
+
+
+class Thread:
+    """A thread whose clock and processor time a test moves."""
+
+    def __init__(self) -> None:
+        self.t_ns = self.ran_ns = 0
+        self.slept_s: list[float] = []
+        self.breather = Breather(clock_ns=lambda: self.t_ns, ran_ns=lambda: self.ran_ns, sleep=self.slept_s.append)
+
+    def go(self, span_ns: int, share: float, *, is_overrun: bool = False) -> bool:
+        self.t_ns += span_ns
+        self.ran_ns += round(share * span_ns)
+        return self.breather.look(is_overrun=is_overrun)
+
+
+def test_a_thread_that_never_sleeps_sleeps_once_in_each_window() -> None:
+    thread = Thread()
+    assert sum(thread.go(WINDOW_NS // 4, 1.0) for _ in range(40)) == len(thread.slept_s) == 10
+
+
+def test_a_thread_that_sleeps_by_itself_is_left_alone() -> None:
+    thread = Thread()
+    assert not any(thread.go(WINDOW_NS // 4, 0.9) for _ in range(400))
+    assert thread.slept_s == []
+
+
+def test_after_a_pass_that_overran_it_sleeps_before_the_next() -> None:
+    thread = Thread()
+    assert thread.go(WINDOW_NS // 10, 1.0, is_overrun=True)
+    assert thread.breather.breaths == 1
+
+
+RUNAWAY = """
+import os, resource, sys, time
+from hapticd.io.host.runaway import on_processor_limit
+resource.setrlimit(resource.RLIMIT_RTTIME, (100_000, 400_000))
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+except PermissionError:
+    sys.exit(77)
+if sys.argv[1] == "guarded":
+    on_processor_limit(print)
+before_s = time.thread_time()
+while time.thread_time() - before_s < 0.8:
+    pass
+print(os.sched_getscheduler(0) == os.SCHED_OTHER)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_FIFO"), reason="Linux only")
+def test_at_the_soft_limit_the_priority_goes_and_the_process_lives() -> None:
+    done = subprocess.run([sys.executable, "-c", RUNAWAY, "guarded"], capture_output=True, text=True, check=False)
+    if done.returncode == 77:
+        pytest.skip("this user may not have real-time priority")
+    assert done.returncode == 0, done.stderr
+    said, is_ordinary = done.stdout.splitlines()
+    assert "continues with ordinary priority" in said
+    assert is_ordinary == "True"
+    alone = subprocess.run([sys.executable, "-c", RUNAWAY, "alone"], capture_output=True, check=False)
+    assert alone.returncode in (-signal.SIGXCPU, -signal.SIGKILL)

@@ -1,0 +1,85 @@
+"""Another friction curve in the configuration reaches everything that speaks of friction.
+
+A curve whose amplitudes are all halved is the default one in halves of a micrometre: with halved targets, limits and
+motion every friction stays, and every amplitude halves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgpack
+import numpy as np
+import pytest
+
+from hapticd.config.sections import Config
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.solver.instant import InstantSolver
+from hapticd.daemon.machine import Machine
+from hapticd.daemon.perception import Perception
+from hapticd.daemon.settings import friction_curve
+from hapticd.design.contact_pairs import grams, settle
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.score import felt
+from hapticd.tools.view import client
+from hapticd.values import TouchPoint
+
+AMPLITUDES_UM = tuple(DEFAULT_FRICTION_CURVE.amplitude_um(1.0 - index / 16) for index in range(17))
+HALF = Config(
+    plate=replace(
+        Config().plate,
+        friction_curve=tuple(um / 2.0 for um in AMPLITUDES_UM),
+        friction_floor_frac=DEFAULT_FRICTION_CURVE.floor_frac,
+    )
+)
+CURVE = friction_curve(HALF)
+TRUTH = GroundTruth(PlateSettings.of("fingertip"))
+PLACES_MM = ((-40.0, 10.0), (35.0, -20.0))
+
+
+def solved_um(curve: FrictionCurve, scale: float) -> np.ndarray:
+    limits_um = tuple(scale * limit_um for limit_um in TRUTH.w_limit_um)
+    solver = InstantSolver(
+        TRUTH.true_mode_map(),
+        limits_um,
+        derating_mm2_um2=0.0,
+        phase_rotation=False,
+        contact_radius_mm=5.0,
+        friction_curve=curve,
+    )
+    places = [(x_mm, y_mm, target_um) for (x_mm, y_mm), target_um in zip(PLACES_MM, (scale, 0.0), strict=True)]
+    modal_um: tuple[complex, ...] = (0j,) * 4
+    for _ in range(30):
+        modal_um = solver.solve(places, modal_um, 10**9).modal_um
+    return np.array(modal_um)
+
+
+def test_the_solver_gives_what_the_curve_asks_for() -> None:
+    assert 2.0 * solved_um(CURVE, 0.5) == pytest.approx(solved_um(DEFAULT_FRICTION_CURVE, 1.0), abs=1e-3)
+
+
+def test_the_designed_plate_s_pairs_too() -> None:
+    shapes = TRUTH.true_mode_map()
+    slipping, still = np.moveaxis(grams(shapes, np.array(PLACES_MM), 5.0)[..., None], 2, 0)
+    limits_um = np.array(TRUTH.w_limit_um)
+    half_um = settle(slipping, [still], 0.5, limits_um / 2.0, curve=CURVE)
+    assert 2.0 * half_um == pytest.approx(settle(slipping, [still], 1.0, limits_um), abs=1e-6)
+
+
+def test_telemetry_and_score_judge_by_it() -> None:
+    point = TouchPoint(1, *PLACES_MM[0], 0.5, 0.5, *PLACES_MM[0])
+    modal_um = solved_um(DEFAULT_FRICTION_CURVE, 1.0)
+    half = Perception(TRUTH.true_mode_map(), CURVE, 5.0, 10**6).felt(point, (modal_um / 2.0).tolist())
+    whole = Perception(TRUTH.true_mode_map(), DEFAULT_FRICTION_CURVE, 5.0, 10**6)
+    assert half[0] == pytest.approx(whole.felt(point._replace(target_um=1.0), modal_um.tolist())[0], rel=1e-9)
+    plate_um = np.concatenate((modal_um, np.zeros(len(TRUTH.decay_1_s) - 4)))[None]
+    fingers_mm = np.array(PLACES_MM)[None]
+    _, judged = felt(fingers_mm, plate_um / 2.0, TRUTH.shapes, CURVE.frictions)
+    assert judged == pytest.approx(felt(fingers_mm, plate_um, TRUTH.shapes)[1])
+
+
+def test_the_service_and_the_view_have_it() -> None:
+    machine = Machine(HALF, TRUTH.true_mode_map(), write_board=lambda data: len(data))
+    assert machine.scene.friction_curve.knots == CURVE.knots
+    described = msgpack.unpackb(msgpack.packb(machine.status.plate()))
+    assert client._friction_curve(described).amplitude_um(0.5) == pytest.approx(CURVE.amplitude_um(0.5))

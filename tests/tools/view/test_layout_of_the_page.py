@@ -1,0 +1,128 @@
+"""The page of `hapticd view --sim` in a real Chromium: its first plate, another one, and a layout that stays."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from browserpage import Page, lay_down
+from selenium.webdriver import Chrome
+from selenium.webdriver.support.ui import Select
+from viewprocess import View
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
+FINGERTIP, REFERENCE = "fingertip plate, 4 modes, contacts of 5 mm", "reference plate, 2 modes"
+WINDOWS = {"laptop": (1280, 800), "telephone": (390, 844)}
+
+# What the page shows in each picture that the browser draws: where things are, and whether anything alarms.
+WATCH = """
+window.seen = {};
+const look = () => {
+  const state = document.getElementById('state').textContent;
+  const box = (id) => document.querySelector(id).getBoundingClientRect();
+  const [plate, time] = [box('#plate'), box('#time-box')];
+  const places = [box('header').height, plate.top + scrollY, plate.width, time.top + scrollY];
+  const alarms = [!document.getElementById('notice').hidden, document.querySelectorAll('.flag.bad').length > 0];
+  const kind = state.startsWith('Starting') ? 'starting' : 'running';
+  const known = window.seen[kind] ??= { places: [], alarms: [] };
+  for (const [name, value] of Object.entries({ places, alarms })) {
+    const text = JSON.stringify(value);
+    if (!known[name].includes(text)) known[name].push(text);
+  }
+  requestAnimationFrame(look);
+};
+look();
+"""
+
+
+@pytest.fixture(scope="module")
+def view(browser: Chrome) -> Iterator[View]:
+    running = View("--sim")
+    yield running
+    browser.get("about:blank")
+    assert running.end() == 0
+
+
+def page_of(browser: Chrome, view: View, window: str) -> Page:
+    width, height = WINDOWS[window]
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    browser.get(view.address)
+    return Page(browser)
+
+
+def selected(page: Page, menu: str) -> str:
+    return Select(page[menu]).first_selected_option.text
+
+
+def seen(page: Page, kind: str) -> dict[str, list[Any]]:
+    found: dict[str, list[str]] = page.browser.execute_script("return window.seen[arguments[0]]", kind)
+    return {name: [json.loads(text) for text in texts] for name, texts in found.items()}
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_the_first_plate_is_for_fingertips_and_another_takes_its_own_modes_without_alarm_or_jump(
+    browser: Chrome, view: View, window: str
+) -> None:
+    page = page_of(browser, view, window)
+    page.until(lambda: page["what"].text == FINGERTIP)
+    page.until(lambda: "0 fingers" in page["state"].text)
+    assert [selected(page, f"switch-{menu}") for menu in ("plate", "modes", "radius")] == ["fingertip", "4", "5 mm"]
+    page.browser.execute_script(WATCH)
+    page.choose("switch-plate", "reference")
+    page.until(lambda: page["what"].text == REFERENCE and "0 fingers" in page["state"].text)
+    assert [selected(page, f"switch-{menu}") for menu in ("plate", "modes", "radius")] == ["reference", "2", "points"]
+    assert not page["switch-radius"].is_enabled()
+    page.choose("switch-plate", "fingertip")
+    page.until(lambda: page["what"].text == FINGERTIP and "0 fingers" in page["state"].text)
+    starting, running = seen(page, "starting"), seen(page, "running")
+    assert starting["alarms"] == [[False, False]]
+    assert starting["places"] == running["places"]
+    assert len(running["places"]) == 1
+    assert page.complaints() == []
+
+
+def test_fingers_that_lie_on_the_plate_lie_on_the_next_one_with_the_same_targets(browser: Chrome, view: View) -> None:
+    page = page_of(browser, view, "laptop")
+    page.until(lambda: page["what"].text == FINGERTIP and "0 fingers" in page["state"].text)
+    lay_down(page, 150, 80)
+    page.until(lambda: any("of 1.00" in row for row in page.fingers()))
+    lay_down(page, -120, -30)
+    page.until(lambda: any("of 0.00" in row for row in page.fingers()))
+    page.choose("switch-plate", "reference")
+    page.until(lambda: page["what"].text == REFERENCE)
+    page.until(lambda: sorted(row.count("of 0.00") for row in page.fingers()) == [0, 1])
+    page.choose("switch-plate", "fingertip")
+    page.until(lambda: page["what"].text == FINGERTIP and "0 fingers" not in page["state"].text)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_each_flag_explains_itself_in_sentences_that_are_within_the_window(
+    browser: Chrome, view: View, window: str
+) -> None:
+    page = page_of(browser, view, window)
+    explained = page.browser.execute_script(
+        "return [...document.querySelectorAll('#flags button')].map((flag) => {"
+        "  flag.focus({ focusVisible: true });"
+        "  const tip = document.getElementById(flag.getAttribute('aria-describedby'));"
+        "  const { left, right } = tip.getBoundingClientRect();"
+        "  return [tip.textContent, getComputedStyle(tip).visibility, left >= 0 && right <= innerWidth];"
+        "})"
+    )
+    assert len(explained) == 7
+    assert all(text.endswith(".") and len(text.split()) > 6 for text, _, _ in explained)
+    assert [rest for _, *rest in explained] == [["visible", True]] * 7
+
+
+def test_what_has_not_been_written_yet_has_its_place_already(browser: Chrome, view: View) -> None:
+    """From the first picture on, while the page has no plate, to two fingers on it."""
+    page = page_of(browser, view, "laptop")
+    page.browser.execute_script(WATCH)
+    page.until(lambda: "0 fingers" in page["state"].text)
+    lay_down(page, 150, 80)
+    lay_down(page, -120, -30)
+    page.until(lambda: "2 fingers" in page["state"].text and "µm" in page["leak"].text)
+    assert len(seen(page, "running")["places"]) == 1
+    assert page.browser.execute_script("return document.documentElement.scrollHeight") <= 800
