@@ -294,12 +294,8 @@ class Daemon:
             self.machine.adopt_slowness(slowness, now_ns())
         is_overrun = ran_ns >= OVERRUN_NS
         self.machine.status.loop.overruns += is_overrun
-        if self._breather.look(is_overrun=is_overrun):
-            self.machine.status.loop.breaths = self._breather.breaths
-            log.warning(
-                "the loop had no pause for too long and sleeps for a moment, before the kernel ends it: scenes are too "
-                "dear, or messages too many (details: `status`, timing and touch)"
-            )
+        self._breather.look(is_overrun=is_overrun)
+        self.machine.status.loop.breaths = self._breather.breaths
 
     def _notice_stall(self, t_now_ns: int) -> None:
         """After a stall of this process read what the board has sent meanwhile, before its silence is judged."""
@@ -347,15 +343,16 @@ class Daemon:
 
     def _log_missed(self) -> None:
         loop, ledger, touch = self.machine.status.loop, self.machine.session.ledger, self.machine.pipeline.counters
-        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered + touch.left_out_fingers
+        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered + loop.breaths + touch.left_out_fingers
         if missed > self._logged_missed:
             self._logged_missed = missed
             log.warning(
-                "timing since the start: %d ticks missed, %d frames late, %d unanswered, %d fingers left out of "
-                "passes that were too dear (details: `status`)",
+                "timing since the start: %d ticks missed, %d frames late, %d unanswered, %d sleeps of a loop that was "
+                "too busy, %d fingers left out of passes that were too dear (details: `status`)",
                 loop.missed_ticks,
                 ledger.late_frames,
                 ledger.unanswered,
+                loop.breaths,
                 touch.left_out_fingers,
             )
 

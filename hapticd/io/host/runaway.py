@@ -1,6 +1,6 @@
 """Guards of a loop with real-time priority that would never sleep: the kernel kills it at RLIMIT_RTTIME without a word.
 
-Breather             sleeps for a moment where the loop's thread has run for long without a sleep
+Breather             sleeps for a moment where the loop's thread has run for long without a sleep, and after an overrun
 on_processor_limit   at the soft limit, the sooner one: gives the priority back, and says so
 """
 
@@ -17,8 +17,16 @@ BUSY_FRAC: Final = 0.95  # of a window: a loop that sleeps is below
 BREATH_S: Final = 0.001  # any sleep ends the kernel's count; this one also lets others run
 
 
+def is_real_time() -> bool:
+    """Return whether the kernel counts this thread against RLIMIT_RTTIME, and lets nothing ordinary run beside it."""
+    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+
+
 class Breather:
-    """Sleeps BREATH_S where a thread has not slept for WINDOW_NS, and after what took too long; `breaths` counts."""
+    """Sleeps BREATH_S where a real-time thread has not slept for WINDOW_NS, and after what took too long.
+
+    `breaths` counts.
+    """
 
     def __init__(
         self,
@@ -26,24 +34,25 @@ class Breather:
         clock_ns: Callable[[], int] = time.monotonic_ns,
         ran_ns: Callable[[], int] = time.thread_time_ns,
         sleep: Callable[[float], None] = time.sleep,
+        is_real_time: Callable[[], bool] = is_real_time,
     ) -> None:
         self.breaths = 0
+        self._is_real_time = is_real_time
         self._clock_ns = clock_ns
         self._ran_ns = ran_ns
         self._sleep = sleep
         self._t_ns, self._t_ran_ns = clock_ns(), ran_ns()
 
-    def look(self, *, is_overrun: bool = False) -> bool:
-        """Sleep if it is time; return whether it was."""
+    def look(self, *, is_overrun: bool = False) -> None:
+        """Sleep if it is time."""
         span_ns = self._clock_ns() - self._t_ns
         if span_ns < WINDOW_NS and not is_overrun:
-            return False
-        is_busy = is_overrun or self._ran_ns() - self._t_ran_ns >= BUSY_FRAC * span_ns
-        if is_busy:
+            return
+        is_busy = self._ran_ns() - self._t_ran_ns >= BUSY_FRAC * span_ns
+        if is_overrun or (is_busy and self._is_real_time()):
             self._sleep(BREATH_S)
             self.breaths += 1
         self._t_ns, self._t_ran_ns = self._clock_ns(), self._ran_ns()
-        return is_busy
 
 
 def on_processor_limit(say: Callable[[str], None]) -> None:

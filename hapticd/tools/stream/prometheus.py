@@ -96,7 +96,7 @@ COUNTERS = (
     Figure("timing.missed_ticks", "ticks_missed", "Timer ticks skipped because the loop was busy"),
     Figure("timing.pauses", "collector_pauses", "Garbage collections of more than 1 ms"),
     Figure("timing.overruns", "passes_overrun", "Passes that took the processor for more than 8 ms"),
-    Figure("timing.breaths", "loop_breaths", "Sleeps of a loop that had no pause"),
+    Figure("timing.breaths", "loop_breaths", "Sleeps of a loop that was too busy"),
     Figure("timing.late_frames", "frames_late", "Frames applied more than 1 ms late"),
     Figure("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
     Figure("calibration.verdicts", "calibration_verdicts", "Fits of what touches do to the plate"),
