@@ -132,7 +132,8 @@ class LoopTiming:
 
     `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
     loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS; `overruns` are
-    passes that took more than `core.budget.OVERRUN_NS` of the processor, `breaths` the sleeps of a loop that was too busy.
+    passes that took more than `core.budget.OVERRUN_NS` of the processor, `breaths` the sleeps of a loop that was too
+    busy.
     """
 
     read_age: Histogram = field(default_factory=Histogram)
