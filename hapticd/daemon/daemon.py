@@ -343,7 +343,7 @@ class Daemon:
 
     def _log_missed(self) -> None:
         loop, ledger, touch = self.machine.status.loop, self.machine.session.ledger, self.machine.pipeline.counters
-        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered + loop.breaths + touch.left_out_fingers
+        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered + touch.left_out_fingers
         if missed > self._logged_missed:
             self._logged_missed = missed
             log.warning(
