@@ -8,8 +8,9 @@ A ZeroMQ file descriptor is edge-triggered, and any call on the socket may consu
 send reads to the end, and `sweep`, called periodically by the daemon, finds what a consumed edge left behind.
 zmq.asyncio is not used for messages: it receives five times slower, and its tail is a tick long under load.
 
-A flood cannot block the loop: a wake-up reads each socket for BUDGET_S, then pauses for BREAK_S, and each sender has a
-rate limit (senders.py). Losses are counted and logged.
+A flood cannot block the loop: a wake-up reads each socket for BUDGET_S, then pauses for BREAK_S, or for as long as it
+took where messages are dear or the machine is slow; each sender has a rate limit (senders.py). Losses are counted and
+logged.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ log = logging.getLogger("hapticd")
 
 MAX_READS = 64  # per socket and wake-up, so that a flood cannot delay the tick
 BUDGET_S = 0.0005  # the same in time, for messages that are slow to read
-BREAK_S = 0.005  # between wake-ups under a flood
+BREAK_S = 0.005  # between wake-ups under a flood, at least
 MAX_PARTS = 3  # of a request: identity, an empty delimiter from REQ clients, payload
 REQUESTS_WAITING = 8  # queued per sender beyond its rate; of `targets` only the newest matters
 LOG_EVERY_S = 10.0  # shortest time between two log lines about losses
@@ -130,6 +131,7 @@ class ClientServer:
         service = self._service
         if service is None:
             return
+        t_s = service.loop.time()
         more = self._read_targets(service)
         more |= self._read_requests(service)
         had_listener = self.has_subscribers
@@ -137,8 +139,9 @@ class ClientServer:
         if self.has_subscribers and not had_listener:
             service.on_listener()
         if more and self._break is None:  # what is still waiting raises no new edge
-            self._break = service.loop.call_later(BREAK_S, self._resume)
-        self._log_losses(service.loop.time())
+            took_s = service.loop.time() - t_s
+            self._break = service.loop.call_later(max(BREAK_S, took_s), self._resume)
+        self._log_losses(t_s)
 
     def close(self) -> None:
         """Stop serving, remove the sockets, then release the lock. Safe to call twice, and after a failed start."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import os
 import stat
 from pathlib import Path
@@ -17,7 +18,7 @@ from hapticd.errors import AlreadyRunningError, HapticdError
 from hapticd.io.clients.record_socket import RecordSocket
 from hapticd.io.clients.runtime_dir import own_directory
 from hapticd.io.clients.senders import BURST
-from hapticd.io.clients.server import MAX_MESSAGE_BYTES, MAX_READS, ClientServer, runtime_directory
+from hapticd.io.clients.server import BREAK_S, MAX_MESSAGE_BYTES, MAX_READS, ClientServer, runtime_directory
 from hapticd.wire.fields import MAX_PAYLOAD_BYTES
 
 # --- targets ----------------------------------------------------------------------------------------------------
@@ -54,6 +55,36 @@ async def test_one_wake_up_reads_no_more_than_its_share_and_the_rest_follows_by_
             await until(lambda: len(running.messages) >= BURST)
             assert max(per_wake_up) <= MAX_READS
             assert len([count for count in per_wake_up if count > 0]) > 1
+
+
+@asynchronous
+async def test_after_dear_messages_it_leaves_the_loop_to_others_for_as_long_as_it_took(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with served(tmp_path) as running:
+        loop, late_s, breaks_s = asyncio.get_running_loop(), 0.0, list[float]()
+        now, later = loop.time, loop.call_later
+
+        def slow(payload: bytes, _user: str) -> None:
+            nonlocal late_s
+            late_s += 4 * BREAK_S  # a clock that is moved: nothing is waited for
+            running.messages.append(payload)
+
+        def call_later(delay_s: float, callback: Any, *args: Any) -> asyncio.TimerHandle:
+            if callback == running.server._resume:
+                breaks_s.append(delay_s)
+            return later(0.0, callback, *args)
+
+        monkeypatch.setattr(loop, "time", lambda: now() + late_s)
+        monkeypatch.setattr(loop, "call_later", call_later)
+        assert running.server._service is not None
+        monkeypatch.setattr(running.server, "_service", dataclasses.replace(running.server._service, on_message=slow))
+        with connected(tmp_path, zmq.PUSH, "targets") as client:
+            for n in range(3):
+                client.send(b"%d" % n)
+            await running.until(lambda: len(running.messages) == 3)
+        assert len(breaks_s) >= 2
+        assert min(breaks_s) >= 4 * BREAK_S
 
 
 @asynchronous
