@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -65,6 +66,7 @@ def glued_plate_modes(
     return [(float(frequency_hz[at]), _mode_shape(size_mm, shape)) for at, shape in zip(inside, shapes, strict=True)]
 
 
+@lru_cache(maxsize=2)  # of the same plate with other patches
 def _basis(size_mm: tuple[float, float], poisson: float, most_1_m4: float) -> tuple[FloatArray, FloatArray]:
     """Return k^4 (n,) and the coefficients (n, nx, ny) of the free plate's modes up to `most_1_m4`."""
     wave_rad_m = most_1_m4**0.25
@@ -104,11 +106,16 @@ def _patch_integrals(
 
 def _section_nm(plate: Material, thickness_mm: float, patch: Patch) -> float:
     """Return the bending stiffness of plate and patch about their neutral axis."""
-    stiff = [_plane_gpa(plate) * thickness_mm, _plane_gpa(patch.material) * patch.thickness_mm]
     middles_mm = thickness_mm / 2.0, thickness_mm + patch.thickness_mm / 2.0
-    axis_mm = (stiff[0] * middles_mm[0] + stiff[1] * middles_mm[1]) / sum(stiff)
+    axis_mm = neutral_axis_mm(plate, thickness_mm, patch)
     layers = ((plate, thickness_mm, middles_mm[0]), (patch.material, patch.thickness_mm, middles_mm[1]))
     return sum(_layer_nm(of, layer_mm, middle_mm, axis_mm) for of, layer_mm, middle_mm in layers)
+
+
+def neutral_axis_mm(plate: Material, thickness_mm: float, patch: Patch) -> float:
+    """Return the height of the neutral axis of plate and patch above the bare face."""
+    stiff = [_plane_gpa(plate) * thickness_mm, _plane_gpa(patch.material) * patch.thickness_mm]
+    return (stiff[0] * thickness_mm / 2.0 + stiff[1] * (thickness_mm + patch.thickness_mm / 2.0)) / sum(stiff)
 
 
 def _layer_nm(of: Material, thickness_mm: float, middle_mm: float, axis_mm: float) -> float:

@@ -70,12 +70,14 @@ def edge_places(size_mm: tuple[float, float], patch_mm: tuple[float, float]) -> 
     return np.array(sides)
 
 
-def couplings(shapes: Sequence[ModeShape], places_mm: FloatArray, patch_mm: tuple[float, float]) -> FloatArray:
-    """Return the integrals (M, n) of w_xx + w_yy over a patch at each of `places_mm` (n, 2), in 1/mm^2 times mm^2."""
+def couplings(shapes: Sequence[ModeShape], places_mm: FloatArray, patch_mm: npt.ArrayLike) -> FloatArray:
+    """Return the integrals (M, n) of w_xx + w_yy over a patch at each of `places_mm` (n, 2), in 1/mm^2 times mm^2.
+
+    `patch_mm` is the width and depth of all of them (2,), or of each (n, 2)."""
     points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
     size = np.array(shapes[0].size_mm)
-    half = np.array(patch_mm) / 2.0
-    inside = places_mm[:, None] + half * points[:, None]  # (n, q, 2): x and y of the rule's points
+    half = np.broadcast_to(np.asarray(patch_mm, np.float64) / 2.0, places_mm.shape)
+    inside = places_mm[:, None] + half[:, None] * points[:, None]  # (n, q, 2): x and y of the rule's points
     plate = inside * (2.0 / size)
     found = []
     for shape in shapes:
@@ -88,7 +90,7 @@ def couplings(shapes: Sequence[ModeShape], places_mm: FloatArray, patch_mm: tupl
             np.einsum("nqi,ij,nrj,q,r->n", x, shape.coefficients, y, weights, weights, optimize=True)
             for x, y in ((bend[0], value[1]), (value[0], bend[1]))
         )
-        found.append(curvature * half[0] * half[1])
+        found.append(curvature * half[:, 0] * half[:, 1])
     return np.array(found)
 
 
