@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..files import plotting
 from .fingers.scenarios import STEP_S
 from .lockstep import Run, scheme_config
@@ -75,14 +76,20 @@ class Film:
 
     def contacts_um(self, seconds: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return instants of the first `seconds` (T',), and then the RMS amplitude over each contact (T',N)."""
-        part = slice(None, int(np.searchsorted(self.t_s, self.t_s[0] + seconds)), CONTACT_EVERY)
+        part = self._first(seconds)
         return self.t_s[part], felt(self.finger_mm[part], self.plate_um[part], self._shapes)[0]
 
-    def contacts_at_um(self, index: int) -> npt.NDArray[np.float64]:
-        """Return the RMS amplitude over each contact (N,) at one instant."""
-        part = slice(index, index + 1)
-        contacts_um: npt.NDArray[np.float64] = felt(self.finger_mm[part], self.plate_um[part], self._shapes)[0][0]
-        return contacts_um
+    def frictions(self, seconds: float) -> tuple[npt.NDArray[np.float64], ...]:
+        """Return instants of the first `seconds` (T',), and the frictions that contacts feel and are asked (T',N).
+
+        Relative to bare glass, by the built-in curve.
+        """
+        part = self._first(seconds)
+        got = felt(self.finger_mm[part], self.plate_um[part], self._shapes)[1]
+        return self.t_s[part], got, DEFAULT_FRICTION_CURVE.frictions(self.target_um[part], np.zeros_like(got))
+
+    def _first(self, seconds: float) -> slice:
+        return slice(None, int(np.searchsorted(self.t_s, self.t_s[0] + seconds)), CONTACT_EVERY)
 
     def field_um(
         self, index: int, x_mm: npt.NDArray[np.float64], y_mm: npt.NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -73,14 +74,16 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
     draw(paper, ours, tmp_path / "demo.png", seconds=1.0, source="demo")
     papers, hapticds, plate, _ = figures[0].axes
     at = typical_instant(ours, 1.0)
-    contacts_um = ours.contacts_at_um(at)
+    t_s, got, asked = ours.frictions(1.0)
+    here = t_s.tolist().index(ours.t_s[at])
+    assert asked[here].tolist() == pytest.approx([math.exp(-1.0 / 0.7), 1.0])
     assert [text.get_text() for text in plate.texts] == [
-        f"finger 1: asked 1 µm, gets {contacts_um[0]:.2f}",
-        f"finger 2: asked 0 µm, gets {contacts_um[1]:.2f}",
+        f"finger 1: asked 0.24, feels {got[here, 0]:.2f}",
+        f"finger 2: asked 1.00, feels {got[here, 1]:.2f}",
     ]
     assert {tuple(patch.center) for patch in plate.patches} == {tuple(place) for place in ours.finger_mm[at]}
-    assert papers.get_title(loc="left") == f"the paper's scheme: {paper.score.contrast:.1f} to 1"
-    assert hapticds.get_title(loc="left") == f"hapticd: {ours.score.contrast:.1f} to 1"
+    assert papers.get_title(loc="left") == f"the paper's scheme: as asked {paper.score.felt_frac:.0%} of the time"
+    assert hapticds.get_title(loc="left") == f"hapticd: as asked {ours.score.felt_frac:.0%} of the time"
     assert papers.get_ylim() == hapticds.get_ylim()
     assert faults(figures[0]) == []
 
@@ -88,10 +91,9 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
 def test_the_instant_of_the_picture_is_a_typical_one_and_the_field_under_a_finger_is_what_it_gets() -> None:
     film = Film.of(lockstep.run("strokes", seconds=1.5), REFERENCE).between(0.7, 1.5)
     at = typical_instant(film, 1.0)
-    usual_um = np.array([film.score.contact_slip_um, film.score.contact_leak_um])
-    _, contacts_um = film.contacts_um(1.0)
-    off = np.abs(np.log(contacts_um / usual_um)).sum(axis=1)
-    assert np.abs(np.log(film.contacts_at_um(at) / usual_um)).sum() < np.quantile(off, 0.2)
+    t_s, got, _ = film.frictions(1.0)
+    off = np.abs(np.log(got / np.median(got, axis=0))).sum(axis=1)
+    assert off[t_s.tolist().index(film.t_s[at])] == off.min()
     (x_mm, y_mm), centre_um = film.finger_mm[at][0], abs(film.truth_um[at, 0])
     assert film.field_um(at, np.array([x_mm]), np.array([y_mm]))[0, 0] == pytest.approx(centre_um, abs=0.02)
 
