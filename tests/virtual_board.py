@@ -80,8 +80,7 @@ class PlateLink(BoardLink):
 
     def __init__(self, plate: GroundTruth) -> None:
         super().__init__()
-        w_limit_um = (plate.settings.w_limit_um,) * 2
-        self.world = World((), plate, w_limit_um=w_limit_um, seed=1, boot_id=7, keep=False)
+        self.world = World((), plate, w_limit_um=plate.w_limit_um, seed=1, boot_id=7, keep=False)
 
     def write(self, data: bytes) -> bool:
         self._loop.call_later(LINK_S, lambda: self.world.receive(data, self.world.t_s))

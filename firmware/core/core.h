@@ -28,7 +28,7 @@
 /* A message to the host, taken from the core under the lock and encoded outside of it. */
 typedef struct {
     uint8_t type; /* enum hd_message */
-    uint8_t n;    /* of the payload */
+    uint16_t n;   /* of the payload: telemetry of eight modes has 267 bytes */
     union {
         hd_wire_hello_t hello;
         hd_wire_status_t status;
@@ -42,7 +42,7 @@ typedef struct {
 } hd_message_t;
 
 /* Any frame of the board's fits into a buffer of this size: type, payload and CRC. */
-#define HD_TRANSMIT_MIN HD_LINE_SIZE(sizeof(hd_message_t) - 1 + 2)
+#define HD_TRANSMIT_MIN HD_LINE_SIZE(1 + sizeof(((hd_message_t *)0)->payload) + 2)
 
 /* A frame from the host, validated independently of the core's state. */
 typedef struct {

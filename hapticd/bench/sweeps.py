@@ -15,13 +15,14 @@ from ..design.wiring import AmplifierSweep, fit_wiring
 from ..sim.lockstep import TICK_NS, Measured
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 
-BAND_HZ, POINTS, DWELL_S, VOLTS_V = 100.0, 41, 0.1, 15.0  # the command's defaults
+BAND_HZ, BESIDE_HZ, POINTS, DWELL_S, VOLTS_V = 100.0, 50.0, 41, 0.1, 15.0  # the command's defaults
 
 
 def swept(settings: PlateSettings, seed: int) -> Measured:
     """Return the mode map of `seed`, and the calibration by sweeps whose noise is that of `seed` too."""
     plate, random = GroundTruth(settings), np.random.default_rng([seed, 15])
-    frequency_hz = settings.drive_hz + np.linspace(-BAND_HZ, BAND_HZ, POINTS)
+    band_hz = max(BAND_HZ, float(np.abs(plate.nominal_detuning_rad_s).max()) / (2.0 * math.pi) + BESIDE_HZ)
+    frequency_hz = settings.drive_hz + np.linspace(-band_hz, band_hz, POINTS)
     away_rad_s = plate.detuning_rad_s - 2.0 * math.pi * (frequency_hz[:, None] - settings.drive_hz)
     follows_s = -1j / (plate.decay_1_s - 1j * away_rad_s)  # (F, P)
     noise = settings.sensor_noise_um / math.sqrt(DWELL_S / 2.0 * 1e9 / TICK_NS) / VOLTS_V

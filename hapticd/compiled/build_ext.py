@@ -26,14 +26,14 @@ GROUP = "hapticd.core.compiled"
 FLAGS = ["-ffp-contract=off", "-fvisibility=hidden"]
 NO_WARNINGS = "-Wno-all"  # Python's own flags ask for them, and with them gcc takes six times as long for generated C
 PARALLEL = "-flto=auto"
-MORE_MODES = range(3, 7)  # than the board's two
+MORE_MODES = range(3, 9)  # than the board's two: up to hapticd.config.sections.MOST_MODES
 SINE_TABLE = "firmware/core/sine.c"  # takes the compiler 3 s, and is the same for any number of modes
 BOARD = Lock()
 LISTING = {"egg_info", "dist_info", "sdist"}  # they build nothing, pip runs two of them first, and mypyc takes 10 s
 
 
 class BuildExt(build_ext.build_ext):
-    """Builds the board for two to six modes and the compiled modules, on all cores."""
+    """Builds the board for two to eight modes and the compiled modules, on all cores."""
 
     def finalize_options(self) -> None:
         """Complete the list of extensions before setuptools counts them; several commands call this."""

@@ -15,7 +15,7 @@ from typing import Any, cast
 from ..errors import ConfigError
 from ..files.toml_file import read_table
 from .keys import bounds_text, checked, nearest, toml
-from .sections import SIMULATED, ClientConfig, Config, LimitsConfig
+from .sections import MOST_MODES, SIMULATED, ClientConfig, Config, LimitsConfig
 
 MAX_PORT = 65535
 MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
@@ -111,8 +111,8 @@ def _check_together(config: Config, where: str) -> None:
         if len(value) != length:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
     _check_matrix(config.trackpad.matrix, where)
-    if not 1 <= len(config.limits.w_limit_um) <= 8:
-        raise ConfigError(f"{where}: limits.w_limit_um: needs one number per mode (1 .. 8).")
+    if not 1 <= len(config.limits.w_limit_um) <= MOST_MODES:
+        raise ConfigError(f"{where}: limits.w_limit_um: needs one number per mode (1 .. {MOST_MODES}).")
     curve = config.plate.friction_curve
     if curve and (len(curve) < 2 or curve[0] != 0.0 or any(a >= b for a, b in pairwise(curve))):
         raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, starting at 0.")

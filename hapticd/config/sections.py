@@ -13,9 +13,10 @@ SIMULATED = "sim"
 FELT = "felt"
 CONTRAST = "contrast"
 OBJECTIVES = (FELT, CONTRAST)
+LEAST_MODES, MOST_MODES = 2, 8  # with an amplifier each: boards are built for these
 
 # Repeated from the simulation, which is not loaded when a configuration is checked; tests compare them.
-PLATE_NAMES = ("reference", "fingertip")
+PLATE_NAMES = ("reference", "fingertip", "wide")
 WIRING_NAMES = ("identity", "paper", "swapped", "inverted")
 SCENARIO_NAMES = (
     "strokes",
@@ -214,7 +215,7 @@ class SimConfig:
     scenario: str = key("strokes", "scenario of the simulated fingers", choices=SCENARIO_NAMES)
     seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
     plate: str = key("reference", f"one of {', '.join(PLATE_NAMES)}, or a plate's file (.toml)")
-    modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=8)
+    modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=MOST_MODES)
     wiring: str = key("identity", "of amplifiers and sensors to the modes; two are wrong", choices=WIRING_NAMES)
     rig_dir: str = key("", "directory of a running rig; empty: the daemon starts one")
 

@@ -38,7 +38,7 @@ from ..wire import device as device_wire
 from ..wire import protocol
 from ..wire.commands import encode
 from .observer import Observed
-from .settings import telemetry_hz
+from .settings import LONGEST_FRAME_S, max_knots, telemetry_hz
 
 log = logging.getLogger("hapticd")
 
@@ -99,6 +99,7 @@ class BoardGateway:
         self._first_baud = self.baud = config.device.baud
         self._set_baud = set_baud
         self._t_pulse_ns = -PULSE_EVERY_NS
+        self._config = config
         self._w_limit_um = config.limits.w_limit_um
         self._calibration = calibration
         self._resend = resend
@@ -185,9 +186,20 @@ class BoardGateway:
                 self.refused = str(error)
             return
         self.refused = ""
-        if hello != self.session.hello:  # else it only answered the request to rest
+        is_new = hello != self.session.hello  # else it only answered the request to rest
+        if is_new:
             log.info("board: firmware %s, boot %08x, %d modes", hello.firmware_version, hello.boot_id, hello.modes)
         self._send(self.session.receive_hello(hello, t_now_ns), t_now_ns)
+        if is_new and not isinstance(self.session.setting, SetBaud):  # on the line that the session stays on
+            self._report_knots(hello.modes)
+
+    def _report_knots(self, modes: int) -> None:
+        """Log where the line is too slow for frames of `solver.max_knots`."""
+        knots, most = max_knots(self._config, self.baud), self._config.solver.max_knots
+        if knots < most:
+            within_ms = 1e3 * LONGEST_FRAME_S
+            slow = "a reference frame of %d modes has %d knots, not %d: at %d baud more take over %g ms"
+            log.info(f"board: {slow}", modes, knots, most, self.baud, within_ms)
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
         booked = self.session.ledger.age.count

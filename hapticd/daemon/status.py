@@ -165,7 +165,7 @@ class Status:
                 "overtaken": clients.overtaken,
                 **self.lost_messages(),
             },
-            "board": _board(self._board),
+            "board": _board(self._board, self._pipeline.max_knots),
             "recording": dict(self.recording()),
             "calibration": dict(self.calibration()),
             "real_time": dict(self.real_time),
@@ -267,7 +267,7 @@ def _ago_ms(t_ns: int | None, t_now_ns: int) -> float | None:
     return None if t_ns is None else (t_now_ns - t_ns) * 1e-6
 
 
-def _board(board: BoardGateway) -> dict[str, object]:
+def _board(board: BoardGateway, max_knots: int) -> dict[str, object]:
     session = board.session
     hello, last = session.hello, session.status
     fields: dict[str, object] = {
@@ -291,6 +291,7 @@ def _board(board: BoardGateway) -> dict[str, object]:
             "has_sync": hello.has_sync,
             "w_limit_um": list(hello.w_limit_um),
             "baud": board.baud,
+            "max_knots": max_knots,
         }
     if hello is not None and last is not None and last.drive_hz > 0.0:
         fields |= {"drive_hz": last.drive_hz, "drive_moved_hz": last.drive_hz - session.drive_hz}

@@ -1,10 +1,10 @@
 """Fit of all modes and wires to sweeps of one amplifier at a time, in which all sensors were recorded.
 
-The response of sensor s to amplifier a is y = sum_p R_p[s, a] / (sigma_p - 2 pi j (f_p - f)) + b[s, a]. The poles are
-the plate's and the same in every response; they are found by one rational fit with a common denominator (Sanathanan and
-Koerner, 1963). The residue of a mode is a product, what the sensors see of it times what the amplifiers do to it, so it
-has rank one: its first singular vectors are the columns of both matrices. b is the feedthrough: electrical, and the
-nearly constant response of other modes.
+The responses y (sensors) to one amplifier follow s y = K y + n0 + n1 s, where K (sensors, sensors) is the same for
+all amplifiers: its eigenvalues are the plate's poles, its eigenvectors what the sensors see of each mode. Each row of K
+is a weighted linear fit (Sanathanan and Koerner, 1963). Sensors thus tell modes apart that lie far closer than their
+width, such as two of eight modes 1 Hz from each other, of which one denominator for all responses shows one. What the
+amplifiers do to each mode, and the feedthrough, electrical and of other modes, is then linear.
 
 A mode's amplitude is the root of the sum of squares over all sensors, positive in the first that sees half of it.
 """
@@ -28,6 +28,7 @@ ComplexArray = npt.NDArray[np.complex128]
 
 HALF = 0.5  # of the largest: the first such wire gives a mode its sign
 SEEN_FRAC = 0.05  # of the strongest residue: a pole with less is no mode of this plate
+NOT_ALIKE = "The responses do not look like {} resonances: sweep a wider band around them, or with more voltage."
 OWN = 0.5  # of the largest product of a mode's sensor and amplifier: they then belong together
 
 
@@ -124,19 +125,21 @@ def fit_wiring(sweeps: Sequence[AmplifierSweep]) -> MeasuredWiring:
         raise ValueError("The sweeps hold one frequency, or no vibration: repeat them with more voltage.")
     s = [np.asarray(1j * (sweep.frequency_hz - centre_hz) / half_hz, np.complex128) for sweep in sweeps]
     y = [np.asarray(sweep.response_um_per_v / scale, np.complex128) for sweep in sweeps]
-    poles = _common_poles(s, y, count)
+    try:
+        poles, senses = _poles_and_senses(s, y)
+        residues, background = _drives(s, y, poles, senses)
+    except np.linalg.LinAlgError:
+        raise ValueError(NOT_ALIKE.format(count)) from None
     decay_1_s = -2.0 * math.pi * half_hz * poles.real
     frequency_hz = centre_hz + half_hz * poles.imag
     if not ((decay_1_s > 0.0).all() and (frequency_hz > 0.0).all()):
-        raise ValueError(
-            f"The responses do not look like {count} resonances: sweep a wider band around them, or with more voltage."
-        )
-    residues, background = _residues(s, y, poles)
-    peaks = np.abs(residues).max(axis=(1, 2)) / decay_1_s
+        raise ValueError(NOT_ALIKE.format(count))
+    products = np.einsum("sp,pa->psa", senses, residues)
+    peaks = np.abs(products).max(axis=(1, 2)) / decay_1_s
     if peaks.min() < SEEN_FRAC * peaks.max():
         raise ValueError(f"The sweeps show fewer than {count} resonances: sweep a wider band around them.")
-    order = _order(residues, frequency_hz)
-    columns = [_rank_one(2.0 * math.pi * half_hz * scale * residues[p]) for p in order]
+    order = _order(products, frequency_hz)
+    columns = [_of_length_1(senses[:, p], 2.0 * math.pi * half_hz * scale * residues[p]) for p in order]
     senses = np.column_stack([seen for seen, _ in columns])
     drives = np.vstack([driven for _, driven in columns])
     sense = np.linalg.inv(senses)
@@ -158,36 +161,47 @@ def fit_wiring(sweeps: Sequence[AmplifierSweep]) -> MeasuredWiring:
     return MeasuredWiring(tuple(fits), drives, senses, scale * background)
 
 
-def _common_poles(s: Sequence[ComplexArray], y: Sequence[ComplexArray], count: int) -> ComplexArray:
-    """Return the poles (count,) of all responses y (n, M), each a list with one entry per amplifier."""
-    powers = [at[:, None] ** np.arange(count + 1) for at in s]
-    responses = [(a, k) for a in range(len(s)) for k in range(y[a].shape[1])]
-    weights = [np.ones(len(at)) for at in s]
-    denominator = np.zeros(count + 1, np.complex128)
-    for _ in range(ITERATIONS):
-        rows, sides = [], []
-        for place, (a, k) in enumerate(responses):
-            block = np.zeros((len(s[a]), (count + 1) * len(responses) + count), np.complex128)
-            block[:, place * (count + 1) : (place + 1) * (count + 1)] = powers[a]
-            block[:, -count:] = -y[a][:, k, None] * powers[a][:, :count]
-            rows.append(block * weights[a][:, None])
-            sides.append(y[a][:, k] * powers[a][:, count] * weights[a])
-        solution, *_ = np.linalg.lstsq(np.vstack(rows), np.concatenate(sides))
-        denominator = np.append(solution[-count:], 1.0)
-        weights = [1.0 / np.maximum(np.abs(power @ denominator), 1e-6) for power in powers]
-    return np.asarray(np.roots(denominator[::-1]), np.complex128)
+def _poles_and_senses(s: Sequence[ComplexArray], y: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]:
+    """Return the poles (P,), and what the sensors see of each mode (sensors, P), of responses y (n, sensors), each a
+    list with one entry per amplifier.
+    """
+    count = len(s)
+    numerators = [np.column_stack([np.ones(len(at)), at]) for at in s]
+    between = np.zeros((count, count), np.complex128)
+    for step in range(ITERATIONS):
+        rows = []
+        for sensor, row in enumerate(between):
+            lefts, sides = [], []
+            for at, responses, numerator in zip(s, y, numerators, strict=True):
+                misses = np.sqrt(np.abs(at - row[sensor]) ** 2 + np.sum(np.abs(np.delete(row, sensor)) ** 2))
+                weight = 1.0 / np.maximum(misses, 1e-6) if step else np.ones(len(at))
+                own = np.linalg.qr(numerator * weight[:, None])[0]
+                block = np.column_stack([responses, at * responses[:, sensor]]) * weight[:, None]
+                left = block - own @ (own.conj().T @ block)
+                lefts.append(left[:, :-1])
+                sides.append(left[:, -1])
+            rows.append(np.linalg.lstsq(np.vstack(lefts), np.concatenate(sides))[0])
+        between = np.array(rows)
+    poles, senses = np.linalg.eig(between)
+    return poles, senses
 
 
-def _residues(
-    s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray
+def _drives(
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray, senses: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return residues (P, sensors, amplifiers) and backgrounds (sensors, amplifiers) for known poles."""
-    columns = []
+    """Return residues (P, amplifiers) of the modes that the sensors see so, and backgrounds (sensors, amplifiers)."""
+    seen = np.linalg.inv(senses).T
+    residues, background = [], []
     for at, responses in zip(s, y, strict=True):
-        basis = np.column_stack([1.0 / (at[:, None] - poles), np.ones(len(at))])
-        columns.append(np.linalg.lstsq(basis, responses)[0])  # (P + 1, sensors)
-    found = np.stack(columns, axis=2)
-    return found[:-1], found[-1]
+        modal = responses @ seen
+        found = [
+            np.linalg.lstsq(np.column_stack([1.0 / (at - pole), np.ones(len(at))]), modal[:, p])[0]
+            for p, pole in enumerate(poles)
+        ]
+        residue, constant = np.array(found).T
+        residues.append(residue)
+        background.append(senses @ constant)
+    return np.array(residues).T, np.array(background).T
 
 
 def _order(residues: ComplexArray, frequency_hz: FloatArray) -> tuple[int, ...]:
@@ -199,12 +213,10 @@ def _order(residues: ComplexArray, frequency_hz: FloatArray) -> tuple[int, ...]:
     return best if (is_own == np.eye(count, dtype=bool)).all() else tuple(np.argsort(frequency_hz).tolist())
 
 
-def _rank_one(residue: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return the sensors' column (M,), of length 1, and the amplifiers' row (M,) of a residue."""
-    seen, size, driven = np.linalg.svd(residue)
-    first = seen[:, 0]
-    turn = np.exp(-1j * np.angle(first[_first_large(first)]))
-    return first * turn, size[0] * driven[0] / turn
+def _of_length_1(seen: ComplexArray, driven: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return a mode's sensors, of length 1 and positive in the first that sees half of it, and its amplifiers."""
+    turned = np.linalg.norm(seen) * np.exp(1j * np.angle(seen[_first_large(seen)]))
+    return seen / turned, driven * turned
 
 
 def _first_large(values: ComplexArray) -> int:

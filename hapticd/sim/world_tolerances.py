@@ -8,12 +8,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from ..config.sections import MOST_MODES  # of a plate: errors are drawn for all, whatever plate is played
 from ..errors import SimulationError
 from .fingers.pad_noise import PadNoise
 from .world_errors import FingerLoad, MapChange, PadPose, SensorErrors, WorldErrors
-
-MODES_MOST: Final = 8  # of a plate: errors are drawn for all, whatever plate is played
-SENSORS_MOST: Final = 6
 
 
 class Tolerance(NamedTuple):
@@ -55,6 +53,7 @@ LEVELS: Final = ("mild", "laboratory", "worst")
 
 _CORRELATION: Final = 0.65  # of real pads that filter
 _USUAL_RAMP_S: Final = 0.3
+_FIRST_MODES: Final = 6  # that boards had when the worlds of the published figures were drawn
 
 
 def draw(level: str, seed: int) -> WorldErrors:
@@ -83,14 +82,14 @@ def draw(level: str, seed: int) -> WorldErrors:
         map_noise_frac=drawn.size("map_noise"),
         glue_frac=drawn.size("glue"),
         sensors=SensorErrors(
-            tuple(drawn.signed("sensor_gain", sensor) for sensor in range(SENSORS_MOST)),
-            tuple(drawn.signed("sensor_phase", sensor) for sensor in range(SENSORS_MOST)),
+            tuple(drawn.signed("sensor_gain", sensor) for sensor in range(MOST_MODES)),
+            tuple(drawn.signed("sensor_phase", sensor) for sensor in range(MOST_MODES)),
             tuple(
                 tuple(
-                    0.0 if mode == sensor else drawn.signed("sensor_crosstalk", SENSORS_MOST * sensor + mode)
-                    for mode in range(SENSORS_MOST)
+                    0.0 if mode == sensor else drawn.signed("sensor_crosstalk", _pair(sensor, mode))
+                    for mode in range(MOST_MODES)
                 )
-                for sensor in range(SENSORS_MOST)
+                for sensor in range(MOST_MODES)
             ),
         ),
         finger_load=FingerLoad(
@@ -98,11 +97,16 @@ def draw(level: str, seed: int) -> WorldErrors:
             drawn.signed("finger_detuning"),
             drawn.size("finger_force"),
         ),
-        drift_hz=tuple(drawn.signed("drift", mode) for mode in range(MODES_MOST)),
+        drift_hz=tuple(drawn.signed("drift", mode) for mode in range(MOST_MODES)),
         mistuning_hz=drawn.signed("mistuning"),
         stop_ramp_s=_USUAL_RAMP_S - (_USUAL_RAMP_S - bounds["stop_ramp"]) * drawn.share("stop_ramp"),
         seed=seed,
     )
+
+
+def _pair(sensor: int, mode: int) -> int:
+    """Return a number of its own for each pair, which does not change when boards get more modes."""
+    return _FIRST_MODES * sensor + mode if max(sensor, mode) < _FIRST_MODES else 100 + MOST_MODES * sensor + mode
 
 
 class _Draws:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..config.sections import LEAST_MODES, MOST_MODES
 from ..design.contact_map import contact_map
 from ..design.contact_pairs import surfaces
 from ..design.contact_search import (
@@ -41,7 +42,6 @@ TOML = (".toml",)
 SIZE_STEP_MM, THICKNESS_STEP_MM = 10.0, 0.5
 DRIVES = "27000..33000"  # in Hz: 30 kHz is above hearing, and amplifiers and patches are made for it
 MOST_PLATES = 2000
-LEAST_MODES, MOST_MODES = 2, 8
 ROWS = 15
 CELL_IN = 2.9  # of a mode's picture
 CELLS = 61  # per side of the picture's map

@@ -17,11 +17,16 @@ SWAP, INVERT = np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([1.0, -1.0])
 
 
 def sweeps(
-    drives: npt.ArrayLike, senses: npt.ArrayLike, *, phase_rad: float = 0.3, noise_um_per_v: float = 1e-5
+    drives: npt.ArrayLike,
+    senses: npt.ArrayLike,
+    *,
+    phase_rad: float = 0.3,
+    noise_um_per_v: float = 1e-5,
+    all_hz: npt.NDArray[np.float64] = MODES_HZ,
 ) -> list[AmplifierSweep]:
     """Responses of modes that `drives` (M, M) amplifiers move by 5 um/(V s), and that `senses` (M, M) sensors see."""
     gain, seen = 5.0 * np.asarray(drives), np.asarray(senses)
-    modes_hz, random = MODES_HZ[: len(gain)], np.random.default_rng(3)
+    modes_hz, random = all_hz[: len(gain)], np.random.default_rng(3)
     found = []
     for amplifier in range(len(gain)):
         turned = -1j * np.exp(1j * phase_rad) * gain[:, amplifier]
@@ -89,3 +94,13 @@ def test_sweeps_that_show_no_two_resonances_are_refused() -> None:
         fit_wiring([AmplifierSweep(k, F_HZ, np.full((41, 2), np.nan + 0j)) for k in range(2)])
     with pytest.raises(ValueError, match="no vibration"):
         fit_wiring([AmplifierSweep(k, F_HZ, np.zeros((41, 2), complex)) for k in range(2)])
+
+
+def test_eight_modes_are_told_apart_by_their_sensors_where_two_are_closer_than_a_twentieth_of_their_width() -> None:
+    """As on the wide plate, by the noise of its sweeps."""
+    all_hz = 29205.0 + np.array([-90.0, -70.0, -50.0, 0.0, 17.2, 18.2, 60.0, 80.0])
+    senses = np.eye(8) + 0.01 * (1.0 - np.eye(8))
+    found = fit_wiring(sweeps(np.eye(8), senses, noise_um_per_v=4e-6, all_hz=all_hz))
+    assert [fit.frequency_hz for fit in found.fits] == pytest.approx(all_hz, abs=0.05)
+    seen = np.array([mode.sense for mode in found.calibrations()]) @ senses
+    assert np.abs(seen / np.diag(seen)[:, None] - np.eye(8)).max() < 0.01

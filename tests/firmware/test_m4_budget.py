@@ -163,8 +163,8 @@ def test_a_quiet_board_that_is_given_another_controller_or_model_waits_no_longer
     assert longest.cycles <= 0.075 * board.modes * CHUNK_S * board.core_hz
 
 
-MODE_HZ = (29195.0, 29215.0, 29205.0, 29255.0, 29155.0, 29105.0)
-HELD_UM = (1.5 + 0.2j, -0.7, 0.3, 0.9, -1.1, 0.4)
+MODE_HZ = (29195.0, 29215.0, 29205.0, 29255.0, 29155.0, 29105.0, 29305.0, 29375.0)
+HELD_UM = (1.5 + 0.2j, -0.7, 0.3, 0.9, -1.1, 0.4, -0.5, 0.2)
 
 
 def figures(counts: list[Count], beside_cycles: float = 0.0) -> npt.NDArray[np.float64]:
@@ -201,8 +201,8 @@ def beside_the_core(control_hz: int) -> tuple[npt.NDArray[np.float64], npt.NDArr
     return more[1], more[1] - more[0]
 
 
-@pytest.mark.parametrize(("modes", "load_max"), [(4, 0.45), (5, 0.55), (6, 0.70)])
-def test_of_four_to_six_modes_the_stm32g474_would_have_the_load_but_only_four_in_time(
+@pytest.mark.parametrize(("modes", "load_max"), [(4, 0.45), (5, 0.55), (6, 0.70), (8, 1.0)])
+def test_of_four_to_eight_modes_the_stm32g474_would_have_the_load_but_only_four_in_time(
     modes: int, load_max: float
 ) -> None:
     """A chunk with a tick has to be done before the next one is over, whatever the control rate."""

@@ -155,9 +155,9 @@ def test_pieces_of_any_size_do_the_same_to_the_board(names: list[str], size: int
     assert piecewise.transmit() == whole.transmit() != b""
 
 
-@pytest.mark.parametrize("modes", [2, 3])
+@pytest.mark.parametrize("modes", [2, 3, 8])
 def test_the_longest_frame_is_taken_and_followed(modes: int) -> None:
-    detuning_rad_s = (-60.0, 60.0, 0.0)[:modes]
+    detuning_rad_s = (-60.0, 60.0, *(0.0,) * (modes - 2))
     nominal = {"decay_1_s": (183.0,) * modes, "detuning_rad_s": detuning_rad_s, "gain_um_per_v_s": (5.0,) * modes}
     bench = Bench(w_limit_um=(4.0,) * modes, **nominal)
     bench.arm()

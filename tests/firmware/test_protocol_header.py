@@ -90,7 +90,7 @@ def test_fixed_payloads_are_laid_out_as_the_header_says(name: str) -> None:
     assert host.format == "<" + layout(f"hd_wire_{name}_t")
 
 
-@pytest.mark.parametrize("modes", [2, 3])
+@pytest.mark.parametrize("modes", [2, 3, 8])
 def test_payloads_that_grow_with_the_modes_are_laid_out_as_the_header_says(modes: int) -> None:
     assert layout("hd_wire_hello_t", modes) == protocol.HELLO.format[1:] + "f" * modes + protocol.MORE_HELLO.format[1:]
     status = protocol.STATUS.format[1:] + "ffff" * modes + protocol.MORE_STATUS.format[1:]

@@ -203,7 +203,7 @@ def test_a_dead_sensor_that_sees_both_modes_quietens_the_plate(asked_um: tuple[f
         assert held <= QUIET_WITHIN_MS or abs(wires.senses[dead] @ asked_um) < 0.01
 
 
-@pytest.mark.parametrize("modes", [2, 4, 6])
+@pytest.mark.parametrize("modes", [2, 4, 6, 8])
 @pytest.mark.parametrize("scale", [0.1, 1.0])
 def test_a_dead_sensor_of_a_mode_far_from_the_drive_quietens_the_plate(modes: int, scale: float) -> None:
     """Whose amplifier reaches a tenth of what is asked at most."""

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hapticd.__main__ import main
@@ -76,7 +77,7 @@ def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked(
         ("study run --participant P --out x --modes 4", "give --sim as well."),
         ("demo --modes 9", "--modes: 9 modes cannot be driven on the fingertip plate: give 2 to 6."),
         ("view --sim --wiring paper", "this plate drives 4: choose the reference plate, or 2 modes."),
-        ("simulate strokes --plate steel", "--plate: there is no plate 'steel': give reference, fingertip, or a file;"),
+        ("simulate strokes --plate steel", "there is no plate 'steel': give reference, fingertip, wide, or a file;"),
         ("simulate strokes --plate none.toml", "none.toml: cannot be read (No such file or directory)"),
         ("play sound.wav --plate fingertip", "give --sim as well."),
     ],
@@ -110,12 +111,21 @@ def test_a_plate_may_be_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (found.size_mm, found.drive_hz, found.driven) == ((160.0, 160.0), 32370.0, 2)
 
 
+def test_each_mode_of_a_files_plate_may_have_a_reach_of_its_own(tmp_path: Path) -> None:
+    both = GroundTruth(PlateSettings.of(written(tmp_path / "both.toml")))
+    each = GroundTruth(PlateSettings.of(written(tmp_path / "each.toml", reach_um="[4.23, 8.46]")))
+    assert np.array(each.w_limit_um) / both.w_limit_um == pytest.approx([1.0, 2.0])
+    assert np.diag(each.gain_um_per_v_s) / np.diag(both.gain_um_per_v_s) == pytest.approx([1.0, 2.0])
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({"material": None}, "must have size_mm, thickness_mm, drive_hz, driven, reach_um, modes, material, and"),
         ({"size_mm": "[160.0]"}, "size_mm: [160.0] is not within 10 and 1000."),
         ({"thickness_mm": "true"}, "thickness_mm: True is not within 0.01 and 100."),
+        ({"reach_um": "[4.0, 5.0, 6.0]"}, "reach_um: needs one number, or one for each of 2 driven modes."),
+        ({"reach_um": "[4.0, 0.0]"}, "reach_um: [4.0, 0.0] is not within 0.01 and 100."),
         ({"drive_hz": "nan"}, "drive_hz: nan is not within 2000 and 1e+06."),
         ({"driven": "2.5"}, 'modes are texts such as "13x0", and driven is a whole number;'),
         ({"driven": "3"}, "modes: needs 5 or more, each once; the driven first."),

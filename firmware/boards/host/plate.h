@@ -22,7 +22,7 @@
 #define CMPLX(x, y) __builtin_complex((double)(x), (double)(y))
 #endif
 
-#define HD_PLATE_MODES_MAX 8
+#define HD_PLATE_MODES_MAX 10 /* eight driven ones and two parasitic */
 
 typedef struct {
     int modes;

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ...config.sections import MOST_MODES
 from .carrier import Converters
 from .firmware import Setup, doubles, load
 from .trace import BoardTrace as BoardTrace
@@ -24,14 +25,14 @@ FLAG_LIVE: Final = 0x04
 FLAG_DEADMAN: Final = 0x08
 FLAG_SYNC: Final = 0x10  # the sync output is high
 
-PLATE_MODES_MAX: Final = 8
+PLATE_MODES_MAX: Final = MOST_MODES + 2  # parasitic ones: HD_PLATE_MODES_MAX of firmware/boards/host/plate.h
 
 CHUNK_S: Final = 50e-6  # from a tick to its voltage on the plate: HD_CHUNK of firmware/core/carrier.h
 RESET_POWER: Final = 1
 RESET_WATCHDOG: Final = 4
 
 _LAWS: Final = {"pi": 0, "pi_ff": 1, "deadbeat": 2}
-_TRANSMIT_BYTES: Final = 1024  # all pending messages of six modes together need less
+_TRANSMIT_BYTES: Final = 1024  # what does not fit stays pending: the longest message of eight modes has 271
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,9 @@
 reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y are driven; the next pair is 84 Hz above them.
 fingertip   200 x 200 x 3 mm, designed for contacts: longer waves, and four modes of different families within
             81 Hz of the drive, so that a whole fingertip can be still (`hapticd plate`).
+wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 172 Hz of the
+            drive, the next one 462 Hz away. Its reach is that of eight patches of 20 x 10 mm along its edges, 0.5 mm
+            thick as they get 150 V, which hold all eight modes at their limits together (tests/sim/plate).
 
 Another is read from a TOML file, as `hapticd plate --contacts --glass F.toml` writes it: the keys of `FILE_KEYS`.
 """
@@ -14,6 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from hapticd.config.sections import LEAST_MODES, MOST_MODES
 from hapticd.errors import ConfigError, SimulationError
 from hapticd.files.toml_file import read_table, shown
 
@@ -25,7 +29,7 @@ NUMBERS = {  # bounds of a file's numbers
     "size_mm": (10.0, 1000.0),
     "thickness_mm": (0.01, 100.0),
     "drive_hz": (2000.0, 1e6),
-    "driven": (2, 6),
+    "driven": (LEAST_MODES, MOST_MODES),
     "reach_um": (0.01, 100.0),
 }
 FILE_KEYS = (*NUMBERS, "modes", "material")
@@ -35,8 +39,8 @@ FILE_KEYS = (*NUMBERS, "modes", "material")
 class Glass:
     """A free plate of glass. `modes` are named by their nodal lines (`design.free_plate`); the first are driven.
 
-    `reach_um` is what an amplifier reaches at resonance on the plate without fingers; `material` is one that
-    `design.materials` finds.
+    `reach_um` is what an amplifier reaches at resonance on the plate without fingers, in any mode or in each driven
+    one; `material` is one that `design.materials` finds.
     """
 
     size_mm: tuple[float, float]
@@ -45,7 +49,7 @@ class Glass:
     drive_hz: float
     modes: tuple[str, ...]
     driven: int
-    reach_um: float
+    reach_um: float | tuple[float, ...]
     material: str = "glass"
 
     def mass_ratio(self, other: Glass) -> float:
@@ -59,7 +63,7 @@ class Glass:
         return mine / others
 
 
-REFERENCE, FINGERTIP = "reference", "fingertip"
+REFERENCE, FINGERTIP, WIDE = "reference", "fingertip", "wide"
 GLASSES = {
     REFERENCE: Glass(
         size_mm=(137.5, 137.5),
@@ -79,6 +83,18 @@ GLASSES = {
         driven=4,
         reach_um=4.23,
     ),
+    WIDE: Glass(
+        size_mm=(220.0, 220.0),
+        thickness_mm=3.0,
+        band_hz=(27000.0, 29500.0),
+        drive_hz=28375.0,
+        modes=(
+            *("1x14", "14x1", "13x5+5x13", "13x5-5x13", "14x0+0x14", "7x12", "12x7", "14x0-0x14"),
+            *("14x2-2x14", "14x2+2x14"),
+        ),
+        driven=8,
+        reach_um=6.8,
+    ),
 }
 
 
@@ -91,14 +107,20 @@ def find_glass(name: str) -> Glass:
     return _of_file(name)
 
 
+def most_driven(glass: Glass) -> int:
+    """Return how many modes of a plate may have an amplifier."""
+    reached = len(glass.reach_um) if isinstance(glass.reach_um, tuple) else MOST_MODES
+    return min(len(glass.modes) - LEAST_PARASITIC, reached)
+
+
 def driven_modes(plate: str, count: int = 0) -> int:
     """Return how many modes of a plate have an amplifier: `count`, for 0 the plate's own. Raises ValueError."""
     glass = find_glass(plate)
     if count == 0:
         return glass.driven
-    most = len(glass.modes) - LEAST_PARASITIC
-    if not 2 <= count <= most:
-        raise SimulationError(f"{count} modes cannot be driven on the {plate} plate: give 2 to {most}.")
+    most = most_driven(glass)
+    if not LEAST_MODES <= count <= most:
+        raise SimulationError(f"{count} modes cannot be driven on the {plate} plate: give {LEAST_MODES} to {most}.")
     return count
 
 
@@ -112,8 +134,8 @@ def _of_file(path: str) -> Glass:
         raise SimulationError(f"{path}: must have {', '.join(FILE_KEYS)}, and nothing else; {WRITES}.")
     for key, bounds in NUMBERS.items():
         value = table[key]
-        is_pair = isinstance(value, list) and len(value) == 2
-        numbers = value if key == "size_mm" and is_pair else [value]
+        is_list = isinstance(value, list) and (len(value) == 2 if key == "size_mm" else key == "reach_um")
+        numbers = value if is_list else [value]
         if not all(_is_within(number, bounds) for number in numbers):
             raise SimulationError(f"{path}: {key}: {shown(value)} is not within {bounds[0]:g} and {bounds[1]:g}.")
     modes, driven = table["modes"], table["driven"]
@@ -121,6 +143,9 @@ def _of_file(path: str) -> Glass:
         raise SimulationError(f'{path}: modes are texts such as "13x0", and driven is a whole number; {WRITES}.')
     if len(modes) < driven + LEAST_PARASITIC or len(set(modes)) < len(modes):
         raise SimulationError(f"{path}: modes: needs {driven + LEAST_PARASITIC} or more, each once; the driven first.")
+    reach_um = table["reach_um"]
+    if isinstance(reach_um, list) and len(reach_um) != driven:
+        raise SimulationError(f"{path}: reach_um: needs one number, or one for each of {driven} driven modes.")
     _check_material(path, str(table["material"]))
     drive_hz = float(table["drive_hz"])
     return Glass(
@@ -130,7 +155,7 @@ def _of_file(path: str) -> Glass:
         drive_hz=drive_hz,
         modes=tuple(modes),
         driven=driven,
-        reach_um=float(table["reach_um"]),
+        reach_um=tuple(map(float, reach_um)) if isinstance(reach_um, list) else float(reach_um),
         material=str(table["material"]),
     )
 

@@ -24,11 +24,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from hapticd.config.sections import LEAST_MODES
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
-from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass
+from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass, most_driven
 from .shape_tables import Disturbed, Scan, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .wirings import IDENTITY, wiring
@@ -39,7 +40,7 @@ MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and a
 DRIVEN_MODES = MODES[:2]
 _SPLIT_HZ = 10.0  # a plate is not quite square: modes of equal frequency are this far to either side of it
 _SIZED_EACH = 3  # driven modes of the reference plate whose amplifiers are sized for them
-_LEAST_MODES = 4  # of all
+_LEAST_ALL = 4  # modes
 FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
 _MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
@@ -76,7 +77,7 @@ class PlateSettings:
     wiring: str = IDENTITY
     world: WorldErrors = NEUTRAL
 
-    w_limit_um: float = 4.0
+    w_limit_um: float | tuple[float, ...] = 4.0  # in any mode, or in each that has an amplifier
     v_limit_v: float = 150.0
     sized_for_damping: float = 1.5  # `v_limit_v` holds `w_limit_um` at this many times the undamped plate's decay
     parasitic_coupling: float = 0.02  # of each actuator into each parasitic mode, as a share of its own mode's gain
@@ -97,28 +98,32 @@ class PlateSettings:
         if plate == REFERENCE:
             return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes, wiring=wiring)
         glass = find_glass(plate)
+        driven = glass.driven if driven_modes is None else driven_modes
         return cls(
             plate=plate,
             drive_hz=glass.drive_hz,
-            driven_modes=glass.driven if driven_modes is None else driven_modes,
+            driven_modes=driven,
             finger_decay_1_s=FINGER_DECAY_1_S * GLASSES[REFERENCE].mass_ratio(glass),
-            w_limit_um=glass.reach_um,
+            w_limit_um=glass.reach_um[:driven] if isinstance(glass.reach_um, tuple) else glass.reach_um,
             sized_for_damping=1.0,
             wiring=wiring,
         )
 
     def __post_init__(self) -> None:
-        most = len(find_glass(self.plate).modes) - LEAST_PARASITIC
-        if not 2 <= self.driven_modes <= most:
-            raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give 2 to {most}.")
+        most = most_driven(find_glass(self.plate))
+        if not LEAST_MODES <= self.driven_modes <= most:
+            raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give {LEAST_MODES} to {most}.")
         wiring(self.wiring, self.driven_modes)
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, (str, WorldErrors)):
                 continue
-            if not math.isfinite(value):
+            numbers = value if isinstance(value, tuple) else (value,)
+            if len(numbers) not in (1, self.driven_modes):
+                raise ValueError(f"PlateSettings.{field.name} is {value}; give one number, or one per driven mode.")
+            if not all(map(math.isfinite, numbers)):
                 raise ValueError(f"PlateSettings.{field.name} is {value}; give a finite number.")
-            if field.name in _POSITIVE and not value > 0.0:
+            if field.name in _POSITIVE and not all(number > 0.0 for number in numbers):
                 raise ValueError(f"PlateSettings.{field.name} is {value}; give a positive number.")
             if field.name in _NOT_NEGATIVE and not value >= 0.0:
                 raise ValueError(f"PlateSettings.{field.name} is {value}; give zero or a positive number.")
@@ -222,7 +227,7 @@ class GroundTruth:
 
 def _built_hz(settings: PlateSettings) -> FloatArray:
     """Return the frequencies of all modes as built, before drift."""
-    count = _LEAST_MODES if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + LEAST_PARASITIC
+    count = _LEAST_ALL if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + LEAST_PARASITIC
     names = find_glass(settings.plate).modes[:count]
     theory_hz = np.array([theory(name, settings.plate)[0] for name in names])
     if settings.plate != REFERENCE:
@@ -238,11 +243,12 @@ def _amplifiers(settings: PlateSettings, driven_hz: FloatArray) -> tuple[FloatAr
     """Return each driven mode's gain by its own amplifier, and the amplitude (um) that `v_limit_v` holds."""
     decay_1_s = settings.sized_for_damping * math.pi * driven_hz / settings.q_factor
     stiffness_1_s = np.hypot(decay_1_s, 2.0 * math.pi * (driven_hz - settings.drive_hz))
-    own = settings.w_limit_um * stiffness_1_s / settings.v_limit_v
+    reach_um = np.broadcast_to(settings.w_limit_um, len(driven_hz))
+    own = reach_um * stiffness_1_s / settings.v_limit_v
     if settings.plate == REFERENCE and settings.driven_modes <= _SIZED_EACH:
-        return own, (settings.w_limit_um,) * len(own)
-    resonant_um_per_v_s = settings.w_limit_um * decay_1_s[0] / settings.v_limit_v
-    alike = np.full(len(own), own[0] if settings.plate == REFERENCE else resonant_um_per_v_s)
+        return own, tuple(reach_um.tolist())
+    resonant_um_per_v_s = reach_um * decay_1_s[0] / settings.v_limit_v
+    alike = np.full(len(own), own[0]) if settings.plate == REFERENCE else resonant_um_per_v_s
     return alike, tuple((alike * settings.v_limit_v / stiffness_1_s).tolist())
 
 

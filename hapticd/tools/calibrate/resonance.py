@@ -16,7 +16,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...board_values import BoardHello, Calibration, ModeCalibration, Sweep, SweepPoint
+from ...board_values import (
+    BoardController,
+    BoardHello,
+    Calibration,
+    ControllerRequest,
+    ModeCalibration,
+    Sweep,
+    SweepPoint,
+)
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
@@ -40,6 +48,7 @@ ENOUGH = 1.01  # times the amplifiers' voltage: a sweep is no more exact
 WORTH_MOVING = 1.1  # times the voltage at the best drive
 DRIVEN_FRAC = 0.2  # of a mode's strongest amplifier: one that drives it too
 POINTS_IN_WIDTH = 5  # a resonance with fewer in f / Q is swept again
+BESIDE_HZ = 50.0  # beyond the outermost mode
 WIDTHS = 2.0  # of f / Q to either side, the second time
 DWELL_DECAYS = 12.0  # time constants of the mode; the board discards the first half: 0.2 % remains
 MOST_POINTS = 2001  # the board's limit
@@ -79,7 +88,14 @@ def run(options: argparse.Namespace) -> Verdict:
 
 async def _sweep_on(port: str, baud: int, options: argparse.Namespace) -> tuple[BoardHello, Measured]:
     async with Conversation(SerialLink(port, baud), f"{port} at {baud} baud") as board:
-        return board.hello, await sweep_modes(board, sweep.planned(board.hello, options))
+        return board.hello, await sweep_modes(board, sweep.planned(board.hello, options, await _band_hz(board)))
+
+
+async def _band_hz(board: Conversation) -> float:
+    """Return how far to either side of the drive the modes lie that the board expects, and some beyond."""
+    models = (await board.ask(ControllerRequest(), BoardController)).models
+    farthest_hz = max(abs(model.detuning_rad_s) for model in models) / (2.0 * math.pi)
+    return max(sweep.BAND_HZ, farthest_hz + BESIDE_HZ)
 
 
 async def sweep_modes(board: Conversation, plan: Sweep) -> Measured:

@@ -61,11 +61,14 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
         calibration.save(options.save, replace(saved, modes=(*others, swept.fit.calibration(sweep.mode))))
 
 
-def planned(hello: BoardHello, options: argparse.Namespace) -> Sweep:
-    """Return the requested sweep with its defaults. Raises UsageError for one that this board would refuse."""
+def planned(hello: BoardHello, options: argparse.Namespace, band_hz: float = BAND_HZ) -> Sweep:
+    """Return the requested sweep, by default `band_hz` to either side of the drive.
+
+    Raises UsageError for one that this board would refuse.
+    """
     volts = VOLTS_FRAC * hello.v_limit_v if options.volts is None else options.volts
-    start_hz = hello.drive_hz - BAND_HZ if options.start_hz is None else options.start_hz
-    stop_hz = hello.drive_hz + BAND_HZ if options.stop_hz is None else options.stop_hz
+    start_hz = hello.drive_hz - band_hz if options.start_hz is None else options.start_hz
+    stop_hz = hello.drive_hz + band_hz if options.stop_hz is None else options.stop_hz
     check_drive(hello, options.mode, volts)
     for name, f_hz in (("--from", start_hz), ("--to", stop_hz)):
         if not protocol.is_within(f_hz - hello.drive_hz, protocol.SWEEP_OFFSET_HZ):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...config.sections import MOST_MODES
 from ...errors import ModesError, UsageError
 from ...files import outputs
 from ..arguments import number, whole
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 LIMIT_UM = 4.0  # of each mode with --modes, which names no configuration
 MOST_UM, MOST_LIMIT_UM = 1000.0, 20.0  # the bounds of client targets and of the configuration
-MOST_FINGERS, MOST_MODES = 15, 8
+MOST_FINGERS = 15
 CELLS, MOST_CELLS = 201, 401
 SEARCHED_CELLS = 61  # several slipping fingers on three modes or more take the solver a millisecond a cell
 PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work grows with their fourth power

@@ -19,7 +19,6 @@ from .tables import Column
 
 Table = Mapping[str, Column]
 MODE_NAMES = "XYZ"
-MORE_MODES = ("tab:olive", "tab:cyan", "tab:pink")
 MOST_LABELS = 9  # two rows, with the line style
 MOST_CHARS, MOST_LANES = 24, 6  # of the markers' texts
 CHARS_ACROSS, LANE_IN = 110, 0.17  # at their size, with a margin
@@ -117,7 +116,7 @@ def _draw_modes(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
     references = tables.get("references")
     modes = sorted({int(mode) for table in (did, references) if table for mode in table["mode"]})
     for mode in modes:
-        colour = (*MODE_COLOURS, *MORE_MODES)[mode % (len(MODE_COLOURS) + len(MORE_MODES))]
+        colour = MODE_COLOURS[mode % len(MODE_COLOURS)]
         mark = MODE_NAMES[mode] if mode < len(MODE_NAMES) else str(mode + 1)
         wanted = _of(references, "mode", mode)
         if wanted:

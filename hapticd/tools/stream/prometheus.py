@@ -63,6 +63,7 @@ GAUGES = (
     Figure("board.limited", "board_limited", "1 while an amplitude is at the board's limit"),
     Figure("board.has_sync", "board_has_sync", "1 where the board has a sync output"),
     Figure("board.baud", "board_line_speed_baud", "Speed of the board's line"),
+    Figure("board.max_knots", "reference_frame_knots_max", "Knots of a reference frame that the board's line carries"),
     Figure("board.drive_hz", "board_drive_hertz", "The board's drive"),
     Figure("board.drive_moved_hz", "board_drive_moved_hertz", "How far the drive has followed the plate"),
     Figure("board.round_trip_ms", "board_round_trip_seconds", "To the board and back", 1e-3),

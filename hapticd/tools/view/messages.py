@@ -23,7 +23,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ...config.sections import SolverConfig
+from ...config.sections import MOST_MODES, SolverConfig
 from ...content_values import Surface
 from ...daemon.settings import LEAST_CONTACT_MODES
 from ...errors import RequestError
@@ -40,7 +40,7 @@ MAX_MESSAGE_BYTES = 4096
 MAX_FINGERS = 16
 MAX_AMPLITUDE_UM = 1000.0
 MAX_ID = 2**32 - 1
-MAX_MODES, MAX_RADIUS_MM = 8, 15.0
+MAX_RADIUS_MM = 15.0
 CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
 
@@ -116,7 +116,7 @@ def decode(text: str) -> Message:
     elif op == "switch":
         message = SwitchPlate(
             label(fields.take("plate"), "plate"),
-            whole(fields.take("modes"), 0, MAX_MODES, "modes"),
+            whole(fields.take("modes"), 0, MOST_MODES, "modes"),
             fields.number("contact_radius_mm", 0.0, MAX_RADIUS_MM),
         )
     else:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from ...config.sections import PLATE_NAMES, SimConfig
-from ...sim.plate.glasses import LEAST_PARASITIC, driven_modes, find_glass
+from ...config.sections import LEAST_MODES, PLATE_NAMES, SimConfig
+from ...sim.plate.glasses import driven_modes, find_glass, most_driven
 from ...sim.rig.process import watch
 from ..daemon_process import PATIENT, DaemonProcess
 from .messages import PlateChoice, SwitchPlate
-
-LEAST_MODES = 2
 
 
 class SimulatedService(DaemonProcess):
@@ -48,5 +46,4 @@ class SimulatedService(DaemonProcess):
 
 
 def _choice(plate: str) -> PlateChoice:
-    most = len(find_glass(plate).modes) - LEAST_PARASITIC
-    return PlateChoice(tuple(range(LEAST_MODES, most + 1)), driven_modes(plate))
+    return PlateChoice(tuple(range(LEAST_MODES, most_driven(find_glass(plate)) + 1)), driven_modes(plate))

@@ -124,7 +124,12 @@ def test_each_plate_offers_its_own_number_of_modes() -> None:
     service = SimulatedService("hands", 1, SimConfig(plate="fingertip"))
     assert service.first == ("fingertip", 4)
     offered = json.loads(messages.choices(service.choices))
-    assert {name: choice["own_modes"] for name, choice in offered["plates"].items()} == {"reference": 2, "fingertip": 4}
+    assert {name: choice["own_modes"] for name, choice in offered["plates"].items()} == {
+        "reference": 2,
+        "fingertip": 4,
+        "wide": 8,
+    }
     assert offered["plates"]["fingertip"]["modes"] == [2, 3, 4, 5, 6]
+    assert offered["plates"]["wide"]["modes"] == [2, 3, 4, 5, 6, 7, 8]
     assert (offered["contact_radius_mm"], offered["least_contact_modes"]) == (5.0, 4)
     service._folder.cleanup()
