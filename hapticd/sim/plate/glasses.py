@@ -93,7 +93,7 @@ GLASSES = {
             *("14x2-2x14", "14x2+2x14"),
         ),
         driven=8,
-        reach_um=6.8,
+        reach_um=6.7,
     ),
 }
 
