@@ -38,6 +38,8 @@ EDGE_MM = 10.0  # from a finger's centre to the plate's edge
 _DISC_RADII, _DISC_ANGLES = 3, 8  # exact to degree 5; the solver's seven points are too few for seven modes
 _KNOTS_PER_WAVE = 12  # of the spline through a shape
 _DRAWN_PER_PAIR = 8  # more than enough of them are 20 mm apart, on plates of 60 mm and more
+_MOST_DRAWS = 1000
+_WORDS = {2: "two", 3: "three", 4: "four", 5: "five"}
 _TINY_UM = 1e-9
 _AT_REST = np.zeros(1)
 
@@ -50,19 +52,25 @@ class Shapes(Protocol):
         ...
 
 
-def random_pairs(size_mm: tuple[float, float], count: int, seed: int) -> FloatArray:
-    """Return positions (count, 2, 2) in mm: the slipping finger, then the still one. Raises ValueError for a plate
-    without room for two."""
+def random_fingers(size_mm: tuple[float, float], count: int, seed: int, fingers: int = 2) -> FloatArray:
+    """Return positions (count, fingers, 2) in mm: of two, the slipping finger, then the still one. Raises ValueError
+    for a plate without room for them."""
     half_mm = np.array(size_mm) / 2.0 - EDGE_MM
+    no_room = ValueError(
+        f"a plate of {size_mm[0]:g} x {size_mm[1]:g} mm has no room for {_WORDS.get(fingers, fingers)} fingers."
+    )
     if not (half_mm > 0.0).all() or 2.0 * math.hypot(*half_mm) <= 2.0 * APART_MM:
-        raise ValueError(f"a plate of {size_mm[0]:g} x {size_mm[1]:g} mm has no room for two fingers.")
+        raise no_room
     random = np.random.default_rng(seed)
-    found = np.empty((0, 2, 2))
-    while len(found) < count:
-        drawn = random.uniform(-half_mm, half_mm, (_DRAWN_PER_PAIR * count, 2, 2))
-        is_apart = np.hypot(*(drawn[:, 0] - drawn[:, 1]).T) >= APART_MM
+    found = np.empty((0, fingers, 2))
+    for _ in range(_MOST_DRAWS):
+        drawn = random.uniform(-half_mm, half_mm, (_DRAWN_PER_PAIR * count, fingers, 2))
+        one, other = np.triu_indices(fingers, 1)
+        is_apart = (np.hypot(*(drawn[:, one] - drawn[:, other]).T) >= APART_MM).all(axis=0)
         found = np.concatenate((found, drawn[is_apart]))
-    return found[:count]
+        if len(found) >= count:
+            return found[:count]
+    raise no_room
 
 
 def surfaces(shapes: Sequence[ModeShape]) -> BicubicSurfaces:
@@ -78,7 +86,7 @@ def surfaces(shapes: Sequence[ModeShape]) -> BicubicSurfaces:
 def grams(shapes: Shapes, points_mm: FloatArray, radius_mm: float) -> FloatArray:
     """Return the Gram matrices (M, M, ...) of discs about `points_mm` (..., 2). Points off the plate have its edge's
     shapes."""
-    offsets_mm, weights = _disc(radius_mm)
+    offsets_mm, weights = disc(radius_mm)
     places = (points_mm[..., None, :] + offsets_mm).reshape(-1, 2)
     phi = shapes.evaluate(places)
     phi = phi.reshape(-1, len(weights), phi.shape[1])
@@ -162,10 +170,10 @@ def contrast_bound(slipping: FloatArray, still: FloatArray, limits_um: FloatArra
     return np.sqrt(ratios[:, -1]), np.minimum(1.0, rms * fitting)
 
 
-def _disc(radius_mm: float) -> tuple[FloatArray, FloatArray]:
+def disc(radius_mm: float, radii: int = _DISC_RADII, angles: int = _DISC_ANGLES) -> tuple[FloatArray, FloatArray]:
     """Return points (Q, 2) and weights (Q,) of the mean over a disc: Gauss in r^2, equal angles."""
-    nodes, weights = np.polynomial.legendre.leggauss(_DISC_RADII)
+    nodes, weights = np.polynomial.legendre.leggauss(radii)
     reach_mm = radius_mm * np.sqrt((nodes + 1.0) / 2.0)
-    turns = 2.0 * np.pi * np.arange(_DISC_ANGLES) / _DISC_ANGLES
+    turns = 2.0 * np.pi * np.arange(angles) / angles
     points = reach_mm[:, None, None] * np.stack((np.cos(turns), np.sin(turns)), axis=-1)
-    return points.reshape(-1, 2), np.repeat(weights / (2.0 * _DISC_ANGLES), _DISC_ANGLES)
+    return points.reshape(-1, 2), np.repeat(weights / (2.0 * angles), angles)

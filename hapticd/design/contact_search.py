@@ -19,7 +19,7 @@ import numpy as np
 
 from hapticd.core.solver.contacts import COLD_CALLS
 
-from .contact_pairs import Shapes, contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
+from .contact_pairs import Shapes, contact_rms_um, contrast_bound, grams, random_fingers, settle, surfaces
 from .free_plate import ModeShape, free_modes
 from .glued_plate import Patch, glued_plate_modes
 from .legendre import FloatArray
@@ -107,7 +107,7 @@ class PlateModes:
     def __init__(self, plate: Plate, band_hz: tuple[float, float], drive: Drive, pairs: int, seed: int = SEED) -> None:
         """Solve the plate's modes in the band, widened by `drive.farthest_hz`."""
         self.plate, self.drive = plate, drive
-        self._places_mm = random_pairs(plate.size_mm, pairs, seed)
+        self._places_mm = random_fingers(plate.size_mm, pairs, seed)
         modes = plate.modes((max(band_hz[0] - drive.farthest_hz, 0.0), band_hz[1] + drive.farthest_hz))
         self.frequency_hz = np.array([hz for hz, _ in modes])
         self.shapes = [shape for _, shape in modes]

@@ -13,6 +13,8 @@ Sources: W. Ritz, Annalen der Physik 333 (1909) 737; A. W. Leissa, Vibration of 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -101,6 +103,16 @@ def free_modes(
         raise ValueError(f"band_hz is {band_hz}; give two frequencies, the lower one first.")
     size = (float(size_mm[0]), float(size_mm[1]))
     return list(_modes_in_band(size, material.poisson, wave_speed_m2_s(thickness_mm, material), low_hz, high_hz))
+
+
+def distinct_names(modes: Sequence[tuple[float, ModeShape]]) -> list[str]:
+    """Return the shapes' names; where several have one, those after the first end with "#2", "#3" ..."""
+    seen: Counter[str] = Counter()
+    names = []
+    for _, shape in modes:
+        seen[shape.name] += 1
+        names.append(shape.name if seen[shape.name] == 1 else f"{shape.name}#{seen[shape.name]}")
+    return names
 
 
 def wave_speed_m2_s(thickness_mm: float, material: Material) -> float:

@@ -25,6 +25,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 STEP_MM = 2.5  # between candidates along an edge
 _GAUSS_POINTS = 8  # per side of a patch, which is shorter than a wave
+_SINGULAR = 1e-9  # smaller pivots are none
 _ROUNDS = 20  # of exchanges; five suffice on four modes
 
 
@@ -49,7 +50,7 @@ def place_patches(shapes: Sequence[ModeShape], patch_mm: tuple[float, float]) ->
     candidates_mm = edge_places(shapes[0].size_mm, patch_mm)
     coupling = couplings(shapes, candidates_mm, patch_mm)
     coupling /= np.max(np.abs(coupling), axis=1, keepdims=True)
-    overlaps = np.all(np.abs(candidates_mm[:, None] - candidates_mm) < np.array(patch_mm) - 1e-9, axis=2)
+    overlaps = overlapping(candidates_mm, np.broadcast_to(np.array(patch_mm), candidates_mm.shape))
     is_free = np.ones(len(candidates_mm), np.bool_)
     sets = []
     for _ in ("drive", "sense"):
@@ -68,6 +69,14 @@ def edge_places(size_mm: tuple[float, float], patch_mm: tuple[float, float]) -> 
     sides = [(x_mm, side * reach_mm[1]) for side in (-1, 1) for x_mm in along[0]]
     sides += [(side * reach_mm[0], y_mm) for side in (-1, 1) for y_mm in along[1][1:-1]]
     return np.array(sides)
+
+
+def along_edges(size_mm: tuple[float, float], patch_mm: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Return centres and sizes (n, 2) of patches along the four edges, of either orientation. Raises ValueError."""
+    turns = {patch_mm, patch_mm[::-1]}
+    found = [edge_places(size_mm, turned) for turned in sorted(turns)]
+    sizes = [np.broadcast_to(turned, places.shape) for turned, places in zip(sorted(turns), found, strict=True)]
+    return np.concatenate(found), np.concatenate(sizes)
 
 
 def couplings(shapes: Sequence[ModeShape], places_mm: FloatArray, patch_mm: npt.ArrayLike) -> FloatArray:
@@ -98,15 +107,43 @@ def _values(places: FloatArray, degree: int, order: int) -> FloatArray:
     return legendre.values(places.ravel(), degree, order).reshape(*places.shape, degree + 1)
 
 
+def places_for_reach(per_volt_um: FloatArray, overlaps: BoolArray) -> list[int]:
+    """Return a candidate for each mode, by what a volt on each gives the modes, `per_volt_um` (M, n): those whose worst
+    patch needs the least volts, RMS, when all modes have the same amplitude in any phases.
+
+    The volts are rows of the inverse of the chosen columns A. With another candidate c in the place of column j, and
+    u = A^-1 c, row i becomes row i less u_i / u_j of row j (J. Sherman and W. J. Morrison, Ann. Math. Stat. 21 (1950)
+    124), so all candidates are compared by products of rows.
+    """
+    is_free = np.ones(per_volt_um.shape[1], np.bool_)
+    chosen = _greedy(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps, is_free)
+    for _ in range(_ROUNDS):
+        before = list(chosen)
+        for place in range(len(chosen)):
+            others = chosen[:place] + chosen[place + 1 :]
+            tried = np.flatnonzero(~overlaps[others].any(axis=0))
+            volts_per_um = np.linalg.inv(per_volt_um[:, chosen])
+            squares = volts_per_um @ volts_per_um.T
+            u = volts_per_um @ per_volt_um[:, tried]
+            u_j = np.where(np.abs(u[place]) < _SINGULAR, _SINGULAR, u[place])
+            share = u / u_j
+            rows = np.diag(squares)[:, None] + share * (share * squares[place, place] - 2.0 * squares[place][:, None])
+            rows[place] = squares[place, place] / u_j**2
+            chosen[place] = int(tried[np.argmin(np.round(np.log(rows.max(axis=0)), 9))])
+        if chosen == before:
+            break
+    return chosen
+
+
+def overlapping(places_mm: FloatArray, patch_mm: FloatArray) -> BoolArray:
+    """Return which patches, centres and sizes (n, 2), lie over which others (n, n)."""
+    room_mm = (patch_mm[:, None] + patch_mm) / 2.0
+    return np.asarray(np.all(np.abs(places_mm[:, None] - places_mm) < room_mm - 1e-9, axis=2))
+
+
 def _chosen(coupling: FloatArray, overlaps: BoolArray, is_free: BoolArray) -> list[int]:
-    """Return one free candidate per mode: the largest of what the chosen leave, then exchanges while one helps."""
-    chosen: list[int] = []
-    left = coupling.copy()
-    for _ in coupling:
-        size = np.where(is_free & ~overlaps[chosen].any(axis=0), np.linalg.norm(left, axis=0), -1.0)
-        chosen.append(int(np.argmax(size)))
-        along = left[:, chosen[-1]] / np.linalg.norm(left[:, chosen[-1]])
-        left = left - np.outer(along, along @ left)
+    """Return one free candidate per mode: those of `_greedy`, then exchanges while one helps."""
+    chosen = _greedy(coupling, overlaps, is_free)
     for _ in range(_ROUNDS):
         before = list(chosen)
         for place in range(len(chosen)):
@@ -117,4 +154,16 @@ def _chosen(coupling: FloatArray, overlaps: BoolArray, is_free: BoolArray) -> li
             chosen[place] = int(tried[np.argmax(np.round(np.linalg.svd(matrices, compute_uv=False)[:, -1], 9))])
         if chosen == before:
             break
+    return chosen
+
+
+def _greedy(coupling: FloatArray, overlaps: BoolArray, is_free: BoolArray) -> list[int]:
+    """Return one free candidate per mode: each the largest of what the ones before leave."""
+    chosen: list[int] = []
+    left = coupling.copy()
+    for _ in coupling:
+        size = np.where(is_free & ~overlaps[chosen].any(axis=0), np.linalg.norm(left, axis=0), -1.0)
+        chosen.append(int(np.argmax(size)))
+        along = left[:, chosen[-1]] / np.linalg.norm(left[:, chosen[-1]])
+        left = left - np.outer(along, along @ left)
     return chosen

@@ -41,6 +41,10 @@ AMPLIFIER_V = 150.0
 _GAUSS_POINTS = 12
 
 
+class UndrivenError(ValueError):
+    """Some combination of modes is out of the patches' reach."""
+
+
 @dataclass(frozen=True, slots=True)
 class PatchDrive:
     """Modes (M,) driven by as many patches: `gain_um_per_v_s` (M modes, M patches), `decay_1_s` and `frequency_hz`
@@ -63,7 +67,7 @@ class PatchDrive:
     def reach_um(self, drive_hz: float) -> FloatArray:
         """Return the reach of each mode (M,), in um peak to peak, at this drive frequency."""
         volts_per_um = np.abs(self.volts_per_um_s) * np.abs(self.stiffness_1_s(drive_hz))
-        return np.asarray((self.most_v[:, None] / np.maximum(volts_per_um, np.finfo(float).tiny)).min(axis=0))
+        return np.asarray(1.0 / (volts_per_um / self.most_v[:, None]).max(axis=0))
 
     def patch_volts_v(self, modal_um: ComplexArray, drive_hz: float) -> FloatArray:
         """Return the voltage (M patches, n) that holds the amplitudes (M modes, n) of all modes together."""
@@ -91,7 +95,7 @@ def patch_drive(
     curvature = couplings(shapes, places_mm, np.array([patch.size_mm for patch in patches]))
     gain = 2e6 * bending_n_v * curvature / (2.0 * mass_kg * 2.0 * math.pi * frequency_hz)[:, None]
     if np.linalg.matrix_rank(gain) < len(gain):
-        raise ValueError("these patches do not move each mode alone: place them elsewhere.")
+        raise UndrivenError("these patches do not move each mode alone: place them elsewhere.")
     most_v = np.array([most_volts_v(patch) for patch in patches])
     return PatchDrive(frequency_hz, math.pi * frequency_hz / q_factor, gain, most_v)
 

@@ -1,5 +1,5 @@
 """`hapticd plate`: pairs of modes to drive a plate with, their shapes, and support points; with --contacts, plates for
-whole fingertips (`plate_contacts`).
+whole fingertips by contrast (`plate_contacts`); with --felt by friction felt as asked (`plate_felt`).
 
 Theory (`design.free_plate`): a free, thin, homogeneous plate. A real one is glued and supported, and its frequencies
 differ by some per cent: measure its modes with `hapticd calibrate modes`. The mode file is for trials before that.
@@ -26,10 +26,11 @@ from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError, UsageError
 from ..files import outputs, plotting
 from ..files.mode_map import FORMATS
-from . import plate_contacts
+from . import plate_contacts, plate_felt
 from .arguments import POSITIVE, number, whole
 from .calibrate.modes import parse_size
 
+SIZE, THICKNESS = "137.5x137.5", "2"
 SPAN_FRAC = 0.05  # of the frequency, to either side: the searched band
 ROWS = 10  # of the tables
 MAP_STEP_MM = 1.375
@@ -42,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{parser.epilog}\n\n"
         "materials: glass, float, pilkington, borosilicate, aluminium, steel (hapticd/design/materials.py: sources)"
     )
-    parser.add_argument("--size", default="137.5x137.5", metavar="MMxMM", help="width x depth (default 137.5x137.5)")
-    parser.add_argument("--thickness", default="2", metavar="MM", help="default 2")
+    parser.add_argument("--size", metavar="MMxMM", help=f"width x depth (default {SIZE})")
+    parser.add_argument("--thickness", metavar="MM", help=f"default {THICKNESS}")
     parser.add_argument(
         "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
     )
@@ -77,6 +78,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Print the tables and write the outputs. Raises HapticdError."""
+    if options.felt is not None:
+        plate_felt.fill_in(options)
+        design = plate_felt.run(options)
+        if options.out is not None:
+            _write_map(design.shapes, design.plate.size_mm, options.out)
+        return
+    options.size, options.thickness = options.size or SIZE, options.thickness or THICKNESS
     if options.contacts:
         best = plate_contacts.run(options)
         if options.out is not None:

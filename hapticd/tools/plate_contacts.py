@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ..config.sections import LEAST_MODES, MOST_MODES
 from ..design.contact_map import contact_map
 from ..design.contact_pairs import surfaces
 from ..design.contact_search import (
@@ -24,24 +23,19 @@ from ..design.contact_search import (
     SEED,
     ContactDesign,
     Drive,
-    Plate,
     search,
 )
 from ..design.contact_tolerances import ENOUGH_FRAC, ToleranceStudy, tolerance_study
-from ..design.glued_plate import Patch
-from ..design.materials import find_material
 from ..errors import CalibrationError, UsageError
 from ..files import outputs, plotting
-from . import plate_files, plate_patches, plate_verdict
+from . import plate_arguments, plate_felt, plate_files, plate_patches, plate_verdict
 from .arguments import number, whole
+from .plate_arguments import DRIVES
 from .plate_patches import Placement
 from .plate_verdict import Motion, verdict
 from .progress import Progress
 
 TOML = (".toml",)
-SIZE_STEP_MM, THICKNESS_STEP_MM = 10.0, 0.5
-DRIVES = "27000..33000"  # in Hz: 30 kHz is above hearing, and amplifiers and patches are made for it
-MOST_PLATES = 2000
 ROWS = 15
 CELL_IN = 2.9  # of a mode's picture
 CELLS = 61  # per side of the picture's map
@@ -70,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="compare plates by the contrast of whole fingertips; --size, --thickness and --modes may be ranges, such "
         "as 150..240 (every 10 mm), 2..4 (every 0.5 mm) and 4..6; --material may name several, as in glass/steel",
     )
+    plate_felt.add_argument(group)
     group.add_argument("--modes", metavar="N", help="driven modes, 2 .. 8 (default 4)")
     group.add_argument("--drive", metavar="HZ", help=f"drive frequency, or the range to search (default {DRIVES})")
     group.add_argument("--q", type=number(1.0, 1e5), metavar="Q", help=f"quality of the modes (default {Q_FACTOR:g})")
@@ -91,7 +86,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--place",
         metavar="AxBxC",
-        help="place a patch and a sensor per mode of AxB mm, C mm thick, along the edges, and four stamps",
+        help="place a patch and a sensor per mode of AxB mm, C mm thick, along the edges, and four stamps; with --felt "
+        "the sizes of patches to choose from, such as 10x10x0.5/20x10x0.3",
     )
     group.add_argument(
         "--farthest",
@@ -103,8 +99,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerances",
         type=whole(1, 10000),
         metavar="N",
-        help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 1 %%, "
-        "patches 0.5 mm",
+        help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 1 %% (with "
+        "--felt 0.2 mm), patches 0.5 mm",
     )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random pairs and plates ({SEED})")
     outputs.add_file(
@@ -116,10 +112,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def refuse_without_contacts(options: argparse.Namespace) -> None:
-    """Raise UsageError for an option that needs --contacts."""
+    """Raise UsageError for an option that needs --contacts or --felt."""
     for name in _CONTACTS:
         if getattr(options, name) is not None:
-            raise UsageError(f"--{name}: belongs to --contacts: add it.")
+            raise UsageError(f"--{name}: belongs to --contacts and --felt: add one of them.")
 
 
 def run(options: argparse.Namespace) -> ContactDesign:
@@ -129,14 +125,11 @@ def run(options: argparse.Namespace) -> ContactDesign:
     """
     if options.config is not None and options.out is None:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
-    if options.glass is not None and (options.patch or options.q is not None):
-        raise UsageError(
-            f"--glass: the file of a simulated plate has no glued patches and a quality of {Q_FACTOR:g}: "
-            "omit --patch and --q."
-        )
-    counts = _modes(options.modes)
-    drive_hz = _span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
-    plates = _plates(options)
+    if options.glass is not None and options.q is not None:
+        raise UsageError(f"--glass: a simulated plate has a quality of {Q_FACTOR:g}: omit --q.")
+    counts = plate_arguments.modes("4" if options.modes is None else options.modes)
+    drive_hz = plate_arguments.span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
+    plates = plate_arguments.plates(options)
     drive = Drive(
         Q_FACTOR if options.q is None else options.q,
         REACH_UM if options.reach is None else options.reach,
@@ -172,7 +165,7 @@ def run(options: argparse.Namespace) -> ContactDesign:
     if options.json is not None:
         _write_json(designs, drive, motion, study, placement, options.json)
     if options.config is not None:
-        plate_files.write_config(best, drive, f"# {judged}", options.config, options.out)
+        plate_files.write_config(best, drive.radius_mm, f"# {judged}", options.config, options.out)
     if glass is not None:
         outputs.write_text("\n".join((f"# {judged}", *glass)) + "\n", options.glass)
     if options.plot is not None:
@@ -183,7 +176,7 @@ def run(options: argparse.Namespace) -> ContactDesign:
 def _glass(design: ContactDesign, drive: Drive) -> list[str]:
     """Return the lines of --glass. Raises CalibrationError."""
     try:
-        return plate_files.glass_lines(design, drive)
+        return plate_files.glass_lines(design, drive.reach_um)
     except ValueError as error:
         raise CalibrationError(f"--glass: {error}.") from None
 
@@ -197,83 +190,15 @@ def _motion(design: ContactDesign, drive: Drive) -> Motion | str:
         return str(error).rstrip(".")
 
 
-# --- arguments --------------------------------------------------------------------------------------------------
-
-
-def _plates(options: argparse.Namespace) -> list[Plate]:
-    """Return the plates to compare, each size once: 200 x 150 is 150 x 200 turned."""
-    try:
-        materials = [find_material(name) for name in options.material.split("/")]
-    except ValueError as error:
-        raise CalibrationError(f"This plate cannot be designed: {error}") from None
-    thicknesses_mm = _values(options.thickness, "--thickness", THICKNESS_STEP_MM, 0.01, 100.0)
-    edges = options.size.lower().split("x")
-    if len(edges) > 2:
-        raise UsageError(f"--size: {options.size!r} has more than two edges: write 200x200, 150..240 or 150..240x200.")
-    spans = [_values(edge, "--size", SIZE_STEP_MM, 10.0, 1000.0) for edge in edges]
-    if len(spans) == 1:
-        sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[0] if depth_mm <= width_mm]
-    else:
-        sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[1]]
-    patches = tuple(_patch(text) for text in options.patch or ())
-    plates = [Plate(size, thick_mm, of, patches) for size in sizes for thick_mm in thicknesses_mm for of in materials]
-    if len(plates) > MOST_PLATES:
-        raise UsageError(f"--size: {len(plates)} plates are too many: narrow the ranges to {MOST_PLATES}.")
-    return plates
-
-
 def _placed(design: ContactDesign, drive: Drive, text: str) -> Placement:
     try:
-        dimensions_mm = _dimensions_mm(text)
+        dimensions_mm = plate_arguments.dimensions_mm(text)
     except (ValueError, argparse.ArgumentTypeError):
         raise UsageError(f"--place: {text!r} is no patch: write its dimensions in mm, such as 10x10x0.3.") from None
     try:
         return plate_patches.place(design, drive, dimensions_mm)
     except ValueError as error:
         raise UsageError(f"--place: {error}") from None
-
-
-def _dimensions_mm(text: str) -> tuple[float, float, float]:
-    width_mm, depth_mm, thickness_mm = (number(0.01, 1000.0)(part) for part in text.lower().split("x"))
-    return width_mm, depth_mm, thickness_mm
-
-
-def _patch(text: str) -> Patch:
-    try:
-        x_mm, y_mm, dimensions = text.split(",")
-        width_mm, depth_mm, thickness_mm = _dimensions_mm(dimensions)
-        place_mm = number(-500.0, 500.0)(x_mm), number(-500.0, 500.0)(y_mm)
-    except (ValueError, argparse.ArgumentTypeError):
-        raise UsageError(
-            f"--patch: {text!r} is no patch: write position and dimensions in mm, such as 90,90,10x10x0.3."
-        ) from None
-    return Patch(*place_mm, (width_mm, depth_mm), thickness_mm)
-
-
-def _modes(text: str | None) -> list[int]:
-    if text is None:
-        return [4]
-    values = _values(text, "--modes", 1.0, LEAST_MODES, MOST_MODES)
-    if any(value != round(value) for value in values):
-        raise UsageError(f"--modes: {text!r} is not a whole number, or a range of them such as 4..6.")
-    return [round(value) for value in values]
-
-
-def _values(text: str, name: str, step: float, low: float, high: float) -> list[float]:
-    """Return one number, or those of a range such as 150..240, whose last is included."""
-    first, last = _span(text, name, low, high)
-    return [first + step * index for index in range(math.floor((last - first) / step + 1e-9) + 1)]
-
-
-def _span(text: str, name: str, low: float, high: float) -> tuple[float, float]:
-    parsed = number(low, high)
-    try:
-        ends = [parsed(part) for part in text.split("..")]
-    except argparse.ArgumentTypeError as error:
-        raise UsageError(f"{name}: {error}.") from None
-    if len(ends) > 2 or ends[-1] < ends[0]:
-        raise UsageError(f"{name}: {text!r} is no range: write the lower end first, such as 150..240.")
-    return ends[0], ends[-1]
 
 
 # --- outputs ----------------------------------------------------------------------------------------------------

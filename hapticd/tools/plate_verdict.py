@@ -7,22 +7,33 @@ and strokes that start, stop and pass places where modes reach their limits take
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from ..config.sections import CONTRAST, FELT, OBJECTIVES, Config, SolverConfig
 from ..design.contact_search import ENOUGH_SLIP_FRAC, ContactDesign, Drive, Plate
+from ..design.felt_search import FeltDesign, FeltTask
+from ..design.legendre import FloatArray
 from ..design.materials import MATERIALS
+from ..design.plate_bounds import MOST_FRAC, Bound
 from ..sim.fingers.strokes import Strokes
 from ..sim.score import CONTACT_RADIUS_MM
 from . import plate_files
 
+if TYPE_CHECKING:
+    from ..sim import lockstep
+
 SCENARIO, SEED = "strokes", 1  # and its own length, so that `simulate strokes` prints the same figures
 HOW = "in the closed loop of `hapticd simulate strokes`"
 ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
+ENOUGH_FELT, ENOUGH_FELT_AT_REST = 0.85, 0.95  # of the time and of the places; motion costs about a tenth
 ENOUGH_MOVING_FRAC = 2.0 / 3.0  # of the target: friction is then 0.4 of bare glass. Strokes cost a tenth of the bound
 
 
@@ -41,30 +52,66 @@ class Motion:
         return math.inf if self.still_um == 0.0 else self.slip_um / self.still_um
 
 
+class FeltMotion(NamedTuple):
+    """Shares of the time in which all fingers, and each, feel what was asked in the closed loop, as the plate is."""
+
+    felt_frac: float
+    each_frac: tuple[float, ...]
+
+
 def simulate(design: ContactDesign, drive: Drive, progress: Callable[[float], None] = lambda _: None) -> Motion:
     """Return what fingers get in the closed loop. Raises ValueError with the reason why this cannot be simulated."""
     from ..sim import lockstep
-    from ..sim.plate.ground_truth import PlateSettings
 
-    if drive.radius_mm != CONTACT_RADIUS_MM:
-        raise ValueError(f"simulated contacts have a radius of {CONTACT_RADIUS_MM:g} mm")
-    edge_mm = 2.0 * Strokes.half_size_mm
-    if min(design.plate.size_mm) < edge_mm:
-        raise ValueError(f"simulated strokes need a plate of {edge_mm:g} x {edge_mm:g} mm or more")
-    lines = plate_files.glass_lines(design, drive)
-    with TemporaryDirectory(prefix="hapticd-") as folder:
-        path = Path(folder) / "plate.toml"
-        path.write_text("\n".join(lines), encoding="utf-8")
-        plate = replace(PlateSettings.of(str(path)), q_factor=drive.q_factor)
-        scores = {}
+    scores = {}
+    with _file_of(design, drive.radius_mm, drive.reach_um) as path:
         for played, objective in enumerate(OBJECTIVES):
-            config = Config(solver=replace(SolverConfig(), objective=objective))
-            settings = lockstep.Settings(plate=plate, config=config)
+            settings = _settings(path, drive.q_factor, objective)
             scores[objective] = lockstep.run(
                 SCENARIO, settings=settings, seed=SEED, progress=partial(_of_all, progress, played)
             ).score
     most = scores[CONTRAST]
     return Motion(most.contact_slip_um, most.contact_leak_um, scores[FELT].felt_frac)
+
+
+def simulate_felt(design: FeltDesign, task: FeltTask, progress: Callable[[float], None]) -> FeltMotion:
+    """Return what two fingers feel in the closed loop. Raises ValueError with the reason why this cannot be
+    simulated."""
+    from ..sim import lockstep
+    from ..sim.fingers.scenarios import SCENARIOS, strokes
+
+    if len(task.targets_um) != 2:
+        raise ValueError("simulated strokes have two fingers")
+    played = replace(SCENARIOS[SCENARIO], build=partial(strokes, targets_um=task.targets_um))
+    with _file_of(design, task.radius_mm, design.reach_um) as path:
+        settings = _settings(path, task.q_factor, FELT)
+        score = lockstep.run(played, settings=settings, seed=SEED, progress=progress).score
+    return FeltMotion(score.felt_frac, tuple(1.0 - finger.weber_frac for finger in score.fingers))
+
+
+@contextmanager
+def _file_of(
+    design: ContactDesign | FeltDesign, radius_mm: float, reach_um: float | tuple[float, ...]
+) -> Iterator[Path]:
+    """Write the plate's file for as long as it is simulated. Raises ValueError."""
+    if radius_mm != CONTACT_RADIUS_MM:
+        raise ValueError(f"simulated contacts have a radius of {CONTACT_RADIUS_MM:g} mm")
+    edge_mm = 2.0 * Strokes.half_size_mm
+    if min(design.plate.size_mm) < edge_mm:
+        raise ValueError(f"simulated strokes need a plate of {edge_mm:g} x {edge_mm:g} mm or more")
+    lines = plate_files.glass_lines(design, reach_um)
+    with TemporaryDirectory(prefix="hapticd-") as folder:
+        path = Path(folder) / "plate.toml"
+        path.write_text("\n".join(lines), encoding="utf-8")
+        yield path
+
+
+def _settings(path: Path, q_factor: float, objective: str) -> lockstep.Settings:
+    from ..sim import lockstep
+    from ..sim.plate.ground_truth import PlateSettings
+
+    plate = replace(PlateSettings.of(str(path)), q_factor=q_factor)
+    return lockstep.Settings(plate=plate, config=Config(solver=replace(SolverConfig(), objective=objective)))
 
 
 def _of_all(progress: Callable[[float], None], played: int, share: float) -> None:
@@ -91,6 +138,46 @@ def verdict(design: ContactDesign, drive: Drive, motion: Motion | str) -> str:
         f"`--objective {CONTRAST}` {motion.slip_um:.2f} um, {motion.still_um:.3f} um, a contrast of "
         f"{motion.contrast:.1f}: {judged}."
     )
+
+
+def felt_verdict(
+    design: FeltDesign, asked: Sequence[Bound], motion: FeltMotion | str, study: FloatArray | None
+) -> list[str]:
+    """Return a line for each figure of a plate with its patches, and at last the verdict."""
+    lines = [
+        f"friction as asked, at rest: {design.felt_frac:.0%} of places within the patches' volts (computed; "
+        f"{len(design.patch_v)} random places, each finger {_percents(design.each_frac)})"
+    ]
+    if isinstance(motion, str):
+        lines.append(f"friction as asked, in motion: not simulated, as {motion}")
+        lacks = [] if design.felt_frac >= ENOUGH_FELT_AT_REST else [f"less than {ENOUGH_FELT_AT_REST:.0%} at rest"]
+    else:
+        lines.append(
+            f"friction as asked, in motion: {motion.felt_frac:.0%} of the time {HOW} (simulated; each finger "
+            f"{_percents(motion.each_frac)})"
+        )
+        lacks = [] if motion.felt_frac >= ENOUGH_FELT else [f"less than {ENOUGH_FELT:.0%} in motion"]
+    if study is not None:
+        lines.append(
+            f"tolerances: of {len(study)} plates the median has {np.median(study):.0%}, the worst tenth "
+            f"{np.quantile(study, 0.1):.0%}, the worst {study.min():.0%} of places at rest (computed; edges 0.1 mm, "
+            "thickness 0.2 mm, modulus 2 %, patches 0.5 mm, each calibrated)"
+        )
+    lines += map(str, asked)
+    judged = f"not enough friction as asked ({'; '.join(lacks)})" if lacks else "enough friction as asked"
+    beyond = [one.name.partition(",")[0] for one in asked if not one.is_kept]
+    judged += f", but beyond its bound: {', '.join(beyond)}" if beyond else ""
+    lines.append(f"{_plate_name(design.plate)}, driven at {design.drive_hz:.0f} Hz: {judged}.")
+    return lines
+
+
+def quantile(values: FloatArray) -> float:
+    """Return what MOST_FRAC of the places need at most."""
+    return float(np.quantile(values, MOST_FRAC))
+
+
+def _percents(shares: Sequence[float]) -> str:
+    return ", ".join(f"{share:.0%}" for share in shares)
 
 
 def _judged(contrast: float, slip_um: float, enough_um: float) -> str:

@@ -10,7 +10,7 @@ import pytest
 from hapticd.core.solver.contacts import contact_rms_um as plain_rms_um
 from hapticd.core.solver.contacts import solve_contacts
 from hapticd.design.contact_map import contact_map
-from hapticd.design.contact_pairs import contact_rms_um, contrast_bound, grams, random_pairs, settle, surfaces
+from hapticd.design.contact_pairs import contact_rms_um, contrast_bound, grams, random_fingers, settle, surfaces
 from hapticd.design.contact_search import ContactDesign, Drive, Plate, PlateModes, search
 from hapticd.design.contact_tolerances import ENOUGH_FRAC, random_plate, tolerance_study
 from hapticd.design.glued_plate import Patch
@@ -34,17 +34,17 @@ def fingertip() -> ContactDesign:
 
 
 def test_pairs_are_apart_within_the_plate_and_the_same_for_the_same_seed() -> None:
-    pairs_mm = random_pairs((200.0, 60.0), 500, seed=3)
+    pairs_mm = random_fingers((200.0, 60.0), 500, seed=3)
     assert np.hypot(*(pairs_mm[:, 0] - pairs_mm[:, 1]).T).min() >= 20.0
     assert (np.abs(pairs_mm).max(axis=(0, 1)) <= [90.0, 20.0]).all()
-    assert np.array_equal(pairs_mm, random_pairs((200.0, 60.0), 500, seed=3))
-    assert not np.array_equal(pairs_mm, random_pairs((200.0, 60.0), 500, seed=4))
+    assert np.array_equal(pairs_mm, random_fingers((200.0, 60.0), 500, seed=3))
+    assert not np.array_equal(pairs_mm, random_fingers((200.0, 60.0), 500, seed=4))
     with pytest.raises(ValueError, match="no room for two fingers"):
-        random_pairs((30.0, 25.0), 5, seed=1)
+        random_fingers((30.0, 25.0), 5, seed=1)
 
 
 def test_the_descent_on_arrays_is_the_daemons_own(fingertip: ContactDesign) -> None:
-    both = grams(surfaces(fingertip.shapes), random_pairs(FINGERTIP.size_mm, 6, seed=2), 5.0)
+    both = grams(surfaces(fingertip.shapes), random_fingers(FINGERTIP.size_mm, 6, seed=2), 5.0)
     w_um = settle(both[..., 0], [both[..., 1]], 1.0, np.array(fingertip.limits_um))
     for pair in range(6):
         pair_grams = [both[:, :, pair, finger].tolist() for finger in (0, 1)]
@@ -67,7 +67,7 @@ def test_the_bounds_of_the_plates_are_those_of_the_table(
 
 
 def test_no_pair_exceeds_its_bound(fingertip: ContactDesign) -> None:
-    both = grams(surfaces(fingertip.shapes), random_pairs(FINGERTIP.size_mm, 200, seed=2), 5.0)
+    both = grams(surfaces(fingertip.shapes), random_fingers(FINGERTIP.size_mm, 200, seed=2), 5.0)
     slipping, still, limits_um = both[..., 0], both[..., 1], np.array(fingertip.limits_um)
     w_um = settle(slipping, [still], 1.0, limits_um)
     bound, share = contrast_bound(slipping, still, limits_um)

@@ -13,7 +13,7 @@ from hapticd.__main__ import main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config.sections import SimConfig
 from hapticd.errors import DeviceError, SimulationError
-from hapticd.sim.plate.glasses import find_glass
+from hapticd.sim.plate.glasses import driven_modes, find_glass, most_driven
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import glass, run
 from hapticd.tools.demo import program as demo_program
@@ -135,6 +135,10 @@ def test_each_mode_of_a_files_plate_may_have_a_reach_of_its_own(tmp_path: Path) 
         ({"material": '"0,0,0"'}, "material: '0,0,0' is no solid's GPa,Poisson,kg/m3."),
         ({"material": '"70,2,2500"'}, "mine.toml plate: poisson is 2.0;"),
         ({"size_mm": "[1000.0, 10.0]"}, "mine.toml plate: band_hz reaches waves too short for this plate size;"),
+        ({"reach_um": "[4.0, -5.0]"}, "reach_um: [4.0, -5.0] is not within 0.01 and 100."),
+        ({"patches": "[[0.0, 0.0, 10.0, 10.0]]"}, "patches: [0.0, 0.0, 10.0, 10.0] is not x, y, width, depth,"),
+        ({"patches": "3"}, "patches: 3 is not x, y, width, depth, thickness in mm."),
+        ({"patches": "[[78.0, 0.0, 10.0, 10.0, 0.3]]"}, "the patch at 78,0 mm reaches over the plate's edge."),
         ({"modes": '["11x0", "0x11", "9x6", "1x1"]'}, "mine.toml plate has no mode '1x1' near its drive."),
     ],
 )
@@ -156,3 +160,21 @@ def test_a_designed_plate_is_written_for_the_simulation(tmp_path: Path) -> None:
     assert found.drive_hz == shipped.drive_hz
     mine, theirs = GroundTruth(PlateSettings.of(str(path))), GroundTruth(PlateSettings.of("fingertip"))
     assert sorted(mine.w_limit_um) == pytest.approx(sorted(theirs.w_limit_um))
+
+
+def test_a_plate_has_the_reach_of_each_mode_and_the_modes_that_its_patches_make(tmp_path: Path) -> None:
+    patch = "[[0.0, 75.0, 20.0, 10.0, 0.5]]"
+    bare = GroundTruth(PlateSettings.of(written(tmp_path / "bare.toml", reach_um="[8.0, 2.0]")))
+    path = written(tmp_path / "glued.toml", reach_um="[8.0, 2.0]", patches=patch)
+    glued = GroundTruth(PlateSettings.of(path))
+    for plate in (bare, glued):
+        stiffness_1_s = np.hypot(plate.nominal_decay_1_s, plate.nominal_detuning_rad_s)
+        at_resonance_um = np.array(plate.w_limit_um) * stiffness_1_s / plate.nominal_decay_1_s
+        assert at_resonance_um == pytest.approx([8.0, 2.0], rel=1e-3)
+        assert plate.nominal_gain_um_per_v_s * 150.0 == pytest.approx(
+            at_resonance_um * plate.nominal_decay_1_s, rel=1e-3
+        )
+    assert np.abs(glued.frequency_hz - bare.frequency_hz).max() > 5.0
+    assert most_driven(find_glass(path)) == 2
+    with pytest.raises(SimulationError, match="give 2 to 2"):
+        driven_modes(path, 3)

@@ -82,10 +82,10 @@ def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
         (["--pair", "99"], "--pair is 99"),
         (["--stamp", "nan"], "--stamp: nan is out"),
         (["--amplitude", "-1"], "--amplitude: -1 is out"),
-        (["--place", "10x10x0.3"], "--place: belongs to --contacts: add it"),
+        (["--place", "10x10x0.3"], "--place: belongs to --contacts and --felt: add one"),
         (["--contacts", "--drive", "29150", "--modes", "2", "--place", "10x10"], "--place: '10x10' is no patch"),
         (["--contacts", "--drive", "29150", "--modes", "2", "--place", "99x99x1"], "--place: patches of 99x99 mm are"),
-        (["--modes", "4"], "--modes: belongs to --contacts: add it"),
+        (["--modes", "4"], "--modes: belongs to --contacts and --felt: add one"),
         (["--contacts", "--modes", "9"], "--modes: 9 is out of bounds, it must be 2 .. 8"),
         (["--contacts", "--modes", "2.5"], "--modes: '2.5' is not a whole number"),
         (["--contacts", "--size", "240..150"], "--size: '240..150' is no range: write the lower end first"),
@@ -202,7 +202,6 @@ def test_a_design_is_enough_only_by_contrast_and_by_slip() -> None:
     [
         (["--size", "100x100", "--modes", "2", "--farthest", "600"], "strokes need a plate of 116 x 116 mm or more"),
         (["--modes", "2", "--radius", "4"], "simulated contacts have a radius of 5 mm"),
-        (["--modes", "2", "--patch", "45,45,8x8x0.3"], "simulated plates have no glued patches"),
     ],
 )
 def test_where_motion_cannot_be_simulated_the_verdict_says_why(

@@ -76,12 +76,14 @@ def _virtual(path: VirtualPath, amplitude_um: float) -> Actor:
     return Actor(((LAND_S, amplitude_um),), virtual=path)
 
 
-def _strokes(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
-    """The finger that lands further left is the slippery one, as in the examples in `clients/`."""
+def strokes(
+    seed: int, speed_mm_s: float, targets_um: tuple[float, ...] = (SLIPPERY_UM, STICKY_UM)
+) -> tuple[Actor, ...]:
+    """Return two fingers; the one that lands further left is the slippery one, as in the examples in `clients/`."""
     landing_s = np.array([LAND_S])
     pair = strokes_pair(seed, speed_mm_s=speed_mm_s)
     slippery, sticky = sorted(pair, key=lambda path: float(path.position_mm(landing_s)[0, 0]))
-    return _touching(slippery, SLIPPERY_UM), _touching(sticky, STICKY_UM)
+    return _touching(slippery, targets_um[0]), _touching(sticky, targets_um[1])
 
 
 def _circles(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
@@ -167,7 +169,7 @@ def _hands(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
     for scenario in (
-        Scenario("strokes", "two fingers on random strokes, one slippery, one sticky", 10.0, _strokes),
+        Scenario("strokes", "two fingers on random strokes, one slippery, one sticky", 10.0, strokes),
         Scenario("circles", "the same on circles", 10.0, _circles),
         Scenario("rest", "the same at rest", 5.0, _rest),
         Scenario("swap", "fingers cross, lift, land again and exchange targets", 8.0, _swap),

@@ -7,7 +7,8 @@ wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two ha
             drive, the next one 462 Hz away. Its reach is that of eight patches of 20 x 10 mm along its edges, 0.5 mm
             thick as they get 150 V, which hold all eight modes at their limits together (tests/sim/plate).
 
-Another is read from a TOML file, as `hapticd plate --contacts --glass F.toml` writes it: the keys of `FILE_KEYS`.
+Another is read from a TOML file, as `hapticd plate --contacts` and `--felt` write it with `--glass F.toml`: the keys of
+`FILE_KEYS`, and `patches` where some are glued on.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from hapticd.config.sections import LEAST_MODES, MOST_MODES
 from hapticd.errors import ConfigError, SimulationError
@@ -24,7 +26,7 @@ from hapticd.files.toml_file import read_table, shown
 LEAST_PARASITIC = 2  # modes near the drive that no amplifier drives
 SUFFIX = ".toml"  # of a file that describes a plate
 FARTHEST_HZ = 1250.0  # from the drive: where the modes of a plate of a file are sought
-WRITES = "`hapticd plate --contacts --glass F.toml` writes one"
+WRITES = "`hapticd plate --felt --glass F.toml` writes one"
 NUMBERS = {  # bounds of a file's numbers
     "size_mm": (10.0, 1000.0),
     "thickness_mm": (0.01, 100.0),
@@ -33,6 +35,10 @@ NUMBERS = {  # bounds of a file's numbers
     "reach_um": (0.01, 100.0),
 }
 FILE_KEYS = (*NUMBERS, "modes", "material")
+PATCHES = "patches"  # not of every file
+_PATCH_MM = ((-500.0, 500.0), (-500.0, 500.0), (0.01, 1000.0), (0.01, 1000.0), (0.01, 100.0))
+
+GluedPatch = tuple[float, float, float, float, float]  # x, y, width, depth, thickness in mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +46,7 @@ class Glass:
     """A free plate of glass. `modes` are named by their nodal lines (`design.free_plate`); the first are driven.
 
     `reach_um` is what an amplifier reaches at resonance on the plate without fingers, in any mode or in each driven
-    one; `material` is one that `design.materials` finds.
+    one; `material` is one that `design.materials` finds. `patches` count with their mass and stiffness.
     """
 
     size_mm: tuple[float, float]
@@ -51,6 +57,7 @@ class Glass:
     driven: int
     reach_um: float | tuple[float, ...]
     material: str = "glass"
+    patches: tuple[GluedPatch, ...] = ()
 
     def mass_ratio(self, other: Glass) -> float:
         """Return this plate's mass as a share of another's: a finger damps the heavier one less."""
@@ -130,7 +137,7 @@ def _of_file(path: str) -> Glass:
         table = read_table(Path(path), WRITES)
     except ConfigError as error:
         raise SimulationError(str(error)) from None
-    if set(table) != set(FILE_KEYS):
+    if set(table) - {PATCHES} != set(FILE_KEYS):
         raise SimulationError(f"{path}: must have {', '.join(FILE_KEYS)}, and nothing else; {WRITES}.")
     for key, bounds in NUMBERS.items():
         value = table[key]
@@ -157,7 +164,19 @@ def _of_file(path: str) -> Glass:
         driven=driven,
         reach_um=tuple(map(float, reach_um)) if isinstance(reach_um, list) else float(reach_um),
         material=str(table["material"]),
+        patches=_patches(path, table.get(PATCHES, [])),
     )
+
+
+def _patches(path: str, value: Any) -> tuple[GluedPatch, ...]:
+    found: list[GluedPatch] = []
+    for patch in value if isinstance(value, list) else [value]:
+        is_patch = isinstance(patch, list) and len(patch) == len(_PATCH_MM)
+        if not (is_patch and all(map(_is_within, patch, _PATCH_MM))):
+            raise SimulationError(f"{path}: {PATCHES}: {shown(patch)} is not x, y, width, depth, thickness in mm.")
+        x_mm, y_mm, width_mm, depth_mm, thickness_mm = map(float, patch)
+        found.append((x_mm, y_mm, width_mm, depth_mm, thickness_mm))
+    return tuple(found)
 
 
 def _check_material(path: str, name: str) -> None:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 from hapticd.design import ModeShape
-from hapticd.design.free_plate import free_modes
+from hapticd.design.free_plate import distinct_names, free_modes
+from hapticd.design.glued_plate import Patch, glued_plate_modes
 from hapticd.design.materials import find_material
 from hapticd.errors import SimulationError
 
@@ -30,8 +31,13 @@ def theory(name: str, glass: str = REFERENCE) -> tuple[float, ModeShape]:
 @lru_cache(maxsize=4)
 def _by_name(glass: str) -> dict[str, tuple[float, ModeShape]]:
     plate = find_glass(glass)
+    of = find_material(plate.material)
+    patches = tuple(Patch(x_mm, y_mm, (width_mm, depth_mm), mm) for x_mm, y_mm, width_mm, depth_mm, mm in plate.patches)
     try:
-        modes = free_modes(plate.size_mm, plate.thickness_mm, find_material(plate.material), plate.band_hz)
+        if patches:
+            modes = glued_plate_modes(plate.size_mm, plate.thickness_mm, of, patches, plate.band_hz)
+        else:
+            modes = free_modes(plate.size_mm, plate.thickness_mm, of, plate.band_hz)
     except ValueError as error:  # of a plate that a file describes
         raise SimulationError(f"the {glass} plate: {error}") from None
-    return {shape.name: (frequency_hz, shape) for frequency_hz, shape in modes}
+    return dict(zip(distinct_names(modes), modes, strict=True))

@@ -19,8 +19,7 @@ from .samples import FINGER_FIELDS, MODE_FIELDS, Sampler, finger_values, mode_va
 from .states import serve
 
 # Units as spelt in the metadata of XDF, the format of LSL's recordings.
-RATIOS = ("change", "frac", "friction")
-UNITS = {"mm": "millimeters", "um": "micrometers", **dict.fromkeys(RATIOS, "ratio"), "jnd": "JND"}
+UNITS = {"mm": "millimeters", "um": "micrometers", "change": "ratio", "frac": "ratio"}
 MAKER = "hapticd"
 
 
@@ -115,6 +114,5 @@ def _unit(name: str) -> str:
 
 
 def _kind(name: str) -> str:
-    kinds = {"x_mm": "PositionX", "y_mm": "PositionY"}
-    kinds |= dict.fromkeys(("change", "frac", "friction", "jnd"), "Friction")
+    kinds = {"x_mm": "PositionX", "y_mm": "PositionY", "change": "Friction", "frac": "Friction"}
     return next((kind for end, kind in kinds.items() if name.endswith(end)), "Amplitude")

@@ -1,0 +1,122 @@
+"""Friction as asked of fingers at random places on a plate: the daemon's own rule, from several starts.
+
+`core.solver.felt` makes the largest error over contacts, in just noticeable differences, least. Fingers in motion keep
+it near the best of many starts; fingers at random places have no past, so here it starts from several amplitudes, and
+the best counts. Errors are those of the friction that the contacts have on the true shapes, by a finer rule of points
+than the solver's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
+from hapticd.core.solver.felt import COLD_ITERATIONS, COLD_TURN_RAD, STAY_FRAC, felt_points
+from hapticd.core.solver.felt_descent import descend
+from hapticd.values import WEBER_FRAC
+
+from .contact_pairs import ComplexArray, Shapes, disc, random_fingers
+from .legendre import FloatArray
+
+FINE = (6, 20)  # radii and angles of the judgement: |w| has kinks, where contacts are crossed by nodal lines
+STARTS = 4  # eight find 0 .. 2 % more places
+ENOUGH_JND = 1.0
+_CURVE = DEFAULT_FRICTION_CURVE
+_AT_REST = np.zeros(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Touches:
+    """Shapes of M modes under N contacts at P places: `solved` (P, N, 12, M) at the solver's points and `true`
+    (P, N, Q, M) at those of the judgement, whose `weights` (Q,) make the mean over a contact."""
+
+    solved: FloatArray
+    true: FloatArray
+    weights: FloatArray
+
+    def of(self, modes: Sequence[int], count: int | None = None) -> Touches:
+        """Return those of some modes, at the first `count` places."""
+        return Touches(self.solved[:count, :, :, modes], self.true[:count, :, :, modes], self.weights)
+
+    def known_by(self, other: Touches) -> Touches:
+        """Return the same places, solved on another's shapes."""
+        return Touches(other.solved, self.true, self.weights)
+
+
+def touches(
+    shapes: Shapes, size_mm: tuple[float, float], radius_mm: float, fingers: int, count: int, seed: int
+) -> Touches:
+    """Return the contacts of `fingers` at `count` random places. Raises ValueError for a plate without room."""
+    places_mm = random_fingers(size_mm, count, seed, fingers)
+    rule = np.array(felt_points(radius_mm))
+    offsets_mm, weights = disc(radius_mm, *FINE)
+
+    def at(around_mm: FloatArray) -> FloatArray:
+        points_mm = places_mm[:, :, None] + around_mm
+        phi = shapes.evaluate(points_mm.reshape(-1, 2))
+        return phi.reshape(*points_mm.shape[:-1], -1)
+
+    return Touches(at(rule[:, :2]), at(offsets_mm), weights)
+
+
+def settle_felt(
+    found: Touches, targets_um: Sequence[float], limits_um: npt.ArrayLike, starts: int = STARTS, seed: int = 1
+) -> tuple[ComplexArray, FloatArray]:
+    """Return modal amplitudes (P, M) within the limits (M,), and each contact's error (P, N) in just noticeable
+    differences: stickier is positive. Places where all are felt as asked are not started again."""
+    limits = np.asarray(limits_um, np.float64)
+    best_um = _descended(found.solved, targets_um, limits, np.minimum(limits, max(targets_um)) * _turned(limits.size))
+    best_jnd = errors_jnd(found, best_um, targets_um)
+    random = np.random.default_rng([seed, limits.size])
+    for _ in range(starts - 1):
+        sizes, turns = random.uniform(0.3, 1.0, limits.size), random.uniform(0.0, 2.0 * np.pi, limits.size)
+        left = np.flatnonzero(np.abs(best_jnd).max(axis=1) > ENOUGH_JND)
+        if left.size == 0:
+            break
+        tried_um = _descended(found.solved[left], targets_um, limits, limits * sizes * np.exp(1j * turns))
+        tried_jnd = errors_jnd(Touches(found.solved[left], found.true[left], found.weights), tried_um, targets_um)
+        is_better = np.abs(tried_jnd).max(axis=1) < np.abs(best_jnd[left]).max(axis=1)
+        best_um[left[is_better]], best_jnd[left[is_better]] = tried_um[is_better], tried_jnd[is_better]
+    return best_um, best_jnd
+
+
+def errors_jnd(found: Touches, modal_um: ComplexArray, targets_um: Sequence[float]) -> FloatArray:
+    """Return each contact's error (P, N) on the true shapes."""
+    w_um = np.abs(np.einsum("pnqm,pm->pnq", found.true, modal_um, optimize=True))
+    asked = np.array([_CURVE.friction(target_um) for target_um in targets_um])
+    return np.asarray((_CURVE.frictions(w_um, _AT_REST) @ found.weights / asked - 1.0) / WEBER_FRAC)
+
+
+def _turned(modes: int) -> ComplexArray:
+    return np.asarray(np.exp(1j * COLD_TURN_RAD * np.arange(modes)))
+
+
+def _descended(
+    solved: FloatArray, targets_um: Sequence[float], limits_um: FloatArray, start_um: ComplexArray
+) -> ComplexArray:
+    weights = [weight for _, _, weight in felt_points(1.0)]
+    frictions = [_CURVE.friction(target_um) for target_um in targets_um]
+    limits = tuple(limits_um.tolist())
+    modal_um = np.empty((len(solved), limits_um.size), np.complex128)
+    for place, phi in enumerate(solved):
+        d_um, q_um = start_um.real.tolist(), start_um.imag.tolist()
+        descend(
+            list(map(tuple, phi.reshape(-1, limits_um.size).tolist())),
+            weights,
+            frictions,
+            [1.0] * len(frictions),
+            _CURVE.pieces,
+            (_CURVE.full_um, _CURVE.floor_frac),
+            limits,
+            d_um,
+            q_um,
+            [0.0] * len(frictions),
+            COLD_ITERATIONS,
+            STAY_FRAC,
+        )
+        modal_um[place] = np.array(d_um) + 1j * np.array(q_um)
+    return modal_um

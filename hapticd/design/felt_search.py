@@ -1,0 +1,315 @@
+"""Search for plates on which frictions are felt as asked, with the patches that an order brings.
+
+For each bare plate the sets of neighbouring modes are sought that lie within `farthest_hz` of a drive, and compared by
+the share of random places at which every contact is felt as asked (`felt_places`), with the same reach for all. The
+best get patches of each orderable size along the edges, where they give most (`patch_places.places_for_reach`). Glued
+on, these move and mix the modes (`glued_plate`): they are placed again on the shapes that result, and the plate is
+judged as it then is, with the reach that follows from its patches, within the volts that each may have (`patch_reach`).
+
+A mode's limit is a share of its reach alone, the same for all modes of a plate: modes move together, and share the
+patches. The share that leaves most places within the volts is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .contact_pairs import Shapes, surfaces
+from .contact_search import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED, Drive, Plate, drives_hz
+from .felt_places import ENOUGH_JND, Touches, settle_felt, touches
+from .free_plate import ModeShape
+from .glued_plate import PZT, Patch
+from .legendre import FloatArray
+from .patch_places import BoolArray, along_edges, couplings, overlapping, places_for_reach
+from .patch_reach import PatchDrive, UndrivenError, patch_drive
+
+ORDERABLE = tuple((width, depth, thick) for width, depth in ((10, 10), (20, 10), (15, 15)) for thick in (0.3, 0.5))
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18)  # of the reach alone
+MOST_UM = 6.0  # of a mode: 95 % of places need less than 5, and the glass bears the sum of all
+SEARCH_PLACES, JUDGE_PLACES = 60, 500
+FINALISTS = 3  # for each number of modes, that get patches
+USUAL_UM = 12.0  # reach at resonance of eight 10 x 10 mm patches: by it bare plates are compared
+GLUE_HZ = 250.0  # by which patches move modes, at most
+ROUNDS, MORE_ROUNDS = 2, 12  # of placing patches on the shapes that they make; of the best
+
+Kit = tuple[float, float, float]  # a patch's width, depth and thickness in mm
+Modes = Sequence[tuple[float, ModeShape]]
+Progress = Callable[[float], None]
+Measure = Callable[[Sequence[ModeShape]], Shapes]  # from a plate's modes to the maps that a laboratory has of them
+
+
+@dataclass(frozen=True, slots=True)
+class FeltTask:
+    """What is asked of the fingers, all at the same time, and of the modes."""
+
+    targets_um: tuple[float, ...] = (1.0, 0.0)
+    q_factor: float = Q_FACTOR
+    radius_mm: float = RADIUS_MM
+    farthest_hz: float = FARTHEST_HZ
+    seed: int = SEED
+
+
+@dataclass(frozen=True, slots=True)
+class FeltDesign:
+    """A plate with its patches, one for each driven mode, at a drive frequency.
+
+    `limits_um` (M,) are at the drive, `reach_um` what they are at each mode's resonance; `share` is theirs of the reach
+    alone. `felt_frac` is the share of places where all contacts are felt as asked within the patches' volts,
+    `each_frac` (N,) that of each contact; `fits_frac` of places within the volts. `volts_frac` is the largest share of
+    a patch's volts that 95 % of the places need. `next_hz` is the nearest other mode's distance from the drive.
+    """
+
+    plate: Plate
+    drive_hz: float
+    modes: tuple[tuple[float, ModeShape], ...]
+    next_hz: float
+    driven: PatchDrive
+    share: float
+    limits_um: tuple[float, ...]
+    felt_frac: float
+    each_frac: tuple[float, ...]
+    fits_frac: float
+    volts_frac: float
+    modal_um: FloatArray  # |W| at the places, (P, M)
+    patch_v: FloatArray  # at the places, (P, M patches)
+
+    @property
+    def frequency_hz(self) -> tuple[float, ...]:
+        """The driven modes' frequencies."""
+        return tuple(hz for hz, _ in self.modes)
+
+    @property
+    def shapes(self) -> tuple[ModeShape, ...]:
+        """The driven modes' shapes."""
+        return tuple(shape for _, shape in self.modes)
+
+    @property
+    def reach_um(self) -> tuple[float, ...]:
+        """Each mode's limit at resonance with the same volts."""
+        stretch = np.abs(self.driven.stiffness_1_s(self.drive_hz)) / self.driven.decay_1_s
+        return tuple((np.array(self.limits_um) * stretch).tolist())
+
+    @property
+    def farthest_hz(self) -> float:
+        """The distance of the farthest driven mode from the drive."""
+        return max(abs(hz - self.drive_hz) for hz in self.frequency_hz)
+
+
+class GluedModes:
+    """A plate's modes near a drive, with the shapes under fingers at random places. Raises ValueError."""
+
+    def __init__(
+        self,
+        plate: Plate,
+        band_hz: tuple[float, float],
+        task: FeltTask,
+        places: int,
+        around_hz: float = 0.0,
+        measure: Measure | None = None,
+    ) -> None:
+        """Solve the plate's modes in the band, widened by `task.farthest_hz`, or `around_hz` if that is more."""
+        self.plate, self.task, self.places, self._measure = plate, task, places, measure
+        wider_hz = max(around_hz, task.farthest_hz)
+        self.modes = plate.modes((max(band_hz[0] - wider_hz, 0.0), band_hz[1] + wider_hz))
+        self._band_hz = band_hz
+
+    @cached_property
+    def _touches(self) -> Touches:
+        task, shapes = self.task, [shape for _, shape in self.modes]
+
+        def under(known: Shapes) -> Touches:
+            fingers = len(task.targets_um)
+            return touches(known, self.plate.size_mm, task.radius_mm, fingers, self.places, task.seed)
+
+        true = under(surfaces(shapes))
+        return true if self._measure is None else true.known_by(under(self._measure(shapes)))
+
+    def sets(self, count: int) -> list[range]:
+        """Return the sets of `count` neighbouring modes that a drive in the band has within `farthest_hz`."""
+        frequency_hz = [hz for hz, _ in self.modes]
+        found = []
+        for first in range(len(frequency_hz) - count + 1):
+            low_hz, high_hz = frequency_hz[first], frequency_hz[first + count - 1]
+            is_near = high_hz - low_hz <= 2.0 * self.task.farthest_hz
+            if is_near and self._band_hz[0] <= (low_hz + high_hz) / 2.0 <= self._band_hz[1]:
+                found.append(range(first, first + count))
+        return found
+
+    def felt_frac(self, chosen: Sequence[int]) -> float:
+        """Return the share of places felt as asked when each of these modes has the usual reach at resonance."""
+        frequency_hz = np.array([hz for hz, _ in self.of(chosen)])
+        drive_hz = (frequency_hz.min() + frequency_hz.max()) / 2.0
+        limits_um = Drive(self.task.q_factor, USUAL_UM).limits_um(frequency_hz, drive_hz)
+        few = self._touches.of(chosen, SEARCH_PLACES)
+        _, error_jnd = settle_felt(few, self.task.targets_um, np.minimum(limits_um, MOST_UM), starts=1)
+        return float(np.mean(_is_felt(error_jnd)))
+
+    def of(self, chosen: Sequence[int]) -> list[tuple[float, ModeShape]]:
+        """Return some of the modes."""
+        return [self.modes[mode] for mode in chosen]
+
+    def judge(self, chosen: Sequence[int], patches: Sequence[Patch], drive_hz: float | None = None) -> FeltDesign:
+        """Return the plate's figures with these modes driven by these patches, without `drive_hz` at the drive that
+        takes least volts."""
+        plate, task, targets_um = self.plate, self.task, self.task.targets_um
+        modes = self.of(chosen)
+        driven = patch_drive(plate.thickness_mm, plate.material, patches, modes, task.q_factor)
+        drive_hz = _least_volts_hz(driven, task.farthest_hz) if drive_hz is None else drive_hz
+        reach_um = driven.reach_um(drive_hz)
+        few, found = self._touches.of(chosen, SEARCH_PLACES), self._touches.of(chosen)
+
+        def share_felt(share: float) -> float:
+            modal_um, error_jnd = settle_felt(few, targets_um, np.minimum(share * reach_um, MOST_UM), starts=1)
+            patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T
+            return float(np.mean(_is_felt(error_jnd) & _fits(patch_v, driven)))
+
+        share = max(SHARES, key=share_felt)
+        limits_um = np.minimum(share * reach_um, MOST_UM)
+        modal_um, error_jnd = settle_felt(found, targets_um, limits_um)
+        patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T
+        fits = _fits(patch_v, driven)
+        others_hz = [abs(hz - drive_hz) for at, (hz, _) in enumerate(self.modes) if at not in chosen]
+        return FeltDesign(
+            plate,
+            drive_hz,
+            tuple(modes),
+            min(others_hz, default=math.inf),
+            driven,
+            share,
+            tuple(limits_um.tolist()),
+            float(np.mean(_is_felt(error_jnd) & fits)),
+            tuple(np.mean(np.abs(error_jnd) <= ENOUGH_JND, axis=0).tolist()),
+            float(np.mean(fits)),
+            float(np.quantile((patch_v / driven.most_v).max(axis=1), 0.95)),
+            np.abs(modal_um),
+            patch_v,
+        )
+
+
+def search(
+    plates: Sequence[Plate],
+    counts: Sequence[int],
+    drive_hz: tuple[float, float],
+    task: FeltTask,
+    kits: Sequence[Kit] = ORDERABLE,
+    progress: Progress = lambda _: None,
+) -> list[FeltDesign]:
+    """Return the best plates with their patches, best first. Raises ValueError."""
+    ranked: dict[int, list[tuple[float, Plate, Modes]]] = {count: [] for count in counts}
+    for done, plate in enumerate(plates):
+        progress(0.4 * done / len(plates))
+        bare = GluedModes(plate, drive_hz, task, SEARCH_PLACES)
+        for count in counts:
+            ranked[count] += [(bare.felt_frac(chosen), plate, bare.of(chosen)) for chosen in bare.sets(count)]
+    finalists = [one for found in ranked.values() for one in sorted(found, key=lambda each: -each[0])[:FINALISTS]]
+    jobs = [(plate, modes, kit) for _, plate, modes in finalists for kit in kits]
+    designs: list[tuple[float, tuple[Plate, Modes, Kit], FeltDesign]] = []
+    for done, job in enumerate(jobs):
+        progress(0.4 + 0.4 * done / len(jobs))
+        glued = glue(*job, task, ROUNDS)
+        if glued is not None:
+            designs.append((glued.felt_frac, job, glued))
+    designs.sort(key=lambda one: -one[0])
+    progress(0.8)
+    if designs:
+        better = glue(*designs[0][1], task, MORE_ROUNDS) or designs[0][2]
+        designs[0] = (better.felt_frac, designs[0][1], better)
+    return [one for _, _, one in designs]
+
+
+def glue(plate: Plate, modes: Modes, kit: Kit, task: FeltTask, rounds: int) -> FeltDesign | None:
+    """Return a bare plate with patches of a kit glued on where they give its `modes` most, or None where they take
+    these too far apart.
+
+    Patches move the modes for which they are placed. So after the first round they are placed on the best plate's
+    shapes so far, each time among a random half of the places.
+    """
+    best = None
+    drive_hz = (min(hz for hz, _ in modes) + max(hz for hz, _ in modes)) / 2.0
+    random = np.random.default_rng(task.seed)
+    for number in range(rounds):
+        patches = place(plate, modes if best is None else best.modes, task, kit, random if number else None)
+        found = judge_near(replace(plate, patches=patches), drive_hz, len(modes), task)
+        if found is not None and (best is None or found.felt_frac > best.felt_frac):
+            best = found
+    return best
+
+
+def judge_near(
+    plate: Plate, drive_hz: float, count: int, task: FeltTask, measure: Measure | None = None
+) -> FeltDesign | None:
+    """Return a plate with its patches at its best drive near `drive_hz`, or None without `count` modes there. It is
+    solved on the maps that `measure` makes of its modes, without it on the modes themselves."""
+    glued = GluedModes(plate, (drive_hz - GLUE_HZ, drive_hz + GLUE_HZ), task, JUDGE_PLACES, measure=measure)
+    found = []
+    for chosen in glued.sets(count):
+        with suppress(UndrivenError):
+            found.append(glued.judge(chosen, plate.patches))
+    return max(found, key=lambda one: one.felt_frac, default=None)
+
+
+def judge_within(design: FeltDesign, task: FeltTask, around_hz: float) -> FeltDesign:
+    """Return the design with all modes within `around_hz` of its drive known: the basis of Ritz's method follows from
+    the band, and moves modes by some Hz."""
+    drive_hz = design.drive_hz
+    glued = GluedModes(design.plate, (drive_hz, drive_hz), task, JUDGE_PLACES, around_hz)
+    count = len(design.modes)
+    firsts = range(len(glued.modes) - count + 1)
+
+    def away_hz(first: int) -> float:
+        pairs = zip(glued.modes[first : first + count], sorted(design.frequency_hz), strict=True)
+        return sum(abs(mode[0] - hz) for mode, hz in pairs)
+
+    first = min(firsts, key=away_hz)
+    return glued.judge(range(first, first + count), design.plate.patches, drive_hz)
+
+
+def place(
+    plate: Plate, modes: Modes, task: FeltTask, kit: Kit, random: np.random.Generator | None = None
+) -> tuple[Patch, ...]:
+    """Return a patch for each mode along the edges, with `random` in half of the places. Raises ValueError for one too
+    large for them."""
+    frequency_hz = np.array([hz for hz, _ in modes])
+    shapes = [shape for _, shape in modes]
+    middle_hz = (frequency_hz.min() + frequency_hz.max()) / 2.0
+    candidates_mm, sizes_mm = along_edges(plate.size_mm, kit[:2])
+    if random is not None:
+        kept = random.permutation(len(candidates_mm))[: len(candidates_mm) // 2]
+        candidates_mm, sizes_mm = candidates_mm[kept], sizes_mm[kept]
+    stiffness_1_s = np.hypot(math.pi * frequency_hz / task.q_factor, 2.0 * math.pi * (frequency_hz - middle_hz))
+    mass = np.array([float(np.sum(shape.coefficients**2)) for shape in shapes])
+    moved = couplings(shapes, candidates_mm, sizes_mm) / (mass * frequency_hz * stiffness_1_s)[:, None]
+    chosen = places_for_reach(moved / np.abs(moved).max(), overlapping(candidates_mm, sizes_mm))
+    return tuple(
+        Patch(x_mm, y_mm, (width_mm, depth_mm), kit[2], PZT)
+        for (x_mm, y_mm), (width_mm, depth_mm) in zip(
+            candidates_mm[chosen].tolist(), sizes_mm[chosen].tolist(), strict=True
+        )
+    )
+
+
+def _least_volts_hz(driven: PatchDrive, farthest_hz: float) -> float:
+    """Return the drive at which the worst patch needs least, RMS, when all modes have the same amplitude."""
+    frequency_hz = driven.frequency_hz
+    middle_hz = (frequency_hz.min() + frequency_hz.max()) / 2.0
+    tried = drives_hz(max(frequency_hz.max() - farthest_hz, 0.0), frequency_hz.min() + farthest_hz)
+    volts = driven.volts_per_um_s / driven.most_v[:, None]
+
+    def worst(hz: float) -> float:
+        return float(np.linalg.norm(volts * np.abs(driven.stiffness_1_s(hz)), axis=1).max())
+
+    return float(min([middle_hz, *tried.tolist()], key=worst))
+
+
+def _is_felt(error_jnd: FloatArray) -> BoolArray:
+    return np.asarray(np.abs(error_jnd).max(axis=1) <= ENOUGH_JND)
+
+
+def _fits(patch_v: FloatArray, driven: PatchDrive) -> BoolArray:
+    return np.asarray((patch_v <= driven.most_v).all(axis=1))

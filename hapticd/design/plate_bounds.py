@@ -1,0 +1,149 @@
+"""What a designed plate asks of glass, cooling, amplifiers and ears, each against a bound with its source.
+
+Figures are of places at random, with the amplitudes and volts that the friction asked takes there. They follow from
+mode shapes and small-signal values of the patches; nothing was measured.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import legendre
+from .felt_search import FeltDesign
+from .free_plate import ModeShape, wave_speed_m2_s
+from .glued_plate import Patch
+from .legendre import FloatArray
+from .materials import Material
+from .patch_reach import modal_mass_kg
+
+MOST_FRAC = 0.95  # of the places ask no more than what is stated
+TOUGHENED_MPA = 70.0  # lasting load on thermally toughened glass, EN 16612: (120 - 45) / 1.2 + 0.29 * 45 / 1.8
+AMPLIFIER_MA = 100.0  # peak, of the affordable ones
+PERMITTIVITY, CLAMPED_FRAC, TAN_DELTA = 1750.0, 0.6, 0.02  # PIC255 at small fields; glued, its planar motion is held
+COOLING_W_M2_K = 10.0  # of each face: free convection and radiation, an estimate
+DRIFT_HZ_K = 2.0  # at 29 kHz; an estimate
+DRIFT_FRAC = 0.1  # of a mode's bandwidth: more is to be calibrated again
+PUBLIC_DB = 100.0  # above 25 kHz, IRPA interim guidelines 1984, for the public
+EAR_MM = 500.0
+_AIR_KG_M3, _SOUND_M_S, _SILENT_PA = 1.2, 343.0, 20e-6
+_VACUUM_F_M = 8.854e-12
+_CELLS = 161
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """A figure of a plate, the most that it may be, and how both are known."""
+
+    name: str
+    value: float
+    most: float
+    unit: str
+    known: str
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the figure is within its bound."""
+        return self.value <= self.most
+
+    def __str__(self) -> str:
+        """Return the bound as a line of a verdict."""
+        verb = "within" if self.is_kept else "BEYOND"
+        return f"{self.name}: {self.value:.3g} {self.unit}, {verb} {self.most:.3g} ({self.known})"
+
+
+def bounds(design: FeltDesign, q_factor: float) -> tuple[Bound, ...]:
+    """Return the figures of a plate and its patches."""
+    plate = design.plate
+    areal_kg_m2 = plate.material.density_kg_m3 * plate.thickness_mm * 1e-3
+    omega = 2.0 * math.pi * np.array(design.frequency_hz)
+    mass_kg = np.array([modal_mass_kg(shape, areal_kg_m2, plate.patches) for shape in design.shapes])
+    stress_mpa_um = np.array([stress_mpa(shape, plate.thickness_mm, plate.material) for shape in design.shapes])
+    square_um2 = design.modal_um**2
+    speed2_m2_s2 = (0.5e-6 * omega) ** 2 / 2.0  # per um^2, in time
+    farads = np.array([capacitance_f(patch) for patch in plate.patches])
+    drive_1_s = 2.0 * math.pi * design.drive_hz
+    moving_w = square_um2 @ (mass_kg * omega * speed2_m2_s2 / q_factor)
+    ceramic_w = (design.patch_v**2 / 2.0) @ (farads * drive_1_s * TAN_DELTA)
+    area_m2 = plate.size_mm[0] * plate.size_mm[1] * 1e-6
+    warmer_k = float(np.mean(moving_w + ceramic_w)) / (2.0 * area_m2 * COOLING_W_M2_K)
+    bandwidth_hz = design.drive_hz / q_factor
+    heat_w = float(np.mean(moving_w)), float(np.mean(ceramic_w))
+    return (
+        Bound(
+            "glass stress, all modes at their limits in one place",
+            float(stress_mpa_um @ np.array(design.limits_um)),
+            TOUGHENED_MPA,
+            f"MPa ({_most(design.modal_um @ stress_mpa_um):.2g} at {MOST_FRAC:.0%} of places)",
+            f"computed, {stress_mpa_um.min():.2f} .. {stress_mpa_um.max():.2f} MPa per um of a mode; toughened glass, "
+            "EN 16612",
+        ),
+        Bound(
+            f"detuning by heat, {heat_w[0]:.2g} W in the plate and {heat_w[1]:.2g} W in the patches",
+            warmer_k * DRIFT_HZ_K,
+            DRIFT_FRAC * bandwidth_hz,
+            "Hz",
+            f"watts computed, {COOLING_W_M2_K:g} W/m2K and {DRIFT_HZ_K:g} Hz/K estimated; a tenth of f/Q",
+        ),
+        Bound(
+            f"amplifier current at {MOST_FRAC:.0%} of places, peak",
+            _most((1e3 * drive_1_s * farads * design.patch_v).max(axis=1)),
+            AMPLIFIER_MA,
+            "mA",
+            f"computed, {1e9 * farads.max():.2g} nF, at small fields; affordable amplifiers",
+        ),
+        Bound(
+            f"airborne sound at {EAR_MM / 1e3:g} m",
+            sound_db(design, square_um2.mean(axis=0) * speed2_m2_s2),
+            PUBLIC_DB,
+            "dB",
+            "estimated, as of a plane radiator, in the mean over directions; IRPA 1984, public",
+        ),
+    )
+
+
+def stress_mpa(shape: ModeShape, thickness_mm: float, material: Material) -> float:
+    """Return the largest principal stress in the plate's faces per um, peak to peak, of a mode."""
+    axes = np.linspace(-1.0, 1.0, _CELLS)
+
+    def bent(order_x: int, order_y: int) -> FloatArray:
+        terms_x, terms_y = shape.coefficients.shape
+        along_x = legendre.values(axes, terms_x - 1, order_x) * (2.0 / shape.size_mm[0]) ** order_x
+        along_y = legendre.values(axes, terms_y - 1, order_y) * (2.0 / shape.size_mm[1]) ** order_y
+        return np.asarray(along_x @ shape.coefficients @ along_y.T)
+
+    xx, yy, xy = bent(2, 0), bent(0, 2), bent(1, 1)
+    nu = material.poisson
+    mean, shear = (1.0 + nu) * (xx + yy) / 2.0, (1.0 - nu) * np.hypot((xx - yy) / 2.0, xy)
+    strain_gpa = material.young_gpa / (1.0 - nu**2) * thickness_mm / 2.0 * float(np.max(np.abs(mean) + shear))
+    return strain_gpa * 1e3 * 0.5e-3  # GPa to MPa, half a um in mm
+
+
+def capacitance_f(patch: Patch) -> float:
+    """Return a glued patch's capacitance."""
+    area_m2 = patch.size_mm[0] * patch.size_mm[1] * 1e-6
+    return CLAMPED_FRAC * PERMITTIVITY * _VACUUM_F_M * area_m2 / (patch.thickness_mm * 1e-3)
+
+
+def sound_db(design: FeltDesign, speed2_m2_s2: FloatArray) -> float:
+    """Return the level at EAR_MM, from the mean squares (M,) of the modes' speeds where they are largest.
+
+    Bending waves faster than sound radiate as a plane does, and 1 / sqrt(1 - (c / c_b)^2) more (L. Cremer and
+    M. Heckl, Structure-Borne Sound, ch. 6); the power of one face is spread over a hemisphere.
+    """
+    plate = design.plate
+    bending_m_s = math.sqrt(2.0 * math.pi * design.drive_hz * wave_speed_m2_s(plate.thickness_mm, plate.material))
+    if bending_m_s <= _SOUND_M_S:
+        return -math.inf
+    mean = np.array([np.sum(shape.coefficients**2) / 4.0 for shape in design.shapes])
+    area_m2 = plate.size_mm[0] * plate.size_mm[1] * 1e-6
+    impedance = _AIR_KG_M3 * _SOUND_M_S
+    radiated_w = impedance * area_m2 * float(mean @ speed2_m2_s2) / math.sqrt(1.0 - (_SOUND_M_S / bending_m_s) ** 2)
+    intensity_w_m2 = radiated_w / (2.0 * math.pi * (EAR_MM * 1e-3) ** 2)
+    return 10.0 * math.log10(intensity_w_m2 * impedance / _SILENT_PA**2)
+
+
+def _most(values: FloatArray) -> float:
+    return float(np.quantile(values, MOST_FRAC))

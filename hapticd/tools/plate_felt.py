@@ -1,0 +1,256 @@
+"""`hapticd plate --felt`: plates with patches, compared by the share of places where friction is felt as asked."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from ..core.friction import DEFAULT_FRICTION_CURVE
+from ..design.contact_search import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED
+from ..design.felt_search import MOST_UM, ORDERABLE, FeltDesign, FeltTask, Kit, judge_within, search
+from ..design.felt_tolerances import felt_tolerances
+from ..design.legendre import FloatArray
+from ..design.plate_bounds import Bound, bounds
+from ..errors import CalibrationError, UsageError
+from ..files import outputs
+from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
+from . import plate_arguments, plate_files, plate_verdict
+from .arguments import number
+from .plate_arguments import DRIVES
+from .plate_verdict import FeltMotion
+from .progress import Progress
+
+TARGETS = "1um,0um"
+SIZES, THICKNESSES, MODES = "200..220", "2..3", "8"  # searched without options: a minute
+ROWS = 12
+MOST_FINGERS = 5
+MOST_TARGET_UM = 20.0
+REFUSED = {
+    "contacts": "compares by contrast: omit it or --felt",
+    "reach": "follows from the patches that --felt places",
+    "patch": "--felt places the patches: give their sizes with --place",
+    "plot": "draws pairs of modes and --contacts, not --felt",
+}
+
+
+def add_argument(group: Any) -> None:
+    """Add --felt. Its value is None without the option."""
+    group.add_argument(
+        "--felt",
+        nargs="?",
+        const=TARGETS,
+        metavar="TARGETS",
+        help="compare plates with their patches by the share of places where each finger's friction is felt as asked "
+        f"of it: 0 .. 1 as in clients, or amplitudes, such as 0.2,1 or 1um,0um (the default); searches {SIZES} mm, "
+        f"{THICKNESSES} mm and {MODES} modes",
+    )
+
+
+def fill_in(options: argparse.Namespace) -> None:
+    """Set what --felt searches without these options."""
+    for name, usual in (("size", SIZES), ("thickness", THICKNESSES), ("modes", MODES)):
+        if getattr(options, name) is None:
+            setattr(options, name, usual)
+
+
+def run(options: argparse.Namespace) -> FeltDesign:
+    """Print the table and the verdict, write JSON, configuration and the plate's file; return the best design.
+
+    Raises HapticdError.
+    """
+    for name, why in REFUSED.items():
+        if getattr(options, name):
+            raise UsageError(f"--{name}: {why}.")
+    if options.config is not None and options.out is None:
+        raise UsageError("--config: names the plate's mode file: add --out F.npz.")
+    if options.glass is not None and options.q is not None:
+        raise UsageError(f"--glass: a simulated plate has a quality of {Q_FACTOR:g}: omit --q.")
+    task = FeltTask(
+        _targets_um(options.felt),
+        Q_FACTOR if options.q is None else options.q,
+        RADIUS_MM if options.radius is None else options.radius,
+        FARTHEST_HZ if options.farthest is None else options.farthest,
+        SEED if options.seed is None else options.seed,
+    )
+    designs = _searched(options, task)
+    best = designs[0]
+    study = None
+    if options.tolerances is not None:
+        with Progress(f"{options.tolerances} random plates") as progress:
+            study = felt_tolerances(best, task, options.tolerances, progress=progress)
+    try:
+        with Progress("fingers in motion on the best plate") as progress:
+            motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, progress)
+    except ValueError as error:
+        motion = str(error).rstrip(".")
+    asked = bounds(best, task.q_factor)
+    judged = plate_verdict.felt_verdict(best, asked, motion, study)
+    out = sys.stderr if options.json == outputs.STDOUT else sys.stdout
+    print(_table(designs), _patch_table(best), _mode_table(best), *judged, sep="\n", file=out)
+    if options.json is not None:
+        _write_json(designs, task, asked, motion, study, options.json)
+    heading = f"# {judged[-1]}"
+    if options.config is not None:
+        plate_files.write_config(best, task.radius_mm, heading, options.config, options.out)
+    if options.glass is not None:
+        outputs.write_text("\n".join((heading, *_glass(best))) + "\n", options.glass)
+    return best
+
+
+def _searched(options: argparse.Namespace, task: FeltTask) -> list[FeltDesign]:
+    """Return the designs, the best first, and that with all modes known that its file has. Raises HapticdError."""
+    counts = plate_arguments.modes(options.modes)
+    drive_hz = plate_arguments.span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
+    plates, kits = plate_arguments.plates(options), _kits(options.place)
+    try:
+        with Progress(f"{len(plates)} plates" if len(plates) > 1 else "the plate's modes") as progress:
+            designs = search(plates, counts, drive_hz, task, kits, progress)
+            if designs:
+                designs[0] = judge_within(designs[0], task, AROUND_HZ)
+    except ValueError as error:
+        raise CalibrationError(f"This plate cannot be designed: {error}") from None
+    if not designs:
+        raise CalibrationError(
+            f"No plate with its patches has {min(counts)} modes within {task.farthest_hz:g} Hz of a drive of "
+            f"{drive_hz[0]:g} to {drive_hz[1]:g} Hz: give another --drive, a larger --size, more --farthest, smaller "
+            "patches with --place, or fewer --modes."
+        )
+    return designs
+
+
+def _targets_um(text: str) -> tuple[float, ...]:
+    """Return the amplitudes asked; a number without a unit is a friction. Raises UsageError."""
+    found = []
+    try:
+        for part in text.split(","):
+            if part.endswith("um"):
+                found.append(number(0.0, MOST_TARGET_UM)(part.removesuffix("um")))
+            else:
+                found.append(DEFAULT_FRICTION_CURVE.amplitude_um(number(0.0, 1.0)(part)))
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f"--felt: {error}: write frictions such as 0.2,1 or amplitudes such as 1um,0um.") from None
+    if not 2 <= len(found) <= MOST_FINGERS or max(found) <= 0.0:
+        raise UsageError(f"--felt: {text!r} must be of 2 to {MOST_FINGERS} fingers, one of which slips.")
+    return tuple(found)
+
+
+def _kits(text: str | None) -> list[Kit]:
+    if text is None:
+        return list(ORDERABLE)
+    try:
+        return [plate_arguments.dimensions_mm(part) for part in text.split("/")]
+    except (ValueError, argparse.ArgumentTypeError):
+        raise UsageError(f"--place: {text!r}: write sizes of patches in mm, such as 10x10x0.3/20x10x0.5.") from None
+
+
+def _glass(design: FeltDesign) -> list[str]:
+    """Return the lines of --glass. Raises CalibrationError."""
+    try:
+        return plate_files.glass_lines(design, _rounded(design.reach_um))
+    except ValueError as error:
+        raise CalibrationError(f"--glass: {error}.") from None
+
+
+def _rounded(values_um: Sequence[float]) -> tuple[float, ...]:
+    return tuple(round(um, 3) for um in values_um)
+
+
+# --- outputs ----------------------------------------------------------------------------------------------------
+
+
+def _size(values_mm: Sequence[float]) -> str:
+    return "x".join(f"{mm:g}" for mm in values_mm)
+
+
+def _kit(design: FeltDesign) -> str:
+    patch = design.plate.patches[0]
+    return _size((*sorted(patch.size_mm, reverse=True), patch.thickness_mm))
+
+
+def _table(designs: Sequence[FeltDesign]) -> str:
+    lines = [
+        "   with their patches, for fingers at rest",
+        "   plate mm        patches mm  drive Hz modes farthest next Hz  felt  each finger        within volts",
+    ]
+    for place, one in enumerate(designs[:ROWS], 1):
+        each = " ".join(f"{100 * share:3.0f} %" for share in one.each_frac)
+        following = f"{one.next_hz:7.0f}" if math.isfinite(one.next_hz) else "      -"
+        lines.append(
+            f"{place:>2} {_size((*one.plate.size_mm, one.plate.thickness_mm)):<15} {_kit(one):<11} {one.drive_hz:8.0f} "
+            f"{len(one.modes):5} {one.farthest_hz:8.0f} {following} {100 * one.felt_frac:3.0f} %  {each:<18} "
+            f"{100 * one.fits_frac:3.0f} %"
+        )
+    if len(designs) > ROWS:
+        lines.append(f"   and {len(designs) - ROWS} more")
+    return "\n".join(lines)
+
+
+def _patch_table(design: FeltDesign) -> str:
+    lines = ["", "patch     x mm    y mm  along x, y mm   volts, 95 % of places and most"]
+    for index, patch in enumerate(design.plate.patches):
+        used_v = plate_verdict.quantile(design.patch_v[:, index])
+        lines.append(
+            f"{index + 1:>5} {patch.x_mm:8.2f} {patch.y_mm:7.2f}  {_size(patch.size_mm):<13}   {used_v:4.0f} "
+            f"{design.driven.most_v[index]:4.0f}"
+        )
+    return "\n".join(lines)
+
+
+def _mode_table(design: FeltDesign) -> str:
+    alone_um = design.driven.reach_um(design.drive_hz)
+    lines = ["", " mode Hz   alone, volts for 1 um   reach alone um   limit um   limit at resonance um   name"]
+    for (hz, shape), most_um, limit_um, reach_um, volts in zip(
+        design.modes, alone_um, design.limits_um, design.reach_um, design.driven.most_v.max() / alone_um, strict=True
+    ):
+        lines.append(f"{hz:8.0f} {volts:23.1f} {most_um:16.2f} {limit_um:10.2f} {reach_um:23.2f}   {shape.name}")
+    lines.append(
+        f"Limits are {design.share:.0%} of the reach alone, at most {MOST_UM:g} um: modes that move together share the "
+        "patches."
+    )
+    return "\n".join((*lines, ""))
+
+
+def _write_json(
+    designs: Sequence[FeltDesign],
+    task: FeltTask,
+    asked: Sequence[Bound],
+    motion: FeltMotion | str,
+    study: FloatArray | None,
+    file: str,
+) -> None:
+    table: dict[str, Any] = {
+        "targets_um": task.targets_um,
+        "designs": [_as_json(one) for one in designs],
+        "bounds": [
+            {"name": one.name, "value": one.value, "most": one.most, "unit": one.unit, "known": one.known}
+            for one in asked
+        ],
+        "motion": {"unknown": motion} if isinstance(motion, str) else motion._asdict(),
+    }
+    if study is not None:
+        table["tolerances"] = {"plates": len(study), "felt_frac": study.tolist()}
+    outputs.write_text(json.dumps(table, indent=2) + "\n", file)
+
+
+def _as_json(design: FeltDesign) -> dict[str, Any]:
+    of = design.plate.material
+    return {
+        "size_mm": design.plate.size_mm,
+        "thickness_mm": design.plate.thickness_mm,
+        "material": [of.young_gpa, of.poisson, of.density_kg_m3],
+        "drive_hz": design.drive_hz,
+        "modes": [shape.name for shape in design.shapes],
+        "frequency_hz": design.frequency_hz,
+        "next_hz": design.next_hz if math.isfinite(design.next_hz) else None,
+        "patches": [[one.x_mm, one.y_mm, *one.size_mm, one.thickness_mm] for one in design.plate.patches],
+        "reach_alone_um": design.driven.reach_um(design.drive_hz).tolist(),
+        "limits_um": design.limits_um,
+        "reach_um": design.reach_um,
+        "felt_frac": design.felt_frac,
+        "each_frac": design.each_frac,
+        "within_volts_frac": design.fits_frac,
+    }

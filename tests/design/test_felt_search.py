@@ -1,0 +1,152 @@
+"""Friction as asked at places at random, patches placed for reach, and what is searched by both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapticd.design import ModeShape, free_plate_modes
+from hapticd.design.contact_pairs import random_fingers, surfaces
+from hapticd.design.contact_search import Plate
+from hapticd.design.felt_places import errors_jnd, settle_felt, touches
+from hapticd.design.felt_search import FeltDesign, FeltTask, GluedModes, judge_within, place, search
+from hapticd.design.felt_tolerances import felt_tolerances
+from hapticd.design.free_plate import distinct_names
+from hapticd.design.materials import MATERIALS
+from hapticd.design.patch_places import along_edges, couplings, overlapping, places_for_reach
+
+SIZE_MM, TARGETS_UM = (120.0, 120.0), (1.0, 0.0)
+TASK = FeltTask(farthest_hz=400.0)
+KIT = (8.0, 8.0, 0.3)
+
+
+@pytest.fixture(scope="module")
+def shapes() -> list[ModeShape]:
+    return [shape for _, shape in free_plate_modes((200.0, 200.0), 3.0, band_hz=(29200.0, 29600.0))]
+
+
+@pytest.fixture(scope="module")
+def designs() -> list[FeltDesign]:
+    plates = [Plate(SIZE_MM, mm, MATERIALS["glass"]) for mm in (2.0, 3.0)]
+    return search(plates, [3], (28500.0, 30000.0), TASK, [KIT, (8.0, 8.0, 0.5)])
+
+
+def test_errors_are_those_of_the_mean_friction_over_a_fine_grid(shapes: list[ModeShape]) -> None:
+    known = surfaces(shapes)
+    found = touches(known, (200.0, 200.0), 5.0, 2, 40, seed=3)
+    limits_um = np.full(len(shapes), 3.0)
+    modal_um, error_jnd = settle_felt(found, TARGETS_UM, limits_um)
+    assert np.all(np.abs(modal_um) <= limits_um * (1.0 + 1e-12))
+    line_mm = np.arange(-4.9, 5.0, 0.2)
+    grid_mm = np.stack(np.meshgrid(line_mm, line_mm), axis=-1).reshape(-1, 2)
+    grid_mm = grid_mm[np.hypot(*grid_mm.T) <= 5.0]
+    points_mm = random_fingers((200.0, 200.0), 40, 3)[:, :, None] + grid_mm
+    phi = known.evaluate(points_mm.reshape(-1, 2)).reshape(*points_mm.shape[:-1], -1)
+    friction = np.maximum(np.exp(-np.abs(np.einsum("pnqm,pm->pnq", phi, modal_um)) / 0.7), np.exp(-2.0 / 0.7))
+    asked = np.exp(-np.array(TARGETS_UM) / 0.7)
+    np.testing.assert_allclose(error_jnd, (friction.mean(axis=2) / asked - 1.0) / 0.11, atol=0.12)
+
+
+def test_more_starts_make_no_place_worse_and_some_better(shapes: list[ModeShape]) -> None:
+    found = touches(surfaces(shapes), (200.0, 200.0), 5.0, 2, 100, seed=1)
+    once, often = (np.abs(settle_felt(found, TARGETS_UM, [2.0] * len(shapes), n)[1]).max(axis=1) for n in (1, 8))
+    assert np.all(often <= once)
+    assert np.mean(once <= 1.0) < np.mean(often <= 1.0)
+
+
+def test_what_is_solved_on_wrong_shapes_is_judged_on_the_true_ones(shapes: list[ModeShape]) -> None:
+    true = touches(surfaces(shapes), (200.0, 200.0), 5.0, 2, 50, seed=1)
+    swapped = touches(surfaces(shapes[::-1]), (200.0, 200.0), 5.0, 2, 50, seed=1)
+    limits_um = [3.0] * len(shapes)
+    modal_um, error_jnd = settle_felt(true.known_by(swapped), TARGETS_UM, limits_um, starts=1)
+    np.testing.assert_array_equal(error_jnd, errors_jnd(true, modal_um, TARGETS_UM))
+    assert np.mean(np.abs(error_jnd)) > 2.0 * np.mean(np.abs(settle_felt(true, TARGETS_UM, limits_um, starts=1)[1]))
+
+
+def test_three_fingers_are_all_apart_and_too_many_are_refused() -> None:
+    places_mm = random_fingers((100.0, 100.0), 50, 1, 3)
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        assert np.hypot(*(places_mm[:, one] - places_mm[:, other]).T).min() >= 20.0
+    with pytest.raises(ValueError, match="no room for five fingers"):
+        random_fingers((45.0, 40.0), 10, 1, 5)
+
+
+def test_patches_placed_for_reach_need_fewer_volts_than_a_thousand_random_choices(shapes: list[ModeShape]) -> None:
+    candidates_mm, sizes_mm = along_edges((200.0, 200.0), (20.0, 10.0))
+    assert {tuple(size) for size in sizes_mm.tolist()} == {(20.0, 10.0), (10.0, 20.0)}
+    moved = couplings(shapes, candidates_mm, sizes_mm)
+    overlaps = overlapping(candidates_mm, sizes_mm)
+    chosen = places_for_reach(moved, overlaps)
+    assert not np.any(overlaps[np.ix_(chosen, chosen)] & ~np.eye(len(chosen), dtype=bool))
+
+    def worst(some: list[int]) -> float:
+        return float(np.linalg.norm(np.linalg.inv(moved[:, some]), axis=1).max())
+
+    random = np.random.default_rng(1)
+    drawn = [random.choice(len(candidates_mm), len(shapes), replace=False).tolist() for _ in range(1000)]
+    assert worst(chosen) < 0.8 * min(map(worst, drawn))
+    for at in range(len(chosen)):  # nor does one exchange make it better
+        others = chosen[:at] + chosen[at + 1 :]
+        tried = np.flatnonzero(~overlaps[others].any(axis=0))[::7]
+        assert worst(chosen) <= min(worst([*others, one]) for one in tried.tolist()) * (1.0 + 1e-6)
+
+
+def test_the_best_plate_comes_first_and_has_a_patch_for_each_mode(designs: list[FeltDesign]) -> None:
+    assert [one.felt_frac for one in designs[1:]] == sorted((one.felt_frac for one in designs[1:]), reverse=True)
+    assert designs[0].felt_frac >= designs[1].felt_frac
+    for one in designs:
+        assert len(one.plate.patches) == len(one.modes) == 3
+        assert one.farthest_hz <= TASK.farthest_hz
+        reach_um = one.driven.reach_um(one.drive_hz)
+        np.testing.assert_allclose(one.limits_um, np.minimum(one.share * reach_um, 6.0))
+        assert np.all(one.modal_um <= np.array(one.limits_um) * (1.0 + 1e-12))
+        assert one.felt_frac <= min(*one.each_frac, one.fits_frac)
+        assert one.fits_frac == np.mean((one.patch_v <= one.driven.most_v).all(axis=1))
+
+
+def test_a_limit_at_resonance_takes_the_volts_of_the_limit_at_the_drive(designs: list[FeltDesign]) -> None:
+    best = designs[0]
+    decay_1_s = np.pi * np.array(best.frequency_hz) / TASK.q_factor
+    away_1_s = 2.0 * np.pi * (np.array(best.frequency_hz) - best.drive_hz)
+    np.testing.assert_allclose(np.array(best.reach_um) * decay_1_s, best.limits_um * np.hypot(decay_1_s, away_1_s))
+
+
+def test_places_beyond_the_patches_volts_do_not_count(designs: list[FeltDesign]) -> None:
+    plate = designs[0].plate
+    thinner = replace(plate, patches=tuple(replace(patch, thickness_mm=0.05) for patch in plate.patches))
+    drive_hz = designs[0].drive_hz
+    judged = []
+    for one in (plate, thinner):
+        modes = GluedModes(one, (drive_hz - 250.0, drive_hz + 250.0), TASK, 100)
+        judged.append(
+            max((modes.judge(chosen, one.patches) for chosen in modes.sets(3)), key=lambda made: made.felt_frac)
+        )
+    assert judged[1].driven.most_v.tolist() == [15.0] * 3
+    assert judged[1].felt_frac < judged[0].felt_frac
+
+
+def test_a_design_with_all_modes_around_it_known_is_the_same_one(designs: list[FeltDesign]) -> None:
+    found = judge_within(designs[0], TASK, 1250.0)
+    assert found.drive_hz == designs[0].drive_hz
+    assert found.frequency_hz == pytest.approx(designs[0].frequency_hz, abs=10.0)
+    assert found.felt_frac == pytest.approx(designs[0].felt_frac, abs=0.1)
+    assert found.next_hz > 0.0
+
+
+def test_random_plates_keep_a_good_part_of_what_the_design_gives(designs: list[FeltDesign]) -> None:
+    (kept,) = felt_tolerances(designs[0], TASK, 1)
+    assert 0.3 * designs[0].felt_frac < kept <= 1.0
+    np.testing.assert_array_equal(felt_tolerances(designs[0], TASK, 1), [kept])
+
+
+def test_patches_too_large_for_the_edges_are_refused(designs: list[FeltDesign]) -> None:
+    with pytest.raises(ValueError, match="too large for the plate's edges"):
+        place(designs[0].plate, designs[0].modes, TASK, (80.0, 80.0, 0.5))
+
+
+def test_modes_of_one_name_are_told_apart(shapes: list[ModeShape]) -> None:
+    first, second = shapes[:2]
+    modes = [(1.0, first), (2.0, second), (3.0, first), (4.0, first)]
+    assert distinct_names(modes) == [first.name, second.name, f"{first.name}#2", f"{first.name}#3"]

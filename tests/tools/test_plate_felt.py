@@ -1,0 +1,114 @@
+"""`hapticd plate --felt`: a search, its verdict and its files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hapticd.__main__ import main
+from hapticd.config import loader
+from hapticd.daemon.service import load_modes
+from hapticd.design.plate_bounds import Bound
+from hapticd.sim.plate.glasses import find_glass
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.tools import plate_felt
+
+SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", "2", "--drive", "28000..30500"]
+KIT = ["--place", "8x8x0.3", "--farthest", "600"]
+
+
+def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = {name: tmp_path / f"plate.{name}" for name in ("npz", "json", "toml")}
+    glass = tmp_path / "glass.toml"
+    outputs = ["--out", str(files["npz"]), "--json", str(files["json"]), "--config", str(files["toml"])]
+    assert main([*SMALL, *KIT, "--tolerances", "1", *outputs, "--glass", str(glass)]) == 0
+    printed = capsys.readouterr().out
+    found = json.loads(files["json"].read_text())
+    best = found["designs"][0]
+    assert len(best["patches"]) == len(best["modes"]) == 2
+    assert found["targets_um"] == [1.0, 0.0]
+    assert "not simulated, as simulated strokes need a plate of 116 x 116 mm or more" in printed
+    assert "tolerances: of 1 plates the median has" in printed
+    assert [one["unit"].split()[0] for one in found["bounds"]] == ["MPa", "Hz", "mA", "dB"]
+    for line in (files["toml"], glass):
+        assert line.read_text().splitlines()[0] == f"# {printed.splitlines()[-1]}"
+    config = loader.load(files["toml"])
+    assert config.limits.w_limit_um == pytest.approx(best["limits_um"], abs=1e-3)
+    truth = GroundTruth(PlateSettings.of(str(glass)))
+    assert truth.w_limit_um == pytest.approx(best["limits_um"], rel=1e-2)
+    assert truth.nominal_detuning_rad_s / (2.0 * np.pi) + best["drive_hz"] == pytest.approx(best["frequency_hz"])
+    points_mm = np.random.default_rng(1).uniform(-45.0, 45.0, (50, 2))
+    np.testing.assert_allclose(load_modes(config).evaluate(points_mm), truth.shapes(points_mm)[:, :2], atol=5e-3)
+    assert [list(patch) for patch in find_glass(str(glass)).patches] == best["patches"]
+
+
+@pytest.mark.timeout(300)
+def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = {name: tmp_path / f"{name}.json" for name in ("design", "motion")}
+    glass = tmp_path / "glass.toml"
+    arguments = ["--size", "200x200", "--thickness", "3", "--modes", "4", "--drive", "29300..29450"]
+    assert (
+        main(
+            [
+                "plate",
+                "--felt",
+                *arguments,
+                "--place",
+                "20x10x0.3",
+                "--glass",
+                str(glass),
+                "--json",
+                str(files["design"]),
+            ]
+        )
+        == 0
+    )
+    assert "friction as asked, in motion: " in capsys.readouterr().out
+    assert main(["simulate", "strokes", "--alone", "--plate", str(glass), "--json", str(files["motion"])]) == 0
+    found, played = (json.loads(file.read_text()) for file in files.values())
+    assert found["motion"]["felt_frac"] == pytest.approx(played["hapticd"]["felt_frac"], abs=0.01)  # reach is rounded
+    assert found["motion"]["felt_frac"] > 0.3
+
+
+def test_targets_are_frictions_or_amplitudes() -> None:
+    assert plate_felt._targets_um("1um,0um") == (1.0, 0.0)
+    assert plate_felt._targets_um("0,1") == (2.0, 0.0)
+    slippery_um, half_um, sticky_um = plate_felt._targets_um("0.2,0.5um,1")
+    assert (half_um, sticky_um) == (0.5, 0.0)
+    assert 0.5 < slippery_um < 2.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--felt", "2,0"], "--felt: 2 is out of bounds, it must be 0 .. 1: write frictions"),
+        (["--felt", "0um,1"], "--felt: '0um,1' must be of 2 to 5 fingers, one of which slips."),
+        (["--felt", "1um"], "must be of 2 to 5 fingers"),
+        (["--felt", "--contacts"], "--contacts: compares by contrast: omit it or --felt."),
+        (["--felt", "--reach", "4"], "--reach: follows from the patches that --felt places."),
+        (["--felt", "--patch", "0,0,8x8x0.3"], "--patch: --felt places the patches"),
+        (["--felt", "--config", "x.toml"], "--config: names the plate's mode file: add --out F.npz."),
+        (["--felt", "--glass", "x.toml", "--q", "300"], "--glass: a simulated plate has a quality of 500: omit --q."),
+        (["--felt", "--place", "8x8"], "--place: '8x8': write sizes of patches in mm"),
+        ([*SMALL[1:], "--modes", "8"], "No plate with its patches has 8 modes within 180 Hz of a drive"),
+        ([*SMALL[1:], *KIT, "--place", "60x60x0.3"], "patches of 60x60 mm are too large for the plate's edges."),
+        (["--place", "8x8x0.3"], "--place: belongs to --contacts and --felt: add one of them."),
+    ],
+)
+def test_what_cannot_be_searched_is_one_sentence(
+    arguments: list[str], sentence: str, refused: Callable[..., str]
+) -> None:
+    assert sentence in refused("plate", *arguments)
+
+
+def test_the_verdict_names_what_is_beyond_its_bound() -> None:
+    kept, broken = (
+        Bound("glass stress, all modes", 30.0, 70.0, "MPa", "computed"),
+        Bound("sound", 107.0, 100.0, "dB", "-"),
+    )
+    assert str(kept) == "glass stress, all modes: 30 MPa, within 70 (computed)"
+    assert str(broken) == "sound: 107 dB, BEYOND 100 (-)"
