@@ -24,25 +24,28 @@ STATUS: dict[str, dict[str, float]] = {"latency_ms": {}}
 
 PAPER = "the paper's scheme, reference plate, 2 modes"
 REFERENCE, FINGERTIP = "hapticd, reference plate, 2 modes", "hapticd, fingertip plate, 4 modes"
+WIDE = "hapticd, wide plate, 8 modes"
 
 
 @pytest.mark.parametrize(
     ("sim", "titles"),
     [
-        (SimConfig(), [PAPER, REFERENCE, FINGERTIP]),
-        (SimConfig(plate="fingertip", modes=4), [PAPER, REFERENCE, FINGERTIP]),
-        (SimConfig(wiring="paper"), [f"{PAPER}, the paper's wires", f"{REFERENCE}, the paper's wires", FINGERTIP]),
-        (SimConfig(wiring="swapped"), [PAPER, f"{REFERENCE}, swapped wires", FINGERTIP]),
-        (SimConfig(modes=4), [PAPER, "hapticd, reference plate, 4 modes", FINGERTIP]),
-        (SimConfig(plate="fingertip", modes=5), [PAPER, REFERENCE, "hapticd, fingertip plate, 5 modes"]),
+        (SimConfig(plate="fingertip", modes=4), [PAPER, FINGERTIP, WIDE]),
+        (SimConfig(plate="wide"), [PAPER, FINGERTIP, WIDE]),
+        (SimConfig(plate="fingertip", modes=5), [PAPER, "hapticd, fingertip plate, 5 modes", WIDE]),
+        (SimConfig(), [PAPER, REFERENCE, WIDE]),
+        (SimConfig(modes=4), [PAPER, "hapticd, reference plate, 4 modes", WIDE]),
+        (SimConfig(wiring="paper"), [f"{PAPER}, the paper's wires", f"{REFERENCE}, the paper's wires", WIDE]),
+        (SimConfig(wiring="swapped"), [PAPER, f"{REFERENCE}, swapped wires", WIDE]),
     ],
     ids=[
         "usual",
-        "fingertip plate",
+        "wide plate",
+        "5 modes",
+        "reference plate",
+        "4 modes on it",
         "the paper's wires",
         "wrong wires are the live column's alone",
-        "4 modes",
-        "5 modes",
     ],
 )
 def test_the_live_column_takes_the_place_of_its_plate_and_the_papers_scheme_is_compared(
@@ -61,7 +64,7 @@ def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
     run = lockstep.run("strokes", seconds=1.0)
     films = dict.fromkeys(columns(live, is_bare=False), Film.of(run, live.title))
     rows = {line[:26].strip(): line[26:].split() for line in summary(films, live, STATUS).splitlines()}
-    assert rows["plate"] == ["reference", "reference", "fingertip"]
+    assert rows["plate"] == ["reference", "reference", "wide"]
     assert rows["both felt as asked"] == [f"{run.score.felt_frac:.0%}"] * 3
     assert rows["sticky contact, um RMS"] == [f"{run.score.contact_leak_um:.3f}"] * 3
     assert rows["slippery contact, um RMS"] == [f"{run.score.contact_slip_um:.3f}"] * 3
@@ -71,7 +74,7 @@ def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
 
 def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_path: Path, figures: list[Any]) -> None:
     paper, ours = (Film.of(lockstep.run("strokes", seconds=1.5), title) for title in (PAPER, REFERENCE))
-    draw(paper, ours, tmp_path / "demo.png", seconds=1.0, source="demo")
+    draw([paper, ours], tmp_path / "demo.png", seconds=1.0, source="demo")
     papers, hapticds, plate, _ = figures[0].axes
     at = typical_instant(ours, 1.0)
     t_s, got, asked = ours.frictions(1.0)
@@ -100,7 +103,7 @@ def test_the_instant_of_the_picture_is_a_typical_one_and_the_field_under_a_finge
 
 def test_a_run_that_is_too_short_to_be_judged_still_has_a_picture(tmp_path: Path, figures: list[Any]) -> None:
     film = Film.of(lockstep.run("strokes", seconds=0.5), REFERENCE).between(0.42, 0.46)
-    draw(film, film, tmp_path / "demo.png", seconds=2.5, source="demo")
+    draw([film, film], tmp_path / "demo.png", seconds=2.5, source="demo")
     assert figures[0].axes[0].get_title(loc="left") == "hapticd"
 
 
@@ -117,5 +120,5 @@ def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
 
 def test_the_picture_is_known_as_an_earlier_demos(tmp_path: Path) -> None:
     film, out = Film.of(lockstep.run("strokes", seconds=0.5), REFERENCE), tmp_path / "demo.png"
-    draw(film, film, out, seconds=0.5, source=f"{program.SOURCE}1")
+    draw([film, film], out, seconds=0.5, source=f"{program.SOURCE}1")
     assert outputs.has_mark(out, f", {program.SOURCE}".encode(), plotting.SIGNED_BYTES)

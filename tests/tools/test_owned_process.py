@@ -20,6 +20,7 @@ pytestmark = pytest.mark.long
 PATIENCE_S = 60.0
 OWNER = """
 import os, signal
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # also where the tests run under nohup
 from hapticd.tools.daemon_process import DaemonProcess
 from hapticd.sim.rig.process import RigProcess
 with RigProcess("rest", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon:

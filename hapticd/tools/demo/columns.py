@@ -16,7 +16,7 @@ from ...config.sections import SimConfig
 from ...errors import HapticdError
 from ...sim import lockstep
 from ...sim.picture import Film
-from ...sim.plate.glasses import FINGERTIP, REFERENCE
+from ...sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...sim.plate.wirings import IDENTITY
 from ...sim.plate.wirings import PAPER as SHARED
@@ -52,18 +52,16 @@ def live_column(sim: SimConfig, *, is_bare: bool) -> Column:
 
 
 def columns(live: Column, *, is_bare: bool) -> list[Column]:
-    """Return the paper's scheme on the reference plate and hapticd on both, where `live` takes its plate's place.
+    """Return the paper's scheme on its plate, and hapticd on four and eight modes, `live` in the place of its plate.
 
     On the paper's wires the paper's scheme runs too; wrong ones are the live column's alone.
     """
-    wires = live.plate.wiring if live.plate.wiring == SHARED else IDENTITY
-    fixed = [(PAPER, REFERENCE), (HAPTICD, REFERENCE), (HAPTICD, FINGERTIP)]
-    return [
-        live
-        if (scheme, name) == (HAPTICD, live.plate.plate)
-        else Column(scheme, _plate(name, 0, wires if name == live.plate.plate else IDENTITY, is_bare=is_bare))
-        for scheme, name in fixed
-    ]
+    wires = live.plate.wiring if live.plate.wiring == SHARED and live.plate.plate == REFERENCE else IDENTITY
+    paper = Column(PAPER, _plate(REFERENCE, 0, wires, is_bare=is_bare))
+    ours = [Column(HAPTICD, _plate(name, 0, IDENTITY, is_bare=is_bare)) for name in (FINGERTIP, WIDE)]
+    if all(column.plate.plate != live.plate.plate for column in ours):
+        return [paper, live, ours[-1]]
+    return [paper, *[live if column.plate.plate == live.plate.plate else column for column in ours]]
 
 
 def _plate(name: str, modes: int, wiring: str, *, is_bare: bool) -> PlateSettings:

@@ -1,5 +1,5 @@
-"""The demo's picture: the plate from above at one instant, and the friction that both fingers feel over time under two
-schemes, with the band of just noticeable differences around what was asked.
+"""The demo's picture: the plate from above at one instant, and the friction that both fingers feel over time in each
+column of the comparison, with the band of just noticeable differences around what was asked.
 
 A finger's friction is the mean over its contact, a disc. The instant is the one at which both fingers feel what is most
 typical of the run.
@@ -20,7 +20,7 @@ from ...values import WEBER_FRAC
 
 SLIPPERY, STICKY = "#0b6fa4", "#b3500c"  # as in the browser's page
 ON_FIELD = {SLIPPERY: "#8fd3ff", STICKY: "#ffb877"}  # the same, legible on dark colours
-WIDTH_IN, HEIGHT_IN = 13.2, 5.2
+WIDTH_IN, HEIGHT_IN = 13.2, 5.8
 POINTS, LEVELS, COLOURS = 241, 48, 160
 TICKS_UM = (0.0, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0)
 FRICTIONS = (0.2, 0.5, 1.0)  # on an axis on which equal differences are equally noticeable
@@ -29,17 +29,21 @@ LABEL_MM = 13.0  # from a contact's centre to its label
 BOX = {"boxstyle": "round,pad=0.3", "fc": "#14181bd0", "ec": "none"}
 
 
-def draw(paper: Film, ours: Film, path: Path, *, seconds: float, source: str) -> None:
-    """Write the picture of the first `seconds` of two runs of the same fingers. Raises HapticdError."""
-    figure, axes = plotting.subplots(WIDTH_IN, HEIGHT_IN, 2, 2, source=source, width_ratios=(1.05, 1.35))
+def draw(films: list[Film], path: Path, *, seconds: float, source: str) -> None:
+    """Write the picture of the first `seconds` of runs of the same fingers; the plate is the last one's.
+
+    Raises HapticdError.
+    """
+    figure, axes = plotting.subplots(WIDTH_IN, HEIGHT_IN, len(films), 2, source=source, width_ratios=(1.05, 1.35))
     grid = axes[0, 0].get_gridspec()
     for axis in axes[:, 0]:
         axis.remove()
-    _draw_plate(figure, figure.add_subplot(grid[:, 0]), ours, seconds)
-    for axis, film in zip(axes[:, 1], (paper, ours), strict=True):
+    _draw_plate(figure, figure.add_subplot(grid[:, 0]), films[-1], seconds)
+    for axis, film in zip(axes[:, 1], films, strict=True):
         _draw_time(axis, film, seconds)
-    axes[0, 1].tick_params(labelbottom=False)
-    axes[1, 1].set_xlabel("time, s")
+        axis.tick_params(labelbottom=False)
+    axes[-1, 1].tick_params(labelbottom=True)
+    axes[-1, 1].set_xlabel("time, s")
     plotting.save(figure, path, colours=COLOURS)
 
 
@@ -89,8 +93,10 @@ def _draw_plate(figure: Any, axis: Any, film: Film, seconds: float) -> None:
             bbox=BOX,
         )
     axis.set(xticks=(), yticks=())
-    axis.set_title("hapticd: two fingers on one plate, from above", loc="left", fontsize=12, weight="bold")
-    axis.set_xlabel(f"at {film.t_s[at]:.2f} s; bright glass moves and is slippery, dark glass is still")
+    scheme, _, plate = film.title.partition(", ")
+    axis.set_title(f"{scheme}: two fingers on one plate", loc="left", fontsize=12, weight="bold")
+    axis.set_title(plate, loc="right", fontsize=9)
+    axis.set_xlabel(f"from above, at {film.t_s[at]:.2f} s: bright glass moves and is slippery, dark glass is still")
     bar = {"location": "left", "shrink": 0.8, "aspect": 40, "ticks": TICKS_UM}
     figure.colorbar(image, ax=axis, label="vibration, µm peak to peak", **bar)
 
@@ -105,7 +111,7 @@ def _draw_time(axis: Any, film: Film, seconds: float) -> None:
         band = [asked[:, finger] * (1.0 + side * WEBER_FRAC) for side in (-1.0, 1.0)]
         axis.fill_between(t_s, *band, color=colour, alpha=0.25, lw=0.0)
         axis.plot(t_s, got[:, finger], color=colour, lw=2.0)
-        label = f"finger {finger + 1},\nasked {known[-1]:.2g}"
+        label = f"finger {finger + 1},\nasked {known[-1]:.2g}" + (":\nbare glass" if known[-1] == 1.0 else "")
         axis.annotate(label, (1.01, known[-1]), xycoords=("axes fraction", "data"), color=colour, va="center")
     judged = film.score
     scheme, _, plate = film.title.partition(", ")
@@ -114,7 +120,7 @@ def _draw_time(axis: Any, film: Film, seconds: float) -> None:
     axis.set_title(scheme, loc="left", fontsize=12, weight="bold")
     axis.set_title(plate, loc="right", fontsize=9)
     axis.set_xlim(film.t_s[0], film.t_s[0] + min(seconds, film.seconds))
-    axis.set(yscale="log", ylim=(LEAST, MOST), ylabel="friction, bare glass is 1")
+    axis.set(yscale="log", ylim=(LEAST, MOST), ylabel="friction")
     axis.set_yticks(FRICTIONS, [f"{friction:g}" for friction in FRICTIONS])
     axis.minorticks_off()
 

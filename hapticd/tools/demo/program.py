@@ -3,9 +3,9 @@
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
 The client sets a slippery and a sticky finger on the fingertip plate, a live view shows their amplitudes, and at the
-end the plate's true motion is scored, and the same fingers in virtual time: the paper's scheme and hapticd on the
-reference plate. The board is the firmware's core in the rig, or its whole program in a process, with a simpler
-reference plate inside; the others then get such a plate too.
+end the plate's true motion is scored, and the same fingers in virtual time: the paper's scheme on its plate, and
+hapticd on the wide plate with eight modes. The board is the firmware's core in the rig, or its whole program in a
+process, with a simpler reference plate inside; the others then get such a plate too.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
         if options.details:
             draw_details(shown, out, seconds=PICTURE_S, source=source, has_contacts=True)
         else:
-            draw(shown[0], ours, out, seconds=PICTURE_S, source=source)
+            draw(shown, out, seconds=PICTURE_S, source=source)
     print(summary(films, live, status))
     if board == "library":
         print(
