@@ -184,12 +184,19 @@ class TouchPoint(NamedTuple):
 
 
 class Perceived(NamedTuple):
-    """What a person perceives of a finger's target: the contact's friction relative to the target's, minus 1, the
-    share of time in which that is beyond WEBER_FRAC either way, and the RMS amplitude over the contact."""
+    """What a person perceives at a finger, when the newest sample of it was taken.
 
-    friction_change: float
-    weber_frac: float
+    `contact_um` is the RMS amplitude over the contact, `felt_friction` the mean friction over it, relative to bare
+    glass. For a finger with a target `friction_change` is that friction relative to the target's, minus 1, and
+    `weber_frac` the share of time in which that is beyond WEBER_FRAC either way. `error_jnd` is the change in just
+    noticeable differences, where the plate is driven for contacts: None where it is driven for points.
+    """
+
+    friction_change: float | None
+    weber_frac: float | None
     contact_um: float
+    felt_friction: float
+    error_jnd: float | None
 
 
 class Tick(NamedTuple):

@@ -14,15 +14,14 @@ import pytest
 
 from hapticd.config.sections import Config
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.perception import ContactPerception
 from hapticd.core.solver.instant import InstantSolver
 from hapticd.daemon.machine import Machine
-from hapticd.daemon.perception import Perception
 from hapticd.daemon.settings import friction_curve
 from hapticd.design.contact_pairs import grams, settle
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
 from hapticd.tools.view import client
-from hapticd.values import TouchPoint
 
 AMPLITUDES_UM = tuple(DEFAULT_FRICTION_CURVE.amplitude_um(1.0 - index / 16) for index in range(17))
 HALF = Config(
@@ -67,11 +66,12 @@ def test_the_designed_plate_s_pairs_too() -> None:
 
 
 def test_telemetry_and_score_judge_by_it() -> None:
-    point = TouchPoint(1, *PLACES_MM[0], 0.5, 0.5, *PLACES_MM[0])
     modal_um = solved_um(DEFAULT_FRICTION_CURVE, 1.0)
-    half = Perception(TRUTH.true_mode_map(), CURVE, 5.0, 10**6).felt(point, (modal_um / 2.0).tolist())
-    whole = Perception(TRUTH.true_mode_map(), DEFAULT_FRICTION_CURVE, 5.0, 10**6)
-    assert half[0] == pytest.approx(whole.felt(point._replace(target_um=1.0), modal_um.tolist())[0], rel=1e-9)
+    modes, (x_mm, y_mm) = TRUTH.true_mode_map(), PLACES_MM[0]
+    half, whole = (ContactPerception(curve, 5.0) for curve in (CURVE, DEFAULT_FRICTION_CURVE))
+    assert half.asked(0.5, 1.0) == pytest.approx(whole.asked(1.0, 1.0), rel=1e-9)
+    felt_by_half, _ = half.felt(modes, x_mm, y_mm, (modal_um / 2.0).tolist(), 1.0)
+    assert felt_by_half == pytest.approx(whole.felt(modes, x_mm, y_mm, modal_um.tolist(), 1.0)[0], rel=1e-9)
     plate_um = np.concatenate((modal_um, np.zeros(len(TRUTH.decay_1_s) - 4)))[None]
     fingers_mm = np.array(PLACES_MM)[None]
     _, judged = felt(fingers_mm, plate_um / 2.0, TRUTH.shapes, CURVE.frictions)

@@ -47,7 +47,7 @@ class _Problem:
         self.before = self._places(points_mm + random.normal(scale=1.0, size=points_mm.shape))
         self.now = self._places(points_mm)
         self.map = plate.true_mode_map(modes)
-        points = np.array(felt_points(CONTACT_RADIUS_MM))
+        points = np.array(felt_points()) * (CONTACT_RADIUS_MM, CONTACT_RADIUS_MM, 1.0)
         self._weights = points[:, 2]
         self._phi = self.map.evaluate((points_mm[:, None] + points[:, :2]).reshape(-1, 2)).reshape(fingers, -1, modes)
         self._asked = np.array([DEFAULT_FRICTION_CURVE.friction(target_um) for target_um in self.targets_um])

@@ -44,6 +44,7 @@ from .ways import Ways, moved_mm
 _STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
 _COVER_STEP_NS: Final = 1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
 _LONGEST_COVER_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
+_KEPT_REFERENCES: Final = 6  # in force at the newest sample: it is up to three passes old
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +95,20 @@ class PipelineCounters:
     skipped_standing: int = 0
 
 
+class Past:
+    """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, and
+    by how much more amplitude it needs as it slides."""
+
+    __slots__ = ("modal_um", "places", "stretches")
+
+    def __init__(self, modal_um: Row, places: list[Place], stretches: list[float]) -> None:
+        self.modal_um: Final = modal_um
+        self.places: Final = places
+        self.stretches: Final = stretches
+
+
 class Pipeline:
-    """The touch path for one plate. Holds the fingers and the reference in force."""
+    """The touch path for one plate. Holds the fingers and the references that were in force last."""
 
     def __init__(
         self,
@@ -133,6 +146,7 @@ class Pipeline:
         self._readings: Matrix | None = None
         self.set_modes(modes)
         self._active = silence(0, modes.M)
+        self._recent = [self._active]
         self._active_keys: list[Key] = []
         self._active_places: list[Place] = []
         self._is_sent = True
@@ -158,6 +172,11 @@ class Pipeline:
     def fingers(self) -> tuple[Finger, ...]:
         """The fingers that are down, by the last accepted report."""
         return self._fingers.down
+
+    @property
+    def modes(self) -> ModeShapes:
+        """The shapes that the plate is taken to have."""
+        return self._modes
 
     @property
     def newest_finger_id(self) -> int:
@@ -274,8 +293,7 @@ class Pipeline:
         self.counters.skipped_knots += max(self.max_knots - len(knots), 0)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
-        self._active, self._active_keys, self._active_places = drive, keys, last.places
-        self._is_sent = True
+        self._activate(drive, keys, last.places)
         self._t_settled_ns = settles_ns(drive, self._settings.tolerance_um)
         self._active_points = points(keys, first, last), limited
         return self._tick(t_now_ns, t_plate_ns, self._as_read(drive), *self._active_points)
@@ -289,12 +307,29 @@ class Pipeline:
         is_silent = len(self._active.knots) == 1 and not any(self._active.knots[0].modal_um)
         drive = None if is_silent and self._is_sent else silence(t_now_ns + link_ns, self._modes.M)
         if drive is not None:
-            self._active, self._active_keys, self._active_places, self._is_sent = drive, [], [], True
+            self._activate(drive, [], [])
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 
     def resend(self) -> None:
         """The board does not have the last reference: the next pass sends one."""
         self._is_sent = False
+
+    def past(self, keys: Sequence[Key], t_ns: int) -> Past:
+        """What the plate did, and where these fingers were with which targets, at an instant not before the newest
+        sample: there a finger's place is known best, and the plate has followed its reference."""
+        t_reference_ns = t_ns - self._settings.loop_delay_ns
+        active = self._recent[0]
+        for drive in self._recent:
+            if drive.t_apply_ns <= t_reference_ns:
+                active = drive
+        stretches = [1.0] * len(keys)
+        if self._scene.depends_on_speed:
+            stretches = [self._scene.stretch(self._speed_mm_s(key, t_ns)) for key in keys]
+        return Past(interpolated_um(active, t_reference_ns), self._places(keys, t_ns), stretches)
+
+    def _activate(self, drive: SafeDrive, keys: list[Key], places: list[Place]) -> None:
+        self._active, self._active_keys, self._active_places, self._is_sent = drive, keys, places, True
+        self._recent = [*self._recent[1 - _KEPT_REFERENCES :], drive]
 
     # --- the steps of a pass ---
 

@@ -16,6 +16,7 @@ from ..board_values import UNCALIBRATED, BoardState, Calibration
 from ..config.sections import Config
 from ..content_values import ClientTargets
 from ..core.board.supervisor import Event, State, Supervisor
+from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
@@ -79,7 +80,9 @@ class Machine:
         settings = pipeline_settings(config) if pipeline is None else pipeline
         self.pipeline = Pipeline(modes, self.scene, settings, parasitic_modes=parasitic_modes)
         curve, radius_mm = self.scene.friction_curve, config.solver.contact_radius_mm
-        self._perception = Perception(modes, curve, radius_mm, settings.cover_ns)
+        self._perception = Perception(
+            self.pipeline, ContactPerception(curve, radius_mm), has_contacts=settings.contact_radius_mm > 0.0
+        )
         self._supervise = partial(_supervise, self.supervisor)
         self._set_baud = set_baud
         self.board = BoardGateway(
@@ -201,7 +204,7 @@ class Machine:
         events = self.pipeline.events.take()
         observer = self._observed.observer
         is_perceived = self.status.publish is not None or (observer is not None and self.observer_perceives)
-        perceived = self._perception.judge(tick, self.pipeline.modal_um) if is_perceived else {}
+        perceived = self._perception.judge(tick) if is_perceived else {}
         if observer is not None:
             observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers, perceived)
             for event in events:
@@ -311,7 +314,7 @@ class Machine:
         self._observed.put("adopt_map", t_now_ns, shapes, steepest_1_mm)
         self.modes = self.modes.with_shapes(shapes_of(shapes, self.modes), steepest_1_mm)
         self.pipeline.set_modes(self.modes)
-        self._perception.modes = self.status.modes = self.modes
+        self.status.modes = self.modes
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last reference is zero."""

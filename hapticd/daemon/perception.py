@@ -1,20 +1,17 @@
 """What a person perceives: the friction that each finger gets, against the friction that was asked for it.
 
-The friction of a contact is the mean over its disc of the friction curve at the reference's amplitude. Beyond the Weber
-fraction a difference is felt. The RMS of that amplitude is contact leak or contact slip. Computed for subscribers and
-recordings only.
+It is judged when the newest touch sample was taken: there the finger's place is measured, not predicted, and the plate
+has followed its reference. Beyond the Weber fraction a difference is felt. Computed for subscribers and recordings
+only.
 """
 
 from __future__ import annotations
 
 import logging
-import math
-from collections.abc import Sequence
 
-from ..core.friction import FrictionCurve
-from ..core.plate.contact import disc_points
-from ..core.plate.mode_shapes import ModeShapes
-from ..values import WEBER_FRAC, Perceived, Tick, TouchPoint
+from ..core.perception import ContactPerception
+from ..core.pipeline import Pipeline
+from ..values import WEBER_FRAC, Perceived, Tick
 
 log = logging.getLogger("hapticd")
 
@@ -22,26 +19,25 @@ Key = int | str
 
 
 class Perception:
-    """Friction change of each finger in the solve, and the share of time in which it was beyond the Weber fraction.
+    """Friction at each finger, and the share of time in which it was beyond the Weber fraction from what was asked.
 
-    `span_ns` is how far a point's end lies behind its beginning.
+    `has_contacts`: the plate is driven for contacts, else for points.
     """
 
-    def __init__(self, modes: ModeShapes, curve: FrictionCurve, radius_mm: float, span_ns: int) -> None:
-        self.modes = modes
-        self._curve = curve
-        self._disc = disc_points(radius_mm)
-        self._span_s = span_ns * 1e-9
+    def __init__(self, pipeline: Pipeline, contacts: ContactPerception, *, has_contacts: bool) -> None:
+        self._pipeline = pipeline
+        self._contacts = contacts
+        self._has_contacts = has_contacts
         self._t_last_ns = 0
         self._fails = False
         self._changes: dict[Key, float] = {}
         self._spans_ns: dict[Key, tuple[int, int]] = {}  # beyond the Weber fraction, and in all
 
-    def judge(self, tick: Tick, modal_um: Sequence[complex]) -> dict[Key, Perceived]:
-        """Return what each finger of a pass perceives under a reference (M,); its share of time is that since it came
-        into the solve. A failure costs only that, because the reference was sent: it is logged once."""
+    def judge(self, tick: Tick) -> dict[Key, Perceived]:
+        """Return what is perceived at each finger that is down or takes part in a pass; its share of time is that since
+        it came into the solve. A failure costs only that, because the reference was sent: it is logged once."""
         try:
-            perceived = self._judged(tick, modal_um)
+            perceived = self._judged(tick)
             self._fails = False
         except Exception:
             if not self._fails:
@@ -50,27 +46,30 @@ class Perception:
             return {}
         return perceived
 
-    def _judged(self, tick: Tick, modal_um: Sequence[complex]) -> dict[Key, Perceived]:
+    def _judged(self, tick: Tick) -> dict[Key, Perceived]:
         self._count(tick.t_now_ns - self._t_last_ns)
         self._t_last_ns = tick.t_now_ns
-        felt = {point.key: self.felt(point, modal_um) for point in tick.points}
-        self._changes = {key: change for key, (change, _) in felt.items()}
-        self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in felt}
-        return {key: Perceived(change, self._weber_frac(key), rms_um) for key, (change, rms_um) in felt.items()}
+        solved = dict.fromkeys([point.key for point in tick.points])
+        keys = list(dict.fromkeys([*[finger.finger_id for finger in self._pipeline.fingers], *solved]))
+        past = self._pipeline.past(keys, tick.t_now_ns - tick.age_ns)
+        felt = {
+            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, past.modal_um, stretch)
+            for key, (x_mm, y_mm, _), stretch in zip(keys, past.places, past.stretches, strict=True)
+        }
+        self._changes = {
+            key: felt[key][0] / self._contacts.asked(target_um, stretch) - 1.0
+            for key, (_, _, target_um), stretch in zip(keys, past.places, past.stretches, strict=True)
+            if key in solved
+        }
+        self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
+        return {key: self._perceived(key, friction, rms_um) for key, (friction, rms_um) in felt.items()}
 
-    def felt(self, point: TouchPoint, modal_um: Sequence[complex]) -> tuple[float, float]:
-        """Return the friction of a contact relative to that of its target, minus 1 (below 0 it is more slippery), and
-        the RMS amplitude over it."""
-        way_mm = math.hypot(point.end_x_mm - point.x_mm, point.end_y_mm - point.y_mm)
-        sliding_mm_s = way_mm / self._span_s
-        friction = square_um2 = 0.0
-        for dx_mm, dy_mm, weight in self._disc:
-            w_um = 0j
-            for mode_um, shape in zip(modal_um, self.modes.at(point.x_mm + dx_mm, point.y_mm + dy_mm), strict=True):
-                w_um += mode_um * shape
-            friction += weight * self._curve.friction(abs(w_um), sliding_mm_s)
-            square_um2 += weight * abs(w_um) ** 2
-        return friction / self._curve.friction(point.target_um, sliding_mm_s) - 1.0, math.sqrt(square_um2)
+    def _perceived(self, key: Key, friction: float, rms_um: float) -> Perceived:
+        change = self._changes.get(key)
+        if change is None:
+            return Perceived(None, None, rms_um, friction, None)
+        error_jnd = change / WEBER_FRAC if self._has_contacts else None
+        return Perceived(change, self._weber_frac(key), rms_um, friction, error_jnd)
 
     def _count(self, span_ns: int) -> None:
         for key, change in self._changes.items():

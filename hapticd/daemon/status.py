@@ -237,6 +237,8 @@ def _finger_state(
         friction_change=None if perceived is None else perceived.friction_change,
         weber_frac=None if perceived is None else perceived.weber_frac,
         contact_um=None if perceived is None else perceived.contact_um,
+        felt_friction=None if perceived is None else perceived.felt_friction,
+        error_jnd=None if perceived is None else perceived.error_jnd,
     )
 
 

@@ -52,7 +52,7 @@ def touches(
 ) -> Touches:
     """Return the contacts of `fingers` at `count` random places. Raises ValueError for a plate without room."""
     places_mm = random_fingers(size_mm, count, seed, fingers)
-    rule = np.array(felt_points(radius_mm))
+    rule_mm = radius_mm * np.array([(dx, dy) for dx, dy, _ in felt_points()])
     offsets_mm, weights = disc(radius_mm, *FINE)
 
     def at(around_mm: FloatArray) -> FloatArray:
@@ -60,7 +60,7 @@ def touches(
         phi = shapes.evaluate(points_mm.reshape(-1, 2))
         return phi.reshape(*points_mm.shape[:-1], -1)
 
-    return Touches(at(rule[:, :2]), at(offsets_mm), weights)
+    return Touches(at(rule_mm), at(offsets_mm), weights)
 
 
 def settle_felt(
@@ -98,14 +98,14 @@ def _turned(modes: int) -> ComplexArray:
 def _descended(
     solved: FloatArray, targets_um: Sequence[float], limits_um: FloatArray, start_um: ComplexArray
 ) -> ComplexArray:
-    weights = [weight for _, _, weight in felt_points(1.0)]
+    weights = [weight for _, _, weight in felt_points()]
     frictions = [_CURVE.friction(target_um) for target_um in targets_um]
     limits = tuple(limits_um.tolist())
     modal_um = np.empty((len(solved), limits_um.size), np.complex128)
     for place, phi in enumerate(solved):
         d_um, q_um = start_um.real.tolist(), start_um.imag.tolist()
         descend(
-            list(map(tuple, phi.reshape(-1, limits_um.size).tolist())),
+            phi.tobytes(),
             weights,
             frictions,
             [1.0] * len(frictions),

@@ -108,8 +108,7 @@ class Request:
 class FingerState(NamedTuple):
     """One finger in a telemetry message; None where nothing was computed, as for a finger without a target.
 
-    `owner` is the client that owns it; `friction_change`, `weber_frac` and `contact_um` are as in
-    `values.Perceived`.
+    `owner` is the client that owns it; the fields from `friction_change` on are those of `values.Perceived`.
     """
 
     id: int | str
@@ -124,6 +123,8 @@ class FingerState(NamedTuple):
     friction_change: float | None = None
     weber_frac: float | None = None
     contact_um: float | None = None
+    felt_friction: float | None = None
+    error_jnd: float | None = None
 
 
 class PlateState(NamedTuple):

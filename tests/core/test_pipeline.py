@@ -263,3 +263,18 @@ def test_sensors_that_read_otherwise_get_another_reference_within_the_limits_and
     bench.pipeline.set_readings(((9.0, 0.0), (0.0, 9.0)))
     limited = bench.report(SLIPPERY, STICKY)
     assert 3.9 < max(abs(w_um) for knot in limited.drive.knots for w_um in knot.modal_um) <= 4.0
+
+
+def test_the_past_has_the_reference_that_was_in_force_and_where_the_fingers_were(bench: Bench) -> None:
+    bench.land({SLIPPERY: 1.0})
+    ticks = [bench.report((SLIPPERY[0] + 0.5 * step, SLIPPERY[1])) for step in range(40)]
+    last, before = ticks[-1], ticks[-2]
+    t_sample_ns = last.t_now_ns - last.age_ns
+    past = bench.pipeline.past([1], t_sample_ns)
+    [(x_mm, y_mm, target_um)] = past.places
+    assert (x_mm, y_mm) == pytest.approx((SLIPPERY[0] + 19.5, SLIPPERY[1]), abs=0.1)
+    assert target_um == 1.0
+    assert past.stretches == [1.0]
+    now = bench.pipeline.past([1], before.drive.t_apply_ns)
+    assert now.modal_um == pytest.approx(before.drive.knots[0].modal_um)
+    assert abs(np.array(past.modal_um) - np.array(now.modal_um)).max() > 0.01

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgpack
 import pytest
@@ -12,53 +13,85 @@ from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.config.sections import RecordConfig
 from hapticd.core.friction import FrictionCurve
-from hapticd.core.plate.contact import contact_gram, disc_points
+from hapticd.core.perception import ContactPerception
+from hapticd.core.pipeline import Past, Pipeline
 from hapticd.daemon.perception import Perception
 from hapticd.daemon.recorder import Recorders
 from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import record_of
-from hapticd.values import Perceived, Tick, TouchPoint
+from hapticd.values import Finger, Perceived, Tick, TouchPoint
 
 MS = 1_000_000
 CURVE = FrictionCurve.from_amplitudes((0.0, 1.0, 3.0), floor_frac=0.2)  # 1 um: 0.6 of bare glass's friction
 CREST_MM = 27.0 / 4.0  # where mode X of the bench's plate is 1
 
 
-def tick(t_ms: int, *targets_um: float, end_x_mm: float = CREST_MM) -> Tick:
-    """A pass with fingers on a crest of mode X."""
-    points = [TouchPoint(n, CREST_MM, 0.0, um, um, end_x_mm, 0.0) for n, um in enumerate(targets_um, 1)]
-    return Tick(t_ms * MS, 0, 0, None, tuple(points), False)
+class Given:
+    """A pipeline whose fingers rest on a crest of mode X, with these targets; None for a finger without one."""
+
+    def __init__(self, *targets_um: float | None) -> None:
+        self.modes = PLATE
+        self.modal_um: tuple[complex, ...] = (1.0, 0.0)
+        self.targets_um = dict(enumerate(targets_um, 1))
+        self.fingers = tuple(Finger(n, n, CREST_MM, 0.0, False) for n in self.targets_um)
+        self.asked_ns: list[int] = []
+
+    def past(self, keys: Sequence[int], t_ns: int) -> Past:
+        self.asked_ns.append(t_ns)
+        places = [(CREST_MM, 0.0, self.targets_um[key] or 0.0) for key in keys]
+        return Past(self.modal_um, places, [1.0] * len(keys))
+
+    def tick(self, t_ms: int) -> Tick:
+        points = [
+            TouchPoint(key, CREST_MM, 0.0, um, um, CREST_MM, 0.0)
+            for key, um in self.targets_um.items()
+            if um is not None
+        ]
+        return Tick(t_ms * MS, 10 * MS, 15 * MS, None, tuple(points), False)
 
 
-def test_a_finger_s_friction_is_that_of_the_reference_relative_to_what_was_asked() -> None:
-    perceived = Perception(PLATE, CURVE, 0.0, 17 * MS).judge(tick(0, 0.0, 1.0, 3.0), (1.0, 0.0))
+def perception_of(given: Given, *, has_contacts: bool = True) -> Perception:
+    return Perception(cast(Pipeline, given), ContactPerception(CURVE, 0.0), has_contacts=has_contacts)
+
+
+def test_a_finger_s_friction_is_that_of_the_plate_relative_to_what_was_asked() -> None:
+    given = Given(0.0, 1.0, 3.0)
+    perceived = perception_of(given).judge(given.tick(0))
+    assert [perceived[n].felt_friction for n in (1, 2, 3)] == pytest.approx([0.6] * 3, abs=1e-3)
     assert [perceived[n].friction_change for n in (1, 2, 3)] == pytest.approx([-0.4, 0.0, 2.0], abs=1e-3)
+    assert [perceived[n].error_jnd for n in (1, 2, 3)] == pytest.approx([-0.4 / 0.11, 0.0, 2.0 / 0.11], abs=0.01)
 
 
-def test_over_a_contact_the_friction_is_the_mean_not_that_of_its_centre() -> None:
-    at_node = TouchPoint(1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert Perception(PLATE, CURVE, 0.0, MS).felt(at_node, (1.0, 0.0)) == pytest.approx((0.0, 0.0), abs=1e-9)
-    change, rms_um = Perception(PLATE, CURVE, 5.0, MS).felt(at_node, (1.0, 0.0))
-    assert change < -0.15
-    gram = contact_gram(PLATE, disc_points(5.0), 0.0, 0.0)
-    assert rms_um == pytest.approx(math.sqrt(gram[0][0]))
+def test_it_is_judged_when_the_newest_sample_was_taken() -> None:
+    given = Given(0.0)
+    perception_of(given).judge(given.tick(50))
+    assert given.asked_ns == [40 * MS]
 
 
-def test_a_sliding_finger_needs_more_amplitude_where_the_curve_depends_on_speed() -> None:
-    curve = FrictionCurve.from_amplitudes((0.0, 1.0, 3.0), floor_frac=0.2, speed_mm_s=100.0)
-    sliding = tick(0, 0.0, end_x_mm=CREST_MM + 1.0).points[0]  # 1 mm in 10 ms
-    assert Perception(PLATE, curve, 0.0, 10 * MS).felt(sliding, (1.0, 0.0))[0] == pytest.approx(
-        0.6**0.5 - 1.0, abs=1e-3
-    )
+def test_a_finger_without_a_target_feels_the_plate_but_nothing_was_asked_for_it() -> None:
+    given = Given(None)
+    (perceived,) = perception_of(given).judge(given.tick(0)).values()
+    assert perceived.felt_friction == pytest.approx(0.6, abs=1e-3)
+    assert perceived.contact_um == pytest.approx(1.0, abs=1e-3)
+    assert (perceived.friction_change, perceived.weber_frac, perceived.error_jnd) == (None, None, None)
+
+
+def test_where_the_plate_is_driven_for_points_a_contact_has_no_error() -> None:
+    given = Given(1.0)
+    (perceived,) = perception_of(given, has_contacts=False).judge(given.tick(0)).values()
+    assert perceived.error_jnd is None
+    assert perceived.friction_change == pytest.approx(0.0, abs=1e-3)
 
 
 def test_the_share_of_time_beyond_the_weber_fraction_begins_again_with_each_touch() -> None:
-    perception = Perception(PLATE, CURVE, 0.0, 17 * MS)
+    given = Given(0.0)
+    perception = perception_of(given)
     shares = []
     for t_ms, reference_um in ((0, 1.0), (10, 0.0), (40, 0.0)):
-        shares.append(perception.judge(tick(t_ms, 0.0), (reference_um, 0.0))[1].weber_frac)
-    perception.judge(tick(50), (0.0, 0.0))
-    shares.append(perception.judge(tick(60, 0.0), (0.0, 0.0))[1].weber_frac)
+        given.modal_um = (reference_um, 0.0)
+        shares.append(perception.judge(given.tick(t_ms))[1].weber_frac)
+    perception.judge(Given().tick(50))
+    shares.append(perception.judge(given.tick(60))[1].weber_frac)
     assert shares == [1.0, 1.0, 0.25, 0.0]
 
 
@@ -81,8 +114,9 @@ def test_telemetry_and_recordings_report_the_same_friction_and_amplitude_of_cont
         finger = fingers[point["finger_id"]]
         assert math.isfinite(point["friction_change"])
         assert 0.0 <= point["weber_frac"] <= 1.0
+        assert finger["error_jnd"] is None  # a plate of two modes is driven for points
         for name in Perceived._fields:
-            assert point[name] == finger[name]
+            assert point.get(name) == finger[name]
     rms_um = [point["contact_um"] for point in sorted(recorded["points"], key=lambda point: point["target_um"])]
     assert 0.0 < rms_um[0] < rms_um[1]  # contact leak and contact slip
 
@@ -114,7 +148,7 @@ def test_a_pass_goes_on_and_is_reported_where_perception_fails(
     bench = Bench(SLIPPERY, STICKY).driven()
     sent: list[bytes] = []
     bench.machine.watch(sent.append, bench.t_ns)
-    monkeypatch.setattr(Perception, "felt", lambda *_: 1 / 0)
+    monkeypatch.setattr(Perception, "_judged", lambda *_: 1 / 0)
     heard = bench.run(100)
     assert "reference" in [each.name for each in heard]
     assert len(msgpack.unpackb(sent[-1])["fingers"]) == 2

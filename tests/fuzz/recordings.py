@@ -91,7 +91,7 @@ def least_header() -> bytes:
 
 def seeds() -> dict[str, bytes]:
     point = TouchPoint("walker", 1.0, 2.0, 0.5, 0.5, 1.5, 2.5)
-    felt = {point.key: Perceived(0.5, 1.0, 0.25)}
+    felt = {point.key: Perceived(0.5, 1.0, 0.25, 0.75, -2.0)}
     drive = SafeDrive(5, (Knot(0, (1 + 0j, 0.5j)), Knot(9, (0j, 0j))), LimitReason.NONE)
     finger = {"path": 1, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}
     events: dict[str, tuple[object, ...]] = {

@@ -637,6 +637,8 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
                 "friction_change": -0.25,
                 "weber_frac": None,
                 "contact_um": None,
+                "felt_friction": None,
+                "error_jnd": None,
             }
         ],
         "modal_um": [1.0, -4.0],

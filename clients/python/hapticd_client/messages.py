@@ -22,9 +22,10 @@ class FingerState:
 
     Positions are mm from the plate's centre, x to the right and y away from the user; amplitudes um peak to peak.
     None: not computed, as for a finger without a target. The id of a `virtual` finger is its name. `owner` is the
-    client that owns it. `friction_change` is the friction over the finger's contact relative to what was asked, minus
-    1, `weber_frac` the share of time in which that was felt, beyond 0.11 either way, and `contact_um` the RMS amplitude
-    over the contact. An older daemon sends none of the four.
+    client that owns it. What it feels is as of the newest touch sample: `felt_friction` is the mean friction over its
+    contact, relative to bare glass, `contact_um` the RMS amplitude there, `friction_change` the friction relative to
+    what was asked, minus 1, `error_jnd` the same in just noticeable differences (None on plates that are driven for
+    points), and `weber_frac` the share of time in which it was beyond one. An older daemon sends none of these.
     """
 
     id: int | str
@@ -39,6 +40,8 @@ class FingerState:
     friction_change: float | None = None
     weber_frac: float | None = None
     contact_um: float | None = None
+    felt_friction: float | None = None
+    error_jnd: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +176,8 @@ def _finger_state(finger: dict[str, Any]) -> FingerState:
         friction_change=finger.get("friction_change"),
         weber_frac=finger.get("weber_frac"),
         contact_um=finger.get("contact_um"),
+        felt_friction=finger.get("felt_friction"),
+        error_jnd=finger.get("error_jnd"),
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from ...config import Config
 from ...core.pipeline import PipelineSettings
 from ...core.solver.points.arithmetic import Row, Rows, within
-from ...core.solver.points.general import solve_fast
+from ...core.solver.points.general import solve_exactly
 from ...daemon.settings import pipeline_settings
 from .predictors import PREDICTORS
 
@@ -37,11 +37,11 @@ def paper_config(config: Config) -> Config:
 def invert(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
     """Modal amplitudes by the inverse of Phi, scaled into the limits (paper, section IV.B), and `limited`.
 
-    Defined for two fingers on two modes; any other number is solved as hapticd does points, without continuity.
+    Defined for two fingers on two modes; any other number by the best of all signs, without continuity.
     """
     del previous
     if len(rows) != 2 or len(limits) != 2:
-        return solve_fast(rows, targets, limits)
+        return solve_exactly(rows, targets, limits)
     (a, b), (c, d) = rows
     determinant = a * d - b * c
     x, y = d * targets[0] - b * targets[1], a * targets[1] - c * targets[0]

@@ -20,6 +20,9 @@ import numpy.typing as npt
 from .mode_shapes import ModeShapes
 
 Gram = list[list[float]]  # (M, M), symmetric
+Disc = list[tuple[float, float, float]]  # points of a contact: dx, dy from its centre, weight
+Ellipse = tuple[float, float, float, float, float]  # x_mm, y_mm; xx_mm, xy_mm, yy_mm: what makes it of the unit disc
+Shapes = bytes  # of doubles (N, Q, M): the shapes at the Q points of N contacts
 
 CENTRE_WEIGHT: Final = 0.25
 RIM_WEIGHT: Final = 0.125
@@ -28,7 +31,7 @@ RIM_POINTS: Final = 6
 MOST_STRETCH: Final = 1.5  # a finger whose place is less certain than that is better served as it was
 
 
-def disc_points(radius_mm: float) -> list[tuple[float, float, float]]:
+def disc_points(radius_mm: float) -> Disc:
     """Return the points of the rule, (dx_mm, dy_mm, weight) about a disc's centre."""
     reach_mm = RIM_FRAC * radius_mm
     turns_rad = [2.0 * math.pi * index / RIM_POINTS for index in range(RIM_POINTS)]
@@ -43,9 +46,7 @@ def stretch(variance_mm2: float, radius_mm: float) -> float:
     return min(math.sqrt(1.0 + square), MOST_STRETCH) if square > 0.0 else 1.0
 
 
-def contact_gram(
-    modes: ModeShapes, disc: list[tuple[float, float, float]], x_mm: float, y_mm: float, stretched: float = 1.0
-) -> Gram:
+def contact_gram(modes: ModeShapes, disc: Disc, x_mm: float, y_mm: float, stretched: float = 1.0) -> Gram:
     """Return G of the disc about one point, as plain floats. Points beyond the map have its edge's shapes."""
     count = modes.M
     rows = [modes.at(x_mm + stretched * dx_mm, y_mm + stretched * dy_mm) for dx_mm, dy_mm, _ in disc]

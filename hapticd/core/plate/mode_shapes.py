@@ -87,6 +87,11 @@ class ModeShapes:
         cell, u, v = self._located(x_mm, y_mm)
         return self._zeros if cell < 0 else tuple([patch.value(u, v) for patch in self._patches(cell)])
 
+    @property
+    def tables(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What `at` takes from machine code: `BicubicSurfaces.patches`, and the knots x_mm (nx,) and y_mm (ny,)."""
+        return self._surfaces.patches, self.x_mm, self.y_mm
+
     def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
         """Return (phi, dphi/dx, dphi/dy) of all M shapes at one point, in 1 and 1/mm: `at` and `gradient` in one."""
         if not self._is_on_map(x_mm, y_mm):

@@ -33,6 +33,7 @@ import math
 from typing import Final
 
 from ..friction import FrictionCurve
+from ..plate.contact import Disc, Shapes
 from .felt_descent import descend
 from .points.arithmetic import Row
 
@@ -48,7 +49,7 @@ SPOKES: Final = 6
 
 
 def solve_felt(
-    shapes: list[tuple[float, ...]],
+    shapes: Shapes,
     weights: list[float],
     curve: FrictionCurve,
     targets_um: Row,
@@ -61,9 +62,9 @@ def solve_felt(
     """Move W (M,), given in its parts, to where the largest error is least; return each contact's RMS (N,), and
     `limited`.
 
-    `shapes` (N Q, M) are those at the points of each contact, of these `weights` (Q,); `stretches` (N,) are by how much
-    more amplitude each finger needs as it slides. `log_weights` (N,) are kept from call to call, from 0 on. Without a
-    slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
+    `shapes` (N, Q, M) are those at the points of each contact (`contact_shapes`), of these `weights` (Q,); `stretches`
+    (N,) are by how much more amplitude each finger needs as it slides. `log_weights` (N,) are kept from call to call,
+    from 0 on. Without a slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
     """
     if max(targets_um) <= 0.0:
         for k in range(len(limits_um)):
@@ -107,34 +108,15 @@ def _is_limited(errors_jnd: list[float], limits_um: Row, d_um: list[float], q_um
     return False
 
 
-def felt_points(radius_mm: float) -> list[tuple[float, float, float]]:
-    """Return points of a disc, (dx_mm, dy_mm, weight) about its centre: Gauss's rule along the radius squared, the
+def felt_points() -> Disc:
+    """Return points of the unit disc, (dx, dy, weight) about its centre: Gauss's rule along the radius squared, the
     rings turned against each other. Friction needs more of them than an RMS: it is no polynomial."""
     points = []
     for ring in range(RINGS):
         node = (2 * ring - 1) / math.sqrt(3.0)  # of Gauss's rule of two nodes, -1 .. 1
-        reach_mm = radius_mm * math.sqrt((node + 1.0) / 2.0)
+        reach = math.sqrt((node + 1.0) / 2.0)
         for spoke in range(SPOKES):
             turn_rad = 2.0 * math.pi * (spoke + 0.5 * ring) / SPOKES
             weight = 1.0 / (RINGS * SPOKES)
-            points.append((reach_mm * math.cos(turn_rad), reach_mm * math.sin(turn_rad), weight))
+            points.append((reach * math.cos(turn_rad), reach * math.sin(turn_rad), weight))
     return points
-
-
-def contacts_rms_um(
-    shapes: list[tuple[float, ...]], weights: list[float], d_um: list[float], q_um: list[float]
-) -> list[float]:
-    """Return the RMS amplitude over each contact (N,)."""
-    points = len(weights)
-    found = []
-    for start in range(0, len(shapes), points):
-        square = 0.0
-        for index in range(points):
-            row = shapes[start + index]
-            w_d_um = w_q_um = 0.0
-            for k in range(len(row)):
-                w_d_um += row[k] * d_um[k]
-                w_q_um += row[k] * q_um[k]
-            square += weights[index] * (w_d_um * w_d_um + w_q_um * w_q_um)
-        found.append(math.sqrt(square))
-    return found

@@ -13,13 +13,14 @@ from typing import Final
 from ...values import SafeDrive, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude, re_im
-from ..plate.contact import contact_gram, disc_points, stretch
+from ..plate.contact import Disc, contact_gram, disc_points, stretch
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
 from .contacts import COLD_CALLS, FeltError, contact_rms_um, solve_contacts, step_towards
 from .derating import derated, is_near_node, least_share, slopes_at
-from .felt import contacts_rms_um, felt_points, solve_felt
+from .felt import felt_points, solve_felt
+from .felt_descent import contact_shapes, contacts_rms_um
 from .points.arithmetic import Rows
 from .points.few_modes import MOST_MODES, MOST_SLIPPING
 from .points.general import solve_fast
@@ -80,8 +81,9 @@ class InstantSolver:
         self._rotates = phase_rotation
         self._parasitic_modes = parasitic_modes
         self._contact_radius_mm = contact_radius_mm
-        rule = felt_points if feels else disc_points
-        self._disc = rule(contact_radius_mm) if contact_radius_mm > 0.0 else []
+        self._disc: Disc = []
+        if contact_radius_mm > 0.0:
+            self._disc = felt_points() if feels else disc_points(contact_radius_mm)
         self._disc_weights = [weight for _, _, weight in self._disc]
         self._feels = feels
         self._log_weights: list[float] = []
@@ -169,11 +171,11 @@ class InstantSolver:
         targets_um = tuple([target_um for _, _, target_um in places])
         stretched = [stretch(variance_mm2, self._contact_radius_mm) for variance_mm2 in variances_mm2]
         if self._feels:
-            shapes = [
-                self._modes.at(x_mm + disc * dx_mm, y_mm + disc * dy_mm)
+            contacts = [
+                (x_mm, y_mm, disc * self._contact_radius_mm, 0.0, disc * self._contact_radius_mm)
                 for (x_mm, y_mm, _), disc in zip(places, stretched, strict=True)
-                for dx_mm, dy_mm, _ in self._disc
             ]
+            shapes = contact_shapes(self._modes, self._disc, contacts)
             if len(self._log_weights) != len(places):
                 self._log_weights = [0.0] * len(places)
             slides = [1.0] * len(places) if stretches is None else stretches

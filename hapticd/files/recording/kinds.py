@@ -150,7 +150,7 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
         "points": [
             {"virtual" if isinstance(key, str) else "finger_id": key}
             | dict(zip(_POINT, numbers, strict=True))
-            | (perceived[key]._asdict() if key in perceived else {})  # it is not known without a reader
+            | (_known(perceived[key]) if key in perceived else {})  # it is not known without a reader
             for key, *numbers in tick.points
         ],
     }
@@ -159,6 +159,10 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
         fields["gate_reasons"] = int(tick.drive.reasons)
         fields["knots"] = [{"dt_ns": knot.dt_ns, "modal_um": amplitudes(knot.modal_um)} for knot in tick.drive.knots]
     return fields
+
+
+def _known(perceived: Perceived) -> Fields:
+    return {name: number for name, number in perceived._asdict().items() if number is not None}
 
 
 def _event(event: PlateEvent) -> Fields:

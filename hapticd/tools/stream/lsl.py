@@ -19,7 +19,8 @@ from .samples import FINGER_FIELDS, MODE_FIELDS, Sampler, finger_values, mode_va
 from .states import serve
 
 # Units as spelt in the metadata of XDF, the format of LSL's recordings.
-UNITS = {"mm": "millimeters", "um": "micrometers", "change": "ratio", "frac": "ratio"}
+RATIOS = ("change", "frac", "friction")
+UNITS = {"mm": "millimeters", "um": "micrometers", **dict.fromkeys(RATIOS, "ratio"), "jnd": "JND"}
 MAKER = "hapticd"
 
 
@@ -114,5 +115,6 @@ def _unit(name: str) -> str:
 
 
 def _kind(name: str) -> str:
-    kinds = {"x_mm": "PositionX", "y_mm": "PositionY", "change": "Friction", "frac": "Friction"}
+    kinds = {"x_mm": "PositionX", "y_mm": "PositionY"}
+    kinds |= dict.fromkeys(("change", "frac", "friction", "jnd"), "Friction")
     return next((kind for end, kind in kinds.items() if name.endswith(end)), "Amplitude")

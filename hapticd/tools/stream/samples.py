@@ -20,7 +20,7 @@ Value = float | int | bool | None
 STATES = ("IDLE", "ARMED", "ACTIVE", "FAULT", "STOPPED")  # `state` is the index
 FINGER_FIELDS = (
     *("x_mm", "y_mm", "predicted_x_mm", "predicted_y_mm"),
-    *("target_um", "achieved_um", "friction_change", "weber_frac", "contact_um"),
+    *("target_um", "achieved_um", "friction_change", "weber_frac", "contact_um", "felt_friction", "error_jnd"),
 )
 MODE_FIELDS = ("d_um", "q_um", "measured_d_um", "measured_q_um")
 

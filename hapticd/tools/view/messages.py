@@ -42,6 +42,7 @@ MAX_AMPLITUDE_UM = 1000.0
 MAX_ID = 2**32 - 1
 MAX_RADIUS_MM = 15.0
 CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
+FELT = ("friction_change", "felt_friction", "error_jnd", "contact_um")  # of a finger, as the daemon reports it
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
 
 
@@ -204,7 +205,6 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
             "simulated": simulated is not None,
             "name": simulated or "",
             "friction_curve": body.get("friction_curve"),
-            "friction_speed_mm_s": body.get("friction_speed_mm_s"),
         }
     )
 
@@ -274,6 +274,7 @@ def _finger(finger: FingerState) -> dict[str, object]:
         "achieved_um": finger.achieved_um,
         "virtual": finger.virtual,
         "owner": finger.owner,
+        **{name: getattr(finger, name) for name in FELT},
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+from array import array
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from types import ModuleType
@@ -15,6 +16,7 @@ import pytest
 import hapticd
 from hapticd.compiled import why_interpreted
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.plate.mode_shapes import ModeShapes
 
 SOURCE = Path(hapticd.__file__).parent / "core" / "solver" / "felt_descent.py"
 CURVES = (DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.1, 0.3, 0.8, 1.4), 0.12))
@@ -43,7 +45,7 @@ def called(module: ModuleType, seed: int) -> list[list[float]]:
     fingers, modes, points = int(random.integers(1, 7)), int(random.integers(1, 10)), int(random.integers(1, 13))
     scale = float(random.choice([1.0, 1.0, 1.0, 0.0, 1e-200, 1e120, np.nan]))
     curve = CURVES[seed % 2]
-    shapes = [tuple(row) for row in (scale * random.uniform(-1, 1, (fingers * points, modes))).tolist()]
+    shapes = (scale * random.uniform(-1, 1, (fingers * points, modes))).tobytes()
     d_um, q_um = random.normal(size=(2, modes)).tolist()
     frictions = random.choice([1.0, 0.9, 0.8, 0.5, 0.24, curve.floor_frac], fingers).tolist()
     logs = random.normal(size=fingers).tolist()
@@ -61,7 +63,8 @@ def called(module: ModuleType, seed: int) -> list[list[float]]:
         int(random.integers(0, 5)),
         0.03,
     )
-    return [*found, d_um, q_um, logs]
+    rms_um: Any = module.contacts_rms_um(shapes, [1.0 / points] * points, d_um, q_um)
+    return [*found, d_um, q_um, logs, rms_um]
 
 
 def test_machine_code_gives_the_python_s_bits(machine_code: ModuleType) -> None:
@@ -72,11 +75,45 @@ def test_machine_code_gives_the_python_s_bits(machine_code: ModuleType) -> None:
         ], seed
 
 
+def test_machine_code_gives_the_shapes_bits_on_the_map_beyond_it_and_nowhere(machine_code: ModuleType) -> None:
+    python, disc = as_python(), [(0.3, -0.2, 0.25), (0.9, 0.1, 0.5), (-1.0, 0.4, 0.25)]
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        modes, columns, rows = int(random.integers(1, 9)), int(random.integers(4, 12)), int(random.integers(4, 12))
+        x_mm, y_mm = np.linspace(-30.0, 30.0, columns), np.cumsum(random.uniform(0.5, 9.0, rows))
+        plate = ModeShapes(x_mm, y_mm, random.normal(size=(modes, rows, columns)))
+        centres_mm = [*random.uniform(-40.0, 60.0, (20, 2)).tolist(), [x_mm[-1], y_mm[-1]], [np.nan, 0.0]]
+        centres_mm += [[np.inf, -np.inf], [float(x_mm[1]), float(y_mm[1])]]
+        contacts = [(*centre_mm, *random.uniform(-6.0, 6.0, 3).tolist()) for centre_mm in centres_mm]
+        contacts += [(float(x_mm[2]), float(y_mm[0]), 0.0, 0.0, 0.0)]
+        found = machine_code.contact_shapes(plate, disc, contacts)
+        assert found == python.contact_shapes(plate, disc, contacts), seed
+
+
+@pytest.mark.parametrize(
+    ("disc", "contacts", "error"),
+    [
+        ([(0.0, 0.0)], [(0.0, 0.0, 5.0, 0.0, 5.0)], ValueError),
+        ([(0.0, 0.0, 1.0)], [(0.0, 0.0)], ValueError),
+        ([(0.0, 0.0, 1.0)], [(0.0, 0.0, 5.0, 0.0, "a")], TypeError),
+        (None, [], TypeError),
+    ],
+)
+def test_a_disc_or_contact_of_another_form_is_refused(
+    machine_code: ModuleType, disc: object, contacts: object, error: type[Exception]
+) -> None:
+    plate = ModeShapes(np.arange(4.0), np.arange(5.0), np.ones((2, 5, 4)))
+    with pytest.raises(error):
+        machine_code.contact_shapes(plate, disc, contacts)
+    with pytest.raises(AttributeError):
+        machine_code.contact_shapes(None, [(0.0, 0.0, 1.0)], [(0.0, 0.0, 5.0, 0.0, 5.0)])
+
+
 @pytest.mark.parametrize(
     ("place", "given", "error"),
     [
-        (0, [], ValueError),
-        (0, [(1.0,), (1.0, 2.0)], ValueError),
+        (0, b"", ValueError),
+        (0, bytes(24), ValueError),
         (0, None, TypeError),
         (1, ["a", "b"], TypeError),
         (2, [1.0, 1.0], ValueError),
@@ -90,7 +127,7 @@ def test_what_is_no_list_of_the_right_length_is_refused(
     machine_code: ModuleType, place: int, given: object, error: type[Exception]
 ) -> None:
     arguments: list[object] = [
-        [(1.0,), (0.5,)],
+        array("d", (1.0, 0.5)).tobytes(),
         [0.5, 0.5],
         [0.5],
         [1.0],

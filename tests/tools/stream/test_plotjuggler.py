@@ -18,7 +18,7 @@ from hapticd.tools.stream.samples import Sampler
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
 # cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
 GOLDEN = (
-    "de001b"  # 27 pairs
+    "de001d"  # 29 pairs
     "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
     "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
     "a3736571" "01"
@@ -46,6 +46,8 @@ GOLDEN = (
     "b866696e6765725f315f6672696374696f6e5f6368616e6765" "c0"  # finger_1_friction_change
     "b366696e6765725f315f77656265725f66726163" "c0"
     "b366696e6765725f315f636f6e746163745f756d" "c0"  # finger_1_contact_um
+    "b666696e6765725f315f66656c745f6672696374696f6e" "c0"
+    "b266696e6765725f315f6572726f725f6a6e64" "c0"  # finger_1_error_jnd
 )  # fmt: skip
 
 

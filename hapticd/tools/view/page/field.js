@@ -2,12 +2,6 @@
 
 import { LEVELS, PIXELS } from "./colours.js";
 
-// Points of a contact and their weights, as core/plate/contact.py: the centre, and a hexagon.
-const DISC = [[0, 0, 1 / 4]];
-for (let turn = 0; turn < 6; turn++) {
-  DISC.push([Math.cos(turn * Math.PI / 3) * Math.sqrt(2 / 3), Math.sin(turn * Math.PI / 3) * Math.sqrt(2 / 3), 1 / 8]);
-}
-
 /** The part of the colours, 0 to 1, at |W|: its square root, for small amplitudes matter as much as large ones. */
 export const brightness = (w_um, full_um) => Math.sqrt(w_um / full_um);
 
@@ -78,17 +72,6 @@ export class Field {
       imaginary += (modal_um[k][1] ?? 0) * phi;
     }
     return Math.hypot(real, imaginary);
-  }
-
-  /** What a contact feels: RMS |W|, and the mean friction relative to bare glass, by a curve at a sliding speed. */
-  felt(modal_um, [x_mm, y_mm], radius_mm, curve, sliding_mm_s) {
-    let [square, friction] = [0, 0];
-    for (const [dx, dy, weight] of DISC) {
-      const w_um = this.at(modal_um, x_mm + radius_mm * dx, y_mm + radius_mm * dy);
-      square += weight * w_um * w_um;
-      friction += weight * curve.at(w_um, sliding_mm_s);
-    }
-    return { rms_um: Math.sqrt(square), friction };
   }
 
   /** The node lines as one path in a rectangle: where the motion in phase with the strongest is zero. */

@@ -1,7 +1,5 @@
 // List of fingers: target, achieved amplitude, owner, and the controls of this page.
 
-import { WEBER_FRAC } from "./friction.js";
-
 const MOST_UM = 2;
 const STEP_UM = 0.05;
 const SLIPPERY_UM = 1;
@@ -68,9 +66,9 @@ export class FingerList {
     row.name.setAttribute("aria-pressed", isChosen);
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
     write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}${changeText(finger)}`);
-    row.amounts.classList.toggle("felt", Math.abs(finger.friction_change) > WEBER_FRAC);
-    const contact = finger.felt;
-    const felt = contact ? `contact ${contact.rms_um.toFixed(2)} µm, friction ${Math.round(100 * contact.friction)} % · ` : "";
+    row.amounts.classList.toggle("felt", Math.abs(finger.error_jnd) > 1);
+    const { contact_um, felt_friction } = finger;
+    const felt = felt_friction === null ? "" : `contact ${contact_um.toFixed(2)} µm, friction ${Math.round(100 * felt_friction)} % · `;
     write(row.owner, felt + (owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`));
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
@@ -80,11 +78,12 @@ export class FingerList {
   }
 }
 
-/** By how much the contact's friction differs from what was asked. */
-function changeText({ friction_change }) {
+/** By how much the contact's friction differs from what was asked, and how many just noticeable differences that is. */
+function changeText({ friction_change, error_jnd }) {
   if (friction_change === null) return "";
   const percent = Math.round(100 * friction_change);
-  return `, friction ${percent < 0 ? "−" : "+"}${Math.abs(percent)} %`;
+  const jnd = error_jnd === null ? "" : ` (${Math.abs(error_jnd).toFixed(1)} JND)`;
+  return `, friction ${percent < 0 ? "−" : "+"}${Math.abs(percent)} %${jnd}`;
 }
 
 /** Write a text only if it differs, which avoids a new layout. */

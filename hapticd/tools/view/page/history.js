@@ -1,7 +1,5 @@
 // The frames of the last 30 s, and the one shown: the newest, or while paused any.
 
-import { WEBER_FRAC, sliding_mm_s } from "./friction.js";
-
 export const SPAN_S = 30;
 const SAME_MM = 12; // largest distance at which a reported finger is the same as a true one
 const OVER_S = 2; // window of the leak
@@ -54,19 +52,19 @@ export class History {
     return this.frames.slice(this.index(t_s - span_s)).filter((frame) => frame.t_s <= t_s);
   }
 
-  /** RMS amplitude of the sticky fingers, RMS error of the others, and the share of time in which all fingers'
-   * friction is within the Weber fraction of what was asked, over the window. */
+  /** RMS amplitude of the sticky fingers, RMS error of the others, and the share of time in which all fingers feel what
+   * was asked, within a just noticeable difference, over the window. */
   leak() {
     const current = this.current;
     if (!current) return { leak_um: null, off_um: null, felt_frac: null };
     const sums = { leak: [0, 0], off: [0, 0], felt: [0, 0] };
     for (let i = this.index(current.t_s - OVER_S); i < this.frames.length && this.frames[i].t_s <= current.t_s; i++) {
       let [judged, wrong] = [0, 0];
-      for (const { target_um, gets_um, friction_change } of this.frames[i].fingers) {
+      for (const { target_um, gets_um, error_jnd } of this.frames[i].fingers) {
         if (target_um === null || gets_um === null) continue;
-        if (friction_change !== null) {
+        if (error_jnd !== null) {
           judged += 1;
-          wrong += Math.abs(friction_change) > WEBER_FRAC;
+          wrong += Math.abs(error_jnd) > 1;
         }
         const sum = target_um === 0 ? sums.leak : sums.off;
         sum[0] += (gets_um - target_um) ** 2;
@@ -88,10 +86,9 @@ export function motion(frame) {
   return { modal_um: frame.modal_um, of: "asked" };
 }
 
-/** Amplitude of each finger: true on a simulated plate, else computed from the measured modes. With `has_contacts` it is
- * the RMS over the contact, which is computed either way. `friction_change` is the contact's friction relative to that
- * of its target, minus 1; null without a target. */
-export function judge(frame, field, curve, { contact_radius_mm, has_contacts }) {
+/** Amplitude of each finger: with `has_contacts` the daemon's RMS over the contact, else that of its centre, true on a
+ * simulated plate, else computed from the measured modes. */
+export function judge(frame, field, { has_contacts }) {
   const { modal_um } = motion(frame);
   const free = frame.truth ? frame.truth.fingers_mm.map((_, i) => i) : [];
   for (const finger of frame.fingers) {
@@ -105,12 +102,7 @@ export function judge(frame, field, curve, { contact_radius_mm, has_contacts }) 
       finger.true_mm = null;
       finger.gets_um = field && x_mm !== null ? field.at(modal_um, x_mm, y_mm) : null;
     }
-    const place = finger.true_mm ?? (x_mm === null ? null : finger.seen_mm);
-    const sliding = sliding_mm_s(finger, frame.horizon_ms);
-    finger.felt = field && place ? field.felt(modal_um, place, contact_radius_mm, curve, sliding) : null;
-    finger.friction_change =
-      finger.felt && finger.target_um !== null ? finger.felt.friction / curve.at(finger.target_um, sliding) - 1 : null;
-    if (has_contacts && finger.felt) finger.gets_um = finger.felt.rms_um;
+    if (has_contacts && finger.contact_um !== null) finger.gets_um = finger.contact_um;
   }
   return frame;
 }

@@ -58,7 +58,7 @@ const link = new Link({
     history.clear();
     surfaces.clear();
     effects.compare(0);
-    curve = new FrictionCurve(message.friction_curve, message.friction_speed_mm_s);
+    curve = new FrictionCurve(message.friction_curve);
     drawing.size_mm = message.size_mm;
     const shapes = await link.shapes();
     if (plate !== message) return;
@@ -78,7 +78,7 @@ const link = new Link({
   frame: (message) => {
     isLive = true;
     effects.take(message.events);
-    history.add(judge(message, picture.field, curve, plate));
+    history.add(judge(message, picture.field, plate));
     giveTargets(message);
   },
   status: (message) => {

@@ -59,7 +59,7 @@ export class PlatePicture {
   finger(context, finger, to, scale, isChosen, width) {
     const radius = this.radius_mm * scale;
     const centre = to(finger.true_mm ?? finger.seen_mm);
-    if (finger.felt) disc(context, centre, radius, finger.felt.friction, this.least_friction);
+    if (finger.felt_friction !== null) disc(context, centre, radius, finger.felt_friction, this.least_friction);
     if (finger.true_mm) this.ring(context, centre, radius, isChosen);
     else if (isChosen) this.ring(context, centre, radius + 3, true);
     const [x, y] = to(finger.seen_mm);

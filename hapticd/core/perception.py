@@ -1,0 +1,64 @@
+"""What a contact feels: the mean over its disc of the friction curve at the plate's amplitude.
+
+Friction has a cusp wherever the amplitude is 0, which only many points resolve.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from .friction import FrictionCurve
+from .phasors import re_im
+from .plate.mode_shapes import ModeShapes
+
+RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
+WEIGHTS: Final = (0.1739274226, 0.3260725774, 0.3260725774, 0.1739274226)
+SPOKES: Final = 12
+
+
+class ContactPerception:
+    """Frictions of contacts of one radius by one friction curve; a radius of 0 is a point."""
+
+    def __init__(self, curve: FrictionCurve, radius_mm: float) -> None:
+        self._curve: Final = curve
+        self._disc: Final = _disc(radius_mm)
+
+    def felt(
+        self, modes: ModeShapes, x_mm: float, y_mm: float, modal_um: Sequence[complex], stretch: float
+    ) -> tuple[float, float]:
+        """Return the mean friction over a contact relative to bare glass, and its RMS amplitude.
+
+        `modal_um` (M,) moves the plate; a sliding finger needs `stretch` times the amplitude of one at rest.
+        """
+        friction = square_um2 = 0.0
+        parts_um = [re_im(w_um) for w_um in modal_um]
+        for dx_mm, dy_mm, weight in self._disc:
+            row = modes.at(x_mm + dx_mm, y_mm + dy_mm)
+            w_d_um = w_q_um = 0.0
+            for mode in range(len(row)):
+                mode_d_um, mode_q_um = parts_um[mode]
+                w_d_um += row[mode] * mode_d_um
+                w_q_um += row[mode] * mode_q_um
+            size_um2 = w_d_um * w_d_um + w_q_um * w_q_um
+            friction += weight * self._curve.friction(math.sqrt(size_um2) / stretch)
+            square_um2 += weight * size_um2
+        return friction, math.sqrt(square_um2)
+
+    def asked(self, target_um: float, stretch: float) -> float:
+        """Return the friction that an amplitude asks for: that of the same amplitude all over the contact."""
+        return self._curve.friction(target_um / stretch)
+
+
+def _disc(radius_mm: float) -> list[tuple[float, float, float]]:
+    """Return points (dx_mm, dy_mm, weight) of a disc, its rings turned against each other; one point for radius 0."""
+    if not radius_mm > 0.0:
+        return [(0.0, 0.0, 1.0)]
+    points = []
+    for ring in range(len(WEIGHTS)):
+        reach_mm = radius_mm * math.sqrt(RINGS_FRAC[ring])
+        for spoke in range(SPOKES):
+            turn_rad = 2.0 * math.pi * (spoke + 0.5 * (ring % 2)) / SPOKES
+            points.append((reach_mm * math.cos(turn_rad), reach_mm * math.sin(turn_rad), WEIGHTS[ring] / SPOKES))
+    return points
