@@ -29,6 +29,10 @@ SCENARIO_NAMES = (
     "step",
     "both-slip",
     "three",
+    "one-of-three",
+    "two-of-three",
+    "two-of-four",
+    "two-of-five",
     "hands",
 )
 

@@ -100,13 +100,15 @@ def with_contacts(
     shapes: Callable[[Floats], Floats],
     every: int = _EVERY_TICKS,
     friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
+    contact: tuple[Floats, Floats] | None = None,
 ) -> Score:
-    """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true."""
+    """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true;
+    `contact` as `disc` or `ellipse` has it, for a disc of CONTACT_RADIUS_MM."""
     part = slice(None, None, every)
     counts = settled(t_s, target_um)[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
     sliding_mm_s = speeds_mm_s(t_s, finger_mm)
-    rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s)
+    rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s, contact)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0
@@ -154,12 +156,13 @@ def felt(
     shapes: Callable[[Floats], Floats],
     friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
     sliding_mm_s: Floats | None = None,
+    contact: tuple[Floats, Floats] | None = None,
 ) -> tuple[Floats, Floats]:
     """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent."""
     rms_um, got = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
     if sliding_mm_s is None:
         sliding_mm_s = np.zeros(finger_mm.shape[:2])
-    offsets_mm, weights = disc(CONTACT_RADIUS_MM)
+    offsets_mm, weights = disc(CONTACT_RADIUS_MM) if contact is None else contact
     for start in range(0, len(finger_mm), _AT_ONCE):
         when = slice(start, start + _AT_ONCE)
         for finger in range(finger_mm.shape[1]):
@@ -179,6 +182,15 @@ def disc(radius_mm: float) -> tuple[Floats, Floats]:
     turn = 2.0 * np.pi * np.arange(_SPOKES) / _SPOKES
     points = np.stack((np.outer(ring_mm, np.cos(turn)), np.outer(ring_mm, np.sin(turn))), axis=-1)
     return points.reshape(-1, 2), np.repeat(weight / 2.0 / _SPOKES, _SPOKES)
+
+
+def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> tuple[Floats, Floats]:
+    """Return points (Q,2) of an ellipse about 0, of these semi-axes, the major one at an angle to x, and their
+    weights."""
+    unit, weights = disc(1.0)
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    turned = np.array([[cosine, sine], [-sine, cosine]])
+    return unit * (major_mm, minor_mm) @ turned, weights
 
 
 def _median_contrast(rms_um: Floats, still: npt.NDArray[np.bool_], slipping: npt.NDArray[np.bool_]) -> float:

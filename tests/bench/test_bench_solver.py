@@ -9,7 +9,7 @@ from functools import cache
 
 import pytest
 
-from hapticd.bench import contacts, felt, solver, stability
+from hapticd.bench import contacts, felt, felt_walk, solver, stability
 from hapticd.bench.tables import UNITS, Table, plain
 from hapticd.core.solver.contacts import STILL_IMPORTANCE
 
@@ -24,6 +24,7 @@ TABLES: dict[str, Callable[[], Table]] = {
     "situations": lambda: stability.situations(problems=5),
     "walk": lambda: stability.walk(steps=10_000),
     "contacts_walk": lambda: contacts.walk(steps=0),  # three laps
+    "felt_walk": lambda: felt_walk.run(steps=0),  # three laps of each kind
     "contacts_frontier": lambda: contacts.frontier(seeds=(1,), every_s=0.1),
 }
 
@@ -99,6 +100,13 @@ def test_contacts_get_the_same_in_each_lap_of_a_walk_without_a_jump_or_a_broken_
         assert row.figures["drift_um"] < 0.1, row.name  # of 1 um: two optima may be equally good
         assert row.figures["jump_um"] < 1.0, row.name  # a flip would be 8 um
         assert row.figures["beyond_um"] < 1e-12, row.name
+
+
+def test_friction_as_asked_holds_limits_and_forgets_rough_laps() -> None:
+    for row in table("felt_walk").rows:
+        assert row.figures["failures_count"] == row.figures["limits_broken_count"] == 0, row.name
+        assert row.figures["past_slew_count"] == 0, row.name
+        assert abs(row.figures["drift_jnd"]) < 0.3, row.name  # of several optima that are equally good
 
 
 def test_outside_references_that_are_missing_are_skipped_by_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from hapticd.bench import leak, leak_budget
+from hapticd.bench import felt_loop, leak, leak_budget
 from hapticd.bench.tables import Table
+from hapticd.sim.plate.glasses import FINGERTIP
 
 pytestmark = pytest.mark.long
 
@@ -52,6 +53,20 @@ def test_contacts_differ_by_more_the_more_modes_and_near_what_perfect_knowledge_
         for one in (name, by_contrast):
             assert contrast[one] > 0.8 * contrast[f"{one}, {leak.PERFECT}"]
             assert felt[one] <= felt[f"{one}, {leak.PERFECT}"] + 0.02
+
+
+def test_a_contact_of_another_form_than_is_believed_feels_other_friction() -> None:
+    felt = figures(felt_loop.conditions(seeds=(1,), seconds=2.0), "felt_frac")
+    assert len(felt) == len(felt_loop.SPEEDS_MM_S) + len(felt_loop.RADII_MM) + 1
+    assert len(set(felt.values())) > 4
+    assert all(0.0 < share < 1.0 for share in felt.values())
+
+
+def test_more_fingers_are_as_asked_no_more_often_than_could_be_at_each_instant() -> None:
+    two_of_three = felt_loop.fingers(names=("two-of-three",), plates=((FINGERTIP, 6),), seeds=(1,), seconds=2.0)
+    felt, bound = (figures(two_of_three, name) for name in ("felt_frac", "bound_frac"))
+    (name,) = felt
+    assert 0.0 < felt[name] <= bound[name] + 0.05
 
 
 @pytest.fixture(scope="module")

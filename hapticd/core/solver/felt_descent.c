@@ -475,7 +475,8 @@ static struct PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_felt_descent(void)
 {
     PyObject *module = PyModule_Create(&definition);
-    if (module != NULL && PyModule_AddObject(module, "UNCERTAIN_FRAC", PyFloat_FromDouble(UNCERTAIN_FRAC)) < 0)
+    if (module != NULL && (PyModule_AddObject(module, "UNCERTAIN_FRAC", PyFloat_FromDouble(UNCERTAIN_FRAC)) < 0 ||
+                           PyModule_AddObject(module, "MOST_WEIGHT", PyFloat_FromDouble(MOST_WEIGHT)) < 0))
         Py_CLEAR(module);
     return module;
 }

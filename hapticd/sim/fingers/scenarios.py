@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,7 @@ LAND_S = 0.4  # fingers land, and virtual ones get targets, after the handshake
 LIFT_S, LAND_AGAIN_S = 2.5, 3.0  # one finger of "swap" is lifted in between
 SWAP_S = 4.0  # when the fingers of "swap" exchange their targets
 SPEED_MM_S = 100.0  # the paper's 10 cm/s
+RING_MM = 38.0  # from the plate's centre: where three to five fingers circle
 STEP_S = 1.0
 STEP_POINT_MM = (44.1, 0.0)  # the inner plate's strongest antinode of mode X on the node line of mode Y
 STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps to 1 um
@@ -162,6 +164,24 @@ def _three(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     )
 
 
+def _mixed(slippery: int, fingers: int) -> Callable[[int, float], tuple[Actor, ...]]:
+    """Fingers on circles about the corners of a polygon, at least 21 mm apart; the first are slippery, the others
+    sticky."""
+
+    def build(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
+        corners_rad = 2.0 * math.pi * np.arange(fingers) / fingers + 0.5
+        centres_mm = RING_MM * np.column_stack((np.cos(corners_rad), np.sin(corners_rad)))
+        return tuple(
+            _touching(
+                Circle((x_mm, y_mm), 12.0, speed_mm_s, 0.7 * seed + 2.0 * index),
+                SLIPPERY_UM if index < slippery else STICKY_UM,
+            )
+            for index, (x_mm, y_mm) in enumerate(centres_mm.tolist())
+        )
+
+    return build
+
+
 def _hands(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     return ()
 
@@ -181,6 +201,10 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("step", "figure 7: a step of 1 um on one axis, no load", 2.0, _step),
         Scenario("both-slip", "two fingers on random strokes, both slippery", 10.0, _both_slip),
         Scenario("three", "three fingers on circles: slippery, sticky, and half of it", 10.0, _three),
+        Scenario("one-of-three", "three fingers on circles, one slippery, two sticky", 10.0, _mixed(1, 3)),
+        Scenario("two-of-three", "three fingers on circles, two slippery, one sticky", 10.0, _mixed(2, 3)),
+        Scenario("two-of-four", "four fingers on circles, two slippery, two sticky", 10.0, _mixed(2, 4)),
+        Scenario("two-of-five", "five fingers on circles, two slippery, three sticky", 10.0, _mixed(2, 5)),
         Scenario("hands", "no fingers until a user moves some in `hapticd view --sim`", 1.0, _hands),
     )
 }

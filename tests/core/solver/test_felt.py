@@ -187,6 +187,48 @@ def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data:
         assert rms_um == contacts_rms_um(shapes, [0.2] * 5, d_um, q_um) or not max(targets_um)
 
 
+@given(st.data())
+def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_slew(data: st.DataObject) -> None:
+    """Contacts anywhere, some on top of each other, with targets from 0 to beyond reach, places hardly known, weights
+    at either end, on curves flat and steep."""
+    modes = data.draw(st.integers(2, 8))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    limits_um = tuple((10.0 ** random.uniform(-2, 1, modes)).tolist())
+    knots = data.draw(st.sampled_from([(0.0, 0.2, 1.1), (0.0, 0.02, 0.05, 3.0), (0.0, 1.9, 2.0)]))
+    floor_frac = data.draw(st.sampled_from([0.001, 0.057, 0.9]))
+    grid_mm = np.linspace(-20.0, 20.0, 6)
+    one = InstantSolver(
+        ModeShapes(grid_mm, grid_mm, random.normal(size=(modes, 6, 6))),
+        limits_um,
+        derating_mm2_um2=0.0,
+        phase_rotation=False,
+        contact_radius_mm=5.0,
+        friction_curve=FrictionCurve.from_amplitudes(knots, floor_frac),
+        feels=True,
+    )
+    modal_um: tuple[complex, ...] = (0j,) * modes
+    for _ in range(3):
+        count = data.draw(st.integers(1, 6))
+        points_mm = random.uniform(-30.0, 30.0, (count, 2))
+        if data.draw(st.booleans()):
+            points_mm[-1] = points_mm[0]
+        wanted_um = data.draw(st.lists(st.sampled_from((0.0, 5e-324, 0.3, 1.0, 1e300)), min_size=count, max_size=count))
+        variances = data.draw(st.sampled_from((0.0, 5e-324, 0.05, 1e300, math.inf, math.nan)))
+        one._log_weights = random.choice((0.0, 5e-324, 4.6, -4.6), count).tolist()
+        since_ns = data.draw(st.sampled_from((1, 500_000, 17_000_000)))
+        for _ in range(3):
+            before_um = modal_um
+            solution = one.solve(
+                places(points_mm, tuple(wanted_um)), before_um, since_ns, [variances] * count, [1.0] * count
+            )
+            modal_um = tuple(map(complex, solution.modal_um))
+            assert np.isfinite(modal_um).all()
+            assert np.isfinite(solution.achieved_um).all()
+            assert np.all(np.abs(modal_um) <= limits_um)
+            most_um = (1.0 + SLEW_UM_NS * since_ns) * (1.0 + 1e-12)
+            assert not max(wanted_um) or np.abs(np.subtract(modal_um, before_um)).max() <= most_um
+
+
 def test_the_points_are_those_of_the_disc() -> None:
     points = np.array(felt_points()) * (5.0, 5.0, 1.0)
     x_mm, y_mm, weight = points.T

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -26,7 +26,8 @@ from hapticd.sim.plate.ground_truth import GroundTruth
 EDGE_MM = 68.75
 FINGERTIP_MM = 8.0
 W_LIM_UM = 4.0
-TWO_FINGERS = sorted(set(SCENARIOS) - {"step", "hands", "three"})
+MIXED = {"one-of-three": (1, 3), "two-of-three": (2, 3), "two-of-four": (2, 4), "two-of-five": (2, 5)}
+TWO_FINGERS = sorted(set(SCENARIOS) - {"step", "hands", "three", *MIXED})
 
 
 def places_mm(actor: Actor, t_s: np.ndarray) -> np.ndarray:
@@ -87,6 +88,17 @@ def test_the_first_finger_slips_and_the_second_sticks(name: str) -> None:
     last_s = SCENARIOS[name].seconds
     assert slippery.target_at_um(last_s) == (0.0 if name == "swap" else 1.0)
     assert sticky.target_at_um(last_s) == (1.0 if name == "swap" else 0.0)
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_more_fingers_have_mixed_targets_and_never_touch_each_other(name: str) -> None:
+    slippery, fingers = MIXED[name]
+    for seed in (1, 2, 3):
+        actors = SCENARIOS[name].build(seed, 100.0)
+        assert [actor.target_at_um(LAND_S) for actor in actors] == [1.0] * slippery + [0.0] * (fingers - slippery)
+        places = both_mm(name, seed)
+        for one, other in combinations(range(fingers), 2):
+            assert np.hypot(*(places[:, one] - places[:, other]).T).min() > 20.0
 
 
 @pytest.mark.parametrize("seed", range(1, 11))
