@@ -37,7 +37,7 @@ from ..plate.contact import Disc, Shapes
 from .felt_descent import descend
 from .points.arithmetic import Row
 
-ITERATIONS: Final = 8  # of a call
+ITERATIONS: Final = 7  # of a call
 COLD_ITERATIONS: Final = 60  # from rest
 STAY_FRAC: Final = 0.03  # of the mean curvature: keeps W where directions are nearly equal
 COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
