@@ -134,6 +134,12 @@ def _situations(span_s: float) -> dict[str, _Situation]:
         "the whole plate at 250 Hz": _Situation(_on_surfaces(both_slip, 8, 250.0, on=None), config),
         FIVE_FINGERS: _Situation(five_fingers, scheme_config(three_modes)),
         CONTACTS: _Situation(record(actors, settings=contacts, seconds=span_s), scheme_config(contacts)),
+        **{
+            f"{count} contacts, four modes": _Situation(
+                record(SCENARIOS[name].build(1, SPEED_MM_S), settings=contacts, seconds=span_s), scheme_config(contacts)
+            )
+            for count, name in (("three", "two-of-three"), ("five", "two-of-five"))
+        },
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
         "no finger": _Situation(no_finger(), config),
