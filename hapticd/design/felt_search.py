@@ -31,6 +31,7 @@ from .patch_reach import PatchDrive, UndrivenError, patch_drive
 
 ORDERABLE = tuple((width, depth, thick) for width, depth in ((10, 10), (20, 10), (15, 15)) for thick in (0.3, 0.5))
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18)  # of the reach alone
+ALIKE_FRAC = 0.02  # of the places: of shares that differ by less the least is taken, which spares volts in motion
 MOST_UM = 6.0  # of a mode: 95 % of places need less than 5, and the glass bears the sum of all
 SEARCH_PLACES, JUDGE_PLACES = 60, 500
 FINALISTS = 3  # for each number of modes, that get patches
@@ -57,7 +58,7 @@ class FeltTask:
 
 @dataclass(frozen=True, slots=True)
 class FeltDesign:
-    """A plate with its patches, one for each driven mode, at a drive frequency.
+    """A plate with its patches, one for each driven mode, nearest first, at a drive frequency.
 
     `limits_um` (M,) are at the drive, `reach_um` what they are at each mode's resonance; `share` is theirs of the reach
     alone. `felt_frac` is the share of places where all contacts are felt as asked within the patches' volts,
@@ -158,9 +159,11 @@ class GluedModes:
         """Return the plate's figures with these modes driven by these patches, without `drive_hz` at the drive that
         takes least volts."""
         plate, task, targets_um = self.plate, self.task, self.task.targets_um
-        modes = self.of(chosen)
-        driven = patch_drive(plate.thickness_mm, plate.material, patches, modes, task.q_factor)
+        driven = patch_drive(plate.thickness_mm, plate.material, patches, self.of(chosen), task.q_factor)
         drive_hz = _least_volts_hz(driven, task.farthest_hz) if drive_hz is None else drive_hz
+        order = np.argsort(np.abs(driven.frequency_hz - drive_hz))
+        driven, chosen = driven.of(order), [chosen[at] for at in order]
+        modes = self.of(chosen)
         reach_um = driven.reach_um(drive_hz)
         few, found = self._touches.of(chosen, SEARCH_PLACES), self._touches.of(chosen)
 
@@ -169,7 +172,9 @@ class GluedModes:
             patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T
             return float(np.mean(_is_felt(error_jnd) & _fits(patch_v, driven)))
 
-        share = max(SHARES, key=share_felt)
+        felt_by_share = {share: share_felt(share) for share in SHARES}
+        enough = max(felt_by_share.values()) - ALIKE_FRAC
+        share = min(share for share, felt_frac in felt_by_share.items() if felt_frac >= enough)
         limits_um = np.minimum(share * reach_um, MOST_UM)
         modal_um, error_jnd = settle_felt(found, targets_um, limits_um)
         patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T

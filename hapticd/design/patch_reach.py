@@ -55,6 +55,10 @@ class PatchDrive:
     gain_um_per_v_s: FloatArray
     most_v: FloatArray
 
+    def of(self, modes: npt.NDArray[np.intp]) -> PatchDrive:
+        """Return the same modes in another order."""
+        return PatchDrive(self.frequency_hz[modes], self.decay_1_s[modes], self.gain_um_per_v_s[modes], self.most_v)
+
     @property
     def volts_per_um_s(self) -> FloatArray:
         """Return the volts (M patches, M modes) for a mode alone, per um and 1/s of its `stiffness_1_s`."""
@@ -69,9 +73,12 @@ class PatchDrive:
         volts_per_um = np.abs(self.volts_per_um_s) * np.abs(self.stiffness_1_s(drive_hz))
         return np.asarray(1.0 / (volts_per_um / self.most_v[:, None]).max(axis=0))
 
-    def patch_volts_v(self, modal_um: ComplexArray, drive_hz: float) -> FloatArray:
-        """Return the voltage (M patches, n) that holds the amplitudes (M modes, n) of all modes together."""
-        needed = self.stiffness_1_s(drive_hz)[:, None] * modal_um
+    def patch_volts_v(
+        self, modal_um: ComplexArray, drive_hz: float, rates_um_s: ComplexArray | float = 0.0
+    ) -> FloatArray:
+        """Return the voltage (M patches, n) that holds the amplitudes (M modes, n) of all modes together, or changes
+        them at `rates_um_s`."""
+        needed = self.stiffness_1_s(drive_hz)[:, None] * modal_um + rates_um_s
         return np.asarray(np.abs(self.volts_per_um_s @ needed))
 
 

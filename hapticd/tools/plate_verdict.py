@@ -53,10 +53,12 @@ class Motion:
 
 
 class FeltMotion(NamedTuple):
-    """Shares of the time in which all fingers, and each, feel what was asked in the closed loop, as the plate is."""
+    """Shares of the time in which all fingers, and each, feel what was asked in the closed loop, and in which the
+    motion takes no more than the patches' volts."""
 
     felt_frac: float
     each_frac: tuple[float, ...]
+    within_volts_frac: float
 
 
 def simulate(design: ContactDesign, drive: Drive, progress: Callable[[float], None] = lambda _: None) -> Motion:
@@ -85,8 +87,12 @@ def simulate_felt(design: FeltDesign, task: FeltTask, progress: Callable[[float]
     played = replace(SCENARIOS[SCENARIO], build=partial(strokes, targets_um=task.targets_um))
     with _file_of(design, task.radius_mm, design.reach_um) as path:
         settings = _settings(path, task.q_factor, FELT)
-        score = lockstep.run(played, settings=settings, seed=SEED, progress=progress).score
-    return FeltMotion(score.felt_frac, tuple(1.0 - finger.weber_frac for finger in score.fingers))
+        run = lockstep.run(played, settings=settings, seed=SEED, progress=progress)
+    rates_um_s = np.gradient(run.modal_um, run.t_s, axis=0)
+    patch_v = design.driven.patch_volts_v(run.modal_um.T, design.drive_hz, rates_um_s.T)
+    within = np.all(patch_v <= design.driven.most_v[:, None], axis=0)
+    each = tuple(1.0 - finger.weber_frac for finger in run.score.fingers)
+    return FeltMotion(run.score.felt_frac, each, float(np.mean(within)))
 
 
 @contextmanager
@@ -154,7 +160,7 @@ def felt_verdict(
     else:
         lines.append(
             f"friction as asked, in motion: {motion.felt_frac:.0%} of the time {HOW} (simulated; each finger "
-            f"{_percents(motion.each_frac)})"
+            f"{_percents(motion.each_frac)}; within the patches' volts {motion.within_volts_frac:.0%} of the time)"
         )
         lacks = [] if motion.felt_frac >= ENOUGH_FELT else [f"less than {ENOUGH_FELT:.0%} in motion"]
     if study is not None:

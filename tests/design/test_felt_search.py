@@ -99,6 +99,8 @@ def test_the_best_plate_comes_first_and_has_a_patch_for_each_mode(designs: list[
     for one in designs:
         assert len(one.plate.patches) == len(one.modes) == 3
         assert one.farthest_hz <= TASK.farthest_hz
+        away_hz = [abs(hz - one.drive_hz) for hz in one.frequency_hz]
+        assert away_hz == sorted(away_hz)
         reach_um = one.driven.reach_um(one.drive_hz)
         np.testing.assert_allclose(one.limits_um, np.minimum(one.share * reach_um, 6.0))
         assert np.all(one.modal_um <= np.array(one.limits_um) * (1.0 + 1e-12))

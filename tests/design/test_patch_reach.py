@@ -124,6 +124,16 @@ def test_volts_that_give_one_mode_its_reach_leave_the_others_at_rest(modes: list
         np.testing.assert_allclose(np.abs(moved_um), np.abs(only_um[:, 0]), atol=1e-9)
 
 
+def test_a_mode_that_grows_without_stiffness_takes_the_volts_of_its_rate(modes: list[tuple[float, ModeShape]]) -> None:
+    driven = glued(modes, (10.0, 10.0))
+    rates_um_s = np.zeros((8, 1), np.complex128)
+    rates_um_s[3] = 100.0
+    volts_v = driven.patch_volts_v(np.zeros((8, 1), np.complex128), 28375.0, rates_um_s)[:, 0]
+    np.testing.assert_allclose(volts_v, 100.0 * np.abs(driven.volts_per_um_s[:, 3]))
+    turned = driven.of(np.arange(8)[::-1])
+    np.testing.assert_allclose(turned.reach_um(28375.0), driven.reach_um(28375.0)[::-1])
+
+
 def test_a_patch_for_each_mode_is_needed_and_none_may_repeat_another(modes: list[tuple[float, ModeShape]]) -> None:
     patches = [Patch(105.0, 105.0, (10.0, 10.0), 0.3)] * 8
     with pytest.raises(ValueError, match="7 patches drive 8 modes"):

@@ -72,6 +72,7 @@ def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys
     found, played = (json.loads(file.read_text()) for file in files.values())
     assert found["motion"]["felt_frac"] == pytest.approx(played["hapticd"]["felt_frac"], abs=0.01)  # reach is rounded
     assert found["motion"]["felt_frac"] > 0.3
+    assert 0.5 < found["motion"]["within_volts_frac"] <= 1.0
 
 
 def test_targets_are_frictions_or_amplitudes() -> None:
