@@ -108,6 +108,10 @@ class PassBudget:
         solves = max(int((budget_ns - fixed_ns) / solve_ns), LEAST_SOLVES) if solve_ns > 0.0 else LEAST_SOLVES
         return Allotment(keys if count == len(keys) else keys[:count], solves, fixed_ns, solve_ns)
 
+    def solves_of_request(self, fingers: int) -> int:
+        """Return how many solves for so many fingers a client's request may take: as long as a pass."""
+        return int(BUDGET_NS / self.slowness / self._solver.cost_ns(fingers))
+
     def _way_ns(self, key: Key) -> float:
         """Return what the edges on a finger's way cost: those of surfaces, where it has no target of its own."""
         return self._surfaces.way_ns if isinstance(key, int) and self._scene.target_of(key) is None else 0.0

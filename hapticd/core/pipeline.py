@@ -33,6 +33,7 @@ from .solver.instant import (
     settles_ns,
 )
 from .solver.points.general import solve_fast
+from .solver.reach import LEAST_CALLS
 from .targets.scene import Scene
 from .touch.fingers import Fingers, Predictor
 from .trajectory.gate import gate, silence
@@ -326,6 +327,30 @@ class Pipeline:
         if self._scene.depends_on_speed:
             stretches = [self._scene.stretch(self._speed_mm_s(key, t_ns)) for key in keys]
         return Past(interpolated_um(active, t_reference_ns), self._places(keys, t_ns), stretches)
+
+    def reach(self, key: Key | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:
+        """The interval of friction (0 .. 1) that a finger, or without `key` one that touched this place, could feel now
+        beside the others with their targets; None for none. Raises ValueError where it cannot be computed: without
+        such a finger, for points, or with too many fingers for the time of a pass."""
+        if not self._solver.feels:
+            raise ValueError(
+                "what fingers can feel is known only where the plate is driven for friction over contacts."
+            )
+        requested = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns)
+        others = [one for one in requested if one != key]
+        keys = others if key is None else [*others, key]
+        calls = self._budget.solves_of_request(len(others) + 1)
+        if calls < LEAST_CALLS:
+            raise ValueError(f"{len(keys)} fingers on the plate are too many to compute it in the time of a pass.")
+        if isinstance(key, int) and key not in self._fingers.predictors:
+            raise ValueError(f"finger {key} does not touch the plate.")
+        places, variances_mm2 = self._places(keys, t_now_ns), self._fingers.variances_mm2(keys, t_now_ns)
+        stretches = [1.0] * len(keys)
+        if self._scene.depends_on_speed:
+            stretches = [self._scene.stretch(self._speed_mm_s(one, t_now_ns)) for one in keys]
+        if key is None:
+            places, variances_mm2, stretches = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*stretches, 1.0]
+        return self._solver.reach(places, variances_mm2, stretches, calls)
 
     def _activate(self, drive: SafeDrive, keys: list[Key], places: list[Place]) -> None:
         self._active, self._active_keys, self._active_places, self._is_sent = drive, keys, places, True

@@ -132,6 +132,8 @@ class ClientGateway:
             case client_wire.Release() as release:
                 self._require_newest(release.client, user, release.stamp, 0, t_now_ns)
                 return {"released": self._release(release)}
+            case client_wire.ReachQuery() as query:
+                return self._reach(query, t_now_ns)
         if request.op == "clear_fault":
             self._host.clear_fault(t_now_ns)
             return {}
@@ -142,6 +144,18 @@ class ClientGateway:
         if request.op == "surfaces":
             return self._describe_surfaces(t_now_ns)
         return {"version": __version__, "instance": self._instance, **client_wire.CAPABILITIES}
+
+    def _reach(self, query: client_wire.ReachQuery, t_now_ns: int) -> Mapping[str, object]:
+        key = query.finger
+        if isinstance(key, str) and key not in self._scene.virtual_names(t_now_ns):
+            raise RequestError(f"there is no virtual finger {key!r}.")
+        if key is None and not self._scene.holds_place(*query.place_mm):
+            raise RequestError("x_mm and y_mm: the place must lie on the plate.")
+        try:
+            found = self._pipeline.reach(key, query.place_mm, t_now_ns)
+        except ValueError as error:
+            raise RequestError(str(error)) from None
+        return {"friction": None if found is None else list(found)}
 
     def _describe_surfaces(self, t_now_ns: int) -> dict[str, object]:
         surfaces, assets = self._scene.surfaces, self._scene.assets

@@ -36,10 +36,23 @@ from .targets import (
 )
 
 PROTOCOL_VERSION = 1
-OPS = ("hello", "capabilities", "set", "release", "status", "plate", "clear_fault", "marker", "asset", "surfaces")
+OPS = (
+    "hello",
+    "capabilities",
+    "set",
+    "release",
+    "status",
+    "plate",
+    "clear_fault",
+    "marker",
+    "asset",
+    "surfaces",
+    "reach",
+)
 
 MAX_REQUEST_ID = 2**32 - 1
 MAX_MARKER_CHARACTERS = 100
+MAX_PLACE_MM = 1000.0
 UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be read
 
 CAPABILITIES: Mapping[str, object] = {
@@ -92,13 +105,22 @@ class Marker:
     has_pulse: bool = False
 
 
-Body = ClientTargets | Release | Marker | AssetPart | None
+@dataclass(frozen=True, slots=True)
+class ReachQuery:
+    """Which friction a finger can feel now: its id, a virtual finger's name, or with None one that touched
+    `place_mm`."""
+
+    finger: int | str | None
+    place_mm: tuple[float, float] = (0.0, 0.0)
+
+
+Body = ReachQuery | ClientTargets | Release | Marker | AssetPart | None
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
     """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", AssetPart for
-    "asset", else None."""
+    "asset", ReachQuery for "reach", else None."""
 
     op: str
     id: int
@@ -228,11 +250,22 @@ def _marker(fields: Fields) -> Marker:
     return Marker(client, text, has_pulse=fields.boolean("pulse", default=False))
 
 
+def _reach(fields: Fields) -> ReachQuery:
+    if "finger" in fields:
+        return ReachQuery(read_finger_key(fields))
+    return ReachQuery(None, (_place(fields, "x_mm"), _place(fields, "y_mm")))
+
+
+def _place(fields: Fields, name: str) -> float:
+    return fields.number(name, -MAX_PLACE_MM, MAX_PLACE_MM)
+
+
 _BODIES: dict[str, Callable[[Fields], Body]] = {
     "set": read_targets,
     "release": _release,
     "marker": _marker,
     "asset": read_asset_part,
+    "reach": _reach,
 }
 
 

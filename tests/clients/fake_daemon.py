@@ -34,6 +34,7 @@ class FakeDaemon:
         self.messages = 0
         self.overtaken = 0
         self.stamps: list[int | None] = []
+        self.reach = [0.25, 0.75]
         self.optional: tuple[str, ...] = ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects")
         self.refusals: list[str] = []
         self.released: list[int | str] = []
@@ -117,6 +118,8 @@ class FakeDaemon:
         if isinstance(request.body, AssetPart):
             one, t_ns = request.body, time.monotonic_ns()
             return {"have": self.scene.upload(one.client, one.digest, one.size, one.offset, one.part, t_ns)}
+        if isinstance(request.body, wire.ReachQuery):
+            return {"friction": self.reach if request.body.finger in (None, *self.fingers) else None}
         if request.body is not None and not self._is_newest(request.body, user):
             raise RequestError("A newer message came before.")
         match request.op, request.body:

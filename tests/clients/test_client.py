@@ -461,3 +461,12 @@ def test_a_marker_reaches_the_daemon_and_comes_back_with_its_instant(daemon: Fak
     assert [(one.client, one.text) for one in daemon.markers] == [("study", "trial 7 begins"), ("study", "onset")]
     assert [one.has_pulse for one in daemon.markers] == [False, True]
     assert t_ns > 0
+
+
+def test_the_reach_is_that_of_a_finger_or_of_a_place(daemon: FakeDaemon, client: Client) -> None:
+    daemon.fingers = {1: (-20.0, 0.0)}
+    assert client.reach(1) == client.reach(x_mm=3.0, y_mm=-4.0) == (0.25, 0.75)
+    assert client.reach(2) is None
+    for wrong in ({}, {"x_mm": 1.0}, {"finger": 1, "x_mm": 1.0, "y_mm": 2.0}, {"x_mm": math.nan, "y_mm": 0.0}):
+        with pytest.raises(RefusedError):
+            client.reach(**wrong)

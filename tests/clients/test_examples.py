@@ -114,6 +114,12 @@ def test_targets_and_achieved_amplitudes_are_printed(
     assert lines[-1] == "  ACTIVE  1: 1.25 -> 1.25 um"
 
 
+def test_each_finger_gets_the_middle_of_its_reach(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
+    daemon.fingers = {1: (-20.0, 0.0)}
+    run("reach", daemon, "--every", "0.01")
+    assert "finger 1: friction 0.25 .. 0.75, set to 0.50" in capsys.readouterr().out
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_ctrl_c_is_a_clean_end(name: str, daemon: FakeDaemon) -> None:

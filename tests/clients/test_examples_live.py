@@ -32,6 +32,7 @@ EXPECTED = {
     "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, [01]\.\d\d um",
     "piano": r"^finger \d+: [A-Gc], [\d.]+ Hz$",
     "print_achieved": r"^. (ACTIVE|ARMED) +",
+    "reach": r"^finger \d+: ",
     "slider": r"^7 detents on a track of 100 mm",
     "turntable": r"^fingers on the record: [012]$",
     "virtual_finger": r"^finger \d+: 1 um$",

@@ -293,6 +293,24 @@ class Client:
         """Return the plate's size, limits, drive and mode shapes (`plate` in clients/PROTOCOL.md)."""
         return self._call("plate")
 
+    def reach(
+        self, finger: FingerState | Key | None = None, *, x_mm: float | None = None, y_mm: float | None = None
+    ) -> tuple[float, float] | None:
+        """Return the lowest and the highest friction that a finger, or one that touched this place, could feel now, as
+        in `set`, while all others feel what they do; None if there is none.
+
+        Within it the finger's `error_jnd` is at most 1 by all that the daemon knows, until fingers move on. Raises
+        RefusedError, also on a plate that is driven for points, and from an older daemon.
+        """
+        if (finger is None) == (x_mm is None and y_mm is None):
+            raise RefusedError("reach: give a finger, or x_mm and y_mm.")
+        if finger is not None:
+            body: dict[str, object] = {"finger": _key(finger)}
+        else:
+            body = {"x_mm": number("x_mm", x_mm, -1000.0, 1000.0), "y_mm": number("y_mm", y_mm, -1000.0, 1000.0)}
+        found = self._call("reach", body)["friction"]
+        return None if found is None else (float(found[0]), float(found[1]))
+
     def surfaces(self) -> list[dict[str, Any]]:
         """Return the surfaces of all clients, topmost first (`surfaces` in clients/PROTOCOL.md).
 

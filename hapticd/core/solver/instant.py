@@ -13,7 +13,7 @@ from typing import Final
 from ...values import SafeDrive, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude, re_im
-from ..plate.contact import Disc, contact_gram, disc_points, stretch
+from ..plate.contact import Disc, Shapes, contact_gram, disc_points, stretch
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
@@ -25,6 +25,7 @@ from .points.arithmetic import Rows
 from .points.few_modes import MOST_MODES, MOST_SLIPPING
 from .points.general import solve_fast
 from .points.phase import solve_phased_fast
+from .reach import ReachProblem, reach
 
 Key = int | str  # a finger's id, or a virtual finger's name
 Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
@@ -171,11 +172,7 @@ class InstantSolver:
         targets_um = tuple([target_um for _, _, target_um in places])
         stretched = [stretch(variance_mm2, self._contact_radius_mm) for variance_mm2 in variances_mm2]
         if self._feels:
-            contacts = [
-                (x_mm, y_mm, disc * self._contact_radius_mm, 0.0, disc * self._contact_radius_mm)
-                for (x_mm, y_mm, _), disc in zip(places, stretched, strict=True)
-            ]
-            shapes = contact_shapes(self._modes, self._disc, contacts)
+            shapes = self._contact_shapes(places, stretched)
             if len(self._log_weights) != len(places):
                 self._log_weights = [0.0] * len(places)
             slides = [1.0] * len(places) if stretches is None else stretches
@@ -198,6 +195,28 @@ class InstantSolver:
             else:
                 achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
         return ModalSolution(places, achieved_um, tuple(map(complex, d_um, q_um)), limited)
+
+    def _contact_shapes(self, places: list[Place], stretched: list[float]) -> Shapes:
+        contacts = [
+            (x_mm, y_mm, disc * self._contact_radius_mm, 0.0, disc * self._contact_radius_mm)
+            for (x_mm, y_mm, _), disc in zip(places, stretched, strict=True)
+        ]
+        return contact_shapes(self._modes, self._disc, contacts)
+
+    @property
+    def feels(self) -> bool:
+        """Whether it solves for friction felt over contacts: what `reach` speaks of."""
+        return self._feels and self.has_contacts
+
+    def reach(
+        self, places: list[Place], variances_mm2: list[float], stretches: list[float], calls: int
+    ) -> tuple[float, float] | None:
+        """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
+        of the solver; None if it can feel none as asked."""
+        stretched = [stretch(variance_mm2, self._contact_radius_mm) for variance_mm2 in variances_mm2]
+        targets_um = [target_um for _, _, target_um in places[:-1]]
+        shapes, limits_um = self._contact_shapes(places, stretched), self._contact_limit_um
+        return reach(ReachProblem(shapes, self._disc_weights, self._curve, targets_um, limits_um, stretches), calls)
 
     def _turns(self, slipping: int, previous_um: Row) -> bool:
         """Phases turn while two fingers slip, and after that until the plate has been silent."""

@@ -217,6 +217,11 @@ class Scene:
         """Where a virtual finger is at any instant, also one to come. Raises KeyError where there is none."""
         return self._walk_of(name).position_mm(t_ns)
 
+    def holds_place(self, x_mm: float, y_mm: float) -> bool:
+        """Whether a place lies on the plate."""
+        width_mm, depth_mm = self._plate_size_mm
+        return abs(x_mm) <= 0.5 * width_mm and abs(y_mm) <= 0.5 * depth_mm
+
     # --- ownership ---
 
     def _refusal(self, message: ClientTargets, key: Key, user: str, room: float) -> str | None:
@@ -241,8 +246,7 @@ class Scene:
         return self._refusal_of_target(key, message.targets.get(key))
 
     def _is_on_plate(self, path: VirtualPath) -> bool:
-        width_mm, depth_mm = self._plate_size_mm
-        return all(abs(x_mm) <= 0.5 * width_mm and abs(y_mm) <= 0.5 * depth_mm for x_mm, y_mm in path.points_mm)
+        return all(self.holds_place(x_mm, y_mm) for x_mm, y_mm in path.points_mm)
 
     def _refusal_of_target(self, key: Key, target: Target | None) -> str | None:
         if target is None:
