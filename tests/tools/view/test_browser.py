@@ -294,13 +294,13 @@ def test_whole_contacts_are_shown_on_a_plate_that_has_them(browser: Chrome) -> N
         page = Page(browser)
         page.until(lambda: page["what"].text == "fingertip plate, 4 modes, contacts of 5 mm")
         page.until(lambda: len(page.fingers()) == 2)
-        page.until(lambda: any("friction 100 %" in row for row in page.fingers()))
+        page.until(lambda: any("feels 1.00" in row for row in page.fingers()))
         page.until(lambda: 0 < page.brightness() < 10)
         browser.execute_script(  # at once: a busy machine may lift and land the fingers, which makes new rows
             "for (const choice of document.querySelectorAll('.finger button'))"
             " if (choice.textContent === 'Slippery') choice.click()"
         )
-        page.until(lambda: page.fingers() and all(re.search(r"friction [1-9]\d %", row) for row in page.fingers()))
+        page.until(lambda: page.fingers() and all(re.search(r"feels 0\.\d\d, asked 0\.24", row) for row in page.fingers()))
         page.choose("switch-modes", "5")
         page.until(lambda: page["what"].text == "fingertip plate, 5 modes, contacts of 5 mm")
         page.choose("switch-radius", "6 mm")

@@ -9,6 +9,7 @@ const SPANS = { age: "sample's age", compute: "compute", link: "link", horizon: 
 const FULL_UM = 2;
 const GAP_S = 0.5;
 const NARROW = 90; // pixels of a mode's cell
+const IN_A_ROW = 5; // modes; more take two rows, with their names left of the rings
 
 /** Draw the colours of the field, which end at `full_um`; with null the grey of a layer over it. */
 export function drawScale(canvas, full_um, colours) {
@@ -39,11 +40,14 @@ export function drawScale(canvas, full_um, colours) {
 /** Draw each mode's phasor against its limit: reference and best known value. */
 export function drawModes(canvas, modes, limits_um, colours) {
   const { context, width, height } = prepared(canvas);
-  const cell = width / limits_um.length;
-  const radius = Math.min(cell / 2 - 12, height / 2 - 13);
+  const rows = limits_um.length > IN_A_ROW ? 2 : 1;
+  const columns = Math.ceil(limits_um.length / rows);
+  const [cell, tall] = [width / columns, height / rows];
+  const radius = Math.min(cell / 2 - 12, tall / 2 - (rows === 1 ? 13 : 4));
   context.font = "12px system-ui, sans-serif";
   for (let mode = 0; mode < limits_um.length; mode++) {
-    const [x, y] = [cell * (mode + 0.5), height / 2 + 8];
+    const [column, row] = [mode % columns, Math.floor(mode / columns)];
+    const [x, y] = rows === 1 ? [cell * (column + 0.5), tall / 2 + 8] : [cell * (column + 1) - radius - 4, tall * (row + 0.5)];
     const scale = radius / limits_um[mode];
     context.lineWidth = 1;
     context.strokeStyle = colours.line;
@@ -60,15 +64,19 @@ export function drawModes(canvas, modes, limits_um, colours) {
     context.stroke();
     context.fillStyle = colours.quiet;
     const [name, limit] = [`W${limits_um.length > NAMES.length ? mode + 1 : NAMES[mode]}`, `${Number(limits_um[mode].toFixed(2))} µm`];
-    if (cell < NARROW) {
+    if (rows > 1) {
+      context.textAlign = "left";
+      context.fillText(name, cell * column + 2, y - 3);
+      context.fillText(limits_um[mode].toFixed(1), cell * column + 2, y + 13);
+    } else if (cell < NARROW) {
       context.textAlign = "center";
       context.fillText(name, x, y - radius - 6);
       context.fillText(limit, x, y + radius + 15);
     } else {
       context.textAlign = "left";
-      context.fillText(name, cell * mode + 4, 12);
+      context.fillText(name, cell * column + 4, 12);
       context.textAlign = "right";
-      context.fillText(limit, cell * (mode + 1) - 4, 12);
+      context.fillText(limit, cell * (column + 1) - 4, 12);
     }
     for (const { phasors, colour, wide } of modes) {
       const w_um = phasors[mode];

@@ -1,4 +1,6 @@
-// List of fingers: target, achieved amplitude, owner, and the controls of this page.
+// List of fingers: what each was asked to feel and feels, its owner, and the controls of this page.
+
+import { askedFriction } from "./friction.js";
 
 const MOST_UM = 2;
 const STEP_UM = 0.05;
@@ -65,11 +67,12 @@ export class FingerList {
     row.box.classList.toggle("chosen", isChosen);
     row.name.setAttribute("aria-pressed", isChosen);
     const gets = gets_um === null ? "–" : gets_um.toFixed(2);
-    write(row.amounts, `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}${changeText(finger)}`);
+    const amplitude = `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`;
+    const friction = frictionText(finger);
+    write(row.amounts, friction || amplitude);
     row.amounts.classList.toggle("felt", Math.abs(finger.error_jnd) > 1);
-    const { contact_um, felt_friction } = finger;
-    const felt = felt_friction === null ? "" : `contact ${contact_um.toFixed(2)} µm, friction ${Math.round(100 * felt_friction)} % · `;
-    write(row.owner, felt + (owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`));
+    const whose = owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`;
+    write(row.owner, friction ? `${amplitude} over the contact · ${whose}` : whose);
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
     row.release.disabled = owner !== client || !isLive;
     row.sticky.setAttribute("aria-pressed", owner !== null && target_um === 0);
@@ -78,12 +81,13 @@ export class FingerList {
   }
 }
 
-/** By how much the contact's friction differs from what was asked, and how many just noticeable differences that is. */
-function changeText({ friction_change, error_jnd }) {
-  if (friction_change === null) return "";
-  const percent = Math.round(100 * friction_change);
-  const jnd = error_jnd === null ? "" : ` (${Math.abs(error_jnd).toFixed(1)} JND)`;
-  return `, friction ${percent < 0 ? "−" : "+"}${Math.abs(percent)} %${jnd}`;
+/** What a contact feels and was asked to, relative to bare glass, and how many just noticeable differences lie between. */
+function frictionText(finger) {
+  const { felt_friction, error_jnd } = finger;
+  if (felt_friction === null) return "";
+  const asked = askedFriction(finger);
+  const wanted = asked === null ? "" : `, asked ${asked.toFixed(2)} (${Math.abs(error_jnd).toFixed(1)} JND)`;
+  return `feels ${felt_friction.toFixed(2)}${wanted}`;
 }
 
 /** Write a text only if it differs, which avoids a new layout. */

@@ -16,3 +16,8 @@ export class FrictionCurve {
     return from * (to / from) ** ((um - from_um) / (to_um - from_um));
   }
 }
+
+/** The friction that a contact was asked to have; null for points and without a target. */
+export function askedFriction({ felt_friction, friction_change }) {
+  return felt_friction === null || friction_change === null ? null : felt_friction / (1 + friction_change);
+}

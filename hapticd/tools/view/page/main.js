@@ -253,7 +253,7 @@ function writeTexts(frame) {
   const isLayered = !history.paused && layers.canvas !== null;
   if (picture.field) drawScale($("scale"), isLayered ? null : picture.field.full_um, colours);
   write($("scale-text"), isLayered ? "share of the target that is reached" : "|W|, µm peak to peak");
-  write($("modes-text"), `Grey: asked. Blue: ${is.of}. Ring: limit. ${drive()}.`);
+  write($("modes-text"), `Grey: asked. Blue: ${is.of}. Ring: limit, µm. ${drive()}.`);
   const horizon = frame.horizon_ms?.toFixed(1) ?? "–";
   const rate = status?.frames_hz ? `, ${status.frames_hz.toFixed(0)} frames/s` : "";
   write($("latency-text"), `Now predicted ${horizon} ms ahead${rate}.`);

@@ -1,6 +1,7 @@
 // Picture of the plate: field, node lines, and true, sampled and predicted fingers.
 
 import { prepared } from "./colours.js";
+import { askedFriction } from "./friction.js";
 import { motion } from "./history.js";
 
 const LEAST_UM = 0.02; // a plate that moves less than this has no node lines to show
@@ -59,8 +60,9 @@ export class PlatePicture {
   finger(context, finger, to, scale, isChosen, width) {
     const radius = this.radius_mm * scale;
     const centre = to(finger.true_mm ?? finger.seen_mm);
-    if (finger.felt_friction !== null) disc(context, centre, radius, finger.felt_friction, this.least_friction);
-    if (finger.true_mm) this.ring(context, centre, radius, isChosen);
+    const asked = askedFriction(finger);
+    if (finger.felt_friction !== null) disc(context, centre, radius, this.colour(finger.felt_friction));
+    if (finger.true_mm) this.ring(context, centre, radius, isChosen, asked === null ? "#fff" : this.colour(asked));
     else if (isChosen) this.ring(context, centre, radius + 3, true);
     const [x, y] = to(finger.seen_mm);
     outlined(context, () => {
@@ -81,17 +83,22 @@ export class PlatePicture {
     this.label(context, finger, centre, radius, width);
   }
 
-  ring(context, [x, y], radius, isChosen) {
+  ring(context, [x, y], radius, isChosen, colour = "#fff") {
     outlined(context, () => {
       context.beginPath();
       context.arc(x, y, radius, 0, 2 * Math.PI);
-    }, "stroke", isChosen ? 4 : 2);
+    }, "stroke", isChosen ? 5 : 3, colour);
+  }
+
+  /** Of a friction, from slippery to sticky. */
+  colour(friction) {
+    const part = Math.min(Math.max((friction - this.least_friction) / (1 - this.least_friction), 0), 1);
+    const mixed = STUCK.map((stuck, i) => Math.round(SLID[i] + part * (stuck - SLID[i])));
+    return `rgb(${mixed.join(" ")})`;
   }
 
   label(context, finger, [x, y], radius, width) {
-    const gets = finger.gets_um === null ? "" : `${finger.gets_um.toFixed(2)} µm`;
-    const wants = finger.target_um === null ? "" : finger.target_um === 0 ? "sticky" : `of ${finger.target_um.toFixed(2)}`;
-    const text = [`${finger.id}:`, gets, wants].filter(Boolean).join(" ");
+    const text = `${finger.id}: ${labelOf(finger)}`;
     context.font = "600 13px system-ui, sans-serif";
     context.textBaseline = "middle";
     const room = context.measureText(text).width + 14;
@@ -106,14 +113,23 @@ export class PlatePicture {
   }
 }
 
-/** A contact, coloured by its friction, down to the `least`. */
-function disc(context, [x, y], radius, friction, least) {
-  const part = Math.min(Math.max((friction - least) / (1 - least), 0), 1);
-  const [r, g, b] = STUCK.map((stuck, i) => Math.round(SLID[i] + part * (stuck - SLID[i])));
-  context.fillStyle = `rgb(${r} ${g} ${b} / .75)`;
+/** What a finger feels and was asked to: frictions of contacts, amplitudes of points. */
+function labelOf(finger) {
+  const { gets_um, target_um, felt_friction } = finger;
+  const asked = askedFriction(finger);
+  if (asked !== null) return `feels ${felt_friction.toFixed(2)}, asked ${asked.toFixed(2)}`;
+  const gets = gets_um === null ? "" : `${gets_um.toFixed(2)} µm`;
+  const wants = target_um === null ? "" : target_um === 0 ? "sticky" : `of ${target_um.toFixed(2)}`;
+  return [gets, wants].filter(Boolean).join(" ");
+}
+
+function disc(context, [x, y], radius, colour) {
+  context.globalAlpha = 0.75;
+  context.fillStyle = colour;
   context.beginPath();
   context.arc(x, y, radius, 0, 2 * Math.PI);
   context.fill();
+  context.globalAlpha = 1;
 }
 
 function invite(context, text, width, height) {
@@ -124,19 +140,19 @@ function invite(context, text, width, height) {
   context.textAlign = "left";
 }
 
-/** White with a dark edge, legible on every colour of the field. */
-function outlined(context, trace, how, lineWidth = 2) {
+/** Light with a dark edge, legible on every colour of the field. */
+function outlined(context, trace, how, lineWidth = 2, colour = "#fff") {
   trace();
   context.strokeStyle = "rgb(12 16 20 / .75)";
   context.lineWidth = lineWidth + 2.5;
   context.stroke();
   trace();
   if (how === "fill") {
-    context.fillStyle = "#fff";
+    context.fillStyle = colour;
     context.fill();
     return;
   }
-  context.strokeStyle = "#fff";
+  context.strokeStyle = colour;
   context.lineWidth = lineWidth;
   context.stroke();
 }
