@@ -46,7 +46,7 @@ def play(plate: Client, speed_mm_s: float, chance: random.Random, end_s: float) 
             goal_mm = somewhere(chance)
             way_mm_s = speed_mm_s * (goal_mm - place_mm) / max(abs(goal_mm - place_mm), 1e-9)
             at = {"position_mm": (place_mm.real, place_mm.imag), "velocity_mm_s": (way_mm_s.real, way_mm_s.imag)}
-            plate.surface("patch", Circle(RADIUS_MM), amplitude_um=1.5, t_pose_ns=t_ns, wait=False, **at)
+            plate.surface("patch", Circle(RADIUS_MM), friction=0.05, t_pose_ns=t_ns, wait=False, **at)
         if time.monotonic() > end_s:
             break
 

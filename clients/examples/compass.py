@@ -32,13 +32,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def lay(plate: Client, notch_mm: float) -> None:
     """Lay the ring, its hub, and the notches on top."""
-    plate.surface("ring", Circle(OUTER_MM), amplitude_um=1.5)
-    plate.surface("hub", Circle(INNER_MM), amplitude_um=0.0, z=1)
+    plate.surface("ring", Circle(OUTER_MM), friction=0.05)
+    plate.surface("hub", Circle(INNER_MM), friction=1.0, z=1)
     for turn, name in enumerate(NAMES):
         angle_rad, middle_mm = turn * EIGHTH_RAD, (INNER_MM + OUTER_MM) / 2
         notch = Rectangle(OUTER_MM - INNER_MM, notch_mm * (3 if name == "N" else 1))
         place_mm = (middle_mm * math.cos(angle_rad), middle_mm * math.sin(angle_rad))
-        plate.surface(name, notch, amplitude_um=0.0, position_mm=place_mm, angle_rad=angle_rad, z=2)
+        plate.surface(name, notch, friction=1.0, position_mm=place_mm, angle_rad=angle_rad, z=2)
 
 
 def serve(plate: Client, end_s: float) -> None:

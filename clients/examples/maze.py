@@ -31,12 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def lay(plate: Client, chance: random.Random) -> None:
     """Lay the glass, and each wall as a piece on the left and one on the right of its gap."""
-    plate.surface("glass", amplitude_um=1.5)
+    plate.surface("glass", friction=0.05)
     for number, y_mm in enumerate(WALLS_MM):
         gap_mm = chance.uniform(-45.0, 45.0)
         for side, edge_mm, end_mm in (("left", gap_mm - GAP_MM / 2, -HALF_MM), ("right", gap_mm + GAP_MM / 2, HALF_MM)):
             wall, middle_mm = Rectangle(abs(end_mm - edge_mm), THICK_MM), ((edge_mm + end_mm) / 2, y_mm)
-            plate.surface(f"wall {number} {side}", wall, amplitude_um=0.0, position_mm=middle_mm, z=1)
+            plate.surface(f"wall {number} {side}", wall, friction=1.0, position_mm=middle_mm, z=1)
 
 
 def play(plate: Client, chance: random.Random, end_s: float) -> None:

@@ -43,7 +43,7 @@ def serve(plate: Client, radius_mm: float, speed_mm_s: float, end_s: float) -> N
         if wanted_mm_s != velocity_mm_s:
             velocity_mm_s = wanted_mm_s
             pose = {"position_mm": (x_mm, 0.0), "velocity_mm_s": (velocity_mm_s, 0.0), "t_pose_ns": t_ns}
-            plate.surface("patch", Circle(radius_mm), amplitude_um=1.5, wait=False, **pose)
+            plate.surface("patch", Circle(radius_mm), friction=0.05, wait=False, **pose)
             print(f"patch at x = {x_mm:+.0f} mm: {velocity_mm_s:+.0f} mm/s", flush=True)
         if time.monotonic() > end_s:
             break

@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 from fake_daemon import FakeDaemon
 
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.values import EventKind
 from hapticd_client import (
     Circle,
@@ -33,6 +34,7 @@ from hapticd_client import (
     content,
 )
 
+SLIPPERY_UM = DEFAULT_FRICTION_CURVE.amplitude_um(0.05)  # what the examples call slippery
 CLIENTS = Path(__file__).parents[2] / "clients"
 NAMES = sorted(path.stem for path in (CLIENTS / "examples").glob("*.py"))
 
@@ -299,7 +301,7 @@ def test_the_compass_has_a_ring_with_eight_notches_of_which_north_is_wide(
     places_mm = ((40.0, 0.0), (40.0, 3.0), (3.0, 40.0), (8.0, 40.0), (0.0, 0.0), (28.3, 28.3), (60.0, 0.0))
     program.lay(client, 4.0)
     felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
-    assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0, 0.0]
+    assert felt == pytest.approx([0.0, SLIPPERY_UM, 0.0, SLIPPERY_UM, 0.0, 0.0, 0.0])
     program.serve(ScriptedPlate({1: (40.0, 2.0)}, {1: (40.0, 9.0)}, {1: (1.0, 1.0)}, {1: (-2.0, -40.0)}), math.inf)
     assert capsys.readouterr().out.splitlines()[1:] == ["finger 1: E", "finger 1: S"]
 
@@ -311,7 +313,7 @@ def test_the_maze_s_walls_stick_but_for_their_gaps_and_a_way_through_is_timed(
     program.lay(client, FirstPlace())
     places_mm = ((0.0, -40.0), (7.0, 20.0), (9.0, 20.0), (-60.0, 0.0), (-60.0, 10.0))
     felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
-    assert felt == [1.5, 1.5, 0.0, 0.0, 1.5]
+    assert felt == pytest.approx([SLIPPERY_UM, SLIPPERY_UM, 0.0, 0.0, SLIPPERY_UM])
     plate_of_walls = ScriptedPlate(
         {1: (0.0, 50.0)}, {1: (0.0, -50.0)}, {1: (0.0, 30.0)}, {1: (0.0, 41.0)}, {1: (0.0, 50.0)}
     )
