@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..config.sections import LEAST_MODES, MOST_MODES
 from ..sim.board.board import BoardConfig, PlateModel
 from ..sim.plate.wirings import IDENTITY, PAPER, wiring
 from .closed_loop import LIMIT_V, NOISE_UM, Floats, Phasors
@@ -20,7 +21,9 @@ KINDS = tuple(
     for modes, name in ((2, IDENTITY), (2, PAPER), (3, IDENTITY))
     for control_hz in (2000.0, 5000.0)
 )
-FAR_KINDS = tuple((modes, IDENTITY, control_hz) for modes in range(2, 7) for control_hz in (2000.0, 5000.0))
+FAR_KINDS = tuple(
+    (modes, IDENTITY, control_hz) for modes in range(LEAST_MODES, MOST_MODES + 1) for control_hz in (2000.0, 5000.0)
+)
 FAR_HZ = 300.0  # from the drive, that their modes may be
 W_LIMIT_UM = 4.0
 SCALES_UM = (0.05, 0.5, 2.0, 4.0, 6.0)  # the largest is beyond the limit, for the limiter to scale

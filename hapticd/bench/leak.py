@@ -5,7 +5,7 @@ is that of the whole way from report to frame, without the board.
 
     run        a sticky and a slippery finger: hapticd, its choices, the paper's scheme, perfect knowledge
     both_slip  two slippery fingers: phase continuation, sign changes alone, the paper's scheme
-    contact    the vibration over whole contacts, on two plates with two to five modes, and with calibrated sensors;
+    contact    the vibration over whole contacts, on three plates with two to eight modes, and with calibrated sensors;
                contact_conditions: at 20 cm/s, with a wrong radius, with three fingers
 """
 
@@ -20,7 +20,7 @@ import numpy as np
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.lockstep import Settings, paper
 from ..sim.perfect import perfect
-from ..sim.plate.glasses import FINGERTIP, REFERENCE
+from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM, Score, settled
 from ..values import WEBER_FRAC
@@ -49,7 +49,7 @@ WRONG_RADII_MM = (4.0, 6.0)
 SIGNS_ALONE = "signs alone"
 CALIBRATED = "calibrated"
 BY_CONTRAST = "by contrast"
-CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5))  # and their numbers of modes
+CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5), (WIDE, 8))  # and modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
 PERCEIVED = ("still_friction_change", "slip_friction_change", "weber_frac")
 FIGURES = ("leak_um", "slip_error_um", "slip_frac", "limited_frac", *PERCEIVED)
@@ -147,13 +147,13 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
             settings, config=changed(settings.config, {"solver": {"objective": "contrast"}})
         )
         for name, settings in plates.items()
-        if name.startswith(FINGERTIP)
+        if not name.startswith(REFERENCE)
     }
     plates |= by_contrast
     calibrated = {
         f"{name}, {CALIBRATED}": Alternative(settings, measured=swept)
         for name, settings in plates.items()
-        if name.startswith(FINGERTIP)
+        if not name.startswith(REFERENCE)
     }
     rows = [
         *_contact_rows(plates, SCENARIO, seeds, seconds),

@@ -23,7 +23,7 @@ from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.paths import Circle, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
 from ..sim.lockstep import Settings, scheme_config
-from ..sim.plate.glasses import FINGERTIP, REFERENCE
+from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
@@ -32,7 +32,7 @@ from .timing import REPEATS, least_by_pass, no_garbage_collection
 
 PERIOD_S = 0.01125
 DEFAULT = "two fingers"
-CONTACTS = "two contacts, four modes"
+CONTACTS, EIGHT_MODES = "two contacts, four modes", "two contacts, eight modes"
 FIVE_FINGERS = "five fingers, three modes"
 _CENTRES_MM = ((-38.0, -30.0), (-16.0, 22.0), (4.0, -26.0), (24.0, 28.0), (42.0, -20.0))
 _HALF_PLATE_MM = 68.75
@@ -117,7 +117,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     no_finger = partial(record, (), seconds=span_s, timed="timer")
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes = Settings(plate=PlateSettings.of(REFERENCE, 3))
-    contacts = Settings(plate=PlateSettings.of(FINGERTIP))
+    contacts, eight_modes = (Settings(plate=PlateSettings.of(plate)) for plate in (FINGERTIP, WIDE))
     five_fingers = record(_five_fingers(), settings=three_modes, seconds=span_s)
     return {
         DEFAULT: _Situation(strokes, config),
@@ -140,6 +140,10 @@ def _situations(span_s: float) -> dict[str, _Situation]:
             )
             for count, name in (("three", "two-of-three"), ("five", "two-of-five"))
         },
+        EIGHT_MODES: _Situation(
+            record(actors, settings=eight_modes, seconds=span_s),
+            changed(scheme_config(eight_modes), {"device": {"baud": Config().device.fast_baud}}),
+        ),
         "standing": _Situation(still, config),
         "no target": _Situation(without_target, config),
         "no finger": _Situation(no_finger(), config),

@@ -201,7 +201,7 @@ def beside_the_core(control_hz: int) -> tuple[npt.NDArray[np.float64], npt.NDArr
     return more[1], more[1] - more[0]
 
 
-@pytest.mark.parametrize(("modes", "load_max"), [(4, 0.45), (5, 0.55), (6, 0.70), (8, 1.0)])
+@pytest.mark.parametrize(("modes", "load_max"), [(4, 0.45), (5, 0.55), (6, 0.70), (8, 0.95)])
 def test_of_four_to_eight_modes_the_stm32g474_would_have_the_load_but_only_four_in_time(
     modes: int, load_max: float
 ) -> None:
