@@ -59,7 +59,7 @@ def test_a_contact_of_another_form_than_is_believed_feels_other_friction() -> No
     felt = figures(felt_loop.conditions(seeds=(1,), seconds=2.0), "felt_frac")
     assert len(felt) == len(felt_loop.SPEEDS_MM_S) + len(felt_loop.RADII_MM) + 1
     assert felt["discs of 7 mm"] <= felt["discs of 6 mm"] < felt["10 cm/s"]
-    assert 0.0 < min(felt[name] for name in ("10 cm/s", "20 cm/s", "40 cm/s", "discs of 4 mm", "ellipses of 8 x 11 mm"))
+    assert all(felt[name] > 0.0 for name in ("20 cm/s", "40 cm/s", "discs of 4 mm", "ellipses of 8 x 11 mm"))
 
 
 def test_more_fingers_are_as_asked_no_more_often_than_could_be_at_each_instant() -> None:
