@@ -214,8 +214,8 @@ def three_more() -> dict[str, tuple[float, ...]]:
 
 
 def test_a_firmware_that_was_not_built_is_named() -> None:
-    with pytest.raises(DeviceError, match=r"firmware for 7 modes .* is not built: install a C compiler"):
-        firmware.load(7)
+    with pytest.raises(DeviceError, match=r"firmware for 9 modes .* is not built: install a C compiler"):
+        firmware.load(9)
 
 
 def test_a_reset_board_is_another_boot_that_drives_nothing_while_the_plate_rings_down() -> None:
