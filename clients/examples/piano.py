@@ -13,16 +13,16 @@ KEY_MM, GAP_MM, HEIGHT_MM = 14.0, 2.0, 90.0
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
-        description=__doc__, epilog="example: hapticd run --sim &  python piano.py --high-um 1.5"
+        description=__doc__, epilog="example: hapticd run --sim &  python piano.py --friction 0.1"
     )
-    parser.add_argument("--high-um", type=float, default=2.0, help="amplitude of a key (%(default)s um)")
+    parser.add_argument("--friction", type=float, default=0.0, help="of a key, 0 (most slippery) .. 1 (%(default)s)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
     options = parser.parse_args(arguments)
 
     try:
         with Client(options.endpoint) as plate:
-            lay(plate, options.high_um)
+            lay(plate, options.friction)
             print(f"Keys {' '.join(NOTES_HZ)} from left to right: touch them", flush=True)
             listen(plate, options.seconds)
     except KeyboardInterrupt:
@@ -31,11 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.exit(1, f"{error}\n")
 
 
-def lay(plate: Client, high_um: float) -> None:
+def lay(plate: Client, friction: float) -> None:
     """Lay the keys. A finger that enters one feels its pitch until it leaves."""
     for index, (note, frequency_hz) in enumerate(NOTES_HZ.items()):
         x_mm = (index - 3.5) * (KEY_MM + GAP_MM)
-        plate.surface(note, Rectangle(KEY_MM, HEIGHT_MM), amplitude_um=high_um, position_mm=(x_mm, 0))
+        plate.surface(note, Rectangle(KEY_MM, HEIGHT_MM), friction=friction, position_mm=(x_mm, 0))
         plate.effect(note, Modulation(frequency_hz, depth=0.9), on=note, start=OnEntering(note))
 
 

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 
 from hapticd_client import Client, HapticdError
 
+SLIPPERY, STICKY = 0.2, 1.0  # friction, 0 .. 1
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
@@ -23,28 +25,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
     options = parser.parse_args(arguments)
-    user_um, virtual_um = (0.0, 1.0) if options.swap else (1.0, 0.0)
+    user, virtual = (STICKY, SLIPPERY) if options.swap else (SLIPPERY, STICKY)
 
     try:
         with Client(options.endpoint) as plate:
             plate.virtual("walker", path=[(-40, 20), (40, 20)], speed_mm_s=options.speed)
-            plate.set("walker", amplitude_um=virtual_um)
-            serve(plate, user_um, time.monotonic() + options.seconds)
+            plate.set("walker", friction=virtual)
+            serve(plate, user, time.monotonic() + options.seconds)
     except KeyboardInterrupt:
         pass
     except HapticdError as error:
         parser.exit(1, f"{error}\n")
 
 
-def serve(plate: Client, user_um: float, end_s: float) -> None:
-    """Give every finger of the user the same amplitude."""
+def serve(plate: Client, friction: float, end_s: float) -> None:
+    """Give every finger of the user the same friction."""
     landed = set()
     for state in plate.states():
         for finger in state.fingers:
             if not finger.virtual and (state.instance, finger.id) not in landed:
                 landed.add((state.instance, finger.id))
-                plate.set(finger, amplitude_um=user_um)
-                print(f"finger {finger.id}: {user_um:g} um")
+                plate.set(finger, friction=friction)
+                print(f"finger {finger.id}: friction {friction:g}")
         if time.monotonic() > end_s:
             break
 

@@ -79,15 +79,15 @@ def test_the_papers_environment_makes_left_fingers_slip_and_right_ones_stick(
     daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]
 ) -> None:
     daemon.fingers = {1: (-20.0, 0.0), 2: (20.0, 0.0)}
-    run("paper_environment", daemon, "--slippery-um", "1.5")
+    run("paper_environment", daemon, "--friction", "0.05")
     lines = capsys.readouterr().out.splitlines()
-    assert lines == ["finger 1 landed at x = -20.0 mm: 1.5 um", "finger 2 landed at x = +20.0 mm: 0 um"]
+    assert lines == ["finger 1 landed at x = -20.0 mm: friction 0.05", "finger 2 landed at x = +20.0 mm: friction 1"]
     assert daemon.scene.owner_of(1) is None
 
 
-@pytest.mark.parametrize(("arguments", "user_um", "virtual_um"), [([], 1.0, 0.0), (["--swap"], 0.0, 1.0)])
+@pytest.mark.parametrize(("arguments", "user", "virtual"), [([], 0.2, 1.0), (["--swap"], 1.0, 0.2)])
 def test_the_study_gives_user_and_virtual_finger_opposite_friction(
-    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, arguments: list[str], user_um: float, virtual_um: float
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, arguments: list[str], user: float, virtual: float
 ) -> None:
     daemon.fingers = {1: (-20.0, 0.0)}
     wanted_um: dict[int | str, float | None] = {}
@@ -102,7 +102,8 @@ def test_the_study_gives_user_and_virtual_finger_opposite_friction(
 
     monkeypatch.setattr(daemon.server, "publish", noted)
     run("virtual_finger", daemon, *arguments)
-    assert wanted_um == {1: user_um, "walker": virtual_um}
+    amplitude_um = DEFAULT_FRICTION_CURVE.amplitude_um
+    assert wanted_um == {1: amplitude_um(user), "walker": amplitude_um(virtual)}
 
 
 def test_targets_and_achieved_amplitudes_are_printed(
@@ -198,10 +199,10 @@ def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -
 
 
 def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon, client: Client) -> None:
-    example("slider").lay(client, 5, 1.5)
+    example("slider").lay(client, 5, 0.05)
     places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
     felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
-    assert felt == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
+    assert felt == [0.0, SLIPPERY_UM, 0.0, SLIPPERY_UM, 0.0, 0.0]
 
 
 def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
@@ -269,7 +270,7 @@ def test_the_button_s_daemon_clicks_by_pressure_and_its_program_counts(
 
 
 def test_each_key_of_the_piano_hums_while_a_finger_is_on_it(daemon: FakeDaemon, client: Client) -> None:
-    example("piano").lay(client, 2.0)
+    example("piano").lay(client, 0.0)
     assert [held.name for held in daemon.scene.effects.held] == list("CDEFGABc")
     for held in daemon.scene.effects.held:
         assert held.effect.on == held.effect.start.surface == held.name

@@ -235,7 +235,8 @@ def resident_mb(pid: int) -> float:
 def is_driven(state: PlateState) -> bool:
     """Two fingers are down, one slips and one sticks, and the plate moves."""
     targets_um = sorted(finger.target_um for finger in state.fingers if finger.target_um is not None)
-    return state.state == "ACTIVE" and targets_um == [0.0, 1.0] and any(map(abs, state.modal_um))
+    is_served = len(targets_um) == 2 and targets_um[0] == 0.0 < targets_um[1]
+    return state.state == "ACTIVE" and is_served and any(map(abs, state.modal_um))
 
 
 def is_quiet(state: PlateState) -> bool:
