@@ -499,6 +499,12 @@ def test_each_request_is_read_with_its_body() -> None:
     assert client.decode_request(request("marker", body={**noted, "text": longest})).body == client.Marker("a", longest)
     for op in ("hello", "capabilities", "status", "plate", "clear_fault"):
         assert client.decode_request(request(op)) == client.Request(op, 7, None)
+    for where, query in (
+        ({"finger": 3}, client.ReachQuery(3)),
+        ({"finger": "post"}, client.ReachQuery("post")),
+        ({"x_mm": 10.0, "y_mm": -4}, client.ReachQuery(None, (10.0, -4.0))),
+    ):
+        assert client.decode_request(request("reach", body=where)).body == query
 
 
 def test_an_answer_carries_what_the_handler_returned() -> None:
@@ -516,6 +522,8 @@ def test_an_answer_carries_what_the_handler_returned() -> None:
         (request("set"), 7, "body: is missing."),
         (request("set", body={"client": "a", "targets": [{"finger": 1}]}), 7, "body.targets[0]: needs exactly one"),
         (request("hello", extra=1), 7, "'extra': unknown field"),
+        (request("reach", body={}), 7, "x_mm: is missing"),
+        (request("reach", body={"x_mm": 1e4, "y_mm": 0.0}), 7, "x_mm: 10000"),
     ],
 )
 def test_a_refused_request_is_answered_with_its_id_wherever_it_could_be_read(
