@@ -234,7 +234,8 @@ class ClientTargets:
     """All present targets of one client; they replace that client's earlier ones.
 
     Keys of `targets` are finger ids (int) or names of virtual fingers (str). `stamp` grows with each change of what
-    the client requests; None where the client does not say. `surfaces` are in order, the last on top.
+    the client requests; None where the client does not say. `surfaces` are in order, the last on top. `priorities` has
+    those of targets that are not 0.
     """
 
     client: str
@@ -244,3 +245,4 @@ class ClientTargets:
     stamp: int | None = None
     surfaces: dict[str, Surface] = field(default_factory=dict)
     effects: dict[str, Effect] = field(default_factory=dict)
+    priorities: dict[int | str, int] = field(default_factory=dict)

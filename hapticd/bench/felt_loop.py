@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..core.solver.felt import STAY_FRAC, felt_points
+from ..core.solver.felt import STAY_FRAC, counted_jnd, felt_points
 from ..core.solver.felt_descent import contact_shapes, descend
 from ..sim.fingers.scenarios import SPEED_MM_S
 from ..sim.lockstep import Run, Settings
@@ -140,6 +140,7 @@ def static_bound(run: Run) -> float:
                 shapes,
                 weights,
                 asked,
+                counted_jnd(asked, [0] * count),
                 [1.0] * count,
                 curve.pieces,
                 (curve.full_um, curve.floor_frac),

@@ -3,7 +3,7 @@
 A pass must end long before the next report (8 ms), whatever clients ask for. Its estimate is a sum over what takes
 part: fingers, the contents under them, edges on their ways, effects that are felt, and the solves, one or two for a
 knot. Where that exceeds the budget the reference gets fewer knots, and where two are too many, fewer fingers take
-part: virtual ones first, of these the newest.
+part: those of the lowest priority are left out first, of these the virtual ones, of these the newest.
 
 Estimates are in ns of machine code on the machine of `hapticd bench dearest`. `slowness` is how much longer passes take
 on this machine, as measured and handed in: it is an input like all others, so that replay decides the same.
@@ -82,8 +82,9 @@ class PassBudget:
         self._effects: Final = scene.effects
         self._solver: Final = solver
 
-    def allot(self, keys: list[Key], touched: int, *, is_silent: bool) -> Allotment:
-        """Return what a pass may do for these fingers, in order of their importance, while `touched` are down.
+    def allot(self, keys: list[Key], priorities: list[int], touched: int, *, is_silent: bool) -> Allotment:
+        """Return what a pass may do for these fingers, while `touched` are down. Those of a higher priority come first,
+        of equal ones in the order in which they are given.
 
         `is_silent`: the plate has no amplitudes that a solve could begin from.
         """
@@ -94,7 +95,8 @@ class PassBudget:
             base_ns += MAX_REFINED * (_REFINED_NS + 2.0 * self._surfaces.place_ns)
         fixed_ns, solve_ns, places_ns, count = base_ns, 0.0, 0.0, 0
         felt_ns = _EFFECT_NS * len(self._effects.felt)
-        for key in keys:
+        ordered = _by_priority(keys, priorities)
+        for key in ordered:
             place_ns = _PREDICTED_NS + self._scene.place_ns(key) + (felt_ns if isinstance(key, int) else 0.0)
             with_it_ns = places_ns + place_ns
             then_fixed_ns = fixed_ns + _FINGER_NS + self._way_ns(key) + 2.0 * place_ns
@@ -106,7 +108,11 @@ class PassBudget:
         if is_silent and count > 0:
             fixed_ns += self._solver.cold_ns(count)
         solves = max(int((budget_ns - fixed_ns) / solve_ns), LEAST_SOLVES) if solve_ns > 0.0 else LEAST_SOLVES
-        return Allotment(keys if count == len(keys) else keys[:count], solves, fixed_ns, solve_ns)
+        allotted = keys
+        if count < len(keys):
+            kept = ordered[:count]
+            allotted = [key for key in keys if key in kept]  # in their order: the solver keeps weights by it
+        return Allotment(allotted, solves, fixed_ns, solve_ns)
 
     def solves_of_request(self, fingers: int) -> int:
         """Return how many solves for so many fingers a client's request may take: as long as a pass."""
@@ -115,3 +121,11 @@ class PassBudget:
     def _way_ns(self, key: Key) -> float:
         """Return what the edges on a finger's way cost: those of surfaces, where it has no target of its own."""
         return self._surfaces.way_ns if isinstance(key, int) and self._scene.target_of(key) is None else 0.0
+
+
+def _by_priority(keys: list[Key], priorities: list[int]) -> list[Key]:
+    """Return the fingers by falling priority, those of equal ones in their order."""
+    ordered: list[Key] = []
+    for priority in sorted(set(priorities), reverse=True):
+        ordered += [keys[n] for n in range(len(keys)) if priorities[n] == priority]
+    return ordered

@@ -149,6 +149,7 @@ class Pipeline:
         self._active = silence(0, modes.M)
         self._recent = [self._active]
         self._active_keys: list[Key] = []
+        self._active_priorities: list[int] = []
         self._active_places: list[Place] = []
         self._is_sent = True
         self._t_settled_ns = 0
@@ -269,7 +270,7 @@ class Pipeline:
             t_end_ns = t_plate_ns + self._cover_ns
             self._effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
         is_silent = not any(self._active.knots[-1].modal_um)
-        allotted = self._budget.allot(keys, len(self._fingers.down), is_silent=is_silent)
+        allotted = self._budget.allot(keys, self._scene.priorities(keys), len(self._fingers.down), is_silent=is_silent)
         self.estimated_ns = allotted.fixed_ns
         self.counters.left_out_fingers += len(keys) - len(allotted.keys)
         keys = allotted.keys
@@ -350,10 +351,12 @@ class Pipeline:
             stretches = [self._scene.stretch(self._speed_mm_s(one, t_now_ns)) for one in keys]
         if key is None:
             places, variances_mm2, stretches = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*stretches, 1.0]
-        return self._solver.reach(places, variances_mm2, stretches, calls)
+        priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
+        return self._solver.reach(places, variances_mm2, stretches, priorities, calls)
 
     def _activate(self, drive: SafeDrive, keys: list[Key], places: list[Place]) -> None:
         self._active, self._active_keys, self._active_places, self._is_sent = drive, keys, places, True
+        self._active_priorities = self._scene.priorities(keys)
         self._recent = [*self._recent[1 - _KEPT_REFERENCES :], drive]
 
     # --- the steps of a pass ---
@@ -406,7 +409,7 @@ class Pipeline:
         if self._scene.depends_on_speed:
             stretches = [self._scene.stretch(self._speed_mm_s(key, t_ns)) for key in keys]
         variances_mm2 = self._fingers.variances_mm2(keys, t_ns)
-        return self._solver.solve(places, previous_um, since_ns, variances_mm2, stretches)
+        return self._solver.solve(places, previous_um, since_ns, variances_mm2, stretches, self._scene.priorities(keys))
 
     def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
         """Return where the fingers will be at an instant, and the target amplitude of each there."""
@@ -443,6 +446,8 @@ class Pipeline:
         It holds if it has settled, and from there to the frame's end the fingers stay where it was made for.
         """
         standing = self._active_places
+        if self._active_priorities != self._scene.priorities(keys):
+            return None
         if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.felt:
             return None
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._active.knots[-1].modal_um)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.core.solver.felt import COLD_ITERATIONS, COLD_TURN_RAD, STAY_FRAC, felt_points
+from hapticd.core.solver.felt import COLD_ITERATIONS, COLD_TURN_RAD, STAY_FRAC, counted_jnd, felt_points
 from hapticd.core.solver.felt_descent import descend
 from hapticd.values import WEBER_FRAC
 
@@ -100,6 +100,7 @@ def _descended(
 ) -> ComplexArray:
     weights = [weight for _, _, weight in felt_points()]
     frictions = [_CURVE.friction(target_um) for target_um in targets_um]
+    counted = counted_jnd(frictions, [0] * len(frictions))
     limits = tuple(limits_um.tolist())
     modal_um = np.empty((len(solved), limits_um.size), np.complex128)
     for place, phi in enumerate(solved):
@@ -108,6 +109,7 @@ def _descended(
             phi.tobytes(),
             weights,
             frictions,
+            counted,
             [1.0] * len(frictions),
             _CURVE.pieces,
             (_CURVE.full_um, _CURVE.floor_frac),

@@ -26,6 +26,7 @@ from .fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES, Fields, peek_whole, unp
 from .paths import MAX_PATH_POINTS
 from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
 from .targets import (
+    MAX_PRIORITY,
     MAX_TARGETS,
     MAX_TTL_S,
     MAX_VIRTUALS,
@@ -59,10 +60,11 @@ CAPABILITIES: Mapping[str, object] = {
     "protocol": PROTOCOL_VERSION,
     "ops": OPS,
     # Fields added within this version: a client sends only those listed here.
-    "optional": ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects"),
+    "optional": ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects", "priority"),
     "targets": CONTENTS,
     "max_targets": MAX_TARGETS,
     "max_virtuals": MAX_VIRTUALS,
+    "max_priority": MAX_PRIORITY,
     "max_path_points": MAX_PATH_POINTS,
     "max_surfaces": MAX_SURFACES,
     "max_polygon_points": MAX_POLYGON_POINTS,

@@ -19,6 +19,7 @@ from .surfaces import MAX_SURFACES, read_surface
 MAX_TARGETS = 16
 MAX_VIRTUALS = 16
 MIN_TTL_S, DEFAULT_TTL_S, MAX_TTL_S = 0.02, 0.5, 5.0
+MAX_PRIORITY = 3
 MAX_STAMP = 2**63 - 1
 
 
@@ -28,20 +29,23 @@ def read_targets(fields: Fields) -> ClientTargets:
     stamp = read_stamp(fields)
     ttl_s = fields.number("ttl_s", MIN_TTL_S, MAX_TTL_S, DEFAULT_TTL_S)
     virtuals = fields.table("virtuals", MAX_VIRTUALS, lambda one: (one.label("name"), read_path(one)))
-    targets = fields.table("targets", MAX_TARGETS, partial(_finger_target, virtuals), "finger")
+    requested = fields.table("targets", MAX_TARGETS, partial(_finger_target, virtuals), "finger")
+    targets = {key: target for key, (target, _) in requested.items()}
+    priorities = {key: priority for key, (_, priority) in requested.items() if priority > 0}
     surfaces = fields.table("surfaces", MAX_SURFACES, read_surface)
     effects = read_effects(fields, surfaces)
     fields.end()
-    return ClientTargets(client, round(ttl_s * 1e9), targets, virtuals, stamp, surfaces, effects)
+    return ClientTargets(client, round(ttl_s * 1e9), targets, virtuals, stamp, surfaces, effects, priorities)
 
 
-def _finger_target(virtuals: Container[str], fields: Fields) -> tuple[int | str, Target]:
+def _finger_target(virtuals: Container[str], fields: Fields) -> tuple[int | str, tuple[Target, int]]:
     key = read_finger_key(fields)
     target = read_content(fields)
+    priority = fields.whole("priority", 0, MAX_PRIORITY) if "priority" in fields else 0
     fields.end()
     if isinstance(key, str) and key not in virtuals:
         raise RequestError(f"{fields.place('finger')}: this message defines no virtual finger {key!r}.")
-    return key, target
+    return key, (target, priority)
 
 
 def read_finger_key(fields: Fields) -> int | str:

@@ -35,7 +35,7 @@ class FakeDaemon:
         self.overtaken = 0
         self.stamps: list[int | None] = []
         self.reach = [0.25, 0.75]
-        self.optional: tuple[str, ...] = ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects")
+        self.optional = tuple(map(str, wire.CAPABILITIES["optional"]))
         self.refusals: list[str] = []
         self.released: list[int | str] = []
         self.fault_cleared = False

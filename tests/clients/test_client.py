@@ -156,6 +156,7 @@ def test_a_refusal_is_raised_with_the_daemons_sentence_and_changes_nothing(daemo
         (("surfaces",), "assets", lambda c: c.asset([[1]])),
         (("surfaces",), "assets", lambda c: c.surface("a", map=Map(Asset(bytes(32), 1, 1, b"a"), 1.0))),
         (("surfaces",), "maps of frictions", lambda c: c.set(1, map=Map([[1]], frictions=(0, 1)))),
+        (("surfaces",), "priorities", lambda c: c.set(1, friction=0.5, priority=1)),
     ],
 )
 def test_an_older_daemon_is_not_sent_what_it_does_not_know(
@@ -165,8 +166,17 @@ def test_an_older_daemon_is_not_sent_what_it_does_not_know(
     with Client(daemon.directory) as client:
         with pytest.raises(RefusedError, match=f"{what}: this daemon does not have that: update it"):
             call(client)
-        client.set(1, friction=0.5)  # whose message it understands
+        client.set(1, friction=0.5, priority=0)  # whose message it understands
     assert daemon.refusals == []
+
+
+def test_a_priority_is_sent_with_its_target_until_the_next_one(daemon: FakeDaemon, client: Client) -> None:
+    client.virtual("ghost", (0.0, 0.0))
+    client.set(1, friction=0.5, priority=2)
+    client.set("ghost", friction=0.5, priority=3)
+    assert daemon.scene.priorities([1, 2, "ghost"]) == [2, 0, 3]
+    client.set(1, friction=0.4)
+    assert daemon.scene.priorities([1, "ghost"]) == [0, 3]
 
 
 def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None:

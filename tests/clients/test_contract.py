@@ -37,7 +37,7 @@ from hapticd_client import (
 )
 from hapticd_client.effects import Now, effect_fields
 from hapticd_client.endpoint import default_directory, directory
-from hapticd_client.targets import label, number, path_fields, target_fields
+from hapticd_client.targets import label, number, path_fields, priority_field, target_fields
 
 TEXT = (Path(__file__).parents[2] / "clients" / "PROTOCOL.md").read_text(encoding="utf-8")
 EXAMPLES = [(kind, json.loads(body)) for kind, body in re.findall(r"```json (\w+)\n(.*?)```", TEXT, re.DOTALL)]
@@ -153,6 +153,14 @@ def test_constant_targets_have_the_same_bounds_on_both_sides(value: float) -> No
         arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
         is_offered = offered(lambda arguments=arguments: target_fields(**arguments))
         assert is_offered == understood(targets=[{"finger": 1, name: value}])
+
+
+@given(st.integers() | st.sampled_from([0, 3, 4, True, 1.0, None, "1"]))
+def test_priorities_have_the_same_bounds_on_both_sides(priority: Any) -> None:
+    is_offered = offered(lambda: priority_field(priority))
+    fits = not isinstance(priority, int) or -(2**63) <= priority < 2**64  # what MessagePack has
+    assert is_offered == (fits and understood(targets=[{"finger": 1, "friction": 0.5, "priority": priority}]))
+    assert not is_offered or (priority == 0) == (priority_field(priority) == {})
 
 
 CONTENTS: dict[str, tuple[Callable[..., Any], dict[str, float]]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pipeline_bench import LINK_NS, MS, SLIPPERY, STICKY, STILL, Bench, amplitude_um
+from pipeline_bench import LINK_NS, MS, ONE, SLIPPERY, STICKY, STILL, Bench, amplitude_um
 
 from hapticd.content_values import AmplitudeTarget, ClientTargets, GratingTarget, NoiseTarget, Surface, VirtualPath
 from hapticd.core.budget import BUDGET_NS, LEAST_CHANGE, MEAN_PASSES, MOST_SLOWNESS, OVERRUN_NS, Slowness
@@ -66,6 +66,29 @@ def test_knots_are_left_out_first_and_then_the_newest_virtual_fingers() -> None:
     assert first.drive is not None
     assert second.drive is not None
     assert len(second.drive.knots) == 2 <= len(first.drive.knots)
+
+
+def test_what_has_a_lower_priority_is_left_out_first_and_the_others_keep_their_order() -> None:
+    bench = Bench()
+    walks = {f"v{n}": VirtualPath(((-50.0, 5.0 * n - 30.0), (50.0, 30.0 - 5.0 * n)), 400.0, True) for n in range(8)}
+    targets = {1: ONE, 2: STILL, **dict.fromkeys(walks, AmplitudeTarget(0.5))}
+    priorities: dict[int | str, int] = {"v3": 2, "v6": 1, 2: 1}
+    for _ in range(3):
+        bench.report(*places(2))
+    bench.scene.apply(ClientTargets("test", 10**15, targets, walks, priorities=priorities), bench.t_ns)
+    kept, counts = [], []
+    for slowness in (1.0, 4.0, 8.0, 12.0, 16.0, MOST_SLOWNESS):
+        bench.pipeline.set_slowness(slowness)
+        bench.pipeline.resend()
+        kept.append([point.key for point in bench.report(*places(2)).points])
+        counts.append(len(kept[-1]))
+    important = ["v3", 2, "v6", 1, "v0", "v1", "v2", "v4", "v5", "v7"]
+    given_order = [1, 2, *walks]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > counts[-1] == 1
+    assert len(set(counts)) >= 4
+    for keys in kept:
+        assert keys == [key for key in given_order if key in important[: len(keys)]]
 
 
 def test_however_slow_the_machine_the_finger_that_came_first_is_served() -> None:

@@ -43,10 +43,11 @@ FULL: dict[str, Any] = {
     "ttl_s": 0.25,
     "targets": [
         {"finger": 3, "amplitude_um": 1.5},
-        {"finger": 4, "friction": 1},
+        {"finger": 4, "friction": 1, "priority": 0},
         {
             "finger": "ghost",
             "grating": {"period_mm": 5, "angle_rad": 0.5, "low_um": 0.1, "high_um": 2.0, "duty_frac": 0.25},
+            "priority": 3,
         },
         {"finger": 6, "map": {"width": 2, "height": 3, "levels": b"\x00\x10\x20\x30\x40\xff", "high_um": 3.0}},
     ],
@@ -177,6 +178,7 @@ def test_a_full_message_is_read_to_the_last_field() -> None:
             ),
             "hum": Effect(Modulation(1.0, 1.0), start=Start(Cause.AT, t_ns=10**15)),
         },
+        priorities={"ghost": 3},
     )
 
 
@@ -210,6 +212,8 @@ def test_whole_numbers_become_floats_and_stay_exact() -> None:
         with_target(amplitude_um=0),
         with_target(amplitude_um=contents.MAX_AMPLITUDE_UM),
         with_target(friction=0.0),
+        with_target(friction=0.5, priority=0),
+        with_target(friction=0.5, priority=targets.MAX_PRIORITY),
         packed(ttl_s=targets.MIN_TTL_S),
         packed(ttl_s=targets.MAX_TTL_S),
         packed(client="é" * 32),
@@ -272,6 +276,12 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (packed(targets=[{"friction": 0.5}]), "targets[0].finger: is missing."),
         (with_target(finger=0, friction=0.5), "targets[0].finger: 0 is out of bounds"),
         (with_target(finger=1.5, friction=0.5), "targets[0].finger: must be a whole number, not a number."),
+        (with_target(friction=0.5, priority=4), "targets[0].priority: 4 is out of bounds, it must be 0 .. 3."),
+        (with_target(friction=0.5, priority=-1), "targets[0].priority: -1 is out of bounds, it must be 0 .. 3."),
+        (with_target(friction=0.5, priority=1.0), "targets[0].priority: must be a whole number, not a number."),
+        (with_target(friction=0.5, priority=True), "targets[0].priority: must be a whole number, not a truth value."),
+        (with_target(priority=1), "targets[0]: needs exactly one of amplitude_um, friction,"),
+        (with_surface(friction=0.5, priority=1), "surfaces[0].priority': unknown field"),
         (with_target(finger="phantom", friction=0.5), "this message defines no virtual finger 'phantom'"),
         (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map, gradient, noise."),
         (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),

@@ -36,6 +36,7 @@ from .targets import (
     number,
     path_fields,
     printable,
+    priority_field,
     target_fields,
 )
 
@@ -92,19 +93,22 @@ class Client:
         map: Map | None = None,  # noqa: A002
         gradient: Gradient | None = None,
         noise: Noise | None = None,
+        priority: int = 0,
         ttl_s: float = DEFAULT_TTL_S,
         wait: bool = True,
     ) -> None:
         """Set the target of a finger: exactly one of friction, amplitude_um, grating, map, gradient, noise.
 
         `finger` is one of `fingers()`, its id, or the name of a virtual finger. `friction` ranges from 0, the most
-        slippery that the plate allows, to 1, bare glass; `amplitude_um` is the vibration, peak to peak. `ttl_s` is the
+        slippery that the plate allows, to 1, bare glass; `amplitude_um` is the vibration, peak to peak. Where the plate
+        cannot give all fingers what they ask for, those with the highest `priority`, 0 .. 3, come first. `ttl_s` is the
         time for which targets stay active if this program freezes. Raises RefusedError with the daemon's reason, and
         then nothing has changed; with `wait=False` it returns at once and reports local errors only.
         """
-        target = target_fields(
+        content = target_fields(
             friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, gradient=gradient, noise=noise
         )
+        target = {**content, **priority_field(priority)}
         self._link.check_content(target)
         self._use_asset(map, wait)
         key = _key(finger)

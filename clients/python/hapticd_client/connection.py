@@ -78,6 +78,8 @@ class Connection:
         for kind in ("gradient", "noise"):
             if kind in target and kind not in self.hello.get("targets", ()):
                 raise RefusedError(f"{kind}: this daemon does not have it: update it.")
+        if "priority" in target:
+            self.check("priority", "priorities")
         image = target.get("map")
         if isinstance(image, dict) and "friction" in image:
             self.check("friction_map", "maps of frictions")

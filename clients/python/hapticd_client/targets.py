@@ -21,6 +21,7 @@ MAX_MAP_SIDE = 128
 MAX_MARKER_CHARACTERS = 100
 MAX_PATH_POINTS = 64
 MAX_POSITION_MM = 1000.0
+MAX_PRIORITY = 3
 MAX_SPEED_MM_S = 2000.0
 MIN_TTL_S, MAX_TTL_S = 0.02, 5.0
 NOT_ROWS = "must have rows of numbers, such as a two-dimensional array."
@@ -243,6 +244,13 @@ def target_fields(
     if len(given) != 1:
         raise RefusedError(f"{where}: give exactly one of friction, amplitude_um, {', '.join(kinds)}.")
     return given
+
+
+def priority_field(priority: int) -> Fields:
+    """Return the field of a target's priority; none for 0, which an older daemon serves too. Raises RefusedError."""
+    if type(priority) is not int or not 0 <= priority <= MAX_PRIORITY:
+        raise RefusedError(f"priority: must be a whole number, 0 .. {MAX_PRIORITY}.")
+    return {"priority": priority} if priority > 0 else {}
 
 
 def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: bool) -> Fields:

@@ -11,7 +11,8 @@ c_q their weights, and F_i* the friction that the finger's target has when it is
 are the errors, and max |u_i| is least within |W_k| <= L_k. r_q is what is to be expected: each mode errs by a share of
 its amplitude, by map, gain and sensor together. Where not all can be had, the error of a finger that should stick
 counts in full, and of any other at most MOST_SLIPPERY of a just noticeable difference: the sticky one is as asked, and
-the others get what is left.
+the others get what is left. Priorities come before that: of a finger whose priority is lower than another's, less
+counts (`counted_jnd`).
 
 Each iteration
 
@@ -39,6 +40,10 @@ from .points.arithmetic import Row
 
 ITERATIONS: Final = 7  # of a call
 COLD_ITERATIONS: Final = 60  # from rest
+FIRST_IN_PART: Final = 0.7  # friction from which on errors count in full where not all can be had, in part
+FIRST: Final = 0.9  # and altogether
+MOST_SLIPPERY: Final = 0.9  # of a just noticeable difference: as much of a slippery finger's error counts
+MOST_LOWER: Final = 0.7  # of what counts one priority above: 0.8 settles in three times as many calls
 STAY_FRAC: Final = 0.03  # of the mean curvature: keeps W where directions are nearly equal
 COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
 MISSED_JND: Final = 1.0  # more than this counts as limited
@@ -58,13 +63,15 @@ def solve_felt(
     q_um: list[float],
     log_weights: list[float],
     stretches: list[float],
+    priorities: list[int],
 ) -> tuple[list[float], bool]:
     """Move W (M,), given in its parts, to where the largest error is least; return each contact's RMS (N,), and
     `limited`.
 
     `shapes` (N, Q, M) are those at the points of each contact (`contact_shapes`), of these `weights` (Q,); `stretches`
-    (N,) are by how much more amplitude each finger needs as it slides. `log_weights` (N,) are kept from call to call,
-    from 0 on. Without a slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
+    (N,) are by how much more amplitude each finger needs as it slides, `priorities` (N,) say whose errors come first.
+    `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. If W is 0, the
+    search starts from all modes alike.
     """
     if max(targets_um) <= 0.0:
         for k in range(len(limits_um)):
@@ -82,6 +89,7 @@ def solve_felt(
         shapes,
         weights,
         frictions,
+        counted_jnd(frictions, priorities),
         stretches,
         curve.pieces,
         (curve.full_um, curve.floor_frac),
@@ -93,6 +101,34 @@ def solve_felt(
         STAY_FRAC,
     )
     return rms_um, _is_limited(errors_jnd, limits_um, d_um, q_um)
+
+
+def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
+    """Return as much of each finger's error as counts, in just noticeable differences, for the targets' frictions and
+    the fingers' priorities.
+
+    Of each priority in use a share of what counts one above. Within the highest, where there are lower ones, the
+    stickiest finger counts in full, however slippery it is.
+    """
+    in_use = sorted(set(priorities), reverse=True)
+    slipperiness = [1.0 - _stickiness(friction) for friction in frictions]
+    least = 0.0
+    if len(in_use) > 1:
+        least = min([slipperiness[n] for n in range(len(frictions)) if priorities[n] == in_use[0]])
+    counted = []
+    for n in range(len(frictions)):
+        if priorities[n] == in_use[0]:
+            more = slipperiness[n] - least
+            counted.append(MOST_SLIPPERY / more if more > 0.0 else math.inf)
+        else:
+            less = 1.0 - (1.0 - MOST_SLIPPERY) * slipperiness[n]
+            counted.append(less * MOST_LOWER ** in_use.index(priorities[n]))
+    return counted
+
+
+def _stickiness(friction: float) -> float:
+    share = (friction - FIRST_IN_PART) / (FIRST - FIRST_IN_PART)
+    return 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
 
 
 def _is_limited(errors_jnd: list[float], limits_um: Row, d_um: list[float], q_um: list[float]) -> bool:

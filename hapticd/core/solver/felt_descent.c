@@ -10,8 +10,7 @@
 
 static const double WEBER_FRAC = 0.11;
 static const double UNCERTAIN_FRAC = 0.01;
-static const double TO_ZERO[2] = {0.9, 0.97}, FIRST[2] = {0.7, 0.9};
-static const double MOST_SLIPPERY = 0.9;
+static const double TO_ZERO[2] = {0.9, 0.97};
 static const double RATE = 0.3;
 static const double LEAST_JND = 0.02;
 static const double MOST_WEIGHT = 4.6;
@@ -31,7 +30,7 @@ typedef struct {
 
 typedef struct {
     Py_ssize_t fingers, points, modes, pieces;
-    const double *shapes, *weights, *frictions, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
+    const double *shapes, *weights, *frictions, *counted, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
     double full_um, least;
     double *d_um, *q_um, *log_weights, *errors, *got, *logs, *curvature, *pull_d, *pull_q, *rms_um, *squares, *shares, *rates_1_um;
     point_t *moved;
@@ -67,10 +66,8 @@ static void weigh(problem_t *p)
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
         double error = fabs(p->errors[finger]);
         error = error > LEAST_JND ? error : LEAST_JND;
-        const double slipperiness = 1.0 - share_of(p->frictions[finger], FIRST);
-        if (slipperiness * error > MOST_SLIPPERY)
-            error = MOST_SLIPPERY / slipperiness;
-        p->logs[finger] = log(error);
+        const double most = p->counted[finger];
+        p->logs[finger] = log(error < most ? error : most);
         mean += p->logs[finger] / (double)p->fingers;
     }
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
@@ -356,19 +353,20 @@ failed:
 static PyObject *descend(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    PyObject *shapes, *weights, *frictions, *stretches, *pieces, *limits, *d, *q, *log_weights, *answer = NULL;
+    PyObject *shapes, *weights, *frictions, *counted, *stretches, *pieces, *limits, *d, *q, *log_weights, *answer = NULL;
     problem_t p;
     Py_ssize_t iterations;
     double stay_frac;
-    if (!PyArg_ParseTuple(arguments, "SO!O!O!O!(dd)O!O!O!O!nd", &shapes, &PyList_Type, &weights,
-                          &PyList_Type, &frictions, &PyList_Type, &stretches, &PyList_Type, &pieces, &p.full_um, &p.least,
+    if (!PyArg_ParseTuple(arguments, "SO!O!O!O!O!(dd)O!O!O!O!nd", &shapes, &PyList_Type, &weights,
+                          &PyList_Type, &frictions, &PyList_Type, &counted, &PyList_Type, &stretches,
+                          &PyList_Type, &pieces, &p.full_um, &p.least,
                           &PyTuple_Type, &limits, &PyList_Type, &d, &PyList_Type, &q, &PyList_Type, &log_weights,
                           &iterations, &stay_frac))
         return NULL;
     p.fingers = PyList_GET_SIZE(frictions), p.points = PyList_GET_SIZE(weights);
     p.modes = PyTuple_GET_SIZE(limits), p.pieces = PyList_GET_SIZE(pieces);
     const size_t n = (size_t)p.fingers, places = n * (size_t)p.points, m = (size_t)p.modes;
-    const size_t numbers = (size_t)p.points + 7 * n + 4 * (size_t)p.pieces + m * m + 7 * m;
+    const size_t numbers = (size_t)p.points + 8 * n + 4 * (size_t)p.pieces + m * m + 7 * m;
     if (PyBytes_GET_SIZE(shapes) != (Py_ssize_t)(places * m * sizeof(double))) {
         PyErr_SetString(PyExc_ValueError, "felt_descent: the shapes have another length");
         return NULL;
@@ -379,7 +377,7 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
     double *next = memory;
 #define TAKE(count) (next += (count), next - (count))
     p.moved = (point_t *)TAKE(places * (sizeof(point_t) / sizeof(double)));
-    double *weight = TAKE((size_t)p.points), *friction = TAKE(n), *stretch = TAKE(n);
+    double *weight = TAKE((size_t)p.points), *friction = TAKE(n), *count = TAKE(n), *stretch = TAKE(n);
     double *piece = TAKE(3 * (size_t)p.pieces), *rate = TAKE((size_t)p.pieces), *limit = TAKE(m);
     p.d_um = TAKE(m), p.q_um = TAKE(m), p.log_weights = TAKE(n), p.errors = TAKE(n), p.got = TAKE(n);
     p.logs = TAKE(n), p.rms_um = TAKE(n);
@@ -387,10 +385,11 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
 #undef TAKE
     memset(p.errors, 0, n * sizeof(double));
     if (p.pieces > 0 && copy(weights, p.points, weight, 1) && copy(frictions, p.fingers, friction, 1) &&
-        copy(stretches, p.fingers, stretch, 1) && copy_rows(pieces, p.pieces, 3, piece, p.pieces, 1) &&
+        copy(counted, p.fingers, count, 1) && copy(stretches, p.fingers, stretch, 1) && copy_rows(pieces, p.pieces, 3, piece, p.pieces, 1) &&
         copy(limits, p.modes, limit, 1) && copy(d, p.modes, p.d_um, 1) && copy(q, p.modes, p.q_um, 1) &&
         copy(log_weights, p.fingers, p.log_weights, 1)) {
-        p.shapes = doubles_of(shapes), p.weights = weight, p.frictions = friction, p.stretches = stretch, p.limits_um = limit;
+        p.shapes = doubles_of(shapes), p.weights = weight, p.frictions = friction, p.counted = count;
+        p.stretches = stretch, p.limits_um = limit;
         p.starts_um = piece, p.origins_um = piece + p.pieces, p.decays_um = piece + 2 * p.pieces;
         for (Py_ssize_t i = 0; i < p.pieces; i++)
             rate[i] = 1.0 / p.decays_um[i];

@@ -12,8 +12,6 @@ from ..plate.mode_shapes import ModeShapes
 
 UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
 TO_ZERO: Final = (0.9, 0.97)  # frictions from which on a finger's points are pulled to 0, in part and altogether
-FIRST: Final = (0.7, 0.9)  # from which on errors count in full where not all can be had, in part and altogether
-MOST_SLIPPERY: Final = 0.9  # of a just noticeable difference: as much of a slippery finger's error counts
 RATE: Final = 0.3  # of the weights
 LEAST_JND: Final = 0.02  # smaller errors weigh alike
 MOST_WEIGHT: Final = 4.6  # of its logarithm: 100 either way
@@ -51,6 +49,7 @@ def descend(
     shapes: Shapes,
     weights: list[float],
     frictions: list[float],
+    counted_jnd: list[float],
     stretches: list[float],
     pieces: Pieces,
     floor: tuple[float, float],
@@ -64,8 +63,9 @@ def descend(
     """Move W (M,), in its parts, and the fingers' weights (N,); return errors in just noticeable differences before the
     last sweeps, and the RMS over each contact after them.
 
-    `weights` (Q,) are those of a contact's points; `frictions` and `stretches` are wanted (`felt.solve_felt`); `floor`
-    is the amplitude at which the curve ends, and its friction there.
+    `weights` (Q,) are those of a contact's points; `frictions` and `stretches` are wanted (`felt.solve_felt`),
+    `counted_jnd` is as much as each finger's error counts (`felt.counted_jnd`); `floor` is the amplitude at which the
+    curve ends, and its friction there.
     """
     fingers, points, modes = len(frictions), len(weights), len(limits_um)
     rows = _rows(shapes, modes)
@@ -82,7 +82,7 @@ def descend(
                 got[finger] = got[finger] + weights[index] * point.friction
                 moved.append(point)
             errors[finger] = (got[finger] - frictions[finger]) / (WEBER_FRAC * frictions[finger])
-        _weigh(errors, frictions, log_weights)
+        _weigh(errors, counted_jnd, log_weights)
         curvature = [[0.0] * modes for _ in range(modes)]
         pull_d, pull_q = [0.0] * modes, [0.0] * modes
         for finger in range(fingers):
@@ -150,18 +150,16 @@ def _share(friction: float, ends: tuple[float, float]) -> float:
     return 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
 
 
-def _weigh(errors: list[float], frictions: list[float], log_weights: list[float]) -> None:
-    """Move the fingers' weights; those of slippery ones no more than their errors count."""
+def _weigh(errors: list[float], counted_jnd: list[float], log_weights: list[float]) -> None:
+    """Move the fingers' weights by as much of their errors as counts."""
     fingers = len(errors)
     logs = [0.0] * fingers
     mean = 0.0
     for finger in range(fingers):
         error = abs(errors[finger])
         error = error if error > LEAST_JND else LEAST_JND
-        slipperiness = 1.0 - _share(frictions[finger], FIRST)
-        if slipperiness * error > MOST_SLIPPERY:
-            error = MOST_SLIPPERY / slipperiness
-        logs[finger] = math.log(error)
+        most = counted_jnd[finger]
+        logs[finger] = math.log(error if error < most else most)
         mean += logs[finger] / fingers
     centre = 0.0
     for finger in range(fingers):

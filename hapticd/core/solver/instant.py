@@ -128,11 +128,13 @@ class InstantSolver:
         since_ns: int,
         variances_mm2: list[float] | None = None,
         stretches: list[float] | None = None,
+        priorities: list[int] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
-        `variances_mm2` (N,) of the places on each axis, and by how much more amplitude each sliding finger needs."""
+        `variances_mm2` (N,) of the places on each axis, and by how much more amplitude each sliding finger needs; for
+        friction as asked the fingers' `priorities`, without them equal."""
         if len(self._disc) > 0:
-            return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches)
+            return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches, priorities)
         phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
@@ -162,6 +164,7 @@ class InstantSolver:
         since_ns: int,
         variances_mm2: list[float] | None,
         stretches: list[float] | None,
+        priorities: list[int] | None,
     ) -> ModalSolution:
         d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
         for mode in range(len(previous_um)):
@@ -175,10 +178,11 @@ class InstantSolver:
             shapes = self._contact_shapes(places, stretched)
             if len(self._log_weights) != len(places):
                 self._log_weights = [0.0] * len(places)
+            ranks = [0] * len(places) if priorities is None else priorities
             slides = [1.0] * len(places) if stretches is None else stretches
             limits_um, weights, logs = self._contact_limit_um, self._disc_weights, self._log_weights
             achieved_um, limited = solve_felt(
-                shapes, weights, self._curve, targets_um, limits_um, d_um, q_um, logs, slides
+                shapes, weights, self._curve, targets_um, limits_um, d_um, q_um, logs, slides, ranks
             )
         else:
             grams = [
@@ -209,14 +213,20 @@ class InstantSolver:
         return self._feels and self.has_contacts
 
     def reach(
-        self, places: list[Place], variances_mm2: list[float], stretches: list[float], calls: int
+        self,
+        places: list[Place],
+        variances_mm2: list[float],
+        stretches: list[float],
+        priorities: list[int],
+        calls: int,
     ) -> tuple[float, float] | None:
         """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
         of the solver; None if it can feel none as asked."""
         stretched = [stretch(variance_mm2, self._contact_radius_mm) for variance_mm2 in variances_mm2]
         targets_um = [target_um for _, _, target_um in places[:-1]]
         shapes, limits_um = self._contact_shapes(places, stretched), self._contact_limit_um
-        return reach(ReachProblem(shapes, self._disc_weights, self._curve, targets_um, limits_um, stretches), calls)
+        problem = ReachProblem(shapes, self._disc_weights, self._curve, targets_um, limits_um, stretches, priorities)
+        return reach(problem, calls)
 
     def _turns(self, slipping: int, previous_um: Row) -> bool:
         """Phases turn while two fingers slip, and after that until the plate has been silent."""

@@ -13,7 +13,7 @@ from typing import Final
 
 from ..friction import FrictionCurve
 from ..plate.contact import Shapes
-from .felt import COLD_ITERATIONS, ITERATIONS, MISSED_JND, STAY_FRAC, solve_felt
+from .felt import COLD_ITERATIONS, ITERATIONS, MISSED_JND, STAY_FRAC, counted_jnd, solve_felt
 from .felt_descent import descend
 
 STEPS: Final = 8  # between bare glass and the most slippery
@@ -27,9 +27,9 @@ SLACK_JND: Final = 0.02  # by which another finger may miss more than without th
 
 class ReachProblem:
     """The other fingers and this one, the last: shapes at the points of each contact (N, Q, M), of these `weights`
-    (Q,), targets (N - 1,) and how much more amplitude each needs as it slides (N,)."""
+    (Q,), targets (N - 1,) and how much more amplitude each needs as it slides, and its priority (N,)."""
 
-    __slots__ = ("curve", "limits_um", "shapes", "stretches", "targets_um", "weights")
+    __slots__ = ("curve", "limits_um", "priorities", "shapes", "stretches", "targets_um", "weights")
 
     def __init__(
         self,
@@ -39,6 +39,7 @@ class ReachProblem:
         targets_um: list[float],
         limits_um: tuple[float, ...],
         stretches: list[float],
+        priorities: list[int],
     ) -> None:
         self.shapes: Final = shapes
         self.weights: Final = weights
@@ -46,6 +47,7 @@ class ReachProblem:
         self.targets_um: Final = targets_um
         self.limits_um: Final = limits_um
         self.stretches: Final = stretches
+        self.priorities: Final = priorities
 
 
 class _State:
@@ -128,14 +130,16 @@ def _at_rest(problem: ReachProblem, fingers: int) -> _State:
 def _solved(problem: ReachProblem, targets_um: list[float], shapes: Shapes, state: _State) -> list[float]:
     """Move the state by one call; return the fingers' errors there."""
     curve, stretches = problem.curve, problem.stretches[: len(targets_um)]
+    priorities = problem.priorities[: len(targets_um)]
     targets, weights, limits_um = tuple(targets_um), problem.weights, problem.limits_um
-    solve_felt(shapes, weights, curve, targets, limits_um, state.d_um, state.q_um, state.logs, stretches)
+    solve_felt(shapes, weights, curve, targets, limits_um, state.d_um, state.q_um, state.logs, stretches, priorities)
     frictions = [curve.friction(targets[n] / stretches[n]) for n in range(len(targets))]
     there, floor = state.copy(), (curve.full_um, curve.floor_frac)
     errors_jnd, _ = descend(
         shapes,
         weights,
         frictions,
+        counted_jnd(frictions, priorities),
         stretches,
         curve.pieces,
         floor,

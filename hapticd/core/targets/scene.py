@@ -53,13 +53,14 @@ class _Held:
     owner: str
     t_expires_ns: int
     target: Target | None
+    priority: int
     texture: Texture | None
     detail: Detail
     walk: Walk | None
     place_ns: float  # estimated for its target, and its place on a path, at one instant
 
 
-_UNHELD = _Held(owner="", t_expires_ns=0, target=None, texture=None, detail=NO_DETAIL, walk=None, place_ns=0.0)
+_UNHELD = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, detail=NO_DETAIL, walk=None, place_ns=0.0)
 
 
 class Scene:
@@ -155,6 +156,14 @@ class Scene:
         """The target of a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.target
+
+    def priorities(self, keys: Iterable[Key]) -> list[int]:
+        """Return the priority of each finger's target; 0 without one."""
+        found: list[int] = []
+        for key in keys:
+            held = self._held.get(key)
+            found.append(0 if held is None else held.priority)
+        return found
 
     def owner_of(self, key: Key) -> str | None:
         """The client that owns a finger, or None."""
@@ -263,6 +272,7 @@ class Scene:
             owner=message.client,
             t_expires_ns=t_ns + message.ttl_ns,
             target=target,
+            priority=message.priorities.get(key, 0),
             texture=before.texture if before.target == target else self._texture(target),
             detail=detail(target, self._plate_size_mm),
             walk=_walk(path, t_ns, before.walk),

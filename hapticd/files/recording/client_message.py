@@ -39,13 +39,18 @@ def payload_of(message: ClientTargets) -> bytes:
                 "client": message.client,
                 "ttl_s": message.ttl_ns * 1e-9,
                 **stamp,
-                "targets": [{"finger": key, **_target(target)} for key, target in message.targets.items()],
+                "targets": [_finger_target(message, key) for key in message.targets],
                 "virtuals": [{"name": name, **_path(path)} for name, path in message.virtuals.items()],
                 "surfaces": [surface_fields(name, surface) for name, surface in message.surfaces.items()],
                 "effects": [_effect(name, effect) for name, effect in message.effects.items()],
             }
         )
     )
+
+
+def _finger_target(message: ClientTargets, key: int | str) -> dict[str, Any]:
+    priority = {"priority": message.priorities[key]} if key in message.priorities else {}
+    return {"finger": key, **_target(message.targets[key]), **priority}
 
 
 def _target(target: Target) -> dict[str, Any]:

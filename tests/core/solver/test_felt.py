@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.solver.felt import felt_points, solve_felt
+from hapticd.core.solver.felt import MOST_SLIPPERY, counted_jnd, felt_points, solve_felt
 from hapticd.core.solver.felt_descent import contacts_rms_um
 from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -49,10 +49,11 @@ def settled(
     limits_um: tuple[float, ...] = LIMITS_UM,
     *,
     feels: bool = True,
+    priorities: list[int] | None = None,
 ) -> Phasors:
     one, modal_um = solver(plate, limits_um, feels=feels), (0j,) * 4
     for _ in range(40):
-        modal_um = one.solve(places(points_mm, targets_um), modal_um, 100 * MS).modal_um
+        modal_um = one.solve(places(points_mm, targets_um), modal_um, 100 * MS, priorities=priorities).modal_um
     return np.array(modal_um)
 
 
@@ -64,13 +65,18 @@ def errors_jnd(points_mm: Array, targets_um: tuple[float, ...], modal_um: Phasor
     return np.asarray((frictions[0] / asked - 1.0) / WEBER_FRAC)
 
 
-def pairs(seed: int, count: int) -> list[Array]:
+def apart(seed: int, count: int, fingers: int) -> list[Array]:
     random, found = np.random.default_rng(seed), list[Array]()
     while len(found) < count:
-        points_mm = random.uniform(-85.0, 85.0, (2, 2))
-        if np.hypot(*(points_mm[0] - points_mm[1])) > 20.0:
+        points_mm = random.uniform(-85.0, 85.0, (fingers, 2))
+        gaps_mm = np.linalg.norm(points_mm[:, None] - points_mm, axis=2)
+        if gaps_mm[np.triu_indices(fingers, 1)].min() > 20.0:
             found.append(points_mm)
     return found
+
+
+def pairs(seed: int, count: int) -> list[Array]:
+    return apart(seed, count, 2)
 
 
 @pytest.mark.parametrize(("targets_um", "least"), [((1.0, 0.0), 0.25), ((0.5, 0.0), 0.75)])
@@ -97,6 +103,59 @@ def test_where_not_both_can_be_had_the_sticky_finger_is_as_asked(plate: ModeShap
     )
     assert np.mean(errors[:, 0] > 1.0) == 1.0
     assert np.mean(np.abs(errors[:, 1]) <= 1.0) > 0.9
+
+
+# Two fingers that should stick, and a slippery one that takes more than four modes have.
+MIXED_UM = (1.0, 0.0, 0.0)
+
+
+def mixed_errors_jnd(plate: ModeShapes, priorities: list[int]) -> Array:
+    """For twelve places of three fingers, (12, 3)."""
+    found = [settled(plate, points_mm, MIXED_UM, priorities=priorities) for points_mm in apart(8, 12, 3)]
+    return np.abs([errors_jnd(one, MIXED_UM, um) for one, um in zip(apart(8, 12, 3), found, strict=True)])
+
+
+def test_a_higher_priority_lowers_a_slippery_finger_s_error_and_raises_another_s(plate: ModeShapes) -> None:
+    equal, higher = mixed_errors_jnd(plate, [0, 0, 0]), mixed_errors_jnd(plate, [1, 0, 0])
+    cannot = equal[:, 0] > 1.5
+    assert cannot.sum() >= 9
+    assert np.all(higher[cannot, 0] < 0.7 * equal[cannot, 0])
+    assert np.all(higher[cannot, 1:].max(axis=1) > equal[cannot, 1:].max(axis=1))
+    assert np.median(higher[:, 0]) < 1.0
+
+
+def test_of_three_priorities_the_second_comes_before_the_third_and_of_equal_ones_the_sticky_finger(
+    plate: ModeShapes,
+) -> None:
+    falling = np.median(mixed_errors_jnd(plate, [2, 1, 0]), axis=0)
+    assert falling[0] < 1.0
+    assert falling[1] < 0.5 * falling[2]
+    both_high = np.median(mixed_errors_jnd(plate, [3, 3, 1]), axis=0)
+    assert both_high[1] < 1.0
+    assert both_high[1] < both_high[0] < np.median(mixed_errors_jnd(plate, [0, 0, 0]), axis=0)[0]
+
+
+@pytest.mark.parametrize("priority", [0, 1, 3])
+def test_equal_priorities_give_the_bits_of_none(plate: ModeShapes, priority: int) -> None:
+    for points_mm in apart(9, 4, 3):
+        none = settled(plate, points_mm, MIXED_UM)
+        assert np.array_equal(none, settled(plate, points_mm, MIXED_UM, priorities=[priority] * 3))
+
+
+def test_only_the_order_of_priorities_counts_and_with_equal_ones_only_slippery_errors_are_cut() -> None:
+    frictions = [1.0, 0.9, 0.8, 0.7, 0.24]
+    assert counted_jnd(frictions, [0] * 5) == [
+        math.inf,
+        math.inf,
+        pytest.approx(2.0 * MOST_SLIPPERY),
+        MOST_SLIPPERY,
+        MOST_SLIPPERY,
+    ]
+    assert counted_jnd(frictions, [0, 0, 1, 1, 3]) == counted_jnd(frictions, [0, 0, 1, 1, 2])
+    assert counted_jnd(frictions, [0, 0, 0, 0, 1])[4] == math.inf  # however slippery, there is none before it
+    falling = counted_jnd([1.0, 0.24, 1.0, 0.24, 1.0, 0.24], [3, 3, 2, 2, 1, 1])
+    assert falling == sorted(falling, reverse=True)
+    assert len(set(falling)) == 6
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 0.7, 0.8, 0.9, 0.93, 0.95, 0.98])
@@ -179,8 +238,11 @@ def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data:
     limits_um = tuple((10.0 ** random.uniform(-3, 2, modes)).tolist())
     shapes = phi.tobytes()
     d_um, q_um, logs = [0.0] * modes, [0.0] * modes, [0.0] * fingers
+    priorities = random.integers(0, 4, fingers).tolist()
     for _ in range(4):
-        rms_um, _ = solve_felt(shapes, [0.2] * 5, curve, targets_um, limits_um, d_um, q_um, logs, [1.0] * fingers)
+        rms_um, _ = solve_felt(
+            shapes, [0.2] * 5, curve, targets_um, limits_um, d_um, q_um, logs, [1.0] * fingers, priorities
+        )
         assert np.isfinite([d_um, q_um]).all()
         assert np.isfinite(logs).all()
         assert np.all(np.hypot(d_um, q_um) <= np.array(limits_um))

@@ -17,6 +17,7 @@ import hapticd
 from hapticd.compiled import why_interpreted
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.solver.felt import counted_jnd
 
 SOURCE = Path(hapticd.__file__).parent / "core" / "solver" / "felt_descent.py"
 CURVES = (DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.1, 0.3, 0.8, 1.4), 0.12))
@@ -48,11 +49,13 @@ def called(module: ModuleType, seed: int) -> list[list[float]]:
     shapes = (scale * random.uniform(-1, 1, (fingers * points, modes))).tobytes()
     d_um, q_um = random.normal(size=(2, modes)).tolist()
     frictions = random.choice([1.0, 0.9, 0.8, 0.5, 0.24, curve.floor_frac], fingers).tolist()
+    counted = counted_jnd(frictions, random.integers(0, 4, fingers).tolist())
     logs = random.normal(size=fingers).tolist()
     found: Any = module.descend(
         shapes,
         [1.0 / points] * points,
         frictions,
+        counted,
         random.choice([1.0, 1.6], fingers).tolist(),
         curve.pieces,
         (curve.full_um, curve.floor_frac),
@@ -117,10 +120,11 @@ def test_a_disc_or_contact_of_another_form_is_refused(
         (0, None, TypeError),
         (1, ["a", "b"], TypeError),
         (2, [1.0, 1.0], ValueError),
-        (4, [], ValueError),
-        (4, [(0.0, 0.0)], ValueError),
-        (7, [0.0, 0.0], ValueError),
-        (9, [None], TypeError),
+        (3, [], ValueError),
+        (5, [], ValueError),
+        (5, [(0.0, 0.0)], ValueError),
+        (8, [0.0, 0.0], ValueError),
+        (10, [None], TypeError),
     ],
 )
 def test_what_is_no_list_of_the_right_length_is_refused(
@@ -130,6 +134,7 @@ def test_what_is_no_list_of_the_right_length_is_refused(
         array("d", (1.0, 0.5)).tobytes(),
         [0.5, 0.5],
         [0.5],
+        [0.9],
         [1.0],
         [(0.0, 0.0, 0.7)],
         (2.0, 0.05),

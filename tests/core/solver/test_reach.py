@@ -30,7 +30,7 @@ def solver() -> InstantSolver:
 
 
 def reached(places: list[Place], calls: int = ALL_CALLS) -> tuple[float, float] | None:
-    return solver().reach(places, [0.0] * len(places), [1.0] * len(places), calls)
+    return solver().reach(places, [0.0] * len(places), [1.0] * len(places), [0] * len(places), calls)
 
 
 def errors_jnd(places: list[Place]) -> np.ndarray:

@@ -80,7 +80,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     painting = msgpack.packb({"v": 1, "client": "painter", "ttl_s": 0.4, "surfaces": surfaces, "effects": effects})
     bench.machine.targets(painting, bench.t_ns, "uid 7")
     for finger, request in ((1, {"grating": grating}), (1, {"map": image}), (2, {"friction": 0.3})):
-        targets = [{"finger": finger, **request}, {"finger": "walker", "amplitude_um": 0.5}]
+        targets = [{"finger": finger, **request}, {"finger": "walker", "amplitude_um": 0.5, "priority": 2}]
         message = {"v": 1, "client": "test", "ttl_s": 1.0, "targets": targets, "virtuals": [walker]}
         bench.machine.targets(msgpack.packb(message), bench.t_ns, "uid 7")
         bench.run(120)

@@ -462,6 +462,7 @@ def test_values_become_the_message_that_means_the_same() -> None:
             "buzz": Effect(Modulation(250.0, 1.0, length_s=1.0), start=Start(Cause.LIFTING)),
             "button": Effect(Pulse(1.0, 0.01), start=Start(Cause.PRESSURE, threshold_frac=0.5, release_frac=0.3)),
         },
+        priorities={2: 3, "walker": 1},
     )
 
     assert decode_targets(payload_of(message)) == message

@@ -5,16 +5,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from hapticd.__main__ import main
+from hapticd.content_values import ClientTargets
 from hapticd.daemon import board_gateway
 from hapticd.errors import RecordingError
+from hapticd.files.recording.client_message import payload_of
 from hapticd.files.recording.kinds import INPUTS, Record
 from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.sim.fingers import scripted
+from hapticd.sim.lockstep import Settings
+from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.tools.record import simulated
 from hapticd.tools.record.replay import described, replay, report
+from hapticd.wire.client import decode_targets
 
 from .conftest import rewritten, written
 
@@ -39,6 +47,23 @@ def test_every_kind_of_input_is_replayed_bit_for_bit(eventful: Path) -> None:
     assert [event["number"] for event in happened] == list(range(1, len(happened) + 1))
     assert {"landed", "lifted", "entered", "left", "begun", "ended"} <= {event["kind"] for event in happened}
     assert replay(recording).is_identical
+
+
+def test_priorities_are_recorded_and_decide_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three fingers on four modes one comes first; without its priority the plate does something else."""
+    monkeypatch.setattr(scripted, "ClientTargets", partial(ClientTargets, priorities={1: 2}))
+    path = tmp_path / "priorities.mcap"
+    simulated.run("one-of-three", path, settings=Settings(plate=PlateSettings.of("fingertip")), seed=1, seconds=0.5)
+
+    def without(record: Record) -> Record:
+        if record.kind != "targets":
+            return record
+        message = decode_targets(record.fields["payload"])
+        assert message.priorities == ({1: 2} if 1 in message.targets else {})
+        return record._replace(fields={**record.fields, "payload": payload_of(replace(message, priorities={}))})
+
+    assert replay(open_recording(path)).is_identical
+    assert not replay(open_recording(rewritten(path, tmp_path / "without.mcap", without))).is_identical
 
 
 def test_a_changed_byte_is_the_first_difference(tmp_path: Path, strokes: Path) -> None:
