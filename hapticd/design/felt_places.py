@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.solver.felt import COLD_ITERATIONS, COLD_TURN_RAD, STAY_FRAC, counted_jnd, felt_points
 from hapticd.core.solver.felt_descent import descend
 from hapticd.values import WEBER_FRAC
@@ -25,7 +25,6 @@ from .legendre import FloatArray
 FINE = (6, 20)  # radii and angles of the judgement: |w| has kinks, where contacts are crossed by nodal lines
 STARTS = 4  # eight find 0 .. 2 % more places
 ENOUGH_JND = 1.0
-_CURVE = DEFAULT_FRICTION_CURVE
 _AT_REST = np.zeros(1)
 
 
@@ -51,7 +50,11 @@ def touches(
     shapes: Shapes, size_mm: tuple[float, float], radius_mm: float, fingers: int, count: int, seed: int
 ) -> Touches:
     """Return the contacts of `fingers` at `count` random places. Raises ValueError for a plate without room."""
-    places_mm = random_fingers(size_mm, count, seed, fingers)
+    return touches_at(shapes, random_fingers(size_mm, count, seed, fingers), radius_mm)
+
+
+def touches_at(shapes: Shapes, places_mm: FloatArray, radius_mm: float) -> Touches:
+    """Return the contacts of N fingers at each of P places, `places_mm` (P, N, 2)."""
     rule_mm = radius_mm * np.array([(dx, dy) for dx, dy, _ in felt_points()])
     offsets_mm, weights = disc(radius_mm, *FINE)
 
@@ -64,31 +67,43 @@ def touches(
 
 
 def settle_felt(
-    found: Touches, targets_um: Sequence[float], limits_um: npt.ArrayLike, starts: int = STARTS, seed: int = 1
+    found: Touches,
+    targets_um: Sequence[float],
+    limits_um: npt.ArrayLike,
+    starts: int = STARTS,
+    seed: int = 1,
+    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
 ) -> tuple[ComplexArray, FloatArray]:
     """Return modal amplitudes (P, M) within the limits (M,), and each contact's error (P, N) in just noticeable
     differences: stickier is positive. Places where all are felt as asked are not started again."""
     limits = np.asarray(limits_um, np.float64)
-    best_um = _descended(found.solved, targets_um, limits, np.minimum(limits, max(targets_um)) * _turned(limits.size))
-    best_jnd = errors_jnd(found, best_um, targets_um)
+    start_um = np.minimum(limits, max(targets_um)) * _turned(limits.size)
+    best_um = _descended(found.solved, targets_um, limits, start_um, curve)
+    best_jnd = errors_jnd(found, best_um, targets_um, curve)
     random = np.random.default_rng([seed, limits.size])
     for _ in range(starts - 1):
         sizes, turns = random.uniform(0.3, 1.0, limits.size), random.uniform(0.0, 2.0 * np.pi, limits.size)
         left = np.flatnonzero(np.abs(best_jnd).max(axis=1) > ENOUGH_JND)
         if left.size == 0:
             break
-        tried_um = _descended(found.solved[left], targets_um, limits, limits * sizes * np.exp(1j * turns))
-        tried_jnd = errors_jnd(Touches(found.solved[left], found.true[left], found.weights), tried_um, targets_um)
+        some = Touches(found.solved[left], found.true[left], found.weights)
+        tried_um = _descended(some.solved, targets_um, limits, limits * sizes * np.exp(1j * turns), curve)
+        tried_jnd = errors_jnd(some, tried_um, targets_um, curve)
         is_better = np.abs(tried_jnd).max(axis=1) < np.abs(best_jnd[left]).max(axis=1)
         best_um[left[is_better]], best_jnd[left[is_better]] = tried_um[is_better], tried_jnd[is_better]
     return best_um, best_jnd
 
 
-def errors_jnd(found: Touches, modal_um: ComplexArray, targets_um: Sequence[float]) -> FloatArray:
+def errors_jnd(
+    found: Touches,
+    modal_um: ComplexArray,
+    targets_um: Sequence[float],
+    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
+) -> FloatArray:
     """Return each contact's error (P, N) on the true shapes."""
     w_um = np.abs(np.einsum("pnqm,pm->pnq", found.true, modal_um, optimize=True))
-    asked = np.array([_CURVE.friction(target_um) for target_um in targets_um])
-    return np.asarray((_CURVE.frictions(w_um, _AT_REST) @ found.weights / asked - 1.0) / WEBER_FRAC)
+    asked = np.array([curve.friction(target_um) for target_um in targets_um])
+    return np.asarray((curve.frictions(w_um, _AT_REST) @ found.weights / asked - 1.0) / WEBER_FRAC)
 
 
 def _turned(modes: int) -> ComplexArray:
@@ -96,10 +111,10 @@ def _turned(modes: int) -> ComplexArray:
 
 
 def _descended(
-    solved: FloatArray, targets_um: Sequence[float], limits_um: FloatArray, start_um: ComplexArray
+    solved: FloatArray, targets_um: Sequence[float], limits_um: FloatArray, start_um: ComplexArray, curve: FrictionCurve
 ) -> ComplexArray:
     weights = [weight for _, _, weight in felt_points()]
-    frictions = [_CURVE.friction(target_um) for target_um in targets_um]
+    frictions = [curve.friction(target_um) for target_um in targets_um]
     counted = counted_jnd(frictions, [0] * len(frictions))
     limits = tuple(limits_um.tolist())
     modal_um = np.empty((len(solved), limits_um.size), np.complex128)
@@ -111,8 +126,8 @@ def _descended(
             frictions,
             counted,
             [1.0] * len(frictions),
-            _CURVE.pieces,
-            (_CURVE.full_um, _CURVE.floor_frac),
+            curve.pieces,
+            (curve.full_um, curve.floor_frac),
             limits,
             d_um,
             q_um,

@@ -32,7 +32,7 @@ class Panel(NamedTuple):
 def draw(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float], path: Path) -> None:
     """Write the panels side by side. Raises HapticdError as `plotting.save`."""
     with_contacts = [panel for panel in panels if panel.contacts is not None]
-    figure, axes = _canvas(len(panels) + len(with_contacts))
+    figure, axes = canvas(len(panels) + len(with_contacts))
     for axis, panel in zip(axes, panels, strict=False):
         image = _draw_panel(axis, panel, modes, size_mm)
     scale = figure.colorbar(image, ax=axes[: len(panels)], pad=0.02)
@@ -44,7 +44,7 @@ def draw(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float
 
 def draw_pairs(pairs: PairMap, modes: ModeShapes, size_mm: tuple[float, float], path: Path) -> None:
     """Write both maps on one scale. Raises HapticdError as `plotting.save`."""
-    figure, axes = _canvas(2)
+    figure, axes = canvas(2)
     lowest = float(min(pairs.slipping.min(), pairs.still.min()))
     titles = ("slips here, the other still", "is still here, the other slips")
     for axis, part, title in zip(axes, (pairs.slipping, pairs.still), titles, strict=True):
@@ -56,7 +56,8 @@ def draw_pairs(pairs: PairMap, modes: ModeShapes, size_mm: tuple[float, float], 
     _save(figure, axes, path)
 
 
-def _canvas(columns: int) -> tuple[Any, Any]:
+def canvas(columns: int) -> tuple[Any, Any]:
+    """Return a figure and its axes, a plate each."""
     figure, grid = plotting.subplots(4.9 * columns + 1.2, 5.6, 1, columns, layout="compressed", sharey=True)
     grid[0, 0].set_ylabel("y, mm")
     return figure, grid[0]
@@ -88,7 +89,7 @@ def _draw_contacts(figure: Any, axis: Any, panel: Panel, size_mm: tuple[float, f
     """Draw the contrast between whole contacts, as decades, for a finger that slips anywhere."""
     assert panel.contacts is not None
     contrast = panel.contacts.contrast
-    image = _draw_image(axis, np.log10(contrast), size_mm, vmin=0.0, vmax=2.0)
+    image = draw_image(axis, np.log10(contrast), size_mm, vmin=0.0, vmax=2.0)
     for finger in panel.fingers:
         axis.plot(finger.x_mm, finger.y_mm, "o", ms=10, mfc=_STICKY, mec="black", mew=1.2, clip_on=False)
     axis.set_title(f"whole contacts: contrast {np.median(contrast):.1f} at the median position", fontsize=10)
@@ -100,15 +101,16 @@ def _draw_contacts(figure: Any, axis: Any, panel: Panel, size_mm: tuple[float, f
 
 def _draw_field(axis: Any, values: FloatArray, modes: ModeShapes, size_mm: tuple[float, float], lowest: float) -> Any:
     """Draw values from `lowest` to 1 as colours over the whole plate, with the node lines on top."""
-    image = _draw_image(axis, values, size_mm, vmin=lowest, vmax=1.0, interpolation="bilinear")
+    image = draw_image(axis, values, size_mm, vmin=lowest, vmax=1.0, interpolation="bilinear")
     _draw_nodes(axis, modes, size_mm)
     axis.set(xlim=image.get_extent()[:2], ylim=image.get_extent()[2:])
     return image
 
 
-def _draw_image(axis: Any, values: FloatArray, size_mm: tuple[float, float], **look: Any) -> Any:
+def draw_image(axis: Any, values: FloatArray, size_mm: Sequence[float], **look: Any) -> Any:
+    """Draw values over a rectangle about the middle."""
     extent = (-size_mm[0] / 2, size_mm[0] / 2, -size_mm[1] / 2, size_mm[1] / 2)
-    return axis.imshow(values, origin="lower", extent=extent, cmap="viridis", **look)
+    return axis.imshow(values, origin="lower", extent=extent, **{"cmap": "viridis"} | look)
 
 
 def _draw_nodes(axis: Any, modes: ModeShapes, size_mm: tuple[float, float]) -> None:
