@@ -26,7 +26,7 @@ LEAST_CHANGE: Final = 1.25
 LEAST_SOLVES: Final = 2  # the frame's beginning and its end
 
 _PASS_NS: Final = 40_000.0  # decoding, tracking, gate, frame, status
-_FINGER_NS: Final = 12_000.0  # of a finger that takes part, apart from its places: what it perceives, its telemetry
+_FINGER_NS: Final = 35_000.0  # of a finger that takes part, apart from its places: what it perceives, its telemetry
 _TOUCHED_NS: Final = 3_000.0  # of a finger that is down: its report and its events
 _PREDICTED_NS: Final = 1_000.0
 _EFFECT_NS: Final = 250.0  # of an effect that is felt, for a finger's place
