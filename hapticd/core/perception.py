@@ -44,7 +44,7 @@ class ContactPerception:
             size_um2 = w_d_um * w_d_um + w_q_um * w_q_um
             friction += weight * self._curve.friction(math.sqrt(size_um2) / stretch)
             square_um2 += weight * size_um2
-        return friction, math.sqrt(square_um2)
+        return min(friction, 1.0), math.sqrt(square_um2)  # rounding may add to bare glass's
 
     def asked(self, target_um: float, stretch: float) -> float:
         """Return the friction that an amplitude asks for: that of the same amplitude all over the contact."""

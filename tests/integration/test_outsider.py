@@ -108,6 +108,7 @@ def test_a_virtual_finger_walks_on_the_plate_and_not_beside_it(client: Outsider)
 
 
 def test_a_marker_is_in_one_state(client: Outsider) -> None:
+    client.state()  # it is subscribed: what comes before is not kept for it
     t_ns = client.request("marker", client="outsider", text="trial 12 begins")["body"]["t_ns"]
     marked = client.state(lambda state: "markers" in state)
     assert marked["markers"] == [{"t_ns": t_ns, "client": "outsider", "text": "trial 12 begins"}]
