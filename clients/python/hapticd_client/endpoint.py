@@ -18,6 +18,7 @@ from .regular_file import read_bounded
 TEMPORARY = Path("/tmp")
 SYSTEM_DIRECTORY = Path("/run/hapticd")  # of the system service
 ENDPOINTS = ("targets", "control", "telemetry")  # sockets in the directory, and TCP ports in this order
+LOCAL_RECONNECT_MS = 10  # libzmq's own 100 ms is long where another user's connections fill the queue of the daemon
 MAX_BYTES = 1 << 16  # of a certificate, which has 400
 _KEY = re.compile(rb"""^[ \t]*(public|secret)-key[ \t]*=[ \t]*["']?([^"'\s]*)""", re.MULTILINE)  # of a certificate
 
@@ -48,6 +49,7 @@ class Endpoint:
     def connect(self, socket: zmq.Socket[bytes], name: str) -> None:
         """Connect to the socket of this name. Raises zmq.ZMQError for an invalid address."""
         if self.directory is not None:
+            socket.reconnect_ivl = LOCAL_RECONNECT_MS
             socket.connect(f"ipc://{self.directory / name}")
             return
         if self.keys is not None:

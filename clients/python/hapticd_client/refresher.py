@@ -17,7 +17,6 @@ from .endpoint import Endpoint
 
 RETRY_S = 0.02  # while no daemon is connected
 REFRESHES_PER_TTL = 3  # tolerates one lost message
-RECONNECT_MS = 50
 LINGER_MS = 100  # to send the last message
 
 REFRESHER = "hapticd-refresher"  # its thread
@@ -64,7 +63,6 @@ class Refresher:
         socket.linger = LINGER_MS
         socket.immediate = True
         socket.sndhwm = 2
-        socket.reconnect_ivl = RECONNECT_MS
         self._endpoint.connect(socket, "targets")
         with self._changed:
             while True:

@@ -30,8 +30,8 @@ from .zmtp import EncryptedInbound, Inbound, LocalInbound, unchecked
 MAX_CONNECTIONS, MAX_CONNECTIONS_PER_USER = 128, 64  # 16 clients of one user have 48
 CONNECTIONS_HZ = 50.0  # of one user, after MAX_CONNECTIONS at once
 
-ACCEPTS = 16  # per wake-up of a listener: some 0.2 ms; it rests afterwards, lest connecting delays the touch
-REST_S = 0.002
+ACCEPTS = 16  # per wake-up of a listener: some 0.3 ms, lest connecting delays the touch
+REST_S = 0.001  # after a wake-up that found as many, at least
 ADMIT_EVERY_S = 0.003
 # Most descriptors of a gate: an admitted connection has one to the client, one to libzmq, and libzmq's own.
 MAX_DESCRIPTORS = 3 * MAX_CONNECTIONS + ACCEPTS
