@@ -186,10 +186,11 @@ class TouchPoint(NamedTuple):
 class Perceived(NamedTuple):
     """What a person perceives at a finger, when the newest sample of it was taken.
 
-    `contact_um` is the RMS amplitude over the contact, `felt_friction` the mean friction over it, relative to bare
-    glass. For a finger with a target `friction_change` is that friction relative to the target's, minus 1, and
-    `weber_frac` the share of time in which that is beyond WEBER_FRAC either way. `error_jnd` is the change in just
-    noticeable differences, where the plate is driven for contacts: None where it is driven for points.
+    `contact_um` is the RMS amplitude over the contact, `felt_friction` the mean friction over it as targets count it: 0
+    is the most slippery, 1 bare glass. For a finger with a target `friction_change` is the friction, both relative to
+    bare glass, relative to the target's, minus 1, and `weber_frac` the share of time in which that is beyond WEBER_FRAC
+    either way. `error_jnd` is the change in just noticeable differences, where the plate is driven for contacts: None
+    where it is driven for points.
     """
 
     friction_change: float | None

@@ -95,6 +95,10 @@ class FrictionCurve:
         piece = self._piece(at_um)
         return math.exp(-(at_um - self._origins_um[piece]) / self._decays_um[piece])
 
+    def friction_frac(self, relative: float) -> float:
+        """A friction relative to bare glass's as targets count it: 0 is the most slippery, 1 bare glass."""
+        return max((relative - self.floor_frac) / (1.0 - self.floor_frac), 0.0)
+
     def decay_um(self, amplitude_um: float) -> float:
         """The friction over its slope at an amplitude of a finger at rest; beyond the floor that of the last piece."""
         return self._decays_um[self._piece(amplitude_um)]

@@ -22,7 +22,7 @@ class ContactPerception:
     """Frictions of contacts of one radius by one friction curve; a radius of 0 is a point."""
 
     def __init__(self, curve: FrictionCurve, radius_mm: float) -> None:
-        self._curve: Final = curve
+        self.curve: Final = curve
         self._disc: Final = _disc(radius_mm)
 
     def felt(
@@ -42,13 +42,13 @@ class ContactPerception:
                 w_d_um += row[mode] * mode_d_um
                 w_q_um += row[mode] * mode_q_um
             size_um2 = w_d_um * w_d_um + w_q_um * w_q_um
-            friction += weight * self._curve.friction(math.sqrt(size_um2) / stretch)
+            friction += weight * self.curve.friction(math.sqrt(size_um2) / stretch)
             square_um2 += weight * size_um2
         return min(friction, 1.0), math.sqrt(square_um2)  # rounding may add to bare glass's
 
     def asked(self, target_um: float, stretch: float) -> float:
         """Return the friction that an amplitude asks for: that of the same amplitude all over the contact."""
-        return self._curve.friction(target_um / stretch)
+        return self.curve.friction(target_um / stretch)
 
 
 def _disc(radius_mm: float) -> list[tuple[float, float, float]]:

@@ -66,10 +66,11 @@ class Perception:
 
     def _perceived(self, key: Key, friction: float, rms_um: float) -> Perceived:
         change = self._changes.get(key)
+        felt_friction = self._contacts.curve.friction_frac(friction)
         if change is None:
-            return Perceived(None, None, rms_um, friction, None)
+            return Perceived(None, None, rms_um, felt_friction, None)
         error_jnd = change / WEBER_FRAC if self._has_contacts else None
-        return Perceived(change, self._weber_frac(key), rms_um, friction, error_jnd)
+        return Perceived(change, self._weber_frac(key), rms_um, felt_friction, error_jnd)
 
     def _count(self, span_ns: int) -> None:
         for key, change in self._changes.items():

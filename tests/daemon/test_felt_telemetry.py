@@ -49,7 +49,8 @@ def errors_jnd(seed: int, seconds: float, plate: dict[str, float]) -> np.ndarray
             if counts[tick, actor]:
                 asked = DEFAULT_FRICTION_CURVE.friction(run.target_um[tick, actor])
                 found.append((finger["error_jnd"], (true[actor] - asked) / (WEBER_FRAC * asked)))
-                assert finger["felt_friction"] == pytest.approx(asked * (1.0 + WEBER_FRAC * finger["error_jnd"]))
+                relative = asked * (1.0 + WEBER_FRAC * finger["error_jnd"])
+                assert finger["felt_friction"] == pytest.approx(DEFAULT_FRICTION_CURVE.friction_frac(relative))
     return np.array(found)
 
 

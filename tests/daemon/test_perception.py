@@ -57,9 +57,19 @@ def perception_of(given: Given, *, has_contacts: bool = True) -> Perception:
 def test_a_finger_s_friction_is_that_of_the_plate_relative_to_what_was_asked() -> None:
     given = Given(0.0, 1.0, 3.0)
     perceived = perception_of(given).judge(given.tick(0))
-    assert [perceived[n].felt_friction for n in (1, 2, 3)] == pytest.approx([0.6] * 3, abs=1e-3)
+    assert [perceived[n].felt_friction for n in (1, 2, 3)] == pytest.approx([0.5] * 3, abs=1e-3)
     assert [perceived[n].friction_change for n in (1, 2, 3)] == pytest.approx([-0.4, 0.0, 2.0], abs=1e-3)
     assert [perceived[n].error_jnd for n in (1, 2, 3)] == pytest.approx([-0.4 / 0.11, 0.0, 2.0 / 0.11], abs=0.01)
+
+
+@pytest.mark.parametrize("asked", [0.0, 0.3, 0.9, 1.0])
+def test_a_contact_that_feels_what_a_target_asks_has_the_friction_of_the_target(asked: float) -> None:
+    amplitude_um = CURVE.amplitude_um(asked)
+    given = Given(amplitude_um)
+    given.modal_um = (amplitude_um, 0.0)
+    perceived = perception_of(given).judge(given.tick(0))[1]
+    assert perceived.felt_friction == pytest.approx(asked, abs=1e-3)
+    assert perceived.friction_change == pytest.approx(0.0, abs=1e-3)
 
 
 def test_it_is_judged_when_the_newest_sample_was_taken() -> None:
@@ -71,7 +81,7 @@ def test_it_is_judged_when_the_newest_sample_was_taken() -> None:
 def test_a_finger_without_a_target_feels_the_plate_but_nothing_was_asked_for_it() -> None:
     given = Given(None)
     (perceived,) = perception_of(given).judge(given.tick(0)).values()
-    assert perceived.felt_friction == pytest.approx(0.6, abs=1e-3)
+    assert perceived.felt_friction == pytest.approx(0.5, abs=1e-3)
     assert perceived.contact_um == pytest.approx(1.0, abs=1e-3)
     assert (perceived.friction_change, perceived.weber_frac, perceived.error_jnd) == (None, None, None)
 

@@ -23,9 +23,10 @@ class FingerState:
     Positions are mm from the plate's centre, x to the right and y away from the user; amplitudes um peak to peak.
     None: not computed, as for a finger without a target. The id of a `virtual` finger is its name. `owner` is the
     client that owns it. What it feels is as of the newest touch sample: `felt_friction` is the mean friction over its
-    contact, relative to bare glass, `contact_um` the RMS amplitude there, `friction_change` the friction relative to
-    what was asked, minus 1, `error_jnd` the same in just noticeable differences (None on plates that are driven for
-    points), and `weber_frac` the share of time in which it was beyond one. An older daemon sends none of these.
+    contact, from 0, the most slippery, to 1, bare glass, as in `Client.set`; `contact_um` the RMS amplitude there;
+    `friction_change` the friction relative to what was asked, minus 1, both relative to bare glass; `error_jnd` the
+    same in just noticeable differences (None on plates that are driven for points), and `weber_frac` the share of time
+    in which it was beyond one. An older daemon sends none of these.
     """
 
     id: int | str

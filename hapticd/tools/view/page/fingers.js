@@ -1,6 +1,5 @@
 // List of fingers: what each was asked to feel and feels, its owner, and the controls of this page.
 
-import { askedFriction } from "./friction.js";
 
 const MOST_UM = 2;
 const STEP_UM = 0.05;
@@ -81,11 +80,10 @@ export class FingerList {
   }
 }
 
-/** What a contact feels and was asked to, relative to bare glass, and how many just noticeable differences lie between. */
+/** What a contact feels and was asked to, and how many just noticeable differences lie between. */
 function frictionText(finger) {
-  const { felt_friction, error_jnd } = finger;
+  const { felt_friction, error_jnd, asked_friction: asked } = finger;
   if (felt_friction === null) return "";
-  const asked = askedFriction(finger);
   const wanted = asked === null ? "" : `, asked ${asked.toFixed(2)} (${Math.abs(error_jnd).toFixed(1)} JND)`;
   return `feels ${felt_friction.toFixed(2)}${wanted}`;
 }

@@ -88,7 +88,7 @@ export function motion(frame) {
 
 /** Amplitude of each finger: with `has_contacts` the daemon's RMS over the contact, else that of its centre, true on a
  * simulated plate, else computed from the measured modes. */
-export function judge(frame, field, { has_contacts }) {
+export function judge(frame, field, curve, { has_contacts }) {
   const { modal_um } = motion(frame);
   const free = frame.truth ? frame.truth.fingers_mm.map((_, i) => i) : [];
   for (const finger of frame.fingers) {
@@ -103,6 +103,7 @@ export function judge(frame, field, { has_contacts }) {
       finger.gets_um = field && x_mm !== null ? field.at(modal_um, x_mm, y_mm) : null;
     }
     if (has_contacts && finger.contact_um !== null) finger.gets_um = finger.contact_um;
+    finger.asked_friction = curve.asked(finger);
   }
   return frame;
 }

@@ -78,7 +78,7 @@ const link = new Link({
   frame: (message) => {
     isLive = true;
     effects.take(message.events);
-    history.add(judge(message, picture.field, plate));
+    history.add(judge(message, picture.field, curve, plate));
     giveTargets(message);
   },
   status: (message) => {

@@ -1,7 +1,6 @@
 // Picture of the plate: field, node lines, and true, sampled and predicted fingers.
 
 import { prepared } from "./colours.js";
-import { askedFriction } from "./friction.js";
 import { motion } from "./history.js";
 
 const LEAST_UM = 0.02; // a plate that moves less than this has no node lines to show
@@ -60,7 +59,7 @@ export class PlatePicture {
   finger(context, finger, to, scale, isChosen, width) {
     const radius = this.radius_mm * scale;
     const centre = to(finger.true_mm ?? finger.seen_mm);
-    const asked = askedFriction(finger);
+    const asked = finger.asked_friction;
     if (finger.felt_friction !== null) disc(context, centre, radius, this.colour(finger.felt_friction));
     if (finger.true_mm) this.ring(context, centre, radius, isChosen, asked === null ? "#fff" : this.colour(asked));
     else if (isChosen) this.ring(context, centre, radius + 3, true);
@@ -115,8 +114,7 @@ export class PlatePicture {
 
 /** What a finger feels and was asked to: frictions of contacts, amplitudes of points. */
 function labelOf(finger) {
-  const { gets_um, target_um, felt_friction } = finger;
-  const asked = askedFriction(finger);
+  const { gets_um, target_um, felt_friction, asked_friction: asked } = finger;
   if (asked !== null) return `feels ${felt_friction.toFixed(2)}, asked ${asked.toFixed(2)}`;
   const gets = gets_um === null ? "" : `${gets_um.toFixed(2)} µm`;
   const wants = target_um === null ? "" : target_um === 0 ? "sticky" : `of ${target_um.toFixed(2)}`;
