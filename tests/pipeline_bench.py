@@ -10,6 +10,7 @@ from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
+from hapticd.core.touch.fingers import Predictor
 from hapticd.values import Contact, FingerFrame, Tick, TouchFrame
 
 MS = 1_000_000
@@ -26,6 +27,21 @@ def sine_plate() -> ModeShapes:
 
 
 PLATE = sine_plate()
+
+
+class CountedPredictor(Predictor):
+    """The default predictor; all of them together count their predictions."""
+
+    predictions = 0
+
+    def __init__(self) -> None:
+        self._predictor = DEFAULT.for_touch()
+        self.update = self._predictor.update  # type: ignore[method-assign]
+        self.covariance = self._predictor.covariance  # type: ignore[method-assign]
+
+    def predict(self, t_ns: int) -> tuple[float, float]:
+        CountedPredictor.predictions += 1
+        return self._predictor.predict(t_ns)
 
 
 class Bench:

@@ -96,6 +96,34 @@ class PipelineCounters:
     skipped_standing: int = 0
 
 
+class Instant:
+    """The fingers at one instant: where each will be with which target, and, where friction depends on the speed, by
+    how much more amplitude it needs as it slides."""
+
+    __slots__ = ("places", "stretches")
+
+    def __init__(self, places: list[Place], stretches: list[float] | None) -> None:
+        self.places: Final = places
+        self.stretches: Final = stretches
+
+
+class Frame:
+    """A frame before it is solved: for whom, from when on the plate, how long, with how many knots by how many solves,
+    and the corners of effects in it."""
+
+    __slots__ = ("corners_ns", "keys", "most_knots", "most_solves", "span_ns", "t_ns")
+
+    def __init__(
+        self, keys: list[Key], t_ns: int, span_ns: int, most_knots: int, most_solves: int, corners_ns: list[int]
+    ) -> None:
+        self.keys: Final = keys
+        self.t_ns: Final = t_ns
+        self.span_ns: Final = span_ns
+        self.most_knots: Final = most_knots
+        self.most_solves: Final = most_solves
+        self.corners_ns: Final = corners_ns
+
+
 class Past:
     """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, and
     by how much more amplitude it needs as it slides."""
@@ -274,16 +302,17 @@ class Pipeline:
         self.estimated_ns = allotted.fixed_ns
         self.counters.left_out_fingers += len(keys) - len(allotted.keys)
         keys = allotted.keys
-        still = self._still(keys, t_apply_ns, t_plate_ns)
-        if still is not None:
+        frame = self._frame(keys, t_plate_ns, allotted.solves)
+        may_stand = self._has_settled(keys, t_apply_ns)
+        begin = self._at(keys, t_plate_ns)
+        end = self._at(keys, t_plate_ns + frame.span_ns) if may_stand or frame.most_knots > 1 else begin
+        if may_stand and self._stands(frame, begin.places, end.places):
             self.counters.skipped_standing += 1
             standing, limited = self._active_points
-            return self._tick(t_now_ns, t_plate_ns, None, tuple(map(moved, standing, still)), limited)
+            return self._tick(t_now_ns, t_plate_ns, None, tuple(map(moved, standing, begin.places)), limited)
 
         solved = self.counters.solves
-        first, last, knots = self._polyline(
-            keys, t_plate_ns, interpolated_um(self._active, t_apply_ns), allotted.solves
-        )
+        first, last, knots = self._polyline(frame, begin, end, interpolated_um(self._active, t_apply_ns))
         solves = self.counters.solves - solved
         self.estimated_ns += solves * allotted.solve_ns
         if solves >= allotted.solves:
@@ -324,10 +353,8 @@ class Pipeline:
         for drive in self._recent:
             if drive.t_apply_ns <= t_reference_ns:
                 active = drive
-        stretches = [1.0] * len(keys)
-        if self._scene.depends_on_speed:
-            stretches = [self._scene.stretch(self._speed_mm_s(key, t_ns)) for key in keys]
-        return Past(interpolated_um(active, t_reference_ns), self._places(keys, t_ns), stretches)
+        at = self._at(keys, t_ns)
+        return Past(interpolated_um(active, t_reference_ns), at.places, at.stretches or [1.0] * len(keys))
 
     def reach(self, key: Key | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:
         """The interval of friction (0 .. 1) that a finger, or without `key` one that touched this place, could feel now
@@ -345,10 +372,8 @@ class Pipeline:
             raise ValueError(f"{len(keys)} fingers on the plate are too many to compute it in the time of a pass.")
         if isinstance(key, int) and key not in self._fingers.predictors:
             raise ValueError(f"finger {key} does not touch the plate.")
-        places, variances_mm2 = self._places(keys, t_now_ns), self._fingers.variances_mm2(keys, t_now_ns)
-        stretches = [1.0] * len(keys)
-        if self._scene.depends_on_speed:
-            stretches = [self._scene.stretch(self._speed_mm_s(one, t_now_ns)) for one in keys]
+        at, variances_mm2 = self._at(keys, t_now_ns), self._fingers.variances_mm2(keys, t_now_ns)
+        places, stretches = at.places, at.stretches or [1.0] * len(keys)
         if key is None:
             places, variances_mm2, stretches = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*stretches, 1.0]
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
@@ -361,37 +386,43 @@ class Pipeline:
 
     # --- the steps of a pass ---
 
+    def _frame(self, keys: list[Key], t_plate_ns: int, solves: int) -> Frame:
+        """Return the frame to be: while an effect is felt it may be shorter, and have more knots."""
+        if not self._effects.felt:
+            return Frame(keys, t_plate_ns, self._cover_ns, min(self.max_knots, solves), solves, [])
+        most = min(self._effect_knots, solves)
+        span_ns, corners_ns = self._effects.frame(t_plate_ns, self._cover_ns, most)
+        return Frame(keys, t_plate_ns, span_ns, most, solves, corners_ns)
+
     def _polyline(
-        self, keys: list[Key], t_plate_ns: int, previous_um: Row, solves: int
+        self, frame: Frame, begin: Instant, end: Instant, previous_um: Row
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
-        """Return the solutions at the frame's beginning and end, and the knots from one to the other, by at most
-        so many solves."""
-        tolerance_um = self._settings.tolerance_um
-        first = self._solve_at(keys, t_plate_ns, previous_um, 0)
-        begin = Knot(0, first.modal_um)
-        span_ns, most, corners_ns = self._cover_ns, min(self.max_knots, solves), list[int]()
-        if self._effects.felt:
-            most = min(self._effect_knots, solves)
-            span_ns, corners_ns = self._effects.frame(t_plate_ns, span_ns, most)
-        if most == 1:
-            return first, first, [begin]
-        last = self._solve_at(keys, t_plate_ns + span_ns, first.modal_um, span_ns)
-        knots = [begin, Knot(span_ns, last.modal_um)]
+        """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
+        keys, span_ns, tolerance_um = frame.keys, frame.span_ns, self._settings.tolerance_um
+        first = self._solve(keys, frame.t_ns, begin, previous_um, 0)
+        if frame.most_knots == 1:
+            return first, first, [Knot(0, first.modal_um)]
+        last = self._solve(keys, frame.t_ns + span_ns, end, first.modal_um, span_ns)
+        knots = [Knot(0, first.modal_um), Knot(span_ns, last.modal_um)]
         ways_mm = moved_mm(first.places, last.places)
-        room = most - len(corners_ns)
-        pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, t_plate_ns, span_ns, room)
+        room = frame.most_knots - len(frame.corners_ns)
+        pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, frame.t_ns, span_ns, room)
         is_plain = pieces == 1 and smooth and not edges_ns
         is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= tolerance_um
 
         def solve(dt_ns: int, before: Knot) -> Row:
-            return self._solve_at(keys, t_plate_ns + dt_ns, before.modal_um, dt_ns - before.dt_ns).modal_um
+            t_ns = frame.t_ns + dt_ns
+            return self._solve(keys, t_ns, self._at(keys, t_ns), before.modal_um, dt_ns - before.dt_ns).modal_um
 
-        between_ns = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
-        for dt_ns in sorted({*between_ns, *edges_ns, *corners_ns}) if edges_ns or corners_ns else between_ns:
+        times_ns: Sequence[int] = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
+        if edges_ns or frame.corners_ns:
+            times_ns = sorted({*times_ns, *edges_ns, *frame.corners_ns})
+        for dt_ns in times_ns:
             knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
-        if is_plain:
-            return first, last, knots
-        return first, last, refine(solve, knots, tolerance_um, most, solves - len(knots), smooth=smooth)
+        if not is_plain:
+            solves = frame.most_solves - len(knots)
+            knots = refine(solve, knots, tolerance_um, frame.most_knots, solves, smooth=smooth)
+        return first, last, knots
 
     def _as_read(self, drive: SafeDrive) -> SafeDrive:
         """Return the drive in what the board's sensors read, within its limits there too."""
@@ -399,69 +430,59 @@ class Pipeline:
             return drive
         return gate(as_read(drive, self._readings), self._settings.w_limit_um)
 
-    def _solve_at(self, keys: Sequence[Key], t_ns: int, previous_um: Row, since_ns: int) -> ModalSolution:
-        """Predict, look up targets, evaluate the modes and solve, for one instant `since_ns` after another."""
+    def _solve(self, keys: Sequence[Key], t_ns: int, at: Instant, previous_um: Row, since_ns: int) -> ModalSolution:
+        """Evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
-        places = self._places(keys, t_ns)
         if not self._solver.has_contacts:
-            return self._solver.solve(places, previous_um, since_ns)
-        stretches = None
-        if self._scene.depends_on_speed:
-            stretches = [self._scene.stretch(self._speed_mm_s(key, t_ns)) for key in keys]
-        variances_mm2 = self._fingers.variances_mm2(keys, t_ns)
-        return self._solver.solve(places, previous_um, since_ns, variances_mm2, stretches, self._scene.priorities(keys))
+            return self._solver.solve(at.places, previous_um, since_ns)
+        variances_mm2, ranks = self._fingers.variances_mm2(keys, t_ns), self._scene.priorities(keys)
+        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks)
 
-    def _places(self, keys: Sequence[Key], t_ns: int) -> list[Place]:
-        """Return where the fingers will be at an instant, and the target amplitude of each there."""
-        scene, fingers = self._scene, self._fingers
+    def _at(self, keys: Sequence[Key], t_ns: int) -> Instant:
+        """Predict the fingers, and look up what each should feel where it will be."""
+        scene = self._scene
+        stretches: list[float] | None = [] if scene.depends_on_speed else None
         places: list[Place] = []
         for key in keys:
-            if isinstance(key, str):
-                x_mm, y_mm = scene.virtual_position_mm(key, t_ns)
-            else:
-                x_mm, y_mm = fingers.predicted_mm(key, t_ns)
-            if scene.depends_on_speed:
-                scene.slide(self._speed_mm_s(key, t_ns))
+            x_mm, y_mm = self._predicted_mm(key, t_ns)
+            if stretches is not None:
+                was_x_mm, was_y_mm = self._predicted_mm(key, t_ns - _STEP_NS)
+                speed_mm_s = math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
+                stretches.append(scene.slide(speed_mm_s))
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
             if self._effects.felt:
                 target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
             places.append((x_mm, y_mm, target_um))
-        return places
+        return Instant(places, stretches)
 
-    def _speed_mm_s(self, key: Key, t_ns: int) -> float:
-        """Return how fast a finger will move at an instant."""
+    def _predicted_mm(self, key: Key, t_ns: int) -> tuple[float, float]:
+        """Return where a finger will be."""
         if isinstance(key, str):
-            x_mm, y_mm = self._scene.virtual_position_mm(key, t_ns)
-            was_x_mm, was_y_mm = self._scene.virtual_position_mm(key, t_ns - _STEP_NS)
-        else:
-            x_mm, y_mm = self._fingers.predicted_mm(key, t_ns)
-            was_x_mm, was_y_mm = self._fingers.predicted_mm(key, t_ns - _STEP_NS)
-        return math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
+            return self._scene.virtual_position_mm(key, t_ns)
+        return self._fingers.predicted_mm(key, t_ns)
 
-    def _still(self, keys: list[Key], t_apply_ns: int, t_plate_ns: int) -> list[Place] | None:
-        """Return where the fingers will be when the frame begins, if the last reference still holds; else None.
-
-        It holds if it has settled, and from there to the frame's end the fingers stay where it was made for.
-        """
-        standing = self._active_places
-        if self._active_priorities != self._scene.priorities(keys):
-            return None
+    def _has_settled(self, keys: list[Key], t_apply_ns: int) -> bool:
+        """Return whether the last reference was for these fingers, and no longer changes: it may hold on."""
         if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.felt:
-            return None
+            return False
+        return self._active_priorities == self._scene.priorities(keys)
+
+    def _stands(self, frame: Frame, begin: list[Place], end: list[Place]) -> bool:
+        """Return whether the last reference, which has settled, still holds: from the frame's beginning to its end the
+        fingers stay where it was made for."""
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._active.knots[-1].modal_um)
-        ends = [self._places(keys, t_ns) for t_ns in (t_plate_ns, t_plate_ns + self._cover_ns)]
-        for places in ends:
-            for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, standing, strict=True):
+        for places in (begin, end):
+            for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, self._active_places, strict=True):
                 moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
                 if target_um != was_um or not moved_um <= self._settings.tolerance_um:
-                    return None
+                    return False
         if steepness_um_mm > 0.0 and not self._surfaces.layers:
-            return ends[0]  # while the plate is silent, fingers may move far: over stripes, to the same target
-        ways_mm = moved_mm(ends[0], ends[1])
-        pieces, _, edges_ns = self._ways.pieces(keys, ways_mm, t_plate_ns, self._cover_ns, self.max_knots)
-        return ends[0] if pieces == 1 and not edges_ns else None
+            return True  # while the plate is silent, fingers may move far: over stripes, to the same target
+        ways_mm = moved_mm(begin, end)
+        pieces, _, edges_ns = self._ways.pieces(frame.keys, ways_mm, frame.t_ns, frame.span_ns, self.max_knots)
+        return pieces == 1 and not edges_ns
 
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool

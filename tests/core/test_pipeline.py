@@ -7,7 +7,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pipeline_bench import LINK_NS, MS, PERIOD_NS, PLATE, SLIPPERY, STICKY, Bench, amplitude_um, felt_um
+from pipeline_bench import (
+    LINK_NS,
+    MS,
+    PERIOD_NS,
+    PLATE,
+    SLIPPERY,
+    STICKY,
+    Bench,
+    CountedPredictor,
+    amplitude_um,
+    felt_um,
+)
 
 from hapticd.bench.baselines.paper_scheme import invert
 from hapticd.content_values import AmplitudeTarget, GratingTarget, VirtualPath
@@ -112,6 +123,21 @@ def test_whatever_changes_ends_the_standing(change: str, bench: Bench) -> None:
     else:
         bench.pipeline.resend()
     assert bench.report(*positions).drive is not None
+
+
+def test_two_moving_fingers_are_predicted_four_times_in_a_pass_also_when_their_last_reference_had_settled() -> None:
+    bench = Bench(make_predictor=CountedPredictor)
+    bench.land({SLIPPERY: 1.0, STICKY: 0.0})
+    counts = dict[tuple[int, bool], list[int]]()
+    for report in range(60):
+        before, solves = CountedPredictor.predictions, bench.pipeline.counters.solves
+        moved_mm = max(report - 40, 0) ** 2 * 0.003
+        tick = bench.report(*((x_mm + moved_mm, y_mm) for x_mm, y_mm in (SLIPPERY, STICKY)))
+        kind = bench.pipeline.counters.solves - solves, tick.drive is None
+        counts.setdefault(kind, []).append(CountedPredictor.predictions - before)
+    assert set(counts[0, True]) == {4}  # they rest
+    assert set(counts[2, False]) == {4}
+    assert len(counts[2, False]) > 5
 
 
 def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the_tolerance() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from pipeline_bench import FOREVER_NS, PERIOD_NS, Bench
+from pipeline_bench import FOREVER_NS, PERIOD_NS, Bench, CountedPredictor
 
 from hapticd.content_values import (
     AmplitudeTarget,
@@ -25,8 +25,8 @@ SPEED_MM_S, REST_UM = 100.0, 0.5
 CURVE = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=SPEED_MM_S)
 
 
-def bench(curve: FrictionCurve, w_limit_um: float = 4.0) -> Bench:
-    one = Bench()
+def bench(curve: FrictionCurve, w_limit_um: float = 4.0, **settings: object) -> Bench:
+    one = Bench(**settings)
     one.scene = Scene(w_limit_um, curve)
     one.pipeline = Pipeline(one.pipeline._modes, one.scene, one.pipeline._settings)
     return one
@@ -78,8 +78,13 @@ def test_a_resting_finger_s_reference_still_stands() -> None:
     assert one.pipeline.counters.skipped_standing == before + 20
 
 
-def test_a_curve_without_a_speed_asks_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Pipeline, "_speed_mm_s", lambda *_: pytest.fail("computed"))
-    without = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=math.inf)
-    one = bench(without)
-    assert targets_um(one, 100.0, FrictionTarget(0.5)) == [REST_UM] * 5
+@pytest.mark.parametrize(("speed_mm_s", "predictions"), [(math.inf, 1), (SPEED_MM_S, 2)])
+def test_a_finger_is_predicted_twice_for_an_instant_only_where_friction_depends_on_its_speed(
+    speed_mm_s: float, predictions: int
+) -> None:
+    curve = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=speed_mm_s)
+    one = bench(curve, make_predictor=CountedPredictor)
+    targets_um(one, 0.0, FrictionTarget(0.5))
+    before = CountedPredictor.predictions
+    one.hold(10, (-25.0, 3.0))
+    assert CountedPredictor.predictions - before == 10 * 2 * predictions

@@ -170,13 +170,11 @@ class Scene:
         held = self._held.get(key)
         return None if held is None else held.owner
 
-    def slide(self, speed_mm_s: float) -> None:
-        """From now on look up amplitudes for a finger of this speed; that of one that hardly moves is noise."""
-        self._sliding.gain = self.stretch(speed_mm_s)
-
-    def stretch(self, speed_mm_s: float) -> float:
-        """By how much more amplitude a finger of this predicted speed needs."""
-        return self.friction_curve.stretch(max(speed_mm_s - NOISE_MM_S, 0.0))
+    def slide(self, speed_mm_s: float) -> float:
+        """From now on look up amplitudes for a finger of this predicted speed; return by how much more amplitude it
+        needs. The speed of one that hardly moves is noise."""
+        self._sliding.gain = self.friction_curve.stretch(max(speed_mm_s - NOISE_MM_S, 0.0))
+        return self._sliding.gain
 
     def amplitude_um(self, key: Key, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
