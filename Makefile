@@ -8,8 +8,9 @@ LOCKED := $(PIP) --no-deps --require-hashes --requirement
 HAPTICD := $(VENV)/.hapticd
 TESTS := $(VENV)/.tests
 LINT := $(VENV)/.lint
+DOCS := $(VENV)/.docs
 
-.PHONY: demo test test-all coverage fuzz lint bench firmware lock clean
+.PHONY: demo test test-all coverage fuzz lint bench firmware docs lock version clean
 
 demo: $(HAPTICD)
 	$(BIN)/hapticd demo --force
@@ -55,6 +56,19 @@ bench: $(TESTS)
 firmware:
 	$(MAKE) -C firmware
 
+# The reference of the library and of the daemon's rooms, from their docstrings: build/docs/index.html.
+docs: $(DOCS)
+	HAPTICD_PURE=1 PYTHONWARNINGS=ignore $(BIN)/python -m pdoc --output-directory build/docs hapticd_client hapticd.values \
+	    hapticd.board_values hapticd.core hapticd.wire hapticd.config hapticd.design hapticd.sim
+
+# Writes it where hapticd/__init__.py cannot be read too; tests/test_packaging.py holds all equal.
+VERSION ?= $(error usage: make version VERSION=1.2.3)
+version:
+	sed -i -E 's/^(__version__ = ")[^"]*/\1$(VERSION)/' hapticd/__init__.py
+	sed -i -E 's/^(version = ")[^"]*/\1$(VERSION)/' clients/python/pyproject.toml
+	sed -i -E 's/^(version: ).*/\1$(VERSION)/' CITATION.cff
+	sed -i -E 's/^(#define HD_FIRMWARE_VERSION ")[^"]*/\1$(VERSION)/' firmware/core/core.h
+
 # What installation compiles: the firmware for the simulated board, and the touch path.
 COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*.c \
     hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/*.py)
@@ -75,6 +89,10 @@ $(TESTS): $(HAPTICD) .lock/test.txt
 
 $(LINT): $(TESTS) .lock/lint.txt
 	$(LOCKED) .lock/lint.txt
+	touch $@
+
+$(DOCS): $(TESTS) .lock/docs.txt
+	$(LOCKED) .lock/docs.txt
 	touch $@
 
 # The newest versions that pyproject.toml allows, for each Python and platform.

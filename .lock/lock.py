@@ -35,7 +35,8 @@ def main() -> None:
 
 
 def requirements(pyproject: dict[str, Any]) -> dict[str, list[str]]:
-    """Return what is installed together: to build, for the demo and the viewer, for the tests, for `make lint`."""
+    """Return what is installed together: to build, for the demo and the viewer, for the tests, for `make lint`, for
+    `make docs`."""
     project = pyproject["project"]
     extras = project["optional-dependencies"]
     return {
@@ -43,6 +44,7 @@ def requirements(pyproject: dict[str, Any]) -> dict[str, list[str]]:
         "demo": [*project["dependencies"], *extras["plot"], *extras["view"]],
         "test": extras["test"],
         "lint": extras["lint"],
+        "docs": extras["docs"],
     }
 
 
