@@ -112,8 +112,7 @@ OPENERS = {
 READING_METHODS = {"read_text", "read_bytes"}
 READ_ELSEWHERE = {
     "regular_file.py": "the one place",
-    "bench/prediction_prior.py": "its own package's source",
-    "bench/soak.py": "the kernel's figures",
+    "bench/soak_daemon.py": "the kernel's figures",
     "compiled/build_ext.py": "the checkout's pyproject.toml",
     "files/npz.py": "an archive in memory",
     "files/plotting.py": "a picture in memory",

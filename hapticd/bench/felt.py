@@ -23,7 +23,6 @@ from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM
 from ..values import WEBER_FRAC
-from .contacts import apart
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
@@ -31,6 +30,7 @@ FloatArray = npt.NDArray[np.float64]
 Phasors = npt.NDArray[np.complex128]
 SIZES = ((2, 4), (2, 6), (2, 8), (3, 8), (5, 8))  # fingers and modes
 DRIVEN = 6
+REACH_MM, LEAST_GAP_MM = 85.0, 20.0
 STARTS = 12  # of the general minimiser
 SETTLING = 20  # calls until the amplitudes before are settled
 AGO_NS = 10_000_000
@@ -43,7 +43,7 @@ class _Problem:
         plate = GroundTruth(PlateSettings.of(FINGERTIP, min(modes, DRIVEN)))
         self.limits_um = (*plate.w_limit_um, *plate.w_limit_um[-1:] * (modes - len(plate.w_limit_um)))
         self.targets_um = [float(index % 2 == 0) for index in range(fingers)]
-        points_mm = apart(fingers, random)
+        points_mm = _apart(fingers, random)
         self.before = self._places(points_mm + random.normal(scale=1.0, size=points_mm.shape))
         self.now = self._places(points_mm)
         self.map = plate.true_mode_map(modes)
@@ -77,6 +77,16 @@ class _Problem:
             (float(x_mm), float(y_mm), target_um)
             for (x_mm, y_mm), target_um in zip(points_mm, self.targets_um, strict=True)
         ]
+
+
+def _apart(fingers: int, random: np.random.Generator) -> FloatArray:
+    """Return points (N, 2) at random, LEAST_GAP_MM apart."""
+    points: list[FloatArray] = []
+    while len(points) < fingers:
+        point = random.uniform(-REACH_MM, REACH_MM, 2)
+        if all(np.hypot(*(point - other)) > LEAST_GAP_MM for other in points):
+            points.append(point)
+    return np.array(points)
 
 
 def run(*, problems: int = 20, repeats: int = REPEATS, starts: int = STARTS) -> Table:

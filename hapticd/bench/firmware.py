@@ -1,26 +1,25 @@
 """Control laws of the firmware: how fast and how well the plate follows its reference.
 
-The laws are compared with an LQG from SciPy and the bound that the amplifier's voltage sets. All but the LQG run the
-firmware's own C against the plate model (`closed_loop`).
+The laws, which run as the firmware's own C against the plate model (`closed_loop`), are compared with the bound that
+the amplifier's voltage sets.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..sim.board.board import CHUNK_S, BoardTrace
 from ..values import Knot, LimitReason, SafeDrive
 from ..wire import device
-from . import lqg
 from .closed_loop import Law, Phasors, Plate, Response, measure, straight_bound_ms
 from .loop_figures import LARGE_UM, coupling_figures, node_leak_um, sinusoid_figures, stroke_figures
 from .tables import Table, finite_rows
-from .timing import REPEATS, compare, optional
+from .timing import REPEATS, compare
 
 DEFAULT = "deadbeat"
+STEP_MS = CHUNK_S * 1e3  # between two rows of a response
 BOUND = "the voltage's bound"
 LAWS = {
     "deadbeat": Law("deadbeat"),
@@ -28,7 +27,6 @@ LAWS = {
     "pi_ff": Law("pi_ff"),
     "pi": Law("pi"),
 }
-OUTSIDE = {"LQG (SciPy)": 2000.0, "LQG (SciPy), 5 kHz": 5000.0}
 SMALL_UM = 0.4
 QUALITY = 500.0
 DAMPINGS = (0.5, 1.0, 1.5)
@@ -43,24 +41,14 @@ def run(*, repeats: int = REPEATS, ticks: int = 2000) -> tuple[Table, Table]:
     return _steps(repeats, ticks), _tracking()
 
 
-def _followers() -> Iterator[tuple[str, Respond, float, float]]:
-    """Name, step response, control tick and row of the response (ms) of the laws, then of the LQG where SciPy is."""
-    for name, law in LAWS.items():
-        yield name, law.respond, law.tick_ms, CHUNK_S * 1e3
-    linalg = optional("scipy.linalg")
-    if linalg is not None:
-        for name, control_hz in OUTSIDE.items():
-            respond = partial(lqg.respond, control_hz=control_hz, scipy_linalg=linalg)
-            yield name, respond, 1e3 / control_hz, 1e3 / control_hz
-
-
 def _steps(repeats: int, ticks: int) -> Table:
     times = compare({name: (_ticking(law, ticks), ticks) for name, law in LAWS.items()}, repeats)
     rows = []
-    for name, respond, tick_ms, step_ms in _followers():
-        small, large = (measure(respond(Plate(), um), um, tick_ms, step_ms) for um in (SMALL_UM, LARGE_UM))
+    for name, law in LAWS.items():
+        tick_ms = law.tick_ms
+        small, large = (measure(law.respond(Plate(), um), um, tick_ms, STEP_MS) for um in (SMALL_UM, LARGE_UM))
         worst, far = (
-            worst_response(respond, QUALITY, LARGE_UM, tick_ms, step_ms, detunes) for detunes in (NEAR_HZ, FAR_HZ)
+            worst_response(law.respond, QUALITY, LARGE_UM, tick_ms, detunes_hz=detunes) for detunes in (NEAR_HZ, FAR_HZ)
         )
         figures = {
             "small_ms": small.settling_ms,
@@ -71,14 +59,10 @@ def _steps(repeats: int, ticks: int) -> Table:
             "far_cross_frac": far.cross_axis_frac,
             "landing_ms": large.recovery_ms,
             "landing_dip_frac": large.dip_frac,
+            "node_um": node_leak_um(law),
+            **coupling_figures(law),
+            **times[name].figures("host_tick"),
         }
-        if name in LAWS:
-            law = LAWS[name]
-            figures |= {
-                "node_um": node_leak_um(law),
-                **coupling_figures(law),
-                **times[name].figures("host_tick"),
-            }
         rows.append((name, figures))
     bounds = {
         "small_ms": Plate().bound_ms(SMALL_UM),
@@ -94,7 +78,6 @@ def _steps(repeats: int, ticks: int) -> Table:
         compared=("large_ms", "worst_ms"),
         time="host_tick_us",
         error="large_ms",
-        skipped={} if optional("scipy.linalg") else dict.fromkeys(OUTSIDE, "SciPy is not installed"),
         notes=(
             "from the instant of asking, a tick before the board receives the step; 2 kHz unless named",
             "worst: of damping x0.5, x1, x1.5 and 20 Hz either way, where the voltage can hold 2 um",
@@ -119,7 +102,7 @@ def worst_response(
     quality: float,
     amplitude_um: float,
     tick_ms: float,
-    step_ms: float = CHUNK_S * 1e3,
+    step_ms: float = STEP_MS,
     detunes_hz: Sequence[float] = NEAR_HZ,
 ) -> Response:
     """The worst of each measure over the corners in which the voltage can hold the amplitude."""

@@ -5,8 +5,7 @@ is that of the whole way from report to frame, without the board.
 
     run        a sticky and a slippery finger: hapticd, its choices, the paper's scheme, perfect knowledge
     both_slip  two slippery fingers: phase continuation, sign changes alone, the paper's scheme
-    contact    the vibration over whole contacts, on three plates with two to eight modes, and with calibrated sensors;
-               contact_conditions: at 20 cm/s, with a wrong radius, with three fingers
+    contact    the vibration over whole contacts, on three plates with two to eight modes, and with calibrated sensors
 """
 
 from __future__ import annotations
@@ -44,8 +43,7 @@ from .tables import Table, finite_rows
 PERFECT = "perfect knowledge"
 PAPER = "the paper's scheme"
 WHITE = "white noise of 0.05 mm"
-BOTH_SLIP, THREE = "both-slip", "three"
-WRONG_RADII_MM = (4.0, 6.0)
+BOTH_SLIP = "both-slip"
 SIGNS_ALONE = "signs alone"
 CALIBRATED = "calibrated"
 BY_CONTRAST = "by contrast"
@@ -113,27 +111,6 @@ def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Tabl
         ("time_us", "slip_error_um", "dip_frac"),
         "dip: share of the time in which a finger has less than half of its 1 um",
         "step: 99.9 % of the reference's changes from tick to tick are smaller",
-    )
-
-
-def contact_conditions() -> Table:
-    """Compare harder conditions on the plate for whole contacts, each with the bound of perfect knowledge."""
-    four = Settings(plate=PlateSettings.of(FINGERTIP))
-    six = Settings(plate=PlateSettings.of(FINGERTIP, 6))
-    strokes = {"strokes, 20 cm/s": replace(four, speed_mm_s=200.0)}
-    for radius_mm in WRONG_RADII_MM:
-        config = changed(four.config, {"solver": {"contact_radius_mm": radius_mm}})
-        strokes[f"contacts taken for {radius_mm:g} mm"] = replace(four, config=config)
-    three = {"1, 0 and 0.5 um, 4 modes": four, "1, 0 and 0.5 um, 6 modes": six}
-    judged = [
-        *_contact_rows(strokes, SCENARIO, SEEDS, SECONDS),
-        *_contact_rows(three, THREE, SEEDS, SECONDS),
-    ]
-    return _table(
-        "leak_contact_conditions",
-        f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm on the fingertip plate in harder conditions",
-        judged,
-        CONTACTS,
     )
 
 

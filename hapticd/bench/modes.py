@@ -18,7 +18,6 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.points.general import solve_fast
 from ..design import free_plate_modes
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
-from .hard_problems import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
@@ -26,6 +25,8 @@ FloatArray = npt.NDArray[np.float64]
 Shapes = Callable[[float, float], Sequence[float]]  # of all modes at one position, in mm
 
 DEFAULT = "bicubic"
+W_LIMIT_UM = (4.0, 4.0)
+HALF_SIZE_MM = 58.0  # the area that fingers reach
 
 
 def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3), repeats: int = REPEATS, timed: int = 200) -> Table:

@@ -2,8 +2,8 @@
 
 Two fingers circle, one slippery and one sticky, for SECONDS under each load: none, busy loops on all processors, and
 four clients that flood the service with messages. The service runs in this process like `hapticd run`, with SCHED_FIFO
-where the kernel grants it; rig, busy loops and clients are other processes. Times are those of the service's own
-histograms. `stall_monitor` shows the delays of the machine itself, which the service cannot prevent.
+where the kernel grants it; rig, busy loops and clients (`soak_flood`) are other processes. Times are those of the
+service's own histograms.
 
 Not covered: a real serial line and a real trackpad. Without SCHED_FIFO the figures are those of the scheduler.
 """
@@ -18,10 +18,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 from ..config.sections import Config
 from ..content_values import AmplitudeTarget, ClientTargets, Target
@@ -33,9 +33,9 @@ from ..daemon.service import ConfigLoader
 from ..errors import HapticdError
 from ..io.host.realtime import go_real_time
 from ..sim.rig.process import RigProcess
+from .soak import Findings, check_length, judged
 from .soak_faults import ReferenceMeter
-from .soak_load import FLOODERS, Counts, flood, hogs, longest_stall_ms, stall_monitors
-from .tables import Row, Table, finite_rows
+from .tables import Table
 
 MOST_S = 3600.0
 PRIORITY = 20  # as in systemd/hapticd.service
@@ -44,8 +44,10 @@ REQUEST_EVERY_S, TTL_NS = 0.1, 2_000_000_000
 TIMEOUT_S = 60.0
 SETTLE_S = 0.5  # after the start of the load, and for the next status of the board
 
-Entered = TypeVar("Entered")
-Result = tuple[list[tuple[str, Counts]], tuple[str, ...]]  # rows by the name of the load, and notes
+FLOODERS = 4
+
+Counts = dict[str, float]
+Load = Callable[[], AbstractContextManager[list[Counts]]]
 
 
 class Watch:
@@ -73,11 +75,10 @@ class Watch:
             self._t_written_ns = t_ns
 
 
-def run(seconds: float) -> tuple[Table, ...]:
+def run(seconds: float) -> Table:
     """Run the soak. Raises HapticdError for a time out of bounds, a rig that does not answer, or a frame beyond its
     limit."""
-    if not 0.0 < seconds <= MOST_S:  # False for NaN
-        raise HapticdError(f"--real-time: {seconds:g} s is out of bounds, it must be above 0 and at most {MOST_S:g}.")
+    check_length("--real-time", seconds, MOST_S)
     config = Config()
     with (
         tempfile.TemporaryDirectory(prefix="hapticd-") as folder,
@@ -103,27 +104,27 @@ def run(seconds: float) -> tuple[Table, ...]:
             sys.setswitchinterval(interval_s)
     if found is None:
         raise HapticdError("soak: interrupted before its end.")
-    return (_table(*found, seconds),)
+    findings, notes = found
+    return judged(findings, name="soak_real_time", title=f"two moving fingers, {seconds:g} s each", notes=notes)
 
 
-async def _measured(daemon: Daemon, seconds: float) -> Result:
+async def _measured(daemon: Daemon, seconds: float) -> tuple[list[Findings], tuple[str, ...]]:
     await asyncio.sleep(0)  # let the service start
     machine = daemon.machine
     watch = Watch(machine)
     machine.observer = watch.observer
     endpoint = f"ipc://{daemon.runtime_dir / 'targets'}"
-    loads: dict[str, Callable[[], AbstractContextManager[list[Counts]]]] = {
+    loads: dict[str, Load] = {
         "no load": lambda: contextlib.nullcontext([]),
-        "hogs on every processor": hogs,
-        f"{FLOODERS} clients flood": lambda: flood(endpoint),
+        "hogs on every processor": _hogs,
+        f"{FLOODERS} clients flood": lambda: _flood(endpoint),
     }
     try:
         await _driven(machine)
-        async with _in_thread(stall_monitors(PRIORITY + 2)) as monitors:
-            rows = [(name, await _under_load(watch, load, seconds, monitors)) for name, load in loads.items()]
+        found = [await _under_load(watch, name, load, seconds) for name, load in loads.items()]
     finally:
         machine.observer = None
-    return rows, _notes(machine)
+    return found, _notes(machine)
 
 
 async def _driven(machine: Machine) -> None:
@@ -144,26 +145,12 @@ async def _request(machine: Machine) -> None:
     await asyncio.sleep(REQUEST_EVERY_S)
 
 
-@contextlib.asynccontextmanager
-async def _in_thread(manager: AbstractContextManager[Entered]) -> AsyncIterator[Entered]:
-    """Enter and exit in a thread: the event loop belongs to the service and must not block."""
-    entered = await asyncio.to_thread(manager.__enter__)
+async def _under_load(watch: Watch, name: str, load: Load, seconds: float) -> Findings:
+    """Return what `seconds` under a load find. It is entered and exited in a thread: the event loop belongs to the
+    service and must not block."""
+    machine, manager = watch.machine, load()
+    rates = await asyncio.to_thread(manager.__enter__)
     try:
-        yield entered
-    finally:
-        await asyncio.to_thread(manager.__exit__, None, None, None)
-
-
-async def _under_load(
-    watch: Watch,
-    load: Callable[[], AbstractContextManager[list[Counts]]],
-    seconds: float,
-    monitors: Sequence[subprocess.Popen[str]],
-) -> Counts:
-    """Return the counts of `seconds` under a load."""
-    machine = watch.machine
-    async with _in_thread(load()) as rates:
-        await asyncio.to_thread(longest_stall_ms, monitors)
         await asyncio.sleep(SETTLE_S)
         trips, lost = _trips(machine), machine.status.lost_messages()["too_fast"]
         watch.restart()
@@ -171,14 +158,14 @@ async def _under_load(
         while time.monotonic() < t_end_s:
             await _request(machine)
         counts = _counted(watch) | {"dead_man_trips_count": float(_trips(machine) - trips)}
-        counts["machine_stall_ms"] = await asyncio.to_thread(longest_stall_ms, monitors)
         lost = machine.status.lost_messages()["too_fast"] - lost
+    finally:
+        await asyncio.to_thread(manager.__exit__, None, None, None)
     for one in rates:
-        counts = counts | one | {"refused_hz": lost / seconds}
-    w_limit_um = max(machine.config.limits.w_limit_um)
-    if watch.references.peak_um > w_limit_um:
-        raise HapticdError(f"soak: a frame requested {watch.references.peak_um:g} um, the limit is {w_limit_um:g}.")
-    return counts
+        counts |= one | {"refused_hz": lost / seconds}
+    limit_um, peak_um = max(machine.config.limits.w_limit_um), watch.references.peak_um
+    failures = [f"{name}: a frame requested {peak_um:g} um, the limit is {limit_um:g}."] if peak_um > limit_um else []
+    return Findings({name: counts}, failures)
 
 
 def _trips(machine: Machine) -> int:
@@ -208,18 +195,49 @@ def _notes(machine: Machine) -> tuple[str, ...]:
         f"SCHED_FIFO {priority}" if priority else "without SCHED_FIFO (not granted): the times are the scheduler's",
         "compute: pass and write; wait: from reading a report to its pass; gc pauses: above 1 ms",
         f"no frame requested more than {limit_um:g} um; silence: between two writes to the board",
-        "machine stall: the longest delay of a processor itself, measured by a process of higher priority",
         "offered, sent: messages of four clients, tried and accepted by their sockets; refused: beyond the rate limit",
     )
 
 
-def _table(rows: Sequence[tuple[str, Counts]], notes: tuple[str, ...], seconds: float) -> Table:
-    made: tuple[Row, ...] = finite_rows(rows)
-    return Table(
-        name="soak_real_time",
-        title=f"soak: two moving fingers on the simulated rig in real time, {seconds:g} s each",
-        default=made[0].name,
-        rows=made,
-        compared=("compute_p99_us",),
-        notes=notes,
-    )
+# --- load ---
+
+
+@contextlib.contextmanager
+def _processes(commands: Sequence[Sequence[str]]) -> Iterator[list[subprocess.Popen[str]]]:
+    """Run Python programs that print a line when they are ready; kill those that still run at the end."""
+    running = [
+        subprocess.Popen([sys.executable, "-P", *command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for command in commands
+    ]
+    try:
+        for process in running:
+            assert process.stdout is not None
+            process.stdout.readline()
+        yield running
+    finally:
+        for process in running:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
+
+
+@contextlib.contextmanager
+def _hogs() -> Iterator[list[Counts]]:
+    """Run a busy loop for each processor."""
+    hog = ("-c", "print(flush=True)\nwhile True: pass")
+    with _processes([hog] * len(os.sched_getaffinity(0))):
+        yield []
+
+
+@contextlib.contextmanager
+def _flood(endpoint: str) -> Iterator[list[Counts]]:
+    """Run clients that offer as many messages as they can; the yielded list gets their rates at the end."""
+    rates: list[Counts] = []
+    commands = [("-m", "hapticd.bench.soak_flood", endpoint, f"flood {number}") for number in range(FLOODERS)]
+    with _processes(commands) as running:
+        t_from_s = time.monotonic()
+        yield rates
+        lasted_s = time.monotonic() - t_from_s
+        counts = [process.communicate()[0].split() for process in running]
+    offered, sent = (sum(float(words[column]) for words in counts) / lasted_s for column in (0, 1))
+    rates.append({"offered_hz": offered, "sent_hz": sent})

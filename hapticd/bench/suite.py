@@ -17,24 +17,19 @@ from ..errors import UsageError
 from ..files.outputs import write_text
 from ..tools.touches import Trace, recorded
 from . import (
-    contacts,
     dearest,
     endurance,
     felt,
-    felt_loop,
-    felt_walk,
     firmware,
     firmware_faults,
     landing,
     leak,
-    leak_budget,
     modes,
     prediction,
     prediction_traces,
-    soak,
+    soak_daemon,
     soak_real_time,
     solver,
-    stability,
     tick,
     traces,
     worlds,
@@ -43,12 +38,10 @@ from .tables import Table, plain, render
 
 
 class Extent(NamedTuple):
-    """Lengths of the parts that have one: seconds of paced passes, steps of the long walk, virtual hours of endurance
-    and the soak, or real seconds of the latter; the recorded touches for predictions; and the laboratories of each
-    kind."""
+    """Lengths of the parts that have one: seconds of paced passes, virtual hours of endurance and the soak, or real
+    seconds of the latter; the recorded touches for predictions; and the laboratories of each kind."""
 
     seconds: float
-    steps: int = stability.STEPS
     hours: float = 1.0
     real_time_s: float | None = None
     touches: list[Trace] | None = None
@@ -61,33 +54,18 @@ Part = Callable[[Extent], tuple[Table, ...]]
 PARTS: dict[str, Part] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
-    "solver": lambda _: (solver.run(), solver.sizes(), solver.many(), contacts.run(), felt.run()),
-    "stability": lambda extent: (
-        *stability.run(steps=extent.steps),
-        contacts.walk(extent.steps),
-        felt_walk.run(extent.steps),
-    ),
+    "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "dearest": lambda _: (dearest.run(),),
     "landing": lambda _: (landing.run(),),
-    "leak": lambda _: (
-        leak.run(),
-        leak.both_slip(),
-        leak.contact(),
-        leak.contact_conditions(),
-        felt_loop.conditions(),
-        felt_loop.fingers(),
-        contacts.frontier(4),
-        contacts.frontier(5),
-        leak_budget.run(),
-    ),
+    "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact()),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds),
     "firmware": lambda _: (*firmware.run(), firmware_faults.run()),
     "endurance": lambda extent: (endurance.run(extent.hours),),
     "soak": lambda extent: (
-        soak.run(extent.hours, is_calibrating=extent.is_calibrating)
+        soak_daemon.run(extent.hours, is_calibrating=extent.is_calibrating)
         if extent.real_time_s is None
-        else soak_real_time.run(extent.real_time_s)
+        else soak_real_time.run(extent.real_time_s),
     ),
 }
 

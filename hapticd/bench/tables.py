@@ -24,6 +24,7 @@ UNITS = {
     "_hz": "Hz",
     "_v": "V",
     "_h": "h",
+    "_mb": "MB",
 }  # longest suffix first, where one ends another
 SPREAD = "_spread"
 _NAME_WIDTH = 30

@@ -10,8 +10,6 @@ from ..errors import UsageError
 from ..files import outputs
 from .arguments import POSITIVE, number, whole
 
-MOST_STEPS = 1_000_000_000  # half an hour
-
 
 class Part(NamedTuple):
     """One part: what it compares, how long that takes on two cores, and whether it has error over run time."""
@@ -24,12 +22,11 @@ class Part(NamedTuple):
 PARTS = {
     "modes": Part("ways to interpolate a measured mode map", 0.1),
     "prediction": Part("predictions 15 ms ahead on 15 motions", 1.5),
-    "solver": Part("solvers against general optimisers", 1.0),
-    "stability": Part("digits of a solution at the ends of the solver's range", 2.0),
+    "solver": Part("solvers against general optimisers", 0.8),
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
     "dearest": Part("the longest pass of scenes that clients may ask for", 3.0, has_picture=False),
     "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
-    "leak": Part("what fingers get in the closed loop, and what limits it", 8.0),
+    "leak": Part("what fingers get in the closed loop, by which choice", 4.0),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
     "endurance": Part("an hour of virtual time of the firmware on random plates", 0.5, has_picture=False),
@@ -46,9 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("part", nargs="?", choices=(*PARTS, ALL), metavar="PART", help=", ".join((*PARTS, ALL)))
     parser.add_argument(
         "--seconds", type=number(0.0, 600.0), default=2.0, help="tick: of a paced measurement (default 2)"
-    )
-    parser.add_argument(
-        "--steps", type=whole(0, MOST_STEPS), default=10_000_000, help="stability: of the walk (default 10000000)"
     )
     parser.add_argument("--hours", type=POSITIVE, default=1.0, help="endurance, soak: virtual time (default 1)")
     parser.add_argument(
@@ -100,7 +94,6 @@ def _bench(options: argparse.Namespace) -> None:
     names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
     extent = suite.Extent(
         seconds=options.seconds,
-        steps=options.steps,
         hours=options.hours,
         real_time_s=options.real_time,
         touches=suite.touches(options.traces, options.recording),

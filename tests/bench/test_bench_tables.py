@@ -6,14 +6,12 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from hapticd.bench.plot import draw
-from hapticd.bench.tables import Table, finite_rows, number, plain, ratio_name, render, stem, unit
-from hapticd.bench.timing import compare, least, least_by_pass, optional
-from hapticd.files import plotting
+from hapticd.bench.tables import Table, finite_rows, number, plain, render
+from hapticd.bench.timing import compare, least, least_by_pass
 
 SKIPPED = {"oracle": "it is not installed"}
 
@@ -38,12 +36,6 @@ def table(**changes: object) -> Table:
         skipped=SKIPPED,
     )
     return replace(made, **changes)
-
-
-def test_a_figure_s_unit_stands_at_the_end_of_its_name() -> None:
-    assert [unit(name) for name in ("time_us", "leak_um", "limits_broken_count")] == ["us", "um", ""]
-    assert stem("leak_um") == "leak"
-    assert ratio_name("time_us") == "time_ratio"
 
 
 def test_ratios_are_to_the_default_and_nothing_has_none() -> None:
@@ -92,35 +84,9 @@ def test_alternatives_are_timed_per_operation_and_by_their_least() -> None:
     assert least_by_pass([[1.0, 6.0], [3.0, 4.0]]) == (2.5, 1.0)
 
 
-def test_a_library_may_be_missing() -> None:
-    assert optional("hapticd_has_no_such_module") is None
-    assert optional("math") is math
-
-
 def test_every_kind_of_panel_can_be_drawn(tmp_path: Path) -> None:
     bars = finite_rows([("whole", {"hot_us": 9.0, "paced_us": 20.0}), ("part", {"hot_us": 4.0})])
     tables = [table(), table(default="whole", rows=bars, time="", error="", compared=("hot_us",))]
     picture = tmp_path / "bench.png"
     draw(tables, picture)
     assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_panel_of_nearly_equal_times_has_labelled_ticks_and_shows_rows_without_a_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    figures: list[Any] = []
-    monkeypatch.setattr(plotting, "save", lambda figure, _: figures.append(figure))
-    rows = finite_rows(
-        [
-            ("exact", {"time_us": 0.83, "leak_um": 4.1}),
-            ("other", {"time_us": 0.81, "leak_um": 4.2}),
-            ("bound", {"leak_um": 3.4}),
-        ]
-    )
-    draw([table(rows=rows)], Path("bench.png"))
-    (axis,) = figures[0].axes
-    figures[0].draw_without_rendering()
-    for low, high, scaled in ((*axis.get_xlim(), axis.xaxis), (*axis.get_ylim(), axis.yaxis)):
-        shown = [place for place in scaled.get_majorticklocs() if low <= place <= high]
-        assert len(shown) >= 3
-    assert [float(line.get_ydata()[0]) for line in axis.get_lines()] == [4.1, 4.2, 3.4]

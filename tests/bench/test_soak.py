@@ -1,113 +1,201 @@
-"""The soak in short, and that it reports faults that are missed, motion that goes on and resources that grow."""
+"""The soaks in short, and that each reports what it is there to find."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from machine_bench import PLATE
 
-from hapticd.bench import soak, soak_calibrating, soak_checks, soak_faults
-from hapticd.bench.soak_checks import Findings
-from hapticd.bench.soak_faults import KINDS, Kind, Watch
+from hapticd.bench import endurance, endurance_worlds, soak, soak_daemon, soak_real_time
+from hapticd.bench.soak import ALL, Findings
+from hapticd.bench.soak_faults import KINDS, Kind
+from hapticd.config.sections import Config
 from hapticd.core.trajectory.gate import gate
+from hapticd.daemon.machine import Machine
 from hapticd.errors import HapticdError
-from hapticd.sim.faulty import FaultySimulation
-from hapticd.sim.lockstep import Settings
 from hapticd.tools import touch_process
 from hapticd.values import Drive, Knot
 from hapticd.wire import device
 
-pytestmark = pytest.mark.long
+
+def judged(*found: Findings) -> soak.Table:
+    return soak.judged(found, name="soak", title="made up", notes=())
 
 
-@pytest.fixture(scope="module")
-def findings() -> Findings:
-    found = Findings()
-    soak.play(found, 7)
-    return found
+def test_counts_are_summed_and_of_others_the_largest_the_first_or_the_last_stays() -> None:
+    runs = [
+        Findings({"one": {"runs_count": 1.0, "peak_um": peak_um, "leak_first_um": peak_um, "leak_last_um": peak_um}})
+        for peak_um in (2.0, 3.0, 1.0)
+    ]
+    table = judged(*runs, Findings({"other": {"runs_count": 1.0, "peak_um": 9.0}}))
+    assert dict(table.row("one").figures) == {
+        "runs_count": 3,
+        "peak_um": 3.0,
+        "leak_first_um": 2.0,
+        "leak_last_um": 1.0,
+    }
+    assert table.row(ALL).figures["runs_count"] == 4
+    assert table.row(ALL).figures["peak_um"] == 9.0
 
 
-def test_half_a_minute_of_faults_has_no_failure(findings: Findings) -> None:
-    assert findings.failures == []
-    assert findings.faults.total() >= len(KINDS)  # each kind at least once
-    assert set(findings.faults) == {kind.name for kind in KINDS}
-    assert findings.frames > 1000
-    assert 1.0 < findings.peak_reference_um <= 4.0
+def test_failures_are_an_error_with_their_sentences_and_the_figures() -> None:
+    with pytest.raises(HapticdError, match=r"(?s)soak: 1 failures:\nrun 3: something\.\n.*peak"):
+        judged(Findings({"one": {"peak_um": 1.0}}), Findings({}, ["run 3: something."]))
+
+
+@pytest.mark.parametrize(
+    ("run", "option", "most"),
+    [(endurance.run, "--hours", 1000), (soak_daemon.run, "--hours", 24), (soak_real_time.run, "--real-time", 3600)],
+)
+@pytest.mark.parametrize("length", [0.0, -1.0, 1e9, float("nan")])
+def test_a_length_out_of_bounds_is_one_sentence(run: object, option: str, most: int, length: float) -> None:
+    with pytest.raises(HapticdError, match=rf"^{option}: .* must be above 0 and at most {most}\.$"):
+        run(length)
+
+
+# --- the firmware ---
+
+
+def dead(seed: int, seconds: float) -> endurance_worlds.World:
+    world = endurance_worlds.draw(seed, seconds)
+    return replace(world, plate=replace(world.plate, sensor=np.zeros((2, 2))))
+
+
+def test_every_kind_of_board_is_driven_to_its_limits_without_a_failure() -> None:
+    found = soak.added(endurance.play(seed, 2.0) for seed in range(len(endurance_worlds.KINDS)))
+    assert len(found.rows) == len(endurance_worlds.KINDS)
+    assert found.failures == []
+    peaks = [max(row[name] for row in found.rows.values()) for name in ("peak_voltage_frac", "peak_measured_um")]
+    assert peaks[0] == pytest.approx(1.0, abs=endurance.V_ROUNDING)
+    assert peaks[1] > 0.5
+
+
+def test_so_is_one_with_modes_300_hz_from_the_drive() -> None:
+    found = soak.added(endurance.play(seed, 2.0, far=True) for seed in range(len(endurance_worlds.FAR_KINDS)))
+    assert {*found.rows} == {f"{n} modes, far, {rate} kHz" for n in range(2, 9) for rate in (2, 5)}
+    assert found.failures == []
+
+
+def test_a_run_is_the_same_again() -> None:
+    assert endurance.play(5, 1.0) == endurance.play(5, 1.0)
+
+
+def test_a_dead_sensor_is_a_failure_with_its_code_and_its_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(endurance, "draw", lambda *_, **__: dead(6, 4.0))
+    with pytest.raises(
+        HapticdError, match=r"run 0 \(2 modes, identity, 2 kHz\): fault 4 after [\d.]+ s, the sensors do "
+    ):
+        endurance.run(0.001)
+
+
+@pytest.mark.parametrize("what", ["voltage", "reference"])
+@pytest.mark.parametrize("frac", [1.00001, float("nan")])
+def test_a_limit_passed_is_a_failure(what: str, frac: float) -> None:
+    trace = endurance.BoardTrace(100, 2, 2)
+    trace.flags[:] = endurance.FLAG_LIVE
+    figures = {"peak_voltage_frac": 1.0, "peak_reference_frac": 1.0}
+    assert list(endurance._violations(figures, trace, 0, 2000.0)) == []
+    (said,) = endurance._violations(figures | {f"peak_{what}_frac": frac}, trace, 0, 2000.0)
+    assert said.startswith(f"a {what} was")
+
+
+def test_a_board_that_leaves_live_without_a_fault_is_a_failure() -> None:
+    trace = endurance.BoardTrace(100, 2, 2)
+    trace.flags[:60] = endurance.FLAG_LIVE
+    figures = {"peak_voltage_frac": 1.0, "peak_reference_frac": 1.0}
+    assert [*endurance._violations(figures, trace, 0, 2000.0)] == [
+        "the board left LIVE after 0.030 s, without a fault."
+    ]
+
+
+# --- the daemon ---
+
+
+@pytest.mark.long
+def test_half_a_minute_of_faults_has_no_failure() -> None:
+    found = soak_daemon.play(7)
+    assert found.failures == []
+    assert {*found.rows} == {ALL, *(kind.name for kind in KINDS)}  # each kind at least once
+    figures = found.rows[ALL]
+    assert figures["frames_count"] > 1000
+    assert 1.0 < figures["peak_reference_um"] <= 4.0
+    assert len({kind.name for kind in KINDS}) == len(KINDS)
 
 
 def test_an_hour_has_two_thousand_faults() -> None:
-    drawn = [len(list(soak_checks.drawn(np.random.default_rng(seed), 0.0, soak.LIFT_S))) for seed in range(120)]
-    assert sum(drawn) >= 2000
+    ends_s = soak_daemon.RUN_S - soak_daemon.LIFTED_S
+    assert sum(len([*soak_daemon.drawn(np.random.default_rng(seed), 0.0, ends_s)]) for seed in range(120)) >= 2000
 
 
+@pytest.mark.long
 def test_an_undetected_fault_and_a_plate_that_still_moves_are_failures(monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = Kind("nothing", (0.3, 0.4), 5.0, lambda *_: None, lambda _: 0.0)
-    monkeypatch.setattr(soak_checks, "KINDS", (nothing,))
-    monkeypatch.setattr(soak, "RUN_S", 4.0)
-    monkeypatch.setattr(soak, "LIFT_S", 3.0)
-    monkeypatch.setattr(soak, "AT_REST_S", 3.4)
-    found = Findings()
-    soak.play(found, 1)
-    assert any("not detected" in sentence for sentence in found.failures)
-    assert any("the plate still moved after 3" in sentence for sentence in found.failures)
-
-
-def test_the_largest_amplitude_of_every_frame_counts() -> None:
-    watch = Watch(FaultySimulation((), Settings(), 1))
-    drive = gate(Drive(0, (Knot(0, (1.0, -0.5)), Knot(8_000_000, (0.25 + 2.0j, -3.5)))), (4.0, 4.0))
-    frame = device.encode_reference(1, drive, 1000)
-    assert list(watch._to_board(0, frame)) == [(0, frame)]
-    assert watch.references.frames == 1
-    assert watch.references.peak_um == pytest.approx(3.5, rel=1e-6)
-
-
-def test_a_soak_s_figures_are_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    def play(found: Findings, seed: int) -> None:
-        found.virtual_s += 30.0
-        found.faults["trackpad silent"] += 1
-        found.latest_quiet_ms["trackpad silent"] = float(seed % 10)
-        if seed == 3_000_002:
-            found.failures.append("run 3000002: something.")
-
-    monkeypatch.setattr(soak, "play", play)
-    monkeypatch.setattr(soak, "_resources", lambda: {"memory_mb": 100.0, "files": 9.0, "threads": 1.0})
-    (table,) = soak.run(0.1, seed=1)
-    assert dict(table.row("trackpad silent").figures) == {"faults_count": 12.0, "quiet_after_ms": 2.0}
-    assert table.row("all").figures["faults_count"] == 12.0
-    with pytest.raises(HapticdError, match=r"soak: 1 failures:\nrun 3000002: something\."):
-        soak.run(0.1, seed=3)
+    monkeypatch.setattr(soak_daemon, "KINDS", (nothing,))
+    monkeypatch.setattr(soak_daemon, "RUN_S", 4.2)
+    failures = soak_daemon.play(1).failures
+    assert any("not detected" in sentence for sentence in failures)
+    assert any("the plate still moved after 3" in sentence for sentence in failures)
 
 
 def test_a_process_that_grows_is_a_failure() -> None:
-    before = {"memory_mb": 100.0, "files": 9.0, "threads": 1.0}
-    assert soak._grown(before, {**before, "memory_mb": 101.0}) == []
-    assert soak._grown(before, {**before, "memory_mb": 120.0}) == ["memory_mb grew from 100 to 120."]
-    assert soak._grown(before, {**before, "files": 10.0}) == ["files grew from 9 to 10."]
+    before = {"memory": 100.0, "files": 9.0, "threads": 1.0}
+    assert soak_daemon.grown(before, {**before, "memory": 101.0}) == []
+    assert soak_daemon.grown(before, {**before, "memory": 120.0}) == ["memory grew from 100 to 120."]
+    assert soak_daemon.grown(before, {**before, "files": 10.0}) == ["files grew from 9 to 10."]
 
 
-@pytest.mark.parametrize("hours", [0.0, -1.0, 25.0, float("nan")])
-def test_hours_out_of_bounds_are_one_sentence(hours: float) -> None:
-    with pytest.raises(HapticdError, match=r"--hours: .* is out of bounds, it must be above 0 and at most 24"):
-        soak.run(hours)
-
-
-def test_no_two_kinds_have_the_same_name() -> None:
-    assert len({kind.name for kind in soak_faults.KINDS}) == len(KINDS)
-
-
+@pytest.mark.long
 def test_a_daemon_that_calibrates_itself_keeps_to_the_limits_amid_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(soak_calibrating, "SPAN_S", 6.0)
-    monkeypatch.setattr(soak_calibrating, "PAUSE_S", 0.5)
+    monkeypatch.setattr(soak_daemon, "SPAN_S", 6.0)
+    monkeypatch.setattr(soak_daemon, "PAUSE_S", 0.5)
     monkeypatch.setattr(touch_process, "FIT_S", 5.0)
-    (table,) = soak.run(18.0 / 3600.0, is_calibrating=True)
-    figures = table.row("all").figures
+    figures = soak_daemon.run(18.0 / 3600.0, is_calibrating=True).row(ALL).figures
     assert figures["faults_count"] > 4
-    assert figures["pads_count"] > 0
-    assert 0.0 < figures["peak_adopting_step_um"] <= soak_calibrating.STEP_FACTOR * figures["peak_step_um"]
+    assert figures["pads_last_count"] > 0
+    assert 0.0 < figures["peak_adopting_step_um"] <= soak_daemon.STEP_FACTOR * figures["peak_step_um"]
     assert 0.0 < figures["leak_last_um"] <= figures["leak_most_um"] < 0.5
+    monkeypatch.setattr(soak_daemon, "STEP_FACTOR", -1.0)
+    assert [one for one in soak_daemon.play_calibrating(1, 6.0).failures if "while adopting" in one]
 
 
-def test_a_larger_step_while_something_is_adopted_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(soak_calibrating, "SPAN_S", 4.0)
-    found = Findings(peak_adopting_step_um=50.0)
-    soak_calibrating.play(found, 1, 0.001)
-    assert [sentence for sentence in found.failures if "while adopting" in sentence]
+# --- real time; no test depends on a time ---
+
+
+@pytest.mark.long
+def test_hogs_and_floods_break_no_limit_and_frames_go_on() -> None:
+    table = soak_real_time.run(0.6)
+    assert [row.name for row in table.rows] == [ALL, "4 clients flood", "hogs on every processor", "no load"]
+    for row in table.rows:
+        assert row.figures["frames_count"] > 0
+        assert 0.0 < row.figures["peak_um"] <= 4.0
+        assert {"dead_man_trips_count", "gc_pauses_count", "missed_ticks_count", "late_frames_count"} <= {*row.figures}
+        assert row.figures["longest_silence_ms"] > 0.0
+    flooded = table.row("4 clients flood").figures
+    assert flooded["offered_hz"] >= flooded["sent_hz"] > 0.0
+
+
+def test_every_write_is_decoded_as_by_the_board_and_a_silence_ends_with_the_next_one_accepted() -> None:
+    watch = soak_real_time.Watch(Machine(Config(), PLATE, write_board=lambda _: True))
+    drive = gate(Drive(0, (Knot(0, (1.0, -0.5)), Knot(8_000_000, (0.25 + 2.0j, -3.5)))), (4.0, 4.0))
+    frame = device.encode_reference(1, drive, 1000)
+    for t_ns, data, is_accepted in (
+        (0, frame[:9], True),
+        (50, frame[9:], True),
+        (55, b"\0", False),
+        (101, b"\0", True),
+    ):
+        watch.observer("written", t_ns, data, is_accepted)
+    assert (watch.references.frames, watch.references.peak_um) == (1, pytest.approx(3.5, rel=1e-6))
+    assert watch.longest_silence_ns == 51
+    watch.restart()
+    assert (watch.references.frames, watch.references.peak_um, watch.longest_silence_ns) == (0, 0.0, 0)
+
+
+def test_a_flooder_ends_with_its_input_and_prints_how_much_it_offered() -> None:
+    command = [sys.executable, "-m", "hapticd.bench.soak_flood", "inproc://unbound", "test"]
+    done = subprocess.run(command, input="", capture_output=True, text=True, timeout=60.0, check=True)
+    assert done.stdout.split() == ["ready", "0", "0"]

@@ -1,4 +1,4 @@
-"""Predictors on recorded touches: the file's format, the tables, the fit of the prior, and the command."""
+"""Predictors on recorded touches: the file's format, the tables, and the command."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.bench import prediction_prior, prediction_traces, traces
-from hapticd.core.prediction.pad_memory import FAR_S, NEAR_S
-from hapticd.core.prediction.prior import NEAR
+from hapticd.bench import prediction_traces, traces
 from hapticd.errors import UsageError
 from hapticd.sim.fingers.paths import Strokes
 from hapticd.tools.touches import FloatArray, Trace
@@ -89,41 +87,6 @@ def test_the_table_has_every_group_and_the_default_wins_on_a_filtering_pad() -> 
     assert figures["over_the_better_25ms"] < 0.9
     assert figures["predictions_count"] == sum(len(trace.t_s) - 2 - 3 for trace in STROKED)
     assert 0.55 < covariance.row("all").figures["within_15ms_frac"] < 0.8
-
-
-def test_the_prior_is_the_distribution_of_the_devices_weights() -> None:
-    """Twenty made-up devices, whose weights scatter around a mean."""
-    rng = np.random.default_rng(1)
-    mean, deviation = np.array((0.0, 0.5, 1.0, -1.0, 0.5)), 0.3
-    devices = []
-    for _ in range(20):
-        weights = mean + deviation * rng.standard_normal(5)
-        rows = rng.standard_normal((4000, 5))
-        right = rows @ weights + 0.05 * rng.standard_normal(4000)
-        devices.append(prediction_prior.Sums(rows.T @ rows, rows.T @ right, float(right @ right), 4000))
-    found_mean, covariance = prediction_prior.fitted(devices)
-    assert found_mean == pytest.approx(mean, abs=3.0 * deviation / np.sqrt(20))
-    assert np.sqrt(np.diag(covariance)) == pytest.approx(deviation, rel=0.5)
-
-
-@pytest.mark.parametrize("ahead_s", [NEAR_S, FAR_S])
-def test_the_recipe_sums_the_corrections_that_the_predictor_makes(ahead_s: float) -> None:
-    samples = STROKED[0].samples
-    features, lacked, places = prediction_prior.corrections([samples], ahead_s)
-    assert features.shape == (len(lacked), 2, len(NEAR.mean)) == (len(places), 2, 5)
-    own = prediction_prior.sums([samples], ahead_s)
-    weights = np.linalg.solve(own.matrix, own.right)
-    left_mm2 = np.sum((lacked - features @ weights) ** 2)
-    assert left_mm2 == pytest.approx(own.squares - own.right @ weights, rel=1e-6)
-    assert left_mm2 < np.sum((lacked - features @ NEAR.mean) ** 2)
-
-
-def test_the_fitted_module_is_what_the_recipe_writes() -> None:
-    text = prediction_prior.module_text([NEAR, NEAR], np.ones((2, 2, 9)))
-    held: dict[str, object] = {}
-    exec(text, held)
-    assert held["NEAR"] == held["FAR"] == NEAR
-    assert np.array_equal(np.array(held["SPREADS_MM"]), np.ones((2, 2, 9)))
 
 
 def test_the_command_prints_both_tables_and_their_figures(

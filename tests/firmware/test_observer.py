@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from typing import NamedTuple
 
 import mpmath
 import numpy as np
@@ -12,7 +13,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.bench.closed_loop import LIMIT_V, Law, Phasors, Plate, follow, step_trace
-from hapticd.bench.lqg import hold
 from hapticd.board_values import SetDrive
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace
@@ -25,6 +25,22 @@ from .bench import constantly, nominal_plate, untouched
 DEADBEAT, FAST, PI_FF, PI = Law("deadbeat"), Law("deadbeat", 5000.0), Law("pi_ff"), Law("pi")
 LAWS = (DEADBEAT, FAST, PI_FF, PI)
 STATE_BANDWIDTHS, NEWEST, MEMORY_S, LEAST_UM, MODES = 2.0, 4.0, 0.02, 0.1, 2
+
+
+class Hold(NamedTuple):
+    """One mode under a constant voltage for a time: final and mean amplitude, per initial um and per V."""
+
+    keep: complex
+    push: complex
+    mean_keep: complex
+    mean_push: complex
+
+
+def hold(rate_1_s: complex, gain: float, span_s: float) -> Hold:
+    """dW/dt = rate W + gain u, solved over `span_s`."""
+    keep = np.exp(rate_1_s * span_s)
+    mean_keep = (keep - 1) / (rate_1_s * span_s)
+    return Hold(keep, gain * span_s * mean_keep, mean_keep, gain * (mean_keep - 1) / rate_1_s)
 
 
 class Phasor(ctypes.Structure):

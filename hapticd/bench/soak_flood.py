@@ -1,4 +1,4 @@
-"""A client that offers the service messages as fast as it can: `python -m hapticd.bench.flood ENDPOINT NAME`.
+"""A client that offers the service messages as fast as it can: `python -m hapticd.bench.soak_flood ENDPOINT NAME`.
 
 The messages are valid and without targets, so that the service parses all of each. Messages that the client's full
 socket refuses are dropped. When standard input ends, it prints the number of messages offered and sent.
