@@ -11,19 +11,8 @@ import math
 from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
-from ...content_values import (
-    AmplitudeTarget,
-    FrictionTarget,
-    GradientTarget,
-    GratingTarget,
-    MapTarget,
-    NoiseTarget,
-    Polygon,
-    Surface,
-    Target,
-    VirtualPath,
-)
-from .noise import WAVES
+from ...content_values import Polygon, Surface, Target, VirtualPath
+from .textures.registry import content_ns
 
 KNOTS: Final = 6  # of a frame, for which a layer is judged: what most frames have where textures are
 LONGEST_FRAME_S: Final = 0.03  # ahead of which nothing is looked up
@@ -47,21 +36,6 @@ class LayerCost(NamedTuple):
     def pass_us(self) -> float:
         """Cost for one finger of a pass with KNOTS knots."""
         return 1e-3 * (self.way_ns + KNOTS * self.place_ns)
-
-
-def content_ns(target: Target | None) -> float:
-    """Return what the amplitude at one place costs."""
-    match target:
-        case None | AmplitudeTarget() | FrictionTarget():
-            return 60.0
-        case GratingTarget() | GradientTarget():
-            return 200.0
-        case MapTarget(frictions=None):
-            return 450.0
-        case MapTarget():
-            return 650.0
-        case NoiseTarget():
-            return 100.0 + 55.0 * WAVES
 
 
 def layer_cost(surface: Surface) -> LayerCost:

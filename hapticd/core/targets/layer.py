@@ -10,7 +10,7 @@ from typing import Final
 
 from ...content_values import Blend, Circle, Polygon, Surface
 from .costs import layer_cost
-from .textures import Detail, Texture
+from .textures.texture import Amplitude, Detail
 from .virtual_paths import Walk
 
 OUTSIDE_UM: Final = -1.0  # no amplitude is negative
@@ -27,7 +27,7 @@ class Layer:
     )
 
     def __init__(
-        self, name: str, owner: str, surface: Surface, texture: Texture, detail: Detail, born: int, t_pose_ns: int
+        self, name: str, owner: str, surface: Surface, texture: Amplitude, detail: Detail, born: int, t_pose_ns: int
     ) -> None:
         self.name: Final = name
         self.owner: Final = owner

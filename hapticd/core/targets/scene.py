@@ -13,19 +13,12 @@ from dataclasses import dataclass
 from ...content_values import ClientTargets, Target, VirtualPath
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from .assets import Assets
-from .costs import content_ns, virtual_ns
+from .costs import virtual_ns
 from .effects import Effects
 from .shares import UserOf, host_of, left, spoken
 from .surfaces import NEVER_NS, Surfaces
-from .textures import (
-    NO_DETAIL,
-    Detail,
-    Sliding,
-    Texture,
-    detail,
-    refusal,
-    texture,
-)
+from .textures.registry import Sliding, amplitude, content_ns, detail, refusal
+from .textures.texture import NO_DETAIL, Amplitude, Detail
 from .virtual_paths import Walk
 
 __all__ = ["MAX_CLIENTS", "MAX_VIRTUALS", "Scene", "Virtual"]
@@ -54,7 +47,7 @@ class _Held:
     t_expires_ns: int
     target: Target | None
     priority: int
-    texture: Texture | None
+    texture: Amplitude | None
     detail: Detail
     walk: Walk | None
     place_ns: float  # estimated for its target, and its place on a path, at one instant
@@ -277,11 +270,11 @@ class Scene:
             place_ns=content_ns(target) if path is None else virtual_ns(target),
         )
 
-    def _texture(self, target: Target | None) -> Texture | None:
+    def _texture(self, target: Target | None) -> Amplitude | None:
         if target is None:
             return None
         resolved, curve = self.assets.resolved(target), self.friction_curve
-        return texture(resolved, curve, self._plate_size_mm, self._w_limit_um, self._sliding)
+        return amplitude(resolved, curve, self._plate_size_mm, self._w_limit_um, self._sliding)
 
     def _in_force(self) -> list[Target]:
         """Return all targets and contents in force."""

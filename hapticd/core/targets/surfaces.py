@@ -11,14 +11,15 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from ...content_values import Circle, ClientTargets, MapTarget, Polygon, Surface, Target
+from ...content_values import Circle, ClientTargets, Polygon, Surface, Target
 from ..friction import FrictionCurve
 from ..trajectory.knots import GRAIN_NS
 from .assets import Assets
 from .costs import MAX_EDGES
 from .layer import Layer
 from .shares import UserOf, left, spoken
-from .textures import Sliding, Texture, detail, refusal, texture
+from .textures.registry import Sliding, amplitude, detail, fills_shape, refusal
+from .textures.texture import Amplitude
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -203,8 +204,8 @@ class Surfaces:
         fine = detail(surface.content, size_mm)
         return Layer(name, owner, surface, self._texture(surface.content, size_mm), fine, born, t_pose_ns)
 
-    def _texture(self, content: Target, size_mm: tuple[float, float]) -> Texture:
-        return texture(self._assets.resolved(content), self._curve, size_mm, self._w_limit_um, self._sliding)
+    def _texture(self, content: Target, size_mm: tuple[float, float]) -> Amplitude:
+        return amplitude(self._assets.resolved(content), self._curve, size_mm, self._w_limit_um, self._sliding)
 
     def _stack(self, layers: list[Layer]) -> None:
         stacked = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
@@ -279,9 +280,9 @@ def _pose(surface: Surface) -> tuple[object, ...]:
 
 
 def _size_mm(surface: Surface, plate_size_mm: tuple[float, float]) -> tuple[float, float]:
-    """Return over which box around the layer's origin a map is spread: the least that holds the shape."""
+    """Return over which box around the layer's origin content is spread: the least that holds the shape."""
     shape = surface.shape
-    if shape is None or not isinstance(surface.content, MapTarget):
+    if shape is None or not fills_shape(surface.content):
         return plate_size_mm
     if isinstance(shape, Circle):
         return 2.0 * shape.radius_mm, 2.0 * shape.radius_mm

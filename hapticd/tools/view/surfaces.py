@@ -12,13 +12,12 @@ from typing import Any
 
 from ...content_values import AmplitudeTarget, Circle, FrictionTarget, Surface, Target
 from ...core.friction import FrictionCurve
-from ...core.targets.textures import texture
+from ...core.targets.textures.registry import amplitude, name_of
 from ...errors import RequestError
 from ...wire.fields import Fields
 from ...wire.surfaces import read_surface
 
 SIDE = 32  # of a content's picture
-LABELS = {"GratingTarget": "grating", "MapTarget": "map", "GradientTarget": "gradient", "NoiseTarget": "noise"}
 Picture = tuple[str, float]  # levels 0 .. 255 in base64, by rows from the top (+y) down, and the amplitude of 255
 
 
@@ -55,10 +54,10 @@ class SurfacePainter:
         key = content, box_mm
         used[key] = self._pictures.get(key) or self._picture(content, box_mm)
         levels, most_um = used[key]
-        return {"about": LABELS.get(type(content).__name__, "content"), "levels": levels, "most_um": most_um}
+        return {"about": name_of(type(content)), "levels": levels, "most_um": most_um}
 
     def _picture(self, content: Target, box_mm: tuple[float, float]) -> Picture:
-        amplitude_um = texture(content, self._curve, box_mm, self._most_um)
+        amplitude_um = amplitude(content, self._curve, box_mm, self._most_um)
         x_mm, y_mm = ([(index + 0.5) / SIDE - 0.5 for index in range(SIDE)] for _ in range(2))
         values = [amplitude_um(x * box_mm[0], -y * box_mm[1]) for y in y_mm for x in x_mm]
         most_um = max(*values, 1e-9)

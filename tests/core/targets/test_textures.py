@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mpmath
 import numpy as np
@@ -22,8 +22,8 @@ from hapticd.content_values import (
     Target,
 )
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.core.targets.noise import MOST_RMS
-from hapticd.core.targets.textures import detail, highest_um, refusal, texture
+from hapticd.core.targets.textures.noise import MOST_RMS
+from hapticd.core.targets.textures.registry import amplitude, detail, found, highest_um, refusal
 
 PLATE_MM = (137.5, 100.0)
 CURVE = DEFAULT_FRICTION_CURVE
@@ -70,7 +70,7 @@ def noises(draw: st.DrawFn) -> NoiseTarget:
 )
 @settings(max_examples=400)
 def test_a_texture_is_finite_and_between_its_amplitudes_everywhere(target: Target, x_mm: float, y_mm: float) -> None:
-    amplitude_um = texture(target, CURVE, PLATE_MM)(x_mm, y_mm)
+    amplitude_um = amplitude(target, CURVE, PLATE_MM)(x_mm, y_mm)
     highest = highest_um(target, CURVE)
     lowest = highest
     match target:
@@ -98,7 +98,23 @@ def test_a_texture_is_finite_and_between_its_amplitudes_everywhere(target: Targe
     ],
 )
 def test_no_position_at_all_is_harmless(target: Target, place: tuple[float, float]) -> None:
-    assert 0.5 <= texture(target, CURVE, PLATE_MM)(*place) <= 2.0
+    assert 0.5 <= amplitude(target, CURVE, PLATE_MM)(*place) <= 2.0
+
+
+@dataclass(frozen=True)
+class CheckersTarget:
+    pitch_mm: float
+
+
+@dataclass(frozen=True)
+class Grating:
+    period_mm: float
+
+
+@pytest.mark.parametrize(("kind", "why"), [(CheckersTarget, "textures.checkers"), (Grating, "the Texture of Grating")])
+def test_a_target_whose_texture_is_missing_stops_the_import(kind: type, why: str) -> None:
+    with pytest.raises(ImportError, match=why):
+        found((kind,))
 
 
 # --- gratings ---------------------------------------------------------------------------------------------------
@@ -108,7 +124,7 @@ def test_no_position_at_all_is_harmless(target: Target, place: tuple[float, floa
 def test_a_sine_grating_is_the_sine_to_the_last_digits(
     period_mm: float, angle: float, x_mm: float, y_mm: float
 ) -> None:
-    amplitude_um = texture(GratingTarget(period_mm, angle, 1.0, 3.0, 0.0), CURVE, PLATE_MM)(x_mm, y_mm)
+    amplitude_um = amplitude(GratingTarget(period_mm, angle, 1.0, 3.0, 0.0), CURVE, PLATE_MM)(x_mm, y_mm)
     with mpmath.workdps(40):
         along = x_mm * mpmath.cos(angle) + y_mm * mpmath.sin(angle)
         exact = 2 + mpmath.cos(2 * mpmath.pi * along / mpmath.mpf(period_mm))
@@ -117,12 +133,12 @@ def test_a_sine_grating_is_the_sine_to_the_last_digits(
 
 @pytest.mark.parametrize("duty", [0.0, 0.25, 0.5, 1.0])
 def test_a_grating_has_a_crest_through_the_plates_centre(duty: float) -> None:
-    assert texture(GratingTarget(7.0, 1.1, 0.5, 2.0, duty), CURVE, PLATE_MM)(0.0, 0.0) == 2.0
+    assert amplitude(GratingTarget(7.0, 1.1, 0.5, 2.0, duty), CURVE, PLATE_MM)(0.0, 0.0) == 2.0
 
 
 @pytest.mark.parametrize("duty", [0.1, 0.5, 0.75])
 def test_the_duty_is_the_share_of_the_period_that_is_high(duty: float) -> None:
-    square = texture(GratingTarget(4.0, 0.0, 0.0, 1.0, duty), CURVE, PLATE_MM)
+    square = amplitude(GratingTarget(4.0, 0.0, 0.0, 1.0, duty), CURVE, PLATE_MM)
     samples = [square(-40.0 + 0.01 * n, 13.0) for n in range(8000)]
     assert set(samples) == {0.0, 1.0}
     assert sum(samples) / len(samples) == pytest.approx(duty, abs=0.006)  # a sample or two at each edge
@@ -135,7 +151,7 @@ def test_however_thin_a_stripe_its_detail_can_be_divided_by(duty_frac: float) ->
 
 
 def test_a_grating_varies_along_its_angle_only() -> None:
-    upward = texture(GratingTarget(4.0, math.pi / 2, 0.0, 1.0, 0.0), CURVE, PLATE_MM)
+    upward = amplitude(GratingTarget(4.0, math.pi / 2, 0.0, 1.0, 0.0), CURVE, PLATE_MM)
     assert upward(0.0, 2.0) == pytest.approx(0.0, abs=1e-12)
     assert upward(33.0, 2.0) == pytest.approx(0.0, abs=1e-12)
     assert upward(33.0, 4.0) == pytest.approx(1.0, abs=1e-12)
@@ -145,7 +161,7 @@ def test_a_grating_varies_along_its_angle_only() -> None:
 
 
 def test_a_gradient_is_linear_along_its_angle_and_constant_beyond() -> None:
-    upward = texture(GradientTarget(20.0, math.pi / 2, 0.5, 1.5), CURVE, PLATE_MM)
+    upward = amplitude(GradientTarget(20.0, math.pi / 2, 0.5, 1.5), CURVE, PLATE_MM)
     places_mm = ((7.0, -60.0), (7.0, -10.0), (0.0, 0.0), (-7.0, 5.0), (0.0, 60.0))
     assert [upward(*place) for place in places_mm] == pytest.approx([0.5, 0.5, 1.0, 1.25, 1.5])
 
@@ -155,7 +171,7 @@ ROUGH = NoiseTarget(7, 1.0, 16.0, 0.0, 1.5, 0.2)
 
 def sampled(target: NoiseTarget) -> npt.NDArray[np.float64]:
     """The texture over 128 mm, four points per mm."""
-    felt = texture(target, CURVE, PLATE_MM)
+    felt = amplitude(target, CURVE, PLATE_MM)
     return np.array([[felt(0.25 * column, 0.25 * row) for column in range(512)] for row in range(0, 512, 16)])
 
 
@@ -163,8 +179,8 @@ def test_noise_has_its_mean_and_its_rms_and_is_the_same_for_the_same_seed() -> N
     um = sampled(ROUGH)
     assert um.mean() == pytest.approx(1.5, abs=0.01)
     assert um.std() == pytest.approx(0.2, rel=0.05)
-    assert texture(ROUGH, CURVE, PLATE_MM)(3.0, -4.0) == pytest.approx(1.393110, abs=1e-6)  # on every machine
-    assert texture(replace(ROUGH, seed=8), CURVE, PLATE_MM)(3.0, -4.0) != texture(ROUGH, CURVE, PLATE_MM)(3.0, -4.0)
+    assert amplitude(ROUGH, CURVE, PLATE_MM)(3.0, -4.0) == pytest.approx(1.393110, abs=1e-6)  # on every machine
+    assert amplitude(replace(ROUGH, seed=8), CURVE, PLATE_MM)(3.0, -4.0) != amplitude(ROUGH, CURVE, PLATE_MM)(3.0, -4.0)
 
 
 @pytest.mark.parametrize(("exponent", "least"), [(0.0, 0.1), (1.0, 0.0)])
@@ -182,7 +198,7 @@ def test_noise_has_the_spectrum_that_it_is_given(exponent: float, least: float) 
 
 def test_a_map_of_frictions_is_bilinear_in_friction_and_at_most_the_plate_s_limit() -> None:
     image = MapTarget(2, 1, b"\x00\xff", 0.0, 0.0, frictions=(1.0, 0.0))
-    felt = texture(image, CURVE, PLATE_MM, w_limit_um=1.2)
+    felt = amplitude(image, CURVE, PLATE_MM, w_limit_um=1.2)
     places_mm = [(share - 0.5) * PLATE_MM[0] for share in (0.0, 0.25, 0.5, 1.0)]
     expected_um = [min(CURVE.amplitude_um(friction), 1.2) for friction in (1.0, 0.75, 0.5, 0.0)]
     assert [felt(x_mm, 0.0) for x_mm in places_mm] == pytest.approx(expected_um, abs=2e-3)
@@ -190,14 +206,14 @@ def test_a_map_of_frictions_is_bilinear_in_friction_and_at_most_the_plate_s_limi
 
 
 def test_a_maps_first_row_is_the_plates_far_edge_and_its_first_column_the_left() -> None:
-    image = texture(MapTarget(2, 2, b"\x00\x33\x66\xff", 0.0, 255.0), CURVE, PLATE_MM)
+    image = amplitude(MapTarget(2, 2, b"\x00\x33\x66\xff", 0.0, 255.0), CURVE, PLATE_MM)
     right, far = PLATE_MM[0] / 2, PLATE_MM[1] / 2
     assert [image(-right, far), image(right, far), image(-right, -far), image(right, -far)] == [0, 0x33, 0x66, 255]
     assert image(0.0, 0.0) == pytest.approx((0 + 0x33 + 0x66 + 255) / 4)
 
 
 def test_beyond_the_edges_a_map_stays_as_it_is_on_them() -> None:
-    image = texture(MapTarget(3, 2, bytes(range(0, 60, 10)), 0.0, 255.0), CURVE, PLATE_MM)
+    image = amplitude(MapTarget(3, 2, bytes(range(0, 60, 10)), 0.0, 255.0), CURVE, PLATE_MM)
     assert image(-500.0, 500.0) == 0.0
     assert image(1e300, -1e300) == pytest.approx(50.0)
 
@@ -205,7 +221,7 @@ def test_beyond_the_edges_a_map_stays_as_it_is_on_them() -> None:
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 3), (3, 1), (4, 3)])
 def test_a_map_gives_each_pixel_at_its_own_centre(width: int, height: int) -> None:
     levels = bytes((37 * n) % 256 for n in range(width * height))
-    image = texture(MapTarget(width, height, levels, 0.0, 255.0), CURVE, PLATE_MM)
+    image = amplitude(MapTarget(width, height, levels, 0.0, 255.0), CURVE, PLATE_MM)
     for row in range(height):
         for column in range(width):
             x_mm = PLATE_MM[0] * (column / (width - 1) - 0.5) if width > 1 else 9.0
@@ -215,6 +231,6 @@ def test_a_map_gives_each_pixel_at_its_own_centre(width: int, height: int) -> No
 
 @given(maps(), on_plate, on_plate, st.floats(-1e-6, 1e-6))
 def test_a_map_has_no_steps(target: MapTarget, x_mm: float, y_mm: float, step_mm: float) -> None:
-    image = texture(target, CURVE, PLATE_MM)
+    image = amplitude(target, CURVE, PLATE_MM)
     steepest_um_per_mm = 6 / min(PLATE_MM) * abs(target.high_um - target.low_um)
     assert abs(image(x_mm + step_mm, y_mm) - image(x_mm, y_mm)) <= steepest_um_per_mm * abs(step_mm) + 1e-9

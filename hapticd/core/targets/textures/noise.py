@@ -7,22 +7,20 @@ golden ratio, so that few waves are enough to look alike from all sides.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
-from ...content_values import NoiseTarget
+from ....content_values import NoiseTarget
+from .texture import FAR_MM, PIECES_PER_WAVE, Amplitude, Detail, Plate, Texture
 
 WAVES: Final = 16
 MOST_RMS: Final = 3.0  # beyond so many deviations, where 16 waves seldom are, the texture is cut
-FAR_MM: Final = 1e6  # no plate is that large: beyond, a wave's phase is rounding noise
 _MASK: Final = 2**64 - 1
 _GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 
 _Wave = tuple[float, float, float, float]  # rad/mm along x and y, rad, um
 
 
-def noise(target: NoiseTarget) -> Callable[[float, float], float]:
-    """Return the amplitude in um over position in mm."""
+def _amplitude(target: NoiseTarget, _plate: Plate) -> Amplitude:
     waves = _waves(target)
     mean_um = target.mean_um
     low_um, high_um = max(mean_um - MOST_RMS * target.rms_um, 0.0), mean_um + MOST_RMS * target.rms_um
@@ -64,3 +62,15 @@ def _uniform(seed: int, count: int) -> list[float]:
         mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) & _MASK
         numbers.append(((mixed ^ (mixed >> 31)) >> 11) * 2.0**-53)
     return numbers
+
+
+# Where it is cut it is nearly flat, and its waves are smooth: no corners.
+TEXTURE = Texture(
+    NoiseTarget,
+    amplitude=_amplitude,
+    detail=lambda noise, _size_mm: Detail(noise.shortest_mm / PIECES_PER_WAVE, True),
+    highest_um=lambda noise, _curve: noise.mean_um + MOST_RMS * noise.rms_um,
+    cost_ns=lambda _noise: 100.0 + 55.0 * WAVES,
+    asks_for_friction=lambda _noise: False,
+    fills_shape=False,
+)

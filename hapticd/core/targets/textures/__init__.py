@@ -1,0 +1,1 @@
+"""Textures: what a target asks for as a function of place, one file for each class of target."""
