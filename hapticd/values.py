@@ -123,6 +123,16 @@ class FingerFrame(NamedTuple):
 # --- what the plate should do -----------------------------------------------------------------------------------
 
 
+class Aim(NamedTuple):
+    """What a pass takes from the board: how far ahead its reference takes effect, whether one other than zero may go
+    out, and whether the board has the last one (else it is sent again, however still the fingers are).
+    """
+
+    ahead_ns: int
+    may_drive: bool = True
+    is_followed: bool = True
+
+
 class Solution(NamedTuple):
     """Modal amplitudes for one instant: `modal_um` (M,), and what they give: `achieved_um` (N,) = |phi @ modal_um|.
 

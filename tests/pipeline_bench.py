@@ -11,7 +11,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
 from hapticd.core.touch.fingers import Predictor
-from hapticd.values import Contact, FingerFrame, Tick, TouchFrame
+from hapticd.values import Aim, Contact, FingerFrame, Tick, TouchFrame
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000
@@ -75,7 +75,7 @@ class Bench:
     def report(self, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> Tick:
         self.t_ns += self.period_ns
         self.touch(self.t_ns - 10 * MS, self.t_ns, *positions_mm, pressure_frac=pressure_frac)
-        return self.pipeline.drive(self.t_ns, LINK_NS)
+        return self.pipeline.drive(self.t_ns, Aim(LINK_NS))
 
     def hold(self, reports: int, *positions_mm: tuple[float, float]) -> list[Tick]:
         return [self.report(*positions_mm) for _ in range(reports)]

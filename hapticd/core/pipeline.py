@@ -1,9 +1,10 @@
 """The touch path: from a trackpad frame to a reference polyline, in one pass and with no queue.
 
     touch():  track the contacts and give each finger's predictor its sample (`core.touch.fingers`)
-    drive():  find the fingers that take part in the solve; for each knot time predict their positions, look up their
-              targets there, evaluate the mode matrix and solve for the modal amplitudes; then gate the polyline. The
-              number of knots follows from the tolerance (`core.trajectory.knots`)
+    drive():  touch() each frame that came; find the fingers that take part in the solve; for each knot time predict
+              their positions, look up their targets there, evaluate the mode matrix and solve for the modal
+              amplitudes; then gate the polyline. The number of knots follows from the tolerance
+              (`core.trajectory.knots`)
 
 Pure: all instants are arguments, and the same calls give the same drives bit for bit. What a scene does not need is
 skipped and counted: no finger, no target, or fingers so still that the last reference still holds.
@@ -16,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ..values import Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
+from ..values import Aim, Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
 from .budget import MOST_SLOWNESS, PassBudget
 from .phasors import Row
 from .plate.mode_shapes import ModeShapes
@@ -107,7 +108,7 @@ class Instant:
         self.stretches: Final = stretches
 
 
-class Frame:
+class FramePlan:
     """A frame before it is solved: for whom, from when on the plate, how long, with how many knots by how many solves,
     and the corners of effects in it."""
 
@@ -274,13 +275,12 @@ class Pipeline:
 
     # --- to the plate ---
 
-    def drive(self, t_now_ns: int, link_ns: int, *, is_allowed: bool = True, is_followed: bool = True) -> Tick:
-        """One pass: return the reference polyline that takes effect `link_ns` from now, or none if the last one still
-        holds.
-
-        `is_allowed`: references other than zero may go out. `is_followed`: the board has the last reference; else it is
-        sent again, however still the fingers are.
-        """
+    def drive(self, t_now_ns: int, aim: Aim, frames: Sequence[tuple[TouchFrame, int]] = ()) -> Tick:
+        """One pass: take the frames that came, each with when it was read; return the reference polyline that takes
+        effect `aim.ahead_ns` from now, or none if the last one still holds."""
+        for frame, t_read_ns in frames:
+            self.touch(frame, t_read_ns)
+        link_ns, may_drive, is_followed = aim
         self.counters.passes += 1
         self.estimated_ns = 0.0
         if self._surfaces.layers:
@@ -289,7 +289,7 @@ class Pipeline:
         t_apply_ns = t_now_ns + link_ns
         t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
         self._triggers.check(t_now_ns, t_plate_ns)
-        keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if is_allowed else []
+        keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if may_drive else []
         if not keys:
             return self.rest(t_now_ns, link_ns)
         if not is_followed:
@@ -302,17 +302,17 @@ class Pipeline:
         self.estimated_ns = allotted.fixed_ns
         self.counters.left_out_fingers += len(keys) - len(allotted.keys)
         keys = allotted.keys
-        frame = self._frame(keys, t_plate_ns, allotted.solves)
+        plan = self._plan(keys, t_plate_ns, allotted.solves)
         may_stand = self._has_settled(keys, t_apply_ns)
         begin = self._at(keys, t_plate_ns)
-        end = self._at(keys, t_plate_ns + frame.span_ns) if may_stand or frame.most_knots > 1 else begin
-        if may_stand and self._stands(frame, begin.places, end.places):
+        end = self._at(keys, t_plate_ns + plan.span_ns) if may_stand or plan.most_knots > 1 else begin
+        if may_stand and self._stands(plan, begin.places, end.places):
             self.counters.skipped_standing += 1
             standing, limited = self._active_points
             return self._tick(t_now_ns, t_plate_ns, None, tuple(map(moved, standing, begin.places)), limited)
 
         solved = self.counters.solves
-        first, last, knots = self._polyline(frame, begin, end, interpolated_um(self._active, t_apply_ns))
+        first, last, knots = self._polyline(plan, begin, end, interpolated_um(self._active, t_apply_ns))
         solves = self.counters.solves - solved
         self.estimated_ns += solves * allotted.solve_ns
         if solves >= allotted.solves:
@@ -386,42 +386,42 @@ class Pipeline:
 
     # --- the steps of a pass ---
 
-    def _frame(self, keys: list[Key], t_plate_ns: int, solves: int) -> Frame:
+    def _plan(self, keys: list[Key], t_plate_ns: int, solves: int) -> FramePlan:
         """Return the frame to be: while an effect is felt it may be shorter, and have more knots."""
         if not self._effects.felt:
-            return Frame(keys, t_plate_ns, self._cover_ns, min(self.max_knots, solves), solves, [])
+            return FramePlan(keys, t_plate_ns, self._cover_ns, min(self.max_knots, solves), solves, [])
         most = min(self._effect_knots, solves)
         span_ns, corners_ns = self._effects.frame(t_plate_ns, self._cover_ns, most)
-        return Frame(keys, t_plate_ns, span_ns, most, solves, corners_ns)
+        return FramePlan(keys, t_plate_ns, span_ns, most, solves, corners_ns)
 
     def _polyline(
-        self, frame: Frame, begin: Instant, end: Instant, previous_um: Row
+        self, plan: FramePlan, begin: Instant, end: Instant, previous_um: Row
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
-        keys, span_ns, tolerance_um = frame.keys, frame.span_ns, self._settings.tolerance_um
-        first = self._solve(keys, frame.t_ns, begin, previous_um, 0)
-        if frame.most_knots == 1:
+        keys, span_ns, tolerance_um = plan.keys, plan.span_ns, self._settings.tolerance_um
+        first = self._solve(keys, plan.t_ns, begin, previous_um, 0)
+        if plan.most_knots == 1:
             return first, first, [Knot(0, first.modal_um)]
-        last = self._solve(keys, frame.t_ns + span_ns, end, first.modal_um, span_ns)
+        last = self._solve(keys, plan.t_ns + span_ns, end, first.modal_um, span_ns)
         knots = [Knot(0, first.modal_um), Knot(span_ns, last.modal_um)]
         ways_mm = moved_mm(first.places, last.places)
-        room = frame.most_knots - len(frame.corners_ns)
-        pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, frame.t_ns, span_ns, room)
+        room = plan.most_knots - len(plan.corners_ns)
+        pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, plan.t_ns, span_ns, room)
         is_plain = pieces == 1 and smooth and not edges_ns
         is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= tolerance_um
 
         def solve(dt_ns: int, before: Knot) -> Row:
-            t_ns = frame.t_ns + dt_ns
+            t_ns = plan.t_ns + dt_ns
             return self._solve(keys, t_ns, self._at(keys, t_ns), before.modal_um, dt_ns - before.dt_ns).modal_um
 
         times_ns: Sequence[int] = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
-        if edges_ns or frame.corners_ns:
-            times_ns = sorted({*times_ns, *edges_ns, *frame.corners_ns})
+        if edges_ns or plan.corners_ns:
+            times_ns = sorted({*times_ns, *edges_ns, *plan.corners_ns})
         for dt_ns in times_ns:
             knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
         if not is_plain:
-            solves = frame.most_solves - len(knots)
-            knots = refine(solve, knots, tolerance_um, frame.most_knots, solves, smooth=smooth)
+            solves = plan.most_solves - len(knots)
+            knots = refine(solve, knots, tolerance_um, plan.most_knots, solves, smooth=smooth)
         return first, last, knots
 
     def _as_read(self, drive: SafeDrive) -> SafeDrive:
@@ -469,7 +469,7 @@ class Pipeline:
             return False
         return self._active_priorities == self._scene.priorities(keys)
 
-    def _stands(self, frame: Frame, begin: list[Place], end: list[Place]) -> bool:
+    def _stands(self, plan: FramePlan, begin: list[Place], end: list[Place]) -> bool:
         """Return whether the last reference, which has settled, still holds: from the frame's beginning to its end the
         fingers stay where it was made for."""
         steepness_um_mm = self._steepness_1_mm * sum(abs(w_um) for w_um in self._active.knots[-1].modal_um)
@@ -481,7 +481,7 @@ class Pipeline:
         if steepness_um_mm > 0.0 and not self._surfaces.layers:
             return True  # while the plate is silent, fingers may move far: over stripes, to the same target
         ways_mm = moved_mm(begin, end)
-        pieces, _, edges_ns = self._ways.pieces(frame.keys, ways_mm, frame.t_ns, frame.span_ns, self.max_knots)
+        pieces, _, edges_ns = self._ways.pieces(plan.keys, ways_mm, plan.t_ns, plan.span_ns, self.max_knots)
         return pieces == 1 and not edges_ns
 
     def _tick(

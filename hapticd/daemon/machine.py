@@ -22,7 +22,7 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
-from ..values import AffineMap, RawReport, Tick
+from ..values import AffineMap, Aim, RawReport, Tick
 from ..wire import trackpad as trackpad_wire
 from .adoption import shapes_of
 from .board_gateway import BoardGateway
@@ -190,15 +190,15 @@ class Machine:
         """Track, predict, solve and send. Any failure in it ends in silence, not in a reference that stands."""
         if self.session.is_resting and len(batch) > 0:
             self.board.wake(t_now_ns)
-        ahead_ns = self.ahead_ns
+        aim = self.aim(t_now_ns)
         try:
-            tick = self._decide(batch, t_now_ns, ahead_ns)
+            tick = self._decide(batch, t_now_ns, aim)
             self.is_failing = False
         except Exception:
             if not self.is_failing:  # once, not ninety times a second
                 log.exception("a pass failed: the plate is quiet until one succeeds")
             self.is_failing = True
-            tick = self.pipeline.rest(t_now_ns, ahead_ns)
+            tick = self.pipeline.rest(t_now_ns, aim.ahead_ns)
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
         events = self.pipeline.events.take()
@@ -212,31 +212,19 @@ class Machine:
         self.status.report_pass(tick, perceived, events)
         return t_written_ns
 
-    def _decide(self, batch: Sequence[RawReport], t_now_ns: int, ahead_ns: int) -> Tick:
-        for report in batch:
-            for frame in self.trackpad.decode(report.data, report.t_host_ns):
-                self.pipeline.touch(frame, report.t_host_ns)
-        tick = self.pipeline.drive(
-            t_now_ns, ahead_ns, is_allowed=self.may_drive, is_followed=self.keeps_reference(t_now_ns)
-        )
+    def _decide(self, batch: Sequence[RawReport], t_now_ns: int, aim: Aim) -> Tick:
+        decode = self.trackpad.decode
+        frames = [(one, t_read_ns) for t_read_ns, data in batch for one in decode(data, t_read_ns)]
+        tick = self.pipeline.drive(t_now_ns, aim, frames)
         self._supervise(Event.TOUCHED if tick.points else Event.RELEASED, "", t_now_ns)
         return tick
 
-    # What a pass takes from the board. `hapticd replay --set` puts recorded values in its place.
-
-    @property
-    def ahead_ns(self) -> int:
-        """From a pass's start to its effect, so computing is in it."""
-        return self.session.latency.link_ns
-
-    @property
-    def may_drive(self) -> bool:
-        """The board may be given a reference other than zero."""
-        return self.supervisor.may_drive
-
-    def keeps_reference(self, t_now_ns: int) -> bool:
-        """The board has the last reference, or will be given it when it wakes."""
-        return self.session.holds(t_now_ns) or self.session.is_resting
+    def aim(self, t_now_ns: int) -> Aim:
+        """What a pass takes from the board; its computing is in `ahead_ns`. A board that rests is given the last
+        reference when it wakes. `hapticd replay --set` puts recorded values in its place."""
+        session = self.session
+        is_followed = session.is_resting or session.holds(t_now_ns)
+        return Aim(session.latency.link_ns, self.supervisor.may_drive, is_followed)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,

@@ -9,6 +9,7 @@ from pipeline_bench import LINK_NS, MS, ONE, SLIPPERY, STICKY, STILL, Bench, amp
 
 from hapticd.content_values import AmplitudeTarget, ClientTargets, GratingTarget, NoiseTarget, Surface, VirtualPath
 from hapticd.core.budget import BUDGET_NS, LEAST_CHANGE, MEAN_PASSES, MOST_SLOWNESS, OVERRUN_NS, Slowness
+from hapticd.values import Aim
 
 FINE = GratingTarget(period_mm=2.0, angle_rad=0.3, low_um=0.0, high_um=1.0, duty_frac=0.0)
 NOISE = NoiseTarget(1, 0.5, 50.0, 1.0, 0.5, 0.1)
@@ -120,11 +121,12 @@ def test_fewer_solves_keep_the_chords_that_err_most() -> None:
 
 def test_the_same_inputs_give_the_same_bits_whatever_was_left_out() -> None:
     drives = []
+    aim = Aim(LINK_NS, is_followed=False)
     for _ in range(2):
         bench = Bench()
         busy(bench, 5, 16)
         bench.pipeline.set_slowness(3.0)
-        drives.append([bench.pipeline.drive(bench.t_ns + n * MS, LINK_NS, is_followed=False).drive for n in range(10)])
+        drives.append([bench.pipeline.drive(bench.t_ns + n * MS, aim).drive for n in range(10)])
     assert drives[0] == drives[1]
 
 

@@ -23,7 +23,7 @@ from pipeline_bench import (
 from hapticd.bench.baselines.paper_scheme import invert
 from hapticd.content_values import AmplitudeTarget, GratingTarget, VirtualPath
 from hapticd.core.solver.derating import LEAST_SHARE
-from hapticd.values import Tick
+from hapticd.values import Aim, Tick
 
 
 @pytest.fixture
@@ -147,7 +147,7 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
         bench = Bench(tolerance_um=0.005)
         bench.want({"walker": AmplitudeTarget(1.0)}, {"walker": path})
         bench.t_ns += 150 * MS
-        tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
+        tick = bench.pipeline.drive(bench.t_ns, Aim(LINK_NS))
         knots = tick.drive.knots
         counts.append(len(knots))
         t_plate_ns = tick.drive.t_apply_ns + bench.pipeline._settings.loop_delay_ns
@@ -171,7 +171,7 @@ def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
         bench = Bench()
         bench.want({"walker": target}, {"walker": path})
         bench.t_ns += 150 * MS
-        tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
+        tick = bench.pipeline.drive(bench.t_ns, Aim(LINK_NS))
         counts[name] = len(tick.drive.knots)
         for knot in tick.drive.knots:
             here_mm = bench.scene.virtual_position_mm("walker", tick.drive.t_apply_ns + knot.dt_ns)
@@ -202,7 +202,7 @@ def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
         first_um = []
         for _ in range(190):
             bench.t_ns += MS
-            tick = bench.pipeline.drive(bench.t_ns, LINK_NS)
+            tick = bench.pipeline.drive(bench.t_ns, Aim(LINK_NS))
             if tick.drive is not None:
                 first_um.append(np.real(tick.drive.knots[0].modal_um))
         largest[name] = np.abs(np.diff(first_um, axis=0)).max()

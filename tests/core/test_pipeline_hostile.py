@@ -16,7 +16,7 @@ from hapticd.content_values import (
     Target,
     VirtualPath,
 )
-from hapticd.values import Knot, LimitReason
+from hapticd.values import Aim, Knot, LimitReason
 
 W_LIMIT_UM = (4.0, 0.5)
 TARGETS: tuple[Target, ...] = (
@@ -62,7 +62,7 @@ def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: in
         walk = VirtualPath(((-200.0, 0.0), (200.0, 0.0)), source.choice((0.0, 1e3)), loop=True)
         bench.scene.apply(ClientTargets("test", 500 * MS, targets, {"walker": walk}), t_ns)
         bench.pipeline.release(bench.scene.expire(t_ns))
-        tick = bench.pipeline.drive(t_ns, LINK_NS)
+        tick = bench.pipeline.drive(t_ns, Aim(LINK_NS))
         if tick.drive is not None:
             drives += 1
             assert_within_limits(tick.drive.knots)
@@ -78,7 +78,7 @@ def test_targets_that_change_a_thousand_times_a_second_are_each_followed(bench: 
             bench.touch(t_ns - 9 * MS, t_ns, (6.0, 20.0))
         wanted_um = 0.4 * (step % 2)
         bench.scene.apply(ClientTargets("test", 500 * MS, {1: AmplitudeTarget(wanted_um)}, {}), t_ns)
-        tick = bench.pipeline.drive(t_ns, LINK_NS)
+        tick = bench.pipeline.drive(t_ns, Aim(LINK_NS))
         assert [point.target_um for point in tick.points] == [wanted_um]
         assert_within_limits(tick.drive.knots)
         assert tick.points[0].achieved_um == pytest.approx(wanted_um, abs=1e-9)

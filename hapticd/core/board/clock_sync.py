@@ -193,6 +193,7 @@ class LinkLatency:
 
     def __init__(self, start_ns: int = 5_000_000) -> None:
         self.ignored = 0
+        self.link_ns = start_ns  # the one-way delay to plan with
         self._start_ns = start_ns
         self._delays = RollingQuantile(self._WINDOW, self._HIGH)
 
@@ -202,12 +203,10 @@ class LinkLatency:
             self.ignored += 1
             return
         self._delays.push(max(link_ns, 0))
+        if len(self._delays) >= self._ENOUGH:
+            self.link_ns = self._delays.value
 
     def reset(self) -> None:
         """Another link: back to the start value."""
         self._delays.clear()
-
-    @property
-    def link_ns(self) -> int:
-        """The one-way delay to plan with."""
-        return self._delays.value if len(self._delays) >= self._ENOUGH else self._start_ns
+        self.link_ns = self._start_ns

@@ -26,6 +26,7 @@ from ...files.recording.kinds import Fields, Record, phasors
 from ...files.recording.mcap_reader import Recording
 from ...files.toml_file import parse
 from ...sim.score import Score, score, with_contacts
+from ...values import Aim
 from .replay import feed, steps
 from .tracks import FloatArray, Tracks, tracks
 
@@ -131,13 +132,12 @@ class _Rehearsal(Machine):
     """
 
     ids_ahead = 0
-    _ahead_ns = 0
-    _is_driving = False
+    _aim = Aim(0, may_drive=False)
 
     def aim_as(self, recorded: Fields, lag_ns: int) -> None:
         """Take the recorded pass's aim, with the plate's lag taken off."""
-        self._ahead_ns = max(recorded["horizon_ns"] - recorded["age_ns"] - lag_ns, 0)
-        self._is_driving = recorded["state"] == State.ACTIVE.name
+        ahead_ns = max(recorded["horizon_ns"] - recorded["age_ns"] - lag_ns, 0)
+        self._aim = Aim(ahead_ns, may_drive=recorded["state"] == State.ACTIVE.name)
 
     def compare_ids(self, recorded: Sequence[Fields]) -> None:
         """Learn from the fingers that a recorded pass had."""
@@ -145,16 +145,8 @@ class _Rehearsal(Machine):
         if recorded and len(recorded) == len(own):
             self.ids_ahead = recorded[0]["finger_id"] - own[0].finger_id
 
-    @property
-    def ahead_ns(self) -> int:
-        return self._ahead_ns
-
-    @property
-    def may_drive(self) -> bool:
-        return self._is_driving
-
-    def keeps_reference(self, t_now_ns: int) -> bool:  # noqa: ARG002
-        return True
+    def aim(self, t_now_ns: int) -> Aim:  # noqa: ARG002
+        return self._aim
 
 
 def _renumbered(record: Record, ids_ahead: int) -> Record:
