@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from itertools import pairwise
 
 import msgpack
@@ -16,6 +17,7 @@ from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
 from hapticd.daemon.settings import telemetry_hz
 from hapticd.sim.fingers.paths import Line
+from hapticd.values import Aim, TouchFrame
 from hapticd.wire import protocol
 
 
@@ -125,7 +127,9 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
         def __getattr__(self, name: str) -> object:
             return getattr(pipeline, name)
 
-        def drive(self, *_: object) -> None:
+        def drive(self, _t_now_ns: int, _aim: Aim, frames: Sequence[tuple[TouchFrame, int]] = ()) -> None:
+            for frame, t_read_ns in frames:
+                pipeline.touch(frame, t_read_ns)
             raise ArithmeticError("a bug")
 
     with monkeypatch.context() as patch:
