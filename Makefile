@@ -70,7 +70,7 @@ version:
 	sed -i -E 's/^(#define HD_FIRMWARE_VERSION ")[^"]*/\1$(VERSION)/' firmware/core/core.h
 
 # What installation compiles: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*/*.py hapticd/core/*/*.c \
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/board_protocol.py hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*/*.py hapticd/core/*/*.c \
     hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/*.py)
 
 # Without pip's isolated build, which would download and unpack mypy and numpy a second time; and beside it, on the core

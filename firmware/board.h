@@ -36,11 +36,12 @@ bool board_set_baud(uint32_t baud);
 
 /* What a board's log has besides enum hd_event. */
 enum hd_board_event {
-    HD_EVENT_IMAGE = 96,           /* the program in the flash is damaged: the board does not drive */
-    HD_EVENT_BROWN_OUT_OFF = 97,   /* the option bytes let the chip run on too little supply: the board does not drive */
-    HD_EVENT_SUPPLY = 98,          /* the chip's supply fell below 2.9 V */
-    HD_EVENT_AMPLIFIER_FAULT = 99,
-    HD_EVENT_EMERGENCY_STOP = 100,
+    HD_EVENT_IMAGE = 96, /* the program in the flash is damaged: the board does not drive */
+    HD_EVENT_BROWN_OUT_OFF = 97,
+        /* the chip's brown-out reset is off: the board does not drive; run `make -C firmware protect` */
+    HD_EVENT_SUPPLY = 98,          /* the supply fell below 2.9 V */
+    HD_EVENT_AMPLIFIER_FAULT = 99, /* an amplifier reported a fault */
+    HD_EVENT_EMERGENCY_STOP = 100, /* emergency stop */
 };
 
 /* Enables or disables the amplifiers, at every control tick. */

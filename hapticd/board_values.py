@@ -1,17 +1,24 @@
-"""The vocabulary of the board: commands to it, messages from it, and its calibration.
+"""The vocabulary of the board: its calibration, and the commands and messages that have another shape than their bytes.
 
-Units and phasors as in `hapticd.values`; wrapped board times are 32-bit microseconds. Values are checked when a command
-is encoded or a message decoded.
+The others are in `board_protocol`. Units and phasors as in `hapticd.values`; wrapped board times are 32-bit
+microseconds. Values are checked when a command is encoded or a message decoded.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
+from . import board_protocol as protocol
+from .board_protocol import BoardState, PlainCommand, PlainMessage
 from .values import SafeDrive
+
+
+def is_within(value: float, bounds: tuple[float, float]) -> bool:
+    """Return whether `value` lies within `bounds`, ends included; False for NaN."""
+    return bounds[0] <= value <= bounds[1] and math.isfinite(value)
+
 
 # --- calibration ------------------------------------------------------------------------------------------------
 
@@ -65,25 +72,25 @@ class ModeModel:
     loop: complex
 
 
-# --- commands of the daemon -------------------------------------------------------------------------------------
+# --- commands ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class HelloRequest:
-    """Request the board's identity. The board zeroes its output and discards earlier frames."""
+class SetController:
+    """Select a control law of `protocol.LAWS`: "pi" (the paper's four), "pi_ff" (feed-forward) or "deadbeat"
+    (observer), and its gains; None is the firmware's default."""
 
-
-@dataclass(frozen=True, slots=True)
-class SelectController:
-    """Select the board's control law: "pi" (the paper's four), "pi_ff" (feed-forward) or "deadbeat" (observer)."""
-
-    name: str
+    kind: ClassVar = protocol.MSG_SET_CONTROLLER
+    law: str
+    bandwidth_1_s: float | None = None
+    integral_time_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class SetModel:
     """Set the model by which the board controls one mode."""
 
+    kind: ClassVar = protocol.MSG_SET_MODEL
     mode: int
     model: ModeModel
 
@@ -93,6 +100,7 @@ class SetWiring:
     """Set all wires at once: `drive` amplifiers by modes, `sense` modes by sensors, `feedthrough_um_per_v` modes by
     amplifiers."""
 
+    kind: ClassVar = protocol.MSG_SET_WIRING
     drive: tuple[tuple[float, ...], ...]
     sense: tuple[tuple[complex, ...], ...]
     feedthrough_um_per_v: tuple[tuple[complex, ...], ...]
@@ -115,35 +123,6 @@ class SetWiring:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class SetTelemetry:
-    """Stream samples of the control tick, at most `rate_hz` a second; 0 stops the stream."""
-
-    rate_hz: int
-
-
-@dataclass(frozen=True, slots=True)
-class SetDrive:
-    """Set the drive, and how far it follows the plate to either side. The modes stay at their frequencies."""
-
-    drive_hz: float
-    follow_hz: float
-
-
-@dataclass(frozen=True, slots=True)
-class SetBaud:
-    """Set the line's speed, from the answer on; a board that then receives nothing valid returns to its first one."""
-
-    baud: int
-
-
-@dataclass(frozen=True, slots=True)
-class TimeRequest:
-    """Request the board's clock; the answer repeats the stamp."""
-
-    t_host_ns: int
-
-
 class ReferenceFrame(NamedTuple):
     """A numbered drive with its start on the board's wrapped clock; with a pulse of the sync output when it takes
     effect."""
@@ -154,42 +133,9 @@ class ReferenceFrame(NamedTuple):
     has_pulse: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class KeepAlive:
-    """Reset the dead-man timer: frame `seq` stays valid."""
+BoardCommand = PlainCommand | SetController | SetModel | SetWiring | ReferenceFrame
 
-    seq: int
-
-
-@dataclass(frozen=True, slots=True)
-class ClearFault:
-    """Leave a latched fault."""
-
-
-BoardCommand = (
-    HelloRequest
-    | SelectController
-    | SetModel
-    | SetWiring
-    | SetTelemetry
-    | SetDrive
-    | SetBaud
-    | TimeRequest
-    | ReferenceFrame
-    | KeepAlive
-    | ClearFault
-)
-
-# --- messages to the daemon -------------------------------------------------------------------------------------
-
-
-class BoardState(Enum):
-    """The firmware's state. Values are those on the wire."""
-
-    QUIET = 0  # no trusted stream of frames: output ramped to zero
-    LIVE = 1  # following references
-    FAULT = 2  # latched: no output until cleared
-    TOOL = 3  # a sweep or raw voltage drives the plate
+# --- messages ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +170,7 @@ class BoardStatus:
     its first knot took effect (0 and `applied` False while it is pending). `measured_um` is per mode, `voltage_v` per
     amplifier. `drive_hz` follows the plate; 0 of a board that does not say it. `pulsed`: the sync output rose as
     this frame took effect. `number` counts statuses; None of a board that does not. `refusal` is why frame
-    `refused_seq`, the session's last that was not taken, was refused (`wire.protocol.REFUSALS`); 0: none was.
+    `refused_seq`, the session's last that was not taken, was refused (`board_protocol.REFUSALS`); 0: none was.
     """
 
     t_board_us: int
@@ -246,86 +192,6 @@ class BoardStatus:
     number: int | None = None
     refused_seq: int = 0
     refusal: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class BoardTime:
-    """Answer to a time request: the host's stamp, and the board's clock at receipt and at reply."""
-
-    t_host_ns: int
-    t_received_us: int
-    t_sent_us: int
-
-
-BoardMessage = BoardHello | BoardStatus | BoardTime
-
-# --- commands of the bench tools --------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class SetGains:
-    """Select a control law and its gains; None keeps the firmware's default."""
-
-    law: str
-    bandwidth_1_s: float | None = None
-    integral_time_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ControllerRequest:
-    """Request the active law, gains and mode models."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sweep:
-    """Drive one mode open loop with `voltage_v` at `points` frequencies, for `dwell_ms` each."""
-
-    mode: int
-    start_hz: float
-    stop_hz: float
-    points: int
-    dwell_ms: int
-    voltage_v: float
-
-
-@dataclass(frozen=True, slots=True)
-class RawVoltage:
-    """Apply a voltage to one amplifier, open loop, for `duration_ms`; repeating the command extends it."""
-
-    mode: int
-    voltage_v: complex
-    duration_ms: int
-
-
-@dataclass(frozen=True, slots=True)
-class LogRequest:
-    """Request the cause of the last reset and the event log."""
-
-
-@dataclass(frozen=True, slots=True)
-class Stop:
-    """Stop a sweep or raw voltage."""
-
-
-ToolCommand = SetGains | ControllerRequest | Sweep | RawVoltage | SetTelemetry | LogRequest | Stop
-
-# --- messages to the bench tools --------------------------------------------------------------------------------
-
-
-class Verdict(Enum):
-    """The result of a command. Values are those on the wire."""
-
-    DONE = 0
-    OUT_OF_RANGE = 1
-    NOT_QUIET = 2  # the board is busy or has a fault
-
-
-@dataclass(frozen=True, slots=True)
-class BoardVerdict:
-    """The board's answer to the command of message type `request`."""
-
-    request: int
-    verdict: Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,4 +259,4 @@ class BoardLog:
     entries: tuple[LogEntry, ...]
 
 
-ToolMessage = BoardVerdict | BoardController | SweepPoint | TelemetrySample | BoardLog
+BoardMessage = PlainMessage | BoardHello | BoardStatus | BoardController | SweepPoint | TelemetrySample | BoardLog

@@ -13,6 +13,7 @@ import msgpack
 import pytest
 from pipeline_bench import MS, PLATE
 
+from hapticd import board_protocol as protocol
 from hapticd.board_values import UNCALIBRATED, Calibration
 from hapticd.config.sections import Config
 from hapticd.core.board.supervisor import State
@@ -23,7 +24,6 @@ from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.paths import Path, Rest, Touch
 from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
 from hapticd.values import RawReport
-from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 START_NS = 900_000_000_000

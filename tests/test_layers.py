@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
-VALUES = {"values", "content_values", "board_values", "errors"}
+VALUES = {"values", "content_values", "board_values", "board_protocol", "errors"}
 PROGRAM = {*VALUES, "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"}
 
 # What each part may import of ours, apart from itself.
@@ -23,7 +23,8 @@ ALLOWED: dict[str, set[str]] = {
     "content_values": set(),
     "errors": set(),
     "regular_file": set(),
-    "board_values": {"values"},
+    "board_protocol": set(),
+    "board_values": {"values", "board_protocol"},
     "compiled": {"errors"},
     "core": VALUES,
     "wire": VALUES,

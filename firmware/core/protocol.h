@@ -1,9 +1,15 @@
-/* What travels between host and board: the one source of truth for every byte (firmware/PROTOCOL.md is its text).
+/* The messages between host and board: the one place where they are written (firmware/PROTOCOL.md is their text).
  *
  * A frame on the line is COBS(type, payload, CRC-16/CCITT-FALSE little endian) and the delimiter 0x00. Payloads are the
  * packed structures below, little endian, so a received payload is copied into its structure and needs no parsing.
- * The host holds the same layouts; a test reads this file and compares. HELLO and STATUS grow at their ends and new types
- * are added without another version; whatever else changes takes one.
+ * HELLO and STATUS grow at their ends and new types are added without another version; whatever else changes takes one.
+ *
+ * `make -C firmware protocol` makes hapticd/board_protocol.py, the tables of firmware/PROTOCOL.md and the hash below from
+ * this file, and reads its comments too: in messages, fields and enumerators they are for people, and
+ *   LOW .. HIGH    in a field's are its bounds, ends included (of the magnitude, where a d and a q follow each other);
+ *   enum hd_...    in a field's names what its number means;
+ *   "the sweep":   begins the text of a command that a VERDICT answers: what a refusal calls it;
+ *   a first sentence that a second one follows is what the host shows of a fault, a state or an event.
  */
 #ifndef HD_PROTOCOL_H
 #define HD_PROTOCOL_H
@@ -11,7 +17,7 @@
 #include <stdint.h>
 
 #define HD_PROTOCOL_VERSION 2
-/* CRC-32 of this file without comments, this line and space; tests/firmware/test_protocol_header.py computes it. */
+/* CRC-32 of this file without comments, this line and space. */
 #define HD_PROTOCOL_HASH 0x5b0a791eu
 
 #ifndef HD_MODES
@@ -70,99 +76,122 @@
 
 enum hd_message {
     HD_MSG_HELLO_REQUEST = 0x01,
-    HD_MSG_REFERENCE = 0x02,
-    HD_MSG_KEEPALIVE = 0x03,
-    HD_MSG_TIME_REQUEST = 0x04,
-    HD_MSG_CLEAR_FAULT = 0x05,
-    HD_MSG_SET_CONTROLLER = 0x06,
-    HD_MSG_SET_MODEL = 0x07,
-    HD_MSG_CONTROLLER_REQUEST = 0x08,
+        /* request the board's identity. It zeroes its output and discards earlier frames: a new session */
+    HD_MSG_REFERENCE = 0x02, /* a polyline in time of the modes' amplitudes */
+    HD_MSG_KEEPALIVE = 0x03, /* reset the dead-man timer. Reference `seq` stays valid */
+    HD_MSG_TIME_REQUEST = 0x04, /* request the board's clock. The answer repeats the stamp */
+    HD_MSG_CLEAR_FAULT = 0x05, /* leave a latched fault */
+    HD_MSG_SET_CONTROLLER = 0x06, /* "the control law or its gains": select the control law and its gains */
+    HD_MSG_SET_MODEL = 0x07, /* "the calibration of a mode": set the model by which the board controls one mode */
+    HD_MSG_CONTROLLER_REQUEST = 0x08, /* request the active law, gains and mode models */
     HD_MSG_SWEEP = 0x09,
+        /* "the sweep": drive one mode open loop with `voltage_v` at `points` frequencies, for `dwell_ms` each */
     HD_MSG_RAW_VOLTAGE = 0x0A,
-    HD_MSG_SET_TELEMETRY = 0x0B,
-    HD_MSG_LOG_REQUEST = 0x0C,
-    HD_MSG_STOP = 0x0D,
+        /* "the raw voltage": apply a voltage to one amplifier, open loop. Repeating the command extends it */
+    HD_MSG_SET_TELEMETRY = 0x0B, /* "the telemetry": stream samples of the control tick, at most `rate_hz` a second */
+    HD_MSG_LOG_REQUEST = 0x0C, /* request the cause of the last reset and the event log */
+    HD_MSG_STOP = 0x0D, /* "to stop": stop a sweep or raw voltage. The voltage ramps down */
     HD_MSG_SET_WIRING = 0x0E,
+        /* "the calibration of the wiring": set all wires at once, for no part makes sense without the others */
     HD_MSG_SET_DRIVE = 0x0F,
+        /* "the drive": set the drive, and how far it follows the plate to either side. The modes stay at their
+         * frequencies */
     HD_MSG_SET_BAUD = 0x10,
-    HD_MSG_HELLO = 0x81,
-    HD_MSG_STATUS = 0x82,
-    HD_MSG_TIME = 0x83,
-    HD_MSG_CONTROLLER = 0x84,
-    HD_MSG_SWEEP_POINT = 0x85,
-    HD_MSG_TELEMETRY = 0x86,
-    HD_MSG_LOG = 0x87,
-    HD_MSG_VERDICT = 0x88,
+        /* "the speed of the line": set the line's speed, from the answer on. A board that then receives nothing valid for
+         * HD_BAUD_HOLD_US returns to its first one */
+    HD_MSG_HELLO = 0x81, /* the board's identity, rates and limits */
+    HD_MSG_STATUS = 0x82, /* sent after each reference that takes effect, and ten times a second otherwise */
+    HD_MSG_TIME = 0x83, /* answer to a time request: the host's stamp, and the board's clock at receipt and at reply */
+    HD_MSG_CONTROLLER = 0x84, /* the active control law, its gains and models */
+    HD_MSG_SWEEP_POINT = 0x85, /* mean amplitudes of all modes at one frequency of a sweep */
+    HD_MSG_TELEMETRY = 0x86, /* one control tick */
+    HD_MSG_LOG = 0x87, /* the cause of the last reset, and the newest of the `events` ever logged, oldest first */
+    HD_MSG_VERDICT = 0x88, /* the board's answer to the command of message type `request` */
 };
 
-/* Result of a command in a VERDICT. */
 enum hd_verdict {
-    HD_VERDICT_DONE = 0,
-    HD_VERDICT_OUT_OF_RANGE = 1,
-    HD_VERDICT_NOT_QUIET = 2, /* the board does something else, or has a fault */
+    HD_VERDICT_DONE = 0, /* done */
+    HD_VERDICT_OUT_OF_RANGE = 1, /* a value is out of range */
+    HD_VERDICT_NOT_QUIET = 2, /* it is busy or has a fault */
 };
 
 enum hd_state {
-    HD_STATE_QUIET = 0,
-    HD_STATE_LIVE = 1,
-    HD_STATE_FAULT = 2,
-    HD_STATE_TOOL = 3, /* a sweep or a raw voltage drives the plate */
+    HD_STATE_QUIET = 0, /* quiet. No trusted host: the output is zero, or ramping to zero */
+    HD_STATE_LIVE = 1, /* live: it follows references */
+    HD_STATE_FAULT = 2, /* fault. Latched: no output until CLEAR_FAULT */
+    HD_STATE_TOOL = 3, /* busy with a sweep or a raw voltage. It drives the plate */
 };
 
 enum hd_fault {
-    HD_FAULT_NONE = 0,
-    HD_FAULT_MEASUREMENT_NOT_FINITE = 1,
-    HD_FAULT_CONTROL_NOT_FINITE = 2,
+    HD_FAULT_NONE = 0, /* none */
+    HD_FAULT_MEASUREMENT_NOT_FINITE = 1, /* a measurement was not finite */
+    HD_FAULT_CONTROL_NOT_FINITE = 2, /* a control voltage was not finite */
     HD_FAULT_OVER_AMPLITUDE = 3,
+        /* the measured amplitude stayed far above its limit. A mode was measured above 1.5 times its limit in all
+         * its turns of 8 ticks */
     HD_FAULT_NO_RESPONSE = 4,
+        /* the sensors do not answer the drive. For 50 ms above half the voltage limit, and a sensor below a tenth of
+         * what the reference should show it */
     HD_FAULT_REPEATED_DEADMAN = 5,
-    HD_FAULT_CONFIG = 6, /* cannot be cleared */
-    HD_FAULT_ASTRAY = 7, /* the measurement is not what the drive does */
-    HD_FAULT_WIRING = 8, /* the same, and a mode moves against its drive */
-    HD_FAULT_CLIPPED = 9, /* a sensor's converter is at its rails */
-    HD_FAULT_SATURATED = 10, /* the voltage limit keeps the plate from its reference for too long */
+        /* dead-man timeout three times within ten seconds. Only if the board is configured to latch them */
+    HD_FAULT_CONFIG = 6, /* the board's configuration is invalid. It cannot be cleared */
+    HD_FAULT_ASTRAY = 7,
+        /* the sensors do not follow the drive: a wrong phase or gain. For 50 ms above half the voltage limit, and
+         * farther from the reference than 1.5 times that and a twentieth of the amplitude limit; or an observer that
+         * is off by three tenths of a tick at full voltage on more than two ticks of five */
+    HD_FAULT_WIRING = 8,
+        /* the plate moves against its drive: wires of amplifiers or sensors are swapped or inverted, and `hapticd
+         * calibrate resonance` says which. Faults 3 or 7 of a mode that moved against its drive for 10 ms */
+    HD_FAULT_CLIPPED = 9,
+        /* a sensor's converter is at its rails: its bias is off, or its range too small. Its samples met a rail for
+         * 50 ms: mean and amplitude over a tick together reach beyond it */
+    HD_FAULT_SATURATED = 10,
+        /* the amplifiers were at their limit for 100 s without reaching the reference. No tick at which the voltage
+         * limit sufficed for it */
 };
 
-/* Log events other than faults. */
 enum hd_event {
-    HD_EVENT_DEADMAN_TRIP = 64,
-    HD_EVENT_TOOL_STOPPED = 65, /* by the dead-man; what a fault stops is logged as that fault */
-    HD_EVENT_MISSED_CHUNK = 66, /* samples were lost; `value` counts such events since the reset */
-    HD_EVENT_SLOW_CLOCK = 67,   /* the crystal does not start: the board communicates but does not drive */
-    HD_EVENT_CRASH = 68,        /* `value` is the place in the program, from the beginning of the flash */
+    HD_EVENT_DEADMAN_TRIP = 64, /* dead-man timeout: the drive was ramped down */
+    HD_EVENT_TOOL_STOPPED = 65,
+        /* dead-man timeout: a sweep or raw voltage was stopped. `value` is its voltage; what a fault stops is logged
+         * as that fault */
+    HD_EVENT_MISSED_CHUNK = 66,
+        /* samples were lost. `value` counts such events since the reset, a series is one entry */
+    HD_EVENT_SLOW_CLOCK = 67, /* the crystal did not start: the board does not drive. It communicates */
+    HD_EVENT_CRASH = 68, /* the program crashed. `value` is the place in the program, from the beginning of the flash */
 };
 
 enum hd_reset_cause {
-    HD_RESET_UNKNOWN = 0,
-    HD_RESET_POWER = 1,
-    HD_RESET_PIN = 2,
-    HD_RESET_SOFTWARE = 3,
-    HD_RESET_WATCHDOG = 4,
-    HD_RESET_BROWN_OUT = 5,
-    HD_RESET_LOW_POWER = 6,
+    HD_RESET_UNKNOWN = 0, /* unknown */
+    HD_RESET_POWER = 1, /* power-up */
+    HD_RESET_PIN = 2, /* reset pin */
+    HD_RESET_SOFTWARE = 3, /* software */
+    HD_RESET_WATCHDOG = 4, /* watchdog */
+    HD_RESET_BROWN_OUT = 5, /* brown-out */
+    HD_RESET_LOW_POWER = 6, /* low-power management */
 };
 
 enum hd_law {
-    HD_LAW_PI = 0,
-    HD_LAW_PI_FF = 1,
-    HD_LAW_DEADBEAT = 2,
+    HD_LAW_PI = 0, /* the paper's four PI controllers */
+    HD_LAW_PI_FF = 1, /* coupling compensation and feed-forward added */
+    HD_LAW_DEADBEAT = 2, /* deadbeat with an observer */
 };
 
 enum hd_status_flag {
-    HD_STATUS_APPLIED = 0x01,
-    HD_STATUS_SATURATED = 0x02,
-    HD_STATUS_LIMITED = 0x04,
-    HD_STATUS_PULSED = 0x08, /* the sync output rose with it */
+    HD_STATUS_APPLIED = 0x01, /* reference `seq` has taken effect, at `t_applied_us` */
+    HD_STATUS_SATURATED = 0x02, /* the amplifiers were at their limit */
+    HD_STATUS_LIMITED = 0x04, /* a reference was scaled down */
+    HD_STATUS_PULSED = 0x08, /* the sync output rose */
 };
 
-/* Why a REFERENCE was not taken. */
 enum hd_refusal {
-    HD_REFUSAL_NONE = 0,
-    HD_REFUSAL_MALFORMED = 1, /* length, number of modes or knots, offsets that do not rise, a value that is not finite */
-    HD_REFUSAL_AHEAD = 2,     /* it begins more than HD_AHEAD_US from now */
-    HD_REFUSAL_STALE = 3,     /* it began more than HD_STALE_US ago */
-    HD_REFUSAL_ORDER = 4,     /* it is not newer than the last one taken */
-    HD_REFUSAL_TOOL = 5,      /* a tool drives the plate */
+    HD_REFUSAL_NONE = 0, /* none was refused */
+    HD_REFUSAL_MALFORMED = 1,
+        /* its length, modes, knots or values are not valid. Offsets rise, and values are finite */
+    HD_REFUSAL_AHEAD = 2, /* it begins more than 1 s from now */
+    HD_REFUSAL_STALE = 3, /* it began more than 50 ms ago */
+    HD_REFUSAL_ORDER = 4, /* it is not newer than the last one taken */
+    HD_REFUSAL_TOOL = 5, /* a sweep or a raw voltage drives the plate */
 };
 
 enum hd_feature {
@@ -171,7 +200,7 @@ enum hd_feature {
 
 #define HD_PACKED __attribute__((packed))
 
-/* --- host to board; HELLO_REQUEST, CLEAR_FAULT, CONTROLLER_REQUEST, LOG_REQUEST and STOP have no payload --- */
+/* --- host to board; messages without a structure have no payload --- */
 
 typedef struct HD_PACKED {
     float d_um;
@@ -199,60 +228,58 @@ typedef struct HD_PACKED {
 } hd_wire_time_request_t;
 
 typedef struct HD_PACKED {
-    uint8_t law;
-    float bandwidth_1_s;
-    float integral_time_s;
+    uint8_t law;           /* enum hd_law */
+    float bandwidth_1_s;   /* HD_BANDWIDTH_MIN_1_S .. HD_BANDWIDTH_MAX_1_S, or 0: the firmware's own */
+    float integral_time_s; /* HD_INTEGRAL_TIME_MIN_S .. HD_INTEGRAL_TIME_MAX_S, or 0 */
 } hd_wire_set_controller_t;
 
 /* (loop_d, loop_q) is the unit phasor of the constant phase that amplifier, electrodes and sensor add to the loop. */
 typedef struct HD_PACKED {
-    float decay_1_s;
-    float detuning_rad_s;
-    float gain_um_per_v_s;
-    float loop_d;
+    float decay_1_s;       /* HD_DECAY_MIN_1_S .. HD_DECAY_MAX_1_S */
+    float detuning_rad_s;  /* from the drive: -HD_DETUNING_MAX_RAD_S .. HD_DETUNING_MAX_RAD_S */
+    float gain_um_per_v_s; /* HD_GAIN_MIN_UM_PER_V_S .. HD_GAIN_MAX_UM_PER_V_S */
+    float loop_d; /* 0.9995 .. 1.0005 */
     float loop_q;
 } hd_wire_model_t;
 
 typedef struct HD_PACKED {
-    uint8_t mode;
+    uint8_t mode; /* 0 .. 254 */
     hd_wire_model_t model;
 } hd_wire_set_model_t;
 
-/* All of it at once: no part makes sense without the others. */
 typedef struct HD_PACKED {
-    float drive[HD_MODES * HD_MODES];                  /* row by row: of amplifier k, by mode p */
-    hd_wire_phasor_t sense[HD_MODES * HD_MODES];       /* of mode p, by sensor s */
-    hd_wire_phasor_t feedthrough[HD_MODES * HD_MODES]; /* um per V: of mode p, by amplifier k */
+    float drive[HD_MODES * HD_MODES];                  /* row by row: of amplifier k, by mode p; -HD_DRIVE_SHARE_MAX .. HD_DRIVE_SHARE_MAX */
+    hd_wire_phasor_t sense[HD_MODES * HD_MODES];       /* of mode p, by sensor s; 0 .. HD_SENSE_MAX */
+    hd_wire_phasor_t feedthrough[HD_MODES * HD_MODES]; /* um per V: of mode p, by amplifier k; 0 .. HD_FEEDTHROUGH_MAX_UM_PER_V */
 } hd_wire_set_wiring_t;
 
 typedef struct HD_PACKED {
-    float drive_hz;
-    float follow_hz; /* how far it follows the plate, to either side; 0: not at all */
+    float drive_hz;  /* 1 .. 1e6, and within HD_DRIVE_MOVE_MAX_HZ of the one that the board started with */
+    float follow_hz; /* to either side: 0 .. HD_FOLLOW_MAX_HZ; 0: not at all */
 } hd_wire_set_drive_t;
 
-/* From when its VERDICT has been sent, and until no valid frame has come for HD_BAUD_HOLD_US. */
 typedef struct HD_PACKED {
-    uint32_t baud;
+    uint32_t baud; /* HD_BAUD_MIN .. 10000000, and at most the `baud_max` of HELLO */
 } hd_wire_set_baud_t;
 
 typedef struct HD_PACKED {
-    uint8_t mode;
-    float start_hz;
-    float stop_hz;
-    uint16_t points;
-    uint16_t dwell_ms; /* at each point; the second half of it is averaged */
-    float voltage_v;
+    uint8_t mode;      /* of the driven amplifier: 0 .. 254 */
+    float start_hz;    /* 1 .. 1e6, and within HD_SWEEP_OFFSET_MAX_HZ of the drive */
+    float stop_hz;     /* 1 .. 1e6, likewise */
+    uint16_t points;   /* 1 .. HD_SWEEP_POINTS_MAX */
+    uint16_t dwell_ms; /* at each point: HD_SWEEP_DWELL_MIN_MS .. HD_SWEEP_DWELL_MAX_MS; the second half is averaged */
+    float voltage_v;   /* 1e-3 .. 1e4, and at most HD_RAW_LIMIT_FRAC of the voltage limit */
 } hd_wire_sweep_t;
 
 typedef struct HD_PACKED {
-    uint8_t mode;
-    float voltage_d_v;
+    uint8_t mode;         /* of the driven amplifier: 0 .. 254 */
+    float voltage_d_v;    /* 0 .. 1e4, and at most HD_RAW_LIMIT_FRAC of the voltage limit */
     float voltage_q_v;
-    uint16_t duration_ms;
+    uint16_t duration_ms; /* 1 .. HD_RAW_MAX_MS */
 } hd_wire_raw_voltage_t;
 
 typedef struct HD_PACKED {
-    uint16_t rate_hz; /* 0 ends the stream */
+    uint16_t rate_hz; /* 0 .. 65535; 0 ends the stream */
 } hd_wire_set_telemetry_t;
 
 /* --- board to host --- */
@@ -260,13 +287,13 @@ typedef struct HD_PACKED {
 typedef struct HD_PACKED {
     uint16_t protocol_version;
     uint32_t protocol_hash;
-    uint8_t modes;
+    uint8_t modes; /* 1 .. 255 */
     uint8_t firmware_version[16];
     uint32_t boot_id;
-    float control_hz;
-    float drive_hz;
-    uint16_t deadman_ms;
-    float v_limit_v;
+    float control_hz;   /* 500 .. 50000 */
+    float drive_hz;     /* that was set last: 1 .. 1e6 */
+    uint16_t deadman_ms; /* 50 .. 50 */
+    float v_limit_v;    /* 1e-6 .. 1e6 */
     float w_limit_um[HD_MODES];
     uint32_t image_crc; /* of the flashed program, CRC-32; 0 of a board that has none */
     uint32_t baud_max;  /* for SET_BAUD; 0: it has one speed */

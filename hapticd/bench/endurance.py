@@ -14,8 +14,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..board_protocol import FAULTS
 from ..sim.board.board import FLAG_LIVE, Board, BoardTrace
-from ..wire.protocol import FAULTS
 from .closed_loop import follow
 from .endurance_worlds import DAMPING, DRIFT_HZ, RUN_S, W_LIMIT_UM, Knots, World, draw
 from .firmware_faults import fault

@@ -11,11 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from .. import board_protocol as protocol
+from ..board_protocol import LogRequest
 from ..board_values import BoardLog
 from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from ..sim.board.carrier import Converters
 from ..sim.plate.wirings import IDENTITY, PAPER, wiring
-from ..wire import device, protocol
+from ..wire import device
 from .closed_loop import LIMIT_V, NOISE_UM, Floats, follow
 from .tables import Table, finite_rows
 
@@ -86,7 +88,7 @@ def figures(run: Run) -> dict[str, float]:
 
 def fault(driven: Board) -> int:
     """Return the code of the last fault in the board's log, 0 for none."""
-    driven.receive(device.encode_log_request())
+    driven.receive(device.encode(LogRequest()))
     logs = [message for message in device.Decoder().feed(driven.transmit()) if isinstance(message, BoardLog)]
     return max((entry.code for log in logs for entry in log.entries if entry.code in protocol.FAULTS), default=0)
 

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .. import board_protocol as protocol
 from ..core.board.supervisor import State
 from ..sim.board.line import Line, LineFaults
 from ..sim.faulty import FaultySimulation, Way
 from ..sim.lockstep import T_START_NS
-from ..wire import protocol
 from ..wire.framing import FrameSplitter
 
 LONGEST_FRAME = 4096

@@ -9,25 +9,27 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 
+from .. import board_protocol as protocol
+from ..board_protocol import (
+    BoardState,
+    BoardTime,
+    BoardVerdict,
+    ClearFault,
+    HelloRequest,
+    SetBaud,
+    SetDrive,
+    SetTelemetry,
+    Verdict,
+)
 from ..board_values import (
     BoardCommand,
     BoardHello,
     BoardMessage,
-    BoardState,
     BoardStatus,
-    BoardTime,
-    BoardVerdict,
     Calibration,
-    ClearFault,
-    HelloRequest,
-    SelectController,
-    SetBaud,
-    SetDrive,
+    SetController,
     SetModel,
-    SetTelemetry,
     SetWiring,
-    ToolMessage,
-    Verdict,
 )
 from ..config.sections import Config
 from ..core.board.session import SILENT, STOPPED_AFTER_NS, BoardSession
@@ -35,7 +37,6 @@ from ..core.board.supervisor import Event
 from ..errors import DeviceError, RequestError
 from ..values import Tick
 from ..wire import device as device_wire
-from ..wire import protocol
 from ..wire.commands import encode
 from .observer import Observed
 from .settings import LONGEST_FRAME_S, max_knots, telemetry_hz
@@ -49,7 +50,7 @@ FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise ta
 # A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
 START_COMPUTE_NS = 400_000
 ANSWERED_AS = {  # by VERDICT
-    SelectController: protocol.MSG_SET_CONTROLLER,
+    SetController: protocol.MSG_SET_CONTROLLER,
     SetModel: protocol.MSG_SET_MODEL,
     SetWiring: protocol.MSG_SET_WIRING,
     SetTelemetry: protocol.MSG_SET_TELEMETRY,
@@ -147,7 +148,7 @@ class BoardGateway:
         if was_accepted and self.session.hello is None:
             log.warning("board: %s", self.session.ended)
 
-    def _handle(self, message: BoardMessage | ToolMessage, t_now_ns: int) -> None:
+    def _handle(self, message: BoardMessage, t_now_ns: int) -> None:
         match message:
             case BoardTime():
                 self.session.receive_time(message, t_now_ns)

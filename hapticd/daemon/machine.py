@@ -12,7 +12,8 @@ import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from ..board_values import UNCALIBRATED, BoardState, Calibration
+from ..board_protocol import BoardState
+from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
 from ..content_values import ClientTargets
 from ..core.board.supervisor import Event, State, Supervisor

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from functools import partial
 
+from ..board_protocol import KNOTS_MAX, REFERENCE
 from ..config.sections import FELT, Config
 from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..core.pipeline import PipelineSettings
 from ..core.prediction.pad_memory import PadMemory
 from ..core.prediction.predictor import DEFAULT
 from ..values import AffineMap
-from ..wire.protocol import KNOTS_MAX, REFERENCE
 
 LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
 LONGEST_FRAME_S = 0.003

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..board_values import Calibration, ModeCalibration
+from .. import board_protocol as protocol
+from ..board_values import Calibration, ModeCalibration, is_within
 from ..errors import ConfigError
-from ..wire import protocol
 from .outputs import write_text
 from .toml_file import read_table, shown
 
@@ -25,9 +25,9 @@ KEYS = {
 }
 # Optional key: bounds of each wire's number, or of a complex one's magnitude.
 WIRES = {
-    "drive": protocol.DRIVE_SHARE,
-    "sense": protocol.SENSE,
-    "feedthrough_um_per_v": protocol.FEEDTHROUGH_UM_PER_V,
+    "drive": protocol.SET_WIRING_BOUNDS["drive"],
+    "sense": protocol.SET_WIRING_BOUNDS["sense"],
+    "feedthrough_um_per_v": protocol.SET_WIRING_BOUNDS["feedthrough"],
 }
 DRIVE_KEY, DRIVE_HZ = "drive_hz", KEYS["frequency_hz"]
 HEADER = """\
@@ -98,7 +98,7 @@ def _mode(entry: Any, where: str, modes: int) -> ModeCalibration:
     frequency_hz, q_factor, gain_um_per_v_s, loop_phase_deg = (
         _bounded(entry[key], bounds, f"{where}.{key}") for key, bounds in KEYS.items()
     )
-    if not protocol.is_within(math.pi * frequency_hz / q_factor, protocol.DECAY_1_S):
+    if not is_within(math.pi * frequency_hz / q_factor, protocol.SET_MODEL_BOUNDS["decay_1_s"]):
         raise ConfigError(f"{where}.q_factor: {q_factor:g} does not describe a resonance: measure again.")
     return ModeCalibration(
         mode,
@@ -125,7 +125,7 @@ def _wires(entry: dict[str, Any], key: str, where: str, modes: int) -> tuple[com
             kind = "a number" if is_real else "[real, imaginary]"
             raise ConfigError(f"{where}.{key}: {shown(wire)} is out of place: give {kind} for each wire.")
         value = complex(*parts)
-        if not protocol.is_within(value.real if is_real else abs(value), WIRES[key]):
+        if not is_within(value.real if is_real else abs(value), WIRES[key]):
             low, high = WIRES[key]
             raise ConfigError(f"{where}.{key}: {shown(wire)} is out of bounds: it must be {low:g} .. {high:g}.")
         found.append(value)

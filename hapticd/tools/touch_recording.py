@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..board_values import BoardHello, BoardState, BoardStatus, TelemetrySample
+from .. import board_protocol as protocol
+from ..board_protocol import BoardState
+from ..board_values import BoardHello, BoardStatus, TelemetrySample
 from ..config.sections import Config
 from ..daemon.adoption import Pad, configured_pad
 from ..design.touch.observations import ComplexArray, FloatArray, Ticks, Track
@@ -19,7 +21,6 @@ from ..files.recording.header import Header
 from ..files.recording.kinds import Record
 from ..files.recording.mcap_reader import open_recording
 from ..values import AffineMap
-from ..wire import protocol
 from ..wire.board_messages import Decoder
 from ..wire.framing import FrameSplitter
 

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
+import cmath
 import struct
 from collections.abc import Callable, Sequence
 from math import isfinite
-from typing import Final
+from typing import Final, get_args
 
+from .. import board_protocol as protocol
+from ..board_protocol import BoardState, PlainMessage
 from ..board_values import (
     BoardController,
     BoardHello,
     BoardLog,
     BoardMessage,
-    BoardState,
     BoardStatus,
-    BoardTime,
-    BoardVerdict,
     LogEntry,
     ModeModel,
     ModeSample,
     SweepPoint,
     TelemetrySample,
-    ToolMessage,
-    Verdict,
 )
-from . import protocol
+from .commands import kinds
 from .framing import FrameSplitter
 
 FRAME_MAX: Final = 512  # encoded; the longest message, telemetry of eight modes, has 271 bytes
+ALL_MODES: Final = 255  # in a log entry: no single mode is concerned
 
 STATES: Final = {state.value: state for state in BoardState}
-VERDICTS: Final = {verdict.value: verdict for verdict in Verdict}
 LAW_NAMES: Final = {number: name for name, number in protocol.LAWS.items()}
 
 
@@ -47,12 +45,12 @@ class Decoder:
         """Refused frames by reason: oversize, cobs, crc, type, length, value."""
         return self._splitter.counters | self._refused
 
-    def feed(self, data: bytes) -> tuple[BoardMessage | ToolMessage, ...]:
+    def feed(self, data: bytes) -> tuple[BoardMessage, ...]:
         """Return the messages completed by `data`, in order."""
         messages = map(self._message, self._splitter.feed(data))
         return tuple(message for message in messages if message is not None)
 
-    def _message(self, frame: bytes) -> BoardMessage | ToolMessage | None:
+    def _message(self, frame: bytes) -> BoardMessage | None:
         read = _READERS.get(frame[0])
         if read is None:
             self._refused["type"] += 1
@@ -69,79 +67,63 @@ class Decoder:
         return message
 
 
+def _plain(message: type[PlainMessage]) -> Callable[[bytes], PlainMessage | None]:
+    """Return the reader of a message whose fields are those of its payload, a phasor's d and q in one."""
+    types = kinds(message).values()
+
+    def read(payload: bytes) -> PlainMessage | None:
+        numbers = iter(message.layout.unpack(payload))
+        try:
+            values = [kind(next(numbers), next(numbers)) if kind is complex else kind(next(numbers)) for kind in types]
+        except ValueError:  # a number that an enumeration does not have
+            return None
+        is_sound = all(cmath.isfinite(value) for value in values if isinstance(value, (float, complex)))
+        return message(*values) if is_sound else None
+
+    return read
+
+
 def _read_hello(payload: bytes) -> BoardHello | None:
-    version, protocol_hash, modes, name, boot_id, control_hz, drive_hz, deadman_ms, v_limit_v = (
-        protocol.HELLO.unpack_from(payload)
-    )
+    fields = dict(zip(protocol.HELLO_FIELDS, protocol.HELLO.unpack_from(payload), strict=True))
+    modes = fields["modes"]
     # HELLO only grows: versions append after the limits; what is missing reads as 0, what is unknown is left out.
     w_limit_um = struct.unpack_from(f"<{modes}f", payload, protocol.HELLO.size)
     more = payload[protocol.HELLO.size + 4 * modes :].ljust(protocol.MORE_HELLO.size, b"\0")
-    image_crc, baud_max, features, commands = protocol.MORE_HELLO.unpack_from(more)
-    text = name.rstrip(b"\0").decode("ascii", "replace")
-    figures = (control_hz, drive_hz, v_limit_v, *w_limit_um)  # 0: a misconfigured board, which does not drive
-    if not (modes >= 1 and text.isprintable() and all(0.0 <= figure < 1e9 for figure in figures)):
-        return None
-    return BoardHello(
-        protocol_version=version,
-        protocol_hash=protocol_hash,
-        firmware_version=text,
-        boot_id=boot_id,
-        modes=modes,
-        control_hz=control_hz,
-        drive_hz=drive_hz,
-        deadman_ms=deadman_ms,
-        w_limit_um=w_limit_um,
-        v_limit_v=v_limit_v,
-        image_crc=image_crc,
-        baud_max=baud_max,
-        has_sync=bool(features & protocol.FEATURE_SYNC),
-        commands=commands,
-    )
+    fields |= zip(protocol.MORE_HELLO_FIELDS, protocol.MORE_HELLO.unpack_from(more), strict=True)
+    fields["firmware_version"] = fields["firmware_version"].rstrip(b"\0").decode("ascii", "replace")
+    fields["has_sync"] = bool(fields.pop("features") & protocol.FEATURE_SYNC)
+    figures = (*(fields[name] for name in ("control_hz", "drive_hz", "v_limit_v")), *w_limit_um)
+    # 0: a misconfigured board, which does not drive
+    is_sound = modes >= 1 and fields["firmware_version"].isprintable() and all(0.0 <= one < 1e9 for one in figures)
+    return BoardHello(w_limit_um=w_limit_um, **fields) if is_sound else None
 
 
 _ENDS_OF_STATUS: Final = [struct.calcsize(protocol.MORE_STATUS.format[:n]) for n in range(1, 6)]  # between fields
 
 
 def _read_status(payload: bytes) -> BoardStatus | None:
-    t_us, state, flags, fault, modes, seq, received_us, applied_us, trips, bad, late = protocol.STATUS.unpack_from(
-        payload
-    )
+    fields = dict(zip(protocol.STATUS_FIELDS, protocol.STATUS.unpack_from(payload), strict=True))
+    state, flags, modes = (fields.pop(name) for name in ("state", "flags", "modes"))
     values = struct.unpack_from(f"<{4 * modes}f", payload, protocol.STATUS.size)
-    more = payload[protocol.STATUS.size + 16 * modes :]  # which grows, as that of HELLO
+    more = payload[protocol.STATUS.size + protocol.MODE.size * modes :]  # which grows, as that of HELLO
     is_numbered = len(more) >= protocol.MORE_STATUS.size
     if not is_numbered and len(more) not in _ENDS_OF_STATUS:
         return None
-    drive_hz, number, refused_seq, refusal = protocol.MORE_STATUS.unpack_from(
-        more.ljust(protocol.MORE_STATUS.size, b"\0")
-    )
-    if not (state in STATES and flags <= 15 and modes >= 1 and all(map(isfinite, (*values, drive_hz)))):
+    more = more.ljust(protocol.MORE_STATUS.size, b"\0")
+    fields |= zip(protocol.MORE_STATUS_FIELDS, protocol.MORE_STATUS.unpack_from(more), strict=True)
+    if not (state in STATES and flags <= 15 and modes >= 1 and all(map(isfinite, (*values, fields["drive_hz"])))):
         return None
     phasors = _phasors(values)
     return BoardStatus(
-        t_board_us=t_us,
+        **fields | ({} if is_numbered else {"number": None}),
         state=STATES[state],
-        seq=seq,
-        t_received_us=received_us,
-        t_applied_us=applied_us,
-        applied=bool(flags & 1),
-        saturated=bool(flags & 2),
-        limited=bool(flags & 4),
-        fault_code=fault,
-        deadman_trips=trips,
-        bad_frames=bad,
-        late_frames=late,
+        applied=bool(flags & protocol.STATUS_APPLIED),
+        saturated=bool(flags & protocol.STATUS_SATURATED),
+        limited=bool(flags & protocol.STATUS_LIMITED),
+        pulsed=bool(flags & protocol.STATUS_PULSED),
         measured_um=tuple(phasors[::2]),
         voltage_v=tuple(phasors[1::2]),
-        drive_hz=drive_hz,
-        pulsed=bool(flags & 8),
-        number=number if is_numbered else None,
-        refused_seq=refused_seq,
-        refusal=refusal,
     )
-
-
-def _read_time(payload: bytes) -> BoardTime | None:
-    return BoardTime(*protocol.TIME.unpack(payload))
 
 
 def _read_controller(payload: bytes) -> BoardController | None:
@@ -172,8 +154,8 @@ def _read_telemetry(payload: bytes) -> TelemetrySample | None:
         t_board_us=t_us,
         dropped=dropped,
         state=STATES[state],
-        saturated=bool(flags & 2),
-        limited=bool(flags & 4),
+        saturated=bool(flags & protocol.STATUS_SATURATED),
+        limited=bool(flags & protocol.STATUS_LIMITED),
         modes=tuple(map(_mode_sample, fields)),
     )
 
@@ -191,15 +173,10 @@ def _read_log(payload: bytes) -> BoardLog | None:
     if not (count <= protocol.LOG_ENTRIES and count <= events and all(isfinite(entry[4]) for entry in entries)):
         return None
     log_entries = [
-        LogEntry(t_us, boot_id, code, None if mode == protocol.ALL_MODES else mode, value)
+        LogEntry(t_us, boot_id, code, None if mode == ALL_MODES else mode, value)
         for t_us, boot_id, code, mode, value in entries
     ]
     return BoardLog(cause, events, tuple(log_entries))
-
-
-def _read_verdict(payload: bytes) -> BoardVerdict | None:
-    request, verdict = protocol.VERDICT.unpack(payload)
-    return BoardVerdict(request, VERDICTS[verdict]) if verdict in VERDICTS else None
 
 
 def _floats(payload: bytes, start: int, count: int) -> tuple[float, ...]:
@@ -211,13 +188,12 @@ def _phasors(re_im: Sequence[float]) -> list[complex]:
     return [complex(d, q) for d, q in zip(re_im[::2], re_im[1::2], strict=True)]
 
 
-_READERS: Final[dict[int, Callable[[bytes], BoardMessage | ToolMessage | None]]] = {
+_READERS: Final[dict[int, Callable[[bytes], BoardMessage | None]]] = {
+    **{message.kind: _plain(message) for message in get_args(PlainMessage)},
     protocol.MSG_HELLO: _read_hello,
     protocol.MSG_STATUS: _read_status,
-    protocol.MSG_TIME: _read_time,
     protocol.MSG_CONTROLLER: _read_controller,
     protocol.MSG_SWEEP_POINT: _read_sweep_point,
     protocol.MSG_TELEMETRY: _read_telemetry,
     protocol.MSG_LOG: _read_log,
-    protocol.MSG_VERDICT: _read_verdict,
 }

@@ -1,71 +1,98 @@
-"""Encoder of board commands: dispatches each command value to its function in `device`."""
+"""Encoder of the board's commands: a type byte and a packed little-endian payload in a frame of `framing`.
+
+The contract is firmware/PROTOCOL.md. Values that a user may have typed are checked against the bounds that the board
+applies; the daemon's own references were checked before.
+"""
 
 from __future__ import annotations
 
-from ..board_values import (
-    BoardCommand,
-    ClearFault,
-    ControllerRequest,
-    HelloRequest,
-    KeepAlive,
-    LogRequest,
-    RawVoltage,
-    ReferenceFrame,
-    SelectController,
-    SetBaud,
-    SetDrive,
-    SetGains,
-    SetModel,
-    SetTelemetry,
-    SetWiring,
-    Stop,
-    Sweep,
-    TimeRequest,
-    ToolCommand,
-)
-from . import device
+import dataclasses
+import struct
+from enum import Enum
+from functools import cache
+from typing import Any, get_type_hints
+
+from .. import board_protocol as protocol
+from ..board_protocol import Bounds, PlainCommand, PlainMessage
+from ..board_values import BoardCommand, ReferenceFrame, SetController, SetModel, SetWiring, is_within
+from .framing import encode_frame
+from .reference import encode_reference
+
+ALL_COMMANDS = sum(1 << number for name, number in vars(protocol).items() if name.startswith("MSG_") and number < 32)
 
 
-def encode(command: BoardCommand | ToolCommand) -> bytes:
+@cache
+def kinds(message: type[PlainCommand | PlainMessage]) -> dict[str, Any]:
+    """Return the types of a message's fields, in order: int, float, complex or an Enum."""
+    hints = get_type_hints(message)
+    return {field.name: hints[field.name] for field in dataclasses.fields(message)}
+
+
+def encode(command: BoardCommand) -> bytes:
     """Encode one command as a frame. Raises ValueError for values that no board accepts."""
-    match command:
-        case ReferenceFrame(seq, t_apply_us, drive, has_pulse):
-            return device.encode_reference(seq, drive, t_apply_us, has_pulse)
-        case KeepAlive(seq):
-            return device.encode_keepalive(seq)
-        case TimeRequest(t_host_ns):
-            return device.encode_time_request(t_host_ns)
-        case SelectController(name):
-            return device.encode_set_controller(name)
-        case SetModel(mode, model):
-            return device.encode_set_model(mode, model)
-        case SetWiring():
-            return device.encode_set_wiring(command)
-        case SetDrive():
-            return device.encode_set_drive(command)
-        case SetBaud(baud):
-            return device.encode_set_baud(baud)
-        case HelloRequest():
-            return device.encode_hello_request()
-        case ClearFault():
-            return device.encode_clear_fault()
-        case _:
-            return _encode_tool(command)
+    if isinstance(command, ReferenceFrame):
+        return encode_reference(command.seq, command.drive, command.t_apply_us, command.has_pulse)
+    if isinstance(command, SetController):
+        payload = _set_controller(command)
+    elif isinstance(command, SetModel):
+        payload = _set_model(command)
+    elif isinstance(command, SetWiring):
+        payload = _set_wiring(command)
+    else:
+        payload = _plain(command)
+    return encode_frame(bytes((command.kind,)) + payload)
 
 
-def _encode_tool(command: ToolCommand) -> bytes:
-    match command:
-        case SetGains(law, bandwidth_1_s, integral_time_s):
-            return device.encode_set_controller(law, bandwidth_1_s=bandwidth_1_s, integral_time_s=integral_time_s)
-        case ControllerRequest():
-            return device.encode_controller_request()
-        case Sweep():
-            return device.encode_sweep(command)
-        case RawVoltage():
-            return device.encode_raw_voltage(command)
-        case SetTelemetry(rate_hz):
-            return device.encode_set_telemetry(rate_hz)
-        case LogRequest():
-            return device.encode_log_request()
-        case Stop():
-            return device.encode_stop()
+def _plain(command: PlainCommand) -> bytes:
+    """A command whose fields are those of its payload, phasors as d and q."""
+    numbers: list[float] = []
+    for name, kind in kinds(type(command)).items():
+        value = complex(getattr(command, name)) if kind is complex else getattr(command, name)
+        if name in command.bounds:
+            _check(name, value, command.bounds[name])
+        numbers += [value.real, value.imag] if kind is complex else [value.value if isinstance(value, Enum) else value]
+    return command.layout.pack(*numbers)
+
+
+def _set_controller(command: SetController) -> bytes:
+    if command.law not in protocol.LAWS:
+        raise ValueError(f"There is no controller {command.law!r}: choose one of {', '.join(protocol.LAWS)}.")
+    gains = {"bandwidth_1_s": command.bandwidth_1_s, "integral_time_s": command.integral_time_s}
+    for name, gain in gains.items():
+        if gain is not None:
+            _check(name, gain, protocol.SET_CONTROLLER_BOUNDS[name])
+    default = 0.0  # on the wire: the firmware's own
+    numbers = [default if gain is None else gain for gain in gains.values()]
+    return protocol.SET_CONTROLLER.pack(protocol.LAWS[command.law], *numbers)
+
+
+def _set_model(command: SetModel) -> bytes:
+    bounds: Bounds = protocol.SET_MODEL_BOUNDS
+    model = command.model
+    numbers = {name: getattr(model, name) for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s", "loop")}
+    for name, value in {"mode": command.mode, **numbers}.items():
+        _check(name, value, bounds[name])
+    *reals, loop = numbers.values()
+    return protocol.SET_MODEL.pack(command.mode, *reals, loop.real, loop.imag)
+
+
+def _set_wiring(command: SetWiring) -> bytes:
+    """The board refuses amplifiers that cannot drive the modes independently."""
+    bounds = protocol.SET_WIRING_BOUNDS
+    numbers = [share for row in command.drive for share in row]
+    for share in numbers:
+        _check("drive", share, bounds["drive"])
+    for name, matrix, within in (
+        ("sense", command.sense, bounds["sense"]),
+        ("feedthrough_um_per_v", command.feedthrough_um_per_v, bounds["feedthrough"]),
+    ):
+        for value in (complex(value) for row in matrix for value in row):
+            _check(name, value, within)
+            numbers += [value.real, value.imag]
+    return struct.pack(f"<{len(numbers)}f", *numbers)
+
+
+def _check(name: str, value: complex, bounds: tuple[float, float]) -> None:
+    what, size = (f"the magnitude of {name}", abs(value)) if isinstance(value, complex) else (name, value)
+    if not is_within(size, bounds):
+        raise ValueError(f"{what} is {size:g}, not within {bounds[0]:g}..{bounds[1]:g}.")

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
+from .. import board_protocol as protocol
 from ..values import SafeDrive
-from . import protocol
 from .framing import encode_frame
 
+OFFSET_MAX_NS: Final = 0xFFFF * protocol.KNOT_UNIT_NS
 _FLOAT24_MASK: Final = (1 << 64) - (1 << 29)  # the bits of a double that a float32's significand can hold
 
 
@@ -73,10 +74,8 @@ def _truncated_to_float24(values: Sequence[float]) -> tuple[float, ...]:
 
 def _offsets(dt_ns: Sequence[int]) -> list[int]:
     """Round knot times to the frame's units; equal ones move one unit apart, as the board requires."""
-    if not (dt_ns[0] >= 0 and dt_ns[-1] <= protocol.OFFSET_MAX_NS):
-        raise ValueError(
-            f"Knots must lie 0 to {protocol.OFFSET_MAX_NS // 1_000_000} ms after the start of their frame."
-        )
+    if not (dt_ns[0] >= 0 and dt_ns[-1] <= OFFSET_MAX_NS):
+        raise ValueError(f"Knots must lie 0 to {OFFSET_MAX_NS // 1_000_000} ms after the start of their frame.")
     previous = -1
     offsets: list[int] = []
     for dt in dt_ns:

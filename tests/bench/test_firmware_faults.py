@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.bench import firmware_faults
-from hapticd.wire.protocol import FAULTS
+from hapticd.board_protocol import FAULTS
 
 WITHIN_MS = {"out of reach, 3.9 um": 101e3}
 # A phase of 80 degrees is nearly that of motion against the drive, and either is found first; so it is with a dead

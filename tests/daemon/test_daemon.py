@@ -19,6 +19,7 @@ from machine_bench import PLATE
 from terminal import Terminal
 
 from hapticd.__main__ import main
+from hapticd.board_protocol import HelloRequest
 from hapticd.config.sections import Config
 from hapticd.core.budget import OVERRUN_NS
 from hapticd.daemon.daemon import Daemon, now_ns
@@ -93,7 +94,7 @@ async def test_a_signal_ends_serving_and_frees_the_directory(hardware: Hardware,
 @asynchronous
 async def test_the_board_is_greeted_as_soon_as_the_service_starts(hardware: Hardware) -> None:
     async with hardware.started():
-        assert hardware.terminal.heard() == b"\0" + device.encode_hello_request()
+        assert hardware.terminal.heard() == b"\0" + device.encode(HelloRequest())
 
 
 @asynchronous

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from machine_bench import MS, PLATE
 
-from hapticd.board_values import UNCALIBRATED, BoardState, BoardStatus, Calibration, ModeCalibration
+from hapticd.board_protocol import BoardState
+from hapticd.board_values import UNCALIBRATED, BoardStatus, Calibration, ModeCalibration
 from hapticd.config import Config
 from hapticd.daemon.machine import Machine
 from hapticd.files.recording import kinds

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
 
+from hapticd import board_protocol as protocol
 from hapticd.board_values import Calibration, ModeCalibration
 from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
 from hapticd.core.board.supervisor import State
@@ -18,7 +19,6 @@ from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
 from hapticd.daemon.settings import telemetry_hz
 from hapticd.sim.fingers.paths import Line
 from hapticd.values import Aim, TouchFrame
-from hapticd.wire import protocol
 
 
 @pytest.fixture(autouse=True)

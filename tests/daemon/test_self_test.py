@@ -17,6 +17,7 @@ from asynchronous import PATIENCE_S, asynchronous, until
 from machine_bench import PLATE, Bench
 from terminal import Terminal
 
+from hapticd.board_protocol import HelloRequest
 from hapticd.config.sections import Config
 from hapticd.daemon import self_test
 from hapticd.daemon.board_gateway import MOVED, PASSED, RUNNING, UNKNOWN, UNSAFE
@@ -194,7 +195,7 @@ async def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path)
     assert line.test.result[0] == RUNNING
     await asyncio.to_thread(gate.write_text, "go on")  # opens only once the test reads: the port was free until now
     assert line.terminal.heard() == b""
-    await until(lambda: line.terminal.heard() == b"\0" + device.encode_hello_request())
+    await until(lambda: line.terminal.heard() == b"\0" + device.encode(HelloRequest()))
     assert line.test.result[0] == MOVED
     line.test._command = prints(document())
     line.daemon._on_board_link(False, "unplugged")

@@ -23,8 +23,8 @@ from stand import (
     worst,
 )
 
+from hapticd import board_protocol as protocol
 from hapticd.sim.faulty import BOOT_S, FaultySimulation, Way
-from hapticd.wire import protocol
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 THREE_FRAMES_MS = 4 * PERIOD_MS + LINK_MS  # that the board takes as a sign of life, and one that moves

@@ -11,7 +11,7 @@ import pytest
 from service import Bench, drive, is_driven, is_quiet, wait_board, wait_for, wait_state
 from stand import DRIVEN_UM, QUIET_UM, SILENT_MS, tell
 
-from hapticd.board_values import BoardState
+from hapticd.board_protocol import BoardState
 from hapticd_client import Client
 
 pytestmark = pytest.mark.long

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hapticd.bench.closed_loop import Phasors
-from hapticd.board_values import BoardCommand, BoardLog, BoardMessage, BoardStatus, BoardVerdict, LogRequest, Verdict
+from hapticd.board_protocol import BoardVerdict, ClearFault, Keepalive, LogRequest, Verdict
+from hapticd.board_values import BoardCommand, BoardLog, BoardMessage, BoardStatus
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
@@ -115,13 +116,13 @@ class Bench:
         """Runs with a keep-alive every 20 ms."""
         parts = []
         for start in range(0, ticks, 40):
-            self.say(device.encode_keepalive(self.seq))
+            self.say(device.encode(Keepalive(self.seq)))
             parts.append(self.run(min(40, ticks - start)))
         return joined(parts)
 
     def status(self) -> BoardStatus:
         """What the board says of itself now. (Clearing no fault is the way to ask.)"""
-        return of_kind(BoardStatus, self.say(device.encode_clear_fault()))[-1]
+        return of_kind(BoardStatus, self.say(device.encode(ClearFault())))[-1]
 
     def log(self) -> BoardLog:
         (found,) = of_kind(BoardLog, self.say(encode(LogRequest())))

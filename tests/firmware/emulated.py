@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hapticd.board_values import BoardCommand, BoardHello, BoardMessage, BoardStatus, BoardTime, BoardVerdict
+from hapticd.board_protocol import BoardTime, BoardVerdict
+from hapticd.board_values import BoardCommand, BoardHello, BoardMessage, BoardStatus
 from hapticd.core.board.session import BoardSession
 from hapticd.sim.board.emulator import CHUNK_US, BenchReport, Emulator
 from hapticd.values import Knot, LimitReason, SafeDrive, Tick

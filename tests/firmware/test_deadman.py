@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardState, BoardStatus
+from hapticd.board_protocol import BoardState, HelloRequest, Keepalive
+from hapticd.board_values import BoardStatus, SetController
 from hapticd.sim.board.board import FLAG_DEADMAN, FLAG_LIVE
 from hapticd.wire import device
 
@@ -72,7 +73,7 @@ def test_keepalives_that_outlive_their_planner_do_not_hold_the_plate(bench: Benc
 def test_keepalives_of_another_reference_do_not(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     for _ in range(8):
-        bench.say(device.encode_keepalive(bench.seq + 1))
+        bench.say(device.encode(Keepalive(bench.seq + 1)))
         bench.run(20)
     status = bench.status()
     assert status.state is BoardState.QUIET
@@ -83,7 +84,7 @@ def test_only_three_references_in_a_row_start_the_drive(bench: Bench) -> None:
     for _ in range(2):
         bench.say(bench.constant(1 + 0j, 0j))
     for _ in range(10):
-        bench.say(device.encode_keepalive(bench.seq))
+        bench.say(device.encode(Keepalive(bench.seq)))
         assert not live(bench.run(20).flags).any()
     bench.say(bench.constant(1 + 0j, 0j))
     assert live(bench.run(20).flags).all()
@@ -93,7 +94,7 @@ def test_only_three_references_in_a_row_start_the_drive(bench: Bench) -> None:
     "between",
     [
         b"\x05noise\x00",
-        device.encode_set_controller("pi").replace(b"\x02\x06", b"\x02\x07"),
+        device.encode(SetController("pi")).replace(b"\x02\x06", b"\x02\x07"),
     ],
     ids=["noise", "a frame of unknown type"],
 )
@@ -124,7 +125,7 @@ def test_a_gap_between_starts_the_count_anew(bench: Bench) -> None:
 def test_after_a_trip_three_fresh_references_ramp_the_drive_in_again(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     bench.run(200)
-    bench.say(device.encode_keepalive(bench.seq))
+    bench.say(device.encode(Keepalive(bench.seq)))
     assert not live(bench.run(20).flags).any()
     for _ in range(3):
         bench.say(bench.constant(2 + 0j, 0j))
@@ -218,7 +219,7 @@ def test_a_fault_stays_until_it_is_cleared(bench: Bench) -> None:
     bench.board.fake_measurement(np.array([math.nan, 0]))
     bench.run(1)
     bench.board.fake_measurement(None)
-    bench.say(device.encode_hello_request())
+    bench.say(device.encode(HelloRequest()))
     bench.arm(1 + 0j, 0j)
     assert not live(bench.hold(100).flags).any()
     assert bench.status().state is BoardState.QUIET
@@ -229,7 +230,7 @@ def test_a_fault_stays_until_it_is_cleared(bench: Bench) -> None:
 
 def test_a_new_session_starts_from_silence_and_any_sequence_number(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
-    bench.say(device.encode_hello_request())
+    bench.say(device.encode(HelloRequest()))
     trace = bench.run(1)
     assert (trace.voltage_v == 0).all()
     assert not live(trace.flags).any()

@@ -14,7 +14,8 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardHello, BoardState, BoardStatus
+from hapticd.board_protocol import BoardState, ClearFault
+from hapticd.board_values import BoardHello, BoardStatus
 from hapticd.core.board.session import BoardSession
 from hapticd.core.solver.public import solve
 from hapticd.errors import DeviceError, UsageError
@@ -153,7 +154,7 @@ def test_damaged_bytes_are_counted_and_move_nothing(start: Callable[..., Host]) 
         host.say(frame)
         host.step()
     assert host.statuses[-1].bad_frames > 0
-    host.say(device.encode_clear_fault())  # which asks for a status
+    host.say(device.encode(ClearFault()))  # which asks for a status
     host.step()
     assert host.statuses[-1].bad_frames == len(frames)
     assert all(report.plate_um == (0j, 0j) for report in host.reports)

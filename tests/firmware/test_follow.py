@@ -9,7 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from hapticd.bench.closed_loop import NOISE_UM, follow
-from hapticd.board_values import BoardController, BoardStatus, ControllerRequest, SetDrive, Verdict
+from hapticd.board_protocol import ClearFault, ControllerRequest, SetDrive, Verdict
+from hapticd.board_values import BoardController, BoardStatus
 from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.wire import device
 from hapticd.wire.commands import encode
@@ -26,7 +27,7 @@ def board(*, noise_um: float = NOISE_UM) -> Board:
 
 
 def drive_hz(of: Board) -> float:
-    of.receive(device.encode_clear_fault())
+    of.receive(device.encode(ClearFault()))
     return of_kind(BoardStatus, device.Decoder().feed(of.transmit()))[-1].drive_hz
 
 

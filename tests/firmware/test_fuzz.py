@@ -19,9 +19,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd import board_protocol as protocol
 from hapticd.bench.closed_loop import Law, Plate
 from hapticd.sim.board.board import FLAG_LIVE, BoardTrace
-from hapticd.wire import device, protocol
+from hapticd.wire import device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 ROOT = Path(__file__).parents[2]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hapticd.bench.closed_loop import follow
-from hapticd.board_values import SetGains, Verdict
+from hapticd.board_protocol import Verdict
+from hapticd.board_values import SetController
 from hapticd.sim.board.board import BoardConfig
 
 from .bench import Bench, constantly
@@ -18,7 +19,7 @@ def test_gains_are_taken_exactly_where_the_plate_comes_to_rest(law: str, control
     for bandwidth_1_s in (10.0, 500.0, 2400.0, 5000.0, 20000.0):
         for integral_time_s in (0.0001, 0.0007, 0.005, 1.0):
             gains = {"bandwidth_1_s": bandwidth_1_s, "integral_time_s": integral_time_s}
-            verdict = Bench(control_hz=control_hz).verdict(SetGains(law, bandwidth_1_s, integral_time_s))
+            verdict = Bench(control_hz=control_hz).verdict(SetController(law, bandwidth_1_s, integral_time_s))
             driven = Bench(control_hz=control_hz, controller=law, **gains).board
             ticks = round(0.2 * control_hz)
             trace = follow(driven, constantly(0.3, -0.1), ticks, ticks // 20)
@@ -29,5 +30,5 @@ def test_gains_are_taken_exactly_where_the_plate_comes_to_rest(law: str, control
 
 def test_the_default_gains_are_taken() -> None:
     for law in ("pi", "pi_ff", "deadbeat"):
-        assert Bench().verdict(SetGains(law)) is Verdict.DONE
+        assert Bench().verdict(SetController(law)) is Verdict.DONE
     assert BoardConfig().controller == "deadbeat"

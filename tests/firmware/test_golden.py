@@ -16,29 +16,24 @@ from typing import Any
 
 import numpy as np
 
-from hapticd.board_values import (
+from hapticd import board_protocol as protocol
+from hapticd.board_protocol import (
     ClearFault,
     ControllerRequest,
     HelloRequest,
-    KeepAlive,
+    Keepalive,
     LogRequest,
-    ModeModel,
     RawVoltage,
-    ReferenceFrame,
-    SelectController,
     SetBaud,
     SetDrive,
-    SetGains,
-    SetModel,
     SetTelemetry,
-    SetWiring,
     Stop,
     Sweep,
     TimeRequest,
 )
+from hapticd.board_values import ModeModel, ReferenceFrame, SetController, SetModel, SetWiring
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
-from hapticd.wire import protocol
 from hapticd.wire.commands import encode
 from hapticd.wire.device import Decoder
 from hapticd.wire.framing import FrameSplitter
@@ -56,8 +51,8 @@ NAMES = {
 SCRIPT: tuple[Any, ...] = (
     HelloRequest(),
     TimeRequest(123_456_789),
-    SelectController("pi"),
-    SetGains("pi", 800.0, 0.004),
+    SetController("pi"),
+    SetController("pi", 800.0, 0.004),
     SetModel(1, ModeModel(180.5, 63.25, 5.75, 0.8 + 0.6j)),
     SetWiring(((1.0, 0.0), (0.0, -1.0)), ((1.0, 0.0), (0.0, -1.0)), ((0.0, 0.0), (0.0, 0.0))),
     SetDrive(29206.0, 50.0),
@@ -69,12 +64,12 @@ SCRIPT: tuple[Any, ...] = (
     SetTelemetry(0),
     ReferenceFrame(7, 1000, DRIVE),
     4,
-    KeepAlive(7),
+    Keepalive(7),
     ReferenceFrame(8, 1000, DRIVE, has_pulse=True),
     4,
     Sweep(1, 29200.0, 29210.0, 2, 2, 12.5),
     20,
-    KeepAlive(0),
+    Keepalive(0),
     20,
     Sweep(2, 29200.0, 29210.0, 2, 2, 12.5),
     RawVoltage(0, 3 - 4j, 50),
@@ -83,7 +78,7 @@ SCRIPT: tuple[Any, ...] = (
     8,
     MEASURED_UM * np.nan,
     1,
-    SetGains("pi"),
+    SetController("pi"),
     MEASURED_UM,
     LogRequest(),
     Sweep(1, 29200.0, 29210.0, 2, 2, 12.5),

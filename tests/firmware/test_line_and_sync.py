@@ -6,10 +6,12 @@ import struct
 
 import numpy as np
 
-from hapticd.board_values import BoardHello, BoardStatus, SetBaud, Verdict
+from hapticd import board_protocol as protocol
+from hapticd.board_protocol import HelloRequest, SetBaud, TimeRequest, Verdict
+from hapticd.board_values import BoardHello, BoardStatus
 from hapticd.sim.board.board import FLAG_SYNC
 from hapticd.values import Knot, LimitReason, SafeDrive
-from hapticd.wire import device, protocol
+from hapticd.wire import device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 from .bench import Bench, of_kind
@@ -20,7 +22,7 @@ ONE_UM = SafeDrive(0, (Knot(0, (1 + 0j, 0j)),), LimitReason.NONE)
 
 def test_a_quiet_board_takes_a_speed_up_to_its_fastest() -> None:
     bench = Bench(baud_max=FAST_BAUD)
-    (hello,) = bench.say(device.encode_hello_request())
+    (hello,) = bench.say(device.encode(HelloRequest()))
     assert (hello.baud_max, bench.board.baud) == (FAST_BAUD, 0)
     assert bench.verdict(SetBaud(FAST_BAUD + 1)) is Verdict.OUT_OF_RANGE
     assert bench.verdict(SetBaud(FAST_BAUD)) is Verdict.DONE
@@ -42,7 +44,7 @@ def test_without_a_valid_frame_the_board_returns_to_its_first_speed() -> None:
     for _ in range(3):  # each in time
         bench.run(2300)
         assert bench.board.baud == FAST_BAUD
-        bench.say(device.encode_time_request(1))
+        bench.say(device.encode(TimeRequest(1)))
     for _ in range(12):
         bench.say(b"\x55" * 30 + b"\0")  # what another speed looks like
         bench.run(201)
@@ -98,7 +100,7 @@ def test_pulses_come_20_ms_apart_at_least(bench: Bench) -> None:
 
 def test_a_board_without_the_output_says_so_and_follows_the_reference_alone() -> None:
     bench = Bench(has_sync=False)
-    (hello,) = bench.say(device.encode_hello_request())
+    (hello,) = bench.say(device.encode(HelloRequest()))
     assert not hello.has_sync
     bench.arm()
     pulsed(bench)
@@ -113,7 +115,7 @@ def hello_of(payload: bytes) -> list[BoardHello]:
 
 def test_a_hello_may_lack_its_last_fields_and_may_have_more() -> None:
     bench = Bench(baud_max=FAST_BAUD, image_crc=0x1234ABCD)
-    bench.board.receive(device.encode_hello_request())
+    bench.board.receive(device.encode(HelloRequest()))
     (payload,) = FrameSplitter(512).feed(bench.board.transmit())
     (whole,) = hello_of(payload)
     assert (whole.image_crc, whole.baud_max, whole.has_sync) == (0x1234ABCD, FAST_BAUD, True)

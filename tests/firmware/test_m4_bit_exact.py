@@ -14,17 +14,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hapticd.board_values import (
-    ClearFault,
-    LogRequest,
-    ModeModel,
-    RawVoltage,
-    SelectController,
-    SetModel,
-    SetTelemetry,
-    Stop,
-    Sweep,
-)
+from hapticd.board_protocol import ClearFault, Keepalive, LogRequest, RawVoltage, SetTelemetry, Stop, Sweep, TimeRequest
+from hapticd.board_values import ModeModel, SetController, SetModel
 from hapticd.sim.board.firmware import load
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
@@ -111,8 +102,8 @@ def something_else(rng: np.random.Generator, seq: int) -> bytes:
         float(rng.uniform(90, 500)), float(rng.uniform(-120, 120)), float(rng.uniform(3, 9)), 0.96 - 0.28j
     )
     choices: tuple[Callable[[], bytes], ...] = (
-        lambda: device.encode_keepalive(seq),
-        lambda: device.encode_time_request(int(rng.integers(1 << 60))),
+        lambda: device.encode(Keepalive(seq)),
+        lambda: device.encode(TimeRequest(int(rng.integers(1 << 60)))),
         lambda: encode(SetModel(int(rng.integers(2)), model)),
         lambda: encode(SetTelemetry(int(rng.integers(2000)))),
         lambda: encode(LogRequest()),
@@ -128,7 +119,7 @@ def test_control_ticks_and_frames_give_the_same_bits(board: Board, law: str) -> 
     rng = np.random.default_rng(7)
     now_us = 2**32 - 600_000
     twins, n = Twins(board, "hd_init", CONFIG, now_us), board.modes
-    twins.receive(encode(SelectController(law)), now_us)
+    twins.receive(encode(SetController(law)), now_us)
     plate_um, pole, seq, driven, said = np.zeros(n, complex), np.full(n, 0.9, complex), 0, 0, 0
     for tick in range(2500):
         now_us = (now_us + TICK_US) & 0xFFFFFFFF
@@ -168,7 +159,7 @@ def test_tools_give_the_same_bits(board: Board) -> None:
             now_us += TICK_US
             twins.tick(now_us, rng.normal(0, 0.5, 2 * board.modes))
             said += twins.transmit(now_us)
-            twins.receive(device.encode_keepalive(0), now_us)
+            twins.receive(device.encode(Keepalive(0)), now_us)
     kinds = {type(message).__name__ for message in device.Decoder().feed(said)}
     assert {"SweepPoint", "BoardVerdict"} <= kinds
 

@@ -12,17 +12,19 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hapticd.board_values import (
+from hapticd.board_protocol import (
+    ClearFault,
     ControllerRequest,
+    HelloRequest,
+    Keepalive,
     LogRequest,
-    ModeModel,
     RawVoltage,
-    SelectController,
-    SetModel,
     SetTelemetry,
     Stop,
     Sweep,
+    TimeRequest,
 )
+from hapticd.board_values import ModeModel, SetController, SetModel
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 
@@ -40,9 +42,9 @@ DEADLINE_S = 49e-6  # the DMA fetches a word one trigger before it is put out
 
 def live_bench(board: Board, control_hz: int, law: str = "deadbeat") -> Bench:
     bench = Bench(board, board.image(control_hz))
-    bench.to_board += encode(SelectController(law))
+    bench.to_board += encode(SetController(law))
     bench.arm(1.5 + 0.2j, -0.7, 0.3)
-    bench.to_board += device.encode_keepalive(bench.seq)
+    bench.to_board += device.encode(Keepalive(bench.seq))
     bench.run(1)
     assert bench.amplifiers
     return bench
@@ -127,8 +129,8 @@ def long_reference(bench: Bench) -> bytes:
 
 
 COMMANDS = [
-    encode(SelectController("pi_ff")),
-    encode(SelectController("deadbeat")),
+    encode(SetController("pi_ff")),
+    encode(SetController("deadbeat")),
     encode(SetModel(1, ModeModel(180.0, 60.0, 5.0, 1 + 0j))),
     encode(Sweep(0, 29180.0, 29220.0, points=3, dwell_ms=1, voltage_v=10.0)),
     encode(RawVoltage(0, 10 + 5j, 20)),
@@ -136,9 +138,9 @@ COMMANDS = [
     encode(SetTelemetry(2000)),
     encode(LogRequest()),
     encode(ControllerRequest()),
-    device.encode_time_request(1),
-    device.encode_clear_fault(),
-    device.encode_hello_request(),
+    device.encode(TimeRequest(1)),
+    device.encode(ClearFault()),
+    device.encode(HelloRequest()),
 ]
 
 
@@ -213,7 +215,7 @@ def test_of_four_to_eight_modes_the_stm32g474_would_have_the_load_but_only_four_
         load = whole[-1] / (CHUNK_S * G474.core_hz)
         print(f"{modes} modes at {control_hz} Hz: {100 * load:.1f} %; chunk; with tick: {np.rint(whole[:-1])}")
         assert load <= load_max
-    lock = live_core(modes, 2000).obeyed(encode(SelectController("pi_ff"))).cycles
+    lock = live_core(modes, 2000).obeyed(encode(SetController("pi_ff"))).cycles
     trip = core_figures(modes, 2000, chunks=1600)[3] + board[3]
     room = DEADLINE_S * G474.core_hz - INTERRUPT_CYCLES
     print(f"of {room:.0f} cycles: tick {whole[3]:.0f}, dead-man's trip {trip:.0f}, either after a lock of {lock}")

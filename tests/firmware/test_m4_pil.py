@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapticd.board_values import BoardHello, BoardState, BoardStatus, Sweep, SweepPoint
+from hapticd.board_protocol import BoardState, HelloRequest, Keepalive, Sweep
+from hapticd.board_values import BoardHello, BoardStatus, SweepPoint
 from hapticd.design.resonance import fit_resonance
 from hapticd.wire import device
 
@@ -88,7 +89,7 @@ def test_the_board_with_three_dacs_drives_two_modes_as_well() -> None:
 
 def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench) -> None:
     """Amplifiers and sensors add no phase here: what is left is a sample, 10.5 degrees at the drive."""
-    bench.to_board += device.encode_sweep(Sweep(1, 29165.0, 29265.0, points=9, dwell_ms=40, voltage_v=15.0))
+    bench.to_board += device.encode(Sweep(1, 29165.0, 29265.0, points=9, dwell_ms=40, voltage_v=15.0))
     bench.hold(390)
     points = [message for message in bench.messages if isinstance(message, SweepPoint)]
     assert [point.index for point in points] == list(range(9))
@@ -115,7 +116,7 @@ def test_the_board_measures_what_the_plate_does(bench: Bench) -> None:
 
 def test_a_silent_host_ends_in_mid_rail_with_the_amplifiers_off(bench: Bench) -> None:
     bench.arm(2.0, 1.0)
-    bench.to_board += device.encode_keepalive(bench.seq)
+    bench.to_board += device.encode(Keepalive(bench.seq))
     bench.run(DEADMAN_MS - 1)
     assert bench.amplifiers
     bench.run(RAMP_MS + 3)
@@ -285,7 +286,7 @@ def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> No
     known = {cause: flags for cause, flags in enumerate(bench.board.reset_flags, start=1) if flags is not None}
     for flags in known.values():
         bench.boot(bench.board.registers(reset_flags=flags))
-        bench.to_board += device.encode_hello_request()
+        bench.to_board += device.encode(HelloRequest())
         causes.append(bench.log().reset_cause)
         identities.add([message for message in bench.messages if isinstance(message, BoardHello)][-1].boot_id)
     assert len(identities) == len(known)

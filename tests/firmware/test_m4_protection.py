@@ -9,15 +9,19 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.board_values import (
-    BoardHello,
+from hapticd import board_protocol as protocol
+from hapticd.board_protocol import (
     BoardState,
     BoardTime,
     BoardVerdict,
+    ClearFault,
+    HelloRequest,
     SetBaud,
+    TimeRequest,
     Verdict,
 )
-from hapticd.wire import device, protocol
+from hapticd.board_values import BoardHello
+from hapticd.wire import device
 from hapticd.wire.commands import encode
 
 from .m4 import image
@@ -73,7 +77,7 @@ def test_a_board_that_must_not_drive_says_why(board: Board, made: Callable[[Boar
 
 
 def expect_no_drive(bench: Bench, reason: int) -> None:
-    bench.to_board += device.encode_hello_request()
+    bench.to_board += device.encode(HelloRequest())
     bench.run(5)
     drive(bench)
     bench.hold(100)
@@ -176,7 +180,7 @@ def test_wires_of_the_setup_share_a_mode_among_the_amplifiers(is_wired: bool) ->
     bench.arm(0.5)
     bench.run(2)
     bench.messages.clear()
-    bench.to_board += device.encode_clear_fault()  # which asks for a status
+    bench.to_board += device.encode(ClearFault())  # which asks for a status
     bench.run(2)
     first, second = (abs(volts) for volts in bench.status.voltage_v)
     assert first > 1.0
@@ -219,7 +223,7 @@ def test_no_two_registers_of_the_models_share_an_address() -> None:
 @every_board
 def test_the_hello_has_the_checksum_of_the_flashed_image(board: Board) -> None:
     bench = Bench(board)
-    bench.to_board += device.encode_hello_request()
+    bench.to_board += device.encode(HelloRequest())
     bench.run(5)
     (hello,) = (message for message in bench.messages if isinstance(message, BoardHello))
     address, last = board.image().segments[-1]
@@ -235,7 +239,7 @@ def test_the_line_takes_another_speed_once_the_answer_is_out(board: Board) -> No
     bench.run(3)
     assert [message.verdict for message in bench.messages if isinstance(message, BoardVerdict)] == [Verdict.DONE]
     assert bench.wires.baud() == pytest.approx(3e6, rel=1e-4)
-    bench.to_board += device.encode_time_request(1)
+    bench.to_board += device.encode(TimeRequest(1))
     bench.run(3)
     assert isinstance(bench.messages[-1], BoardTime)
 

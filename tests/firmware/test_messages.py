@@ -11,47 +11,52 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.board_values import (
-    BoardController,
-    BoardHello,
-    BoardLog,
+from hapticd import board_protocol as protocol
+from hapticd.board_protocol import (
     BoardState,
-    BoardStatus,
     BoardTime,
     BoardVerdict,
-    ModeModel,
+    ClearFault,
+    ControllerRequest,
+    HelloRequest,
+    Keepalive,
+    LogRequest,
     RawVoltage,
+    SetTelemetry,
+    Stop,
     Sweep,
+    TimeRequest,
     Verdict,
 )
+from hapticd.board_values import BoardController, BoardHello, BoardLog, BoardStatus, ModeModel, SetController, SetModel
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import FLAG_LIVE
 from hapticd.values import Knot, LimitReason, SafeDrive
-from hapticd.wire import board_messages, device, protocol
+from hapticd.wire import board_messages, device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 from .bench import Bench, of_kind, untouched
 
 EXAMPLE_DRIVE = SafeDrive(0, (Knot(0, (1 + 0j, -0.5 + 0j)), Knot(10_000_000, (1.25 + 0j, 0j))), LimitReason.NONE)
 TO_BOARD = {
-    "HELLO_REQUEST": device.encode_hello_request(),
+    "HELLO_REQUEST": device.encode(HelloRequest()),
     "REFERENCE": device.encode_reference(7, EXAMPLE_DRIVE, 1000),
-    "KEEPALIVE": device.encode_keepalive(7),
-    "TIME_REQUEST": device.encode_time_request(123_456_789),
-    "CLEAR_FAULT": device.encode_clear_fault(),
-    "SET_CONTROLLER": device.encode_set_controller("pi"),
-    "SET_MODEL": device.encode_set_model(1, ModeModel(180.0, 60.0, 5.0, 0.6 + 0.8j)),
-    "CONTROLLER_REQUEST": device.encode_controller_request(),
-    "SWEEP": device.encode_sweep(Sweep(0, 29190.0, 29220.0, 31, 40, 20.0)),
-    "RAW_VOLTAGE": device.encode_raw_voltage(RawVoltage(1, 3 - 4j, 100)),
-    "SET_TELEMETRY": device.encode_set_telemetry(500),
-    "LOG_REQUEST": device.encode_log_request(),
-    "STOP": device.encode_stop(),
+    "KEEPALIVE": device.encode(Keepalive(7)),
+    "TIME_REQUEST": device.encode(TimeRequest(123_456_789)),
+    "CLEAR_FAULT": device.encode(ClearFault()),
+    "SET_CONTROLLER": device.encode(SetController("pi")),
+    "SET_MODEL": device.encode(SetModel(1, ModeModel(180.0, 60.0, 5.0, 0.6 + 0.8j))),
+    "CONTROLLER_REQUEST": device.encode(ControllerRequest()),
+    "SWEEP": device.encode(Sweep(0, 29190.0, 29220.0, 31, 40, 20.0)),
+    "RAW_VOLTAGE": device.encode(RawVoltage(1, 3 - 4j, 100)),
+    "SET_TELEMETRY": device.encode(SetTelemetry(500)),
+    "LOG_REQUEST": device.encode(LogRequest()),
+    "STOP": device.encode(Stop()),
 }
 
 
 def test_the_hello_tells_versions_limits_and_rates(bench: Bench) -> None:
-    (hello,) = bench.say(device.encode_hello_request())
+    (hello,) = bench.say(device.encode(HelloRequest()))
     assert hello == BoardHello(
         protocol_version=protocol.PROTOCOL_VERSION,
         protocol_hash=protocol.PROTOCOL_HASH,
@@ -71,13 +76,13 @@ def test_the_hello_tells_versions_limits_and_rates(bench: Bench) -> None:
 
 def test_a_time_request_comes_back_with_the_boards_clock() -> None:
     bench = Bench(t_start_us=2**32 - 50)
-    bench.board.receive(device.encode_time_request(2**63 + 5), at_us=2**32 - 20)
+    bench.board.receive(device.encode(TimeRequest(2**63 + 5)), at_us=2**32 - 20)
     assert bench.listen(at_us=2**32 + 30) == (BoardTime(2**63 + 5, 2**32 - 20, 30),)
 
 
 def test_a_slow_line_gets_the_newest_of_each_kind_once(bench: Bench) -> None:
     for stamp in range(5):
-        bench.board.receive(device.encode_time_request(stamp) + device.encode_hello_request())
+        bench.board.receive(device.encode(TimeRequest(stamp)) + device.encode(HelloRequest()))
     time, hello = bench.listen()
     assert isinstance(hello, BoardHello)
     assert time.t_host_ns == 4
@@ -140,7 +145,7 @@ def test_no_bytes_start_the_drive_or_stop_the_board_from_listening(pieces: list[
     trace = untouched(board, 3)
     assert not (trace.flags & FLAG_LIVE).any()
     assert (np.abs(trace.voltage_v) <= protocol.RAW_LIMIT_FRAC * 150).all()  # a sweep may have been well-formed
-    board.receive(b"\0" + device.encode_hello_request())
+    board.receive(b"\0" + device.encode(HelloRequest()))
     assert of_kind(BoardHello, device.Decoder().feed(board.transmit()))
 
 
@@ -189,7 +194,7 @@ def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Bench) -> None:
     )
     payloads = [protocol.SET_CONTROLLER.pack(*gains) for gains in (*senseless, sound)]
     assert verdicts(bench, protocol.MSG_SET_CONTROLLER, *payloads) == [Verdict.OUT_OF_RANGE] * 6 + [Verdict.DONE]
-    (controller,) = bench.say(device.encode_controller_request())
+    (controller,) = bench.say(device.encode(ControllerRequest()))
     assert (controller.law, controller.bandwidth_1_s) == ("pi_ff", 900.0)
 
 
@@ -208,11 +213,11 @@ def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Bench) -> None:
 def test_a_model_with_a_figure_out_of_bounds_is_refused_whole(
     bench: Bench, place: int, values: tuple[float, ...]
 ) -> None:
-    before = bench.say(device.encode_controller_request())
+    before = bench.say(device.encode(ControllerRequest()))
     sound = [1, 180.0, 60.0, 5.0, 0.6, 0.8]
     payloads = [protocol.SET_MODEL.pack(*sound[:place], value, *sound[place + 1 :]) for value in values]
     assert verdicts(bench, protocol.MSG_SET_MODEL, *payloads) == [Verdict.OUT_OF_RANGE] * len(values)
-    assert bench.say(device.encode_controller_request()) == before
+    assert bench.say(device.encode(ControllerRequest())) == before
 
 
 def test_a_refusal_is_not_hidden_by_a_later_success(bench: Bench) -> None:
@@ -234,7 +239,7 @@ def test_one_frame_after_any_noise_the_board_understands_again(name: str, noise:
 
 def test_statuses_are_numbered_so_that_a_lost_one_shows(bench: Bench) -> None:
     first, second = bench.status().number, bench.status().number
-    bench.say(device.encode_hello_request())
+    bench.say(device.encode(HelloRequest()))
     assert (second, bench.status().number) == (first + 1, first + 2)
 
 
@@ -262,12 +267,12 @@ def test_a_reference_that_is_not_taken_is_named_with_its_reason(
     assert (status.refused_seq, status.refusal) == (payload[0], reason)
     assert bench.status().refusal == reason, "one lost STATUS loses no reason"
     assert reason in protocol.REFUSALS
-    bench.say(device.encode_hello_request())
+    bench.say(device.encode(HelloRequest()))
     assert bench.status().refusal == 0
 
 
 def test_a_reference_during_a_tool_is_named_with_its_reason(bench: Bench) -> None:
-    bench.say(device.encode_raw_voltage(RawVoltage(0, 3 + 0j, 100)))
+    bench.say(device.encode(RawVoltage(0, 3 + 0j, 100)))
     bench.run(2)
     bench.say(bench.constant(0j, 0j))
     assert (bench.status().refused_seq, bench.status().refusal) == (1, 5)
@@ -276,7 +281,7 @@ def test_a_reference_during_a_tool_is_named_with_its_reason(bench: Bench) -> Non
 def test_a_change_of_controller_ramps_the_drive_in_anew(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     bench.hold(40)
-    bench.say(device.encode_set_controller("pi"))
+    bench.say(device.encode(SetController("pi")))
     trace = bench.hold(200)
     assert abs(trace.reference_um[0, 0]) == pytest.approx(0.1)
     assert abs(trace.plate_um[-1, 0] - 2) < 0.01

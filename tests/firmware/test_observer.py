@@ -13,7 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.bench.closed_loop import LIMIT_V, Law, Phasors, Plate, follow, step_trace
-from hapticd.board_values import SetDrive
+from hapticd.board_protocol import SetDrive
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.board_values import BoardStatus
+from hapticd import board_protocol as protocol
+from hapticd.board_protocol import Keepalive
+from hapticd.board_values import BoardStatus, SetController
 from hapticd.sim.board.board import FLAG_LIMITED, Board, BoardConfig
-from hapticd.wire import device, protocol
+from hapticd.wire import device
 from hapticd.wire.framing import encode_frame
 
 from .bench import Bench, nominal_plate, untouched
@@ -127,7 +129,7 @@ def test_a_reference_renewed_every_five_seconds_stands_for_longer_than_half_a_wr
         if span % (spans_a_minute // 12) == 0:
             bench.say(bench.constant(1 + 0j, 0.5j))
         else:
-            bench.board.receive(device.encode_keepalive(bench.seq))
+            bench.board.receive(device.encode(Keepalive(bench.seq)))
         trace = untouched(bench.board, 24)
         assert trace.voltage_v[-1].any()
     np.testing.assert_array_equal(trace.reference_um, np.tile([1, 0.5j], (24, 1)))
@@ -244,7 +246,7 @@ def test_a_change_of_law_at_the_start_of_a_polyline_does_not_skip_it(bench: Benc
     t_us = bench.board.t_us + 500
     bench.say(bench.polyline((0, (0j, 0j)), (100, (4 + 0j, 0j)), t_apply_us=t_us + 580))
     bench.run(1)
-    bench.say(device.encode_set_controller("pi"))
+    bench.say(device.encode(SetController("pi")))
     assert np.abs(bench.run(1).reference_um).max() == 0
 
 

@@ -17,10 +17,10 @@ import pytest
 
 from hapticd.bench import endurance
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
+from hapticd.board_protocol import FAULTS
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace
 from hapticd.sim.board.carrier import Converters
 from hapticd.sim.plate.wirings import PAPER, wiring
-from hapticd.wire.protocol import FAULTS
 
 from .bench import Bench, constantly, nominal_plate, quiet_after_ms
 

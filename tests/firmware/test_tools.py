@@ -8,27 +8,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.board_values import (
-    BoardController,
+from hapticd import board_protocol as protocol
+from hapticd.board_protocol import (
     BoardState,
     BoardVerdict,
     ControllerRequest,
-    KeepAlive,
-    ModeModel,
+    HelloRequest,
+    Keepalive,
     RawVoltage,
-    SelectController,
-    SetModel,
     SetTelemetry,
     Stop,
     Sweep,
-    SweepPoint,
-    TelemetrySample,
+    TimeRequest,
     Verdict,
 )
+from hapticd.board_values import (
+    BoardController,
+    ModeModel,
+    SetController,
+    SetModel,
+    SweepPoint,
+    TelemetrySample,
+)
 from hapticd.sim.board.board import RESET_POWER
-from hapticd.wire import protocol
 from hapticd.wire.commands import encode
-from hapticd.wire.device import encode_hello_request, encode_time_request
 from hapticd.wire.framing import encode_frame
 
 from .bench import Bench, joined, untouched
@@ -188,7 +191,7 @@ def test_stop_ramps_a_tool_out_and_a_greeting_ends_it_at_once(bench: Bench, comm
     assert voltage_v[-1] == 0
     bench.say(encode(command))
     bench.run(20)
-    bench.say(encode_hello_request())
+    bench.say(encode(HelloRequest()))
     assert (bench.run(20).voltage_v == 0).all()
     assert bench.status().state is BoardState.QUIET
 
@@ -217,7 +220,7 @@ def test_references_neither_reach_the_plate_during_a_sweep_nor_start_it_afterwar
     bench.say(encode(SWEEP))
     for _ in range(11 * 40 + RAMP_TICKS // 2):
         bench.say(bench.constant(1 + 0j, 1j))
-        bench.say(encode(KeepAlive(0)))
+        bench.say(encode(Keepalive(0)))
         assert (bench.run(1).reference_um == 0).all()
     assert bench.status().state is BoardState.TOOL  # on its way out
     trace = bench.run(2 * RAMP_TICKS)
@@ -235,7 +238,7 @@ def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
     bench.run(40)
     assert bench.verdict(command) is Verdict.DONE
     assert bench.verdict(SWEEP) is Verdict.NOT_QUIET
-    assert bench.verdict(SelectController("pi")) is Verdict.NOT_QUIET
+    assert bench.verdict(SetController("pi")) is Verdict.NOT_QUIET
     bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
     assert bench.verdict(command) is Verdict.NOT_QUIET
@@ -248,9 +251,9 @@ def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: Be
     model = ModeModel(150.0, 30.0, 4.0, 0.6 + 0.8j)
     bench.arm(1 + 0j, 0j)
     assert bench.verdict(SetModel(1, model)) is Verdict.NOT_QUIET
-    bench.say(encode_hello_request())
+    bench.say(encode(HelloRequest()))
     assert bench.verdict(SetModel(1, model)) is Verdict.DONE
-    bench.say(encode_hello_request())
+    bench.say(encode(HelloRequest()))
     (controller,) = bench.say(encode(ControllerRequest()))
     assert isinstance(controller, BoardController)
     assert controller.models[1].decay_1_s == 150
@@ -295,13 +298,13 @@ def test_a_line_too_slow_for_telemetry_loses_the_oldest_samples_and_counts_them(
 def test_a_stream_does_not_keep_the_clock_and_the_state_waiting(bench: Bench) -> None:
     bench.say(encode(SetTelemetry(2000)))
     untouched(bench.board, 300)
-    bench.board.receive(encode_time_request(1))
+    bench.board.receive(encode(TimeRequest(1)))
     kinds = [type(message).__name__ for message in bench.listen()]
     assert kinds[:3] == ["BoardTime", "BoardStatus", "TelemetrySample"]
 
 
 def test_a_greeting_and_rate_zero_end_the_stream(bench: Bench) -> None:
-    for line in (encode(SetTelemetry(0)), encode_hello_request()):
+    for line in (encode(SetTelemetry(0)), encode(HelloRequest())):
         bench.say(encode(SetTelemetry(2000)))
         bench.run(3)
         bench.say(line)

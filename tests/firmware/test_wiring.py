@@ -11,14 +11,14 @@ import numpy.typing as npt
 import pytest
 
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
-from hapticd.board_values import BoardLog, ModeModel, SetModel, SetWiring, Verdict
+from hapticd.board_protocol import FAULTS, LogRequest, Verdict
+from hapticd.board_values import BoardLog, ModeModel, SetModel, SetWiring
 from hapticd.sim import lockstep
 from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
 from hapticd.wire import device
 from hapticd.wire.commands import encode
-from hapticd.wire.protocol import FAULTS
 
 from .bench import Bench, constantly, nominal_plate, of_kind, quiet_after_ms
 
@@ -45,7 +45,7 @@ def board(
 
 
 def faults(of: Board) -> list[int]:
-    of.receive(device.encode_log_request())
+    of.receive(device.encode(LogRequest()))
     (log,) = of_kind(BoardLog, device.Decoder().feed(of.transmit()))
     return [entry.code for entry in log.entries if entry.code in FAULTS]
 

@@ -8,7 +8,8 @@ import json
 import math
 
 from fuzz.target import CORPORA, Cost, Target
-from hapticd.wire.device import Decoder, encode_keepalive
+from hapticd.board_protocol import Keepalive
+from hapticd.wire.device import Decoder, encode
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 BUFFER_MAX = 512  # hapticd.wire.board_messages.FRAME_MAX, as FrameSplitter is given it
@@ -48,7 +49,7 @@ def check_framing(message: bytes) -> None:
         assert FrameSplitter(2 * len(message) + 16).feed(encode_frame(message)) == [message]
     splitter = FrameSplitter(BUFFER_MAX)
     splitter.feed(message + b"\0")
-    after = encode_keepalive(7)
+    after = encode(Keepalive(7))
     assert splitter.feed(after) == FrameSplitter(BUFFER_MAX).feed(after)
 
 

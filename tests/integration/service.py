@@ -17,7 +17,8 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.board_values import BoardState, BoardStatus
+from hapticd.board_protocol import BoardState
+from hapticd.board_values import BoardStatus
 from hapticd.wire import device
 from hapticd_client import Client, PlateState
 

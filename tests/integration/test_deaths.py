@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from service import PATIENCE_S, Bench, drive, is_driven, is_quiet, wait_board, wait_for, wait_state
 
-from hapticd.board_values import BoardState
+from hapticd.board_protocol import BoardState
 from hapticd_client import DaemonGoneError
 
 pytestmark = pytest.mark.long

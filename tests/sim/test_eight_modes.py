@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from hapticd.bench.sweeps import swept
-from hapticd.board_values import SetTelemetry, TelemetrySample
+from hapticd.board_protocol import SetTelemetry
+from hapticd.board_values import TelemetrySample
 from hapticd.compiled.build_ext import MORE_MODES
 from hapticd.config import Config
 from hapticd.config.sections import LEAST_MODES, MOST_MODES

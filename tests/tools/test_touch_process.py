@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from asynchronous import asynchronous
 
+from hapticd import board_protocol as protocol
 from hapticd.bench.calibrating import CalibratingSimulation
 from hapticd.config.sections import Config, TrackpadConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -47,7 +48,6 @@ from hapticd.tools import touch_process
 from hapticd.tools.record.replay import replay
 from hapticd.tools.touch_process import Accumulator, serve
 from hapticd.tools.touch_recording import Collected
-from hapticd.wire import protocol
 from hapticd.wire.framing import encode_frame
 
 MISPLACED = TrackpadConfig(offset_mm=(0.4, -0.3), latency_ms=13.0)  # the simulated pad lies at 0, 0 and takes 10 ms

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from ...board_values import BoardTime
+from ...board_protocol import BoardTime
 from ..rolling_quantile import RollingQuantile
 
 _SENSELESS_NS: Final = 1_000_000_000  # a simulated board that catches up holds a reply for longer than the round trip

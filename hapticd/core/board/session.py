@@ -15,19 +15,14 @@ from __future__ import annotations
 
 from typing import Final
 
+from ...board_protocol import BoardState, BoardTime, HelloRequest, Keepalive, SetBaud, TimeRequest
 from ...board_values import (
     UNCALIBRATED,
     BoardCommand,
     BoardHello,
-    BoardState,
     BoardStatus,
-    BoardTime,
     Calibration,
-    HelloRequest,
-    KeepAlive,
     ReferenceFrame,
-    SetBaud,
-    TimeRequest,
 )
 from ...values import SafeDrive, Tick
 from ..trajectory.gate import silence
@@ -321,7 +316,7 @@ class BoardSession:
             self.held_back += 1
             return self._question(t_now_ns)
         self._is_leaving = False  # no answer came in time: the hello request was lost, and the session goes on
-        return [KeepAlive(self._seq)]
+        return [Keepalive(self._seq)]
 
     def rest(self, t_now_ns: int) -> list[BoardCommand]:
         """Let a board that `follows` a zero frame rest: it answers, and is quiet without a dead-man trip."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
+from ...board_protocol import SetBaud, SetDrive, SetTelemetry
 from ...board_values import (
     BoardCommand,
     BoardHello,
     Calibration,
-    SelectController,
-    SetBaud,
-    SetDrive,
+    SetController,
     SetModel,
-    SetTelemetry,
     SetWiring,
 )
 from .periodic_timer import PeriodicTimer
@@ -53,7 +51,7 @@ class BoardSettings:
         models = [SetModel(measured.mode, measured.model(drive_hz)) for measured in self._calibration.modes]
         wiring = SetWiring.of(self._calibration, hello.modes)
         wires = [] if wiring is None else [wiring]
-        self._left = deque([SelectController(self._controller), *drive, *models, *wires, *self.telemetry])
+        self._left = deque([SetController(self._controller), *drive, *models, *wires, *self.telemetry])
 
     def clear(self) -> None:
         """Drop all: the session begins again."""

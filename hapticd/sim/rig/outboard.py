@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...wire import protocol
+from ... import board_protocol as protocol
 from ...wire.framing import FrameSplitter
 from ..board.emulator import MODES, BenchReport, Emulator
 from ..fingers.paths import Path as FingerPath

@@ -16,22 +16,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...board_values import (
-    BoardController,
-    BoardHello,
-    Calibration,
-    ControllerRequest,
-    ModeCalibration,
-    Sweep,
-    SweepPoint,
-)
+from ... import board_protocol as protocol
+from ...board_protocol import ControllerRequest, Sweep
+from ...board_values import BoardController, BoardHello, Calibration, ModeCalibration, SweepPoint
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from ...errors import CalibrationError, DeviceError
 from ...files import calibration
 from ...io.devices.serial_link import SerialLink
-from ...wire import protocol
 from .. import glass
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
@@ -177,10 +170,10 @@ def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
     step_hz = abs(plan.stop_hz - plan.start_hz) / max(plan.points - 1, 1)
     low_hz, high_hz = sorted((plan.start_hz, plan.stop_hz))
     is_surrounded = low_hz + width_hz / 2 <= found.frequency_hz <= high_hz - width_hz / 2
-    dwell_ms = min(math.ceil(1e3 * DWELL_DECAYS / (math.pi * width_hz)), protocol.SWEEP_DWELL_MS[1])
+    dwell_ms = min(math.ceil(1e3 * DWELL_DECAYS / (math.pi * width_hz)), protocol.SWEEP_DWELL_MAX_MS)
     if is_surrounded and step_hz * POINTS_IN_WIDTH <= width_hz and plan.dwell_ms >= dwell_ms:
         return None
-    least_hz, most_hz = (hello.drive_hz + offset_hz for offset_hz in protocol.SWEEP_OFFSET_HZ)
+    least_hz, most_hz = (hello.drive_hz + sign * protocol.SWEEP_OFFSET_MAX_HZ for sign in (-1.0, 1.0))
     reach_hz = WIDTHS * width_hz
     start_hz, stop_hz = max(found.frequency_hz - reach_hz, least_hz), min(found.frequency_hz + reach_hz, most_hz)
     if not start_hz < stop_hz:
@@ -192,7 +185,7 @@ def better_drive_hz(hello: BoardHello, modes: Sequence[ModeCalibration]) -> floa
     """Return the best drive if it is worth moving there, and the board can; else None."""
     best_hz = propose_drive_hz(modes, hello.w_limit_um)
     now_v, best_v = (largest_voltage_v(modes, drive_hz, hello.w_limit_um) for drive_hz in (hello.drive_hz, best_hz))
-    is_near = protocol.is_within(best_hz - hello.drive_hz, protocol.DRIVE_MOVE_HZ)
+    is_near = abs(best_hz - hello.drive_hz) <= protocol.DRIVE_MOVE_MAX_HZ
     return best_hz if is_near and now_v > WORTH_MOVING * best_v else None
 
 

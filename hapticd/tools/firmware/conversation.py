@@ -7,21 +7,11 @@ import contextlib
 from collections.abc import Iterator
 from typing import TypeVar
 
-from ...board_values import (
-    BoardCommand,
-    BoardHello,
-    BoardMessage,
-    BoardVerdict,
-    HelloRequest,
-    KeepAlive,
-    Stop,
-    ToolCommand,
-    ToolMessage,
-    Verdict,
-)
+from ... import board_protocol as protocol
+from ...board_protocol import BoardVerdict, HelloRequest, Keepalive, Stop, Verdict
+from ...board_values import BoardCommand, BoardHello, BoardMessage
 from ...errors import DeviceError, UsageError
 from ...io.devices.serial_link import SerialLink
-from ...wire import protocol
 from ...wire.commands import encode
 from ...wire.device import Decoder, check_protocol
 
@@ -30,7 +20,7 @@ ANSWER_WITHIN_S = 0.4  # of each try; the board answers at once
 ALIVE_EVERY_S = 0.015  # of the board's dead-man timeout of 50 ms
 DRAIN_WITHIN_S = 0.1  # for the last frame to be sent
 
-Message = BoardMessage | ToolMessage
+Message = BoardMessage
 Answer = TypeVar("Answer", bound=Message)
 
 
@@ -78,7 +68,7 @@ class Conversation:
         """Number of damaged frames from the board."""
         return sum(self._decoder.counters.values())
 
-    def send(self, command: BoardCommand | ToolCommand) -> None:
+    def send(self, command: BoardCommand) -> None:
         """Send without waiting. Raises UsageError for values that no board accepts."""
         try:
             line = encode(command)
@@ -105,7 +95,7 @@ class Conversation:
                 return message
         return None
 
-    async def ask(self, command: BoardCommand | ToolCommand, kind: type[Answer]) -> Answer:
+    async def ask(self, command: BoardCommand, kind: type[Answer]) -> Answer:
         """Send the command, with retries, and return the reply of this kind. Raises DeviceError."""
         for _ in range(TRIES):
             self.send(command)
@@ -113,7 +103,7 @@ class Conversation:
                 return answer
         raise DeviceError(f"The board on {self._where} stopped answering: check its cable and supply.")
 
-    async def demand(self, command: ToolCommand) -> None:
+    async def demand(self, command: BoardCommand) -> None:
         """Send the command; raise DeviceError unless the board executes it."""
         answer = await self.ask(command, BoardVerdict)
         what = protocol.COMMANDS.get(answer.request, "the command")
@@ -137,7 +127,7 @@ class Conversation:
 
     async def _beat(self) -> None:
         while True:
-            self.send(KeepAlive(0))
+            self.send(Keepalive(0))
             await asyncio.sleep(ALIVE_EVERY_S)
 
     async def _greet(self) -> BoardHello:

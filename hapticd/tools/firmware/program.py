@@ -13,19 +13,16 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
-from ...board_values import (
-    BoardController,
-    BoardLog,
+from ...board_protocol import (
     BoardState,
-    BoardStatus,
     BoardTime,
     ClearFault,
     ControllerRequest,
     LogRequest,
     RawVoltage,
-    SetGains,
     TimeRequest,
 )
+from ...board_values import BoardController, BoardLog, BoardStatus, SetController
 from ...config import loader as config
 from ...config.sections import SIMULATED, DeviceConfig
 from ...errors import ConfigError, DeviceError, UsageError
@@ -198,7 +195,7 @@ async def _gains(board: Conversation, options: argparse.Namespace) -> None:
         law = options.law or found.law
         if law is None:
             raise DeviceError("The board runs a law unknown to this hapticd: set one with --law.")
-        await board.demand(SetGains(law, options.bandwidth, options.integral_time))
+        await board.demand(SetController(law, options.bandwidth, options.integral_time))
         found = await board.ask(ControllerRequest(), BoardController)
     print(text.as_json(found) if options.json else text.controller(found))
 

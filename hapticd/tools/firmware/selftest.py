@@ -13,7 +13,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...board_values import BoardController, ControllerRequest, ModeCalibration, Sweep
+from ...board_protocol import ControllerRequest, Sweep
+from ...board_values import BoardController, ModeCalibration
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from ...errors import ConfigError, DeviceError, UsageError
 from ...files import calibration

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...board_values import BoardHello, BoardState, BoardStatus, Calibration, Sweep, SweepPoint
+from ... import board_protocol as protocol
+from ...board_protocol import BoardState, Sweep
+from ...board_values import BoardHello, BoardStatus, Calibration, SweepPoint
 from ...design.resonance import Resonance, fit_resonance
 from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
 from ...files import calibration, outputs, plotting
-from ...wire import protocol
 from . import text
 from .conversation import Conversation
 
@@ -71,9 +72,9 @@ def planned(hello: BoardHello, options: argparse.Namespace, band_hz: float = BAN
     stop_hz = hello.drive_hz + band_hz if options.stop_hz is None else options.stop_hz
     check_drive(hello, options.mode, volts)
     for name, f_hz in (("--from", start_hz), ("--to", stop_hz)):
-        if not protocol.is_within(f_hz - hello.drive_hz, protocol.SWEEP_OFFSET_HZ):
+        if not abs(f_hz - hello.drive_hz) <= protocol.SWEEP_OFFSET_MAX_HZ:
             raise UsageError(
-                f"{name} is {f_hz:g} Hz: the board sweeps {protocol.SWEEP_OFFSET_HZ[1]:g} Hz at most to either "
+                f"{name} is {f_hz:g} Hz: the board sweeps {protocol.SWEEP_OFFSET_MAX_HZ:g} Hz at most to either "
                 f"side of its drive, {hello.drive_hz:g} Hz."
             )
     return Sweep(options.mode, start_hz, stop_hz, options.points, options.dwell, volts)

@@ -7,7 +7,8 @@ import asyncio
 import json
 import sys
 
-from ...board_values import ModeSample, SetTelemetry, TelemetrySample
+from ...board_protocol import SetTelemetry
+from ...board_values import ModeSample, TelemetrySample
 from . import text
 from .conversation import Conversation
 

@@ -11,9 +11,17 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
-from ...board_values import BoardController, BoardHello, BoardLog, BoardState, BoardStatus, LogEntry, SweepPoint
+from ... import board_protocol as protocol
+from ...board_protocol import BoardState
+from ...board_values import (
+    BoardController,
+    BoardHello,
+    BoardLog,
+    BoardStatus,
+    LogEntry,
+    SweepPoint,
+)
 from ...design.resonance import Resonance
-from ...wire import protocol
 
 STATES = {
     BoardState.QUIET: "quiet",

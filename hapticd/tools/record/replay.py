@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from ... import board_protocol as protocol
 from ...config.sections import Config
 from ...daemon.machine import Machine
 from ...errors import RecordingError
 from ...files.recording.kinds import INPUTS, KINDS, Record
 from ...files.recording.mcap_reader import Recording
 from ...values import RawReport
-from ...wire import protocol
 from ...wire.framing import FrameSplitter
 
 LONGEST_LINE_BYTES = 4096  # what is written to the board in one piece is far shorter

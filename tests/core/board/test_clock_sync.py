@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.board_values import BoardTime
+from hapticd.board_protocol import BoardTime
 from hapticd.core.board.clock_sync import BoardClock, LinkLatency
 from hapticd.core.rolling_quantile import RollingQuantile
 from hapticd.core.touch.sensor_clock import SensorClock

@@ -8,19 +8,15 @@ from itertools import pairwise
 
 import pytest
 
+from hapticd.board_protocol import BoardState, BoardTime, HelloRequest, Keepalive, TimeRequest
 from hapticd.board_values import (
     BoardCommand,
     BoardHello,
-    BoardState,
     BoardStatus,
-    BoardTime,
     Calibration,
-    HelloRequest,
-    KeepAlive,
     ModeCalibration,
     ReferenceFrame,
-    SelectController,
-    TimeRequest,
+    SetController,
 )
 from hapticd.core.board.session import SILENT_AFTER_NS, BoardSession
 from hapticd.core.trajectory.gate import silence
@@ -138,7 +134,7 @@ def test_an_accepted_board_gets_its_controller_and_is_asked_its_time_until_the_c
     bench = Bench()
     bench.session.link_up(bench.t_ns)
     said = bench.session.receive_hello(HELLO, bench.t_ns)
-    assert said == [SelectController("pi"), TimeRequest(bench.t_ns)]
+    assert said == [SetController("pi"), TimeRequest(bench.t_ns)]
     assert not bench.session.ready
     assert bench.send() == []
     bench.know(said)
@@ -156,7 +152,7 @@ def calibrated() -> BoardSession:
 
 def test_an_accepted_board_is_told_what_was_measured_of_its_modes_one_after_the_other() -> None:
     session = calibrated()
-    assert session.receive_hello(HELLO, START_NS) == [SelectController("pi"), TimeRequest(START_NS)]
+    assert session.receive_hello(HELLO, START_NS) == [SetController("pi"), TimeRequest(START_NS)]
     for k in range(2):
         (command,) = session.receive_answer(START_NS)
         assert command.mode == k
@@ -207,7 +203,7 @@ def test_while_a_reference_stands_the_board_hears_something_every_twenty_millise
     for _ in range(40):
         bench.say()
         said += bench.run(10 * MS)
-    lives = [t_sent_ns, *(t_ns for t_ns, command in said if isinstance(command, KeepAlive))]
+    lives = [t_sent_ns, *(t_ns for t_ns, command in said if isinstance(command, Keepalive))]
     gaps_ns = [after - before for before, after in pairwise(lives)]
     assert max(gaps_ns[1:]) == 20 * MS
     assert gaps_ns[0] <= 22.5 * MS
@@ -363,7 +359,7 @@ def test_before_a_board_that_stopped_reading_lie_two_references_at_most(bench: B
         bench.t_ns += 11 * MS
         said += bench.send() + bench.session.timer(bench.t_ns)
     assert kinds(said).count(ReferenceFrame) == 2
-    assert kinds(said).count(KeepAlive) <= 1
+    assert kinds(said).count(Keepalive) <= 1
     assert kinds(said).count(TimeRequest) <= 24
     assert bench.session.held_back >= 78
 
@@ -412,7 +408,7 @@ def test_a_reference_that_was_held_back_until_it_was_past_is_not_sent_and_none_s
 
 def test_a_board_that_fell_mute_hears_no_keep_alives_but_is_asked(bench: Bench) -> None:
     said = bench.run(900 * MS)
-    assert max(t_ns for t_ns, command in said if isinstance(command, KeepAlive)) <= START_NS + 300 * MS
+    assert max(t_ns for t_ns, command in said if isinstance(command, Keepalive)) <= START_NS + 300 * MS
     assert any(isinstance(command, TimeRequest) for t_ns, command in said if t_ns > START_NS + 300 * MS)
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.board_protocol import REFERENCE
 from hapticd.core.solver import solve_batch
 from hapticd.core.solver.points.general import solve_fast
 from hapticd.core.solver.points.phase import solve_phased_fast
@@ -19,7 +20,6 @@ from hapticd.values import Drive, Knot
 from hapticd.wire.board_messages import FRAME_MAX
 from hapticd.wire.device import encode_reference
 from hapticd.wire.framing import FrameSplitter
-from hapticd.wire.protocol import REFERENCE
 
 LIMITS_UM = (4.0, 4.0)
 shape = st.floats(-1.0, 1.0)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from hapticd.board_protocol import Keepalive, LogRequest
 from hapticd.board_values import BoardLog, BoardMessage, BoardStatus
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
@@ -73,7 +74,7 @@ class Bench:
         return [message for message in self.messages if isinstance(message, BoardStatus)][-1]
 
     def log(self) -> BoardLog:
-        self.to_board += device.encode_log_request()
+        self.to_board += device.encode(LogRequest())
         self.run(5)
         return [message for message in self.messages if isinstance(message, BoardLog)][-1]
 
@@ -107,7 +108,7 @@ class Bench:
     def hold(self, ms: float) -> None:
         """Runs with the host's keep-alives."""
         while ms > 0:
-            self.to_board += device.encode_keepalive(self.seq)
+            self.to_board += device.encode(Keepalive(self.seq))
             self.run(min(ms, KEEPALIVE_MS))
             ms -= KEEPALIVE_MS
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 from scipy.linalg import expm
 
+from hapticd.board_protocol import HelloRequest
 from hapticd.board_values import BoardHello
 from hapticd.errors import DeviceError
 from hapticd.sim.board import firmware
@@ -224,7 +225,7 @@ def test_a_reset_board_is_another_boot_that_drives_nothing_while_the_plate_rings
     touched_run(board)
     board.reset(8)
     assert board.t_us == 0
-    board.receive(device.encode_hello_request())
+    board.receive(device.encode(HelloRequest()))
     (hello,) = [message for message in device.Decoder().feed(board.transmit()) if isinstance(message, BoardHello)]
     assert hello.boot_id == 8
     after = BoardTrace(60, 2, 4)

@@ -8,6 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapticd.board_protocol import Keepalive
 from hapticd.sim.rig.outboard import ReferenceMonitor
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
@@ -20,7 +21,7 @@ def reference(seq: int, t_apply_us: int, *knots: tuple[int, complex, complex]) -
 
 TWO_FRAMES = (
     reference(1, 1000, (0, 1.0 + 0.5j, 0j), (4000, 3.0 + 0.5j, 2j))
-    + device.encode_keepalive(1)
+    + device.encode(Keepalive(1))
     + reference(2, 3000, (0, 0j, -1.0 + 0j))
 )
 

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import zmq
 
+from hapticd.board_protocol import HelloRequest
 from hapticd.board_values import BoardHello, BoardMessage
 from hapticd.config.loader import load
 from hapticd.errors import DeviceError
@@ -92,7 +93,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
     with opened(rig[1]) as fd:
-        os.write(fd, device.encode_hello_request())
+        os.write(fd, device.encode(HelloRequest()))
         hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
     assert isinstance(hello, BoardHello)
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
@@ -100,7 +101,7 @@ def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
 
 def test_the_board_of_another_plate_has_its_modes_and_limits() -> None:
     with RigProcess("rest", 1, plate="fingertip") as running, opened(running.directory) as fd:
-        os.write(fd, device.encode_hello_request())
+        os.write(fd, device.encode(HelloRequest()))
         hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
         described = load(running.directory / "plate.toml")
     assert isinstance(hello, BoardHello)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from virtual_board import PlateLink, in_virtual_time
 
-from hapticd.board_values import BoardHello, Sweep, SweepPoint
+from hapticd.board_protocol import Sweep
+from hapticd.board_values import BoardHello, SweepPoint
 from hapticd.design.resonance import Resonance
 from hapticd.errors import SweepEndedError
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings

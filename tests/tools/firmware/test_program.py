@@ -17,7 +17,8 @@ import pytest
 from virtual_board import BoardLink
 
 from hapticd.__main__ import main
-from hapticd.board_values import BoardState, BoardStatus, RawVoltage, SetGains, SweepPoint
+from hapticd.board_protocol import BoardState, RawVoltage
+from hapticd.board_values import BoardStatus, SetController, SweepPoint
 from hapticd.errors import DeviceError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.board.board import BoardConfig
@@ -243,7 +244,7 @@ def test_a_wrong_baud_rate_is_recognised_by_the_noise(link: BoardLink, type_in: 
 def test_a_board_with_another_protocol_is_refused(
     link: BoardLink, type_in: TypeIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hapticd.wire.protocol.PROTOCOL_HASH", 0x1234)
+    monkeypatch.setattr("hapticd.board_protocol.PROTOCOL_HASH", 0x1234)
     monkeypatch.setattr("hapticd.wire.device.ALL_COMMANDS", 1 << 31)  # which a later host sends
     with pytest.raises(DeviceError, match=r"protocol hash [0-9a-f]{8}, this hapticd 00001234: flash"):
         type_in(link, "info")
@@ -263,7 +264,7 @@ def test_a_lost_reply_is_requested_again(link: BoardLink) -> None:
     async def talk(board: Conversation) -> BoardState | None:
         lost = iter((b"", b""))
         link.says = lambda data: next(lost, data)
-        await board.demand(SetGains("pi"))
+        await board.demand(SetController("pi"))
         status = await board.wait_for(BoardStatus, 1.0)
         return None if status is None else status.state
 

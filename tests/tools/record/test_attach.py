@@ -19,7 +19,7 @@ from machine_bench import SLIPPERY, START_NS, STICKY, Bench
 from mcap.reader import make_reader
 
 from hapticd.__main__ import main
-from hapticd.board_values import BoardState
+from hapticd.board_protocol import BoardState
 from hapticd.config.sections import Config, RecordConfig, SimConfig
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.recorder import RESTART_EVERY_NS, Recorders, header_of
