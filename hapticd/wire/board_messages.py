@@ -6,7 +6,7 @@ import cmath
 import struct
 from collections.abc import Callable, Sequence
 from math import isfinite
-from typing import Final, get_args
+from typing import Any, Final, get_args
 
 from .. import board_protocol as protocol
 from ..board_protocol import BoardState, PlainMessage
@@ -67,7 +67,7 @@ class Decoder:
         return message
 
 
-def _plain(message: type[PlainMessage]) -> Callable[[bytes], PlainMessage | None]:
+def _plain(message: Any) -> Callable[[bytes], PlainMessage | None]:
     """Return the reader of a message whose fields are those of its payload, a phasor's d and q in one."""
     types = kinds(message).values()
 

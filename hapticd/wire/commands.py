@@ -9,11 +9,10 @@ from __future__ import annotations
 import dataclasses
 import struct
 from enum import Enum
-from functools import cache
-from typing import Any, get_type_hints
+from typing import Any, Final, get_args, get_type_hints
 
 from .. import board_protocol as protocol
-from ..board_protocol import Bounds, PlainCommand, PlainMessage
+from ..board_protocol import Bounds, PlainCommand
 from ..board_values import BoardCommand, ReferenceFrame, SetController, SetModel, SetWiring, is_within
 from .framing import encode_frame
 from .reference import encode_reference
@@ -21,11 +20,13 @@ from .reference import encode_reference
 ALL_COMMANDS = sum(1 << number for name, number in vars(protocol).items() if name.startswith("MSG_") and number < 32)
 
 
-@cache
-def kinds(message: type[PlainCommand | PlainMessage]) -> dict[str, Any]:
+def kinds(message: Any) -> dict[str, Any]:
     """Return the types of a message's fields, in order: int, float, complex or an Enum."""
     hints = get_type_hints(message)
     return {field.name: hints[field.name] for field in dataclasses.fields(message)}
+
+
+_KINDS: Final[dict[Any, dict[str, Any]]] = {command: kinds(command) for command in get_args(PlainCommand)}
 
 
 def encode(command: BoardCommand) -> bytes:
@@ -45,12 +46,13 @@ def encode(command: BoardCommand) -> bytes:
 
 def _plain(command: PlainCommand) -> bytes:
     """A command whose fields are those of its payload, phasors as d and q."""
-    numbers: list[float] = []
-    for name, kind in kinds(type(command)).items():
-        value = complex(getattr(command, name)) if kind is complex else getattr(command, name)
+    numbers: list[Any] = []
+    for name, kind in _KINDS[type(command)].items():
+        value = getattr(command, name)
+        value = complex(value) if kind is complex else value.value if issubclass(kind, Enum) else value
         if name in command.bounds:
             _check(name, value, command.bounds[name])
-        numbers += [value.real, value.imag] if kind is complex else [value.value if isinstance(value, Enum) else value]
+        numbers += [value.real, value.imag] if kind is complex else [value]
     return command.layout.pack(*numbers)
 
 
