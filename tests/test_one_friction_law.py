@@ -19,6 +19,7 @@ from hapticd.core.solver.instant import InstantSolver
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.settings import friction_curve
 from hapticd.design.contact_pairs import grams, settle
+from hapticd.design.felt_places import settle_felt, touches_at
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
 from hapticd.tools.view import client
@@ -36,7 +37,7 @@ TRUTH = GroundTruth(PlateSettings.of("fingertip"))
 PLACES_MM = ((-40.0, 10.0), (35.0, -20.0))
 
 
-def solved_um(curve: FrictionCurve, scale: float) -> np.ndarray:
+def solved_um(curve: FrictionCurve, scale: float, *, feels: bool = False) -> np.ndarray:
     limits_um = tuple(scale * limit_um for limit_um in TRUTH.w_limit_um)
     solver = InstantSolver(
         TRUTH.true_mode_map(),
@@ -45,6 +46,7 @@ def solved_um(curve: FrictionCurve, scale: float) -> np.ndarray:
         phase_rotation=False,
         contact_radius_mm=5.0,
         friction_curve=curve,
+        feels=feels,
     )
     places = [(x_mm, y_mm, target_um) for (x_mm, y_mm), target_um in zip(PLACES_MM, (scale, 0.0), strict=True)]
     modal_um: tuple[complex, ...] = (0j,) * 4
@@ -57,12 +59,34 @@ def test_the_solver_gives_what_the_curve_asks_for() -> None:
     assert 2.0 * solved_um(CURVE, 0.5) == pytest.approx(solved_um(DEFAULT_FRICTION_CURVE, 1.0), abs=1e-3)
 
 
+def test_friction_as_asked_is_that_of_the_curve() -> None:
+    got = [
+        felt(np.array(PLACES_MM)[None], padded(solved_um(curve, scale, feels=True)), TRUTH.shapes, curve.frictions)[1]
+        for curve, scale in ((CURVE, 0.5), (DEFAULT_FRICTION_CURVE, 1.0))
+    ]
+    assert got[0] == pytest.approx(got[1], abs=0.01)
+    others = felt(np.array(PLACES_MM)[None], padded(solved_um(CURVE, 1.0, feels=True)), TRUTH.shapes, CURVE.frictions)
+    assert np.abs(others[1] - got[0]).max() > 0.1  # twice as much is asked there
+
+
+def padded(modal_um: np.ndarray) -> np.ndarray:
+    return np.concatenate((modal_um, np.zeros(len(TRUTH.decay_1_s) - 4)))[None]
+
+
 def test_the_designed_plate_s_pairs_too() -> None:
     shapes = TRUTH.true_mode_map()
     slipping, still = np.moveaxis(grams(shapes, np.array(PLACES_MM), 5.0)[..., None], 2, 0)
     limits_um = np.array(TRUTH.w_limit_um)
     half_um = settle(slipping, [still], 0.5, limits_um / 2.0, curve=CURVE)
     assert 2.0 * half_um == pytest.approx(settle(slipping, [still], 1.0, limits_um), abs=1e-6)
+
+
+def test_the_designed_plate_s_places_too() -> None:
+    places = touches_at(TRUTH.true_mode_map(), np.array(PLACES_MM)[None], 5.0)
+    limits_um = np.array(TRUTH.w_limit_um)
+    _, half_jnd = settle_felt(places, (0.5, 0.0), limits_um / 2.0, curve=CURVE)
+    _, whole_jnd = settle_felt(places, (1.0, 0.0), limits_um)
+    assert half_jnd == pytest.approx(whole_jnd, abs=0.15)
 
 
 def test_telemetry_and_score_judge_by_it() -> None:
@@ -72,7 +96,7 @@ def test_telemetry_and_score_judge_by_it() -> None:
     assert half.asked(0.5, 1.0) == pytest.approx(whole.asked(1.0, 1.0), rel=1e-9)
     felt_by_half, _ = half.felt(modes, x_mm, y_mm, (modal_um / 2.0).tolist(), 1.0)
     assert felt_by_half == pytest.approx(whole.felt(modes, x_mm, y_mm, modal_um.tolist(), 1.0)[0], rel=1e-9)
-    plate_um = np.concatenate((modal_um, np.zeros(len(TRUTH.decay_1_s) - 4)))[None]
+    plate_um = padded(modal_um)
     fingers_mm = np.array(PLACES_MM)[None]
     _, judged = felt(fingers_mm, plate_um / 2.0, TRUTH.shapes, CURVE.frictions)
     assert judged == pytest.approx(felt(fingers_mm, plate_um, TRUTH.shapes)[1])

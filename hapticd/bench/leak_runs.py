@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..config.sections import Config
-from ..sim.fingers.scenarios import SCENARIOS
+from ..sim.fingers.scenarios import SCENARIOS, Actor
 from ..sim.lockstep import Measured, Run, Settings, Simulation
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import rms
@@ -25,12 +25,13 @@ NOTHING_UM = 1e-9  # below it is rounding
 
 
 class Alternative(NamedTuple):
-    """Settings of a run, and where one is given, another predictor than the default, or what the daemon has measured of
-    the plate built with these settings and a seed."""
+    """Settings of a run, and where one is given, another predictor than the default, what the daemon has measured of
+    the plate built with these settings and a seed, or the fingers instead of the scenario's."""
 
     settings: Settings
     make_predictor: Callable[[], Any] | None = None
     measured: Callable[[PlateSettings, int], Measured] | None = None
+    build: Callable[[int, float], tuple[Actor, ...]] | None = None
 
 
 class FinishedRun(NamedTuple):
@@ -89,7 +90,8 @@ def _finished(
     """A run, and the mean time of its passes in us."""
     settings = alternative.settings
     measured = None if alternative.measured is None else alternative.measured(settings.plate, seed)
-    simulation = Simulation(SCENARIOS[scenario].build(seed, settings.speed_mm_s), settings, seed, measured)
+    build = alternative.build or SCENARIOS[scenario].build
+    simulation = Simulation(build(seed, settings.speed_mm_s), settings, seed, measured)
     if alternative.make_predictor is not None:
         use_predictor(simulation, alternative.make_predictor)
     taken_us: list[float] = []

@@ -3,9 +3,9 @@
 reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y are driven; the next pair is 84 Hz above them.
 fingertip   200 x 200 x 3 mm, designed for contacts: longer waves, and four modes of different families within
             81 Hz of the drive, so that a whole fingertip can be still (`hapticd plate`).
-wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 172 Hz of the
-            drive, the next one 462 Hz away. Its reach is that of eight patches of 20 x 10 mm along its edges, 0.5 mm
-            thick as they get 150 V, which hold all eight modes at their limits together (tests/sim/plate).
+wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 162 Hz of the
+            drive, the next one 506 Hz away. Eight patches of 15 x 15 x 0.5 mm are glued along its edges: the modes are
+            those with their mass and stiffness, and the reach is theirs at 150 V (`hapticd plate --felt`).
 
 Another is read from a TOML file, as `hapticd plate --contacts` and `--felt` write it with `--glass F.toml`: the keys of
 `FILE_KEYS`, and `patches` where some are glued on.
@@ -93,14 +93,16 @@ GLASSES = {
     WIDE: Glass(
         size_mm=(220.0, 220.0),
         thickness_mm=3.0,
-        band_hz=(27000.0, 29500.0),
-        drive_hz=28375.0,
-        modes=(
-            *("1x14", "14x1", "13x5+5x13", "13x5-5x13", "14x0+0x14", "7x12", "12x7", "14x0-0x14"),
-            *("14x2-2x14", "14x2+2x14"),
-        ),
+        band_hz=(28406.0 - FARTHEST_HZ, 28406.0 + FARTHEST_HZ),
+        drive_hz=28406.0,
+        modes=("13x5", "14x1", "1x14", "14x0", "5x13", "7x12", "12x7", "0x14", "14x2", "2x14"),
         driven=8,
-        reach_um=6.7,
+        reach_um=(7.438, 11.109, 11.176, 14.777, 10.308, 11.62, 7.872, 10.392),
+        patches=(
+            *((102.5, y_mm, 15.0, 15.0, 0.5) for y_mm in (60.0, -60.0)),
+            *((-102.5, y_mm, 15.0, 15.0, 0.5) for y_mm in (97.5, -17.5, -52.5)),
+            *((x_mm, y_mm, 15.0, 15.0, 0.5) for x_mm, y_mm in ((-100.0, -102.5), (17.5, 102.5), (17.5, -102.5))),
+        ),
     ),
 }
 
