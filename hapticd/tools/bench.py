@@ -26,7 +26,7 @@ PARTS = {
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
     "dearest": Part("the longest pass of scenes that clients may ask for", 3.0, has_picture=False),
     "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
-    "leak": Part("what fingers get in the closed loop, by which choice", 4.0),
+    "leak": Part("what fingers get in the closed loop, by which choice", 7.0),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
     "endurance": Part("an hour of virtual time of the firmware on random plates", 0.5, has_picture=False),

@@ -10,15 +10,17 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import dearest, felt, firmware, leak, modes, prediction, solver, tick
+from hapticd.bench import dearest, felt, felt_asked, firmware, leak, modes, prediction, solver, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
 from hapticd.daemon.machine import LOOK_EVERY_NS, TIMER_NS, Machine
 from hapticd.sim.fingers.scenarios import SCENARIOS
+from hapticd.sim.plate.glasses import FINGERTIP, WIDE
 
 pytestmark = pytest.mark.long
 
+ASKED = ((FINGERTIP, 4, 1.0, 1.0), (FINGERTIP, 4, 0.5, 1.0), (WIDE, 8, 1.0, 1.0), (WIDE, 8, 1.0, 0.3))
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "modes": lambda: (modes.run(pairs=200, seeds=(1,), repeats=1, timed=20),),
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
@@ -30,6 +32,7 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
         leak.run(seeds=(1,), seconds=2.0, names=(leak.PAPER, "predictor hold", "a single knot")),
         leak.both_slip(seeds=(1,), seconds=4.0),
         leak.contact(seeds=(1,), seconds=2.0),
+        felt_asked.run(cases=ASKED, seeds=(1,), seconds=2.0),
     ),
 }
 
@@ -127,7 +130,7 @@ def test_the_solvers_agree_and_never_break_a_limit() -> None:
 
 
 def test_ours_leaks_less_than_the_paper_s_scheme_and_more_than_perfect_knowledge() -> None:
-    points, both_slip, contact = part("leak")
+    points, both_slip, contact, _ = part("leak")
     ours_um = figure(points, leak.DEFAULT, "leak_um")
     assert figure(points, leak.PERFECT, "leak_um") < leak.NOTHING_UM < ours_um
     assert figure(points, "predictor hold", "leak_um") > 3 * ours_um
@@ -165,3 +168,16 @@ def test_paced_passes_wait_for_their_time() -> None:
     play(recording, new_machine(recording), wait_until=due_ns.append, limit=5)
     assert len(due_ns) == 5
     assert all(11_000_000 < later - sooner < 11_500_000 for sooner, later in pairwise(due_ns))
+
+
+def test_what_is_asked_is_felt_more_often_the_less_is_asked_and_the_more_modes_there_are() -> None:
+    table = part("leak")[-1]
+    felt_frac, perfect_frac, paper_frac = (
+        {row.name: row.figures[name] for row in table.rows} for name in ("felt_frac", "perfect_frac", "paper_frac")
+    )
+    four, half, eight, weak = felt_frac
+    assert "reach x 0.3" in weak
+    assert felt_frac[four] < felt_frac[half] < felt_frac[eight]
+    assert felt_frac[weak] < felt_frac[eight] - 0.1
+    assert all(felt_frac[name] <= perfect_frac[name] + 0.05 for name in felt_frac)
+    assert max(paper_frac.values()) < 0.2
