@@ -1,6 +1,7 @@
 """The vocabulary: every value that crosses a module, in the order of the touch path.
 
-What fingers should feel is in `content_values`, what goes to and comes from the board in `board_values`.
+What fingers should feel and what is reported of them is in `hapticd_contract`, what goes to and comes from the board in
+`board_values`.
 
 Units stand in the names. Instants are integer nanoseconds (`t_..._ns`) on the host's monotonic clock, unless the
 name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.board.clock_sync`).
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum, IntFlag
+from enum import IntFlag
 from typing import NamedTuple
 
 import numpy as np
@@ -193,23 +194,6 @@ class TouchPoint(NamedTuple):
     end_y_mm: float
 
 
-class Perceived(NamedTuple):
-    """What a person perceives at a finger, when the newest sample of it was taken.
-
-    `contact_um` is the RMS amplitude over the contact, `felt_friction` the mean friction over it as targets count it: 0
-    is the most slippery, 1 bare glass. For a finger with a target `friction_change` is the friction, both relative to
-    bare glass, relative to the target's, minus 1, and `weber_frac` the share of time in which that is beyond WEBER_FRAC
-    either way. `error_jnd` is the change in just noticeable differences, where the plate is driven for contacts: None
-    where it is driven for points.
-    """
-
-    friction_change: float | None
-    weber_frac: float | None
-    contact_um: float
-    felt_friction: float
-    error_jnd: float | None
-
-
 class Tick(NamedTuple):
     """What one pass decided. `drive` is None where the last reference stands.
 
@@ -223,39 +207,3 @@ class Tick(NamedTuple):
     drive: SafeDrive | None
     points: tuple[TouchPoint, ...]
     limited: bool
-
-
-# --- what happened ----------------------------------------------------------------------------------------------
-
-
-class EventKind(Enum):
-    """What happened to a finger or an effect."""
-
-    LANDED = "landed"
-    LIFTED = "lifted"
-    ENTERED = "entered"
-    LEFT = "left"
-    CROSSED = "crossed"
-    PRESSED = "pressed"
-    RELEASED = "released"
-    BEGUN = "begun"
-    ENDED = "ended"
-
-
-class PlateEvent(NamedTuple):
-    """One event; `seq` counts all of a pipeline. `t_ns` is when its cause occurred, `t_device_ns` the same on the
-    trackpad's own clock.
-
-    `client` owns the `surface` (of ENTERED, LEFT and CROSSED) or the `effect` (of PRESSED, RELEASED, BEGUN and ENDED).
-    None and "" where there is none.
-    """
-
-    seq: int
-    kind: EventKind
-    t_ns: int
-    t_device_ns: int | None
-    finger_id: int | None
-    place_mm: tuple[float, float] | None
-    client: str
-    surface: str
-    effect: str

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from hapticd.content_values import AmplitudeTarget, ClientTargets, Polygon, Target, VirtualPath
 from hapticd.core.phasors import Row
 from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -12,6 +11,9 @@ from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
 from hapticd.core.touch.fingers import Predictor
 from hapticd.values import Aim, Contact, FingerFrame, Tick, TouchFrame
+from hapticd_contract.contents import Amplitude, Content
+from hapticd_contract.surfaces import Polygon, VirtualPath
+from hapticd_contract.targets import ClientTargets
 
 MS = 1_000_000
 PERIOD_NS = 11_250_000
@@ -54,8 +56,8 @@ class Bench:
         self.t_ns = START_NS
         self.period_ns = PERIOD_NS
 
-    def want(self, targets: dict[int | str, Target], virtuals: dict[str, VirtualPath] | None = None) -> None:
-        message = ClientTargets("test", FOREVER_NS, targets, virtuals or {})
+    def want(self, targets: dict[int | str, Content], virtuals: dict[str, VirtualPath] | None = None) -> None:
+        message = ClientTargets.of("test", FOREVER_NS, targets, virtuals or {})
         assert self.scene.apply(message, self.t_ns) == ()
 
     def touch(
@@ -70,7 +72,7 @@ class Bench:
     def land(self, wanted_um: dict[tuple[float, float], float]) -> None:
         """Fingers land at these places, and each gets its target amplitude."""
         self.report(*wanted_um)
-        self.want({index + 1: AmplitudeTarget(um) for index, um in enumerate(wanted_um.values())})
+        self.want({index + 1: Amplitude(um) for index, um in enumerate(wanted_um.values())})
 
     def report(self, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> Tick:
         self.t_ns += self.period_ns
@@ -90,5 +92,5 @@ def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:
 
 
 SLIPPERY, STICKY = (-30.2, 5.1), (21.3, -14.9)
-ONE, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
+ONE, STILL = Amplitude(1.0), Amplitude(0.0)
 LEFT_HALF = Polygon(((-100.0, -100.0), (0.0, -100.0), (0.0, 100.0), (-100.0, 100.0)))

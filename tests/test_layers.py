@@ -12,15 +12,15 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
+CONTRACT = CLIENT.with_name("hapticd_contract")
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
-VALUES = {"values", "content_values", "board_values", "board_protocol", "errors"}
+VALUES = {"values", "board_values", "board_protocol", "errors"}  # and hapticd_contract
 PROGRAM = {*VALUES, "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"}
 
 # What each part may import of ours, apart from itself.
 ALLOWED: dict[str, set[str]] = {
     "values": set(),
-    "content_values": set(),
     "errors": set(),
     "regular_file": set(),
     "board_protocol": set(),
@@ -180,11 +180,19 @@ def test_only_commands_import_the_calibration() -> None:
     assert all(name.startswith("tools.arguments") for name in names)
 
 
-def test_the_client_shares_no_code_with_the_daemon() -> None:
-    files = list(CLIENT.rglob("*.py"))
-    assert files
-    for path in files:
-        assert "hapticd" not in {name.split(".")[0] for name in imported_names(path)}, path
+def test_the_client_shares_nothing_with_the_daemon_but_the_contract_which_imports_nothing_of_ours() -> None:
+    for folder, forbidden in ((CLIENT, {"hapticd"}), (CONTRACT, {"hapticd", "hapticd_client"})):
+        files = list(folder.rglob("*.py"))
+        assert files
+        for path in files:
+            assert not forbidden & {name.split(".")[0] for name in imported_names(path)}, path
+
+
+def test_the_contract_is_imported_where_messages_and_what_they_bring_are_dealt_with() -> None:
+    for path in layer_files():
+        is_allowed = "values" in ALLOWED[part_of(path)] or part_of(path) in VALUES
+        roots = {name.split(".")[0] for name in imported_names(path)}
+        assert is_allowed or "hapticd_contract" not in roots, path
 
 
 def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -> None:

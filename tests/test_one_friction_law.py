@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import msgpack
+import msgspec
 import numpy as np
 import pytest
 
@@ -105,5 +105,5 @@ def test_telemetry_and_score_judge_by_it() -> None:
 def test_the_service_and_the_view_have_it() -> None:
     machine = Machine(HALF, TRUTH.true_mode_map(), write_board=lambda data: len(data))
     assert machine.scene.friction_curve.knots == CURVE.knots
-    described = msgpack.unpackb(msgpack.packb(machine.status.plate()))
+    described = msgspec.to_builtins(machine.status.plate(), builtin_types=(bytes,))
     assert client._friction_curve(described).amplitude_um(0.5) == pytest.approx(CURVE.amplitude_um(0.5))

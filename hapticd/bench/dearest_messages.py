@@ -10,7 +10,8 @@ import random
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-from ..wire.client import PROTOCOL_VERSION
+from hapticd_contract.base import PROTOCOL_VERSION
+
 from .recording import LANDED_NS
 
 Message = dict[str, Any]

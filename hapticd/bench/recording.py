@@ -10,8 +10,9 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from hapticd_contract.targets import ClientTargets
+
 from ..config.sections import Config
-from ..content_values import ClientTargets
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..daemon.machine import Machine

@@ -23,8 +23,10 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any
 
+from hapticd_contract.contents import Amplitude, Content
+from hapticd_contract.targets import ClientTargets
+
 from ..config.sections import Config
-from ..content_values import AmplitudeTarget, ClientTargets, Target
 from ..core.board.ledger import Ledger, LoopTiming
 from ..daemon.daemon import Daemon, now_ns
 from ..daemon.lifecycle import while_served
@@ -138,10 +140,10 @@ async def _driven(machine: Machine) -> None:
 
 async def _request(machine: Machine) -> None:
     fingers = sorted(machine.pipeline.fingers, key=lambda finger: finger.x_mm)
-    targets: dict[int | str, Target] = {
-        finger.finger_id: AmplitudeTarget(SLIPPERY_UM if finger is fingers[0] else STICKY_UM) for finger in fingers
+    targets: dict[int | str, Content] = {
+        finger.finger_id: Amplitude(SLIPPERY_UM if finger is fingers[0] else STICKY_UM) for finger in fingers
     }
-    machine.want(ClientTargets("soak", TTL_NS, targets, {}), now_ns())
+    machine.want(ClientTargets.of("soak", TTL_NS, targets, {}), now_ns())
     await asyncio.sleep(REQUEST_EVERY_S)
 
 

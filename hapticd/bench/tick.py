@@ -15,9 +15,15 @@ import sys
 from dataclasses import dataclass, replace
 from functools import partial
 
+from msgspec import structs
+
+from hapticd_contract.contents import Amplitude, Grating
+from hapticd_contract.effects import Effect, Modulation
+from hapticd_contract.surfaces import Polygon, Surface
+from hapticd_contract.targets import ClientTargets, FingerTarget
+
 from ..compiled import why_interpreted
 from ..config.sections import Config
-from ..content_values import AmplitudeTarget, ClientTargets, Effect, GratingTarget, Modulation, Polygon, Surface
 from ..daemon.machine import Machine
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.paths import Circle, Touch
@@ -167,12 +173,13 @@ def _five_fingers() -> tuple[Actor, ...]:
 
 def _textured(recording: Recording) -> Recording:
     """The same touch; the slippery finger's target is a sine grating."""
-    grating = GratingTarget(period_mm=8.0, angle_rad=0.4, low_um=0.0, high_um=1.0, duty_frac=0.0)
-    still = AmplitudeTarget(0.0)
+    grating = Grating(period_mm=8.0, angle_rad=0.4, low_um=0.0, high_um=1.0, duty_frac=0.0)
 
     def textured(message: ClientTargets) -> ClientTargets:
-        targets = message.targets.items()
-        return replace(message, targets={key: target if target == still else grating for key, target in targets})
+        targets = [
+            one if one.amplitude_um == 0.0 else FingerTarget(one.finger, grating=grating) for one in message.targets
+        ]
+        return replace(message, targets=tuple(targets))
 
     return recording.with_messages(textured)
 
@@ -191,17 +198,18 @@ def _surfaces(message: ClientTargets, count: int, modulated_hz: float = 0.0, on:
     x_mm, y_mm = 0.5 * width_mm, 0.5 * height_mm
     tile = Polygon(((-x_mm, -y_mm), (x_mm, -y_mm), (x_mm, y_mm), (-x_mm, y_mm)))
     surfaces = {
-        f"{column} {row}": Surface(
-            AmplitudeTarget(SLIPPERY_UM if (column + row) % 2 else 0.8 * SLIPPERY_UM),
+        f"{column} {row}": Surface.of(
+            Amplitude(SLIPPERY_UM if (column + row) % 2 else 0.8 * SLIPPERY_UM),
             tile,
             ((column + 0.5) * width_mm - _HALF_PLATE_MM, (row + 0.5) * height_mm - _HALF_PLATE_MM),
+            name=f"{column} {row}",
         )
         for column in range(columns)
         for row in range(rows)
     }
-    surfaces["0 0"] = replace(surfaces["0 0"], velocity_mm_s=(20.0, 15.0), z=1)
-    effects = {"hum": Effect(Modulation(modulated_hz, 0.5), on=on)} if modulated_hz > 0.0 else {}
-    return replace(message, targets={}, surfaces=surfaces, effects=effects)
+    surfaces["0 0"] = structs.replace(surfaces["0 0"], velocity_mm_s=(20.0, 15.0), z=1)
+    effects = (Effect.of(Modulation(modulated_hz, 0.5), on, name="hum"),) if modulated_hz > 0.0 else ()
+    return structs.replace(message, targets=(), surfaces=tuple(surfaces.values()), effects=effects)
 
 
 def _paced(situation: _Situation, seconds: float, wait_until: WaitUntil) -> dict[str, float]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from ..values import EventKind, PlateEvent
+from hapticd_contract.states import EventKind, PlateEvent
+
 from .targets.shares import UserOf, host_of, left
 
 MAX_AT_ONCE: Final = 256  # in one state: further ones wait for the next. 32 effects begin and 32 end in a pass
@@ -51,7 +52,8 @@ class Events:
         elif len(self._waiting) >= MAX_WAITING:
             self.lost += 1
             return
-        event = PlateEvent(self.count, kind, t_ns, t_device_ns, finger_id, place_mm, client, surface, effect)
+        x_mm, y_mm = (None, None) if place_mm is None else place_mm
+        event = PlateEvent(self.count, kind, t_ns, t_device_ns, finger_id, x_mm, y_mm, client, surface, effect)
         self._waiting.append(event)
 
     def take(self) -> tuple[PlateEvent, ...]:

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from ..content_values import Cause
-from ..values import EventKind, FingerFrame
+from hapticd_contract.effects import At, OnCrossing, OnEntering, OnLanding, OnLeaving, OnLifting, OnPressure
+from hapticd_contract.states import EventKind
+
+from ..values import FingerFrame
 from .crossings import Change, Crossings, Touched
 from .events import Events
-from .targets.effects import EVERYONE, Held, Playing
+from .targets.effects import EVERYONE, Cause, Held, Playing
 from .targets.forms import ENDLESS_NS
 from .targets.layer import Layer
 from .targets.scene import Scene
@@ -89,17 +91,17 @@ class Triggers:
         if effects.held:
             self._check_effects(t_plate_ns)
         for touched in self._lifted:
-            self._start(Cause.LIFTING, touched, t_plate_ns, finger_id=EVERYONE)
+            self._start(OnLifting, touched, t_plate_ns, finger_id=EVERYONE)
         self._lifted.clear()
         for touched in self._touched.values():
             touched.is_seen = True
         for one in effects.playing:
             if one.finger_id != EVERYONE:
                 self._fingers.release((one.finger_id,))
-            elif one.held.effect.on is None:
+            elif one.held.on is None:
                 self._fingers.hold_all()
-            elif isinstance(one.held.effect.on, int):
-                self._fingers.release((one.held.effect.on,))
+            elif isinstance(one.held.on, int):
+                self._fingers.release((one.held.on,))
 
     def _apply(self, change: Change, touched: Touched, t_plate_ns: int) -> None:
         """Take note of a layer that a finger enters or leaves."""
@@ -107,7 +109,7 @@ class Triggers:
         t_begin_ns = t_ns if change.is_crossing else t_plate_ns
         if change.is_crossing:
             self._add_event(EventKind.CROSSED, touched, t_ns, layer=layer)
-            self._start(Cause.CROSSING, touched, t_ns, layer)
+            self._start(OnCrossing, touched, t_ns, layer)
         if change.is_on:
             self._enter(touched, layer, t_ns, t_begin_ns)
         else:
@@ -116,26 +118,26 @@ class Triggers:
     def _enter(self, touched: Touched, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
         touched.on[layer] = None
         self._add_event(EventKind.ENTERED, touched, t_ns, layer=layer)
-        self._end_by(Cause.LEAVING, touched, layer, t_ns)
-        self._start(Cause.ENTERING, touched, t_begin_ns, layer, t_ns)
+        self._end_by(OnLeaving, touched, layer, t_ns)
+        self._start(OnEntering, touched, t_begin_ns, layer, t_ns)
 
     def _leave(self, touched: Touched, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
         self._add_event(EventKind.LEFT, touched, t_ns, layer=layer)
-        self._end_by(Cause.ENTERING, touched, layer, t_ns)
-        self._start(Cause.LEAVING, touched, t_begin_ns, layer, t_ns)
+        self._end_by(OnEntering, touched, layer, t_ns)
+        self._start(OnLeaving, touched, t_begin_ns, layer, t_ns)
         touched.on.pop(layer, None)
 
     def _check_effects(self, t_plate_ns: int) -> None:
         for held in self._effects.held:
             if held.is_due:
                 self._check_clock(held, t_plate_ns)
-            elif held.effect.start.cause is Cause.PRESSURE:
+            elif held.cause is OnPressure:
                 for touched in self._touched.values():
                     self._check_pressure(held, touched, t_plate_ns)
             held.is_new = False
         for touched in self._touched.values():
             if not touched.is_seen:
-                self._start(Cause.LANDING, touched, t_plate_ns)
+                self._start(OnLanding, touched, t_plate_ns)
             if touched.hard:
                 touched.hard = {held: None for held in touched.hard if not held.is_gone}
                 touched.pressed = {held: None for held in touched.pressed if not held.is_gone}
@@ -143,8 +145,9 @@ class Triggers:
     def _check_clock(self, held: Held, t_plate_ns: int) -> None:
         """Start an effect that a message started, in time for its instant."""
         t_ns, t_begin_ns = held.t_from_ns, t_plate_ns
-        if held.effect.start.cause is Cause.AT:
-            t_ns = t_begin_ns = held.effect.start.t_ns
+        start = held.effect.start
+        if isinstance(start, At):
+            t_ns = t_begin_ns = start.t_ns
             if t_ns >= t_plate_ns + self._period_ns:
                 return
         held.is_due = False
@@ -154,6 +157,8 @@ class Triggers:
 
     def _check_pressure(self, held: Held, touched: Touched, t_plate_ns: int) -> None:
         start, pressure_frac = held.effect.start, touched.finger.pressure_frac
+        if not isinstance(start, OnPressure):
+            return
         if held in touched.hard:
             if pressure_frac <= start.release_frac:
                 del touched.hard[held]
@@ -165,7 +170,7 @@ class Triggers:
         if held.is_new and touched.is_seen:
             if pressure_frac > start.release_frac:
                 touched.hard[held] = None  # it pressed already
-        elif pressure_frac >= start.threshold_frac:
+        elif pressure_frac >= start.threshold:
             touched.hard[held] = None
             if _is_at(held, touched):
                 touched.pressed[held] = None
@@ -214,7 +219,7 @@ class Triggers:
         """End what this cause started and only its opposite ends."""
         for one in self._effects.playing:
             held = one.held
-            if held.effect.start.cause is cause and held.trigger is layer:
+            if held.cause is cause and held.trigger is layer:
                 self._end_one(held, touched, t_ns)
 
     def _end_one(self, held: Held, touched: Touched, t_ns: int) -> None:
@@ -255,7 +260,7 @@ class Triggers:
 
 def _is_at(held: Held, touched: Touched) -> bool:
     """Return whether a finger is where an effect is."""
-    on = held.effect.on
+    on = held.on
     if on is None:
         return True
     if isinstance(on, int):

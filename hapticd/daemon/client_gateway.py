@@ -7,17 +7,24 @@ client has overtaken. What only the machine can report or do is requested from i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import NamedTuple, Protocol
 
+from msgspec import Struct
+from msgspec.structs import replace
+
+from hapticd_contract import requests
+from hapticd_contract.replies import Have, Hello, Marked, Plate, Reach, Released, Surfaces
+from hapticd_contract.requests import MarkerRequest, ReachQuery, Release, Request
+from hapticd_contract.states import Marker
+from hapticd_contract.surfaces import Surface
+from hapticd_contract.targets import ClientTargets
+
 from .. import __version__
-from ..content_values import ClientTargets, Surface
 from ..core.pipeline import Pipeline
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
 from ..errors import RequestError
 from ..wire import client as client_wire
-from ..wire.assets import AssetPart
 from .board_gateway import BoardGateway
 from .layers import described
 from .observer import Observed
@@ -37,7 +44,7 @@ class Host(Protocol):
     def report_status(self, t_now_ns: int) -> Mapping[str, object]:
         """The answer to `status`."""
 
-    def describe_plate(self) -> Mapping[str, object]:
+    def describe_plate(self) -> Plate:
         """The answer to `plate`."""
 
 
@@ -65,7 +72,7 @@ class ClientGateway:
         self.refused = 0
         self.last_refusal = ""
         self.overtaken = 0
-        self.markers: list[client_wire.Marker] = []  # not yet published
+        self.markers: list[Marker] = []  # not yet published
         self._scene = scene
         self._pipeline = pipeline
         self._board = board
@@ -99,11 +106,11 @@ class ClientGateway:
         Ids count up, so a client could otherwise own each finger before it touches.
         """
         newest = self._pipeline.newest_finger_id
-        reached = [*message.targets, *[effect.on for effect in message.effects.values()]]
+        reached = [*[one.finger for one in message.targets], *[effect.finger for effect in message.effects]]
         unseen = [key for key in dict.fromkeys(reached) if isinstance(key, int) and key > newest]
         if unseen:
-            known = {key: target for key, target in message.targets.items() if key not in unseen}
-            effects = {name: effect for name, effect in message.effects.items() if effect.on not in unseen}
+            known = tuple([one for one in message.targets if one.finger not in unseen])
+            effects = tuple([effect for effect in message.effects if effect.finger not in unseen])
             message = replace(message, targets=known, effects=effects)
         refusals = (f"finger {key} has not touched the plate: use an id from the newest state." for key in unseen)
         return (*refusals, *self.want(message, t_now_ns))
@@ -112,52 +119,49 @@ class ClientGateway:
         """Return the answer to a message of the control socket."""
         return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user))
 
-    def _carry_out(self, request: client_wire.Request, t_now_ns: int, user: str) -> Mapping[str, object]:
-        match request.body:
-            case client_wire.Marker() as marker:
-                self._client_registry.is_newest(marker.client, user, None, 0, t_now_ns)
-                if marker.has_pulse:
-                    self._board.pulse(t_now_ns)
-                return self._mark(replace(marker, t_ns=t_now_ns))
-            case AssetPart() as one:
+    def _carry_out(self, request: Request, t_now_ns: int, user: str) -> Struct | Mapping[str, object]:
+        match request:
+            case requests.MarkRequest(body=marker):
+                return self._mark(marker, t_now_ns, user)
+            case requests.AssetRequest(body=one):
                 self._client_registry.is_newest(one.client, user, None, 0, t_now_ns)
-                have = self._scene.upload(one.client, one.digest, one.size, one.offset, one.part, t_now_ns)
-                return {"have": have}
-            case ClientTargets() as targets:
+                have = self._scene.upload(one.client, one.asset, one.size, one.offset or 0, one.part or b"", t_now_ns)
+                return Have(have)
+            case requests.SetRequest(body=targets):
                 self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)
                 refusals = self._apply(targets, t_now_ns)
                 if refusals:
                     raise RequestError(" ".join(refusals))
                 return {}
-            case client_wire.Release() as release:
+            case requests.ReleaseRequest(body=release):
                 self._require_newest(release.client, user, release.stamp, 0, t_now_ns)
-                return {"released": self._release(release)}
-            case client_wire.ReachQuery() as query:
+                return Released(self._release(release))
+            case requests.ReachRequest(body=query):
                 return self._reach(query, t_now_ns)
-        if request.op == "clear_fault":
-            self._host.clear_fault(t_now_ns)
-            return {}
-        if request.op == "status":
-            return self._host.report_status(t_now_ns)
-        if request.op == "plate":
-            return self._host.describe_plate()
-        if request.op == "surfaces":
-            return self._describe_surfaces(t_now_ns)
-        return {"version": __version__, "instance": self._instance, **client_wire.CAPABILITIES}
+            case requests.ClearFaultRequest():
+                self._host.clear_fault(t_now_ns)
+                return {}
+            case requests.StatusRequest():
+                return self._host.report_status(t_now_ns)
+            case requests.PlateRequest():
+                return self._host.describe_plate()
+            case requests.SurfacesRequest():
+                return self._describe_surfaces(t_now_ns)
+            case requests.HelloRequest() | requests.CapabilitiesRequest():
+                return Hello(version=__version__, instance=self._instance)
 
-    def _reach(self, query: client_wire.ReachQuery, t_now_ns: int) -> Mapping[str, object]:
-        key = query.finger
+    def _reach(self, query: ReachQuery, t_now_ns: int) -> Reach:
+        key, place_mm = query.finger, (query.x_mm or 0.0, query.y_mm or 0.0)
         if isinstance(key, str) and key not in self._scene.virtual_names(t_now_ns):
             raise RequestError(f"there is no virtual finger {key!r}.")
-        if key is None and not self._scene.holds_place(*query.place_mm):
+        if key is None and not self._scene.holds_place(*place_mm):
             raise RequestError("x_mm and y_mm: the place must lie on the plate.")
         try:
-            found = self._pipeline.reach(key, query.place_mm, t_now_ns)
+            return Reach(self._pipeline.reach(key, place_mm, t_now_ns))
         except ValueError as error:
             raise RequestError(str(error)) from None
-        return {"friction": None if found is None else list(found)}
 
-    def _describe_surfaces(self, t_now_ns: int) -> dict[str, object]:
+    def _describe_surfaces(self, t_now_ns: int) -> Surfaces:
         surfaces, assets = self._scene.surfaces, self._scene.assets
         surfaces.expire(t_now_ns)
         kept, self._described = self._described, {}
@@ -167,7 +171,7 @@ class ClientGateway:
             if before is None or before.surface is not layer.surface:
                 before = _Described(layer.surface, described(layer, assets))
             self._described[key] = before
-        return {"version": surfaces.version, "surfaces": [one.fields for one in self._described.values()]}
+        return Surfaces(surfaces.version, tuple([one.fields for one in self._described.values()]))
 
     def _require_newest(self, client: str, user: str, stamp: int | None, ttl_ns: int, t_now_ns: int) -> None:
         if not self._is_newest(client, user, stamp, ttl_ns, t_now_ns):
@@ -179,13 +183,16 @@ class ClientGateway:
         self.overtaken += not is_newest
         return is_newest
 
-    def _mark(self, marker: client_wire.Marker) -> Mapping[str, object]:
-        self._observed.put("marker", marker.t_ns, marker.client, marker.text)
+    def _mark(self, request: MarkerRequest, t_now_ns: int, user: str) -> Marked:
+        self._client_registry.is_newest(request.client, user, None, 0, t_now_ns)
+        if request.pulse:
+            self._board.pulse(t_now_ns)
+        self._observed.put("marker", t_now_ns, request.client, request.text)
         if len(self.markers) < MAX_MARKERS:
-            self.markers.append(marker)
-        return {"t_ns": marker.t_ns}
+            self.markers.append(Marker(t_now_ns, request.client, request.text))
+        return Marked(t_now_ns)
 
-    def _release(self, release: client_wire.Release) -> bool:
+    def _release(self, release: Release) -> bool:
         if release.finger is None:
             self._scene.release_client(release.client)
             return True

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from operator import itemgetter
 
-from ..content_values import MapTarget, Target
+from msgspec.structs import asdict, replace
+
+from hapticd_contract.contents import LevelMap
+from hapticd_contract.surfaces import Polygon, Surface
+
 from ..core.targets.assets import Assets
 from ..core.targets.layer import Layer
-from ..files.recording.client_message import surface_fields
 
 MAP_SIDE = 32  # of a described map: 64 surfaces of it are a reply of 80 KB
 
 
 def described(layer: Layer, assets: Assets) -> dict[str, object]:
-    """Return a layer's owner and fields; its pose is that at `t_pose_ns`."""
-    content = _small(assets.resolved(layer.surface.content))
-    surface = replace(layer.surface, content=content, t_pose_ns=layer.t_pose_ns)
-    return {"client": layer.owner, **surface_fields(layer.name, surface)}
+    """Return a layer's owner and fields; its pose is that at `t_pose_ns`, a rectangle is a polygon."""
+    surface: Surface = layer.surface
+    content, shape = assets.resolved(layer.content), surface.shape
+    changed: dict[str, object] = {"t_pose_ns": layer.t_pose_ns}
+    if isinstance(content, LevelMap):
+        changed["map"] = _small(content)
+    if isinstance(shape, Polygon):
+        changed |= {"rectangle_mm": None, "polygon_mm": shape.corners_mm}
+    left_out = ("position_mm", "velocity_mm_s") if surface.path_mm else ("speed_mm_s", "loop")
+    fields = {name: value for name, value in asdict(replace(surface, **changed)).items() if name not in left_out}
+    return {"client": layer.owner, **{name: value for name, value in fields.items() if value is not None}}
 
 
-def _small(content: Target) -> Target:
-    """Return a map with at most MAP_SIDE pixels per side, of those nearest; other content as it is."""
-    if not isinstance(content, MapTarget):
-        return content
+def _small(content: LevelMap) -> LevelMap:
+    """Return a map with at most MAP_SIDE pixels per side, of those nearest."""
     columns, rows = _spread(content.width), _spread(content.height)
     pick = itemgetter(*columns) if len(columns) > 1 else bytes
     levels = b"".join(bytes(pick(content.levels[row * content.width : (row + 1) * content.width])) for row in rows)
-    return replace(content, width=len(columns), height=len(rows), levels=levels, asset=b"")
+    return replace(content, width=len(columns), height=len(rows), levels=levels, asset=None)
 
 
 def _spread(pixels: int) -> list[int]:

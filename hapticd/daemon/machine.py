@@ -12,10 +12,12 @@ import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from hapticd_contract.replies import Plate
+from hapticd_contract.targets import ClientTargets
+
 from ..board_protocol import BoardState
 from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
-from ..content_values import ClientTargets
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline, PipelineSettings
@@ -370,7 +372,7 @@ class Machine:
         """Return the answer to `status`."""
         return self.status.collect(self.trackpad, self._t_reports_ns, t_now_ns)
 
-    def describe_plate(self) -> dict[str, object]:
+    def describe_plate(self) -> Plate:
         """Return the answer to `plate`."""
         return self.status.plate()
 

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import logging
 
+from hapticd_contract.states import Perceived
+
 from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline
-from ..values import WEBER_FRAC, Perceived, Tick
+from ..values import WEBER_FRAC, Tick
 
 log = logging.getLogger("hapticd")
 
@@ -68,9 +70,15 @@ class Perception:
         change = self._changes.get(key)
         felt_friction = self._contacts.curve.friction_frac(friction)
         if change is None:
-            return Perceived(None, None, rms_um, felt_friction, None)
+            return Perceived(contact_um=rms_um, felt_friction=felt_friction)
         error_jnd = change / WEBER_FRAC if self._has_contacts else None
-        return Perceived(change, self._weber_frac(key), rms_um, felt_friction, error_jnd)
+        return Perceived(
+            friction_change=change,
+            weber_frac=self._weber_frac(key),
+            contact_um=rms_um,
+            felt_friction=felt_friction,
+            error_jnd=error_jnd,
+        )
 
     def _count(self, span_ns: int) -> None:
         for key, change in self._changes.items():

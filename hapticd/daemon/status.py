@@ -8,17 +8,21 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import asdict
+
+from hapticd_contract.effects import cause_of
+from hapticd_contract.replies import Plate
+from hapticd_contract.states import FingerState, Perceived, PlateEvent, PlateState
 
 from .. import board_protocol as protocol
 from ..config.sections import Config
 from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
 from ..core.board.supervisor import Supervisor
-from ..core.friction import FrictionCurve
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.targets.scene import Scene
-from ..values import Perceived, PlateEvent, Tick, TouchPoint
-from ..wire.client import FingerState, PlateState, encode_state
+from ..values import Tick, TouchPoint
+from ..wire.client import encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
@@ -83,6 +87,8 @@ class Status:
         """Every finger seen or virtual, with its target and what it gets."""
         points = {point.key: point for point in tick.points}
         owner_of, board, loop = self._scene.owner_of, self._board.session.status, self.loop
+        modal_um = self._pipeline.modal_um
+        measured_um = () if board is None else board.measured_um
         fingers = [
             _finger_state(key, finger.x_mm, finger.y_mm, points.pop(key, None), owner_of(key), perceived.get(key))
             for finger in self._pipeline.fingers
@@ -99,12 +105,13 @@ class Status:
                 t_ns=tick.t_now_ns,
                 state=self._supervisor.state.name,
                 fingers=tuple(fingers),
-                modal_um=self._pipeline.modal_um,
+                modal_um=tuple([w_um.real for w_um in modal_um]),
+                modal_q_um=tuple([w_um.imag for w_um in modal_um]),
                 limited=tick.limited,
                 age_ms=tick.age_ns * 1e-6,
                 horizon_ms=tick.horizon_ns * 1e-6,
                 markers=tuple(self._clients.markers),
-                measured_um=() if board is None else board.measured_um,
+                measured_d_q_um=tuple([(w_um.real, w_um.imag) for w_um in measured_um]),
                 tick_late_ms=loop.last_late_ns * 1e-6,
                 missed_ticks=loop.missed_ticks,
                 pauses=loop.pauses,
@@ -115,27 +122,27 @@ class Status:
 
     # --- answers ---
 
-    def plate(self) -> dict[str, object]:
+    def plate(self) -> Plate:
         """What a picture of the plate needs: its size, limits and drive, and points of its mode map.
 
-        `shapes` are float32, little-endian, by mode and then by rows along `y_mm`: (M, ny, nx). They are the map's own
-        points, as many as a wave needs: the daemon evaluates no others for a client.
+        The map's own points, as many as a wave needs: the daemon evaluates no others for a client.
         """
-        config, modes, hello = self._config, self.modes, self._board.session.hello
+        config, modes, hello, curve = self._config, self.modes, self._board.session.hello, self._scene.friction_curve
         columns, rows = _spread(modes.x_mm.size), _spread(modes.y_mm.size)
-        return {
-            "size_mm": list(config.plate.size_mm),
-            "w_limit_um": list(config.limits.w_limit_um),
-            "reference_limit_um": list(config.limits.reference_limit_um),
-            "contact_radius_mm": pipeline_settings(config).contact_radius_mm,
-            **_friction(self._scene.friction_curve),
-            "drive_hz": None if hello is None else self._board.session.drive_hz,
-            "x_mm": modes.x_mm[columns].tolist(),
-            "y_mm": modes.y_mm[rows].tolist(),
-            "modes": modes.M,
-            "shapes": modes.shapes[:, rows][..., columns].astype("<f4").tobytes(),
-            "simulated": config.rig_dir or None,
-        }
+        return Plate(
+            size_mm=config.plate.size_mm,
+            w_limit_um=config.limits.w_limit_um,
+            reference_limit_um=config.limits.reference_limit_um,
+            contact_radius_mm=pipeline_settings(config).contact_radius_mm,
+            friction_curve=tuple([(um, curve.friction(um)) for _, um in reversed(curve.knots)]),
+            friction_speed_mm_s=curve.speed_mm_s if math.isfinite(curve.speed_mm_s) else None,
+            drive_hz=None if hello is None else self._board.session.drive_hz,
+            x_mm=tuple(modes.x_mm[columns].tolist()),
+            y_mm=tuple(modes.y_mm[rows].tolist()),
+            modes=modes.M,
+            shapes=modes.shapes[:, rows][..., columns].astype("<f4").tobytes(),
+            simulated=config.rig_dir or None,
+        )
 
     def collect(self, trackpad: Decoder, t_reports_ns: int | None, t_now_ns: int) -> dict[str, object]:
         """Rates, ages, counters and limits hit, as plain nested maps. `t_reports_ns`: when the last reports came."""
@@ -176,7 +183,7 @@ class Status:
     def _surfaces(self, t_now_ns: int) -> list[dict[str, object]]:
         """All surfaces, topmost first."""
         return [
-            {"client": layer.owner, "name": layer.name, "z": layer.z, "blend": layer.surface.blend.value}
+            {"client": layer.owner, "name": layer.name, "z": layer.z, "blend": layer.surface.blend}
             for layer in self._scene.surfaces.layers
             if t_now_ns < layer.t_expires_ns
         ]
@@ -185,7 +192,7 @@ class Status:
         """All effects in force, how many of them play, and how many starts there were and could not be."""
         effects = self._scene.effects
         in_force = [
-            {"client": held.owner, "name": held.name, "cause": held.effect.start.cause.value}
+            {"client": held.owner, "name": held.name, "cause": cause_of(held.effect.start)}
             for held in effects.held
             if t_now_ns < held.t_expires_ns
         ]
@@ -234,21 +241,8 @@ def _finger_state(
         achieved_um=None if point is None else point.achieved_um,
         virtual=isinstance(key, str),
         owner=owner,
-        friction_change=None if perceived is None else perceived.friction_change,
-        weber_frac=None if perceived is None else perceived.weber_frac,
-        contact_um=None if perceived is None else perceived.contact_um,
-        felt_friction=None if perceived is None else perceived.felt_friction,
-        error_jnd=None if perceived is None else perceived.error_jnd,
+        **({} if perceived is None else asdict(perceived)),
     )
-
-
-def _friction(curve: FrictionCurve) -> dict[str, object]:
-    """The friction curve as rising amplitudes, each with its friction relative to bare glass."""
-    amplitudes_um = [amplitude_um for _, amplitude_um in reversed(curve.knots)]
-    return {
-        "friction_curve": [[amplitude_um, curve.friction(amplitude_um)] for amplitude_um in amplitudes_um],
-        "friction_speed_mm_s": curve.speed_mm_s if math.isfinite(curve.speed_mm_s) else None,
-    }
 
 
 def _spread(points: int) -> npt.NDArray[np.intp]:

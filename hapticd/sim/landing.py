@@ -13,7 +13,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from ..content_values import AmplitudeTarget, ClientTargets, Surface
+from hapticd_contract.contents import Amplitude
+from hapticd_contract.surfaces import Surface
+from hapticd_contract.targets import ClientTargets
+
 from .fingers.paths import Rest, Touch, Touches
 from .fingers.scenarios import Actor
 from .lockstep import Settings, Simulation
@@ -39,8 +42,8 @@ class _WithSurface(Simulation):
         super()._send_targets(t_ns)  # none: its actors have no targets
         if t_ns - self._t_published_ns >= _REFRESH_NS:
             self._t_published_ns = t_ns
-            surfaces = {"plate": Surface(AmplitudeTarget(TARGET_UM))}
-            self.machine.want(ClientTargets("surface", _TTL_NS, {}, {}, surfaces=surfaces), t_ns)
+            surfaces = {"plate": Surface.of(Amplitude(TARGET_UM))}
+            self.machine.want(ClientTargets.of("surface", _TTL_NS, {}, {}, surfaces=surfaces), t_ns)
 
 
 def measure(

@@ -24,8 +24,10 @@ from typing import Any, TextIO
 import numpy as np
 import numpy.typing as npt
 
+from hapticd_contract.contents import Amplitude, Content
+from hapticd_contract.targets import ClientTargets
+
 from ..config.sections import Config
-from ..content_values import AmplitudeTarget, ClientTargets, Target
 from ..core.board.ledger import Histogram, LedgerLine
 from ..daemon.daemon import Daemon, now_ns
 from ..daemon.lifecycle import while_served
@@ -165,10 +167,10 @@ async def _watch(daemon: Daemon, seconds: float) -> Measured:
 
 def _targets(machine: Machine) -> ClientTargets:
     fingers = [finger.finger_id for finger in machine.pipeline.fingers]
-    targets: dict[int | str, Target] = {
-        finger: AmplitudeTarget(AMPLITUDE_UM if finger == fingers[0] else 0.0) for finger in fingers
+    targets: dict[int | str, Content] = {
+        finger: Amplitude(AMPLITUDE_UM if finger == fingers[0] else 0.0) for finger in fingers
     }
-    return ClientTargets("latency", TTL_NS, targets, {})
+    return ClientTargets.of("latency", TTL_NS, targets, {})
 
 
 def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:

@@ -1,329 +1,168 @@
-"""Client messages, one MessagePack map each. The contract is clients/PROTOCOL.md.
+"""Client messages, one MessagePack map each. What is in them is `hapticd_contract`; here are the bytes.
 
     targets    client -> daemon   decode_targets    all targets of one client
     control    client -> daemon   decode_request    a request with an id; encode_reply or encode_error answers it
     telemetry  daemon -> clients  encode_state      the state of every finger
 
-Decoders raise RequestError, with one sentence for the sender, and nothing else for any bytes.
+Decoders raise RequestError, with one sentence for the sender, and nothing else for any bytes. msgspec decodes into the
+contract's types; what it refuses, and messages in which a map may have the same key twice, msgpack unpacks once more,
+for the sentence.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Final
 
 import msgpack
+import msgspec
+from msgspec import Struct
 
-from ..content_values import ClientTargets
+from hapticd_contract.base import MAX_MESSAGE_BYTES, PROTOCOL_VERSION
+from hapticd_contract.requests import UNREAD_REQUEST_ID, Request
+from hapticd_contract.sentences import ContractError, check, converted
+from hapticd_contract.states import PlateState
+from hapticd_contract.targets import ClientTargets, TargetsMessage
+
 from ..errors import RequestError
-from ..values import PlateEvent
-from .assets import MAX_ASSET_BYTES, AssetPart, read_asset_part
-from .contents import CONTENTS, MAX_ASSET_SIDE, MAX_MAP_SIDE
-from .effects import FORMS, MAX_EFFECTS, MAX_ENVELOPE_POINTS, MAX_POINTS
-from .fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES, Fields, peek_whole, unpack
-from .paths import MAX_PATH_POINTS
-from .surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
-from .targets import (
-    MAX_PRIORITY,
-    MAX_TARGETS,
-    MAX_TTL_S,
-    MAX_VIRTUALS,
-    MIN_TTL_S,
-    read_finger_key,
-    read_stamp,
-    read_targets,
-)
 
-PROTOCOL_VERSION = 1
-OPS = (
-    "hello",
-    "capabilities",
-    "set",
-    "release",
-    "status",
-    "plate",
-    "clear_fault",
-    "marker",
-    "asset",
-    "surfaces",
-    "reach",
-)
-
-MAX_REQUEST_ID = 2**32 - 1
-MAX_MARKER_CHARACTERS = 100
-MAX_PLACE_MM = 1000.0
-UNREAD_REQUEST_ID = 0  # in the reply to a request whose own id could not be read
-
-CAPABILITIES: Mapping[str, object] = {
-    "protocol": PROTOCOL_VERSION,
-    "ops": OPS,
-    # Fields added within this version: a client sends only those listed here.
-    "optional": ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects", "priority"),
-    "targets": CONTENTS,
-    "max_targets": MAX_TARGETS,
-    "max_virtuals": MAX_VIRTUALS,
-    "max_priority": MAX_PRIORITY,
-    "max_path_points": MAX_PATH_POINTS,
-    "max_surfaces": MAX_SURFACES,
-    "max_polygon_points": MAX_POLYGON_POINTS,
-    "max_map_side": MAX_MAP_SIDE,
-    "max_asset_side": MAX_ASSET_SIDE,
-    "max_asset_bytes": MAX_ASSET_BYTES,
-    "max_part_bytes": MAX_BINARY_BYTES,
-    "effects": FORMS,
-    "max_effects": MAX_EFFECTS,
-    "max_envelope_points": MAX_ENVELOPE_POINTS,
-    "max_points": MAX_POINTS,
-    "max_marker_characters": MAX_MARKER_CHARACTERS,
-    "max_message_bytes": MAX_PAYLOAD_BYTES,
-    "ttl_s": (MIN_TTL_S, MAX_TTL_S),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Release:
-    """Release one finger (its id, or a virtual finger's name), or with None all fingers of the client.
-
-    `stamp` as in ClientTargets.
-    """
-
-    client: str
-    finger: int | str | None
-    stamp: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Marker:
-    """A client's label for an instant of its experiment; `t_ns` is its arrival at the daemon, 0 before that.
-
-    `has_pulse`: the board's sync output rises with the next reference that takes effect.
-    """
-
-    client: str
-    text: str
-    t_ns: int = 0
-    has_pulse: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class ReachQuery:
-    """Which friction a finger can feel now: its id, a virtual finger's name, or with None one that touched
-    `place_mm`."""
-
-    finger: int | str | None
-    place_mm: tuple[float, float] = (0.0, 0.0)
-
-
-Body = ReachQuery | ClientTargets | Release | Marker | AssetPart | None
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """One control request. `body` is ClientTargets for "set", Release for "release", Marker for "marker", AssetPart for
-    "asset", ReachQuery for "reach", else None."""
-
-    op: str
-    id: int
-    body: Body
-
-
-class FingerState(NamedTuple):
-    """One finger in a telemetry message; None where nothing was computed, as for a finger without a target.
-
-    `owner` is the client that owns it; the fields from `friction_change` on are those of `values.Perceived`.
-    """
-
-    id: int | str
-    x_mm: float
-    y_mm: float
-    predicted_x_mm: float | None
-    predicted_y_mm: float | None
-    target_um: float | None
-    achieved_um: float | None
-    virtual: bool
-    owner: str | None = None
-    friction_change: float | None = None
-    weber_frac: float | None = None
-    contact_um: float | None = None
-    felt_friction: float | None = None
-    error_jnd: float | None = None
-
-
-class PlateState(NamedTuple):
-    """One telemetry message. `instance` changes with every start of the daemon; `seq` counts its messages.
-
-    `age_ms` is the newest touch sample's age, `horizon_ms` how far ahead of it the plate is driven, `state` the
-    supervisor's state.
-    `modal_um` are the reference phasors, `measured_um` those last measured by the board; `markers` and `events` came
-    since the previous message. `tick_late_ms` is the delay of the newest timer tick; `missed_ticks` and `pauses` (of
-    Python's collector, above 1 ms) count since the start, as `surfaces_version` does changes of the surfaces in force.
-    """
-
-    instance: int
-    seq: int
-    t_ns: int
-    state: str
-    fingers: tuple[FingerState, ...]
-    modal_um: tuple[complex, ...]
-    limited: bool
-    age_ms: float
-    horizon_ms: float
-    markers: tuple[Marker, ...] = ()
-    measured_um: tuple[complex, ...] = ()
-    tick_late_ms: float = 0.0
-    missed_ticks: int = 0
-    pauses: int = 0
-    surfaces_version: int = 0
-    events: tuple[PlateEvent, ...] = ()
-
-
-# --- targets ----------------------------------------------------------------------------------------------------
+_TARGETS: Final = msgspec.msgpack.Decoder(TargetsMessage)
+_REQUEST: Final[msgspec.msgpack.Decoder[Request]] = msgspec.msgpack.Decoder(Request)
+_ANY: Final = msgspec.msgpack.Decoder()
+_ENCODER: Final = msgspec.msgpack.Encoder()
+_NOT_PACKED: Final = (ValueError, TypeError, RecursionError, msgspec.MsgspecError, msgpack.UnpackException)
 
 
 def decode_targets(payload: bytes) -> ClientTargets:
     """Decode a message of the `targets` socket. Raises RequestError."""
-    fields = Fields(unpack(payload))
-    _check_version(fields)
-    return read_targets(fields)
-
-
-def _check_version(fields: Fields) -> None:
-    version = fields.whole("v", 0, MAX_REQUEST_ID)
-    if version != PROTOCOL_VERSION:
-        older = "client" if version < PROTOCOL_VERSION else "daemon"
-        raise RequestError(
-            f"The message has protocol version {version}, the daemon has {PROTOCOL_VERSION}: update the {older}."
-        )
-
-
-# --- control ----------------------------------------------------------------------------------------------------
+    message: ClientTargets = _decoded(payload, _TARGETS)
+    return message
 
 
 def decode_request(payload: bytes) -> Request:
     """Decode a message of the `control` socket. Raises RequestError."""
-    fields = Fields(unpack(payload))
-    return _request(fields, fields.whole("id", 1, MAX_REQUEST_ID))
+    request: Request = _decoded(payload, _REQUEST)
+    return request
 
 
-def answer(payload: bytes, handle: Callable[[Request], Mapping[str, object]]) -> bytes:
+def encode_targets(message: ClientTargets) -> bytes:
+    """Encode a message of the `targets` socket."""
+    fields = msgspec.structs.asdict(message)
+    return _ENCODER.encode(TargetsMessage(**{**fields, "v": PROTOCOL_VERSION}))
+
+
+def answer(payload: bytes, handle: Callable[[Request], Struct | Mapping[str, object]]) -> bytes:
     """Return the reply to a control message: the result of `handle`, or the sentence of a RequestError."""
     try:
         request = decode_request(payload)
         return encode_reply(request.id, handle(request))
     except RequestError as error:
         request_id = peek_whole(payload, "id") or UNREAD_REQUEST_ID
-        return encode_error(request_id if 0 < request_id <= MAX_REQUEST_ID else UNREAD_REQUEST_ID, str(error))
+        return encode_error(request_id if 0 < request_id < 2**32 else UNREAD_REQUEST_ID, str(error))
 
 
-def encode_reply(request_id: int, body: Mapping[str, object]) -> bytes:
-    """Encode the reply to a successful request. `body` holds plain values, lists and maps."""
-    return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": True, "body": dict(body)}))
+def encode_reply(request_id: int, body: Struct | Mapping[str, object]) -> bytes:
+    """Encode the reply to a successful request. `body` is one of the contract, or plain values in maps."""
+    return _ENCODER.encode({"v": PROTOCOL_VERSION, "id": request_id, "ok": True, "body": body})
 
 
 def encode_error(request_id: int, sentence: str) -> bytes:
     """Encode the reply to a refused request."""
-    return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "id": request_id, "ok": False, "error": sentence}))
+    return _ENCODER.encode({"v": PROTOCOL_VERSION, "id": request_id, "ok": False, "error": sentence})
 
 
-REFUSAL_OF_PARTS = encode_error(UNREAD_REQUEST_ID, "A message has one part, this one has several.")
+REFUSAL_OF_PARTS: Final = encode_error(UNREAD_REQUEST_ID, "A message has one part, this one has several.")
+
+# --- bytes ------------------------------------------------------------------------------------------------------
 
 
-def _request(fields: Fields, request_id: int) -> Request:
-    _check_version(fields)
-    op = fields.label("op")
-    if op not in OPS:
-        raise RequestError(f"op: {op!r} is not one of {', '.join(OPS)}.")
-    body = None
-    if op in _BODIES or "body" in fields:
-        body = fields.inner("body", _BODIES.get(op, lambda _: None))
-    fields.end()
-    return Request(op, request_id, body)
+def _decoded(payload: bytes, decoder: msgspec.msgpack.Decoder[Any]) -> Any:
+    if len(payload) <= MAX_MESSAGE_BYTES:
+        try:
+            message = decoder.decode(payload)
+            if _ENCODER.encode(_ANY.decode(payload)) == payload:  # so no map has a key twice
+                check(message)
+                return message
+        except ContractError as error:
+            raise RequestError(str(error)) from None
+        except _NOT_PACKED:
+            pass
+    return _explained(payload, decoder.type)
 
 
-def _release(fields: Fields) -> Release:
-    client = fields.label("client")
-    return Release(client, read_finger_key(fields) if "finger" in fields else None, read_stamp(fields))
+def _explained(payload: bytes, kind: Any) -> Any:
+    """Decode slowly: a sound message may be packed in more bytes than it needs."""
+    value = unpack(payload)
+    if isinstance(value, dict) and type(version := value.get("v")) is int and version != PROTOCOL_VERSION:
+        older = "client" if version < PROTOCOL_VERSION else "daemon"
+        raise RequestError(
+            f"The message has protocol version {version}, the daemon has {PROTOCOL_VERSION}: update the {older}."
+        )
+    return read(value, kind)
 
 
-def _marker(fields: Fields) -> Marker:
-    client, text = fields.label("client"), fields.text("text", MAX_MARKER_CHARACTERS)
-    return Marker(client, text, has_pulse=fields.boolean("pulse", default=False))
+def read(value: object, kind: Any, where: str = "") -> Any:
+    """Return plain values as a type of the contract. Raises RequestError."""
+    try:
+        return converted(value, kind, where)
+    except ContractError as error:
+        raise RequestError(str(error)) from None
 
 
-def _reach(fields: Fields) -> ReachQuery:
-    if "finger" in fields:
-        return ReachQuery(read_finger_key(fields))
-    return ReachQuery(None, (_place(fields, "x_mm"), _place(fields, "y_mm")))
+def unpack(payload: bytes) -> object:
+    """Unpack one MessagePack value, whose maps have distinct keys. Raises RequestError."""
+    if len(payload) > MAX_MESSAGE_BYTES:
+        raise RequestError(f"The message has {len(payload)} bytes, the limit is {MAX_MESSAGE_BYTES}.")
+    try:
+        return msgpack.unpackb(payload, raw=False, strict_map_key=True, object_pairs_hook=_distinct, max_ext_len=0)
+    except RequestError:
+        raise
+    except _NOT_PACKED as error:
+        reason = str(error).rstrip(".") or type(error).__name__
+        raise RequestError(f"The message ({len(payload)} bytes) is not valid MessagePack: {reason}.") from None
 
 
-def _place(fields: Fields, name: str) -> float:
-    return fields.number(name, -MAX_PLACE_MM, MAX_PLACE_MM)
+def peek_whole(payload: bytes, name: str) -> int | None:
+    """Return a whole number of a message that `unpack` refuses, so that its sender gets an answer; None without one."""
+    unpacker = msgpack.Unpacker(raw=False, strict_map_key=True, max_buffer_size=MAX_MESSAGE_BYTES, max_ext_len=0)
+    try:
+        unpacker.feed(payload)
+        for _ in range(unpacker.read_map_header()):
+            if unpacker.unpack() == name:
+                value = unpacker.unpack()
+                return value if type(value) is int else None
+            unpacker.skip()
+    except _NOT_PACKED:
+        pass
+    return None
 
 
-_BODIES: dict[str, Callable[[Fields], Body]] = {
-    "set": read_targets,
-    "release": _release,
-    "marker": _marker,
-    "asset": read_asset_part,
-    "reach": _reach,
-}
+def _distinct(pairs: list[tuple[object, object]]) -> dict[object, object]:
+    """Build a map; refuse duplicate keys, which two readers may resolve differently."""
+    table = dict(pairs)
+    if len(table) != len(pairs):
+        raise RequestError("The message contains a map with the same key twice.")
+    return table
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------
 
+_MAYBE_NOT_FINITE: Final = re.compile(rb"\xcb[\x7f\xff][\xf0-\xff]")  # the first bytes of NaN and infinities
+
 
 def encode_state(state: PlateState) -> bytes:
     """Encode a message of the `telemetry` socket. Non-finite numbers become nil, which every language can read."""
-    return bytes(
-        msgpack.packb(
-            {
-                "v": PROTOCOL_VERSION,
-                "instance": state.instance,
-                "seq": state.seq,
-                "t_ns": state.t_ns,
-                "state": state.state,
-                "fingers": [_finite_fields(finger) for finger in state.fingers],
-                "modal_um": [_finite(w_um.real) for w_um in state.modal_um],
-                "modal_q_um": [_finite(w_um.imag) for w_um in state.modal_um],
-                "measured_um": [[_finite(w_um.real), _finite(w_um.imag)] for w_um in state.measured_um],
-                "limited": state.limited,
-                "age_ms": _finite(state.age_ms),
-                "horizon_ms": _finite(state.horizon_ms),
-                "tick_late_ms": _finite(state.tick_late_ms),
-                "missed_ticks": state.missed_ticks,
-                "pauses": state.pauses,
-                "surfaces_version": state.surfaces_version,
-                **_marker_fields(state.markers),
-                **({"events": [event_fields(event) for event in state.events]} if state.events else {}),
-            }
-        )
-    )
+    payload = _ENCODER.encode(state)
+    if _MAYBE_NOT_FINITE.search(payload) is None:
+        return payload
+    return _ENCODER.encode(_finite(_ANY.decode(payload)))
 
 
-def _finite_fields(finger: FingerState) -> dict[str, object]:
-    fields: dict[str, object] = finger._asdict()
-    return {name: _finite(value) if isinstance(value, float) else value for name, value in fields.items()}
-
-
-def _marker_fields(markers: tuple[Marker, ...]) -> dict[str, object]:
-    """The field `markers`, omitted if empty."""
-    fields = [{"t_ns": marker.t_ns, "client": marker.client, "text": marker.text} for marker in markers]
-    return {"markers": fields} if fields else {}
-
-
-def event_fields(event: PlateEvent) -> dict[str, object]:
-    """The fields of one event; those that it does not have are omitted."""
-    fields: dict[str, object] = {"seq": event.seq, "kind": event.kind.value, "t_ns": event.t_ns}
-    if event.t_device_ns is not None:
-        fields["t_device_ns"] = event.t_device_ns
-    if event.finger_id is not None:
-        fields["finger"] = event.finger_id
-    if event.place_mm is not None:
-        fields["x_mm"], fields["y_mm"] = event.place_mm
-    return fields | {name: text for name in ("client", "surface", "effect") if (text := getattr(event, name))}
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _finite(value: object) -> object:
+    if isinstance(value, dict):
+        return {name: _finite(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

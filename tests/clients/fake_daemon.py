@@ -8,16 +8,21 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from hapticd.content_values import ClientTargets
+from msgspec import Struct
+from msgspec.structs import replace
+
 from hapticd.core.targets.client_registry import ClientRegistry
 from hapticd.core.targets.scene import Scene
 from hapticd.daemon.layers import described
 from hapticd.errors import RequestError
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote
-from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client as wire
-from hapticd.wire.assets import AssetPart
+from hapticd_contract import requests
+from hapticd_contract.base import PROTOCOL_VERSION
+from hapticd_contract.replies import Capabilities, Have, Hello, Reach, Released, Surfaces
+from hapticd_contract.states import EventKind, FingerState, PlateEvent, PlateState
+from hapticd_contract.targets import ClientTargets
 
 TICK_S = 0.005
 
@@ -30,16 +35,16 @@ class FakeDaemon:
         self.remote = remote
         self.size_mm = (137.5, 137.5)
         self.fingers: dict[int, tuple[float, float]] = {}
-        self.protocol = wire.PROTOCOL_VERSION
+        self.protocol = PROTOCOL_VERSION
         self.messages = 0
         self.overtaken = 0
         self.stamps: list[int | None] = []
-        self.reach = [0.25, 0.75]
-        self.optional = tuple(map(str, wire.CAPABILITIES["optional"]))
+        self.reach = (0.25, 0.75)
+        self.optional = Capabilities().optional
         self.refusals: list[str] = []
         self.released: list[int | str] = []
         self.fault_cleared = False
-        self.markers: list[wire.Marker] = []
+        self.markers: list[requests.MarkerRequest] = []
         self.happens: list[EventKind] = []  # one event in each state
         self._instance = 0
         self._seq = self._events = 0
@@ -105,49 +110,54 @@ class FakeDaemon:
         self.released += self.scene.expire(t_ns)
         return refusals
 
-    def _is_newest(self, message: ClientTargets | wire.Release, user: str) -> bool:
+    def _is_newest(self, message: ClientTargets | requests.Release, user: str) -> bool:
         self.stamps.append(message.stamp)
         is_newest = self.client_registry.is_newest(message.client, user, message.stamp, 0, time.monotonic_ns())
         self.overtaken += not is_newest
         return is_newest
 
-    def _handle(self, request: wire.Request, user: str) -> Mapping[str, object]:
-        if isinstance(request.body, wire.Marker):
-            self.markers.append(request.body)
-            return {"t_ns": time.monotonic_ns()}
-        if isinstance(request.body, AssetPart):
-            one, t_ns = request.body, time.monotonic_ns()
-            return {"have": self.scene.upload(one.client, one.digest, one.size, one.offset, one.part, t_ns)}
-        if isinstance(request.body, wire.ReachQuery):
-            return {"friction": self.reach if request.body.finger in (None, *self.fingers) else None}
-        if request.body is not None and not self._is_newest(request.body, user):
-            raise RequestError("A newer message came before.")
-        match request.op, request.body:
-            case "hello", _:
-                known = {"protocol": self.protocol, "optional": self.optional}
-                return {**wire.CAPABILITIES, **known, "version": "0.0", "instance": self._instance}
-            case "capabilities", _:
-                return wire.CAPABILITIES
-            case "status", _:
-                return {"messages": self.messages, "t_ns": time.monotonic_ns()}
-            case "surfaces", _:
+    def _handle(self, request: requests.Request, user: str) -> Struct | Mapping[str, object]:
+        t_ns = time.monotonic_ns()
+        match request:
+            case requests.MarkRequest(body=marker):
+                self.markers.append(marker)
+                return {"t_ns": t_ns}
+            case requests.AssetRequest(body=one):
+                have = self.scene.upload(one.client, one.asset, one.size, one.offset or 0, one.part or b"", t_ns)
+                return Have(have)
+            case requests.ReachRequest(body=query):
+                return Reach(self.reach if query.finger in (None, *self.fingers) else None)
+            case requests.HelloRequest():
+                hello = Hello(version="0.0", instance=self._instance, optional=self.optional)
+                return replace(hello, protocol=self.protocol)
+            case requests.CapabilitiesRequest():
+                return Capabilities()
+            case requests.StatusRequest():
+                return {"messages": self.messages, "t_ns": t_ns}
+            case requests.SurfacesRequest():
                 surfaces, assets = self.scene.surfaces, self.scene.assets
-                return {"version": surfaces.version, "surfaces": [described(one, assets) for one in surfaces.layers]}
-            case "plate", _:
+                return Surfaces(surfaces.version, tuple(described(one, assets) for one in surfaces.layers))
+            case requests.PlateRequest():
                 return {"size_mm": self.size_mm}
-            case "clear_fault", _:
+            case requests.ClearFaultRequest():
                 self.fault_cleared = True
-            case "set", ClientTargets() as targets:
-                refusals = self._apply(targets)
-                if refusals:
-                    raise RequestError(" ".join(refusals))
-            case "release", wire.Release(client, finger, _):
-                if finger is None:
-                    self.scene.release_client(client)
-                return {"released": finger is None or self.scene.release(client, finger)}
-        return {}
+                return {}
+            case requests.SetRequest() | requests.ReleaseRequest():
+                if not self._is_newest(request.body, user):
+                    raise RequestError("A newer message came before.")
+                return self._change(request)
 
-    def _state(self, t_ns: int) -> wire.PlateState:
+    def _change(self, request: requests.SetRequest | requests.ReleaseRequest) -> Struct | Mapping[str, object]:
+        if isinstance(request, requests.SetRequest):
+            if refusals := self._apply(request.body):
+                raise RequestError(" ".join(refusals))
+            return {}
+        client, finger = request.body.client, request.body.finger
+        if finger is None:
+            self.scene.release_client(client)
+        return Released(finger is None or self.scene.release(client, finger))
+
+    def _state(self, t_ns: int) -> PlateState:
         self._seq += 1
         places: dict[int | str, tuple[float, float]] = dict(self.fingers.items())
         for name in self.scene.virtual_names(t_ns):
@@ -155,12 +165,15 @@ class FakeDaemon:
         fingers = []
         for key, (x_mm, y_mm) in places.items():
             wanted_um = self.scene.amplitude_um(key, x_mm, y_mm)
-            fingers.append(wire.FingerState(key, x_mm, y_mm, x_mm, y_mm, wanted_um, wanted_um, isinstance(key, str)))
-        state = wire.PlateState(
-            self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 10.0, 16.0
+            fingers.append(FingerState(key, x_mm, y_mm, x_mm, y_mm, wanted_um, wanted_um, isinstance(key, str)))
+        events = tuple(self._event(self.happens.pop(0), t_ns) for _ in self.happens[:1])
+        return PlateState(
+            *(self._instance, self._seq, t_ns, "ACTIVE", tuple(fingers), (1.0, 2.0), False, 10.0, 16.0),
+            modal_q_um=(0.0, 0.0),
+            measured_d_q_um=(),
+            events=events,
         )
-        return state._replace(events=tuple(self._event(self.happens.pop(0), t_ns) for _ in self.happens[:1]))
 
     def _event(self, kind: EventKind, t_ns: int) -> PlateEvent:
         self._events += 1
-        return PlateEvent(self._events, kind, t_ns, t_ns - 10, 1, (2.0, 3.0), "me", "", "click")
+        return PlateEvent(self._events, kind, t_ns, t_ns - 10, 1, 2.0, 3.0, "me", "", "click")

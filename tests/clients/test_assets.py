@@ -13,10 +13,10 @@ from fake_daemon import FakeDaemon
 from PIL import Image
 
 from hapticd.core.targets import assets as store
-from hapticd.wire import assets as wire
-from hapticd.wire.contents import MAX_ASSET_SIDE
 from hapticd_client import Asset, Client, HapticdError, Map, Rectangle, RefusedError, asset
 from hapticd_client.asset import upload
+from hapticd_contract.contents import MAX_ASSET_SIDE
+from hapticd_contract.requests import MAX_ASSET_BYTES
 
 STRIPES = np.tile(np.array([0, 255] * 512, dtype=np.uint8), (1024, 1))
 PITCH_MM = 137.5 / 1023
@@ -27,9 +27,7 @@ def felt_um(daemon: FakeDaemon, column: float) -> float:
 
 
 def test_the_library_and_the_daemon_have_the_same_bounds() -> None:
-    assert asset.PART_BYTES <= 16384
-    assert asset.MAX_SIDE == MAX_ASSET_SIDE
-    assert wire.MAX_ASSET_BYTES == store.MAX_ASSET_BYTES == MAX_ASSET_SIDE**2
+    assert MAX_ASSET_BYTES == store.MAX_ASSET_BYTES == MAX_ASSET_SIDE**2
 
 
 def test_a_picture_of_1024_pixels_is_felt_at_its_own_resolution_and_shared(daemon: FakeDaemon, client: Client) -> None:

@@ -32,6 +32,7 @@ from hapticd_client import (
     refresher,
 )
 from hapticd_client.target_set import TargetSet, stamp_now
+from hapticd_contract.targets import FingerTarget
 
 LIBRARY = Path(__file__).parents[2] / "clients" / "python"
 PATIENCE_S = 5.0
@@ -114,7 +115,7 @@ def test_a_message_that_arrives_after_a_newer_one_changes_nothing(daemon: FakeDa
         before = stamp_now()
         client.set(1, amplitude_um=1.0)
         late.connect(f"ipc://{daemon.directory / 'targets'}")
-        late.send(TargetSet().with_target(1, {"amplitude_um": 3.0}, 0.5).payload(client.name, before))
+        late.send(TargetSet().with_target(FingerTarget(1, amplitude_um=3.0), 0.5).payload(client.name, before))
         state_when(client, lambda _: daemon.overtaken == 1)
         assert daemon.scene.amplitude_um(1, 0.0, 0.0) == 1.0
         late.linger = 0
@@ -469,7 +470,7 @@ def test_a_marker_reaches_the_daemon_and_comes_back_with_its_instant(daemon: Fak
         client.marker("onset", pulse=True)
 
     assert [(one.client, one.text) for one in daemon.markers] == [("study", "trial 7 begins"), ("study", "onset")]
-    assert [one.has_pulse for one in daemon.markers] == [False, True]
+    assert [one.pulse for one in daemon.markers] == [False, True]
     assert t_ns > 0
 
 

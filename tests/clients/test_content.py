@@ -20,10 +20,11 @@ from PIL import Image
 
 from hapticd.wire.client import decode_targets
 from hapticd_client import Client, Envelope, HapticdError, Modulation, RefusedError, content
+from hapticd_client.checks import checked
 from hapticd_client.content.score import MAX_LIVE, Score
 from hapticd_client.content.track import STEP_S, chunks, summed, thinned
-from hapticd_client.effects import Now, effect_fields
 from hapticd_client.target_set import MAX_POINTS, TargetSet
+from hapticd_contract.effects import Effect
 
 # --- helpers ----------------------------------------------------------------------------------------------------
 
@@ -120,8 +121,8 @@ def test_what_is_summed_and_thinned_is_understood_by_the_daemon(lines: list[list
     targets = TargetSet()
     for index, chunk in enumerate(chunks(line)[:MAX_LIVE]):
         form = Envelope([(t_s - chunk[0][0], value) for t_s, value in chunk])
-        targets = targets.with_effect(f"{index}", effect_fields(form, None, Now(), False), 0.5)
-    decode_targets(targets.payload("c", {}))
+        targets = targets.with_effect(checked(Effect.of(form, name=f"{index}")), 0.5)
+    decode_targets(targets.payload("c", None))
 
 
 def test_all_envelopes_that_are_sent_at_once_have_room_in_a_message() -> None:
@@ -515,7 +516,7 @@ def test_a_damaged_file_is_refused_or_gives_effects_that_the_library_sends(
     assert math.isfinite(score.length_s)
     for one in score.effects:
         assert one.begin_s >= 0.0
-        assert one.form.fields()
+        assert checked(one.form)
 
 
 @pytest.mark.parametrize(

@@ -9,35 +9,29 @@ import re
 import socket
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgpack
+import msgspec
 import pytest
-from both_sides import offered, understood
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import asdict, replace
 
-from hapticd.content_values import Cause, Wave
 from hapticd.core.targets import client_registry as client_registry
+from hapticd.errors import RequestError
 from hapticd.io.clients import gate, senders, server, sockets
-from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client as wire
-from hapticd.wire.effects import FORMS
-from hapticd_client import (
-    Gradient,
-    Grating,
-    HapticdError,
-    Map,
-    Noise,
-    Pulse,
-    RefusedError,
-    endpoint,
-    messages,
-    target_set,
-)
-from hapticd_client.effects import Now, effect_fields
+from hapticd_client import HapticdError, Map, RefusedError, endpoint, messages, target_set
+from hapticd_client.checks import checked
 from hapticd_client.endpoint import default_directory, directory
-from hapticd_client.targets import label, number, path_fields, priority_field, target_fields
+from hapticd_contract.contents import Grating, Noise
+from hapticd_contract.effects import FORMS, Effect, Envelope, Pulse, Start
+from hapticd_contract.replies import Capabilities
+from hapticd_contract.requests import OPS, UNREAD_REQUEST_ID, SetRequest
+from hapticd_contract.states import EventKind, FingerState
+from hapticd_contract.surfaces import Surface, VirtualFinger
+from hapticd_contract.targets import FingerTarget
 
 TEXT = (Path(__file__).parents[2] / "clients" / "PROTOCOL.md").read_text(encoding="utf-8")
 EXAMPLES = [(kind, json.loads(body)) for kind, body in re.findall(r"```json (\w+)\n(.*?)```", TEXT, re.DOTALL)]
@@ -60,7 +54,8 @@ def test_the_texts_targets_are_understood() -> None:
 
 def test_the_texts_requests_are_understood() -> None:
     for example in examples("control"):
-        assert wire.decode_request(msgpack.packb(example)).op == example["op"]
+        request = wire.decode_request(msgpack.packb(example))
+        assert type(request).__struct_config__.tag == example["op"]
 
 
 def test_the_texts_reply_is_what_the_daemon_sends_and_what_the_library_raises() -> None:
@@ -71,22 +66,8 @@ def test_the_texts_reply_is_what_the_daemon_sends_and_what_the_library_raises() 
             messages.read_reply(payload, example["id"])
 
 
-def event(fields: dict[str, Any]) -> PlateEvent:
-    return PlateEvent(
-        fields["seq"],
-        EventKind(fields["kind"]),
-        fields["t_ns"],
-        fields["t_device_ns"],
-        fields["finger"],
-        (fields["x_mm"], fields["y_mm"]),
-        fields["client"],
-        fields.get("surface", ""),
-        fields["effect"],
-    )
-
-
 def test_the_text_names_every_event_form_and_cause() -> None:
-    words = [member.value for kind in (EventKind, Cause, Wave) for member in kind]
+    words = [*EventKind, *[str(kind.__struct_config__.tag) for kind in get_args(Start)]]
     for word in (*words, *FORMS):
         assert f"`{word}`" in TEXT, word
 
@@ -94,26 +75,14 @@ def test_the_text_names_every_event_form_and_cause() -> None:
 def test_the_texts_state_has_the_fields_that_the_daemon_sends_and_the_library_reads() -> None:
     for example in examples("telemetry"):
         state = messages.decode_state(msgpack.packb(example))
-        fingers = tuple(wire.FingerState(**finger) for finger in example["fingers"])
-        fields = {
-            name: value
-            for name, value in example.items()
-            if name not in ("v", "fingers", "events") and "_um" not in name
-        }
-        modal_um = tuple(map(complex, example["modal_um"], example["modal_q_um"]))
-        measured_um = tuple(complex(d, q) for d, q in example["measured_um"])
-        events = tuple(event(one) for one in example.get("events", ()))
-        sent = wire.encode_state(
-            wire.PlateState(**fields, fingers=fingers, modal_um=modal_um, measured_um=measured_um, events=events)
-        )
-        assert msgpack.unpackb(sent) == example
-        assert messages.decode_state(sent) == state
+        assert msgpack.unpackb(wire.encode_state(state)) == example
+        assert {*example["fingers"][0]} == {*FingerState.__struct_fields__} if example["fingers"] else True
 
 
 def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> None:
-    for op in wire.OPS:
+    for op in OPS:
         assert f"| `{op}` |" in TEXT
-    capabilities = dict(wire.CAPABILITIES)
+    capabilities = asdict(Capabilities())
     for name in ("targets", "max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes"):
         assert f"`{name}`" in TEXT
     for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):
@@ -144,83 +113,76 @@ edges = st.sampled_from(
     [-1e-9, 0.0, 1e-9, 0.02, 0.0199, 0.1, 0.0999, 1.0, 1.0001, 5.0, 5.01, 1000.0, 1000.1, 2000.0, 2001.0]
 )
 any_number = edges | st.floats() | st.sampled_from([2 * math.pi, -2 * math.pi, 6.2832, math.nan, math.inf, -math.inf])
+any_point = st.tuples(any_number, any_number)
+any_content = st.one_of(
+    st.builds(FingerTarget, st.integers(-1, 9), st.integers(-1, 4), friction=any_number),
+    st.builds(FingerTarget, st.just(1), grating=st.builds(Grating, any_number, any_number, angle_rad=any_number)),
+    st.builds(FingerTarget, st.just(1), noise=st.builds(Noise, any_number, any_number, any_number, any_number)),
+    st.builds(
+        Surface,
+        name=st.text(st.characters(codec="utf-8"), max_size=34),
+        amplitude_um=any_number,
+        circle_mm=any_number | st.none(),
+    ),
+    st.builds(
+        Surface,
+        name=st.just("a"),
+        friction=st.just(1),
+        polygon_mm=st.lists(any_point, max_size=18),
+    ),
+    st.builds(VirtualFinger, st.lists(any_point, max_size=3), any_number, name=st.just("a")),
+    st.builds(Effect, name=st.just("a"), pulse=st.builds(Pulse, any_number, any_number, any_number | st.none())),
+    st.builds(
+        Effect,
+        name=st.just("a"),
+        envelope=st.builds(Envelope, st.lists(any_point, max_size=4), st.booleans()),
+    ),
+)
+FIELDS = {FingerTarget: "targets", VirtualFinger: "virtuals", Surface: "surfaces", Effect: "effects"}
 
 
-@given(any_number)
-@settings(max_examples=200)
-def test_constant_targets_have_the_same_bounds_on_both_sides(value: float) -> None:
-    for name in ("friction", "amplitude_um"):
-        arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": None} | {name: value}
-        is_offered = offered(lambda arguments=arguments: target_fields(**arguments))
-        assert is_offered == understood(targets=[{"finger": 1, name: value}])
-
-
-@given(st.integers() | st.sampled_from([0, 3, 4, True, 1.0, None, "1"]))
-def test_priorities_have_the_same_bounds_on_both_sides(priority: Any) -> None:
-    is_offered = offered(lambda: priority_field(priority))
-    fits = not isinstance(priority, int) or -(2**63) <= priority < 2**64  # what MessagePack has
-    assert is_offered == (fits and understood(targets=[{"finger": 1, "friction": 0.5, "priority": priority}]))
-    assert not is_offered or (priority == 0) == (priority_field(priority) == {})
-
-
-CONTENTS: dict[str, tuple[Callable[..., Any], dict[str, float]]] = {
-    "grating": (Grating, {"period_mm": 5.0, "high_um": 2.0, "low_um": 1.0, "angle_rad": 0.5, "duty_frac": 0.5}),
-    "gradient": (Gradient, {"length_mm": 5.0, "angle_rad": 0.5, "from_um": 1.0, "to_um": 2.0}),
-    "noise": (Noise, {"shortest_mm": 1.0, "longest_mm": 9.0, "exponent": 1.0, "mean_um": 1.0, "rms_um": 0.5}),
-}
-
-
-@given(st.sampled_from([(kind, name) for kind, (_, fields) in CONTENTS.items() for name in fields]), any_number)
+@given(any_content)
 @settings(max_examples=500)
-def test_contents_have_the_same_bounds_on_both_sides(field: tuple[str, str], value: float) -> None:
-    kind, name = field
-    make, sound = CONTENTS[kind]
-    raw = sound | {name: value}
-    assert offered(make(**raw).fields) == understood(targets=[{"finger": 1, kind: raw}])
+def test_what_the_library_takes_the_daemon_takes_and_nothing_else(content: Any) -> None:
+    def taken(take: Callable[[], object]) -> bool:
+        try:
+            take()
+        except (RefusedError, RequestError):
+            return False
+        return True
+
+    payload = msgspec.msgpack.encode({"v": 1, "client": "c", FIELDS[type(content)]: [content]})
+    assert taken(lambda: checked(content)) == taken(lambda: wire.decode_targets(payload))
 
 
 @given(st.lists(st.lists(st.integers(-1, 256), max_size=3), max_size=3), any_number)
 @settings(max_examples=200)
-def test_what_the_library_takes_for_a_map_the_daemon_takes_too(rows: list[list[int]], high: float) -> None:
-    image = Map(rows, high_um=high)
+def test_what_the_library_takes_for_a_map_is_one(rows: list[list[int]], high: float) -> None:
     good = len(rows) > 0 and len(rows[0]) > 0 and len({len(row) for row in rows}) == 1
     good = good and all(0 <= level <= 255 for row in rows for level in row) and 0 <= high <= 1000
-    assert offered(image.fields) == good
     if good:
-        assert understood(targets=[{"finger": 1, "map": image.fields()}])
+        assert Map(rows, high_um=high).message.levels == bytes(level for row in rows for level in row)
+    else:
+        with pytest.raises(RefusedError):
+            _ = Map(rows, high_um=high).message
 
 
-@given(st.lists(st.tuples(any_number, any_number), max_size=3), any_number, st.booleans())
-@settings(max_examples=200)
-def test_paths_have_the_same_bounds_on_both_sides(points: list[tuple[float, float]], speed: float, loop: bool) -> None:
-    raw = {"name": "ghost", "path_mm": points, "speed_mm_s": speed, "loop": loop}
-    assert offered(lambda: path_fields(points, speed, loop)) == understood(virtuals=[raw])
-
-
-@given(any_number, st.text(max_size=34))
-@settings(max_examples=200)
-def test_names_and_times_to_live_have_the_same_bounds_on_both_sides(ttl_s: float, name: str) -> None:
-    assert offered(lambda: number("ttl_s", ttl_s, 0.02, 5.0)) == understood(ttl_s=ttl_s)
-    if offered(lambda: label("name", name)):
-        assert understood(client=name)
-
-
-FELT, PLACE = {"friction": 0.5}, {"path_mm": [[0.0, 0.0]]}
-CLICK = effect_fields(Pulse(1.0, 0.01), None, Now(), False)
+CLICK = Effect.of(Pulse(1.0, 0.01))
 
 
 @pytest.mark.parametrize(
-    ("kind", "most", "add", "sentence"),
+    ("kind", "add", "sentence"),
     [
-        ("targets", target_set.MAX_TARGETS, lambda s, n, ttl_s: s.with_target(n + 1, FELT, ttl_s), "release one"),
-        ("virtuals", target_set.MAX_VIRTUALS, lambda s, n, ttl_s: s.with_virtual(f"v{n}", PLACE, ttl_s), "release one"),
-        ("surfaces", target_set.MAX_SURFACES, lambda s, n, ttl_s: s.with_surface(f"s{n}", FELT, ttl_s), "remove one"),
-        ("effects", target_set.MAX_EFFECTS, lambda s, n, ttl_s: s.with_effect(f"e{n}", CLICK, ttl_s), "stop one"),
+        ("targets", lambda s, n, ttl_s: s.with_target(FingerTarget(n + 1, friction=0.5), ttl_s), "release one"),
+        ("virtuals", lambda s, n, ttl_s: s.with_virtual(VirtualFinger(((0, 0),), name=f"v{n}"), ttl_s), "release one"),
+        ("surfaces", lambda s, n, ttl_s: s.with_surface(Surface(name=f"s{n}", friction=0.5), ttl_s), "remove one"),
+        ("effects", lambda s, n, ttl_s: s.with_effect(replace(CLICK, name=f"e{n}"), ttl_s), "stop one"),
     ],
 )
 def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent(
-    kind: str, most: int, add: Callable[[target_set.TargetSet, int, float], target_set.TargetSet], sentence: str
+    kind: str, add: Callable[[target_set.TargetSet, int, float], target_set.TargetSet], sentence: str
 ) -> None:
+    most = 16
     full = target_set.TargetSet()
     for n in range(most):
         full = add(full, n, 0.2 + 0.1 * n)
@@ -233,17 +195,17 @@ def test_a_full_client_is_understood_and_one_more_is_refused_before_it_is_sent(
 
 
 def test_what_the_library_just_takes_still_fits_a_request() -> None:
-    targets = target_set.TargetSet()
+    targets, stamp = target_set.TargetSet(), target_set.stamp_now()
     for n in range(3):
-        targets = targets.with_target(n + 1, target_fields(
-            friction=None, amplitude_um=None, grating=None, image=Map([[0] * 128] * 128, high_um=1.0)
-        ), ttl_s=0.5)  # fmt: skip
-    room = target_set.MAX_MESSAGE_BYTES - 100 - len(targets.payload("c" * 32, target_set.stamp_now()))
+        image = Map([[0] * 128] * 128, high_um=1.0).message
+        targets = targets.with_target(FingerTarget(n + 1, map=image), ttl_s=0.5)
+    room = target_set.MAX_MESSAGE_BYTES - 100 - len(targets.payload("c" * 32, stamp))
     side = math.isqrt(room - 120)
-    targets = targets.with_target(4, {"map": Map([[0] * side] * side, high_um=1.0).fields()}, ttl_s=0.5)
-    assert len(targets.payload("c" * 32, target_set.stamp_now())) > target_set.MAX_MESSAGE_BYTES - 600
-    request = messages.encode_request("set", 2**32 - 1, targets.fields("c" * 32, target_set.stamp_now()))
-    assert wire.decode_request(request).op == "set"
+    image = Map([[0] * side] * side, high_um=1.0).message
+    targets = targets.with_target(FingerTarget(4, map=image), ttl_s=0.5)
+    assert len(targets.payload("c" * 32, stamp)) > target_set.MAX_MESSAGE_BYTES - 600
+    request = messages.encode_request("set", 2**32 - 1, targets.message("c" * 32, stamp))
+    assert isinstance(wire.decode_request(request), SetRequest)
 
 
 # --- what comes back --------------------------------------------------------------------------------------------
@@ -306,7 +268,7 @@ def test_a_late_reply_is_not_mistaken_for_another() -> None:
     assert messages.read_reply(wire.encode_error(7, "late"), 8) is None
     assert messages.read_reply(wire.encode_reply(8, {"a": 1}), 8) == {"a": 1}
     with pytest.raises(RefusedError, match="unreadable"):
-        messages.read_reply(wire.encode_error(wire.UNREAD_REQUEST_ID, "unreadable"), 8)
+        messages.read_reply(wire.encode_error(UNREAD_REQUEST_ID, "unreadable"), 8)
 
 
 # --- where the daemon is ----------------------------------------------------------------------------------------

@@ -20,7 +20,6 @@ import pytest
 from fake_daemon import FakeDaemon
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.values import EventKind
 from hapticd_client import (
     Circle,
     Client,
@@ -33,6 +32,7 @@ from hapticd_client import (
     PlateState,
     content,
 )
+from hapticd_contract.states import EventKind
 
 SLIPPERY_UM = DEFAULT_FRICTION_CURVE.amplitude_um(0.05)  # what the examples call slippery
 CLIENTS = Path(__file__).parents[2] / "clients"
@@ -256,7 +256,7 @@ def test_the_button_s_daemon_clicks_by_pressure_and_its_program_counts(
     program.lay(client, 0.4, 2.0)
     edge, click = daemon.scene.effects.held
     assert (edge.name, edge.effect.start.surface, edge.effect.on) == ("edge", "button", None)
-    assert (click.effect.on, click.effect.start.threshold_frac) == ("button", 0.4)
+    assert (click.effect.on, click.effect.start.threshold) == ("button", 0.4)
     events = [
         happened(EventKind.PRESSED, 3, "click", client.name),
         happened(EventKind.BEGUN, 3, "click", client.name),

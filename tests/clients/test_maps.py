@@ -22,10 +22,8 @@ CLIENT = Path(__file__).parents[2] / "clients" / "python"
 
 
 def levels(image: Map) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    fields = image.fields()
-    raw, shape = fields["levels"], (fields["height"], fields["width"])
-    assert isinstance(raw, bytes)
-    return np.frombuffer(raw, dtype=np.uint8).reshape(shape)
+    sent = image.message
+    return np.frombuffer(sent.levels, dtype=np.uint8).reshape(sent.height, sent.width)
 
 
 def amplitudes_um(image: Map) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -69,7 +67,7 @@ def test_an_array_without_pixels_is_refused(rows_um: list[list[float]]) -> None:
 @pytest.mark.parametrize("rows_um", [np.ones((129, 2)), [[1.0], [1.0, 2.0]]])
 def test_an_array_that_is_no_map_is_refused_where_it_is_sent(rows_um: Any) -> None:
     with pytest.raises(RefusedError, match="map: "):
-        Map.from_um(rows_um).fields()
+        _ = Map.from_um(rows_um).message
 
 
 def test_the_library_does_not_load_numpy_or_pillow() -> None:

@@ -17,12 +17,11 @@ from hapticd.errors import ExitCode
 from hapticd.tools import play
 from hapticd_client import content
 from hapticd_client.asset import asset_of, upload
-from hapticd_client.effects import Form, Start, effect_fields
-from hapticd_client.surface import Shape, surface_fields
+from hapticd_client.checks import checked
 from hapticd_client.target_set import TargetSet
-from hapticd_client.targets import Asset, target_fields
-
-LINE = {"angle_rad": 0.0, "scale": 1.0, "velocity_mm_s": None, "turning_rad_s": 0.0, "t_pose_ns": None}
+from hapticd_client.targets import Asset
+from hapticd_contract.effects import Effect, Form, Start
+from hapticd_contract.surfaces import Shape, Surface, shape_field
 
 
 def pattern(folder: Path, *times_s: float) -> Path:
@@ -53,12 +52,13 @@ class BenchPlate:
         return asset
 
     def surface(self, name: str, shape: Shape | None, *, position_mm: Any, z: int, **given: Any) -> None:
-        arguments = {"friction": None, "amplitude_um": None, "grating": None, "image": given.pop("map", None), **given}
-        pose = surface_fields(shape, position_mm=position_mm, z=z, blend="replace", **LINE)
-        self._send(self.targets.with_surface(name, {**target_fields(**arguments), **pose}, 5.0))
+        if "map" in given:
+            given["map"] = given["map"].message
+        surface = Surface(name=name, position_mm=position_mm, z=z, **shape_field(shape), **given)
+        self._send(self.targets.with_surface(checked(surface), 5.0))
 
     def effect(self, name: str, form: Form, *, start: Start) -> None:
-        self._send(self.targets.with_effect(name, effect_fields(form, None, start, False), 5.0))
+        self._send(self.targets.with_effect(checked(Effect.of(form, None, start, name=name)), 5.0))
 
     def stop(self, name: str) -> None:
         self._send(self.targets.without_effect(name))
@@ -76,7 +76,7 @@ class BenchPlate:
 
     def _send(self, targets: TargetSet) -> None:
         self.targets = targets
-        self.bench.machine.targets(targets.payload("content", {}), self.bench.t_ns, "")
+        self.bench.machine.targets(targets.payload("content", None), self.bench.t_ns, "")
         assert self.bench.machine.clients.refused == 0, self.bench.machine.clients.last_refusal
 
 

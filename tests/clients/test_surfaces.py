@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import time
-from typing import Any
 
 import pytest
-from both_sides import offered, understood
 from fake_daemon import FakeDaemon
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from hapticd.content_values import VirtualPath
 from hapticd_client import (
     Circle,
     Client,
@@ -23,7 +17,7 @@ from hapticd_client import (
     Rectangle,
     RefusedError,
 )
-from hapticd_client.surface import Shape, surface_fields
+from hapticd_contract.surfaces import VirtualPath
 
 TRIANGLE = Polygon([(0, 0), (9, 0), (0, 5.5)])
 
@@ -84,53 +78,6 @@ def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon, cl
     with pytest.raises(RefusedError, match="surface 'much' cannot have 900 um"):
         client.surface("much", amplitude_um=900.0)
     assert names(daemon) == ["good"]
-
-
-# --- the library and the daemon agree ---------------------------------------------------------------------------
-
-POSE = {
-    "position_mm": (0.0, 0.0),
-    "angle_rad": 0.0,
-    "scale": 1.0,
-    "velocity_mm_s": (0.0, 0.0),
-    "turning_rad_s": 0.0,
-    "t_pose_ns": None,
-    "z": 0,
-    "blend": "replace",
-}
-PLAIN = {"name": "a", "friction": 0.5}
-any_number = st.floats() | st.sampled_from(
-    [0.0, 0.0099, 0.01, 0.0999, 0.1, 100.0, 100.1, 1000.0, 1000.1, 2000.0, 2000.1, 2 * math.pi, 20 * math.pi, 63.0]
-)
-NUMBERS = ["angle_rad", "scale", "turning_rad_s", "z"]
-shapes = st.one_of(
-    st.builds(Circle, any_number),
-    st.builds(Rectangle, any_number, any_number),
-    st.builds(Polygon, st.lists(st.tuples(any_number, any_number), max_size=18)),
-)
-
-
-def raw(shape: Shape) -> dict[str, Any]:
-    match shape:
-        case Circle(radius_mm):
-            return {"circle_mm": radius_mm}
-        case Rectangle(width_mm, height_mm):
-            return {"rectangle_mm": [width_mm, height_mm]}
-        case Polygon(corners_mm):
-            return {"polygon_mm": corners_mm}
-
-
-@given(shapes)
-@settings(max_examples=200)
-def test_shapes_have_the_same_bounds_on_both_sides(shape: Shape) -> None:
-    assert offered(lambda: surface_fields(shape, **POSE)) == understood(surfaces=[PLAIN | raw(shape)])
-
-
-@given(st.sampled_from([*NUMBERS, "position_mm", "velocity_mm_s"]), any_number, st.integers(-1001, 1001))
-@settings(max_examples=200)
-def test_poses_have_the_same_bounds_on_both_sides(name: str, value: float, z: int) -> None:
-    pose: dict[str, Any] = {"z": z} if name == "z" else {name: value if name in NUMBERS else (value, 0.5)}
-    assert offered(lambda: surface_fields(None, **POSE | pose)) == understood(surfaces=[PLAIN | pose])
 
 
 def test_all_surfaces_on_the_plate_can_be_read_as_they_were_laid(daemon: FakeDaemon) -> None:

@@ -7,12 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pipeline_bench import LINK_NS, MS, ONE, SLIPPERY, STICKY, STILL, Bench, amplitude_um
 
-from hapticd.content_values import AmplitudeTarget, ClientTargets, GratingTarget, NoiseTarget, Surface, VirtualPath
 from hapticd.core.budget import BUDGET_NS, LEAST_CHANGE, MEAN_PASSES, MOST_SLOWNESS, OVERRUN_NS, Slowness
 from hapticd.values import Aim
+from hapticd_contract.contents import Amplitude, Grating, Noise
+from hapticd_contract.surfaces import Surface, VirtualPath
+from hapticd_contract.targets import ClientTargets
 
-FINE = GratingTarget(period_mm=2.0, angle_rad=0.3, low_um=0.0, high_um=1.0, duty_frac=0.0)
-NOISE = NoiseTarget(1, 0.5, 50.0, 1.0, 0.5, 0.1)
+FINE = Grating(period_mm=2.0, angle_rad=0.3, low_um=0.0, high_um=1.0, duty_frac=0.0)
+NOISE = Noise(seed=1, shortest_mm=0.5, longest_mm=50.0, exponent=1.0, mean_um=0.5, rms_um=0.1)
 
 
 def places(count: int) -> list[tuple[float, float]]:
@@ -21,12 +23,12 @@ def places(count: int) -> list[tuple[float, float]]:
 
 def busy(bench: Bench, fingers: int, virtuals: int) -> None:
     """Fingers that move over noise, and virtual ones."""
-    surfaces = {f"s{n}": Surface(NOISE, z=n) for n in range(8)}
+    surfaces = {f"s{n}": Surface.of(NOISE, z=n) for n in range(8)}
     walks = {
         f"v{n}": VirtualPath(((-50.0, 5.0 * n - 30.0), (50.0, 30.0 - 5.0 * n)), 400.0, True) for n in range(virtuals)
     }
-    targets = {name: AmplitudeTarget(0.5) for name in walks}
-    assert bench.scene.apply(ClientTargets("busy", 10**15, targets, walks, surfaces=surfaces), bench.t_ns) == ()
+    targets = {name: Amplitude(0.5) for name in walks}
+    assert bench.scene.apply(ClientTargets.of("busy", 10**15, targets, walks, surfaces=surfaces), bench.t_ns) == ()
     for step in range(6):
         bench.report(*[(x_mm + 3.0 * step, y_mm + 1.0 * step) for x_mm, y_mm in places(fingers)])
 
@@ -72,11 +74,11 @@ def test_knots_are_left_out_first_and_then_the_newest_virtual_fingers() -> None:
 def test_what_has_a_lower_priority_is_left_out_first_and_the_others_keep_their_order() -> None:
     bench = Bench()
     walks = {f"v{n}": VirtualPath(((-50.0, 5.0 * n - 30.0), (50.0, 30.0 - 5.0 * n)), 400.0, True) for n in range(8)}
-    targets = {1: ONE, 2: STILL, **dict.fromkeys(walks, AmplitudeTarget(0.5))}
+    targets = {1: ONE, 2: STILL, **dict.fromkeys(walks, Amplitude(0.5))}
     priorities: dict[int | str, int] = {"v3": 2, "v6": 1, 2: 1}
     for _ in range(3):
         bench.report(*places(2))
-    bench.scene.apply(ClientTargets("test", 10**15, targets, walks, priorities=priorities), bench.t_ns)
+    bench.scene.apply(ClientTargets.of("test", 10**15, targets, walks, priorities=priorities), bench.t_ns)
     kept, counts = [], []
     for slowness in (1.0, 4.0, 8.0, 12.0, 16.0, MOST_SLOWNESS):
         bench.pipeline.set_slowness(slowness)

@@ -21,9 +21,10 @@ from pipeline_bench import (
 )
 
 from hapticd.bench.baselines.paper_scheme import invert
-from hapticd.content_values import AmplitudeTarget, GratingTarget, VirtualPath
 from hapticd.core.solver.derating import LEAST_SHARE
 from hapticd.values import Aim, Tick
+from hapticd_contract.contents import Amplitude, Grating
+from hapticd_contract.surfaces import VirtualPath
 
 
 @pytest.fixture
@@ -84,7 +85,7 @@ def test_no_target_is_nothing_to_solve(bench: Bench) -> None:
 def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down(bench: Bench) -> None:
     bench.land({SLIPPERY: 1.0, STICKY: 1.0})
     bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(1.0)})
+    bench.want({1: Amplitude(1.0)})
     bench.pipeline.release(bench.scene.expire(bench.t_ns))
     tick = bench.report(SLIPPERY, STICKY)
     assert [(point.key, point.target_um) for point in tick.points] == [(1, 1.0), (2, 0.0)]
@@ -111,13 +112,13 @@ def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_wou
 @pytest.mark.parametrize("change", ["moves", "target", "lands", "forgotten"])
 def test_whatever_changes_ends_the_standing(change: str, bench: Bench) -> None:
     bench.report(SLIPPERY, STICKY)
-    bench.want({1: AmplitudeTarget(1.0), 2: AmplitudeTarget(0.0), 3: AmplitudeTarget(0.0)})
+    bench.want({1: Amplitude(1.0), 2: Amplitude(0.0), 3: Amplitude(0.0)})
     assert bench.hold(30, SLIPPERY, STICKY)[-1].drive is None
     positions = [SLIPPERY, STICKY]
     if change == "moves":
         positions[0] = (SLIPPERY[0] + 2.0, SLIPPERY[1])
     elif change == "target":
-        bench.want({1: AmplitudeTarget(0.9), 2: AmplitudeTarget(0.0)})
+        bench.want({1: Amplitude(0.9), 2: Amplitude(0.0)})
     elif change == "lands":
         positions.append((0.0, 40.0))
     else:
@@ -145,7 +146,7 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
     for speed_mm_s in (0.0, 50.0, 100.0, 200.0):
         path = VirtualPath(((-60.0, 4.0), (60.0, 20.0)), speed_mm_s, loop=True)
         bench = Bench(tolerance_um=0.005)
-        bench.want({"walker": AmplitudeTarget(1.0)}, {"walker": path})
+        bench.want({"walker": Amplitude(1.0)}, {"walker": path})
         bench.t_ns += 150 * MS
         tick = bench.pipeline.drive(bench.t_ns, Aim(LINK_NS))
         knots = tick.drive.knots
@@ -165,9 +166,9 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
 
 def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
     path = VirtualPath(((-60.0, 4.0), (60.0, 20.0)), 100.0, loop=True)
-    square = GratingTarget(period_mm=2.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.5)
+    square = Grating(period_mm=2.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.5)
     counts = {}
-    for name, target in (("constant", AmplitudeTarget(1.0)), ("square", square)):
+    for name, target in (("constant", Amplitude(1.0)), ("square", square)):
         bench = Bench()
         bench.want({"walker": target}, {"walker": path})
         bench.t_ns += 150 * MS
@@ -183,7 +184,7 @@ def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
 def test_a_virtual_finger_takes_part_where_it_will_be(bench: Bench) -> None:
     path = VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 80.0, loop=True)
     bench.report(SLIPPERY)
-    bench.want({1: AmplitudeTarget(1.0), "still": AmplitudeTarget(0.0)}, {"still": path})
+    bench.want({1: Amplitude(1.0), "still": Amplitude(0.0)}, {"still": path})
     tick = bench.report(SLIPPERY)
     point = tick.points[1]
     assert point.key == "still"
@@ -198,7 +199,7 @@ def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
     for name, bench in (("ours", ours), ("paper", paper)):
         path = VirtualPath(((-30.0, 3.0), (-10.0, 3.0)), 100.0, loop=False)  # crosses a singular position
         still = VirtualPath(((5.0, 8.0),), 0.0, loop=False)
-        bench.want({"a": AmplitudeTarget(1.0), "b": AmplitudeTarget(0.0)}, {"a": path, "b": still})
+        bench.want({"a": Amplitude(1.0), "b": Amplitude(0.0)}, {"a": path, "b": still})
         first_um = []
         for _ in range(190):
             bench.t_ns += MS

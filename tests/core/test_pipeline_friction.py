@@ -7,19 +7,13 @@ import math
 import pytest
 from pipeline_bench import FOREVER_NS, PERIOD_NS, Bench, CountedPredictor
 
-from hapticd.content_values import (
-    AmplitudeTarget,
-    ClientTargets,
-    FrictionTarget,
-    MapTarget,
-    Surface,
-    Target,
-    VirtualPath,
-)
 from hapticd.core.friction import FrictionCurve
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.targets.scene import Scene
 from hapticd.values import Tick
+from hapticd_contract.contents import Amplitude, Content, Friction, LevelMap
+from hapticd_contract.surfaces import Surface, VirtualPath
+from hapticd_contract.targets import ClientTargets
 
 SPEED_MM_S, REST_UM = 100.0, 0.5
 CURVE = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=SPEED_MM_S)
@@ -32,7 +26,7 @@ def bench(curve: FrictionCurve, w_limit_um: float = 4.0, **settings: object) -> 
     return one
 
 
-def targets_um(one: Bench, speed_mm_s: float, target: Target | None = None) -> list[float]:
+def targets_um(one: Bench, speed_mm_s: float, target: Content | None = None) -> list[float]:
     """What a finger that moves steadily is given in its last passes."""
     ticks: list[Tick] = []
     for report in range(60):
@@ -45,34 +39,34 @@ def targets_um(one: Bench, speed_mm_s: float, target: Target | None = None) -> l
 
 @pytest.mark.parametrize("speed_mm_s", [0.0, 50.0, 100.0])
 def test_a_friction_gets_the_amplitude_of_the_finger_s_predicted_speed(speed_mm_s: float) -> None:
-    found_um = targets_um(bench(CURVE), speed_mm_s, FrictionTarget(0.5))
+    found_um = targets_um(bench(CURVE), speed_mm_s, Friction(0.5))
     noise_mm_s = 5.0 if speed_mm_s else 0.0
     assert found_um == pytest.approx([REST_UM * (1.0 + (speed_mm_s - noise_mm_s) / SPEED_MM_S)] * 5, rel=0.02)
 
 
-@pytest.mark.parametrize("content", [FrictionTarget(0.5), MapTarget(1, 1, b"\0", 0.0, 1.0, frictions=(0.5, 0.0))])
-def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s_limit(content: Target) -> None:
+@pytest.mark.parametrize("content", [Friction(0.5), LevelMap(1, 1, b"\0", 0.0, 1.0, friction=(0.5, 0.0))])
+def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s_limit(content: Content) -> None:
     for limit_um, expected_um in ((4.0, REST_UM * 1.95), (0.6, 0.6)):
         one = bench(CURVE, limit_um)
-        surface = {"all": Surface(content)}
-        one.scene.apply(ClientTargets("test", FOREVER_NS, {}, {}, surfaces=surface), one.t_ns)
+        surface = {"all": Surface.of(content)}
+        one.scene.apply(ClientTargets.of("test", FOREVER_NS, {}, {}, surfaces=surface), one.t_ns)
         assert targets_um(one, 100.0) == pytest.approx([expected_um] * 5, rel=0.02)
 
 
 def test_amplitudes_do_not_depend_on_speed() -> None:
-    assert targets_um(bench(CURVE), 100.0, AmplitudeTarget(0.8)) == [0.8] * 5
+    assert targets_um(bench(CURVE), 100.0, Amplitude(0.8)) == [0.8] * 5
 
 
 def test_a_virtual_finger_s_own_speed_counts() -> None:
     one = bench(CURVE)
-    one.want({"walker": FrictionTarget(0.5)}, {"walker": VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 55.0, True)})
+    one.want({"walker": Friction(0.5)}, {"walker": VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 55.0, True)})
     (point,) = one.report().points
     assert point.target_um == pytest.approx(REST_UM * 1.5)
 
 
 def test_a_resting_finger_s_reference_still_stands() -> None:
     one = bench(CURVE)
-    targets_um(one, 0.0, FrictionTarget(0.5))
+    targets_um(one, 0.0, Friction(0.5))
     before = one.pipeline.counters.skipped_standing
     one.hold(20, (-25.0, 3.0))
     assert one.pipeline.counters.skipped_standing == before + 20
@@ -84,7 +78,7 @@ def test_a_finger_is_predicted_twice_for_an_instant_only_where_friction_depends_
 ) -> None:
     curve = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_s=speed_mm_s)
     one = bench(curve, make_predictor=CountedPredictor)
-    targets_um(one, 0.0, FrictionTarget(0.5))
+    targets_um(one, 0.0, Friction(0.5))
     before = CountedPredictor.predictions
     one.hold(10, (-25.0, 3.0))
     assert CountedPredictor.predictions - before == 10 * 2 * predictions

@@ -7,25 +7,19 @@ import random
 import pytest
 from pipeline_bench import LINK_NS, MS, PERIOD_NS, START_NS, Bench
 
-from hapticd.content_values import (
-    AmplitudeTarget,
-    ClientTargets,
-    FrictionTarget,
-    GratingTarget,
-    MapTarget,
-    Target,
-    VirtualPath,
-)
 from hapticd.values import Aim, Knot, LimitReason
+from hapticd_contract.contents import Amplitude, Content, Friction, Grating, LevelMap
+from hapticd_contract.surfaces import VirtualPath
+from hapticd_contract.targets import ClientTargets
 
 W_LIMIT_UM = (4.0, 0.5)
-TARGETS: tuple[Target, ...] = (
-    AmplitudeTarget(0.0),
-    AmplitudeTarget(4.0),
-    AmplitudeTarget(1e-300),
-    FrictionTarget(0.0),
-    GratingTarget(0.05, 0.3, 0.0, 4.0, 0.5),
-    MapTarget(2, 2, b"\x00\xff\xff\x00", 0.0, 4.0),
+TARGETS: tuple[Content, ...] = (
+    Amplitude(0.0),
+    Amplitude(4.0),
+    Amplitude(1e-300),
+    Friction(0.0),
+    Grating(0.05, angle_rad=0.3, low_um=0.0, high_um=4.0, duty_frac=0.5),
+    LevelMap(2, 2, b"\x00\xff\xff\x00", 0.0, 4.0),
 )
 
 
@@ -60,7 +54,7 @@ def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: in
         targets = {finger.finger_id: source.choice(TARGETS) for finger in bench.pipeline.fingers}
         targets["walker"] = source.choice(TARGETS)
         walk = VirtualPath(((-200.0, 0.0), (200.0, 0.0)), source.choice((0.0, 1e3)), loop=True)
-        bench.scene.apply(ClientTargets("test", 500 * MS, targets, {"walker": walk}), t_ns)
+        bench.scene.apply(ClientTargets.of("test", 500 * MS, targets, {"walker": walk}), t_ns)
         bench.pipeline.release(bench.scene.expire(t_ns))
         tick = bench.pipeline.drive(t_ns, Aim(LINK_NS))
         if tick.drive is not None:
@@ -77,7 +71,7 @@ def test_targets_that_change_a_thousand_times_a_second_are_each_followed(bench: 
         if step % 11 == 0:
             bench.touch(t_ns - 9 * MS, t_ns, (6.0, 20.0))
         wanted_um = 0.4 * (step % 2)
-        bench.scene.apply(ClientTargets("test", 500 * MS, {1: AmplitudeTarget(wanted_um)}, {}), t_ns)
+        bench.scene.apply(ClientTargets.of("test", 500 * MS, {1: Amplitude(wanted_um)}, {}), t_ns)
         tick = bench.pipeline.drive(t_ns, Aim(LINK_NS))
         assert [point.target_um for point in tick.points] == [wanted_um]
         assert_within_limits(tick.drive.knots)

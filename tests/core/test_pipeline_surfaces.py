@@ -19,8 +19,10 @@ from pipeline_bench import (
     amplitude_um,
 )
 
-from hapticd.content_values import Circle, ClientTargets, GratingTarget, Polygon, Surface, VirtualPath
 from hapticd.values import Knot, Tick
+from hapticd_contract.contents import Grating
+from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
+from hapticd_contract.targets import ClientTargets
 
 Y_MM = 5.1
 
@@ -31,7 +33,7 @@ def bench() -> Bench:
 
 
 def publish(bench: Bench, ttl_ns: int = FOREVER_NS, **surfaces: Surface) -> None:
-    assert bench.scene.apply(ClientTargets("test", ttl_ns, {}, {}, surfaces=surfaces), bench.t_ns) == ()
+    assert bench.scene.apply(ClientTargets.of("test", ttl_ns, {}, {}, surfaces=surfaces), bench.t_ns) == ()
 
 
 def stroke(bench: Bench, speed_mm_s: float, from_mm: float, reports: int) -> list[Tick]:
@@ -40,7 +42,7 @@ def stroke(bench: Bench, speed_mm_s: float, from_mm: float, reports: int) -> lis
 
 
 def test_the_first_report_of_a_finger_on_a_surface_makes_its_frame(bench: Bench) -> None:
-    publish(bench, disc=Surface(ONE, Circle(5.0), SLIPPERY))
+    publish(bench, disc=Surface.of(ONE, Circle(5.0), SLIPPERY))
     tick = bench.report(SLIPPERY, STICKY)
     assert tick.drive.t_apply_ns == bench.t_ns + LINK_NS
     assert tick.horizon_ns == 10 * MS + LINK_NS
@@ -51,9 +53,9 @@ def test_the_first_report_of_a_finger_on_a_surface_makes_its_frame(bench: Bench)
 
 
 def test_a_finger_s_own_target_wins_and_when_it_ends_the_surface_is_felt(bench: Bench) -> None:
-    publish(bench, all=Surface(ONE))
+    publish(bench, all=Surface.of(ONE))
     bench.report(SLIPPERY, STICKY)
-    bench.scene.apply(ClientTargets("other", FOREVER_NS, {1: STILL}, {}), bench.t_ns)
+    bench.scene.apply(ClientTargets.of("other", FOREVER_NS, {1: STILL}, {}), bench.t_ns)
     assert [point.target_um for point in bench.report(SLIPPERY, STICKY).points] == [0.0, 1.0]
     bench.scene.release_client("other")
     bench.pipeline.release(bench.scene.expire(bench.t_ns))
@@ -61,7 +63,7 @@ def test_a_finger_s_own_target_wins_and_when_it_ends_the_surface_is_felt(bench: 
 
 
 def test_when_the_last_surface_has_ended_its_fingers_are_held_still_and_a_new_one_is_not(bench: Bench) -> None:
-    publish(bench, ttl_ns=3 * PERIOD_NS, all=Surface(ONE))
+    publish(bench, ttl_ns=3 * PERIOD_NS, all=Surface.of(ONE))
     bench.hold(2, SLIPPERY)
     (point,) = bench.report(SLIPPERY).points  # its time is up
     assert (point.key, point.target_um) == (1, 0.0)
@@ -69,15 +71,15 @@ def test_when_the_last_surface_has_ended_its_fingers_are_held_still_and_a_new_on
 
 
 def test_surfaces_without_a_finger_are_nothing_to_solve(bench: Bench) -> None:
-    publish(bench, all=Surface(ONE), moving=Surface(ONE, Circle(5.0), velocity_mm_s=(100.0, 0.0)))
+    publish(bench, all=Surface.of(ONE), moving=Surface.of(ONE, Circle(5.0), velocity_mm_s=(100.0, 0.0)))
     assert [tick.drive for tick in bench.hold(5)] == [None] * 5
     assert bench.pipeline.counters.solves == 0
 
 
 def test_a_resting_finger_on_a_resting_surface_needs_no_new_frame_and_on_a_moving_one_does(bench: Bench) -> None:
-    publish(bench, disc=Surface(ONE, Circle(5.0), SLIPPERY))
+    publish(bench, disc=Surface.of(ONE, Circle(5.0), SLIPPERY))
     assert [tick.drive is None for tick in bench.hold(4, SLIPPERY)][-1]
-    publish(bench, disc=Surface(ONE, Circle(5.0), SLIPPERY, velocity_mm_s=(300.0, 0.0)))
+    publish(bench, disc=Surface.of(ONE, Circle(5.0), SLIPPERY, velocity_mm_s=(300.0, 0.0)))
     targets_um = [tick.points[0].target_um for tick in bench.hold(4, SLIPPERY)]
     assert (targets_um[0], targets_um[-1]) == (1.0, 0.0)
 
@@ -108,7 +110,7 @@ def test_knots_lie_on_both_sides_of_an_edge_where_it_is_predicted_to_be_crossed(
     reports = 12
     from_mm = 8.0 - speed_mm_s * 0.011 * reports
     edge_mm = 8.0 - edge_mm_s * 0.011 * reports
-    publish(bench, left=Surface(ONE, LEFT_HALF, (edge_mm, 0.0), velocity_mm_s=(edge_mm_s, 0.0)))
+    publish(bench, left=Surface.of(ONE, LEFT_HALF, (edge_mm, 0.0), velocity_mm_s=(edge_mm_s, 0.0)))
     crossed = 0
     for n in range(2 * reports):
         tick = bench.report((from_mm + speed_mm_s * PERIOD_NS * 1e-9 * n, Y_MM))
@@ -122,7 +124,7 @@ def test_knots_lie_on_both_sides_of_an_edge_where_it_is_predicted_to_be_crossed(
 def test_a_layer_that_walks_its_path_over_a_resting_finger_has_knots_at_its_edges_also_where_it_turns() -> None:
     bench = Bench()
     path = VirtualPath(((0.0, Y_MM), (7.0, Y_MM)), 500.0, loop=True)  # over the finger for 8 ms where it turns
-    publish(bench, patch=Surface(ONE, Circle(5.0), path=path))
+    publish(bench, patch=Surface.of(ONE, Circle(5.0), path=path))
     crossed: list[float] = []
     for _ in range(12):
         tick = bench.report((10.0, Y_MM))
@@ -133,7 +135,7 @@ def test_a_layer_that_walks_its_path_over_a_resting_finger_has_knots_at_its_edge
 
 
 def test_at_an_edge_the_reference_steps_from_one_content_to_the_other(bench: Bench) -> None:
-    publish(bench, left=Surface(ONE, LEFT_HALF, (8.0, 0.0)))
+    publish(bench, left=Surface.of(ONE, LEFT_HALF, (8.0, 0.0)))
     found = [(tick, step) for tick in stroke(bench, 100.0, -2.0, 12) for step in steps(tick)]
     assert found
     for tick, (before, after) in found:
@@ -144,12 +146,12 @@ def test_at_an_edge_the_reference_steps_from_one_content_to_the_other(bench: Ben
 
 
 def test_a_patch_narrower_than_the_way_of_a_frame_has_its_four_knots(bench: Bench) -> None:
-    publish(bench, thin=Surface(ONE, Polygon(((-0.2, -20.0), (0.2, -20.0), (0.2, 20.0), (-0.2, 20.0))), (8.0, 0.0)))
+    publish(bench, thin=Surface.of(ONE, Polygon(((-0.2, -20.0), (0.2, -20.0), (0.2, 20.0), (-0.2, 20.0))), (8.0, 0.0)))
     assert max(len(steps(tick)) for tick in stroke(bench, 200.0, -8.0, 12)) == 2
 
 
 def test_an_edge_that_nothing_is_felt_of_has_no_knots(bench: Bench) -> None:
-    same = {"under": Surface(ONE, LEFT_HALF, (8.0, 0.0)), "over": Surface(ONE, z=1)}
+    same = {"under": Surface.of(ONE, LEFT_HALF, (8.0, 0.0)), "over": Surface.of(ONE, z=1)}
     publish(bench, **same)
     ticks = stroke(bench, 100.0, -2.0, 12)
     assert [step for tick in ticks for step in steps(tick)] == []
@@ -157,7 +159,7 @@ def test_an_edge_that_nothing_is_felt_of_has_no_knots(bench: Bench) -> None:
 
 def test_a_frame_with_more_edges_than_it_has_room_for_keeps_the_earliest() -> None:
     bench = Bench(max_knots=8)
-    comb = {f"tooth {n}": Surface(ONE, Circle(0.2), (0.5 * n, Y_MM)) for n in range(40)}
+    comb = {f"tooth {n}": Surface.of(ONE, Circle(0.2), (0.5 * n, Y_MM)) for n in range(40)}
     publish(bench, **comb)
     for tick in stroke(bench, 400.0, -2.0, 6):
         if tick.drive is not None:
@@ -167,11 +169,11 @@ def test_a_frame_with_more_edges_than_it_has_room_for_keeps_the_earliest() -> No
 
 
 def test_a_texture_on_a_surface_gets_the_knots_of_the_same_target() -> None:
-    grating = GratingTarget(period_mm=3.0, angle_rad=0.2, low_um=0.0, high_um=1.0, duty_frac=0.5)
+    grating = Grating(period_mm=3.0, angle_rad=0.2, low_um=0.0, high_um=1.0, duty_frac=0.5)
     own, on_plate = Bench(), Bench()
     own.report((-20.0, Y_MM))
     own.want({1: grating})
-    publish(on_plate, stripes=Surface(grating))
+    publish(on_plate, stripes=Surface.of(grating))
     on_plate.report((-20.0, Y_MM))
     for n in range(1, 8):
         place_mm = (-20.0 + 2.0 * n, Y_MM)
@@ -182,7 +184,7 @@ def test_a_texture_on_a_surface_gets_the_knots_of_the_same_target() -> None:
 
 def test_a_narrow_stripe_between_two_silent_ends_of_a_frame_is_not_passed_over(bench: Bench) -> None:
     bench.report((-2.0, Y_MM))
-    bench.want({1: GratingTarget(period_mm=6.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.1)})
+    bench.want({1: Grating(period_mm=6.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.1)})
     stroke(bench, 200.0, 1.0, 2)
     ticks = stroke(bench, 200.0, 5.5, 3)
     peaks_um = [max(abs(w_um) for knot in tick.drive.knots for w_um in knot.modal_um) for tick in ticks if tick.drive]
@@ -191,14 +193,14 @@ def test_a_narrow_stripe_between_two_silent_ends_of_a_frame_is_not_passed_over(b
 
 def test_a_square_grating_that_is_high_everywhere_is_a_constant(bench: Bench) -> None:
     bench.report((-20.0, Y_MM))
-    bench.want({1: GratingTarget(period_mm=5.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=1.0)})
+    bench.want({1: Grating(period_mm=5.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=1.0)})
     assert [tick.points[0].target_um for tick in stroke(bench, 100.0, -20.0, 4)] == [1.0] * 4
 
 
 def test_the_same_messages_and_reports_give_the_same_bits() -> None:
     def ticks() -> list[Tick]:
         bench = Bench()
-        publish(bench, left=Surface(ONE, LEFT_HALF, velocity_mm_s=(30.0, 0.0), turning_rad_s=0.3))
+        publish(bench, left=Surface.of(ONE, LEFT_HALF, velocity_mm_s=(30.0, 0.0), turning_rad_s=0.3))
         return stroke(bench, 150.0, -20.0, 20)
 
     assert ticks() == ticks()

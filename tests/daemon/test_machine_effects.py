@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
 
-from hapticd_client.messages import PlateEvent, decode_state
+from hapticd_client.messages import decode_state
+from hapticd_contract.states import PlateEvent
 
 CLICK = {"name": "click", "pulse": {"height_um": 1.0, "length_s": 0.05}}
 

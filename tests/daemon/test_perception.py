@@ -19,7 +19,8 @@ from hapticd.daemon.perception import Perception
 from hapticd.daemon.recorder import Recorders
 from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import record_of
-from hapticd.values import Finger, Perceived, Tick, TouchPoint
+from hapticd.values import Finger, Tick, TouchPoint
+from hapticd_contract.states import Perceived
 
 MS = 1_000_000
 CURVE = FrictionCurve.from_amplitudes((0.0, 1.0, 3.0), floor_frac=0.2)  # 1 um: 0.6 of bare glass's friction

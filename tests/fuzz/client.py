@@ -3,35 +3,45 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import msgpack
+from msgspec.structs import replace
 
 from fuzz.target import Cost, Target
-from hapticd.content_values import AmplitudeTarget, ClientTargets, Effect, Envelope, Modulation, Polygon, Pulse, Surface
 from hapticd.core.targets.forms import Course
 from hapticd.core.targets.layer import Layer
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.wire.assets import MAX_ASSET_BYTES, AssetPart
-from hapticd.wire.client import (
-    MAX_MARKER_CHARACTERS,
+from hapticd.wire.client import answer, decode_request, decode_targets
+from hapticd_contract.base import (
+    MAX_AMPLITUDE_UM,
+    MAX_MESSAGE_BYTES,
+    MAX_PART_BYTES,
+    MAX_POSITION_MM,
     PROTOCOL_VERSION,
-    UNREAD_REQUEST_ID,
-    Marker,
-    Release,
-    Request,
-    answer,
-    decode_request,
-    decode_targets,
 )
-from hapticd.wire.contents import MAX_AMPLITUDE_UM, MAX_POSITION_MM
-from hapticd.wire.effects import MAX_EFFECTS, MAX_ENVELOPE_POINTS, MAX_LENGTH_S
-from hapticd.wire.fields import MAX_BINARY_BYTES, MAX_PAYLOAD_BYTES
-from hapticd.wire.paths import MAX_PATH_POINTS
-from hapticd.wire.surfaces import MAX_POLYGON_POINTS, MAX_SURFACES
-from hapticd.wire.targets import MAX_TARGETS, MAX_VIRTUALS
+from hapticd_contract.contents import CONTENTS
+from hapticd_contract.effects import (
+    MAX_ENVELOPE_POINTS,
+    MAX_LENGTH_S,
+    Effect,
+    Envelope,
+    Modulation,
+    OnPressure,
+    Pulse,
+)
+from hapticd_contract.requests import (
+    MAX_ASSET_BYTES,
+    MAX_MARKER_CHARACTERS,
+    UNREAD_REQUEST_ID,
+    AssetRequest,
+    MarkRequest,
+    Request,
+    SetRequest,
+)
+from hapticd_contract.surfaces import MAX_PATH_POINTS, MAX_POLYGON_POINTS, Polygon, Surface
+from hapticd_contract.targets import MAX_EFFECTS, MAX_SURFACES, MAX_TARGETS, MAX_VIRTUALS, ClientTargets
 
 LONGEST_SENTENCE = 250
 
@@ -94,7 +104,7 @@ def check(data: bytes) -> None:
     except RequestError as error:
         check_sentence(str(error))
         request = None
-    if request is not None and isinstance(request.body, ClientTargets):
+    if isinstance(request, SetRequest):
         check_targets(request.body)
     check_answer(data, request)
 
@@ -109,21 +119,23 @@ def check_targets(requested: ClientTargets) -> None:
     assert 20_000_000 <= requested.ttl_ns <= 5_000_000_000
     assert len(requested.targets) <= MAX_TARGETS
     assert len(requested.virtuals) <= MAX_VIRTUALS
-    for target in requested.targets.values():
-        for name in ("amplitude_um", "friction_frac", "low_um", "high_um", "period_mm", "duty_frac"):
-            assert 0 <= getattr(target, name, 0.0) <= MAX_AMPLITUDE_UM
-        assert len(getattr(target, "levels", b"")) <= MAX_BINARY_BYTES
+    for target in [one.content for one in requested.targets]:
+        for name in ("amplitude_um", "friction", "low_um", "high_um", "period_mm", "duty_frac"):
+            value = getattr(target, name, None)
+            for number in value if isinstance(value, tuple) else (value or 0.0,):
+                assert 0 <= number <= MAX_AMPLITUDE_UM
+        assert len(getattr(target, "levels", b"")) <= MAX_PART_BYTES
         assert 0.1 <= getattr(target, "shortest_mm", 1.0) <= getattr(target, "longest_mm", 1000.0) <= 1000.0
         assert math.isfinite(getattr(target, "angle_rad", 0.0))
     assert len(requested.surfaces) <= MAX_SURFACES
-    for surface in requested.surfaces.values():
+    for surface in requested.surfaces:
         check_surface(surface)
     assert len(requested.effects) <= MAX_EFFECTS
-    for effect in requested.effects.values():
+    for effect in requested.effects:
         check_effect(effect, requested)
-    for path in requested.virtuals.values():
-        assert 1 <= len(path.points_mm) <= MAX_PATH_POINTS
-        assert all(abs(part) <= MAX_POSITION_MM for point in path.points_mm for part in point)
+    for path in requested.virtuals:
+        assert 1 <= len(path.path_mm) <= MAX_PATH_POINTS
+        assert all(abs(part) <= MAX_POSITION_MM for point in path.path_mm for part in point)
 
 
 def check_surface(surface: Surface) -> None:
@@ -134,25 +146,25 @@ def check_surface(surface: Surface) -> None:
         assert layer.amplitude_um(3.0, 4.0, t_ns) <= 4.0
         assert all(0 <= turn_ns <= 10**7 for turn_ns in layer.turns_ns(t_ns, 10**7, 8))
     if isinstance(surface.shape, Polygon):
-        assert 3 <= len(surface.shape.points_mm) <= MAX_POLYGON_POINTS
-        assert all(abs(part) <= MAX_POSITION_MM for point in surface.shape.points_mm for part in point)
+        assert 3 <= len(surface.shape.corners_mm) <= MAX_POLYGON_POINTS
+        assert all(abs(part) <= MAX_POSITION_MM for point in surface.shape.corners_mm for part in point)
 
 
 def check_effect(effect: Effect, requested: ClientTargets) -> None:
-    named = [effect.start.surface, *([effect.on] if isinstance(effect.on, str) else [])]
-    assert all(name in requested.surfaces for name in named if name)
-    assert 0.0 <= effect.start.release_frac < effect.start.threshold_frac <= 1.0 or not effect.start.threshold_frac
+    assert all(name in [one.name for one in requested.surfaces] for name in effect.surfaces)
+    if isinstance(effect.start, OnPressure):
+        assert 0.0 <= effect.start.release_frac < effect.start.threshold <= 1.0
     match effect.form:
-        case Pulse(height_um, length_s, rise_s):
+        case Pulse(height_um, length_s) as pulse:
             assert abs(height_um) <= MAX_AMPLITUDE_UM
-            assert 0.0 <= 2.0 * rise_s <= length_s <= MAX_LENGTH_S
+            assert 0.0 <= 2.0 * pulse.ramp_s <= length_s <= MAX_LENGTH_S
         case Envelope(points):
             assert 2 <= len(points) <= MAX_ENVELOPE_POINTS
             assert all(before[0] <= after[0] <= MAX_LENGTH_S for before, after in pairwise(points))
             assert all(abs(value) <= MAX_AMPLITUDE_UM for _, value in points)
-        case Modulation(frequency_hz, depth_frac):
+        case Modulation(frequency_hz, depth):
             assert 1.0 <= frequency_hz <= 300.0
-            assert 0.0 <= depth_frac <= 1.0
+            assert 0.0 <= depth <= 1.0
     check_course(effect)
 
 
@@ -168,8 +180,8 @@ def check_course(effect: Effect) -> None:
 def layers_of(surface: Surface) -> list[Layer]:
     """The surface in force, with content that every plate takes."""
     scene = Scene(w_limit_um=4.0)
-    still = replace(surface, content=AmplitudeTarget(1.0))
-    assert scene.apply(ClientTargets("c", 1, {}, {}, surfaces={"one": still}), 0) == ()
+    still = replace(surface, **(dict.fromkeys(CONTENTS) | {"amplitude_um": 1.0}))
+    assert scene.apply(ClientTargets.of("c", 1, {}, {}, surfaces={"one": still}), 0) == ()
     return scene.surfaces.layers
 
 
@@ -179,13 +191,13 @@ def check_answer(data: bytes, request: Request | None) -> None:
     assert reply["ok"] is (request is not None)
     if request is not None:
         assert reply["id"] == request.id != UNREAD_REQUEST_ID
-        assert request.body is None or isinstance(request.body, (ClientTargets, Release, Marker, AssetPart))
-        if isinstance(request.body, AssetPart):
-            assert len(request.body.digest) == 32
-            assert request.body.offset + len(request.body.part) <= request.body.size <= MAX_ASSET_BYTES
-        if isinstance(request.body, Marker):
-            assert 1 <= len(request.body.text) <= MAX_MARKER_CHARACTERS
-            assert request.body.text.isprintable()
+    if isinstance(request, AssetRequest):
+        part = request.body
+        assert len(part.asset) == 32
+        assert (part.offset or 0) + len(part.part or b"") <= part.size <= MAX_ASSET_BYTES
+    if isinstance(request, MarkRequest):
+        assert 1 <= len(request.body.text) <= MAX_MARKER_CHARACTERS
+        assert request.body.text.isprintable()
 
 
 def packed(message: dict[str, object]) -> bytes:
@@ -225,10 +237,10 @@ def extremes() -> dict[str, bytes]:
         "longest": packed({"client": "a", "virtuals": paths, "targets": targets}),
         "polygons": packed({"client": "a", "surfaces": polygons}),
         "a polygon of 10000 points": packed({"client": "a", "surfaces": [endless]}),
-        "brackets": b"\x91" * MAX_PAYLOAD_BYTES,
-        "maps": b"\x81\xa1v" * (MAX_PAYLOAD_BYTES // 3),
-        "wide": b"\xdc\x00\x40" + b"\xdc\x00\x40" * 63 + b"\xc0" * (MAX_PAYLOAD_BYTES - 192),
-        "too long": bytes(MAX_PAYLOAD_BYTES + 1),
+        "brackets": b"\x91" * MAX_MESSAGE_BYTES,
+        "maps": b"\x81\xa1v" * (MAX_MESSAGE_BYTES // 3),
+        "wide": b"\xdc\x00\x40" + b"\xdc\x00\x40" * 63 + b"\xc0" * (MAX_MESSAGE_BYTES - 192),
+        "too long": bytes(MAX_MESSAGE_BYTES + 1),
         "claims": b"\xdd\xff\xff\xff\xff",
     }
 

@@ -7,14 +7,14 @@ from contextlib import suppress
 import msgpack
 
 from fuzz.target import Cost, Target
-from hapticd.values import EventKind, PlateEvent
 from hapticd.wire import client
 from hapticd_client.errors import HapticdError
-from hapticd_client.messages import PlateState, decode_state, read_reply
+from hapticd_client.messages import decode_state, read_reply
+from hapticd_contract.states import EventKind, FingerState, PlateEvent, PlateState
 
-FINGER = client.FingerState("ghost", 1.0, 2.0, 1.5, None, None, 0.5, True)
-EVENT = PlateEvent(7, EventKind.BEGUN, 2**40, 2**39, 3, (1.0, -2.0), "study", "", "click")
-STATE = client.PlateState(99, 12, 2**40, "active", (FINGER,), (1.0, -4.0), True, 10.5, 16.0, events=(EVENT,))
+FINGER = FingerState("ghost", 1.0, 2.0, 1.5, None, None, 0.5, True)
+EVENT = PlateEvent(7, EventKind.BEGUN, 2**40, 2**39, 3, 1.0, -2.0, "study", "", "click")
+STATE = PlateState(99, 12, 2**40, "active", (FINGER,), (1.0, -4.0), True, 10.5, 16.0, events=(EVENT,))
 
 
 def check(data: bytes) -> None:

@@ -26,18 +26,8 @@ from hapticd.files.recording.header import Header, header_fields
 from hapticd.files.recording.kinds import HEADER, KINDS, MAX_MESSAGE_BYTES, encode, fits, record_of
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record.tables import tables
-from hapticd.values import (
-    EventKind,
-    Finger,
-    Knot,
-    LimitReason,
-    Perceived,
-    PlateEvent,
-    RawReport,
-    SafeDrive,
-    Tick,
-    TouchPoint,
-)
+from hapticd.values import Finger, Knot, LimitReason, RawReport, SafeDrive, Tick, TouchPoint
+from hapticd_contract.states import EventKind, Perceived, PlateEvent
 
 WORD = b"\xa5rec"
 NAMES = tuple(KINDS)
@@ -91,7 +81,9 @@ def least_header() -> bytes:
 
 def seeds() -> dict[str, bytes]:
     point = TouchPoint("walker", 1.0, 2.0, 0.5, 0.5, 1.5, 2.5)
-    felt = {point.key: Perceived(0.5, 1.0, 0.25, 0.75, -2.0)}
+    felt = {
+        point.key: Perceived(friction_change=0.5, weber_frac=1.0, contact_um=0.25, felt_friction=0.75, error_jnd=-2.0)
+    }
     drive = SafeDrive(5, (Knot(0, (1 + 0j, 0.5j)), Knot(9, (0j, 0j))), LimitReason.NONE)
     finger = {"path": 1, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}
     events: dict[str, tuple[object, ...]] = {

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapticd.content_values import AmplitudeTarget, Cause, ClientTargets, Effect, Modulation, Start, Surface
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import T_START_NS, Settings, Simulation
+from hapticd_contract.contents import Amplitude
+from hapticd_contract.effects import At, Effect, Modulation
+from hapticd_contract.surfaces import Surface
+from hapticd_contract.targets import ClientTargets
 
 
 @pytest.mark.parametrize("frequency_hz", [40.0, pytest.param(250.0, marks=pytest.mark.long)])
@@ -17,9 +20,9 @@ def test_a_modulation_is_under_the_finger_in_depth_and_phase(frequency_hz: float
     simulation = Simulation(
         tuple(replace(one, steps_um=()) for one in SCENARIOS["rest"].build(1, 100.0)), Settings(), 1
     )
-    hum = Effect(Modulation(frequency_hz, 0.8), start=Start(Cause.AT, t_ns=T_START_NS + 500_000_000))
-    plate = Surface(AmplitudeTarget(1.0))
-    message = ClientTargets("test", 5_000_000_000, {}, {}, None, {"plate": plate}, {"hum": hum})
+    hum = Effect.of(Modulation(frequency_hz, 0.8), start=At(t_ns=T_START_NS + 500_000_000))
+    plate = Surface.of(Amplitude(1.0))
+    message = ClientTargets.of("test", 5_000_000_000, {}, {}, None, {"plate": plate}, {"hum": hum})
     simulation.machine.want(message, T_START_NS)
     simulation.run(1.2)
     played = simulation.result("rest")

@@ -1,10 +1,11 @@
 """Client library of hapticd: set the friction of each finger on the plate.
 
-Start with `Client`. Its messages are defined in clients/PROTOCOL.md; it shares no code with the daemon.
+Start with `Client`. Its messages are defined in clients/PROTOCOL.md; what is in them
+is `hapticd_contract`, which the daemon has too.
 """
 
-from .client import Client
-from .effects import (
+from hapticd_contract.contents import Gradient, Grating, Noise
+from hapticd_contract.effects import (
     At,
     Envelope,
     Modulation,
@@ -17,10 +18,12 @@ from .effects import (
     OnPressure,
     Pulse,
 )
+from hapticd_contract.states import FingerState, Marker, PlateEvent, PlateState
+from hapticd_contract.surfaces import Circle, Polygon, Rectangle
+
+from .client import Client
 from .errors import DaemonGoneError, HapticdError, RefusedError
-from .messages import FingerState, Marker, PlateEvent, PlateState
-from .surface import Circle, Polygon, Rectangle
-from .targets import Asset, Gradient, Grating, Map, Noise
+from .targets import Asset, Map
 
 __all__ = [
     "Asset",

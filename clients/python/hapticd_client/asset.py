@@ -11,13 +11,14 @@ from typing import Any
 
 import zmq
 
+from hapticd_contract.base import MAX_PART_BYTES
+from hapticd_contract.contents import MAX_ASSET_SIDE
+
 from .control import Control
 from .endpoint import Endpoint
 from .errors import HapticdError
 from .targets import Asset, LevelRows, levels_of
 
-MAX_SIDE = 1024
-PART_BYTES = 16384
 LOOK_S = 0.5  # the daemon drops an asset that nothing uses after ten seconds, and has none when it starts
 ANSWER_S = 0.5
 KEEPER = "hapticd-assets"  # its thread
@@ -30,8 +31,8 @@ def asset_of(source: LevelRows | str | os.PathLike[str]) -> Asset:
     if isinstance(source, (str, os.PathLike)):
         from .image import grey_rows
 
-        source = grey_rows(source, MAX_SIDE)
-    width, height, levels = levels_of(source, MAX_SIDE)
+        source = grey_rows(source, MAX_ASSET_SIDE)
+    width, height, levels = levels_of(source, MAX_ASSET_SIDE)
     return Asset(hashlib.sha256(levels).digest(), width, height, levels)
 
 
@@ -40,10 +41,10 @@ def upload(ask: Ask, client: str, asset: Asset) -> None:
     size = len(asset.levels)
     body: dict[str, object] = {"client": client, "asset": asset.digest, "size": size}
     have = int(ask(body)["have"])
-    for _ in range(2 * (size // PART_BYTES + 1)):  # a restart in between begins from the first byte
+    for _ in range(2 * (size // MAX_PART_BYTES + 1)):  # a restart in between begins from the first byte
         if have >= size:
             return
-        part = asset.levels[have : have + PART_BYTES]
+        part = asset.levels[have : have + MAX_PART_BYTES]
         have = int(ask({**body, "offset": have, "part": part})["have"])
     if have < size:
         raise HapticdError("asset: the daemon does not keep its parts: try again.")

@@ -11,34 +11,24 @@ import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, SupportsIndex
+from typing import Any
+
+from hapticd_contract.contents import Gradient, Grating, Noise
+from hapticd_contract.effects import NOW, Effect, Form, Now, Start
+from hapticd_contract.requests import MarkerRequest, ReachQuery, Release
+from hapticd_contract.states import FingerState, PlateEvent, PlateState
+from hapticd_contract.surfaces import Blend, Shape, Surface, VirtualFinger, shape_field
+from hapticd_contract.targets import DEFAULT_TTL_S, FingerTarget, TtlS
 
 from .asset import asset_of
+from .checks import checked, finger_key, label, plain, shown
 from .connection import Connection
-from .effects import Form, Now, Start, effect_fields
 from .endpoint import KeyFile
 from .errors import HapticdError, RefusedError
-from .messages import FingerState, PlateEvent, PlateState
-from .surface import Shape, surface_fields
-from .target_set import DEFAULT_TTL_S, Key, TargetSet
-from .targets import (
-    MAX_MARKER_CHARACTERS,
-    MAX_TTL_S,
-    MIN_TTL_S,
-    Asset,
-    Fields,
-    Gradient,
-    Grating,
-    LevelRows,
-    Map,
-    Noise,
-    label,
-    number,
-    path_fields,
-    printable,
-    priority_field,
-    target_fields,
-)
+from .target_set import Key, TargetSet
+from .targets import Asset, LevelRows, Map, content_fields
+
+__all__ = ["Client"]
 
 
 class Client:
@@ -105,14 +95,19 @@ class Client:
         time for which targets stay active if this program freezes. Raises RefusedError with the daemon's reason, and
         then nothing has changed; with `wait=False` it returns at once and reports local errors only.
         """
-        content = target_fields(
-            friction=friction, amplitude_um=amplitude_um, grating=grating, image=map, gradient=gradient, noise=noise
+        content = content_fields(
+            "set",
+            friction=friction,
+            amplitude_um=amplitude_um,
+            grating=grating,
+            image=map,
+            gradient=gradient,
+            noise=noise,
         )
-        target = {**content, **priority_field(priority)}
+        target = checked(FingerTarget(finger_key("finger", finger), priority, **content))
         self._link.check_content(target)
         self._use_asset(map, wait)
-        key = _key(finger)
-        self._request(self._targets.with_target(key, target, number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)), wait)
+        self._request(self._targets.with_target(target, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def virtual(
         self,
@@ -133,9 +128,9 @@ class Client:
             path = [position_mm]
         elif path is None or position_mm is not None:
             raise RefusedError("virtual: give exactly one of position_mm and path.")
-        fields = path_fields(path, speed_mm_s, loop)
-        ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
-        self._request(self._targets.with_virtual(label("name", name), fields, ttl_s), wait)
+        points: Any = path
+        virtual = checked(VirtualFinger(points, speed_mm_s, bool(loop), name=name))
+        self._request(self._targets.with_virtual(virtual, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def surface(
         self,
@@ -158,7 +153,7 @@ class Client:
         turning_rad_s: float = 0.0,
         t_pose_ns: int | None = None,
         z: int = 0,
-        blend: str = "replace",
+        blend: Blend = "replace",
         ttl_s: float = DEFAULT_TTL_S,
         wait: bool = True,
     ) -> None:
@@ -174,33 +169,39 @@ class Client:
         self._link.check("surfaces", "surfaces")
         if path is not None:
             self._link.check("surface_path", "moving along a path")
-        target = target_fields(
+        content = content_fields(
+            "surface",
             friction=friction,
             amplitude_um=amplitude_um,
             grating=grating,
             image=map,
             gradient=gradient,
             noise=noise,
-            where="surface",
         )
-        self._link.check_content(target)
+        if shape is not None and not isinstance(shape, Shape):
+            raise RefusedError(f"shape: must be a Circle, a Rectangle or a Polygon, not {shown(shape)}.")
+        if path is not None and (position_mm is not None or velocity_mm_s is not None):
+            raise RefusedError("path: with it there is no position_mm and no velocity_mm_s.")
+        places: dict[str, Any] = {"position_mm": position_mm, "velocity_mm_s": velocity_mm_s, "path_mm": path}
+        surface = checked(
+            Surface(
+                name=name,
+                **content,
+                **shape_field(shape),
+                **{place: value for place, value in places.items() if value is not None},
+                angle_rad=angle_rad,
+                scale=scale,
+                speed_mm_s=speed_mm_s if path is not None else 50.0,
+                loop=bool(loop) if path is not None else True,
+                turning_rad_s=turning_rad_s,
+                t_pose_ns=t_pose_ns,
+                z=z,
+                blend=blend,
+            )
+        )
+        self._link.check_content(surface)
         self._use_asset(map, wait)
-        pose = surface_fields(
-            shape,
-            position_mm=position_mm,
-            angle_rad=angle_rad,
-            scale=scale,
-            velocity_mm_s=velocity_mm_s,
-            path=path,
-            speed_mm_s=speed_mm_s,
-            loop=loop,
-            turning_rad_s=turning_rad_s,
-            t_pose_ns=t_pose_ns,
-            z=z,
-            blend=blend,
-        )
-        ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
-        self._request(self._targets.with_surface(label("name", name), {**target, **pose}, ttl_s), wait)
+        self._request(self._targets.with_surface(surface, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def asset(self, source: LevelRows | str | os.PathLike[str]) -> Asset:
         """Upload levels 0 .. 255 of up to 1024 x 1024 pixels, as rows or a picture file, and return a handle for Maps.
@@ -234,9 +235,15 @@ class Client:
         cannot carry and from an older daemon without effects.
         """
         self._link.check("effects", "effects")
-        fields = effect_fields(form, on, Now() if start is None else start, loops)
-        ttl_s = number("ttl_s", ttl_s, MIN_TTL_S, MAX_TTL_S)
-        self._request(self._targets.with_effect(label("name", name), fields, ttl_s), wait)
+        if not isinstance(form, Form):
+            raise RefusedError(f"form: must be a Pulse, an Envelope or a Modulation, not {shown(form)}.")
+        if start is not None and not isinstance(start, Start):
+            raise RefusedError(f"start: must be one of Now, At, OnLanding and the other causes, not {shown(start)}.")
+        if start is None or start == NOW:
+            start = Now(time.monotonic_ns())  # each call starts it once more
+        where = on if on is None or isinstance(on, str) else finger_key("on", on)
+        effect = checked(Effect.of(form, where, start, name=name, loops=bool(loops)))
+        self._request(self._targets.with_effect(effect, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def stop(self, effect: str) -> None:
         """End one effect and do not start it again; one that there is not is no error."""
@@ -249,14 +256,11 @@ class Client:
     def release(self, finger: FingerState | Key | None = None) -> None:
         """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces and
         effects."""
+        key = None if finger is None else finger_key("finger", finger)
         stamp = self._link.stamp()
-        body: dict[str, object] = {"client": self.name, **stamp}
-        targets = TargetSet()
-        if finger is not None:
-            body["finger"] = _key(finger)
-            targets = self._targets.without(_key(finger))
+        targets = TargetSet() if key is None else self._targets.without(key)
         try:
-            self._call("release", body)
+            self._call("release", Release(self.name, key, stamp))
         finally:
             self._keep(targets, stamp, is_sent=True)
 
@@ -308,11 +312,8 @@ class Client:
         """
         if (finger is None) == (x_mm is None and y_mm is None):
             raise RefusedError("reach: give a finger, or x_mm and y_mm.")
-        if finger is not None:
-            body: dict[str, object] = {"finger": _key(finger)}
-        else:
-            body = {"x_mm": number("x_mm", x_mm, -1000.0, 1000.0), "y_mm": number("y_mm", y_mm, -1000.0, 1000.0)}
-        found = self._call("reach", body)["friction"]
+        key = None if finger is None else finger_key("finger", finger)
+        found = self._call("reach", checked(ReachQuery(key, x_mm, y_mm)))["friction"]
         return None if found is None else (float(found[0]), float(found[1]))
 
     def surfaces(self) -> list[dict[str, Any]]:
@@ -338,10 +339,7 @@ class Client:
         at most every 20 ms. Raises RefusedError, also from an older daemon without markers, or for a board without the
         output.
         """
-        body: dict[str, object] = {"client": self.name, "text": printable("text", text, MAX_MARKER_CHARACTERS)}
-        if pulse:
-            body["pulse"] = True
-        return int(self._call("marker", body)["t_ns"])
+        return int(self._call("marker", checked(MarkerRequest(self.name, text, bool(pulse))))["t_ns"])
 
     # --- requests ---
 
@@ -353,13 +351,13 @@ class Client:
             return
         targets.payload(self.name, stamp)  # refuses too many bytes before the request
         try:
-            self._call("set", targets.fields(self.name, stamp))
+            self._call("set", targets.message(self.name, stamp))
         except HapticdError:
             self._keep(self._targets, self._link.stamp())  # the daemon may have accepted the other targets
             raise
         self._keep(targets, stamp, is_sent=True)
 
-    def _call(self, op: str, body: dict[str, object] | None = None) -> dict[str, Any]:
+    def _call(self, op: str, body: object = None) -> dict[str, Any]:
         self._check_open()
         return self._link.request(op, body)
 
@@ -376,7 +374,7 @@ class Client:
         if not self._finalizer.alive:
             raise HapticdError("This client is closed: create a new one.")
 
-    def _keep(self, targets: TargetSet, stamp: Fields, *, is_sent: bool = False) -> None:
+    def _keep(self, targets: TargetSet, stamp: int | None, *, is_sent: bool = False) -> None:
         """Refresh these targets from now on; send them at once unless a request did."""
         payload = targets.payload(self.name, stamp)
         ttl_s = math.inf if targets.is_empty else targets.ttl_s
@@ -398,15 +396,6 @@ class Client:
         self._down = down
         if lifted:
             self._keep(self._targets.without(*lifted), self._link.stamp())
-
-
-def _key(finger: FingerState | Key) -> Key:
-    key = finger.id if isinstance(finger, FingerState) else finger
-    if isinstance(key, str):
-        return label("finger", key)
-    if isinstance(key, bool) or not isinstance(key, SupportsIndex):
-        raise RefusedError(f"finger: must be one of fingers(), its id or a name, not {repr(key)[:40]}.")
-    return int(number("finger", key.__index__(), 1, 2**32 - 1))
 
 
 def _generated_name() -> str:

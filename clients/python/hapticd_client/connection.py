@@ -10,15 +10,19 @@ from typing import Any
 
 import zmq
 
+from hapticd_contract.base import PROTOCOL_VERSION
+from hapticd_contract.requests import Release
+from hapticd_contract.surfaces import Surface
+from hapticd_contract.targets import FingerTarget
+
 from .asset import KEEPER, AssetKeeper, upload
 from .control import Control
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
 from .events import EventReader
-from .messages import PROTOCOL_VERSION
 from .refresher import REFRESHER, Refresher
 from .target_set import TargetSet, no_stamp, stamp_now
-from .targets import Asset, Fields
+from .targets import Asset
 from .telemetry import Telemetry
 
 RELEASE_S = 0.5  # timeout of the final release
@@ -56,7 +60,7 @@ class Connection:
         self.refresher = Refresher(self._context, place)
         self.keeper = AssetKeeper(self._context, place, name)
 
-    def request(self, op: str, body: dict[str, object] | None = None) -> dict[str, Any]:
+    def request(self, op: str, body: object = None) -> dict[str, Any]:
         """Return the reply's body. Raises RefusedError, DaemonGoneError."""
         return self._control.request(op, body, timeout_s=self._timeout_s)
 
@@ -73,17 +77,16 @@ class Connection:
         if not self.has(optional):
             raise RefusedError(f"{what}: this daemon does not have that: update it.")
 
-    def check_content(self, target: Fields) -> None:
+    def check_content(self, target: FingerTarget | Surface) -> None:
         """Raise RefusedError for content that an older daemon does not know."""
         for kind in ("gradient", "noise"):
-            if kind in target and kind not in self.hello.get("targets", ()):
+            if getattr(target, kind) is not None and kind not in self.hello.get("targets", ()):
                 raise RefusedError(f"{kind}: this daemon does not have it: update it.")
-        if "priority" in target:
+        if isinstance(target, FingerTarget) and target.priority > 0:
             self.check("priority", "priorities")
-        image = target.get("map")
-        if isinstance(image, dict) and "friction" in image:
+        if target.map is not None and target.map.friction is not None:
             self.check("friction_map", "maps of frictions")
-        if isinstance(image, dict) and "asset" in image:
+        if target.map is not None and target.map.asset is not None:
             self.check("assets", "assets")
 
     def close(self) -> None:
@@ -97,7 +100,7 @@ class Connection:
         self.refresher.stop()
         self.keeper.stop()
         with contextlib.suppress(HapticdError):  # then the time to live expires
-            self._control.request("release", {"client": self.name, **last}, timeout_s=RELEASE_S)
+            self._control.request("release", Release(self.name, stamp=last), timeout_s=RELEASE_S)
         self._control.close()
         self.telemetry.close()
         self.events.close()

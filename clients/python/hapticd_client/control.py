@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from typing import Any
 
 import zmq
@@ -29,7 +28,7 @@ class Control:
         self._socket.immediate = True  # without a daemon a request times out here instead of being queued
         endpoint.connect(self._socket, "control")
 
-    def request(self, op: str, body: Mapping[str, object] | None = None, *, timeout_s: float) -> dict[str, Any]:
+    def request(self, op: str, body: object = None, *, timeout_s: float) -> dict[str, Any]:
         """Send a request and return its reply's body. Raises RefusedError, or DaemonGoneError after the timeout."""
         deadline_s = time.monotonic() + timeout_s
         self._request_id = self._request_id % MAX_REQUEST_ID + 1

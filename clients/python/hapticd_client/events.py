@@ -6,9 +6,11 @@ import math
 
 import zmq
 
+from hapticd_contract.states import PlateEvent
+
 from .endpoint import Endpoint
 from .errors import DaemonGoneError
-from .messages import PlateEvent, decode_state
+from .messages import decode_state
 
 BACKLOG = 4096  # states that wait for a reader: some 40 s
 

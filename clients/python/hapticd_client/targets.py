@@ -1,103 +1,21 @@
-"""Targets of fingers, validated like in the daemon.
-
-All targets of a client share one message, and one invalid value would make the daemon refuse the whole message.
-"""
+"""Targets of fingers: maps of rows, pictures and assets, and the one content of a target."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Protocol, SupportsFloat, SupportsIndex
+from typing import Any, Protocol, SupportsFloat, SupportsIndex
 
+from hapticd_contract.base import AmplitudeUm
+from hapticd_contract.contents import CONTENTS, MAX_MAP_SIDE, Gradient, Grating, LevelMap, Noise
+
+from .checks import checked, plain, shown
 from .errors import RefusedError
 
-Fields = dict[str, object]
-
-MAX_AMPLITUDE_UM = 1000.0
 MAX_LEVEL = 255  # of a map's pixel
-MAX_MAP_SIDE = 128
-MAX_MARKER_CHARACTERS = 100
-MAX_PATH_POINTS = 64
-MAX_POSITION_MM = 1000.0
-MAX_PRIORITY = 3
-MAX_SPEED_MM_S = 2000.0
-MIN_TTL_S, MAX_TTL_S = 0.02, 5.0
 NOT_ROWS = "must have rows of numbers, such as a two-dimensional array."
-
-
-@dataclass(frozen=True, slots=True)
-class Grating:
-    """Stripes across `angle_rad` (anticlockwise from +x), with a crest of `high_um` through the plate's centre.
-
-    A sine between the two amplitudes, or for `duty_frac` above 0 a square wave with that share of the period high.
-    """
-
-    period_mm: float
-    high_um: float
-    low_um: float = 0.0
-    angle_rad: float = 0.0
-    duty_frac: float = 0.0
-
-    def fields(self) -> Fields:
-        """Return the fields of the message. Raises RefusedError."""
-        return {
-            "period_mm": number("period_mm", self.period_mm, 0.1, 1000.0),
-            "high_um": number("high_um", self.high_um, 0.0, MAX_AMPLITUDE_UM),
-            "low_um": number("low_um", self.low_um, 0.0, MAX_AMPLITUDE_UM),
-            "angle_rad": number("angle_rad", self.angle_rad, -2 * math.pi, 2 * math.pi),
-            "duty_frac": number("duty_frac", self.duty_frac, 0.0, 1.0),
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Gradient:
-    """An amplitude from `from_um` to `to_um`, linear along `angle_rad` over `length_mm` around the centre."""
-
-    length_mm: float
-    to_um: float
-    from_um: float = 0.0
-    angle_rad: float = 0.0
-
-    def fields(self) -> Fields:
-        """Return the fields of the message. Raises RefusedError."""
-        return {
-            "length_mm": number("length_mm", self.length_mm, 0.1, 1000.0),
-            "angle_rad": number("angle_rad", self.angle_rad, -2 * math.pi, 2 * math.pi),
-            "from_um": number("from_um", self.from_um, 0.0, MAX_AMPLITUDE_UM),
-            "to_um": number("to_um", self.to_um, 0.0, MAX_AMPLITUDE_UM),
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Noise:
-    """A random texture with wavelengths from `shortest_mm` to `longest_mm`, the same for the same `seed`.
-
-    `rms_um` is the deviation from `mean_um`, cut at three times as much and at 0. The height of a wave is proportional
-    to its wavelength to the power `exponent`: 0 gives all octaves the same height, 1 looks alike at each scale.
-    """
-
-    shortest_mm: float
-    longest_mm: float
-    rms_um: float
-    mean_um: float
-    exponent: float = 0.0
-    seed: int = 0
-
-    def fields(self) -> Fields:
-        """Return the fields of the message. Raises RefusedError."""
-        shortest_mm = number("shortest_mm", self.shortest_mm, 0.1, 1000.0)
-        if type(self.seed) is not int or not 0 <= self.seed < 2**32:
-            raise RefusedError("seed: must be a whole number, 0 .. 4294967295.")
-        return {
-            "seed": self.seed,
-            "shortest_mm": shortest_mm,
-            "longest_mm": number("longest_mm", self.longest_mm, shortest_mm, 1000.0),
-            "exponent": number("exponent", self.exponent, 0.0, 4.0),
-            "mean_um": number("mean_um", self.mean_um, 0.0, MAX_AMPLITUDE_UM),
-            "rms_um": number("rms_um", self.rms_um, 0.0, MAX_AMPLITUDE_UM),
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +66,7 @@ class Map:
         Raises RefusedError for NaN and values out of bounds.
         """
         try:
-            rows = [[number("map", value, 0.0, MAX_AMPLITUDE_UM) for value in row] for row in rows_um]
+            rows = [[plain("map", value, AmplitudeUm) for value in row] for row in rows_um]
         except TypeError:
             raise RefusedError(f"map: {NOT_ROWS}") from None
         low_um = min((min(row, default=math.inf) for row in rows), default=math.inf)
@@ -171,22 +89,18 @@ class Map:
 
         return cls(grey_rows(path, MAX_MAP_SIDE), high_um, low_um)
 
-    def fields(self) -> Fields:
-        """Return the fields of the message. Raises RefusedError."""
-        if isinstance(self.rows, Asset):
-            image: Fields = {"width": self.rows.width, "height": self.rows.height, "asset": self.rows.digest}
-        else:
-            width, height, levels = levels_of(self.rows, MAX_MAP_SIDE)
-            image = {"width": width, "height": height, "levels": levels}
+    @property
+    def message(self) -> LevelMap:
+        """The map as a message has it. Raises RefusedError."""
         if (self.high_um is None) == (self.frictions is None):
             raise RefusedError("map: give exactly one of high_um and frictions.")
-        if self.frictions is not None:
-            return {**image, "friction": _two_frictions(self.frictions)}
-        return {
-            **image,
-            "low_um": number("low_um", self.low_um, 0.0, MAX_AMPLITUDE_UM),
-            "high_um": number("high_um", self.high_um, 0.0, MAX_AMPLITUDE_UM),
-        }
+        friction: Any = self.frictions
+        if isinstance(self.rows, Asset):
+            asset = self.rows
+            made = LevelMap(asset.width, asset.height, b"", self.low_um, self.high_um, asset.digest, friction)
+        else:
+            made = LevelMap(*levels_of(self.rows, MAX_MAP_SIDE), self.low_um, self.high_um, None, friction)
+        return checked(made)
 
 
 def levels_of(rows: LevelRows, most_side: int) -> tuple[int, int, bytes]:
@@ -207,29 +121,17 @@ def levels_of(rows: LevelRows, most_side: int) -> tuple[int, int, bytes]:
         raise RefusedError("map: levels must be whole numbers from 0 to 255.") from None
 
 
-def _two_frictions(frictions: Sequence[float]) -> list[float]:
-    ends = [number("frictions", friction, 0.0, 1.0) for friction in frictions]
-    if len(ends) != 2:
-        raise RefusedError("frictions: must have two numbers, of level 0 and of level 255.")
-    return ends
-
-
-def target_fields(
+def content_fields(
+    where: str,
     *,
     friction: float | None,
     amplitude_um: float | None,
     grating: Grating | None,
     image: Map | None,
-    gradient: Gradient | None = None,
-    noise: Noise | None = None,
-    where: str = "set",
-) -> Fields:
-    """Return the field of the one given argument; `where` is the caller in errors. Raises RefusedError."""
-    given: Fields = {}
-    if friction is not None:
-        given["friction"] = number("friction", friction, 0.0, 1.0)
-    if amplitude_um is not None:
-        given["amplitude_um"] = number("amplitude_um", amplitude_um, 0.0, MAX_AMPLITUDE_UM)
+    gradient: Gradient | None,
+    noise: Noise | None,
+) -> dict[str, Any]:
+    """Return the field of the one given content; `where` is the caller in errors. Raises RefusedError."""
     kinds = {
         "grating": (grating, Grating),
         "map": (image, Map),
@@ -238,59 +140,9 @@ def target_fields(
     }
     for name, (value, kind) in kinds.items():
         if value is not None and not isinstance(value, kind):
-            raise RefusedError(f"{name}: must be a {kind.__name__}, not {_shown(value)}.")
-        if value is not None:
-            given[name] = value.fields()
+            raise RefusedError(f"{name}: must be a {kind.__name__}, not {shown(value)}.")
+    values = {"friction": friction, "amplitude_um": amplitude_um, **{name: value for name, (value, _) in kinds.items()}}
+    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     if len(given) != 1:
-        raise RefusedError(f"{where}: give exactly one of friction, amplitude_um, {', '.join(kinds)}.")
-    return given
-
-
-def priority_field(priority: int) -> Fields:
-    """Return the field of a target's priority; none for 0, which an older daemon serves too. Raises RefusedError."""
-    if type(priority) is not int or not 0 <= priority <= MAX_PRIORITY:
-        raise RefusedError(f"priority: must be a whole number, 0 .. {MAX_PRIORITY}.")
-    return {"priority": priority} if priority > 0 else {}
-
-
-def path_fields(points_mm: Iterable[Sequence[float]], speed_mm_s: float, loop: bool) -> Fields:
-    """Return the fields of a virtual finger's path. Raises RefusedError."""
-    try:
-        points = [[number("position", value, -MAX_POSITION_MM, MAX_POSITION_MM) for value in one] for one in points_mm]
-    except TypeError:
-        raise RefusedError("path: a point has two numbers, x and y.") from None
-    if not 1 <= len(points) <= MAX_PATH_POINTS:
-        raise RefusedError(f"path: has {len(points)} points, it must have 1 .. {MAX_PATH_POINTS}.")
-    if any(len(point) != 2 for point in points):
-        raise RefusedError("path: a point has two numbers, x and y.")
-    speed = number("speed_mm_s", speed_mm_s, 0.0, MAX_SPEED_MM_S)
-    return {"path_mm": points, "speed_mm_s": speed, "loop": bool(loop)}
-
-
-def number(name: str, value: object, low: float, high: float) -> float:
-    """Validate a number within low .. high; NaN is refused."""
-    try:
-        given = math.nan if isinstance(value, str) else float(value)  # type: ignore[arg-type]
-    except TypeError:
-        given = math.nan
-    if math.isnan(given) and not isinstance(value, float):
-        raise RefusedError(f"{name}: must be a number, not {_shown(value)}.")
-    if low <= given <= high:
-        return given
-    raise RefusedError(f"{name}: {given:g} is out of bounds, it must be {low:g} .. {high:g}.")
-
-
-def label(name: str, value: object) -> str:
-    """Validate a name of 1 .. 32 printable characters."""
-    return printable(name, value, 32)
-
-
-def printable(name: str, value: object, longest: int) -> str:
-    """Validate a text of 1 .. `longest` printable characters."""
-    if isinstance(value, str) and 1 <= len(value) <= longest and value.isprintable():
-        return value
-    raise RefusedError(f"{name}: must have 1 .. {longest} printable characters.")
-
-
-def _shown(value: object) -> str:
-    return repr(value)[:40]
+        raise RefusedError(f"{where}: give exactly one of {', '.join(CONTENTS)}.")
+    return given if image is None else {"map": image.message}

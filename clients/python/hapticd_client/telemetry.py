@@ -7,9 +7,11 @@ import time
 
 import zmq
 
+from hapticd_contract.states import PlateState
+
 from .endpoint import Endpoint
 from .errors import DaemonGoneError
-from .messages import PlateState, decode_state
+from .messages import decode_state
 
 FRESH_S = 0.25  # the daemon sends a state at least ten times a second
 

@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
-from ...content_values import MapTarget, Target
+from msgspec.structs import replace
+
+from hapticd_contract.contents import Content, LevelMap
+
 from ...errors import RequestError
 from .shares import UserOf, host_of, left, spoken
 
@@ -123,9 +126,9 @@ class Assets:
 
     # --- use ---
 
-    def refusal(self, target: Target) -> str:
+    def refusal(self, target: Content) -> str:
         """Return why a target cannot have its asset; empty if it can, or needs none."""
-        if not isinstance(target, MapTarget) or not target.asset:
+        if not isinstance(target, LevelMap) or not target.asset:
             return ""
         asset, size = self._assets.get(target.asset), target.width * target.height
         if asset is None:
@@ -134,9 +137,9 @@ class Assets:
             return f"needs {size} bytes of levels, its asset has {len(asset.levels)}."
         return ""
 
-    def resolved(self, target: Target) -> Target:
+    def resolved(self, target: Content) -> Content:
         """Return a target with its asset's levels, which is in use from now on."""
-        if not isinstance(target, MapTarget) or not target.asset:
+        if not isinstance(target, LevelMap) or not target.asset:
             return target
         asset = self._assets[target.asset]
         asset.is_used = True
@@ -146,10 +149,10 @@ class Assets:
         """Return whether to `look` again."""
         return t_ns - self._t_looked_ns >= LOOK_NS and bool(self._assets or self._uploads)
 
-    def look(self, in_force: Iterable[Target], t_ns: int) -> None:
+    def look(self, in_force: Iterable[Content], t_ns: int) -> None:
         """Note which assets the targets in force use, and drop what was not used for long."""
         self._t_looked_ns = t_ns
-        used = {target.asset for target in in_force if isinstance(target, MapTarget)}
+        used = {target.asset for target in in_force if isinstance(target, LevelMap)}
         for digest, asset in tuple(self._assets.items()):
             asset.is_used = digest in used
             if asset.is_used:

@@ -11,7 +11,9 @@ import math
 from itertools import accumulate, pairwise
 from typing import Final, NamedTuple
 
-from ...content_values import Polygon, Surface, Target, VirtualPath
+from hapticd_contract.contents import Content
+from hapticd_contract.surfaces import Polygon, Surface, VirtualPath
+
 from .textures.registry import content_ns
 
 KNOTS: Final = 6  # of a frame, for which a layer is judged: what most frames have where textures are
@@ -40,23 +42,24 @@ class LayerCost(NamedTuple):
 
 def layer_cost(surface: Surface) -> LayerCost:
     """Return what a surface costs while it is in force."""
-    sides = len(surface.shape.points_mm) if isinstance(surface.shape, Polygon) else 0
-    walk_ns = 0.0 if surface.path is None else _WALK_NS
+    shape, path = surface.shape, surface.path
+    sides = len(shape.corners_mm) if isinstance(shape, Polygon) else 0
+    walk_ns = 0.0 if path is None else _WALK_NS
     turning_ns = _TURNING_NS if surface.turning_rad_s != 0.0 else 0.0
     frame_ns = _LOOK_UP_NS + _SIDE_NS * sides + walk_ns + turning_ns
-    legs = 1.0 if surface.path is None or surface.shape is None else 1.0 + turns(surface.path)
+    legs = 1.0 if path is None or shape is None else 1.0 + turns(path)
     way_ns = _EDGES_NS + legs * (_LEG_NS + 4.0 * _SIDE_NS * sides + walk_ns + turning_ns)
     return LayerCost(way_ns, frame_ns + content_ns(surface.content))
 
 
-def virtual_ns(target: Target | None) -> float:
+def virtual_ns(target: Content | None) -> float:
     """Return what a virtual finger's place and target cost at one instant."""
     return _WALK_NS + content_ns(target)
 
 
 def turns(path: VirtualPath) -> int:
     """Return how many corners of its path a layer may pass in one frame, up to MAX_EDGES."""
-    points, reach_mm = path.points_mm, path.speed_mm_s * LONGEST_FRAME_S
+    points, reach_mm = path.path_mm, path.speed_mm_s * LONGEST_FRAME_S
     if len(points) < 2 or not reach_mm > 0.0:
         return 0
     arcs_mm = list(accumulate((math.dist(a, b) for a, b in pairwise(points)), initial=0.0))

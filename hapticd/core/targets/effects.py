@@ -9,7 +9,9 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from ...content_values import Cause, ClientTargets, Effect, Envelope, Modulation, Pulse
+from hapticd_contract.effects import At, Effect, Envelope, Now, OnEdge, Pulse, Start
+from hapticd_contract.targets import ClientTargets
+
 from ..trajectory.knots import GRAIN_NS
 from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer
@@ -17,6 +19,7 @@ from .shares import UserOf, left, spoken
 from .surfaces import NEVER_NS, Surfaces
 
 Key = int | str
+Cause = type[Start]
 
 MAX_EFFECTS: Final = 64  # of all clients
 MAX_PLAYING: Final = 32  # each is looked at for every finger at every knot
@@ -30,29 +33,27 @@ class Held:
     """One effect with its owner. `layer` is the surface it is on, `trigger` the one that starts it, None without."""
 
     __slots__ = (
-        *("corners", "course", "effect", "is_due", "is_gone", "is_new", "layer", "name", "owner"),
-        *("started_ns", "t_expires_ns", "t_from_ns", "trigger"),
+        *("cause", "corners", "course", "effect", "is_due", "is_gone", "is_new", "is_wave", "layer", "name", "on"),
+        *("owner", "started_ns", "t_expires_ns", "t_from_ns", "trigger"),
     )
 
-    def __init__(self, name: str, owner: str, effect: Effect, t_ns: int) -> None:
-        self.name: Final = name
+    def __init__(self, owner: str, effect: Effect, t_ns: int) -> None:
+        self.name: Final = effect.name
         self.owner: Final = owner
         self.effect: Final = effect
+        self.on: Final = effect.on
+        self.cause: Final[Cause] = type(effect.start)
+        self.is_wave: Final = effect.loops or effect.modulation is not None  # needs knots again and again
         self.course: Final = Course(effect.form, effect.loops)
         self.t_from_ns: Final = t_ns
         self.t_expires_ns = t_ns
         self.corners = 0  # at most in one frame
-        self.is_due = effect.start.cause is Cause.NOW or effect.start.cause is Cause.AT
+        self.is_due = self.cause is Now or self.cause is At
         self.is_gone = False
         self.is_new = True
         self.layer: Layer | None = None
         self.trigger: Layer | None = None
         self.started_ns: dict[int, int] = {}  # by finger
-
-    @property
-    def is_wave(self) -> bool:
-        """Whether it needs knots again and again."""
-        return self.effect.loops or isinstance(self.effect.form, Modulation)
 
 
 class Playing:
@@ -105,10 +106,11 @@ class Effects:
         refusals: list[str] = []
         user = self._user_of(message.client)
         room = left(MAX_EFFECTS, user, len(others), self._count(others, user))
-        for name, effect in message.effects.items():
+        for effect in message.effects:
+            name = effect.name
             held = before.get(name)
             if held is None or held.effect != effect:
-                held = Held(name, message.client, effect, t_ns)
+                held = Held(message.client, effect, t_ns)
                 held.corners = held.course.most_corners(self._least_span_ns)
             refusal = self._refusal(held, owner_of)
             if room < 1.0:
@@ -136,7 +138,8 @@ class Effects:
 
     def _has_been_played(self, held: Held) -> bool:
         """Whether a message started this with the same id before: one that is refreshed after it expired is old."""
-        start_id = held.effect.start.start_id
+        start = held.effect.start
+        start_id = start.id if isinstance(start, Now) else 0
         if start_id == 0 or held.course.length_ns == ENDLESS_NS:
             return False
         key = (held.owner, held.name)
@@ -158,12 +161,12 @@ class Effects:
     def _refusal(self, held: Held, owner_of: OwnerOf) -> str:
         """Return why an effect is refused; empty if it is not."""
         effect = held.effect
-        for name in (effect.on, effect.start.surface):
-            if isinstance(name, str) and name and self._surfaces.layer(held.owner, name) is None:
+        for name in effect.surfaces:
+            if self._surfaces.layer(held.owner, name) is None:
                 return f"names surface {name!r}, which was refused."
-        owner = owner_of(effect.on) if isinstance(effect.on, int) else None
+        owner = None if effect.finger is None else owner_of(effect.finger)
         if owner is not None and owner != held.owner:
-            return f"is on finger {effect.on}, which is held by {owner!r}: wait until that client releases it."
+            return f"is on finger {effect.finger}, which is held by {owner!r}: wait until that client releases it."
         asked_um = _largest_um(held)
         if asked_um > self._w_limit_um:
             return f"cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
@@ -172,7 +175,7 @@ class Effects:
             return ""
         span_ms = self._least_span_ns * 1e-6
         hint = f"make it {held.corners - room} corners less dense."
-        if isinstance(effect.form, Modulation):
+        if effect.modulation is not None:
             most_hz = room / (SINE_CORNERS * self._least_span_ns * 1e-9)
             hint = f"a sine has at most {math.floor(most_hz)} Hz."
         return f"needs {held.corners} knots in {span_ms:.3g} ms, a frame on this link has {max(room, 0)}: {hint}"
@@ -212,19 +215,19 @@ class Effects:
         self._layers, self._of_layers, self._of_fingers = layers, {}, {}
         named = {(layer.owner, layer.name): layer for layer in layers}
         for held in self.held:
-            on, start = held.effect.on, held.effect.start
+            on, start = held.on, held.effect.start
             held.layer = named.get((held.owner, on)) if isinstance(on, str) else None
-            held.trigger = named.get((held.owner, start.surface))
+            held.trigger = named.get((held.owner, start.surface)) if isinstance(start, OnEdge) else None
             if held.trigger is not None:
                 self._of_layers.setdefault(held.trigger, []).append(held)
             else:
-                self._of_fingers.setdefault(start.cause, []).append(held)
+                self._of_fingers.setdefault(held.cause, []).append(held)
 
     def caused(self, cause: Cause, layer: Layer | None) -> list[Held]:
         """Return the effects that this cause starts; `layer` is the one that was entered, left or crossed."""
         if layer is None:
             return self._of_fingers.get(cause, [])
-        return [held for held in self._of_layers.get(layer, []) if held.effect.start.cause is cause]
+        return [held for held in self._of_layers.get(layer, []) if held.cause is cause]
 
     # --- reading, for the touch path ---
 
@@ -283,7 +286,7 @@ def _reaches(one: Playing, finger_id: int, place_mm: tuple[float, float], t_ns: 
     """Return whether a finger feels what plays."""
     if one.finger_id != EVERYONE:
         return one.finger_id == finger_id
-    on = one.held.effect.on
+    on = one.held.on
     if isinstance(on, int):
         return on == finger_id
     if on is None:
@@ -297,7 +300,7 @@ def _is_met(one: Playing, finger_id: int, owner: str | None, predicted_mm: Predi
     held = one.held
     if owner is not None and owner != held.owner:
         return False
-    if one.finger_id != EVERYONE or not isinstance(held.effect.on, str):
+    if one.finger_id != EVERYONE or not isinstance(held.on, str):
         return _reaches(one, finger_id, (0.0, 0.0), from_ns)
     layer = held.layer
     if layer is None:

@@ -12,7 +12,8 @@ import math
 from bisect import bisect_right
 from typing import Final
 
-from ...content_values import Envelope, Form, Modulation, Pulse, Wave
+from hapticd_contract.effects import Envelope, Form, Modulation, Pulse
+
 from ..trajectory.knots import GRAIN_NS
 
 SINE_CORNERS: Final = 7  # six would be 3.6 % of the depth off
@@ -114,8 +115,9 @@ def _polyline(form: Form) -> tuple[list[int], list[float]]:
     if isinstance(form, Modulation):
         return _wave(form)
     if isinstance(form, Pulse):
-        fall_s = form.length_s - form.rise_s
-        points = [(0.0, 0.0), (form.rise_s, form.height_um), (fall_s, form.height_um), (form.length_s, 0.0)]
+        rise_s = form.ramp_s
+        fall_s = form.length_s - rise_s
+        points = [(0.0, 0.0), (rise_s, form.height_um), (fall_s, form.height_um), (form.length_s, 0.0)]
     else:
         points = list(form.points)
     times_ns: list[int] = []
@@ -126,8 +128,8 @@ def _polyline(form: Form) -> tuple[list[int], list[float]]:
 
 def _wave(form: Modulation) -> tuple[list[int], list[float]]:
     period_ns = _on_grid(1.0 / form.frequency_hz)
-    high, low, half = 1.0, 1.0 - form.depth_frac, 0.5 * form.depth_frac
-    if form.wave is Wave.SQUARE:
+    high, low, half = 1.0, 1.0 - form.depth, 0.5 * form.depth
+    if form.shape == "square":
         turn_ns = period_ns // (2 * GRAIN_NS) * GRAIN_NS
         return [0, turn_ns, turn_ns + GRAIN_NS, period_ns - GRAIN_NS, period_ns], [high, high, low, low, high]
     times_ns, values = [], []

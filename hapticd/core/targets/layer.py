@@ -8,9 +8,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ...content_values import Blend, Circle, Polygon, Surface
+from hapticd_contract.contents import Content
+from hapticd_contract.surfaces import Circle, Polygon, Surface
+
 from .costs import layer_cost
-from .textures.texture import Amplitude, Detail
+from .textures.texture import AmplitudeAt, Detail
 from .virtual_paths import Walk
 
 OUTSIDE_UM: Final = -1.0  # no amplitude is negative
@@ -22,29 +24,39 @@ class Layer:
 
     __slots__ = (
         *("_angle_rad", "_cos", "_moves", "_radius_mm", "_reach_mm", "_sides", "_sin", "_turning_rad_s", "_vx_mm_s"),
-        *("_vy_mm_s", "_walk", "_x_mm", "_y_mm", "adds", "born", "cost", "finest_mm", "is_smooth", "is_whole"),
-        *("name", "owner", "replaces", "scale", "speed_mm_s", "surface", "t_expires_ns", "t_pose_ns", "texture", "z"),
+        *("_vy_mm_s", "_walk", "_x_mm", "_y_mm", "adds", "born", "content", "corners", "cost", "finest_mm"),
+        *("is_smooth", "is_whole", "name", "owner", "replaces", "scale", "speed_mm_s", "surface", "t_expires_ns"),
+        *("t_pose_ns", "texture", "z"),
     )
 
     def __init__(
-        self, name: str, owner: str, surface: Surface, texture: Amplitude, detail: Detail, born: int, t_pose_ns: int
+        self,
+        owner: str,
+        surface: Surface,
+        content: Content,
+        texture: AmplitudeAt,
+        detail: Detail,
+        born: int,
+        t_pose_ns: int,
     ) -> None:
-        self.name: Final = name
+        self.name: Final = surface.name
         self.owner: Final = owner
         self.surface: Final = surface
+        self.content: Final = content
         self.texture: Final = texture
         self.born: Final = born
         self.z: Final = surface.z
         self.cost: Final = layer_cost(surface)
         self.t_pose_ns: Final = t_pose_ns
         self.t_expires_ns = t_pose_ns
-        self.replaces: Final = surface.blend is Blend.REPLACE
-        self.adds: Final = surface.blend is Blend.ADD
+        self.replaces: Final = surface.blend == "replace"
+        self.adds: Final = surface.blend == "add"
         self.finest_mm: Final = detail.finest_mm
         self.is_smooth: Final = detail.smooth
         self._x_mm, self._y_mm = surface.position_mm
         self._vx_mm_s, self._vy_mm_s = surface.velocity_mm_s
-        self._walk: Final = None if surface.path is None else Walk(surface.path, t_pose_ns)
+        path = surface.path
+        self._walk: Final = None if path is None else Walk(path, t_pose_ns)
         self._turning_rad_s: Final = surface.turning_rad_s
         self._moves: Final = self._vx_mm_s != 0.0 or self._vy_mm_s != 0.0
         self._angle_rad: Final = surface.angle_rad
@@ -55,8 +67,8 @@ class Layer:
         self.is_whole: Final = shape is None
         self._radius_mm: Final = shape.radius_mm if isinstance(shape, Circle) else 0.0
         self._sides: Final = _sides(shape) if isinstance(shape, Polygon) else []
+        self.corners: Final = len(self._sides)
         self._reach_mm: Final = _reach_mm(shape) * surface.scale
-        path = surface.path
         self.speed_mm_s: Final = math.hypot(self._vx_mm_s, self._vy_mm_s) if path is None else path.speed_mm_s
 
     def local_mm(self, x_mm: float, y_mm: float, t_ns: int) -> tuple[float, float]:
@@ -151,7 +163,7 @@ def _circle_crossings(u_mm: float, v_mm: float, du: float, dv: float, radius_mm:
 
 
 def _sides(polygon: Polygon) -> list[_Side]:
-    points = polygon.points_mm
+    points = polygon.corners_mm
     return [(*points[index - 1], *points[index]) for index in range(len(points))]
 
 
@@ -161,4 +173,4 @@ def _reach_mm(shape: Circle | Polygon | None) -> float:
         return math.inf
     if isinstance(shape, Circle):
         return shape.radius_mm * (1.0 + 1e-9)
-    return max([math.hypot(x_mm, y_mm) for x_mm, y_mm in shape.points_mm]) * (1.0 + 1e-9)
+    return max([math.hypot(x_mm, y_mm) for x_mm, y_mm in shape.corners_mm]) * (1.0 + 1e-9)

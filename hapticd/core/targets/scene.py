@@ -10,7 +10,10 @@ import math
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 
-from ...content_values import ClientTargets, Target, VirtualPath
+from hapticd_contract.contents import Content
+from hapticd_contract.surfaces import VirtualPath
+from hapticd_contract.targets import ClientTargets
+
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from .assets import Assets
 from .costs import virtual_ns
@@ -18,7 +21,7 @@ from .effects import Effects
 from .shares import UserOf, host_of, left, spoken
 from .surfaces import NEVER_NS, Surfaces
 from .textures.registry import Sliding, amplitude, content_ns, detail, refusal
-from .textures.texture import NO_DETAIL, Amplitude, Detail
+from .textures.texture import NO_DETAIL, AmplitudeAt, Detail
 from .virtual_paths import Walk
 
 __all__ = ["MAX_CLIENTS", "MAX_VIRTUALS", "Scene", "Virtual"]
@@ -45,9 +48,9 @@ class _Held:
 
     owner: str
     t_expires_ns: int
-    target: Target | None
+    target: Content | None
     priority: int
-    texture: Amplitude | None
+    texture: AmplitudeAt | None
     detail: Detail
     walk: Walk | None
     place_ns: float  # estimated for its target, and its place on a path, at one instant
@@ -88,12 +91,16 @@ class Scene:
         refusals: list[str] = []
         user = self.user_of(message.client)
         room = self._room_for_virtuals(message.client, user)
-        for key in dict.fromkeys((*message.virtuals, *message.targets)):
-            refusal = self._refusal(message, key, user, room)
+        targets = {one.finger: one for one in message.targets}
+        paths = {one.name: one.path for one in message.virtuals}
+        for key in dict.fromkeys((*paths, *targets)):
+            target, path = targets.get(key), paths.get(key) if isinstance(key, str) else None
+            content = None if target is None else target.content
+            refusal = self._refusal(message.client, key, path, content, user, room)
             if refusal is not None:
                 refusals.append(refusal)
                 continue
-            requested[key] = self._hold(message, key, t_ns)
+            requested[key] = self._hold(message, key, path, content, 0 if target is None else target.priority, t_ns)
             room -= isinstance(key, str)
         self._drop([key for key in self._keys_of(message.client) if key not in requested])
         for key, held in requested.items():
@@ -145,7 +152,7 @@ class Scene:
             next_ns = min(next_ns, held.t_expires_ns)
         return None if next_ns == NEVER_NS else next_ns
 
-    def target_of(self, key: Key) -> Target | None:
+    def target_of(self, key: Key) -> Content | None:
         """The target of a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.target
@@ -224,17 +231,19 @@ class Scene:
 
     # --- ownership ---
 
-    def _refusal(self, message: ClientTargets, key: Key, user: str, room: float) -> str | None:
+    def _refusal(
+        self, client: str, key: Key, path: VirtualPath | None, content: Content | None, user: str, room: float
+    ) -> str | None:
         """Return why the client's request for this finger is refused, None if it is not."""
         owner = self.owner_of(key)
-        if owner is None and self._is_crowded(message.client, user):
+        if owner is None and self._is_crowded(client, user):
             most = spoken(MAX_CLIENTS, "clients that hold fingers", user)
             return f"{_spoken(key)}: the plate has {most}: one must release its own first."
-        if owner is not None and owner != message.client:
+        if owner is not None and owner != client:
             return f"{_spoken(key)} is held by {owner!r}: wait until that client releases it."
-        if isinstance(key, str) and key not in message.virtuals:
+        if isinstance(key, str) and path is None:
             return f"{_spoken(key)} has a target but no path: send its path in the same message."
-        if isinstance(key, str) and not self._is_on_plate(message.virtuals[key]):
+        if path is not None and not self._is_on_plate(path):
             width_mm, depth_mm = self._plate_size_mm
             return (
                 f"{_spoken(key)} leaves the plate: its path must lie within ±{0.5 * width_mm:g} mm in x and "
@@ -243,43 +252,49 @@ class Scene:
         if isinstance(key, str) and room < 1.0:
             most = spoken(MAX_VIRTUALS, "virtual fingers", user)
             return f"{_spoken(key)} is one too many: the plate serves {most}."
-        return self._refusal_of_target(key, message.targets.get(key))
+        return self._refusal_of_target(key, content)
 
     def _is_on_plate(self, path: VirtualPath) -> bool:
-        return all(self.holds_place(x_mm, y_mm) for x_mm, y_mm in path.points_mm)
+        return all(self.holds_place(x_mm, y_mm) for x_mm, y_mm in path.path_mm)
 
-    def _refusal_of_target(self, key: Key, target: Target | None) -> str | None:
+    def _refusal_of_target(self, key: Key, target: Content | None) -> str | None:
         if target is None:
             return None
         why = refusal(target, self.friction_curve, self._w_limit_um) or self.assets.refusal(target)
         return f"{_spoken(key)} {why}" if why else None
 
-    def _hold(self, message: ClientTargets, key: Key, t_ns: int) -> _Held:
+    def _hold(
+        self,
+        message: ClientTargets,
+        key: Key,
+        path: VirtualPath | None,
+        target: Content | None,
+        priority: int,
+        t_ns: int,
+    ) -> _Held:
         """Return the finger's new entry; what did not change is kept, so that a refreshed path keeps its phase."""
         before = self._held.get(key, _UNHELD)
-        target = message.targets.get(key)
-        path = message.virtuals.get(key) if isinstance(key, str) else None
         return _Held(
             owner=message.client,
             t_expires_ns=t_ns + message.ttl_ns,
             target=target,
-            priority=message.priorities.get(key, 0),
+            priority=priority,
             texture=before.texture if before.target == target else self._texture(target),
             detail=detail(target, self._plate_size_mm),
             walk=_walk(path, t_ns, before.walk),
             place_ns=content_ns(target) if path is None else virtual_ns(target),
         )
 
-    def _texture(self, target: Target | None) -> Amplitude | None:
+    def _texture(self, target: Content | None) -> AmplitudeAt | None:
         if target is None:
             return None
         resolved, curve = self.assets.resolved(target), self.friction_curve
         return amplitude(resolved, curve, self._plate_size_mm, self._w_limit_um, self._sliding)
 
-    def _in_force(self) -> list[Target]:
+    def _in_force(self) -> list[Content]:
         """Return all targets and contents in force."""
         targets = [held.target for held in self._held.values() if held.target is not None]
-        return targets + [layer.surface.content for layer in self.surfaces.layers]
+        return targets + [layer.content for layer in self.surfaces.layers]
 
     def _room_for_virtuals(self, client: str, user: str) -> float:
         others = [held.owner for _, held, _ in self._walking() if held.owner != client]

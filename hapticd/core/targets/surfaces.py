@@ -11,7 +11,10 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from ...content_values import Circle, ClientTargets, Polygon, Surface, Target
+from hapticd_contract.contents import Content
+from hapticd_contract.surfaces import Circle, Surface
+from hapticd_contract.targets import ClientTargets
+
 from ..friction import FrictionCurve
 from ..trajectory.knots import GRAIN_NS
 from .assets import Assets
@@ -19,7 +22,7 @@ from .costs import MAX_EDGES
 from .layer import Layer
 from .shares import UserOf, left, spoken
 from .textures.registry import Sliding, amplitude, detail, fills_shape, refusal
-from .textures.texture import Amplitude
+from .textures.texture import AmplitudeAt
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -88,12 +91,12 @@ class Surfaces:
         mine: list[Layer] = []
         refusals: list[str] = []
         room = _Room(others, self._user_of, message.client)
-        for name, surface in message.surfaces.items():
-            refusal = self._refusal(surface)
+        for surface in message.surfaces:
+            name, refusal = surface.name, self._refusal(surface.content)
             if refusal:
                 refusals.append(f"surface {name!r} {refusal}")
                 continue
-            layer = self._layer(name, message.client, surface, before.get(name), t_ns)
+            layer = self._layer(message.client, surface, before.get(name), t_ns)
             refusal = room.refusal(layer)
             if refusal:
                 refusals.append(f"surface {name!r} {refusal}")
@@ -187,11 +190,11 @@ class Surfaces:
 
     # --- the stack ---
 
-    def _refusal(self, surface: Surface) -> str:
+    def _refusal(self, content: Content) -> str:
         """Return why a surface is refused that has room; empty if it is not."""
-        return refusal(surface.content, self._curve, self._w_limit_um) or self._assets.refusal(surface.content)
+        return refusal(content, self._curve, self._w_limit_um) or self._assets.refusal(content)
 
-    def _layer(self, name: str, owner: str, surface: Surface, before: Layer | None, t_ns: int) -> Layer:
+    def _layer(self, owner: str, surface: Surface, before: Layer | None, t_ns: int) -> Layer:
         """Return the surface's layer; what did not change is kept, so that a refreshed one stays where it is."""
         if before is not None and before.surface == surface:
             return before
@@ -201,10 +204,11 @@ class Surfaces:
         born = self._born if before is None else before.born
         self._born += before is None
         size_mm = _size_mm(surface, self._plate_size_mm)
-        fine = detail(surface.content, size_mm)
-        return Layer(name, owner, surface, self._texture(surface.content, size_mm), fine, born, t_pose_ns)
+        content = surface.content
+        fine = detail(content, size_mm)
+        return Layer(owner, surface, content, self._texture(content, size_mm), fine, born, t_pose_ns)
 
-    def _texture(self, content: Target, size_mm: tuple[float, float]) -> Amplitude:
+    def _texture(self, content: Content, size_mm: tuple[float, float]) -> AmplitudeAt:
         return amplitude(self._assets.resolved(content), self._curve, size_mm, self._w_limit_um, self._sliding)
 
     def _stack(self, layers: list[Layer]) -> None:
@@ -231,7 +235,7 @@ class _Room:
 
     def take(self, layer: Layer, *, is_own: bool) -> None:
         """Count a layer; `is_own`: it is one of the client's user."""
-        for index, amount in enumerate((1.0, float(_corners(layer.surface)), layer.cost.pass_us)):
+        for index, amount in enumerate((1.0, float(layer.corners), layer.cost.pass_us)):
             self._used[index] += amount
             self._used_by_user[index] += amount if is_own else 0.0
 
@@ -243,7 +247,7 @@ class _Room:
         ]
         if surfaces < 1.0:
             return f"is one too many: the plate has {spoken(MAX_SURFACES, 'surfaces', self._user)}."
-        if corners < _corners(layer.surface):
+        if corners < layer.corners:
             most = spoken(MAX_CORNERS, "corners", self._user)
             return f"has too many corners: {corners:g} are left, the plate has {most}."
         asked_us = layer.cost.pass_us
@@ -261,10 +265,6 @@ _MOST: Final = (MAX_SURFACES, MAX_CORNERS, MAX_PASS_US)
 
 def _about_ns(crossing: Crossing) -> float:
     return crossing.at_ns
-
-
-def _corners(surface: Surface) -> int:
-    return len(surface.shape.points_mm) if isinstance(surface.shape, Polygon) else 0
 
 
 def _pose(surface: Surface) -> tuple[object, ...]:
@@ -286,8 +286,8 @@ def _size_mm(surface: Surface, plate_size_mm: tuple[float, float]) -> tuple[floa
         return plate_size_mm
     if isinstance(shape, Circle):
         return 2.0 * shape.radius_mm, 2.0 * shape.radius_mm
-    half_x_mm = max([abs(x_mm) for x_mm, _ in shape.points_mm])
-    half_y_mm = max([abs(y_mm) for _, y_mm in shape.points_mm])
+    half_x_mm = max([abs(x_mm) for x_mm, _ in shape.corners_mm])
+    half_y_mm = max([abs(y_mm) for _, y_mm in shape.corners_mm])
     return 2.0 * half_x_mm, 2.0 * half_y_mm
 
 

@@ -10,7 +10,7 @@ from bisect import bisect_right
 from itertools import accumulate, pairwise
 from typing import Final
 
-from ...content_values import VirtualPath
+from hapticd_contract.surfaces import VirtualPath
 
 SHORT_MM: Final = 1e-3  # nothing is felt of a path as short as that
 
@@ -23,7 +23,7 @@ class Walk:
     def __init__(self, path: VirtualPath, t_start_ns: int) -> None:
         self.path = path
         self.t_start_ns = t_start_ns
-        self._arc_mm = tuple(accumulate((math.dist(a, b) for a, b in pairwise(path.points_mm)), initial=0.0))
+        self._arc_mm = tuple(accumulate((math.dist(a, b) for a, b in pairwise(path.path_mm)), initial=0.0))
         there_mm, length_mm = list(self._arc_mm), self._arc_mm[-1]
         back_mm = [2.0 * length_mm - mm for mm in there_mm[-2::-1]] if path.loop else []
         self._corners_mm = there_mm + back_mm  # of one lap
@@ -32,7 +32,7 @@ class Walk:
 
     def position_mm(self, t_ns: int) -> tuple[float, float]:
         """The position at an instant; before the start, the first point."""
-        points, arc_mm = self.path.points_mm, self._arc_mm
+        points, arc_mm = self.path.path_mm, self._arc_mm
         along_mm = self._along_mm(t_ns)
         index = bisect_right(arc_mm, along_mm) - 1
         if index >= len(points) - 1:

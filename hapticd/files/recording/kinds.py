@@ -20,12 +20,14 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
 
+from hapticd_contract.states import Perceived, PlateEvent
+from hapticd_contract.targets import ClientTargets
+
 from ...board_values import BoardStatus
-from ...content_values import ClientTargets
 from ...core.board.ledger import LedgerLine
 from ...errors import RecordingError
-from ...values import Finger, Perceived, PlateEvent, RawReport, Tick
-from .client_message import payload_of
+from ...values import Finger, RawReport, Tick
+from ...wire.client import encode_targets
 
 MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits
 MAX_MESSAGE_BYTES = 1 << 20
@@ -132,7 +134,7 @@ def _reports(batch: Sequence[RawReport]) -> Fields:
 
 
 def _targets(payload: bytes | ClientTargets, user: str) -> Fields:
-    return {"payload": payload if isinstance(payload, bytes) else payload_of(payload), "user": user}
+    return {"payload": payload if isinstance(payload, bytes) else encode_targets(payload), "user": user}
 
 
 def _trackpad_link(is_up: bool, reason: str, model: str | None) -> Fields:
@@ -162,18 +164,12 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
 
 
 def _known(perceived: Perceived) -> Fields:
-    return {name: number for name, number in perceived._asdict().items() if number is not None}
+    return {name: number for name in PERCEIVED if (number := getattr(perceived, name)) is not None}
 
 
 def _event(event: PlateEvent) -> Fields:
-    fields: Fields = {"number": event.seq, "kind": event.kind.value, "t_cause_ns": event.t_ns}
-    if event.t_device_ns is not None:
-        fields["t_device_ns"] = event.t_device_ns
-    if event.finger_id is not None:
-        fields["finger_id"] = event.finger_id
-    if event.place_mm is not None:
-        fields["x_mm"], fields["y_mm"] = event.place_mm
-    return fields | {"client": event.client, "surface": event.surface, "effect": event.effect}
+    values = {name: getattr(event, name) for name in PlateEvent.__struct_fields__}
+    return {_EVENT_NAMES.get(name, name): value for name, value in values.items() if value is not None}
 
 
 def _status(status: BoardStatus) -> Fields:
@@ -190,9 +186,10 @@ def _ledger(line: LedgerLine) -> Fields:
     return {name: getattr(line, name) for name in LEDGER}
 
 
+_EVENT_NAMES = {"seq": "number", "t_ns": "t_cause_ns", "finger": "finger_id"}
 _FINGER: dict[str, Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
 _POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
-PERCEIVED = Perceived._fields
+PERCEIVED = Perceived.__struct_fields__
 _COUNTERS = (
     *("t_board_us", "seq", "t_received_us", "t_applied_us"),
     *("fault_code", "deadman_trips", "bad_frames", "late_frames"),

@@ -9,20 +9,22 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Meta
 
-from ...errors import RequestError
-from ...wire.fields import Fields, bounded, items, label, unpack
+from hapticd_contract.base import Contract, Name, Place
+
+from ...wire.client import read, unpack
 from .paths import Path
 
 MAX_HANDS = 5  # one hand
 GLIDE_S = 0.03  # two reports of a typical pointing device
 TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
-MAX_POSITION_MM = 1000.0
 KEPT_S = 0.25  # of past positions, for a sensor that samples a little later
 
 Array = npt.NDArray[np.float64]
@@ -125,21 +127,13 @@ class YieldingPath:
         return position
 
 
+class _Held(Contract, frozen=True):
+    """The fingers that are down, by name; nil: the scenario's fingers are to lift."""
+
+    fingers: Annotated[dict[Name, Place], Meta(max_length=MAX_HANDS)] | None
+
+
 def decode_hands(payload: bytes) -> dict[str, Point] | None:
     """Decode the fingers that are down, by name, or None: the scenario's fingers are to lift. Raises RequestError."""
-    fields = Fields(unpack(payload))
-    fingers = fields.take("fingers")
-    fields.end()
-    if fingers is None:
-        return None
-    if not isinstance(fingers, dict) or len(fingers) > MAX_HANDS:
-        raise RequestError(f"fingers: must be a map of at most {MAX_HANDS} fingers to [x_mm, y_mm].")
-    return {label(name, "fingers"): _point(point, f"fingers.{name}"[:48]) for name, point in fingers.items()}
-
-
-def _point(value: object, where: str) -> Point:
-    numbers: Sequence[object] = items(value, 2, where)
-    if len(numbers) != 2:
-        raise RequestError(f"{where}: a point has two numbers, x and y.")
-    x_mm, y_mm = (bounded(number, -MAX_POSITION_MM, MAX_POSITION_MM, where) for number in numbers)
-    return x_mm, y_mm
+    held: _Held = read(unpack(payload), _Held)
+    return held.fingers

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ...content_values import VirtualPath
+from hapticd_contract.surfaces import VirtualPath
+
 from .paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1

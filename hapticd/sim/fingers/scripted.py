@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...content_values import AmplitudeTarget, ClientTargets, Target
+from hapticd_contract.contents import Amplitude, Content
+from hapticd_contract.targets import ClientTargets
+
 from .scenarios import Actor
 
 TTL_NS = 500_000_000
@@ -35,7 +37,7 @@ class ScriptedClient:
         self.actor_of: dict[int | str, int] = {
             virtual_name(index): index for index, actor in enumerate(actors) if actor.virtual is not None
         }
-        self._last: dict[int | str, Target] = {}
+        self._last: dict[int | str, Content] = {}
         self._t_last_s = -math.inf
 
     def message(
@@ -48,16 +50,16 @@ class ScriptedClient:
         for finger_id, x_mm, y_mm in fingers:
             if finger_id not in self.actor_of:
                 self.actor_of[finger_id] = self._nearest(x_mm, y_mm, t_sampled_s)
-        targets: dict[int | str, Target] = {}
+        targets: dict[int | str, Content] = {}
         keys: list[int | str] = [*self._virtuals, *(finger_id for finger_id, _, _ in fingers)]
         for key in keys:
             amplitude_um = self._actors[self.actor_of[key]].target_at_um(t_s)
             if amplitude_um is not None:
-                targets[key] = AmplitudeTarget(amplitude_um)
+                targets[key] = Amplitude(amplitude_um)
         if targets == self._last and t_s - self._t_last_s < REFRESH_S:
             return None
         self._last, self._t_last_s = targets, t_s
-        return ClientTargets("scenario", TTL_NS, targets, self._virtuals)
+        return ClientTargets.of("scenario", TTL_NS, targets, self._virtuals)
 
     def _nearest(self, x_mm: float, y_mm: float, t_s: float) -> int:
         def distance_mm(index: int) -> float:

@@ -26,7 +26,6 @@ import hapticd_client
 from hapticd_client import Client, PlateState
 
 from ...config.sections import SimConfig
-from ...content_values import AmplitudeTarget
 from ...errors import HapticdError, UsageError
 from ...files import outputs, plotting
 from ...sim.board.emulator import find_program
@@ -217,10 +216,10 @@ class _ScriptedUser:
             return
         t_s = self.t_s()
         targets = self._scripted.message(t_s, t_s - state.age_ms * 1e-3, fingers)
-        for finger, target in (targets.targets if targets is not None else {}).items():
-            if isinstance(finger, int) and finger not in self._known and isinstance(target, AmplitudeTarget):
-                self._client.set(finger, amplitude_um=target.amplitude_um, wait=False)
-                self._known.add(finger)
+        for target in () if targets is None else targets.targets:
+            if isinstance(target.finger, int) and target.finger not in self._known:
+                self._client.set(target.finger, amplitude_um=target.amplitude_um, wait=False)
+                self._known.add(target.finger)
 
     def t_s(self) -> float:
         """Return the current time of the rig."""

@@ -18,9 +18,8 @@ from hapticd_client import FingerState, PlateState
 Value = float | int | bool | None
 
 STATES = ("IDLE", "ARMED", "ACTIVE", "FAULT", "STOPPED")  # `state` is the index
-FINGER_FIELDS = (
-    *("x_mm", "y_mm", "predicted_x_mm", "predicted_y_mm"),
-    *("target_um", "achieved_um", "friction_change", "weber_frac", "contact_um", "felt_friction", "error_jnd"),
+FINGER_FIELDS = tuple(  # all numbers of a finger
+    name for name in FingerState.__struct_fields__ if name not in ("id", "virtual", "owner")
 )
 MODE_FIELDS = ("d_um", "q_um", "measured_d_um", "measured_q_um")
 

@@ -11,7 +11,8 @@ import zmq
 
 import hapticd_client
 from hapticd_client.endpoint import Endpoint, find
-from hapticd_client.messages import PlateState, decode_state
+from hapticd_client.messages import decode_state
+from hapticd_contract.states import PlateState
 
 BACKLOG = 1000  # states queued while this process is stalled: about ten seconds
 SILENT_S = 1.0  # the daemon sends a state at least ten times a second

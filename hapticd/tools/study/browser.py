@@ -13,10 +13,12 @@ import socket
 import threading
 from collections.abc import Awaitable, Callable
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from msgspec import Meta
 
 from ...errors import RequestError, missing_library
-from ...wire.fields import whole
+from ...wire.client import read
 from ..view import guard
 from .panel import Key, Screen
 from .protocol import StudyError
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 ADDRESS = "127.0.0.1"
 MAX_PRESS_BYTES = 256
-MAX_NUMBER = 2**31 - 1  # of a screen
+Number = Annotated[int, Meta(ge=0, le=2**31 - 1)]  # of a screen
 START_WITHIN_S = 10.0
 TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
 
@@ -142,7 +144,7 @@ class Browser:
     async def _press(self, request: web.Request) -> web.StreamResponse:
         try:
             body = await request.json()
-            number, key = whole(body["number"], 0, MAX_NUMBER, "number"), Key(body["key"])
+            number, key = read(body["number"], Number), Key(body["key"])
         except (ValueError, LookupError, TypeError, RecursionError, RequestError):
             raise self._web.HTTPBadRequest(text="A press is a screen's number and a key.") from None
         self._presses.put((number, key))

@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...content_values import VirtualPath
+from hapticd_contract.surfaces import VirtualPath
+
 from ...sim import lockstep
 from ...sim.fingers.paths import Touch, strokes_pair
 from ...sim.fingers.scenarios import LAND_S, SPEED_MM_S, Actor

@@ -19,16 +19,16 @@ import numpy as np
 import zmq
 
 import hapticd_client
+from hapticd_contract.surfaces import Surface
 
 from ...config import loader as config
-from ...content_values import AmplitudeTarget, Circle, FrictionTarget, Surface
 from ...core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ...core.plate.mode_shapes import ModeShapes
 from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
 from . import messages
 from .layers import LAYERS, LayerFinger
-from .messages import ClearFault, DrawSurface, SetTarget
+from .messages import ClearFault, DrawSurface, EraseSurface, ReleaseTarget, SetTarget
 from .rig import TruthSubscriber
 from .surfaces import SurfacePainter
 
@@ -43,7 +43,7 @@ MAX_REQUESTS = 32  # queued, of different fingers: two for each that a client ma
 GRID = 101  # points of the page's shapes per side; the browser interpolates between them
 
 Publish = Callable[[str, str, "Plate | None"], None]
-Action = SetTarget | DrawSurface | ClearFault
+Action = SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearFault
 Request = tuple[Action, Callable[[str], None]]
 Key = tuple[str, int | str]
 
@@ -164,34 +164,37 @@ class PlateClient:
 
 
 def _key(request: Action) -> Key:
-    if isinstance(request, SetTarget):
-        return "finger", request.finger
-    return ("surface", request.name) if isinstance(request, DrawSurface) else ("fault", 0)
+    match request:
+        case SetTarget(finger) | ReleaseTarget(finger):
+            return "finger", finger
+        case DrawSurface(surface):
+            return "surface", surface.name
+        case EraseSurface(name):
+            return "surface", name
+        case ClearFault():
+            return "fault", 0
 
 
 def _send(client: hapticd_client.Client, request: Action) -> None:
-    if isinstance(request, ClearFault):
-        client.clear_fault()
-    elif isinstance(request, DrawSurface):
-        _draw(client, request.name, request.surface)
-    elif request.amplitude_um is None:
-        client.release(request.finger)
-    else:
-        client.set(request.finger, amplitude_um=request.amplitude_um)
+    match request:
+        case SetTarget(finger, amplitude_um):
+            client.set(finger, amplitude_um=amplitude_um)
+        case ReleaseTarget(finger):
+            client.release(finger)
+        case DrawSurface(surface):
+            _draw(client, surface)
+        case EraseSurface(name):
+            client.remove(name)
+        case ClearFault():
+            client.clear_fault()
 
 
-def _draw(client: hapticd_client.Client, name: str, surface: Surface | None) -> None:
-    if surface is None:
-        client.remove(name)
-        return
-    shape, content = surface.shape, surface.content
+def _draw(client: hapticd_client.Client, surface: Surface) -> None:
     client.surface(
-        name,
-        hapticd_client.Circle(shape.radius_mm)
-        if isinstance(shape, Circle)
-        else hapticd_client.Polygon(shape.points_mm if shape else ()),
-        amplitude_um=content.amplitude_um if isinstance(content, AmplitudeTarget) else None,
-        friction=content.friction_frac if isinstance(content, FrictionTarget) else None,
+        surface.name,
+        surface.shape,
+        amplitude_um=surface.amplitude_um,
+        friction=surface.friction,
         position_mm=surface.position_mm,
         angle_rad=surface.angle_rad,
         scale=surface.scale,

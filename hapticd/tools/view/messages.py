@@ -21,15 +21,18 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from msgspec import Meta
+
+from hapticd_contract.base import AmplitudeUm, Contract, Key, Name, Place
+from hapticd_contract.states import Perceived
+from hapticd_contract.surfaces import Surface
 
 from ...config.sections import MOST_MODES, SolverConfig
-from ...content_values import Surface
 from ...daemon.settings import LEAST_CONTACT_MODES
 from ...errors import RequestError
-from ...sim.fingers.hands import MAX_POSITION_MM, Point
-from ...wire.fields import Fields, bounded, items, label, whole
-from .surfaces import drawn
+from ...wire.client import read
 
 if TYPE_CHECKING:
     from hapticd_client import FingerState, PlateEvent, PlateState
@@ -38,49 +41,64 @@ if TYPE_CHECKING:
 
 MAX_MESSAGE_BYTES = 4096
 MAX_FINGERS = 16
-MAX_AMPLITUDE_UM = 1000.0
-MAX_ID = 2**32 - 1
 MAX_RADIUS_MM = 15.0
 CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
-FELT = ("friction_change", "felt_friction", "error_jnd", "contact_um")  # of a finger, as the daemon reports it
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
 
 
-@dataclass(frozen=True, slots=True)
-class Hold:
+class _Message(Contract, frozen=True, tag_field="op"):
+    """A page's message."""
+
+
+class Hold(_Message, frozen=True, tag="fingers", rename={"points_mm": "fingers"}):
     """All fingers that this page holds on the simulated pad."""
 
-    points_mm: dict[str, Point]
+    points_mm: Annotated[dict[Name, Place], Meta(max_length=MAX_FINGERS)]
 
 
-@dataclass(frozen=True, slots=True)
-class SetTarget:
-    """Set a finger's amplitude; None releases it."""
+class SetTarget(_Message, frozen=True, tag="set"):
+    """Set a finger's amplitude."""
 
-    finger: int | str
-    amplitude_um: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class DrawSurface:
-    """Lay a surface, or change the one of that name; None removes it."""
-
-    name: str
-    surface: Surface | None
+    finger: Key
+    amplitude_um: AmplitudeUm
 
 
-@dataclass(frozen=True, slots=True)
-class ClearFault:
+class ReleaseTarget(_Message, frozen=True, tag="release"):
+    """Release this page's target."""
+
+    finger: Key
+
+
+class DrawSurface(_Message, frozen=True, tag="draw"):
+    """Lay a surface, or change the one of that name."""
+
+    surface: Surface
+
+    def problem(self) -> str:
+        if problem := self.surface.problem():
+            return f".surface{problem}"
+        has_number = self.surface.amplitude_um is not None or self.surface.friction is not None
+        if has_number and self.surface.shape is not None:
+            return ""
+        return ".surface: a page draws a shape with an amplitude or a friction."
+
+
+class EraseSurface(_Message, frozen=True, tag="erase"):
+    """Remove a surface."""
+
+    surface: Name
+
+
+class ClearFault(_Message, frozen=True, tag="clear_fault"):
     """Clear a latched fault."""
 
 
-@dataclass(frozen=True, slots=True)
-class SwitchPlate:
+class SwitchPlate(_Message, frozen=True, tag="switch"):
     """Restart the simulated plate as another one, or with other driven modes or another contact radius."""
 
-    plate: str
-    modes: int
-    contact_radius_mm: float
+    plate: Name
+    modes: Annotated[int, Meta(ge=0, le=MOST_MODES)]
+    contact_radius_mm: Annotated[float, Meta(ge=0.0, le=MAX_RADIUS_MM)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,38 +109,16 @@ class PlateChoice:
     own_modes: int
 
 
-Message = Hold | SetTarget | DrawSurface | ClearFault | SwitchPlate
+Message = Hold | SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearFault | SwitchPlate
 
 
 def decode(text: str) -> Message:
     """Decode a page's message. Raises RequestError."""
     try:
-        fields = Fields(json.loads(text))
+        fields = json.loads(text)
     except (ValueError, RecursionError):
         raise RequestError("The page's message is not JSON.") from None
-    op = fields.take("op")
-    message: Message
-    if op == "fingers":
-        message = Hold(_points(fields.take("fingers")))
-    elif op == "set":
-        message = SetTarget(_key(fields.take("finger")), fields.number("amplitude_um", 0.0, MAX_AMPLITUDE_UM))
-    elif op == "release":
-        message = SetTarget(_key(fields.take("finger")), None)
-    elif op == "draw":
-        message = DrawSurface(*drawn(fields.take("surface")))
-    elif op == "erase":
-        message = DrawSurface(label(fields.take("surface"), "surface"), None)
-    elif op == "clear_fault":
-        message = ClearFault()
-    elif op == "switch":
-        message = SwitchPlate(
-            label(fields.take("plate"), "plate"),
-            whole(fields.take("modes"), 0, MOST_MODES, "modes"),
-            fields.number("contact_radius_mm", 0.0, MAX_RADIUS_MM),
-        )
-    else:
-        raise RequestError("op: must be fingers, set, release, draw, erase, clear_fault or switch.")
-    fields.end()
+    message: Message = read(fields, Message)
     return message
 
 
@@ -131,27 +127,11 @@ def mover(text: str) -> int | str | None:
     if not text:
         return None
     try:
-        return _key(json.loads(text))
+        finger = json.loads(text)
     except (ValueError, RecursionError):
         raise RequestError("finger: is not JSON.") from None
-
-
-def _key(value: object) -> int | str:
-    return label(value, "finger") if isinstance(value, str) else whole(value, 1, MAX_ID, "finger")
-
-
-def _points(value: object) -> dict[str, Point]:
-    if not isinstance(value, dict) or len(value) > MAX_FINGERS:
-        raise RequestError(f"fingers: must be at most {MAX_FINGERS} fingers with their positions.")
-    return {label(name, "fingers"): _point(place) for name, place in value.items()}
-
-
-def _point(value: object) -> Point:
-    place = items(value, 2, "fingers")
-    if len(place) != 2:
-        raise RequestError("fingers: a position has two numbers, x and y.")
-    x_mm, y_mm = (bounded(number, -MAX_POSITION_MM, MAX_POSITION_MM, "fingers") for number in place)
-    return x_mm, y_mm
+    key: int | str = read(finger, Key, "finger")
+    return key
 
 
 # --- to the page --------------------------------------------------------------------------------------------------
@@ -274,7 +254,7 @@ def _finger(finger: FingerState) -> dict[str, object]:
         "achieved_um": finger.achieved_um,
         "virtual": finger.virtual,
         "owner": finger.owner,
-        **{name: getattr(finger, name) for name in FELT},
+        **{name: getattr(finger, name) for name in Perceived.__struct_fields__},
     }
 
 

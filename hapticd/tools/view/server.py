@@ -19,8 +19,8 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_HANDS, Point
 from . import connections, guard, layers, messages
-from .client import Plate, PlateClient
-from .messages import ClearFault, DrawSurface, Hold, SetTarget, SwitchPlate
+from .client import Action, Plate, PlateClient
+from .messages import Hold, ReleaseTarget, SetTarget, SwitchPlate
 from .rig import PadSender
 from .simulated import SimulatedService
 
@@ -50,10 +50,10 @@ class Page:
         self._waiting[kind] = text
         self._ready.set()
 
-    def remember(self, request: SetTarget) -> None:
+    def remember(self, request: SetTarget | ReleaseTarget) -> None:
         """Note a finger whose target is released when this page closes."""
         self.targeted.pop(request.finger, None)
-        if request.amplitude_um is not None:
+        if isinstance(request, SetTarget):
             self.targeted[request.finger] = None
         if len(self.targeted) > MAX_HELD:
             del self.targeted[next(iter(self.targeted))]
@@ -195,7 +195,7 @@ class Viewer:
         if self._pages:
             targeted_elsewhere = set().union(*(other.targeted for other in self._pages))
             for finger in page.targeted.keys() - targeted_elsewhere:
-                self._request(page, SetTarget(finger, None))
+                self._request(page, ReleaseTarget(finger))
             if page.held:
                 self._hold()
             return
@@ -250,8 +250,8 @@ class Viewer:
             if self._pages:
                 self._connect()
 
-    def _request(self, page: Page, request: SetTarget | DrawSurface | ClearFault) -> None:
-        if isinstance(request, SetTarget):
+    def _request(self, page: Page, request: Action) -> None:
+        if isinstance(request, SetTarget | ReleaseTarget):
             page.remember(request)
         if self._client is None:
             return

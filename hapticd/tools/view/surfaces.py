@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
-from ...content_values import AmplitudeTarget, Circle, FrictionTarget, Surface, Target
+from hapticd_contract.contents import NAMES, Amplitude, Content, Friction
+from hapticd_contract.surfaces import Circle, Surface
+
 from ...core.friction import FrictionCurve
-from ...core.targets.textures.registry import amplitude, name_of
+from ...core.targets.textures.registry import amplitude
 from ...errors import RequestError
-from ...wire.fields import Fields
-from ...wire.surfaces import read_surface
+from ...wire.client import read
 
 SIDE = 32  # of a content's picture
 Picture = tuple[str, float]  # levels 0 .. 255 in base64, by rows from the top (+y) down, and the amplitude of 255
@@ -28,35 +28,35 @@ class SurfacePainter:
         self._curve = curve
         self._size_mm = size_mm
         self._most_um = most_um
-        self._pictures: dict[tuple[Target, tuple[float, float]], Picture] = {}
+        self._pictures: dict[tuple[Content, tuple[float, float]], Picture] = {}
 
     def painted(self, described: Iterable[Mapping[str, Any]]) -> list[dict[str, object]]:
         """Return the layers that can be drawn, topmost first; content that a newer daemon added is left out."""
         layers: list[dict[str, object]] = []
-        used: dict[tuple[Target, tuple[float, float]], Picture] = {}
+        used: dict[tuple[Content, tuple[float, float]], Picture] = {}
         for fields in described:
             try:
-                name, surface = read_surface(Fields({key: fields[key] for key in fields if key != "client"}))
+                surface: Surface = read({key: fields[key] for key in fields if key != "client"}, Surface)
             except RequestError:
                 continue
             box_mm = _box_mm(surface, self._size_mm)
-            layers.append({"client": fields.get("client"), "name": name, **_pose(surface), "box_mm": box_mm})
+            layers.append({"client": fields.get("client"), "name": surface.name, **_pose(surface), "box_mm": box_mm})
             layers[-1] |= self._content(surface.content, box_mm, used)
         self._pictures = used
         return layers
 
-    def _content(self, content: Target, box_mm: tuple[float, float], used: dict[Any, Picture]) -> dict[str, object]:
-        if isinstance(content, AmplitudeTarget):
+    def _content(self, content: Content, box_mm: tuple[float, float], used: dict[Any, Picture]) -> dict[str, object]:
+        if isinstance(content, Amplitude):
             return {"about": f"{content.amplitude_um:.2f} µm", "amplitude_um": content.amplitude_um}
-        if isinstance(content, FrictionTarget):
-            amplitude_um = min(self._curve.amplitude_um(content.friction_frac), self._most_um)
-            return {"about": f"friction {content.friction_frac:.2f}", "amplitude_um": amplitude_um}
+        if isinstance(content, Friction):
+            amplitude_um = min(self._curve.amplitude_um(content.friction), self._most_um)
+            return {"about": f"friction {content.friction:.2f}", "amplitude_um": amplitude_um}
         key = content, box_mm
         used[key] = self._pictures.get(key) or self._picture(content, box_mm)
         levels, most_um = used[key]
-        return {"about": name_of(type(content)), "levels": levels, "most_um": most_um}
+        return {"about": NAMES[type(content)], "levels": levels, "most_um": most_um}
 
-    def _picture(self, content: Target, box_mm: tuple[float, float]) -> Picture:
+    def _picture(self, content: Content, box_mm: tuple[float, float]) -> Picture:
         amplitude_um = amplitude(content, self._curve, box_mm, self._most_um)
         x_mm, y_mm = ([(index + 0.5) / SIDE - 0.5 for index in range(SIDE)] for _ in range(2))
         values = [amplitude_um(x * box_mm[0], -y * box_mm[1]) for y in y_mm for x in x_mm]
@@ -74,11 +74,9 @@ def _pose(surface: Surface) -> dict[str, object]:
         "velocity_mm_s": surface.velocity_mm_s,
         "turning_rad_s": surface.turning_rad_s,
         "t_pose_s": (surface.t_pose_ns or 0) * 1e-9,
-        "path": None
-        if path is None
-        else {"points_mm": path.points_mm, "speed_mm_s": path.speed_mm_s, "loop": path.loop},
+        "path": None if path is None else {"points_mm": path.path_mm, "speed_mm_s": path.speed_mm_s, "loop": path.loop},
         "z": surface.z,
-        "blend": surface.blend.value,
+        "blend": surface.blend,
     }
 
 
@@ -86,7 +84,7 @@ def _shape(surface: Surface) -> dict[str, object] | None:
     shape = surface.shape
     if shape is None:
         return None
-    return {"radius_mm": shape.radius_mm} if isinstance(shape, Circle) else {"corners_mm": shape.points_mm}
+    return {"radius_mm": shape.radius_mm} if isinstance(shape, Circle) else {"corners_mm": shape.corners_mm}
 
 
 def _box_mm(surface: Surface, size_mm: tuple[float, float]) -> tuple[float, float]:
@@ -96,16 +94,8 @@ def _box_mm(surface: Surface, size_mm: tuple[float, float]) -> tuple[float, floa
         return size_mm
     if isinstance(shape, Circle):
         return 2.0 * shape.radius_mm, 2.0 * shape.radius_mm
-    return 2.0 * _farthest(shape.points_mm, 0), 2.0 * _farthest(shape.points_mm, 1)
+    return 2.0 * _farthest(shape.corners_mm, 0), 2.0 * _farthest(shape.corners_mm, 1)
 
 
 def _farthest(points_mm: Sequence[tuple[float, float]], axis: int) -> float:
     return max(abs(point[axis]) for point in points_mm)
-
-
-def drawn(value: object) -> tuple[str, Surface]:
-    """Read a surface that a page drew: its name, and an amplitude or a friction on a shape. Raises RequestError."""
-    name, surface = read_surface(Fields(value, "surface"))
-    if not isinstance(surface.content, (AmplitudeTarget, FrictionTarget)) or surface.shape is None:
-        raise RequestError("surface: a page draws a shape with an amplitude or a friction.")
-    return name, replace(surface, t_pose_ns=None)

@@ -10,12 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.content_values import Circle, ClientTargets, MapTarget, Surface
 from hapticd.core.targets import assets as store
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.scene import Scene
 from hapticd.core.targets.shares import USER_SHARE
 from hapticd.errors import RequestError
+from hapticd_contract.contents import LevelMap
+from hapticd_contract.surfaces import Circle, Surface
+from hapticd_contract.targets import ClientTargets
 
 T0_NS = 1_234_567_890_123
 PART = 16_384
@@ -34,13 +36,13 @@ def uploaded(assets: Assets, levels: bytes, client: str = "a", t_ns: int = T0_NS
     return digest
 
 
-def picture(digest: bytes, width: int, height: int) -> MapTarget:
-    return MapTarget(width, height, b"", 0.0, 2.55, digest)
+def picture(digest: bytes, width: int, height: int) -> LevelMap:
+    return LevelMap(width, height, b"", 0.0, 2.55, asset=digest)
 
 
 def lay(scene: Scene, *surfaces: Surface, client: str = "a", t_ns: int = T0_NS) -> tuple[str, ...]:
     named = {f"s{index}": surface for index, surface in enumerate(surfaces)}
-    return scene.apply(ClientTargets(client, 10**12, {}, {}, surfaces=named), t_ns)
+    return scene.apply(ClientTargets.of(client, 10**12, {}, {}, surfaces=named), t_ns)
 
 
 def test_an_uploaded_picture_of_1024_pixels_is_felt_at_its_own_resolution_by_all_who_use_it() -> None:
@@ -48,11 +50,11 @@ def test_an_uploaded_picture_of_1024_pixels_is_felt_at_its_own_resolution_by_all
     columns = bytes(255 if column % 2 else 0 for column in range(1024))
     digest = uploaded(scene.assets, columns * 1024)
     image = picture(digest, 1024, 1024)
-    assert lay(scene, Surface(image)) == ()
+    assert lay(scene, Surface.of(image)) == ()
     pitch_mm = 137.5 / 1023
     felt_um = [scene.surfaces.amplitude_um((column - 511.5) * pitch_mm, 3.0, T0_NS) for column in range(500, 504)]
     assert felt_um == pytest.approx([0.0, 2.55, 0.0, 2.55], abs=1e-9)
-    assert scene.apply(ClientTargets("b", 10**9, {1: image}, {}), T0_NS) == ()
+    assert scene.apply(ClientTargets.of("b", 10**9, {1: image}, {}), T0_NS) == ()
     assert scene.amplitude_um(1, -511.5 * pitch_mm, 0.0) == 0.0
     assert scene.assets.report() == {"count": 1, "uploads": 0, "bytes": 2**20}
 
@@ -80,7 +82,10 @@ def test_a_map_whose_asset_is_not_here_or_has_another_size_is_refused() -> None:
     scene = Scene(w_limit_um=4.0)
     digest = uploaded(scene.assets, b"abcd")
     assert lay(
-        scene, Surface(picture(bytes(32), 2, 2)), Surface(picture(digest, 2, 3)), Surface(picture(digest, 2, 2))
+        scene,
+        Surface.of(picture(bytes(32), 2, 2)),
+        Surface.of(picture(digest, 2, 3)),
+        Surface.of(picture(digest, 2, 2)),
     ) == (
         "surface 's0' needs an asset that is not here: upload it first.",
         "surface 's1' needs 6 bytes of levels, its asset has 4.",
@@ -93,7 +98,7 @@ def test_an_asset_stays_while_it_is_used_and_a_while_longer_and_an_upload_that_e
     digest = uploaded(scene.assets, b"abcd")
     uploaded(scene.assets, b"idle")
     scene.assets.upload("a", bytes(32), 10**6, 0, b"x" * PART, T0_NS)
-    lay(scene, Surface(picture(digest, 2, 2), Circle(5.0)))
+    lay(scene, Surface.of(picture(digest, 2, 2), Circle(5.0)))
     reports = []
     for second in range(30):
         scene.expire(T0_NS + second * 10**9)
@@ -113,7 +118,7 @@ def test_a_user_and_all_users_have_a_bound_and_what_is_unused_longest_makes_room
         return uploaded(scene.assets, one.to_bytes(2, "little") * 2**19, client, T0_NS + one)
 
     first = fill("a")
-    lay(scene, Surface(picture(first, 1024, 1024)))
+    lay(scene, Surface.of(picture(first, 1024, 1024)))
     for _ in range(40):
         newest = fill("a")
     assert scene.assets.report()["bytes"] == USER_SHARE * store.MAX_BYTES
@@ -168,7 +173,7 @@ def test_whatever_is_sent_the_bounds_hold_and_an_asset_has_its_hash(
             part = (b"damaged" if is_damaged else levels[at : at + 100]) if at < 400 else b""
             with contextlib.suppress(RequestError):
                 scene.upload(client, digest, 400, at, part, t_ns)
-            lay(scene, Surface(picture(digest, 20, 20)), client=client, t_ns=t_ns)
+            lay(scene, Surface.of(picture(digest, 20, 20)), client=client, t_ns=t_ns)
             scene.expire(t_ns)
             assert scene.assets.report()["bytes"] <= 1500
             for layer in scene.surfaces.layers:

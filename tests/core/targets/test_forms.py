@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.content_values import Envelope, Form, Modulation, Pulse, Wave
 from hapticd.core.targets.forms import ENDLESS_NS, Course
 from hapticd.core.trajectory.knots import GRAIN_NS
+from hapticd_contract.effects import Envelope, Form, Modulation, Pulse
 
+WAVES = st.sampled_from(["sine", "square"])
 MS = 1_000_000
 
 
@@ -59,7 +60,7 @@ def test_a_drawn_sine_is_within_three_percent_of_its_depth_from_the_cosine(
 
 
 def test_a_square_begins_high_and_is_low_for_its_second_half() -> None:
-    course = Course(Modulation(100.0, 0.25, Wave.SQUARE, length_s=0.02), loops=False)
+    course = Course(Modulation(100.0, 0.25, "square", length_s=0.02), loops=False)
     assert [course.value(t_ms * MS) for t_ms in (0, 2, 5, 6, 9, 10, 14, 16, 20)] == [
         *(1.0, 1.0, 1.0, 0.75, 0.75, 1.0, 1.0, 0.75, 1.0)
     ]
@@ -82,7 +83,7 @@ def test_the_knots_that_a_sine_needs_in_one_frame(frequency_hz: float, most: int
 forms = st.one_of(
     st.builds(Pulse, st.floats(-4, 4), st.just(0.01), st.floats(0, 0.005)),
     st.builds(Pulse, st.floats(-4, 4), st.just(0.001), st.floats(0, 0.0005)),
-    st.builds(Modulation, st.floats(1, 300), st.floats(0, 1), st.sampled_from(Wave), st.none() | st.floats(0.001, 0.1)),
+    st.builds(Modulation, st.floats(1, 300), st.floats(0, 1), WAVES, st.none() | st.floats(0.001, 0.1)),
     st.lists(st.tuples(st.floats(0.0, 0.03), st.floats(0.0, 4.0)), min_size=1, max_size=12).map(
         lambda points: Envelope(((0.0, 1.0), *sorted(points), (0.04, 2.0)))
     ),

@@ -8,21 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.content_values import (
-    AmplitudeTarget,
-    ClientTargets,
-    FrictionTarget,
-    GratingTarget,
-    MapTarget,
-    Target,
-    VirtualPath,
-)
 from hapticd.core.friction import FrictionCurve
 from hapticd.core.targets.scene import MAX_CLIENTS, MAX_VIRTUALS, Scene, Virtual
+from hapticd_contract.contents import Amplitude, Content, Friction, Grating, LevelMap
+from hapticd_contract.surfaces import VirtualPath
+from hapticd_contract.targets import ClientTargets
 
 T0_NS = 1_234_567_890_123
 TTL_NS = 500_000_000
-SLIPPERY, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.0)
+SLIPPERY, STILL = Amplitude(1.0), Amplitude(0.0)
 LINE = VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 50.0, loop=True)
 OTHER_LINE = VirtualPath(((0.0, -40.0), (0.0, 40.0)), 50.0, loop=True)
 
@@ -37,9 +31,9 @@ def scene() -> Scene:
 
 
 def wants(
-    client: str, targets: dict[int | str, Target] | None = None, virtuals: dict[str, VirtualPath] | None = None
+    client: str, targets: dict[int | str, Content] | None = None, virtuals: dict[str, VirtualPath] | None = None
 ) -> ClientTargets:
-    return ClientTargets(client, TTL_NS, targets or {}, virtuals or {})
+    return ClientTargets.of(client, TTL_NS, targets or {}, virtuals or {})
 
 
 # --- one client -------------------------------------------------------------------------------------------------
@@ -57,7 +51,7 @@ def test_a_finger_gets_what_its_client_asked_for(scene: Scene) -> None:
     assert scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS) == ()
     assert scene.amplitude_um(1, 3.0, 4.0) == 1.0
     assert scene.amplitude_um(2, 3.0, 4.0) == 0.0  # not None: to be held still is a target too
-    assert scene.target_of(2) is STILL
+    assert scene.target_of(2) == STILL
     assert scene.owner_of(2) == "a"
 
 
@@ -70,14 +64,14 @@ def test_a_message_replaces_all_that_the_same_client_wanted_before(scene: Scene)
 
 
 def test_a_texture_is_felt_where_the_finger_is(scene: Scene) -> None:
-    scene.apply(wants("a", {1: GratingTarget(8.0, 0.0, 0.0, 2.0, 0.0)}), T0_NS)
+    scene.apply(wants("a", {1: Grating(8.0, angle_rad=0.0, low_um=0.0, high_um=2.0, duty_frac=0.0)}), T0_NS)
     assert scene.amplitude_um(1, 0.0, 9.0) == 2.0
     assert scene.amplitude_um(1, 4.0, 9.0) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_friction_goes_through_the_curve_and_never_beyond_what_the_plate_can_do() -> None:
     scene = a_scene(w_limit_um=1.5)
-    frictions = {1: FrictionTarget(1.0), 2: FrictionTarget(0.0), 3: FrictionTarget(0.5)}
+    frictions = {1: Friction(1.0), 2: Friction(0.0), 3: Friction(0.5)}
     assert scene.apply(wants("a", frictions), T0_NS) == ()
     assert scene.amplitude_um(1, 0.0, 0.0) == 0.0
     assert scene.amplitude_um(2, 0.0, 0.0) == 1.5
@@ -87,14 +81,14 @@ def test_friction_goes_through_the_curve_and_never_beyond_what_the_plate_can_do(
 @pytest.mark.parametrize(
     "target",
     [
-        AmplitudeTarget(4.001),
-        GratingTarget(5.0, 0.0, 0.0, 4.001, 0.5),
-        GratingTarget(5.0, 0.0, 4.001, 0.0, 0.0),
-        MapTarget(1, 1, b"\x00", 0.0, 4.001),
-        AmplitudeTarget(float("nan")),
+        Amplitude(4.001),
+        Grating(5.0, angle_rad=0.0, low_um=0.0, high_um=4.001, duty_frac=0.5),
+        Grating(5.0, angle_rad=0.0, low_um=4.001, high_um=0.0, duty_frac=0.0),
+        LevelMap(1, 1, b"\x00", 0.0, 4.001),
+        Amplitude(float("nan")),
     ],
 )
-def test_more_than_the_plate_can_do_is_refused_and_the_clients_other_fingers_keep_theirs(target: Target) -> None:
+def test_more_than_the_plate_can_do_is_refused_and_the_clients_other_fingers_keep_theirs(target: Content) -> None:
     scene = a_scene()
     (refusal,) = scene.apply(wants("a", {1: target, 2: SLIPPERY}), T0_NS)
     assert refusal.startswith("finger 1 cannot have ")
@@ -231,8 +225,8 @@ def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error(scene: Sce
 
 
 def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at(scene: Scene) -> None:
-    square = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.25)
-    sine = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.0)
+    square = Grating(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.25)
+    sine = Grating(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.0)
     scene.apply(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
     assert scene.requested((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
     assert scene.requested((), (), T0_NS + TTL_NS) == []
@@ -245,7 +239,7 @@ def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at(
 
 steps = st.tuples(
     st.sampled_from(["a", "b", "c"]),
-    st.dictionaries(st.integers(1, 4), st.sampled_from([STILL, SLIPPERY, AmplitudeTarget(9.0)]), max_size=4),
+    st.dictionaries(st.integers(1, 4), st.sampled_from([STILL, SLIPPERY, Amplitude(9.0)]), max_size=4),
     st.dictionaries(st.sampled_from(["x", "y"]), st.sampled_from([LINE, OTHER_LINE]), max_size=2),
     st.integers(0, TTL_NS),
 )
@@ -254,7 +248,7 @@ steps = st.tuples(
 @given(st.lists(steps, max_size=20))
 @settings(max_examples=150)
 def test_a_finger_always_has_one_living_owner_or_nobodys_target(
-    history: list[tuple[str, dict[int, Target], dict[str, VirtualPath], int]],
+    history: list[tuple[str, dict[int, Content], dict[str, VirtualPath], int]],
 ) -> None:
     scene, t_ns = a_scene(), T0_NS
     t_said_ns: dict[str, int] = {}

@@ -6,31 +6,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.content_values import (
-    AmplitudeTarget,
-    Cause,
-    Circle,
-    ClientTargets,
-    Effect,
-    Modulation,
-    NoiseTarget,
-    Polygon,
-    Pulse,
-    Start,
-    Surface,
-    VirtualPath,
-)
 from hapticd.core.events import MAX_CROSSINGS, Events
 from hapticd.core.targets.scene import Scene
 from hapticd.core.targets.shares import HOST, USER_SHARE, left
-from hapticd.values import EventKind
+from hapticd_contract.contents import Amplitude, Noise
+from hapticd_contract.effects import Effect, Modulation, OnLanding, Pulse
+from hapticd_contract.states import EventKind
+from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
+from hapticd_contract.targets import ClientTargets
 
 T0_NS, TTL_NS = 10**15, 10**9
-ONE, REST = AmplitudeTarget(1.0), VirtualPath(((0.0, 0.0),), 50.0, loop=True)
+ONE, REST = Amplitude(1.0), VirtualPath(((0.0, 0.0),), 50.0, loop=True)
 RING = Polygon(tuple((10.0, 0.1 * k * k) for k in range(16)))
-NOISE = NoiseTarget(1, 0.5, 50.0, 1.0, 0.5, 0.1)
+NOISE = Noise(seed=1, shortest_mm=0.5, longest_mm=50.0, exponent=1.0, mean_um=0.5, rms_um=0.1)
 ZIGZAG = VirtualPath(tuple((float(k % 2), float(k)) for k in range(64)), 2000.0, loop=True)
-DEAR = Surface(NOISE, RING, turning_rad_s=6.0, path=ZIGZAG)
+DEAR = Surface.of(NOISE, RING, turning_rad_s=6.0, path=ZIGZAG)
 
 
 def user_of(client: str) -> str:
@@ -40,7 +30,7 @@ def user_of(client: str) -> str:
 
 def apply(scene: Scene, client: str, **content: object) -> tuple[str, ...]:
     fields: dict[str, object] = {"targets": {}, "virtuals": {}, **content}
-    return scene.apply(ClientTargets(client, TTL_NS, **fields), T0_NS)  # type: ignore[arg-type]
+    return scene.apply(ClientTargets.of(client, TTL_NS, **fields), T0_NS)  # type: ignore[arg-type]
 
 
 @given(st.floats(1.0, 1e6), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
@@ -59,14 +49,14 @@ def test_one_user_with_many_names_leaves_surfaces_effects_and_virtual_fingers_to
             scene,
             f"greedy.{client}",
             virtuals={f"v{client}.{n}": REST for n in range(16)},
-            surfaces={f"s{n}": Surface(ONE, Circle(1.0)) for n in range(16)},
-            effects={f"e{n}": Effect(Pulse(0.5, 0.1), start=Start(Cause.LANDING)) for n in range(16)},
+            surfaces={f"s{n}": Surface.of(ONE, Circle(1.0)) for n in range(16)},
+            effects={f"e{n}": Effect.of(Pulse(0.5, 0.1), start=OnLanding()) for n in range(16)},
         )
     assert len(scene.virtuals(T0_NS)) == 12
     assert len(scene.surfaces.layers) == len(scene.effects.held) == 48
     assert all("one user has" in refusal for refusal in refusals)
-    other = {"virtuals": {f"w{n}": REST for n in range(4)}, "surfaces": {f"t{n}": Surface(ONE) for n in range(16)}}
-    assert apply(scene, "other", **other, effects={f"e{n}": Effect(Modulation(10.0, 0.5)) for n in range(16)}) == ()
+    other = {"virtuals": {f"w{n}": REST for n in range(4)}, "surfaces": {f"t{n}": Surface.of(ONE) for n in range(16)}}
+    assert apply(scene, "other", **other, effects={f"e{n}": Effect.of(Modulation(10.0, 0.5)) for n in range(16)}) == ()
 
 
 def test_dear_surfaces_of_one_user_leave_time_of_a_pass_to_another_and_the_refusal_says_how_much() -> None:
@@ -76,7 +66,7 @@ def test_dear_surfaces_of_one_user_leave_time_of_a_pass_to_another_and_the_refus
     assert "is too dear: it takes" in refusals[0]
     assert "us are left of 256 us of surfaces at once, one user has 192 of them" in refusals[0]
     assert apply(scene, "greedy.2", surfaces={"s": DEAR}) != ()
-    cheap = {f"t{n}": Surface(ONE, Circle(5.0)) for n in range(16)}
+    cheap = {f"t{n}": Surface.of(ONE, Circle(5.0)) for n in range(16)}
     assert apply(scene, "other", surfaces=cheap) == ()
 
 
@@ -93,8 +83,8 @@ def test_a_refreshed_scene_costs_no_more_than_it_did() -> None:
 
 def test_one_users_waves_leave_knots_to_another() -> None:
     scene = Scene(w_limit_um=4.0, user_of=user_of)
-    apply(scene, "greedy", effects={f"e{n}": Effect(Modulation(40.0, 0.5)) for n in range(16)})
-    apply(scene, "other", effects={"hum": Effect(Modulation(40.0, 0.5))})
+    apply(scene, "greedy", effects={f"e{n}": Effect.of(Modulation(40.0, 0.5)) for n in range(16)})
+    apply(scene, "other", effects={"hum": Effect.of(Modulation(40.0, 0.5))})
     effects = scene.effects
     for held in effects.held:
         effects.start(held, 1, T0_NS)

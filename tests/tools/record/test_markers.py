@@ -9,8 +9,9 @@ from machine_bench import SLIPPERY, Bench
 import hapticd_client
 from hapticd.daemon.client_gateway import MAX_MARKERS
 from hapticd.errors import RequestError
-from hapticd.wire.client import MAX_MARKER_CHARACTERS, Marker, decode_request
+from hapticd.wire.client import decode_request
 from hapticd_client.messages import decode_state
+from hapticd_contract.requests import MAX_MARKER_CHARACTERS, MarkerRequest
 
 
 def test_a_marker_is_in_the_next_state_and_in_no_other() -> None:
@@ -56,4 +57,4 @@ def test_a_text_that_is_none_is_refused_in_a_sentence(text: object) -> None:
 
 def test_the_longest_text_is_taken() -> None:
     text = "x" * MAX_MARKER_CHARACTERS
-    assert decode_request(request(text)).body == Marker("study", text)
+    assert decode_request(request(text)).body == MarkerRequest("study", text)

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from msgspec import structs
 
 from hapticd.__main__ import main
-from hapticd.content_values import ClientTargets
 from hapticd.daemon import board_gateway
 from hapticd.errors import RecordingError
-from hapticd.files.recording.client_message import payload_of
 from hapticd.files.recording.kinds import INPUTS, Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.fingers import scripted
@@ -22,7 +22,8 @@ from hapticd.sim.lockstep import Settings
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.tools.record import simulated
 from hapticd.tools.record.replay import described, replay, report
-from hapticd.wire.client import decode_targets
+from hapticd.wire.client import decode_targets, encode_targets
+from hapticd_contract.targets import ClientTargets
 
 from .conftest import rewritten, written
 
@@ -51,7 +52,7 @@ def test_every_kind_of_input_is_replayed_bit_for_bit(eventful: Path) -> None:
 
 def test_priorities_are_recorded_and_decide_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of three fingers on four modes one comes first; without its priority the plate does something else."""
-    monkeypatch.setattr(scripted, "ClientTargets", partial(ClientTargets, priorities={1: 2}))
+    monkeypatch.setattr(scripted, "ClientTargets", SimpleNamespace(of=partial(ClientTargets.of, priorities={1: 2})))
     path = tmp_path / "priorities.mcap"
     simulated.run("one-of-three", path, settings=Settings(plate=PlateSettings.of("fingertip")), seed=1, seconds=0.5)
 
@@ -59,8 +60,10 @@ def test_priorities_are_recorded_and_decide_the_same_again(tmp_path: Path, monke
         if record.kind != "targets":
             return record
         message = decode_targets(record.fields["payload"])
-        assert message.priorities == ({1: 2} if 1 in message.targets else {})
-        return record._replace(fields={**record.fields, "payload": payload_of(replace(message, priorities={}))})
+        assert all(one.priority == (2 if one.finger == 1 else 0) for one in message.targets)
+        equal = tuple(structs.replace(one, priority=0) for one in message.targets)
+        payload = encode_targets(structs.replace(message, targets=equal))
+        return record._replace(fields={**record.fields, "payload": payload})
 
     assert replay(open_recording(path)).is_identical
     assert not replay(open_recording(rewritten(path, tmp_path / "without.mcap", without))).is_identical

@@ -11,7 +11,8 @@ from tools.stream.fake_lsl import FakeLsl
 
 from hapticd.tools.stream import lsl, states
 from hapticd.tools.stream.samples import Sampler
-from hapticd_client.messages import PlateState, decode_state
+from hapticd_client.messages import decode_state
+from hapticd_contract.states import PlateState
 
 
 def test_what_the_daemon_sends_becomes_a_row_with_both_fingers() -> None:

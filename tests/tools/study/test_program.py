@@ -14,12 +14,13 @@ from typing import Any
 
 import pytest
 from fake_daemon import FakeDaemon
+from msgspec import Struct
 
 from hapticd.config.sections import SimConfig
 from hapticd.tools.study import program
 from hapticd.tools.study.protocol import Friction
 from hapticd.tools.study.session import read
-from hapticd.wire import client as wire
+from hapticd_contract.requests import Request
 
 pytestmark = pytest.mark.long
 
@@ -85,7 +86,7 @@ def test_a_session_runs_in_the_browser(daemon: FakeDaemon, tmp_path: Path) -> No
 class SimulatedDaemon(FakeDaemon):
     """A daemon on the simulated plate, as `hapticd run --sim` starts it."""
 
-    def _handle(self, request: wire.Request, user: str) -> Mapping[str, object]:
+    def _handle(self, request: Request, user: str) -> Struct | Mapping[str, object]:
         return {"simulated": "/rig"} if request.op == "plate" else super()._handle(request, user)
 
 

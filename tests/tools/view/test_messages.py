@@ -18,7 +18,7 @@ from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.rig.files import write_measured
 from hapticd.tools.view import messages
 from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
-from hapticd.tools.view.messages import ClearFault, Hold, SetTarget, SwitchPlate
+from hapticd.tools.view.messages import ClearFault, Hold, ReleaseTarget, SetTarget, SwitchPlate
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateEvent, PlateState
 
@@ -36,7 +36,7 @@ STATE = PlateState(
     age_ms=10.0,
     horizon_ms=math.nan,
     modal_q_um=(0.25, 0.0),
-    measured_um=(1.4 + 0.2j, complex(math.nan, 0.0)),
+    measured_d_q_um=((1.4, 0.2), (math.nan, 0.0)),
 )
 
 LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as many digits
@@ -49,7 +49,7 @@ LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as
         ({"op": "fingers", "fingers": {}}, Hold({})),
         ({"op": "set", "finger": 3, "amplitude_um": 0}, SetTarget(3, 0.0)),
         ({"op": "set", "finger": "post", "amplitude_um": 1.5}, SetTarget("post", 1.5)),
-        ({"op": "release", "finger": 3}, SetTarget(3, None)),
+        ({"op": "release", "finger": 3}, ReleaseTarget(3)),
         ({"op": "clear_fault"}, ClearFault()),
         (
             {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5},

@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 
-from hapticd.content_values import AmplitudeTarget, Circle, Surface
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.errors import RequestError
 from hapticd.tools.view import client, messages
 from hapticd.tools.view.messages import DrawSurface
 from hapticd.tools.view.surfaces import SIDE, SurfacePainter
+from hapticd_contract.contents import Amplitude
+from hapticd_contract.surfaces import Circle, Surface
 
 PLATE_MM = (137.5, 137.5)
 TILE: dict[str, Any] = {"name": "tile", "amplitude_um": 1.5, "circle_mm": 8.0, "position_mm": [3.0, -4.0], "z": 100}
@@ -77,7 +78,7 @@ def test_what_a_newer_daemon_lays_is_left_out_and_the_rest_is_painted() -> None:
 
 
 def test_a_drawn_surface_is_decoded_and_removed_by_its_name() -> None:
-    tile = Surface(AmplitudeTarget(1.5), Circle(8.0), position_mm=(3.0, -4.0), z=100)
+    tile = Surface.of(Amplitude(1.5), Circle(8.0), position_mm=(3.0, -4.0), z=100)
     assert messages.decode(json.dumps({"op": "draw", "surface": TILE})) == DrawSurface("tile", tile)
     assert messages.decode('{"op": "erase", "surface": "tile"}') == DrawSurface("tile", None)
 

@@ -18,7 +18,8 @@ from pathlib import Path
 from tokenize import TokenError
 from typing import Any
 
-from ..asset import MAX_SIDE
+from hapticd_contract.contents import MAX_ASSET_SIDE
+
 from ..errors import RefusedError, missing_library
 from ..regular_file import read_bounded
 from .dropped import DroppedWarning
@@ -31,7 +32,7 @@ __all__ = ["SUFFIXES", "DroppedWarning", "Layer", "Score", "Timed", "load", "pic
 PICTURES = (".png", ".jpg", ".jpeg")
 SUFFIXES = (*PICTURES, ".npy", ".wav", ".ahap", ".hjif")
 DEFAULT_UM = 1.5
-MAX_ARRAY_BYTES = MAX_SIDE**2 + (1 << 16)  # with its head
+MAX_ARRAY_BYTES = MAX_ASSET_SIDE**2 + (1 << 16)  # with its head
 
 
 def load(
@@ -108,6 +109,6 @@ def _array(path: str | os.PathLike[str]) -> Any:
         raise RefusedError(f"{os.fspath(path)}: is not an array that NumPy can read.") from None
     if array.ndim != 2 or array.dtype != np.uint8 or 0 in array.shape:
         raise RefusedError(f"{os.fspath(path)}: must be a two-dimensional array of uint8, 0 .. 255.")
-    if max(array.shape) > MAX_SIDE:
-        raise RefusedError(f"{os.fspath(path)}: must have at most {MAX_SIDE} x {MAX_SIDE} levels.")
+    if max(array.shape) > MAX_ASSET_SIDE:
+        raise RefusedError(f"{os.fspath(path)}: must have at most {MAX_ASSET_SIDE} x {MAX_ASSET_SIDE} levels.")
     return array

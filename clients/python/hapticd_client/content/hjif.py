@@ -10,8 +10,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 
+from hapticd_contract.contents import Grating
+
 from ..errors import RefusedError
-from ..targets import Grating
 from .document import Document
 from .dropped import drop
 from .score import Layer

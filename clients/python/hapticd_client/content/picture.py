@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from ..asset import MAX_SIDE
+from hapticd_contract.contents import MAX_ASSET_SIDE
+from hapticd_contract.surfaces import Rectangle
+
 from ..errors import RefusedError
-from ..surface import Rectangle
 from .score import Layer
 
 LIGHT_IS_SLIPPERY = (1.0, 0.0)  # friction of black and of white
@@ -30,7 +31,7 @@ def layer_of(
     if isinstance(source, (str, os.PathLike)):
         from ..image import grey_rows
 
-        source = grey_rows(source, MAX_SIDE, is_square=width_mm is None)
+        source = grey_rows(source, MAX_ASSET_SIDE, is_square=width_mm is None)
     if high_um is None and frictions is None:
         frictions = LIGHT_IS_SLIPPERY
     content = {"frictions": frictions} if frictions is not None else {"high_um": high_um, "low_um": low_um}

@@ -8,10 +8,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ..effects import At, Form
+from hapticd_contract.contents import MAX_MAP_SIDE
+from hapticd_contract.effects import At, Form
+from hapticd_contract.surfaces import Shape
+
 from ..errors import RefusedError
-from ..surface import Shape
-from ..targets import MAX_MAP_SIDE, Map
+from ..targets import Map
 from .dropped import drop
 
 if TYPE_CHECKING:

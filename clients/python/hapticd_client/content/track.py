@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Literal
 
-from ..effects import Envelope, Modulation
+from hapticd_contract.effects import Envelope, Modulation
+
 from ..errors import RefusedError
 from .dropped import drop
 from .score import Timed
@@ -34,7 +36,7 @@ class Tone:
     end_s: float
     frequency_hz: float
     depth: float = 1.0
-    shape: str = "sine"
+    shape: Literal["sine", "square"] = "sine"
 
 
 @dataclass(slots=True)

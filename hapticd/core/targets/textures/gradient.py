@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-from ....content_values import GradientTarget
-from .texture import Amplitude, Detail, Plate, Texture
+from hapticd_contract.contents import Gradient
+
+from .texture import AmplitudeAt, Detail, Plate, Texture
 
 
-def _amplitude(gradient: GradientTarget, _plate: Plate) -> Amplitude:
+def _amplitude(gradient: Gradient, _plate: Plate) -> AmplitudeAt:
     along_x, along_y = math.cos(gradient.angle_rad), math.sin(gradient.angle_rad)
     length_mm, from_um, to_um = gradient.length_mm, gradient.from_um, gradient.to_um
 
@@ -22,7 +23,7 @@ def _amplitude(gradient: GradientTarget, _plate: Plate) -> Amplitude:
 
 
 TEXTURE = Texture(
-    GradientTarget,
+    Gradient,
     amplitude=_amplitude,
     detail=lambda gradient, _size_mm: Detail(gradient.length_mm, False),
     highest_um=lambda gradient, _curve: max(gradient.from_um, gradient.to_um),

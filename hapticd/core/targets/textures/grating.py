@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 
-from ....content_values import GratingTarget
-from .texture import FAR_MM, NO_DETAIL, PIECES_PER_WAVE, Amplitude, Detail, Plate, Texture
+from hapticd_contract.contents import Grating
+
+from .texture import FAR_MM, NO_DETAIL, PIECES_PER_WAVE, AmplitudeAt, Detail, Plate, Texture
 
 
-def _amplitude(grating: GratingTarget, _plate: Plate) -> Amplitude:
+def _amplitude(grating: Grating, _plate: Plate) -> AmplitudeAt:
     return _sine(grating) if grating.duty_frac == 0.0 else _stripes(grating)
 
 
-def _sine(grating: GratingTarget) -> Amplitude:
+def _sine(grating: Grating) -> AmplitudeAt:
     along_x, along_y = math.cos(grating.angle_rad), math.sin(grating.angle_rad)
     mean_um = 0.5 * (grating.low_um + grating.high_um)
     half_um = 0.5 * (grating.high_um - grating.low_um)
@@ -28,7 +29,7 @@ def _sine(grating: GratingTarget) -> Amplitude:
     return amplitude_um
 
 
-def _stripes(grating: GratingTarget) -> Amplitude:
+def _stripes(grating: Grating) -> AmplitudeAt:
     along_x, along_y = math.cos(grating.angle_rad), math.sin(grating.angle_rad)
     period_mm, half_crest_mm = grating.period_mm, 0.5 * grating.duty_frac * grating.period_mm
     low_um, high_um, remainder = grating.low_um, grating.high_um, math.remainder
@@ -42,7 +43,7 @@ def _stripes(grating: GratingTarget) -> Amplitude:
     return amplitude_um
 
 
-def _detail(grating: GratingTarget, _size_mm: tuple[float, float]) -> Detail:
+def _detail(grating: Grating, _size_mm: tuple[float, float]) -> Detail:
     period_mm, duty_frac = grating.period_mm, grating.duty_frac
     if duty_frac == 0.0:
         return Detail(period_mm / PIECES_PER_WAVE, True)
@@ -50,7 +51,7 @@ def _detail(grating: GratingTarget, _size_mm: tuple[float, float]) -> Detail:
 
 
 TEXTURE = Texture(
-    GratingTarget,
+    Grating,
     amplitude=_amplitude,
     detail=_detail,
     highest_um=lambda grating, _curve: max(grating.low_um, grating.high_um),

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
-from ....content_values import MapTarget
+from hapticd_contract.contents import LevelMap
+
 from ...friction import FrictionCurve
-from .texture import Amplitude, Detail, Plate, Texture
+from .texture import AmplitudeAt, Detail, Plate, Texture
 
 
-def _amplitude(image: MapTarget, plate: Plate) -> Amplitude:
-    if image.frictions is None:
+def _amplitude(image: LevelMap, plate: Plate) -> AmplitudeAt:
+    if image.friction is None:
         return _image(image, plate.size_mm)
-    low, high = image.frictions
+    low, high = image.friction
     frictions = [low + (high - low) * level / 255.0 for level in range(256)]
     levels_um = [min(plate.curve.amplitude_um(friction), plate.w_limit_um) for friction in frictions]
     return _looked_up(_image(replace(image, low_um=0.0, high_um=255.0), plate.size_mm), levels_um)
 
 
-def _looked_up(level_of: Amplitude, levels_um: list[float]) -> Amplitude:
+def _looked_up(level_of: AmplitudeAt, levels_um: list[float]) -> AmplitudeAt:
     """Amplitudes of an image's 256 levels: bilinear in friction, which the curve turned into amplitude."""
 
     def amplitude_um(x_mm: float, y_mm: float) -> float:
@@ -30,13 +31,13 @@ def _looked_up(level_of: Amplitude, levels_um: list[float]) -> Amplitude:
     return amplitude_um
 
 
-def _image(image: MapTarget, plate_size_mm: tuple[float, float]) -> Amplitude:
+def _image(image: LevelMap, plate_size_mm: tuple[float, float]) -> AmplitudeAt:
     """Bilinear between pixel centres; the outermost lie on the plate's edges and reach beyond them."""
     width, height, levels = image.width, image.height, image.levels
     last_column, last_row = float(width - 1), float(height - 1)
     left_mm, top_mm = -0.5 * plate_size_mm[0], 0.5 * plate_size_mm[1]
     columns_per_mm, rows_per_mm = last_column / plate_size_mm[0], last_row / plate_size_mm[1]
-    low_um, high_um = image.low_um, image.high_um
+    low_um, high_um = image.amplitudes_um
 
     def amplitude_um(x_mm: float, y_mm: float) -> float:
         column = (x_mm - left_mm) * columns_per_mm
@@ -62,22 +63,20 @@ def _image(image: MapTarget, plate_size_mm: tuple[float, float]) -> Amplitude:
     return amplitude_um
 
 
-def _detail(image: MapTarget, size_mm: tuple[float, float]) -> Detail:
+def _detail(image: LevelMap, size_mm: tuple[float, float]) -> Detail:
     return Detail(min(size_mm[0] / max(image.width - 1, 1), size_mm[1] / max(image.height - 1, 1)), False)
 
 
-def _highest_um(image: MapTarget, curve: FrictionCurve) -> float:
-    if image.frictions is None:
-        return max(image.low_um, image.high_um)
-    return curve.amplitude_um(min(image.frictions))
+def _highest_um(image: LevelMap, curve: FrictionCurve) -> float:
+    return max(image.amplitudes_um) if image.friction is None else curve.amplitude_um(min(image.friction))
 
 
 TEXTURE = Texture(
-    MapTarget,
+    LevelMap,
     amplitude=_amplitude,
     detail=_detail,
     highest_um=_highest_um,
-    cost_ns=lambda image: 450.0 if image.frictions is None else 650.0,
-    asks_for_friction=lambda image: image.frictions is not None,
+    cost_ns=lambda image: 450.0 if image.friction is None else 650.0,
+    asks_for_friction=lambda image: image.friction is not None,
     fills_shape=True,
 )

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ....content_values import NoiseTarget
-from .texture import FAR_MM, PIECES_PER_WAVE, Amplitude, Detail, Plate, Texture
+from hapticd_contract.contents import Noise
+
+from .texture import FAR_MM, PIECES_PER_WAVE, AmplitudeAt, Detail, Plate, Texture
 
 WAVES: Final = 16
 MOST_RMS: Final = 3.0  # beyond so many deviations, where 16 waves seldom are, the texture is cut
@@ -20,7 +21,7 @@ _GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 _Wave = tuple[float, float, float, float]  # rad/mm along x and y, rad, um
 
 
-def _amplitude(target: NoiseTarget, _plate: Plate) -> Amplitude:
+def _amplitude(target: Noise, _plate: Plate) -> AmplitudeAt:
     waves = _waves(target)
     mean_um = target.mean_um
     low_um, high_um = max(mean_um - MOST_RMS * target.rms_um, 0.0), mean_um + MOST_RMS * target.rms_um
@@ -37,7 +38,7 @@ def _amplitude(target: NoiseTarget, _plate: Plate) -> Amplitude:
     return amplitude_um
 
 
-def _waves(target: NoiseTarget) -> list[_Wave]:
+def _waves(target: Noise) -> list[_Wave]:
     """Return the waves: evenly spread over octaves and directions, with random phases and their sum's RMS as asked."""
     numbers = _uniform(target.seed, 3 * WAVES)
     octaves = math.log2(target.longest_mm / target.shortest_mm)
@@ -66,7 +67,7 @@ def _uniform(seed: int, count: int) -> list[float]:
 
 # Where it is cut it is nearly flat, and its waves are smooth: no corners.
 TEXTURE = Texture(
-    NoiseTarget,
+    Noise,
     amplitude=_amplitude,
     detail=lambda noise, _size_mm: Detail(noise.shortest_mm / PIECES_PER_WAVE, True),
     highest_um=lambda noise, _curve: noise.mean_um + MOST_RMS * noise.rms_um,

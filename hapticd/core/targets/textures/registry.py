@@ -1,18 +1,20 @@
 """The texture of a target: as amplitude in um over plate mm, friction turned into amplitude, and what it takes.
 
-Each class of `Target` has its texture in the file of its name: GratingTarget's is TEXTURE of `grating.py`. They are
-found when this module is imported, which fails where one is missing.
+Each class of `Content` has its texture in the file of its name in messages: Grating's is TEXTURE of `grating.py`. They
+are found when this module is imported, which fails where one is missing.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from importlib import import_module
-from typing import Any, Final, get_args
+from typing import Any, Final
 
-from ....content_values import Target
+from hapticd_contract.contents import NAMES, Content
+
 from ...friction import FrictionCurve
-from .texture import NO_DETAIL, Amplitude, Detail, Plate, Texture
+from .texture import NO_DETAIL, AmplitudeAt, Detail, Plate, Texture
 
 FINEST_MM: Final = 1e-3
 
@@ -26,17 +28,12 @@ class Sliding:
         self.gain = 1.0
 
 
-def name_of(kind: type) -> str:
-    """Return the name of a class of target, as in messages: "grating" for GratingTarget."""
-    return kind.__name__.removesuffix("Target").lower()
-
-
-def found(kinds: tuple[type, ...]) -> dict[type, Texture[Any]]:
+def found(names: Mapping[type, str]) -> dict[type, Texture[Any]]:
     """Return the texture of each class of target. Raises ImportError where a file, or the right TEXTURE in it, is
     missing."""
     textures: dict[type, Texture[Any]] = {}
-    for kind in kinds:
-        module = import_module(f"{__package__}.{name_of(kind)}")
+    for kind, name in names.items():
+        module = import_module(f"{__package__}.{name.removesuffix('_um')}")
         texture = getattr(module, "TEXTURE", None)
         if not isinstance(texture, Texture) or texture.target is not kind:
             raise ImportError(f"{module.__name__}: TEXTURE must be the Texture of {kind.__name__}.")
@@ -44,10 +41,10 @@ def found(kinds: tuple[type, ...]) -> dict[type, Texture[Any]]:
     return textures
 
 
-_TEXTURES: Final = found(get_args(Target))
+_TEXTURES: Final = found(NAMES)
 
 
-def detail(target: Target | None, size_mm: tuple[float, float]) -> Detail:
+def detail(target: Content | None, size_mm: tuple[float, float]) -> Detail:
     """Return how finely a target's texture must be sampled; what is finer than FINEST_MM is not felt."""
     if target is None:
         return NO_DETAIL
@@ -55,22 +52,22 @@ def detail(target: Target | None, size_mm: tuple[float, float]) -> Detail:
     return fine if fine.finest_mm >= FINEST_MM else Detail(FINEST_MM, fine.smooth)
 
 
-def highest_um(target: Target, curve: FrictionCurve) -> float:
+def highest_um(target: Content, curve: FrictionCurve) -> float:
     """The largest amplitude that a target can ask for anywhere."""
     return _TEXTURES[type(target)].highest_um(target, curve)
 
 
-def content_ns(target: Target | None) -> float:
+def content_ns(target: Content | None) -> float:
     """Return what the amplitude at one place costs."""
     return 60.0 if target is None else _TEXTURES[type(target)].cost_ns(target)
 
 
-def fills_shape(target: Target) -> bool:
+def fills_shape(target: Content) -> bool:
     """Return whether a texture is spread over the shape of its surface."""
     return _TEXTURES[type(target)].fills_shape
 
 
-def refusal(target: Target, curve: FrictionCurve, w_limit_um: float) -> str:
+def refusal(target: Content, curve: FrictionCurve, w_limit_um: float) -> str:
     """Return why a target asks for too much; empty if it does not. A friction asks for as much as the plate can do."""
     texture = _TEXTURES[type(target)]
     asked_um = texture.highest_um(target, curve)
@@ -80,12 +77,12 @@ def refusal(target: Target, curve: FrictionCurve, w_limit_um: float) -> str:
 
 
 def amplitude(
-    target: Target,
+    target: Content,
     curve: FrictionCurve,
     size_mm: tuple[float, float],
     w_limit_um: float = math.inf,
     sliding: Sliding | None = None,
-) -> Amplitude:
+) -> AmplitudeAt:
     """The target as amplitude in um over plate position in mm; frictions that need more than the limit get that.
 
     Where the curve depends on speed, frictions get the amplitude for that of `sliding`.

@@ -11,14 +11,15 @@ import math
 from collections.abc import Callable
 from typing import Final, Generic, NamedTuple, TypeVar
 
-from ....content_values import Target
+from hapticd_contract.contents import Content
+
 from ...friction import FrictionCurve
 
 FAR_MM: Final = 1e6  # no plate is that large: beyond, a wave's phase is rounding noise
 PIECES_PER_WAVE: Final = 4.0  # a smooth wave shows its curvature in the middle of a quarter of it
 
-Amplitude = Callable[[float, float], float]  # um over plate mm
-T = TypeVar("T", bound=Target)
+AmplitudeAt = Callable[[float, float], float]  # um over plate mm
+T = TypeVar("T", bound=Content)
 
 
 class Detail(NamedTuple):
@@ -55,7 +56,7 @@ class Texture(Generic[T]):
         self,
         target: type[T],
         *,
-        amplitude: Callable[[T, Plate], Amplitude],
+        amplitude: Callable[[T, Plate], AmplitudeAt],
         detail: Callable[[T, tuple[float, float]], Detail],
         highest_um: Callable[[T, FrictionCurve], float],
         cost_ns: Callable[[T], float],
@@ -71,6 +72,6 @@ class Texture(Generic[T]):
         self.fills_shape: Final = fills_shape
 
 
-def constant(amplitude_um: float) -> Amplitude:
+def constant(amplitude_um: float) -> AmplitudeAt:
     """Return the same amplitude everywhere."""
     return lambda _x_mm, _y_mm: amplitude_um

@@ -1,0 +1,160 @@
+"""Contents: what a finger is to feel, as a target of its own or on a surface."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+from msgspec import Meta
+
+from .base import MAX_ID, AmplitudeUm, AngleRad, Contract, Digest, PeriodMm, Share
+
+MAX_MAP_SIDE: Final = 128
+MAX_ASSET_SIDE: Final = 1024  # of a map whose levels are an asset
+
+Side = Annotated[int, Meta(ge=1, le=MAX_ASSET_SIDE)]
+
+
+class Amplitude(Contract, frozen=True):
+    """A constant vibration; 0 holds the glass still. A plain number in messages."""
+
+    amplitude_um: AmplitudeUm
+
+
+class Friction(Contract, frozen=True):
+    """A constant friction: 0 is the most slippery that the plate allows, 1 is bare glass. A plain number in
+    messages."""
+
+    friction: Share
+
+
+class Grating(Contract, frozen=True):
+    """Stripes across `angle_rad` (anticlockwise from +x), with a crest of `high_um` through the centre.
+
+    A sine between the two amplitudes, or for `duty_frac` above 0 a square wave with that share of the period high.
+    """
+
+    period_mm: PeriodMm
+    high_um: AmplitudeUm
+    low_um: AmplitudeUm = 0.0
+    angle_rad: AngleRad = 0.0
+    duty_frac: Share = 0.0
+
+
+class LevelMap(Contract, frozen=True):
+    """An image of amplitudes over the whole plate, or the box of a surface, edge to edge: `levels` are width x height
+    bytes by rows from the top (+y) down, 0 is `low_um`, 255 `high_um`; bilinear between pixels.
+
+    At most 128 x 128 pixels. With `asset`, the SHA-256 of an uploaded asset, the levels are that asset's, and at most
+    1024 x 1024. With `friction`, those of level 0 and 255, it is an image of frictions, and has no amplitudes.
+    """
+
+    width: Side
+    height: Side
+    levels: bytes = b""
+    low_um: AmplitudeUm = 0.0
+    high_um: AmplitudeUm | None = None
+    asset: Digest | None = None
+    friction: tuple[Share, Share] | None = None
+
+    @property
+    def amplitudes_um(self) -> tuple[float, float]:
+        """The amplitudes of level 0 and 255; zero for an image of frictions."""
+        return self.low_um, self.high_um or 0.0
+
+    def problem(self) -> str:
+        if self.asset is not None and self.levels:
+            return ".levels: a map with an asset has none."
+        if self.asset is None and max(self.width, self.height) > MAX_MAP_SIDE:
+            return (
+                f": has {self.width} x {self.height} pixels, at most {MAX_MAP_SIDE} x {MAX_MAP_SIDE} without an asset."
+            )
+        size = self.width * self.height
+        if self.asset is None and len(self.levels) != size:
+            return f".levels: has {len(self.levels)} bytes, it must have {size}."
+        if self.friction is None and self.high_um is None:
+            return ".high_um: is missing."
+        if self.friction is not None and (self.high_um is not None or self.low_um != 0.0):
+            return ".friction: a map of frictions has no low_um and no high_um."
+        return ""
+
+
+class Gradient(Contract, frozen=True):
+    """An amplitude that changes linearly along `angle_rad` (anticlockwise from +x), from `from_um` to `to_um` over
+    `length_mm` with the centre in the middle; constant beyond."""
+
+    length_mm: PeriodMm
+    to_um: AmplitudeUm
+    from_um: AmplitudeUm = 0.0
+    angle_rad: AngleRad = 0.0
+
+
+class Noise(Contract, frozen=True):
+    """A random texture, the same for the same `seed`: waves of wavelengths `shortest_mm` .. `longest_mm`, equally many
+    in each octave, in all directions.
+
+    A wave's height is proportional to its wavelength to the power `exponent`: 0 gives all octaves the same height, 1
+    looks alike at each scale. `rms_um` is the deviation from `mean_um`, cut at three times as much, and at 0.
+    """
+
+    shortest_mm: PeriodMm
+    longest_mm: PeriodMm
+    rms_um: AmplitudeUm
+    mean_um: AmplitudeUm
+    exponent: Annotated[float, Meta(ge=0.0, le=4.0)] = 0.0
+    seed: Annotated[int, Meta(ge=0, le=MAX_ID)] = 0
+
+    def problem(self) -> str:
+        if self.longest_mm >= self.shortest_mm:
+            return ""
+        return f".longest_mm: {self.longest_mm:g} is out of bounds, it must be {self.shortest_mm:g} .. 1000."
+
+
+Content = Amplitude | Friction | Grating | LevelMap | Gradient | Noise
+
+
+class Contents(Contract, frozen=True, kw_only=True):
+    """The fields of content, of which a message has exactly one."""
+
+    amplitude_um: AmplitudeUm | None = None
+    friction: Share | None = None
+    grating: Grating | None = None
+    map: LevelMap | None = None
+    gradient: Gradient | None = None
+    noise: Noise | None = None
+
+    @property
+    def content(self) -> Content:
+        """The one content."""
+        name, value = self._given[0]
+        made: Content = _BARE[name](value) if name in _BARE else value
+        return made
+
+    @property
+    def _given(self) -> list[tuple[str, Any]]:
+        return [(name, value) for name in CONTENTS if (value := getattr(self, name)) is not None]
+
+    def problem(self) -> str:
+        given = self._given
+        if len(given) != 1:
+            return f": needs exactly one of {', '.join(CONTENTS)}."
+        name, value = given[0]
+        problem = "" if name in _BARE else value.problem()
+        return f".{name}{problem}" if problem else ""
+
+
+CONTENTS: Final = Contents.__struct_fields__
+_BARE: Final[dict[str, type[Amplitude | Friction]]] = {"amplitude_um": Amplitude, "friction": Friction}
+NAMES: Final[dict[type, str]] = {
+    Amplitude: "amplitude_um",
+    Friction: "friction",
+    Grating: "grating",
+    LevelMap: "map",
+    Gradient: "gradient",
+    Noise: "noise",
+}  # of the field that has a content, by its class
+
+
+def content_fields(content: Content) -> dict[str, Any]:
+    """Return the one field of a target or a surface with this content."""
+    name = NAMES[type(content)]
+    return {name: getattr(content, name) if name in _BARE else content}

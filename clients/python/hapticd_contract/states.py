@@ -1,0 +1,154 @@
+"""Telemetry: the state of the plate, its fingers, and what happened.
+
+Numbers that are not finite are sent as nil, which every language can read. Readers ignore unknown fields, and have the
+defaults where an older daemon sends none.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from msgspec import Struct
+
+from .base import PROTOCOL_VERSION
+
+
+class Perceived(Struct, frozen=True, kw_only=True):
+    """What a person perceives at a finger, when the newest sample of it was taken: there its place is measured and the
+    plate follows its reference. By all that the daemon knows: not the errors of its mode map, sensors and pad, nor what
+    the amplifiers put into undriven modes."""
+
+    friction_change: float | None = None
+    """its friction relative to that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery
+    than asked. An amplitude asks for the friction that it has when it is the same all over the contact. Nil without a
+    target"""
+    weber_frac: float | None = None
+    """share of time in which `error_jnd` was beyond 1 either way, since the finger had a target and the daemon a
+    subscriber; nil without a target"""
+    contact_um: float | None = None
+    """RMS amplitude over its contact: the contact leak of a finger with target 0, else the contact slip"""
+    felt_friction: float | None = None
+    """mean friction over its contact, by the daemon's friction curve: from 0, the most slippery that the plate allows,
+    to 1, bare glass, as targets count it"""
+    error_jnd: float | None = None
+    """`friction_change` in just noticeable differences of 0.11; nil without a target, and on a plate that is driven for
+    points (`contact_radius_mm` of `plate` is 0)"""
+
+
+class FingerState(Perceived, frozen=True):
+    """One finger; nil (None) where nothing was computed, as for a finger without a target."""
+
+    id: int | str
+    """as targets name it: a name if `virtual`"""
+    x_mm: float
+    """its last position"""
+    y_mm: float
+    predicted_x_mm: float | None
+    """its position at the end of the prediction horizon"""
+    predicted_y_mm: float | None
+    target_um: float | None
+    """its target there"""
+    achieved_um: float | None
+    """the modes' amplitude there"""
+    virtual: bool
+    """whether it is on no pad"""
+    owner: str | None = None
+    """the client that owns it"""
+
+
+class Marker(Struct, frozen=True):
+    """A client's label for an instant of its experiment."""
+
+    t_ns: int
+    """its arrival at the daemon"""
+    client: str
+    text: str
+
+
+class EventKind(StrEnum):
+    """What happened to a finger or an effect."""
+
+    LANDED = "landed"
+    LIFTED = "lifted"
+    ENTERED = "entered"
+    LEFT = "left"
+    CROSSED = "crossed"
+    PRESSED = "pressed"
+    RELEASED = "released"
+    BEGUN = "begun"
+    ENDED = "ended"
+
+
+class PlateEvent(Struct, frozen=True, omit_defaults=True):
+    """What happened to a finger or an effect; what it does not have is omitted."""
+
+    seq: int
+    """number of the event: a gap is a lost one"""
+    kind: str
+    """an EventKind; a newer daemon may have more"""
+    t_ns: int
+    """when its cause occurred; crossings are predicted"""
+    t_device_ns: int | None = None
+    """the same on the trackpad's own clock; omitted where no finger is the cause"""
+    finger: int | None = None
+    x_mm: float | None = None
+    """where the newest report has the finger"""
+    y_mm: float | None = None
+    client: str = ""
+    """owner of the surface or effect"""
+    surface: str = ""
+    """its name, of `entered`, `left` and `crossed`"""
+    effect: str = ""
+    """its name, of `pressed`, `released`, `begun` and `ended`"""
+
+
+class PlateState(
+    Struct,
+    frozen=True,
+    omit_defaults=True,
+    tag_field="v",
+    tag=PROTOCOL_VERSION,
+    rename={"measured_d_q_um": "measured_um"},
+):
+    """The state of the plate and all fingers at one instant."""
+
+    instance: int
+    """changes when the daemon restarts"""
+    seq: int
+    """counts the states of one instance"""
+    t_ns: int
+    """instant on the host's monotonic clock"""
+    state: str
+    """of the daemon: `IDLE` (board or trackpad missing), `ARMED`, `ACTIVE`, `FAULT` (latched), `STOPPED`"""
+    fingers: tuple[FingerState, ...]
+    """all fingers down and all virtual ones"""
+    modal_um: tuple[float, ...]
+    """real part of each mode's reference phasor"""
+    limited: bool
+    """a mode reached its limit, so that some finger misses its target"""
+    age_ms: float
+    """age of the newest touch sample"""
+    horizon_ms: float
+    """prediction horizon from that sample"""
+    markers: tuple[Marker, ...] = ()
+    """markers since the previous state; omitted if empty"""
+    modal_q_um: tuple[float, ...] = ()
+    """imaginary part of each mode's reference phasor: 0 unless several fingers slip"""
+    measured_d_q_um: tuple[tuple[float, float], ...] | None = None
+    """the board's last measurement of each mode, `[real, imaginary]`; empty before the first"""
+    surfaces_version: int | None = None
+    """counts changes of the surfaces in force; a refresh and a motion are none. Request `surfaces` when it differs from
+    the last one"""
+    events: tuple[PlateEvent, ...] = ()
+    """events since the previous state, in order; omitted if empty"""
+    tick_late_ms: float | None = None
+    """delay of the daemon's newest timer tick"""
+    missed_ticks: int | None = None
+    """timer ticks skipped since the start"""
+    pauses: int | None = None
+    """garbage collections above 1 ms since the start"""
+
+    @property
+    def measured_um(self) -> tuple[complex, ...]:
+        """The board's last measurement as phasors; empty before the first."""
+        return tuple(complex(d_um, q_um) for d_um, q_um in self.measured_d_q_um or ())
