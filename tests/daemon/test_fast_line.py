@@ -152,7 +152,7 @@ def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
     report = rig.board_report()
     assert (report["drive_hz"], report["drive_moved_hz"]) == (pytest.approx(29215.0), pytest.approx(0.0, abs=0.01))
     assert rig.board.estimate()[:, 1] == pytest.approx(2 * np.pi * np.array([-20.0, 0.0]), abs=0.01)
-    assert rig.machine.describe_plate()["drive_hz"] == 29215.0
+    assert rig.machine.describe_plate().drive_hz == 29215.0
     again = rig.machine.session
     assert again.hello is not None
     assert again.hello.drive_hz == pytest.approx(29205.0)

@@ -126,7 +126,7 @@ def test_telemetry_and_recordings_report_the_same_friction_and_amplitude_of_cont
         assert math.isfinite(point["friction_change"])
         assert 0.0 <= point["weber_frac"] <= 1.0
         assert finger["error_jnd"] is None  # a plate of two modes is driven for points
-        for name in Perceived._fields:
+        for name in Perceived.__struct_fields__:
             assert point.get(name) == finger[name]
     rms_um = [point["contact_um"] for point in sorted(recorded["points"], key=lambda point: point["target_um"])]
     assert 0.0 < rms_um[0] < rms_um[1]  # contact leak and contact slip

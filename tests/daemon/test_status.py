@@ -10,6 +10,7 @@ import msgpack
 import numpy as np
 import pytest
 from machine_bench import MS, PLATE, SLIPPERY, STICKY, Bench
+from msgspec.msgpack import decode, encode
 
 from hapticd.config import Config
 from hapticd.daemon import status
@@ -83,7 +84,7 @@ def test_latencies_are_those_of_now() -> None:
 
 def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
-    said: Any = bench.machine.describe_plate()
+    said: Any = decode(encode(bench.machine.describe_plate()))
     modes = bench.machine.modes
     assert (said["size_mm"], said["w_limit_um"], said["simulated"]) == ([137.5, 137.5], [4.0, 4.0], None)
     assert said["reference_limit_um"] == [3.8, 3.8]
@@ -103,7 +104,7 @@ def test_a_simulated_rig_is_reported_with_its_directory() -> None:
     with_pad = replace(on_rig, trackpad=replace(on_rig.trackpad, source="hid"))
     for config, expected in ((Config(), None), (on_rig, "/rig"), (with_pad, None)):
         machine = Machine(config, PLATE, write_board=lambda _: 0)
-        assert machine.describe_plate()["simulated"] == machine.report_status(0)["simulated"] == expected
+        assert machine.describe_plate().simulated == machine.report_status(0)["simulated"] == expected
 
 
 def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from msgspec import Meta
 
-from hapticd_contract.base import Contract, Name, Place
+from hapticd_contract.base import Contract, Name, Place, problem_of_name
 
 from ...wire.client import read, unpack
 from .paths import Path
@@ -131,6 +131,9 @@ class _Held(Contract, frozen=True):
     """The fingers that are down, by name; nil: the scenario's fingers are to lift."""
 
     fingers: Annotated[dict[Name, Place], Meta(max_length=MAX_HANDS)] | None
+
+    def problem(self) -> str:
+        return next(filter(None, [problem_of_name(name, ".fingers") for name in self.fingers or ()]), "")
 
 
 def decode_hands(payload: bytes) -> dict[str, Point] | None:

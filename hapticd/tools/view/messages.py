@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta
 
-from hapticd_contract.base import AmplitudeUm, Contract, Key, Name, Place
+from hapticd_contract.base import AmplitudeUm, Contract, Key, Name, Place, problem_of_name
 from hapticd_contract.states import Perceived
 from hapticd_contract.surfaces import Surface
 
@@ -54,6 +54,9 @@ class Hold(_Message, frozen=True, tag="fingers", rename={"points_mm": "fingers"}
     """All fingers that this page holds on the simulated pad."""
 
     points_mm: Annotated[dict[Name, Place], Meta(max_length=MAX_FINGERS)]
+
+    def problem(self) -> str:
+        return next(filter(None, [problem_of_name(name, ".fingers") for name in self.points_mm]), "")
 
 
 class SetTarget(_Message, frozen=True, tag="set"):

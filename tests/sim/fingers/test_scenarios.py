@@ -193,6 +193,6 @@ def test_the_step_goes_from_nothing_to_its_target() -> None:
     (actor,) = SCENARIOS["step"].build(1, 100.0)
 
     assert actor.virtual is not None
-    assert actor.virtual.points_mm == (STEP_POINT_MM,)
+    assert actor.virtual.path_mm == (STEP_POINT_MM,)
     assert actor.target_at_um(STEP_S - 1e-6) == 0.0
     assert actor.target_at_um(STEP_S) == STEP_TARGET_UM

@@ -70,7 +70,7 @@ def test_a_recorder_that_attached_late_counts_its_fingers_from_one(strokes: Path
             fields["fingers"] = [finger | {"finger_id": finger["finger_id"] + 1} for finger in fields["fingers"]]
         elif record.kind == "targets":
             message = msgpack.unpackb(fields["payload"])
-            for target in message["targets"]:
+            for target in message.get("targets", ()):
                 target["finger"] += 1
             fields["payload"] = msgpack.packb(message)
         return record._replace(fields=fields)

@@ -30,7 +30,7 @@ def plate_state(*fingers: FingerState, seq: int = 1, instance: int = 7, markers:
         horizon_ms=16.5,
         markers=markers,
         modal_q_um=(0.0, 0.25),
-        measured_um=(1.25 + 0.5j, -0.5 + 0j),
+        measured_d_q_um=((1.25, 0.5), (-0.5, 0.0)),
     )
 
 

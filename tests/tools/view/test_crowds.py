@@ -10,7 +10,7 @@ from aiohttp import ClientSession, WSCloseCode, web
 from asynchronous import asynchronous
 
 from hapticd.tools.view.client import MAX_REQUESTS, PlateClient
-from hapticd.tools.view.messages import ClearFault, PlateChoice, SetTarget, SwitchPlate
+from hapticd.tools.view.messages import ClearFault, PlateChoice, ReleaseTarget, SetTarget, SwitchPlate
 from hapticd.tools.view.server import MAX_HELD, MAX_PAGES, Page, Viewer
 from hapticd.tools.view.simulated import SimulatedService
 
@@ -96,6 +96,6 @@ def test_a_page_that_stays_open_remembers_no_more_fingers_than_a_client_may_hold
     page = Page(web.WebSocketResponse(), 1)
     for finger in range(1, 10_000):
         page.remember(SetTarget(finger, 1.0))
-    page.remember(SetTarget(9_999, None))
+    page.remember(ReleaseTarget(9_999))
 
     assert list(page.targeted) == list(range(10_000 - MAX_HELD, 9_999))

@@ -11,7 +11,7 @@ import pytest
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.errors import RequestError
 from hapticd.tools.view import client, messages
-from hapticd.tools.view.messages import DrawSurface
+from hapticd.tools.view.messages import DrawSurface, EraseSurface
 from hapticd.tools.view.surfaces import SIDE, SurfacePainter
 from hapticd_contract.contents import Amplitude
 from hapticd_contract.surfaces import Circle, Surface
@@ -78,9 +78,9 @@ def test_what_a_newer_daemon_lays_is_left_out_and_the_rest_is_painted() -> None:
 
 
 def test_a_drawn_surface_is_decoded_and_removed_by_its_name() -> None:
-    tile = Surface.of(Amplitude(1.5), Circle(8.0), position_mm=(3.0, -4.0), z=100)
-    assert messages.decode(json.dumps({"op": "draw", "surface": TILE})) == DrawSurface("tile", tile)
-    assert messages.decode('{"op": "erase", "surface": "tile"}') == DrawSurface("tile", None)
+    tile = Surface.of(Amplitude(1.5), Circle(8.0), position_mm=(3.0, -4.0), z=100, name="tile")
+    assert messages.decode(json.dumps({"op": "draw", "surface": TILE})) == DrawSurface(tile)
+    assert messages.decode('{"op": "erase", "surface": "tile"}') == EraseSurface("tile")
 
 
 @pytest.mark.parametrize(
