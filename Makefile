@@ -35,7 +35,7 @@ test-all: $(TESTS)
 # Every branch of the limits, the supervisor and the decoders, as Python: machine code has no lines.
 coverage: $(TESTS)
 	HAPTICD_PURE=1 $(BIN)/coverage run -m pytest -p no:xdist tests/core/trajectory/test_gate.py tests/core/board/test_supervisor.py tests/wire \
-	    tests/config tests/files/test_calibration.py tests/files/test_mode_map.py
+	    tests/config tests/files/test_calibration.py tests/formats/test_mode_map.py
 	$(BIN)/coverage report
 
 # New inputs to every decoder and scripts to the firmware's core, FUZZ_SECONDS each; findings go to build/fuzz.

@@ -97,7 +97,7 @@ COMMANDS = {
         "--sim --seconds 10 --ledger frames.csv",
     ),
     "bench": Command(
-        "tools.bench",
+        "bench.command",
         "compare the algorithms on a touch's path, error against run time",
         "all --json bench.json --plot bench.png",
     ),

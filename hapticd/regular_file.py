@@ -1,4 +1,7 @@
-"""Files from outside, all read here: regular files only, and up to a bound. A pipe would block, a device never end."""
+"""Files from outside, all read here: regular files only, and up to a bound. A pipe would block, a device never end.
+
+And files that are written: an output gets its name when it is whole.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,11 @@ import io
 import os
 import stat
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, BinaryIO
+
+from .errors import HapticdError, UsageError, reason
 
 PIECE_BYTES = 1 << 16
 MAX_LINE_CHARACTERS = 1 << 14
@@ -64,3 +70,45 @@ def lines_of(file: BinaryIO, path: Path, max_lines: int) -> Iterator[tuple[int, 
             if len(line) > MAX_LINE_CHARACTERS:
                 raise OSError(errno.EFBIG, f"Line {number} has more than {MAX_LINE_CHARACTERS} characters", str(path))
             yield number, line.removesuffix("\n")
+
+
+@contextmanager
+def opened(path: Path, *, mode: int = 0o666) -> Iterator[IO[bytes]]:
+    """Open an output. It gets its name when it is whole; until then, and after an error, an earlier file remains.
+
+    `mode` are the permissions before the umask. Raises HapticdError, such as for a full disk.
+    """
+    try:
+        if is_special(path):
+            with path.open("wb") as file:
+                yield file
+            return
+        with (
+            named_when_whole(path) as part,
+            open(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "w+b") as file,
+        ):
+            yield file
+    except OSError as error:
+        raise HapticdError(f"{path}: cannot be written ({reason(error)}): choose another place.") from None
+
+
+@contextmanager
+def named_when_whole(path: Path) -> Iterator[Path]:
+    """Yield the name of a file to write, which gets the name `path` at the end, and is deleted after an error.
+
+    Raises UsageError for a device or a pipe, OSError.
+    """
+    if is_special(path):
+        raise UsageError(f"{path}: is a device or a pipe: name a file.")
+    whole = path.resolve()
+    part = whole.with_name(f".hapticd-{os.getpid()}.part")
+    try:
+        yield part
+        part.replace(whole)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def is_special(path: Path) -> bool:
+    """Whether it is a device or a pipe, which is written as it is."""
+    return path.exists() and not path.is_file() and not path.is_dir()

@@ -16,7 +16,7 @@ import sys
 from hapticd import __main__ as command
 from hapticd.tools.run import without_openssl
 with without_openssl():
-    from hapticd.daemon import service
+    from hapticd.tools import service
 from hapticd.daemon import settings
 from hapticd.config.sections import Config
 command.parser("run")

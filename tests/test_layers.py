@@ -10,53 +10,46 @@ from pathlib import Path
 
 import pytest
 
+from hapticd.__main__ import COMMANDS
+
 PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 CONTRACT = CLIENT.with_name("hapticd_contract")
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 VALUES = {"values", "board_values", "board_protocol", "errors"}  # and hapticd_contract
-PROGRAM = {*VALUES, "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"}
+PROGRAM = {*VALUES, "formats", "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"}
 
 # What each part may import of ours, apart from itself.
 ALLOWED: dict[str, set[str]] = {
     "values": set(),
     "errors": set(),
-    "regular_file": set(),
+    "regular_file": {"errors"},
     "board_protocol": set(),
     "board_values": {"values", "board_protocol"},
     "compiled": {"errors"},
-    "core": VALUES,
+    "formats": {"errors", "regular_file"},
+    "config": {"errors", "formats"},
+    "core": {*VALUES, "formats"},
     "wire": VALUES,
-    "files": {*VALUES, "regular_file", "config", "core.plate", "core.board.ledger", "wire", "__version__"},
-    "config": {"errors", "files.toml_file"},
     "io": {*VALUES, "regular_file"},
-    "daemon": {*VALUES, "config", "core", "wire", "io", "files", "sim.rig.process", "sim.plate", "__version__"},
-    "design": {*VALUES, "core.friction", "core.plate", "core.solver"},
-    "sim": {
+    "files": {
         *VALUES,
         "regular_file",
+        "formats",
         "config",
-        "core.friction",
         "core.plate",
+        "core.board.ledger",
         "wire",
-        "design",
-        "files",
-        "daemon.machine",
+        "__version__",
     },
+    "design": {*VALUES, "core.friction", "core.plate", "core.solver"},
+    "daemon": {*VALUES, "config", "core", "wire", "io", "files", "__version__"},
+    "sim": {*VALUES, "regular_file", "formats", "config", "core", "wire", "design", "files", "daemon"},
     "tools": {*PROGRAM, "regular_file"},
     "bench": {*PROGRAM, "tools", "compiled", "regular_file"},
 }
-ALLOWED_FOR_FILE = {
-    # Names that others call: they read and write files, and import the format when that is asked for.
-    "core/plate/mode_shapes.py": {"files.mode_map"},
-    # The lock-step run drives the daemon's own wiring in virtual time, and the paper's scheme for comparison.
-    "sim/lockstep.py": {"daemon.observer", "daemon.settings", "bench.baselines.paper_scheme"},
-    # The bound of such a run: the daemon's solver on the true plate.
-    "sim/perfect.py": {"core.solver", "daemon.settings"},
-    "tools/bench.py": {"bench"},
-}
-FORBIDDEN_IN_CORE = {"asyncio", "time", "socket", "logging", "os", "threading", "random", "zmq", "serial"}
+FORBIDDEN_IN_CORE = {"asyncio", "time", "socket", "logging", "os", "threading", "random", "zmq", "serial", "pathlib"}
 # A daemon that records needs neither the simulated rig nor a library of an extra.
 RECORDING_LIBRARIES = {"h5py", "pyarrow", "matplotlib"}
 
@@ -92,6 +85,32 @@ def imported_names(path: Path, *, at_load: bool = False) -> set[str]:
     return names
 
 
+@cache
+def named_modules(path: Path, root: Path = PACKAGE) -> set[str]:
+    """Absolute dotted names of modules of hapticd that a file names by a string: to import or to run them.
+
+    `import_module(".name", __package__)` is resolved within hapticd, and `-m hapticd COMMAND` is the command's module.
+    """
+    package = ".".join(path.relative_to(root.parent).parts[:-1])
+    names: set[str] = set()
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            text = node.value
+            names |= {text} if re.fullmatch(r"hapticd(\.\w+)+", text) else set()
+            names |= {f"{package}{text}"} if re.fullmatch(r"(\.\w+)+", text) else set()
+        if isinstance(node, ast.List | ast.Tuple):
+            words = [word.value if isinstance(word, ast.Constant) else None for word in node.elts]
+            for option, program, command in zip(words, words[1:], words[2:], strict=False):
+                if (option, program) == ("-m", "hapticd") and command in COMMANDS:
+                    names.add(f"hapticd.{COMMANDS[str(command)].module}")
+    return {name for name in names if is_module(name)}
+
+
+def is_module(name: str) -> bool:
+    path = PACKAGE.parent.joinpath(*name.split("."))
+    return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
+
+
 def ours(names: set[str]) -> set[str]:
     return {name.removeprefix("hapticd.") for name in names if name.startswith("hapticd.")}
 
@@ -106,12 +125,34 @@ def layer_files() -> list[Path]:
 
 @pytest.mark.parametrize("path", layer_files(), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_a_part_imports_only_what_the_drawing_allows(path: Path) -> None:
-    relative = str(path.relative_to(PACKAGE))
-    allowed = {part_of(path), *ALLOWED[part_of(path)], *ALLOWED_FOR_FILE.get(relative, set())}
-    for name in ours(imported_names(path)):
+    allowed = {part_of(path), *ALLOWED[part_of(path)]}
+    for name in ours(imported_names(path) | named_modules(path)):
         assert any(name == part or name.startswith(part + ".") or part.startswith(name + ".") for part in allowed), (
-            f"{relative} imports {name}"
+            f"{path.relative_to(PACKAGE)} imports {name}"
         )
+
+
+def test_no_arrow_of_the_drawing_runs_back_up() -> None:
+    assert_no_circle({part: {name.split(".")[0] for name in allowed} for part, allowed in ALLOWED.items()})
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ('run([executable, "-P", "-m", "hapticd.tools.touch_process"])', {"hapticd.tools.touch_process"}),
+        ('PROCESS = "hapticd.sim.rig.program"', {"hapticd.sim.rig.program"}),
+        ('import_module("hapticd.bench")', {"hapticd.bench"}),
+        ('import_module(".machine", __package__)', {"hapticd.daemon.machine"}),
+        ('run(("-m", "hapticd", "firmware", "selftest"))', {"hapticd.tools.firmware.program"}),
+        ('log = getLogger("hapticd")', set()),
+        ('path = "hapticd.toml"', set()),
+    ],
+)
+def test_what_is_imported_or_run_by_a_string_is_seen(source: str, found: set[str], tmp_path: Path) -> None:
+    part = tmp_path / "hapticd" / "daemon" / "some.py"
+    part.parent.mkdir(parents=True)
+    part.write_text(source, encoding="utf-8")
+    assert named_modules(part, tmp_path / "hapticd") == found
 
 
 def drawn(folder: str) -> set[str]:
@@ -165,10 +206,7 @@ def test_no_two_wings_of_a_part_import_each_other(part: str, least: int) -> None
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "core").rglob("*.py")), ids=lambda path: path.stem)
 def test_the_core_knows_no_clock_socket_file_or_log(path: Path) -> None:
-    roots = {name.split(".")[0] for name in imported_names(path)}
-    assert not roots & FORBIDDEN_IN_CORE
-    if path.stem != "mode_shapes":  # its `load` and `save` take a path
-        assert "pathlib" not in roots
+    assert not {name.split(".")[0] for name in imported_names(path)} & FORBIDDEN_IN_CORE
 
 
 def test_only_commands_import_the_calibration() -> None:

@@ -31,10 +31,10 @@ from ..core.board.ledger import Ledger, LoopTiming
 from ..daemon.daemon import Daemon, now_ns
 from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
-from ..daemon.service import ConfigLoader
 from ..errors import HapticdError
 from ..io.host.realtime import go_real_time
 from ..sim.rig.process import RigProcess
+from ..tools.service import ConfigLoader
 from .soak import Findings, check_length, judged
 from .soak_faults import ReferenceMeter
 from .tables import Table

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UsageError, reason
-from ..files.npz import arrays_of
+from ..formats.npz import arrays_of
 from ..regular_file import read_bounded
 from ..tools.touches import Trace
 

@@ -9,7 +9,7 @@ from dataclasses import Field, field
 from typing import Any
 
 from ..errors import ConfigError
-from ..files.toml_file import shown
+from ..formats.toml_file import shown
 
 
 def key(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ..errors import ConfigError
-from ..files.toml_file import read_table
+from ..formats.toml_file import read_table
 from .keys import bounds_text, checked, nearest, toml
 from .sections import MOST_MODES, SIMULATED, ClientConfig, Config, LimitsConfig
 

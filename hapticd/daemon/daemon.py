@@ -14,6 +14,7 @@ import secrets
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
@@ -48,6 +49,14 @@ LOG_MISSED_EVERY_NS = 10_000_000_000
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
 
 
+class Programs(NamedTuple):
+    """The commands that a daemon runs as processes of their own: `calibrate` fits while the plate is touched, and
+    `self_test` measures a board, given its port."""
+
+    calibrate: Sequence[str]
+    self_test: Sequence[str]
+
+
 class Daemon:
     """Everything that `hapticd run` opens, from `start` to `stop`."""
 
@@ -58,6 +67,7 @@ class Daemon:
         *,
         board_port: str,
         trackpad: TrackpadSource,
+        programs: Programs,
         calibration: Calibration = UNCALIBRATED,
         parasitic_modes: ParasiticModes | None = None,
         notifier: Notifier | None = None,
@@ -70,8 +80,9 @@ class Daemon:
         self.runtime_dir = runtime_dir
         self._server = ClientServer(runtime_dir, remote)
         self._link = SerialLink(board_port, config.device.baud)
-        self._self_test = SelfTest(config.device, board_port) if config.device.self_test else None
+        self._self_test = SelfTest(programs.self_test, config.device, board_port) if config.device.self_test else None
         self._trackpad = trackpad
+        self._programs = programs
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
         self._t_collected_ns = self._t_logged_ns = self._t_swept_ns = 0
@@ -106,7 +117,7 @@ class Daemon:
         )
         if self._config.trackpad.correct_while_touched:
             self._calibration_task = SelfCalibration(self._config, self._modes, self._parasitic_modes)
-            self._calibration_task.start(loop, _header(self._machine, True))
+            self._calibration_task.start(loop, self._programs.calibrate, _header(self._machine, True))
             self._machine.status.calibration = self._calibration_task.report
         self._recorders = Recorders(
             self._machine,

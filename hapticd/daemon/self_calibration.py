@@ -15,7 +15,6 @@ import logging
 import math
 import os
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import astuple
@@ -33,7 +32,6 @@ from .machine import Machine
 
 log = logging.getLogger("hapticd")
 
-PROCESS = "hapticd.tools.touch_process"
 MOST_WAITING_BYTES = 1 << 20  # for the pipe: some 7 s of touching
 STEP_EVERY_NS = 10_000_000
 _LONGEST_LINE_BYTES = 1 << 21  # the largest map is a megabyte
@@ -76,12 +74,12 @@ class SelfCalibration:
         self._verdicts = self._adopted = self._dropped = self._steps = self._maps = self._loads = 0
         self._last = ""
 
-    def start(self, loop: asyncio.AbstractEventLoop, header: Header) -> None:
-        """Start the process; one that cannot be started is a warning."""
+    def start(self, loop: asyncio.AbstractEventLoop, command: Sequence[str], header: Header) -> None:
+        """Start the process that `command` names; one that cannot be started is a warning."""
         self._loop = loop
         try:
             self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", PROCESS],
+                command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 bufsize=0,

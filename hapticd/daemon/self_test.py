@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import itertools
 import json
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -27,10 +26,11 @@ LOOK_S = 0.2  # after these, whether fingers have lifted
 class SelfTest:
     """One self-test of the board on `port`; `result` is its outcome and sentence, RUNNING while it is under way."""
 
-    def __init__(self, device: DeviceConfig, port: str) -> None:
+    def __init__(self, program: Sequence[str], device: DeviceConfig, port: str) -> None:
+        """`program` is the command that tests, up to its arguments."""
         compared = ["--calibration", device.calibration_file] if device.calibration_file else []
         where = ["--port", port, "--baud", str(device.baud)]
-        self._command = [sys.executable, "-P", "-m", "hapticd", "firmware", "selftest", *where, *compared, "--json"]
+        self._command = [*program, *where, *compared, "--json"]
         self.result: tuple[str, str] | None = None
         self._task: asyncio.Task[None] | None = None
 

@@ -13,8 +13,8 @@ from typing import Any
 from .. import board_protocol as protocol
 from ..board_values import Calibration, ModeCalibration, is_within
 from ..errors import ConfigError
-from .outputs import write_text
-from .toml_file import read_table, shown
+from ..formats.toml_file import read_table, shown
+from ..regular_file import opened
 
 # Key: lower and upper bound.
 KEYS = {
@@ -68,7 +68,8 @@ def save(path: Path, calibration: Calibration) -> None:
     """Overwrite the file, modes in order. Raises HapticdError."""
     drive = "" if calibration.drive_hz is None else f"\n{DRIVE_KEY} = {calibration.drive_hz:.3f}\n"
     modes = sorted(calibration.modes, key=lambda measured: measured.mode)
-    write_text(HEADER + drive + "".join(_text(measured) for measured in modes), path)
+    with opened(path) as file:
+        file.write((HEADER + drive + "".join(_text(measured) for measured in modes)).encode())
 
 
 def _text(measured: ModeCalibration) -> str:

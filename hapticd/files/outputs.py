@@ -1,4 +1,4 @@
-"""Output files of commands: the arguments that name them, the check before the work, and the only way to open one.
+"""Output files of commands: the arguments that name them, and the check before the work.
 
 One rule for all: the suffix is that of what is written; the folder of a file exists, a folder of results is created;
 an existing file is refused without --force; what the command reads and its other outputs are never overwritten.
@@ -11,13 +11,12 @@ import argparse
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from ..errors import HapticdError, UsageError, missing_library, reason
-from ..regular_file import open_regular
+from ..errors import UsageError, missing_library, reason
+from ..regular_file import is_special, open_regular, opened
 
 PICTURE = (".png", ".pdf", ".svg")
 JSON, CSV, NPZ, HDF5, RECORDING = (".json",), (".csv",), (".npz",), (".h5", ".hdf5"), (".mcap",)
@@ -60,7 +59,7 @@ def check_arguments(options: argparse.Namespace) -> None:
 
 def check_suffix(path: Path, suffixes: Suffixes) -> None:
     """Raise UsageError for a file whose name does not end in one of `suffixes`; devices and pipes have any name."""
-    if not ((path.suffix and path.name.lower().endswith(suffixes)) or _is_special(path)):
+    if not ((path.suffix and path.name.lower().endswith(suffixes)) or is_special(path)):
         raise UsageError(f"{path}: has the name of another kind of file: end it in {' or '.join(suffixes)}.")
 
 
@@ -105,43 +104,6 @@ def create_folder(folder: Path) -> None:
         raise UsageError(f"{folder}: cannot be created as a folder ({reason(error)}): choose another place.") from None
 
 
-@contextmanager
-def opened(path: Path, *, mode: int = 0o666) -> Iterator[IO[bytes]]:
-    """Open an output. It gets its name when it is whole; until then, and after an error, an earlier file remains.
-
-    `mode` are the permissions before the umask. Raises HapticdError, such as for a full disk.
-    """
-    try:
-        if _is_special(path):
-            with path.open("wb") as file:
-                yield file
-            return
-        with (
-            named_when_whole(path) as part,
-            open(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode), "w+b") as file,
-        ):
-            yield file
-    except OSError as error:
-        raise HapticdError(f"{path}: cannot be written ({reason(error)}): choose another place.") from None
-
-
-@contextmanager
-def named_when_whole(path: Path) -> Iterator[Path]:
-    """Yield the name of a file to write, which gets the name `path` at the end, and is deleted after an error.
-
-    Raises UsageError for a device or a pipe, OSError.
-    """
-    if _is_special(path):
-        raise UsageError(f"{path}: is a device or a pipe: name a file.")
-    whole = path.resolve()
-    part = whole.with_name(f".hapticd-{os.getpid()}.part")
-    try:
-        yield part
-        part.replace(whole)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def write_text(text: str, file: Path | str) -> None:
     """Write to the file, or for "-" to standard output. Raises HapticdError, such as for a full disk."""
     if file == STDOUT:
@@ -164,7 +126,3 @@ def _is_same(path: Path, other: Path) -> bool:
         return path.samefile(other)
     except OSError:  # one of them does not exist
         return path.absolute() == other.absolute()
-
-
-def _is_special(path: Path) -> bool:
-    return path.exists() and not path.is_file() and not path.is_dir()

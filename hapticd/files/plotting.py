@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from .. import __version__
 from ..errors import HapticdError, reason
-from .outputs import PICTURE, check_suffix, opened, require_matplotlib
+from ..regular_file import opened
+from .outputs import PICTURE, check_suffix, require_matplotlib
 
 DPI = 110
 SIGNATURE_PT = 7

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..bench.baselines.paper_scheme import paper_config, paper_pipeline
 from ..board_values import UNCALIBRATED, Calibration
 from ..config.loader import on_plate
 from ..config.sections import Config
@@ -34,6 +33,7 @@ from .fingers.pad_noise import FILTERED_NOISE, PadNoise
 from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel
+from .paper_scheme import paper_config, paper_pipeline
 from .plate.glasses import find_glass
 from .plate.ground_truth import GroundTruth, PlateSettings
 from .score import Score, score, with_contacts

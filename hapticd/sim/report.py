@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..files.outputs import opened
+from ..regular_file import opened
 from . import lockstep
 from .fingers.scenarios import STEP_S
 from .lockstep import Run

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import SimulationError
-from ..files.toml_file import shown
+from ..formats.toml_file import shown
 from .fingers.pad_noise import PadNoise
 
 

@@ -32,14 +32,15 @@ from ..core.board.ledger import Histogram, LedgerLine
 from ..daemon.daemon import Daemon, now_ns
 from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
-from ..daemon.service import ConfigLoader
 from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
 from ..files import outputs, plotting
+from ..regular_file import opened
 from ..sim import landing
 from .arguments import POSITIVE
 from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr
+from .service import ConfigLoader
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -234,7 +235,7 @@ def sparkline(histogram: Histogram) -> str:
 
 def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
     """Write one CSV line per frame; the columns are the fields of `LedgerLine`. Raises HapticdError."""
-    with outputs.opened(path) as file, io.TextIOWrapper(file, "ascii", newline="") as text:
+    with opened(path) as file, io.TextIOWrapper(file, "ascii", newline="") as text:
         writer = csv.writer(text)
         writer.writerow([field.name for field in fields(LedgerLine)])
         writer.writerows(map(astuple, lines))

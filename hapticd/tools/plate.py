@@ -25,7 +25,7 @@ from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError, UsageError
 from ..files import outputs, plotting
-from ..files.mode_map import FORMATS
+from ..formats.mode_map import FORMATS
 from . import plate_contacts, plate_felt
 from .arguments import POSITIVE, number, whole
 from .calibrate.modes import parse_size

@@ -61,7 +61,7 @@ def _run(options: argparse.Namespace) -> None:
         print(config.render(loaded), end="")
         return
     with without_openssl():
-        from ..daemon import service
+        from . import service
     if options.check:
         service.check(loaded)
         return

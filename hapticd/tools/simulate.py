@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from ..config.sections import FELT, OBJECTIVES, Config, SolverConfig
 from ..errors import UsageError, reason
 from ..files import outputs
-from ..regular_file import read_bounded
+from ..regular_file import named_when_whole, read_bounded
 from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
 from . import glass
@@ -102,7 +102,7 @@ def _simulate(options: argparse.Namespace) -> None:
         else:
             from .record import simulated
 
-            with outputs.named_when_whole(options.record) as part:
+            with named_when_whole(options.record) as part:
                 result = simulated.run(
                     scenario, part, settings=settings, seed=options.seed, seconds=options.seconds, progress=progress
                 )

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import main
+from hapticd.bench import command as bench
 from hapticd.bench import firmware, solver, suite, worlds
-from hapticd.tools import bench
 
 pytestmark = pytest.mark.long
 

@@ -8,8 +8,8 @@ from scipy.optimize import lsq_linear
 
 import hapticd.core.solver as core_solver
 from hapticd.bench.baselines import solve
-from hapticd.bench.baselines.paper_scheme import invert
 from hapticd.bench.baselines.solver import POLICIES
+from hapticd.sim.paper_scheme import invert
 
 LIMIT_UM = 4.0
 NEARLY_PARALLEL = np.array([[0.8, 0.75], [0.8, 0.7]])

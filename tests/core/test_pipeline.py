@@ -20,8 +20,8 @@ from pipeline_bench import (
     felt_um,
 )
 
-from hapticd.bench.baselines.paper_scheme import invert
 from hapticd.core.solver.derating import LEAST_SHARE
+from hapticd.sim.paper_scheme import invert
 from hapticd.values import Aim, Tick
 from hapticd_contract.contents import Amplitude, Grating
 from hapticd_contract.surfaces import VirtualPath

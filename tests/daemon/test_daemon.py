@@ -30,6 +30,7 @@ from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
 from hapticd.io.host.runaway import Breather
 from hapticd.io.host.systemd import Notifier
+from hapticd.tools.service import PROGRAMS
 from hapticd.values import Finger, RawReport, Tick
 from hapticd.wire import device
 from hapticd_client import Client
@@ -51,7 +52,8 @@ class Hardware:
 
     def daemon(self, runtime: str = "run", notifier: Notifier | None = None, config: Config = CONFIG) -> Daemon:
         trackpad, port = SocketTrackpad(self.folder / "trackpad"), str(self.folder / "board")
-        return Daemon(config, self.folder / runtime, board_port=port, trackpad=trackpad, notifier=notifier)
+        parts = {"board_port": port, "trackpad": trackpad, "programs": PROGRAMS, "notifier": notifier}
+        return Daemon(config, self.folder / runtime, **parts)
 
     @asynccontextmanager
     async def started(self, **arguments: Any) -> AsyncIterator[Daemon]:

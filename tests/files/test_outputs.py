@@ -15,6 +15,7 @@ from hapticd.__main__ import COMMANDS, main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.errors import HapticdError, UsageError
 from hapticd.files import outputs
+from hapticd.regular_file import opened
 
 PACKAGE = Path(hapticd.__file__).parent
 
@@ -147,7 +148,6 @@ def test_every_option_that_writes_is_declared_as_an_output(command: str) -> None
 
 ELSEWHERE = {
     "compiled/prerequisites.py",  # a folder of its own
-    "files/outputs.py",
     "files/recording/mcap_writer.py",  # recordings take the next free name
     "io/clients/keys.py",  # keys are refused by name
     "io/clients/runtime_dir.py",  # the daemon's lock
@@ -159,7 +159,7 @@ ELSEWHERE = {
     "tools/daemon_process.py",  # its own folder
     "tools/plate_verdict.py",  # its own folder
     "tools/install_service.py",  # its destinations are fixed
-    "regular_file.py",  # a study's session is continued
+    "regular_file.py",  # the one place
     "tools/view/program.py",  # the address, in a folder of its own
 }
 
@@ -188,14 +188,14 @@ def writes(path: Path) -> bool:
 def test_outputs_are_opened_in_one_place() -> None:
     found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if writes(path)}
     assert found <= ELSEWHERE
-    assert "files/outputs.py" in found
+    assert "regular_file.py" in found
 
 
 def test_an_output_gets_its_name_when_it_is_whole() -> None:
     Path("f.json").write_text("old", encoding="utf-8")
 
     def half() -> None:
-        with outputs.opened(Path("f.json")) as file:
+        with opened(Path("f.json")) as file:
             file.write(b"half")
             raise HapticdError("stopped")
 

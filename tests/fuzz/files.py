@@ -21,8 +21,8 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ConfigError, HapticdError, ModesError, TrackpadError
 from hapticd.files import calibration
-from hapticd.files.mode_map import MAX_BYTES, MAX_LINES, encode_grid
-from hapticd.files.toml_file import MAX_BYTES as MAX_TOML_BYTES
+from hapticd.formats.mode_map import MAX_BYTES, MAX_LINES, encode_grid
+from hapticd.formats.toml_file import MAX_BYTES as MAX_TOML_BYTES
 from hapticd.io.devices.replay import MODELS, read_recording, write_recording
 from hapticd.io.devices.trackpad_source import REPORT_BYTES
 from hapticd.values import RawReport

@@ -12,10 +12,10 @@ import pytest
 
 from hapticd.config import loader as config
 from hapticd.config.sections import SIMULATED, Config
-from hapticd.daemon.service import MAX_DESCRIPTORS
 from hapticd.errors import ConfigError
 from hapticd.io.devices.trackpad_source import PADS
 from hapticd.io.host.cpu_latency import LATENCY_FILE
+from hapticd.tools.service import MAX_DESCRIPTORS
 
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "hapticd.service"

@@ -15,11 +15,11 @@ from pictures import faults
 from hapticd.__main__ import main
 from hapticd.config import loader
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.daemon.service import load_modes
 from hapticd.design import free_plate_modes
 from hapticd.design.contact_search import Drive, Plate, search
 from hapticd.design.materials import find_material
 from hapticd.tools.plate_verdict import Motion, verdict
+from hapticd.tools.service import load_modes
 
 
 def test_the_reference_plate_is_designed_and_its_files_are_what_they_say(

@@ -11,11 +11,11 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.config import loader
-from hapticd.daemon.service import load_modes
 from hapticd.design.plate_bounds import Bound
 from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import plate_felt
+from hapticd.tools.service import load_modes
 
 SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", "2", "--drive", "28000..30500"]
 KIT = ["--place", "8x8x0.3", "--farthest", "600"]

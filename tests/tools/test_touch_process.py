@@ -46,6 +46,7 @@ from hapticd.sim.lockstep import T_START_NS, Settings
 from hapticd.sim.world_errors import MapChange, SensorErrors, WorldErrors
 from hapticd.tools import touch_process
 from hapticd.tools.record.replay import replay
+from hapticd.tools.service import PROGRAMS
 from hapticd.tools.touch_process import Accumulator, serve
 from hapticd.tools.touch_recording import Collected
 from hapticd.wire.framing import encode_frame
@@ -347,7 +348,7 @@ async def test_the_end_of_the_process_is_one_warning_and_leaves_the_machine_alon
 ) -> None:
     popen, command = subprocess.Popen, [sys.executable, "-I", "-S", "-c", code]
     monkeypatch.setattr(subprocess, "Popen", lambda _, **settings: popen(command, **settings))
-    calibration.start(asyncio.get_running_loop(), at_rest.header)
+    calibration.start(asyncio.get_running_loop(), PROGRAMS.calibrate, at_rest.header)
     calibration.put("board_bytes", T_START_NS, b"nothing")
     try:
         async with asyncio.timeout(30.0):
@@ -371,7 +372,7 @@ async def test_an_output_that_has_nothing_yet_is_read_later(
     def nothing_yet(*_: object) -> bytes:
         raise BlockingIOError
 
-    calibration.start(asyncio.get_running_loop(), at_rest.header)
+    calibration.start(asyncio.get_running_loop(), PROGRAMS.calibrate, at_rest.header)
     with monkeypatch.context() as patched:
         patched.setattr(os, "read", nothing_yet)
         calibration._read()
@@ -442,7 +443,7 @@ def test_another_board_begins_a_collection_of_its_own(at_rest: Touching) -> None
 async def test_a_process_that_does_not_read_costs_records_and_no_time_but_learns_what_is_in_force(
     at_rest: Touching, calibration: SelfCalibration
 ) -> None:
-    calibration.start(asyncio.get_running_loop(), at_rest.header)
+    calibration.start(asyncio.get_running_loop(), PROGRAMS.calibrate, at_rest.header)
     assert calibration.process is not None
     calibration.process.send_signal(signal.SIGSTOP)
     for _ in range(40):

@@ -14,6 +14,7 @@ from ...core.prediction.bank import MAX_ACCELERATION_MM_S2, MAX_SPEED_MM_S, Mode
 from ...core.prediction.gains import FloatArray, process_model, riccati_step, start_covariance
 from ...core.prediction.motion import MotionModel, Sample, checked
 from ...core.prediction.predictor import DEFAULT, Predictor, PredictorFactory
+from ...sim.paper_scheme import HOLD
 
 
 class QuadraticMotion(MotionModel):
@@ -48,15 +49,6 @@ class QuadraticMotion(MotionModel):
         self._x, self._y = x, y
         self._vx, self._vy = shortened(vx, vy, MAX_SPEED_MM_S)
         self._ax, self._ay = shortened(ax, ay, MAX_ACCELERATION_MM_S2)
-
-
-class Hold(QuadraticMotion):
-    """The last position: the founding paper's prediction."""
-
-    __slots__ = ()
-
-    def step(self, sample: Sample) -> None:
-        self._set(sample.x_mm, sample.y_mm, 0.0, 0.0)
 
 
 class Linear(QuadraticMotion):
@@ -129,7 +121,7 @@ class KalmanConstantJerk(QuadraticMotion):
 PREDICTORS: dict[str, PredictorFactory] = {
     "default": DEFAULT,
     "bank": PredictorFactory.of(ModelBank),
-    "hold": PredictorFactory.of(Hold),
+    "hold": HOLD,
     "linear": PredictorFactory.of(Linear),
     "kalman_cv": PredictorFactory.of(KalmanConstantVelocity),
     "kalman_jerk": PredictorFactory.of(KalmanConstantJerk),

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from ...core.solver import public
 from ...core.solver.points.arithmetic import Row, Rows, clamped
 from ...core.solver.points.general import solve_fast
+from ...sim.paper_scheme import invert
 from ...values import Solution
-from .paper_scheme import invert
 
 POLICIES: Final = ("keep_zero", "keep_ratio", "least_squares", "paper")
 _UNLIMITED_UM, _NEARLY_STILL_UM = 1e30, 1e-9

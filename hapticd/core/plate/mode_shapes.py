@@ -10,13 +10,16 @@ Outside the map the shapes are those of the nearest edge point, which `inside` r
 from __future__ import annotations
 
 from bisect import bisect_right
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.plate.bicubic import BicubicSurfaces, FloatArray, Patch, fill_gaps
 from hapticd.errors import ModesError
+
+if TYPE_CHECKING:
+    from hapticd.formats.mode_map import MapPath
 
 __all__ = ["BicubicSurfaces", "ModeShapes"]
 
@@ -65,9 +68,9 @@ class ModeShapes:
         return cls(x_mm, y_mm, shapes)
 
     @classmethod
-    def load(cls, path: str | Path) -> ModeShapes:
-        """Read a map from an NPZ or CSV file (formats: `files.mode_map`); raises ModesError."""
-        from hapticd.files.mode_map import read_grid
+    def load(cls, path: MapPath) -> ModeShapes:
+        """Read a map from an NPZ or CSV file (`formats.mode_map`); raises ModesError."""
+        from hapticd.formats.mode_map import read_grid
 
         try:
             return cls(*read_grid(path))
@@ -76,9 +79,9 @@ class ModeShapes:
                 raise
             raise ModesError(f"{path}: {error}") from error
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: MapPath) -> None:
         """Write the map as NPZ or CSV, by the file's suffix; `load` gives back the same numbers."""
-        from hapticd.files.mode_map import write_grid
+        from hapticd.formats.mode_map import write_grid
 
         write_grid(path, (self.x_mm, self.y_mm, self.shapes))
 

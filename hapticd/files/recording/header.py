@@ -16,7 +16,7 @@ from ...config.sections import Config
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...errors import ConfigError, HapticdError, RecordingError
-from ..toml_file import MAX_BYTES, parse
+from ...formats.toml_file import MAX_BYTES, parse
 from .kinds import Fields
 
 FORMAT = 2

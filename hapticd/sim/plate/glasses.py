@@ -21,7 +21,7 @@ from typing import Any
 
 from hapticd.config.sections import LEAST_MODES, MOST_MODES
 from hapticd.errors import ConfigError, SimulationError
-from hapticd.files.toml_file import read_table, shown
+from hapticd.formats.toml_file import read_table, shown
 
 LEAST_PARASITIC = 2  # modes near the drive that no amplifier drives
 SUFFIX = ".toml"  # of a file that describes a plate

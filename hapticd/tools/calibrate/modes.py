@@ -25,7 +25,7 @@ from ...design.cartography import REFERENCE_SIZE_MM
 from ...design.contact_pairs import grams, settle
 from ...errors import CalibrationError, ModesError
 from ...files import plotting
-from ...files.mode_map import Scan, read_scan
+from ...formats.mode_map import Scan, read_scan
 from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from .. import glass

@@ -23,9 +23,8 @@ import zmq
 
 from ...config import loader as configuration
 from ...errors import HapticdError
-from ...files.outputs import opened
-from ...files.toml_file import MAX_BYTES
-from ...regular_file import read_bounded
+from ...formats.toml_file import MAX_BYTES
+from ...regular_file import opened, read_bounded
 from ..record import attach
 from ..version import version_text
 from .finding import Finding, System, as_document

@@ -27,7 +27,7 @@ def modes(system: System) -> Finding:
             return Finding(PASS, "mode shapes", "computed for the simulated plate")
         text = f"limits.w_limit_um has {len(limits_um)} limits, the simulated plate {simulated} modes"
         return Finding(FAIL, "mode shapes", text, "give one limit for each mode, or plate.modes_file")
-    from ...daemon.service import load_modes
+    from ..service import load_modes
 
     try:
         found = load_modes(system.config)

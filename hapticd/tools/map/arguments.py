@@ -51,8 +51,8 @@ def plate(options: argparse.Namespace) -> MappedPlate:
         size_mm = 2.0 * float(np.abs(modes.x_mm).max()), 2.0 * float(np.abs(modes.y_mm).max())
         limits_um, radius_mm = limits(options.limit, (LIMIT_UM,) * modes.M), Config().solver.contact_radius_mm
         return MappedPlate(modes, size_mm, limits_um, radius_mm, DEFAULT_FRICTION_CURVE)
-    from ...daemon.service import load_modes
     from ...daemon.settings import friction_curve
+    from ..service import load_modes
 
     loaded = config.load(options.config) if options.config is not None else Config()
     if options.plate is not None:

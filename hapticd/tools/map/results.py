@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...files import outputs
+from ...regular_file import opened
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
@@ -25,6 +25,6 @@ def plate_line(modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequen
 
 def save(arrays: dict[str, FloatArray], limit_um: Sequence[float], path: Path) -> None:
     """Write arrays and the limits."""
-    with outputs.opened(path) as file:
+    with opened(path) as file:
         np.savez_compressed(file, limit_um=np.array(limit_um), **arrays)  # type: ignore[arg-type]
     print(f"written: {path}", file=sys.stderr)

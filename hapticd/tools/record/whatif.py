@@ -24,7 +24,7 @@ from ...daemon.settings import friction_curve
 from ...errors import ConfigError
 from ...files.recording.kinds import Fields, Record, phasors
 from ...files.recording.mcap_reader import Recording
-from ...files.toml_file import parse
+from ...formats.toml_file import parse
 from ...sim.score import Score, score, with_contacts
 from ...values import Aim
 from .replay import feed, steps

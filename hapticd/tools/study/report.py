@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ...files import plotting
-from ...files.outputs import check, has_mark, opened, require_matplotlib, write_text
+from ...files.outputs import check, has_mark, require_matplotlib, write_text
+from ...regular_file import opened
 from .analysis import GUESSING_FRAC, Group, Result, analyse, analyse_group
 from .protocol import StudyError
 from .session import SUFFIX, Session, read

@@ -9,9 +9,9 @@ import threading
 
 import pytest
 
-from hapticd.daemon.service import MAX_DESCRIPTORS
 from hapticd.errors import HapticdError
 from hapticd.io.host.limits import require_descriptors, require_threads
+from hapticd.tools.service import MAX_DESCRIPTORS
 
 WITHIN_S = 120.0
 RUN = """

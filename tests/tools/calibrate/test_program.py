@@ -18,7 +18,6 @@ from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.machine import Machine
-from hapticd.daemon.service import ConfigLoader
 from hapticd.errors import CalibrationError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
@@ -29,6 +28,7 @@ from hapticd.tools.calibrate import folder, resonance
 from hapticd.tools.calibrate.verdict import Figure, Outcome, Verdict, as_text, from_json, judge, to_json
 from hapticd.tools.firmware import sweep
 from hapticd.tools.firmware.conversation import Conversation
+from hapticd.tools.service import ConfigLoader
 
 pytestmark = pytest.mark.long
 

@@ -26,14 +26,14 @@ import zmq
 
 from hapticd.config.sections import Config
 from hapticd.daemon import recorder as recorders
-from hapticd.daemon import service
-from hapticd.daemon.service import ConfigLoader
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.io.host.systemd import Notifier
 from hapticd.sim.rig.process import RigProcess
+from hapticd.tools import service
 from hapticd.tools.record.attach import BEGUN, LATE, WAITING, record
 from hapticd.tools.record.replay import replay
 from hapticd.tools.record.tracks import tracks
+from hapticd.tools.service import ConfigLoader
 from hapticd.tools.view.rig import PadSender
 from hapticd_client import Client
 

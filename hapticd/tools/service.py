@@ -23,9 +23,12 @@ from ..config.loader import load, on_plate
 from ..config.sections import SIMULATED, Config, PlateConfig, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
+from ..daemon.daemon import Daemon, Programs
+from ..daemon.lifecycle import serve
+from ..daemon.settings import warm_up
 from ..errors import ConfigError, HapticdError, ModesError, TrackpadError
 from ..files import calibration
-from ..files.mode_map import require_usable
+from ..formats.mode_map import require_usable
 from ..io.clients import gate, keys
 from ..io.clients.server import runtime_directory
 from ..io.clients.sockets import Remote
@@ -38,9 +41,6 @@ from ..io.host.systemd import Notifier
 from ..sim.plate.glasses import driven_modes
 from ..sim.plate.wirings import wiring
 from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
-from .daemon import Daemon
-from .lifecycle import serve
-from .settings import warm_up
 
 log = logging.getLogger("hapticd")
 
@@ -50,6 +50,10 @@ MAX_DESCRIPTORS = GATES * gate.MAX_DESCRIPTORS + OWN_DESCRIPTORS
 ZMQ_THREADS = 2 * GATES  # of each context one for I/O, and one that closes sockets
 WATCHDOG_EVERY_S = 0.2  # watchdog period while a configuration is prepared
 CHECK_WITHIN_S = 30.0
+PROGRAMS = Programs(
+    calibrate=(sys.executable, "-P", "-m", "hapticd.tools.touch_process"),
+    self_test=(sys.executable, "-P", "-m", "hapticd", "firmware", "selftest"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +78,7 @@ class Prepared:
             trackpad=self.trackpad,
             calibration=self.calibration,
             parasitic_modes=self.parasitic_modes,
+            programs=PROGRAMS,
             notifier=notifier,
             remote=self.remote,
         )

@@ -16,7 +16,15 @@ from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import HapticdError, ModesError
-from hapticd.files.mode_map import FORMATS, decode_grid, decode_scan, encode_grid, read_grid, read_scan, require_usable
+from hapticd.formats.mode_map import (
+    FORMATS,
+    decode_grid,
+    decode_scan,
+    encode_grid,
+    read_grid,
+    read_scan,
+    require_usable,
+)
 
 HEADER = "x_mm,y_mm,phi_1,phi_2\n"
 

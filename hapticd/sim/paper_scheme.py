@@ -8,19 +8,48 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ...config import Config
-from ...core.pipeline import PipelineSettings
-from ...core.solver.points.arithmetic import Row, Rows, within
-from ...core.solver.points.general import solve_exactly
-from ...daemon.settings import pipeline_settings
-from .predictors import PREDICTORS
+from ..config import Config
+from ..core.pipeline import PipelineSettings
+from ..core.prediction.motion import MotionModel, Sample
+from ..core.prediction.predictor import PredictorFactory
+from ..core.solver.points.arithmetic import Row, Rows, within
+from ..core.solver.points.general import solve_exactly
+from ..daemon.settings import pipeline_settings
+
+
+class Hold(MotionModel):
+    """The last position: the paper's prediction. NaN before the first sample."""
+
+    __slots__ = ("_place_mm",)
+
+    def __init__(self) -> None:
+        self._place_mm = math.nan, math.nan
+
+    def start(self, x_mm: float, y_mm: float) -> None:
+        """Take the first sample of a touch."""
+        self._place_mm = x_mm, y_mm
+
+    def step(self, sample: Sample) -> None:
+        """Take the next sample."""
+        self._place_mm = sample.x_mm, sample.y_mm
+
+    def position(self, ahead_s: float) -> tuple[float, float]:  # noqa: ARG002
+        """Position in mm, at any time after the last sample."""
+        return self._place_mm
+
+    def velocity(self, ahead_s: float) -> tuple[float, float]:  # noqa: ARG002
+        """Velocity in mm/s."""
+        return 0.0, 0.0
+
+
+HOLD = PredictorFactory.of(Hold)
 
 
 def paper_pipeline(config: Config) -> PipelineSettings:
     """Return the pipeline's settings under the paper's scheme."""
     return replace(
         pipeline_settings(config),
-        make_predictor=PREDICTORS["hold"].for_touch,
+        make_predictor=HOLD.for_touch,
         solve=invert,
         derating_mm2_um2=0.0,
         phase_rotation=False,

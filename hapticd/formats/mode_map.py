@@ -18,16 +18,15 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.errors import ModesError
-from hapticd.regular_file import lines_of, open_regular
-
+from ..errors import ModesError
+from ..regular_file import lines_of, open_regular, opened
 from . import npz
-from .outputs import opened
 
 Floats = npt.NDArray[np.float64]
 Grid = tuple[Floats, Floats, Floats]
 Arrays = Mapping[str, npt.NDArray[Any]]
 Decoded = TypeVar("Decoded")
+MapPath = str | Path
 
 FORMATS = (".npz", ".csv")
 MAX_BYTES = 1 << 24  # of a file, and of an array in it; 20 modes on 300 x 300 points have 14 million
@@ -52,17 +51,17 @@ class Scan(NamedTuple):
     readings: npt.NDArray[Any]
 
 
-def read_grid(path: str | Path) -> Grid:
+def read_grid(path: MapPath) -> Grid:
     """Read `x_mm` (nx,), `y_mm` (ny,) and real `shapes` (M, ny, nx), NaN where missing. Raises ModesError."""
     return _read(Path(path), decode_grid)
 
 
-def read_scan(path: str | Path) -> Scan:
+def read_scan(path: MapPath) -> Scan:
     """Read a scan of any form; the fit judges its values. Raises ModesError."""
     return _read(Path(path), decode_scan)
 
 
-def write_grid(path: str | Path, grid: Grid) -> None:
+def write_grid(path: MapPath, grid: Grid) -> None:
     """Write a grid as NPZ or CSV, by the suffix; `read_grid` returns the same numbers. Raises HapticdError."""
     data = encode_grid(grid, _suffix(Path(path)))
     with opened(Path(path)) as file:

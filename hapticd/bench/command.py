@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..errors import UsageError
 from ..files import outputs
-from .arguments import POSITIVE, number, whole
+from ..tools.arguments import POSITIVE, number, whole
 
 
 class Part(NamedTuple):
@@ -89,7 +89,7 @@ def _bench(options: argparse.Namespace) -> None:
         raise UsageError("--traces and --recording exclude each other: give one.")
     if touches is not None and options.plot is not None:
         raise UsageError("--plot: recorded touches have no table of error over run time: leave the option out.")
-    from ..bench import suite
+    from . import suite
 
     names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
     extent = suite.Extent(

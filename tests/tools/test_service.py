@@ -20,14 +20,14 @@ from machine_bench import PLATE
 
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
-from hapticd.daemon import service
-from hapticd.daemon.service import ConfigLoader, load_modes
 from hapticd.daemon.settings import pipeline_settings
 from hapticd.errors import ConfigError, DeviceError
 from hapticd.io.host.systemd import Notifier
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.rig.files import write_measured
 from hapticd.sim.rig.process import MODES_FILE
+from hapticd.tools import service
+from hapticd.tools.service import ConfigLoader, load_modes
 from hapticd_client import Client
 
 _POINTS_MM = [(x_mm, y_mm) for y_mm in (-60, -20, 20, 60) for x_mm in (-60, -20, 20, 60)]
