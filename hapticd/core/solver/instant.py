@@ -22,7 +22,6 @@ from .derating import derated, is_near_node, least_share, slopes_at
 from .felt import felt_points, solve_felt
 from .felt_descent import contact_shapes, contacts_rms_um
 from .points.arithmetic import Rows
-from .points.few_modes import MOST_MODES, MOST_SLIPPING
 from .points.general import solve_fast
 from .points.phase import solve_phased_fast
 from .reach import ReachProblem, reach
@@ -108,8 +107,6 @@ class InstantSolver:
             return 9_900.0 + 2_050.0 * fingers * modes + 64.0 * fingers * modes * modes
         if fingers <= 2 and modes <= 2:
             return 13_300.0
-        if fingers <= MOST_SLIPPING and modes <= MOST_MODES:
-            return 9_000.0 * fingers * modes + 5_200.0 * 2.0**fingers
         return 18_600.0 + 1_000.0 * fingers * modes + 89.0 * modes * modes * modes
 
     def cold_ns(self, fingers: int) -> float:
@@ -241,9 +238,8 @@ class InstantSolver:
         return self._is_turned
 
     def _descends(self, slipping: int, previous_um: Row) -> bool:
-        """More fingers slip than turn from pattern to pattern, or did since the plate was silent: what their phases
-        have become is no turn."""
-        self._is_crowded = slipping > MOST_SLIPPING or (self._is_crowded and any(previous_um))
+        """More than two fingers slip, or did since the plate was silent: what their phases have become is no turn."""
+        self._is_crowded = slipping > 2 or (self._is_crowded and any(previous_um))
         return self._is_crowded
 
     def _derated(

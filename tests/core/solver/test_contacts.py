@@ -12,20 +12,15 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 from scipy.optimize import minimize_scalar
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.contact import contact_gram, disc_points
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver import solve
 from hapticd.core.solver.contacts import (
     BUILT_IN,
-    STILL_IMPORTANCE,
     UNCERTAIN_FRAC,
-    FeltError,
     solve_contacts,
-    step_towards,
 )
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
-from hapticd.values import WEBER_FRAC
 
 Array = npt.NDArray[np.float64]
 FINGERTIP = GroundTruth(PlateSettings.of("fingertip"))
@@ -95,30 +90,6 @@ def test_within_ample_limits_the_sum_is_that_of_the_generalized_eigenvalue(plate
     assert np.mean(np.array(excess) < 0.04) > 0.8  # some pairs have two optima
 
 
-def test_errors_are_those_of_the_default_friction_curve() -> None:
-    for target_um in (0.0, 0.3, 1.0):
-        for rms_um in (0.0, 0.05, 0.4, 0.9):
-            error = DEFAULT_FRICTION_CURVE.friction(rms_um) - DEFAULT_FRICTION_CURVE.friction(target_um)
-            share = STILL_IMPORTANCE + (1.0 - STILL_IMPORTANCE) * target_um
-            assert BUILT_IN.error(rms_um, target_um) == pytest.approx(
-                share * math.hypot(error, BUILT_IN.just_felt), abs=1e-12
-            )
-    assert pytest.approx(WEBER_FRAC * math.exp(-1.0 / 0.7)) == BUILT_IN.just_felt
-
-
-@pytest.mark.parametrize("curve", [DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.2, 0.5, 1.1), 0.3)])
-@pytest.mark.parametrize("target_um", [0.0, 0.4, 1.0, 3.0])
-@pytest.mark.parametrize("stretch", [1.0, 1.7])
-def test_the_weight_has_the_slope_of_the_error(target_um: float, curve: FrictionCurve, stretch: float) -> None:
-    felt = FeltError(curve)
-    for rms_um in (0.01, 0.3, target_um + 1e-7, 0.7, 1.0 - 1e-5, 1.5, 2.9):
-        ends = (felt.error(rms_um + step_um, target_um, stretch) for step_um in (-1e-6, 1e-6))
-        slope = -float(np.subtract(*ends)) / 2e-6
-        weight = felt.weight(rms_um, target_um, stretch)
-        assert weight * (rms_um - target_um) == pytest.approx(slope, rel=1e-3, abs=1e-4)
-        assert weight > 0.0
-
-
 def test_a_contact_that_slides_where_the_curve_depends_on_speed_needs_more_amplitude(plate: ModeShapes) -> None:
     grams = grams_at(plate, [(-40.0, 10.0), (35.0, -20.0)])
     d_um, q_um = [0.0] * 4, [0.0] * 4
@@ -139,15 +110,6 @@ def test_one_descent_ends_near_the_best_of_many_starts(plate: ModeShapes) -> Non
     assert own < 1.05 * best
 
 
-def test_a_call_never_raises_the_sum(plate: ModeShapes) -> None:
-    random = np.random.default_rng(4)
-    for points_mm in pairs(5, 30):
-        grams, targets_um = grams_at(plate, points_mm), (1.0, random.choice((0.0, 0.4)))
-        start = random.normal(size=4) + 1j * random.normal(size=4)
-        start *= min(1.0, *(np.array(LIMITS_UM) / np.abs(start)))
-        assert cost(grams, targets_um, solved(grams, targets_um, start=start)[0]) <= cost(grams, targets_um, start)
-
-
 def test_amplitudes_follow_the_fingers_without_a_jump(plate: ModeShapes) -> None:
     """Along straight ways through the plate in steps of 0.1 mm, from knot to knot."""
     for begin_mm, end_mm in zip(pairs(6, 6), pairs(7, 6), strict=True):
@@ -157,17 +119,6 @@ def test_amplitudes_follow_the_fingers_without_a_jump(plate: ModeShapes) -> None
             before_um = modal_um
             modal_um, _ = solved(grams_at(plate, begin_mm + share * (end_mm - begin_mm)), (1.0, 0.0), start=before_um)
             assert np.abs(modal_um - before_um).max() < 1.0  # a flip would be 8 um
-
-
-def test_targets_from_0_to_1_um_pass_without_a_step(plate: ModeShapes) -> None:
-    grams = grams_at(plate, [(-40.0, 10.0), (35.0, -20.0)])
-    modal_um, before = solved(grams, (1.0, 0.0), calls=30)
-    for target_um in np.linspace(0.0, 1.0, 201)[1:].tolist():
-        modal_um, achieved_um = solved(grams, (1.0, target_um), start=modal_um, calls=8)
-        assert abs(achieved_um[1] - before[1]) < 0.05
-        assert abs(achieved_um[0] - before[0]) < 0.05
-        before = achieved_um
-    assert before[1] > 0.5
 
 
 def test_no_slipping_finger_is_silence_and_the_start_is_the_same_each_time(plate: ModeShapes) -> None:
@@ -209,24 +160,7 @@ def test_solve_with_grams_gives_real_amplitudes_and_the_rms_of_each_contact(plat
     assert solve(phi, [1.0, 0.0], LIMITS_UM).achieved_um[1] == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("modes", [2, 3])
-def test_contacts_of_no_size_are_points(modes: int) -> None:
-    phi = np.random.default_rng(1).uniform(-1, 1, (3, modes))
-    gram = np.einsum("nk,nl->nkl", phi, phi)
-    for target_um in ([1.0, 0.0, 0.5], [1.0, 0.3, 0.5], [0.0, 0.0, 0.0]):
-        points, discs = solve(phi, target_um, 4.0), solve(phi, target_um, 4.0, gram=gram)
-        assert discs.modal_um == pytest.approx(points.modal_um, abs=1e-9)
-
-
 @pytest.mark.parametrize("gram", [np.zeros((2, 2)), np.full((2, 2, 2), np.nan), "three"])
 def test_a_gram_of_another_shape_or_not_finite_is_one_sentence(gram: object) -> None:
     with pytest.raises(ValueError, match=r"^gram: .*\."):
         solve(np.eye(2), [1.0, 0.0], 4.0, gram=gram)
-
-
-def test_a_step_is_shortened_for_all_modes_alike() -> None:
-    d_um, q_um = [3.0, 0.0], [4.0, 1.0]
-    assert step_towards([0.0, 0.0], [0.0, 0.0], d_um, q_um, 1.0)
-    assert d_um == pytest.approx([0.6, 0.0])
-    assert q_um == pytest.approx([0.8, 0.2])
-    assert not step_towards([0.0, 0.0], [0.0, 0.0], d_um, q_um, 1.5)

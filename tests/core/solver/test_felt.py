@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.solver.felt import MOST_SLIPPERY, counted_jnd, felt_points, solve_felt
+from hapticd.core.solver.felt import MOST_SLIPPERY, counted_jnd, solve_felt
 from hapticd.core.solver.felt_descent import contacts_rms_um
 from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -135,13 +135,6 @@ def test_of_three_priorities_the_second_comes_before_the_third_and_of_equal_ones
     assert both_high[1] < both_high[0] < np.median(mixed_errors_jnd(plate, [0, 0, 0]), axis=0)[0]
 
 
-@pytest.mark.parametrize("priority", [0, 1, 3])
-def test_equal_priorities_give_the_bits_of_none(plate: ModeShapes, priority: int) -> None:
-    for points_mm in apart(9, 4, 3):
-        none = settled(plate, points_mm, MIXED_UM)
-        assert np.array_equal(none, settled(plate, points_mm, MIXED_UM, priorities=[priority] * 3))
-
-
 def test_only_the_order_of_priorities_counts_and_with_equal_ones_only_slippery_errors_are_cut() -> None:
     frictions = [1.0, 0.9, 0.8, 0.7, 0.24]
     assert counted_jnd(frictions, [0] * 5) == [
@@ -191,34 +184,6 @@ def test_amplitudes_follow_the_fingers_without_a_jump(plate: ModeShapes) -> None
             steps_um.append(float(np.abs(modal_um - before_um).max()))
     assert np.quantile(steps_um, 0.99) < 0.5
     assert max(steps_um) < 1.0 + SLEW_UM_NS * MS + 1e-9  # a flip would be 8 um
-
-
-def test_targets_from_0_to_1_um_pass_without_a_step(plate: ModeShapes) -> None:
-    one, modal_um = solver(plate), tuple(settled(plate, PAIR_MM, (1.0, 0.0)).tolist())
-    before = None
-    for target_um in np.linspace(0.0, 1.0, 401).tolist():
-        solution = one.solve(places(PAIR_MM, (1.0, target_um)), modal_um, 4 * MS)
-        modal_um = solution.modal_um
-        if before is not None:
-            assert np.abs(np.subtract(solution.achieved_um, before)).max() < 0.06
-        before = solution.achieved_um
-    assert solution.achieved_um[1] > 0.5
-
-
-def test_no_slipping_finger_is_silence_and_the_start_is_the_same_each_time(plate: ModeShapes) -> None:
-    sticky = solver(plate).solve(places(PAIR_MM, (0.0, 0.0)), (1j, 1.0, 0j, 2.0), MS)
-    assert not any(sticky.modal_um)
-    first, second = (solver(plate).solve(places(PAIR_MM, (1.0, 0.0)), (0j,) * 4, MS) for _ in range(2))
-    assert first.modal_um == second.modal_um
-
-
-def test_contacts_on_top_of_each_other_and_over_the_edge_share_what_they_get(plate: ModeShapes) -> None:
-    same_mm = np.array([(10.0, 20.0), (10.0, 20.0)])
-    errors = errors_jnd(same_mm, (1.0, 0.0), settled(plate, same_mm, (1.0, 0.0)))
-    assert abs(errors[1]) < 1.2  # sticky first
-    beyond_mm = np.array([(99.0, -99.0), (-40.0, 30.0)])
-    assert np.isfinite(settled(plate, beyond_mm, (1.0, 0.0))).all()
-    assert np.isfinite(settled(plate, beyond_mm * 10.0, (1.0, 0.0))).all()
 
 
 @given(st.data())
@@ -289,18 +254,3 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
             assert np.all(np.abs(modal_um) <= limits_um)
             most_um = (1.0 + SLEW_UM_NS * since_ns) * (1.0 + 1e-12)
             assert not max(wanted_um) or np.abs(np.subtract(modal_um, before_um)).max() <= most_um
-
-
-def test_the_points_are_those_of_the_disc() -> None:
-    points = np.array(felt_points()) * (5.0, 5.0, 1.0)
-    x_mm, y_mm, weight = points.T
-    assert weight.sum() == pytest.approx(1.0)
-    for power_x, power_y, mean in (
-        (1, 0, 0.0),
-        (2, 0, 25.0 / 4.0),
-        (1, 1, 0.0),
-        (4, 0, 625.0 / 8.0),
-        (2, 2, 625.0 / 24.0),
-    ):
-        assert (weight * x_mm**power_x * y_mm**power_y).sum() == pytest.approx(mean, abs=1e-9)
-    assert math.isclose(np.hypot(x_mm, y_mm).max(), 5.0 * math.sqrt((1 + 1 / math.sqrt(3)) / 2))

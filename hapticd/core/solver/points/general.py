@@ -4,45 +4,42 @@ from __future__ import annotations
 
 from .arithmetic import SAFE, Row, Rows, clamped, unscaled
 from .descent import serve_many
-from .few_modes import FewModes, pose_few
 from .line import solve_line
 from .pair import hold_still, serve_both, serve_one
-from .sign_patterns import Problem, pose
+from .sign_patterns import pose
 
 
 def solve_fast(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
     """The touch path's, on plain floats for callers that have checked their input: modal amplitudes in um, and
-    `limited`. More fingers or modes than `few_modes` takes descend from `previous` (`descent`).
+    `limited`. More fingers or modes than closed forms take descend (`descent`), several slipping ones from `previous`.
 
     Whatever phi holds, the result is finite and within the limits; a phi that is not finite gives silence.
     """
     direct = _direct(rows, targets, limits, previous)
     if direct is not None:
         return direct
-    few = pose_few(rows, targets, limits)
-    if few is not None:
-        return _solved(few, limits, previous)
     d_um, q_um = [0.0] * len(limits), [0.0] * len(limits)
-    if previous is not None:
+    slipping = sum([target > 0.0 for target in targets])
+    if previous is not None and slipping > 1:  # one has no sign to keep: from rest it ends at the least amplitudes
         for mode in range(len(limits)):
             d_um[mode] = clamped(previous[mode], limits[mode])
     limited = serve_many(rows, targets, limits, d_um, q_um, is_real=True)
-    return tuple(d_um), limited
+    return _signed(tuple(d_um), previous), limited
 
 
 def solve_exactly(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
     """As `solve_fast`, but with the best of all sign patterns however long they take: `solve`."""
     direct = _direct(rows, targets, limits, previous)
-    if direct is not None:
-        return direct
-    few = pose_few(rows, targets, limits)
-    return solve_general(rows, targets, limits, previous) if few is None else _solved(few, limits, previous)
+    return solve_general(rows, targets, limits, previous) if direct is None else direct
 
 
 def solve_general(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
     """As `solve_exactly`, by the general path alone."""
     problem = pose(rows, targets, limits)
-    return ((0.0,) * len(limits), False) if problem is None else _solved(problem, limits, previous)
+    if problem is None:
+        return (0.0,) * len(limits), False
+    modal, is_limited = problem.best(previous)
+    return unscaled(problem.reach, modal, limits), is_limited
 
 
 def _direct(rows: Rows, targets: Row, limits: Row, previous: Row | None) -> tuple[Row, bool] | None:
@@ -73,17 +70,13 @@ def _direct(rows: Rows, targets: Row, limits: Row, previous: Row | None) -> tupl
     if line is None:
         return None
     modal, limited = line
-    return modal if previous is None or _leans_towards(modal, previous) else tuple([-w for w in modal]), limited
+    return _signed(modal, previous), limited
 
 
-def _solved(problem: FewModes | Problem, limits: Row, previous: Row | None) -> tuple[Row, bool]:
-    best = problem.best(previous)
-    return unscaled(problem.reach, best.modal, limits), best.is_limited
-
-
-def _leans_towards(modal: Row, previous: Row) -> bool:
-    """Of W and -W, which no finger can distinguish, `modal` is as near to `previous` or nearer."""
+def _signed(modal: Row, previous: Row | None) -> Row:
+    """Return the nearer one to `previous` of W and -W, which no finger can distinguish."""
     lean = 0.0
-    for mode in range(len(modal)):
-        lean += modal[mode] * clamped(previous[mode], SAFE)
-    return lean >= 0.0
+    if previous is not None:
+        for mode in range(len(modal)):
+            lean += modal[mode] * clamped(previous[mode], SAFE)
+    return modal if lean >= 0.0 else tuple([-w for w in modal])

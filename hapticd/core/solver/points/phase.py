@@ -20,23 +20,21 @@ Free phases give up to sqrt(2) more amplitude than signs where two fingers see t
 singular position, where one of the signs is best anyway. What jumps there, the amplitude along what neither finger
 sees, turns as well (`slew_limit.eased`).
 
-Up to five slipping fingers on two or three modes turn between their real solutions (`phase_continuation`): what a third
-phase could add is unused. More fingers or modes use it (`descent`).
+More fingers or modes descend from the present phasors (`descent`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from ...phasors import magnitude
 from .arithmetic import SAFE, Pair, Phasors, Row, Rows, Shapes2, all_finite
 from .descent import serve_many
-from .few_modes import MOST_MODES, MOST_SLIPPING, pose_few
 from .general import solve_fast
 from .line import solve_line
 from .pair import amplitudes, excess_error, in_range, meeting, misses_either, serve_both
-from .phase_continuation import in_phase, turn_patterns
 from .slew_limit import Phasors2, eased, given, nearer_hand
 
 Swing = tuple[float, float, float]  # middle and span of a |w|^2, and the |w| that is wanted
@@ -64,23 +62,27 @@ def solve_phased_fast(
         return _two_on_two(rows, targets, limits, previous, turn_rad)
     if previous is not None and not all(magnitude(w.real, w.imag) < SAFE for w in previous):
         previous = None
-    slipping = sum([target > 0.0 for target in targets])
-    is_small = len(limits) <= MOST_MODES and slipping <= MOST_SLIPPING and not descends
-    if is_small and (previous is None or slipping < 2):
-        modal, limited = solve_fast(rows, targets, limits)
+    line = solve_line(rows, targets, limits)  # all that can turn is the common phase, as with one slipping finger
+    if line is not None or sum([target > 0.0 for target in targets]) < 2:
+        modal, limited = solve_fast(rows, targets, limits) if line is None else line
         return in_phase(modal, limits, previous), limited
-    line = solve_line(rows, targets, limits)  # all that can turn is the common phase
-    if line is not None:
-        return in_phase(line[0], limits, previous), line[1]
-    few = pose_few(rows, targets, limits) if is_small else None
-    if few is not None and previous is not None:
-        return turn_patterns(few, limits, previous, turn_rad)
     d_um, q_um = [0.0] * len(limits), [0.0] * len(limits)
     if previous is not None:
         for mode in range(len(limits)):
             d_um[mode], q_um[mode] = previous[mode].real, previous[mode].imag
     limited = serve_many(rows, targets, limits, d_um, q_um, is_real=False)
     return tuple(map(complex, d_um, q_um)), limited
+
+
+def in_phase(modal: Sequence[complex], limits: Row, previous: Phasors | None) -> Phasors:
+    """The `nearer_hand` of a solution, in complex numbers; without `previous` it stays as it is, within the limits."""
+    near = (0j,) * len(modal) if previous is None else previous
+    flat = nearer_hand(_flat(modal), limits, _flat(near))
+    return tuple([complex(flat[2 * k], flat[2 * k + 1]) for k in range(len(limits))])
+
+
+def _flat(phasors: Sequence[complex]) -> Row:
+    return tuple([part for w in phasors for part in (w.real, w.imag)])
 
 
 # --- two fingers on two modes ---------------------------------------------------------------------------------------

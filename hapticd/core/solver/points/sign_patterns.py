@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Row, Rows, all_finite, clamped
-from .few_modes import Pattern
 from .polytope import RANK, Factored, least_norm_in_polytope
 
 FloatArray = npt.NDArray[np.float64]
@@ -46,11 +45,12 @@ class Problem(NamedTuple):
     reach: float
     factored: Factored  # the gains
 
-    def best(self, previous: Row | None) -> Pattern:
-        """As `FewModes.best`."""
+    def best(self, previous: Row | None) -> tuple[list[float], bool]:
+        """Return the best amplitudes (M,) of all signs, in units of the reach, of equals those nearest `previous`; and
+        whether a limit bent them, and some finger misses its target by more than rounding."""
         one = _best_of_all(self, previous)
         is_missed = not np.all(np.abs(one.amplitudes - self.targets) <= MISSED * self.targets)
-        return Pattern(one.modal.tolist(), one.error, one.is_bent and is_missed)
+        return one.modal.tolist(), one.is_bent and is_missed
 
 
 class Candidate(NamedTuple):

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.small_matrices import complement_of_any, inverse
 from hapticd.core.solver.instant import InstantSolver, Place
 from hapticd.core.solver.points import general, sign_patterns
 from hapticd.core.solver.points.descent import serve_many
@@ -61,6 +60,22 @@ def test_free_phases_serve_many_fingers_better_than_the_best_of_all_signs(limit_
     best_signs, phases, signs = np.mean(errors, axis=0).tolist()
     assert phases < 0.95 * best_signs
     assert signs < 1.25 * best_signs
+
+
+@pytest.mark.parametrize("still", [0, 1])
+def test_a_single_slipping_finger_on_three_modes_gets_what_the_best_amplitudes_give(still: int) -> None:
+    random = np.random.default_rng(still)
+    shares, lengths = [], []
+    for _ in range(60):
+        rows = as_rows(random.uniform(-1, 1, (still + 1, 3)))
+        targets = (*[0.0] * still, float(random.choice((0.3, 3.0, 30.0))))
+        modal, _ = solve_fast(rows, targets, (LIMIT_UM,) * 3, tuple(random.uniform(-4, 4, 3).tolist()))
+        best, _ = solve_exactly(rows, targets, (LIMIT_UM,) * 3)
+        shares.append(abs(float(np.dot(rows[-1], modal))) / abs(float(np.dot(rows[-1], best))))
+        lengths.append(np.linalg.norm(modal) / np.linalg.norm(best))
+    assert np.mean(shares) > 0.98
+    assert min(shares) > 0.8
+    assert max(lengths) < 1.05
 
 
 def test_as_many_still_fingers_as_modes_silence_the_plate_and_those_on_one_spot_count_once() -> None:
@@ -118,13 +133,6 @@ def test_a_finger_that_gets_exactly_nothing_begins_to_slip() -> None:
     modal = (1 + 0j,) * 5 + (0j,) * 3
     modal, _ = solve_phased_fast(as_rows(phi), (1.0,) * 6, (LIMIT_UM,) * 8, modal)
     assert np.abs(phi @ np.array(modal)) == pytest.approx(np.ones(6), rel=1e-2)
-
-
-def test_a_subnormal_target_of_a_finger_that_gets_nothing_is_no_error() -> None:
-    modal, _ = solve_phased_fast(
-        ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)), (1.0, 5e-324), (1.0,) * 4, (1.0, 0.0, 0.0, 0.0)
-    )
-    assert abs(modal[0]) == pytest.approx(1.0, rel=1e-2)
 
 
 # --- on the way -----------------------------------------------------------------------------------------------------
@@ -190,12 +198,12 @@ def test_on_random_ways_limits_and_zeros_hold_and_w_is_continuous(fingers: int, 
 def largest_steps_um(counts: tuple[int, int], seeds: range) -> list[float]:
     """By how much the amplitudes change when fingers land or lift, from one count to the other; all at rest."""
     steps_um = []
-    shapes = waves(3)
+    shapes = waves(2)
     for seed in seeds:
         random = np.random.default_rng(seed)
-        solver = InstantSolver(shapes, (LIMIT_UM,) * 3, derating_mm2_um2=0.0, phase_rotation=True)
+        solver = InstantSolver(shapes, (LIMIT_UM,) * 2, derating_mm2_um2=0.0, phase_rotation=True)
         places: list[Place] = [(*random.uniform(-60, 60, 2).tolist(), 1.0) for _ in range(max(counts))]
-        modal_um: tuple[complex, ...] = (0.0,) * 3
+        modal_um: tuple[complex, ...] = (0.0,) * 2
         for _ in range(60):
             modal_um = solver.solve(places[: counts[0]], modal_um, STEP_NS).modal_um
         after_um = solver.solve(places[: counts[1]], modal_um, STEP_NS).modal_um
@@ -204,9 +212,10 @@ def largest_steps_um(counts: tuple[int, int], seeds: range) -> list[float]:
 
 
 def test_where_the_way_to_solve_changes_amplitudes_turn_no_further_than_elsewhere() -> None:
+    """A third slipping finger on two modes is the first that descends."""
     seeds = range(40)
-    elsewhere_um = [*largest_steps_um((4, 5), seeds), *largest_steps_um((5, 4), seeds)]
-    for counts in ((5, 6), (6, 5)):
+    elsewhere_um = [*largest_steps_um((1, 2), seeds), *largest_steps_um((2, 1), seeds)]
+    for counts in ((2, 3), (3, 2)):
         steps_um = largest_steps_um(counts, seeds)
         assert np.median(steps_um) <= np.median(elsewhere_um)
         assert max(steps_um) <= max(elsewhere_um)
@@ -233,28 +242,3 @@ def test_no_pass_enumerates_signs_on_arrays(
         modal_um: tuple[complex, ...] = (0.0,) * modes
         for _ in range(3):
             modal_um = solver.solve(asked, modal_um, STEP_NS).modal_um
-
-
-# --- its linear algebra -----------------------------------------------------------------------------------------------
-
-
-@given(seed=st.integers(0, 10**6), count=st.integers(1, 8))
-def test_the_inverse_is_the_inverse(seed: int, count: int) -> None:
-    random = np.random.default_rng(seed)
-    half = random.normal(size=(count, count))
-    matrix = half @ half.T + np.eye(count)
-    assert np.array(inverse(matrix.tolist())) == pytest.approx(np.linalg.inv(matrix), rel=1e-9, abs=1e-12)
-
-
-@given(seed=st.integers(0, 10**6), count=st.integers(1, 8), rows=st.integers(0, 12), rank=st.integers(0, 8))
-def test_what_dependent_rows_leave_is_found_by_those_that_are_independent(
-    seed: int, count: int, rows: int, rank: int
-) -> None:
-    random = np.random.default_rng(seed)
-    matrix = random.normal(size=(rows, rank)) @ random.normal(size=(rank, count))
-    sizes = np.abs(matrix).max(axis=1, initial=0.0)
-    matrix = matrix[sizes > 0.0] / sizes[sizes > 0.0, None]
-    basis = np.array(complement_of_any(matrix.tolist(), count)).reshape(-1, count)
-    assert len(basis) == count - min(rows, rank, count)
-    assert basis @ basis.T == pytest.approx(np.eye(len(basis)), abs=1e-12)
-    assert np.abs(basis @ matrix.T).max(initial=0.0) < 1e-9

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
@@ -57,31 +56,6 @@ def test_of_all_points_as_good_the_least_is_taken(seed: int, modes: int, fingers
     phi = random.uniform(-1, 1, (fingers, modes))
     solution = solve(phi, random.uniform(0.2, 2.0, fingers), 1.0)
     assert most_descent(2 * solution.modal_um, solution.modal_um, phi, 1.0) < 1e-7
-
-
-def test_a_third_mode_frees_a_pair_that_two_modes_cannot_serve() -> None:
-    phi = np.array([[0.8, 0.75, 0.2], [0.8, 0.7, -0.5]])
-    assert solve(phi[:, :2], [1.0, 0.0], 4.0).limited
-    freed = solve(phi, [1.0, 0.0], 4.0)
-    assert not freed.limited
-    assert freed.achieved_um == pytest.approx([1.0, 0.0], abs=1e-15)
-
-
-def test_previous_amplitudes_turn_the_whole_pattern() -> None:
-    phi = np.random.default_rng(2).uniform(-1, 1, (3, 4))
-    first = solve(phi, [1.0, 0.5, 0.0], 4.0).modal_um
-    again = solve(phi, [1.0, 0.5, 0.0], 4.0, previous_um=-first).modal_um
-    assert again == pytest.approx(-first)
-
-
-def test_still_fingers_on_one_spot_count_once_and_as_many_as_modes_silence_the_plate() -> None:
-    random = np.random.default_rng(4)
-    slipping, still = random.uniform(-1, 1, 4), random.uniform(-1, 1, (4, 4))
-    once = solve(np.vstack([slipping, still[:1]]), [1.0, 0.0], 4.0)
-    thrice = solve(np.vstack([slipping, still[:1], 2 * still[:1], -still[:1]]), [1.0, 0.0, 0.0, 0.0], 4.0)
-    assert thrice.modal_um == pytest.approx(once.modal_um)
-    full = solve(np.vstack([slipping, still]), [1.0, 0.0, 0.0, 0.0, 0.0], 4.0)
-    assert not np.any(full.modal_um)
 
 
 def test_the_local_search_of_many_fingers_ends_where_no_single_sign_helps() -> None:

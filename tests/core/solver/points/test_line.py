@@ -57,16 +57,6 @@ def test_however_near_to_each_other_still_fingers_are_they_feel_rounding_alone(s
             assert leak <= 2e-15 * max(map(abs, modal))
 
 
-def test_dependent_still_fingers_and_those_on_a_common_node_are_left_to_the_general_path() -> None:
-    row, other = (0.3, 0.8, -0.2), (0.9, 0.1, 0.4)
-    for rows in ((row, row, other), ((0.0, 0.0, 0.0), row, other), (row, tuple(2.0 * shape for shape in row), other)):
-        assert solve_line(rows, (0.0, 0.0, 1.0), (4.0,) * 3) is None
-        modal, _ = solve_fast(rows, (0.0, 0.0, 1.0), (4.0,) * 3)
-        assert abs(np.dot(modal, other)) == pytest.approx(1.0)
-    node = solve_line(((0.0, 0.0, 0.0), row, (0.1, -0.7, 0.5), other), (0.0, 0.0, 0.0, 1.0), (4.0,) * 3)
-    assert abs(np.dot(node[0], other)) == pytest.approx(1.0)
-
-
 def test_along_a_way_phasors_keep_their_common_phase_and_do_not_jump() -> None:
     """Two still fingers and three slipping ones on three modes, past places where limits bind."""
     random = np.random.default_rng(7)
