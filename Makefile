@@ -23,7 +23,7 @@ test: $(TESTS)
 # $(call of,word): the files of tests with it, for pytest takes seconds to import all.
 of = $$(grep -rl --include='test_*.py' '$(1)' tests)
 
-# What `make test` leaves out: new property examples, emulated machines, browsers, mutants, real time alone.
+# What `make test` leaves out: new property examples, emulated machines, browsers, real time alone.
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
 # A rig keeps to real time and a busy machine may not: what fails there runs again alone, and must pass then.
 test-all: $(TESTS)

@@ -63,12 +63,6 @@ def test_help_of_every_command_and_subcommand_has_an_example(command: str) -> No
         assert f"example: hapticd {name}" in parser.format_help(), name
 
 
-def test_the_command_line_s_own_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    code, output, _ = outcome(capsys, "--help")
-    assert code == 0
-    assert "example: hapticd view --sim" in output
-
-
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
     code, output, complaint = outcome(capsys, "--version")
     assert (code, complaint) == (0, "")
@@ -94,12 +88,6 @@ def test_the_version_of_a_checkout_has_its_commit_and_that_of_a_package_has_none
     assert version_text(tmp_path) == f"{__version__} (commit {commit}-dirty)"
     (tmp_path / ".git" / "HEAD").write_text("damaged", encoding="utf-8")
     assert version_text(tmp_path) == __version__
-
-
-def test_no_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, complaint = outcome(capsys)
-    assert code == 2
-    assert "COMMAND" in complaint
 
 
 def test_the_printed_configuration_is_a_file_that_means_the_same(
@@ -187,12 +175,6 @@ def test_a_world_is_drawn_or_comes_from_a_file(tmp_path: Path, capsys: pytest.Ca
     assert complaint.count("\n") == 1
 
 
-def test_an_unknown_scenario_names_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, complaint = outcome(capsys, "simulate", "dance")
-    assert code == 2
-    assert "paper-figure-10" in complaint
-
-
 def test_an_image_is_refused_without_its_board_or_its_file(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", "--image", "hapticd-board")
     assert code == 2
@@ -219,20 +201,6 @@ def test_a_file_that_cannot_be_written_is_one_sentence(
 
     monkeypatch.setattr(install_service, "install", refused)
     assert outcome(capsys, "install-service") == (1, "", "hapticd: /etc/hapticd: Permission denied\n")
-
-
-def test_a_closed_pipe_is_no_error() -> None:
-    command = f"{sys.executable} -m hapticd run --print-config | head -n 1; exit ${{PIPESTATUS[0]}}"
-    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
-    assert (ended.returncode, ended.stderr) == (0, "")
-
-
-@pytest.mark.parametrize("command", [("demo",), ("latency", "--sim")])
-@pytest.mark.parametrize("seconds", ["0", "-1", "nan", "inf"])
-def test_no_time_is_a_usage_error(command: tuple[str, ...], seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code, output, complaint = outcome(capsys, *command, f"--seconds={seconds}")
-    assert (code, output) == (2, "")
-    assert complaint == f"hapticd: --seconds: {float(seconds):g} is out of bounds, it must be above 0.\n"
 
 
 SIMULATE = ("simulate", "rest", "--seconds", "0.2", "--alone", "--json")

@@ -16,7 +16,7 @@ import pytest
 
 from hapticd import compiled
 from hapticd.bench.recording import play, record
-from hapticd.compiled import SourceFinder, why_interpreted
+from hapticd.compiled import why_interpreted
 from hapticd.compiled.build_ext import touch_path
 from hapticd.config.sections import OBJECTIVES, Config
 from hapticd.daemon.machine import Machine
@@ -102,25 +102,9 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_machine_code_runs_where_it_is_as_new_as_its_source(checkout: Path) -> None:
-    os.utime(checkout / "core/targets/client_registry.py", ns=(2000, 2000))  # it is not compiled
-    assert why_interpreted() == ""
-
-
 def test_a_source_edited_after_the_build_runs_as_python(checkout: Path) -> None:
     os.utime(checkout / "core/trajectory/knots.py", ns=(1001, 1001))
     assert "edited after the build" in why_interpreted()
-
-
-def test_an_installation_is_never_taken_for_stale(checkout: Path) -> None:
-    os.utime(checkout / "core/trajectory/knots.py", ns=(1001, 1001))
-    (checkout / "pyproject.toml").unlink()
-    assert why_interpreted() == ""
-
-
-def test_without_machine_code_python_runs(checkout: Path) -> None:
-    (checkout / f"core/trajectory/knots{EXTENSION_SUFFIXES[0]}").unlink()
-    assert "without mypyc" in why_interpreted()
 
 
 def test_python_runs_where_it_is_asked_for(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,14 +113,6 @@ def test_python_runs_where_it_is_asked_for(checkout: Path, monkeypatch: pytest.M
     assert "HAPTICD_PURE" in why_interpreted()
     monkeypatch.setenv("HAPTICD_PURE", "0")
     assert why_interpreted() == ""
-
-
-def test_the_source_finder_leaves_other_modules_alone(checkout: Path) -> None:
-    found = SourceFinder().find_spec("hapticd.core.trajectory.knots", None)
-    assert found is not None
-    assert found.origin == str(checkout / "core/trajectory/knots.py")
-    for other in ("hapticd.core.pipeline", "hapticd.wire.knots", "knots", "numpy.core.knots"):
-        assert SourceFinder().find_spec(other, None) is None
 
 
 if __name__ == "__main__":

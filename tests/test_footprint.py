@@ -5,11 +5,9 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.core.plate.mode_shapes import ModeShapes
 
 START = """
 import sys
@@ -43,22 +41,6 @@ def test_a_started_service_has_loaded_nothing_of_the_simulation_the_fits_and_the
     loaded = set(done.stdout.split())
     assert "hapticd.core.pipeline" in loaded
     assert not loaded & {*NOT_NEEDED}
-
-
-def test_a_map_s_patches_are_kept_once_and_as_plain_numbers() -> None:
-    axis_mm = np.linspace(-50.0, 50.0, 101)
-    modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 101, 101)))
-    patches = modes._surfaces.patches
-    assert patches.nbytes == 100 * 100 * 2 * 16 * 8
-    assert not patches.flags.writeable
-
-
-def test_what_a_point_needs_of_a_map_is_made_where_a_finger_comes_and_nowhere_else() -> None:
-    axis_mm = np.linspace(-50.0, 50.0, 101)
-    modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 101, 101)))
-    for x_mm in (0.1, 0.5, 0.9, 3.2):
-        modes.at(x_mm, 0.5)
-    assert sum(cell is not None for cell in modes._cells) == 2
 
 
 def test_the_first_word_alone_decides_whether_other_commands_are_known(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,6 @@ ROOT = Path(__file__).parents[1]
 CALL = re.compile(r"pip install((?: (?:\"[^\"]+\"|[-\w./]+))*)")
 IN_A_CHECKOUT = {".", '".[all]"', "-e .", "-e . --no-deps --no-build-isolation"}  # of which pip makes what is there
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
-OF_CLIENT = tomllib.loads((ROOT / "clients/python/pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 def texts() -> Iterator[tuple[str, str]]:
@@ -62,28 +61,6 @@ def test_the_printed_command_is_one_that_pip_takes_and_that_leaves_hapticd_alone
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "Would install" not in done.stdout  # the tests have them all
-
-
-def test_what_every_installation_has_is_known_too() -> None:
-    assert "hidapi" in {Requirement(one).name for one in errors.requirements()}
-
-
-@pytest.mark.parametrize("extra", sorted(used("clients/")))
-def test_the_client_alone_names_what_its_own_extra_adds(
-    extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    metadata = tmp_path / "hapticd_client-0.1.0.dist-info" / "METADATA"
-    metadata.parent.mkdir()
-    needs = [f'Requires-Dist: {one}; extra == "{name}"' for name, group in extras_of_client() for one in group]
-    needs += [f"Requires-Dist: {one}" for one in OF_CLIENT["dependencies"]]
-    metadata.write_text("\n".join(["Metadata-Version: 2.1", "Name: hapticd-client", "Version: 0.1.0", *needs, ""]))
-    monkeypatch.syspath_prepend(tmp_path)
-    command = command_in(hapticd_client.errors.missing_library("It needs it", extra))
-    assert command == [sys.executable, "-m", "pip", "install", *dict(extras_of_client())[extra]]
-
-
-def extras_of_client() -> list[tuple[str, list[str]]]:
-    return list(OF_CLIENT["optional-dependencies"].items())
 
 
 @pytest.mark.parametrize("module", [errors, hapticd_client.errors])

@@ -18,8 +18,6 @@ from hapticd.core.perception import ContactPerception
 from hapticd.core.solver.instant import InstantSolver
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.settings import friction_curve
-from hapticd.design.contact_pairs import grams, settle
-from hapticd.design.felt_places import settle_felt, touches_at
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
 from hapticd.tools.view import client
@@ -71,22 +69,6 @@ def test_friction_as_asked_is_that_of_the_curve() -> None:
 
 def padded(modal_um: np.ndarray) -> np.ndarray:
     return np.concatenate((modal_um, np.zeros(len(TRUTH.decay_1_s) - 4)))[None]
-
-
-def test_the_designed_plate_s_pairs_too() -> None:
-    shapes = TRUTH.true_mode_map()
-    slipping, still = np.moveaxis(grams(shapes, np.array(PLACES_MM), 5.0)[..., None], 2, 0)
-    limits_um = np.array(TRUTH.w_limit_um)
-    half_um = settle(slipping, [still], 0.5, limits_um / 2.0, curve=CURVE)
-    assert 2.0 * half_um == pytest.approx(settle(slipping, [still], 1.0, limits_um), abs=1e-6)
-
-
-def test_the_designed_plate_s_places_too() -> None:
-    places = touches_at(TRUTH.true_mode_map(), np.array(PLACES_MM)[None], 5.0)
-    limits_um = np.array(TRUTH.w_limit_um)
-    _, half_jnd = settle_felt(places, (0.5, 0.0), limits_um / 2.0, curve=CURVE)
-    _, whole_jnd = settle_felt(places, (1.0, 0.0), limits_um)
-    assert half_jnd == pytest.approx(whole_jnd, abs=0.15)
 
 
 def test_telemetry_and_score_judge_by_it() -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import hapticd
-from hapticd.sim.rig.process import RigProcess
 from hapticd.tools import owned_process
 
 PACKAGE = Path(hapticd.__file__).parent
@@ -35,10 +34,6 @@ def tasks_of(load: str, **environ: str) -> list[str]:
 )
 def test_an_entry_point_starts_no_threads_for_numpy(entry: str) -> None:
     assert tasks_of(f"import {entry}") == ["1", "1", "1", "1"]
-
-
-def test_a_thread_count_that_the_user_set_is_kept() -> None:
-    assert tasks_of("import hapticd", OMP_NUM_THREADS="3", OPENBLAS_NUM_THREADS="1")[1:] == ["1", "3", "1"]
 
 
 def started_commands(path: Path) -> list[list[ast.expr]]:
@@ -68,10 +63,3 @@ def test_a_command_as_a_child_runs_in_a_folder_that_holds_a_hapticd_and_a_json()
     with owned_process.start(["run", "--print-config"], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert "[plate]" in process.stdout.read()
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("_in_a_folder_with_other_modules")
-def test_the_rig_starts_in_a_folder_that_holds_a_hapticd_and_a_json() -> None:
-    with RigProcess("rest", 1) as rig:
-        assert (rig.directory / "modes.npz").is_file()

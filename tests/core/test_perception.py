@@ -16,12 +16,6 @@ CREST_MM = 27.0 / 4.0  # where mode X of the bench's plate is 1
 AT_MODE_X = (1.0, 0.0)
 
 
-def test_at_a_point_it_is_the_curve_s() -> None:
-    friction, rms_um = ContactPerception(CURVE, 0.0).felt(PLATE, CREST_MM, 0.0, AT_MODE_X, 1.0)
-    assert friction == pytest.approx(0.6, abs=1e-3)
-    assert rms_um == pytest.approx(1.0, abs=1e-3)
-
-
 def test_over_a_contact_it_is_the_mean_of_many_points() -> None:
     radius_mm, (x_mm, y_mm) = 5.0, (0.0, 3.0)
     grid_mm = (np.arange(400) + 0.5) / 200.0 * radius_mm - radius_mm

@@ -22,7 +22,7 @@ from pipeline_bench import (
 
 from hapticd.core.solver.derating import LEAST_SHARE
 from hapticd.sim.paper_scheme import invert
-from hapticd.values import Aim, Tick
+from hapticd.values import Aim
 from hapticd_contract.contents import Amplitude, Grating
 from hapticd_contract.surfaces import VirtualPath
 
@@ -74,12 +74,6 @@ def test_no_finger_is_one_zero_frame_and_then_nothing(bench: Bench) -> None:
     assert [knot.modal_um for knot in lifted.drive.knots] == [(0.0, 0.0)]
     assert [tick.drive for tick in bench.hold(5)] == [None] * 5
     assert bench.pipeline.counters.skipped_no_finger == 6
-
-
-def test_no_target_is_nothing_to_solve(bench: Bench) -> None:
-    assert [tick.drive for tick in bench.hold(5, SLIPPERY)] == [None] * 5
-    assert bench.pipeline.counters.skipped_no_target == 5
-    assert bench.pipeline.counters.solves == 0
 
 
 def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down(bench: Bench) -> None:
@@ -229,15 +223,6 @@ def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers(bench: Bench
     assert bench.report(SLIPPERY).drive is None  # a new finger without a target
 
 
-def test_the_same_calls_give_the_same_drives() -> None:
-    def play() -> list[Tick]:
-        bench = Bench()
-        bench.land({SLIPPERY: 1.0, STICKY: 0.0})
-        return [bench.report((SLIPPERY[0] + step, SLIPPERY[1]), STICKY) for step in range(40)]
-
-    assert play() == play()
-
-
 @pytest.mark.parametrize("price", [0.0, 5.0, 20.0])
 def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and_the_zero_stays(price: float) -> None:
     riding, derated = Bench(max_knots=2), Bench(max_knots=2, derating_mm2_um2=price)
@@ -256,24 +241,6 @@ def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and
     assert (scale < 1.0) == (price > 0.0)
     assert amplitude_um(ticks[1], 0, nearly_singular) == pytest.approx(share * scale, rel=1e-9)
     assert amplitude_um(ticks[1], 0, STICKY) < 1e-12
-
-
-def test_fading_changes_nothing_where_targets_are_met_or_nobody_sticks() -> None:
-    for targets in ((1.0, 0.0), (4.0, 4.0)):
-        ticks = []
-        for price in (0.0, 5.0):
-            bench = Bench(max_knots=2, derating_mm2_um2=price)
-            bench.land(dict(zip((SLIPPERY, STICKY), targets, strict=True)))
-            ticks.append(bench.report(SLIPPERY, STICKY))
-        assert ticks[0] == ticks[1]
-
-
-def test_fingers_that_all_stick_are_still_shown_where_they_are(bench: Bench) -> None:
-    bench.land({SLIPPERY: 0.0})
-    for step in range(60):
-        tick = bench.report((SLIPPERY[0] + step, SLIPPERY[1]))
-    assert tick.drive is None  # nothing to say: the plate stands still
-    assert tick.points[0].x_mm == pytest.approx(SLIPPERY[0] + 59 + 1.4, abs=1.0)
 
 
 def test_sensors_that_read_otherwise_get_another_reference_within_the_limits_and_fingers_get_the_same() -> None:

@@ -42,7 +42,7 @@ from hapticd_contract.effects import (
     Pulse,
 )
 from hapticd_contract.states import EventKind, PlateEvent
-from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
+from hapticd_contract.surfaces import Circle, Polygon, Surface
 from hapticd_contract.targets import ClientTargets
 
 WAVES = st.sampled_from(["sine", "square"])
@@ -143,40 +143,6 @@ def test_a_modulation_is_within_three_percent_of_its_depth_at_every_instant(freq
         assert player.played_um(t_ns, SLIPPERY) == pytest.approx(expected_um, abs=0.03 * 0.8 * 1.5)
 
 
-def test_frames_while_a_modulation_plays_reach_to_the_next_one_and_have_at_most_24_knots(player: Player) -> None:
-    player.lay({"hum": Effect.of(Modulation(250.0, 1.0))}, {"plate": Surface.of(ONE)})
-    player.play(20, SLIPPERY)
-    for drive in player.drives:
-        assert len(drive.knots) <= 24
-        assert drive.knots[-1].dt_ns >= 1.09 * PERIOD_NS
-
-
-def test_a_pulse_on_top_of_a_fast_modulation_is_sampled_by_its_knots(player: Player) -> None:
-    hum = {"hum": Effect.of(Modulation(250.0, 0.5))}
-    player.lay(hum, {"plate": Surface.of(ONE)})
-    player.play(8, SLIPPERY)
-    player.lay(hum | {"click": Effect.of(Pulse(1.0, 0.03, 0.004))}, {"plate": Surface.of(ONE)})
-    player.play(5, SLIPPERY)
-    begin_ns = next(event.t_ns for event in player.events if event.kind is EventKind.ENDED) - 30 * MS
-    course_um = [player.played_um(begin_ns + 5 * MS + n * MS // 10, SLIPPERY) for n in range(200)]
-    assert max(course_um) == pytest.approx(2.0, rel=0.03)
-
-
-def test_what_is_added_is_added_before_factors_and_the_result_stays_within_the_plate() -> None:
-    player = Player(max_knots=24)
-    effects = {
-        "up": Effect.of(Envelope(((0.0, 3.0), (1.0, 3.0))), loops=True),
-        "twice": Effect.of(Envelope(((0.0, 2.0), (1.0, 2.0)), is_factor=True), loops=True),
-    }
-    player.lay(effects, {"plate": Surface.of(Amplitude(0.5))})
-    player.play(8, SLIPPERY)
-    assert player.scene.effects.felt_um(1, None, SLIPPERY, player.t_ns, 0.5) == 4.0
-    assert player.scene.effects.felt_um(1, None, SLIPPERY, player.t_ns, -2.0) == 2.0
-    player.lay({"down": Effect.of(Envelope(((0.0, -2.0), (1.0, -2.0))), loops=True)}, {"plate": Surface.of(ONE)})
-    player.play(8, SLIPPERY)
-    assert player.played_um(player.t_ns, SLIPPERY) == pytest.approx(0.0, abs=1e-9)
-
-
 # --- causes -----------------------------------------------------------------------------------------------------
 
 TILE = {"left": Surface.of(ONE, LEFT_HALF)}
@@ -191,15 +157,6 @@ def test_a_landing_starts_an_effect_with_the_frame_of_its_first_report(player: P
     assert (begun.client, begun.effect, begun.finger, (begun.x_mm, begun.y_mm)) == ("test", "hello", 1, SLIPPERY)
     player.play(8, SLIPPERY, STICKY)
     assert [event.finger for event in player.events if event.kind is EventKind.BEGUN] == [1, 2]
-
-
-def test_a_lifting_is_felt_by_the_others(player: Player) -> None:
-    player.lay({"bye": Effect.of(Pulse(1.0, 0.2), start=OnLifting())})
-    player.play(6, SLIPPERY, STICKY)
-    assert player.scene.effects.playing == []
-    player.play(2, SLIPPERY)
-    assert player.played_um(player.t_ns, SLIPPERY) == pytest.approx(1.0, abs=0.01)
-    assert player.kinds() == [EventKind.LANDED] * 2 + [EventKind.LIFTED, EventKind.BEGUN]
 
 
 @pytest.mark.parametrize("speed_mm_s", [60.0, 150.0])
@@ -219,19 +176,6 @@ def test_an_edge_starts_an_effect_at_the_predicted_instant(cause: Any, speed_mm_
     )
 
 
-def test_an_effect_of_an_edge_has_its_knot_at_the_edge_and_within_the_frame_that_predicts_it(player: Player) -> None:
-    player.lay({"tick": Effect.of(CLICK, start=OnCrossing(surface="left"))}, TILE)
-    for n in range(24):
-        tick = player.press((100.0 * PERIOD_NS * 1e-9 * (n - 12), 5.1))
-        if player.scene.effects.playing:
-            break
-    instants_ns = [tick.drive.t_apply_ns + knot.dt_ns for knot in tick.drive.knots]
-    begin_ns = begun_ns(player)
-    assert begin_ns in instants_ns
-    assert begin_ns + 2 * MS in instants_ns
-    assert instants_ns[0] <= begin_ns <= instants_ns[0] + PERIOD_NS
-
-
 def test_a_strip_that_is_crossed_within_one_frame_is_entered_and_left(player: Player) -> None:
     strip = Surface.of(STILL, Polygon(((-1.0, -90.0), (1.0, -90.0), (1.0, 90.0), (-1.0, 90.0))))
     player.lay({"detent": Effect.of(CLICK, start=OnEntering(surface="strip"))}, {"strip": strip})
@@ -240,30 +184,6 @@ def test_a_strip_that_is_crossed_within_one_frame_is_entered_and_left(player: Pl
     assert player.kinds()[1:] == [
         *(EventKind.CROSSED, EventKind.ENTERED, EventKind.BEGUN, EventKind.CROSSED, EventKind.LEFT, EventKind.ENDED)
     ]
-
-
-@pytest.mark.parametrize("phase_mm", [0.05 * step for step in range(10)])
-def test_a_disc_whose_path_turns_back_over_a_finger_within_one_frame_is_entered_and_left(phase_mm: float) -> None:
-    """It covers the finger by 0.1 mm, for 4 ms; a straight way from frame to frame misses it."""
-    player = Player()
-    x_mm, y_mm = SLIPPERY
-    path = VirtualPath(((x_mm - 8.0 - phase_mm, y_mm), (x_mm - 4.9, y_mm)), speed_mm_s=50.0, loop=True)
-    player.play(3, SLIPPERY)
-    player.lay({}, {"disc": Surface.of(STILL, Circle(5.0), path=path)})
-    player.play(12, SLIPPERY)
-    assert player.kinds(EventKind.ENTERED, EventKind.LEFT) == [EventKind.ENTERED, EventKind.LEFT]
-    entered, left = player.the(EventKind.ENTERED), player.the(EventKind.LEFT)
-    assert left.t_ns - entered.t_ns == pytest.approx(4 * MS, abs=MS)
-
-
-def test_who_lands_on_a_surface_enters_it_and_leaves_it_when_lifting(player: Player) -> None:
-    player.lay({"key": Effect.of(Pulse(1.0, 0.03), on="left", start=OnEntering(surface="left"))}, TILE)
-    player.play(6, SLIPPERY)
-    player.play(1)
-    assert player.kinds() == [
-        *(EventKind.LANDED, EventKind.ENTERED, EventKind.BEGUN, EventKind.ENDED, EventKind.LEFT, EventKind.LIFTED)
-    ]
-    assert [event.seq for event in player.events] == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_surface_that_appears_or_moves_under_a_finger_is_entered_without_a_crossing(player: Player) -> None:
@@ -355,19 +275,6 @@ def test_a_refreshed_message_does_not_start_an_effect_again_and_another_id_does(
         assert player.scene.effects.begun == begun
 
 
-def test_a_message_that_is_refreshed_after_it_expired_does_not_start_its_pulse_again_but_its_hum() -> None:
-    player = Player()
-    effects = {
-        "click": Effect.of(CLICK, start=Now(id=7)),
-        "hum": Effect.of(Modulation(40.0, 0.5), start=Now(id=8)),
-    }
-    for begun in (2, 3):
-        player.lay(effects, ttl_ns=100 * MS)
-        player.play(20, SLIPPERY)
-        assert player.scene.effects.begun == begun
-        assert player.scene.effects.playing == []
-
-
 def test_an_effect_ends_with_its_surface_which_may_be_refused_in_a_message_that_repeats_the_effect() -> None:
     player, start = Player(), OnEntering(surface="tile")
     effects = {"buzz": Effect.of(CLICK, start=start, loops=True)}
@@ -379,18 +286,6 @@ def test_an_effect_ends_with_its_surface_which_may_be_refused_in_a_message_that_
     player.play(10, SLIPPERY)
     assert player.scene.effects.playing == []
     assert player.played_um(player.t_ns, SLIPPERY) == 0.0
-
-
-def test_a_refused_pulse_plays_when_its_message_is_taken() -> None:
-    player, click = Player(), {"click": Effect.of(CLICK, start=Now(id=7))}
-    for client in "abcd":
-        player.lay({f"{n}": Effect.of(CLICK, start=OnLifting()) for n in range(16)}, client=client)
-    player.lay(click)
-    assert len(player.refused) == 1
-    player.scene.release_client("a")
-    player.lay(click)
-    player.play(5, SLIPPERY)
-    assert (player.refused, player.the(EventKind.BEGUN).effect) == ((), "click")
 
 
 def test_a_stopped_or_expired_effect_ends_with_the_next_frame() -> None:

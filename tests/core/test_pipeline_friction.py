@@ -11,8 +11,8 @@ from hapticd.core.friction import FrictionCurve
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.targets.scene import Scene
 from hapticd.values import Tick
-from hapticd_contract.contents import Amplitude, Content, Friction, LevelMap
-from hapticd_contract.surfaces import Surface, VirtualPath
+from hapticd_contract.contents import Content, Friction, LevelMap
+from hapticd_contract.surfaces import Surface
 from hapticd_contract.targets import ClientTargets
 
 SPEED_MM_S, REST_UM = 100.0, 0.5
@@ -51,25 +51,6 @@ def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s
         surface = {"all": Surface.of(content)}
         one.scene.apply(ClientTargets.of("test", FOREVER_NS, {}, {}, surfaces=surface), one.t_ns)
         assert targets_um(one, 100.0) == pytest.approx([expected_um] * 5, rel=0.02)
-
-
-def test_amplitudes_do_not_depend_on_speed() -> None:
-    assert targets_um(bench(CURVE), 100.0, Amplitude(0.8)) == [0.8] * 5
-
-
-def test_a_virtual_finger_s_own_speed_counts() -> None:
-    one = bench(CURVE)
-    one.want({"walker": Friction(0.5)}, {"walker": VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 55.0, True)})
-    (point,) = one.report().points
-    assert point.target_um == pytest.approx(REST_UM * 1.5)
-
-
-def test_a_resting_finger_s_reference_still_stands() -> None:
-    one = bench(CURVE)
-    targets_um(one, 0.0, Friction(0.5))
-    before = one.pipeline.counters.skipped_standing
-    one.hold(20, (-25.0, 3.0))
-    assert one.pipeline.counters.skipped_standing == before + 20
 
 
 @pytest.mark.parametrize(("speed_mm_s", "predictions"), [(math.inf, 1), (SPEED_MM_S, 2)])

@@ -91,10 +91,3 @@ def test_fingers_go_on_within_three_reports_when_the_pad_s_clock_is_set_back(ben
         seen_mm += [finger.x_mm for finger in bench.pipeline.fingers]
     assert seen_mm == [9.0, 9.0, *(float(step) for step in range(12, 20))]
     assert lifted == (before,)
-
-
-def test_a_straggler_changes_nothing(bench: Bench) -> None:
-    bench.touch(START_NS, START_NS + 10 * MS, (1.0, 0.0))
-    bench.touch(START_NS + PERIOD_NS, START_NS + PERIOD_NS + 10 * MS, (2.0, 0.0))
-    bench.touch(START_NS + 1, START_NS + PERIOD_NS + 11 * MS, (50.0, 50.0))
-    assert [(finger.finger_id, finger.x_mm) for finger in bench.pipeline.fingers] == [(1, 2.0)]

@@ -70,12 +70,6 @@ def test_when_the_last_surface_has_ended_its_fingers_are_held_still_and_a_new_on
     assert [point.key for point in bench.report(SLIPPERY, STICKY).points] == [1]
 
 
-def test_surfaces_without_a_finger_are_nothing_to_solve(bench: Bench) -> None:
-    publish(bench, all=Surface.of(ONE), moving=Surface.of(ONE, Circle(5.0), velocity_mm_s=(100.0, 0.0)))
-    assert [tick.drive for tick in bench.hold(5)] == [None] * 5
-    assert bench.pipeline.counters.solves == 0
-
-
 def test_a_resting_finger_on_a_resting_surface_needs_no_new_frame_and_on_a_moving_one_does(bench: Bench) -> None:
     publish(bench, disc=Surface.of(ONE, Circle(5.0), SLIPPERY))
     assert [tick.drive is None for tick in bench.hold(4, SLIPPERY)][-1]
@@ -150,13 +144,6 @@ def test_a_patch_narrower_than_the_way_of_a_frame_has_its_four_knots(bench: Benc
     assert max(len(steps(tick)) for tick in stroke(bench, 200.0, -8.0, 12)) == 2
 
 
-def test_an_edge_that_nothing_is_felt_of_has_no_knots(bench: Bench) -> None:
-    same = {"under": Surface.of(ONE, LEFT_HALF, (8.0, 0.0)), "over": Surface.of(ONE, z=1)}
-    publish(bench, **same)
-    ticks = stroke(bench, 100.0, -2.0, 12)
-    assert [step for tick in ticks for step in steps(tick)] == []
-
-
 def test_a_frame_with_more_edges_than_it_has_room_for_keeps_the_earliest() -> None:
     bench = Bench(max_knots=8)
     comb = {f"tooth {n}": Surface.of(ONE, Circle(0.2), (0.5 * n, Y_MM)) for n in range(40)}
@@ -189,18 +176,3 @@ def test_a_narrow_stripe_between_two_silent_ends_of_a_frame_is_not_passed_over(b
     ticks = stroke(bench, 200.0, 5.5, 3)
     peaks_um = [max(abs(w_um) for knot in tick.drive.knots for w_um in knot.modal_um) for tick in ticks if tick.drive]
     assert max(peaks_um) > 0.5
-
-
-def test_a_square_grating_that_is_high_everywhere_is_a_constant(bench: Bench) -> None:
-    bench.report((-20.0, Y_MM))
-    bench.want({1: Grating(period_mm=5.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=1.0)})
-    assert [tick.points[0].target_um for tick in stroke(bench, 100.0, -20.0, 4)] == [1.0] * 4
-
-
-def test_the_same_messages_and_reports_give_the_same_bits() -> None:
-    def ticks() -> list[Tick]:
-        bench = Bench()
-        publish(bench, left=Surface.of(ONE, LEFT_HALF, velocity_mm_s=(30.0, 0.0), turning_rad_s=0.3))
-        return stroke(bench, 150.0, -20.0, 20)
-
-    assert ticks() == ticks()

@@ -79,18 +79,6 @@ def test_a_correction_far_from_the_configured_pad_is_refused(correction: Correct
     assert adoption.now == CONFIGURED
 
 
-def test_a_correction_is_of_the_configured_pad_however_often_it_is_found() -> None:
-    adoption = Adoption.of(CONFIGURED)
-    for _ in range(3):
-        assert adoption.request(MISPLACED)
-        adopted(adoption)
-    assert adoption.now == MISPLACED.of(CONFIGURED)
-
-
-def test_without_a_request_no_step_is_due() -> None:
-    assert Adoption.of(CONFIGURED).step() is None
-
-
 GRID_MM = np.linspace(-50.0, 50.0, 12)
 SCANNED = ModeShapes(GRID_MM, GRID_MM, [np.sin(GRID_MM / 9.0)[None, :] * np.cos(GRID_MM / 8.0)[:, None]] * 2)
 
@@ -118,17 +106,6 @@ def test_only_a_plate_like_the_scanned_one_is_near(
 ) -> None:
     data = (factor * SCANNED.shapes).astype("<f4").tobytes()
     assert PlateChange(data, steeper * SCANNED.steepest_1_mm(), d, (0.0,) * 4).is_near(SCANNED) is is_near
-
-
-@pytest.mark.parametrize(("spike", "is_near"), [(0.9, True), (1.1, False), (4.0, False), (math.inf, False)])
-def test_a_plate_that_differs_at_one_place_alone_is_near_up_to_the_largest_shape(spike: float, is_near: bool) -> None:
-    x_mm = np.linspace(-60.0, 60.0, 61)
-    wave = np.cos(0.1 * x_mm)[:, np.newaxis] * np.cos(0.1 * x_mm)
-    scanned = ModeShapes.from_grid(x_mm, x_mm, np.stack((wave, wave.T)))
-    shapes = scanned.shapes.copy()
-    shapes[0, 0, 0] += spike * np.abs(shapes).max()
-    change = PlateChange(shapes.astype("<f4").tobytes(), scanned.steepest_1_mm(), RIGHT, (0.0,) * 4)
-    assert change.is_near(scanned) is is_near
 
 
 def test_a_map_on_another_grid_is_none_and_so_are_other_sensors() -> None:

@@ -19,20 +19,18 @@ from machine_bench import PLATE
 from terminal import Terminal
 
 from hapticd.__main__ import main
-from hapticd.board_protocol import HelloRequest
 from hapticd.config.sections import Config
 from hapticd.core.budget import OVERRUN_NS
 from hapticd.daemon.daemon import Daemon, now_ns
 from hapticd.daemon.lifecycle import serve
 from hapticd.daemon.machine import TIMER_NS
-from hapticd.errors import AlreadyRunningError, ConfigError, HapticdError
+from hapticd.errors import AlreadyRunningError, ConfigError
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
 from hapticd.io.host.runaway import Breather
 from hapticd.io.host.systemd import Notifier
 from hapticd.tools.service import PROGRAMS
 from hapticd.values import Finger, RawReport, Tick
-from hapticd.wire import device
 from hapticd_client import Client
 
 CONFIG = Config()
@@ -91,12 +89,6 @@ async def test_a_signal_ends_serving_and_frees_the_directory(hardware: Hardware,
     os.kill(os.getpid(), number)  # an impatient person
     await asyncio.wait_for(serving, PATIENCE_S)
     assert sorted(os.listdir(hardware.folder / "run")) == ["lock"]
-
-
-@asynchronous
-async def test_the_board_is_greeted_as_soon_as_the_service_starts(hardware: Hardware) -> None:
-    async with hardware.started():
-        assert hardware.terminal.heard() == b"\0" + device.encode(HelloRequest())
 
 
 @asynchronous
@@ -280,15 +272,6 @@ async def test_a_second_daemon_is_refused_in_its_own_words_and_opens_no_device(h
         assert (hardware.folder / "run" / "control").is_socket()
 
 
-def test_a_daemon_that_never_started_can_be_stopped(hardware: Hardware) -> None:
-    asyncio.run(hardware.daemon().stop())
-
-
-def test_a_directory_with_too_long_a_name_is_refused_in_one_sentence(hardware: Hardware) -> None:
-    with pytest.raises(HapticdError, match="a socket allows 107"):
-        asyncio.run(serve(hardware.daemon("r" * 100), PLATE))
-
-
 @asynchronous
 async def test_telemetry_is_built_while_somebody_listens(hardware: Hardware) -> None:
     async with hardware.started() as service:
@@ -300,15 +283,6 @@ async def test_telemetry_is_built_while_somebody_listens(hardware: Hardware) -> 
         assert machine.status.published > 0
         await asyncio.to_thread(client.close)
         await until(lambda: machine.status.publish is None)
-
-
-@asynchronous
-async def test_each_start_has_an_instance_of_its_own(hardware: Hardware) -> None:
-    instances = set()
-    for _ in range(3):
-        async with hardware.started() as service:
-            instances.add(service.machine.instance)
-    assert len(instances) == 3
 
 
 def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_make_them(
@@ -334,10 +308,3 @@ async def test_what_corrects_the_pad_runs_with_the_service_and_ends_with_it(hard
         assert daemon.machine.observer is not None
         assert calibration()["running"] is True
     assert calibration()["running"] is False
-
-
-@asynchronous
-async def test_by_default_nothing_corrects_the_pad(hardware: Hardware) -> None:
-    async with hardware.started() as daemon:
-        assert daemon.machine.observer is None
-        assert daemon.machine.status.calibration() == {}

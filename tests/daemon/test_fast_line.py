@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
 import msgpack
 import numpy as np
@@ -107,12 +106,6 @@ def test_a_board_that_offers_a_faster_line_is_driven_at_it() -> None:
     assert rig.board_report()["baud"] == FAST
 
 
-def test_a_board_with_one_speed_keeps_it() -> None:
-    rig = Rig().run(300)
-    assert rig.port_baud == FIRST
-    assert rig.follows
-
-
 def test_a_cable_that_does_not_carry_the_fast_line_ends_at_the_first_speed(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     rig = Rig(baud_max=FAST)
@@ -135,17 +128,6 @@ def test_a_fast_line_that_breaks_silences_the_plate_and_comes_back_at_the_first_
     assert rig.follows
 
 
-def test_a_fast_line_of_0_stays_at_the_first_speed() -> None:
-    config = replace(Config(), device=replace(Config().device, fast_baud=0))
-    assert Rig(config=config, baud_max=FAST).run(300).port_baud == FIRST
-
-
-def test_a_daemon_that_leaves_leaves_the_line_at_the_first_speed() -> None:
-    rig = Rig(baud_max=FAST).run(600)
-    rig.machine.disconnect(rig.t_ns)
-    assert rig.board_baud == FIRST
-
-
 def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
     rig = Rig(calibration=Calibration((X, Y), 29215.0)).run(400)
     assert rig.follows
@@ -158,20 +140,9 @@ def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
     assert again.hello.drive_hz == pytest.approx(29205.0)
 
 
-def test_a_drive_that_the_board_has_is_not_set_again() -> None:
-    rig = Rig(calibration=Calibration((X, Y), 29205.0)).run(400)
-    assert rig.follows
-    assert rig.machine.session.drive_hz == 29205.0
-
-
 def test_a_drive_out_of_the_boards_reach_is_refused_in_one_sentence() -> None:
     rig = Rig(calibration=Calibration((X, Y), 32000.0)).run(400)
     assert "The calibration file sets the drive to 32000 Hz" in str(rig.board_report()["refused"])
-
-
-def test_wires_of_a_calibration_are_taken_and_the_plate_is_driven() -> None:
-    wired = [replace(X, drive=(1.0, 0.0), sense=(1 + 0j, 0j)), replace(Y, drive=(0.0, 1.0), sense=(0j, 1 + 0j))]
-    assert Rig(calibration=Calibration(tuple(wired))).run(400).follows
 
 
 def test_a_marker_with_a_pulse_raises_the_sync_output_with_the_next_reference() -> None:
@@ -208,12 +179,6 @@ def test_a_resting_board_is_woken_for_a_pulse() -> None:
     assert np.any(np.array(rig.run(60).flags[before:]) & FLAG_SYNC)
 
 
-def test_a_marker_without_a_pulse_raises_nothing() -> None:
-    rig = Rig().run(400)
-    assert rig.mark()["ok"]
-    assert not np.any(np.array(rig.run(60).flags) & FLAG_SYNC)
-
-
 @pytest.mark.parametrize(
     ("has_sync", "runs_ms", "sentence"), [(False, 400, "has no sync output"), (True, 0, "does not answer")]
 )
@@ -221,10 +186,3 @@ def test_a_pulse_that_cannot_be_is_refused(has_sync: bool, runs_ms: float, sente
     answer = Rig(has_sync=has_sync).run(runs_ms).mark(pulse=True)
     assert not answer["ok"]
     assert sentence in str(answer)
-
-
-def test_pulses_too_close_together_are_refused() -> None:
-    rig = Rig().run(400)
-    assert rig.mark(pulse=True)["ok"]
-    assert "every 20 ms" in str(rig.mark(pulse=True))
-    assert rig.run(30).mark(pulse=True)["ok"]

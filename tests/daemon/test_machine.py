@@ -7,7 +7,7 @@ import logging
 import weakref
 
 import pytest
-from machine_bench import MS, SLIPPERY, START_NS, STICKY, Bench, lines, references
+from machine_bench import SLIPPERY, STICKY, Bench, lines
 
 from hapticd.core.board.supervisor import State
 from hapticd.files.recording.kinds import Record, record_of
@@ -17,18 +17,6 @@ from hapticd.values import RawReport
 @pytest.fixture(autouse=True)
 def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "hapticd")
-
-
-def test_a_pad_that_falls_silent_with_fingers_down_is_one_zero_frame(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    lines(caplog)
-    bench.pad_speaks = False
-    said = references(bench.run(1000))
-    assert [each.peak_um for each in said][-1:] == [0.0]
-    assert len([each for each in said if each.peak_um == 0.0]) == 1
-    assert said[-1].t_ns <= START_NS + 460 * MS + 12 * MS + 50 * MS  # silence_ms after the last report, and the timer
-    assert lines(caplog) == ["trackpad silent with 2 fingers down: they count as lifted"]
-    assert bench.machine.pipeline.fingers == ()
 
 
 def test_a_pulled_pad_is_one_line_and_a_zero_frame_at_once(caplog: pytest.LogCaptureFixture) -> None:
@@ -49,13 +37,6 @@ def test_a_pulled_pad_is_one_line_and_a_zero_frame_at_once(caplog: pytest.LogCap
     assert bench.board.peak_um > 0.5
 
 
-def test_a_pad_of_another_model_gets_its_own_decoder() -> None:
-    bench = Bench()
-    bench.machine.trackpad_link(True, "another", bench.t_ns, model="mt1")
-    assert bench.machine.trackpad.model == "mt1"
-    assert bench.ask("status")["body"]["trackpad"]["model"] == "mt1"
-
-
 def test_a_machine_that_another_replaces_is_gone_at_once() -> None:
     """The daemon's collector never looks at what was there when it became ready."""
     bench = Bench(SLIPPERY, STICKY).driven()
@@ -70,28 +51,6 @@ def test_a_machine_that_another_replaces_is_gone_at_once() -> None:
 
 
 # --- the clients' side ------------------------------------------------------------------------------------------
-
-
-def test_what_runs_out_is_released_and_its_fingers_held_at_zero() -> None:
-    bench = Bench(SLIPPERY, STICKY)
-    bench.run(400)
-    bench.want({1: 1.0, 2: 0.0}, ttl_s=0.3)
-    bench.run(290)
-    assert bench.board.peak_um > 0.5
-    bench.run(25)
-    assert bench.board.peak_um == 0.0
-    assert [point.target_um for point in bench.machine.last_tick.points] == [0.0, 0.0]  # type: ignore[union-attr]
-
-
-def test_virtual_fingers_walk_on_without_a_single_report() -> None:
-    bench = Bench()
-    bench.run(400)
-    path = {"name": "walker", "path_mm": [[-40.0, 0.0], [40.0, 0.0]], "speed_mm_s": 50.0}
-    bench.send(targets=[{"finger": "walker", "amplitude_um": 1.0}], virtuals=[path])
-    assert bench.machine.clients.last_refusal == ""
-    said = references(bench.run(400))
-    assert bench.state is State.ACTIVE
-    assert len(said) >= 38  # a pass each timer
 
 
 def test_the_last_thing_said_is_silence() -> None:
@@ -156,17 +115,6 @@ def test_requests_are_answered_with_a_body_or_a_sentence() -> None:
     assert bench.ask("release", client="test", finger=1)["body"] == {"released": False}
     assert bench.ask("release", client="test")["body"] == {"released": True}
     assert not bench.ask("dance")["ok"]
-
-
-def test_readings_of_another_number_of_sensors_are_refused() -> None:
-    bench = Bench(SLIPPERY)
-    with pytest.raises(ValueError, match="2 modes need 4"):
-        bench.machine.adopt_readings([1.0], [0.0], START_NS)
-
-
-def test_a_load_is_refused_where_no_parasitic_modes_are_known() -> None:
-    with pytest.raises(ValueError, match="no parasitic modes are known"):
-        Bench(SLIPPERY).machine.adopt_load(100.0, 0.0, START_NS)
 
 
 def test_a_pass_is_recorded_also_where_nobody_asks_what_fingers_perceive() -> None:

@@ -42,21 +42,6 @@ def test_the_reach_is_the_solver_s_amplitude_for_a_target_out_of_reach(modes: in
     assert reach_um(phi[:, 0], phi[:, 1:], limits) == pytest.approx(solved, abs=EXACT_UM)
 
 
-@pytest.mark.parametrize("modes", [2, 3, 4])
-def test_fingers_that_stand_in_one_place_bind_the_plate_once(modes: int) -> None:
-    points = random_points_mm(5, 40)
-    phi = shapes_of(modes).evaluate(points)
-    slipping, still = phi[:20], phi[20:, None, :]
-    once = reach_um(slipping, still, 4.0)
-    assert reach_um(slipping, np.repeat(still, 3, axis=1), 4.0) == pytest.approx(once, abs=EXACT_UM)
-    assert reach_um(slipping, slipping[:, None], 4.0) == pytest.approx(0.0, abs=EXACT_UM)
-
-
-def test_a_still_finger_on_a_node_of_all_modes_binds_nothing() -> None:
-    slipping = np.array([[0.5, -0.25], [0.0, 1.0]])
-    assert reach_um(slipping, np.zeros((2, 1, 2)), [4.0, 2.0]) == pytest.approx([2.5, 2.0])
-
-
 @pytest.mark.parametrize("modes", [1, 2, 3])
 @pytest.mark.parametrize(
     "targets", [(1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (1.0, 0.7, 0.0)], ids=str
@@ -75,22 +60,6 @@ def test_each_cell_agrees_with_the_solver(modes: int, targets: tuple[float, ...]
             assert made.share[row, column] == pytest.approx(expected, abs=EXACT_UM)
     alone = achievable_share(shapes, fingers, targets[-1], limits, grid_points(made.x_mm, made.y_mm))
     assert alone == pytest.approx(made.share.ravel(), abs=EXACT_UM)
-
-
-def test_a_pair_is_served_alike_from_either_finger() -> None:
-    here, there = random_points_mm(3, 2)
-    stays_slippery = achievable_share(PAIR, [Finger(*here, 1.0)], 0.0, (4.0, 4.0), [there])
-    stays_sticky = achievable_share(PAIR, [Finger(*there, 0.0)], 1.0, (4.0, 4.0), [here])
-    assert stays_slippery == pytest.approx(stays_sticky, abs=EXACT_UM)
-
-
-def test_a_third_mode_opens_most_of_the_places_that_two_leave_closed() -> None:
-    finger = [Finger(-30.0, 21.0, 1.0)]
-    two, three = (
-        achievability_map(shapes_of(modes), finger, 0.0, (4.0,) * modes, size_mm=SIZE_MM, cells=41) for modes in (2, 3)
-    )
-    assert (three.reach_um >= two.reach_um - EXACT_UM).all()
-    assert 1.0 - three.served_frac(1.0) < 0.5 * (1.0 - two.served_frac(1.0))
 
 
 def test_nothing_is_reached_on_a_singular_curve() -> None:
@@ -124,28 +93,3 @@ def test_a_places_worth_is_the_part_of_the_plate_that_its_map_leaves_to_the_othe
             made = achievability_map(shapes, [Finger(*place, here_um)], other_um, limits, size_mm=SIZE_MM, cells=9)
             assert part[row, column] == pytest.approx(made.served_frac(1.0))
     assert pairs.slipping.mean() == pytest.approx(pairs.still.mean())
-
-
-def test_without_a_slipping_or_a_still_finger_figures_are_nan() -> None:
-    still = achievability_map(PAIR, [Finger(0.0, 0.0, 0.0)], 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
-    assert np.isnan(still.share).all()
-    assert still.served_frac(0.5) == 0.0
-    assert np.isnan(still.reach_um).all()
-    assert np.isnan(still.contrast(0.1)).all()
-    alone = achievability_map(PAIR, [], 1.0, (4.0, 4.0), size_mm=SIZE_MM, cells=4)
-    assert np.isnan(alone.contrast(0.1)).all()
-    assert np.isnan(alone.determinant).all()
-    phi = PAIR.evaluate(grid_points(alone.x_mm, alone.y_mm))
-    assert alone.reach_um == pytest.approx(4.0 * np.abs(phi).sum(axis=1).reshape(4, 4))
-
-
-def test_the_cells_tile_the_plate() -> None:
-    made = achievability_map(PAIR, [], 1.0, (4.0, 4.0), size_mm=(100.0, 50.0), cells=10)
-    assert made.x_mm[[0, -1]] == pytest.approx([-45.0, 45.0])
-    assert made.y_mm[[0, -1]] == pytest.approx([-22.5, 22.5])
-
-
-@pytest.mark.parametrize("target_um", [-1.0, np.nan, np.inf])
-def test_a_target_that_cannot_be_is_refused(target_um: float) -> None:
-    with pytest.raises(ValueError, match="target"):
-        achievability_map(PAIR, [Finger(0.0, 0.0, 1.0)], target_um, (4.0, 4.0), size_mm=SIZE_MM, cells=4)

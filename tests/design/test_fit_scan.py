@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hapticd.design import CartographyFit, Pose, fit_cartography, fit_scan, sample_scan
-from hapticd.design.readings import in_phase, outliers
+from hapticd.design.readings import outliers
 from hapticd.errors import ModesError
 
 from .reference_plate import driven_modes, grid_points
@@ -57,40 +55,6 @@ def test_the_map_errs_by_a_small_part_of_the_noise(scan: dict[str, Any], most: f
     np.testing.assert_allclose(fit.across_rms, NOISE, rtol=0.1)
 
 
-def test_a_sampled_scan_has_the_requested_faults_and_no_others() -> None:
-    points, readings = sample_scan(driven_modes(), noise_frac=0.0, pose=TURNED, scale=SCALE, missing_frac=0.2, seed=3)
-    where = TURNED.on_plate(points)
-
-    assert (np.abs(where) <= 68.75).all()
-    assert 0.6 * 961 < len(points) < 0.8 * 961
-    assert (np.diff(points[:, 0]) < 0.0).any()
-    expected = np.stack([mode.evaluate(where) for mode in driven_modes()], axis=-1) * SCALE
-    np.testing.assert_allclose(readings, expected, rtol=1e-12)
-
-    again = sample_scan(driven_modes(), noise_frac=0.0, pose=TURNED, scale=SCALE, missing_frac=0.2, seed=3)
-    np.testing.assert_array_equal(again[1], readings)
-    lost = sample_scan(driven_modes(), noise_frac=0.0, dropout_frac=0.1, seed=3)
-    wrong = np.abs(lost[1] - np.stack([mode.evaluate(lost[0]) for mode in driven_modes()], axis=-1)).max(axis=1) > 1e-9
-    assert 0.06 < wrong.mean() < 0.14
-
-
-def test_drop_outs_are_left_out_and_counted() -> None:
-    points, readings = sample_scan(driven_modes(), seed=2, dropout_frac=0.05)
-    fit = fit_scan(points, readings)
-
-    assert fit_scan(*sample_scan(driven_modes(), seed=2)).left_out == 0
-    assert 0.02 * len(points) < fit.left_out < 0.07 * len(points)
-
-
-def test_the_order_of_points_does_not_matter() -> None:
-    points, readings = sample_scan(driven_modes(), seed=5, missing_frac=0.2, pose=TURNED)
-    order = np.random.default_rng(1).permutation(len(points))
-
-    one, other = fit_scan(points, readings), fit_scan(points[order], readings[order])
-
-    np.testing.assert_allclose(one.modes.shapes, other.modes.shapes, rtol=0.0, atol=1e-8)
-
-
 def test_a_grid_is_a_scan_whose_points_have_an_order() -> None:
     axis_mm = 4.5 * np.arange(-15, 16)
     points, readings = sample_scan(driven_modes(), seed=6)
@@ -116,25 +80,6 @@ def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
 
     # 240 points a fold, each judged by a map made of three quarters of the points.
     np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), estimated, rtol=0.05)
-
-
-@given(st.floats(-math.pi, math.pi), st.floats(1e-6, 1e6), st.integers(0, 100))
-def test_one_phase_is_taken_out_of_each_mode(phase_rad: float, size: float, seed: int) -> None:
-    real = np.random.default_rng(seed).standard_normal((50, 2))
-
-    aligned = in_phase(real * size * np.exp(1j * np.array([phase_rad, 0.3])))
-
-    sign = np.sign((aligned.values * real).sum(axis=0))
-    np.testing.assert_allclose(aligned.values * sign, real * size, rtol=0.0, atol=1e-12 * size)
-    assert (np.abs(aligned.phase_rad) <= math.pi / 2.0 + 1e-12).all()
-    assert (aligned.across_rms <= 1e-12 * size).all()
-
-
-def test_real_readings_keep_their_sign() -> None:
-    aligned = in_phase(-np.ones((9, 1)))
-
-    np.testing.assert_array_equal(aligned.values, -np.ones((9, 1)))
-    np.testing.assert_array_equal(aligned.phase_rad, [0.0])
 
 
 def test_normal_noise_has_no_outliers_and_a_reading_far_off_is_one() -> None:
@@ -184,19 +129,3 @@ def test_invalid_scans_are_refused_in_a_sentence(points: np.ndarray, readings: n
 def test_invalid_options_are_refused_in_a_sentence(wrong: dict[str, Any], what: str) -> None:
     with pytest.raises(ValueError, match=rf"{what}.*\.$"):
         fit_scan(POINTS, WAVE, **wrong)
-
-
-def test_a_fit_asked_for_by_name_is_the_one_taken() -> None:
-    scan = sample_scan(driven_modes(), seed=1)
-
-    assert fit_scan(*scan).by == fit_scan(*scan, by="free_plate").by == "free_plate"
-    assert fit_scan(*scan, by="plate_equation").by == "plate_equation"
-
-
-def test_a_plate_that_theory_has_no_modes_for_can_still_be_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapticd.design.cartography._MOST_THEORY_RAD", 1.0)
-    scan = sample_scan(driven_modes(), seed=1)
-
-    assert fit_scan(*scan).by == "plate_equation"
-    with pytest.raises(ModesError, match="no usable free-plate modes"):
-        fit_scan(*scan, by="free_plate")

@@ -37,16 +37,3 @@ def test_a_small_mass_lowers_a_mode_by_its_share_of_the_motion() -> None:
     plate_kg = 2500.0 * 2.0e-3 * 0.1 * 0.08 * np.mean(shape.on_grid(*axes_mm) ** 2)
     patch_kg = 8000.0 * 0.1e-3 * 4e-6 * shape.evaluate([[45.0, 35.0]])[0] ** 2
     assert loaded_hz / hz - 1.0 == pytest.approx(-0.5 * patch_kg / plate_kg, rel=0.05)
-
-
-def test_twice_the_basis_moves_modes_with_patches_by_less_than_a_bandwidth() -> None:
-    patches = tuple(Patch(x_mm, y_mm, (8.0, 8.0), 0.3) for x_mm, y_mm in ((-45.0, -35.0), (45.0, -35.0), (0.0, 36.0)))
-    one, two = (
-        [hz for hz, _ in glued_plate_modes(SIZE_MM, 2.0, GLASS, patches, BAND_HZ, basis)] for basis in (2.0, 4.0)
-    )
-    assert one == pytest.approx(two, abs=15.0)
-
-
-def test_a_patch_over_the_edge_is_refused() -> None:
-    with pytest.raises(ValueError, match="reaches over the plate's edge"):
-        glued_plate_modes(SIZE_MM, 2.0, GLASS, (Patch(48.0, 0.0, (8.0, 8.0), 0.3),), BAND_HZ)

@@ -109,16 +109,6 @@ def test_an_input_is_not_overwritten_even_by_force(
     assert Path(command[-1]).read_text(encoding="utf-8") == "a day's work"
 
 
-def test_two_recordings_given_to_plot_by_a_pattern_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in ("session.mcap", "session-2.mcap"):
-        Path(name).write_text(name, encoding="utf-8")
-    refused(capsys, "plot", "session-2.mcap", "session.mcap")
-    assert {name: Path(name).read_text(encoding="utf-8") for name in ("session.mcap", "session-2.mcap")} == {
-        "session.mcap": "session.mcap",
-        "session-2.mcap": "session-2.mcap",
-    }
-
-
 def test_a_forced_output_is_replaced(capsys: pytest.CaptureFixture[str]) -> None:
     Path("map.npz").write_text("old", encoding="utf-8")
     arguments = ("map", "--finger=-30,20", "--still", "--cells", "3", "--out", "map.npz")
@@ -234,13 +224,6 @@ def test_a_calibration_step_overwrites_neither_its_input_nor_what_it_did_not_wri
     assert f"{step}.png: exists already" in refused(capsys, "calibrate", step, "--sim", "--out", ".")
 
 
-@pytest.mark.long
-def test_a_calibration_step_replaces_its_own_result(capsys: pytest.CaptureFixture[str]) -> None:
-    for _ in range(2):
-        assert main(["calibrate", "friction", "--sim", "--out", "plate"]) == 0
-    assert "friction: " in capsys.readouterr().out
-
-
 def test_a_recording_that_fails_leaves_the_earlier_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -254,8 +237,3 @@ def test_a_recording_that_fails_leaves_the_earlier_one(
     assert capsys.readouterr().err == "hapticd: the disk is full\n"
     assert Path("run.mcap").read_text(encoding="utf-8") == "a day's work"
     assert sorted(path.name for path in Path().iterdir()) == ["in.mcap", "run.mcap"]
-
-
-def test_a_device_is_never_replaced_by_a_file(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "is a device or a pipe" in refused(capsys, "simulate", "rest", "--record", "/dev/null")
-    assert not Path("/dev/null").is_file()

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from hapticd import __version__
 from hapticd.errors import HapticdError, UsageError
 from hapticd.files import outputs, plotting
 
@@ -23,23 +22,11 @@ def test_a_picture_has_the_format_of_its_suffix(suffix: str, begin: bytes, tmp_p
         assert (tmp_path / f"picture{suffix}").read_bytes().startswith(begin)
 
 
-def test_a_figure_carries_the_version_and_what_it_shows() -> None:
-    figure, _ = plotting.subplots(2.0, 1.0, source="strokes of $x$, seed 3")
-    assert figure.get_supxlabel() == rf"hapticd {__version__}, strokes of \$x\$, seed 3"
-    assert plotting.subplots(2.0, 1.0)[0].get_supxlabel() == f"hapticd {__version__}"
-
-
 def test_another_suffix_is_refused_before_the_work() -> None:
     outputs.check_suffix(Path("picture.png"), outputs.PICTURE)
     for name in ("picture", "picture.txt", ".png"):
         with pytest.raises(UsageError, match=r"end it in \.png or \.pdf or \.svg"):
             outputs.check_suffix(Path(name), outputs.PICTURE)
-
-
-def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    figure, _ = plotting.subplots(1.0, 1.0)
-    with pytest.raises(HapticdError, match=r"picture.png: cannot be written \(No such file or directory\)"):
-        plotting.save(figure, tmp_path / "none" / "picture.png")
 
 
 def test_without_matplotlib_the_command_that_installs_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

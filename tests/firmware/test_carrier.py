@@ -7,7 +7,6 @@ import ctypes
 import math
 from fractions import Fraction
 
-import mpmath
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -29,22 +28,11 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
-class Phasor(ctypes.Structure):
-    _fields_ = (("d", ctypes.c_float), ("q", ctypes.c_float))
-
-
 def table() -> tuple[Integers, Integers]:
     """cos and -sin of all entries."""
     words = np.array((ctypes.c_uint32 * ENTRIES).in_dll(firmware.load(2), "hd_sine_table"), dtype=np.uint32)
     halves = words.view(np.int16).reshape(-1, 2).astype(np.int64)
     return halves[:, 0], halves[:, 1]
-
-
-def unit_phasor(phase: int) -> complex:
-    call = firmware.load(2).hd_unit_phasor
-    call.restype, call.argtypes = Phasor, [ctypes.c_uint32]
-    phasor = call(phase)
-    return complex(phasor.d, phasor.q)
 
 
 def phases(chain: SignalChain, start: int, samples: int) -> Integers:
@@ -67,40 +55,11 @@ def least_squares(angles_rad: Floats, x: Floats) -> complex:
     return complex(d, q)
 
 
-def test_every_entry_of_the_table_is_the_nearest_integer() -> None:
-    cosine, minus_sine = table()
-    with mpmath.workdps(30):
-        for i in range(ENTRIES):
-            angle = 2 * mpmath.pi * i / ENTRIES
-            assert cosine[i] == mpmath.nint(ONE * mpmath.cos(angle))
-            assert minus_sine[i] == mpmath.nint(-ONE * mpmath.sin(angle))
-
-
-@given(PHASES)
-@example(0)
-@example(TURN // 4)
-@example(TURN // 2)
-@example(3 * TURN // 4)
-@example(TURN - 1)
-def test_the_unit_phasor_is_right_to_single_precision(phase: int) -> None:
-    assert abs(unit_phasor(phase) - cmath.exp(2j * math.pi * phase / TURN)) < 2.5e-7
-
-
 @settings(max_examples=1000)
 @given(DRIVES_HZ)
 @example(DRIVE_HZ)
 def test_the_step_is_the_nearest_to_the_frequency(drive_hz: float) -> None:
     assert SignalChain(drive_hz).step == round(Fraction(drive_hz) * TURN / SAMPLE_HZ)
-
-
-def test_the_phase_is_exact_after_a_hundred_thousand_turns() -> None:
-    chain, chunks = SignalChain(DRIVE_HZ), 70_000
-    start = chain.phase
-    for _ in range(chunks):
-        chain.synthesise()
-    turns, phase = divmod(start + chunks * CHUNK * chain.step, TURN)
-    assert turns > 100_000
-    assert chain.phase == phase
 
 
 @given(st.integers(1, 1 << 40))
@@ -154,13 +113,6 @@ def test_samples_are_within_a_step_and_a_half_of_the_wave_that_is_meant() -> Non
     assert np.abs(error[:, 1]).max() < 0.55  # a small amplitude is not lost, but dithers between steps
 
 
-@pytest.mark.parametrize("level", [math.nan, math.inf, complex(1, math.nan), complex(-math.inf, 0)])
-def test_a_level_that_is_no_number_is_mid_rail(level: complex) -> None:
-    chain = SignalChain(DRIVE_HZ)
-    chain.drive((level, 0))
-    np.testing.assert_array_equal(chain.synthesise(), MID_RAIL)
-
-
 @given(st.floats(LARGEST_LSB, 1e17), st.floats(-math.pi, math.pi), PHASES)
 def test_a_level_out_of_range_keeps_its_phase_and_never_wraps(magnitude: float, angle_rad: float, phase: int) -> None:
     chain, bounded = (SignalChain(DRIVE_HZ, phase=phase) for _ in range(2))
@@ -169,19 +121,6 @@ def test_a_level_out_of_range_keeps_its_phase_and_never_wraps(magnitude: float, 
     samples = chain.synthesise()
     assert np.abs(np.diff(steps(samples), axis=0)).max() < 0.2 * 2048
     assert np.abs(steps(samples) - steps(bounded.synthesise())).max() <= 1
-
-
-def test_another_frequency_goes_on_where_the_old_one_was() -> None:
-    chain = SignalChain(DRIVE_HZ)
-    chain.drive((1000.0, 0.0))
-    chain.synthesise()
-    phase = chain.phase
-    chain.tune(31000.0)
-    assert chain.phase == phase
-    np.testing.assert_array_equal(chain.synthesise()[:, 0], synthesised(SignalChain(31000.0), phase, 1000))
-    for refused in (math.nan, math.inf, 0.0, -DRIVE_HZ, 19999.0, 1e9):
-        chain.tune(refused)
-        assert chain.step == SignalChain(31000.0).step
 
 
 def test_the_new_frequency_is_heard_as_well_as_the_old_one() -> None:
@@ -228,29 +167,6 @@ def test_the_amplitude_is_that_of_least_squares_within_half_a_thousandth(
     assert abs(measured[0] - expected) < 0.0005 * (magnitude + abs(offset)) + rounding
 
 
-@pytest.mark.parametrize("drive_hz", [DRIVE_HZ, 60000.0])
-def test_adding_neighbours_first_costs_what_half_a_step_between_them_does(drive_hz: float) -> None:
-    """White noise: to that of least squares over all samples comes tan(h) of it, independently: 0.4 % at 29 kHz."""
-    chain = SignalChain(drive_hz)
-    noise = sampled(np.random.default_rng(3).normal(0, 300, (1000 * 500, 2)))
-    angles_rad = (2 * np.pi * phases(chain, 0, len(noise)) / TURN).reshape(-1, 500)
-    measured = chain.measure(noise)[:, 0]
-    best = np.array([least_squares(a, x) for a, x in zip(angles_rad, steps(noise)[:, 0].reshape(-1, 500), strict=True)])
-    added = math.sqrt(np.mean(np.abs(measured - best) ** 2) / np.mean(np.abs(best) ** 2))
-    assert added == pytest.approx(math.tan(math.pi * drive_hz / SAMPLE_HZ), rel=0.1)
-
-
-@pytest.mark.parametrize("offset", [-300.0, -7.0, 40.0, 300.0])
-def test_an_offset_of_the_converter_does_not_bias_the_amplitude(offset: float) -> None:
-    chain, shifted = SignalChain(DRIVE_HZ), SignalChain(DRIVE_HZ)
-    wave = 1500 * np.cos(2 * np.pi * phases(chain, 0, 20 * 500) / TURN + 0.7)
-    bias = shifted.measure(sampled(np.stack((wave, wave), 1) + offset)) - chain.measure(
-        sampled(np.stack((wave, wave), 1))
-    )
-    assert np.abs(bias.mean(axis=0)).max() < 0.02
-    assert np.abs(bias).max() < 0.15  # of a step, tick by tick
-
-
 def test_a_full_scale_square_wave_fills_the_longest_tick_without_overflow() -> None:
     chain = SignalChain(DRIVE_HZ, 500.0)
     angles_rad = 2 * np.pi * phases(chain, 0, 2000) / TURN
@@ -258,17 +174,6 @@ def test_a_full_scale_square_wave_fills_the_longest_tick_without_overflow() -> N
     (measured,) = chain.measure(np.stack((sampled(x), sampled(-1 - x)), axis=1))
     assert measured[0] == pytest.approx(least_squares(angles_rad, x), rel=5e-4)
     assert measured[1] == pytest.approx(-measured[0], rel=1e-6)
-
-
-def test_modes_do_not_hear_each_other() -> None:
-    waves = np.random.default_rng(1).integers(0, 4096, (500, 3)).astype(np.uint16) << 4
-    (three,) = SignalChain(DRIVE_HZ, modes=3).measure(waves)
-    for k in range(3):
-        others = np.full_like(waves[:, :2], MID_RAIL)
-        others[:, k % 2] = waves[:, k]
-        (alone,) = SignalChain(DRIVE_HZ).measure(others)
-        assert alone[k % 2] == three[k]
-        assert alone[1 - k % 2] == 0
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,8 +13,6 @@ from hapticd.bench.closed_loop import (
     Law,
     Phasors,
     Plate,
-    between_ticks,
-    follow,
     measure,
     settling_ms,
     step,
@@ -27,18 +23,16 @@ from hapticd.bench.firmware import FAR_HZ, worst_response
 from hapticd.bench.loop_figures import (
     coupling_figures,
     node_leak_um,
-    other_mode_frac,
     saturation_figures,
     sinusoid_figures,
-    stroke_figures,
 )
 from hapticd.board_values import BoardStatus
-from hapticd.sim.board.board import FLAG_LIVE, FLAG_SATURATED, Board, BoardConfig, BoardTrace
+from hapticd.sim.board.board import FLAG_LIVE, FLAG_SATURATED, Board, BoardConfig
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
 from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
 from hapticd.wire import device
 
-from .bench import constantly, nominal_plate, of_kind
+from .bench import nominal_plate, of_kind
 
 DEADBEAT, PI_FF, PI = Law("deadbeat"), Law("pi_ff"), Law("pi")
 FAST = Law("deadbeat", 5000.0)
@@ -53,12 +47,6 @@ def test_the_default_law_settles_near_the_voltage_s_bound(law: Law, amplitude_um
     assert Plate().bound_ms(amplitude_um) < found.settling_ms <= most_ms
     assert found.overshoot_frac <= 0.02
     assert found.cross_axis_frac <= 0.1
-
-
-def test_the_voltage_s_bound_is_the_facts() -> None:
-    assert Plate().bound_ms(0.4) == pytest.approx(0.53, abs=0.005)
-    assert Plate().bound_ms(2.0) == pytest.approx(3.39, abs=0.005)
-    assert math.isinf(Plate(quality=200.0, damping=1.5).bound_ms(4.0))
 
 
 def test_the_papers_law_settles_in_the_papers_ten_ms() -> None:
@@ -94,30 +82,11 @@ def test_at_5_khz_a_finger_that_couples_the_modes_lets_little_through() -> None:
     assert coupling_figures(DEADBEAT)["coupled_um"] <= 0.18
 
 
-def test_what_lies_between_ticks_leads_to_the_next_tick() -> None:
-    plate = Plate(damping=1.3, detune_hz=20.0, loop_phase_rad=0.3)
-    trace = follow(FAST.board(plate), constantly(2.0, 0.0), 100, 20)
-    rows = between_ticks(trace, plate, np.zeros(100), FAST.tick_ms)
-    assert rows.shape == (100, 4)
-    beyond = between_ticks(trace, plate, np.zeros(100), FAST.tick_ms + 0.05)[:-1, 4]
-    np.testing.assert_allclose(beyond, trace.plate_um[1:, 0], atol=1e-5)
-
-
-@pytest.mark.parametrize(("quality", "most_ms"), [(200.0, 4.5), (1000.0, 9.5)])
-def test_the_default_law_settles_on_plates_of_other_quality(quality: float, most_ms: float) -> None:
-    assert worst_response(DEADBEAT.respond, quality, 2.0, DEADBEAT.tick_ms).settling_ms <= most_ms
-
-
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
 def test_a_finger_that_lands_is_made_good_within_4_ms(law: Law) -> None:
     found = measure(law.respond(Plate(), 2.0), 2.0, law.tick_ms)
     assert 0.02 < found.dip_frac < 0.07
     assert found.recovery_ms <= 4.0
-
-
-@pytest.mark.parametrize("law", LAWS, ids=str)
-def test_a_step_of_one_mode_leaves_the_other_alone(law: Law) -> None:
-    assert other_mode_frac(law) <= 0.01
 
 
 def test_a_step_keeps_the_node_under_a_still_finger() -> None:
@@ -134,21 +103,6 @@ def test_a_moving_reference_is_followed_to_nanometres_without_delay(law: Law, f_
     found = sinusoid_figures(law, f_hz)
     assert found["error_um"] < 0.002
     assert abs(found["delay_ms"]) <= 0.01
-
-
-def test_the_papers_law_lags_a_moving_reference() -> None:
-    found = sinusoid_figures(PI, 10.0)
-    assert 0.05 < found["error_um"] < 0.2
-    assert found["delay_ms"] == pytest.approx(1.0, abs=0.1)
-
-
-@pytest.mark.parametrize(("speed_mm_s", "most_delay_ms", "most_um"), [(100.0, 0.1, 0.035), (200.0, 0.3, 0.07)])
-def test_strokes_are_followed_with_next_to_no_delay(speed_mm_s: float, most_delay_ms: float, most_um: float) -> None:
-    found, papers = stroke_figures(DEADBEAT, speed_mm_s), stroke_figures(PI, speed_mm_s)
-    assert 0.0 <= found["delay_ms"] <= most_delay_ms
-    assert found["residual_um"] <= most_um
-    assert found["leak_um"] < 0.6 * papers["leak_um"]
-    assert papers["delay_ms"] > 1.0
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
@@ -182,43 +136,6 @@ def test_a_reference_out_of_reach_is_shrunk_whole(law: Law) -> None:
     assert settling_ms(w_um[:, 1], w_um[-1, 1], law.tick_ms) < 10
     (status,) = of_kind(BoardStatus, device.Decoder().feed(board.transmit()))
     assert status.saturated
-
-
-def test_fingers_that_nobody_foresaw_shrink_the_pattern_whole_too() -> None:
-    """The nominal plate could hold it; the damped one cannot, and the observer has found out by how much."""
-    wanted_um = np.array([3.5 + 0j, 1.0])
-    trace = step_trace(DEADBEAT.board(Plate(damping=1.8), noise_um=0.0), wanted_um * [1, -1], wanted_um)
-    for w_um, asked_um in ((trace.plate_um[199], wanted_um * [1, -1]), (trace.plate_um[399], wanted_um)):
-        assert abs(w_um[0]) < 3.0
-        np.testing.assert_allclose(w_um / w_um[0], asked_um / asked_um[0], atol=2e-3)
-
-
-def test_coupling_compensation_keeps_a_touch_out_of_the_other_axis() -> None:
-    """A finger takes away W_d only; far from resonance the plate itself would turn the loss into W_q."""
-    for controller in ("pi_ff", "deadbeat"):
-        config = BoardConfig(controller=controller, detuning_rad_s=(-2 * np.pi * 60, 2 * np.pi * 60))
-        board = Board(nominal_plate(config), config=config)
-        follow(board, constantly(1.0, 0.0), 100, 20)
-        trace = BoardTrace(30, 2, 2)
-        board.run(30, np.tile([1.0, 0.0], (30, 1, 1)), np.full((30, 1), 90.0), trace)
-        loss_um = 1 - trace.plate_um[:, 0].real.min()
-        assert loss_um > 0.02
-        assert np.abs(trace.plate_um[:, 0].imag).max() < 0.2 * loss_um
-
-
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@pytest.mark.parametrize("phase_rad", [math.radians(-10), math.radians(10)])
-def test_ten_degrees_of_loop_phase_are_borne(law: Law, phase_rad: float) -> None:
-    for quality in (200.0, 500.0, 1000.0):
-        found = measure(law.respond(Plate(quality, loop_phase_rad=phase_rad), 0.4), 0.4, law.tick_ms)
-        assert found.settling_ms < (5.0 if law in (DEADBEAT, FAST) else 25.0)
-
-
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@pytest.mark.parametrize("phase_rad", [-2.5, 0.8, math.pi])
-def test_a_calibrated_loop_phase_costs_nothing(law: Law, phase_rad: float) -> None:
-    found = law.respond(Plate(loop_phase_rad=phase_rad, calibrated_phase_rad=phase_rad), 2.0)
-    np.testing.assert_allclose(found, law.respond(Plate(), 2.0), rtol=0.0, atol=3e-5)
 
 
 @settings(max_examples=60)

@@ -69,19 +69,6 @@ def test_a_hundred_hertz_in_a_minute_cost_no_more_than_a_sixth_of_the_reach() ->
         assert left < 1.5
 
 
-def test_the_drive_stays_while_nothing_moves_that_could_teach_it() -> None:
-    quiet = board(noise_um=0.01)
-    drifting(quiet, 2.0, 20.0, asks=constantly(0.05, 0j))
-    assert drive_hz(quiet) == DRIVE_HZ
-
-
-def test_on_a_plate_that_stays_the_drive_stays_too() -> None:
-    random = np.random.default_rng(4)
-    steady = board()
-    drifting(steady, 4.0, 0.0, asks=lambda _: [(0.0, random.uniform(-3, 3, 2) + 0j)])
-    assert drive_hz(steady) == pytest.approx(DRIVE_HZ, abs=0.5)
-
-
 def test_the_drive_follows_within_its_reach_only() -> None:
     near = board()
     near.receive(encode(SetDrive(DRIVE_HZ, 2.0)))

@@ -8,7 +8,6 @@ import pytest
 from hapticd.bench.closed_loop import follow
 from hapticd.board_protocol import Verdict
 from hapticd.board_values import SetController
-from hapticd.sim.board.board import BoardConfig
 
 from .bench import Bench, constantly
 
@@ -26,9 +25,3 @@ def test_gains_are_taken_exactly_where_the_plate_comes_to_rest(law: str, control
             held_v = trace.voltage_v[ticks // 2 :]
             swings = not held_v.any() or bool(np.abs(np.diff(held_v, axis=0)).max() > 1.0)
             assert (verdict is Verdict.DONE) is not swings, gains
-
-
-def test_the_default_gains_are_taken() -> None:
-    for law in ("pi", "pi_ff", "deadbeat"):
-        assert Bench().verdict(SetController(law)) is Verdict.DONE
-    assert BoardConfig().controller == "deadbeat"

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -54,42 +52,6 @@ def held_ms(broken: Board, asked_um: tuple[float, ...]) -> float:
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_sensor_that_cannot_be_believed_quietens_the_plate(name: str, asked_um: tuple[float, float]) -> None:
     assert held_ms(board(**BROKEN[name]), asked_um) <= QUIET_WITHIN_MS
-
-
-@pytest.mark.parametrize("name", ["inverted", "swapped"])
-def test_so_it_does_on_a_plate_that_should_rest(name: str) -> None:
-    assert held_ms(board(**BROKEN[name]), (0.0, 0.0)) <= QUIET_WITHIN_MS
-
-
-@pytest.mark.parametrize("phase_deg", PHASES_DEG)
-@pytest.mark.parametrize("asked_um", [(2.0, 2.0), (3.0, 3.0), (2.0, -1.5)])
-def test_so_does_a_wrong_phase_while_both_modes_are_asked_for_much(
-    phase_deg: int, asked_um: tuple[float, float]
-) -> None:
-    assert held_ms(board(**BROKEN[f"phase {phase_deg} degrees"]), asked_um) <= QUIET_WITHIN_MS
-
-
-def grating(amplitudes_um: tuple[float, float], f_hz: float) -> Callable[[float], list[tuple[float, Any]]]:
-    """Knots of 22.5 ms for `follow`: both modes alternate."""
-
-    def knots(t_s: float) -> list[tuple[float, Any]]:
-        at_ms = np.arange(0.0, 22.5, 2.5)
-        turn_rad = 2.0 * np.pi * f_hz * (t_s + 1e-3 * at_ms)
-        return [(ms, w * np.array(amplitudes_um, complex)) for ms, w in zip(at_ms, np.cos(turn_rad), strict=True)]
-
-    return knots
-
-
-TEXTURES = (
-    *product(["phase 50 degrees", "phase -80 degrees"], [(0.4, -0.28)], [5.0, 30.0, 100.0]),
-    *product(["dead", "one dead", "inverted", "one inverted", "swapped"], [(3.0, -2.1)], [10.0, 30.0, 100.0, 200.0]),
-)
-
-
-@pytest.mark.parametrize(("name", "amplitudes_um", "f_hz"), TEXTURES)
-def test_so_it_does_while_a_texture_plays(name: str, amplitudes_um: tuple[float, float], f_hz: float) -> None:
-    trace = follow(board(**BROKEN[name]), grating(amplitudes_um, f_hz), 400, 40)
-    assert quiet_after_ms(trace) <= QUIET_WITHIN_MS
 
 
 # Where the other mode takes more power than this one gives back: damping, drift of both modes (Hz), amplitudes.
@@ -220,16 +182,6 @@ def test_a_dead_sensor_of_a_mode_far_from_the_drive_quietens_the_plate(modes: in
         assert held_ms(Board(plate, config=config), (3.9 * scale,) * modes) <= QUIET_WITHIN_MS
 
 
-@pytest.mark.parametrize(("name", "code"), [("one dead", 4), ("one inverted", 8)])
-def test_the_fault_says_which_of_both_it_is(bench: Bench, name: str, code: int) -> None:
-    bench.arm(1 + 0j, 0j)
-    for _ in range(40):
-        bench.board.fake_measurement(np.diag(BROKEN[name]["sensor"]) * np.array([0.9, 0.0]))
-        bench.hold(20)
-    assert bench.messages[-1].fault_code == code
-    assert code in FAULTS
-
-
 @pytest.mark.parametrize("detuned_frac", [-0.5, 0.0, 0.5])
 @pytest.mark.parametrize("asked_um", [(0.0, 0.7), (0.7, 0.0), (0.1, 0.7), (0.3, 0.5)])
 def test_a_mode_that_a_heavy_finger_pushes_from_its_reference_is_no_fault(
@@ -254,20 +206,6 @@ def test_feedthrough_that_is_known_to_a_tenth_does_not_look_like_wrong_wires(ang
         through_um_per_v=through,
     )
     assert held_ms(sound, (1.0, 0.6)) == math.inf
-
-
-@pytest.mark.parametrize(("gain", "damping", "phase_rad"), [(1.3, 0.5, 0.2), (1.8, 0.5, 0.0), (1.8, 0.7, 0.2)])
-@pytest.mark.parametrize("drift_hz", [15.0, 20.0, 30.0, 40.0])
-def test_neither_does_a_gain_that_is_not_as_it_was_calibrated(
-    drift_hz: float, gain: float, damping: float, phase_rad: float
-) -> None:
-    sound = board(
-        gain_um_per_v_s=gain * np.diag(CONFIG.gain_um_per_v_s),
-        decay_1_s=damping * np.array(CONFIG.decay_1_s),
-        detuning_rad_s=np.array(CONFIG.detuning_rad_s) + 2.0 * np.pi * drift_hz,
-        loop_phase_rad=(phase_rad,) * 2,
-    )
-    assert held_ms(sound, (3.9, 0.0)) == math.inf
 
 
 def test_drift_damping_fingers_and_any_references_are_no_fault() -> None:

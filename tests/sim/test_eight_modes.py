@@ -11,18 +11,15 @@ import pytest
 from hapticd.bench.sweeps import swept
 from hapticd.board_protocol import SetTelemetry
 from hapticd.board_values import TelemetrySample
-from hapticd.compiled.build_ext import MORE_MODES
 from hapticd.config import Config
-from hapticd.config.sections import LEAST_MODES, MOST_MODES
+from hapticd.config.sections import MOST_MODES
 from hapticd.core.trajectory.gate import gate
 from hapticd.daemon.settings import BITS_PER_BYTE, LONGEST_FRAME_S, max_knots
 from hapticd.sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.sim.board.firmware import load
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import Settings, Simulation
 from hapticd.sim.plate.glasses import WIDE
 from hapticd.sim.plate.ground_truth import PlateSettings
-from hapticd.sim.world_tolerances import draw
 from hapticd.values import Drive, Knot
 from hapticd.wire.commands import encode
 from hapticd.wire.device import Decoder
@@ -30,11 +27,6 @@ from hapticd.wire.reference import encode_reference
 
 MS = 1_000_000
 EIGHT_UM = (4.0,) * MOST_MODES
-
-
-def test_the_firmware_is_built_for_all_numbers_of_modes() -> None:
-    assert [LEAST_MODES, *MORE_MODES] == list(range(LEAST_MODES, MOST_MODES + 1))
-    assert [load(modes).hd_board_modes() for modes in range(LEAST_MODES, MOST_MODES + 1)] == [2, 3, 4, 5, 6, 7, 8]
 
 
 def a_board(plate_modes: int) -> Board:
@@ -84,13 +76,6 @@ def test_a_frame_has_as_many_knots_as_the_line_carries_in_3_ms(baud: int, knots:
     modal_um = tuple(complex(1.0 / (mode + 1), 0.1) for mode in range(MOST_MODES))
     drive = gate(Drive(0, tuple(Knot(MS * place, modal_um) for place in range(knots))), EIGHT_UM)
     assert len(encode_reference(1, drive, 0)) * BITS_PER_BYTE <= LONGEST_FRAME_S * baud
-
-
-def test_errors_are_drawn_for_eight_sensors_and_those_of_six_stay_as_they_were() -> None:
-    sensors = draw("laboratory", 1).sensors
-    assert np.shape(sensors.crosstalk_frac) == (8, 8)
-    assert len({share for row in sensors.crosstalk_frac for share in row}) == 8 * 7 + 1
-    assert sensors.crosstalk_frac[1][0] == pytest.approx(0.0237008478)
 
 
 def test_two_fingers_feel_what_was_asked_on_eight_modes(caplog: pytest.LogCaptureFixture) -> None:

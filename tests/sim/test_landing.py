@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from hapticd.bench import landing as bench_landing
 from hapticd.sim.landing import CLIENT, SURFACE, measure, percentiles_ms
-from hapticd.tools import latency
 
 PERIOD_MS = 11.25
 
@@ -25,12 +21,3 @@ def test_on_a_surface_half_of_all_fingers_have_their_amplitude_within_25_ms_and_
     figures = percentiles_ms(measure(48)[SURFACE])
     assert figures["p50_ms"] <= 25.0
     assert figures["p95_ms"] <= 32.0
-
-
-def test_landings_are_printed_by_way_and_written_as_json(capsys: pytest.CaptureFixture[str]) -> None:
-    latency.run_landings(2, json_file="-")
-    printed = capsys.readouterr()
-    figures = json.loads(printed.out)
-    assert list(figures) == [SURFACE, CLIENT]
-    assert f"{figures[SURFACE]['p50_ms']:8.1f}" in printed.err
-    assert bench_landing.run(2).row(SURFACE).figures == figures[SURFACE]

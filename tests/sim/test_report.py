@@ -24,10 +24,6 @@ def result(circles: Run) -> dict[str, object]:
     return report.figures(circles, report.compare(circles))
 
 
-def compared(played: Run) -> dict[str, object]:
-    return report.figures(played, report.compare(played))
-
-
 def plain(value: object) -> bool:
     """Nothing but what JSON has, and no NaN."""
     if isinstance(value, dict):
@@ -55,38 +51,6 @@ def test_figures_compare_the_run_with_the_papers_scheme_and_perfect_knowledge(
     assert result["status"] == circles.status
 
 
-def test_alone_there_is_no_comparison(circles: Run) -> None:
-    alone = report.figures(circles)
-
-    assert {"paper", "perfect", "leak_ratio", "step"}.isdisjoint(alone)
-
-
-def test_a_figure_without_meaning_is_null() -> None:
-    nobody_landed = compared(lockstep.run("rest", seconds=0.3))
-
-    assert plain(nobody_landed)
-    assert nobody_landed["hapticd"]["leak_um"] is None
-    assert "leak_ratio" not in nobody_landed
-    assert "-" in report.table(nobody_landed)
-
-
-def test_the_step_s_numbers_are_there_once_the_step_is_over() -> None:
-    early, late = (report.figures(lockstep.run("step", seconds=seconds)) for seconds in (1.1, 1.5))
-
-    assert "step" not in early
-    assert plain(late)
-    assert 0.5 <= late["step"]["settling_ms"] <= 10.0
-    assert "settles in" in report.table(late)
-
-
-def test_the_table_has_a_line_for_each_scheme(result: dict[str, object]) -> None:
-    lines = report.table(result).splitlines()
-
-    assert [line.split()[0] for line in lines[1:4]] == ["hapticd", "paper", "perfect"]
-    assert len({len(line) for line in lines[:4]}) == 1
-    assert lines[4].startswith("the paper's scheme leaks")
-
-
 # --- the step response, on steps that are known -------------------------------------------------------------------
 
 T_S = (np.arange(4000) + 1) / 2000.0
@@ -108,18 +72,6 @@ def test_settling_is_from_one_to_ninety_eight_per_cent_whatever_the_delay_and_th
     assert result["final_um"] == pytest.approx(final_um)
     assert result["settling_ms"] == pytest.approx(tau_s * math.log(50.0) * 1e3, abs=1.0)
     assert result["overshoot_frac"] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_overshoot_and_quadrature_are_reported() -> None:
-    w_um = first_order(0.002, 1.0)
-    w_um = w_um + 0.2 * (w_um > 0) * np.exp(-np.maximum(T_S - 1.0, 0.0) / 0.02) * w_um + 0j
-    w_um[2100] += 0.05j
-
-    result = report.step_response(T_S, w_um, t_step_s=1.0)
-
-    assert 0.1 < result["overshoot_frac"] < 0.2
-    assert result["largest_q_um"] == pytest.approx(0.05)
-    assert result["settling_ms"] == pytest.approx(0.02 * math.log(10.0) * 1e3, abs=2.0)
 
 
 # --- the file -------------------------------------------------------------------------------------------------------

@@ -6,15 +6,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from pictures import faults
 
 from hapticd.config.sections import SimConfig
-from hapticd.files import outputs, plotting
 from hapticd.sim import lockstep
 from hapticd.sim.picture import Film
-from hapticd.tools.demo import program
 from hapticd.tools.demo.columns import Column, VirtualRun, columns, live_column
 from hapticd.tools.demo.picture import draw, typical_instant
 from hapticd.tools.demo.program import summary
@@ -54,11 +51,6 @@ def test_the_live_column_takes_the_place_of_its_plate_and_the_papers_scheme_is_c
     assert [column.title for column in columns(live_column(sim, is_bare=False), is_bare=False)] == titles
 
 
-def test_a_bare_board_is_compared_with_bare_plates() -> None:
-    live = live_column(SimConfig(), is_bare=True)
-    assert [column.plate.sensor_noise_um for column in columns(live, is_bare=True)] == [0.0, 0.0, 0.0]
-
-
 def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
     live = live_column(SimConfig(), is_bare=False)
     run = lockstep.run("strokes", seconds=1.0)
@@ -91,22 +83,6 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
     assert faults(figures[0]) == []
 
 
-def test_the_instant_of_the_picture_is_a_typical_one_and_the_field_under_a_finger_is_what_it_gets() -> None:
-    film = Film.of(lockstep.run("strokes", seconds=1.5), REFERENCE).between(0.7, 1.5)
-    at = typical_instant(film, 1.0)
-    t_s, got, _ = film.frictions(1.0)
-    off = np.abs(np.log(got / np.median(got, axis=0))).sum(axis=1)
-    assert off[t_s.tolist().index(film.t_s[at])] == off.min()
-    (x_mm, y_mm), centre_um = film.finger_mm[at][0], abs(film.truth_um[at, 0])
-    assert film.field_um(at, np.array([x_mm]), np.array([y_mm]))[0, 0] == pytest.approx(centre_um, abs=0.02)
-
-
-def test_a_run_that_is_too_short_to_be_judged_still_has_a_picture(tmp_path: Path, figures: list[Any]) -> None:
-    film = Film.of(lockstep.run("strokes", seconds=0.5), REFERENCE).between(0.42, 0.46)
-    draw([film, film], tmp_path / "demo.png", seconds=2.5, source="demo")
-    assert figures[0].axes[0].get_title(loc="left") == "hapticd"
-
-
 @pytest.mark.long
 def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
     column: Column = live_column(SimConfig(), is_bare=False)
@@ -116,9 +92,3 @@ def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
     same = Film.of(lockstep.run("strokes", seconds=1.0), column.title).between(0.5, 1.0)
     assert film.score == same.score
     assert film.t_s.tolist() == same.t_s.tolist()
-
-
-def test_the_picture_is_known_as_an_earlier_demos(tmp_path: Path) -> None:
-    film, out = Film.of(lockstep.run("strokes", seconds=0.5), REFERENCE), tmp_path / "demo.png"
-    draw([film, film], out, seconds=0.5, source=f"{program.SOURCE}1")
-    assert outputs.has_mark(out, f", {program.SOURCE}".encode(), plotting.SIGNED_BYTES)

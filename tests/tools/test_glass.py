@@ -111,13 +111,6 @@ def test_a_plate_may_be_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (found.size_mm, found.drive_hz, found.driven) == ((160.0, 160.0), 32370.0, 2)
 
 
-def test_each_mode_of_a_files_plate_may_have_a_reach_of_its_own(tmp_path: Path) -> None:
-    both = GroundTruth(PlateSettings.of(written(tmp_path / "both.toml")))
-    each = GroundTruth(PlateSettings.of(written(tmp_path / "each.toml", reach_um="[4.23, 8.46]")))
-    assert np.array(each.w_limit_um) / both.w_limit_um == pytest.approx([1.0, 2.0])
-    assert np.diag(each.gain_um_per_v_s) / np.diag(both.gain_um_per_v_s) == pytest.approx([1.0, 2.0])
-
-
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [

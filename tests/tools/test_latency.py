@@ -14,10 +14,9 @@ from machine_bench import MS, SLIPPERY, STICKY, Bench
 from pictures import faults
 
 from hapticd.config.sections import Config
-from hapticd.core.board.ledger import Histogram, LedgerLine
-from hapticd.errors import HapticdError
+from hapticd.core.board.ledger import LedgerLine
 from hapticd.tools import latency
-from hapticd.tools.latency import STAGES, Measured, draw, figures, gather, print_table, sparkline, write_ledger
+from hapticd.tools.latency import STAGES, Measured, draw, figures, gather, print_table, write_ledger
 
 
 def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it(measured: Measured) -> None:
@@ -58,18 +57,6 @@ def test_the_table_has_a_row_for_each_stage_with_its_figures(measured: Measured)
     assert counts.startswith(f"{measured.counts['frames']} frames, ")
 
 
-def test_a_sparkline_shows_the_most_frequent_span_highest_and_the_rarest_still() -> None:
-    histogram = Histogram()
-    for span_ns, count in ((2_000, 1), (1_500_000, 1000), (10**12, 1), (-5, 1)):
-        for _ in range(count):
-            histogram.add(span_ns)
-    line = sparkline(histogram)
-    assert line.count("█") == 1
-    assert line.index("█") == 31  # 1.5 ms: three decades above a microsecond, and 10 log10 1.5
-    assert (line[0], line[3], line[-1]) == ("▁", "▁", "▁")
-    assert sparkline(Histogram()).strip() == ""
-
-
 def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(measured: Measured, tmp_path: Path) -> None:
     write_ledger(measured.lines, tmp_path / "frames.csv")
     with (tmp_path / "frames.csv").open() as file:
@@ -99,11 +86,6 @@ def test_the_picture_has_the_verdict_as_its_title_and_a_row_for_each_stage_along
     medians_ms = [line.get_xdata()[0] for line in axes.lines if line.get_color() == "black"]
     assert medians_ms == [measured.stages[name].percentile_ns(50) * 1e-6 for name in STAGES]
     assert faults(figures[0]) == []
-
-
-def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(HapticdError, match="cannot be written"):
-        write_ledger((), tmp_path / "none" / "frames.csv")
 
 
 @pytest.mark.long

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
-import os
-from dataclasses import replace
-
-import pytest
 
 from hapticd.tools.demo.live_view import COLUMNS, ROWS, LiveView
 from hapticd_client import FingerState, PlateState
@@ -40,12 +35,6 @@ def shown(*states: PlateState) -> list[str]:
     return out.getvalue().rpartition("\x1b[J")[2].splitlines()
 
 
-def test_a_turned_phase_is_shown_with_both_parts() -> None:
-    turned = replace(state(finger(1, 0.0, 0.0)), modal_q_um=(0.25, -0.5))
-    assert "WX +1.50+0.25j  WY -2.25-0.50j um" in "".join(shown(turned))
-    assert "WX +1.50  WY -2.25 um" in "".join(shown(replace(turned, modal_q_um=(0.001, 0.0))))
-
-
 def test_elsewhere_than_on_a_terminal_it_is_one_line_a_second() -> None:
     out = io.StringIO()
     view = LiveView(out, SIZE_MM)
@@ -55,14 +44,6 @@ def test_elsewhere_than_on_a_terminal_it_is_one_line_a_second() -> None:
     assert len(lines) == 3
     assert lines[1] == "ACTIVE   64.0/s  horizon 15.6 ms  1: 1.00 -> 0.90 um  2: 0.00 -> 0.00 um"
     assert not any("\x1b" in line for line in lines)
-
-
-def test_on_a_narrow_terminal_no_line_wraps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("os.get_terminal_size", lambda _: os.terminal_size((40, 24)))
-    monkeypatch.setattr(Terminal, "fileno", lambda _: 1)
-    lines = shown(*[state(finger(1, 0.0, 0.0))] * 30)
-    assert max(map(len, lines)) == 40
-    assert len(lines) == ROWS + 2 + 4  # the plate's frame, one finger, and the lines below
 
 
 def test_a_terminal_is_redrawn_in_place_ten_times_a_second() -> None:
@@ -90,16 +71,3 @@ def test_fingers_stand_where_they_are_as_what_they_are() -> None:
     assert table[0].split() == ["1", "-68.8", "68.8", "1.00", "0.90"]
     assert table[2].split() == ["3", "0.0", "0.0", "-", "-"]
     assert table[3].split()[0] == "v"
-
-
-def test_limits_latency_and_rate_are_shown() -> None:
-    lines = shown(*[state(limited=index % 4 == 0) for index in range(141)])
-    assert lines[-2] == "WX +1.50  WY -2.25 um   LIMITED (26% of the time)"
-    assert lines[-1] == "ACTIVE   64.0 passes/s   sample 10.4 ms old   horizon 15.6 ms"
-
-
-@pytest.mark.parametrize("place_mm", [(500.0, 0.0), (0.0, -1e9), (math.nan, 0.0), (0.0, math.inf)])
-def test_a_finger_that_is_nowhere_on_the_plate_is_in_the_table_only(place_mm: tuple[float, float]) -> None:
-    lines = shown(state(finger(1, *place_mm)))
-    assert lines[1 : ROWS + 1] == [f"|{' ' * COLUMNS}|"] * ROWS
-    assert lines[ROWS + 3].split()[0] == "1"

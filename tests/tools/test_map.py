@@ -33,19 +33,6 @@ def test_the_table_has_both_maps_side_by_side(capsys: pytest.CaptureFixture[str]
     assert (shares < 100.0).all()
 
 
-def test_the_picture_shows_full_and_zero_shares(tmp_path: Path) -> None:
-    one, both = tmp_path / "one.png", tmp_path / "both.png"
-    assert main(["map", "--finger=-30,20", "--still", "--cells", "31", "--plot", str(one)]) == 0
-    assert main(["map", "--finger=-30,20", "--cells", "31", "--plot", str(both)]) == 0
-    with Image.open(one) as alone, Image.open(both) as pair:
-        assert pair.width > 1.5 * alone.width
-        pixels = np.asarray(alone.convert("RGB"), np.int64)
-    yellow = (np.abs(pixels - [253, 231, 37]).sum(axis=-1) < 30).mean()
-    violet = (np.abs(pixels - [68, 1, 84]).sum(axis=-1) < 60).mean()
-    assert yellow > 0.3
-    assert 0.0 < violet < yellow
-
-
 def test_the_arrays_are_what_the_solver_gives_on_any_modes(tmp_path: Path) -> None:
     shapes = np.stack([*PAIR.shapes, PAIR.shapes[0].T * PAIR.shapes[1]])
     modes, out = ModeShapes.from_grid(PAIR.x_mm, PAIR.y_mm, shapes), tmp_path / "map.npz"
@@ -59,11 +46,6 @@ def test_the_arrays_are_what_the_solver_gives_on_any_modes(tmp_path: Path) -> No
         solved = solve(modes.evaluate(places), [1.5, 0.0, 0.0], arrays["limit_um"])
         assert arrays["still_achieved_um"][:, 2, 5] == pytest.approx(solved.achieved_um)
         assert arrays["still_share"][2, 5] == pytest.approx(min(solved.achieved_um[0] / 1.5, 1.0))
-
-
-def test_with_still_fingers_only_the_map_of_a_slipping_one_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["map", "--finger", "1,2,0", "--cells", "5"]) == 0
-    assert "(1) the other finger slips by 1 um" in capsys.readouterr().out
 
 
 def test_without_a_finger_all_pairs_of_positions_are_mapped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

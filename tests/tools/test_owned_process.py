@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.tools import owned_process
 from hapticd.tools.daemon_process import DaemonProcess
 
 pytestmark = pytest.mark.long
@@ -92,8 +91,3 @@ def test_a_service_that_its_owner_ends_says_nothing_and_leaves_nothing(
     assert running.process.returncode == 0
     assert capfd.readouterr().err == ""
     assert [path.name for path in tmp_path.iterdir()] == []
-
-
-def test_its_exit_code_is_the_command_s() -> None:
-    with owned_process.start(["run", "--config", "/no/such.toml"]) as process:
-        assert process.wait(PATIENCE_S) == 78

@@ -6,11 +6,9 @@ import json
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from pictures import faults
 
 from hapticd.__main__ import main
 from hapticd.config import loader
@@ -40,32 +38,6 @@ def test_the_reference_plate_is_designed_and_its_files_are_what_they_say(
     table = json.loads(files["json"].read_text())
     assert table["pairs"][table["taken"] - 1]["modes"] == ["11x0", "0x11"]
     assert len(table["stamps"]) == 121
-
-
-def test_the_picture_has_labels_and_a_scale_of_each_kind(tmp_path: Path, figures: list[Any]) -> None:
-    assert main(["plate", "--plot", str(tmp_path / "plate.png")]) == 0
-    *maps, shapes, both = figures[0].axes
-    assert [axis.get_xlabel() for axis in maps[-3:]] == ["x, mm"] * 3
-    assert [axis.get_ylabel() for axis in maps[::3]] == ["y, mm"] * (len(maps) // 3)
-    assert "its largest value is 1" in shapes.get_xlabel()
-    assert "sum of both" in both.get_xlabel()
-
-
-def test_the_picture_for_contacts_has_no_text_that_is_covered_or_cut_off(tmp_path: Path, figures: list[Any]) -> None:
-    plate = "plate --contacts --size 240x160 --thickness 3 --modes 5 --drive 32350 --place 10x10x0.3"
-    assert main([*plate.split(), "--plot", str(tmp_path / "plate.png")]) == 0
-    assert faults(figures[0]) == []
-    words = [text.get_text() for text in figures[0].legends[0].get_texts()]
-    assert words == ["still contact", "slipping contact", "patch", "sensor", "stamp"]
-
-
-def test_another_pair_of_the_table_may_be_taken_and_json_written_to_the_output(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main(["plate", "--pair", "2", "--json", "-"]) == 0
-    output = capsys.readouterr()
-    assert json.loads(output.out)["taken"] == 2
-    assert "* 2 9x6 + 6x9" in output.err
 
 
 @pytest.mark.parametrize(
@@ -154,12 +126,6 @@ def test_ranges_are_searched_and_sorted_and_random_plates_are_judged(capsys: pyt
     assert "% of 1 plates reach two thirds" in output.err
 
 
-def test_a_plate_that_is_not_enough_is_told_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plate", "--contacts", "--modes", "2", "--drive", "29150"]) == 0
-    assert "with 2 modes (11x0, 0x11)" in (verdict := capsys.readouterr().out.splitlines()[-1])
-    assert verdict.endswith(": not enough for whole fingertips (less than a contrast of 12).")
-
-
 @pytest.mark.timeout(300)
 def test_a_plate_is_judged_by_what_simulate_gives_fingers_in_motion_on_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -195,29 +161,6 @@ def test_a_design_is_enough_only_by_contrast_and_by_slip() -> None:
     assert judged(0.5, 0.05) == f"not enough for whole fingertips ({lacks})."
     assert judged(math.nan, math.nan) == f"not enough for whole fingertips ({lacks})."
     assert judged(0.7, 0.0) == "enough for whole fingertips."
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["--size", "100x100", "--modes", "2", "--farthest", "600"], "strokes need a plate of 116 x 116 mm or more"),
-        (["--modes", "2", "--radius", "4"], "simulated contacts have a radius of 5 mm"),
-    ],
-)
-def test_where_motion_cannot_be_simulated_the_verdict_says_why(
-    arguments: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    output = tmp_path / "plate.json"
-    assert main(["plate", "--contacts", "--drive", "29000..29100", *arguments, "--json", str(output)]) == 0
-    verdict = capsys.readouterr().out.splitlines()[-1]
-    assert f"{reason}. The static bound is " in verdict
-    assert reason in json.loads(output.read_text())["motion"]["unknown"]
-
-
-def test_a_plate_that_cannot_be_simulated_has_no_file_for_it(tmp_path: Path, refused: Callable[..., str]) -> None:
-    arguments = ["--contacts", "--drive", "1990", "--modes", "2", "--farthest", "900"]
-    sentence = refused("plate", *arguments, "--glass", str(tmp_path / "glass.toml"))
-    assert sentence == "hapticd: --glass: simulated plates have 2000 to 1e+06 Hz of drive.\n"
 
 
 def test_glued_patches_count_in_the_verdict(capsys: pytest.CaptureFixture[str]) -> None:

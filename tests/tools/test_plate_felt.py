@@ -11,7 +11,6 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.config import loader
-from hapticd.design.plate_bounds import Bound
 from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import plate_felt
@@ -104,12 +103,3 @@ def test_what_cannot_be_searched_is_one_sentence(
     arguments: list[str], sentence: str, refused: Callable[..., str]
 ) -> None:
     assert sentence in refused("plate", *arguments)
-
-
-def test_the_verdict_names_what_is_beyond_its_bound() -> None:
-    kept, broken = (
-        Bound("glass stress, all modes", 30.0, 70.0, "MPa", "computed"),
-        Bound("sound", 107.0, 100.0, "dB", "-"),
-    )
-    assert str(kept) == "glass stress, all modes: 30 MPa, within 70 (computed)"
-    assert str(broken) == "sound: 107 dB, BEYOND 100 (-)"

@@ -23,17 +23,6 @@ def wrote(*seqs: int) -> SendWindow:
     return flow
 
 
-def test_nothing_is_overdue_before_anything_was_written() -> None:
-    assert not SendWindow().is_overdue(T0_NS, PATIENCE_NS)
-    assert not SendWindow().is_full(T0_NS, PATIENCE_NS)
-
-
-def test_two_that_are_still_on_their_way_are_not_too_many() -> None:
-    flow = wrote(1, 2, 3)
-    assert not flow.is_full(T0_NS + PATIENCE_NS, PATIENCE_NS)
-    assert flow.is_full(T0_NS + PATIENCE_NS + 1, PATIENCE_NS)
-
-
 def test_one_that_is_overdue_leaves_room_for_another() -> None:
     flow = wrote(1)
     assert flow.is_overdue(T0_NS + 20 * MS, PATIENCE_NS)
@@ -47,13 +36,6 @@ def test_the_one_that_is_named_was_read_and_all_before_it_across_the_wrap() -> N
     assert flow.is_overdue(T0_NS + 1000 * MS, PATIENCE_NS)
     flow.named(1)
     assert not flow.is_overdue(T0_NS + 1000 * MS, PATIENCE_NS)
-
-
-def test_a_number_that_is_not_awaited_says_nothing() -> None:
-    flow = wrote(5, 6)
-    flow.named(4)
-    flow.named(7)
-    assert flow.is_full(T0_NS + 100 * MS, PATIENCE_NS)
 
 
 def test_an_answer_clears_what_was_written_before_its_question_and_nothing_after() -> None:

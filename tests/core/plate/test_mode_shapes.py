@@ -67,40 +67,9 @@ def test_value_and_gradient_in_one_pass_are_those_of_two(modes: ModeShapes, x_mm
     np.testing.assert_array_equal(rows[:, 1:], modes.gradient(np.full((40, 2), (x_mm, y_mm)))[0])
 
 
-def test_value_and_gradient_agree_on_the_plate_off_it_and_on_every_line(modes: ModeShapes) -> None:
-    points = np.concatenate((anywhere(300), np.stack((modes.x_mm, modes.y_mm[::-1]), axis=-1)))
-
-    rows = np.array([modes.at_with_gradient(x, y) for x, y in points.tolist()])
-
-    np.testing.assert_array_equal(rows[..., 0], modes.evaluate(points))
-    np.testing.assert_array_equal(rows[..., 1:], modes.gradient(points))
-
-
-def test_one_point_and_many_points_agree_on_every_line_of_the_grid(modes: ModeShapes) -> None:
-    lines = np.concatenate((modes.x_mm, np.nextafter(modes.x_mm, np.inf), np.nextafter(modes.x_mm, -np.inf)))
-    points = np.stack((lines, lines[::-1]), axis=-1)
-
-    np.testing.assert_array_equal(modes.evaluate(points), [modes.at(x, y) for x, y in points.tolist()])
-
-
 def test_outside_the_map_shapes_are_the_edge_s(modes: ModeShapes) -> None:
     assert modes.at(100.0, -5.0) == modes.at(68.75, -5.0)
     assert modes.at(3.0, -math.inf) == modes.at(3.0, -68.75)
-
-
-def test_an_unknown_position_has_zero_shapes(modes: ModeShapes) -> None:
-    assert modes.at(math.nan, 0.0) == modes.at(0.0, math.nan) == (0.0, 0.0)
-    np.testing.assert_array_equal(modes.gradient(np.array([[math.nan, 1.0]])), np.zeros((1, 2, 2)))
-
-
-def test_the_gradient_is_the_slope_of_evaluate(modes: ModeShapes) -> None:
-    points = anywhere(400)  # on the plate and off it
-    step_mm = 1e-5
-
-    for axis in (0, 1):
-        shift = np.eye(2)[axis] * step_mm
-        slope = (modes.evaluate(points + shift) - modes.evaluate(points - shift)) / (2.0 * step_mm)
-        np.testing.assert_allclose(modes.gradient(points)[..., axis], slope, rtol=0.0, atol=1e-8)
 
 
 def test_the_steepest_slope_bounds_all_others(modes: ModeShapes) -> None:
@@ -108,28 +77,6 @@ def test_the_steepest_slope_bounds_all_others(modes: ModeShapes) -> None:
 
     assert slopes.max() <= modes.steepest_1_mm() * 1.001
     assert modes.steepest_1_mm() == pytest.approx(WAVE_RAD_MM, rel=2e-3)
-
-
-def test_no_points_give_no_rows(modes: ModeShapes) -> None:
-    assert modes.evaluate(np.empty((0, 2))).shape == (0, 2)
-    assert modes.gradient(np.empty((0, 2))).shape == (0, 2, 2)
-
-
-@pytest.mark.parametrize("points", [np.zeros(2), np.zeros((3, 3)), np.zeros((2, 1, 2))])
-def test_points_of_another_shape_are_refused(modes: ModeShapes, points: np.ndarray) -> None:
-    with pytest.raises(ValueError, match=r"\(N, 2\)"):
-        modes.evaluate(points)
-
-
-def test_the_map_has_its_own_read_only_copy() -> None:
-    axis_mm = np.linspace(-10.0, 10.0, 5)
-    values = np.ones((1, 5, 5))
-    modes = ModeShapes.from_grid(axis_mm, axis_mm, values)
-    values[:] = 7.0
-
-    assert modes.at(0.0, 0.0) == (1.0,)
-    with pytest.raises(ValueError, match="read-only"):
-        modes.shapes[0, 0, 0] = 2.0
 
 
 def test_values_are_kept_as_given_and_gaps_are_filled() -> None:

@@ -74,18 +74,6 @@ def test_a_load_that_puts_a_mode_on_the_drive_is_not_divided_by() -> None:
     assert np.isfinite(modal_um).all()
 
 
-@given(positions_mm, positions_mm, positions_mm, positions_mm, st.floats(0.0, 1500.0), st.floats(-400.0, 400.0))
-def test_two_fingers_are_moved_by_closed_form_as_by_elimination(
-    x_mm: float, y_mm: float, other_x_mm: float, other_y_mm: float, decay_1_s: float, detuning_rad_s: float
-) -> None:
-    modes = ParasiticModes(OTHERS, DECAY_1_S, DETUNING_RAD_S, decay_1_s, detuning_rad_s)
-    points = ((x_mm, y_mm), (other_x_mm, other_y_mm))
-    phi, near = tuple(DRIVEN.at(*point) for point in points), [OTHERS.at(*point) for point in points]
-    for finger, moved in enumerate(modes._moved(phi, near, range(2))):
-        for part, eliminated in zip(modes._moved_of_two(phi, near, finger), moved, strict=True):
-            assert part == pytest.approx(eliminated, abs=1e-12)
-
-
 def test_several_still_fingers_share_the_least_change() -> None:
     three = ModeShapes.from_grid(
         DRIVEN.x_mm, DRIVEN.y_mm, np.concatenate((DRIVEN.shapes, waves(23.0).shapes[:1] * waves(35.0).shapes[1:] * 2))
@@ -105,20 +93,6 @@ def test_several_still_fingers_share_the_least_change() -> None:
     assert of_still(after) < 0.2 * of_still(before)
 
 
-@pytest.mark.parametrize("large", [1e3, 1e8, 1e12, 1e100])
-def test_still_fingers_at_one_place_are_no_exception_however_large_the_shapes(large: float) -> None:
-    places: list[Place] = [PLACES[0], (20.0, 30.0, 0.0), (20.0, 30.0, 0.0), (-9.0, 13.0, 0.0)]
-    phi = tuple(tuple(large * shape for shape in DRIVEN.at(x_mm, y_mm)) for x_mm, y_mm, _ in places)
-    assert np.isfinite(NEIGHBOURS.silenced(places, phi, (1.0, -2.0), LIMIT_UM)).all()
-
-
-def test_nothing_changes_where_all_slip_or_all_are_still() -> None:
-    for targets in ((1.0, 1.0), (0.0, 0.0)):
-        places = [(x_mm, y_mm, target) for (x_mm, y_mm, _), target in zip(PLACES, targets, strict=True)]
-        phi = tuple(DRIVEN.at(x_mm, y_mm) for x_mm, y_mm, _ in places)
-        assert NEIGHBOURS.silenced(places, phi, (1.0, -2.0), LIMIT_UM) == (1.0, -2.0)
-
-
 @given(st.lists(st.tuples(positions_mm, positions_mm, st.sampled_from((0.0, 1.0, 4.0))), min_size=1, max_size=4))
 @settings(max_examples=60)
 def test_no_mode_passes_its_limit(places: list[Place]) -> None:
@@ -135,16 +109,6 @@ def test_one_slipping_finger_keeps_its_sign_from_knot_to_knot_though_amplitudes_
         return np.array(modal_um)
 
     assert np.abs(walked(solver(NEIGHBOURS)) - walked(solver(None))).max() < 0.5
-
-
-def test_phases_that_turned_stay_until_the_plate_was_silent() -> None:
-    chosen = solver(NEIGHBOURS)
-    turned = (1.0 + 1.0j, -0.5 + 2.0j)
-    chosen.solve([(x_mm, y_mm, 1.0) for x_mm, y_mm, _ in PLACES], turned, STEP_NS)
-    alone = chosen.solve(PLACES[:1], turned, STEP_NS).modal_um
-    assert any(abs(w_um.imag) > 0.1 for w_um in alone)
-    again = chosen.solve(PLACES[:1], (0.0, 0.0), STEP_NS).modal_um
-    assert not any(w_um.imag for w_um in again)
 
 
 def test_numbers_that_do_not_belong_to_the_modes_are_refused() -> None:

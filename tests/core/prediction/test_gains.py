@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import mpmath
-import numpy as np
 import pytest
 
-from hapticd.core.prediction.gains import MODELS, bank_gains, kalman_gains, process_model
+from hapticd.core.prediction.gains import MODELS, kalman_gains
 
 # Order, density; position, velocity (1/s), acceleration (1/s^2), innovation variance (mm^2) at T = 10 ms, r = 0.053 mm.
 STEADY_AT_10_MS = [
@@ -61,32 +58,3 @@ def test_every_gain_from_the_second_sample_on_is_exact(
     ours = kalman_gains([period_s], [density], noise_mm, order, steps=60)[:, 0, 0].tolist()
     for gain, expected in zip(ours, exact, strict=True):
         assert gain == pytest.approx(expected, rel=1e-9)
-
-
-@moving_models
-def test_gains_settle_within_the_table_at_the_solution_of_the_riccati_equation(order: int, density: float) -> None:
-    linalg = pytest.importorskip("scipy.linalg")
-    transition, process = process_model(0.01125, density, order)
-    seen = np.eye(order)[:1]
-    ahead = linalg.solve_discrete_are(transition.T, seen.T, process, np.array([[0.053**2]]))
-    steady = ahead[:, 0] / (ahead[0, 0] + 0.053**2)
-    *_, last = kalman_gains([0.01125], [density], 0.053, order)[:, 0, 0, :order]
-    assert last == pytest.approx(steady, rel=5e-3)
-
-
-@pytest.mark.parametrize("noise_mm", [1e-4, 0.053, 1.0])
-def test_the_rest_gain_settles_at_its_closed_form(noise_mm: float) -> None:
-    """Steady random walk: k^2 / (1 - k) = q T / r^2."""
-    *_, last = kalman_gains([0.01], [1e-3], noise_mm, 1, steps=3000)[:, 0, 0, 0].tolist()
-    assert last**2 / (1.0 - last) == pytest.approx(1e-3 * 0.01 / noise_mm**2, rel=1e-6)
-
-
-def test_a_table_has_a_row_per_sample_and_a_gain_per_model_and_is_computed_once() -> None:
-    table = bank_gains((0.01, 0.0123), 0.05)
-    assert bank_gains((0.01, 0.0123), 0.05) is table
-    for k, (order, density) in enumerate(MODELS):
-        for index, interval_s in enumerate((0.01, 0.0123)):
-            rows = table[index]
-            alone = kalman_gains([interval_s], [density], 0.05, order)[:, 0, 0].tolist()
-            assert [list(rows[step][k]) for step in range(len(rows))] == alone
-            assert all(math.isfinite(value) for gain in alone for value in gain)

@@ -53,10 +53,6 @@ def test_content_is_felt_within_its_shape_and_bare_glass_elsewhere() -> None:
     ]
 
 
-def test_a_layer_without_a_shape_is_the_whole_plate() -> None:
-    assert felt_um(a_scene(all=Surface.of(HALF)), 68.0, -68.0) == 0.5
-
-
 def test_content_and_shape_are_turned_and_scaled_with_the_layer() -> None:
     grating = Grating(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=2.0, duty_frac=0.0)
     quarter = Surface.of(grating, SQUARE, (10.0, 0.0), angle_rad=0.5 * math.pi, scale=2.0)
@@ -83,18 +79,6 @@ def test_friction_is_converted_by_the_curve_and_limited_by_the_plate() -> None:
     scene = Scene(w_limit_um=1.5)
     publish(scene, bare=Surface.of(Friction(1.0), SQUARE), slippery=Surface.of(Friction(0.0), SQUARE, (20.0, 0.0)))
     assert [felt_um(scene, x_mm) for x_mm in (0.0, 20.0)] == [0.0, 1.5]
-
-
-def test_inside_a_polygon_that_crosses_itself_is_where_a_ray_crosses_an_odd_number_of_sides() -> None:
-    scene = a_scene(star=Surface.of(ONE, STAR))
-    assert [felt_um(scene, x_mm) for x_mm in (0.0, 8.0, -8.0)] == [0.0, 1.0, 0.0]
-
-
-@pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 1e300])
-@pytest.mark.parametrize("shape", [SQUARE, Circle(5.0)])
-def test_a_place_that_is_none_is_on_no_shape(shape: Circle | Polygon, odd: float) -> None:
-    scene = a_scene(moving=Surface.of(ONE, shape, velocity_mm_s=(100.0, 0.0), turning_rad_s=1.0))
-    assert [felt_um(scene, *place) for place in ((odd, 0.0), (0.0, odd), (odd, odd))] == [0.0] * 3
 
 
 # --- several layers ---------------------------------------------------------------------------------------------
@@ -127,11 +111,6 @@ def test_layers_are_blended_into_what_is_below_them() -> None:
     ]
 
 
-def test_a_sum_is_at_most_the_plate_s_limit() -> None:
-    scene = a_scene(**{f"part {n}": Surface.of(Amplitude(1.5), blend="add") for n in range(3)})
-    assert felt_um(scene, 0.0) == 4.0
-
-
 # --- motion -----------------------------------------------------------------------------------------------------
 
 
@@ -141,12 +120,6 @@ def test_a_moving_layer_goes_on_from_its_pose_until_the_next_message() -> None:
     assert felt_um(scene, -10.0, 0.0, T0_NS + 100_000_000) == 0.0
     publish(scene, t_ns=T0_NS + 100_000_000, patch=Surface.of(ONE, Circle(1.0), (30.0, 0.0)))
     assert felt_um(scene, 30.0, 0.0, T0_NS + 200_000_000) == 1.0
-
-
-def test_a_turning_layer_turns_around_its_origin() -> None:
-    turning = Surface.of(ONE, Polygon(((8.0, -1.0), (10.0, -1.0), (10.0, 1.0), (8.0, 1.0))), turning_rad_s=math.pi)
-    scene = a_scene(turning=turning)
-    assert [felt_um(scene, 0.0, 9.0, T0_NS + t_ns) for t_ns in (0, 500_000_000)] == [0.0, 1.0]
 
 
 def test_a_refresh_does_not_start_a_motion_again_but_another_pose_does() -> None:
@@ -170,26 +143,12 @@ def test_a_pose_may_be_that_of_an_instant_before_or_after_the_message() -> None:
 # --- owners and time to live ------------------------------------------------------------------------------------
 
 
-def test_a_message_replaces_the_surfaces_of_its_own_client_only() -> None:
-    scene = a_scene(mine=Surface.of(ONE), other=Surface.of(HALF))
-    publish(scene, "b", mine=Surface.of(STILL))
-    publish(scene, "a", other=Surface.of(HALF))
-    assert [(layer.owner, layer.name) for layer in scene.surfaces.layers] == [("b", "mine"), ("a", "other")]
-
-
 def test_surfaces_of_a_silent_client_end_with_its_time_to_live() -> None:
     scene = a_scene(mine=Surface.of(ONE))
     publish(scene, "b", t_ns=T0_NS + 1, other=Surface.of(HALF, Circle(1.0)))
     scene.expire(T0_NS + TTL_NS - 1)
     assert stack(scene) == ["other", "mine"]
     scene.expire(T0_NS + TTL_NS)
-    assert stack(scene) == ["other"]
-
-
-def test_a_released_client_has_no_surfaces() -> None:
-    scene = a_scene(mine=Surface.of(ONE))
-    publish(scene, "b", other=Surface.of(HALF))
-    scene.release_client("a")
     assert stack(scene) == ["other"]
 
 
@@ -269,11 +228,6 @@ def test_what_a_finger_feels_changes_at_the_edges_that_were_found_and_nowhere_el
         assert any(t_ns - 4_000 <= edge_ns < t_ns + 100_000 for edge_ns in found_ns)
     for before_ns, after_ns in zip(edges_ns[::2], edges_ns[1::2], strict=True):
         assert after_ns - before_ns == 4_000
-
-
-def test_a_finger_that_passes_by_a_disc_meets_no_edge() -> None:
-    scene = a_scene(disc=Surface.of(ONE, Circle(5.0)))
-    assert edges_of(scene, lambda t_ns: ((t_ns - T0_NS) * 1e-6, 5.1), T0_NS, 17_000_000) == []
 
 
 def test_a_layer_walks_its_path_and_a_refreshed_one_goes_on() -> None:

@@ -35,18 +35,6 @@ def test_a_loop_goes_there_and_back_at_constant_speed_from_its_first_point() -> 
         assert at(LINE, t_s) == pytest.approx((x_mm, 20.0), abs=1e-8)
 
 
-def test_a_path_that_does_not_loop_ends_on_its_last_point() -> None:
-    for t_s, place_mm in ((1.5, (15.0, 0.0)), (5.0, (30.0, 20.0)), (7.0, (30.0, 40.0)), (1e6, (30.0, 40.0))):
-        assert at(HOOK, t_s) == pytest.approx(place_mm)
-
-
-@pytest.mark.parametrize("points_mm", [((5.0, 6.0),), ((5.0, 6.0), (5.0, 6.0))])
-@pytest.mark.parametrize("loop", [True, False])
-def test_a_finger_with_nowhere_to_go_rests(points_mm: tuple[tuple[float, float], ...], loop: bool) -> None:
-    path = VirtualPath(points_mm, 50.0, loop)
-    assert at(path, 12.3) == (5.0, 6.0)
-
-
 @given(paths, st.integers(0, 10**14))
 @settings(max_examples=150)
 def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed_ns: int) -> None:
@@ -72,19 +60,6 @@ def test_the_position_is_exact_after_a_day_of_walking(path: VirtualPath, elapsed
     tolerance_mm = 1e-9 + 1e-15 * walked_mm + turns * 1e-15 * float(total) * len(path.path_mm)
     position = Walk(path, START_NS).position_mm(START_NS + elapsed_ns)
     assert math.dist(position, exact) <= tolerance_mm
-
-
-@given(paths, st.integers(-(10**9), 10**12), st.integers(0, 10**7))
-@settings(max_examples=150)
-def test_no_finger_moves_faster_than_its_speed(path: VirtualPath, elapsed_ns: int, step_ns: int) -> None:
-    walk = Walk(path, START_NS)
-    here, there = (walk.position_mm(START_NS + t_ns) for t_ns in (elapsed_ns, elapsed_ns + step_ns))
-    assert math.dist(here, there) <= path.speed_mm_s * step_ns * 1e-9 + 1e-6
-
-
-@given(paths, st.integers(0, 10**12), st.integers(-(2**60), 2**60))
-def test_the_clocks_origin_does_not_matter(path: VirtualPath, elapsed_ns: int, shift_ns: int) -> None:
-    assert Walk(path, 0).position_mm(elapsed_ns) == Walk(path, shift_ns).position_mm(shift_ns + elapsed_ns)
 
 
 # --- its turns --------------------------------------------------------------------------------------------------

@@ -49,12 +49,6 @@ def test_a_finger_is_new_in_its_first_frame_only_and_lifted_once() -> None:
     assert held.t_ns == START_NS + PERIOD_NS
 
 
-def test_a_finger_that_comes_back_is_another_finger() -> None:
-    *_, again = track(frame(0, (1, 0.0, 0.0)), frame(1), frame(2, (1, 0.0, 0.0)))
-    assert ids(again) == [2]
-    assert again.fingers[0].is_new
-
-
 @pytest.mark.parametrize("speed_mm_s", [100.0, 500.0, 1500.0])
 @pytest.mark.parametrize("moving", [8, 4])
 def test_a_finger_that_moves_fast_or_stops_dead_stays_the_same_finger(speed_mm_s: float, moving: int) -> None:
@@ -68,11 +62,6 @@ def test_a_jump_farther_than_a_finger_can_move_is_another_finger_under_the_same_
     assert ids(jumped) == [2]
     assert jumped.fingers[0].is_new
     assert jumped.lifted == (1,)
-
-
-def test_a_lost_report_leaves_a_finger_the_time_to_move() -> None:
-    _, later = track(frame(0, (1, -30.0, 0.0)), frame(3, (1, 20.0, 0.0)))
-    assert ids(later) == [1]
 
 
 def test_a_finger_stays_with_its_place_when_another_takes_its_id() -> None:
@@ -105,32 +94,6 @@ def test_fingers_that_pass_each_other_are_not_exchanged() -> None:
         assert ids_by_place(tracked) == {(x, 0.0): 1, (-x, 6.0): 2}
 
 
-def test_where_fingers_were_going_tells_them_apart_when_the_device_swaps_its_ids() -> None:
-    """One behind the other at 12 mm and 0.9 m/s: the one behind is soon next to where the other was."""
-    spots = [[(1, -60.0 + 10.0 * k, 0.0), (2, -48.0 + 10.0 * k, 0.0)] for k in range(6)]
-    spots[4:] = [[(3 - contact_id, x, y) for contact_id, x, y in each] for each in spots[4:]]
-    for each, tracked in zip(spots, track(*(frame(k, *each) for k, each in enumerate(spots))), strict=True):
-        (_, behind, _), (_, ahead, _) = each
-        assert ids_by_place(tracked) == {(behind, 0.0): 1, (ahead, 0.0): 2}
-
-
-def test_a_finger_that_lands_as_another_lifts_is_not_the_same_finger() -> None:
-    _, landed = track(frame(0, (1, 0.0, 0.0)), frame(1, (2, 14.0, 0.0)))
-    assert (ids(landed), landed.lifted) == ([2], (1,))
-
-
-def test_a_finger_that_only_changes_its_contact_id_is_the_same_finger() -> None:
-    _, renumbered = track(frame(0, (1, 0.0, 0.0)), frame(1, (2, 1.0, 0.0)))
-    assert (ids(renumbered), renumbered.lifted) == ([1], ())
-
-
-def test_between_equals_the_order_of_contacts_does_not_decide() -> None:
-    left, right = (2, -3.0, 0.0), (3, 3.0, 0.0)
-    one, other = (track(frame(0, (1, 0.0, 0.0)), frame(1, *pair))[-1] for pair in ((left, right), (right, left)))
-    assert one == other
-    assert sorted(ids(one)) == [1, 2]
-
-
 def test_of_merging_fingers_the_nearer_survives_and_the_split_makes_a_new_one() -> None:
     apart, merged, split = track(
         frame(0, (1, 0.0, 0.0), (2, 12.0, 0.0)),
@@ -140,12 +103,6 @@ def test_of_merging_fingers_the_nearer_survives_and_the_split_makes_a_new_one() 
     assert ids(apart) == [1, 2]
     assert (ids(merged), merged.lifted) == ([2], (1,))
     assert ids_by_place(split) == {(11.0, 0.0): 2, (0.0, 0.0): 3}
-
-
-def test_of_fingers_that_merge_midway_the_one_whose_id_is_kept_survives() -> None:
-    for kept_id in (1, 2):
-        _, merged = track(frame(0, (1, 0.0, 0.0), (2, 12.0, 0.0)), frame(1, (kept_id, 6.2, 0.0)))
-        assert ids(merged) == [kept_id]
 
 
 def test_contacts_that_do_not_touch_or_are_nowhere_are_ignored() -> None:
@@ -234,14 +191,6 @@ def hands(draw: st.DrawFn) -> list[list[Spot]]:
                 velocities[lane] = (0.0, 0.0)
         frames.append([(lane + 1, x, y) for lane, (x, y) in places.items()])
     return frames
-
-
-@settings(max_examples=60)
-@given(hands(), st.randoms(use_true_random=False))
-def test_the_order_of_contacts_in_a_frame_does_not_matter(spots: list[list[Spot]], rng: random.Random) -> None:
-    shuffled = [rng.sample(each, len(each)) for each in spots]
-    straight = track(*(frame(k, *each) for k, each in enumerate(spots)))
-    assert track(*(frame(k, *each) for k, each in enumerate(shuffled))) == straight
 
 
 @settings(max_examples=60)

@@ -9,7 +9,7 @@ import pytest
 
 from hapticd.design.touch.fit import fit
 from hapticd.design.touch.model import LATENCY, Calibration, Free, Model, State, stepped
-from hapticd.design.touch.observations import ComplexArray, FloatArray, Track
+from hapticd.design.touch.observations import ComplexArray, FloatArray
 from hapticd.design.touch.waves import Waves
 
 from .synthetic import WAVE_RAD_MM, Touching, mode_map
@@ -39,12 +39,6 @@ def test_errors_are_within_the_stated_sigma() -> None:
         found = fit(Touching(WRONG, seed=seed, seconds=6.0).windows(), mode_map(), Free(pad=True, sense=True), NOMINAL)
         ratios.append(((found.calibration.pad - WRONG.pad) / found.sigma.pad)[:5])
     assert 0.3 < float(np.sqrt(np.mean(np.square(ratios)))) < 2.5
-
-
-def test_the_rates_of_the_plate_come_out_of_the_fit() -> None:
-    found = fit(Touching(NOMINAL, seconds=6.0).windows(), mode_map(), Free(), NOMINAL)
-    assert found.rates[0, 0] == pytest.approx(180.0 + 60.0j, rel=0.08)
-    assert found.rates[1, 3] == pytest.approx(7.5j, rel=0.08)
 
 
 def test_loads_that_change_with_the_force_are_followed() -> None:
@@ -99,18 +93,3 @@ def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tu
     numeric = slope_along(model, state, np.zeros(7), sense, waves)
     analytic = point.by_sense @ sense + point.by_waves @ waves.ravel()
     assert np.abs(numeric - analytic).max() < 1e-4 * np.abs(numeric).max()
-
-
-def test_a_track_is_smoothed_without_a_lag() -> None:
-    t_s = np.arange(0.0, 2.0, 0.011)
-    truth_mm = np.stack((40.0 * np.sin(3.0 * t_s), 30.0 * np.cos(4.0 * t_s)), axis=-1)
-    noisy_mm = truth_mm + 0.05 * np.random.default_rng(1).standard_normal(truth_mm.shape)
-    track = Track.of(t_s, noisy_mm)
-    between_s = t_s[5:-6] + 0.004
-    position, velocity = track.at(between_s)
-    expected = np.stack((40.0 * np.sin(3.0 * between_s), 30.0 * np.cos(4.0 * between_s)), axis=-1)
-    slope = np.stack((120.0 * np.cos(3.0 * between_s), -120.0 * np.sin(4.0 * between_s)), axis=-1)
-    assert np.sqrt(np.mean((position - expected) ** 2)) < 0.04
-    assert np.abs(np.mean((position - expected) * slope) / np.mean(slope**2)) < 2e-4  # s
-    assert np.sqrt(np.mean((velocity - slope) ** 2)) < 4.0
-    assert np.isnan(track.at(np.array((-0.1, 2.1)))[0]).all()

@@ -43,11 +43,6 @@ def test_what_touches_do_not_tell_stays_as_it_is(touching: Touching, refusal: st
     assert is_nominal(judged.calibration)
 
 
-def test_no_touch_at_all_is_refused() -> None:
-    windows = Touching(WRONG, seconds=3.0).windows()
-    assert "Only 0.0 s" in calibrate(windows.part(np.zeros(len(windows), bool)), mode_map()).refusal
-
-
 @pytest.mark.long
 def test_loads_that_no_position_explains_are_not_adopted() -> None:
     windows = Touching(WRONG, seconds=8.0).windows()
@@ -69,15 +64,3 @@ def test_windows_hold_the_same_fingers_throughout() -> None:
     position, _ = cut.fingers_mm()
     down = np.isfinite(position[..., 0]).all(axis=1)
     assert np.array_equal(down, cut.track >= 0)
-
-
-def test_ticks_next_to_each_other_are_averaged() -> None:
-    touching = Touching(WRONG, seconds=1.0)
-    ticks = touching.ticks(np.random.default_rng(1))
-    windows = in_windows(ticks, touching.windows().tracks, 0.01)
-    used = windows.is_used
-    covered = (ticks.t_s >= windows.t_s[used].min() - 0.01) & (ticks.t_s <= windows.t_s[used].max() + 0.01)
-    assert 2 * used.sum() < covered.sum() < 4 * used.sum()
-    expected_v = np.interp(windows.t_s[used], ticks.t_s, ticks.voltage_v[:, 0].real)
-    assert np.abs(windows.voltage_v[used][:, 0].real - expected_v).max() < 0.05 * np.abs(ticks.voltage_v).max()
-    assert np.all(np.diff(windows.t_s[used]) > 0.0)

@@ -117,16 +117,6 @@ def played(story: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., Non
 
 
 @played
-async def test_bytes_go_both_ways(bench: Bench) -> None:
-    bench.open()
-    assert bench.links == [(True, f"{bench.port.path} open at 921600 baud")]
-    assert bench.link.write(bytes(range(256)))
-    assert bench.port.heard() == bytes(range(256))
-    bench.port.say(b"\x00\xff\r\n\x03")
-    await until(lambda: bench.data == b"\x00\xff\r\n\x03")
-
-
-@played
 async def test_another_speed_lasts_until_the_port_is_opened_again(bench: Bench) -> None:
     bench.open()
     assert bench.port.speed == termios.B921600
@@ -192,16 +182,6 @@ async def test_unplugging_is_reported_once_and_the_board_is_reopened(bench: Benc
 
 
 @played
-async def test_a_loss_detected_by_a_write_is_reported_once(bench: Bench) -> None:
-    bench.open()
-    bench.port.pull()
-    assert not bench.link.write(b"too late")  # before the loop could see it
-    assert [up for up, _ in bench.links] == [True, False]
-    await bench.tried_again()
-    assert len(bench.links) == 2
-
-
-@played
 async def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones(bench: Bench) -> None:
     bench.open()
     frame = bytes(4000)
@@ -246,17 +226,6 @@ async def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port
 
 
 @played
-async def test_a_closed_link_reports_nothing_more(bench: Bench) -> None:
-    bench.open()
-    bench.link.close()
-    bench.link.close()
-    assert not bench.link.write(b"gone")
-    bench.port.pull()
-    await asyncio.sleep(0)
-    assert [up for up, _ in bench.links] == [True]
-
-
-@played
 async def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> None:
     bench.open()
     bench.link.rest(True)
@@ -286,13 +255,3 @@ async def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench)
     assert [up for up, _ in bench.links] == [True]
     bench.port.say(b"ours")
     await until(lambda: bench.data == b"ours")
-
-
-@played
-async def test_unplugging_while_idle_is_reported_at_the_next_read(bench: Bench) -> None:
-    bench.open()
-    bench.link.rest(True)
-    bench.port.pull()
-    bench.link.read()
-    assert [up for up, _ in bench.links] == [True, False]
-    bench.link.read()  # not open

@@ -218,22 +218,6 @@ async def test_reports_that_waited_come_in_one_batch_in_order_with_the_time_they
 
 
 @asynchronous
-async def test_reports_that_come_while_the_loop_is_busy_wait_as_one_batch() -> None:
-    hid, listener = FakeHid(node("mt2-usb")), Listener()
-    source = hid_source(hid)
-    listener.listen(source)
-    await listener.until(lambda: bool(listener.links))
-    for i in range(100):
-        hid.waiting.put(bytes((2, i)))
-    hid.idle.clear()
-    assert hid.idle.wait(5)  # the loop is busy here until the thread has read everything
-    await listener.until(lambda: bool(listener.reports))
-    assert [report.data[1] for report in listener.reports] == list(range(36, 100))
-    assert len(listener.events) == 2
-    await source.close()
-
-
-@asynchronous
 async def test_an_unplugged_pad_is_reported_once_and_enabled_again_after_reconnecting() -> None:
     hid, listener = FakeHid(node("mt2-usb")), Listener()
     source = hid_source(hid)
@@ -338,15 +322,6 @@ def test_the_thread_that_reads_is_the_one_that_closes_and_nothing_is_left() -> N
     assert set(threading.enumerate()) == threads_before
 
 
-def test_a_source_that_was_never_started_can_be_closed(tmp_path: Path) -> None:
-    recording = tmp_path / "empty.jsonl"
-    write_recording(recording, "mt2-usb", [])
-    for source in (hid_source(FakeHid()), SocketTrackpad(tmp_path / "none"), ReplayTrackpad(recording)):
-        checked: TrackpadSource = source
-        checked.request_enable()
-        asyncio.run(checked.close())
-
-
 def test_an_unknown_model_is_refused_with_the_names_that_exist() -> None:
     with pytest.raises(ValueError, match=r"unknown trackpad model.*mt2-usb"):
         hid_source(FakeHid(), "mt3")
@@ -421,20 +396,6 @@ async def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_pa
     assert listener.events == events
 
 
-@in_virtual_time
-async def test_the_rig_is_tried_again_after_a_quarter_a_half_and_then_every_second(
-    rig_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tried_s: list[float] = []
-    loop, listener, source = asyncio.get_running_loop(), Listener(), SocketTrackpad(rig_path)
-    connect = source._connect
-    monkeypatch.setattr(source, "_connect", lambda: (tried_s.append(loop.time()), connect()))
-    source.start(loop, listener.on_reports, listener.on_link)
-    await asyncio.sleep(4)
-    await source.close()
-    assert tried_s == pytest.approx([0, 0.25, 0.75, 1.75, 2.75, 3.75])
-
-
 # --- recordings ---------------------------------------------------------------------------------------------------
 
 
@@ -476,37 +437,6 @@ async def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path
     await source.close()
 
 
-@in_virtual_time
-async def test_what_fell_due_while_the_loop_was_busy_is_replayed_as_one_batch(tmp_path: Path) -> None:
-    path = tmp_path / "touch.jsonl"
-    write_recording(path, "mt2-usb", [RawReport(n * 10 * MS, bytes((2, n))) for n in range(10)])
-
-    loop, listener = asyncio.get_running_loop(), Listener()
-    assert isinstance(loop, VirtualTimeLoop)
-    source = ReplayTrackpad(path, clock_ns=lambda: 0)
-    source.start(loop, listener.on_reports, listener.on_link)
-    await listener.until(lambda: len(listener.reports) == 1)
-    loop.selector.t_s = 0.0701
-    await listener.until(lambda: len(listener.links) == 2)
-    batches = [len(item) for item in listener.events if isinstance(item, list)]
-    assert batches == [1, 7, 1, 1]
-    assert [report.t_host_ns for report in listener.reports] == [n * 10 * MS for n in range(10)]
-
-
-@in_virtual_time
-async def test_a_closed_replay_sends_nothing_more(tmp_path: Path) -> None:
-    path = tmp_path / "touch.jsonl"
-    write_recording(path, "mt2-usb", [RawReport(n * 10 * MS, b"\x02") for n in range(10)])
-
-    listener, source = Listener(), ReplayTrackpad(path)
-    listener.listen(source)
-    await listener.until(lambda: len(listener.reports) == 2)
-    await source.close()
-    await asyncio.sleep(1)
-    assert len(listener.reports) == 2
-    assert len(listener.links) == 1
-
-
 HEADER = '{"model": "mt2-usb"}\n'
 
 
@@ -533,8 +463,3 @@ def test_a_bad_line_is_named_with_what_is_wrong(tmp_path: Path, text: str, line:
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     with pytest.raises(TrackpadError, match=rf"bad\.jsonl, line {line}: .*{reason}"):
         ReplayTrackpad(path)
-
-
-def test_a_missing_recording_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(TrackpadError, match="cannot be read: No such file"):
-        ReplayTrackpad(tmp_path / "none.jsonl")

@@ -25,14 +25,6 @@ def wishes_us(file: Path) -> list[int]:
     return [number for (number,) in struct.iter_unpack("=i", file.read_bytes())]
 
 
-def test_without_touch_the_latency_is_unbounded(file: Path) -> None:
-    awake = CpuLatencyHold(file)
-    for step in range(5):
-        awake.look(False, T0_NS + step * LINGER_NS)
-    awake.close()
-    assert wishes_us(file) == []
-
-
 def test_a_touch_keeps_them_awake_at_once_and_for_a_moment_after_the_last(file: Path) -> None:
     awake = CpuLatencyHold(file)
     for t_ns, is_touched, written in (
@@ -46,14 +38,6 @@ def test_a_touch_keeps_them_awake_at_once_and_for_a_moment_after_the_last(file: 
         awake.look(is_touched, T0_NS + t_ns)
         assert wishes_us(file) == written
     awake.close()
-
-
-def test_closed_it_writes_no_more_and_may_be_closed_again(file: Path) -> None:
-    awake = CpuLatencyHold(file)
-    awake.close()
-    awake.close()
-    awake.look(True, T0_NS)
-    assert wishes_us(file) == []
 
 
 def test_a_missing_permission_raises_at_once(tmp_path: Path) -> None:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import os
 import sys
 import time
-from collections.abc import Iterator
 
 import pytest
 from asynchronous import PATIENCE_S, asynchronous
 
 from hapticd.io.host import realtime
-from hapticd.io.host.realtime import Granted, Pauses, PeriodicTimer, collect_when_idle, go_real_time, quiet_collector
+from hapticd.io.host.realtime import Granted, PeriodicTimer, go_real_time
 
 MS = 1_000_000
 
@@ -24,15 +22,6 @@ needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="the scheduler'
 def _each_timer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if request.param != "timerfd":
         monkeypatch.setattr(realtime, "_timerfd", lambda: None)
-
-
-@pytest.fixture
-def _collector_left_as_it_was() -> Iterator[None]:
-    thresholds, interval_s = gc.get_threshold(), sys.getswitchinterval()
-    yield
-    gc.unfreeze()
-    gc.set_threshold(*thresholds)
-    sys.setswitchinterval(interval_s)
 
 
 async def ticks(count: int, *, period_ns: int, stall_ns: int = 0) -> list[tuple[int, int]]:
@@ -85,42 +74,6 @@ async def test_a_period_can_be_changed_from_within_a_tick() -> None:
     assert periods == [4 * MS, 2 * MS, MS]
 
 
-@pytest.mark.usefixtures("_each_timer")
-@asynchronous
-async def test_a_closed_timer_ticks_no_more_and_holds_no_file() -> None:
-    before = len(os.listdir("/proc/self/fd"))
-    timer = PeriodicTimer(asyncio.get_running_loop(), MS, lambda *_: pytest.fail("it ticked"))
-    timer.close()
-    timer.close()
-    assert len(os.listdir("/proc/self/fd")) == before
-    await asyncio.sleep(0)
-
-
-@pytest.mark.usefixtures("_collector_left_as_it_was")
-def test_after_the_start_nothing_old_is_looked_at_again() -> None:
-    quiet_collector()
-    assert gc.get_freeze_count() > 10_000
-    assert gc.get_threshold()[0] == realtime.EMERGENCY_ALLOCATIONS
-
-
-@pytest.mark.usefixtures("_collector_left_as_it_was")
-def test_idle_time_takes_the_rings_that_touches_left() -> None:
-    quiet_collector()
-    for _ in range(100):
-        ring: list[object] = []
-        ring.append(ring)
-    del ring
-    assert collect_when_idle() >= 100
-
-
-@needs_linux
-def test_default_settings_change_nothing() -> None:
-    before = os.sched_getscheduler(0), os.sched_getaffinity(0)
-    granted = go_real_time()
-    assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
-    assert (granted.memory_locked, granted.refused) == (False, ())
-
-
 @needs_linux
 def test_refusals_of_the_kernel_are_returned_as_sentences(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
@@ -146,18 +99,6 @@ def test_settings_apply_to_this_thread_and_not_to_later_ones(monkeypatch: pytest
     )
     go_real_time(fifo_priority=20)
     assert requests == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 20)]
-
-
-def test_each_collection_is_timed_until_it_is_closed() -> None:
-    calls: list[int] = []
-    clock_ns = iter((0, 1000, 1700, 5000, 5900))
-    pauses = Pauses(calls.append, clock_ns=lambda: next(clock_ns))
-    gc.collect()
-    gc.collect()
-    pauses.close()
-    pauses.close()
-    gc.collect()
-    assert calls == [700, 900]
 
 
 @pytest.mark.usefixtures("_each_timer")

@@ -39,15 +39,6 @@ def test_a_real_time_thread_that_never_sleeps_sleeps_once_in_each_window() -> No
     assert Thread().go(40, 1.0) == 10
 
 
-def test_a_thread_that_sleeps_by_itself_is_left_alone() -> None:
-    assert Thread().go(400, 0.9) == 0
-
-
-def test_a_busy_thread_with_ordinary_priority_is_left_alone() -> None:
-    """The kernel lets others run beside it, and has no such limit for it."""
-    assert Thread(is_real_time=False).go(40, 1.0) == 0
-
-
 @pytest.mark.parametrize("is_real_time", [True, False])
 def test_after_a_pass_that_overran_it_sleeps_before_the_next(is_real_time: bool) -> None:
     assert Thread(is_real_time=is_real_time).go(1, 1.0, is_overrun=True) == 1

@@ -6,11 +6,10 @@ import logging
 import os
 import socket
 import sys
-from pathlib import Path
 
 import pytest
 
-from hapticd.io.host.systemd import JournalFormatter, Notifier, is_journal_stream
+from hapticd.io.host.systemd import JournalFormatter, Notifier
 
 MS = 1_000_000
 
@@ -26,21 +25,6 @@ def received(manager: socket.socket) -> list[bytes]:
 
 def environ(manager: socket.socket, **more: str) -> dict[str, str]:
     return {"NOTIFY_SOCKET": manager.getsockname(), **more}
-
-
-def test_without_a_manager_nothing_is_sent() -> None:
-    notifier = Notifier({"WATCHDOG_USEC": "1000"})
-    assert not notifier.notify(ready=1)
-    notifier.feed_watchdog(0)
-    notifier.close()
-
-
-def test_assignments_go_out_as_lines_of_one_message(manager: socket.socket) -> None:
-    notifier = Notifier(environ(manager))
-    assert notifier.notify(ready=1, status="serving")
-    assert received(manager) == [b"READY=1\nSTATUS=serving"]
-    notifier.close()
-    assert not notifier.notify(stopping=1)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's")
@@ -76,15 +60,6 @@ def test_a_manager_that_is_gone_or_does_not_read_is_no_trouble_of_ours(manager: 
     manager.close()
     assert not notifier.notify(stopping=1)
     notifier.close()
-
-
-def test_the_journal_is_known_by_its_stream(tmp_path: Path) -> None:
-    with (tmp_path / "log").open("w") as file:
-        stream = os.fstat(file.fileno())
-        assert is_journal_stream(file.fileno(), {"JOURNAL_STREAM": f"{stream.st_dev}:{stream.st_ino}"})
-        assert not is_journal_stream(file.fileno(), {"JOURNAL_STREAM": "1:2"})
-        assert not is_journal_stream(file.fileno(), {})
-    assert not is_journal_stream(-1, {})
 
 
 @pytest.mark.parametrize(("level", "priority"), [("DEBUG", 7), ("INFO", 6), ("WARNING", 4), ("ERROR", 3)])

@@ -11,8 +11,6 @@ from scipy.linalg import expm
 
 from hapticd.board_protocol import HelloRequest
 from hapticd.board_values import BoardHello
-from hapticd.errors import DeviceError
-from hapticd.sim.board import firmware
 from hapticd.sim.board.board import CHUNK_S, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
@@ -118,47 +116,6 @@ def test_the_amplifiers_clip_at_their_own_limit() -> None:
     assert np.abs(clipped.plate_um).max() < 0.5 * np.abs(free.plate_um).max()
 
 
-def test_the_noise_has_the_configured_strength() -> None:
-    trace = BoardTrace(20_000, 2, 4)
-    board = Board(plate(noise_um=0.01), seed=3)
-    board.run(20_000, np.zeros((20_000, 0, 4)), np.zeros((20_000, 0)), trace)
-    parts = trace.measured_um.view(np.float64)
-    assert parts.std(axis=0) == pytest.approx([0.01] * 4, rel=0.03)  # 6 sigma of the estimate
-    assert np.abs(parts.mean(axis=0)).max() < 6 * 0.01 / np.sqrt(20_000)
-    assert np.abs(np.corrcoef(parts.T) - np.eye(4)).max() < 6 / np.sqrt(20_000)
-
-
-def test_same_seed_same_bytes_other_seed_other_bytes() -> None:
-    def run(seed: int) -> list[bytes]:
-        board = Board(plate(noise_um=0.001), seed=seed)
-        trace, _, _ = touched_run(board)
-        return [getattr(trace, name).tobytes() for name in BoardTrace.__slots__] + [board.transmit()]
-
-    assert run(1) == run(1)
-    assert run(1) != run(2)
-
-
-def test_cut_into_pieces_a_run_is_the_same() -> None:
-    whole, phi, decay_1_s = touched_run(Board(plate(noise_um=0.001)))
-    board = Board(plate(noise_um=0.001))
-    refer(board, 2 + 1j, -1 + 0.5j)
-    trace = BoardTrace(80, 2, 4)
-    done = 0
-    while done < 80:
-        done += board.run(80 - done, phi, decay_1_s, trace, done, stop_on_transmit=True)
-        board.transmit()
-    for name in BoardTrace.__slots__:
-        np.testing.assert_array_equal(getattr(trace, name), getattr(whole, name))
-
-
-def test_an_absent_finger_may_have_no_shape() -> None:
-    board = Board(plate())
-    refer(board, 1 + 0j, 0j)
-    trace = BoardTrace(20, 2, 4)
-    board.run(20, np.full((20, 1, 4), np.nan), np.zeros((20, 1)), trace)
-    assert np.isfinite(trace.plate_um).all()
-
-
 def test_time_goes_tick_by_tick_and_wraps_for_the_board_only() -> None:
     board = Board(plate(), config=BoardConfig(control_hz=3000.0), t_start_us=2**32 - 1000)
     trace = BoardTrace(9, 2, 4)
@@ -212,11 +169,6 @@ def test_a_configuration_without_sense_is_refused_in_a_sentence() -> None:
 
 def three_more() -> dict[str, tuple[float, ...]]:
     return {"detuning_rad_s": (0.0,) * 3, "gain_um_per_v_s": (1.0,) * 3}
-
-
-def test_a_firmware_that_was_not_built_is_named() -> None:
-    with pytest.raises(DeviceError, match=r"firmware for 9 modes .* is not built: install a C compiler"):
-        firmware.load(9)
 
 
 def test_a_reset_board_is_another_boot_that_drives_nothing_while_the_plate_rings_down() -> None:

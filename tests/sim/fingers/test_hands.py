@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
-from hapticd.sim.fingers.hands import GLIDE_S, MAX_HANDS, TIMEOUT_S, Hands, HeldFinger, YieldingPath, decode_hands
+from hapticd.sim.fingers.hands import MAX_HANDS, TIMEOUT_S, Hands, HeldFinger, YieldingPath, decode_hands
 from hapticd.sim.fingers.paths import Rest
 
 
@@ -22,38 +22,6 @@ def at(finger: HeldFinger | YieldingPath, *t_s: float) -> list[list[float]]:
 def down(hands: Hands, t_s: float) -> list[list[float]]:
     places = [at(finger, t_s)[0] for finger in hands.fingers]
     return [place for place in places if math.isfinite(place[0])]
-
-
-def test_a_finger_lands_at_the_first_position_and_glides_to_the_next() -> None:
-    hands = Hands()
-    hands.hold({"1": (5.0, -5.0)}, 1.0)
-    assert down(hands, 0.999) == []
-    assert down(hands, 1.0) == [[5.0, -5.0]]
-    hands.hold({"1": (8.0, -5.0)}, 2.0)
-    assert down(hands, 1.9) == [[5.0, -5.0]]
-    assert down(hands, 2.0 + GLIDE_S / 3)[0] == pytest.approx([6.0, -5.0])
-    assert down(hands, 2.0 + GLIDE_S) == down(hands, 9.0) == [[8.0, -5.0]]
-
-
-def test_an_even_hand_makes_an_even_finger_behind_it_by_the_glide() -> None:
-    """Held at 100 mm/s 60 times a second, it moves at 100 mm/s: no steps are left of the reports."""
-    hands, speed_mm_s, period_s = Hands(), 100.0, 1 / 60
-    for report in range(60):
-        hands.hold({"1": (speed_mm_s * report * period_s, 0.0)}, report * period_s)
-    t_s = np.arange(0.8, 0.98, 0.002)
-    x_mm = hands.fingers[0].position_mm(t_s)[:, 0]
-    np.testing.assert_allclose(np.diff(x_mm) / 0.002, speed_mm_s, rtol=1e-3)
-    np.testing.assert_allclose(x_mm, speed_mm_s * (t_s - GLIDE_S), atol=0.01)
-
-
-def test_the_past_stays_as_it_was_while_new_points_come() -> None:
-    hands = Hands()
-    hands.hold({"1": (0.0, 0.0)}, 0.0)
-    for step in range(1, 200):
-        t_s = step * 0.016
-        before = at(hands.fingers[0], *np.linspace(max(t_s - 0.1, 0.0), t_s, 20))
-        hands.hold({"1": (math.sin(t_s), step * 0.1)}, t_s)
-        np.testing.assert_allclose(at(hands.fingers[0], *np.linspace(max(t_s - 0.1, 0.0), t_s, 20)), before, atol=1e-9)
 
 
 def test_a_finger_that_is_no_longer_named_is_lifted_and_lands_as_another() -> None:
@@ -73,16 +41,6 @@ def test_fingers_lift_after_a_timeout_of_their_sender() -> None:
     hands.expire(TIMEOUT_S + 0.01)
     assert down(hands, TIMEOUT_S + 0.01) == []
     hands.expire(TIMEOUT_S + 9.0)
-
-
-def test_all_fingers_of_a_hand_can_be_down_and_again() -> None:
-    hands = Hands()
-    everyone = {str(finger): (float(finger), 0.0) for finger in range(MAX_HANDS)}
-    for t_s in (0.0, 2.0):
-        hands.hold(everyone, t_s)
-        assert len(down(hands, t_s)) == MAX_HANDS
-        hands.hold({}, t_s + 1.0)
-        assert down(hands, t_s + 1.0) == []
 
 
 def test_the_scenarios_fingers_leave_when_a_person_comes_and_do_not_return() -> None:

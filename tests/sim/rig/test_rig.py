@@ -21,9 +21,7 @@ import zmq
 
 from hapticd.board_protocol import HelloRequest
 from hapticd.board_values import BoardHello, BoardMessage
-from hapticd.config.loader import load
 from hapticd.errors import DeviceError
-from hapticd.sim.rig import program as rig_module
 from hapticd.sim.rig import sockets as rigsockets
 from hapticd.sim.rig.process import RigProcess
 from hapticd.sim.rig.program import Rig
@@ -99,29 +97,12 @@ def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
 
 
-def test_the_board_of_another_plate_has_its_modes_and_limits() -> None:
-    with RigProcess("rest", 1, plate="fingertip") as running, opened(running.directory) as fd:
-        os.write(fd, device.encode(HelloRequest()))
-        hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
-        described = load(running.directory / "plate.toml")
-    assert isinstance(hello, BoardHello)
-    device.check_hello(hello, modes=4, w_limit_um=described.limits.w_limit_um)
-    assert described.plate.size_mm == (200.0, 200.0)
-
-
 def test_the_endpoint_gives_genuine_reports_one_a_packet_to_each_that_connects(rig: tuple[Rig, Path]) -> None:
     with connected(rig[1]) as one, connected(rig[1]) as other:
         for pad in (one, other):
             decoder = Decoder("mt2-usb")
             frames = [frame for _ in range(3) for frame in decoder.decode(pad.recv(512), 0)]
             assert [len(frame.contacts) for frame in frames] == [2, 2, 2]
-
-
-def test_who_leaves_is_no_harm_to_who_stays(rig: tuple[Rig, Path]) -> None:
-    with connected(rig[1]) as stays:
-        with connected(rig[1]) as leaves:
-            leaves.recv(512)
-        assert all(stays.recv(512) for _ in range(5))
 
 
 def test_the_boards_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> None:
@@ -218,32 +199,6 @@ def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None
         assert np.isnan(arrays["target_um"]).all()
 
 
-def test_a_recording_has_the_arrays_of_a_run(tmp_path: Path) -> None:
-    made = Rig(tmp_path, "step", 1, keep=True)
-    made._advance(0.2)
-    made.close()
-    made.save(tmp_path / "plate.npz")
-    with np.load(tmp_path / "plate.npz") as arrays:
-        shapes = {name: arrays[name].shape for name in arrays}
-    assert shapes == {
-        "t_s": (400,),
-        "finger_true_mm": (400, 0, 2),
-        "target_um": (400, 0),
-        "reference_um": (400, 2),
-        "modal_um": (400, 2),
-        "plate_um": (400, 4),
-        "truth_um": (400, 0),
-    }
-
-
-def test_a_rig_that_was_stopped_drops_the_time_it_missed(tmp_path: Path) -> None:
-    made = Rig(tmp_path, "rest", 1, keep=False)
-    made.t_start_s -= 100.0
-    assert made._now_s() == made.world.t_s
-    assert made._now_s() < 1.0
-    made.close()
-
-
 def test_a_rig_process_leaves_nothing_behind() -> None:
     with RigProcess("rest", 1, record=True) as running:
         directory = running.directory
@@ -299,10 +254,3 @@ def test_a_rig_that_does_not_start_is_one_sentence(capfd: pytest.CaptureFixture[
     with pytest.raises(DeviceError, match="The simulated rig did not start"):
         RigProcess("no-such-scenario", 1)
     assert "invalid choice: 'no-such-scenario'" in capfd.readouterr().err
-
-
-def test_an_unknown_scenario_is_refused_with_the_choices(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        rig_module.main([str(tmp_path), "--scenario", "dance"])
-    assert left.value.code == 2
-    assert "strokes" in capsys.readouterr().err

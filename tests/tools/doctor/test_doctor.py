@@ -122,12 +122,6 @@ def test_a_file_that_holds_no_modes_fails(tmp_path: Path, capsys: pytest.Capture
     assert "FAIL  mode shapes:" in output
 
 
-def test_the_simulated_plate_has_two_modes_to_limit(tmp_path: Path) -> None:
-    assert files.modes(system(tmp_path)).verdict == PASS
-    found = files.modes(system(tmp_path, limits={"w_limit_um": [4.0, 4.0, 4.0]}))
-    assert (found.verdict, found.text.split(",")[0]) == (FAIL, "limits.w_limit_um has 3 limits")
-
-
 BOTH_MODES = tuple(ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 4.0, 0.0) for mode in (0, 1))
 
 
@@ -210,12 +204,6 @@ def test_a_daemon_in_a_directory_that_others_may_have_made_is_not_asked(
     assert not fake_daemon.control.poll(0)
 
 
-def test_a_daemon_s_version_cannot_command_the_terminal(tmp_path: Path, reported: Any) -> None:
-    shown = str(service.daemon(system(tmp_path, reported, "1\x1b]0;owned\x07")))
-    assert r"version 1\x1b]0;owned\x07 in" in shown
-    assert all(line.isprintable() for line in shown.splitlines())
-
-
 def test_a_directory_without_access_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     closed = tmp_path / "closed"
     closed.mkdir()
@@ -257,13 +245,6 @@ def test_a_second_daemon_elsewhere_is_found_by_its_lock(tmp_path: Path, monkeypa
     assert str(other) in found.text
 
 
-@pytest.mark.usefixtures("impatient")
-@pytest.mark.parametrize("answer", [{}, {"state": 3, "state_changes": "none", "board": [], "real_time": None}])
-def test_an_answer_of_another_version_breaks_no_check(tmp_path: Path, answer: Any) -> None:
-    for check in CHECKS:
-        assert check(system(tmp_path, answer, **REAL)).verdict in (PASS, WARN, FAIL)
-
-
 # --- devices ---
 
 
@@ -284,13 +265,6 @@ def test_a_port_of_another_group_fails_with_that_group(tmp_path: Path, monkeypat
 def touched(seed: int, seconds: float) -> list[RawReport]:
     reports = SensorModel(seed=seed).reports([Rest((0.0, 0.0))], seconds)
     return [RawReport(round(report.t_arrive_s * 1e9), report.data) for report in reports]
-
-
-def test_the_rate_of_reports_is_that_of_the_pad_s_own_clock() -> None:
-    raw = touched(3, 1.0)
-    assert devices.frame_rate_hz(raw, "mt2-usb") == pytest.approx(88.9, rel=0.03)
-    assert devices.frame_rate_hz(raw[:1], "mt2-usb") is None
-    assert devices.frame_rate_hz([RawReport(1, b"garbage")], "mt2-usb") is None
 
 
 class Pad:

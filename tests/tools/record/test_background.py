@@ -30,20 +30,6 @@ def _looks_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mcap_writer.os, "fsync", lambda _: None)  # a busy disk takes its time
 
 
-def test_what_was_put_is_there_after_the_end(tmp_path: Path, header: Header) -> None:
-    path = tmp_path / "a.mcap"
-    writer = BackgroundWriter(RecordingFile(path, header))
-    for t_ns in range(500):
-        writer.put("timer", t_ns)
-    writer.close(500, "over")
-
-    recording = open_recording(path)
-    records = list(recording.records())
-    assert [record.t_ns for record in records[:-1]] == list(range(500))
-    assert (records[-1].t_ns, records[-1].fields) == (500, {"reason": "over"})
-    assert not recording.losses.any
-
-
 @pytest.fixture
 def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A file that refuses every byte behind its header."""
@@ -109,20 +95,6 @@ def test_a_slow_disk_ends_the_recording_and_nothing_waits(
     assert len(writer._queue) == 0
 
 
-def test_large_messages_fill_the_queue_by_their_size(
-    tmp_path: Path, header: Header, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(background, "LOOK_EVERY_S", 60.0)
-    monkeypatch.setattr(background, "MAX_WAITING", 1000)
-    writer = BackgroundWriter(RecordingFile(tmp_path / "a.mcap", header))
-    for t_ns in range(15):
-        writer.put("targets", t_ns, bytes(65536), "uid 7")
-    assert not writer.is_over
-    writer.put("targets", 16, bytes(65536), "uid 7")
-    assert writer.is_over
-    writer.close(0, "over")
-
-
 def test_a_recording_in_parts_is_replayed_as_one(tmp_path: Path) -> None:
     made: list[BackgroundWriter] = []
 
@@ -172,13 +144,3 @@ def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_other
     assert [line for line in said_of_a_full(file, caplog) if "Permission denied" not in line] == []
     os.close(others[0])  # raises where it was closed
     assert sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) > 0
-
-
-def test_a_file_that_may_not_be_followed_ends_the_recording_when_it_is_full(
-    tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture
-) -> None:
-    file = RecordingFile(tmp_path / "a.mcap", header)
-    file._max_bytes = file.written_bytes + file._index_bytes + 4_000
-    (line,) = said_of_a_full(file, caplog)
-    assert "record.max_mb" in line
-    assert 0 < sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) < 400

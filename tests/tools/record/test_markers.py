@@ -11,7 +11,7 @@ from hapticd.daemon.client_gateway import MAX_MARKERS
 from hapticd.errors import RequestError
 from hapticd.wire.client import decode_request
 from hapticd_client.messages import decode_state
-from hapticd_contract.requests import MAX_MARKER_CHARACTERS, MarkerRequest
+from hapticd_contract.requests import MAX_MARKER_CHARACTERS
 
 
 def test_a_marker_is_in_the_next_state_and_in_no_other() -> None:
@@ -37,14 +37,6 @@ def test_markers_that_nobody_reads_do_not_pile_up() -> None:
     assert bench.machine.clients.markers == []
 
 
-def test_a_marker_changes_nothing_of_what_its_client_holds() -> None:
-    bench = Bench(SLIPPERY)
-    bench.run(400)
-    bench.ask("set", client="study", stamp=7, targets=[{"finger": 1, "amplitude_um": 1.0}])
-    bench.ask("marker", client="study", text="later")
-    assert bench.ask("set", client="study", stamp=7, targets=[{"finger": 1, "amplitude_um": 1.0}])["ok"]
-
-
 def request(text: object) -> bytes:
     return msgpack.packb({"v": 1, "id": 1, "op": "marker", "body": {"client": "study", "text": text}})
 
@@ -53,8 +45,3 @@ def request(text: object) -> bytes:
 def test_a_text_that_is_none_is_refused_in_a_sentence(text: object) -> None:
     with pytest.raises(RequestError, match=r"body\.text"):
         decode_request(request(text))
-
-
-def test_the_longest_text_is_taken() -> None:
-    text = "x" * MAX_MARKER_CHARACTERS
-    assert decode_request(request(text)).body == MarkerRequest("study", text)

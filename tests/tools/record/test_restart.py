@@ -186,26 +186,6 @@ def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recordi
     assert set(touched[touched == touched].tolist()) == {0.0, 1.0}
 
 
-def test_scripted_fingers_lift_for_a_recorder_and_land_in_its_recording(configuration: Config, tmp_path: Path) -> None:
-    with RigProcess("strokes", 1) as strokes:
-        config = replace(configuration, sim=replace(configuration.sim, rig_dir=str(strokes.directory)))
-
-        async def story() -> None:
-            def touched() -> None:
-                with client_of(config) as client:
-                    next(state for state in client.states(timeout_s=PATIENCE_S) if len(state.fingers) == 2)
-
-            await asyncio.to_thread(touched)
-            late = Recorder(tmp_path / "a.mcap", config, 2.0)
-            await until(lambda: not late.is_alive())
-            assert BEGUN in late.notes
-
-        run(config, story)
-    assert judged(tmp_path / "a.mcap")["reports"] > 20
-    landed = tracks(list(open_recording(tmp_path / "a.mcap").records()))
-    assert landed.is_true
-
-
 def test_one_after_another_and_one_that_is_killed_all_replay(
     configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -61,23 +61,6 @@ def strange(header: Header, tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-def test_fingers_that_follow_each_other_share_a_column_and_are_seen_to_land() -> None:
-    first, second = touched(1, BEGIN_NS), touched(2, BEGIN_NS + 300 * MS)
-    found = tracks([*first, *second])
-
-    assert found.position_mm.shape[1:] == (1, 2)
-    assert np.isnan(found.target_um).any()
-    alone = tracks(first)
-    np.testing.assert_array_equal(found.target_um[: len(alone.t_ns)], alone.target_um)
-    np.testing.assert_array_equal(found.position_mm[: len(alone.t_ns)], alone.position_mm)
-
-
-def test_fingers_at_once_have_a_column_each() -> None:
-    both = [record for pair in zip(touched(1, BEGIN_NS), touched(2, BEGIN_NS + 5 * MS), strict=True) for record in pair]
-
-    assert tracks(both).target_um.shape[1] == 2
-
-
 def test_an_hour_of_thousands_of_touches_takes_the_room_of_one_finger() -> None:
     records = [record for tap in range(3000) for record in touched(tap + 1, BEGIN_NS + tap * 1000 * MS, passes=2)]
     found = tracks(records)
@@ -105,13 +88,6 @@ def test_a_recording_or_a_truth_without_fingers_is_one_sentence() -> None:
             tracks(records)
 
 
-def test_references_without_knots_are_passed_over(
-    strange: Callable[..., Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["replay", str(strange(*touched(1, BEGIN_NS))), "--set", "solver.derating_mm2_um2=0"]) == 0
-    assert "as recorded" in capsys.readouterr().out
-
-
 def test_amplitudes_of_unequal_parts_and_points_without_a_key_are_judged_exported_and_drawn(
     strange: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -133,18 +109,6 @@ def test_instants_beyond_all_clocks_are_no_records(strange: Callable[..., Path],
 
     (tmp_path / "out").mkdir()
     export.to_csv(tables(recording), {}, tmp_path / "out")
-    assert recording.losses.unreadable == 1
-
-
-def test_the_largest_instants_that_are_records_have_tables_too(strange: Callable[..., Path]) -> None:
-    largest = 1 << 61
-    knots = [{"dt_ns": largest, "modal_um": {"d": [0.0, 0.0], "q": [0.0, 0.0]}}]
-    record = a_pass(largest, 1, knots=knots, age_ns=-largest, horizon_ns=largest)
-
-    recording = open_recording(strange(record, a_pass(largest + 1, 1)))
-    found = tables(recording)
-    assert found["predictions"]["t_plate_ns"].tolist() == [3 * largest]
-    assert found["references"]["t_knot_ns"].tolist() == [2 * largest] * 2
     assert recording.losses.unreadable == 1
 
 

@@ -76,13 +76,6 @@ def test_a_true_finger_has_the_target_of_the_finger_that_was_seen_there(rig_trut
     )
 
 
-def test_a_finger_without_a_target_has_none_and_a_virtual_one_is_not_true(rig_truth: RigTruth) -> None:
-    rig_truth.note(passed(("walker", -20.0, 3.0, 2.0), (3, 50.0, -1.0, 0.0)))
-    truth = truth_of(rig_truth, MESSAGE)
-    assert truth is not None
-    assert [finger.get("target_um") for finger in truth.fields["fingers"]] == [None, None]
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -101,11 +94,3 @@ def test_what_is_no_truth_leaves_no_record(rig_truth: RigTruth, change: dict[str
 @given(ANYTHING | st.dictionaries(st.sampled_from(sorted(MESSAGE)), ANYTHING).map(lambda change: MESSAGE | change))
 def test_no_message_of_a_rig_raises(rig_truth: RigTruth, message: object) -> None:
     truth_of(rig_truth, message)
-
-
-def test_without_a_rig_nothing_is_heard(strokes: Path) -> None:
-    with zmq.Context() as context:
-        idle = RigTruth(context, open_recording(strokes).header)
-        idle.note(passed((3, 24.0, -2.0, 0.0)))
-        assert list(idle.records(4)) == []
-        idle.close()

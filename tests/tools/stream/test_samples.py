@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tools.stream.daemon_states import finger, plate_state
 
-from hapticd.core.board.supervisor import State
-from hapticd.tools.stream.samples import STATES, Sampler, Slots
-from hapticd_client import Marker
-
-
-def test_the_states_are_numbered_as_the_daemon_has_them() -> None:
-    assert {State.IDLE.name, State.ARMED.name, State.ACTIVE.name, State.FAULT.name, State.STOPPED.name} == set(STATES)
+from hapticd.tools.stream.samples import Sampler, Slots
 
 
 def test_columns_do_not_depend_on_the_fingers() -> None:
@@ -39,37 +31,10 @@ def test_a_finger_keeps_its_curve_when_an_older_one_lifts() -> None:
     assert (joined["finger_1_id"], joined["finger_2_id"]) == (9, 4)
 
 
-def test_another_daemon_s_fingers_are_others() -> None:
-    sampler = Sampler(1)
-    sampler.row(plate_state(finger(3)), 0)
-    assert sampler.row(plate_state(finger(1, 8.0), finger(3), instance=8), 0)["finger_1_id"] == 1
-
-
-def test_a_virtual_finger_has_its_name_and_no_place() -> None:
-    row = Sampler(1).row(plate_state(finger("walker", 5.0, target_um=0.0)), 0)
-    assert row["virtual/walker/x_mm"] == 5.0
-    assert row["virtual/walker/target_um"] == 0.0
-    assert row["finger_1_id"] is None
-    assert row["fingers"] == 0
-
-
 def test_time_is_that_of_the_wall_clock_and_of_the_daemon() -> None:
     row = Sampler(1).row(plate_state(), 1_700_000_000_000_000_000)
     assert row["t_s"] == 5.01
     assert row["timestamp"] == pytest.approx(1_700_000_005.01, abs=1e-6)
-
-
-def test_markers_are_counted() -> None:
-    sampler = Sampler(1)
-    marker = Marker(1, "study", "trial 1")
-    counts = [sampler.row(plate_state(markers=markers), 0)["markers"] for markers in ((), (marker, marker), ())]
-    assert counts == [0, 2, 2]
-
-
-def test_a_value_that_is_not_finite_is_none() -> None:
-    row = Sampler(1).row(plate_state(finger(3, math.nan, target_um=math.inf)), 0)
-    assert row["finger_1_x_mm"] is None
-    assert row["finger_1_target_um"] is None
 
 
 @given(st.lists(st.sets(st.integers(1, 8)), max_size=12), st.integers(1, 4))

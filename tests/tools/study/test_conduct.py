@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from plates import FakeClient, Person
 
-from hapticd.tools.study.conduct import REST_S, _advice, conduct
+from hapticd.tools.study.conduct import REST_S, conduct
 from hapticd.tools.study.panel import Key, Screen
 from hapticd.tools.study.protocol import Design, Friction
 from hapticd.tools.study.session import Session, SessionFile, read
@@ -156,20 +155,6 @@ def test_the_training_presents_both_frictions_by_name_and_shows_the_speed(tmp_pa
     assert "130 mm/s, too fast: slower" in person.notes
 
 
-@pytest.mark.parametrize(
-    ("speed_mm_s", "note"),
-    [
-        (0.0, "  0 mm/s, move your finger"),
-        (98.0, "100 mm/s, a good speed"),
-        (102.0, "100 mm/s, a good speed"),
-        (103.0, "105 mm/s, too fast: slower"),
-    ],
-)
-def test_the_advice_does_not_change_with_every_millimetre(speed_mm_s: float, note: str) -> None:
-    stage = SimpleNamespace(touch=SimpleNamespace(recent_mm_s=speed_mm_s))
-    assert _advice(stage) == note  # type: ignore[arg-type]
-
-
 def test_markers_name_each_trial_but_not_its_stimulus(tmp_path: Path) -> None:
     marked = []
     for seed in (3, 4):
@@ -186,9 +171,3 @@ def test_markers_name_each_trial_but_not_its_stimulus(tmp_path: Path) -> None:
         "study P1 trial 2 answer high",
         "study P1 ends",
     ]
-
-
-def test_a_daemon_without_markers_gets_none() -> None:
-    client = FakeClient(ops=("hello",))
-    Stage(client, Design()).mark("nothing")  # type: ignore[arg-type]
-    assert client.markers == []

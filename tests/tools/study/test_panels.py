@@ -7,7 +7,6 @@ import io
 import json
 import os
 import pty
-import socket
 import termios
 from collections.abc import Iterator
 from typing import Any
@@ -18,7 +17,6 @@ from hapticd.tools.study import panel
 from hapticd.tools.study.browser import Browser
 from hapticd.tools.study.keyboard import Keyboard
 from hapticd.tools.study.panel import Key
-from hapticd.tools.study.protocol import StudyError
 
 TRIAL = panel.trial(3, 20)
 
@@ -58,28 +56,11 @@ def test_what_was_typed_ahead_does_not_answer_the_next_trial(terminal: tuple[int
         assert keyboard.pressed() is None
 
 
-def test_a_key_that_the_screen_does_not_have_is_ignored(terminal: tuple[int, int]) -> None:
-    with Keyboard(io.StringIO(), terminal[1]) as keyboard:
-        keyboard.show(panel.between(4, 20))
-        os.write(terminal[0], b"fjp\nf")
-        os.write(terminal[0], b"f")
-        assert all(keyboard.pressed() is None for _ in range(1000))
-
-
 def test_the_terminal_is_restored(terminal: tuple[int, int]) -> None:
     before = termios.tcgetattr(terminal[1])
     with Keyboard(io.StringIO(), terminal[1]):
         assert termios.tcgetattr(terminal[1]) != before
     assert termios.tcgetattr(terminal[1]) == before
-
-
-def test_a_screen_is_written_once_with_its_keys(terminal: tuple[int, int]) -> None:
-    out = io.StringIO()
-    keyboard = Keyboard(out, terminal[1])
-    keyboard.show(TRIAL)
-    keyboard.show(TRIAL)
-    assert out.getvalue().count("Trial 3 of 20") == 1
-    assert "[F] high friction: sticky   [J] low friction: slippery   [P] pause" in out.getvalue()
 
 
 def test_the_end_of_input_ends_the_session() -> None:
@@ -145,19 +126,6 @@ def test_a_press_on_an_earlier_screen_does_not_count(page: Browser) -> None:
     assert page.pressed() is None
 
 
-def test_a_key_that_the_screen_does_not_have_does_not_count(page: Browser) -> None:
-    page.show(TRIAL)
-    press(page, now(page)["number"], "next")
-    assert page.pressed() is None
-
-
-def test_the_same_screen_again_is_the_same_screen(page: Browser) -> None:
-    page.show(TRIAL)
-    number = now(page)["number"]
-    page.show(TRIAL)
-    assert now(page)["number"] == number
-
-
 @pytest.mark.parametrize("name", ["", "page.css", "page.js"])
 def test_the_page_needs_nothing_from_elsewhere(page: Browser, name: str) -> None:
     status, text, headers = ask(page, name)
@@ -203,10 +171,3 @@ def test_a_press_in_an_unknown_charset_is_refused(page: Browser) -> None:
 
 def test_a_long_press_is_not_read(page: Browser) -> None:
     assert ask(page, "press", b"{" + b" " * 10_000 + b"}")[0] == 413
-
-
-def test_a_port_that_is_taken_is_one_sentence() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(StudyError, match=f"port {port}: cannot be bound"), Browser(port):
-            pass

@@ -14,7 +14,6 @@ from people import session, write
 from test_analysis import PAPER
 
 from hapticd.__main__ import main
-from hapticd.tools.study import report
 from hapticd.tools.study.session import read
 
 pytestmark = pytest.mark.long
@@ -73,43 +72,12 @@ def test_a_report_is_repeated_over_its_own_files_with_the_sessions_that_came_sin
     assert [row["participant"] for row in rows(papers / "results.csv")][7] == "P8"
 
 
-@pytest.mark.parametrize("name", ["results.csv", "trials.csv", "figure-12.png"])
-def test_a_file_that_no_report_wrote_is_kept(
-    name: str, papers: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    (papers / name).write_bytes(b"mine")
-    assert refused("study", "report", str(papers)) == (
-        f"hapticd: {papers / name}: is no file of an earlier report: move it away, or add --force to overwrite it.\n"
-    )
-    assert (papers / name).read_bytes() == b"mine"
-    assert outcome(capsys, "report", str(papers), "--force")[0] == 0
-    assert (papers / name).read_bytes() != b"mine"
-
-
-def test_a_folder_that_there_is_not_is_one_sentence(tmp_path: Path, refused: Callable[..., str]) -> None:
-    (tmp_path / "file").write_bytes(b"")
-    advice = "give the folder that `hapticd study run` had as --out.\n"
-    for name, what in (("nosuch", "does not exist"), ("file", "is not a folder")):
-        sentence = refused("study", "report", str(tmp_path / name))
-        assert sentence == f"hapticd: {tmp_path / name}: {what}: {advice}"
-
-
 def test_the_figures_as_json_are_alone_on_standard_output(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, output, complaint = outcome(capsys, "report", str(papers), "--json", "-")
     figures = json.loads(output)
     assert "average success rate" in complaint
     assert figures["group"]["mean_frac"] == pytest.approx(103 / 140)
     assert [person["correct"] for person in figures["participants"]] == list(PAPER)
-
-
-def test_one_participant_has_no_spread_and_json_no_nan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(tmp_path, session("P1", 15))
-    code, output, _ = outcome(capsys, "report", str(tmp_path), "--json", str(tmp_path / "f.json"))
-    assert code == 0
-    assert "average success rate 75.00 % (1 participant)" in output
-    assert "exact binomial test" in output
-    assert "sign test" not in output
-    assert json.loads((tmp_path / "f.json").read_text())["group"]["sd_frac"] is None
 
 
 def test_a_session_that_is_not_finished_stays_blind(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,20 +88,9 @@ def test_a_session_that_is_not_finished_stays_blind(papers: Path, capsys: pytest
     assert "P8" not in (papers / "trials.csv").read_text()
 
 
-def test_sessions_of_different_designs_are_reported(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write(papers, session("P8", 8, trials=10))
-    assert "have different designs" in outcome(capsys, "report", str(papers))[2]
-
-
 def test_a_copy_of_a_session_does_not_count_twice(papers: Path, refused: Callable[..., str]) -> None:
     (papers / "P3 (copy).jsonl").write_bytes((papers / "P3.jsonl").read_bytes())
     assert "is P3's, as" in refused("study", "report", str(papers))
-
-
-def test_participants_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    for name in ("P10", "P9", "P1"):
-        write(tmp_path, session(name, 3, trials=4))
-    assert [one.participant for one in report.sessions_in(tmp_path)] == ["P1", "P9", "P10"]
 
 
 @pytest.mark.parametrize("answers", [None, 3])
@@ -182,11 +139,6 @@ def test_a_continued_session_cannot_be_changed(
     before = path.read_bytes()
     assert sentence in refused("study", "run", "--participant", "P1", "--out", str(tmp_path), *arguments)
     assert path.read_bytes() == before
-
-
-def test_a_finished_session_does_not_restart(tmp_path: Path, refused: Callable[..., str]) -> None:
-    write(tmp_path, session("P1", 9))
-    assert "this session is over" in refused("study", "run", "--participant", "P1", "--out", str(tmp_path))
 
 
 def test_without_a_daemon_the_answers_so_far_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,10 +194,3 @@ def test_real_and_simulated_sessions_are_not_mixed(papers: Path, refused: Callab
     who = "P1 P2 P3 P4 P5 P6 P7: real, P8: simulated plate, P9: simulated"
     assert f"mixes real and simulated sessions ({who}" in refused("study", "report", str(papers))
     assert not (papers / "results.csv").exists()
-
-
-def test_the_page_of_documentation_shows_what_is_printed(papers: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _, output, _ = outcome(capsys, "report", str(papers))
-    page = Path(report.__file__).with_name("README.md").read_text(encoding="utf-8")
-    assert output.partition("\n\n")[2].rstrip() in page
-    assert ", ".join(map(str, PAPER)) in page

@@ -47,14 +47,6 @@ def test_a_session_continues_where_a_crash_cut_its_file(tmp_path: Path) -> None:
         assert path.read_bytes() == whole
 
 
-def test_a_file_cut_in_its_first_line_restarts(tmp_path: Path) -> None:
-    path = tmp_path / "P1.jsonl"
-    path.write_bytes(b'{"kind": "sess')
-    with SessionFile(path, Session("P1", 99, Design())) as file:
-        assert (file.session.seed, file.session.answers) == (99, ())
-    assert read(path).seed == 99
-
-
 @pytest.mark.parametrize(
     "theirs", [b"notes without an end of line", b'{"kind": "letter"}', b'{"kind": "session"}\nnotes']
 )
@@ -64,13 +56,6 @@ def test_a_file_that_is_no_session_is_left_as_it_is(theirs: bytes, tmp_path: Pat
     with pytest.raises(StudyError):
         SessionFile(path, Session("P1", 99, Design()))
     assert path.read_bytes() == theirs
-
-
-def test_a_session_without_an_answer_may_restart_with_other_options(tmp_path: Path) -> None:
-    path = tmp_path / "P1.jsonl"
-    for given_ in (Session("P1", 1, Design(trials=5)), Session("P1", 2, Design(trials=6))):
-        SessionFile(path, given_).__exit__(None, None, None)
-        assert read(path) == given_
 
 
 def test_a_session_on_the_simulated_plate_is_marked_and_cannot_continue_on_a_real_one(tmp_path: Path) -> None:
@@ -135,12 +120,6 @@ def test_two_processes_cannot_hold_one_session(tmp_path: Path) -> None:
     SessionFile(tmp_path / "P1.jsonl", given_).__exit__(None, None, None)
 
 
-def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(StudyError, match=r"choose another --out\.$"):
-        SessionFile(tmp_path / "file" / "P1.jsonl", Session("P1", 1, Design()))
-
-
 def edited(lines: list[dict[str, Any]], number: int, **fields: Any) -> bytes:
     return joined([{**line, **fields} if place == number else line for place, line in enumerate(lines)])
 
@@ -172,17 +151,6 @@ def edited(lines: list[dict[str, Any]], number: int, **fields: Any) -> bytes:
 def test_a_changed_file_is_refused_with_its_line(number: int, fields: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=rf"^P03: line {number + 1}[: ].{{1,120}}\.$"):
         decode(edited(lines_of(HELD, tmp_path), number, **fields), "P03")
-
-
-def test_nothing_follows_the_end(tmp_path: Path) -> None:
-    lines = lines_of(HELD, tmp_path)
-    with pytest.raises(StudyError, match="line 23"):
-        decode(joined([*lines, lines[-1]]), "P03")
-
-
-def test_an_empty_file_is_no_session() -> None:
-    with pytest.raises(StudyError, match="holds no session yet"):
-        decode(b"", "P03")
 
 
 json_values = st.recursive(

@@ -176,57 +176,6 @@ def test_another_clients_target_shows_with_its_name_and_is_not_ours_to_change(
     page.until(lambda: page["untouched"].is_displayed())
 
 
-@pytest.mark.parametrize("width_px", [340, 600, 1280])
-def test_nothing_sticks_out_of_a_window_of_any_width(page: Page, width_px: int) -> None:
-    metrics = {"width": width_px, "height": 800, "deviceScaleFactor": 1, "mobile": False}
-    page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    page.until(lambda: page["plate"].size["width"] > 200)
-    assert page.browser.execute_script("return document.documentElement.scrollWidth") <= width_px
-
-
-def test_the_last_seconds_are_on_the_screen_of_a_laptop_while_two_fingers_touch(page: Page) -> None:
-    metrics = {"width": 1280, "height": 800, "deviceScaleFactor": 1, "mobile": False}
-    page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    lay_down(page, 100, 80)
-    lay_down(page, -100, -80)
-    page.until(lambda: "2 fingers" in page["state"].text and "µm" in page["leak"].text)
-    assert page.browser.execute_script("return document.documentElement.scrollHeight") <= 800
-    page["plate"].send_keys(Keys.ESCAPE)
-    page.until(lambda: page["untouched"].is_displayed())
-
-
-def test_a_mode_at_its_limit_is_shown_and_is_no_alarm(page: Page) -> None:
-    def flag() -> str:
-        drag(page, 20)
-        ActionChains(page.browser).release().perform()
-        return str(page.browser.execute_script("return window.flagged"))
-
-    page.browser.execute_script(
-        "window.flagged = ''; setInterval(() => { for (const flag of document.querySelectorAll('#flags .flag')) "
-        "if (flag.textContent === 'limit met' && flag.className !== 'flag') window.flagged = flag.className; }, 20)"
-    )
-    lay_down(page, 40, -34)
-    page.until(lambda: "1 finger" in page["state"].text)
-    page.until(lambda: flag() != "")
-    assert page.browser.execute_script("return window.flagged") == "flag is"
-    page["plate"].send_keys(Keys.ESCAPE)
-    page.until(lambda: page["untouched"].is_displayed())
-
-
-def test_no_vibration_that_the_limits_allow_is_brighter_than_the_scale(page: Page) -> None:
-    """Both modes at their limit, at a point where both shapes have their peak."""
-    top, below = page.browser.execute_async_script(
-        "const done = arguments[0];"
-        "import('/field.js').then(({ Field }) => {"
-        "  const field = new Field(new Float32Array(8).fill(1), [137.5, 137.5], [4, 4]);"
-        "  const top = field.update([[4, 0], [4, 0]]); const level = field.pixels[0];"
-        "  field.update([[4, 0], [3.9, 0]]);"
-        "  done([[top, field.full_um], level !== field.pixels[0]]); })"
-    )
-    assert top == [8, 8]
-    assert below
-
-
 def test_what_can_be_worked_has_a_name_for_a_screen_reader(page: Page) -> None:
     nameless = page.browser.execute_script(
         "return [...document.querySelectorAll('button, input, select, [tabindex]')].filter((element) =>"

@@ -8,7 +8,7 @@ import pytest
 from hapticd.core.solver.public import solve
 from hapticd.errors import RequestError
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
-from hapticd.tools.view import layers, messages
+from hapticd.tools.view import layers
 from hapticd.tools.view.layers import POINTS, LayerFinger
 
 MODES = GroundTruth(PlateSettings()).measured_mode_map(1)
@@ -37,37 +37,8 @@ def test_one_finger_more_could_be_sticky_where_the_solver_says_so() -> None:
     assert 0.5 < np.mean(shown == 254) < 0.95
 
 
-def test_a_finger_that_could_move_does_not_limit_itself() -> None:
-    both = [SLIPPERY, STICKY]
-    assert (levels("could be sticky", both, "post") == levels("could be sticky", [SLIPPERY])).all()
-    assert (levels("could be slippery", both, 1) == levels("could be slippery", [STICKY])).all()
-    assert np.mean(levels("could be sticky", both) == 254) == 0.0  # three fingers share two modes
-    assert (levels("could be sticky", both, 77) == levels("could be sticky", both)).all()  # it has gone
-
-
 def test_a_slippery_finger_is_asked_about_with_its_own_amplitude() -> None:
     stronger = SLIPPERY._replace(target_um=3.0)
     weak, strong = (levels("could be slippery", [finger, STICKY], 1) for finger in (SLIPPERY, stronger))
     assert np.mean(strong == 254) < np.mean(weak == 254)
     assert (strong <= weak).all()
-
-
-def test_without_a_slipping_finger_there_is_no_value() -> None:
-    assert (levels("could be sticky", [STICKY]) == 255).all()
-    assert (levels("could be sticky", []) == 255).all()
-
-
-@pytest.mark.parametrize("text", ["x", "0", "-1", "1.5", "[]", "null", "[" * 5000, '"' + "x" * 5000 + '"'])
-def test_a_finger_that_can_be_none_is_refused(text: str) -> None:
-    with pytest.raises(RequestError, match="finger"):
-        messages.mover(text)
-
-
-def test_a_finger_is_read_by_its_id_or_name() -> None:
-    assert [messages.mover(text) for text in ("", "3", '"post"')] == [None, 3, "post"]
-
-
-def test_where_the_solver_has_to_search_fewer_places_are_asked() -> None:
-    both = [SLIPPERY, SLIPPERY._replace(key=2)]
-    assert len(layers.picture("could be slippery", MODES, both, [4.0, 4.0], SIZE_MM, 2)) == layers.FEW_POINTS**2
-    assert len(layers.picture("could be sticky", MODES, both, [4.0, 4.0], SIZE_MM, 2)) == POINTS**2

@@ -96,33 +96,3 @@ def test_fingers_that_lie_on_the_plate_lie_on_the_next_one_with_the_same_targets
     page.until(lambda: sorted(row.count("of 0.00") for row in page.fingers()) == [0, 1])
     page.choose("switch-plate", "fingertip")
     page.until(lambda: page["what"].text == FINGERTIP and "0 fingers" not in page["state"].text)
-
-
-@pytest.mark.parametrize("window", WINDOWS)
-def test_each_flag_explains_itself_in_sentences_that_are_within_the_window(
-    browser: Chrome, view: View, window: str
-) -> None:
-    page = page_of(browser, view, window)
-    explained = page.browser.execute_script(
-        "return [...document.querySelectorAll('#flags button')].map((flag) => {"
-        "  flag.focus({ focusVisible: true });"
-        "  const tip = document.getElementById(flag.getAttribute('aria-describedby'));"
-        "  const { left, right } = tip.getBoundingClientRect();"
-        "  return [tip.textContent, getComputedStyle(tip).visibility, left >= 0 && right <= innerWidth];"
-        "})"
-    )
-    assert len(explained) == 7
-    assert all(text.endswith(".") and len(text.split()) > 6 for text, _, _ in explained)
-    assert [rest for _, *rest in explained] == [["visible", True]] * 7
-
-
-def test_what_has_not_been_written_yet_has_its_place_already(browser: Chrome, view: View) -> None:
-    """From the first picture on, while the page has no plate, to two fingers on it."""
-    page = page_of(browser, view, "laptop")
-    page.browser.execute_script(WATCH)
-    page.until(lambda: "0 fingers" in page["state"].text)
-    lay_down(page, 150, 80)
-    lay_down(page, -120, -30)
-    page.until(lambda: "2 fingers" in page["state"].text and "µm" in page["leak"].text)
-    assert len(seen(page, "running")["places"]) == 1
-    assert page.browser.execute_script("return document.documentElement.scrollHeight") <= 800

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.tools.view import program
 
 pytestmark = pytest.mark.long
 
@@ -49,15 +48,6 @@ def test_a_missing_library_is_named_with_its_command(
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     assert main(["view", "--no-browser"]) == 1
     assert f"run `{sys.executable} -m pip install 'aiohttp>=" in capsys.readouterr().err
-
-
-def test_no_browser_is_opened_where_there_is_no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert not program.has_screen()
-    monkeypatch.setenv("DISPLAY", ":0")
-    assert program.has_screen()
 
 
 def until(holds: Callable[[], bool]) -> None:

@@ -38,11 +38,6 @@ def test_a_layer_is_painted_with_its_shape_pose_motion_and_owner() -> None:
     )
 
 
-def test_a_friction_is_painted_as_the_amplitude_that_gives_it() -> None:
-    (layer,) = painted({"client": "study", "name": "ice", "friction": 0.0})
-    assert (layer["about"], layer["amplitude_um"], layer["shape"]) == ("friction 0.00", 2.0, None)
-
-
 def test_content_that_varies_is_a_picture_over_the_layer_s_box() -> None:
     grating = {"period_mm": 40.0, "high_um": 1.2, "duty_frac": 0.5}
     (layer,) = painted(
@@ -52,29 +47,6 @@ def test_content_that_varies_is_a_picture_over_the_layer_s_box() -> None:
     assert (layer["box_mm"], layer["most_um"], len(levels)) == ([40.0, 18.0], 1.2, SIDE * SIDE)
     row = levels[:SIDE]
     assert row == levels[-SIDE:] == bytes(SIDE // 4) + b"\xff" * (SIDE // 2) + bytes(SIDE // 4)
-
-
-def test_a_map_s_first_row_is_painted_at_the_top() -> None:
-    (layer,) = painted(
-        {"client": "a", "name": "map", "map": {"width": 1, "height": 2, "levels": b"\xff\0", "high_um": 1.0}}
-    )
-    levels = base64.b64decode(layer["levels"])
-    assert levels[0] > 240
-    assert levels[-1] < 15
-
-
-def test_pictures_of_unchanged_content_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    painter = SurfacePainter(DEFAULT_FRICTION_CURVE, PLATE_MM, 4.0)
-    layer = {"client": "a", "name": "s", "grating": {"period_mm": 4.0, "high_um": 1.0}, "circle_mm": 5.0}
-    before = painter.painted([layer])
-    monkeypatch.setattr(SurfacePainter, "_picture", lambda *_: pytest.fail("computed again"))
-    assert painter.painted([layer | {"position_mm": [1.0, 2.0]}])[0]["levels"] == before[0]["levels"]
-
-
-def test_what_a_newer_daemon_lays_is_left_out_and_the_rest_is_painted() -> None:
-    assert [
-        layer["name"] for layer in painted({"client": "a", "name": "x", "scent": "lemon"}, {"client": "a", **TILE})
-    ] == ["tile"]
 
 
 def test_a_drawn_surface_is_decoded_and_removed_by_its_name() -> None:
