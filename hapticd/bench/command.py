@@ -24,7 +24,6 @@ PARTS = {
     "prediction": Part("predictions 15 ms ahead on 15 motions", 1.5),
     "solver": Part("solvers against general optimisers", 0.8),
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
-    "dearest": Part("the longest pass of scenes that clients may ask for", 3.0, has_picture=False),
     "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
     "leak": Part("what fingers get in the closed loop, by which choice", 7.0),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),

@@ -17,7 +17,6 @@ from ..errors import UsageError
 from ..files.outputs import write_text
 from ..tools.touches import Trace, recorded
 from . import (
-    dearest,
     endurance,
     felt,
     felt_asked,
@@ -57,7 +56,6 @@ PARTS: dict[str, Part] = {
     "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "dearest": lambda _: (dearest.run(),),
     "landing": lambda _: (landing.run(),),
     "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run()),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds),

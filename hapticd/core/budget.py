@@ -5,8 +5,8 @@ part: fingers, the contents under them, edges on their ways, effects that are fe
 knot. Where that exceeds the budget the reference gets fewer knots, and where two are too many, fewer fingers take
 part: those of the lowest priority are left out first, of these the virtual ones, of these the newest.
 
-Estimates are in ns of machine code on the machine of `hapticd bench dearest`. `slowness` is how much longer passes take
-on this machine, as measured and handed in: it is an input like all others, so that replay decides the same.
+Estimates are in ns of machine code on the machine of `tests/core/test_dearest`. `slowness` is how much longer passes
+take on this machine, as measured and handed in: it is an input like all others, so that replay decides the same.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import dearest, felt, felt_asked, firmware, leak, modes, prediction, solver, tick
+from hapticd.bench import felt, felt_asked, firmware, leak, modes, prediction, solver, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
@@ -25,7 +25,6 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "modes": lambda: (modes.run(pairs=200, seeds=(1,), repeats=1, timed=20),),
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
-    "dearest": lambda: (dearest.run(scenes=24),),
     "firmware": lambda: firmware.run(repeats=1, ticks=20),
     "solver": lambda: (solver.run(problems=120, repeats=1, timed=5), felt.run(problems=6, repeats=1, starts=3)),
     "leak": lambda: (

@@ -8,6 +8,7 @@ import random
 import socket
 import sys
 import time
+from pathlib import Path
 
 import msgpack
 import zmq
@@ -107,7 +108,8 @@ def closing() -> None:
 
 def dear() -> None:
     """Another user's scenes that cost as much as any may, another one every 20 ms."""
-    from hapticd.bench.dearest_messages import scene
+    sys.path.append(str(Path(__file__).parents[1]))
+    from dear_scenes import scene
 
     if os.geteuid() == 0 and not is_remote:
         os.setuid(NOBODY)

@@ -1,6 +1,6 @@
 """What contents, layers and virtual fingers cost a pass: estimates of processor time, before anything is computed.
 
-They are sums over what a thing has, in ns of machine code on the machine of `hapticd bench dearest`, which compares
+They are sums over what a thing has, in ns of machine code on the machine of `tests/core/test_dearest`, which compares
 them with what passes take. Admission bounds their sums over all clients; what is admitted bounds a pass
 (`core.budget`), whatever lies under the fingers: each estimate is of a finger that meets all of a layer.
 """

@@ -10,9 +10,8 @@ import random
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
+from hapticd.bench.recording import LANDED_NS
 from hapticd_contract.base import PROTOCOL_VERSION
-
-from .recording import LANDED_NS
 
 Message = dict[str, Any]
 Draw = Callable[[random.Random], float]
