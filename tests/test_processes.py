@@ -30,7 +30,7 @@ def tasks_of(load: str, **environ: str) -> list[str]:
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 @pytest.mark.parametrize(
     "entry",
-    ["hapticd.__main__", "hapticd.sim.rig.program", "hapticd.tools.owned_process", "hapticd.bench.stall_monitor"],
+    ["hapticd.__main__", "hapticd.sim.rig.program", "hapticd.tools.owned_process", "hapticd.bench.soak_flood"],
 )
 def test_an_entry_point_starts_no_threads_for_numpy(entry: str) -> None:
     assert tasks_of(f"import {entry}") == ["1", "1", "1", "1"]
