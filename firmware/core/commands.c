@@ -1,4 +1,5 @@
-/* What a person's commands do to the core. Each is checked as a whole before anything is changed, and answered. */
+/* What a person's commands do to the core, and its replies to them: each command is checked as a whole before anything is
+ * changed, and answered. At the end the tables of all messages: a new one has its row there, and its functions here. */
 #include "commands.h"
 
 #include <string.h>
@@ -17,7 +18,7 @@ static void answer(hd_core_t *core, enum hd_message request, enum hd_verdict ver
 }
 
 /* Only the main loop changes the design that is in force, so it may be read here while a tick interrupts. */
-void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload)
+static void prepare_set_controller(hd_core_t *core, const uint8_t *payload)
 {
     hd_heard_t *heard = &core->heard;
     hd_wire_set_controller_t wire;
@@ -32,7 +33,7 @@ void hd_prepare_set_controller(hd_core_t *core, const uint8_t *payload)
     }
 }
 
-void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
@@ -47,7 +48,7 @@ void hd_take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_t no
     }
 }
 
-void hd_prepare_set_model(hd_core_t *core, const uint8_t *payload)
+static void prepare_set_model(hd_core_t *core, const uint8_t *payload)
 {
     hd_heard_t *heard = &core->heard;
     hd_wire_set_model_t wire;
@@ -74,7 +75,7 @@ static void wired_phasors(hd_phasor_t to[HD_MODES][HD_MODES], const hd_wire_phas
     }
 }
 
-void hd_prepare_set_wiring(hd_core_t *core, const uint8_t *payload)
+static void prepare_set_wiring(hd_core_t *core, const uint8_t *payload)
 {
     hd_heard_t *heard = &core->heard;
     hd_wire_set_wiring_t wire;
@@ -102,14 +103,14 @@ static bool take_plant(hd_core_t *core, enum hd_message request)
     return taken;
 }
 
-void hd_take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_set_model(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
     take_plant(core, HD_MSG_SET_MODEL);
 }
 
-void hd_take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
@@ -117,7 +118,7 @@ void hd_take_set_wiring(hd_core_t *core, const uint8_t *payload, uint32_t now_us
 }
 
 /* The modes stay where they are, and so are detuned by as much less. */
-void hd_prepare_set_drive(hd_core_t *core, const uint8_t *payload)
+static void prepare_set_drive(hd_core_t *core, const uint8_t *payload)
 {
     hd_heard_t *heard = &core->heard;
     hd_wire_set_drive_t wire;
@@ -135,7 +136,7 @@ void hd_prepare_set_drive(hd_core_t *core, const uint8_t *payload)
     }
 }
 
-void hd_take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)now_us;
     hd_wire_set_drive_t wire;
@@ -146,7 +147,7 @@ void hd_take_set_drive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
     }
 }
 
-void hd_take_set_baud(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_set_baud(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)now_us;
     hd_wire_set_baud_t wire;
@@ -161,7 +162,7 @@ void hd_take_set_baud(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
     }
 }
 
-void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     hd_wire_sweep_t sweep;
     memcpy(&sweep, payload, sizeof sweep);
@@ -177,7 +178,7 @@ void hd_take_sweep(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
     }
 }
 
-void hd_take_raw_voltage(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_raw_voltage(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     hd_wire_raw_voltage_t raw;
     memcpy(&raw, payload, sizeof raw);
@@ -197,7 +198,7 @@ void hd_take_raw_voltage(hd_core_t *core, const uint8_t *payload, uint32_t now_u
     }
 }
 
-void hd_take_set_telemetry(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_set_telemetry(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)now_us;
     hd_wire_set_telemetry_t wire;
@@ -206,7 +207,7 @@ void hd_take_set_telemetry(hd_core_t *core, const uint8_t *payload, uint32_t now
     answer(core, HD_MSG_SET_TELEMETRY, HD_VERDICT_DONE);
 }
 
-void hd_take_stop(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_stop(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
@@ -216,16 +217,127 @@ void hd_take_stop(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
     answer(core, HD_MSG_STOP, HD_VERDICT_DONE);
 }
 
-void hd_take_controller_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_controller_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
     core->pending |= HD_PENDING_CONTROLLER;
 }
 
-void hd_take_log_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+static void take_log_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
     core->pending |= HD_PENDING_LOG;
+}
+
+static bool fill_verdict(hd_core_t *core, uint32_t now_us, hd_message_t *message)
+{
+    (void)now_us;
+    uint8_t request = 0;
+    while ((core->verdicts & (1U << request)) == 0) {
+        request++;
+    }
+    core->verdicts &= ~(1U << request);
+    message->payload.verdict = (hd_wire_verdict_t){request, core->verdict[request]};
+    return true;
+}
+
+static bool fill_controller(hd_core_t *core, uint32_t now_us, hd_message_t *message)
+{
+    (void)now_us;
+    hd_wire_controller_t *controller = &message->payload.controller;
+    const hd_gains_t *gains = &core->control.design.gains;
+    *controller = (hd_wire_controller_t){
+        .law = gains->law,
+        .bandwidth_1_s = gains->bandwidth_1_s,
+        .integral_time_s = gains->integral_time_s,
+        .modes = HD_MODES,
+    };
+    for (int k = 0; k < HD_MODES; k++) {
+        const hd_mode_model_t *model = &core->control.design.plant.model[k];
+        controller->model[k] = (hd_wire_model_t){
+            model->decay_1_s, model->detuning_rad_s, model->gain_um_per_v_s, model->loop.d, model->loop.q,
+        };
+    }
+    return true;
+}
+
+static bool fill_log(hd_core_t *core, uint32_t now_us, hd_message_t *message)
+{
+    (void)now_us;
+    message->payload.log = (hd_wire_log_t){.reset_cause = core->config.reset_cause};
+    hd_log_read(&core->config.log, &message->payload.log);
+    return true;
+}
+
+static bool fill_sweep_point(hd_core_t *core, uint32_t now_us, hd_message_t *message)
+{
+    (void)now_us;
+    return hd_tool_pop(&core->tool, &message->payload.sweep_point);
+}
+
+static bool fill_telemetry(hd_core_t *core, uint32_t now_us, hd_message_t *message)
+{
+    (void)now_us;
+    return hd_telemetry_pop(&core->telemetry, &message->payload.telemetry);
+}
+
+/* Everything but REFERENCE, whose length varies. */
+static const hd_command_t COMMANDS[] = {
+    {HD_MSG_HELLO_REQUEST, 0, hd_take_hello_request, NULL},
+    {HD_MSG_KEEPALIVE, sizeof(hd_wire_keepalive_t), hd_take_keepalive, NULL},
+    {HD_MSG_TIME_REQUEST, sizeof(hd_wire_time_request_t), hd_take_time_request, NULL},
+    {HD_MSG_CLEAR_FAULT, 0, hd_take_clear_fault, NULL},
+    {HD_MSG_SET_CONTROLLER, sizeof(hd_wire_set_controller_t), take_set_controller, prepare_set_controller},
+    {HD_MSG_SET_MODEL, sizeof(hd_wire_set_model_t), take_set_model, prepare_set_model},
+    {HD_MSG_CONTROLLER_REQUEST, 0, take_controller_request, NULL},
+    {HD_MSG_SWEEP, sizeof(hd_wire_sweep_t), take_sweep, NULL},
+    {HD_MSG_RAW_VOLTAGE, sizeof(hd_wire_raw_voltage_t), take_raw_voltage, NULL},
+    {HD_MSG_SET_TELEMETRY, sizeof(hd_wire_set_telemetry_t), take_set_telemetry, NULL},
+    {HD_MSG_LOG_REQUEST, 0, take_log_request, NULL},
+    {HD_MSG_STOP, 0, take_stop, NULL},
+    {HD_MSG_SET_WIRING, sizeof(hd_wire_set_wiring_t), take_set_wiring, prepare_set_wiring},
+    {HD_MSG_SET_DRIVE, sizeof(hd_wire_set_drive_t), take_set_drive, prepare_set_drive},
+    {HD_MSG_SET_BAUD, sizeof(hd_wire_set_baud_t), take_set_baud, NULL},
+};
+
+/* By the bits of hd_pending. */
+static const hd_reply_t REPLIES[] = {
+    {HD_MSG_TIME, sizeof(hd_wire_time_t), hd_fill_time},
+    {HD_MSG_HELLO, sizeof(hd_wire_hello_t), hd_fill_hello},
+    {HD_MSG_STATUS, sizeof(hd_wire_status_t), hd_fill_status},
+    {HD_MSG_VERDICT, sizeof(hd_wire_verdict_t), fill_verdict},
+    {HD_MSG_CONTROLLER, sizeof(hd_wire_controller_t), fill_controller},
+    {HD_MSG_LOG, sizeof(hd_wire_log_t), fill_log},
+    {HD_MSG_SWEEP_POINT, sizeof(hd_wire_sweep_point_t), fill_sweep_point},
+    {HD_MSG_TELEMETRY, sizeof(hd_wire_telemetry_t), fill_telemetry},
+};
+
+const hd_command_t *hd_command(uint8_t type, size_t size)
+{
+    for (size_t i = 0; i < sizeof COMMANDS / sizeof COMMANDS[0]; i++) {
+        if (COMMANDS[i].type == type) {
+            return COMMANDS[i].size == size ? &COMMANDS[i] : NULL;
+        }
+    }
+    return NULL;
+}
+
+uint32_t hd_commands(void)
+{
+    uint32_t types = 1U << HD_MSG_REFERENCE;
+    for (size_t i = 0; i < sizeof COMMANDS / sizeof COMMANDS[0]; i++) {
+        types |= 1U << COMMANDS[i].type;
+    }
+    return types;
+}
+
+const hd_reply_t *hd_reply(enum hd_pending kind)
+{
+    const hd_reply_t *reply = REPLIES;
+    for (unsigned bits = kind; bits > 1; bits >>= 1) {
+        reply++;
+    }
+    return reply;
 }

@@ -1,4 +1,4 @@
-/* Handlers of the host's messages. Each message is validated completely before it changes anything. */
+/* The host's frames, and the messages of its session. Each is validated completely before it changes anything. */
 #include <string.h>
 
 #include "commands.h"
@@ -140,7 +140,7 @@ static bool outlived(const hd_core_t *core, uint32_t now_us)
     return moves_um > 0.0f && now_us - core->newest.t_received_us > HD_REFERENCE_AGE_US;
 }
 
-static void take_keepalive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+void hd_take_keepalive(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     hd_wire_keepalive_t keepalive;
     memcpy(&keepalive, payload, sizeof keepalive);
@@ -152,7 +152,7 @@ static void take_keepalive(hd_core_t *core, const uint8_t *payload, uint32_t now
     }
 }
 
-static void take_hello_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+void hd_take_hello_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
@@ -171,7 +171,7 @@ static void take_hello_request(hd_core_t *core, const uint8_t *payload, uint32_t
     core->pending |= HD_PENDING_HELLO;
 }
 
-static void take_clear_fault(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+void hd_take_clear_fault(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     (void)payload;
     (void)now_us;
@@ -185,7 +185,7 @@ static void take_clear_fault(hd_core_t *core, const uint8_t *payload, uint32_t n
     core->pending |= HD_PENDING_STATUS;
 }
 
-static void take_time_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
+void hd_take_time_request(hd_core_t *core, const uint8_t *payload, uint32_t now_us)
 {
     hd_wire_time_request_t request;
     memcpy(&request, payload, sizeof request);
@@ -194,57 +194,12 @@ static void take_time_request(hd_core_t *core, const uint8_t *payload, uint32_t 
     core->pending |= HD_PENDING_TIME;
 }
 
-typedef struct {
-    uint8_t type;
-    uint16_t size; /* of the payload */
-    void (*take)(hd_core_t *core, const uint8_t *payload, uint32_t now_us);
-    void (*prepare)(hd_core_t *core, const uint8_t *payload); /* work too long for the lock; or NULL */
-} message_t;
-
-/* Everything but REFERENCE, whose length varies. */
-static const message_t MESSAGES[] = {
-    {HD_MSG_HELLO_REQUEST, 0, take_hello_request, NULL},
-    {HD_MSG_KEEPALIVE, sizeof(hd_wire_keepalive_t), take_keepalive, NULL},
-    {HD_MSG_TIME_REQUEST, sizeof(hd_wire_time_request_t), take_time_request, NULL},
-    {HD_MSG_CLEAR_FAULT, 0, take_clear_fault, NULL},
-    {HD_MSG_SET_CONTROLLER, sizeof(hd_wire_set_controller_t), hd_take_set_controller, hd_prepare_set_controller},
-    {HD_MSG_SET_MODEL, sizeof(hd_wire_set_model_t), hd_take_set_model, hd_prepare_set_model},
-    {HD_MSG_CONTROLLER_REQUEST, 0, hd_take_controller_request, NULL},
-    {HD_MSG_SWEEP, sizeof(hd_wire_sweep_t), hd_take_sweep, NULL},
-    {HD_MSG_RAW_VOLTAGE, sizeof(hd_wire_raw_voltage_t), hd_take_raw_voltage, NULL},
-    {HD_MSG_SET_TELEMETRY, sizeof(hd_wire_set_telemetry_t), hd_take_set_telemetry, NULL},
-    {HD_MSG_LOG_REQUEST, 0, hd_take_log_request, NULL},
-    {HD_MSG_STOP, 0, hd_take_stop, NULL},
-    {HD_MSG_SET_WIRING, sizeof(hd_wire_set_wiring_t), hd_take_set_wiring, hd_prepare_set_wiring},
-    {HD_MSG_SET_DRIVE, sizeof(hd_wire_set_drive_t), hd_take_set_drive, hd_prepare_set_drive},
-    {HD_MSG_SET_BAUD, sizeof(hd_wire_set_baud_t), hd_take_set_baud, NULL},
-};
-
-static const message_t *known(uint8_t type, size_t size)
+static bool prepare(hd_core_t *core, const hd_command_t *command, const uint8_t *payload)
 {
-    for (size_t i = 0; i < sizeof MESSAGES / sizeof MESSAGES[0]; i++) {
-        if (MESSAGES[i].type == type) {
-            return MESSAGES[i].size == size ? &MESSAGES[i] : NULL;
-        }
+    if (command != NULL && command->prepare != NULL) {
+        command->prepare(core, payload);
     }
-    return NULL;
-}
-
-uint32_t hd_commands(void)
-{
-    uint32_t types = 1U << HD_MSG_REFERENCE;
-    for (size_t i = 0; i < sizeof MESSAGES / sizeof MESSAGES[0]; i++) {
-        types |= 1U << MESSAGES[i].type;
-    }
-    return types;
-}
-
-static bool prepare(hd_core_t *core, const message_t *message, const uint8_t *payload)
-{
-    if (message != NULL && message->prepare != NULL) {
-        message->prepare(core, payload);
-    }
-    return message != NULL;
+    return command != NULL;
 }
 
 bool hd_hear(hd_core_t *core, uint8_t byte)
@@ -258,7 +213,7 @@ bool hd_hear(hd_core_t *core, uint8_t byte)
     heard->whole = event == HD_RX_FRAME;
     heard->valid = heard->whole
         && (frame[0] == HD_MSG_REFERENCE ? read_reference(core, frame + 1, heard->frame_n - 1)
-                                         : prepare(core, known(frame[0], heard->frame_n - 1), frame + 1));
+                                         : prepare(core, hd_command(frame[0], heard->frame_n - 1), frame + 1));
     return true;
 }
 
@@ -276,7 +231,7 @@ void hd_obey(hd_core_t *core, uint32_t now_us)
     if (frame[0] == HD_MSG_REFERENCE) {
         take_reference(core, now_us);
     } else {
-        known(frame[0], core->heard.frame_n - 1)->take(core, frame + 1, now_us);
+        hd_command(frame[0], core->heard.frame_n - 1)->take(core, frame + 1, now_us);
     }
 }
 

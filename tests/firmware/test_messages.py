@@ -32,7 +32,7 @@ from hapticd.board_values import BoardController, BoardHello, BoardLog, BoardSta
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import FLAG_LIVE
 from hapticd.values import Knot, LimitReason, SafeDrive
-from hapticd.wire import board_messages, device
+from hapticd.wire import board_messages, commands, device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 from .bench import Bench, of_kind, untouched
@@ -69,7 +69,7 @@ def test_the_hello_tells_versions_limits_and_rates(bench: Bench) -> None:
         w_limit_um=(4.0, 4.0),
         v_limit_v=150.0,
         has_sync=True,
-        commands=0x1FFFE,
+        commands=commands.ALL_COMMANDS,
     )
     device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
 
