@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple
 
 from . import board_protocol as protocol
-from .board_protocol import BoardState, PlainCommand, PlainMessage
+from .board_protocol import BoardState, PlainCommand, PlainMessage, SetBaud, SetDrive, SetTelemetry
 from .values import SafeDrive
 
 
@@ -133,6 +133,7 @@ class ReferenceFrame(NamedTuple):
     has_pulse: bool = False
 
 
+BoardSetting = SetController | SetModel | SetWiring | SetDrive | SetBaud | SetTelemetry
 BoardCommand = PlainCommand | SetController | SetModel | SetWiring | ReferenceFrame
 
 # --- messages ---------------------------------------------------------------------------------------------------

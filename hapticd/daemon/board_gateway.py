@@ -17,8 +17,6 @@ from ..board_protocol import (
     ClearFault,
     HelloRequest,
     SetBaud,
-    SetDrive,
-    SetTelemetry,
     Verdict,
 )
 from ..board_values import (
@@ -27,9 +25,6 @@ from ..board_values import (
     BoardMessage,
     BoardStatus,
     Calibration,
-    SetController,
-    SetModel,
-    SetWiring,
 )
 from ..config.sections import Config
 from ..core.board.session import SILENT, STOPPED_AFTER_NS, BoardSession
@@ -49,20 +44,10 @@ INCOMPLETE_AFTER_NS = 1_500_000_000  # a handshake takes a tenth of that: then a
 FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise take this one with it
 # A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
 START_COMPUTE_NS = 400_000
-ANSWERED_AS = {  # by VERDICT
-    SetController: protocol.MSG_SET_CONTROLLER,
-    SetModel: protocol.MSG_SET_MODEL,
-    SetWiring: protocol.MSG_SET_WIRING,
-    SetTelemetry: protocol.MSG_SET_TELEMETRY,
-    SetDrive: protocol.MSG_SET_DRIVE,
-    SetBaud: protocol.MSG_SET_BAUD,
-}
-PULSE_EVERY_NS = 20_000_000  # the board leaves out earlier ones
 LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
 CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
 CHECK_THE_FIRMWARE = "flash the firmware that came with this hapticd"
 PASSED, MOVED, UNSAFE, UNKNOWN, RUNNING = "passed", "moved", "unsafe", "unknown", "running"  # outcomes of a self-test
-VERDICTS = {Verdict.OUT_OF_RANGE: "a value is out of range", Verdict.NOT_QUIET: "it is busy or has a fault"}
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
 # predict so much farther ahead leaks 0.7 % more (strokes, seeds 1 to 5) than to miss the first tick of each.
 
@@ -99,7 +84,7 @@ class BoardGateway:
         self.write = write
         self._first_baud = self.baud = config.device.baud
         self._set_baud = set_baud
-        self._t_pulse_ns = -PULSE_EVERY_NS
+        self._t_pulse_ns = -protocol.PULSE_EVERY_NS
         self._config = config
         self._w_limit_um = config.limits.w_limit_um
         self._calibration = calibration
@@ -164,12 +149,13 @@ class BoardGateway:
     def _take_verdict(self, answer: BoardVerdict, t_now_ns: int) -> None:
         """Send the next setting, if this one was taken. A board that refuses one is not driven."""
         setting, is_taken = self.session.setting, answer.verdict is Verdict.DONE
-        is_awaited = setting is not None and ANSWERED_AS.get(type(setting)) == answer.request
+        is_awaited = setting is not None and setting.kind == answer.request
         if is_awaited:
             self._send(self.session.receive_answer(t_now_ns, is_taken=is_taken), t_now_ns)
         what = protocol.COMMANDS.get(answer.request, f"message {answer.request:#04x}")
         is_needed = not isinstance(setting, SetBaud)  # without another speed the session goes on
-        refusal = "" if is_taken or not is_needed else f"The board refuses {what}: {VERDICTS[answer.verdict]}."
+        why = protocol.VERDICTS[answer.verdict.value]
+        refusal = "" if is_taken or not is_needed else f"The board refuses {what}: {why}."
         if refusal and refusal != self.refused:
             log.error("board refused: %s", refusal)
         if is_awaited:
@@ -299,7 +285,7 @@ class BoardGateway:
             raise RequestError("The board does not answer, so its sync output cannot rise: connect it first.")
         if not hello.has_sync:
             raise RequestError("This board has no sync output: leave `pulse` out, or flash a firmware that has one.")
-        if self.session.must_pulse or t_now_ns - self._t_pulse_ns < PULSE_EVERY_NS:
+        if self.session.must_pulse or t_now_ns - self._t_pulse_ns < protocol.PULSE_EVERY_NS:
             raise RequestError("The sync output rises at most every 20 ms: leave as much time between pulses.")
         self._t_pulse_ns = t_now_ns
         self.session.must_pulse = True

@@ -98,7 +98,9 @@ def _read_hello(payload: bytes) -> BoardHello | None:
     return BoardHello(w_limit_um=w_limit_um, **fields) if is_sound else None
 
 
-_ENDS_OF_STATUS: Final = [struct.calcsize(protocol.MORE_STATUS.format[:n]) for n in range(1, 6)]  # between fields
+_MORE_STATUS: Final = protocol.MORE_STATUS.format
+_ENDS_OF_STATUS: Final = [struct.calcsize(_MORE_STATUS[: n + 1]) for n in range(len(_MORE_STATUS))]  # between fields
+_NUMBERED: Final = _ENDS_OF_STATUS[protocol.MORE_STATUS_FIELDS.index("number") + 1]
 
 
 def _read_status(payload: bytes) -> BoardStatus | None:
@@ -106,8 +108,8 @@ def _read_status(payload: bytes) -> BoardStatus | None:
     state, flags, modes = (fields.pop(name) for name in ("state", "flags", "modes"))
     values = struct.unpack_from(f"<{4 * modes}f", payload, protocol.STATUS.size)
     more = payload[protocol.STATUS.size + protocol.MODE.size * modes :]  # which grows, as that of HELLO
-    is_numbered = len(more) >= protocol.MORE_STATUS.size
-    if not is_numbered and len(more) not in _ENDS_OF_STATUS:
+    is_numbered = len(more) >= _NUMBERED
+    if len(more) < protocol.MORE_STATUS.size and len(more) not in _ENDS_OF_STATUS:
         return None
     more = more.ljust(protocol.MORE_STATUS.size, b"\0")
     fields |= zip(protocol.MORE_STATUS_FIELDS, protocol.MORE_STATUS.unpack_from(more), strict=True)

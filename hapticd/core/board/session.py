@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from typing import Final
 
+from ... import board_protocol as protocol
 from ...board_protocol import BoardState, BoardTime, HelloRequest, Keepalive, SetBaud, TimeRequest
 from ...board_values import (
     UNCALIBRATED,
     BoardCommand,
     BoardHello,
+    BoardSetting,
     BoardStatus,
     Calibration,
     ReferenceFrame,
@@ -46,8 +48,6 @@ MUTE_AFTER_NS: Final = 150_000_000  # without a status, which comes every 100 ms
 SILENT_AFTER_NS: Final = 1_000_000_000  # then the handshake starts again
 STOPPED_AFTER_NS: Final = 600_000_000  # between two timers: the host was stopped, and has not read what the board sent
 RENEW_AFTER_NS: Final = 3_000_000_000  # of a reference that holds: the board drops one of 10 s that moves the plate
-STALE_NS: Final = 50_000_000  # the board drops what is later than that
-REARM_FRAMES: Final = 3  # in a row; the board takes them at once
 COMPARABLE_AFTER_NS: Final = 1_000_000_000  # after that: until then two statuses may lie either side of a full buffer
 SENSELESS_TIMES: Final = 3  # replies in a row whose own times contradict each other: noise makes no more
 
@@ -124,7 +124,7 @@ class BoardSession:
         return "" if self._is_reporting else "STATUS"
 
     @property
-    def setting(self) -> BoardCommand | None:
+    def setting(self) -> BoardSetting | None:
         """The setting that the board has not taken yet."""
         return self._settings.next
 
@@ -270,7 +270,7 @@ class BoardSession:
         if self._held is None or self._must_wait(t_now_ns):
             return []
         drive, tick = self._held
-        return [] if t_now_ns - drive.t_apply_ns > STALE_NS else self.reference(drive, tick, t_now_ns)
+        return [] if t_now_ns - drive.t_apply_ns > protocol.STALE_NS else self.reference(drive, tick, t_now_ns)
 
     def timer(self, t_now_ns: int) -> list[BoardCommand]:
         """Return what is due: hello and time requests, keep-alives, and zero frames until the board is armed."""
@@ -331,7 +331,7 @@ class BoardSession:
         self.is_resting = False
         self._t_status_ns = t_now_ns  # while the host rests, what the board sends waits in the port
         zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
-        frames = [command for _ in range(REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
+        frames = [command for _ in range(protocol.REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
         return [*frames, *self._settings.telemetry]  # which the hello request has stopped
 
     @property

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
+from ... import board_protocol as protocol
 from ...board_protocol import SetBaud, SetDrive, SetTelemetry
 from ...board_values import (
     BoardCommand,
     BoardHello,
+    BoardSetting,
     Calibration,
     SetController,
     SetModel,
@@ -18,7 +20,6 @@ from .periodic_timer import PeriodicTimer
 
 REPEAT_EVERY_NS: Final = 100_000_000
 SAME_DRIVE_HZ: Final = 0.01  # float32 resolves 0.002 Hz there
-FOLLOW_HZ: Final = 120.0  # how far the drive follows the plate: the board's own reach
 
 
 class BoardSettings:
@@ -28,11 +29,11 @@ class BoardSettings:
         self.telemetry: Final = [SetTelemetry(telemetry_hz)] if telemetry_hz > 0 else []
         self._controller: Final = controller
         self._calibration: Final = calibration
-        self._left: deque[BoardCommand] = deque()
+        self._left: deque[BoardSetting] = deque()
         self._repeating = PeriodicTimer(REPEAT_EVERY_NS)
 
     @property
-    def next(self) -> BoardCommand | None:
+    def next(self) -> BoardSetting | None:
         """The setting that is sent, and again until the board takes it."""
         return self._left[0] if self._left else None
 
@@ -47,7 +48,7 @@ class BoardSettings:
             return
         drive_hz = self.drive_hz(hello)
         moves = abs(drive_hz - hello.drive_hz) > SAME_DRIVE_HZ
-        drive = [SetDrive(drive_hz, FOLLOW_HZ)] if moves else []
+        drive = [SetDrive(drive_hz, protocol.FOLLOW_HZ)] if moves else []
         models = [SetModel(measured.mode, measured.model(drive_hz)) for measured in self._calibration.modes]
         wiring = SetWiring.of(self._calibration, hello.modes)
         wires = [] if wiring is None else [wiring]

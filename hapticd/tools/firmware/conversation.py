@@ -19,6 +19,10 @@ TRIES = 4
 ANSWER_WITHIN_S = 0.4  # of each try; the board answers at once
 ALIVE_EVERY_S = 0.015  # of the board's dead-man timeout of 50 ms
 DRAIN_WITHIN_S = 0.1  # for the last frame to be sent
+REMEDIES = {
+    Verdict.OUT_OF_RANGE: " (firmware/PROTOCOL.md)",
+    Verdict.NOT_QUIET: ": see `hapticd firmware info`, and `clear-fault`",
+}
 
 Message = BoardMessage
 Answer = TypeVar("Answer", bound=Message)
@@ -107,12 +111,9 @@ class Conversation:
         """Send the command; raise DeviceError unless the board executes it."""
         answer = await self.ask(command, BoardVerdict)
         what = protocol.COMMANDS.get(answer.request, "the command")
-        if answer.verdict is Verdict.OUT_OF_RANGE:
-            raise DeviceError(f"The board refuses {what}: a value is out of bounds (firmware/PROTOCOL.md).")
-        if answer.verdict is Verdict.NOT_QUIET:
-            raise DeviceError(
-                f"The board refuses {what}: it is busy or has a fault: see `hapticd firmware info`, and `clear-fault`."
-            )
+        if answer.verdict is not Verdict.DONE:
+            why = protocol.VERDICTS[answer.verdict.value]
+            raise DeviceError(f"The board refuses {what}: {why}{REMEDIES[answer.verdict]}.")
 
     @contextlib.contextmanager
     def driving(self) -> Iterator[None]:

@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
+from ... import board_protocol as protocol
 from ...board_protocol import (
     BoardState,
     BoardTime,
@@ -186,7 +187,7 @@ async def _clear_fault(board: Conversation, options: argparse.Namespace) -> None
     status = await board.ask(ClearFault(), BoardStatus)
     if status.state is BoardState.FAULT:
         raise DeviceError("The board's fault persists: it refuses its own configuration, so flash another firmware.")
-    print(f"The board is {text.STATES[status.state]}.")
+    print(f"The board is {protocol.STATES[status.state.value]}.")
 
 
 async def _gains(board: Conversation, options: argparse.Namespace) -> None:

@@ -23,13 +23,6 @@ from ...board_values import (
 )
 from ...design.resonance import Resonance
 
-STATES = {
-    BoardState.QUIET: "quiet",
-    BoardState.LIVE: "live: it follows references",
-    BoardState.FAULT: "fault",
-    BoardState.TOOL: "busy with a sweep or a raw voltage",
-}
-
 
 def show(line: str, *, is_all: bool) -> None:
     """Print a line at once. If its reader has gone, as by `| head`, raise BrokenPipeError where printing `is_all` that
@@ -63,7 +56,7 @@ def as_json(value: Any) -> str:
 def board(hello: BoardHello, status: BoardStatus, round_trip_ms: float) -> str:
     """Return the board's identity and status."""
     limits = ", ".join(f"{limit_um:g}" for limit_um in hello.w_limit_um)
-    state = STATES[status.state]
+    state = protocol.STATES[status.state.value]
     if status.state is BoardState.FAULT:
         state += f": {protocol.FAULTS.get(status.fault_code, f'code {status.fault_code}')}"
     rows = (
