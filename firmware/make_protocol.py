@@ -29,7 +29,7 @@ WIDTH = 120
 # bounds that the host checks.
 BOUNDED = {"SET_CONTROLLER", "SET_MODEL", "SET_WIRING", "HELLO"}
 SHAPED = BOUNDED | {"REFERENCE", "STATUS", "CONTROLLER", "SWEEP_POINT", "TELEMETRY", "LOG"}
-CLASSES = {"state": ("BoardState", "The firmware's state."), "verdict": ("Verdict", "The result of a command.")}
+CLASSES = {"state": ("BoardState", "The firmware's state."), "verdict": ("CommandResult", "The result of a command.")}
 FLAGS = {"status_flag": "STATUS", "feature": "FEATURE"}
 REPEATED = {"reference": ("knots", "knot")}  # what follows a payload: the field that counts it, and its structure
 COUNTS = {"HD_MODES": "M", "HD_MODES * HD_MODES": "M x M", "HD_LOG_ENTRIES": "8"}

@@ -80,7 +80,7 @@ MSG_LOG: Final = 0x87
 MSG_VERDICT: Final = 0x88
 
 
-class Verdict(Enum):
+class CommandResult(Enum):
     """The result of a command."""
 
     DONE = 0
@@ -442,7 +442,7 @@ class BoardVerdict:
     layout: ClassVar = VERDICT
     bounds: ClassVar[Bounds] = {}
     request: int
-    verdict: Verdict
+    verdict: CommandResult
 
 
 PlainCommand = (

@@ -25,6 +25,10 @@ import numpy.typing as npt
 
 WEBER_FRAC = 0.11  # least relative change of friction that is felt (Gueorguiev et al., J. R. Soc. Interface 2017)
 
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+FingerKey = int | str  # a finger's id, or a virtual finger's name
+
 # --- where the trackpad lies ------------------------------------------------------------------------------------
 
 
@@ -141,8 +145,8 @@ class Solution(NamedTuple):
     2-norm condition number of phi, inf where it is singular.
     """
 
-    modal_um: npt.NDArray[np.float64]
-    achieved_um: npt.NDArray[np.float64]
+    modal_um: FloatArray
+    achieved_um: FloatArray
     limited: bool
     condition: float
 

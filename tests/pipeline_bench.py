@@ -9,7 +9,7 @@ from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
-from hapticd.core.touch.fingers import Predictor
+from hapticd.core.touch.fingers import FingerPredictor
 from hapticd.values import Aim, Contact, FingerFrame, Tick, TouchFrame
 from hapticd_contract.contents import Amplitude, Content
 from hapticd_contract.surfaces import Polygon, VirtualPath
@@ -31,7 +31,7 @@ def sine_plate() -> ModeShapes:
 PLATE = sine_plate()
 
 
-class CountedPredictor(Predictor):
+class CountedPredictor(FingerPredictor):
     """The default predictor; all of them together count their predictions."""
 
     predictions = 0

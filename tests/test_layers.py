@@ -28,7 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "board_protocol": set(),
     "board_values": {"values", "board_protocol"},
     "compiled": {"errors"},
-    "formats": {"errors", "regular_file"},
+    "formats": {*VALUES, "regular_file"},
     "config": {"errors", "formats"},
     "core": {*VALUES, "formats"},
     "wire": VALUES,
@@ -256,3 +256,18 @@ def test_a_heavy_library_is_imported_where_it_is_needed_alone(libraries: set[str
         roots = {name.split(".")[0] for name in imported_names(path)}
         is_allowed = str(path.relative_to(PACKAGE)).startswith(parts)
         assert is_allowed or not roots & libraries, path
+
+
+def test_a_name_of_many_homes_has_one() -> None:
+    """What misled most: the same word for another thing, or for the same one written again."""
+    homes: dict[str, list[str]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        for node in parsed(path).body:
+            if isinstance(node, ast.ClassDef):
+                homes.setdefault(node.name, []).append(module_of(path))
+            elif isinstance(node, ast.Assign):
+                for target in node.targets:
+                    if isinstance(target, ast.Name):
+                        homes.setdefault(target.id, []).append(module_of(path))
+    single = ("Verdict", "Predictor", "Problem", "FloatArray", "ComplexArray", "FingerKey", "PeriodicTimer")
+    assert {name: homes[name] for name in single if len(homes.get(name, [])) > 1} == {}

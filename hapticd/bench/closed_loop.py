@@ -25,11 +25,10 @@ from ..sim.board.board import (
     reference_gain_um_per_v_s,
 )
 from ..sim.score import rms
-from ..values import Knot, LimitReason, SafeDrive
+from ..values import FloatArray, Knot, LimitReason, SafeDrive
 from ..wire import device
 
 Phasors = npt.NDArray[np.complex128]
-Floats = npt.NDArray[np.float64]
 KnotsAt = Callable[[float], list[tuple[float, Phasors]]]  # of a frame that starts at an instant (s): ms after it, um
 
 SETTLED_FRAC = 0.02
@@ -130,7 +129,7 @@ class Law:
         return between_ticks(trace, plate, landing_1_s[:, 0], self.tick_ms)[ticks:].ravel()
 
 
-def between_ticks(trace: BoardTrace, plate: Plate, contact_1_s: Floats, tick_ms: float) -> Phasors:
+def between_ticks(trace: BoardTrace, plate: Plate, contact_1_s: FloatArray, tick_ms: float) -> Phasors:
     """W_X (ticks, chunks of a tick) from each tick on, exact: a tick's voltage takes over after the first chunk."""
     decay_1_s, detuning_rad_s = plate.decay_1_s, 2.0 * math.pi * (plate.detune_hz - 10.0)
     rate_1_s = -(decay_1_s + np.append(contact_1_s[1:], 0.0)) + 1j * detuning_rad_s
@@ -183,7 +182,7 @@ def follow(
     knots_at: KnotsAt,
     ticks: int,
     every: int,
-    touch: tuple[Floats, Floats] | tuple[Floats, Floats, Floats] | None = None,
+    touch: tuple[FloatArray, FloatArray] | tuple[FloatArray, FloatArray, FloatArray] | None = None,
 ) -> BoardTrace:
     """Drive the board with the knots that `knots_at` gives for each frame.
 

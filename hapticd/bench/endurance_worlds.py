@@ -13,7 +13,8 @@ import numpy as np
 from ..config.sections import LEAST_MODES, MOST_MODES
 from ..sim.board.board import BoardConfig, PlateModel
 from ..sim.plate.wirings import IDENTITY, PAPER, wiring
-from .closed_loop import LIMIT_V, NOISE_UM, Floats, Phasors
+from ..values import FloatArray
+from .closed_loop import LIMIT_V, NOISE_UM, Phasors
 
 RUN_S = 30.0
 KINDS = tuple(
@@ -48,10 +49,10 @@ class World:
     kind: str
     plate: PlateModel
     config: BoardConfig
-    touch: tuple[Floats, Floats, Floats]
+    touch: tuple[FloatArray, FloatArray, FloatArray]
     frame_s: float
     knots_at: Callable[[float], Knots]
-    detuning_at: Callable[[float], Floats]
+    detuning_at: Callable[[float], FloatArray]
 
 
 def draw(seed: int, seconds: float = RUN_S, *, far: bool = False) -> World:
@@ -98,19 +99,21 @@ def _loop_phases(random: np.random.Generator, modes: int, *, own: bool) -> tuple
     return tuple(np.broadcast_to(drawn, modes).tolist())
 
 
-def _drift(random: np.random.Generator, nominal_rad_s: Floats) -> Callable[[float], Floats]:
+def _drift(random: np.random.Generator, nominal_rad_s: FloatArray) -> Callable[[float], FloatArray]:
     """Detuning over time: all modes move at a constant speed and turn back at the ends of the range."""
     start_hz, speed_hz_s = random.uniform(-DRIFT_HZ, DRIFT_HZ), random.uniform(-DRIFT_HZ_PER_S, DRIFT_HZ_PER_S)
     own_rad_s = nominal_rad_s + 2.0 * np.pi * random.uniform(-APART_HZ, APART_HZ, len(nominal_rad_s))
 
-    def detuning_at(t_s: float) -> Floats:
+    def detuning_at(t_s: float) -> FloatArray:
         folded_hz = abs((start_hz + speed_hz_s * t_s - DRIFT_HZ) % (4.0 * DRIFT_HZ) - 2.0 * DRIFT_HZ) - DRIFT_HZ
         return np.asarray(own_rad_s + 2.0 * np.pi * folded_hz)
 
     return detuning_at
 
 
-def _touch(random: np.random.Generator, ticks: int, control_hz: float, modes: int) -> tuple[Floats, Floats, Floats]:
+def _touch(
+    random: np.random.Generator, ticks: int, control_hz: float, modes: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mode shapes, decay and detuning at fingers that land, stroke or stay, and lift, each within one tick."""
     phi, decay_1_s, detuning_rad_s = np.zeros((ticks, FINGERS, modes)), *np.zeros((2, ticks, FINGERS))
     for finger in range(FINGERS):

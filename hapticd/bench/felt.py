@@ -22,11 +22,10 @@ from ..core.solver.instant import InstantSolver, Place
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM
-from ..values import WEBER_FRAC
+from ..values import WEBER_FRAC, FloatArray
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
-FloatArray = npt.NDArray[np.float64]
 Phasors = npt.NDArray[np.complex128]
 SIZES = ((2, 4), (2, 6), (2, 8), (3, 8), (5, 8))  # fingers and modes
 DRIVEN = 6

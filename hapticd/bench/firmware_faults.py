@@ -17,8 +17,9 @@ from ..board_values import BoardLog
 from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from ..sim.board.carrier import Converters
 from ..sim.plate.wirings import IDENTITY, PAPER, wiring
+from ..values import FloatArray
 from ..wire import device
-from .closed_loop import LIMIT_V, NOISE_UM, Floats, follow
+from .closed_loop import LIMIT_V, NOISE_UM, follow
 from .tables import Table, finite_rows
 
 ASKED_UM = ((0.02, 0.0), (0.4, 0.1), (2.0, 0.0), (3.9, 0.5))
@@ -33,8 +34,8 @@ Run = tuple[Board, BoardTrace]
 def board(
     name: str = IDENTITY,
     *,
-    amplifiers: Floats | None = None,
-    sensors: Floats | None = None,
+    amplifiers: FloatArray | None = None,
+    sensors: FloatArray | None = None,
     phase_deg: float = 0.0,
     gain: float = 1.0,
     damping: float = 1.0,

@@ -17,19 +17,8 @@ from ..sim.fingers.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import rms
 from ..sim.world import board_config, plate_model
-from .closed_loop import (
-    SETTLED_FRAC,
-    Floats,
-    Law,
-    Phasors,
-    Plate,
-    follow,
-    measure,
-    step,
-    step_trace,
-    stepped,
-    tracking_figures,
-)
+from ..values import FloatArray
+from .closed_loop import SETTLED_FRAC, Law, Phasors, Plate, follow, measure, step, step_trace, stepped, tracking_figures
 
 LARGE_UM = 2.0
 UNREACHABLE_UM = 3.9
@@ -131,9 +120,9 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
 
 
 @lru_cache(maxsize=4)
-def _strokes(speed_mm_s: float, seconds: float) -> tuple[Floats, Floats, Floats]:
+def _strokes(speed_mm_s: float, seconds: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Each millisecond: time (T,), shapes under both fingers (T, 2, P), modal amplitudes (T, 2) of the solver."""
-    t_s: Floats = np.arange(round(seconds * 1e3) + 1, dtype=np.float64) * 1e-3
+    t_s: FloatArray = np.arange(round(seconds * 1e3) + 1, dtype=np.float64) * 1e-3
     actors = SCENARIOS["strokes"].build(1, speed_mm_s)
     paths = [actor.path for actor in actors if actor.path is not None]
     phi = GroundTruth().shapes(np.stack([path.position_mm(t_s + 1.0) for path in paths], axis=1))

@@ -12,16 +12,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.solver.points.general import solve_fast
 from ..design import free_plate_modes
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
+from ..values import FloatArray
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
-FloatArray = npt.NDArray[np.float64]
 Shapes = Callable[[float, float], Sequence[float]]  # of all modes at one position, in mm
 
 DEFAULT = "bicubic"

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..sim.fingers.pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from ..sim.fingers.paths import Circle, Line, Path, Reach, Rest, Strokes
-
-FloatArray = npt.NDArray[np.float64]
+from ..values import FloatArray
 
 NOISE_MM, QUIET_NOISE_MM, STEP_MM, STAMP_ERROR_S = 0.05, 0.02, 0.02, 1e-3
 PERIOD_S = 0.010  # 100 Hz, the rate for which the goals are stated; the default predictor expects 88.9 Hz

@@ -16,8 +16,9 @@ import numpy as np
 from ..core.prediction.motion import MotionModel, Sample
 from ..core.prediction.predictor import Predictor, PredictorFactory
 from ..sim.fingers.paths import Reach
+from ..values import FloatArray
 from .baselines import PREDICTORS
-from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, FloatArray, Touch, filtered_touch, touch
+from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, Touch, filtered_touch, touch
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare
 

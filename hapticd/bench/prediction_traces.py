@@ -15,7 +15,8 @@ import numpy as np
 from ..core.prediction.pad_memory import CLASSES, SLOWEST_MM_S, PadMemory, speed_class
 from ..core.prediction.predictor import DEFAULT as FACTORY
 from ..core.prediction.predictor import Predictor
-from ..tools.touches import FloatArray, Trace
+from ..tools.touches import Trace
+from ..values import FloatArray
 from .baselines import PREDICTORS
 from .tables import Table, finite_rows
 from .traces import by_device

@@ -36,6 +36,7 @@ from ..sim.score import rms
 from ..sim.world import Recording
 from ..sim.world_tolerances import draw
 from ..tools.progress import Progress
+from ..values import FloatArray
 from . import touching
 from .calibrating import CalibratingSimulation
 from .soak import ALL, Findings, added, check_length, judged
@@ -44,7 +45,6 @@ from .tables import Table
 
 log = logging.getLogger("hapticd")
 
-Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MOST_HOURS = 24.0
@@ -189,7 +189,7 @@ class _Spans:
         failures += [f"{self._where}, {sentence}" for sentence in self._watch.undetected]
         self._found.append(Findings({ALL: figures}, failures))
 
-    def _check_fault(self, fault: Fault, t_s: Floats, level_um: Floats) -> Findings:
+    def _check_fault(self, fault: Fault, t_s: FloatArray, level_um: FloatArray) -> Findings:
         """Check one fault; a link that jitters delivers the last frame that much later."""
         name, quiet_within_ms = fault.kind.name, fault.kind.quiet_within_ms
         which = f"{self._where}, {name} from {fault.t_from_s:.3f} to {fault.t_until_s:.3f} s"
@@ -243,7 +243,7 @@ class _CalibratingSpans(_Spans):
         shapes = self._simulation.world.plate.shapes(recording.finger_mm[chosen, _STILL])
         return rms((shapes * recording.plate_um[chosen]).sum(axis=1))
 
-    def _calm(self, t_s: Floats) -> Bools:
+    def _calm(self, t_s: FloatArray) -> Bools:
         """Return which instants (T,) are far from the start and the end of the run, and from faults."""
         is_calm = (t_s > FIRST_FAULT_S / 2.0) & (t_s < self._run_s - LIFTED_S)
         for fault in self._faults:

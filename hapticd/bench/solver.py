@@ -20,12 +20,12 @@ from ..core.solver.points.general import solve_fast
 from ..core.solver.points.phase import solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from ..sim.score import rms
+from ..values import FloatArray
 from .baselines.solver import POLICIES, solve_rows
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
-FloatArray = npt.NDArray[np.float64]
 Phasors = npt.NDArray[np.complex128]
 Solver = Callable[[FloatArray, tuple[float, float]], FloatArray | Phasors]  # phi (K, 2, 2), targets -> modal_um (K, 2)
 

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from .solver.instant import InstantSolver, Key
+from ..values import FingerKey
+from .solver.instant import InstantSolver
 from .targets.scene import Scene
 from .targets.surfaces import MAX_REFINED
 
@@ -65,7 +66,7 @@ class Allotment:
 
     __slots__ = ("fixed_ns", "keys", "solve_ns", "solves")
 
-    def __init__(self, keys: list[Key], solves: int, fixed_ns: float, solve_ns: float) -> None:
+    def __init__(self, keys: list[FingerKey], solves: int, fixed_ns: float, solve_ns: float) -> None:
         self.keys: Final = keys
         self.solves: Final = solves
         self.fixed_ns: Final = fixed_ns
@@ -82,7 +83,7 @@ class PassBudget:
         self._effects: Final = scene.effects
         self._solver: Final = solver
 
-    def allot(self, keys: list[Key], priorities: list[int], touched: int, *, is_silent: bool) -> Allotment:
+    def allot(self, keys: list[FingerKey], priorities: list[int], touched: int, *, is_silent: bool) -> Allotment:
         """Return what a pass may do for these fingers, while `touched` are down. Those of a higher priority come first,
         of equal ones in the order in which they are given.
 
@@ -118,14 +119,14 @@ class PassBudget:
         """Return how many solves for so many fingers a client's request may take: as long as a pass."""
         return int(BUDGET_NS / self.slowness / self._solver.cost_ns(fingers))
 
-    def _way_ns(self, key: Key) -> float:
+    def _way_ns(self, key: FingerKey) -> float:
         """Return what the edges on a finger's way cost: those of surfaces, where it has no target of its own."""
         return self._surfaces.way_ns if isinstance(key, int) and self._scene.target_of(key) is None else 0.0
 
 
-def _by_priority(keys: list[Key], priorities: list[int]) -> list[Key]:
+def _by_priority(keys: list[FingerKey], priorities: list[int]) -> list[FingerKey]:
     """Return the fingers by falling priority, those of equal ones in their order."""
-    ordered: list[Key] = []
+    ordered: list[FingerKey] = []
     for priority in sorted(set(priorities), reverse=True):
         ordered += [keys[n] for n in range(len(keys)) if priorities[n] == priority]
     return ordered

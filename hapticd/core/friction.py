@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from ..values import FloatArray
 
 FLOOR_FRAC: Final = 0.057  # friction at 2 um of the built-in curve, relative to bare glass
 
@@ -107,21 +107,21 @@ class FrictionCurve:
         """By how much more amplitude a finger needs at this speed than at rest."""
         return 1.0 + sliding_mm_s / self.speed_mm_s
 
-    def frictions(self, amplitude_um: Floats, sliding_mm_s: Floats) -> Floats:
+    def frictions(self, amplitude_um: FloatArray, sliding_mm_s: FloatArray) -> FloatArray:
         """`friction` of arrays that broadcast."""
         at_um = np.maximum(amplitude_um / (1.0 + sliding_mm_s / self.speed_mm_s), 0.0)
         piece = self._pieces(at_um)
         falling = np.exp(-(at_um - np.array(self._origins_um)[piece]) / np.array(self._decays_um)[piece])
         return np.asarray(np.where(at_um < self.full_um, falling, self.floor_frac) + 0.0 * at_um)
 
-    def decays_um(self, amplitude_um: Floats) -> Floats:
+    def decays_um(self, amplitude_um: FloatArray) -> FloatArray:
         """`decay_um` of an array."""
         return np.asarray(np.array(self._decays_um)[self._pieces(amplitude_um)])
 
     def _piece(self, at_um: float) -> int:
         return max(bisect_right(self._starts_um, at_um) - 1, 0)
 
-    def _pieces(self, at_um: Floats) -> npt.NDArray[np.intp]:
+    def _pieces(self, at_um: FloatArray) -> npt.NDArray[np.intp]:
         return np.asarray(np.searchsorted(self._starts_um[1:], at_um, side="right"))
 
     def _relative(self, friction_frac: float) -> float:

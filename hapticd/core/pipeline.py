@@ -17,26 +17,28 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ..values import Aim, Drive, Finger, FingerFrame, Knot, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
+from ..values import (
+    Aim,
+    Drive,
+    Finger,
+    FingerFrame,
+    FingerKey,
+    Knot,
+    LimitReason,
+    SafeDrive,
+    Tick,
+    TouchFrame,
+    TouchPoint,
+)
 from .budget import MOST_SLOWNESS, PassBudget
 from .phasors import Row
 from .plate.mode_shapes import ModeShapes
 from .plate.parasitic_modes import ParasiticModes
-from .solver.instant import (
-    InstantSolver,
-    Key,
-    ModalSolution,
-    Place,
-    PointSolver,
-    interpolated_um,
-    moved,
-    points,
-    settles_ns,
-)
+from .solver.instant import InstantSolver, ModalSolution, Place, PointSolver, interpolated_um, moved, points, settles_ns
 from .solver.points.general import solve_fast
 from .solver.reach import LEAST_CALLS
 from .targets.scene import Scene
-from .touch.fingers import Fingers, Predictor
+from .touch.fingers import FingerPredictor, Fingers
 from .trajectory.gate import gate, silence
 from .trajectory.knots import refine
 from .trajectory.readings import Matrix, as_read, as_they_are
@@ -64,7 +66,7 @@ class PipelineSettings:
     """
 
     w_limit_um: tuple[float, ...]
-    make_predictor: Callable[[], Predictor]
+    make_predictor: Callable[[], FingerPredictor]
     derating_mm2_um2: float = 0.0
     phase_rotation: bool = True
     contact_radius_mm: float = 0.0
@@ -115,7 +117,7 @@ class FramePlan:
     __slots__ = ("corners_ns", "keys", "most_knots", "most_solves", "span_ns", "t_ns")
 
     def __init__(
-        self, keys: list[Key], t_ns: int, span_ns: int, most_knots: int, most_solves: int, corners_ns: list[int]
+        self, keys: list[FingerKey], t_ns: int, span_ns: int, most_knots: int, most_solves: int, corners_ns: list[int]
     ) -> None:
         self.keys: Final = keys
         self.t_ns: Final = t_ns
@@ -177,7 +179,7 @@ class Pipeline:
         self.set_modes(modes)
         self._active = silence(0, modes.M)
         self._recent = [self._active]
-        self._active_keys: list[Key] = []
+        self._active_keys: list[FingerKey] = []
         self._active_priorities: list[int] = []
         self._active_places: list[Place] = []
         self._is_sent = True
@@ -269,7 +271,7 @@ class Pipeline:
         """Whether fingers are down and no report came for too long (then call `sensor_lost`)."""
         return self._fingers.are_silent(t_now_ns)
 
-    def release(self, keys: Sequence[Key]) -> None:
+    def release(self, keys: Sequence[FingerKey]) -> None:
         """Hold these fingers at 0 um while they stay down: their targets ended."""
         self._fingers.release(keys)
 
@@ -345,7 +347,7 @@ class Pipeline:
         """The board does not have the last reference: the next pass sends one."""
         self._is_sent = False
 
-    def past(self, keys: Sequence[Key], t_ns: int) -> Past:
+    def past(self, keys: Sequence[FingerKey], t_ns: int) -> Past:
         """What the plate did, and where these fingers were with which targets, at an instant not before the newest
         sample: there a finger's place is known best, and the plate has followed its reference."""
         t_reference_ns = t_ns - self._settings.loop_delay_ns
@@ -356,7 +358,7 @@ class Pipeline:
         at = self._at(keys, t_ns)
         return Past(interpolated_um(active, t_reference_ns), at.places, at.stretches or [1.0] * len(keys))
 
-    def reach(self, key: Key | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:
+    def reach(self, key: FingerKey | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:
         """The interval of friction (0 .. 1) that a finger, or without `key` one that touched this place, could feel now
         beside the others with their targets; None for none. Raises ValueError where it cannot be computed: without
         such a finger, for points, or with too many fingers for the time of a pass."""
@@ -379,14 +381,14 @@ class Pipeline:
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
         return self._solver.reach(places, variances_mm2, stretches, priorities, calls)
 
-    def _activate(self, drive: SafeDrive, keys: list[Key], places: list[Place]) -> None:
+    def _activate(self, drive: SafeDrive, keys: list[FingerKey], places: list[Place]) -> None:
         self._active, self._active_keys, self._active_places, self._is_sent = drive, keys, places, True
         self._active_priorities = self._scene.priorities(keys)
         self._recent = [*self._recent[1 - _KEPT_REFERENCES :], drive]
 
     # --- the steps of a pass ---
 
-    def _plan(self, keys: list[Key], t_plate_ns: int, solves: int) -> FramePlan:
+    def _plan(self, keys: list[FingerKey], t_plate_ns: int, solves: int) -> FramePlan:
         """Return the frame to be: while an effect is felt it may be shorter, and have more knots."""
         if not self._effects.felt:
             return FramePlan(keys, t_plate_ns, self._cover_ns, min(self.max_knots, solves), solves, [])
@@ -430,7 +432,9 @@ class Pipeline:
             return drive
         return gate(as_read(drive, self._readings), self._settings.w_limit_um)
 
-    def _solve(self, keys: Sequence[Key], t_ns: int, at: Instant, previous_um: Row, since_ns: int) -> ModalSolution:
+    def _solve(
+        self, keys: Sequence[FingerKey], t_ns: int, at: Instant, previous_um: Row, since_ns: int
+    ) -> ModalSolution:
         """Evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
         if not self._solver.has_contacts:
@@ -438,7 +442,7 @@ class Pipeline:
         variances_mm2, ranks = self._fingers.variances_mm2(keys, t_ns), self._scene.priorities(keys)
         return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks)
 
-    def _at(self, keys: Sequence[Key], t_ns: int) -> Instant:
+    def _at(self, keys: Sequence[FingerKey], t_ns: int) -> Instant:
         """Predict the fingers, and look up what each should feel where it will be."""
         scene = self._scene
         stretches: list[float] | None = [] if scene.depends_on_speed else None
@@ -457,13 +461,13 @@ class Pipeline:
             places.append((x_mm, y_mm, target_um))
         return Instant(places, stretches)
 
-    def _predicted_mm(self, key: Key, t_ns: int) -> tuple[float, float]:
+    def _predicted_mm(self, key: FingerKey, t_ns: int) -> tuple[float, float]:
         """Return where a finger will be."""
         if isinstance(key, str):
             return self._scene.virtual_position_mm(key, t_ns)
         return self._fingers.predicted_mm(key, t_ns)
 
-    def _has_settled(self, keys: list[Key], t_apply_ns: int) -> bool:
+    def _has_settled(self, keys: list[FingerKey], t_apply_ns: int) -> bool:
         """Return whether the last reference was for these fingers, and no longer changes: it may hold on."""
         if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.felt:
             return False

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
-from ..values import Knot
+from ..values import FingerKey, Knot
 from .phasors import magnitude, re_im
-from .solver.instant import Key, Place
+from .solver.instant import Place
 from .targets.scene import Scene
 from .targets.surfaces import Crossing
 from .touch.fingers import Fingers
@@ -29,7 +29,7 @@ class Ways:
         self._tolerance_um: Final = tolerance_um
 
     def pieces(
-        self, keys: Sequence[Key], moved_mm: Sequence[float], t_plate_ns: int, span_ns: int, most: int
+        self, keys: Sequence[FingerKey], moved_mm: Sequence[float], t_plate_ns: int, span_ns: int, most: int
     ) -> tuple[int, bool, Sequence[int]]:
         """Return into how many spans the textures divide the fingers' way at first, whether they are smooth, and the
         instants before and after each edge of a surface; `most` knots in all."""
@@ -46,7 +46,7 @@ class Ways:
         return math.ceil(min(pieces, room, span_ns / SHORTEST_NS)), smooth, edges_ns
 
     def _edges(
-        self, keys: Sequence[Key], t_plate_ns: int, span_ns: int, most: int
+        self, keys: Sequence[FingerKey], t_plate_ns: int, span_ns: int, most: int
     ) -> tuple[float, bool, Sequence[int]]:
         """Return what the surfaces add to `pieces`; where there are too many edges, the earliest."""
         pieces, smooth, crossed = 1.0, True, list[Crossing]()

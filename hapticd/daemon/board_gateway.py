@@ -15,9 +15,9 @@ from ..board_protocol import (
     BoardTime,
     BoardVerdict,
     ClearFault,
+    CommandResult,
     HelloRequest,
     SetBaud,
-    Verdict,
 )
 from ..board_values import (
     BoardCommand,
@@ -148,7 +148,7 @@ class BoardGateway:
 
     def _take_verdict(self, answer: BoardVerdict, t_now_ns: int) -> None:
         """Send the next setting, if this one was taken. A board that refuses one is not driven."""
-        setting, is_taken = self.session.setting, answer.verdict is Verdict.DONE
+        setting, is_taken = self.session.setting, answer.verdict is CommandResult.DONE
         is_awaited = setting is not None and setting.kind == answer.request
         if is_awaited:
             self._send(self.session.receive_answer(t_now_ns, is_taken=is_taken), t_now_ns)

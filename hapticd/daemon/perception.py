@@ -13,11 +13,9 @@ from hapticd_contract.states import Perceived
 
 from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline
-from ..values import WEBER_FRAC, Tick
+from ..values import WEBER_FRAC, FingerKey, Tick
 
 log = logging.getLogger("hapticd")
-
-Key = int | str
 
 
 class Perception:
@@ -32,10 +30,10 @@ class Perception:
         self._has_contacts = has_contacts
         self._t_last_ns = 0
         self._fails = False
-        self._changes: dict[Key, float] = {}
-        self._spans_ns: dict[Key, tuple[int, int]] = {}  # beyond the Weber fraction, and in all
+        self._changes: dict[FingerKey, float] = {}
+        self._spans_ns: dict[FingerKey, tuple[int, int]] = {}  # beyond the Weber fraction, and in all
 
-    def judge(self, tick: Tick) -> dict[Key, Perceived]:
+    def judge(self, tick: Tick) -> dict[FingerKey, Perceived]:
         """Return what is perceived at each finger that is down or takes part in a pass; its share of time is that since
         it came into the solve. A failure costs only that, because the reference was sent: it is logged once."""
         try:
@@ -48,7 +46,7 @@ class Perception:
             return {}
         return perceived
 
-    def _judged(self, tick: Tick) -> dict[Key, Perceived]:
+    def _judged(self, tick: Tick) -> dict[FingerKey, Perceived]:
         self._count(tick.t_now_ns - self._t_last_ns)
         self._t_last_ns = tick.t_now_ns
         solved = dict.fromkeys([point.key for point in tick.points])
@@ -66,7 +64,7 @@ class Perception:
         self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
         return {key: self._perceived(key, friction, rms_um) for key, (friction, rms_um) in felt.items()}
 
-    def _perceived(self, key: Key, friction: float, rms_um: float) -> Perceived:
+    def _perceived(self, key: FingerKey, friction: float, rms_um: float) -> Perceived:
         change = self._changes.get(key)
         felt_friction = self._contacts.curve.friction_frac(friction)
         if change is None:
@@ -85,7 +83,7 @@ class Perception:
             beyond_ns, all_ns = self._spans_ns[key]
             self._spans_ns[key] = beyond_ns + span_ns * is_felt(change), all_ns + span_ns
 
-    def _weber_frac(self, key: Key) -> float:
+    def _weber_frac(self, key: FingerKey) -> float:
         beyond_ns, all_ns = self._spans_ns[key]
         return beyond_ns / all_ns if all_ns > 0 else float(is_felt(self._changes[key]))
 

@@ -44,7 +44,7 @@ KINDS = ("board_bytes", "written", "pass", *IN_FORCE)
 _FAR = "far from the configured one: run hapticd calibrate"
 
 
-class Verdict(NamedTuple):
+class Proposal(NamedTuple):
     """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case."""
 
     refusal: str
@@ -176,7 +176,7 @@ class SelfCalibration:
         self._verdicts += 1
         return True
 
-    def _request(self, verdict: Verdict) -> str:
+    def _request(self, verdict: Proposal) -> str:
         """Begin to adopt what was found, while nothing else is adopted; returns why it, or the load, is refused."""
         correction, change = verdict.correction, verdict.change
         far = ""
@@ -279,13 +279,13 @@ def _fields(kind: str, t_ns: int, values: Sequence[Any]) -> Fields:
     return {name: fields[name] for name in _PASS_FIELDS if name in fields} if kind == "pass" else fields
 
 
-def _verdict(line: bytes) -> Verdict:
+def _verdict(line: bytes) -> Proposal:
     """Raise ValueError, KeyError or TypeError for what is no verdict."""
     found = json.loads(line)
     refusal = str(found["refusal"])[:_MOST_REFUSAL_CHARACTERS]
     load_1_s = complex(*map(float, found["load_1_s"])) if "load_1_s" in found else None
     if refusal:
-        return Verdict(refusal, load_1_s=load_1_s)
+        return Proposal(refusal, load_1_s=load_1_s)
     xx, xy, yx, yy = map(float, found["matrix"])
     x_mm, y_mm = map(float, found["offset_mm"])
     latency_s = float(found["latency_s"])
@@ -295,4 +295,4 @@ def _verdict(line: bytes) -> Verdict:
         change = PlateChange(shapes, steepest_1_mm, tuple(map(float, found["d"])), tuple(map(float, found["q"])))
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
-    return Verdict("", Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s), change, load_1_s)
+    return Proposal("", Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s), change, load_1_s)

@@ -23,8 +23,7 @@ import numpy.typing as npt
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve_batch
-
-from .legendre import FloatArray
+from hapticd.values import FloatArray
 
 FULL_FRAC = 1.0 - 1e-9  # tolerates the solver's rounding of a target that is met
 _RANK_FRAC = 1e-12  # of the largest singular value: below it a still finger repeats the others

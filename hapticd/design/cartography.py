@@ -28,10 +28,10 @@ import numpy.typing as npt
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ModesError
+from hapticd.values import FloatArray
 
 from .checks import MIN_LINES, require_grid, require_scan, require_size, require_step
 from .free_fit import FreePlateModes
-from .legendre import FloatArray
 from .pose import NOMINAL, Pose
 from .readings import InPhase, Readings, in_phase, numbers, outliers
 from .smoothing import PlateBasis, Smoothed

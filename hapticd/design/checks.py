@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from hapticd.errors import ModesError
+from hapticd.values import FloatArray
 
-from .legendre import FloatArray
 from .readings import Readings
 
 MIN_LINES = 8  # per axis: fewer cannot hold a wave and its surroundings

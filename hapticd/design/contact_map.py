@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..values import FloatArray
 from .achievability import Progress, cell_centres
 from .contact_pairs import Shapes, contact_rms_um, grams, settle
-from .legendre import FloatArray
 
 _BLOCK = 2000  # positions solved at a time
 

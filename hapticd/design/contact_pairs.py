@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.bicubic import BicubicSurfaces
@@ -26,11 +25,9 @@ from hapticd.core.solver.contacts import (
     UNCERTAIN_FRAC,
     FeltError,
 )
+from hapticd.values import ComplexArray, FloatArray
 
 from .free_plate import ModeShape
-from .legendre import FloatArray
-
-ComplexArray = npt.NDArray[np.complex128]
 
 APART_MM = 20.0  # of two fingertips side by side
 EDGE_MM = 10.0  # from a finger's centre to the plate's edge

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hapticd.core.solver.contacts import COLD_CALLS
+from hapticd.values import FloatArray
 
 from .contact_pairs import Shapes, contact_rms_um, contrast_bound, grams, random_fingers, settle, surfaces
 from .free_plate import ModeShape, free_modes
 from .glued_plate import Patch, glued_plate_modes
-from .legendre import FloatArray
 from .materials import Material
 
 Q_FACTOR = 500.0

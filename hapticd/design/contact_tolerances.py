@@ -20,12 +20,12 @@ from functools import partial
 import numpy as np
 
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.values import FloatArray
 
 from .cartography import fit_scan
 from .contact_search import JUDGE_PAIRS, SEED, ContactDesign, Drive, Plate, Progress, best_near
 from .free_plate import ModeShape
 from .glued_plate import Patch
-from .legendre import FloatArray
 from .scan import sample_scan
 
 # Largest errors, each uniformly distributed: a cut by a glass shop, a batch's modulus, a float sheet, a patch's place.

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hapticd.core.friction import FrictionCurve
+from hapticd.values import FloatArray
 
 from .achievability import Progress, cell_centres
 from .contact_pairs import EDGE_MM, Shapes, random_fingers
 from .felt_places import ENOUGH_JND, settle_felt, touches_at
-from .legendre import FloatArray
 
 _BLOCK = 200  # places solved at a time
 

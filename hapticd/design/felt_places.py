@@ -17,10 +17,9 @@ import numpy.typing as npt
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.solver.felt import COLD_ITERATIONS, COLD_TURN_RAD, STAY_FRAC, counted_jnd, felt_points
 from hapticd.core.solver.felt_descent import descend
-from hapticd.values import WEBER_FRAC
+from hapticd.values import WEBER_FRAC, ComplexArray, FloatArray
 
-from .contact_pairs import ComplexArray, Shapes, disc, random_fingers
-from .legendre import FloatArray
+from .contact_pairs import Shapes, disc, random_fingers
 
 FINE = (6, 20)  # radii and angles of the judgement: |w| has kinks, where contacts are crossed by nodal lines
 STARTS = 4  # eight find 0 .. 2 % more places

@@ -20,12 +20,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ..values import FloatArray
 from .contact_pairs import Shapes, surfaces
 from .contact_search import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED, Drive, Plate, drives_hz
 from .felt_places import ENOUGH_JND, Touches, settle_felt, touches
 from .free_plate import ModeShape
 from .glued_plate import PZT, Patch
-from .legendre import FloatArray
 from .patch_places import BoolArray, along_edges, couplings, overlapping, places_for_reach
 from .patch_reach import PatchDrive, UndrivenError, patch_drive
 

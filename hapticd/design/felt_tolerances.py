@@ -14,10 +14,10 @@ from functools import partial
 
 import numpy as np
 
+from ..values import FloatArray
 from .contact_search import Progress
 from .contact_tolerances import random_plate, scanned
 from .felt_search import FeltDesign, FeltTask, judge_near
-from .legendre import FloatArray
 
 THICKNESS_MM = 0.2  # of float glass, EN 572-2
 SPREAD_HZ = 40.0  # by which edges off by 0.1 mm may move modes of one design apart

@@ -17,8 +17,9 @@ import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
+from ..values import ComplexArray, FloatArray
 from .touch.model import LATENCY, Calibration
-from .touch.observations import WINDOW_S, ComplexArray, FloatArray, Windows
+from .touch.observations import WINDOW_S, Windows
 
 LEAST_TOUCHED_S = 5.0
 APART_FRAC = 0.2  # by which two halves of the touches may differ

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.values import FloatArray
 
 from . import legendre
 from .free_plate import free_modes, wave_speed_m2_s
-from .legendre import FloatArray
 from .materials import MATERIALS
 from .pose import NOMINAL, Pose, find_pose
 from .smoothing import Order, Smoothed

@@ -21,8 +21,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from ..values import FloatArray
 from . import legendre
-from .legendre import FloatArray
 from .materials import Material
 
 _TERMS_PER_RADIAN = 1.4  # Legendre degrees per radian of the shortest wave over half an edge: 1e-7 in frequency

@@ -14,9 +14,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..values import FloatArray
 from . import legendre
 from .free_plate import ModeShape, _class_modes, _degree, _mode_shape
-from .legendre import FloatArray
 from .materials import Material
 
 PZT = Material(62.0, 0.34, 7800.0, "PI Ceramic, PIC255")

@@ -9,10 +9,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial import legendre
 
-FloatArray = npt.NDArray[np.float64]
+from ..values import FloatArray
 
 
 def values(s: FloatArray, degree: int, order: int = 0) -> FloatArray:

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..values import FloatArray
 from . import legendre
 from .free_plate import ModeShape
-from .legendre import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 

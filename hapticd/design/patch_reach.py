@@ -27,13 +27,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..values import ComplexArray, FloatArray
 from .free_plate import ModeShape
 from .glued_plate import Patch, neutral_axis_mm
-from .legendre import FloatArray
 from .materials import Material
 from .patch_places import couplings
-
-ComplexArray = npt.NDArray[np.complex128]
 
 D31_M_V = 180e-12  # PIC255 (PI Ceramic, material data), at small fields
 FIELD_V_MM = 300.0  # across soft PZT, driven to both sides: a third of its coercive field

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..values import FloatArray
 from . import legendre
 from .felt_search import FeltDesign
 from .free_plate import ModeShape, wave_speed_m2_s
 from .glued_plate import Patch
-from .legendre import FloatArray
 from .materials import Material
 from .patch_reach import modal_mass_kg
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .legendre import FloatArray
+from ..values import FloatArray
 from .smoothing import Order
 
 Basis = Callable[[FloatArray, Order], FloatArray]  # a partial derivative of all modes at points (N, 2): (N, modes)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .legendre import FloatArray
+from ..values import FloatArray
 
 Readings = npt.NDArray[np.float64] | npt.NDArray[np.complex128]
 

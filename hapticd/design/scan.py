@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from ..values import FloatArray
 from .free_plate import ModeShape
-from .legendre import FloatArray
 from .pose import NOMINAL, Pose
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..values import FloatArray
 from . import legendre
-from .legendre import FloatArray
 
 Order = tuple[int, int]  # of the derivatives along x and along y
 

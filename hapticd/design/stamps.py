@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..values import FloatArray
 from .free_plate import ModeShape
-from .legendre import FloatArray
 
 _CELLS_PER_WAVE = 12  # of the grid on which nodes are searched
 _STEPS = 20  # of Newton's method, which needs five

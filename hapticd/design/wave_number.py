@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hapticd.errors import ModesError
+from hapticd.values import FloatArray
 
-from .legendre import FloatArray
 from .readings import Readings, in_phase
 from .smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 

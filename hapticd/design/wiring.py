@@ -18,13 +18,10 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-import numpy.typing as npt
 
 from ..board_values import ModeCalibration
+from ..values import ComplexArray, FloatArray
 from .resonance import ITERATIONS, MIN_POINTS, Resonance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 HALF = 0.5  # of the largest: the first such wire gives a mode its sign
 SEEN_FRAC = 0.05  # of the strongest residue: a pole with less is no mode of this plate

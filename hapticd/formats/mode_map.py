@@ -20,10 +20,10 @@ import numpy.typing as npt
 
 from ..errors import ModesError
 from ..regular_file import lines_of, open_regular, opened
+from ..values import FloatArray
 from . import npz
 
-Floats = npt.NDArray[np.float64]
-Grid = tuple[Floats, Floats, Floats]
+Grid = tuple[FloatArray, FloatArray, FloatArray]
 Arrays = Mapping[str, npt.NDArray[Any]]
 Decoded = TypeVar("Decoded")
 MapPath = str | Path
@@ -47,7 +47,7 @@ _MIN_FILLED_FRAC = 0.5  # of a grid: with fewer points they are scattered
 class Scan(NamedTuple):
     """`points_mm` (N, 2) and `readings` (N, M), real or complex, NaN where a reading is missing."""
 
-    points_mm: Floats
+    points_mm: FloatArray
     readings: npt.NDArray[Any]
 
 
@@ -189,7 +189,7 @@ def _points_of_grid(arrays: Arrays) -> Scan:
     return Scan(points_mm, _numbers(shapes).reshape(len(shapes), -1).T)
 
 
-def _real(array: npt.NDArray[Any]) -> Floats:
+def _real(array: npt.NDArray[Any]) -> FloatArray:
     if np.iscomplexobj(array):
         raise ModesError("holds complex positions; save them as float64.")
     return _numbers(array)
@@ -203,10 +203,10 @@ def _numbers(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 # --- CSV --------------------------------------------------------------------------------------------------------
 
 
-def _decode_csv(data: bytes) -> tuple[tuple[str, ...], list[int], Floats]:
+def _decode_csv(data: bytes) -> tuple[tuple[str, ...], list[int], FloatArray]:
     """Return the form of the readings, each point's line number, and the table (N, columns)."""
     numbers: list[int] = []
-    table: list[Floats] = []  # a list of numbers would take four times as much
+    table: list[FloatArray] = []  # a list of numbers would take four times as much
     try:
         lines = _rows(data)
         _, header = next(lines, (0, []))
@@ -261,7 +261,7 @@ def _parse_line(number: int, cells: Sequence[str], columns: int) -> list[float]:
     return values
 
 
-def _lay_on_grid(numbers: Sequence[int], table: Floats) -> Grid:
+def _lay_on_grid(numbers: Sequence[int], table: FloatArray) -> Grid:
     x_mm, column = _grid_lines(table[:, 0])
     y_mm, row = _grid_lines(table[:, 1])
     if len(table) < _MIN_FILLED_FRAC * x_mm.size * y_mm.size:
@@ -279,7 +279,7 @@ def _lay_on_grid(numbers: Sequence[int], table: Floats) -> Grid:
     return x_mm, y_mm, shapes.reshape(-1, y_mm.size, x_mm.size)
 
 
-def _grid_lines(positions_mm: Floats) -> tuple[Floats, npt.NDArray[np.intp]]:
+def _grid_lines(positions_mm: FloatArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
     """Return the distinct positions, and the index of each point's position among them."""
     order = np.argsort(positions_mm, kind="stable")
     ordered = positions_mm[order]

@@ -7,9 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from ..values import SafeDrive, Tick
-
-FloatArray = npt.NDArray[np.float64]
+from ..values import FloatArray, SafeDrive, Tick
 
 
 class Passes:

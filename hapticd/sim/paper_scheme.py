@@ -20,14 +20,14 @@ from ..daemon.settings import pipeline_settings
 class Hold(MotionModel):
     """The last position: the paper's prediction. NaN before the first sample."""
 
-    __slots__ = ("_place_mm",)
+    __slots__ = ("_place_mm", "_velocity_mm_s")
 
     def __init__(self) -> None:
-        self._place_mm = math.nan, math.nan
+        self._place_mm = self._velocity_mm_s = math.nan, math.nan
 
     def start(self, x_mm: float, y_mm: float) -> None:
         """Take the first sample of a touch."""
-        self._place_mm = x_mm, y_mm
+        self._place_mm, self._velocity_mm_s = (x_mm, y_mm), (0.0, 0.0)
 
     def step(self, sample: Sample) -> None:
         """Take the next sample."""
@@ -39,7 +39,7 @@ class Hold(MotionModel):
 
     def velocity(self, ahead_s: float) -> tuple[float, float]:  # noqa: ARG002
         """Velocity in mm/s."""
-        return 0.0, 0.0
+        return self._velocity_mm_s
 
 
 HOLD = PredictorFactory.of(Hold)

@@ -26,10 +26,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..values import WEBER_FRAC
+from ..values import WEBER_FRAC, FloatArray
 
-Floats = npt.NDArray[np.float64]
-Friction = Callable[[Floats, Floats], Floats]  # of amplitudes in um, and of sliding speeds in mm/s
+Friction = Callable[[FloatArray, FloatArray], FloatArray]  # of amplitudes in um, and of sliding speeds in mm/s
 
 SETTLE_S = 0.1
 CONTACT_RADIUS_MM = 5.0  # a fingertip at 0.2 .. 1 N covers 50 .. 150 mm2
@@ -71,8 +70,8 @@ class Score:
 
 
 def score(
-    t_s: Floats,
-    target_um: Floats,
+    t_s: FloatArray,
+    target_um: FloatArray,
     truth_um: npt.NDArray[np.complex128],
     reference_um: npt.NDArray[np.complex128],
     limited: npt.NDArray[np.bool_],
@@ -93,14 +92,14 @@ def score(
 
 def with_contacts(
     judged: Score,
-    t_s: Floats,
-    finger_mm: Floats,
-    target_um: Floats,
+    t_s: FloatArray,
+    finger_mm: FloatArray,
+    target_um: FloatArray,
     plate_um: npt.NDArray[np.complex128],
-    shapes: Callable[[Floats], Floats],
+    shapes: Callable[[FloatArray], FloatArray],
     every: int = _EVERY_TICKS,
     friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
-    contact: tuple[Floats, Floats] | None = None,
+    contact: tuple[FloatArray, FloatArray] | None = None,
 ) -> Score:
     """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true;
     `contact` as `disc` or `ellipse` has it, for a disc of CONTACT_RADIUS_MM."""
@@ -126,7 +125,7 @@ def with_contacts(
     )
 
 
-def _friction(change: Floats) -> FingerFriction:
+def _friction(change: FloatArray) -> FingerFriction:
     if not change.size:
         return FingerFriction(*[float("nan")] * 4)
     errors_jnd = np.abs(change) / WEBER_FRAC
@@ -136,14 +135,14 @@ def _friction(change: Floats) -> FingerFriction:
     )
 
 
-def _felt_frac(change: Floats, counts: npt.NDArray[np.bool_]) -> float:
+def _felt_frac(change: FloatArray, counts: npt.NDArray[np.bool_]) -> float:
     """Return the share of time in which all fingers that count feel what was asked."""
     is_judged = np.asarray(counts.any(axis=1))
     is_wrong = np.asarray((counts & ~(np.abs(change) <= WEBER_FRAC)).any(axis=1))
     return 1.0 - float(np.mean(is_wrong[is_judged])) if is_judged.any() else float("nan")
 
 
-def speeds_mm_s(t_s: Floats, finger_mm: Floats) -> Floats:
+def speeds_mm_s(t_s: FloatArray, finger_mm: FloatArray) -> FloatArray:
     """Return how fast each finger slides (T,N); NaN while absent."""
     if len(t_s) < 2:
         return np.zeros(finger_mm.shape[:2])
@@ -151,13 +150,13 @@ def speeds_mm_s(t_s: Floats, finger_mm: Floats) -> Floats:
 
 
 def felt(
-    finger_mm: Floats,
+    finger_mm: FloatArray,
     plate_um: npt.NDArray[np.complex128],
-    shapes: Callable[[Floats], Floats],
+    shapes: Callable[[FloatArray], FloatArray],
     friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
-    sliding_mm_s: Floats | None = None,
-    contact: tuple[Floats, Floats] | None = None,
-) -> tuple[Floats, Floats]:
+    sliding_mm_s: FloatArray | None = None,
+    contact: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent."""
     rms_um, got = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
     if sliding_mm_s is None:
@@ -175,7 +174,7 @@ def felt(
     return rms_um, got
 
 
-def disc(radius_mm: float) -> tuple[Floats, Floats]:
+def disc(radius_mm: float) -> tuple[FloatArray, FloatArray]:
     """Return points (Q,2) of a disc about 0 and their weights, of sum 1: Gauss's rule along the radius squared."""
     node, weight = np.polynomial.legendre.leggauss(_RINGS)
     ring_mm = radius_mm * np.sqrt((node + 1.0) / 2.0)
@@ -184,7 +183,7 @@ def disc(radius_mm: float) -> tuple[Floats, Floats]:
     return points.reshape(-1, 2), np.repeat(weight / 2.0 / _SPOKES, _SPOKES)
 
 
-def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> tuple[Floats, Floats]:
+def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> tuple[FloatArray, FloatArray]:
     """Return points (Q,2) of an ellipse about 0, of these semi-axes, the major one at an angle to x, and their
     weights."""
     unit, weights = disc(1.0)
@@ -193,7 +192,7 @@ def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> tuple[Floats,
     return unit * (major_mm, minor_mm) @ turned, weights
 
 
-def _median_contrast(rms_um: Floats, still: npt.NDArray[np.bool_], slipping: npt.NDArray[np.bool_]) -> float:
+def _median_contrast(rms_um: FloatArray, still: npt.NDArray[np.bool_], slipping: npt.NDArray[np.bool_]) -> float:
     """Return the median over time of the least slipping contact's RMS over the largest still one's."""
     both = still.any(axis=1) & slipping.any(axis=1)
     if not both.any():
@@ -203,7 +202,7 @@ def _median_contrast(rms_um: Floats, still: npt.NDArray[np.bool_], slipping: npt
     return float(np.median(least_um / np.maximum(largest_um, 1e-9)))
 
 
-def settled(t_s: Floats, target_um: Floats) -> npt.NDArray[np.bool_]:
+def settled(t_s: FloatArray, target_um: FloatArray) -> npt.NDArray[np.bool_]:
     """Return where a finger counts (T,N): its target was constant for the last SETTLE_S."""
     if len(t_s) < 2:
         return np.zeros(target_um.shape, dtype=bool)

@@ -10,15 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from ..values import AffineMap
+from ..values import AffineMap, FloatArray
 from .fingers.paths import Path, Strokes, Touch, Touches
 from .fingers.scenarios import Actor
 from .fingers.sensor import SensorSettings
 from .world_errors import PadPose, WorldErrors
-
-Array = npt.NDArray[np.float64]
 
 _SHEARED_MM_S = 20.0  # at this speed the centroid has shifted by 0.7 of its most
 _APART_S = 0.005  # of the two positions that give a speed
@@ -59,12 +56,12 @@ class CentroidPath:
     path: Path
     shift_mm: float
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         """Return positions (T, 2); NaN where the finger is lifted."""
         speed_mm_s = (self.path.position_mm(t_s + _APART_S) - self.path.position_mm(t_s - _APART_S)) / (2.0 * _APART_S)
         speed_mm_s = np.nan_to_num(speed_mm_s)  # as it lands and lifts
         full_mm_s = np.hypot(np.hypot(*speed_mm_s.T), _SHEARED_MM_S)
-        shifted_mm: Array = self.path.position_mm(t_s) + self.shift_mm * speed_mm_s / full_mm_s[:, None]
+        shifted_mm: FloatArray = self.path.position_mm(t_s) + self.shift_mm * speed_mm_s / full_mm_s[:, None]
         return shifted_mm
 
 

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-import numpy.typing as npt
 
 from hapticd_contract.contents import Amplitude, Content
 from hapticd_contract.targets import ClientTargets
@@ -37,12 +36,11 @@ from ..errors import HapticdError, UsageError
 from ..files import outputs, plotting
 from ..regular_file import opened
 from ..sim import landing
+from ..values import FloatArray
 from .arguments import POSITIVE
 from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr
 from .service import ConfigLoader
-
-FloatArray = npt.NDArray[np.float64]
 
 AMPLITUDE_UM = 0.5
 POLL_EVERY_S = 0.1  # of targets and ledger, whose 512 lines take far longer to fill

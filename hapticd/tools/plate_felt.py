@@ -13,11 +13,11 @@ from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..design.contact_search import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED
 from ..design.felt_search import MOST_UM, ORDERABLE, FeltDesign, FeltTask, Kit, judge_within, search
 from ..design.felt_tolerances import felt_tolerances
-from ..design.legendre import FloatArray
 from ..design.plate_bounds import Bound, bounds
 from ..errors import CalibrationError, UsageError
 from ..files import outputs
 from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
+from ..values import FloatArray
 from . import plate_arguments, plate_files, plate_verdict
 from .arguments import number
 from .plate_arguments import DRIVES

@@ -20,11 +20,11 @@ import numpy as np
 from ..config.sections import CONTRAST, FELT, OBJECTIVES, Config, SolverConfig
 from ..design.contact_search import ENOUGH_SLIP_FRAC, ContactDesign, Drive, Plate
 from ..design.felt_search import FeltDesign, FeltTask
-from ..design.legendre import FloatArray
 from ..design.materials import MATERIALS
 from ..design.plate_bounds import MOST_FRAC, Bound
 from ..sim.fingers.strokes import Strokes
 from ..sim.score import CONTACT_RADIUS_MM
+from ..values import FloatArray
 from . import plate_files
 
 if TYPE_CHECKING:

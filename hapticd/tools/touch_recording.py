@@ -15,13 +15,13 @@ from ..board_protocol import BoardState
 from ..board_values import BoardHello, BoardStatus, TelemetrySample
 from ..config.sections import Config
 from ..daemon.adoption import Pad, configured_pad
-from ..design.touch.observations import ComplexArray, FloatArray, Ticks, Track
+from ..design.touch.observations import Ticks, Track
 from ..errors import CalibrationError
 from ..files.recording.header import Header
 from ..files.recording.kinds import Record
 from ..files.recording.mcap_reader import open_recording
-from ..values import AffineMap
-from ..wire.board_messages import Decoder
+from ..values import AffineMap, ComplexArray, FloatArray
+from ..wire.board_messages import BoardDecoder
 from ..wire.framing import FrameSplitter
 
 COLLECTED = ("board_bytes", "written", "pass", "adopt")  # the kinds of records that are read
@@ -74,7 +74,7 @@ class Collected:
     starts: list[tuple[int, int]] = field(default_factory=list)  # of frames, on the board's clock and the host's
     fingers: dict[int, list[tuple[int, float, float]]] = field(default_factory=dict)
     positions: int = 0  # of all fingers
-    _decoder: Decoder = field(default_factory=Decoder)
+    _decoder: BoardDecoder = field(default_factory=BoardDecoder)
     _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(_FRAME_BYTES))
     _t_pending_us: int | None = None
     _t_raw_ns: dict[int, int] = field(default_factory=dict)  # of each finger's newest sample, as the machine had it

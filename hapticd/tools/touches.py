@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..core.touch.tracking import Tracker
 from ..errors import UsageError
 from ..files.recording.mcap_reader import open_recording
-from ..values import TouchFrame
+from ..values import FloatArray, TouchFrame
 from ..wire.trackpad import Decoder
 
-FloatArray = npt.NDArray[np.float64]
 _BY_VENDOR = "hid"
 
 

@@ -32,7 +32,7 @@ STATES: Final = {state.value: state for state in BoardState}
 LAW_NAMES: Final = {number: name for name, number in protocol.LAWS.items()}
 
 
-class Decoder:
+class BoardDecoder:
     """Decode bytes in pieces of any size to messages. Invalid bytes are counted by reason and never raise."""
 
     def __init__(self) -> None:

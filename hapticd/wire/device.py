@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from .. import board_protocol as protocol
 from ..board_values import BoardHello, Calibration, is_within
 from ..errors import DeviceError
-from .board_messages import Decoder as Decoder
+from .board_messages import BoardDecoder
 from .commands import ALL_COMMANDS
 from .commands import encode as encode
 from .reference import encode_reference as encode_reference
+
+Decoder = BoardDecoder
 
 
 def check_protocol(hello: BoardHello) -> None:

@@ -13,7 +13,8 @@ from hapticd.__main__ import main
 from hapticd.bench import prediction_traces, traces
 from hapticd.errors import UsageError
 from hapticd.sim.fingers.paths import Strokes
-from hapticd.tools.touches import FloatArray, Trace
+from hapticd.tools.touches import Trace
+from hapticd.values import FloatArray
 
 
 def stroked(device: str, seed: int, seconds: float = 3.0) -> Trace:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from hapticd.bench.closed_loop import Phasors
-from hapticd.board_protocol import BoardVerdict, ClearFault, Keepalive, LogRequest, Verdict
+from hapticd.board_protocol import BoardVerdict, ClearFault, CommandResult, Keepalive, LogRequest
 from hapticd.board_values import BoardCommand, BoardLog, BoardMessage, BoardStatus
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.values import Knot, LimitReason, SafeDrive
@@ -75,7 +75,7 @@ class Bench:
         self.messages += messages
         return messages
 
-    def verdict(self, command: BoardCommand) -> Verdict:
+    def verdict(self, command: BoardCommand) -> CommandResult:
         """What the board says to a command."""
         line = encode(command)
         (request,) = FrameSplitter(512).feed(line)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from hapticd.bench.closed_loop import NOISE_UM, follow
-from hapticd.board_protocol import ClearFault, ControllerRequest, SetDrive, Verdict
+from hapticd.board_protocol import ClearFault, CommandResult, ControllerRequest, SetDrive
 from hapticd.board_values import BoardController, BoardStatus
 from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.wire import device
@@ -77,7 +77,7 @@ def test_the_drive_follows_within_its_reach_only() -> None:
 
 
 def test_a_set_drive_leaves_the_modes_where_they_are(bench: Bench) -> None:
-    assert bench.verdict(SetDrive(DRIVE_HZ + 10.0, 0.0)) is Verdict.DONE
+    assert bench.verdict(SetDrive(DRIVE_HZ + 10.0, 0.0)) is CommandResult.DONE
     (controller,) = of_kind(BoardController, bench.say(encode(ControllerRequest())))
     for model, before in zip(controller.models, CONFIG.detuning_rad_s, strict=True):
         assert model.detuning_rad_s == pytest.approx(before - TURN_RAD * 10.0, abs=1e-3)
@@ -88,6 +88,8 @@ def test_a_set_drive_leaves_the_modes_where_they_are(bench: Bench) -> None:
 
 @pytest.mark.parametrize(("hz", "follow_hz"), [(27000.0, 0.0), (31300.0, 0.0), (DRIVE_HZ, 500.0)])
 def test_a_drive_is_taken_near_the_first_one_and_on_a_quiet_plate(bench: Bench, hz: float, follow_hz: float) -> None:
-    assert bench.verdict(SetDrive(hz, follow_hz)) is (Verdict.DONE if hz == DRIVE_HZ else Verdict.OUT_OF_RANGE)
+    assert bench.verdict(SetDrive(hz, follow_hz)) is (
+        CommandResult.DONE if hz == DRIVE_HZ else CommandResult.OUT_OF_RANGE
+    )
     bench.arm(1.0 + 0j, 0j)
-    assert bench.verdict(SetDrive(DRIVE_HZ, 0.0)) is Verdict.NOT_QUIET
+    assert bench.verdict(SetDrive(DRIVE_HZ, 0.0)) is CommandResult.NOT_QUIET

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.bench.closed_loop import follow
-from hapticd.board_protocol import Verdict
+from hapticd.board_protocol import CommandResult
 from hapticd.board_values import SetController
 
 from .bench import Bench, constantly
@@ -24,4 +24,4 @@ def test_gains_are_taken_exactly_where_the_plate_comes_to_rest(law: str, control
             trace = follow(driven, constantly(0.3, -0.1), ticks, ticks // 20)
             held_v = trace.voltage_v[ticks // 2 :]
             swings = not held_v.any() or bool(np.abs(np.diff(held_v, axis=0)).max() > 1.0)
-            assert (verdict is Verdict.DONE) is not swings, gains
+            assert (verdict is CommandResult.DONE) is not swings, gains

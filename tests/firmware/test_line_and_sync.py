@@ -7,7 +7,7 @@ import struct
 import numpy as np
 
 from hapticd import board_protocol as protocol
-from hapticd.board_protocol import HelloRequest, SetBaud, TimeRequest, Verdict
+from hapticd.board_protocol import CommandResult, HelloRequest, SetBaud, TimeRequest
 from hapticd.board_values import BoardHello, BoardStatus
 from hapticd.sim.board.board import FLAG_SYNC
 from hapticd.values import Knot, LimitReason, SafeDrive
@@ -24,17 +24,17 @@ def test_a_quiet_board_takes_a_speed_up_to_its_fastest() -> None:
     bench = Bench(baud_max=FAST_BAUD)
     (hello,) = bench.say(device.encode(HelloRequest()))
     assert (hello.baud_max, bench.board.baud) == (FAST_BAUD, 0)
-    assert bench.verdict(SetBaud(FAST_BAUD + 1)) is Verdict.OUT_OF_RANGE
-    assert bench.verdict(SetBaud(FAST_BAUD)) is Verdict.DONE
+    assert bench.verdict(SetBaud(FAST_BAUD + 1)) is CommandResult.OUT_OF_RANGE
+    assert bench.verdict(SetBaud(FAST_BAUD)) is CommandResult.DONE
     assert bench.board.baud == FAST_BAUD
     bench.arm()
-    assert bench.verdict(SetBaud(921600)) is Verdict.NOT_QUIET
+    assert bench.verdict(SetBaud(921600)) is CommandResult.NOT_QUIET
     assert bench.board.baud == FAST_BAUD
 
 
 def test_a_board_with_one_speed_refuses_all() -> None:
     bench = Bench()
-    assert bench.verdict(SetBaud(921600)) is Verdict.OUT_OF_RANGE
+    assert bench.verdict(SetBaud(921600)) is CommandResult.OUT_OF_RANGE
     assert bench.board.baud == 0
 
 

@@ -15,10 +15,10 @@ from hapticd.board_protocol import (
     BoardTime,
     BoardVerdict,
     ClearFault,
+    CommandResult,
     HelloRequest,
     SetBaud,
     TimeRequest,
-    Verdict,
 )
 from hapticd.board_values import BoardHello
 from hapticd.wire import device
@@ -237,7 +237,7 @@ def test_the_line_takes_another_speed_once_the_answer_is_out(board: Board) -> No
     assert bench.wires.baud() == pytest.approx(921600, rel=2e-3)
     bench.to_board += encode(SetBaud(3_000_000))
     bench.run(3)
-    assert [message.verdict for message in bench.messages if isinstance(message, BoardVerdict)] == [Verdict.DONE]
+    assert [message.verdict for message in bench.messages if isinstance(message, BoardVerdict)] == [CommandResult.DONE]
     assert bench.wires.baud() == pytest.approx(3e6, rel=1e-4)
     bench.to_board += device.encode(TimeRequest(1))
     bench.run(3)

@@ -17,6 +17,7 @@ from hapticd.board_protocol import (
     BoardTime,
     BoardVerdict,
     ClearFault,
+    CommandResult,
     ControllerRequest,
     HelloRequest,
     Keepalive,
@@ -26,7 +27,6 @@ from hapticd.board_protocol import (
     Stop,
     Sweep,
     TimeRequest,
-    Verdict,
 )
 from hapticd.board_values import BoardController, BoardHello, BoardLog, BoardStatus, ModeModel, SetController, SetModel
 from hapticd.sim.board import firmware
@@ -95,7 +95,7 @@ def test_a_buffer_for_the_longest_message_gets_whole_frames_one_by_one(bench: Be
     bench.board.receive(b"".join(TO_BOARD[name] for name in asked))
     library, handle = firmware.load(2), bench.board._board
     longest = 1 + protocol.LOG.size + protocol.LOG_ENTRIES * protocol.LOG_ENTRY.size + 2
-    decoder, buffer = board_messages.Decoder(), ctypes.create_string_buffer(longest + 2)
+    decoder, buffer = board_messages.BoardDecoder(), ctypes.create_string_buffer(longest + 2)
     kinds = []
     for _ in range(8):
         n = library.hd_board_transmit(handle, buffer, len(buffer), 0)
@@ -175,7 +175,7 @@ def test_the_longest_frame_is_taken_and_followed(modes: int) -> None:
     np.testing.assert_allclose(bench.hold(500).plate_um[-1], knots[-1][1], atol=1e-4)
 
 
-def verdicts(bench: Bench, kind: int, *payloads: bytes) -> list[Verdict]:
+def verdicts(bench: Bench, kind: int, *payloads: bytes) -> list[CommandResult]:
     answers = [one for payload in payloads for one in bench.say(encode_frame(bytes((kind,)) + payload))]
     found = of_kind(BoardVerdict, answers)
     assert all(answer.request == kind for answer in found)
@@ -193,7 +193,9 @@ def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Bench) -> None:
         (1, 900.0, 0.9e-4),
     )
     payloads = [protocol.SET_CONTROLLER.pack(*gains) for gains in (*senseless, sound)]
-    assert verdicts(bench, protocol.MSG_SET_CONTROLLER, *payloads) == [Verdict.OUT_OF_RANGE] * 6 + [Verdict.DONE]
+    assert verdicts(bench, protocol.MSG_SET_CONTROLLER, *payloads) == [CommandResult.OUT_OF_RANGE] * 6 + [
+        CommandResult.DONE
+    ]
     (controller,) = bench.say(device.encode(ControllerRequest()))
     assert (controller.law, controller.bandwidth_1_s) == ("pi_ff", 900.0)
 
@@ -216,7 +218,7 @@ def test_a_model_with_a_figure_out_of_bounds_is_refused_whole(
     before = bench.say(device.encode(ControllerRequest()))
     sound = [1, 180.0, 60.0, 5.0, 0.6, 0.8]
     payloads = [protocol.SET_MODEL.pack(*sound[:place], value, *sound[place + 1 :]) for value in values]
-    assert verdicts(bench, protocol.MSG_SET_MODEL, *payloads) == [Verdict.OUT_OF_RANGE] * len(values)
+    assert verdicts(bench, protocol.MSG_SET_MODEL, *payloads) == [CommandResult.OUT_OF_RANGE] * len(values)
     assert bench.say(device.encode(ControllerRequest())) == before
 
 
@@ -224,7 +226,7 @@ def test_a_refusal_is_not_hidden_by_a_later_success(bench: Bench) -> None:
     for law in (9, 1):
         payload = protocol.SET_CONTROLLER.pack(law, 0.0, 0.0)
         bench.board.receive(encode_frame(bytes((protocol.MSG_SET_CONTROLLER,)) + payload))
-    assert bench.listen() == (BoardVerdict(protocol.MSG_SET_CONTROLLER, Verdict.OUT_OF_RANGE),)
+    assert bench.listen() == (BoardVerdict(protocol.MSG_SET_CONTROLLER, CommandResult.OUT_OF_RANGE),)
 
 
 @settings(max_examples=200)

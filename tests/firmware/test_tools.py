@@ -12,6 +12,7 @@ from hapticd import board_protocol as protocol
 from hapticd.board_protocol import (
     BoardState,
     BoardVerdict,
+    CommandResult,
     ControllerRequest,
     HelloRequest,
     Keepalive,
@@ -20,7 +21,6 @@ from hapticd.board_protocol import (
     Stop,
     Sweep,
     TimeRequest,
-    Verdict,
 )
 from hapticd.board_values import (
     BoardController,
@@ -44,7 +44,7 @@ RAMP_TICKS = 20
 
 
 def test_a_sweep_drives_one_amplifier_with_one_voltage_and_ramps_in_and_out(bench: Bench) -> None:
-    assert bench.verdict(SWEEP) is Verdict.DONE
+    assert bench.verdict(SWEEP) is CommandResult.DONE
     assert bench.status().state is BoardState.TOOL
     bench.seq = 4711  # KEEPALIVE of any reference keeps a tool up
     voltage_v = bench.hold(11 * 40 + 3 * RAMP_TICKS).voltage_v
@@ -102,9 +102,9 @@ def test_a_sweep_finds_the_resonance_of_the_plate() -> None:
 )
 def test_a_sweep_beyond_the_boards_own_bounds_does_not_begin(bench: Bench, wrong: dict[str, Any]) -> None:
     fields = {"mode": 0, "start_hz": 29190.0, "stop_hz": 29220.0, "points": 3, "dwell_ms": 2, "voltage_v": 30.0}
-    assert bench.verdict(Sweep(**fields | wrong)) is Verdict.OUT_OF_RANGE
+    assert bench.verdict(Sweep(**fields | wrong)) is CommandResult.OUT_OF_RANGE
     assert (bench.run(40).voltage_v == 0).all()
-    assert bench.verdict(Sweep(**fields)) is Verdict.DONE
+    assert bench.verdict(Sweep(**fields)) is CommandResult.DONE
 
 
 def test_senseless_figures_in_a_sound_frame_do_not_begin_a_sweep(bench: Bench) -> None:
@@ -112,7 +112,7 @@ def test_senseless_figures_in_a_sound_frame_do_not_begin_a_sweep(bench: Bench) -
     for place, value in ((1, math.nan), (2, math.inf), (3, 0), (3, 2002), (4, 0), (4, 1001), (5, 0.0), (5, math.nan)):
         payload = protocol.SWEEP.pack(*sound[:place], value, *sound[place + 1 :])
         answers = bench.say(encode_frame(bytes((protocol.MSG_SWEEP,)) + payload))
-        assert answers == (BoardVerdict(protocol.MSG_SWEEP, Verdict.OUT_OF_RANGE),)
+        assert answers == (BoardVerdict(protocol.MSG_SWEEP, CommandResult.OUT_OF_RANGE),)
     assert (bench.run(10).voltage_v == 0).all()
 
 
@@ -120,7 +120,7 @@ def test_senseless_figures_in_a_sound_frame_do_not_begin_a_sweep(bench: Bench) -
 
 
 def test_a_raw_voltage_stands_for_its_time_and_ramps_out(bench: Bench) -> None:
-    assert bench.verdict(RawVoltage(1, 12 - 16j, duration_ms=30)) is Verdict.DONE
+    assert bench.verdict(RawVoltage(1, 12 - 16j, duration_ms=30)) is CommandResult.DONE
     bench.seq = 4711
     voltage_v = bench.hold(100).voltage_v
     assert (voltage_v[:, 0] == 0).all()
@@ -133,7 +133,7 @@ def test_a_raw_voltage_stands_for_its_time_and_ramps_out(bench: Bench) -> None:
 def test_a_raw_voltage_said_again_goes_on_without_a_jump(bench: Bench) -> None:
     bench.say(encode(RawVoltage(0, 20 + 0j, duration_ms=30)))
     before = bench.run(40)
-    assert bench.verdict(RawVoltage(0, -20 + 0j, duration_ms=30)) is Verdict.DONE
+    assert bench.verdict(RawVoltage(0, -20 + 0j, duration_ms=30)) is CommandResult.DONE
     voltage_v = joined([before, bench.run(40)]).voltage_v[:, 0]
     assert np.abs(np.diff(voltage_v)).max() <= 1.5 * 1.0001
     assert voltage_v[-1] == -20
@@ -143,7 +143,7 @@ def test_a_raw_voltage_said_again_goes_on_without_a_jump(bench: Bench) -> None:
     "raw", [RawVoltage(2, 1j, 10), RawVoltage(0, 22 + 22j, 10), RawVoltage(0, complex(0, 1e4), 10)]
 )
 def test_a_raw_voltage_above_its_limit_does_not_begin(bench: Bench, raw: RawVoltage) -> None:
-    assert bench.verdict(raw) is Verdict.OUT_OF_RANGE
+    assert bench.verdict(raw) is CommandResult.OUT_OF_RANGE
     assert (bench.run(10).voltage_v == 0).all()
 
 
@@ -185,7 +185,7 @@ def test_a_host_that_falls_silent_ends_a_tool_within_60_ms(bench: Bench, command
 def test_stop_ramps_a_tool_out_and_a_greeting_ends_it_at_once(bench: Bench, command: Any) -> None:
     bench.say(encode(command))
     bench.run(20)
-    assert bench.verdict(Stop()) is Verdict.DONE
+    assert bench.verdict(Stop()) is CommandResult.DONE
     voltage_v = np.abs(bench.run(20).voltage_v[:, 0])
     assert (np.diff(voltage_v[:10]) < 0).all()
     assert voltage_v[-1] == 0
@@ -231,17 +231,17 @@ def test_references_neither_reach_the_plate_during_a_sweep_nor_start_it_afterwar
 @pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
 def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
     bench.arm(1 + 0j, 0j)
-    assert bench.verdict(command) is Verdict.NOT_QUIET
+    assert bench.verdict(command) is CommandResult.NOT_QUIET
     assert bench.status().state is BoardState.LIVE
     bench.run(90)
-    assert bench.verdict(command) is Verdict.NOT_QUIET  # its ramp to silence is not over
+    assert bench.verdict(command) is CommandResult.NOT_QUIET  # its ramp to silence is not over
     bench.run(40)
-    assert bench.verdict(command) is Verdict.DONE
-    assert bench.verdict(SWEEP) is Verdict.NOT_QUIET
-    assert bench.verdict(SetController("pi")) is Verdict.NOT_QUIET
+    assert bench.verdict(command) is CommandResult.DONE
+    assert bench.verdict(SWEEP) is CommandResult.NOT_QUIET
+    assert bench.verdict(SetController("pi")) is CommandResult.NOT_QUIET
     bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
-    assert bench.verdict(command) is Verdict.NOT_QUIET
+    assert bench.verdict(command) is CommandResult.NOT_QUIET
 
 
 # --- models, telemetry, log -------------------------------------------------------------------------------------
@@ -250,9 +250,9 @@ def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
 def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: Bench) -> None:
     model = ModeModel(150.0, 30.0, 4.0, 0.6 + 0.8j)
     bench.arm(1 + 0j, 0j)
-    assert bench.verdict(SetModel(1, model)) is Verdict.NOT_QUIET
+    assert bench.verdict(SetModel(1, model)) is CommandResult.NOT_QUIET
     bench.say(encode(HelloRequest()))
-    assert bench.verdict(SetModel(1, model)) is Verdict.DONE
+    assert bench.verdict(SetModel(1, model)) is CommandResult.DONE
     bench.say(encode(HelloRequest()))
     (controller,) = bench.say(encode(ControllerRequest()))
     assert isinstance(controller, BoardController)
@@ -265,7 +265,7 @@ def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: Be
 def test_telemetry_comes_at_the_highest_divisor_of_the_control_rate_not_above_the_asked(
     bench: Bench, asked_hz: int, ticks: int
 ) -> None:
-    assert bench.verdict(SetTelemetry(asked_hz)) is Verdict.DONE
+    assert bench.verdict(SetTelemetry(asked_hz)) is CommandResult.DONE
     bench.run(2 * ticks)
     assert [sample.t_board_us for sample in bench.heard(TelemetrySample)] == [500 * ticks, 1000 * ticks]
 

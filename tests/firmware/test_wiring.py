@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
-from hapticd.board_protocol import FAULTS, LogRequest, Verdict
+from hapticd.board_protocol import FAULTS, CommandResult, LogRequest
 from hapticd.board_values import BoardLog, ModeModel, SetModel, SetWiring
 from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
@@ -109,4 +109,4 @@ OWN_WIRES, NO_WIRES = ((1.0, 0.0), (0.0, 1.0)), ((0.0, 0.0),) * 2
 def test_a_board_refuses_amplifiers_that_cannot_drive_the_modes_independently(
     bench: Bench, second: tuple[float, float]
 ) -> None:
-    assert bench.verdict(SetWiring(((1.0, 1.0), second), OWN_WIRES, NO_WIRES)) is Verdict.OUT_OF_RANGE
+    assert bench.verdict(SetWiring(((1.0, 1.0), second), OWN_WIRES, NO_WIRES)) is CommandResult.OUT_OF_RANGE

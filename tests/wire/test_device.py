@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd import board_protocol as protocol
-from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict, Verdict
+from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict, CommandResult
 from hapticd.board_values import (
     BoardController,
     BoardHello,
@@ -164,7 +164,7 @@ def test_each_message_becomes_its_value() -> None:
     modes = (ModeSample(1j, 2 + 3j, 4 + 5j, 6.0, 7.0), ModeSample(8 + 9j, 10 + 11j, 12 + 13j, 14.0, 15.0))
     assert sample == TelemetrySample(123_456, 7, BoardState.TOOL, saturated=True, limited=False, modes=modes)
     assert log == BoardLog(4, 2, (LogEntry(1000, 77, 3, 0, 0.5), LogEntry(1001, 77, 4, None, 0.5)))
-    assert verdict == BoardVerdict(protocol.MSG_SWEEP, Verdict.NOT_QUIET)
+    assert verdict == BoardVerdict(protocol.MSG_SWEEP, CommandResult.NOT_QUIET)
 
 
 def test_a_law_of_a_later_firmware_is_read_as_unknown() -> None:

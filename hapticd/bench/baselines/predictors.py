@@ -11,10 +11,11 @@ import math
 import numpy as np
 
 from ...core.prediction.bank import MAX_ACCELERATION_MM_S2, MAX_SPEED_MM_S, ModelBank, shortened
-from ...core.prediction.gains import FloatArray, process_model, riccati_step, start_covariance
+from ...core.prediction.gains import process_model, riccati_step, start_covariance
 from ...core.prediction.motion import MotionModel, Sample, checked
 from ...core.prediction.predictor import DEFAULT, Predictor, PredictorFactory
 from ...sim.paper_scheme import HOLD
+from ...values import FloatArray
 
 
 class QuadraticMotion(MotionModel):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(slots=True)
-class PeriodicTimer:
+class PolledTimer:
     """Due once every `every_ns`. Instants are arguments."""
 
     every_ns: int

@@ -31,7 +31,7 @@ from ..trajectory.gate import silence
 from .clock_sync import BoardClock, LinkLatency
 from .ledger import Ledger, LedgerLine
 from .line_speed import FAILED, LineSpeed
-from .periodic_timer import PeriodicTimer
+from .periodic_timer import PolledTimer
 from .send_window import SendWindow
 from .settings import BoardSettings
 
@@ -102,10 +102,10 @@ class BoardSession:
         self._t_status_ns = 0
         self._t_timer_ns = 0
         self._t_stopped_ns = -COMPARABLE_AFTER_NS
-        self._greeting = PeriodicTimer(GREET_EVERY_NS)
-        self._asking_time = PeriodicTimer(SETTLE_TIME_EVERY_NS)
-        self._keeping_alive = PeriodicTimer(KEEP_ALIVE_AFTER_NS)
-        self._arming = PeriodicTimer(ARM_EVERY_NS)
+        self._greeting = PolledTimer(GREET_EVERY_NS)
+        self._asking_time = PolledTimer(SETTLE_TIME_EVERY_NS)
+        self._keeping_alive = PolledTimer(KEEP_ALIVE_AFTER_NS)
+        self._arming = PolledTimer(ARM_EVERY_NS)
 
     @property
     def ready(self) -> bool:

@@ -16,7 +16,7 @@ from ...board_values import (
     SetModel,
     SetWiring,
 )
-from .periodic_timer import PeriodicTimer
+from .periodic_timer import PolledTimer
 
 REPEAT_EVERY_NS: Final = 100_000_000
 SAME_DRIVE_HZ: Final = 0.01  # float32 resolves 0.002 Hz there
@@ -30,7 +30,7 @@ class BoardSettings:
         self._controller: Final = controller
         self._calibration: Final = calibration
         self._left: deque[BoardSetting] = deque()
-        self._repeating = PeriodicTimer(REPEAT_EVERY_NS)
+        self._repeating = PolledTimer(REPEAT_EVERY_NS)
 
     @property
     def next(self) -> BoardSetting | None:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ...values import FloatArray
 
 COEFFICIENTS = 16  # of one surface in one cell, powers of x fastest
 

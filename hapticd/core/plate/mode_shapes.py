@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.plate.bicubic import BicubicSurfaces, FloatArray, Patch, fill_gaps
+from hapticd.core.plate.bicubic import BicubicSurfaces, Patch, fill_gaps
 from hapticd.errors import ModesError
+from hapticd.values import FloatArray
 
 if TYPE_CHECKING:
     from hapticd.formats.mode_map import MapPath

@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ...values import FloatArray
 
 # Order and density of each model: a finger at rest (mm^2/s); white jerk of a straight slide, a hand's changes of speed
 # and a hard stop (mm^2/s^5); white snap of a slow bend, a circle and a fast one (mm^2/s^7). Fitted on slides, reaches,

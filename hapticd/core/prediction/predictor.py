@@ -18,7 +18,7 @@ from functools import partial
 from numbers import Real
 from typing import Final
 
-from ..touch.fingers import Predictor as FingerPredictor
+from ..touch.fingers import FingerPredictor
 from ..touch.sample_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
 from .adaptive import AdaptiveMotion
 from .motion import MotionModel, Sample, checked

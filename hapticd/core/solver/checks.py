@@ -7,8 +7,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from ...values import FloatArray
 from .points.arithmetic import Phasors, Row, Rows
-from .points.sign_patterns import FloatArray
 
 
 def checked_shapes(phi: npt.ArrayLike) -> tuple[Rows, int]:

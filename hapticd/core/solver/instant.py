@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from ...values import SafeDrive, TouchPoint
+from ...values import FingerKey, SafeDrive, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude, re_im
 from ..plate.contact import Disc, Shapes, contact_gram, disc_points, stretch
@@ -26,7 +26,6 @@ from .points.general import solve_fast
 from .points.phase import solve_phased_fast
 from .reach import ReachProblem, reach
 
-Key = int | str  # a finger's id, or a virtual finger's name
 Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 PointSolver = Callable[[Rows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
 
@@ -264,7 +263,7 @@ class InstantSolver:
         return False
 
 
-def points(keys: Sequence[Key], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
+def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
     """The fingers at a frame's first knot, with the amplitude that each gets there."""
     found = []
     for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), achieved_um in zip(

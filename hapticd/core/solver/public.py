@@ -16,7 +16,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from ...values import Solution
+from ...values import FloatArray, Solution
 from .checks import (
     check_turn,
     checked_grams,
@@ -33,7 +33,6 @@ from .points.arithmetic import Row, Rows, amplitudes, clamped
 from .points.general import solve_exactly
 from .points.pair import condition
 from .points.phase import TURN_RAD, solve_phased_fast
-from .points.sign_patterns import FloatArray
 
 _SIZELESS = 1e-12  # a contact of no size is a point
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere

@@ -12,20 +12,20 @@ from typing import Final
 from hapticd_contract.effects import At, Effect, Envelope, Now, OnEdge, Pulse, Start
 from hapticd_contract.targets import ClientTargets
 
+from ...values import FingerKey
 from ..trajectory.knots import GRAIN_NS
 from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer
 from .shares import UserOf, left, spoken
 from .surfaces import NEVER_NS, Surfaces
 
-Key = int | str
 Cause = type[Start]
 
 MAX_EFFECTS: Final = 64  # of all clients
 MAX_PLAYING: Final = 32  # each is looked at for every finger at every knot
 MAX_START_IDS: Final = 1024  # remembered; 64 clients have as many effects
 EVERYONE: Final = 0  # no finger's id: all fingers where the effect is
-OwnerOf = Callable[[Key], str | None]
+OwnerOf = Callable[[FingerKey], str | None]
 Predicted = Callable[[int, int], tuple[float, float]]  # a finger and an instant: where it will be
 
 
@@ -232,7 +232,7 @@ class Effects:
     # --- reading, for the touch path ---
 
     def find_felt(
-        self, keys: Sequence[Key], owner_of: OwnerOf, predicted_mm: Predicted, from_ns: int, to_ns: int
+        self, keys: Sequence[FingerKey], owner_of: OwnerOf, predicted_mm: Predicted, from_ns: int, to_ns: int
     ) -> None:
         """Find what any of these fingers will feel between two instants."""
         self.felt = []
@@ -242,7 +242,9 @@ class Effects:
                     self.felt.append(one)
                     break
 
-    def felt_um(self, key: Key, owner: str | None, place_mm: tuple[float, float], t_ns: int, base_um: float) -> float:
+    def felt_um(
+        self, key: FingerKey, owner: str | None, place_mm: tuple[float, float], t_ns: int, base_um: float
+    ) -> float:
         """Return what a finger feels at an instant: its amplitude, plus what is added, times the factors."""
         if isinstance(key, str):
             return base_um

@@ -14,6 +14,7 @@ from hapticd_contract.contents import Content
 from hapticd_contract.surfaces import VirtualPath
 from hapticd_contract.targets import ClientTargets
 
+from ...values import FingerKey
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from .assets import Assets
 from .costs import virtual_ns
@@ -26,7 +27,6 @@ from .virtual_paths import Walk
 
 __all__ = ["MAX_CLIENTS", "MAX_VIRTUALS", "Scene", "Virtual"]
 
-Key = int | str  # a finger's id, or a virtual finger's name
 
 MAX_CLIENTS = 16  # names cost a client nothing, so their number is bounded
 MAX_VIRTUALS = 16  # each takes part in every solve
@@ -79,15 +79,15 @@ class Scene:
         self.assets = Assets(user_of)
         self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding, user_of)
         self.effects = Effects(w_limit_um, self.surfaces, user_of)
-        self._held: dict[Key, _Held] = {}
-        self._released: dict[Key, None] = {}  # in the order in which they were released
+        self._held: dict[FingerKey, _Held] = {}
+        self._released: dict[FingerKey, None] = {}  # in the order in which they were released
 
     # --- requests of clients ---
 
     def apply(self, message: ClientTargets, t_ns: int) -> tuple[str, ...]:
         """Replace all earlier targets, surfaces and effects of the client. Returns one sentence per refused one."""
         self._drop_expired(t_ns)
-        requested: dict[Key, _Held] = {}
+        requested: dict[FingerKey, _Held] = {}
         refusals: list[str] = []
         user = self.user_of(message.client)
         room = self._room_for_virtuals(message.client, user)
@@ -115,7 +115,7 @@ class Scene:
             self.assets.look(self._in_force(), t_ns)
         return self.assets.upload(client, digest, size, offset, part, t_ns)
 
-    def release(self, client: str, key: Key) -> bool:
+    def release(self, client: str, key: FingerKey) -> bool:
         """Release one finger; False if the client does not own it."""
         held = self._held.get(key)
         if held is None or held.owner != client:
@@ -129,7 +129,7 @@ class Scene:
         self.surfaces.release_client(client)
         self.effects.release_client(client)
 
-    def expire(self, t_ns: int) -> tuple[Key, ...]:
+    def expire(self, t_ns: int) -> tuple[FingerKey, ...]:
         """Release what has expired by `t_ns`. Returns all fingers released since the last call, for any reason."""
         self.surfaces.expire(t_ns)
         self.effects.expire(t_ns)
@@ -152,12 +152,12 @@ class Scene:
             next_ns = min(next_ns, held.t_expires_ns)
         return None if next_ns == NEVER_NS else next_ns
 
-    def target_of(self, key: Key) -> Content | None:
+    def target_of(self, key: FingerKey) -> Content | None:
         """The target of a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.target
 
-    def priorities(self, keys: Iterable[Key]) -> list[int]:
+    def priorities(self, keys: Iterable[FingerKey]) -> list[int]:
         """Return the priority of each finger's target; 0 without one."""
         found: list[int] = []
         for key in keys:
@@ -165,7 +165,7 @@ class Scene:
             found.append(0 if held is None else held.priority)
         return found
 
-    def owner_of(self, key: Key) -> str | None:
+    def owner_of(self, key: FingerKey) -> str | None:
         """The client that owns a finger, or None."""
         held = self._held.get(key)
         return None if held is None else held.owner
@@ -176,17 +176,17 @@ class Scene:
         self._sliding.gain = self.friction_curve.stretch(max(speed_mm_s - NOISE_MM_S, 0.0))
         return self._sliding.gain
 
-    def amplitude_um(self, key: Key, x_mm: float, y_mm: float) -> float | None:
+    def amplitude_um(self, key: FingerKey, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
         held = self._held.get(key)
         return None if held is None or held.texture is None else held.texture(x_mm, y_mm)
 
-    def detail(self, key: Key) -> Detail:
+    def detail(self, key: FingerKey) -> Detail:
         """How finely a finger's texture must be sampled."""
         held = self._held.get(key)
         return NO_DETAIL if held is None else held.detail
 
-    def place_ns(self, key: Key) -> float:
+    def place_ns(self, key: FingerKey) -> float:
         """Return what one look-up of a finger's target is estimated to take; without one, of all surfaces."""
         held = self._held.get(key)
         return self.surfaces.place_ns if held is None or held.target is None else held.place_ns
@@ -203,11 +203,11 @@ class Scene:
         """The names of `virtuals`."""
         return tuple(name for name, held, _ in self._walking() if t_ns < held.t_expires_ns)
 
-    def requested(self, finger_ids: Iterable[int], released: Container[Key], t_ns: int) -> list[Key]:
+    def requested(self, finger_ids: Iterable[int], released: Container[FingerKey], t_ns: int) -> list[FingerKey]:
         """Return the fingers that take part in the solve at `t_ns`: those of `finger_ids` with a target or released
         from one, and the virtual fingers with a target, in the order in which they came."""
         held = self._held
-        keys: list[Key] = []
+        keys: list[FingerKey] = []
         held_down = 0
         for finger_id in finger_ids:
             mine = held.get(finger_id)
@@ -232,7 +232,7 @@ class Scene:
     # --- ownership ---
 
     def _refusal(
-        self, client: str, key: Key, path: VirtualPath | None, content: Content | None, user: str, room: float
+        self, client: str, key: FingerKey, path: VirtualPath | None, content: Content | None, user: str, room: float
     ) -> str | None:
         """Return why the client's request for this finger is refused, None if it is not."""
         owner = self.owner_of(key)
@@ -257,7 +257,7 @@ class Scene:
     def _is_on_plate(self, path: VirtualPath) -> bool:
         return all(self.holds_place(x_mm, y_mm) for x_mm, y_mm in path.path_mm)
 
-    def _refusal_of_target(self, key: Key, target: Content | None) -> str | None:
+    def _refusal_of_target(self, key: FingerKey, target: Content | None) -> str | None:
         if target is None:
             return None
         why = refusal(target, self.friction_curve, self._w_limit_um) or self.assets.refusal(target)
@@ -266,7 +266,7 @@ class Scene:
     def _hold(
         self,
         message: ClientTargets,
-        key: Key,
+        key: FingerKey,
         path: VirtualPath | None,
         target: Content | None,
         priority: int,
@@ -316,13 +316,13 @@ class Scene:
             raise KeyError(name)
         return walk
 
-    def _keys_of(self, client: str) -> list[Key]:
+    def _keys_of(self, client: str) -> list[FingerKey]:
         return [key for key, held in self._held.items() if held.owner == client]
 
     def _drop_expired(self, t_ns: int) -> None:
         self._drop([key for key, held in self._held.items() if t_ns >= held.t_expires_ns])
 
-    def _drop(self, keys: Iterable[Key]) -> None:
+    def _drop(self, keys: Iterable[FingerKey]) -> None:
         for key in keys:
             del self._held[key]
             self._released[key] = None
@@ -334,5 +334,5 @@ def _walk(path: VirtualPath | None, t_ns: int, before: Walk | None) -> Walk | No
     return before if before is not None and before.path == path else Walk(path, t_ns)
 
 
-def _spoken(key: Key) -> str:
+def _spoken(key: FingerKey) -> str:
     return f"finger {key}" if isinstance(key, int) else f"virtual finger {key!r}"

@@ -22,7 +22,7 @@ MAX_HORIZON_NS: Final = 50_000_000  # predictors are judged up to here; a knot b
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)  # a base class: native calls cost a tenth of a protocol's
-class Predictor:
+class FingerPredictor:
     """Where a finger will be; see `core.prediction.predictor.TouchPredictor`."""
 
     def update(self, t_ns: int, t_stamp_ns: int, x_mm: float, y_mm: float, period_s: float) -> None:
@@ -41,12 +41,14 @@ class Predictor:
 class Fingers:
     """Tracked fingers with their predictors, from the trackpad's frames."""
 
-    def __init__(self, make_predictor: Callable[[], Predictor], *, sensor_latency_ns: int, silence_ns: int) -> None:
+    def __init__(
+        self, make_predictor: Callable[[], FingerPredictor], *, sensor_latency_ns: int, silence_ns: int
+    ) -> None:
         """`sensor_latency_ns`: the pad's own; `silence_ns`: without a report for so long the pad counts as silent, and
         a slow one after SILENT_PERIODS.
         """
         self.down: tuple[Finger, ...] = ()
-        self.predictors: dict[int, Predictor] = {}  # of those that are down, by finger id
+        self.predictors: dict[int, FingerPredictor] = {}  # of those that are down, by finger id
         self.released: set[int] = set()  # of those: held still unless they have a target
         self.t_sample_ns = 0  # when the newest report was sampled, on the host's axis
         self.period_s = 0.0  # from one report to the next, as stamps show it; 0 before the first

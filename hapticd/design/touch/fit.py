@@ -15,10 +15,11 @@ import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
+from ...values import ComplexArray, FloatArray
 from .model import LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, Free, Model, State
 from .normal import OUTLIER, Normal, covariance_of, normal_of
-from .observations import ComplexArray, FloatArray, Windows
-from .problem import Problem, complex_of
+from .observations import Windows
+from .problem import TouchProblem, complex_of
 from .waves import Waves
 
 _START_LOAD_1_S = 200.0
@@ -58,7 +59,7 @@ def fit(
 
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
-    problem = Problem(Model(windows, modes, start, waves, parasitic_modes), free, start)
+    problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start)
     state = State(
         start,
         np.zeros((len(start.sense), problem.model.terms.shape[-1]), np.complex128),
@@ -88,7 +89,7 @@ class _Settled(NamedTuple):
     spread: float
 
 
-def _settled(problem: Problem, state: State) -> _Settled:
+def _settled(problem: TouchProblem, state: State) -> _Settled:
     """Solve for loads and rates: linear, but for the outliers."""
     found = _Settled(state, _noise(problem.model, state), 0.0, _START_LOAD_1_S)
     for _ in range(4):
@@ -99,7 +100,7 @@ def _settled(problem: Problem, state: State) -> _Settled:
     return found
 
 
-def _descended(problem: Problem, found: _Settled) -> tuple[_Settled, FloatArray]:
+def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, FloatArray]:
     """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little.
 
     Returns the parameters' covariance (P, P) too.
@@ -121,7 +122,7 @@ def _descended(problem: Problem, found: _Settled) -> tuple[_Settled, FloatArray]
     return found, covariance_of(normal, problem.model.windows)
 
 
-def _stepped(problem: Problem, state: State, normal: Normal, damping: float = 0.0) -> State:
+def _stepped(problem: TouchProblem, state: State, normal: Normal, damping: float = 0.0) -> State:
     scale = np.sqrt(np.diag(normal.matrix))
     scaled = normal.matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step = np.linalg.solve(scaled, normal.right / scale) / scale
@@ -142,7 +143,7 @@ def _window_cost(model: Model, state: State, noise: FloatArray) -> FloatArray:
     return np.asarray((cost * model.windows.is_used[..., None]).sum(axis=(1, 2)), np.float64)
 
 
-def _cost(problem: Problem, state: State, noise: FloatArray, mean: complex, spread: float) -> float:
+def _cost(problem: TouchProblem, state: State, noise: FloatArray, mean: complex, spread: float) -> float:
     data = float(_window_cost(problem.model, state, noise).sum())
     known = float(((problem.offsets(state) / problem.priors()) ** 2).sum())
     return data + known + float((np.abs(state.loads - mean) ** 2).sum()) / spread**2
@@ -155,7 +156,7 @@ def _load_prior(state: State, normal: Normal) -> tuple[complex, float]:
     return mean, max(LOAD_PRIOR_FRAC * abs(mean), 1.0)
 
 
-def _sigma(problem: Problem, sigma: FloatArray) -> Calibration:
+def _sigma(problem: TouchProblem, sigma: FloatArray) -> Calibration:
     pad, sense, waves, _ = np.split(sigma, np.cumsum(problem.sizes)[:-1])
     modes = len(problem.start.sense)
     flat = np.concatenate(((0.0,), complex_of(sense))) if sense.size else np.zeros(modes * modes)

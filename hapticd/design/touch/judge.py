@@ -12,9 +12,10 @@ import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
+from ...values import FloatArray
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration, Free
-from .observations import WINDOW_S, FloatArray, Windows
+from .observations import WINDOW_S, Windows
 from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0

@@ -17,7 +17,8 @@ import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
-from .observations import ComplexArray, FloatArray, Windows
+from ...values import ComplexArray, FloatArray
+from .observations import Windows
 from .waves import Waves
 
 PAD = ("x_mm", "y_mm", "rotation_rad", "scale_x", "scale_y", "latency_s", "centroid_mm")

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...values import ComplexArray, FloatArray
 from .model import DRIFT_PRIOR_1_S, PAD_PRIOR, SENSE_PRIOR, TERMS, Calibration, Free, Model, State, stepped
-from .observations import ComplexArray, FloatArray
 
 MAP_PRIOR = 0.015  # RMS of what the map may lack, as a share of its peak: 4 % of its own RMS
 _LOOSE = 1e6  # sigma of what has no prior
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class TouchProblem:
     model: Model
     free: Free
     start: Calibration

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.plate.bicubic import BicubicSurfaces
 from ...core.plate.mode_shapes import ModeShapes
-from ..legendre import FloatArray
+from ...values import FloatArray
 
 MOST = 400  # surfaces of all modes: 200 hold 0.86 of the variance on a plate of five waves
 _POINTS_A_WAVE = 6.5

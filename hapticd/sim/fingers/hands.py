@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 from msgspec import Meta
 
 from hapticd_contract.base import Contract, Name, Place, problem_of_name
 
+from ...values import FloatArray
 from ...wire.client import read, unpack
 from .paths import Path
 
@@ -27,7 +27,6 @@ GLIDE_S = 0.03  # two reports of a typical pointing device
 TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
 KEPT_S = 0.25  # of past positions, for a sensor that samples a little later
 
-Array = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 
@@ -38,7 +37,7 @@ class HeldFinger:
         self.t_up_s = -math.inf  # when it was lifted; inf while it is down
         self._knots: deque[tuple[float, float, float]] = deque()
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         """Return positions (T, 2) at recent times (T,); NaN where the finger is lifted."""
         t_s = np.asarray(t_s, dtype=np.float64)
         if not self._knots or self.t_up_s <= t_s[0]:
@@ -118,7 +117,7 @@ class YieldingPath:
     path: Path
     hands: Hands
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         position, t_s = self.path.position_mm(t_s), np.asarray(t_s)
         start_s, end_s = self.hands.lifted_s
         if min(self.hands.t_taken_s, start_s) < math.inf:

@@ -7,11 +7,9 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from ...errors import SimulationError
-
-Array = npt.NDArray[np.float64]
+from ...values import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +45,17 @@ class Firmware:
 
     def __init__(self, noise: PadNoise) -> None:
         self._of = noise
-        self._noise: Array | None = None
-        self._held_mm: Array | None = None
+        self._noise: FloatArray | None = None
+        self._held_mm: FloatArray | None = None
 
-    def sensed_s(self, t_s: Array, rng: np.random.Generator) -> Array:
+    def sensed_s(self, t_s: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return the instants (n,) whose positions are reported for scans at `t_s`."""
         if self._of.time_error_ms == 0.0:
             return t_s
         deviation_s = 1e-3 * self._of.time_error_ms / math.sqrt(3.0)  # of Student's t: its variance is 3
         return np.asarray(t_s + deviation_s * rng.standard_t(3, len(t_s)))
 
-    def correlated(self, white: Array) -> Array:
+    def correlated(self, white: FloatArray) -> FloatArray:
         """Return noise (n, 2) of the same deviation as `white`, each correlated with the one before."""
         correlation = self._of.noise_correlation
         if correlation == 0.0:
@@ -69,7 +67,7 @@ class Firmware:
             self._noise = row
         return noise
 
-    def held_mm(self, xy_mm: Array) -> Array:
+    def held_mm(self, xy_mm: FloatArray) -> FloatArray:
         """Return positions (n, 2), each as before until it has moved by `hold_mm`."""
         if self._of.hold_mm == 0.0:
             return xy_mm

@@ -11,20 +11,19 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from ...values import FloatArray
 from .strokes import Strokes, require_positive, strokes_pair, tremor_mm
 
 __all__ = ["Circle", "Line", "Path", "Reach", "Rest", "Strokes", "Touch", "Touches", "strokes_pair"]
 
-Array = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 
 class Path(Protocol):
     """The motion of one finger."""
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         """Return positions (T, 2) at times (T,); NaN where the finger is lifted."""
 
 
@@ -36,7 +35,7 @@ class Rest:
     tremor_mm: float = 0.0
     seed: int = 0
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         return np.asarray(self.point_mm) + tremor_mm(t_s, self.tremor_mm, self.seed)
 
 
@@ -64,7 +63,7 @@ class Line:
         """Length of a half turn."""
         return self.speed_mm_s * self.turnaround_s / math.pi
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         length_mm = math.dist(self.start_mm, self.end_mm)
         pass_s = (length_mm - 2 * self._turn_mm) / self.speed_mm_s + self.turnaround_s
         since_turn_s = _back_and_forth(t_s, pass_s)
@@ -73,7 +72,7 @@ class Line:
         distance_mm = np.where(is_nearer_start, from_end_mm, length_mm - from_end_mm)
         return _between(self.start_mm, self.end_mm, distance_mm / length_mm)
 
-    def _leave_turn_mm(self, t_s: Array) -> Array:
+    def _leave_turn_mm(self, t_s: FloatArray) -> FloatArray:
         """Distance from the middle of a turn."""
         half_s = self.turnaround_s / 2
         turned = np.minimum(t_s / half_s, 1.0) if half_s > 0 else np.ones_like(t_s)
@@ -95,7 +94,7 @@ class Reach:
     def __post_init__(self) -> None:
         require_positive("duration_s", self.duration_s)
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         cycle_s = self.duration_s + self.hold_s
         phase_s = np.mod(t_s, 2 * cycle_s)
         is_return = phase_s >= cycle_s
@@ -116,7 +115,7 @@ class Circle:
     def __post_init__(self) -> None:
         require_positive("radius_mm", self.radius_mm)
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         angle_rad = self.start_rad + np.asarray(t_s) * (self.speed_mm_s / self.radius_mm)
         return np.asarray(self.centre_mm) + self.radius_mm * np.stack((np.cos(angle_rad), np.sin(angle_rad)), axis=-1)
 
@@ -129,7 +128,7 @@ class Touch:
     down_s: float = 0.0
     up_s: float = math.inf
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         t_s = np.asarray(t_s, dtype=np.float64)
         is_down = (self.down_s <= t_s) & (t_s < self.up_s)
         return np.where(is_down[:, np.newaxis], self.path.position_mm(t_s), np.nan)
@@ -141,19 +140,19 @@ class Touches:
 
     touches: tuple[Path, ...]
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         positions = np.full((len(t_s), 2), np.nan)
         for touch in self.touches:
             positions = np.where(np.isnan(positions), touch.position_mm(t_s), positions)
         return positions
 
 
-def _back_and_forth(t_s: Array, pass_s: float) -> Array:
+def _back_and_forth(t_s: FloatArray, pass_s: float) -> FloatArray:
     """Time folded onto one pass."""
     phase_s = np.mod(t_s, 2 * pass_s)
     return np.minimum(phase_s, 2 * pass_s - phase_s)
 
 
-def _between(start_mm: Point, end_mm: Point, part: Array) -> Array:
-    start: Array = np.asarray(start_mm, dtype=np.float64)
+def _between(start_mm: Point, end_mm: Point, part: FloatArray) -> FloatArray:
+    start: FloatArray = np.asarray(start_mm, dtype=np.float64)
     return start + part[:, np.newaxis] * (np.asarray(end_mm) - start)

@@ -14,14 +14,11 @@ from itertools import count, takewhile
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from ...values import AffineMap
+from ...values import AffineMap, FloatArray
 from ...wire.trackpad import GEOMETRY, MAX_RECORDS, RECORD, STAMP_WRAP_MS
 from .pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from .paths import Path
-
-Array = npt.NDArray[np.float64]
 
 _TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
 BLOCK = 64  # frames whose positions are computed at once
@@ -169,7 +166,7 @@ class SensorModel:
         first = rng.random()  # the phase of the pad's scans is independent of the run
         size = self._block
         for block in count(step=size):
-            t_s: Array = (first + np.arange(block, block + size, dtype=np.float64)) * np.float64(settings.period_s)
+            t_s: FloatArray = (first + np.arange(block, block + size, dtype=np.float64)) * np.float64(settings.period_s)
             stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, size) * settings.stamp_jitter_ms)
             points, copies = self._raw_points(paths, firmware, t_s, rng), self._copies(rng)
             for i, t_sample_s in enumerate(t_s.tolist()):
@@ -181,7 +178,7 @@ class SensorModel:
                 yield Scan(t_sample_s, (Report(t_sample_s, t_sample_s + settings.latency_s, data),) * copies[i])
 
     def _raw_points(
-        self, paths: Sequence[Path], firmware: Sequence[Firmware], t_s: Array, rng: np.random.Generator
+        self, paths: Sequence[Path], firmware: Sequence[Firmware], t_s: FloatArray, rng: np.random.Generator
     ) -> list[list[tuple[int, int] | None]]:
         """Return by path and time the position in raw units, None where the pad senses no finger."""
         pad = GEOMETRY[self.settings.model]

@@ -13,9 +13,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ...values import FloatArray
 
 _TREMOR_HZ = (8.0, 9.0)
 _WOBBLE_HZ = 2.0
@@ -63,7 +62,7 @@ class Strokes:
     def _table(self) -> _StrokeTable:
         return _StrokeTable(self)
 
-    def position_mm(self, t_s: Array) -> Array:
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
         t_s = np.asarray(t_s, dtype=np.float64)
         if not np.all(np.isfinite(t_s)):
             raise ValueError("strokes are defined for finite times only")
@@ -85,14 +84,14 @@ def strokes_pair(seed: int, *, speed_mm_s: float = 100.0) -> tuple[Strokes, Stro
 class _Stroke(NamedTuple):
     """Strokes, one per element; the next one starts at `t_next_s`, after a pause."""
 
-    t_begin_s: Array
-    x_mm: Array
-    y_mm: Array
-    dx_mm: Array
-    dy_mm: Array
-    length_mm: Array
-    speed_mm_s: Array
-    t_next_s: Array
+    t_begin_s: FloatArray
+    x_mm: FloatArray
+    y_mm: FloatArray
+    dx_mm: FloatArray
+    dy_mm: FloatArray
+    length_mm: FloatArray
+    speed_mm_s: FloatArray
+    t_next_s: FloatArray
 
 
 class _StrokeTable:
@@ -101,12 +100,12 @@ class _StrokeTable:
     def __init__(self, settings: Strokes) -> None:
         self._settings = settings
         self._rng = np.random.default_rng([settings.seed, 0])
-        self._drawn: list[Array] = []
+        self._drawn: list[FloatArray] = []
         self._t_next_s = 0.0
         self._point_mm = self._first_point_mm()
         self._draw_until(_FIRST_DRAWN_S)
 
-    def at(self, t_s: Array) -> _Stroke:
+    def at(self, t_s: FloatArray) -> _Stroke:
         """Return the stroke at each time; before time 0 the first."""
         latest_s = float(np.max(t_s, initial=0.0))
         if latest_s >= self._t_next_s:
@@ -122,7 +121,7 @@ class _StrokeTable:
             self._t_next_s = float(stroke[-1])
         self._columns = np.array(self._drawn).T
 
-    def _draw(self) -> Array:
+    def _draw(self) -> FloatArray:
         """Draw the next stroke: the first of _CANDIDATES that keeps its distance, or the one that keeps most."""
         if self._settings.avoid is None:
             return self._random_stroke()
@@ -136,7 +135,7 @@ class _StrokeTable:
                 break
         return widest
 
-    def _random_stroke(self) -> Array:
+    def _random_stroke(self) -> FloatArray:
         settings = self._settings
         delta_mm = np.zeros(2)
         while np.hypot(*delta_mm) < settings.min_stroke_mm:
@@ -155,7 +154,7 @@ class _StrokeTable:
         distance_mm = np.hypot(*(other.position_mm(t_s) - np.stack((x_mm, y_mm), axis=-1)).T)
         return float(distance_mm.min()) - self._settings.wobble_mm - math.sqrt(2) * self._settings.tremor_mm
 
-    def _first_point_mm(self) -> Array:
+    def _first_point_mm(self) -> FloatArray:
         """Draw the start: of _CANDIDATES points the one farthest from the finger to avoid."""
         points_mm = [self._random_point_mm() for _ in range(_CANDIDATES)]
         if self._settings.avoid is None:
@@ -163,11 +162,11 @@ class _StrokeTable:
         (other_mm,) = self._settings.avoid.position_mm(np.zeros(1))
         return max(points_mm, key=lambda point_mm: math.dist(point_mm, other_mm))
 
-    def _random_point_mm(self) -> Array:
+    def _random_point_mm(self) -> FloatArray:
         return self._rng.uniform(-self._settings.reach_mm, self._settings.reach_mm, 2)
 
 
-def _progress(t_s: Array, stroke: _Stroke, ramp_s: float) -> tuple[Array, Array]:
+def _progress(t_s: FloatArray, stroke: _Stroke, ramp_s: float) -> tuple[FloatArray, FloatArray]:
     """Return share of a stroke's length covered, and share of its speed, at times since its start."""
     duration_s = stroke.length_mm / stroke.speed_mm_s + ramp_s
     t_s = np.clip(t_s, 0.0, duration_s)
@@ -179,11 +178,11 @@ def _progress(t_s: Array, stroke: _Stroke, ramp_s: float) -> tuple[Array, Array]
     return np.where(t_s <= duration_s / 2, part, 1 - part), (1 - np.cos(ramp_rad)) / 2
 
 
-def tremor_mm(t_s: Array, amplitude_mm: float, seed: int) -> Array:
+def tremor_mm(t_s: FloatArray, amplitude_mm: float, seed: int) -> FloatArray:
     """Tremor (T, 2): on each axis a sine of its own frequency and phase."""
     rng = np.random.default_rng([seed, 1])
     frequency_hz, phase_rad = rng.uniform(*_TREMOR_HZ, 2), rng.uniform(0, 2 * math.pi, 2)
-    tremor: Array = amplitude_mm * np.sin(2 * math.pi * frequency_hz * np.asarray(t_s)[:, np.newaxis] + phase_rad)
+    tremor: FloatArray = amplitude_mm * np.sin(2 * math.pi * frequency_hz * np.asarray(t_s)[:, np.newaxis] + phase_rad)
     return tremor
 
 

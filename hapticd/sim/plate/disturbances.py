@@ -7,9 +7,8 @@ stream of its own.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ...values import FloatArray
 
 GLUE, CHANGE = 1, 2  # purposes: present at the scan, and since
 _WAVES = 12

@@ -28,13 +28,12 @@ from hapticd.config.sections import LEAST_MODES
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 
+from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass, most_driven
 from .shape_tables import Disturbed, Scan, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .wirings import IDENTITY, wiring
-
-FloatArray = npt.NDArray[np.float64]
 
 MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and along y, and the pair above them
 DRIVEN_MODES = MODES[:2]

@@ -6,15 +6,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
 from hapticd.design import ModeShape, fit_cartography, sample_cartography
+from hapticd.values import FloatArray
 
 from . import disturbances
 from .shapes import theory
-
-FloatArray = npt.NDArray[np.float64]
 
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
 _RMS_POINTS = 101

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ...values import FloatArray
 
 IDENTITY: Final = "identity"
 PAPER: Final = "paper"

@@ -23,8 +23,9 @@ from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.paths import Strokes
 from ...sim.fingers.sensor import SensorModel
+from ...values import FloatArray
 from ...wire.trackpad import Decoder
-from ..touches import FloatArray, Touches, Trace, recorded
+from ..touches import Touches, Trace, recorded
 from . import simulated
 from .delays import PERIOD_WORTH_FRAC
 from .live_pad import reading

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import TypeVar
 
 from ... import board_protocol as protocol
-from ...board_protocol import BoardVerdict, HelloRequest, Keepalive, Stop, Verdict
+from ...board_protocol import BoardVerdict, CommandResult, HelloRequest, Keepalive, Stop
 from ...board_values import BoardCommand, BoardHello, BoardMessage
 from ...errors import DeviceError, UsageError
 from ...io.devices.serial_link import SerialLink
@@ -20,8 +20,8 @@ ANSWER_WITHIN_S = 0.4  # of each try; the board answers at once
 ALIVE_EVERY_S = 0.015  # of the board's dead-man timeout of 50 ms
 DRAIN_WITHIN_S = 0.1  # for the last frame to be sent
 REMEDIES = {
-    Verdict.OUT_OF_RANGE: " (firmware/PROTOCOL.md)",
-    Verdict.NOT_QUIET: ": see `hapticd firmware info`, and `clear-fault`",
+    CommandResult.OUT_OF_RANGE: " (firmware/PROTOCOL.md)",
+    CommandResult.NOT_QUIET: ": see `hapticd firmware info`, and `clear-fault`",
 }
 
 Message = BoardMessage
@@ -111,7 +111,7 @@ class Conversation:
         """Send the command; raise DeviceError unless the board executes it."""
         answer = await self.ask(command, BoardVerdict)
         what = protocol.COMMANDS.get(answer.request, "the command")
-        if answer.verdict is not Verdict.DONE:
+        if answer.verdict is not CommandResult.DONE:
             why = protocol.VERDICTS[answer.verdict.value]
             raise DeviceError(f"The board refuses {what}: {why}{REMEDIES[answer.verdict]}.")
 

@@ -12,8 +12,8 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...design.achievability import AchievabilityMap, Finger, PairMap
 from ...design.contact_map import ContactMap
-from ...design.legendre import FloatArray
 from ...files import plotting
+from ...values import FloatArray
 
 DPI = 100
 NODES_PER_SIDE = 201

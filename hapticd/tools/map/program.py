@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...files import outputs
+from ...values import FloatArray
 from ..arguments import number, whole
 from ..progress import Progress
 from .arguments import FELT_CELLS, FELT_PAIR_CELLS, MOST_UM, finger, plate
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
     from ...design.achievability import AchievabilityMap, Finger, PairMap
     from ...design.contact_map import ContactMap
-    from ...design.legendre import FloatArray
     from .picture import Panel
 
 MOST_FINGERS = 15

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...regular_file import opened
+from ...values import FloatArray
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
-    from ...design.legendre import FloatArray
 
 
 def plate_line(modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequence[float]) -> str:

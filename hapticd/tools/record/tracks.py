@@ -16,8 +16,8 @@ import numpy.typing as npt
 from ...core.plate.mode_shapes import ModeShapes
 from ...errors import RecordingError
 from ...files.recording.kinds import Fields, Record, key_of
+from ...values import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Sample = tuple[int, float, float]  # t_ns, x_mm, y_mm
 _TRUE = ("x_mm", "y_mm", "plate_d_um", "plate_q_um", "target_um")
 GRID_NS = 1_000_000

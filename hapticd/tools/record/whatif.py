@@ -26,9 +26,9 @@ from ...files.recording.kinds import Fields, Record, phasors
 from ...files.recording.mcap_reader import Recording
 from ...formats.toml_file import parse
 from ...sim.score import Score, score, with_contacts
-from ...values import Aim
+from ...values import Aim, FloatArray
 from .replay import feed, steps
-from .tracks import FloatArray, Tracks, tracks
+from .tracks import Tracks, tracks
 
 Polyline = tuple[int, tuple[tuple[int, tuple[complex, ...]], ...]]  # t_apply_ns and knots, each dt_ns and amplitudes
 

@@ -20,7 +20,7 @@ from msgspec import Meta
 from ...errors import RequestError, missing_library
 from ...wire.client import read
 from ..view import guard
-from .panel import Key, Screen
+from .panel import PanelKey, Screen
 from .protocol import StudyError
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Browser:
         # Screen and number, replaced together: a press on an earlier screen is ignored.
         self._shown = (0, Screen("One moment", "The session is about to begin.", {}))
         self._note = ""
-        self._presses: queue.SimpleQueue[tuple[int, Key]] = queue.SimpleQueue()
+        self._presses: queue.SimpleQueue[tuple[int, PanelKey]] = queue.SimpleQueue()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="study page")
 
@@ -78,7 +78,7 @@ class Browser:
     def note(self, text: str) -> None:
         self._note = text
 
-    def pressed(self) -> Key | None:
+    def pressed(self) -> PanelKey | None:
         while not self._presses.empty():
             pressed_on, key = self._presses.get()
             number, screen = self._shown
@@ -144,7 +144,7 @@ class Browser:
     async def _press(self, request: web.Request) -> web.StreamResponse:
         try:
             body = await request.json()
-            number, key = read(body["number"], Number), Key(body["key"])
+            number, key = read(body["number"], Number), PanelKey(body["key"])
         except (ValueError, LookupError, TypeError, RecursionError, RequestError):
             raise self._web.HTTPBadRequest(text="A press is a screen's number and a key.") from None
         self._presses.put((number, key))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from . import panel
-from .panel import Key, Panel
+from .panel import Panel, PanelKey
 from .protocol import Friction
 from .session import Answer, SessionFile
 from .stage import Stage
@@ -52,8 +52,8 @@ def conduct(file: SessionFile, stage: Stage, shown: Panel, clock: Clock) -> None
 
 def _train(stage: Stage, shown: Panel) -> None:
     """Present either friction by name, as often as the participant chooses."""
-    key = Key.HIGH
-    while key is not Key.NEXT:
+    key = PanelKey.HIGH
+    while key is not PanelKey.NEXT:
         shown.show(panel.training(key))
         stage.present(Friction(key))
         key = _wait(stage, shown, lambda: _advice(stage))
@@ -69,7 +69,7 @@ def _try(file: SessionFile, stage: Stage, shown: Panel, clock: Clock, number: in
     shown.show(panel.trial(number, session.design.trials))
     while True:
         key = _wait(stage, shown, lambda: "")
-        if key is Key.PAUSE:
+        if key is PanelKey.PAUSE:
             return None
         if stage.touch.touched_s >= LEAST_TOUCH_S:
             break
@@ -98,7 +98,7 @@ def _pause(file: SessionFile, stage: Stage, shown: Panel) -> None:
     _wait(stage, shown, lambda: "")
 
 
-def _wait(stage: Stage, shown: Panel, advice: Callable[[], str]) -> Key:
+def _wait(stage: Stage, shown: Panel, advice: Callable[[], str]) -> PanelKey:
     """Step until a key of the screen is pressed; return it."""
     while (key := shown.pressed()) is None:
         stage.step()

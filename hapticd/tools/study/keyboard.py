@@ -10,10 +10,16 @@ import tty
 from collections.abc import Mapping
 from typing import Any, TextIO
 
-from .panel import Key, Screen
+from .panel import PanelKey, Screen
 
-LETTERS: Mapping[str, Key] = {"f": Key.HIGH, "j": Key.LOW, "p": Key.PAUSE, "\n": Key.NEXT, "\r": Key.NEXT}
-NAMES: Mapping[Key, str] = {Key.HIGH: "F", Key.LOW: "J", Key.PAUSE: "P", Key.NEXT: "Enter"}
+LETTERS: Mapping[str, PanelKey] = {
+    "f": PanelKey.HIGH,
+    "j": PanelKey.LOW,
+    "p": PanelKey.PAUSE,
+    "\n": PanelKey.NEXT,
+    "\r": PanelKey.NEXT,
+}
+NAMES: Mapping[PanelKey, str] = {PanelKey.HIGH: "F", PanelKey.LOW: "J", PanelKey.PAUSE: "P", PanelKey.NEXT: "Enter"}
 READ_SIZE = 256
 
 
@@ -62,7 +68,7 @@ class Keyboard:
             self._out.write(f"\r\x1b[K{text}")
             self._out.flush()
 
-    def pressed(self) -> Key | None:
+    def pressed(self) -> PanelKey | None:
         if not self._waiting and select.select([self._fd], [], [], 0)[0]:
             data = os.read(self._fd, READ_SIZE)
             if not data:

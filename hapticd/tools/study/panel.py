@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import NamedTuple, Protocol
 
 
-class Key(StrEnum):
+class PanelKey(StrEnum):
     """Keys of a screen."""
 
     LOW = "low"
@@ -20,7 +20,7 @@ class Screen(NamedTuple):
 
     heading: str
     text: str
-    keys: dict[Key, str]
+    keys: dict[PanelKey, str]
 
 
 class Panel(Protocol):
@@ -32,12 +32,12 @@ class Panel(Protocol):
     def note(self, text: str) -> None:
         """Show a remark below the screen; empty removes it."""
 
-    def pressed(self) -> Key | None:
+    def pressed(self) -> PanelKey | None:
         """Return a key of the screen pressed since the last call, else None. Does not block."""
 
 
-ANSWERS = {Key.HIGH: "high friction: sticky", Key.LOW: "low friction: slippery"}
-CHOOSE = {Key.HIGH: "feel high friction", Key.LOW: "feel low friction"}
+ANSWERS = {PanelKey.HIGH: "high friction: sticky", PanelKey.LOW: "low friction: slippery"}
+CHOOSE = {PanelKey.HIGH: "feel high friction", PanelKey.LOW: "feel low friction"}
 TRAINING_TEXT = (
     "Move one finger over the plate, slowly. A second finger that you cannot see walks on it too. Feel either "
     "friction, as often as you like, until you can tell them apart."
@@ -45,14 +45,14 @@ TRAINING_TEXT = (
 TRIAL_TEXT = "Move one finger over the plate. Is its friction high or low?"
 
 
-def training(friction: Key) -> Screen:
+def training(friction: PanelKey) -> Screen:
     """Return the screen of the training with this friction."""
-    return Screen(f"Training: {friction} friction", TRAINING_TEXT, {**CHOOSE, Key.NEXT: "begin the trials"})
+    return Screen(f"Training: {friction} friction", TRAINING_TEXT, {**CHOOSE, PanelKey.NEXT: "begin the trials"})
 
 
 def trial(number: int, trials: int) -> Screen:
     """Return the screen of a trial, which does not depend on its stimulus."""
-    return Screen(f"Trial {number} of {trials}", TRIAL_TEXT, {**ANSWERS, Key.PAUSE: "pause"})
+    return Screen(f"Trial {number} of {trials}", TRIAL_TEXT, {**ANSWERS, PanelKey.PAUSE: "pause"})
 
 
 def between(number: int, trials: int) -> Screen:
@@ -63,7 +63,7 @@ def between(number: int, trials: int) -> Screen:
 def paused(answered: int, trials: int) -> Screen:
     """Return the screen of a pause, or of a resumed session; the interrupted trial is presented again."""
     text = "The plate is at rest. You can also stop here and continue another day with the same command."
-    return Screen(f"{answered} of {trials} answered", text, {Key.NEXT: "continue"})
+    return Screen(f"{answered} of {trials} answered", text, {PanelKey.NEXT: "continue"})
 
 
 def over(trials: int) -> Screen:

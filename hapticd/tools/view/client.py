@@ -45,7 +45,7 @@ GRID = 101  # points of the page's shapes per side; the browser interpolates bet
 Publish = Callable[[str, str, "Plate | None"], None]
 Action = SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearFault
 Request = tuple[Action, Callable[[str], None]]
-Key = tuple[str, int | str]
+TargetKey = tuple[str, int | str]
 
 
 class Plate:
@@ -71,7 +71,7 @@ class PlateClient:
         self.name = f"view-{os.getpid()}"
         self._endpoint = endpoint
         self._publish = publish
-        self._requests: dict[Key, Request] = {}  # the newest of each finger, and of each surface
+        self._requests: dict[TargetKey, Request] = {}  # the newest of each finger, and of each surface
         self._lock = threading.Lock()  # of the requests
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapticd-view", daemon=True)
@@ -163,7 +163,7 @@ class PlateClient:
             yield request
 
 
-def _key(request: Action) -> Key:
+def _key(request: Action) -> TargetKey:
     match request:
         case SetTarget(finger) | ReleaseTarget(finger):
             return "finger", finger

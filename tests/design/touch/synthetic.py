@@ -8,7 +8,8 @@ import numpy as np
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design.touch.model import CENTROID, LATENCY, Calibration
-from hapticd.design.touch.observations import ComplexArray, FloatArray, Ticks, Track, Windows, in_windows
+from hapticd.design.touch.observations import Ticks, Track, Windows, in_windows
+from hapticd.values import ComplexArray, FloatArray
 
 WAVE_RAD_MM = 0.23
 TICK_HZ, REPORT_HZ = 400.0, 90.0

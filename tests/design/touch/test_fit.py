@@ -9,8 +9,8 @@ import pytest
 
 from hapticd.design.touch.fit import fit
 from hapticd.design.touch.model import LATENCY, Calibration, Free, Model, State, stepped
-from hapticd.design.touch.observations import ComplexArray, FloatArray
 from hapticd.design.touch.waves import Waves
+from hapticd.values import ComplexArray, FloatArray
 
 from .synthetic import WAVE_RAD_MM, Touching, mode_map
 

@@ -15,7 +15,8 @@ from hapticd.daemon.settings import pipeline_settings
 from hapticd.sim.fingers.paths import Strokes
 from hapticd.tools.calibrate import prediction
 from hapticd.tools.calibrate.verdict import Outcome
-from hapticd.tools.touches import FloatArray, Trace
+from hapticd.tools.touches import Trace
+from hapticd.values import FloatArray
 
 
 def stroked(seed: int, *, across_mm: float = 0.02, along_ms: float = 0.0, seconds: float = 12.0) -> Trace:

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from hapticd.tools.study.panel import Key, Screen
+from hapticd.tools.study.panel import PanelKey, Screen
 from hapticd_client import FingerState, PlateState
 
 STATE_NS = 10_000_000
@@ -78,7 +78,7 @@ class FakeClient:
 class Person:
     """A panel with a participant: `answer` returns the key pressed on a screen after `after` polls."""
 
-    def __init__(self, answer: Callable[[Screen], Key | None], after: int = 60) -> None:
+    def __init__(self, answer: Callable[[Screen], PanelKey | None], after: int = 60) -> None:
         self._answer = answer
         self._after = after
         self._polls = 0
@@ -92,7 +92,7 @@ class Person:
     def note(self, text: str) -> None:
         self.notes.append(text)
 
-    def pressed(self) -> Key | None:
+    def pressed(self) -> PanelKey | None:
         self._polls += 1
         if self._polls < self._after:
             return None

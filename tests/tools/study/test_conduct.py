@@ -9,7 +9,7 @@ import pytest
 from plates import FakeClient, Person
 
 from hapticd.tools.study.conduct import REST_S, conduct
-from hapticd.tools.study.panel import Key, Screen
+from hapticd.tools.study.panel import PanelKey, Screen
 from hapticd.tools.study.protocol import Design, Friction
 from hapticd.tools.study.session import Session, SessionFile, read
 from hapticd.tools.study.stage import WALKER, Stage
@@ -22,8 +22,8 @@ class LeftError(Exception):
     """The participant leaves."""
 
 
-def sticky(screen: Screen) -> Key:
-    return Key.HIGH if Key.HIGH in screen.keys and Key.NEXT not in screen.keys else Key.NEXT
+def sticky(screen: Screen) -> PanelKey:
+    return PanelKey.HIGH if PanelKey.HIGH in screen.keys and PanelKey.NEXT not in screen.keys else PanelKey.NEXT
 
 
 def hold(path: Path, person: Person, client: FakeClient, given: Session = GIVEN) -> None:
@@ -70,7 +70,7 @@ def test_a_session_left_in_any_trial_continues_with_it(tmp_path: Path) -> None:
     for leaves_at in range(1, TRIALS + 1):
         path = tmp_path / f"{leaves_at}.jsonl"
 
-        def leave(screen: Screen, trial: int = leaves_at) -> Key:
+        def leave(screen: Screen, trial: int = leaves_at) -> PanelKey:
             if screen.heading == f"Trial {trial} of {TRIALS}":
                 raise LeftError
             return sticky(screen)
@@ -91,10 +91,10 @@ def test_a_pause_stops_the_plate_and_repeats_the_trial(tmp_path: Path) -> None:
     client = FakeClient()
     paused: list[Any] = []
 
-    def pause_once(screen: Screen) -> Key:
-        if Key.PAUSE in screen.keys and not paused:
+    def pause_once(screen: Screen) -> PanelKey:
+        if PanelKey.PAUSE in screen.keys and not paused:
             paused.append(screen)
-            return Key.PAUSE
+            return PanelKey.PAUSE
         if screen.heading == f"0 of {TRIALS} answered":
             paused.append(dict(client.targets_um))
         return sticky(screen)
@@ -111,7 +111,7 @@ def test_an_answer_without_a_touch_does_not_count(tmp_path: Path) -> None:
     client.finger = None
     presses = 0
 
-    def impatient(screen: Screen) -> Key:
+    def impatient(screen: Screen) -> PanelKey:
         nonlocal presses
         presses += screen.heading == f"Trial 1 of {TRIALS}"
         if presses == 3:
@@ -143,9 +143,9 @@ def test_a_finger_that_lands_again_or_meets_another_daemon_gets_its_target() -> 
 def test_the_training_presents_both_frictions_by_name_and_shows_the_speed(tmp_path: Path) -> None:
     client = FakeClient()
     client.speed_mm_s = 130.0
-    choices = [Key.LOW, Key.HIGH, Key.LOW, Key.NEXT]
+    choices = [PanelKey.LOW, PanelKey.HIGH, PanelKey.LOW, PanelKey.NEXT]
 
-    def trained(screen: Screen) -> Key:
+    def trained(screen: Screen) -> PanelKey:
         return choices.pop(0) if choices else sticky(screen)
 
     person = Person(trained)

@@ -16,12 +16,12 @@ import pytest
 from hapticd.tools.study import panel
 from hapticd.tools.study.browser import Browser
 from hapticd.tools.study.keyboard import Keyboard
-from hapticd.tools.study.panel import Key
+from hapticd.tools.study.panel import PanelKey
 
 TRIAL = panel.trial(3, 20)
 
 
-def pressed_soon(keyboard: Keyboard) -> Key | None:
+def pressed_soon(keyboard: Keyboard) -> PanelKey | None:
     """Poll: a pseudo-terminal delivers bytes with a delay."""
     return next((key for _ in range(100_000) if (key := keyboard.pressed()) is not None), None)
 
@@ -37,8 +37,8 @@ def terminal() -> Iterator[tuple[int, int]]:
     os.close(theirs)
 
 
-@pytest.mark.parametrize(("typed", "key"), [(b"f", Key.HIGH), (b"J", Key.LOW), (b"x p", Key.PAUSE)])
-def test_a_key_is_read_without_enter(terminal: tuple[int, int], typed: bytes, key: Key) -> None:
+@pytest.mark.parametrize(("typed", "key"), [(b"f", PanelKey.HIGH), (b"J", PanelKey.LOW), (b"x p", PanelKey.PAUSE)])
+def test_a_key_is_read_without_enter(terminal: tuple[int, int], typed: bytes, key: PanelKey) -> None:
     with Keyboard(io.StringIO(), terminal[1]) as keyboard:
         keyboard.show(TRIAL)
         assert keyboard.pressed() is None
@@ -51,7 +51,7 @@ def test_what_was_typed_ahead_does_not_answer_the_next_trial(terminal: tuple[int
     with Keyboard(io.StringIO(), terminal[1]) as keyboard:
         keyboard.show(TRIAL)
         os.write(terminal[0], b"fjf")
-        assert pressed_soon(keyboard) is Key.HIGH
+        assert pressed_soon(keyboard) is PanelKey.HIGH
         keyboard.show(panel.trial(4, 20))
         assert keyboard.pressed() is None
 
@@ -69,7 +69,7 @@ def test_the_end_of_input_ends_the_session() -> None:
     os.close(write)
     with Keyboard(io.StringIO(), read) as keyboard:
         keyboard.show(TRIAL)
-        assert keyboard.pressed() is Key.LOW
+        assert keyboard.pressed() is PanelKey.LOW
         with pytest.raises(KeyboardInterrupt):
             keyboard.pressed()
     os.close(read)
@@ -114,7 +114,7 @@ def test_the_page_shows_the_screen_and_takes_its_keys(page: Browser) -> None:
     assert (shown["heading"], shown["text"], shown["note"]) == (*TRIAL[:2], "Touch the plate first.")
     assert shown["keys"] == {str(key): what for key, what in TRIAL.keys.items()}
     assert press(page, shown["number"], "low") == 200
-    assert page.pressed() is Key.LOW
+    assert page.pressed() is PanelKey.LOW
     assert page.pressed() is None
 
 

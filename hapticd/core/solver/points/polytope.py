@@ -12,9 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from ....values import FloatArray
 
 _ALONG_FACE = 1e-13  # the part of a step across a limit below this share of the step is rounding
 RANK = 1e-13  # singular values below this share of the matrix are rounding

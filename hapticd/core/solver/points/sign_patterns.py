@@ -19,10 +19,9 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ....values import FloatArray
 from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Row, Rows, all_finite, clamped
 from .polytope import RANK, Factored, least_norm_in_polytope
-
-FloatArray = npt.NDArray[np.float64]
 
 _MOST_ENUMERATED: Final = 10  # slipping fingers: 512 patterns
 _REACH_CAP: Final = 1e30  # a target so many times out of reach acts like any farther one
@@ -32,7 +31,7 @@ _SURELY_GREATER: Final = 1.0 + 1e-6  # of |W|^2: no tie
 # --- the problem ----------------------------------------------------------------------------------------------------
 
 
-class Problem(NamedTuple):
+class PointProblem(NamedTuple):
     """What the still fingers leave to the n slipping ones, scaled to a largest gain and a largest limit of 1.
 
     W = reach * basis z, and each slipping finger gets gains z.
@@ -64,7 +63,7 @@ class Candidate(NamedTuple):
     is_bent: bool
 
 
-def pose(rows: Rows, targets: Row, limits: Row) -> Problem | None:
+def pose(rows: Rows, targets: Row, limits: Row) -> PointProblem | None:
     """The problem; None where only silence serves: no finger slips or can be moved, or phi is not finite."""
     still = [row for row, target in zip(rows, targets, strict=True) if target == 0.0]
     slipping = [row for row, target in zip(rows, targets, strict=True) if target != 0.0]
@@ -86,7 +85,7 @@ def pose(rows: Rows, targets: Row, limits: Row) -> Problem | None:
     reach, peak = max(limits), max(requested)
     scaled_peak = peak / max(size * largest, sys.float_info.min) / reach
     wanted = np.array(requested) / peak * (scaled_peak if scaled_peak <= _REACH_CAP else _REACH_CAP)
-    return Problem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains))
+    return PointProblem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains))
 
 
 def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
@@ -103,7 +102,7 @@ def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
 # --- sign patterns --------------------------------------------------------------------------------------------------
 
 
-def _best_of_all(problem: Problem, previous: Row | None) -> Candidate:
+def _best_of_all(problem: PointProblem, previous: Row | None) -> Candidate:
     """The candidate with least error, of equals that of least |W|, of equals the one nearest `previous`."""
     modes = len(problem.box)
     near = np.array([0.0 if previous is None else clamped(previous[k] / problem.reach, SAFE) for k in range(modes)])
@@ -119,7 +118,7 @@ def _best_of_all(problem: Problem, previous: Row | None) -> Candidate:
     return _nearest(problem, candidates, near)
 
 
-def _solved(problem: Problem, patterns: FloatArray) -> list[Candidate]:
+def _solved(problem: PointProblem, patterns: FloatArray) -> list[Candidate]:
     """Candidates of sign patterns (count, n); a pattern whose lower bound has lost is left out."""
     targets = problem.targets
     free = problem.factored.least_norm(patterns * targets)
@@ -142,7 +141,7 @@ def _solved(problem: Problem, patterns: FloatArray) -> list[Candidate]:
     return candidates
 
 
-def _bent(problem: Problem, signs: FloatArray, free: FloatArray) -> Candidate:
+def _bent(problem: PointProblem, signs: FloatArray, free: FloatArray) -> Candidate:
     """The best of a sign pattern within the limits; `free` (r,) is the best without them."""
     if len(free) == 1:  # a line: clamped
         line = np.abs(problem.basis[:, 0])
@@ -164,7 +163,7 @@ def _best(candidates: Sequence[Candidate]) -> Candidate:
     return min(candidates, key=lambda one: one.error)
 
 
-def _nearest(problem: Problem, candidates: Sequence[Candidate], near: FloatArray) -> Candidate:
+def _nearest(problem: PointProblem, candidates: Sequence[Candidate], near: FloatArray) -> Candidate:
     """Rules (3), (4) and (5) among candidates; W or -W, which no finger can distinguish, whichever is nearer."""
     best = _best(candidates)
     allowed = best.error + EQUAL_ERROR * float(problem.targets @ best.amplitudes)
@@ -184,7 +183,7 @@ def _every_pattern(gains: FloatArray, moved: npt.NDArray[np.intp]) -> FloatArray
     return patterns
 
 
-def _locally_best(problem: Problem, near: FloatArray) -> FloatArray:
+def _locally_best(problem: PointProblem, near: FloatArray) -> FloatArray:
     """Signs that no single change improves, limits aside: s' kernel s is what of the targets' squares they serve.
 
     From every principal direction, every finger's own, and that of the present amplitudes.
