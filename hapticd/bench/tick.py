@@ -31,6 +31,7 @@ from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, 
 from ..sim.lockstep import Settings, scheme_config
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
+from . import messages
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
@@ -50,8 +51,9 @@ Figures = dict[str, dict[str, float]]  # by situation
 
 def run(
     *, seconds: float = 2.0, repeats: int = REPEATS, passes: int = 300, wait_until: WaitUntil = sleep_until
-) -> tuple[Table]:
-    """Time `passes` passes hot, and `seconds` of them paced; machine code also as Python, in another process."""
+) -> tuple[Table, Table]:
+    """Time `passes` passes hot, and `seconds` of them paced; machine code also as Python, in another process. And what
+    clients' messages cost."""
     found = _measured(seconds, repeats, passes, wait_until)
     reason = why_interpreted()
     if not reason:
@@ -70,7 +72,7 @@ def run(
             "skipped: share of passes with nothing to solve; no finger: the timer, of which every tenth makes a pass",
         ),
     )
-    return (table,)
+    return table, messages.table(repeats)
 
 
 def _measured(seconds: float, repeats: int, passes: int, wait_until: WaitUntil = sleep_until) -> Figures:

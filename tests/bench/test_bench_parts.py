@@ -101,7 +101,8 @@ def test_the_default_law_settles_soonest_and_the_paper_s_last() -> None:
 
 
 def test_what_a_scene_does_not_need_is_skipped() -> None:
-    (situations,) = part("tick")
+    situations, messages = part("tick")
+    assert all(0.0 < row.figures["hot_us"] < 1e4 for row in messages.rows)
     skipped = {row.name: row.figures["skipped_frac"] for row in situations.rows}
     assert skipped["no target"] == skipped["standing"] == 1.0
     assert skipped["no finger"] == pytest.approx(TIMER_NS / LOOK_EVERY_NS)

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import runpy
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +34,7 @@ from hapticd_contract.states import EventKind, FingerState
 from hapticd_contract.surfaces import Surface, VirtualFinger
 from hapticd_contract.targets import FingerTarget
 
+SCHEMA = Path(__file__).parents[2] / "clients" / "schema"
 TEXT = (Path(__file__).parents[2] / "clients" / "PROTOCOL.md").read_text(encoding="utf-8")
 EXAMPLES = [(kind, json.loads(body)) for kind, body in re.findall(r"```json (\w+)\n(.*?)```", TEXT, re.DOTALL)]
 
@@ -64,6 +66,14 @@ def test_the_texts_reply_is_what_the_daemon_sends_and_what_the_library_raises() 
         assert msgpack.unpackb(payload) == example
         with pytest.raises(RefusedError, match="held by 'other'"):
             messages.read_reply(payload, example["id"])
+
+
+def test_the_schemas_and_the_tables_of_fields_follow_from_the_contract() -> None:
+    """`python clients/schema/write.py` writes both."""
+    write = runpy.run_path(str(SCHEMA / "write.py"))
+    assert write["with_tables"](TEXT) == TEXT
+    schemas = {path.stem: path.read_text(encoding="utf-8") for path in SCHEMA.glob("*.json")}
+    assert write["schemas"]() == schemas
 
 
 def test_the_text_names_every_event_form_and_cause() -> None:

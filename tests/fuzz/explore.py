@@ -34,6 +34,7 @@ INSTRUMENTED = [
     "hapticd.formats.toml_file",
     "hapticd.wire",
     "hapticd_client.messages",
+    "hapticd_contract",
     "mcap",
     "tomllib",
     "zipfile",

@@ -34,10 +34,15 @@ class Grating(Contract, frozen=True):
     """
 
     period_mm: PeriodMm
+    """from crest to crest"""
     high_um: AmplitudeUm
+    """on the crests"""
     low_um: AmplitudeUm = 0.0
+    """between them"""
     angle_rad: AngleRad = 0.0
+    """anticlockwise from +x"""
     duty_frac: Share = 0.0
+    """0: a sine, else a square wave with that share of the period high"""
 
 
 class LevelMap(Contract, frozen=True):
@@ -49,12 +54,18 @@ class LevelMap(Contract, frozen=True):
     """
 
     width: Side
+    """pixels; at most 128 without an asset"""
     height: Side
     levels: bytes = b""
+    """width x height bytes, by rows from the top (+y) down"""
     low_um: AmplitudeUm = 0.0
+    """at level 0"""
     high_um: AmplitudeUm | None = None
+    """at level 255"""
     asset: Digest | None = None
+    """instead of `levels`: the SHA-256 of an uploaded asset"""
     friction: tuple[Share, Share] | None = None
+    """instead of the amplitudes: the frictions of level 0 and 255"""
 
     @property
     def amplitudes_um(self) -> tuple[float, float]:
@@ -83,9 +94,13 @@ class Gradient(Contract, frozen=True):
     `length_mm` with the centre in the middle; constant beyond."""
 
     length_mm: PeriodMm
+    """over which it changes; constant beyond"""
     to_um: AmplitudeUm
+    """at its end"""
     from_um: AmplitudeUm = 0.0
+    """at its beginning"""
     angle_rad: AngleRad = 0.0
+    """anticlockwise from +x"""
 
 
 class Noise(Contract, frozen=True):
@@ -97,11 +112,16 @@ class Noise(Contract, frozen=True):
     """
 
     shortest_mm: PeriodMm
+    """wavelengths from here"""
     longest_mm: PeriodMm
+    """to here, not below the shortest; as many waves in each octave"""
     rms_um: AmplitudeUm
+    """deviation from the mean, cut at three times as much, and at 0"""
     mean_um: AmplitudeUm
     exponent: Annotated[float, Meta(ge=0.0, le=4.0)] = 0.0
+    """a wave's height is proportional to its wavelength to this power"""
     seed: Annotated[int, Meta(ge=0, le=MAX_ID)] = 0
+    """the same texture for the same seed"""
 
     def problem(self) -> str:
         if self.longest_mm >= self.shortest_mm:
@@ -116,11 +136,17 @@ class Contents(Contract, frozen=True, kw_only=True):
     """The fields of content, of which a message has exactly one."""
 
     amplitude_um: AmplitudeUm | None = None
+    """constant vibration; 0 holds the glass still. The plate's limit is lower, see below"""
     friction: Share | None = None
+    """0 is the most slippery that the plate allows, 1 is bare glass; converted by the daemon's friction curve"""
     grating: Grating | None = None
+    """stripes, with a crest through the centre"""
     map: LevelMap | None = None
+    """an image over the whole plate, edge to edge; bilinear between pixels"""
     gradient: Gradient | None = None
+    """linear along a direction, with the centre in the middle"""
     noise: Noise | None = None
+    """a random texture"""
 
     @property
     def content(self) -> Content:

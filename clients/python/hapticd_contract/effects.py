@@ -30,8 +30,11 @@ class Pulse(Contract, frozen=True):
     """
 
     height_um: SignedUm
+    """added"""
     length_s: LengthS
     rise_s: InstantS | None = None
+    """linear rise and fall within the length, at most half of it; default 0.002, or half of the length if that is
+    less"""
 
     @property
     def ramp_s(self) -> float:
@@ -53,7 +56,10 @@ class Envelope(Contract, frozen=True):
     """
 
     points: Annotated[tuple[tuple[InstantS, SignedUm], ...], Meta(min_length=2, max_length=MAX_ENVELOPE_POINTS)]
+    """`[t_s, value]`, the first at 0, the last at 0.001 or later, none earlier than the one before; 1024 in all of a
+    message. Linear in between, two at one instant are a step"""
     is_factor: bool = False
+    """multiplies by the values, which are 0 .. 10; else adds them, in um"""
 
     def problem(self) -> str:
         points = self.points
@@ -75,8 +81,11 @@ class Modulation(Contract, frozen=True):
 
     frequency_hz: Annotated[float, Meta(ge=1.0, le=300.0)]
     depth: Share = 1.0
+    """multiplies by 1 - depth/2 + depth/2 · wave"""
     shape: Literal["sine", "square"] = "sine"
+    """a cosine, or 1 and -1 for half a period each"""
     length_s: LengthS | None = None
+    """default: until it is ended"""
 
 
 Form = Pulse | Envelope | Modulation
@@ -88,12 +97,14 @@ class Now(Contract, frozen=True, tag_field="cause", tag="now"):
     """When the message arrives; with another `id` once more."""
 
     id: Whole = 0
+    """another one starts it once more; one with a length starts once per id above 0, also after it expired"""
 
 
 class At(Contract, frozen=True, tag_field="cause", tag="at"):
     """At an instant of the daemon's monotonic clock (ns); a late message plays what is left."""
 
     t_ns: Whole
+    """on the daemon's monotonic clock"""
 
 
 class OnLanding(Contract, frozen=True, tag_field="cause", tag="landing"):
@@ -108,18 +119,21 @@ class OnEntering(Contract, frozen=True, tag_field="cause", tag="entering"):
     """Each time a finger is predicted to enter one of this client's surfaces; that finger feels it."""
 
     surface: Name
+    """one of the message's own"""
 
 
 class OnLeaving(Contract, frozen=True, tag_field="cause", tag="leaving"):
     """Each time a finger is predicted to leave one of this client's surfaces; that finger feels it."""
 
     surface: Name
+    """one of the message's own"""
 
 
 class OnCrossing(Contract, frozen=True, tag_field="cause", tag="crossing"):
     """Each time a finger is predicted to cross the edge of one of this client's surfaces; that finger feels it."""
 
     surface: Name
+    """one of the message's own"""
 
 
 class OnPressure(Contract, frozen=True, tag_field="cause", tag="pressure"):
@@ -130,6 +144,7 @@ class OnPressure(Contract, frozen=True, tag_field="cause", tag="pressure"):
 
     threshold: Annotated[float, Meta(ge=0.01, le=1.0)]
     release: Share | None = None
+    """below the threshold; default three quarters of it"""
 
     @property
     def release_frac(self) -> float:
@@ -158,13 +173,21 @@ class Effect(Contract, frozen=True, kw_only=True):
     `loops`."""
 
     name: Name
+    """unique in its message"""
     pulse: Pulse | None = None
+    """adds a height, with a linear rise and fall"""
     envelope: Envelope | None = None
+    """adds a polyline, or multiplies by it"""
     modulation: Modulation | None = None
+    """multiplies by a wave"""
     finger: FingerId | None = None
+    """where the effect is: a finger, by its id,"""
     surface: Name | None = None
+    """or one of the message's own surfaces; default: the whole plate"""
     start: Start = NOW
+    """what starts it, see below"""
     loops: bool = False
+    """begins once more when it has ended"""
 
     @classmethod
     def of(cls, form: Form, on: int | str | None = None, start: Start = NOW, *, name: str = "", **more: Any) -> Effect:

@@ -28,7 +28,9 @@ class Release(Contract, frozen=True):
 
     client: Name
     finger: Key | None = None
+    """default: all fingers, surfaces and effects of the client"""
     stamp: Whole | None = None
+    """as in a `targets` message"""
 
     def problem(self) -> str:
         return problem_of_name(self.client, ".client")
@@ -39,8 +41,10 @@ class MarkerRequest(Contract, frozen=True):
     reference that takes effect."""
 
     client: Name
+    """a name that is free or the user's own"""
     text: Annotated[str, Meta(min_length=1, max_length=MAX_MARKER_CHARACTERS)]
     pulse: bool = False
+    """lets the board's sync output rise for 5 ms as the next reference takes effect, at most every 20 ms"""
 
     def problem(self) -> str:
         if not self.text.isprintable():
@@ -56,9 +60,13 @@ class AssetPart(Contract, frozen=True):
 
     client: Name
     asset: Digest
+    """SHA-256 of all levels"""
     size: Annotated[int, Meta(ge=1, le=MAX_ASSET_BYTES)]
+    """bytes of the whole asset"""
     offset: Annotated[int, Meta(ge=0, le=MAX_ASSET_BYTES - 1)] | None = None
+    """where the part begins"""
     part: Annotated[bytes, Meta(min_length=1, max_length=MAX_PART_BYTES)] | None = None
+    """without one the request only asks"""
 
     def problem(self) -> str:
         if self.part is None and self.offset is not None:
@@ -75,7 +83,9 @@ class ReachQuery(Contract, frozen=True):
     """Which friction a finger can feel now: its id, a virtual finger's name, or instead one that touched a place."""
 
     finger: Key | None = None
+    """an id or the name of a virtual finger"""
     x_mm: Mm | None = None
+    """or instead a place on the plate"""
     y_mm: Mm | None = None
 
     def problem(self) -> str:

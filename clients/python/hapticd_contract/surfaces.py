@@ -53,14 +53,18 @@ class VirtualPath(Contract, frozen=True):
     rest."""
 
     path_mm: PathPoints
+    """points on the plate; with one it rests there"""
     speed_mm_s: SpeedMmS = 50.0
+    """constant along the path"""
     loop: bool = True
+    """back and forth; else it stops at the last point"""
 
 
 class VirtualFinger(VirtualPath, frozen=True, kw_only=True):
     """A finger that is on no pad: it walks along a path, and may have a target under its name."""
 
     name: Name
+    """unique across all clients"""
 
     @property
     def path(self) -> VirtualPath:
@@ -80,20 +84,36 @@ class Surface(Contents, frozen=True, kw_only=True):
     """
 
     name: Name
+    """unique in its message"""
     circle_mm: SizeMm | None = None
+    """a radius around the origin"""
     rectangle_mm: tuple[SizeMm, SizeMm] | None = None
+    """width and height, centred on the origin"""
     polygon_mm: Corners | None = None
+    """corners that enclose 0.01 mm² or more. At most one of the three; without, the whole plate"""
     position_mm: Place = (0.0, 0.0)
+    """where the origin of the layer lies on the plate"""
     angle_rad: AngleRad = 0.0
+    """by which shape and content are turned anticlockwise around the origin"""
     scale: Annotated[float, Meta(ge=0.01, le=100.0)] = 1.0
+    """by which shape and content are scaled; amplitudes are not"""
     velocity_mm_s: tuple[SignedMmS, SignedMmS] = (0.0, 0.0)
+    """of the origin"""
     path_mm: PathPoints | None = None
+    """the way of the origin, instead of position and velocity, from `t_pose_ns` on. `hello` lists `surface_path` as
+    `optional`"""
     speed_mm_s: SpeedMmS = 50.0
+    """along the path"""
     loop: bool = True
+    """back and forth along the path"""
     turning_rad_s: Annotated[float, Meta(ge=-MAX_TURNING_RAD_S, le=MAX_TURNING_RAD_S)] = 0.0
+    """angular velocity"""
     t_pose_ns: Whole | None = None
+    """instant of position and angle, on the axis of telemetry's `t_ns`; default: when the message arrives"""
     z: Annotated[int, Meta(ge=-1000, le=1000)] = 0
+    """the larger is on top; of equals, the one that came last"""
     blend: Blend = "replace"
+    """what becomes of the amplitude of the layers below; a sum is at most the plate's limit"""
 
     @classmethod
     def of(

@@ -34,7 +34,9 @@ class FingerTarget(Contents, frozen=True):
     """
 
     finger: Key
+    """the id from telemetry, or the name of one of the message's own virtual fingers"""
     priority: Priority = 0
+    """where not all fingers can feel what is asked, the highest come first"""
 
 
 class ClientTargets(Contract, frozen=True):
@@ -45,12 +47,19 @@ class ClientTargets(Contract, frozen=True):
     """
 
     client: Name
+    """owner of these fingers; must be unique"""
     ttl_s: TtlS = DEFAULT_TTL_S
+    """for how long the message holds"""
     stamp: Whole | None = None
+    """increases with each change of targets; see below"""
     targets: Annotated[tuple[FingerTarget, ...], Meta(max_length=MAX_TARGETS)] = ()
+    """of fingers"""
     virtuals: Annotated[tuple[VirtualFinger, ...], Meta(max_length=MAX_VIRTUALS)] = ()
+    """virtual fingers"""
     surfaces: Annotated[tuple[Surface, ...], Meta(max_length=MAX_SURFACES)] = ()
+    """content that lies on the plate; see [below](#surfaces)"""
     effects: Annotated[tuple[Effect, ...], Meta(max_length=MAX_EFFECTS)] = ()
+    """content that depends on time; see [below](#effects)"""
 
     @classmethod
     def of(
