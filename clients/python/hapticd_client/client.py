@@ -11,9 +11,9 @@ import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Unpack
 
-from hapticd_contract.contents import Gradient, Grating, Noise
+from hapticd_contract.contents import GivenContent
 from hapticd_contract.effects import NOW, Effect, Form, Now, Start
 from hapticd_contract.requests import MarkerRequest, ReachQuery, Release
 from hapticd_contract.states import FingerState, PlateEvent, PlateState
@@ -77,17 +77,12 @@ class Client:
         self,
         finger: FingerState | Key,
         *,
-        friction: float | None = None,
-        amplitude_um: float | None = None,
-        grating: Grating | None = None,
-        map: Map | None = None,  # noqa: A002
-        gradient: Gradient | None = None,
-        noise: Noise | None = None,
         priority: int = 0,
         ttl_s: float = DEFAULT_TTL_S,
         wait: bool = True,
+        **content: Unpack[GivenContent],
     ) -> None:
-        """Set the target of a finger: exactly one of friction, amplitude_um, grating, map, gradient, noise.
+        """Set the target of a finger by name: exactly one of friction, amplitude_um, grating, map, gradient, noise.
 
         `finger` is one of `fingers()`, its id, or the name of a virtual finger. `friction` ranges from 0, the most
         slippery that the plate allows, to 1, bare glass; `amplitude_um` is the vibration, peak to peak. Where the plate
@@ -95,18 +90,10 @@ class Client:
         time for which targets stay active if this program freezes. Raises RefusedError with the daemon's reason, and
         then nothing has changed; with `wait=False` it returns at once and reports local errors only.
         """
-        content = content_fields(
-            "set",
-            friction=friction,
-            amplitude_um=amplitude_um,
-            grating=grating,
-            image=map,
-            gradient=gradient,
-            noise=noise,
-        )
-        target = checked(FingerTarget(finger_key("finger", finger), priority, **content))
+        fields = content_fields("set", content)
+        target = checked(FingerTarget(finger_key("finger", finger), priority, **fields))
         self._link.check_content(target)
-        self._use_asset(map, wait)
+        self._use_asset(content.get("map"), wait)
         self._request(self._targets.with_target(target, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def virtual(
@@ -137,12 +124,6 @@ class Client:
         name: str,
         shape: Shape | None = None,
         *,
-        friction: float | None = None,
-        amplitude_um: float | None = None,
-        grating: Grating | None = None,
-        map: Map | None = None,  # noqa: A002
-        gradient: Gradient | None = None,
-        noise: Noise | None = None,
         position_mm: Sequence[float] | None = None,
         angle_rad: float = 0.0,
         scale: float = 1.0,
@@ -156,6 +137,7 @@ class Client:
         blend: Blend = "replace",
         ttl_s: float = DEFAULT_TTL_S,
         wait: bool = True,
+        **content: Unpack[GivenContent],
     ) -> None:
         """Lay content on the plate: every finger without a target feels it where it is, from its first report on.
 
@@ -169,15 +151,7 @@ class Client:
         self._link.check("surfaces", "surfaces")
         if path is not None:
             self._link.check("surface_path", "moving along a path")
-        content = content_fields(
-            "surface",
-            friction=friction,
-            amplitude_um=amplitude_um,
-            grating=grating,
-            image=map,
-            gradient=gradient,
-            noise=noise,
-        )
+        fields = content_fields("surface", content)
         if shape is not None and not isinstance(shape, Shape):
             raise RefusedError(f"shape: must be a Circle, a Rectangle or a Polygon, not {shown(shape)}.")
         if path is not None and (position_mm is not None or velocity_mm_s is not None):
@@ -186,7 +160,7 @@ class Client:
         surface = checked(
             Surface(
                 name=name,
-                **content,
+                **fields,
                 **shape_field(shape),
                 **{place: value for place, value in places.items() if value is not None},
                 angle_rad=angle_rad,
@@ -200,7 +174,7 @@ class Client:
             )
         )
         self._link.check_content(surface)
-        self._use_asset(map, wait)
+        self._use_asset(content.get("map"), wait)
         self._request(self._targets.with_surface(surface, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def asset(self, source: LevelRows | str | os.PathLike[str]) -> Asset:

@@ -11,6 +11,7 @@ from typing import Any
 import zmq
 
 from hapticd_contract.base import PROTOCOL_VERSION
+from hapticd_contract.contents import CONTENTS
 from hapticd_contract.requests import Release
 from hapticd_contract.surfaces import Surface
 from hapticd_contract.targets import FingerTarget
@@ -25,6 +26,7 @@ from .target_set import TargetSet, no_stamp, stamp_now
 from .targets import Asset
 from .telemetry import Telemetry
 
+FIRST_CONTENTS = 4  # that every daemon knows
 RELEASE_S = 0.5  # timeout of the final release
 THREADS = (REFRESHER, KEEPER)
 
@@ -79,7 +81,7 @@ class Connection:
 
     def check_content(self, target: FingerTarget | Surface) -> None:
         """Raise RefusedError for content that an older daemon does not know."""
-        for kind in ("gradient", "noise"):
+        for kind in CONTENTS[FIRST_CONTENTS:]:
             if getattr(target, kind) is not None and kind not in self.hello.get("targets", ()):
                 raise RefusedError(f"{kind}: this daemon does not have it: update it.")
         if isinstance(target, FingerTarget) and target.priority > 0:

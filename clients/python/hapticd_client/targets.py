@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, SupportsFloat, SupportsIndex
 
 from hapticd_contract.base import AmplitudeUm
-from hapticd_contract.contents import CONTENTS, MAX_MAP_SIDE, Gradient, Grating, LevelMap, Noise
+from hapticd_contract.contents import CONTENTS, MAX_MAP_SIDE, NAMES, GivenContent, LevelMap
 
 from .checks import checked, plain, shown
 from .errors import RefusedError
@@ -121,28 +121,18 @@ def levels_of(rows: LevelRows, most_side: int) -> tuple[int, int, bytes]:
         raise RefusedError("map: levels must be whole numbers from 0 to 255.") from None
 
 
-def content_fields(
-    where: str,
-    *,
-    friction: float | None,
-    amplitude_um: float | None,
-    grating: Grating | None,
-    image: Map | None,
-    gradient: Gradient | None,
-    noise: Noise | None,
-) -> dict[str, Any]:
-    """Return the field of the one given content; `where` is the caller in errors. Raises RefusedError."""
-    kinds = {
-        "grating": (grating, Grating),
-        "map": (image, Map),
-        "gradient": (gradient, Gradient),
-        "noise": (noise, Noise),
-    }
-    for name, (value, kind) in kinds.items():
-        if value is not None and not isinstance(value, kind):
-            raise RefusedError(f"{name}: must be a {kind.__name__}, not {shown(value)}.")
-    values = {"friction": friction, "amplitude_um": amplitude_um, **{name: value for name, (value, _) in kinds.items()}}
-    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
-    if len(given) != 1:
+def content_fields(where: str, given: GivenContent) -> dict[str, Any]:
+    """Return the field of the one content; `where` is the caller in errors. Raises RefusedError, and TypeError for an
+    unknown name."""
+    contents = {name: value for name, value in given.items() if value is not None}
+    for name, value in contents.items():
+        if name not in _KINDS:
+            raise TypeError(f"{where}() got an unexpected keyword argument {name!r}")
+        if name not in ("amplitude_um", "friction") and not isinstance(value, _KINDS[name]):
+            raise RefusedError(f"{name}: must be a {_KINDS[name].__name__}, not {shown(value)}.")
+    if len(contents) != 1:
         raise RefusedError(f"{where}: give exactly one of {', '.join(CONTENTS)}.")
-    return given if image is None else {"map": image.message}
+    return {name: value.message if isinstance(value, Map) else value for name, value in contents.items()}
+
+
+_KINDS: dict[str, type] = {name: kind for kind, name in NAMES.items()} | {"map": Map}

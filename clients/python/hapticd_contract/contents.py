@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypedDict
 
 from msgspec import Meta
 
@@ -166,6 +166,17 @@ class Contents(Contract, frozen=True, kw_only=True):
         name, value = given[0]
         problem = "" if name in _BARE else value.problem()
         return f".{name}{problem}" if problem else ""
+
+
+class GivenContent(TypedDict, total=False):
+    """One content, as a program gives it by its name."""
+
+    amplitude_um: float | None
+    friction: float | None
+    grating: Grating | None
+    map: Any  # a LevelMap, or what has one as its `message`
+    gradient: Gradient | None
+    noise: Noise | None
 
 
 CONTENTS: Final = Contents.__struct_fields__
