@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from operator import itemgetter
 
+from msgspec import Struct
 from msgspec.structs import asdict, replace
 
 from hapticd_contract.contents import LevelMap
@@ -25,8 +26,14 @@ def described(layer: Layer, assets: Assets) -> dict[str, object]:
     if isinstance(shape, Polygon):
         changed |= {"rectangle_mm": None, "polygon_mm": shape.corners_mm}
     left_out = ("position_mm", "velocity_mm_s") if surface.path_mm else ("speed_mm_s", "loop")
-    fields = {name: value for name, value in asdict(replace(surface, **changed)).items() if name not in left_out}
-    return {"client": layer.owner, **{name: value for name, value in fields.items() if value is not None}}
+    fields = _whole(replace(surface, **changed))
+    return {"client": layer.owner, **{name: value for name, value in fields.items() if name not in left_out}}
+
+
+def _whole(struct: Struct) -> dict[str, object]:
+    """Return all fields, those at their default too: only what there is not is left out."""
+    present = {name: value for name, value in asdict(struct).items() if value is not None}
+    return {name: _whole(value) if isinstance(value, Struct) else value for name, value in present.items()}
 
 
 def _small(content: LevelMap) -> LevelMap:
