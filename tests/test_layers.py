@@ -29,10 +29,10 @@ ALLOWED: dict[str, set[str]] = {
     "board_values": {"values", "board_protocol"},
     "compiled": {"errors"},
     "formats": {*VALUES, "regular_file"},
-    "config": {"errors", "formats"},
+    "config": {"errors", "formats", "wire.trackpad"},
     "core": {*VALUES, "formats"},
     "wire": VALUES,
-    "io": {*VALUES, "regular_file"},
+    "io": {*VALUES, "regular_file", "wire.trackpad"},
     "files": {
         *VALUES,
         "regular_file",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ..wire.trackpad import PADS
 from .keys import key
 
 SIMULATED = "sim"
@@ -84,7 +85,7 @@ class TrackpadConfig:
     model: str = key(
         "auto",
         "model of the trackpad; auto: the one that is connected",
-        choices=("auto", "mt1", "mt2-usb", "mt2-bt", "usbc-usb", "usbc-bt"),
+        choices=("auto", *PADS),
     )
     replay_file: str = key(
         "",

@@ -33,6 +33,7 @@ from ..io.host.runaway import Breather, on_processor_limit
 from ..io.host.systemd import Notifier
 from ..values import RawReport
 from ..wire import client as client_wire
+from ..wire.trackpad import Pad
 from .board_gateway import RUNNING
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recorder import Recorders, header_of
@@ -91,7 +92,7 @@ class Daemon:
         self._slowness = Slowness()
         self._breather = Breather()
         self._machine: Machine | None = None
-        self._pad_link: tuple[bool, str] | None = None  # whether it is connected, and why
+        self._pad_link: tuple[Pad | None, str] | None = None  # what is connected, and why
         self._board_link: tuple[bool, str] | None = None
         self._recorders: Recorders | None = None
         self._calibration_task: SelfCalibration | None = None
@@ -177,9 +178,9 @@ class Daemon:
         if self._board_link is not None:
             self._on_board_link(*self._board_link)
 
-    def _on_pad_link(self, is_up: bool, reason: str) -> None:
-        self._pad_link = is_up, reason
-        self.machine.trackpad_link(is_up, reason, now_ns(), model=self._trackpad.model)
+    def _on_pad_link(self, pad: Pad | None, reason: str) -> None:
+        self._pad_link = pad, reason
+        self.machine.trackpad_link(pad is not None, reason, now_ns(), pad=pad)
 
     def _on_board_link(self, is_up: bool, reason: str) -> None:
         test = self._self_test

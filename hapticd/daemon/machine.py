@@ -26,7 +26,7 @@ from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
 from ..values import AffineMap, Aim, RawReport, Tick
-from ..wire import trackpad as trackpad_wire
+from ..wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
 from .adoption import shapes_of
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
@@ -113,9 +113,8 @@ class Machine:
             clients=self.clients,
         )
         self.status.publish = publish
-        model = "mt2-usb" if config.trackpad.model == "auto" else config.trackpad.model
-        self._pad = plate_from_pad(config)
-        self.trackpad = trackpad_wire.Decoder(model, self._pad)
+        self._plate_from_pad = plate_from_pad(config)
+        self.trackpad = Decoder(PADS.get(config.trackpad.model, DEFAULT_PAD), self._plate_from_pad)
         self.last_tick: Tick | None = None
         self.is_failing = False
         self.observer_perceives = True  # the observer takes what fingers perceive, which costs 0.2 ms of a pass
@@ -257,12 +256,12 @@ class Machine:
             self.pipeline.sensor_lost()
         self.board.tend(t_now_ns)
 
-    def trackpad_link(self, up: bool, reason: str, t_now_ns: int, *, model: str | None = None) -> None:
-        """Take note that the trackpad was connected or lost; `model` is what it turned out to be."""
-        self._observed.put("trackpad_link", t_now_ns, up, reason, model)
+    def trackpad_link(self, up: bool, reason: str, t_now_ns: int, *, pad: Pad | None = None) -> None:
+        """Take note that the trackpad was connected or lost; `pad` is what it turned out to be."""
+        self._observed.put("trackpad_link", t_now_ns, up, reason, pad)
         log.log(logging.INFO if up else logging.WARNING, "trackpad: %s", reason)
-        if model is not None and model != self.trackpad.model:
-            self.trackpad = trackpad_wire.Decoder(model, self._pad)
+        if pad is not None and pad != self.trackpad.pad:
+            self.trackpad = Decoder(pad, self._plate_from_pad)
         self.trackpad.reset()
         self.pipeline.sensor_lost()
         self._supervise(Event.SENSOR_UP if up else Event.SENSOR_DOWN, reason, t_now_ns)
@@ -276,8 +275,8 @@ class Machine:
     def adopt(self, plate_from_pad: Sequence[float], latency_ns: int, t_now_ns: int) -> None:
         """Take the pad to lie here, the numbers of an AffineMap, and to report so late, from its next report on."""
         self._observed.put("adopt", t_now_ns, list(plate_from_pad), latency_ns)
-        self._pad = AffineMap(*plate_from_pad)
-        self.trackpad.place(self._pad)
+        self._plate_from_pad = AffineMap(*plate_from_pad)
+        self.trackpad.place(self._plate_from_pad)
         self.pipeline.set_sensor_latency(latency_ns)
 
     def adopt_readings(self, d: Sequence[float], q: Sequence[float], t_now_ns: int) -> None:

@@ -47,7 +47,7 @@ def header_of(machine: Machine, *, t_ns: int, utc: str, is_whole: bool) -> Heade
         t_start_ns=t_ns,
         is_whole=is_whole,
         instance=machine.instance,
-        trackpad_model=machine.trackpad.model,
+        pad=machine.trackpad.pad,
         config=machine.config,
         modes=machine.modes,
         calibration=machine.calibration,

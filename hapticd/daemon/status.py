@@ -162,7 +162,7 @@ class Status:
             "touch": dataclasses.asdict(self._pipeline.counters),
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
             "trackpad": {
-                "model": trackpad.model,
+                "model": trackpad.pad.model,
                 "silent_ms": _ago_ms(t_reports_ns, t_now_ns),
                 "reports": dict(trackpad.counters),
             },

@@ -191,7 +191,7 @@ class Simulation:
         self._sensor = SensorModel(
             sensor_settings(
                 settings.plate.world,
-                model=self.machine.trackpad.model,
+                pad=self.machine.trackpad.pad,
                 period_s=settings.report_period_ms * 1e-3,
                 latency_s=settings.sensor_latency_ms * 1e-3,
                 noise=settings.noise,

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.touch.tracking import Tracker
 from ..errors import UsageError
+from ..files.recording.kinds import pad_of
 from ..files.recording.mcap_reader import open_recording
 from ..values import FloatArray, TouchFrame
 from ..wire.trackpad import Decoder
@@ -74,18 +75,17 @@ class Touches:
 def recorded(path: Path) -> list[Trace]:
     """Read the touches of a recording: one trace a finger, in the pad's own coordinates. Raises HapticdError."""
     recording = open_recording(path)
-    model = recording.header.config.trackpad.model
-    decoder = Decoder("mt2-usb" if model == "auto" else model)
+    decoder = Decoder(recording.header.pad)
     traces = Touches()
     for record in recording.records():
         if record.kind == "trackpad_link":
-            decoder = Decoder(record.fields.get("model") or decoder.model)
+            decoder = Decoder(pad_of(record.fields) or decoder.pad)
             traces.lift_all()
         elif record.kind == "reports":
             for report in record.fields["reports"]:
                 for frame in decoder.decode(report["data"], report["t_host_ns"]):
                     traces.add(frame)
-    found = traces.traces(f"recording/{decoder.model}")
+    found = traces.traces(f"recording/{decoder.pad.model}")
     if not found:
         raise UsageError(f"--recording {path}: no finger touched the pad: record some strokes.")
     return found

@@ -31,6 +31,7 @@ from hapticd.io.devices.replay import read_recording
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.plate.glasses import GLASSES
 from hapticd.sim.plate.wirings import WIRINGS
+from hapticd.wire.trackpad import DEFAULT_PAD
 
 
 def load(text: str, tmp_path: Path) -> Config:
@@ -182,8 +183,8 @@ def test_the_form_of_reports_to_replay_is_documented_by_lines_that_are_read(tmp_
     (line,) = [line for line in config.render(Config()).splitlines() if line.startswith("replay_file")]
     file = tmp_path / "reports.jsonl"
     file.write_text("\n".join(re.findall(r"\{.*?\}", line)), encoding="utf-8")
-    model, (report,) = read_recording(file)
-    assert (model, report.t_host_ns, report.data) == ("mt2-usb", 123, b"\x02\xab")
+    pad, (report,) = read_recording(file)
+    assert (pad, report.t_host_ns, report.data) == (DEFAULT_PAD, 123, b"\x02\xab")
 
 
 def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_person_set() -> None:

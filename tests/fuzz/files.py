@@ -23,9 +23,10 @@ from hapticd.errors import ConfigError, HapticdError, ModesError, TrackpadError
 from hapticd.files import calibration
 from hapticd.formats.mode_map import MAX_BYTES, MAX_LINES, encode_grid
 from hapticd.formats.toml_file import MAX_BYTES as MAX_TOML_BYTES
-from hapticd.io.devices.replay import MODELS, read_recording, write_recording
+from hapticd.io.devices.replay import read_recording, write_recording
 from hapticd.io.devices.trackpad_source import REPORT_BYTES
 from hapticd.values import RawReport
+from hapticd.wire.trackpad import DEFAULT_PAD
 
 LONGEST_SENTENCE = 6000  # one that quotes a file's name, of 4096 characters
 NPZ_NAMES = ("x_mm", "y_mm", "shapes")
@@ -124,19 +125,18 @@ def calibration_seeds() -> dict[str, bytes]:
 
 def read_reports(path: Path) -> None:
     """What is taken can be written, and is then read for the same."""
-    model, reports = read_recording(path)
-    assert model in MODELS
+    pad, reports = read_recording(path)
     stamps = [report.t_host_ns for report in reports]
     assert stamps == sorted(stamps)
     assert all(len(report.data) <= REPORT_BYTES for report in reports)
     again = path.with_name("again.jsonl")
-    write_recording(again, model, reports)
-    assert read_recording(again) == (model, reports)
+    write_recording(again, pad, reports)
+    assert read_recording(again) == (pad, reports)
 
 
 def recording_seeds() -> dict[str, bytes]:
     path = FOLDER / "written.jsonl"
-    write_recording(path, "mt2-usb", [RawReport(11_000_000 * n, bytes((2, n, 0))) for n in range(4)])
+    write_recording(path, DEFAULT_PAD, [RawReport(11_000_000 * n, bytes((2, n, 0))) for n in range(4)])
     sound = path.read_bytes()
     return {
         "sound": sound,

@@ -27,6 +27,7 @@ from hapticd.files.recording.kinds import HEADER, KINDS, MAX_MESSAGE_BYTES, enco
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record.tables import tables
 from hapticd.values import Finger, Knot, LimitReason, RawReport, SafeDrive, Tick, TouchPoint
+from hapticd.wire.trackpad import DEFAULT_PAD
 from hapticd_contract.states import EventKind, Perceived, PlateEvent
 
 WORD = b"\xa5rec"
@@ -75,7 +76,7 @@ def read(path: Path) -> None:
 def least_header() -> bytes:
     axis_mm = np.linspace(-9.0, 9.0, 4)
     modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 4, 4)))
-    fields = header_fields(Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, Calibration()))
+    fields = header_fields(Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, Calibration()))
     return encode(HEADER, fields | {"config_toml": ""})
 
 

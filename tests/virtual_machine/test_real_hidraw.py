@@ -13,9 +13,8 @@ from typing import Any
 import pytest
 from machine import Boot
 
-from hapticd.io.devices.trackpad_source import PADS
 from hapticd.values import Contact
-from hapticd.wire.trackpad import GEOMETRY, Decoder
+from hapticd.wire.trackpad import PADS, Decoder
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1300)]
 
@@ -47,7 +46,7 @@ each_plug = pytest.mark.parametrize("step", PLUGS)
 @each_pad
 def test_the_kernels_own_driver_takes_the_pad_and_enables_multitouch(guest: Boot, step: str) -> None:
     found = guest.step(step)
-    (pad,) = [pad for pad in PADS if pad.model == STEPS[step]]
+    pad = PADS[STEPS[step]]
     assert found["driver"] == "magicmouse"
     assert found["features"][0] == pad.enable.hex()  # what hapticd sends is what the driver sends
 
@@ -87,7 +86,7 @@ def test_the_golden_file_holds_what_this_kernel_says(guest: Boot, step: str) -> 
 
 @each_pad
 def test_the_pad_has_the_ranges_that_the_kernel_declares(guest: Boot, step: str) -> None:
-    pad = GEOMETRY[STEPS[step]]
+    pad = PADS[STEPS[step]].geometry
     ranges = guest.step(step)["ranges"]
     units_x, units_y = pad.units_per_mm
     assert ranges["x"] == [pad.x_min_raw, pad.x_max_raw, math.floor(units_x)]
@@ -187,7 +186,7 @@ def plate_mm(raw: tuple[int, int]) -> tuple[float, float]:
 
 def axes(contact: Contact, model: str) -> dict[str, int]:
     """A decoded contact in evdev's units: y towards the user, the angle clockwise from +y in the pad's steps."""
-    mm_per_unit = 2 / sum(GEOMETRY[model].units_per_mm)
+    mm_per_unit = 2 / sum(PADS[model].geometry.units_per_mm)
     return {
         "x": contact.raw_x,
         "y": -contact.raw_y,

@@ -13,7 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.values import AffineMap, Contact, TouchFrame
-from hapticd.wire.trackpad import GEOMETRY, MODELS, Decoder
+from hapticd.wire.trackpad import PADS, Decoder, Pad, PadGeometry, from_fields, to_fields
 
 WRAP_MS = 1 << 21
 MS = 1_000_000
@@ -60,7 +60,7 @@ def test_reports_decode_as_by_the_linux_driver(record: dict) -> None:
     frame = Decoder(MODEL_OF_TAG[record["tag"]]).decode(bytes.fromhex(record["report"]), 0)[-1]
     codes = ORIENTATIONS[record["tag"]]
     mt1_has_none = record["tag"] == "mt1-bt"
-    units_x, units_y = GEOMETRY[MODEL_OF_TAG[record["tag"]]].units_per_mm
+    units_x, units_y = PADS[MODEL_OF_TAG[record["tag"]]].geometry.units_per_mm
     mm = 2 / (units_x + units_y)
     down = {
         str(c.contact_id): {
@@ -145,9 +145,9 @@ def test_every_record_is_given_and_states_4_and_5_touch(state: int) -> None:
     assert (contact.state, contact.touching) == (state, state in (4, 5))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", PADS)
 def test_the_middle_of_the_declared_range_is_the_origin_and_its_edges_half_the_size(model: str) -> None:
-    pad = GEOMETRY[model]
+    pad = PADS[model].geometry
 
     def decoded(x: int, y: int) -> Contact:
         return Decoder(model).decode(one_contact(model, x, y), 0)[0].contacts[0]
@@ -182,7 +182,7 @@ def test_the_placement_moves_points_and_turns_ellipses_as_the_affine_map_does(
     assert 0 <= placed.angle_rad < math.pi
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", PADS)
 def test_a_pad_that_is_placed_elsewhere_reports_from_there_on(model: str) -> None:
     there = AffineMap(0.0, -1.0, 1.0, 0.0, 3.0, -2.0)
     report = one_contact(model, 100, -50)
@@ -232,8 +232,54 @@ def test_what_is_not_a_whole_report_is_refused_and_counted(model: str, report: b
 
 
 def test_an_unknown_model_is_refused_with_the_names_that_exist() -> None:
-    with pytest.raises(ValueError, match=r"'mt3'.*mt1, mt2-usb, mt2-bt, usbc-usb, usbc-bt"):
+    with pytest.raises(ValueError, match=r"'mt3'.*usbc-usb, mt2-usb, usbc-bt, mt2-bt, mt1"):
         Decoder("mt3")
+
+
+OPENED = replace(
+    PADS["mt2-bt"],
+    model="a screen",
+    name="a screen",
+    geometry=PadGeometry(-3000, 3000, -2000, 2000, 300.0, 100.0),
+    period_ns=8_333_333,
+    source="",
+    ids=None,
+    enable=b"",
+)
+
+
+def test_a_pad_whose_size_is_known_only_when_it_is_opened_is_decoded_by_that_size() -> None:
+    (frame,) = Decoder(OPENED).decode(mt2_bt(mt2_record(x=3000, y=-1000)), 0)
+    assert (frame.contacts[0].x_mm, frame.contacts[0].y_mm) == pytest.approx((150.0, -25.0))
+
+
+@pytest.mark.parametrize("pad", [*PADS.values(), OPENED], ids=lambda pad: pad.model)
+def test_a_pad_is_itself_again_from_its_fields(pad: Pad) -> None:
+    assert from_fields(json.loads(json.dumps(to_fields(pad)))) == pad
+    assert pad is OPENED or from_fields({"model": pad.model}) is pad  # of files of earlier versions
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"model": 1}, "must have a model"),
+        ({"model": "x" * 101}, "must have a model"),
+        ({"layout": "mt9"}, "mt2-usb, mt2-bt, mt1"),
+        ({"layout": ["mt1"]}, "unknown layout"),
+        ({"period_ns": 0}, "period_ns"),
+        ({"period_ns": 1e9}, "period_ns"),
+        ({"x_raw": [5, 5]}, "x_raw"),
+        ({"x_raw": [0.5, 5]}, "x_raw"),
+        ({"y_raw": [0, 1 << 40]}, "y_raw"),
+        ({"size_mm": [math.nan, 1.0]}, "size_mm"),
+        ({"size_mm": [10**400, 1.0]}, "size_mm"),
+        ({"size_mm": [1.0]}, "size_mm"),
+        ({"size_mm": None}, "size_mm"),
+    ],
+)
+def test_what_is_no_pad_is_one_sentence(change: dict[str, object], why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        from_fields(to_fields(OPENED) | change)
 
 
 REPORT_LIKE = st.one_of(
@@ -248,7 +294,7 @@ REPORT_LIKE = st.one_of(
 )
 
 
-@given(st.sampled_from(MODELS), st.lists(st.tuples(REPORT_LIKE, st.integers(-(10**18), 10**18)), max_size=20))
+@given(st.sampled_from(list(PADS)), st.lists(st.tuples(REPORT_LIKE, st.integers(-(10**18), 10**18)), max_size=20))
 @settings(max_examples=120)
 def test_no_bytes_raise_and_every_report_is_a_frame_or_counted(model: str, reports: list[tuple[bytes, int]]) -> None:
     decoder = Decoder(model)

@@ -17,6 +17,7 @@ from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...errors import ConfigError, HapticdError, RecordingError
 from ...formats.toml_file import MAX_BYTES, parse
+from ...wire.trackpad import Pad, from_fields, to_fields
 from .kinds import Fields
 
 FORMAT = 2
@@ -33,7 +34,6 @@ _SCALARS = {
     "t_start_ns": int,
     "is_whole": bool,
     "instance": int,
-    "trackpad_model": str,
 }
 _WIRES = ("drive", "sense", "feedthrough_um_per_v")  # of a calibration
 
@@ -48,7 +48,7 @@ class Header:
     t_start_ns: int
     is_whole: bool
     instance: int
-    trackpad_model: str
+    pad: Pad
     config: Config
     modes: ModeShapes
     calibration: Calibration
@@ -61,7 +61,7 @@ def texts_of(header: Header) -> dict[str, str]:
         "hapticd": header.hapticd,
         "started_utc": header.started_utc,
         "t_start_ns": str(header.t_start_ns),
-        "trackpad_model": header.trackpad_model,
+        "trackpad_model": header.pad.model,
         "config_toml": config.render(header.config),
         "units": "\n".join(f"{suffix}: {meaning}" for suffix, meaning in UNITS.items()),
     }
@@ -73,6 +73,7 @@ def header_fields(header: Header) -> Fields:
     return {
         "format": FORMAT,
         **{name: getattr(header, name) for name in _SCALARS},
+        "pad": to_fields(header.pad),
         "config_toml": config.render(header.config),
         "modes_float64_le": _packed_modes(header.modes),
         "calibration": [_calibration_fields(measured) for measured in header.calibration.modes],
@@ -100,6 +101,8 @@ def header_from(fields: Fields) -> Header:
             raise ValueError("calibrated_drive_hz")
         return Header(
             **{name: _typed(fields, name, kind) for name, kind in _SCALARS.items()},
+            # Of the pad, earlier recordings have the model alone.
+            pad=from_fields(_typed({"pad": {"model": fields.get("trackpad_model")}} | fields, "pad", dict)),
             config=settings,
             modes=modes,
             calibration=Calibration(tuple(_calibration(entry, modes.M) for entry in fields["calibration"]), drive_hz),

@@ -28,6 +28,7 @@ from ...core.board.ledger import LedgerLine
 from ...errors import RecordingError
 from ...values import Finger, RawReport, Tick
 from ...wire.client import encode_targets
+from ...wire.trackpad import Pad, from_fields, to_fields
 
 MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits
 MAX_MESSAGE_BYTES = 1 << 20
@@ -64,6 +65,16 @@ class Maybe(NamedTuple):
 
 Form: TypeAlias = "str | list[Form] | dict[str, Form | Maybe]"
 AMPLITUDES: dict[str, Form | Maybe] = {"d": [NUMBER], "q": [NUMBER]}
+
+
+_PAD: Form = {
+    "model": TEXT,
+    "layout": TEXT,
+    "period_ns": WHOLE,
+    "x_raw": [WHOLE],
+    "y_raw": [WHOLE],
+    "size_mm": [NUMBER],
+}
 
 
 def _is_whole(value: object) -> bool:
@@ -137,9 +148,19 @@ def _targets(payload: bytes | ClientTargets, user: str) -> Fields:
     return {"payload": payload if isinstance(payload, bytes) else encode_targets(payload), "user": user}
 
 
-def _trackpad_link(is_up: bool, reason: str, model: str | None) -> Fields:
+def _trackpad_link(is_up: bool, reason: str, pad: Pad | None) -> Fields:
     fields: Fields = {"is_up": is_up, "reason": reason}
-    return fields if model is None else fields | {"model": model}
+    return fields if pad is None else fields | {"pad": to_fields(pad)}
+
+
+def pad_of(link: Fields) -> Pad | None:
+    """Return the pad of a `trackpad_link`, None without one; earlier ones name its model. Raises RecordingError."""
+    if "pad" not in link and "model" not in link:
+        return None
+    try:
+        return from_fields(link.get("pad", link))
+    except ValueError as error:
+        raise RecordingError(f"The recording's trackpad cannot be read: {error}.") from None
 
 
 def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[int | str, Perceived]) -> Fields:
@@ -246,7 +267,9 @@ KINDS: dict[str, Kind] = {
     "board_bytes": _kind("/input/board_bytes", {"data": BYTES}),
     "board_link": _kind("/input/board_link", {"is_up": BOOL, "reason": TEXT}),
     "trackpad_link": _kind(
-        "/input/trackpad_link", {"is_up": BOOL, "reason": TEXT, "model": Maybe(TEXT)}, _trackpad_link
+        "/input/trackpad_link",
+        {"is_up": BOOL, "reason": TEXT, "model": Maybe(TEXT), "pad": Maybe(_PAD)},
+        _trackpad_link,
     ),
     "targets": _kind("/input/targets", _MESSAGE, _targets),
     "request": _kind("/input/request", _MESSAGE),

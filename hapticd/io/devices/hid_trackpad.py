@@ -17,7 +17,8 @@ from typing import Protocol, cast
 
 from ...errors import TrackpadError, pip_install
 from ...values import RawReport
-from .trackpad_source import BATCH, MODELS, PADS, REPORT_BYTES, OnLink, OnReports, PadId
+from ...wire.trackpad import PADS, HidIds, Pad
+from .trackpad_source import BATCH, REPORT_BYTES, OnLink, OnReports
 
 _READ_MS = 250  # the thread polls its stop flag this often; each poll wakes the process
 _ENABLE_EVERY_NS = 500_000_000
@@ -50,30 +51,29 @@ def load_hid() -> HidModule:
     raise TrackpadError(f"hidapi is not installed, so no trackpad can be read: run `{pip_install('hidapi')}`.")
 
 
-def find_pads(hid: HidModule, model: str = "auto") -> Iterator[tuple[PadId, bytes]]:
+def find_pads(hid: HidModule, model: str = "auto") -> Iterator[tuple[Pad, bytes]]:
     """Yield connected trackpads and their paths, each path once, USB before Bluetooth (the better link)."""
     seen = set()
-    for pad in PADS:
-        if model not in ("auto", pad.model):
-            continue
-        for node in hid.enumerate(pad.vendor_id, pad.product_id):
+    listed = [(pad.ids, pad) for pad in PADS.values() if pad.ids is not None and model in ("auto", pad.model)]
+    for ids, pad in sorted(listed, key=lambda one: one[0].bus):
+        for node in hid.enumerate(ids.vendor_id, ids.product_id):
             path = cast(bytes, node["path"])
-            if path not in seen and _is_touch_interface(pad, node):
+            if path not in seen and _is_touch_interface(ids, node):
                 seen.add(path)
                 yield pad, path
 
 
-def _is_touch_interface(pad: PadId, node: dict[str, object]) -> bool:
+def _is_touch_interface(ids: HidIds, node: dict[str, object]) -> bool:
     """Select the node that declares a mouse; hidapi reports an unknown usage or bus as 0."""
     return (
-        node.get("interface_number") == pad.interface
-        and node.get("bus_type", 0) in (0, pad.bus)
+        node.get("interface_number") == ids.interface
+        and node.get("bus_type", 0) in (0, ids.bus)
         and (node.get("usage_page", 0), node.get("usage", 0)) in ((0, 0), (1, 2))
     )
 
 
 class HidTrackpad:
-    """A trackpad over hidapi. `model` is one of `MODELS`, or "auto" for the first one found.
+    """A trackpad over hidapi. `model` is one of `PADS`, or "auto" for the first one found.
 
     One thread owns the device from open to close and searches for it every `rescan_s` while none is connected. `hid`
     is hidapi's module or a substitute. Raises ValueError for an unknown model, TrackpadError without hidapi.
@@ -87,16 +87,15 @@ class HidTrackpad:
         clock_ns: Callable[[], int] = time.monotonic_ns,
         rescan_s: float = 1.0,
     ) -> None:
-        if model not in ("auto", *MODELS):
-            raise ValueError(f"unknown trackpad model {model!r}: use auto or one of {', '.join(MODELS)}")
-        self.model = None if model == "auto" else model
+        if model not in ("auto", *PADS):
+            raise ValueError(f"unknown trackpad model {model!r}: use auto or one of {', '.join(PADS)}")
         self._requested_model = model
         self._hid = load_hid() if hid is None else hid
         self._clock_ns = clock_ns
         self._rescan_s = rescan_s
         self._stop, self._enable = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
-        self._last_link: tuple[bool, str] | None = None
+        self._last_link: tuple[Pad | None, str] | None = None
         self._refused_path: bytes | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
@@ -122,8 +121,8 @@ class HidTrackpad:
                 self._serve()
                 self._stop.wait(self._rescan_s)
         finally:
-            if self._last_link is not None and self._last_link[0]:
-                self._report_link(False, "the trackpad reader stopped")
+            if self._last_link is not None and self._last_link[0] is not None:
+                self._report_link(None, "the trackpad reader stopped")
             self._mailbox.post(self._finished.set_result, None)
 
     def _serve(self) -> None:
@@ -131,37 +130,36 @@ class HidTrackpad:
         try:
             found = next(find_pads(self._hid, self._requested_model), None)
         except OSError as error:
-            self._report_link(False, f"the HID devices cannot be listed ({error})")
+            self._report_link(None, f"the HID devices cannot be listed ({error})")
             return
         if found is None:
             if self._last_link is None:
-                self._report_link(False, "no trackpad is connected: plug one in or pair it")
+                self._report_link(None, "no trackpad is connected: plug one in or pair it")
             return
         pad, path = found
         device = self._hid.device()
         try:
             self._read(device, pad, path)
         except (OSError, ValueError) as error:
-            self._report_link(False, f"{pad.name} was lost ({error}): searching for it")
+            self._report_link(None, f"{pad.name} was lost ({error}): searching for it")
         finally:
             device.close()
 
-    def _read(self, device: HidDevice, pad: PadId, path: bytes) -> None:
+    def _read(self, device: HidDevice, pad: Pad, path: bytes) -> None:
         node = os.fsdecode(path)
         try:
             device.open_path(path)
         except OSError as error:
             if path == self._refused_path:  # second failure: udev grants access only after the node appears
                 reason = f"cannot be opened ({error}): give this user read and write access"
-                self._report_link(False, f"{pad.name} at {node} {reason}")
+                self._report_link(None, f"{pad.name} at {node} {reason}")
             self._refused_path = path
             return
         self._refused_path = None
         device.set_nonblocking(True)  # then a read without a timeout drains instead of blocking
-        self.model = pad.model
         enabled = _send_enable(device, pad)
         t_enable_ns = self._clock_ns()
-        self._report_link(True, f"{pad.name} at {node}" + ("" if enabled else ", which refused the multitouch enable"))
+        self._report_link(pad, f"{pad.name} at {node}" + ("" if enabled else ", which refused the multitouch enable"))
         while not self._stop.is_set():
             if self._enable.is_set() and self._clock_ns() - t_enable_ns >= _ENABLE_EVERY_NS:
                 self._enable.clear()
@@ -179,13 +177,13 @@ class HidTrackpad:
             data = device.read(REPORT_BYTES) if len(batch) < BATCH else []
         return batch
 
-    def _report_link(self, is_up: bool, reason: str) -> None:
-        if self._last_link != (is_up, reason):
-            self._last_link = (is_up, reason)
-            self._mailbox.put_link(is_up, reason)
+    def _report_link(self, pad: Pad | None, reason: str) -> None:
+        if self._last_link != (pad, reason):
+            self._last_link = (pad, reason)
+            self._mailbox.put_link(pad, reason)
 
 
-def _send_enable(device: HidDevice, pad: PadId) -> bool:
+def _send_enable(device: HidDevice, pad: Pad) -> bool:
     """Send the multitouch enable. A refusal is not fatal: the kernel's driver sends it too."""
     try:
         return device.send_feature_report(list(pad.enable)) >= 0
@@ -215,10 +213,10 @@ class _Mailbox:
             self._waiting = deque(reports, maxlen=BATCH)  # a longer stall keeps the newest
             self.post(self._deliver, self._waiting)
 
-    def put_link(self, is_up: bool, reason: str) -> None:
+    def put_link(self, pad: Pad | None, reason: str) -> None:
         with self._lock:
             self._waiting = None  # later reports follow this event
-            self.post(self._deliver_link, is_up, reason)
+            self.post(self._deliver_link, pad, reason)
 
     def post(self, callback: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed
@@ -231,6 +229,6 @@ class _Mailbox:
         if not self._closed:
             self._on_reports(tuple(reports))
 
-    def _deliver_link(self, is_up: bool, reason: str) -> None:
+    def _deliver_link(self, pad: Pad | None, reason: str) -> None:
         if not self._closed:
-            self._on_link(is_up, reason)
+            self._on_link(pad, reason)

@@ -1,7 +1,8 @@
 """Recorded touch reports as a trackpad source.
 
-JSON lines: first {"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab.."} each. `t_ns` is the host time at which
-the report was read (any origin, not decreasing), `report` its bytes in hex, report id first.
+JSON lines: first the pad, as `wire.trackpad.to_fields` gives it ({"model": "mt2-usb"} is enough for a known one), then
+{"t_ns": 123, "report": "02ab.."} each. `t_ns` is the host time at which the report was read (any origin, not
+decreasing), `report` its bytes in hex, report id first.
 """
 
 from __future__ import annotations
@@ -16,27 +17,28 @@ from pathlib import Path
 from ...errors import TrackpadError
 from ...regular_file import read_lines
 from ...values import RawReport
-from .trackpad_source import MODELS, REPORT_BYTES, OnLink, OnReports
+from ...wire.trackpad import Pad, from_fields, to_fields
+from .trackpad_source import REPORT_BYTES, OnLink, OnReports
 
 MAX_LINES = 500_000  # of a recording: an hour of reports
 
 __all__ = ["ReplayTrackpad", "read_recording", "write_recording"]
 
 
-def write_recording(path: str | os.PathLike[str], model: str, reports: Iterable[RawReport]) -> None:
+def write_recording(path: str | os.PathLike[str], pad: Pad, reports: Iterable[RawReport]) -> None:
     """Write reports of one trackpad for `read_recording`. Raises OSError if the file cannot be written."""
     with open(path, "w", encoding="ascii") as file:
-        file.write(json.dumps({"model": model}) + "\n")
+        file.write(json.dumps(to_fields(pad)) + "\n")
         for report in reports:
             file.write(json.dumps({"t_ns": report.t_host_ns, "report": report.data.hex()}) + "\n")
 
 
-def read_recording(path: str | os.PathLike[str]) -> tuple[str, list[RawReport]]:
-    """Return model and reports of a recording. Raises TrackpadError with the file, the line and the defect."""
+def read_recording(path: str | os.PathLike[str]) -> tuple[Pad, list[RawReport]]:
+    """Return pad and reports of a recording. Raises TrackpadError with the file, the line and the defect."""
     number, reports = 1, list[RawReport]()
     try:
         lines = read_lines(Path(path), MAX_LINES)
-        model = _model(next(lines, (1, ""))[1])
+        pad = _pad(next(lines, (1, ""))[1])
         for number, line in lines:  # noqa: B007 - named in the error
             reports.append(_report(line, not_before_ns=reports[-1].t_host_ns if reports else None))
     except OSError as error:
@@ -45,14 +47,15 @@ def read_recording(path: str | os.PathLike[str]) -> tuple[str, list[RawReport]]:
         raise TrackpadError(f"The recording {os.fspath(path)} is not JSON: it is no text in UTF-8.") from error
     except ValueError as error:
         raise TrackpadError(f"{os.fspath(path)}, line {number}: {error}.") from error
-    return model, reports
+    return pad, reports
 
 
-def _model(line: str) -> str:
-    model = _fields(line, 'the first line must be {"model": "..."}').get("model")
-    if model not in MODELS:
-        raise ValueError(f'the first line must be {{"model": "..."}} with one of {", ".join(MODELS)}')
-    return str(model)
+def _pad(line: str) -> Pad:
+    form = 'the first line must be {"model": "..."}'
+    try:
+        return from_fields(_fields(line, form))
+    except ValueError as error:
+        raise ValueError(f"{error}; {form}" if form not in str(error) else str(error)) from None
 
 
 def _report(line: str, not_before_ns: int | None) -> RawReport:
@@ -92,8 +95,7 @@ class ReplayTrackpad:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        model, self._reports = read_recording(path)
-        self.model: str | None = model
+        self._pad, self._reports = read_recording(path)
         self._path = os.fspath(path)
         self._clock_ns = clock_ns
         self._next = 0
@@ -112,7 +114,7 @@ class ReplayTrackpad:
 
     def _begin(self) -> None:
         self._t_begin_s, self._t_begin_ns = self._loop.time(), self._clock_ns()
-        self._on_link(True, f"replay of {len(self._reports)} reports from {self._path}")
+        self._on_link(self._pad, f"replay of {len(self._reports)} reports from {self._path}")
         self._arm()
 
     def _arm(self) -> None:
@@ -120,7 +122,7 @@ class ReplayTrackpad:
             due_s = self._t_begin_s + self._due_ns(self._next) * 1e-9
             self._timer = self._loop.call_at(due_s, self._play)
         else:
-            self._on_link(False, "replay ended")
+            self._on_link(None, "replay ended")
 
     def _play(self) -> None:
         """Deliver the report that the timer was set for, and those that fell due while the loop was busy."""

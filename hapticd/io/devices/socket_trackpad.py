@@ -9,11 +9,11 @@ import time
 from collections.abc import Callable
 
 from ...values import RawReport
-from .trackpad_source import BATCH, PADS, REPORT_BYTES, OnLink, OnReports
+from ...wire.trackpad import DEFAULT_PAD
+from .trackpad_source import BATCH, REPORT_BYTES, OnLink, OnReports
 
 __all__ = ["SocketTrackpad"]
 
-_PAD = next(pad for pad in PADS if pad.model == "mt2-usb")
 _RETRY_S = (0.25, 0.5, 1.0)
 
 
@@ -25,7 +25,6 @@ class SocketTrackpad:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        self.model: str | None = _PAD.model
         self._path = os.fspath(path)
         self._clock_ns = clock_ns
         self._socket: socket.socket | None = None
@@ -41,7 +40,7 @@ class SocketTrackpad:
         if self._socket is None:
             return
         try:
-            self._socket.send(_PAD.enable)
+            self._socket.send(DEFAULT_PAD.enable)
         except OSError:
             return  # as with a pad that refuses it; a lost connection shows at the next read
 
@@ -62,7 +61,7 @@ class SocketTrackpad:
         self._socket, self._is_up = endpoint, True
         self._loop.add_reader(endpoint, self._on_readable, endpoint)
         self.request_enable()
-        self._on_link(True, f"simulated trackpad at {self._path}")
+        self._on_link(DEFAULT_PAD, f"simulated trackpad at {self._path}")
 
     def _on_readable(self, endpoint: socket.socket) -> None:
         batch, lost = self._drain(endpoint)
@@ -100,4 +99,4 @@ class SocketTrackpad:
         self._timer = self._loop.call_later(delay_s, self._connect)
         if self._is_up is not False:
             self._is_up = False
-            self._on_link(False, reason)
+            self._on_link(None, reason)

@@ -8,15 +8,16 @@ index finger in public captures.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, takewhile
 from typing import NamedTuple
 
 import numpy as np
 
 from ...values import AffineMap, FloatArray
-from ...wire.trackpad import GEOMETRY, MAX_RECORDS, RECORD, STAMP_WRAP_MS
+from ...wire.trackpad import DEFAULT_PAD, MAX_RECORDS, RECORD, STAMP_WRAP_MS, Pad
 from .pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from .paths import Path
 
@@ -68,8 +69,8 @@ class SensorSettings:
     first ten seconds.
     """
 
-    model: str = "mt2-usb"
-    period_s: float = 0.01125
+    pad: Pad = DEFAULT_PAD
+    period_s: float = DEFAULT_PAD.period_ns / 1e9
     latency_s: float = 0.010
     noise: PadNoise = FILTERED_NOISE
     stamp_jitter_ms: float = 1.0
@@ -123,16 +124,23 @@ def _position_word(record: Record) -> int:
     return record.x & 0x1FFF | (record.y & 0x1FFF) << 13
 
 
+_ENCODERS: dict[str, Callable[[int, Sequence[Record]], bytes]] = {  # by the layout of a pad's reports
+    "mt1": encode_mt1,
+    "mt2-usb": partial(encode_mt2, usb=True),
+    "mt2-bt": partial(encode_mt2, usb=False),
+}
+
+
 class SensorModel:
     """Reports of one pad for the given finger paths (at most 15). Same settings, seed and paths: same bytes.
 
-    `block` is the number of frames computed at once; the noise depends on it. Raises ValueError for an unknown model or
-    a singular `plate_from_pad`.
+    `block` is the number of frames computed at once; the noise depends on it. Raises ValueError for a pad whose reports
+    it cannot make, or a singular `plate_from_pad`.
     """
 
     def __init__(self, settings: SensorSettings = _DEFAULT, seed: int = 0, *, block: int = BLOCK) -> None:
-        if settings.model not in GEOMETRY:
-            raise ValueError(f"unknown trackpad model {settings.model!r}: use one of {', '.join(GEOMETRY)}")
+        if settings.pad.layout not in _ENCODERS:
+            raise ValueError(f"{settings.pad.name} is not simulated: use a pad that reports as {', '.join(_ENCODERS)}")
         self.settings = settings
         self.seed = seed
         self._block = block
@@ -157,7 +165,7 @@ class SensorModel:
 
     def _scan(self, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[Scan]:
         settings = self.settings
-        is_mt1 = settings.model == "mt1"
+        is_mt1 = settings.pad.layout == "mt1"
         firmware = [Firmware(settings.noise) for _ in paths]
         contacts = _Contacts([_appearance(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
         start_ms = settings.t_device_start_ms
@@ -181,7 +189,7 @@ class SensorModel:
         self, paths: Sequence[Path], firmware: Sequence[Firmware], t_s: FloatArray, rng: np.random.Generator
     ) -> list[list[tuple[int, int] | None]]:
         """Return by path and time the position in raw units, None where the pad senses no finger."""
-        pad = GEOMETRY[self.settings.model]
+        pad = self.settings.pad.geometry
         half_mm = np.array((pad.width_mm, pad.height_mm)) / 2 + _OFF_PAD_MM
         points: list[list[tuple[int, int] | None]] = []
         for path, filters in zip(paths, firmware, strict=True):
@@ -201,9 +209,7 @@ class SensorModel:
         return copies
 
     def _encode(self, stamp_ms: int, records: Sequence[Record]) -> bytes:
-        if self.settings.model == "mt1":
-            return encode_mt1(stamp_ms, records)
-        return encode_mt2(stamp_ms, records, usb=self.settings.model.endswith("-usb"))
+        return _ENCODERS[self.settings.pad.layout](stamp_ms, records)
 
 
 class _Contacts:

@@ -8,23 +8,22 @@ from contextlib import asynccontextmanager
 
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import RawReport, TouchFrame
-from ...wire.trackpad import Decoder
+from ...wire.trackpad import Decoder, Pad
 
 
 @asynccontextmanager
 async def reading(
-    pad: TrackpadSource, take: Callable[[TouchFrame], None], on_link: Callable[[bool], None]
+    pad: TrackpadSource, take: Callable[[TouchFrame], None], on_link: Callable[[Pad | None], None]
 ) -> AsyncIterator[None]:
-    """Context in which `take` gets each frame, and `on_link` whether the pad is connected; it is closed at the end."""
+    """Context in which `take` gets each frame, and `on_link` the pad that is connected; it is closed at the end."""
     decoder: Decoder | None = None
 
-    def linked(is_up: bool, reason: str) -> None:
+    def linked(found: Pad | None, reason: str) -> None:
         nonlocal decoder
         print(f"trackpad: {reason}", flush=True)
-        if is_up:
-            assert pad.model is not None
-            decoder = Decoder(pad.model)
-        on_link(is_up)
+        if found is not None:
+            decoder = Decoder(found)
+        on_link(found)
 
     def reported(reports: Sequence[RawReport]) -> None:
         assert decoder is not None  # the pad is linked before its first report

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...config.sections import PredictionConfig
 from ...core.prediction.pad_memory import PadMemory
 from ...core.prediction.predictor import DEFAULT
 from ...errors import CalibrationError
@@ -24,7 +25,7 @@ from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.paths import Strokes
 from ...sim.fingers.sensor import SensorModel
 from ...values import FloatArray
-from ...wire.trackpad import Decoder
+from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
 from ..touches import Touches, Trace, recorded
 from . import simulated
 from .delays import PERIOD_WORTH_FRAC
@@ -32,10 +33,8 @@ from .live_pad import reading
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "prediction.png"
-SIMULATED_MODEL = "mt2-usb"
 SIMULATED_SPEED_MM_S = 100.0
 AHEADS_MS = (15, 25)
-NOMINAL_MS = 11.25
 FEWEST_SAMPLES = 1000  # ten seconds of strokes: fewer teach less than many pads do
 PASSES = 2
 LANDING_SAMPLES = 5  # whose predictions say more about the landing than about the pad
@@ -93,25 +92,26 @@ def run(options: argparse.Namespace) -> Verdict:
 
 def strokes(seed: int, seconds: float) -> list[Trace]:
     """Return the touch that the simulated pad reports of a finger's strokes."""
-    touches, decoder = Touches(), Decoder(SIMULATED_MODEL)
+    touches, decoder = Touches(), Decoder(DEFAULT_PAD)
     for report in SensorModel(seed=seed).reports([Strokes(seed, SIMULATED_SPEED_MM_S)], seconds):
         for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
             touches.add(frame)
-    return touches.traces(SIMULATED_MODEL)
+    return touches.traces(DEFAULT_PAD.model)
 
 
-async def _touched(pad: TrackpadSource, seconds: float) -> list[Trace]:
+async def _touched(source: TrackpadSource, seconds: float) -> list[Trace]:
     """Return the touches of the next seconds on the pad."""
-    touches = Touches()
+    touches, models = Touches(), list[str]()
 
-    def on_link(is_up: bool) -> None:
+    def on_link(pad: Pad | None) -> None:
         touches.lift_all()
-        if is_up:
+        if pad is not None:
+            models.append(pad.model)
             print(f"stroke the pad for {seconds:g} s with one or two fingers, slowly and fast, with stops", flush=True)
 
-    async with reading(pad, touches.add, on_link):
+    async with reading(source, touches.add, on_link):
         await asyncio.sleep(seconds)
-    return touches.traces(pad.model or "no trackpad")
+    return touches.traces(models[-1] if models else "no trackpad")
 
 
 def learned(traces: Sequence[Trace]) -> Learned:
@@ -207,7 +207,7 @@ def verdict(traces: Sequence[Trace], found: Learned, *, is_simulated: bool) -> V
         settings["pad_weights"] = [round(weight, 4) for weight in found.weights]
     else:
         findings.append((Outcome.WARN, "The weights of many pads are as good: none are kept. Longer strokes may help."))
-    if abs(period_ms / NOMINAL_MS - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0:
+    if abs(period_ms / PredictionConfig().period_ms - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0:
         settings["period_ms"] = round(period_ms, 2)
     if added.repeated_frac > HELD_WORTH_FRAC:
         findings.append((Outcome.WARN, "More than half of the reports repeat: keep the fingers moving."))

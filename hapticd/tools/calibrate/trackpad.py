@@ -18,16 +18,15 @@ import numpy as np
 from ...errors import CalibrationError
 from ...files import plotting
 from ...io.devices.hid_trackpad import HidTrackpad
-from ...io.devices.trackpad_source import MODELS, TrackpadSource
+from ...io.devices.trackpad_source import TrackpadSource
 from ...values import TouchFrame
-from ...wire.trackpad import Decoder
+from ...wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
 from . import simulated
 from .live_pad import reading
 from .marks import APART_MM, MIN_MARKS, AffineFit, Point, TouchedMarks, fit_affine, placement
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "trackpad.png"
-SIMULATED_MODEL = "mt2-usb"
 FARTHEST_MM = 500.0  # of a mark on the largest plate
 
 GOOD_MM, USABLE_MM = 1.0, 3.0  # of the left-out residual: a fingertip aims to about half a millimetre
@@ -39,20 +38,20 @@ ENLARGED = 20.0  # magnification of the residuals in the picture
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
     parse_marks(options.marks)
-    if options.model not in ("auto", *MODELS):
-        raise CalibrationError(f"--model: there is no {options.model!r}: give auto or one of {', '.join(MODELS)}.")
+    if options.model not in ("auto", *PADS):
+        raise CalibrationError(f"--model: there is no {options.model!r}: give auto or one of {', '.join(PADS)}.")
 
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
     marks_mm = parse_marks(options.marks)
     if options.sim:
-        model, touches_mm = SIMULATED_MODEL, _played(marks_mm, options.seed)
+        pad, touches_mm = DEFAULT_PAD, _played(marks_mm, options.seed)
     else:
-        model, touches_mm = asyncio.run(_touched(HidTrackpad(options.model), marks_mm, options.within))
+        pad, touches_mm = asyncio.run(_touched(HidTrackpad(options.model), marks_mm, options.within))
     found = fit_affine(touches_mm, marks_mm)
     draw(marks_mm, touches_mm, found, options.out / PICTURE_FILE, source=simulated.source(options))
-    return verdict(found, {} if options.sim else {"source": "hid", "model": model}, is_simulated=options.sim)
+    return verdict(found, {} if options.sim else {"source": pad.source, "model": pad.model}, is_simulated=options.sim)
 
 
 def parse_marks(text: str) -> list[Point]:
@@ -70,7 +69,7 @@ def parse_marks(text: str) -> list[Point]:
 
 def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
     """Return the touches that the simulated pad reports."""
-    decoder, touched = Decoder(SIMULATED_MODEL), TouchedMarks()
+    decoder, touched = Decoder(DEFAULT_PAD), TouchedMarks()
     for report in simulated.touch_reports(marks_mm, seed):
         for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
             touched.update(frame)
@@ -82,12 +81,13 @@ def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
     return touched.rests_mm
 
 
-async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[str, list[Point]]:
-    """Prompt for one mark after the other; return the pad's model and the touches."""
-    touched, done = TouchedMarks(), asyncio.Event()
+async def _touched(source: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[Pad, list[Point]]:
+    """Prompt for one mark after the other; return the pad and the touches."""
+    touched, done, pads = TouchedMarks(), asyncio.Event(), list[Pad]()
 
-    def on_link(is_up: bool) -> None:
-        if is_up:
+    def on_link(pad: Pad | None) -> None:
+        if pad is not None:
+            pads.append(pad)
             _ask(marks_mm, len(touched.rests_mm))
 
     def take(frame: TouchFrame) -> None:
@@ -97,15 +97,14 @@ async def _touched(pad: TrackpadSource, marks_mm: Sequence[Point], within_s: flo
                 done.set()
 
     try:
-        async with reading(pad, take, on_link):
+        async with reading(source, take, on_link):
             await asyncio.wait_for(done.wait(), within_s)
     except TimeoutError:
         raise CalibrationError(
             f"{len(touched.rests_mm)} of {len(marks_mm)} marks were touched in {within_s:g} s: rest one finger on each "
             "for half a second, lift it in between, and stop the service first if no touch is detected."
         ) from None
-    assert pad.model is not None
-    return pad.model, touched.rests_mm
+    return pads[-1], touched.rests_mm
 
 
 def _ask(marks_mm: Sequence[Point], place: int) -> None:

@@ -16,7 +16,7 @@ from ...io.devices.hid_trackpad import HidTrackpad, find_pads, load_hid
 from ...io.devices.serial_link import SerialLink
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import RawReport
-from ...wire.trackpad import Decoder
+from ...wire.trackpad import Decoder, Pad
 from ..firmware.conversation import Conversation
 from .finding import FAIL, PASS, WARN, Finding, System, is_accessible
 from .host import INSTALL
@@ -102,24 +102,25 @@ def steady_rate_hz(samples: Sequence[tuple[int, int]]) -> float | None:
 def listen(source: TrackpadSource, seconds: float) -> float | None:
     """Read the pad for `seconds`; return the median rate of its touch frames, None without any. Raises HapticdError."""
     reports: list[RawReport] = []
-    links: list[tuple[bool, str]] = []
+    links: list[tuple[Pad | None, str]] = []
 
     async def read() -> None:
-        source.start(asyncio.get_running_loop(), reports.extend, lambda up, why: links.append((up, why)))
+        source.start(asyncio.get_running_loop(), reports.extend, lambda pad, why: links.append((pad, why)))
         try:
             await asyncio.sleep(seconds)
         finally:
             await source.close()
 
     asyncio.run(read())
-    if not any(up for up, _ in links):
+    pads = [pad for pad, _ in links if pad is not None]
+    if not pads:
         raise HapticdError(links[-1][1] if links else "the pad could not be opened")
-    return frame_rate_hz(reports, source.model or "")
+    return frame_rate_hz(reports, pads[-1])
 
 
-def frame_rate_hz(reports: Sequence[RawReport], model: str) -> float | None:
+def frame_rate_hz(reports: Sequence[RawReport], pad: Pad) -> float | None:
     """Return the rate of the touch frames in raw reports, from their median interval on the pad's clock."""
-    decoder = Decoder(model)
+    decoder = Decoder(pad)
     t_ns = [frame.t_ns for report in reports for frame in decoder.decode(report.data, report.t_host_ns)]
     gaps_ns = [later - earlier for earlier, later in pairwise(t_ns) if later > earlier]
     return 1e9 / median(gaps_ns) if gaps_ns else None

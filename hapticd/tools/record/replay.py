@@ -11,7 +11,7 @@ from ... import board_protocol as protocol
 from ...config.sections import Config
 from ...daemon.machine import Machine
 from ...errors import RecordingError
-from ...files.recording.kinds import INPUTS, KINDS, Record
+from ...files.recording.kinds import INPUTS, KINDS, Record, pad_of
 from ...files.recording.mcap_reader import Recording
 from ...values import RawReport
 from ...wire.framing import FrameSplitter
@@ -151,7 +151,7 @@ def feed(machine: Machine, record: Record) -> None:
             case "reports":
                 machine.reports([RawReport(report["t_host_ns"], report["data"]) for report in fields["reports"]], t_ns)
             case "trackpad_link":
-                machine.trackpad_link(fields["is_up"], fields["reason"], t_ns, model=fields.get("model"))
+                machine.trackpad_link(fields["is_up"], fields["reason"], t_ns, pad=pad_of(fields))
             case "watched":
                 machine.watch(_discard if fields["is_watched"] else None, t_ns)
             case "targets":

@@ -107,7 +107,7 @@ def rehearse(recording: Recording, records: Iterable[Record], config: Config) ->
             drive = values[0].drive
             made.append((drive.t_apply_ns, tuple((knot.dt_ns, knot.modal_um) for knot in drive.knots)))
 
-    machine.trackpad_link(True, "recorded", header.t_start_ns, model=header.trackpad_model)
+    machine.trackpad_link(True, "recorded", header.t_start_ns, pad=header.pad)
     machine.observer = keep
     lag_ns = round(header.config.device.plate_delay_ms * 1e6)
     for step in steps(records):

@@ -7,7 +7,20 @@ Trackpad 1). `tests/data/trackpad-golden.jsonl` holds that driver's own output f
 
 from .decoder import Decoder
 from .device_clock import STAMP_WRAP_MS
-from .geometry import GEOMETRY, MODELS, PadGeometry
+from .pad import HidIds, Pad, PadGeometry
+from .pads import DEFAULT_PAD, PADS, from_fields, to_fields
 from .records import MAX_RECORDS, RECORD
 
-__all__ = ["GEOMETRY", "MAX_RECORDS", "MODELS", "RECORD", "STAMP_WRAP_MS", "Decoder", "PadGeometry"]
+__all__ = [
+    "DEFAULT_PAD",
+    "MAX_RECORDS",
+    "PADS",
+    "RECORD",
+    "STAMP_WRAP_MS",
+    "Decoder",
+    "HidIds",
+    "Pad",
+    "PadGeometry",
+    "from_fields",
+    "to_fields",
+]

@@ -1,11 +1,10 @@
-"""Decoder of one trackpad's reports: selects the model's layout, counts refused reports."""
+"""Decoder of one trackpad's reports: selects the pad's layout, counts refused reports."""
 
 from __future__ import annotations
 
 from ...values import AffineMap, TouchFrame
-from .geometry import GEOMETRY, MODELS, PlateMap
-from .magic_trackpad_1 import MagicTrackpad1
-from .magic_trackpad_2 import MagicTrackpad2
+from .pad import Pad
+from .pads import LAYOUTS, known
 from .records import RefusedError
 
 _MOUSE = 0x02
@@ -17,7 +16,7 @@ class Decoder:
     """Decode reports of one trackpad to TouchFrames in the plate frame.
 
     `decode` accepts any bytes: a report that is no whole multitouch report gives no frame, is counted by reason and
-    never raises. The constructor raises ValueError for an unknown model.
+    never raises. The constructor raises ValueError for an unknown model; a `Pad` need not be known.
 
     Every record of a report is in the frame; `touching` marks those that press the glass (Magic Trackpad 2: state 4 or
     5, Magic Trackpad 1: any but 0). A contact missing from a Magic Trackpad 2 frame has ended. On the Magic Trackpad 1
@@ -27,25 +26,16 @@ class Decoder:
     their scale is undocumented. `pressure_frac` is raw / 253, on the Magic Trackpad 1 contact size / 63.
     """
 
-    def __init__(self, model: str, plate_from_pad: AffineMap = _CENTRED) -> None:
-        if model not in GEOMETRY:
-            raise ValueError(f"unknown trackpad model {model!r}: use one of {', '.join(MODELS)}")
-        self.model = model
+    def __init__(self, model: str | Pad, plate_from_pad: AffineMap = _CENTRED) -> None:
+        self.pad = known(model) if isinstance(model, str) else model
         self._refused = dict.fromkeys(("foreign", "length", "duplicate_id", "mouse"), 0)
         self._frames = 0
         self.needs_enable = False  # the pad reports as a mouse: it needs the multitouch enable; until a touch frame
-        self._layout: MagicTrackpad1 | MagicTrackpad2
-        if model == "mt1":
-            self._layout = MagicTrackpad1(self._plate_map(plate_from_pad))
-        else:
-            self._layout = MagicTrackpad2(self._plate_map(plate_from_pad), usb=model.endswith("-usb"))
+        self._layout = LAYOUTS[self.pad.layout](self.pad.geometry, plate_from_pad)
 
     def place(self, plate_from_pad: AffineMap) -> None:
         """Take the pad to lie elsewhere from the next report on; contacts stay."""
-        self._layout.plate_map = self._plate_map(plate_from_pad)
-
-    def _plate_map(self, plate_from_pad: AffineMap) -> PlateMap:
-        return PlateMap(GEOMETRY[self.model], plate_from_pad, orientations=64 if self.model == "mt1" else 8)
+        self._layout.place(plate_from_pad)
 
     @property
     def counters(self) -> dict[str, int]:
@@ -67,7 +57,7 @@ class Decoder:
         try:
             frames = self._layout.decode(report, t_host_ns)
         except RefusedError as refused:
-            is_mouse = len(report) in _MOUSE_LENGTHS and report[0] == _MOUSE
+            is_mouse = len(self.pad.enable) > 0 and len(report) in _MOUSE_LENGTHS and report[0] == _MOUSE
             self.needs_enable = self.needs_enable or is_mouse
             self._refused["mouse" if is_mouse else refused.reason] += 1
             return ()

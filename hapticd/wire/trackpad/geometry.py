@@ -1,40 +1,11 @@
-"""Size and position range of each trackpad model, and the map from its raw units to plate millimetres."""
+"""The map from a pad's raw units to plate millimetres."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from ...values import AffineMap
-
-
-@dataclass(frozen=True, slots=True)
-class PadGeometry:
-    """The range of positions a pad declares (raw units, y up) and the size in mm that the kernel gives it."""
-
-    x_min_raw: int
-    x_max_raw: int
-    y_min_raw: int
-    y_max_raw: int
-    width_mm: float
-    height_mm: float
-
-    @property
-    def units_per_mm(self) -> tuple[float, float]:
-        """Raw units per mm along x and y."""
-        return (self.x_max_raw - self.x_min_raw) / self.width_mm, (self.y_max_raw - self.y_min_raw) / self.height_mm
-
-    @property
-    def centre_raw(self) -> tuple[float, float]:
-        """The raw position of pad (0, 0) mm: the middle of the declared range."""
-        return (self.x_min_raw + self.x_max_raw) / 2, (self.y_min_raw + self.y_max_raw) / 2
-
-
-_PAD_1 = PadGeometry(-2909, 3167, -2565, 2456, 130.0, 110.0)
-_PAD_2 = PadGeometry(-3678, 3934, -2587, 2478, 160.0, 114.9)
-
-GEOMETRY = {"mt1": _PAD_1, "mt2-usb": _PAD_2, "mt2-bt": _PAD_2, "usbc-usb": _PAD_2, "usbc-bt": _PAD_2}
-MODELS = tuple(GEOMETRY)
+from .pad import PadGeometry
 
 
 class PlateMap:

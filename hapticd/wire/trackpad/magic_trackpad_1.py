@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from ...values import Contact, TouchFrame
+from typing import Final
+
+from ...values import AffineMap, Contact, TouchFrame
 from .geometry import PlateMap
+from .pad import BLUETOOTH, Family, HidIds, Layout, Pad, PadGeometry
 from .records import records, require_distinct_ids
 
 _SINGLE, _PAIR = 0x28, 0xF7
@@ -11,14 +14,20 @@ _TIMEOUT_NS = 100_000_000  # nine frames: a contact missing for so long has ende
 _PERIOD_NS = 11_250_000  # as the later models' frames; the first frame of a pair is so much older
 
 
-class MagicTrackpad1:
+class MagicTrackpad1(Layout):
     """Decoder of this model's reports. Keeps the contacts: only state 0, or a timeout, ends one."""
 
-    clock_steps = 0
-
-    def __init__(self, plate_map: PlateMap) -> None:
-        self.plate_map = plate_map
+    def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap) -> None:
+        self._geometry = geometry
+        self.place(plate_from_pad)
         self._down: dict[int, tuple[Contact, int]] = {}  # by id: the contact and the host time of its last record
+
+    @property
+    def clock_steps(self) -> int:
+        return 0  # its stamp is not understood
+
+    def place(self, plate_from_pad: AffineMap) -> None:
+        self._plate_map = PlateMap(self._geometry, plate_from_pad, orientations=64)
 
     def reset(self) -> None:
         self._down.clear()
@@ -46,8 +55,8 @@ class MagicTrackpad1:
 
     def _contact(self, record: tuple[int, ...]) -> Contact:
         word, major, minor, size_and_id, id_and_angle, last = record
-        x_mm, y_mm, raw_x, raw_y = self.plate_map.position(word)
-        angle_rad, major_mm, minor_mm = self.plate_map.axes[id_and_angle >> 2]
+        x_mm, y_mm, raw_x, raw_y = self._plate_map.position(word)
+        angle_rad, major_mm, minor_mm = self._plate_map.axes[id_and_angle >> 2]
         state = last >> 4
         return Contact(
             (id_and_angle & 3) << 2 | size_and_id >> 6, x_mm, y_mm, major * major_mm, minor * minor_mm, angle_rad,
@@ -61,3 +70,19 @@ def _singles(report: bytes) -> tuple[bytes, ...]:
         return (report,)
     end = 2 + report[1]
     return report[2:end], report[end:]
+
+
+FAMILY: Final[Family] = Family(
+    (
+        Pad(
+            model="mt1",
+            name="Magic Trackpad on Bluetooth",
+            layout="mt1",
+            geometry=PadGeometry(-2909, 3167, -2565, 2456, 130.0, 110.0),
+            period_ns=_PERIOD_NS,
+            ids=HidIds(BLUETOOTH, 0x05AC, 0x030E),
+            enable=b"\xd7\x01",
+        ),
+    ),
+    {"mt1": MagicTrackpad1},
+)

@@ -10,6 +10,7 @@ import queue
 import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,8 +22,9 @@ from hapticd.errors import TrackpadError
 from hapticd.io.devices.hid_trackpad import HidTrackpad, find_pads, load_hid
 from hapticd.io.devices.replay import ReplayTrackpad, read_recording, write_recording
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
-from hapticd.io.devices.trackpad_source import MODELS, PADS, TrackpadSource
+from hapticd.io.devices.trackpad_source import TrackpadSource
 from hapticd.values import RawReport
+from hapticd.wire.trackpad import DEFAULT_PAD, PADS, Pad
 
 MS = 1_000_000
 
@@ -33,7 +35,7 @@ class Listener:
     """What a source events, in order, and a way to wait for the next thing."""
 
     def __init__(self) -> None:
-        self.events: list[tuple[bool, str] | list[bytes]] = []
+        self.events: list[tuple[Pad | None, str] | list[bytes]] = []
         self.reports: list[RawReport] = []
         self._news: asyncio.Queue[None] = asyncio.Queue()
 
@@ -42,12 +44,12 @@ class Listener:
         self.events.append([report.data for report in reports])
         self._news.put_nowait(None)
 
-    def on_link(self, is_up: bool, reason: str) -> None:
-        self.events.append((is_up, reason))
+    def on_link(self, pad: Pad | None, reason: str) -> None:
+        self.events.append((pad, reason))
         self._news.put_nowait(None)
 
     @property
-    def links(self) -> list[tuple[bool, str]]:
+    def links(self) -> list[tuple[Pad | None, str]]:
         return [item for item in self.events if isinstance(item, tuple)]
 
     def listen(self, source: TrackpadSource) -> None:
@@ -140,13 +142,14 @@ class FakeDevice:
 
 
 def node(model: str, path: bytes = b"/dev/hidraw3", **changes: object) -> dict[str, object]:
-    pad = next(pad for pad in PADS if pad.model == model)
+    ids = PADS[model].ids
+    assert ids is not None
     return {
         "path": path,
-        "vendor_id": pad.vendor_id,
-        "product_id": pad.product_id,
-        "interface_number": pad.interface,
-        "bus_type": pad.bus,
+        "vendor_id": ids.vendor_id,
+        "product_id": ids.product_id,
+        "interface_number": ids.interface,
+        "bus_type": ids.bus,
         "usage_page": 1,
         "usage": 2,
     } | changes
@@ -174,8 +177,7 @@ async def test_each_trackpad_is_known_by_its_ids_and_gets_its_enable(
     source = hid_source(hid)
     listener.listen(source)
     await listener.until(lambda: bool(listener.links))
-    assert source.model == model
-    assert listener.links[0][0]
+    assert listener.links[0][0] is PADS[model]
     assert "/dev/hidraw7" in listener.links[0][1]
     assert hid.features.get_nowait() == bytes.fromhex(enable)
     await source.close()
@@ -209,7 +211,7 @@ async def test_reports_that_waited_come_in_one_batch_in_order_with_the_time_they
         hid.waiting.put(report)
     listener.listen(source)
     await listener.until(lambda: len(listener.reports) == 40)
-    assert listener.events[0] == (True, "Magic Trackpad 2 on USB at /dev/hidraw3")
+    assert listener.events[0] == (PADS["mt2-usb"], "Magic Trackpad 2 on USB at /dev/hidraw3")
     assert [report.data for report in listener.reports] == waiting
     times = [report.t_host_ns for report in listener.reports]
     assert times == sorted(set(times))
@@ -225,11 +227,10 @@ async def test_an_unplugged_pad_is_reported_once_and_enabled_again_after_reconne
     await listener.until(lambda: len(listener.links) == 1)
     hid.unplug()
     await listener.until(lambda: len(listener.links) == 2)
-    assert listener.links[1] == (False, "Magic Trackpad 2 on USB was lost (read error): searching for it")
+    assert listener.links[1] == (None, "Magic Trackpad 2 on USB was lost (read error): searching for it")
     hid.plug(node("mt2-bt", b"/dev/hidraw9"))
     await listener.until(lambda: len(listener.links) == 3)
-    assert listener.links[2] == (True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw9")
-    assert source.model == "mt2-bt"
+    assert listener.links[2] == (PADS["mt2-bt"], "Magic Trackpad 2 on Bluetooth at /dev/hidraw9")
     assert [hid.features.get_nowait() for _ in range(2)] == [b"\x02\x01", b"\xf1\x02\x01"]
     await source.close()
     assert hid.open_now == 0
@@ -241,12 +242,12 @@ async def test_a_missing_pad_is_reported_once_and_an_inaccessible_one_with_a_rem
     source = hid_source(hid)
     listener.listen(source)
     await listener.until(lambda: len(listener.links) == 1)
-    assert listener.links == [(False, "no trackpad is connected: plug one in or pair it")]
+    assert listener.links == [(None, "no trackpad is connected: plug one in or pair it")]
     hid.refuse_open = True
     hid.plug(node("mt2-usb"))
     await listener.until(lambda: len(listener.links) == 2)
     assert listener.links[1] == (
-        False,
+        None,
         "Magic Trackpad 2 on USB at /dev/hidraw3 cannot be opened (open failed): give this user read and write access",
     )
     hid.refuse_open = False
@@ -262,7 +263,7 @@ async def test_a_new_pad_to_which_udev_gives_access_a_moment_later_is_no_complai
     source = hid_source(hid)
     listener.listen(source)
     await listener.until(lambda: len(listener.links) == 1)
-    assert listener.links == [(True, "Magic Trackpad 2 on Bluetooth at /dev/hidraw3")]
+    assert listener.links == [(PADS["mt2-bt"], "Magic Trackpad 2 on Bluetooth at /dev/hidraw3")]
     assert hid.opens_refused == 1
     await source.close()
 
@@ -276,7 +277,7 @@ async def test_a_refused_enable_is_reported_and_reports_are_still_read() -> None
     listener.listen(source)
     await listener.until(lambda: bool(listener.reports))
     assert listener.links[0] == (
-        True,
+        PADS["mt2-usb"],
         "Magic Trackpad 2 on USB at /dev/hidraw3, which refused the multitouch enable",
     )
     await source.close()
@@ -369,7 +370,7 @@ async def test_the_rigs_packets_come_as_batches_and_its_end_is_an_unplug(rig_pat
     await listener.until(lambda: len(listener.links) == 2)
     assert listener.events[-2:-1] == [[b"\x31last"]]
     assert listener.links[1] == (
-        False,
+        None,
         f"the simulated trackpad at {rig_path} was lost (closed by the rig): reconnecting",
     )
     await source.close()
@@ -389,7 +390,7 @@ async def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_pa
         assert loop.time() - t_listening_s <= 1.0
         server.accept()[0].close()
     await listener.until(lambda: len(listener.links) == 3)
-    assert [is_up for is_up, _ in listener.links] == [False, True, False]
+    assert [pad for pad, _ in listener.links] == [None, DEFAULT_PAD, None]
     await source.close()
     events = list(listener.events)
     await asyncio.sleep(10)
@@ -400,28 +401,27 @@ async def test_a_missing_rig_is_reported_once_and_retried_until_it_exists(rig_pa
 
 
 @given(
-    st.sampled_from(MODELS),
+    st.sampled_from([*PADS.values(), replace(DEFAULT_PAD, period_ns=8_333_333)]),
     st.lists(st.builds(RawReport, st.integers(0, 10**15), st.binary(max_size=150)), max_size=10),
 )
 @settings(deadline=None, max_examples=30)
 def test_a_recording_reads_back_as_it_was_written(
-    tmp_path_factory: pytest.TempPathFactory, model: str, reports: list[RawReport]
+    tmp_path_factory: pytest.TempPathFactory, pad: Pad, reports: list[RawReport]
 ) -> None:
     path = tmp_path_factory.mktemp("recordings") / "touch.jsonl"
     reports.sort(key=lambda report: report.t_host_ns)
-    write_recording(path, model, reports)
-    assert read_recording(path) == (model, reports)
+    write_recording(path, pad, reports)
+    assert read_recording(path) == (pad, reports)
 
 
 @in_virtual_time
 async def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path) -> None:
     path = tmp_path / "touch.jsonl"
     t_recorded_ns = [5_000_000_000 + n for n in (0, 11_249_999, 11_250_000, 500_000_001)]
-    write_recording(path, "mt2-bt", [RawReport(t, bytes((0x31, i))) for i, t in enumerate(t_recorded_ns)])
+    write_recording(path, PADS["mt2-bt"], [RawReport(t, bytes((0x31, i))) for i, t in enumerate(t_recorded_ns)])
 
     loop, listener = asyncio.get_running_loop(), Listener()
     source = ReplayTrackpad(path, clock_ns=lambda: 900 + round(loop.time() * 1e9))
-    assert source.model == "mt2-bt"
     arrived_s: list[float] = []
 
     def on_reports(reports: Sequence[RawReport]) -> None:
@@ -432,8 +432,8 @@ async def test_a_replay_keeps_the_recorded_timing_on_todays_clock(tmp_path: Path
     await listener.until(lambda: len(listener.links) == 2)
     assert [report.t_host_ns - 900 for report in listener.reports] == [t - 5_000_000_000 for t in t_recorded_ns]
     assert arrived_s == pytest.approx([0, 0.01125, 0.01125, 0.5], abs=1e-6)
-    assert listener.events[0] == (True, f"replay of 4 reports from {path}")
-    assert listener.events[-1] == (False, "replay ended")
+    assert listener.events[0] == (PADS["mt2-bt"], f"replay of 4 reports from {path}")
+    assert listener.events[-1] == (None, "replay ended")
     await source.close()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,14 +14,14 @@ from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.paths import Circle, Path, Rest, Touch
 from hapticd.sim.fingers.sensor import Record, Report, SensorModel, SensorSettings, encode_mt1, encode_mt2
 from hapticd.values import AffineMap, TouchFrame
-from hapticd.wire.trackpad import GEOMETRY, MODELS, Decoder
+from hapticd.wire.trackpad import PADS, Decoder
 
 QUIET = {"noise": PadNoise(0.0), "stamp_jitter_ms": 0.0}
 QUANTUM_MM = 0.5 / 44.0  # half a unit of the coarser axis
 
 
 def decoded(reports: list[Report], settings: SensorSettings) -> list[TouchFrame]:
-    decoder = Decoder(settings.model, settings.plate_from_pad)
+    decoder = Decoder(settings.pad, settings.plate_from_pad)
     frames = [frame for r in reports for frame in decoder.decode(r.data, round(r.t_arrive_s * 1e9))]
     refused = {name: n for name, n in decoder.counters.items() if n and name != "frames"}
     assert refused == {}
@@ -46,7 +47,7 @@ RECORDS = st.lists(
 )
 
 
-@given(st.sampled_from(MODELS), RECORDS, st.booleans(), st.integers(0, 2**22))
+@given(st.sampled_from(list(PADS)), RECORDS, st.booleans(), st.integers(0, 2**22))
 @settings(deadline=None, max_examples=80)
 def test_what_is_encoded_is_decoded(model: str, records: list[Record], button: bool, t_ms: int) -> None:
     if model == "mt1":
@@ -54,7 +55,7 @@ def test_what_is_encoded_is_decoded(model: str, records: list[Record], button: b
     else:
         report = encode_mt2(t_ms, records, usb=model.endswith("-usb"), button=button)
     (frame,) = Decoder(model).decode(report, 0)
-    units = sum(GEOMETRY[model].units_per_mm) / 2
+    units = sum(PADS[model].geometry.units_per_mm) / 2
     orientations = 64 if model == "mt1" else 8
     back = [
         (c.contact_id, c.raw_x, c.raw_y, c.state, c.major_mm * units / 4, c.minor_mm * units / 4, c.angle_rad)
@@ -76,10 +77,10 @@ def test_more_than_fifteen_contacts_are_refused() -> None:
         SensorModel().scans([Rest((0.0, 0.0))] * 16)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", PADS)
 def test_positions_come_back_within_half_a_unit_wherever_the_pad_lies(model: str) -> None:
     placement = AffineMap.from_placement((3.0, -2.0), 8.0, (1.02, 0.98))
-    settings = SensorSettings(model, **QUIET, plate_from_pad=placement)
+    settings = SensorSettings(PADS[model], **QUIET, plate_from_pad=placement)
     paths = [Circle((-20.0, 5.0), 25.0, 200.0), Circle((25.0, -5.0), 20.0, -150.0)]
     reports = SensorModel(settings, 3).reports(paths, 2.0)
     frames = decoded(reports, settings)
@@ -116,7 +117,7 @@ def test_the_device_clock_wraps_early_or_starts_as_configured() -> None:
 
 
 def contacts_of(paths: list[Path], model: str = "mt2-usb", t_end_s: float = 10.0) -> list[list[tuple[int, int, bool]]]:
-    settings = SensorSettings(model, **QUIET)
+    settings = SensorSettings(PADS[model], **QUIET)
     frames = decoded(SensorModel(settings).reports(paths, t_end_s), settings)
     return [[(c.contact_id, c.state, c.touching) for c in frame.contacts] for frame in frames]
 
@@ -139,6 +140,6 @@ def test_a_finger_outside_the_pad_is_not_sensed() -> None:
 
 def test_bad_settings_are_refused() -> None:
     with pytest.raises(ValueError, match="mt2-usb"):
-        SensorModel(SensorSettings("mt9"))
+        SensorModel(SensorSettings(replace(PADS["mt1"], layout="mt9")))
     with pytest.raises(ValueError, match="Singular"):
         SensorModel(SensorSettings(plate_from_pad=AffineMap(0.0, 0.0, 0.0, 0.0)))

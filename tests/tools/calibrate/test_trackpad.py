@@ -23,7 +23,7 @@ from hapticd.tools.calibrate.simulated import touch_reports
 from hapticd.tools.calibrate.trackpad import parse_marks
 from hapticd.tools.calibrate.verdict import Outcome, Verdict
 from hapticd.values import AffineMap, RawReport
-from hapticd.wire.trackpad import Decoder
+from hapticd.wire.trackpad import DEFAULT_PAD, Decoder, Pad
 
 MARKS = parse_marks("-50,-40 50,-40 50,40 -50,40")
 
@@ -147,17 +147,15 @@ class PlayedPad:
     """A pad that gives the reports of a simulated one in the loop's time."""
 
     def __init__(self, marks: Sequence[tuple[float, float]]) -> None:
-        self.model: str | None = None
         self.marks, self.is_closed = marks, False
 
     def start(
         self,
         loop: asyncio.AbstractEventLoop,
         on_reports: Callable[[Sequence[RawReport]], None],
-        on_link: Callable[[bool, str], None],
+        on_link: Callable[[Pad | None, str], None],
     ) -> None:
-        self.model = "mt2-usb"
-        on_link(True, "played")
+        on_link(DEFAULT_PAD, "played")
         for report in touch_reports(self.marks, 1):
             raw = RawReport(round(report.t_arrive_s * 1e9), report.data)
             loop.call_later(report.t_arrive_s, on_reports, (raw,))
@@ -171,8 +169,8 @@ class PlayedPad:
 
 def test_each_mark_is_prompted_until_all_are_touched(capsys: pytest.CaptureFixture[str]) -> None:
     pad = PlayedPad(MARKS)
-    model, touched_mm = in_virtual_time(trackpad._touched(pad, MARKS, 60.0))
-    assert model == "mt2-usb"
+    found, touched_mm = in_virtual_time(trackpad._touched(pad, MARKS, 60.0))
+    assert found is DEFAULT_PAD
     assert pad.is_closed
     np.testing.assert_allclose(touched_mm, MARKS, atol=0.05)
     output = capsys.readouterr().out

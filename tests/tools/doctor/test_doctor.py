@@ -32,6 +32,7 @@ from hapticd.tools.doctor import devices, files, host, program, service
 from hapticd.tools.doctor.finding import FAIL, PASS, WARN, Finding, System
 from hapticd.tools.doctor.program import CHECKS
 from hapticd.values import RawReport
+from hapticd.wire.trackpad import DEFAULT_PAD
 
 
 def examined(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
@@ -57,7 +58,7 @@ def _nothing_of_this_host(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "directories", lambda _: (Path("/nonexistent"),))
     monkeypatch.setattr(devices, "load_hid", lambda: None)
     monkeypatch.setattr(devices, "find_pads", lambda *_: iter(()))
-    monkeypatch.setattr(devices, "HidTrackpad", lambda _: Pad([], (False, "no trackpad is connected")))
+    monkeypatch.setattr(devices, "HidTrackpad", lambda _: Pad([], (None, "no trackpad is connected")))
 
 
 @pytest.fixture
@@ -270,9 +271,7 @@ def touched(seed: int, seconds: float) -> list[RawReport]:
 class Pad:
     """A source that gives what it is given, at once."""
 
-    model = "mt2-usb"
-
-    def __init__(self, reports: list[RawReport], link: tuple[bool, str] = (True, "here")) -> None:
+    def __init__(self, reports: list[RawReport], link: tuple[Any, str] = (DEFAULT_PAD, "here")) -> None:
         self._reports, self._link = reports, link
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: Any, on_link: Any) -> None:
@@ -288,7 +287,7 @@ def test_without_a_daemon_the_pad_itself_is_measured() -> None:
     assert devices.listen(Pad(touched(1, 0.5)), 0.001) == pytest.approx(88.9, rel=0.03)
     assert devices.listen(Pad([]), 0.001) is None
     with pytest.raises(HapticdError, match="no trackpad is connected"):
-        devices.listen(Pad([], (False, "no trackpad is connected")), 0.001)
+        devices.listen(Pad([], (None, "no trackpad is connected")), 0.001)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from hapticd.sim.fingers.paths import Path as Finger
 from hapticd.sim.lockstep import Settings
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.tools.record import simulated
+from hapticd.wire.trackpad import PADS
 
 SECONDS = 1.5
 
@@ -111,7 +112,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bench.machine.board_link(True, "plugged in", bench.t_ns)
     bench.run(50)
     bench.machine.trackpad_link(False, "unplugged", bench.t_ns)
-    bench.machine.trackpad_link(True, "another pad", bench.t_ns + MS, model="mt1")
+    bench.machine.trackpad_link(True, "another pad", bench.t_ns + MS, pad=PADS["mt1"])
     bench.machine.stop(bench.t_ns + 2 * MS)
     bench.machine.disconnect(bench.t_ns + 2 * MS)
     recording.close(bench.t_ns + 2 * MS, "the test ended")

@@ -18,6 +18,7 @@ from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
+from hapticd.wire.trackpad import DEFAULT_PAD
 
 DATA = Path(__file__).parents[2] / "data"
 FILES = 200
@@ -28,7 +29,7 @@ def light(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Thirty chunks of records behind the header of a coarse map, which is read at once."""
     axis_mm, chance = np.linspace(-9.0, 9.0, 30), np.random.default_rng(1)
     modes = ModeShapes.from_grid(axis_mm, axis_mm, chance.normal(size=(2, 30, 30)))
-    header = Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, Calibration())
+    header = Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, Calibration())
     path = tmp_path_factory.mktemp("light") / "light.mcap"
     file = RecordingFile(path, header)
     for seq in range(1500):

@@ -25,11 +25,12 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
 from hapticd.files.recording import mcap_writer
 from hapticd.files.recording.header import FORMAT, Header, header_fields, header_from
-from hapticd.files.recording.kinds import HEADER, INPUTS, KINDS, MAX_MESSAGE_BYTES, Record, encode
+from hapticd.files.recording.kinds import HEADER, INPUTS, KINDS, MAX_MESSAGE_BYTES, Record, encode, pad_of
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.wire.client import decode_targets, encode_targets
+from hapticd.wire.trackpad import DEFAULT_PAD, PADS
 from hapticd_contract.contents import Amplitude, Friction, Gradient, Grating, LevelMap, Noise
 from hapticd_contract.effects import At, Effect, Envelope, Modulation, Now, OnLeaving, OnLifting, OnPressure, Pulse
 from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
@@ -48,7 +49,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int]]:
     path = tmp_path_factory.mktemp("small") / "small.mcap"
     with pytest.MonkeyPatch.context() as patched:  # so that a test finds what it damages
         patched.setattr(mcap_writer, "COMPRESSION", CompressionType.NONE)
-        file = RecordingFile(path, Header("0", "", 0, True, 1, "mt2-usb", Config(), modes, Calibration()))
+        file = RecordingFile(path, Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, Calibration()))
     ends = [path.stat().st_size]
     for seq in range(CHUNKS * IN_EACH):
         file.add(Record("marker", seq, seq, {"client": "test", "text": "x" * seq}))
@@ -124,7 +125,7 @@ def test_what_a_killed_process_wrote_is_read_up_to_its_last_whole_chunk(tmp_path
     script = """
 import os, signal, sys
 from pathlib import Path
-from hapticd.files.recording.kinds import Record
+from hapticd.files.recording.kinds import Record, pad_of
 from hapticd.files.recording import mcap_writer
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
@@ -216,13 +217,25 @@ def test_the_header_is_read_back_to_the_last_bit(header: Header) -> None:
     again = header_from(msgpack.unpackb(encode(HEADER, header_fields(header))))
     known = GroundTruth().parasitic_modes(3)  # the seed that it was recorded with
 
-    assert again.config == header.config
+    assert (again.config, again.pad) == (header.config, header.pad)
     assert again.modes.shapes.tobytes() == header.modes.shapes.tobytes()
     assert (again.instance, again.t_start_ns, again.is_whole) == (header.instance, header.t_start_ns, True)
     assert again.parasitic_modes is not None
     assert np.array_equal(again.parasitic_modes.modes.shapes, known.modes.shapes)
     for name in ("decay_1_s", "detuning_rad_s", "finger_decay_1_s", "finger_detuning_rad_s"):
         assert getattr(again.parasitic_modes, name) == getattr(known, name)
+
+
+def test_an_earlier_recording_names_the_model_of_its_pad(header: Header) -> None:
+    fields = header_fields(header)
+    del fields["pad"]
+    assert header_from(fields | {"trackpad_model": "mt1"}).pad is PADS["mt1"]
+    with pytest.raises(RecordingError):
+        header_from(fields | {"trackpad_model": "mt9"})
+    assert pad_of({"is_up": True, "reason": "here", "model": "mt1"}) is PADS["mt1"]
+    assert pad_of({"is_up": False, "reason": "gone"}) is None
+    with pytest.raises(RecordingError, match=r"'mt9': use one of .*\.$"):
+        pad_of({"is_up": True, "reason": "here", "model": "mt9"})
 
 
 @pytest.mark.parametrize(
@@ -239,6 +252,8 @@ def test_the_header_is_read_back_to_the_last_bit(header: Header) -> None:
         {"parasitic_modes": {"modes_float64_le": {}}},
         {"parasitic_modes": 7},
         {"instance": 2**63},
+        {"pad": 7},
+        {"pad": {"model": "mt2-usb", "layout": "mt9"}},
         {"is_whole": 1},
         {"hapticd": None},
     ],

@@ -13,11 +13,11 @@ from hand import Hand
 from kernel import wait_for
 from plate import MOVES_UM, RESTS_UM, is_as_asked, measured_um, wait_state
 
-from hapticd.wire.trackpad import GEOMETRY
+from hapticd.wire.trackpad import PADS
 from hapticd_client import PlateState
 
 LEFT, RIGHT, SLID = (-824, 275), (1317, -386), (700, 600)  # raw, y away from the user
-PAD = GEOMETRY["mt2-bt"]
+PAD = PADS["mt2-bt"].geometry
 SLID_MM = (SLID[0] - PAD.centre_raw[0]) / PAD.units_per_mm[0]
 BLUETOOTH_IDS = 0x004C, 0x0265
 SHORT_MOUSE_REPORT = bytes.fromhex("02 00 01 00")  # what a pad says that has lost the enable

@@ -1,0 +1,75 @@
+"""All pads that are known, and their records in files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+from . import magic_trackpad_1, magic_trackpad_2
+from .pad import Family, Pad, PadGeometry
+
+FAMILIES: Final[tuple[Family, ...]] = (magic_trackpad_2.FAMILY, magic_trackpad_1.FAMILY)
+
+PADS: Final = {pad.model: pad for family in FAMILIES for pad in family.pads}
+LAYOUTS: Final = {layout: make for family in FAMILIES for layout, make in family.layouts.items()}
+DEFAULT_PAD: Final = PADS["mt2-usb"]  # the rig's, and what a pad is taken for until it is connected
+
+_MOST_TEXT = 100
+_MOST_RAW = 1 << 31
+_MOST_MM = 1e5
+_MOST_NS = 1_000_000_000
+
+
+def known(model: str) -> Pad:
+    """Return a pad by its model. Raises ValueError."""
+    if model not in PADS:
+        raise ValueError(f"unknown trackpad model {model!r}: use one of {', '.join(PADS)}")
+    return PADS[model]
+
+
+def to_fields(pad: Pad) -> dict[str, object]:
+    """Return the fields of a pad in files: what the decoder of its reports needs."""
+    size = pad.geometry
+    return {
+        "model": pad.model,
+        "layout": pad.layout,
+        "period_ns": pad.period_ns,
+        "x_raw": [size.x_min_raw, size.x_max_raw],
+        "y_raw": [size.y_min_raw, size.y_max_raw],
+        "size_mm": [size.width_mm, size.height_mm],
+    }
+
+
+def from_fields(fields: Mapping[str, object]) -> Pad:
+    """The inverse of `to_fields`; earlier files have a model alone, which must be known. Raises ValueError."""
+    model = fields.get("model")
+    if not isinstance(model, str) or len(model) > _MOST_TEXT:
+        raise ValueError(f"a pad must have a model, such as {', '.join(PADS)}")
+    if "layout" not in fields:
+        return known(model)
+    layout, period_ns = fields["layout"], fields.get("period_ns")
+    if not isinstance(layout, str) or layout not in LAYOUTS:
+        raise ValueError(f"unknown layout of reports: use one of {', '.join(LAYOUTS)}")
+    if type(period_ns) is not int or not 0 < period_ns <= _MOST_NS:
+        raise ValueError("a pad's period_ns must be a whole number up to a second")
+    x_min, x_max, y_min, y_max = (*_range(fields, "x_raw"), *_range(fields, "y_raw"))
+    size = PadGeometry(x_min, x_max, y_min, y_max, *_size_mm(fields))
+    usual = PADS.get(model, Pad(model, model, layout, size, period_ns, source=""))
+    return replace(usual, layout=layout, geometry=size, period_ns=period_ns)
+
+
+def _range(fields: Mapping[str, object], name: str) -> tuple[int, int]:
+    match fields.get(name):
+        case [int(low), int(high)] if -_MOST_RAW <= low < high <= _MOST_RAW:
+            return low, high
+    raise ValueError(f"a pad's {name} must be two whole numbers, the second the larger")
+
+
+def _size_mm(fields: Mapping[str, object]) -> tuple[float, float]:
+    match fields.get("size_mm"):
+        case [int() | float() as width, int() | float() as height] if (
+            1.0 <= width <= _MOST_MM and 1.0 <= height <= _MOST_MM
+        ):
+            return float(width), float(height)
+    raise ValueError("a pad's size_mm must be two numbers, its width and height")
