@@ -20,8 +20,6 @@
 /* LSI / 4 / (80 + 1): 10 ms, 7 to 19 over the oscillator's tolerance of 17 to 47 kHz. */
 #define WATCHDOG_RELOAD 80
 
-__attribute__((section(".noinit"))) kept_t kept;
-
 static bool sampling; /* what wakes the main loop */
 
 static enum hd_reset_cause reset_cause(void)
@@ -104,12 +102,6 @@ static void describe_board(hd_config_t *config, const hd_converters_t *converter
         config->v_limit_v = fminf(config->v_limit_v, DAC_STEPS * converters->volts_per_lsb[k]);
         describe_mode(&config->model[k], k);
     }
-}
-
-void kept_add(uint8_t event, float value, uint32_t now_us)
-{
-    hd_wire_log_entry_t entry = {now_us, kept.boot_id, event, 255, value};
-    hd_log_add(&kept.log, &entry);
 }
 
 static uint32_t reversed(uint32_t word)
