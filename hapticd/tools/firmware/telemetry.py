@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import json
 import sys
+from typing import get_type_hints
 
 from ...board_protocol import SetTelemetry
 from ...board_values import ModeSample, TelemetrySample
@@ -13,8 +14,7 @@ from . import text
 from .conversation import Conversation
 
 FIRST_WITHIN_S = 2.0  # at the slowest rate
-PHASORS = ("reference_um", "measured_um", "voltage_v")
-FIGURES = ("decay_1_s", "detuning_rad_s")
+KINDS = get_type_hints(ModeSample)  # phasors and figures
 
 
 async def run(board: Conversation, options: argparse.Namespace) -> None:
@@ -42,8 +42,8 @@ def header(modes: int) -> str:
     """Return the names of the columns."""
     names = ["t_s", "t_board_us", "state", "saturated", "limited", "dropped"]
     for k in range(modes):
-        names += [f"mode{k}_{name}_{axis}" for name in PHASORS for axis in "dq"]
-        names += [f"mode{k}_{name}" for name in FIGURES]
+        for name, kind in KINDS.items():
+            names += [f"mode{k}_{name}_{axis}" for axis in "dq"] if kind is complex else [f"mode{k}_{name}"]
     return ",".join(names)
 
 
@@ -57,5 +57,5 @@ def row(t_s: float, sample: TelemetrySample) -> str:
 
 
 def _cells(mode: ModeSample) -> list[str]:
-    parts = [part for name in PHASORS for w in [getattr(mode, name)] for part in (w.real, w.imag)]
-    return [f"{part:.7g}" for part in (*parts, *(getattr(mode, name) for name in FIGURES))]
+    values = [getattr(mode, name) for name in KINDS]
+    return [f"{part:.7g}" for w in values for part in ((w.real, w.imag) if isinstance(w, complex) else (w,))]
