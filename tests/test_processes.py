@@ -30,7 +30,7 @@ def tasks_of(load: str, **environ: str) -> list[str]:
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="needs /proc")
 @pytest.mark.parametrize(
     "entry",
-    ["hapticd.__main__", "hapticd.sim.rig.program", "hapticd.tools.owned_process", "hapticd.bench.soak_flood"],
+    ["hapticd.__main__", "hapticd.sim.rig.program", "hapticd.tools.owned_process"],
 )
 def test_an_entry_point_starts_no_threads_for_numpy(entry: str) -> None:
     assert tasks_of(f"import {entry}") == ["1", "1", "1", "1"]
@@ -46,7 +46,7 @@ def started_commands(path: Path) -> list[list[ast.expr]]:
 
 def test_every_child_process_is_started_isolated_from_the_current_directory() -> None:
     found = [command for path in sorted(PACKAGE.rglob("*.py")) for command in started_commands(path)]
-    assert len(found) >= 5
+    assert len(found) >= 4
     assert [ast.unparse(command[1]) for command in found] == ["'-P'"] * len(found)
 
 

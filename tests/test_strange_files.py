@@ -112,7 +112,6 @@ OPENERS = {
 READING_METHODS = {"read_text", "read_bytes"}
 READ_ELSEWHERE = {
     "regular_file.py": "the one place",
-    "bench/soak_daemon.py": "the kernel's figures",
     "compiled/build_ext.py": "the checkout's pyproject.toml",
     "formats/npz.py": "an archive in memory",
     "files/plotting.py": "a picture in memory",

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..errors import UsageError
 from ..files import outputs
-from ..tools.arguments import POSITIVE, number, whole
+from ..tools.arguments import number, whole
 
 
 class Part(NamedTuple):
@@ -24,16 +24,12 @@ PARTS = {
     "prediction": Part("predictions 15 ms ahead on 15 motions", 1.5),
     "solver": Part("solvers against general optimisers", 0.8),
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
-    "landing": Part("from a finger's landing to its amplitude", 0.5, has_picture=False),
     "leak": Part("what fingers get in the closed loop, by which choice", 7.0),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
-    "endurance": Part("an hour of virtual time of the firmware on random plates", 0.5, has_picture=False),
-    "soak": Part("an hour of virtual time with 2000 faults", 7.0, has_picture=False),
 }
-APART = ("endurance", "soak", "worlds")  # not part of `all`: two compare nothing, the worlds take longer than all
+APART = ("worlds",)  # not part of `all`, for it takes longer than all
 ALL = "all"
-RUNS = 3  # of the soak in real time
 WORLDS = 50  # as bench.worlds, which takes a second to import
 
 
@@ -43,20 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=number(0.0, 600.0), default=2.0, help="tick: of a paced measurement (default 2)"
     )
-    parser.add_argument("--hours", type=POSITIVE, default=1.0, help="endurance, soak: virtual time (default 1)")
-    parser.add_argument(
-        "--calibrating",
-        action="store_true",
-        help="soak: one run in a laboratory that drifts, whose daemon calibrates itself; 16 faults in 150 s",
-    )
     parser.add_argument(
         "--worlds", type=whole(1, 1000), default=WORLDS, help=f"worlds: laboratories of each kind (default {WORLDS})"
-    )
-    parser.add_argument(
-        "--real-time",
-        type=POSITIVE,
-        metavar="SECONDS",
-        help="soak: run the service in real time: alone, with CPU hogs, under a flood of messages; each so long",
     )
     parser.add_argument(
         "--traces",
@@ -93,28 +77,19 @@ def _bench(options: argparse.Namespace) -> None:
     names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
     extent = suite.Extent(
         seconds=options.seconds,
-        hours=options.hours,
-        real_time_s=options.real_time,
         touches=suite.touches(options.traces, options.recording),
         worlds=options.worlds,
-        is_calibrating=options.calibrating,
     )
     suite.run({name: _minutes(name, options) for name in names}, extent, json_file=options.json, plot=options.plot)
 
 
 def _minutes(name: str, options: argparse.Namespace) -> float:
-    if name == "worlds":
-        return float(PARTS[name].minutes * options.worlds / WORLDS)
-    if name == "endurance":
-        return float(PARTS[name].minutes * options.hours)
-    if name != "soak":
-        return PARTS[name].minutes
-    return float(PARTS[name].minutes * options.hours if options.real_time is None else RUNS * options.real_time / 60.0)
+    return float(PARTS[name].minutes * (options.worlds / WORLDS if name == "worlds" else 1.0))
 
 
 def listing() -> str:
     """Return the parts with the time that each takes."""
     rows = [f"  {name:<11} {part.minutes:4g} min  {part.summary}" for name, part in PARTS.items()]
     minutes = sum(part.minutes for name, part in PARTS.items() if name not in APART)
-    rows.append(f"  {ALL:<11} {minutes:4g} min  all of these but {', '.join(APART[:-1])} and {APART[-1]}")
+    rows.append(f"  {ALL:<11} {minutes:4g} min  all of these but {' and '.join(APART)}")
     return "\n".join(["Parts, with the time that each takes on two cores:", *rows, "\nhapticd bench PART runs one."])

@@ -17,18 +17,13 @@ from ..errors import UsageError
 from ..files.outputs import write_text
 from ..tools.touches import Trace, recorded
 from . import (
-    endurance,
     felt,
     felt_asked,
     firmware,
-    firmware_faults,
-    landing,
     leak,
     modes,
     prediction,
     prediction_traces,
-    soak_daemon,
-    soak_real_time,
     solver,
     tick,
     traces,
@@ -38,15 +33,12 @@ from .tables import Table, plain, render
 
 
 class Extent(NamedTuple):
-    """Lengths of the parts that have one: seconds of paced passes, virtual hours of endurance and the soak, or real
-    seconds of the latter; the recorded touches for predictions; and the laboratories of each kind."""
+    """Lengths of the parts that have one: seconds of paced passes; the recorded touches for predictions; and the
+    laboratories of each kind."""
 
     seconds: float
-    hours: float = 1.0
-    real_time_s: float | None = None
     touches: list[Trace] | None = None
     worlds: int = worlds.WORLDS
-    is_calibrating: bool = False  # the daemon of the soak
 
 
 Part = Callable[[Extent], tuple[Table, ...]]
@@ -56,16 +48,9 @@ PARTS: dict[str, Part] = {
     "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "landing": lambda _: (landing.run(),),
     "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run()),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds),
-    "firmware": lambda _: (*firmware.run(), firmware_faults.run()),
-    "endurance": lambda extent: (endurance.run(extent.hours),),
-    "soak": lambda extent: (
-        soak_daemon.run(extent.hours, is_calibrating=extent.is_calibrating)
-        if extent.real_time_s is None
-        else soak_real_time.run(extent.real_time_s),
-    ),
+    "firmware": lambda _: firmware.run(),
 }
 
 

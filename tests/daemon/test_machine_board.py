@@ -9,7 +9,7 @@ from itertools import pairwise
 import msgpack
 import numpy as np
 import pytest
-from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, START_NS, STICKY, Bench, lines, references
+from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, STICKY, Bench, lines, references
 
 from hapticd import board_protocol as protocol
 from hapticd.board_values import Calibration, ModeCalibration
@@ -65,21 +65,6 @@ def test_a_rebooted_board_is_greeted_again_and_gets_the_reference_again() -> Non
     assert bench.board.peak_um > 0.5
     assert bench.board.state == LIVE
     assert bench.machine.session.reboots == 1
-
-
-def test_a_board_that_falls_silent_is_said_once_and_greeted_until_it_answers(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    lines(caplog)
-    bench.board.mute = True
-    heard = bench.run(3000)
-    names = [each.name for each in heard if each.t_ns > START_NS + 2000 * MS]
-    assert set(names) == {"hello"}
-    assert lines(caplog) == ["board: silent; requesting its hello until it answers"]
-    assert bench.state is State.IDLE
-    bench.board.mute = False
-    bench.run(1000)
-    assert bench.state is State.ACTIVE
-    assert bench.board.peak_um > 0.5
 
 
 def test_after_a_dead_man_trip_still_fingers_are_driven_again() -> None:
@@ -141,14 +126,6 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
     ]
     bench.run(60)
     assert bench.board.peak_um > 0.5
-
-
-def test_while_a_reference_stands_the_board_hears_a_keep_alive_every_twenty_milliseconds() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    bench.run(500)
-    heard = [each for each in bench.run(1000) if each.name in ("reference", "keep-alive")]
-    assert not references(heard)
-    assert {after.t_ns - before.t_ns for before, after in pairwise(heard)} == {20 * MS}
 
 
 def rested(bench: Bench) -> Bench:
@@ -237,11 +214,6 @@ def test_resting_is_not_worth_a_line_in_the_journal(caplog: pytest.LogCaptureFix
     lines(caplog)
     rested(bench)
     assert lines(caplog) == []
-
-
-def test_moving_fingers_need_no_keep_alives() -> None:
-    bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
-    assert {each.name for each in bench.run(300)} <= {"reference", "time"}
 
 
 def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pytest.LogCaptureFixture) -> None:

@@ -62,27 +62,6 @@ def test_each_cell_agrees_with_the_solver(modes: int, targets: tuple[float, ...]
     assert alone == pytest.approx(made.share.ravel(), abs=EXACT_UM)
 
 
-def test_nothing_is_reached_on_a_singular_curve() -> None:
-    made = achievability_map(PAIR, [Finger(-30.0, 21.0, 1.0)], 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=61)
-    signs = np.sign(made.determinant)
-    crossed = signs[:, 1:] != signs[:, :-1]
-    neighbour = np.minimum(made.reach_um[:, 1:], made.reach_um[:, :-1])
-    assert crossed.any()
-    assert np.median(neighbour[crossed]) < 0.4 * np.median(neighbour[~crossed])
-    assert (np.abs(made.determinant) * 4.0 <= made.reach_um + EXACT_UM).all()
-
-
-def test_the_contrast_is_that_of_a_still_finger_off_by_a_little() -> None:
-    fingers, error_mm = [Finger(-30.0, 21.0, 1.0)], 1e-4
-    made = achievability_map(PAIR, fingers, 0.0, (4.0, 4.0), size_mm=SIZE_MM, cells=8)
-    row, column = np.unravel_index(np.argmax(made.share), made.share.shape)
-    place = np.array([made.x_mm[column], made.y_mm[row]])
-    modal_um = solve(PAIR.evaluate([fingers[0][:2], place]), [1.0, 0.0], 4.0).modal_um
-    around = place + error_mm * np.stack([np.cos(turn := np.linspace(0.0, 6.3, 400)), np.sin(turn)], axis=-1)
-    leak_um = np.abs(PAIR.evaluate(around) @ modal_um).max()
-    assert made.contrast(error_mm)[row, column] == pytest.approx(1.0 / leak_um, rel=1e-3)
-
-
 @pytest.mark.parametrize("modes", [1, 2, 3])
 def test_a_places_worth_is_the_part_of_the_plate_that_its_map_leaves_to_the_other(modes: int) -> None:
     shapes, limits = shapes_of(modes), (4.0, 3.0, 2.0)[:modes]

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.design import CartographyFit, Pose, fit_cartography, fit_scan, sample_scan
-from hapticd.design.readings import outliers
+from hapticd.design import CartographyFit, Pose, fit_scan, sample_scan
 from hapticd.errors import ModesError
 
 from .reference_plate import driven_modes, grid_points
@@ -55,19 +54,6 @@ def test_the_map_errs_by_a_small_part_of_the_noise(scan: dict[str, Any], most: f
     np.testing.assert_allclose(fit.across_rms, NOISE, rtol=0.1)
 
 
-def test_a_grid_is_a_scan_whose_points_have_an_order() -> None:
-    axis_mm = 4.5 * np.arange(-15, 16)
-    points, readings = sample_scan(driven_modes(), seed=6)
-    column, row = np.rint(points / 4.5 + 15).astype(int).T
-    shapes = np.empty((2, 31, 31), complex)
-    shapes[:, row, column] = readings.T
-
-    as_grid, as_scan = fit_cartography(axis_mm, axis_mm, shapes), fit_scan(points, readings)
-
-    np.testing.assert_allclose(as_grid.modes.shapes, as_scan.modes.shapes, rtol=0.0, atol=1e-8)
-    np.testing.assert_allclose(as_grid.scale, as_scan.scale, rtol=1e-9)
-
-
 def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
     points, readings = sample_scan(driven_modes(), seed=7)
     missed = []
@@ -80,16 +66,6 @@ def test_the_cross_validated_residual_is_what_points_held_back_show() -> None:
 
     # 240 points a fold, each judged by a map made of three quarters of the points.
     np.testing.assert_allclose(np.sqrt((np.concatenate(missed).real ** 2).mean(axis=0)), estimated, rtol=0.05)
-
-
-def test_normal_noise_has_no_outliers_and_a_reading_far_off_is_one() -> None:
-    random = np.random.default_rng(8)
-    values, residual = random.standard_normal((2000, 2)), 0.02 * random.standard_normal((2000, 2))
-    assert not outliers(values, residual).any()
-
-    residual[17, 1] = 0.2
-    np.testing.assert_array_equal(np.flatnonzero(outliers(values, residual)), [17])
-    assert not outliers(values, np.where(residual > 0.1, 1e-9, 0.0)).any()  # far beyond no noise at all, but harmless
 
 
 POINTS = np.random.default_rng(9).uniform(-60.0, 60.0, (400, 2))

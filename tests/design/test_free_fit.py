@@ -17,7 +17,6 @@ from hapticd.design import (
     free_plate_modes,
     sample_scan,
 )
-from hapticd.design.free_fit import FreePlateModes
 from hapticd.design.smoothing import PlateBasis, ScatteredData, plate_equation, third_derivatives
 
 from .reference_plate import driven_modes, grid_points
@@ -108,28 +107,6 @@ def test_a_plate_that_is_not_free_keeps_the_smoothing_fit() -> None:
     error = map_error(fit, truth, fine_mm, fine_mm)
     assert error < NOISE / 2.0
     assert error == pytest.approx(smoothing_error(SQUARE_MM, 2.0 * math.pi / fit.wavelength_mm, scan, truth), rel=0.02)
-
-
-class TooShortWaves(FreePlateModes):
-    def __init__(self, _size_mm: tuple[float, float], wave_rad_mm: float) -> None:
-        super().__init__((900.0, 900.0), wave_rad_mm)
-
-
-class Crowded(FreePlateModes):
-    def __len__(self) -> int:
-        return 31 * 31 // 4
-
-
-@pytest.mark.parametrize("unusable", [TooShortWaves, Crowded])
-def test_where_theory_has_too_many_modes_or_none_the_smoothing_fit_stands(
-    unusable: type[FreePlateModes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scan = noisy(mixture(neighbours(SQUARE_MM, (28500.0, 30000.0)), AXIS_MM, AXIS_MM))
-    monkeypatch.setattr("hapticd.design.cartography.FreePlateModes", unusable)
-
-    fit = fit_cartography(AXIS_MM, AXIS_MM, scan, normalise=False)
-
-    assert (fit.freedom > 60.0).all()
 
 
 # --- pose -------------------------------------------------------------------------------------------------------

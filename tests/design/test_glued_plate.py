@@ -7,7 +7,7 @@ import pytest
 
 from hapticd.design.free_plate import free_plate_modes
 from hapticd.design.glued_plate import Patch, glued_plate_modes
-from hapticd.design.materials import MATERIALS, Material
+from hapticd.design.materials import MATERIALS
 
 GLASS, SIZE_MM, BAND_HZ = MATERIALS["glass"], (100.0, 80.0), (14000.0, 16000.0)
 
@@ -26,14 +26,3 @@ def test_a_patch_of_the_plates_glass_all_over_it_makes_a_thicker_plate() -> None
     thicker = [hz for hz, _ in free_plate_modes(SIZE_MM, 2.5, band_hz=BAND_HZ)]
     glued = [hz for hz, _ in glued_plate_modes(SIZE_MM, 2.0, GLASS, (whole,), BAND_HZ)]
     assert glued == pytest.approx(thicker, rel=1e-4)
-
-
-def test_a_small_mass_lowers_a_mode_by_its_share_of_the_motion() -> None:
-    heavy = Material(1e-6, 0.2, 8000.0, "all mass")
-    patch = Patch(45.0, 35.0, (2.0, 2.0), 0.1, heavy)
-    (hz, shape), *_ = glued_plate_modes(SIZE_MM, 2.0, GLASS, (), BAND_HZ)
-    (loaded_hz, _), *_ = glued_plate_modes(SIZE_MM, 2.0, GLASS, (patch,), BAND_HZ)
-    axes_mm = (np.linspace(-edge_mm / 2.0, edge_mm / 2.0, 401) for edge_mm in SIZE_MM)
-    plate_kg = 2500.0 * 2.0e-3 * 0.1 * 0.08 * np.mean(shape.on_grid(*axes_mm) ** 2)
-    patch_kg = 8000.0 * 0.1e-3 * 4e-6 * shape.evaluate([[45.0, 35.0]])[0] ** 2
-    assert loaded_hz / hz - 1.0 == pytest.approx(-0.5 * patch_kg / plate_kg, rel=0.05)

@@ -29,11 +29,6 @@ def power_series(row: list[mpmath.mpf], s: float) -> mpmath.mpf:
     return mpmath.fsum(c * mpmath.mpf(s) ** power for power, c in enumerate(row))
 
 
-def integral(left: list[mpmath.mpf], right: list[mpmath.mpf]) -> mpmath.mpf:
-    pairs = ((i + j, a * b) for i, a in enumerate(left) for j, b in enumerate(right) if (i + j) % 2 == 0)
-    return mpmath.fsum(2 * product / (power + 1) for power, product in pairs)
-
-
 @pytest.mark.parametrize("order", [0, 1, 2, 4])
 def test_values_and_derivatives_are_exact_to_rounding(order: int) -> None:
     with mpmath.workdps(80):
@@ -44,14 +39,3 @@ def test_values_and_derivatives_are_exact_to_rounding(order: int) -> None:
             np.testing.assert_allclose(
                 legendre.values(np.array([s]), 34, order)[0], exact, rtol=1e-11, atol=1e-13 * scale
             )
-
-
-@pytest.mark.parametrize(("left", "right"), [(0, 0), (1, 1), (2, 2), (0, 2), (4, 4), (3, 1)])
-def test_overlaps_are_exact_to_rounding(left: int, right: int) -> None:
-    overlap = legendre.overlap(34, left, right)
-    norm_left, norm_right = (np.sqrt(np.diag(legendre.overlap(34, order, order))) for order in (left, right))
-    with mpmath.workdps(80):
-        rows = exact_polynomials(34)
-        for i, j in ((34, 34), (33, 7), (20, 20), (5, 30), (2, 2)):
-            exact = float(integral(derivative(rows[i], left), derivative(rows[j], right)))
-            assert overlap[i, j] == pytest.approx(exact, rel=0.0, abs=1e-12 * norm_left[i] * norm_right[j])

@@ -25,16 +25,6 @@ def test_the_reference_plate_s_own_pair_comes_first(pair: ModePair) -> None:
     assert pair.centre_hz == pytest.approx(29142.0, abs=1.0)
 
 
-def test_both_modes_stand_still_at_every_common_node(pair: ModePair) -> None:
-    nodes = common_nodes(pair.shapes, 2.0)
-    points = np.array([(node.x_mm, node.y_mm) for node in nodes])
-    assert len(nodes) == 121  # eleven lines each way
-    for shape in pair.shapes:
-        assert np.abs(shape.evaluate(points)).max() < 1e-8
-    moved = [node.moved_frac for node in nodes]
-    assert np.round(moved, 6).tolist() == sorted(np.round(moved, 6))
-
-
 def test_a_stamp_moves_as_the_worst_point_within_it_and_a_wider_one_more(pair: ModePair) -> None:
     node = common_nodes(pair.shapes, 2.0)[0]
     angles = np.linspace(0.0, 2.0 * np.pi, 721)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.board_values import ModeCalibration
-from hapticd.design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from hapticd.design.resonance import Resonance, fit_resonance
 
 F_HZ = np.linspace(29145.0, 29265.0, 41)
@@ -71,34 +68,3 @@ def test_a_calibration_has_the_model_in_the_frame_of_the_drive() -> None:
     assert model.detuning_rad_s == pytest.approx(-20 * math.pi)
     assert model.gain_um_per_v_s == 5.0
     assert model.loop == pytest.approx(complex(0.5, math.sqrt(0.75)))
-
-
-# --- drive ------------------------------------------------------------------------------------------------------
-
-modes = st.builds(
-    ModeCalibration,
-    st.just(0),
-    st.floats(29000.0, 29400.0),
-    st.floats(100.0, 3000.0),
-    st.floats(0.5, 50.0),
-    st.just(0.0),
-)
-
-
-def test_an_amplifier_that_drives_both_modes_needs_the_sum_of_its_shares() -> None:
-    """The paper's wiring: each amplifier drives sum or difference. A weak mode counts on both amplifiers."""
-    x = ModeCalibration(0, 29195.0, 500.0, 7.5, 0.0, drive=(1.0, 1.0))
-    y = ModeCalibration(1, 29215.0, 500.0, 7.5, 0.0, drive=(1.0, -1.0))
-    each_v = [voltage_v(mode, 29205.0, 4.0) for mode in (x, y)]
-    assert largest_voltage_v([x, y], 29205.0, (4.0, 4.0)) == pytest.approx(sum(each_v))
-    apart = [replace(x, drive=(1.0, 0.0)), replace(y, drive=(0.0, 1.0))]
-    assert largest_voltage_v(apart, 29205.0, (4.0, 4.0)) == pytest.approx(max(each_v))
-
-
-@settings(max_examples=60)
-@given(st.lists(modes, min_size=1, max_size=4))
-def test_no_other_frequency_needs_less(some: list[ModeCalibration]) -> None:
-    amplitude_um = [4.0] * len(some)
-    best_v = largest_voltage_v(some, propose_drive_hz(some, amplitude_um), amplitude_um)
-    others_v = [largest_voltage_v(some, hz, amplitude_um) for hz in np.linspace(28900.0, 29500.0, 301)]
-    assert best_v <= min(others_v) * (1.0 + 1e-6)

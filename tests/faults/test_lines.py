@@ -37,13 +37,6 @@ def leaks_um(after: Aftermath) -> tuple[float, float]:
     return rms_um(run, STICKY, FROM_S, UNTIL_S), rms_um(run, STICKY, UNTIL_S + 0.2, UNTIL_S + 1.0)
 
 
-def test_a_clean_line_is_what_the_others_are_measured_by() -> None:
-    during_um, later_um = leaks_um(through())
-    assert during_um <= CLEAN_UM
-    assert later_um <= CLEAN_UM
-    tell("line as it should be", None, f"the sticky finger gets {during_um:.3f} um", "")
-
-
 # A frame that comes to nothing leaves the plate on the polyline before, whose last knot lies half a period beyond.
 @pytest.mark.parametrize(
     ("what", "shares", "most_um"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from stand import (
     LED_DOWN_MS,
@@ -26,13 +25,12 @@ from stand import (
 )
 
 from hapticd.sim.faulty import FaultySimulation
-from hapticd.sim.fingers.paths import Path, Rest, Touch
+from hapticd.sim.fingers.paths import Rest, Touch
 from hapticd.sim.fingers.scenarios import LAND_S, SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.wire.trackpad import STAMP_WRAP_MS
 
 STAMP_AT = 9  # of a Magic Trackpad 2 over USB: 8 bytes, the report's type, then 21 bits of milliseconds above 3 others
 STICKY = 1
-CLEAN_UM = 0.040
 
 
 def with_stamps(stand: FaultySimulation, stamp_ms: Callable[[int, float], int]) -> None:
@@ -89,20 +87,6 @@ def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogC
     tell("trackpad's clock stands still", after, "its fingers", *lines(caplog))
 
 
-def test_a_stamp_that_runs_backwards_is_survived(caplog: pytest.LogCaptureFixture) -> None:
-    turn: list[int] = []
-
-    def runs_backwards(meant_ms: int, t_s: float) -> int:
-        if T_FAULT_S <= t_s < T_FAULT_S + 0.5:
-            turn.append(meant_ms)
-            return 2 * turn[0] - meant_ms
-        return meant_ms
-
-    leak = leak_um(runs_backwards)
-    assert leak <= 0.6
-    tell("trackpad's clock runs backwards for 0.5 s", None, f"the sticky finger gets {leak:.3f} um", *lines(caplog))
-
-
 @pytest.mark.parametrize("fingers", [0, 1, 2, 5, 11, 15])
 def test_any_number_of_fingers_stays_within_the_limits(fingers: int, caplog: pytest.LogCaptureFixture) -> None:
     """The first slips, all others stick."""
@@ -128,32 +112,3 @@ def test_any_number_of_fingers_stays_within_the_limits(fingers: int, caplog: pyt
     tell(
         f"{fingers} fingers", None, f"the slippery gets {slips_um:.2f}, the worst of the sticky {sticks_um:.3f} um", ""
     )
-
-
-class Teleport:
-    """A finger that is elsewhere every 0.2 s, without a lift."""
-
-    def __init__(self, places: tuple[Path, ...]) -> None:
-        self._places = places
-
-    def position_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        at = (np.asarray(t_s) / 0.2).astype(int) % len(self._places)
-        return np.choose(at[:, np.newaxis], [place.position_mm(t_s) for place in self._places])
-
-
-def test_a_finger_that_jumps_across_the_plate_is_a_new_one_and_asks_for_nothing(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    jumping = Teleport((Rest((-40.0, 30.0)), Rest((35.0, -40.0)), Rest((50.0, 45.0)), Rest((-20.0, -45.0))))
-    actors = (
-        Actor(((LAND_S, SLIPPERY_UM),), path=Touch(jumping, LAND_S)),
-        Actor(((LAND_S, STICKY_UM),), path=Touch(Rest((10.0, 5.0)), LAND_S)),
-    )
-    after = play(actors, lambda *_: None, 1.0, 2.6, 0.0)
-    run = after.run()
-    sticks_um = rms_um(run, STICKY, 1.0, 2.6)
-    assert np.abs(run.reference_um).max() <= W_LIM_UM
-    assert sticks_um <= 0.1
-    assert max(after.simulation.machine.pipeline.fingers, key=lambda finger: finger.finger_id).finger_id >= 10
-    assert lines(caplog) == []
-    tell("a finger that jumps", None, f"its id; the sticky one next to it gets {sticks_um:.3f} um", "")

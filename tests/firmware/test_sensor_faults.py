@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from soak import endurance
 
-from hapticd.bench import endurance
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.board_protocol import FAULTS
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.sim.score import SETTLE_S, Friction, Score, score, settled, with_contacts
 
 T_S = (np.arange(2000) + 1) / 2000.0
@@ -108,24 +108,3 @@ def test_a_finger_s_error_is_in_just_noticeable_differences_and_has_a_median_and
 
     assert finger.error_jnd == pytest.approx((1.0 - math.exp(-0.05 / 0.7)) / 0.11)
     assert finger.error_95_jnd == pytest.approx((1.0 - math.exp(-0.1 / 0.7)) / 0.11)
-
-
-def test_an_amplitude_asks_for_the_friction_that_it_has_when_it_is_even_over_the_contact() -> None:
-    uneven = lambda places_mm: 1.0 + 0.6 * np.sign(places_mm @ np.array([[0.3], [1.0]]))  # noqa: E731
-    finger_mm = np.zeros((len(T_S), 1, 2))
-    rms_um = math.sqrt((1.6**2 + 0.4**2) / 2)
-    plate_um = np.full((len(T_S), 1), 1.0 / rms_um + 0j)  # 1.37 um on one half, 0.34 um on the other
-
-    judged = with_contacts(Score(*[float("nan")] * 5), T_S, finger_mm, constant(1.0), plate_um, uneven)
-
-    assert judged.contact_slip_um == pytest.approx(1.0)
-    assert judged.felt_frac == 0.0
-    assert judged.fingers[0].friction_change > 0.2  # stickier
-
-
-def test_the_plate_s_own_friction_curve_judges_at_the_finger_s_own_speed() -> None:
-    fast = FrictionCurve.from_amplitudes((0.0, 2.0), floor_frac=0.5, speed_mm_s=100.0)
-
-    judged = perceived(constant(0.0), constant(1.0)[:, 0], fast.frictions)
-
-    assert judged.still_friction_change == pytest.approx(0.5**0.25 - 1.0)  # 1 um has the effect of 0.5 um at rest

@@ -21,9 +21,9 @@ import msgpack
 import numpy as np
 import pytest
 from asynchronous import asynchronous
+from calibrating import CalibratingSimulation
 
 from hapticd import board_protocol as protocol
-from hapticd.bench.calibrating import CalibratingSimulation
 from hapticd.config.sections import Config, TrackpadConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.solver.felt import MOST_SLIPPERY, counted_jnd, solve_felt
+from hapticd.core.solver.felt import solve_felt
 from hapticd.core.solver.felt_descent import contacts_rms_um
 from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -133,22 +133,6 @@ def test_of_three_priorities_the_second_comes_before_the_third_and_of_equal_ones
     both_high = np.median(mixed_errors_jnd(plate, [3, 3, 1]), axis=0)
     assert both_high[1] < 1.0
     assert both_high[1] < both_high[0] < np.median(mixed_errors_jnd(plate, [0, 0, 0]), axis=0)[0]
-
-
-def test_only_the_order_of_priorities_counts_and_with_equal_ones_only_slippery_errors_are_cut() -> None:
-    frictions = [1.0, 0.9, 0.8, 0.7, 0.24]
-    assert counted_jnd(frictions, [0] * 5) == [
-        math.inf,
-        math.inf,
-        pytest.approx(2.0 * MOST_SLIPPERY),
-        MOST_SLIPPERY,
-        MOST_SLIPPERY,
-    ]
-    assert counted_jnd(frictions, [0, 0, 1, 1, 3]) == counted_jnd(frictions, [0, 0, 1, 1, 2])
-    assert counted_jnd(frictions, [0, 0, 0, 0, 1])[4] == math.inf  # however slippery, there is none before it
-    falling = counted_jnd([1.0, 0.24, 1.0, 0.24, 1.0, 0.24], [3, 3, 2, 2, 1, 1])
-    assert falling == sorted(falling, reverse=True)
-    assert len(set(falling)) == 6
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 0.7, 0.8, 0.9, 0.93, 0.95, 0.98])

@@ -213,27 +213,3 @@ def test_bad_input_gets_one_sentence_that_names_it(name: str, value: object) -> 
     if name not in ("phi", "target_um"):
         with pytest.raises(ValueError, match=name):
             solve_batch(**{**GOOD, "phi": np.zeros((0, 2, 2)), name: value})
-
-
-def test_plain_floats_are_checked_without_an_array_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Arrays of two numbers took three quarters of a call's time."""
-    converted: list[object] = []
-
-    def counted(values: object, dtype: object) -> Array:
-        converted.append(values)
-        return np.array(values, dtype)
-
-    monkeypatch.setattr(np, "asarray", counted)
-    phi = [[0.5, 0.4], [0.3, -0.2]]
-    solve(phi, (1.0, 0.0), (4.0, 4.0), previous_um=(1.0, -1.0))
-    assert converted == [phi]
-    solve(phi, np.array([1.0, 0.0]), [4, 4])
-    assert len(converted) == 4
-
-
-def test_the_condition_number_is_infinite_where_phi_is_singular_and_has_no_scale() -> None:
-    for phi in (np.zeros((2, 2)), np.array([[1.0, 0.0], [0.0, 0.0]]), np.zeros((3, 3))):
-        assert solve(phi, np.zeros(len(phi)), LIMIT_UM).condition == math.inf
-    shapes = np.array([[3.0, 1.0], [1.0, 2.0]])
-    conditions = [solve(shapes * scale, [1.0, 1.0], LIMIT_UM).condition for scale in (1.0, 1e-300)]
-    assert conditions == pytest.approx([np.linalg.cond(shapes)] * 2)

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.board_protocol import REFERENCE
-from hapticd.core.solver import solve_batch
 from hapticd.core.solver.points.general import solve_fast
 from hapticd.core.solver.points.phase import solve_phased_fast
 from hapticd.core.trajectory.gate import gate
@@ -60,22 +59,6 @@ def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
         assert abs(c * modal[0] + d * modal[1]) <= 1e-15 * max(map(abs, modal))
 
 
-@settings(max_examples=150)
-@given(exponent=st.floats(0.0, 14.0), angle=st.floats(0.1, 1.4), other=st.floats(0.1, 1.4))
-def test_both_fingers_get_twelve_digits_of_their_amplitude_while_no_limit_is_met(
-    exponent: float, angle: float, other: float
-) -> None:
-    phi = conditioned(exponent, angle, other)
-    targets = 10.0**-exponent, 0.6 * 10.0**-exponent
-    modal, limited = solve_fast(tuple(map(tuple, phi.tolist())), targets, LIMITS_UM)
-    assert not limited
-    with mpmath.workdps(60):
-        for values, target in zip(phi.tolist(), targets, strict=True):
-            given_um = abs(sum(mpmath.mpf(value) * w for value, w in zip(values, modal, strict=True)))
-            size = sum(abs(value * w) for value, w in zip(values, modal, strict=True))
-            assert abs(given_um - target) <= 1e-12 * target or abs(given_um - target) <= 1e-15 * size
-
-
 @settings(max_examples=200)
 @given(
     still=row,
@@ -101,20 +84,3 @@ def test_the_wire_breaks_no_limit_and_leaks_less_than_a_nanometre(
         sent = complex(*parts[:2]), complex(*parts[2:])
         assert all(abs(w) <= limit for w, limit in zip(sent, LIMITS_UM, strict=True))
         assert abs(still[0] * sent[0] + still[1] * sent[1]) < 1e-3
-
-
-TRACK = [
-    ((math.cos(a), math.sin(2 * a)), (0.8 * math.sin(3 * a + 1), 0.9 * math.cos(a - 0.5)))
-    for a in (2 * np.pi * np.arange(200) / 200).tolist()
-]
-
-
-def test_a_hundred_laps_end_where_the_second_did_to_the_last_bit() -> None:
-    """Each step begins at the last one's amplitudes: only a sign is taken from them, so nothing can add up."""
-    previous = None
-    laps = []
-    for _ in range(100):
-        lap = solve_batch(TRACK, [1.0, 0.0], 4.0, previous_um=previous)
-        previous = lap[-1]
-        laps.append(np.abs(lap))
-    assert all(np.array_equal(lap, laps[1]) for lap in laps[2:])

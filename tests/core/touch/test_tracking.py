@@ -157,16 +157,6 @@ def test_reset_lifts_every_finger_uses_no_id_again_and_lets_time_start_anew() ->
     assert after.lifted == (1, 2)
 
 
-def test_a_full_hand_and_more_is_tracked_while_all_ids_rotate() -> None:
-    count = 16
-    tracker = Tracker()
-    for k in range(30):
-        spots = [(1 + (j + k) % count, -60.0 + 30.0 * (j % 4) + 0.3 * k, -40.0 + 25.0 * (j // 4)) for j in range(count)]
-        tracked = tracker.update(frame(k, *spots))
-        assert ids(tracked) == list(range(1, count + 1))
-        assert [f.x_mm for f in tracked.fingers] == [x for _, x, _ in spots]
-
-
 @st.composite
 def hands(draw: st.DrawFn) -> list[list[Spot]]:
     """Frames of fingers that come, wander and go, at least 16 mm apart, with the ids a faultless device gives."""

@@ -110,21 +110,6 @@ def test_fingers_that_detune_and_sensors_with_a_phase_give_the_exact_solution() 
     np.testing.assert_allclose(trace.measured_um, measured_um, rtol=0, atol=1e-6)
 
 
-def test_the_amplifiers_clip_at_their_own_limit() -> None:
-    free, clipped = touched_run(Board(plate()))[0], touched_run(Board(plate(amplifier_limit_v=20.0)))[0]
-    assert np.abs(clipped.voltage_v).max() > 20
-    assert np.abs(clipped.plate_um).max() < 0.5 * np.abs(free.plate_um).max()
-
-
-def test_time_goes_tick_by_tick_and_wraps_for_the_board_only() -> None:
-    board = Board(plate(), config=BoardConfig(control_hz=3000.0), t_start_us=2**32 - 1000)
-    trace = BoardTrace(9, 2, 4)
-    assert board.unwrapped_us == 2**32 - 1000
-    board.run(7, np.zeros((7, 0, 4)), np.zeros((7, 0)), trace)
-    assert board.unwrapped_us == 2**32 - 1000 + 2333
-    assert board.t_us == 1333
-
-
 def test_a_run_stops_at_the_tick_that_has_something_to_say() -> None:
     board = Board(plate())
     board.receive(reference(0, 0j, 0j))

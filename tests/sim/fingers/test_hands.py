@@ -33,16 +33,6 @@ def test_a_finger_that_is_no_longer_named_is_lifted_and_lands_as_another() -> No
     assert [math.isfinite(at(finger, 2.0)[0][0]) for finger in hands.fingers] == [False, True, True, False, False]
 
 
-def test_fingers_lift_after_a_timeout_of_their_sender() -> None:
-    hands = Hands()
-    hands.hold({"1": (0.0, 0.0)}, 0.0)
-    hands.expire(TIMEOUT_S)
-    assert len(down(hands, TIMEOUT_S)) == 1
-    hands.expire(TIMEOUT_S + 0.01)
-    assert down(hands, TIMEOUT_S + 0.01) == []
-    hands.expire(TIMEOUT_S + 9.0)
-
-
 def test_the_scenarios_fingers_leave_when_a_person_comes_and_do_not_return() -> None:
     hands = Hands()
     scripted = YieldingPath(Rest((3.0, 4.0)), hands)

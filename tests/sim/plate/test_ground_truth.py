@@ -10,8 +10,6 @@ import pytest
 from hapticd.design import free_plate_modes
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
-NOMINAL = ("nominal_decay_1_s", "nominal_detuning_rad_s", "nominal_gain_um_per_v_s")
-
 
 @pytest.fixture(scope="module")
 def truth() -> GroundTruth:
@@ -39,45 +37,12 @@ def test_the_full_voltage_just_holds_the_limit_with_fingers_on_the_plate(q_facto
     assert abs(steady_um(truth, (0.0, 150.0j), damping=1.5)[1]) == pytest.approx(4.0, rel=1e-12)
 
 
-def test_the_firmware_gets_the_bare_plate_without_drift(truth: GroundTruth) -> None:
-    drifted = GroundTruth(PlateSettings(detune_hz=7.0, damping_factor=1.3))
-
-    np.testing.assert_array_equal(truth.nominal_decay_1_s, truth.decay_1_s[:2])
-    np.testing.assert_array_equal(truth.nominal_detuning_rad_s, truth.detuning_rad_s[:2])
-    np.testing.assert_array_equal(truth.nominal_gain_um_per_v_s, [truth.gain_um_per_v_s[k, k] for k in (0, 1)])
-    for name in NOMINAL:
-        np.testing.assert_array_equal(getattr(drifted, name), getattr(truth, name))
-
-
-def test_a_drifted_plate_keeps_its_gain_and_loses_authority(truth: GroundTruth) -> None:
-    drifted = GroundTruth(PlateSettings(detune_hz=20.0, damping_factor=1.5))
-
-    np.testing.assert_array_equal(drifted.gain_um_per_v_s, truth.gain_um_per_v_s)
-    np.testing.assert_allclose(drifted.frequency_hz, truth.frequency_hz + 20.0)
-    np.testing.assert_allclose(drifted.decay_1_s, 1.5 * truth.decay_1_s, rtol=1e-3)
-    lost = abs(steady_um(drifted, (0.0, 150.0))[1]) / abs(steady_um(truth, (0.0, 150.0))[1])
-    assert 0.5 < lost < 0.6  # 1.5 times the decay and three times the distance from the drive: by 1 / 1.72
-    assert abs(steady_um(drifted, (0.0, 150.0))[1]) < 4.0
-
-
 def test_the_shapes_are_the_theory_s(truth: GroundTruth) -> None:
     by_name = {shape.name: shape for _, shape in free_plate_modes()}
     points = np.random.default_rng(1).uniform(-68.75, 68.75, (3000, 2))
     expected = np.stack([by_name[name].evaluate(points) for name in ("11x0", "0x11", "9x6", "6x9")], axis=-1)
 
     np.testing.assert_allclose(truth.shapes(points), expected, rtol=0.0, atol=1e-4)
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_daemon_s_map_is_near_the_truth_and_not_the_truth(truth: GroundTruth, seed: int) -> None:
-    modes = truth.measured_mode_map(seed)
-    points = np.random.default_rng(5).uniform(-68.75, 68.75, (5000, 2))
-
-    error = modes.evaluate(points) - truth.shapes(points)[:, :2]
-
-    assert modes.M == 2
-    assert 0.0015 < np.sqrt((error**2).mean()) < 0.0035
-    assert np.abs(error).max() < 0.03
 
 
 @pytest.mark.parametrize(

@@ -11,16 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from .. import board_protocol as protocol
-from ..board_protocol import LogRequest
-from ..board_values import BoardLog
-from ..sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
-from ..sim.board.carrier import Converters
-from ..sim.plate.wirings import IDENTITY, PAPER, wiring
-from ..values import FloatArray
-from ..wire import device
-from .closed_loop import LIMIT_V, NOISE_UM, follow
-from .tables import Table, finite_rows
+from hapticd import board_protocol as protocol
+from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
+from hapticd.board_protocol import LogRequest
+from hapticd.board_values import BoardLog
+from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.carrier import Converters
+from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
+from hapticd.values import FloatArray
+from hapticd.wire import device
 
 ASKED_UM = ((0.02, 0.0), (0.4, 0.1), (2.0, 0.0), (3.9, 0.5))
 MUCH_UM = ((2.0, 2.0), (3.0, 3.0))
@@ -128,18 +127,3 @@ def row(runs: list[Run]) -> dict[str, float]:
     """Return the worst of each figure."""
     found = [figures(run) for run in runs]
     return {name: max(one[name] for one in found) for name in found[0]}
-
-
-def run() -> Table:
-    """Return the table of all causes."""
-    return Table(
-        name="faults",
-        title="firmware: what is not as the board believes: time to quiet, peak voltage, peak of the plate, fault",
-        default="sensors dead",
-        rows=finite_rows([(name, row(runs())) for name, runs in causes().items()]),
-        compared=(),
-        notes=(
-            "quiet: from the first voltage; missing if the drive outlasts 0.6 s; the worst of 0.02, 0.4, 2 and 3.9 um",
-            "a sensor that lost half its signal is not seen: `hapticd firmware selftest` finds it",
-        ),
-    )

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..config.sections import LEAST_MODES, MOST_MODES
-from ..sim.board.board import BoardConfig, PlateModel
-from ..sim.plate.wirings import IDENTITY, PAPER, wiring
-from ..values import FloatArray
-from .closed_loop import LIMIT_V, NOISE_UM, Phasors
+from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, Phasors
+from hapticd.config.sections import LEAST_MODES, MOST_MODES
+from hapticd.sim.board.board import BoardConfig, PlateModel
+from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
+from hapticd.values import FloatArray
 
 RUN_S = 30.0
 KINDS = tuple(

@@ -1,8 +1,9 @@
 """What all soaks share: runs for hours that must hold what they promise, their figures, and a sentence per violation.
 
-endurance       the firmware in virtual time, on random plates with fingers and textures
-soak_daemon     the daemon and the firmware in virtual time, with faults; and while it calibrates itself
-soak_real_time  the service on the simulated rig in real time, on a loaded machine
+endurance  the firmware on random plates, with fingers and textures
+daemon     the daemon and the firmware amid faults; and while it calibrates itself
+
+`python tests/soak endurance --hours 100` plays so many hours of virtual time, `daemon` and `daemon --calibrating` too.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from ..errors import HapticdError
-from .tables import Table, finite_rows, render
+from hapticd.bench.tables import Table, finite_rows, render
+from hapticd.errors import HapticdError
 
 ALL = "all"
 MOST_SENTENCES = 20
@@ -45,12 +46,6 @@ def _added(name: str, before: float, now: float) -> float:
     if "_last_" in name:
         return now
     return before + now if name.endswith(("_count", "_h")) else max(before, now)
-
-
-def check_length(option: str, length: float, most: float) -> None:
-    """Raise HapticdError for a length of a soak that is out of bounds."""
-    if not 0.0 < length <= most:  # False for NaN
-        raise HapticdError(f"{option}: {length:g} is out of bounds, it must be above 0 and at most {most:g}.")
 
 
 def judged(found: Iterable[Findings], *, name: str, title: str, notes: tuple[str, ...]) -> Table:

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from machine_bench import PLATE
+from soak import daemon as soak_daemon
+from soak import endurance, worlds
+from soak import harness as soak
+from soak.faults import KINDS, Kind
+from soak.harness import ALL, Findings
 
-from hapticd.bench import endurance, endurance_worlds, soak, soak_daemon, soak_real_time
-from hapticd.bench.soak import ALL, Findings
-from hapticd.bench.soak_faults import KINDS, Kind
-from hapticd.config.sections import Config
-from hapticd.core.trajectory.gate import gate
-from hapticd.daemon.machine import Machine
 from hapticd.errors import HapticdError
 from hapticd.tools import touch_process
-from hapticd.values import Drive, Knot
-from hapticd.wire import device
 
 
 def judged(*found: Findings) -> soak.Table:
@@ -47,27 +41,17 @@ def test_failures_are_an_error_with_their_sentences_and_the_figures() -> None:
         judged(Findings({"one": {"peak_um": 1.0}}), Findings({}, ["run 3: something."]))
 
 
-@pytest.mark.parametrize(
-    ("run", "option", "most"),
-    [(endurance.run, "--hours", 1000), (soak_daemon.run, "--hours", 24), (soak_real_time.run, "--real-time", 3600)],
-)
-@pytest.mark.parametrize("length", [0.0, -1.0, 1e9, float("nan")])
-def test_a_length_out_of_bounds_is_one_sentence(run: object, option: str, most: int, length: float) -> None:
-    with pytest.raises(HapticdError, match=rf"^{option}: .* must be above 0 and at most {most}\.$"):
-        run(length)
-
-
 # --- the firmware ---
 
 
-def dead(seed: int, seconds: float) -> endurance_worlds.World:
-    world = endurance_worlds.draw(seed, seconds)
+def dead(seed: int, seconds: float) -> worlds.World:
+    world = worlds.draw(seed, seconds)
     return replace(world, plate=replace(world.plate, sensor=np.zeros((2, 2))))
 
 
 def test_every_kind_of_board_is_driven_to_its_limits_without_a_failure() -> None:
-    found = soak.added(endurance.play(seed, 2.0) for seed in range(len(endurance_worlds.KINDS)))
-    assert len(found.rows) == len(endurance_worlds.KINDS)
+    found = soak.added(endurance.play(seed, 2.0) for seed in range(len(worlds.KINDS)))
+    assert len(found.rows) == len(worlds.KINDS)
     assert found.failures == []
     peaks = [max(row[name] for row in found.rows.values()) for name in ("peak_voltage_frac", "peak_measured_um")]
     assert peaks[0] == pytest.approx(1.0, abs=endurance.V_ROUNDING)
@@ -75,7 +59,7 @@ def test_every_kind_of_board_is_driven_to_its_limits_without_a_failure() -> None
 
 
 def test_so_is_one_with_modes_300_hz_from_the_drive() -> None:
-    found = soak.added(endurance.play(seed, 2.0, far=True) for seed in range(len(endurance_worlds.FAR_KINDS)))
+    found = soak.added(endurance.play(seed, 2.0, far=True) for seed in range(len(worlds.FAR_KINDS)))
     assert {*found.rows} == {f"{n} modes, far, {rate} kHz" for n in range(2, 9) for rate in (2, 5)}
     assert found.failures == []
 
@@ -160,42 +144,3 @@ def test_a_daemon_that_calibrates_itself_keeps_to_the_limits_amid_faults(monkeyp
     assert 0.0 < figures["leak_last_um"] <= figures["leak_most_um"] < 0.5
     monkeypatch.setattr(soak_daemon, "STEP_FACTOR", -1.0)
     assert [one for one in soak_daemon.play_calibrating(1, 6.0).failures if "while adopting" in one]
-
-
-# --- real time; no test depends on a time ---
-
-
-@pytest.mark.long
-def test_hogs_and_floods_break_no_limit_and_frames_go_on() -> None:
-    table = soak_real_time.run(0.6)
-    assert [row.name for row in table.rows] == [ALL, "4 clients flood", "hogs on every processor", "no load"]
-    for row in table.rows:
-        assert row.figures["frames_count"] > 0
-        assert 0.0 < row.figures["peak_um"] <= 4.0
-        assert {"dead_man_trips_count", "gc_pauses_count", "missed_ticks_count", "late_frames_count"} <= {*row.figures}
-        assert row.figures["longest_silence_ms"] > 0.0
-    flooded = table.row("4 clients flood").figures
-    assert flooded["offered_hz"] >= flooded["sent_hz"] > 0.0
-
-
-def test_every_write_is_decoded_as_by_the_board_and_a_silence_ends_with_the_next_one_accepted() -> None:
-    watch = soak_real_time.Watch(Machine(Config(), PLATE, write_board=lambda _: True))
-    drive = gate(Drive(0, (Knot(0, (1.0, -0.5)), Knot(8_000_000, (0.25 + 2.0j, -3.5)))), (4.0, 4.0))
-    frame = device.encode_reference(1, drive, 1000)
-    for t_ns, data, is_accepted in (
-        (0, frame[:9], True),
-        (50, frame[9:], True),
-        (55, b"\0", False),
-        (101, b"\0", True),
-    ):
-        watch.observer("written", t_ns, data, is_accepted)
-    assert (watch.references.frames, watch.references.peak_um) == (1, pytest.approx(3.5, rel=1e-6))
-    assert watch.longest_silence_ns == 51
-    watch.restart()
-    assert (watch.references.frames, watch.references.peak_um, watch.longest_silence_ns) == (0, 0.0, 0)
-
-
-def test_a_flooder_ends_with_its_input_and_prints_how_much_it_offered() -> None:
-    command = [sys.executable, "-m", "hapticd.bench.soak_flood", "inproc://unbound", "test"]
-    done = subprocess.run(command, input="", capture_output=True, text=True, timeout=60.0, check=True)
-    assert done.stdout.split() == ["ready", "0", "0"]

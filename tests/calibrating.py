@@ -10,16 +10,16 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from ..daemon.machine import Machine
-from ..daemon.observer import Observer
-from ..daemon.recorder import header_of
-from ..daemon.self_calibration import KINDS, SelfCalibration
-from ..design.touch.judge import LEAST_FOR_MAP_S
-from ..files.recording.kinds import record_of
-from ..sim.faulty import FaultySimulation
-from ..sim.fingers.scenarios import Actor
-from ..sim.lockstep import T_START_NS, Measured, Settings
-from ..tools.touch_process import DUTY, Accumulator
+from hapticd.daemon.machine import Machine
+from hapticd.daemon.observer import Observer
+from hapticd.daemon.recorder import header_of
+from hapticd.daemon.self_calibration import KINDS, SelfCalibration
+from hapticd.design.touch.judge import LEAST_FOR_MAP_S
+from hapticd.files.recording.kinds import record_of
+from hapticd.sim.faulty import FaultySimulation
+from hapticd.sim.fingers.scenarios import Actor
+from hapticd.sim.lockstep import T_START_NS, Measured, Settings
+from hapticd.tools.touch_process import DUTY, Accumulator
 
 FIT_S, FIT_WITH_MAP_S = 1.5, 5.0  # of the processor's time
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import board_protocol as protocol
-from ..core.board.supervisor import State
-from ..sim.board.line import Line, LineFaults
-from ..sim.faulty import FaultySimulation, Way
-from ..sim.lockstep import T_START_NS
-from ..wire.framing import FrameSplitter
+from hapticd import board_protocol as protocol
+from hapticd.core.board.supervisor import State
+from hapticd.sim.board.line import Line, LineFaults
+from hapticd.sim.faulty import FaultySimulation, Way
+from hapticd.sim.lockstep import T_START_NS
+from hapticd.wire.framing import FrameSplitter
 
 LONGEST_FRAME = 4096
 JUST_BEFORE_S = 0.002  # before the end of a fault: its effect shows, and the next event has not begun
