@@ -1,0 +1,55 @@
+"""The core on a plate that shares no code with the simulated one (firmware/bench), whose leads may be broken."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+W_LIMIT_UM = 4.0
+QUIET_WITHIN_MS = 120.0
+
+
+class Case(NamedTuple):
+    """One line of firmware/bench/cases.c."""
+
+    seed: int
+    texture_hz: float
+    asked_um: float
+    quiet_ms: float
+    peak_um: float
+    fault: int
+
+
+@pytest.fixture(scope="module", params=[2, 4])
+def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if shutil.which("cc") is None:
+        pytest.skip("cc is not installed")
+    build = tmp_path_factory.mktemp("cases")
+    built = build / f"cases-{request.param}modes"
+    subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"BUILD={build}", str(built)], check=True)
+    return built
+
+
+def cases(program: Path, fault: str, count: int) -> list[Case]:
+    lines = subprocess.run([program, fault, str(count)], check=True, capture_output=True, text=True).stdout.splitlines()
+    words = [line.split() for line in lines]
+    return [Case(int(w[0]), float(w[5]), float(w[6]), float(w[7]), float(w[8]) * W_LIMIT_UM, int(w[9])) for w in words]
+
+
+def test_a_sound_plate_does_what_is_asked_and_is_not_judged_faulty(program: Path) -> None:
+    for case in cases(program, "sound", 4):
+        assert case.fault == 0, case
+        assert case.texture_hz > 0.0 or 0.9 <= case.peak_um / case.asked_um <= 1.35, case
+
+
+def test_an_inverted_sensor_quietens_the_plate(program: Path) -> None:
+    assert all(0.0 <= case.quiet_ms <= QUIET_WITHIN_MS for case in cases(program, "inverted", 20))
+
+
+def test_the_same_seeds_give_the_same_cases(program: Path) -> None:
+    assert cases(program, "floating", 3) == cases(program, "floating", 3)
