@@ -106,7 +106,8 @@ class TouchFrame(NamedTuple):
 class Finger(NamedTuple):
     """A tracked finger. `finger_id` counts up from 1 and is never used again, whatever ids the device reuses.
 
-    `pressure_frac` is the device's own measure of how hard it presses.
+    `pressure_frac` is the device's own measure of how hard it presses; axes and angle are those of the ellipse that it
+    reports, in its own scale, 0 where there is none.
     """
 
     finger_id: int
@@ -115,6 +116,9 @@ class Finger(NamedTuple):
     y_mm: float
     is_new: bool
     pressure_frac: float = 0.0
+    major_mm: float = 0.0
+    minor_mm: float = 0.0
+    angle_rad: float = 0.0
 
 
 class FingerFrame(NamedTuple):

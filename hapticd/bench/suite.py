@@ -17,6 +17,7 @@ from ..errors import UsageError
 from ..files.outputs import write_text
 from ..tools.touches import Trace, recorded
 from . import (
+    contact_forms,
     felt,
     felt_asked,
     firmware,
@@ -48,7 +49,7 @@ PARTS: dict[str, Part] = {
     "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run()),
+    "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run(), contact_forms.run()),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds),
     "firmware": lambda _: firmware.run(),
 }

@@ -32,6 +32,7 @@ from ..sim.lockstep import Settings, scheme_config
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from . import messages
+from .contact_forms import with_ellipses
 from .leak_runs import changed
 from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
@@ -39,6 +40,7 @@ from .timing import REPEATS, least_by_pass, no_garbage_collection
 
 PERIOD_S = 0.01125
 DEFAULT = "two fingers"
+ELLIPSES = "two ellipses, four modes"
 CONTACTS, EIGHT_MODES = "two contacts, four modes", "two contacts, eight modes"
 FIVE_FINGERS = "five fingers, three modes"
 _CENTRES_MM = ((-38.0, -30.0), (-16.0, 22.0), (4.0, -26.0), (24.0, 28.0), (42.0, -20.0))
@@ -126,6 +128,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes = Settings(plate=PlateSettings.of(REFERENCE, 3))
     contacts, eight_modes = (Settings(plate=PlateSettings.of(plate)) for plate in (FINGERTIP, WIDE))
+    ellipses = replace(contacts, config=with_ellipses(contacts.config))
     five_fingers = record(_five_fingers(), settings=three_modes, seconds=span_s)
     return {
         DEFAULT: _Situation(strokes, config),
@@ -148,6 +151,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
             )
             for count, name in (("three", "two-of-three"), ("five", "two-of-five"))
         },
+        ELLIPSES: _Situation(record(actors, settings=ellipses, seconds=span_s), scheme_config(ellipses)),
         EIGHT_MODES: _Situation(
             record(actors, settings=eight_modes, seconds=span_s),
             changed(scheme_config(eight_modes), {"device": {"baud": Config().device.fast_baud}}),

@@ -101,6 +101,14 @@ class TrackpadConfig:
         low=-2,
         high=2,
     )
+    ellipse_scale: float = key(
+        0.0,
+        "true mm of a contact's axes per mm of the ellipse that the pad reports; 0: contacts are discs of "
+        "solver.contact_radius_mm",
+        low=0,
+        high=4,
+    )
+    ellipse_offset_mm: float = key(0.0, "true axes of a contact whose ellipse is reported as 0", low=-20, high=20)
     latency_ms: float = key(10.0, "delay from the finger's position to its report", low=0, high=50)
     silence_ms: float = key(
         40.0,
@@ -188,7 +196,8 @@ class SolverConfig:
     )
     contact_radius_mm: float = key(
         5.0,
-        "radius of a fingertip's contact, over which amplitudes count, on plates of four modes or more; 0: a point",
+        "radius of a fingertip's contact, over which amplitudes count, on plates of four modes or more, where "
+        "trackpad.ellipse_scale is 0 or the pad reports no ellipse; 0: a point",
         low=0,
         high=15,
     )

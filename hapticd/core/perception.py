@@ -1,4 +1,4 @@
-"""What a contact feels: the mean over its disc of the friction curve at the plate's amplitude.
+"""What a contact feels: the mean over it of the friction curve at the plate's amplitude.
 
 Friction has a cusp wherever the amplitude is 0, which only many points resolve.
 """
@@ -11,6 +11,7 @@ from typing import Final
 
 from .friction import FrictionCurve
 from .phasors import re_im
+from .plate.contact import Disc, Form
 from .plate.mode_shapes import ModeShapes
 
 RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
@@ -19,22 +20,30 @@ SPOKES: Final = 12
 
 
 class ContactPerception:
-    """Frictions of contacts of one radius by one friction curve; a radius of 0 is a point."""
+    """Frictions of contacts by one friction curve: discs of one radius, 0 for points, and ellipses."""
 
     def __init__(self, curve: FrictionCurve, radius_mm: float) -> None:
         self.curve: Final = curve
-        self._disc: Final = _disc(radius_mm)
+        self._points: Final = _disc(radius_mm)
+        self._disc: Final = _disc(1.0)
 
     def felt(
-        self, modes: ModeShapes, x_mm: float, y_mm: float, modal_um: Sequence[complex], stretch: float
+        self,
+        modes: ModeShapes,
+        x_mm: float,
+        y_mm: float,
+        modal_um: Sequence[complex],
+        stretch: float,
+        form: Form | None = None,
     ) -> tuple[float, float]:
         """Return the mean friction over a contact relative to bare glass, and its RMS amplitude.
 
-        `modal_um` (M,) moves the plate; a sliding finger needs `stretch` times the amplitude of one at rest.
+        `modal_um` (M,) moves the plate; a sliding finger needs `stretch` times the amplitude of one at rest; `form` is
+        that of an ellipse.
         """
         friction = square_um2 = 0.0
         parts_um = [re_im(w_um) for w_um in modal_um]
-        for dx_mm, dy_mm, weight in self._disc:
+        for dx_mm, dy_mm, weight in self._points if form is None else _formed(self._disc, form):
             row = modes.at(x_mm + dx_mm, y_mm + dy_mm)
             w_d_um = w_q_um = 0.0
             for mode in range(len(row)):
@@ -51,7 +60,12 @@ class ContactPerception:
         return self.curve.friction(target_um / stretch)
 
 
-def _disc(radius_mm: float) -> list[tuple[float, float, float]]:
+def _formed(disc: Disc, form: Form) -> Disc:
+    xx_mm, xy_mm, yy_mm = form
+    return [(xx_mm * u + xy_mm * v, xy_mm * u + yy_mm * v, weight) for u, v, weight in disc]
+
+
+def _disc(radius_mm: float) -> Disc:
     """Return points (dx_mm, dy_mm, weight) of a disc, its rings turned against each other; one point for radius 0."""
     if not radius_mm > 0.0:
         return [(0.0, 0.0, 1.0)]

@@ -32,12 +32,14 @@ from ..values import (
 )
 from .budget import MOST_SLOWNESS, PassBudget
 from .phasors import Row
+from .plate.contact import Form
 from .plate.mode_shapes import ModeShapes
 from .plate.parasitic_modes import ParasiticModes
 from .solver.instant import InstantSolver, ModalSolution, Place, PointSolver, interpolated_um, moved, points, settles_ns
 from .solver.points.general import solve_fast
 from .solver.reach import LEAST_CALLS
 from .targets.scene import Scene
+from .touch.contact_form import EllipseScale
 from .touch.fingers import FingerPredictor, Fingers
 from .trajectory.gate import gate, silence
 from .trajectory.knots import refine
@@ -58,7 +60,8 @@ class PipelineSettings:
     `derating_mm2_um2` is how far amplitude is derated where a limit keeps a slippery finger from its target anyway (see
     `core.solver.derating`; 0 also removes the bound on the reference's slope). `phase_rotation`: two slipping fingers
     change their signs by turning their phase (see `core.solver.instant`). `contact_radius_mm` above 0 makes
-    fingers discs; `feels`: their friction is as asked, else their contrast is most. `cover_ns` is how long one frame
+    fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_form`);
+    `feels`: their friction is as asked, else their contrast is most. `cover_ns` is how long one frame
     must last: one and a half report periods, to bridge a lost report; a slower pad gets frames of one and a half of its
     own periods. While an effect plays, a frame may have `effect_knots`,
     and be shorter: 1.1 report periods.
@@ -70,6 +73,8 @@ class PipelineSettings:
     derating_mm2_um2: float = 0.0
     phase_rotation: bool = True
     contact_radius_mm: float = 0.0
+    ellipse_scale: float = 0.0
+    ellipse_offset_mm: float = 0.0
     feels: bool = False
     tolerance_um: float = 0.02
     max_knots: int = 16
@@ -128,15 +133,18 @@ class FramePlan:
 
 
 class Past:
-    """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, and
-    by how much more amplitude it needs as it slides."""
+    """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, by
+    how much more amplitude it needs as it slides, and the form of its contact, where that is known."""
 
-    __slots__ = ("modal_um", "places", "stretches")
+    __slots__ = ("forms", "modal_um", "places", "stretches")
 
-    def __init__(self, modal_um: Row, places: list[Place], stretches: list[float]) -> None:
+    def __init__(
+        self, modal_um: Row, places: list[Place], stretches: list[float], forms: list[Form | None] | None = None
+    ) -> None:
         self.modal_um: Final = modal_um
         self.places: Final = places
         self.stretches: Final = stretches
+        self.forms: Final = forms
 
 
 class Pipeline:
@@ -170,8 +178,12 @@ class Pipeline:
         )
         self._budget = PassBudget(scene, self._solver)
         self.estimated_ns = 0.0  # for what the last pass did
+        ellipses = EllipseScale(settings.ellipse_scale, settings.ellipse_offset_mm)
         self._fingers = Fingers(
-            settings.make_predictor, sensor_latency_ns=settings.sensor_latency_ns, silence_ns=settings.silence_ns
+            settings.make_predictor,
+            sensor_latency_ns=settings.sensor_latency_ns,
+            silence_ns=settings.silence_ns,
+            ellipse_scale=ellipses if settings.ellipse_scale > 0.0 else None,
         )
         self._triggers = Triggers(scene, self._fingers, settings.cover_ns * 2 // 3)
         self.events = self._triggers.events
@@ -182,6 +194,7 @@ class Pipeline:
         self._active_keys: list[FingerKey] = []
         self._active_priorities: list[int] = []
         self._active_places: list[Place] = []
+        self._active_forms: list[Form | None] | None = None
         self._is_sent = True
         self._t_settled_ns = 0
         self._active_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
@@ -355,8 +368,8 @@ class Pipeline:
         for drive in self._recent:
             if drive.t_apply_ns <= t_reference_ns:
                 active = drive
-        at = self._at(keys, t_ns)
-        return Past(interpolated_um(active, t_reference_ns), at.places, at.stretches or [1.0] * len(keys))
+        at, modal_um = self._at(keys, t_ns), interpolated_um(active, t_reference_ns)
+        return Past(modal_um, at.places, at.stretches or [1.0] * len(keys), self._fingers.forms(keys))
 
     def reach(self, key: FingerKey | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:
         """The interval of friction (0 .. 1) that a finger, or without `key` one that touched this place, could feel now
@@ -375,15 +388,16 @@ class Pipeline:
         if isinstance(key, int) and key not in self._fingers.predictors:
             raise ValueError(f"finger {key} does not touch the plate.")
         at, variances_mm2 = self._at(keys, t_now_ns), self._fingers.variances_mm2(keys, t_now_ns)
-        places, stretches = at.places, at.stretches or [1.0] * len(keys)
+        places, stretches, forms = at.places, at.stretches or [1.0] * len(keys), self._forms(keys)
         if key is None:
             places, variances_mm2, stretches = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*stretches, 1.0]
+            forms = None if forms is None else [*forms, None]
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
-        return self._solver.reach(places, variances_mm2, stretches, priorities, calls)
+        return self._solver.reach(places, variances_mm2, stretches, priorities, calls, forms)
 
     def _activate(self, drive: SafeDrive, keys: list[FingerKey], places: list[Place]) -> None:
         self._active, self._active_keys, self._active_places, self._is_sent = drive, keys, places, True
-        self._active_priorities = self._scene.priorities(keys)
+        self._active_priorities, self._active_forms = self._scene.priorities(keys), self._forms(keys)
         self._recent = [*self._recent[1 - _KEPT_REFERENCES :], drive]
 
     # --- the steps of a pass ---
@@ -440,7 +454,12 @@ class Pipeline:
         if not self._solver.has_contacts:
             return self._solver.solve(at.places, previous_um, since_ns)
         variances_mm2, ranks = self._fingers.variances_mm2(keys, t_ns), self._scene.priorities(keys)
-        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks)
+        forms = self._forms(keys)
+        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks, forms)
+
+    def _forms(self, keys: Sequence[FingerKey]) -> list[Form | None] | None:
+        """Return the forms of contacts that the plate is driven for; None where all are discs, or points."""
+        return self._fingers.forms(keys) if self._solver.has_contacts else None
 
     def _at(self, keys: Sequence[FingerKey], t_ns: int) -> Instant:
         """Predict the fingers, and look up what each should feel where it will be."""
@@ -471,7 +490,7 @@ class Pipeline:
         """Return whether the last reference was for these fingers, and no longer changes: it may hold on."""
         if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.felt:
             return False
-        return self._active_priorities == self._scene.priorities(keys)
+        return self._active_priorities == self._scene.priorities(keys) and self._active_forms == self._forms(keys)
 
     def _stands(self, plan: FramePlan, begin: list[Place], end: list[Place]) -> bool:
         """Return whether the last reference, which has settled, still holds: from the frame's beginning to its end the

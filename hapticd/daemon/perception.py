@@ -52,9 +52,10 @@ class Perception:
         solved = dict.fromkeys([point.key for point in tick.points])
         keys = list(dict.fromkeys([*[finger.finger_id for finger in self._pipeline.fingers], *solved]))
         past = self._pipeline.past(keys, tick.t_now_ns - tick.age_ns)
+        forms = [None] * len(keys) if past.forms is None else past.forms
         felt = {
-            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, past.modal_um, stretch)
-            for key, (x_mm, y_mm, _), stretch in zip(keys, past.places, past.stretches, strict=True)
+            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, past.modal_um, stretch, form)
+            for key, (x_mm, y_mm, _), stretch, form in zip(keys, past.places, past.stretches, forms, strict=True)
         }
         self._changes = {
             key: felt[key][0] / self._contacts.asked(target_um, stretch) - 1.0

@@ -46,6 +46,8 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         derating_mm2_um2=solver.derating_mm2_um2,
         phase_rotation=solver.phase_rotation,
         contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,
+        ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
+        ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
         feels=solver.objective == FELT,
         tolerance_um=solver.tolerance_um,
         max_knots=max_knots(config, config.device.baud),

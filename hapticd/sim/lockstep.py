@@ -29,6 +29,8 @@ from ..daemon.settings import pipeline_settings
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
+from .fingers import fingertip
+from .fingers.fingertip import Fingertip
 from .fingers.pad_noise import FILTERED_NOISE, PadNoise
 from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
 from .fingers.scripted import ScriptedClient, virtual_name
@@ -54,11 +56,13 @@ _NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`."""
+    """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`; `fingertip` is the
+    contact of all fingers that have none of their own."""
 
     scheme: str = "hapticd"
     speed_mm_s: float = SPEED_MM_S
     noise: PadNoise = FILTERED_NOISE
+    fingertip: Fingertip = fingertip.USUAL
     stamp_jitter_ms: float = 1.0
     report_period_ms: float = 11.25
     sensor_latency_ms: float = 10.0
@@ -103,6 +107,7 @@ class Run:
     score: Score
     status: dict[str, Any]
     is_virtual: tuple[bool, ...]  # of each finger
+    fingertips: tuple[Fingertip, ...]  # of each finger
     played: Scenario | None = None
 
     @property
@@ -172,6 +177,7 @@ class Simulation:
         self.settings = settings
         self.seed = seed
         self.actors = actors = played_actors(actors, settings.plate.world)
+        self.fingertips = tuple(_fingertip(actor, settings.fingertip) for actor in actors)
         self._config = scheme_config(settings)
         plate = GroundTruth(settings.plate)
         self.world = World(
@@ -235,7 +241,8 @@ class Simulation:
     def _feed(self, seconds: float) -> Iterator[int]:
         """Push the run's reports and timers some time ahead; yields the instant up to which that is done."""
         paths = sensed_paths(paths_of(self.actors), self.settings.plate.world)
-        reports = self._sensor.until(paths, seconds)
+        tips = [tip for actor, tip in zip(self.actors, self.fingertips, strict=True) if actor.path is not None]
+        reports = self._sensor.until(paths, seconds, tips)
         timers = iter(range(T_START_NS, T_START_NS + round(seconds * 1e9), TIMER_NS))
         report, t_timer_ns, t_fed_ns = next(reports, None), next(timers, None), T_START_NS
         while report is not None or t_timer_ns is not None:
@@ -341,9 +348,11 @@ class Simulation:
                 *(t_s, true_mm, target_um, recording.plate_um),
                 self.world.plate.shapes,
                 friction=self.machine.scene.friction_curve.frictions,
+                fingertips=self.fingertips,
             ),
             status=self.machine.report_status(self._t_ns),
             is_virtual=tuple(actor.path is None for actor in self.actors),
+            fingertips=self.fingertips,
         )
 
     def _finger_ids_at(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
@@ -361,6 +370,13 @@ class Simulation:
             t_ns = T_START_NS + np.round(t_s * 1e9).astype(np.int64)
             true_mm[:, index] = [self.machine.scene.virtual_position_mm(name, int(instant)) for instant in t_ns]
         return true_mm
+
+
+def _fingertip(actor: Actor, usual: Fingertip) -> Fingertip:
+    """Return a finger's contact; a virtual one's is what it is taken to be."""
+    if actor.path is None:
+        return fingertip.USUAL
+    return usual if actor.fingertip is None else actor.fingertip
 
 
 def _as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:

@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..core.plate.contact import Form
 from ..core.solver.instant import InstantSolver
 from ..daemon.settings import friction_curve, pipeline_settings
 from .lockstep import TICK_NS, Run, scheme_config
 from .plate.ground_truth import GroundTruth
-from .score import Score, score, speeds_mm_s, with_contacts
+from .score import Score, forms_mm, score, speeds_mm_s, with_contacts
 
 
 class Perfect(NamedTuple):
@@ -27,7 +28,7 @@ class Perfect(NamedTuple):
 
 
 def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lambda _: None) -> Perfect:
-    """Solve for true positions and shapes, without the loop's delay, at each `every` ticks."""
+    """Solve for true positions, contacts and shapes, without the loop's delay, at each `every` ticks."""
     part = slice(None, None, every)
     plate = GroundTruth(played.settings.plate)
     curve = friction_curve(played.settings.config)
@@ -42,6 +43,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
         feels=settings.feels,
     )
     t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
+    known_mm = forms_mm(played.fingertips, t_s)[..., (0, 0, 1), (0, 1, 1)]
     stretches = 1.0 + np.nan_to_num(speeds_mm_s(t_s, finger_mm)) / curve.speed_mm_s
     modes = plate.settings.driven_modes
     plate_um = np.zeros((len(t_s), len(plate.decay_1_s)), dtype=np.complex128)
@@ -55,11 +57,16 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
             if math.isfinite(asked_um)
         ]
         if places:
-            slides = stretches[index, np.isfinite(target_um[index])].tolist()
-            solution = solver.solve(places, previous_um, every * TICK_NS, None, slides)
+            counts = np.isfinite(target_um[index])
+            forms: list[Form | None] = [
+                (xx_mm, xy_mm, yy_mm) for xx_mm, xy_mm, yy_mm in known_mm[index, counts].tolist()
+            ]
+            slides = stretches[index, counts].tolist()
+            solution = solver.solve(places, previous_um, every * TICK_NS, None, slides, None, forms)
             previous_um, limited[index] = solution.modal_um, solution.limited
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
     judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
-    judged = with_contacts(judged, t_s, finger_mm, target_um, plate_um, plate.shapes, every=1, friction=curve.frictions)
+    contacts = (t_s, finger_mm, target_um, plate_um, plate.shapes)
+    judged = with_contacts(judged, *contacts, every=1, friction=curve.frictions, fingertips=played.fingertips)
     return Perfect(t_s, plate_um[:, :modes], truth_um, limited, judged)

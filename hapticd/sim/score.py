@@ -4,7 +4,7 @@
     slip error  RMS (|W_i| - a_i) of the others
     slip        mean |W_i| / a_i of the others
 
-    contact leak, contact slip   the same fingers' RMS amplitude over the contact, a disc, not at its centre
+    contact leak, contact slip   the same fingers' RMS amplitude over the contact, an ellipse, not at its centre
     contrast                     contact slip / contact leak
     friction change              a finger's friction, the mean over its contact, relative to its target's, minus 1: its
                                  mean over the fingers with target 0 (still), over the others (slip), or of one finger
@@ -19,8 +19,9 @@ A finger counts from 0.1 s after it landed or its target changed: the system can
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,13 @@ CONTACT_RADIUS_MM = 5.0  # a fingertip at 0.2 .. 1 N covers 50 .. 150 mm2
 _RINGS, _SPOKES = 4, 12  # of a contact's points: exact to rounding for waves of 27 mm on discs of 6 mm
 _EVERY_TICKS = 4  # of the contacts' history
 _AT_ONCE = 4000  # instants evaluated together
+
+
+class Contact(Protocol):
+    """A finger's contact, as `fingers.fingertip.Fingertip`."""
+
+    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+        """Return the symmetric matrices (T,2,2) that make the contact of the unit disc."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,15 +107,16 @@ def with_contacts(
     shapes: Callable[[FloatArray], FloatArray],
     every: int = _EVERY_TICKS,
     friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
-    contact: tuple[FloatArray, FloatArray] | None = None,
+    fingertips: Sequence[Contact] | None = None,
 ) -> Score:
-    """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true;
-    `contact` as `disc` or `ellipse` has it, for a disc of CONTACT_RADIUS_MM."""
+    """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true; the
+    fingers' `fingertips` (N,), without them discs of CONTACT_RADIUS_MM."""
     part = slice(None, None, every)
     counts = settled(t_s, target_um)[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
     sliding_mm_s = speeds_mm_s(t_s, finger_mm)
-    rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s, contact)
+    forms = None if fingertips is None else forms_mm(fingertips, t_s)
+    rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s, forms)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0
@@ -155,16 +164,20 @@ def felt(
     shapes: Callable[[FloatArray], FloatArray],
     friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
     sliding_mm_s: FloatArray | None = None,
-    contact: tuple[FloatArray, FloatArray] | None = None,
+    forms: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent."""
+    """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent.
+
+    `forms` (T,N,2,2) in mm make the contacts of the unit disc; without them they are discs of CONTACT_RADIUS_MM.
+    """
     rms_um, got = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
     if sliding_mm_s is None:
         sliding_mm_s = np.zeros(finger_mm.shape[:2])
-    offsets_mm, weights = disc(CONTACT_RADIUS_MM) if contact is None else contact
+    points, weights = disc(CONTACT_RADIUS_MM if forms is None else 1.0)
     for start in range(0, len(finger_mm), _AT_ONCE):
         when = slice(start, start + _AT_ONCE)
         for finger in range(finger_mm.shape[1]):
+            offsets_mm = points if forms is None else np.einsum("tij,qj->tqi", forms[when, finger], points)
             phi = shapes(finger_mm[when, finger, None] + offsets_mm)
             w_um = np.abs(np.einsum("tqp,tp->tq", phi, plate_um[when]))
             rms_um[when, finger] = np.sqrt(w_um**2 @ weights)
@@ -174,6 +187,12 @@ def felt(
     return rms_um, got
 
 
+def forms_mm(fingertips: Sequence[Contact], t_s: FloatArray) -> FloatArray:
+    """Return the matrices (T,N,2,2) that make the contacts of the unit disc."""
+    each = [tip.forms_mm(t_s) for tip in fingertips]
+    return np.reshape(each, (len(fingertips), len(t_s), 2, 2)).swapaxes(0, 1)
+
+
 def disc(radius_mm: float) -> tuple[FloatArray, FloatArray]:
     """Return points (Q,2) of a disc about 0 and their weights, of sum 1: Gauss's rule along the radius squared."""
     node, weight = np.polynomial.legendre.leggauss(_RINGS)
@@ -181,15 +200,6 @@ def disc(radius_mm: float) -> tuple[FloatArray, FloatArray]:
     turn = 2.0 * np.pi * np.arange(_SPOKES) / _SPOKES
     points = np.stack((np.outer(ring_mm, np.cos(turn)), np.outer(ring_mm, np.sin(turn))), axis=-1)
     return points.reshape(-1, 2), np.repeat(weight / 2.0 / _SPOKES, _SPOKES)
-
-
-def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> tuple[FloatArray, FloatArray]:
-    """Return points (Q,2) of an ellipse about 0, of these semi-axes, the major one at an angle to x, and their
-    weights."""
-    unit, weights = disc(1.0)
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-    turned = np.array([[cosine, sine], [-sine, cosine]])
-    return unit * (major_mm, minor_mm) @ turned, weights
 
 
 def _median_contrast(rms_um: FloatArray, still: npt.NDArray[np.bool_], slipping: npt.NDArray[np.bool_]) -> float:

@@ -1,12 +1,13 @@
-"""A fingertip's contact: a disc, over which a mode's shape varies.
+"""A fingertip's contact: a disc or an ellipse, over which a mode's shape varies.
 
 The mean square amplitude over a contact is W^H G W with the Gram matrix G (M, M), the mean of phi_k phi_l over the
-disc. It is taken at seven points, the centre and a hexagon at sqrt(2/3) of the radius, whose weights integrate
+contact. It is taken at seven points, the centre and a hexagon at sqrt(2/3) of the radius, whose weights integrate
 polynomials up to degree 5 exactly (J. Radon 1948; Abramowitz and Stegun, 25.4.61). On discs of 5 mm contrasts are
 within 1 % of those by a Gauss quadrature of 100 points, as are maps of G with a root per pair of modes; both cost more.
 
 A predicted place errs by some sigma on each axis. What is expected over the contact is then the mean over all places
-where it may be, and to second order that is a larger disc: the squares of its moments add, a^2 / 4 + sigma^2.
+where it may be, and to second order that is a larger disc: the squares of its moments add, a^2 / 4 + sigma^2. An
+ellipse grows as the disc of its area does.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from .mode_shapes import ModeShapes
 
 Gram = list[list[float]]  # (M, M), symmetric
 Disc = list[tuple[float, float, float]]  # points of a contact: dx, dy from its centre, weight
-Ellipse = tuple[float, float, float, float, float]  # x_mm, y_mm; xx_mm, xy_mm, yy_mm: what makes it of the unit disc
+Form = tuple[float, float, float]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes an ellipse of the unit disc
+Ellipse = tuple[float, float, float, float, float]  # x_mm, y_mm, and its form
 Shapes = bytes  # of doubles (N, Q, M): the shapes at the Q points of N contacts
 
 CENTRE_WEIGHT: Final = 0.25
@@ -46,10 +48,29 @@ def stretch(variance_mm2: float, radius_mm: float) -> float:
     return min(math.sqrt(1.0 + square), MOST_STRETCH) if square > 0.0 else 1.0
 
 
-def contact_gram(modes: ModeShapes, disc: Disc, x_mm: float, y_mm: float, stretched: float = 1.0) -> Gram:
-    """Return G of the disc about one point, as plain floats. Points beyond the map have its edge's shapes."""
+def grown(radius_mm: float, variances_mm2: list[float], forms: list[Form | None] | None) -> list[Form]:
+    """Return each contact's form (N,) relative to a disc of this radius, grown by how uncertain its place is; `forms`
+    are discs of this radius where there is none."""
+    found: list[Form] = []
+    for finger in range(len(variances_mm2)):
+        form = None if forms is None else forms[finger]
+        if form is None:
+            disc = stretch(variances_mm2[finger], radius_mm)
+            found.append((disc, 0.0, disc))
+        else:
+            xx_mm, xy_mm, yy_mm = form
+            area_mm2 = xx_mm * yy_mm - xy_mm * xy_mm
+            scale = stretch(variances_mm2[finger], math.sqrt(area_mm2)) / radius_mm
+            found.append((scale * xx_mm, scale * xy_mm, scale * yy_mm))
+    return found
+
+
+def contact_gram(modes: ModeShapes, disc: Disc, x_mm: float, y_mm: float, form: Form = (1.0, 0.0, 1.0)) -> Gram:
+    """Return G of the disc about one point, as plain floats, or of the ellipse that this matrix (xx, xy, yy) makes of
+    it. Points beyond the map have its edge's shapes."""
     count = modes.M
-    rows = [modes.at(x_mm + stretched * dx_mm, y_mm + stretched * dy_mm) for dx_mm, dy_mm, _ in disc]
+    xx, xy, yy = form
+    rows = [modes.at(x_mm + (xx * dx_mm + xy * dy_mm), y_mm + (xy * dx_mm + yy * dy_mm)) for dx_mm, dy_mm, _ in disc]
     weights = [weight for _, _, weight in disc]
     gram = [[0.0] * count for _ in range(count)]
     for k in range(count):

@@ -13,7 +13,7 @@ from typing import Final
 from ...values import FingerKey, SafeDrive, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude, re_im
-from ..plate.contact import Disc, Shapes, contact_gram, disc_points, stretch
+from ..plate.contact import Disc, Form, Shapes, contact_gram, disc_points, grown
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
@@ -55,8 +55,8 @@ class InstantSolver:
 
     `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
     `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0:
-    fingers are discs (`contacts`), and amplitudes complex; `friction_curve` is what they feel, and with
-    `feels` their friction is as asked (`felt`), else their contrast is most.
+    fingers are contacts, discs where their forms are not known, and amplitudes complex; `friction_curve` is what they
+    feel, and with `feels` their friction is as asked (`felt`), else their contrast is most.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class InstantSolver:
 
     @property
     def has_contacts(self) -> bool:
-        """Whether fingers are discs, whose places are taken with their variance."""
+        """Whether fingers are contacts, whose places are taken with their variance."""
         return len(self._disc) > 0
 
     def solve(
@@ -125,12 +125,13 @@ class InstantSolver:
         variances_mm2: list[float] | None = None,
         stretches: list[float] | None = None,
         priorities: list[int] | None = None,
+        forms: list[Form | None] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
         `variances_mm2` (N,) of the places on each axis, and by how much more amplitude each sliding finger needs; for
-        friction as asked the fingers' `priorities`, without them equal."""
+        friction as asked the fingers' `priorities`, without them equal; the contacts' `forms`, None for discs."""
         if len(self._disc) > 0:
-            return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches, priorities)
+            return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches, priorities, forms)
         phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
         targets_um = tuple([target_um for _, _, target_um in places])
         still = 0
@@ -161,6 +162,7 @@ class InstantSolver:
         variances_mm2: list[float] | None,
         stretches: list[float] | None,
         priorities: list[int] | None,
+        forms: list[Form | None] | None,
     ) -> ModalSolution:
         d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
         for mode in range(len(previous_um)):
@@ -169,9 +171,9 @@ class InstantSolver:
         if variances_mm2 is None:
             variances_mm2 = [0.0] * len(places)
         targets_um = tuple([target_um for _, _, target_um in places])
-        stretched = [stretch(variance_mm2, self._contact_radius_mm) for variance_mm2 in variances_mm2]
+        contacts = grown(self._contact_radius_mm, variances_mm2, forms)
         if self._feels:
-            shapes = self._contact_shapes(places, stretched)
+            shapes = self._contact_shapes(places, contacts)
             if len(self._log_weights) != len(places):
                 self._log_weights = [0.0] * len(places)
             ranks = [0] * len(places) if priorities is None else priorities
@@ -182,8 +184,8 @@ class InstantSolver:
             )
         else:
             grams = [
-                contact_gram(self._modes, self._disc, x_mm, y_mm, disc)
-                for (x_mm, y_mm, _), disc in zip(places, stretched, strict=True)
+                contact_gram(self._modes, self._disc, x_mm, y_mm, form)
+                for (x_mm, y_mm, _), form in zip(places, contacts, strict=True)
             ]
             achieved_um, limited = solve_contacts(
                 grams, targets_um, self._contact_limit_um, d_um, q_um, self._felt_error, stretches
@@ -196,12 +198,13 @@ class InstantSolver:
                 achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
         return ModalSolution(places, achieved_um, tuple(map(complex, d_um, q_um)), limited)
 
-    def _contact_shapes(self, places: list[Place], stretched: list[float]) -> Shapes:
-        contacts = [
-            (x_mm, y_mm, disc * self._contact_radius_mm, 0.0, disc * self._contact_radius_mm)
-            for (x_mm, y_mm, _), disc in zip(places, stretched, strict=True)
+    def _contact_shapes(self, places: list[Place], contacts: list[Form]) -> Shapes:
+        radius_mm = self._contact_radius_mm
+        ellipses = [
+            (x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm)
+            for (x_mm, y_mm, _), (xx, xy, yy) in zip(places, contacts, strict=True)
         ]
-        return contact_shapes(self._modes, self._disc, contacts)
+        return contact_shapes(self._modes, self._disc, ellipses)
 
     @property
     def feels(self) -> bool:
@@ -215,12 +218,13 @@ class InstantSolver:
         stretches: list[float],
         priorities: list[int],
         calls: int,
+        forms: list[Form | None] | None = None,
     ) -> tuple[float, float] | None:
         """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
         of the solver; None if it can feel none as asked."""
-        stretched = [stretch(variance_mm2, self._contact_radius_mm) for variance_mm2 in variances_mm2]
+        contacts = grown(self._contact_radius_mm, variances_mm2, forms)
         targets_um = [target_um for _, _, target_um in places[:-1]]
-        shapes, limits_um = self._contact_shapes(places, stretched), self._contact_limit_um
+        shapes, limits_um = self._contact_shapes(places, contacts), self._contact_limit_um
         problem = ReachProblem(shapes, self._disc_weights, self._curve, targets_um, limits_um, stretches, priorities)
         return reach(problem, calls)
 

@@ -12,6 +12,8 @@ from typing import Final
 from mypy_extensions import mypyc_attr
 
 from ...values import Finger, FingerFrame, TouchFrame
+from ..plate.contact import Form
+from .contact_form import ContactForm, EllipseScale
 from .sensor_clock import SensorClock
 from .tracking import Tracker
 
@@ -42,10 +44,15 @@ class Fingers:
     """Tracked fingers with their predictors, from the trackpad's frames."""
 
     def __init__(
-        self, make_predictor: Callable[[], FingerPredictor], *, sensor_latency_ns: int, silence_ns: int
+        self,
+        make_predictor: Callable[[], FingerPredictor],
+        *,
+        sensor_latency_ns: int,
+        silence_ns: int,
+        ellipse_scale: EllipseScale | None = None,
     ) -> None:
         """`sensor_latency_ns`: the pad's own; `silence_ns`: without a report for so long the pad counts as silent, and
-        a slow one after SILENT_PERIODS.
+        a slow one after SILENT_PERIODS; `ellipse_scale`: that of the pad's ellipses, where they are used.
         """
         self.down: tuple[Finger, ...] = ()
         self.predictors: dict[int, FingerPredictor] = {}  # of those that are down, by finger id
@@ -53,6 +60,8 @@ class Fingers:
         self.t_sample_ns = 0  # when the newest report was sampled, on the host's axis
         self.period_s = 0.0  # from one report to the next, as stamps show it; 0 before the first
         self.make_predictor = make_predictor
+        self._ellipse_scale = ellipse_scale
+        self._forms: dict[int, ContactForm] = {}  # with `ellipse_scale`, of those that are down
         self._least_silence_ns = self._silence_ns = silence_ns
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(sensor_latency_ns)
@@ -91,10 +100,14 @@ class Fingers:
         self.period_s = period_s
         slow_ns = min(round(SILENT_PERIODS * period_s * 1e9), LONGEST_SILENCE_NS)
         self._silence_ns = max(self._least_silence_ns, slow_ns)
-        for finger_id, _, x_mm, y_mm, is_new, _ in tracked.fingers:
+        for finger_id, _, x_mm, y_mm, is_new, _, major_mm, minor_mm, angle_rad in tracked.fingers:
             if is_new:
                 self.predictors[finger_id] = self.make_predictor()
             self.predictors[finger_id].update(t_sample_ns, t_stamp_ns, x_mm, y_mm, period_s)
+            if self._ellipse_scale is not None:
+                if is_new:
+                    self._forms[finger_id] = ContactForm(self._ellipse_scale)
+                self._forms[finger_id].update(major_mm, minor_mm, angle_rad)
         self.down = tracked.fingers
         return tracked
 
@@ -136,6 +149,14 @@ class Fingers:
             variances_mm2.append(0.5 * (xx_mm2 + yy_mm2))
         return variances_mm2
 
+    def forms(self, keys: Sequence[int | str]) -> list[Form | None] | None:
+        """Return the form of each contact, None where the pad reports none, as for virtual fingers; None for all where
+        the pad's ellipses are not used."""
+        if self._ellipse_scale is None:
+            return None
+        return [self._forms[key].form if isinstance(key, int) else None for key in keys]
+
     def _forget(self, finger_id: int) -> None:
         self.predictors.pop(finger_id, None)
+        self._forms.pop(finger_id, None)
         self.released.discard(finger_id)

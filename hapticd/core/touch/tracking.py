@@ -39,23 +39,22 @@ _DEFAULT_SETTINGS = TrackerSettings()
 
 
 class _Track:
-    """A finger that is down: its ids, last position and velocity (mm, mm/s)."""
+    """A finger that is down: its id, last contact, position and velocity (mm, mm/s)."""
 
-    __slots__ = ("contact_id", "finger_id", "pressure_frac", "vx", "vy", "x", "y")
+    __slots__ = ("contact", "contact_id", "finger_id", "vx", "vy", "x", "y")
 
     def __init__(self, finger_id: int, contact: Contact) -> None:
         self.finger_id = finger_id
+        self.contact = contact
         self.contact_id = contact.contact_id
         self.x, self.y = contact.x_mm, contact.y_mm
         self.vx = self.vy = 0.0
-        self.pressure_frac = contact.pressure_frac
 
     def move(self, contact: Contact, elapsed_s: float) -> None:
         rate = 1.0 / (elapsed_s if elapsed_s > _SHORTEST_S else _SHORTEST_S)
-        self.contact_id = contact.contact_id
+        self.contact, self.contact_id = contact, contact.contact_id
         self.vx, self.vy = rate * (contact.x_mm - self.x), rate * (contact.y_mm - self.y)
         self.x, self.y = contact.x_mm, contact.y_mm
-        self.pressure_frac = contact.pressure_frac
 
     def distance(self, contact: Contact) -> float:
         """From where it was last seen."""
@@ -109,7 +108,7 @@ class Tracker:
             return self._settle(frame.t_ns, [], self._touching(frame.contacts, 0.0), 0.0)
         elapsed_ns = frame.t_ns - self._t_ns
         if elapsed_ns <= 0:
-            return FingerFrame(self._t_ns, tuple(_finger(track) for track in self._tracks.values()), ())
+            return FingerFrame(self._t_ns, tuple(_finger(track, is_new=False) for track in self._tracks.values()), ())
         self._t_ns = frame.t_ns
         elapsed_s = elapsed_ns * 1e-9
         contacts = self._touching(frame.contacts, elapsed_s)
@@ -198,7 +197,7 @@ class Tracker:
         for track, contact in pairs:
             track.move(contact, elapsed_s)
             self._tracks[contact.contact_id] = track
-            fingers.append(_finger(track))
+            fingers.append(_finger(track, is_new=False))
         lifted = self._unreported
         if len(pairs) < len(before):
             kept = {track.finger_id for track, _ in pairs}
@@ -212,8 +211,9 @@ class Tracker:
     def _begin(self, contact: Contact) -> Finger:
         track = self._tracks[contact.contact_id] = _Track(self._next_id, contact)
         self._next_id += 1
-        return Finger(track.finger_id, contact.contact_id, contact.x_mm, contact.y_mm, True, contact.pressure_frac)
+        return _finger(track, is_new=True)
 
 
-def _finger(track: _Track) -> Finger:
-    return Finger(track.finger_id, track.contact_id, track.x, track.y, False, track.pressure_frac)
+def _finger(track: _Track, *, is_new: bool) -> Finger:
+    contact_id, x_mm, y_mm, major_mm, minor_mm, angle_rad, pressure_frac, _, _, _, _ = track.contact
+    return Finger(track.finger_id, contact_id, x_mm, y_mm, is_new, pressure_frac, major_mm, minor_mm, angle_rad)

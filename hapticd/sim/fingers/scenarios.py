@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from hapticd_contract.surfaces import VirtualPath
 
+from .fingertip import Fingertip
 from .paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1
@@ -31,7 +32,7 @@ STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps 
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """One finger: its path (or that of a virtual finger) and its targets.
+    """One finger: its path (or that of a virtual finger), its targets, and its contact, where it has one of its own.
 
     `steps_um` holds (start_s, amplitude_um) in order of time.
     """
@@ -39,6 +40,7 @@ class Actor:
     steps_um: tuple[tuple[float, float], ...]
     path: Path | None = None
     virtual: VirtualPath | None = None
+    fingertip: Fingertip | None = None
 
     def target_um(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the target at each instant (T,); NaN before the first."""

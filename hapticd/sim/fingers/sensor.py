@@ -2,8 +2,8 @@
 
 Reports have the layouts of `wire.trackpad`, positions rounded to the pad's units, and the device's 21-bit millisecond
 stamp. A landing finger gets the lowest free contact id of 1..15. A contact ends as drivers describe (Magic Trackpad 2:
-state 7, then 0, then a frame without it). Without touch the pad sends nothing. Ellipse and pressure are those of an
-index finger in public captures.
+state 7, then 0, then a frame without it). Without touch the pad sends nothing. The ellipse is that of the true contact,
+as a pad senses it (`pad_ellipse`); pressure and size are those of an index finger in public captures.
 """
 
 from __future__ import annotations
@@ -18,15 +18,20 @@ import numpy as np
 
 from ...values import AffineMap, FloatArray
 from ...wire.trackpad import DEFAULT_PAD, MAX_RECORDS, RECORD, STAMP_WRAP_MS, Pad
+from . import fingertip, pad_ellipse
+from .fingertip import Fingertip
+from .pad_ellipse import EllipseSensor, PadEllipse, Reported
 from .pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from .paths import Path
 
 _TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
+_MT1_ORIENTATIONS, _MT2_ORIENTATIONS = 64, 8
 BLOCK = 64  # frames whose positions are computed at once
 _OFF_PAD_MM = 3.0  # a finger's centre may lie this far beyond the declared range and still be sensed
 _MAX_RAW = 4095
 _PRESSURE_RISE = (0.4, 0.7, 1.0)  # of the first frames of a contact
 _CENTRED = AffineMap()
+_ELLIPSES = 11  # a stream of random numbers of its own: positions do not depend on ellipses
 
 
 class Record(NamedTuple):
@@ -63,16 +68,17 @@ class Scan(NamedTuple):
 class SensorSettings:
     """The pad and its errors.
 
-    `noise` is that of the positions. `stamp_jitter_ms` is the half width of the stamp's uniform error before it is
-    rounded to whole milliseconds. `plate_from_pad` is the pad's true placement: the decoder's value if that is
-    calibrated. `t_device_start_ms` is the device's clock at time 0; None takes one from the seed that wraps within the
-    first ten seconds.
+    `noise` is that of the positions, `ellipse` what is reported of contacts. `stamp_jitter_ms` is the half width of the
+    stamp's uniform error before it is rounded to whole milliseconds. `plate_from_pad` is the pad's true placement: the
+    decoder's value if that is calibrated. `t_device_start_ms` is the device's clock at time 0; None takes one from the
+    seed that wraps within the first ten seconds.
     """
 
     pad: Pad = DEFAULT_PAD
     period_s: float = DEFAULT_PAD.period_ns / 1e9
     latency_s: float = 0.010
     noise: PadNoise = FILTERED_NOISE
+    ellipse: PadEllipse = pad_ellipse.USUAL
     stamp_jitter_ms: float = 1.0
     lost_frac: float = 0.0
     duplicate_frac: float = 0.0
@@ -88,16 +94,16 @@ def encode_mt2(t_ms: int, records: Sequence[Record], *, usb: bool, button: bool 
     stamp_ms = t_ms % STAMP_WRAP_MS
     header = bytes((0x31, stamp_ms << 3 & 0xF8 | button, stamp_ms >> 5 & 0xFF, stamp_ms >> 13))
     prefix = bytes((0x02, button, 0, 0, 0, 0, 0, bool(records))) if usb else b""
-    return prefix + header + b"".join(map(_mt2_record, _fitting(records, orientations=8)))
+    return prefix + header + b"".join(map(_mt2_record, _fitting(records, _MT2_ORIENTATIONS)))
 
 
 def encode_mt1(t_ms: int, records: Sequence[Record], *, button: bool = False) -> bytes:
     """Encode a Magic Trackpad 1 report, 0x28, without pressure. Raises ValueError if a field does not fit."""
     header = bytes((0x28, (t_ms & 63) << 2 | button, t_ms >> 6 & 0xFF, t_ms >> 14 & 0xFF))
-    return header + b"".join(map(_mt1_record, _fitting(records, orientations=64)))
+    return header + b"".join(map(_mt1_record, _fitting(records, _MT1_ORIENTATIONS)))
 
 
-def _fitting(records: Sequence[Record], *, orientations: int) -> Sequence[Record]:
+def _fitting(records: Sequence[Record], orientations: int) -> Sequence[Record]:
     if len(records) > MAX_RECORDS:
         raise ValueError(f"a report holds at most {MAX_RECORDS} records, not {len(records)}")
     limits = Record(16, 4096, 4096, 8, 256, 256, 256, 256, orientations, 8)
@@ -132,7 +138,8 @@ _ENCODERS: dict[str, Callable[[int, Sequence[Record]], bytes]] = {  # by the lay
 
 
 class SensorModel:
-    """Reports of one pad for the given finger paths (at most 15). Same settings, seed and paths: same bytes.
+    """Reports of one pad for the given finger paths (at most 15) and, where given, the fingertip of each. Same
+    settings, seed, paths and fingertips: same bytes.
 
     `block` is the number of frames computed at once; the noise depends on it. Raises ValueError for a pad whose reports
     it cannot make, or a singular `plate_from_pad`.
@@ -148,25 +155,35 @@ class SensorModel:
         self._pad_from_plate = np.linalg.inv(((affine.xx, affine.xy), (affine.yx, affine.yy)))  # or LinAlgError
         self._offset_mm = np.array((affine.offset_x_mm, affine.offset_y_mm))
 
-    def reports(self, paths: Sequence[Path], t_end_s: float) -> list[Report]:
+    def reports(
+        self, paths: Sequence[Path], t_end_s: float, fingertips: Sequence[Fingertip] | None = None
+    ) -> list[Report]:
         """Return all reports sampled before `t_end_s`, in order of arrival."""
-        return list(self.until(paths, t_end_s))
+        return list(self.until(paths, t_end_s, fingertips))
 
-    def until(self, paths: Sequence[Path], t_end_s: float) -> Iterator[Report]:
+    def until(
+        self, paths: Sequence[Path], t_end_s: float, fingertips: Sequence[Fingertip] | None = None
+    ) -> Iterator[Report]:
         """Return the same, computed as they are taken."""
-        scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths))
+        scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths, fingertips))
         return (report for scan in scans for report in scan.reports)
 
-    def scans(self, paths: Sequence[Path]) -> Iterator[Scan]:
+    def scans(self, paths: Sequence[Path], fingertips: Sequence[Fingertip] | None = None) -> Iterator[Scan]:
         """Return an endless stream of scans: without touch or when lost they have no report, when duplicated two."""
         if len(paths) > MAX_RECORDS:
             raise ValueError(f"a pad senses at most {MAX_RECORDS} fingers, not {len(paths)}")
-        return self._scan(paths, np.random.default_rng([self.seed, len(paths)]))
+        tips = [fingertip.USUAL] * len(paths) if fingertips is None else fingertips
+        return self._scan(paths, tips, np.random.default_rng([self.seed, len(paths)]))
 
-    def _scan(self, paths: Sequence[Path], rng: np.random.Generator) -> Iterator[Scan]:
+    def _scan(self, paths: Sequence[Path], fingertips: Sequence[Fingertip], rng: np.random.Generator) -> Iterator[Scan]:
         settings = self.settings
         is_mt1 = settings.pad.layout == "mt1"
         firmware = [Firmware(settings.noise) for _ in paths]
+        pad, orientations = settings.pad.geometry, _MT1_ORIENTATIONS if is_mt1 else _MT2_ORIENTATIONS
+        ellipses = [
+            EllipseSensor(settings.ellipse, pad, orientations, np.random.default_rng([self.seed, index, _ELLIPSES]))
+            for index in range(len(paths))
+        ]
         contacts = _Contacts([_appearance(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
         start_ms = settings.t_device_start_ms
         if start_ms is None:
@@ -177,8 +194,9 @@ class SensorModel:
             t_s: FloatArray = (first + np.arange(block, block + size, dtype=np.float64)) * np.float64(settings.period_s)
             stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, size) * settings.stamp_jitter_ms)
             points, copies = self._raw_points(paths, firmware, t_s, rng), self._copies(rng)
+            forms = [self._ellipses(*each, t_s) for each in zip(points, ellipses, fingertips, strict=True)]
             for i, t_sample_s in enumerate(t_s.tolist()):
-                records = contacts.scan([path_points[i] for path_points in points])
+                records = contacts.scan([path_points[i] for path_points in points], [form[i] for form in forms])
                 if records is None:
                     yield Scan(t_sample_s, ())
                     continue
@@ -201,6 +219,16 @@ class SensorModel:
             points.append([(x, y) if sensed else None for (x, y), sensed in zip(raw.tolist(), is_sensed, strict=True)])
         return points
 
+    def _ellipses(
+        self, points: Sequence[tuple[int, int] | None], sensor: EllipseSensor, tip: Fingertip, t_s: FloatArray
+    ) -> Sequence[Reported | None]:
+        """Return what is reported of a contact at each position in raw units."""
+        if not any(points):
+            return [None] * len(points)
+        pad = self.settings.pad.geometry
+        places_mm = (np.array([point or (0, 0) for point in points]) - pad.centre_raw) / pad.units_per_mm
+        return sensor.reported(self._pad_from_plate @ tip.forms_mm(t_s), places_mm)
+
     def _copies(self, rng: np.random.Generator) -> list[int]:
         """Draw how many times the report of each scan of a block is delivered."""
         shares = [[self.settings.lost_frac], [self.settings.duplicate_frac]]
@@ -222,19 +250,22 @@ class _Contacts:
         self._ending: list[Record] = []
         self._was_silent = True
 
-    def scan(self, points: Sequence[tuple[int, int] | None]) -> list[Record] | None:
-        """Return the records of the next frame for the fingers' raw positions; None if the pad sends nothing."""
+    def scan(
+        self, points: Sequence[tuple[int, int] | None], ellipses: Sequence[Reported | None]
+    ) -> list[Record] | None:
+        """Return the records of the next frame for the fingers' raw positions and what is reported of their contacts;
+        None if the pad sends nothing."""
         self._ending = [record._replace(state=_NONE) for record in self._ending if record.state == _OUT_OF_RANGE]
         lifted = [self._down.pop(path)[1] for path in tuple(self._down) if points[path] is None]
         self._ending += [record._replace(state=_OUT_OF_RANGE, pressure=0) for record in lifted]
-        for path, point in enumerate(points):
-            if point is not None:
-                self._touch(path, *point)
+        for path, (point, ellipse) in enumerate(zip(points, ellipses, strict=True)):
+            if point is not None and ellipse is not None:
+                self._touch(path, *point, *ellipse)
         records = [record for _, record in self._down.values()] + self._ending
         is_silent, self._was_silent = self._was_silent and not records, not records
         return None if is_silent else records
 
-    def _touch(self, path: int, x: int, y: int) -> None:
+    def _touch(self, path: int, x: int, y: int, major: int, minor: int, orientation: int) -> None:
         age, record = self._down.get(path, (0, self._appearances[path]))
         if age == 0:
             taken = {other.contact_id for _, other in self._down.values()} | {r.contact_id for r in self._ending}
@@ -244,12 +275,13 @@ class _Contacts:
             record = record._replace(contact_id=contact_id)
         pressure = round(self._appearances[path].pressure * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
         state = self._states[min(age, 1)]
-        self._down[path] = (age + 1, record._replace(x=x, y=y, state=state, pressure=pressure))
+        record = record._replace(x=x, y=y, major=major, minor=minor, orientation=orientation)
+        self._down[path] = (age + 1, record._replace(state=state, pressure=pressure))
 
 
 def _appearance(rng: np.random.Generator, *, is_mt1: bool) -> Record:
-    """Draw an index finger's ellipse and pressure; its axis points away from the user."""
-    orientation = int(rng.integers(28, 37) if is_mt1 else rng.integers(3, 6))
-    major, minor = int(rng.integers(90, 107)), int(rng.integers(76, 90))
+    """Draw an index finger's size and pressure."""
+    for bounds in ((28, 37) if is_mt1 else (3, 6), (90, 107), (76, 90)):
+        rng.integers(*bounds)  # an ellipse was drawn here: the noise of positions stays as it was
     size, pressure = int(rng.integers(34, 47)), int(rng.integers(20, 37))
-    return Record(1, 0, 0, _TOUCHING, major, minor, size, pressure, orientation)
+    return Record(1, 0, 0, _TOUCHING, size=size, pressure=pressure)

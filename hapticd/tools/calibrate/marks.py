@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ...core.touch.tracking import Tracker
 from ...errors import CalibrationError
 from ...values import AffineMap, Finger, TouchFrame
+from .contacts import Axes, mean_axes_mm
 
 REST_NS = 500_000_000
 REST_WITHIN_MM = 0.5  # of the mean, for the whole rest
@@ -26,14 +27,15 @@ MIN_SPREAD_MM = 5.0  # RMS of the marks about the line that fits them best
 
 Array = npt.NDArray[np.float64]
 Point = tuple[float, float]
-Sample = tuple[int, float, float]  # t_ns, x_mm, y_mm
+Sample = tuple[int, float, float, float, float, float]  # t_ns, x_mm, y_mm, and the ellipse: its axes and angle
 
 
 class TouchedMarks:
-    """Positions touched so far, in order, in the pad's frame."""
+    """Positions touched so far, in order, in the pad's frame, and the axes of the ellipse that it reported at each."""
 
     def __init__(self) -> None:
         self.rests_mm: list[Point] = []
+        self.axes_mm: list[Axes] = []
         self._tracker = Tracker()
         self._paths: dict[int, deque[Sample]] = {}
         self._counted: set[int] = set()
@@ -46,7 +48,8 @@ class TouchedMarks:
         for finger in now.fingers:
             path = self._paths.setdefault(finger.finger_id, deque())
             if not path or now.t_ns > path[-1][0]:
-                path.append((now.t_ns, finger.x_mm, finger.y_mm))
+                ellipse = (finger.major_mm, finger.minor_mm, finger.angle_rad)
+                path.append((now.t_ns, finger.x_mm, finger.y_mm, *ellipse))
             while now.t_ns - path[0][0] > REST_NS:
                 path.popleft()
         for finger in now.fingers:
@@ -54,6 +57,7 @@ class TouchedMarks:
             if rest is not None:
                 self._counted.add(finger.finger_id)
                 self.rests_mm.append(rest)
+                self.axes_mm.append(mean_axes_mm([ellipse for _, _, _, *ellipse in self._paths[finger.finger_id]]))
                 return rest
         return None
 
@@ -63,7 +67,7 @@ class TouchedMarks:
         is_whole = len(path) >= LEAST_FRAMES and t_ns - path[0][0] + period_ns >= REST_NS
         if not is_whole or finger.finger_id in self._counted:
             return None
-        points_mm = np.array([point for _, *point in path])
+        points_mm = np.array([(x_mm, y_mm) for _, x_mm, y_mm, *_ in path])
         mean_mm = points_mm.mean(axis=0)
         others_mm = [(one.x_mm, one.y_mm) for one in fingers if one is not finger] + self.rests_mm
         is_apart = all(np.hypot(*(mean_mm - other)) >= APART_MM for other in others_mm)

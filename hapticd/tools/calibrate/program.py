@@ -74,6 +74,13 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--marks", default="-50,-40 50,-40 50,40 -50,40", metavar="'X,Y ...'", help="on the plate in mm, 4 or more"
     )
+    parser.add_argument(
+        "--prints",
+        default="",
+        metavar="'LxW ...'",
+        help="length and width in mm of the contact at each mark, or one for all, from inked prints on paper: "
+        "calibrates the scale of the pad's ellipses (default: contacts are discs of solver.contact_radius_mm)",
+    )
     parser.add_argument("--model", default="auto", help="of the trackpad (default: the connected one)")
     parser.add_argument(
         "--within",

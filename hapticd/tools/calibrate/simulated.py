@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ...config.sections import SimConfig
 from ...core.friction import DEFAULT_FRICTION_CURVE
 from ...design import sample_scan
+from ...sim.fingers.fingertip import Fingertip
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
 from ...sim.plate.glasses import driven_modes, find_glass
@@ -54,15 +55,21 @@ def scan(seed: int, plate: SimConfig) -> tuple[Array, npt.NDArray[np.complex128]
 
 
 def touch_reports(
-    marks_mm: Sequence[tuple[float, float]], seed: int, settings: SensorSettings | None = None
+    marks_mm: Sequence[tuple[float, float]],
+    seed: int,
+    settings: SensorSettings | None = None,
+    prints_mm: Sequence[tuple[float, float]] = (),
 ) -> list[Report]:
-    """Return the pad's reports while one finger after the other rests on each mark."""
+    """Return the pad's reports while one finger after the other rests on each mark, with contacts of these lengths and
+    widths, which point away from the user."""
     touches = tuple(
         Touch(Rest(mark, TREMOR_MM, seed + place), place * (HOLD_S + AWAY_S), place * (HOLD_S + AWAY_S) + HOLD_S)
         for place, mark in enumerate(marks_mm)
     )
     model = SensorModel(SensorSettings() if settings is None else settings, seed)
-    return model.reports([Touches(touches)], len(marks_mm) * (HOLD_S + AWAY_S))
+    tips = [Fingertip(length_mm / 2.0, width_mm / 2.0, np.pi / 2.0) for length_mm, width_mm in prints_mm]
+    paths = [Touches((touch,)) for touch in touches] if tips else [Touches(touches)]
+    return model.reports(paths, len(marks_mm) * (HOLD_S + AWAY_S), tips or None)
 
 
 def friction_readings(seed: int) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Step 3: fit of the pad's position under the plate to touched marks.
+"""Step 3: fit of the pad's position under the plate to touched marks, and of the scale of its ellipses to prints.
 
 The pad is read as the service reads it, so the service must not run. On the simulated plate the reports are generated
 in virtual time.
@@ -19,9 +19,10 @@ from ...errors import CalibrationError
 from ...files import plotting
 from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
-from ...values import TouchFrame
+from ...values import AffineMap, TouchFrame
 from ...wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
 from . import simulated
+from .contacts import Axes, ScaleFit, fit_scale, parse_prints
 from .live_pad import reading
 from .marks import APART_MM, MIN_MARKS, AffineFit, Point, TouchedMarks, fit_affine, placement
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
@@ -29,6 +30,7 @@ from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 PICTURE_FILE = "trackpad.png"
 FARTHEST_MM = 500.0  # of a mark on the largest plate
 
+PRINTS_MM = 1.0  # of axes: as far as a person touches alike, and reads a ruler
 GOOD_MM, USABLE_MM = 1.0, 3.0  # of the left-out residual: a fingertip aims to about half a millimetre
 TURNED_DEG = 45.0  # a larger rotation is probably an error
 SCALE = (0.9, 1.1)  # of a pad's own millimetres, which are accurate to some per cent
@@ -37,7 +39,7 @@ ENLARGED = 20.0  # magnification of the residuals in the picture
 
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
-    parse_marks(options.marks)
+    parse_prints(options.prints, len(parse_marks(options.marks)))
     if options.model not in ("auto", *PADS):
         raise CalibrationError(f"--model: there is no {options.model!r}: give auto or one of {', '.join(PADS)}.")
 
@@ -45,13 +47,16 @@ def check(options: argparse.Namespace) -> None:
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
     marks_mm = parse_marks(options.marks)
+    prints_mm = parse_prints(options.prints, len(marks_mm))
     if options.sim:
-        pad, touches_mm = DEFAULT_PAD, _played(marks_mm, options.seed)
+        pad, touched = DEFAULT_PAD, _played(marks_mm, options.seed, prints_mm)
     else:
-        pad, touches_mm = asyncio.run(_touched(HidTrackpad(options.model), marks_mm, options.within))
-    found = fit_affine(touches_mm, marks_mm)
-    draw(marks_mm, touches_mm, found, options.out / PICTURE_FILE, source=simulated.source(options))
-    return verdict(found, {} if options.sim else {"source": pad.source, "model": pad.model}, is_simulated=options.sim)
+        pad, touched = asyncio.run(_touched(HidTrackpad(options.model), marks_mm, options.within, prints_mm))
+    found = fit_affine(touched.rests_mm, marks_mm)
+    scale = fit_scale(_on_plate(touched.axes_mm, found.plate_from_pad), prints_mm) if prints_mm else None
+    draw(marks_mm, touched.rests_mm, found, options.out / PICTURE_FILE, source=simulated.source(options))
+    device = {} if options.sim else {"source": pad.source, "model": pad.model}
+    return verdict(found, device, scale, is_simulated=options.sim)
 
 
 def parse_marks(text: str) -> list[Point]:
@@ -67,10 +72,10 @@ def parse_marks(text: str) -> list[Point]:
     return marks
 
 
-def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
+def _played(marks_mm: Sequence[Point], seed: int, prints_mm: Sequence[Axes] = ()) -> TouchedMarks:
     """Return the touches that the simulated pad reports."""
     decoder, touched = Decoder(DEFAULT_PAD), TouchedMarks()
-    for report in simulated.touch_reports(marks_mm, seed):
+    for report in simulated.touch_reports(marks_mm, seed, prints_mm=prints_mm):
         for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
             touched.update(frame)
     if len(touched.rests_mm) < len(marks_mm):
@@ -78,21 +83,23 @@ def _played(marks_mm: Sequence[Point], seed: int) -> list[Point]:
         raise CalibrationError(
             f"The simulated pad does not reach the mark {missing}: choose marks nearer to the centre."
         )
-    return touched.rests_mm
+    return touched
 
 
-async def _touched(source: TrackpadSource, marks_mm: Sequence[Point], within_s: float) -> tuple[Pad, list[Point]]:
+async def _touched(
+    source: TrackpadSource, marks_mm: Sequence[Point], within_s: float, prints_mm: Sequence[Axes] = ()
+) -> tuple[Pad, TouchedMarks]:
     """Prompt for one mark after the other; return the pad and the touches."""
     touched, done, pads = TouchedMarks(), asyncio.Event(), list[Pad]()
 
     def on_link(pad: Pad | None) -> None:
         if pad is not None:
             pads.append(pad)
-            _ask(marks_mm, len(touched.rests_mm))
+            _ask(marks_mm, len(touched.rests_mm), prints_mm)
 
     def take(frame: TouchFrame) -> None:
         if not done.is_set() and touched.update(frame) is not None:
-            _ask(marks_mm, len(touched.rests_mm))
+            _ask(marks_mm, len(touched.rests_mm), prints_mm)
             if len(touched.rests_mm) == len(marks_mm):
                 done.set()
 
@@ -104,17 +111,19 @@ async def _touched(source: TrackpadSource, marks_mm: Sequence[Point], within_s: 
             f"{len(touched.rests_mm)} of {len(marks_mm)} marks were touched in {within_s:g} s: rest one finger on each "
             "for half a second, lift it in between, and stop the service first if no touch is detected."
         ) from None
-    return pads[-1], touched.rests_mm
+    return pads[-1], touched
 
 
-def _ask(marks_mm: Sequence[Point], place: int) -> None:
+def _ask(marks_mm: Sequence[Point], place: int, prints_mm: Sequence[Axes]) -> None:
     if place < len(marks_mm):
-        x_mm, y_mm = marks_mm[place]
-        print(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm, and hold", flush=True)
+        (x_mm, y_mm), how = marks_mm[place], ""
+        if prints_mm:
+            how = ", as for the print of {:g} x {:g} mm".format(*prints_mm[place])
+        print(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm{how}, and hold", flush=True)
 
 
-def verdict(found: AffineFit, device: dict[str, str], *, is_simulated: bool) -> Verdict:
-    """Judge whether the marks agree, and whether the placement is plausible."""
+def verdict(found: AffineFit, device: dict[str, str], scale: ScaleFit | None = None, *, is_simulated: bool) -> Verdict:
+    """Judge whether the marks agree, and whether the placement is plausible; `scale` is that of the pad's ellipses."""
     here, where = found.plate_from_pad, placement(found.plate_from_pad)
     figures = (
         Figure("pad's centre x", here.offset_x_mm, "mm"),
@@ -127,17 +136,37 @@ def verdict(found: AffineFit, device: dict[str, str], *, is_simulated: bool) -> 
         Figure("residual, RMS", float(np.sqrt((found.residual_mm**2).sum(axis=1).mean())), "mm"),
         Figure("residual of a mark left out, RMS", found.left_out_rms_mm, "mm"),
         Figure("residual of a mark left out, largest", float(found.left_out_mm.max()), "mm"),
+        *_scale_figures(scale),
     )
     matrix = [round(value, 6) for value in (here.xx, here.xy, here.yx, here.yy)]
     offset_mm = [round(here.offset_x_mm, 4), round(here.offset_y_mm, 4)]
     outcome, sentence = judge(
-        _findings(found), f"{len(found.left_out_mm)} marks agree to {found.left_out_rms_mm:.2f} mm."
+        _findings(found, scale), f"{len(found.left_out_mm)} marks agree to {found.left_out_rms_mm:.2f} mm."
     )
-    settings = {"trackpad": {**device, "offset_mm": offset_mm, "matrix": matrix}}
+    ellipses: dict[str, float] = {}
+    if scale is not None:
+        ellipses = {"ellipse_scale": round(scale.scale, 4), "ellipse_offset_mm": round(scale.offset_mm, 4)}
+    settings = {"trackpad": {**device, "offset_mm": offset_mm, "matrix": matrix, **ellipses}}
     return Verdict("trackpad", outcome, sentence, figures, settings, is_simulated)
 
 
-def _findings(found: AffineFit) -> Iterator[Finding]:
+def _on_plate(axes_mm: Sequence[Axes], here: AffineMap) -> list[Axes]:
+    """Return axes in the plate's millimetres, in which the service takes them."""
+    size = math.sqrt(abs(here.xx * here.yy - here.xy * here.yx))
+    return [(size * major_mm, size * minor_mm) for major_mm, minor_mm in axes_mm]
+
+
+def _scale_figures(scale: ScaleFit | None) -> tuple[Figure, ...]:
+    if scale is None:
+        return ()
+    return (
+        Figure("scale of ellipses", scale.scale, ""),
+        Figure("offset of their axes", scale.offset_mm, "mm"),
+        Figure("residual of prints, RMS", scale.rms_mm, "mm"),
+    )
+
+
+def _findings(found: AffineFit, scale: ScaleFit | None) -> Iterator[Finding]:
     where = placement(found.plate_from_pad)
     if where.scale_y < 0.0:
         yield Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you."
@@ -151,6 +180,8 @@ def _findings(found: AffineFit) -> Iterator[Finding]:
         yield Outcome.WARN, f"{disagree}, mark {np.argmax(found.left_out_mm) + 1} most: touch them again."
     if not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
         yield Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."
+    if scale is not None and scale.rms_mm > PRINTS_MM:
+        yield Outcome.WARN, f"Ellipses and prints disagree by {scale.rms_mm:.1f} mm: touch as firmly as for each print."
 
 
 def draw(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -14,10 +15,12 @@ from virtual_board import in_virtual_time
 from hapticd.config.loader import from_table
 from hapticd.daemon.settings import plate_from_pad
 from hapticd.errors import CalibrationError
+from hapticd.sim.fingers.pad_ellipse import USUAL
 from hapticd.sim.fingers.paths import Line, Rest, Touch
 from hapticd.sim.fingers.paths import Path as FingerPath
 from hapticd.sim.fingers.sensor import Report, SensorModel, SensorSettings
-from hapticd.tools.calibrate import trackpad
+from hapticd.tools.calibrate import program, trackpad
+from hapticd.tools.calibrate.contacts import fit_scale, parse_prints
 from hapticd.tools.calibrate.marks import TouchedMarks, fit_affine, placement
 from hapticd.tools.calibrate.simulated import touch_reports
 from hapticd.tools.calibrate.trackpad import parse_marks
@@ -26,6 +29,12 @@ from hapticd.values import AffineMap, RawReport
 from hapticd.wire.trackpad import DEFAULT_PAD, Decoder, Pad
 
 MARKS = parse_marks("-50,-40 50,-40 50,40 -50,40")
+
+
+def options(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    program.add_arguments(parser)
+    return parser.parse_args(["trackpad", *arguments])
 
 
 def rests_mm(reports: Iterable[Report]) -> Sequence[tuple[float, float]]:
@@ -169,10 +178,10 @@ class PlayedPad:
 
 def test_each_mark_is_prompted_until_all_are_touched(capsys: pytest.CaptureFixture[str]) -> None:
     pad = PlayedPad(MARKS)
-    found, touched_mm = in_virtual_time(trackpad._touched(pad, MARKS, 60.0))
+    found, touched = in_virtual_time(trackpad._touched(pad, MARKS, 60.0))
     assert found is DEFAULT_PAD
     assert pad.is_closed
-    np.testing.assert_allclose(touched_mm, MARKS, atol=0.05)
+    np.testing.assert_allclose(touched.rests_mm, MARKS, atol=0.05)
     output = capsys.readouterr().out
     assert [f"touch mark {place} of 4" in output for place in (1, 2, 3, 4, 5)] == [True] * 4 + [False]
 
@@ -182,3 +191,41 @@ def test_marks_that_are_not_touched_in_time_are_one_sentence() -> None:
     with pytest.raises(CalibrationError, match="2 of 4 marks were touched in 5 s"):
         in_virtual_time(trackpad._touched(pad, MARKS, 5.0))
     assert pad.is_closed
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_prints_of_two_sizes_give_the_law_of_the_pad_s_ellipses(seed: int) -> None:
+    prints_mm = parse_prints("8x8 11x8 13x10 14x14", len(MARKS))
+    touched = trackpad._played(MARKS, seed, prints_mm)
+    found = fit_scale(touched.axes_mm, prints_mm)
+    for reported_mm in (6.0, 9.0, 12.0):
+        true_mm = USUAL.scale * reported_mm + USUAL.offset_mm
+        assert found.scale * reported_mm + found.offset_mm == pytest.approx(true_mm, abs=0.35)
+    assert found.rms_mm < 0.3
+
+
+def test_the_step_calibrates_ellipses_where_prints_are_given_and_leaves_them_off_where_not(tmp_path: Path) -> None:
+    found = trackpad.run(options("--sim", "--prints", "11x9", "--out", str(tmp_path)))
+    pad = from_table(dict(found.settings), where="x", folder=Path()).trackpad
+    assert pad.ellipse_scale * 8.0 + pad.ellipse_offset_mm == pytest.approx(10.0, abs=0.3)
+    assert pad.ellipse_offset_mm == 0.0
+    without = trackpad.run(options("--sim", "--out", str(tmp_path)))
+    assert from_table(dict(without.settings), where="x", folder=Path()).trackpad.ellipse_scale == 0.0
+
+
+def test_prints_that_disagree_with_the_ellipses_are_a_warning_and_those_of_no_pad_are_refused() -> None:
+    fit = fit_affine(MARKS, MARKS)
+    scale = fit_scale([(8.0, 7.0), (10.0, 9.0), (9.0, 8.0)], [(10.0, 8.0), (10.0, 9.0), (14.0, 13.0)])
+    verdict = trackpad.verdict(fit, {}, scale, is_simulated=False)
+    assert verdict.outcome is Outcome.WARN
+    assert "as firmly as for each print" in verdict.sentence
+    with pytest.raises(CalibrationError, match="reports no ellipses"):
+        fit_scale([(0.0, 0.0)], [(10.0, 8.0)])
+    with pytest.raises(CalibrationError, match="do not grow with the prints"):
+        fit_scale([(8.0, 7.0), (10.0, 9.0)], [(14.0, 13.0), (8.0, 7.0)])
+
+
+@pytest.mark.parametrize("text", ["11", "11x8x3", "axb", "11x8 9x9", "3x3", "nanx8", "10x30"])
+def test_prints_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(CalibrationError, match="--prints"):
+        parse_prints(text, len(MARKS))
