@@ -73,8 +73,8 @@ def glued(modes: list[tuple[float, ModeShape]], patch_mm: tuple[float, float]) -
 def test_the_mode_farthest_from_the_drive_takes_most_volts(
     modes: list[tuple[float, ModeShape]], patch_mm: tuple[float, float], most_v_per_um: float
 ) -> None:
-    """Found independently for these patches: 81, 22 and 25 V/um at the drive. How modes of equal frequency are combined is
-    up to rounding, and with it which of nearly equal places are chosen."""
+    """Found independently for these patches: 81, 22 and 25 V/um at the drive. How modes of equal frequency are combined
+    is up to rounding, and with it which of nearly equal places are chosen."""
     volts_per_um = 150.0 / glued(modes, patch_mm).reach_um(28375.0)
     assert volts_per_um.max() == pytest.approx(most_v_per_um, rel=0.03)
 
