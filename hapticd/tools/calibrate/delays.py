@@ -18,10 +18,13 @@ from ...config import loader as config
 from ...config.sections import SIMULATED, Config
 from ...errors import CalibrationError
 from .. import latency
+from ..arguments import POSITIVE
 from ..latency import STAGES, Measured
-from .folder import CONFIG_FILE, LEDGER_FILE
+from .folder import CONFIG_FILE
+from .step import Step, add_config
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
+LEDGER_FILE = "latency.csv"
 PICTURE_FILE = "latency.png"
 STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # share of frames that are late or never applied
 PERIOD_WORTH_FRAC = 0.03  # least change of the report period that is worth a setting
@@ -107,3 +110,21 @@ def _findings(measured: Measured, lost_frac: float) -> Iterator[Finding]:
         yield Outcome.WARN, f"Only {len(measured.lines)} frames: move two fingers, for longer."
     if spread_ms > SPREAD_WORTH_MS:
         yield Outcome.WARN, f"The link's delay varies by {spread_ms:.1f} ms: check [realtime] and the cable."
+
+
+def _add_seconds(parser: argparse.ArgumentParser) -> None:
+    what = "duration (default 10); move two fingers meanwhile"
+    parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
+
+
+STEP = Step(
+    name="latency",
+    order=4,
+    summary="measure the delays that the prediction must cover",
+    todo="measure the delays that prediction must cover (stop the service first)",
+    example="--out DIR --seconds 20",
+    arguments=(add_config, _add_seconds),
+    check=check,
+    run=run,
+    files=(LEDGER_FILE,),
+)

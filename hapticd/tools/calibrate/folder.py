@@ -16,28 +16,13 @@ from ...config import loader as config
 from ...errors import CalibrationError, ConfigError, reason
 from ...files.outputs import check, create_folder, has_mark, write_text
 from ...regular_file import read_bounded
+from .step import in_order
+from .step import steps as all_steps
 from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
 
-CONFIG_FILE, CALIBRATION_FILE, MODES_FILE, LEDGER_FILE = "hapticd.toml", "calibration.toml", "modes.npz", "latency.csv"
-FILES = {  # and result, picture
-    "resonance": (CALIBRATION_FILE,),
-    "modes": (MODES_FILE,),
-    "latency": (LEDGER_FILE,),
-    "touch": ("touch-calibration.toml", "touch-modes.npz"),
-}
+CONFIG_FILE = "hapticd.toml"
 MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
-STEPS = {
-    "resonance": "sweep each mode on the board: frequency, quality, gain, drive (stop the service first)",
-    "modes": "fit the vibrometer's scan of the mode shapes (--scan FILE)",
-    "trackpad": "touch marks on the plate to fit the pad's position (stop the service first)",
-    "latency": "measure the delays that prediction must cover (stop the service first)",
-    "prediction": "stroke the pad for a minute, to learn its noise (stop the service first)",
-    "friction": "fit friction against amplitude (--readings FILE)",
-}
-LATER = {
-    "touch": "correct pad, sensors and map by a recording of touches (RECORDING)"
-}  # at any time, of a plate in use
 
 
 def prepare(
@@ -61,7 +46,7 @@ def prepare(
 
     given = [path for path in inputs if path is not None]
     for step in steps:
-        files = [directory / name for name in (f"{step}.json", f"{step}.png", *FILES.get(step, ()))]
+        files = [directory / name for name in (f"{step}.json", f"{step}.png", *all_steps()[step].files)]
         check(files, inputs=given, is_forced=is_forced or step in done)
     if steps:
         check([directory / CONFIG_FILE], is_forced=is_forced or has_mark(directory / CONFIG_FILE, HEADER.encode()))
@@ -70,7 +55,7 @@ def prepare(
 def load(directory: Path) -> dict[str, Verdict]:
     """Read the results in the steps' order. Raises CalibrationError."""
     found = {}
-    for step in (*STEPS, *LATER):
+    for step in all_steps():
         path = directory / f"{step}.json"
         if not path.exists():
             continue
@@ -130,14 +115,14 @@ def overview(directory: Path) -> str:
     """Return the steps in order, with the results so far."""
     found = load(directory)
     lines = [f"Steps, in this order; results go to {directory} (--out):", ""]
-    for place, (step, what) in enumerate((STEPS | LATER).items(), 1):
-        lines.append(f"{place}. {step:<10} {what}" if step in STEPS else f"Later: {step:<7} {what}")
+    for place, (step, one) in enumerate(all_steps().items(), 1):
+        lines.append(f"Later: {step:<7} {one.todo}" if one.order is None else f"{place}. {step:<10} {one.todo}")
         if step in found:
             last = as_text(found[step]).splitlines()[-1]
             lines.append(
                 f"   done{' (simulated)' if found[step].is_simulated else ''}: {last.removeprefix(step + ': ')}"
             )
-    left = [step for step in STEPS if step not in found or found[step].outcome is Outcome.FAIL]
+    left = [step for step in in_order() if step not in found or found[step].outcome is Outcome.FAIL]
     if left:
         lines += ["", f"Next: hapticd calibrate {left[0]} --out {directory}"]
     else:

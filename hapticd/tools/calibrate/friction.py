@@ -27,6 +27,7 @@ from ...files import plotting
 from ...regular_file import read_lines
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
+from .step import Step
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "friction.png"
@@ -250,3 +251,21 @@ def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
     plot.set(xlabel="amplitude, um peak to peak", ylabel="friction, as measured", ylim=(0.0, None))
     plot.legend()
     plotting.save(figure, path, **PICTURE)
+
+
+def _add_readings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction, and optionally speed_mm_s"
+    )
+
+
+STEP = Step(
+    name="friction",
+    order=6,
+    summary="fit friction against amplitude",
+    todo="fit friction against amplitude (--readings FILE)",
+    example="--readings friction.csv --out DIR",
+    arguments=(_add_readings,),
+    check=check,
+    run=run,
+)

@@ -31,9 +31,10 @@ from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from .. import glass
 from ..progress import Progress
 from . import simulated
-from .folder import MODES_FILE
+from .step import Step
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
+MODES_FILE = "modes.npz"
 PICTURE_FILE = "modes.png"
 
 USUAL_LIMIT_UM = LimitsConfig().w_limit_um
@@ -293,3 +294,24 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
     figure.colorbar(shapes, ax=axes[:, :2], location="bottom", label="mode shape; its largest value is 1", aspect=40)
     figure.colorbar(differences, ax=axes[:, 2], location="bottom", label="difference, % of that", extend="both")
     plotting.save(figure, path, dpi=PICTURE["dpi"], colours=96)
+
+
+def _add_scan(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scan", type=Path, metavar="FILE", help="the vibrometer's readings, CSV or NPZ")
+    parser.add_argument("--size", metavar="MMxMM", help="of the plate (default 137.5x137.5, or the simulated plate's)")
+    parser.add_argument(
+        "--own-scale", action="store_true", help="the readings are divided by the modal amplitude: keep their scale"
+    )
+
+
+STEP = Step(
+    name="modes",
+    order=2,
+    summary="fit the vibrometer's scan of the mode shapes",
+    todo="fit the vibrometer's scan of the mode shapes (--scan FILE)",
+    example="--scan scan.csv --out DIR",
+    arguments=(_add_scan, glass.add_arguments),
+    check=check,
+    run=run,
+    files=(MODES_FILE,),
+)

@@ -26,10 +26,12 @@ from ...sim.fingers.paths import Strokes
 from ...sim.fingers.sensor import SensorModel
 from ...values import FloatArray
 from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
+from ..arguments import POSITIVE
 from ..touches import Touches, Trace, recorded
 from . import simulated
 from .delays import PERIOD_WORTH_FRAC
 from .live_pad import reading
+from .step import Step
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "prediction.png"
@@ -225,3 +227,22 @@ def draw(found: Learned, path: Path, *, source: str = "") -> None:
     plot.set(xticks=places, xticklabels=[f"{ahead_ms} ms" for ahead_ms in AHEADS_MS], ylabel="RMS error, mm")
     plot.legend(fontsize=8)
     plotting.save(figure, path, **PICTURE)
+
+
+def _add_strokes(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--recording", type=Path, metavar="F.mcap", help="learn from the strokes of a recording")
+    parser.add_argument(
+        "--strokes", type=POSITIVE, default=60.0, metavar="S", help="duration of the strokes (default 60)"
+    )
+
+
+STEP = Step(
+    name="prediction",
+    order=5,
+    summary="learn the pad's noise from a minute of strokes",
+    todo="stroke the pad for a minute, to learn its noise (stop the service first)",
+    example="--out DIR",
+    arguments=(_add_strokes,),
+    check=check,
+    run=run,
+)

@@ -26,14 +26,16 @@ from ...errors import CalibrationError, DeviceError
 from ...files import calibration
 from ...io.devices.serial_link import SerialLink
 from .. import glass
+from ..arguments import POSITIVE, whole
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
 from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
 from ..progress import Progress
-from .folder import CALIBRATION_FILE
+from .step import Step, add_config
 from .verdict import PICTURE, Figure, Finding, Outcome, Settings, Verdict, judge
 
+CALIBRATION_FILE = "calibration.toml"
 PICTURE_FILE = "resonance.png"
 
 CLEAN_FRAC, USABLE_FRAC = 0.05, 0.2  # residual of the circle over the largest response
@@ -242,3 +244,30 @@ def _findings(one: ModeSweep) -> Iterator[Finding]:
     elif one.fit.residual_frac > CLEAN_FRAC:
         left = 100.0 * one.fit.residual_frac
         yield Outcome.WARN, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby."
+
+
+def _add_board(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--port", help="serial port of the board, such as /dev/ttyACM0")
+    parser.add_argument("--baud", type=int, help="its speed (default 921600)")
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
+    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
+    parser.add_argument("--points", type=whole(1), default=41, help="frequencies of a sweep (default 41)")
+    parser.add_argument("--dwell", type=whole(1), default=100, metavar="MS", help="at each (default 100)")
+    parser.add_argument("--volts", type=POSITIVE, help="on the amplifier (default: a tenth of the board's limit)")
+    parser.set_defaults(mode=0)  # the sweep is planned for the first mode and repeated for the others
+
+
+STEP = Step(
+    name="resonance",
+    order=1,
+    summary="sweep each amplifier of the board; fit modes, wires and drive",
+    todo="sweep each mode on the board: frequency, quality, gain, drive (stop the service first)",
+    example="--port /dev/ttyACM0 --out DIR",
+    arguments=(_add_board, add_config, _add_sweep, glass.add_arguments),
+    check=check,
+    run=run,
+    files=(CALIBRATION_FILE,),
+)

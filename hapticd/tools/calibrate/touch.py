@@ -31,6 +31,7 @@ from ..touch_correction import (
     windows_of,
 )
 from ..touch_recording import Touched, read
+from .step import Step
 from .verdict import PICTURE, Figure, Outcome, Settings, Verdict
 
 PICTURE_FILE, CALIBRATION_FILE, MODES_FILE = "touch.png", "touch-calibration.toml", "touch-modes.npz"
@@ -173,3 +174,21 @@ def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: Judged, mode: i
         change, origin="lower", extent=edges, cmap=plotting.stepped("RdBu_r", 15), vmin=-most, vmax=most
     )
     figure.colorbar(image, ax=plot, shrink=0.7)
+
+
+def _add_recording(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="with record.telemetry_hz = 500")
+
+
+STEP = Step(
+    name="touch",
+    order=None,
+    summary="correct pad, sensors and map by a recording of touches",
+    todo="correct pad, sensors and map by a recording of touches (RECORDING)",
+    example="session.mcap --out DIR",
+    arguments=(_add_recording,),
+    check=check,
+    run=run,
+    files=(CALIBRATION_FILE, MODES_FILE),
+    is_simulated=lambda options: is_simulated(options.recording),
+)

@@ -21,10 +21,12 @@ from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import AffineMap, TouchFrame
 from ...wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
+from ..arguments import POSITIVE
 from . import simulated
 from .contacts import Axes, ScaleFit, fit_scale, parse_prints
 from .live_pad import reading
 from .marks import APART_MM, MIN_MARKS, AffineFit, Point, TouchedMarks, fit_affine, placement
+from .step import Step
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "trackpad.png"
@@ -203,3 +205,32 @@ def draw(
     plot.margins(0.2)
     plot.legend(fontsize=8, loc="center")
     plotting.save(figure, path, **PICTURE)
+
+
+def _add_marks(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--marks", default="-50,-40 50,-40 50,40 -50,40", metavar="'X,Y ...'", help="on the plate in mm, 4 or more"
+    )
+    parser.add_argument(
+        "--prints",
+        default="",
+        metavar="'LxW ...'",
+        help="length and width in mm of the contact at each mark, or one for all, from inked prints on paper: "
+        "calibrates the scale of the pad's ellipses (default: contacts are discs of solver.contact_radius_mm)",
+    )
+    parser.add_argument("--model", default="auto", help="of the trackpad (default: the connected one)")
+    parser.add_argument(
+        "--within", type=POSITIVE, default=120.0, metavar="S", help="time limit for all marks (default 120)"
+    )
+
+
+STEP = Step(
+    name="trackpad",
+    order=3,
+    summary="fit the pad's position from touched marks on the plate",
+    todo="touch marks on the plate to fit the pad's position (stop the service first)",
+    example="--out DIR",
+    arguments=(_add_marks,),
+    check=check,
+    run=run,
+)

@@ -25,6 +25,7 @@ from hapticd.sim.lockstep import Settings, Simulation
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.tools import latency
 from hapticd.tools.calibrate import folder, resonance
+from hapticd.tools.calibrate.step import in_order
 from hapticd.tools.calibrate.verdict import Figure, Outcome, Verdict, as_text, from_json, judge, to_json
 from hapticd.tools.firmware import sweep
 from hapticd.tools.firmware.conversation import Conversation
@@ -73,7 +74,7 @@ def leak_um(kind: type[Simulation], settings: Settings, seed: int) -> float:
 
 def test_every_step_leaves_a_verdict_a_picture_and_what_the_service_is_to_know(out: Path) -> None:
     found = folder.load(out)
-    assert [*found] == [*folder.STEPS]
+    assert [*found] == [*in_order()]
     for step, verdict in found.items():
         assert verdict.is_simulated
         assert (out / f"{step}.png").read_bytes().startswith(b"\x89PNG")
@@ -103,7 +104,7 @@ def test_what_hapticd_run_prepares_of_it_is_the_measured_map(out: Path) -> None:
 def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--out", str(out)]) == 0
     output = capsys.readouterr().out
-    places = [output.index(f"{place}. {step}") for place, step in enumerate(folder.STEPS, 1)]
+    places = [output.index(f"{place}. {step}") for place, step in enumerate(in_order(), 1)]
     assert places == sorted(places)
     assert output.count("done (simulated)") == 6
     assert main(["calibrate", "--out", str(out / "none")]) == 0
