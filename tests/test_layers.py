@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "board_values": {"values", "board_protocol"},
     "compiled": {"errors"},
     "formats": {*VALUES, "regular_file"},
-    "config": {"errors", "formats", "wire.trackpad"},
+    "config": {"errors", "formats"},
     "core": {*VALUES, "formats"},
     "wire": VALUES,
     "io": {*VALUES, "regular_file", "wire.trackpad"},

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..wire.trackpad import PADS
 from .keys import key
 
 SIMULATED = "sim"
@@ -16,7 +15,8 @@ CONTRAST = "contrast"
 OBJECTIVES = (FELT, CONTRAST)
 LEAST_MODES, MOST_MODES = 2, 8  # with an amplifier each: boards are built for these
 
-# Repeated from the simulation, which is not loaded when a configuration is checked; tests compare them.
+# Repeated from pads and simulation, which are not loaded when a configuration is checked; tests compare them.
+PAD_NAMES = ("usbc-usb", "mt2-usb", "usbc-bt", "mt2-bt", "mt1")
 PLATE_NAMES = ("reference", "fingertip", "wide")
 WIRING_NAMES = ("identity", "paper", "swapped", "inverted")
 SCENARIO_NAMES = (
@@ -85,7 +85,7 @@ class TrackpadConfig:
     model: str = key(
         "auto",
         "model of the trackpad; auto: the one that is connected",
-        choices=("auto", *PADS),
+        choices=("auto", *PAD_NAMES),
     )
     replay_file: str = key(
         "",

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from hapticd.config import loader as config
 from hapticd.config.sections import (
+    PAD_NAMES,
     PLATE_NAMES,
     SCENARIO_NAMES,
     SIMULATED,
@@ -31,7 +32,7 @@ from hapticd.io.devices.replay import read_recording
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.plate.glasses import GLASSES
 from hapticd.sim.plate.wirings import WIRINGS
-from hapticd.wire.trackpad import DEFAULT_PAD
+from hapticd.wire.trackpad import DEFAULT_PAD, PADS
 
 
 def load(text: str, tmp_path: Path) -> Config:
@@ -120,6 +121,7 @@ def test_the_names_that_it_accepts_are_those_that_exist() -> None:
     assert set(SCENARIO_NAMES) == set(SCENARIOS)
     assert tuple(GLASSES) == PLATE_NAMES
     assert WIRINGS == WIRING_NAMES
+    assert tuple(PADS) == PAD_NAMES
 
 
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
