@@ -4,7 +4,7 @@ Each laboratory is drawn with a seed of its own (`sim.world_tolerances`), and it
 too. A laboratory is one job for a process, since its runs share maps.
 
     run       points on the paper's plate; contacts on the fingertip plate with its four modes; one laboratory in FEW
-              also with one cause made perfect at a time, before touching and after it, and with nothing wrong at all
+              also with one cause made perfect at a time, and with nothing wrong at all
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..sim import lockstep
-from ..sim.lockstep import Measured, Settings
+from ..sim.lockstep import Settings
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import PlateSettings
@@ -39,17 +38,6 @@ SECONDS = 10.0
 HAPTICD, AFTER, PAPER = "hapticd", "hapticd after a minute of touching", "the paper's scheme"
 PERFECT, NOTHING_WRONG = "perfect knowledge", "nothing wrong"
 FEW = 5  # of so many laboratories one is played with each cause made perfect, and one with nothing wrong
-_PAD, _SENSORS = ("pad_pose", "centroid_shift_mm", "latency_ms"), ("sensors",)
-_LOAD = "finger_load"
-_MAP = ("map_change", "map_noise_frac", "glue_frac")
-# What is made perfect together after touching: causes that are learned together, and each of the others.
-LEFT: dict[str, tuple[str, ...]] = {
-    "pad, sensors and map": (*_PAD, *_SENSORS, *_MAP),
-    "pad's place and latency": _PAD,
-    "sensors": _SENSORS,
-    "map": _MAP,
-    **{cause: (cause,) for cause in CAUSES if cause not in {*_PAD, *_SENSORS, *_MAP}},
-}
 _WORST_TENTH = 0.9
 
 Scores = dict[str, Score]
@@ -74,31 +62,7 @@ def play(job: Job) -> Scores:
         for cause in CAUSES:
             without = lockstep.in_world(job.settings, world.without(cause))
             scores[cause] = run_as(settings=without, measured=touching.measured(without, job.seed)).score
-        for name in LEFT:
-            scores[left(name)] = run_as(**_known(name, settled, after, job.settings, job.seed)).score
     return scores
-
-
-def left(name: str) -> str:
-    """Return the key of the scores after touching with one of LEFT made perfect."""
-    return f"{AFTER}: {name}"
-
-
-def _known(name: str, settled: Settings, after: Measured, as_configured: Settings, seed: int) -> dict[str, Any]:
-    """Return settings and measurements after touching in a world without some of its causes.
-
-    What was learned about them is replaced by what is then true: what was configured, or would have been measured.
-    """
-    causes, world = LEFT[name], settled.plate.world
-    for cause in causes:
-        world = world.without(cause)
-    config = as_configured.config if _PAD[0] in causes else settled.config
-    settings = replace(lockstep.in_world(settled, world), config=config)
-    exact = touching.measured(settings, seed) if {_SENSORS[0], _MAP[0]} & set(causes) else after
-    modes = exact.modes if _MAP[0] in causes else after.modes
-    calibration = exact.calibration if _SENSORS[0] in causes else after.calibration
-    load_1_s = None if _LOAD in causes else after.load_1_s  # as configured is true then
-    return {"settings": settings, "measured": Measured(modes, calibration, load_1_s)}
 
 
 def run(
@@ -131,9 +95,9 @@ def tables(done: Mapping[tuple[str, int], Scores]) -> tuple[Table, ...]:
     at_points = by_level[LABORATORY]
     return (
         _levels(by_level),
-        *_causes("worlds", "points", at_points, lambda score: score.leak_um),
+        _causes("worlds", "points", at_points, lambda score: score.leak_um),
         _contacts(at_contacts),
-        *_causes("worlds_contact", "contacts on the fingertip plate", at_contacts, lambda score: score.contact_leak_um),
+        _causes("worlds_contact", "contacts on the fingertip plate", at_contacts, lambda score: score.contact_leak_um),
     )
 
 
@@ -219,39 +183,21 @@ def _contacts(laboratories: Sequence[Scores]) -> Table:
     )
 
 
-def _causes(name: str, where: str, laboratories: Sequence[Scores], leak_um: Callable[[Score], float]) -> list[Table]:
-    """Return the leak with each cause made perfect, largest share first: before touching, and after it."""
+def _causes(name: str, where: str, laboratories: Sequence[Scores], leak_um: Callable[[Score], float]) -> Table:
+    """Return the leak before touching with each cause made perfect, largest share first."""
     few = [scores for scores in laboratories if CAUSES[0] in scores]
-    causes = {f"{cause} perfect": cause for cause in CAUSES}
-    after = {f"{group} perfect": left(group) for group in LEFT}
-    when = f"made perfect, {len(few)} laboratories, {where}"
-    return [
-        _shares(f"{name}_causes", f"worlds: one cause {when}", HAPTICD, causes, few, leak_um),
-        _shares(f"{name}_left", f"worlds: after touching, what is left {when}", AFTER, after, few, leak_um),
-    ]
-
-
-def _shares(
-    name: str,
-    title: str,
-    scheme: str,
-    keys: Mapping[str, str],
-    laboratories: Sequence[Scores],
-    leak_um: Callable[[Score], float],
-) -> Table:
-    """Return a row of a scheme, and one of each of `keys`, the scores with something made perfect."""
-    all_um = [leak_um(scores[scheme]) for scores in laboratories]
+    all_um = [leak_um(scores[HAPTICD]) for scores in few]
     rows = []
-    for row, key in keys.items() if laboratories else ():
-        known_um = [leak_um(scores[key]) for scores in laboratories]
+    for cause in CAUSES if few else ():
+        known_um = [leak_um(scores[cause]) for scores in few]
         share = 1.0 - np.mean(np.square(known_um)) / np.mean(np.square(all_um))
-        rows.append((row, _spread(known_um, "leak") | {"share_frac": float(share)}))
+        rows.append((f"{cause} perfect", _spread(known_um, "leak") | {"share_frac": float(share)}))
     rows.sort(key=lambda row: -row[1]["share_frac"])
     return Table(
-        name=name,
-        title=title,
-        default=scheme,
-        rows=finite_rows([(scheme, _spread(all_um, "leak")), *rows]),
+        name=f"{name}_causes",
+        title=f"worlds: one cause made perfect, {len(few)} laboratories, {where}",
+        default=HAPTICD,
+        rows=finite_rows([(HAPTICD, _spread(all_um, "leak")), *rows]),
         compared=("leak_um",),
         notes=("share: by how much the mean square of the leak falls",),
     )

@@ -45,19 +45,14 @@ def test_touching_leaves_no_level_worse(tables: dict[str, Table]) -> None:
         assert figures["paper_ratio"] > 1.0
 
 
-@pytest.mark.parametrize("name", ["worlds_causes", "worlds_contact_causes", "worlds_left", "worlds_contact_left"])
+@pytest.mark.parametrize("name", ["worlds_causes", "worlds_contact_causes"])
 def test_every_cause_is_made_perfect_once_the_largest_share_first(name: str, tables: dict[str, Table]) -> None:
     ours, *rest = tables[name].rows
-    made_perfect = worlds.LEFT if name.endswith("left") else CAUSES
-    assert ours.name == (worlds.AFTER if name.endswith("left") else worlds.HAPTICD)
-    assert {row.name for row in rest} == {f"{cause} perfect" for cause in made_perfect}
+    assert ours.name == worlds.HAPTICD
+    assert {row.name for row in rest} == {f"{cause} perfect" for cause in CAUSES}
     shares = [row.figures["share_frac"] for row in rest]
     assert shares == sorted(shares, reverse=True)
     assert shares[0] > 0.0
-
-
-def test_what_is_learned_with_others_and_what_is_not_are_all_causes() -> None:
-    assert {cause for causes in worlds.LEFT.values() for cause in causes} == set(CAUSES)
 
 
 def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, Table]) -> None:
