@@ -7,8 +7,9 @@ import math
 
 from fuzz.target import CORPORA, Cost, Target
 from hapticd.values import TouchFrame
-from hapticd.wire.trackpad import MAX_RECORDS, MODELS, Decoder
+from hapticd.wire.trackpad import MAX_RECORDS, PADS, Decoder
 
+MODELS = tuple(PADS)
 MODEL_OF_TAG = {"mt2-bt": "mt2-bt", "mt2-usb": "mt2-usb", "mt1-bt": "mt1"}
 MAX_CONTACTS = MAX_RECORDS + 16  # a Magic Trackpad 1 keeps what it does not mention
 
