@@ -10,7 +10,8 @@ Amplitudes are peak-to-peak micrometres; a complex amplitude W = W_d + j W_q is 
 w(t) = W_d cos(wt) - W_q sin(wt).
 
 Values are frozen and trusted inside, because they are validated at the rim. Those that every pass makes are
-named tuples, which cost a third of a frozen dataclass.
+named tuples, which cost a third of a frozen dataclass. Compiled modules create the most frequent of them by
+`tuple.__new__(Knot, (dt_ns, modal_um))`, in half of the time.
 """
 
 from __future__ import annotations

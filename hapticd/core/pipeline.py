@@ -419,7 +419,7 @@ class Pipeline:
         if plan.most_knots == 1:
             return first, first, [Knot(0, first.modal_um)]
         last = self._solve(keys, plan.t_ns + span_ns, end, first.modal_um, span_ns)
-        knots = [Knot(0, first.modal_um), Knot(span_ns, last.modal_um)]
+        knots = [tuple.__new__(Knot, (0, first.modal_um)), tuple.__new__(Knot, (span_ns, last.modal_um))]
         ways_mm = moved_mm(first.places, last.places)
         room = plan.most_knots - len(plan.corners_ns)
         pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, plan.t_ns, span_ns, room)

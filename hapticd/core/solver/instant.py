@@ -273,7 +273,8 @@ def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution)
     for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), achieved_um in zip(
         keys, first.places, last.places, first.achieved_um, strict=True
     ):
-        found.append(TouchPoint(key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
+        point = tuple.__new__(TouchPoint, (key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
+        found.append(point)
     return tuple(found)
 
 
@@ -298,7 +299,7 @@ def interpolated_um(drive: SafeDrive, t_ns: int) -> Row:
 def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
     """Time from which a polyline is within the tolerance of its last knot: its start or its end."""
     last_ns, last_um = drive.knots[-1]
-    for _, modal_um in drive.knots:
+    for _, modal_um in drive.knots[:-1]:
         for w_um, end_um in zip(modal_um, last_um, strict=True):
             if not abs(w_um - end_um) <= tolerance_um:
                 return drive.t_apply_ns + last_ns

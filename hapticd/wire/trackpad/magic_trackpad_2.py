@@ -50,10 +50,10 @@ class MagicTrackpad2(Layout):
         x_mm, y_mm, raw_x, raw_y = self._plate_map.position(word)
         angle_rad, major_mm, minor_mm = self._plate_map.axes[last >> 5]
         state = word >> 29
-        return Contact(
+        return tuple.__new__(Contact, (
             last & 15, x_mm, y_mm, major * major_mm, minor * minor_mm, angle_rad,
             pressure / 253 if pressure < 253 else 1.0, state in (4, 5), state, raw_x, raw_y,
-        )  # fmt: skip
+        ))  # fmt: skip
 
 
 _USB_PAD = Pad(
