@@ -185,7 +185,7 @@ def _textured(recording: Recording) -> Recording:
         targets = [
             one if one.amplitude_um == 0.0 else FingerTarget(one.finger, grating=grating) for one in message.targets
         ]
-        return replace(message, targets=tuple(targets))
+        return structs.replace(message, targets=tuple(targets))
 
     return recording.with_messages(textured)
 
