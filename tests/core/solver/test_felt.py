@@ -15,6 +15,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.felt import solve_felt
 from hapticd.core.solver.felt_descent import contacts_rms_um
 from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
+from hapticd.core.touch.contact_form import ContactForm, EllipseScale
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
 from hapticd.values import WEBER_FRAC
@@ -238,3 +239,25 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
             assert np.all(np.abs(modal_um) <= limits_um)
             most_um = (1.0 + SLEW_UM_NS * since_ns) * (1.0 + 1e-12)
             assert not max(wanted_um) or np.abs(np.subtract(modal_um, before_um)).max() <= most_um
+
+
+@pytest.mark.parametrize("feels", [True, False])
+@given(st.lists(st.tuples(*[st.floats(-1.0, 40.0)] * 2, st.floats(-10.0, 10.0)), min_size=2, max_size=2))
+def test_whatever_ellipses_a_pad_reports_amplitudes_are_finite_and_within_the_limits_to_the_last_bit(
+    plate: ModeShapes, feels: bool, ellipses: list[tuple[float, float, float]]
+) -> None:
+    contacts = [ContactForm(EllipseScale(1.2, 0.5)) for _ in ellipses]
+    for contact, ellipse in zip(contacts, ellipses, strict=True):
+        contact.update(*ellipse)
+    one, modal_um = solver(plate, feels=feels), (0j,) * 4
+    for _ in range(3):
+        forms = [contact.form for contact in contacts]
+        modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, [0.1, math.nan], forms=forms).modal_um
+        assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(modal_um, LIMITS_UM, strict=True))
+
+
+def test_a_disc_that_a_pad_reports_gives_the_bits_of_a_disc_that_is_believed(plate: ModeShapes) -> None:
+    at = places(PAIR_MM, (1.0, 0.0))
+    plain = solver(plate).solve(at, (0j,) * 4, MS)
+    reported = solver(plate).solve(at, (0j,) * 4, MS, forms=[(5.0, 0.0, 5.0), None])
+    assert plain.modal_um == reported.modal_um
