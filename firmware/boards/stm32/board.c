@@ -169,7 +169,8 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
 
 void board_run(void)
 {
-    DBGMCU_APB1_FZ |= DBG_IWDG_STOP | DBG_TIM2_STOP; /* a core that a debugger halts plays nothing over and over */
+    /* A core that a debugger halts plays nothing over and over, and is reset by the watchdog: the amplifiers' enable falls. */
+    DBGMCU_APB1_FZ = (DBGMCU_APB1_FZ & ~DBG_IWDG_STOP) | DBG_TIM2_STOP;
     IWDG->KR = IWDG_KEY_START;
     IWDG->KR = IWDG_KEY_WRITE;
     IWDG->PR = 0;

@@ -146,6 +146,7 @@ typedef struct {
 
 #define USART_TC (1u << 6)
 #define USART_UE (1u << 0)
+#define USART_OVRDIS (1u << 12) /* RM0440, LPUART_CR3: otherwise nothing is received while an overrun stands */
 
 enum { REQUEST_ADC1 = 5, REQUEST_DAC1_1, REQUEST_DAC1_2, REQUEST_LPUART1_RX = 34, REQUEST_LPUART1_TX, REQUEST_ADC2,
        REQUEST_ADC3, REQUEST_DAC2_1 = 41 };
