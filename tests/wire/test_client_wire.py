@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import random
 import re
@@ -18,12 +17,23 @@ from hapticd.errors import RequestError
 from hapticd.wire import client
 from hapticd_contract import base, requests, surfaces, targets
 from hapticd_contract.base import MAX_MESSAGE_BYTES
-from hapticd_contract.contents import Amplitude, Friction, Grating, LevelMap
-from hapticd_contract.effects import At, Effect, Envelope, Modulation, OnEntering, OnPressure, Pulse
+from hapticd_contract.contents import Amplitude, Friction, Gradient, Grating, LevelMap, Noise
+from hapticd_contract.effects import (
+    At,
+    Effect,
+    Envelope,
+    Modulation,
+    Now,
+    OnEntering,
+    OnLeaving,
+    OnLifting,
+    OnPressure,
+    Pulse,
+)
 from hapticd_contract.replies import Capabilities
 from hapticd_contract.requests import AssetPart, MarkerRequest, ReachQuery, Release
 from hapticd_contract.states import EventKind, FingerState, PlateEvent, PlateState
-from hapticd_contract.surfaces import Polygon, Surface, VirtualPath
+from hapticd_contract.surfaces import Circle, Polygon, Rectangle, Surface, VirtualPath
 from hapticd_contract.targets import ClientTargets, TargetsMessage
 
 FULL: dict[str, Any] = {
@@ -227,6 +237,67 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
     client.decode_targets(payload)
 
 
+def test_values_become_the_message_that_means_the_same() -> None:
+    message = ClientTargets.of(
+        "scenario",
+        500_000_000,
+        {
+            1: Amplitude(1.5),
+            2: Friction(0.25),
+            3: Grating(6.0, angle_rad=-0.3, low_um=0.1, high_um=1.9, duty_frac=0.5),
+            4: LevelMap(2, 1, b"\0\xff", 0.0, 2.0),
+            "walker": Amplitude(0.0),
+        },
+        {"walker": VirtualPath(((1.0, math.pi), (-3.25, 0.1)), 77.7, loop=False)},
+        stamp=2**63 - 1,
+        surfaces={
+            "plate": Surface.of(Friction(0.5)),
+            "tile": Surface.of(Friction(0.5), Rectangle(3.0, 4.0)),
+            "disc": Surface.of(Amplitude(1.0), Circle(7.5), z=-2, blend="add"),
+            "bow": Surface.of(
+                LevelMap(2, 1, b"\0\xff", 0.0, 2.0),
+                Polygon(((0.0, 0.0), (9.0, 0.25), (0.0, 5.0))),
+                (1.0, -2.5),
+                angle_rad=0.3,
+                scale=2.0,
+                velocity_mm_s=(100.0, -3.0),
+                turning_rad_s=-1.5,
+                t_pose_ns=10**15,
+            ),
+            "walk": Surface.of(
+                Gradient(5.0, angle_rad=0.5, from_um=0.25, to_um=1.5),
+                path=VirtualPath(((1.0, 2.0), (3.0, 4.0)), 40.0, loop=True),
+            ),
+            "rough": Surface.of(Noise(seed=3, shortest_mm=1.0, longest_mm=8.0, exponent=0.5, mean_um=1.0, rms_um=0.25)),
+            "photo": Surface.of(LevelMap(1024, 1024, b"", 0.0, 2.0, asset=bytes(range(32)))),
+            "felt": Surface.of(LevelMap(1, 1, b"a", friction=(0.75, 0.25))),
+        },
+        effects={
+            "click": Effect.of(Pulse(-1.0, 0.01, 0.001), start=Now(id=2**63 - 1)),
+            "bump": Effect.of(Envelope(((0.0, 0.1), (1.0, 2.0)), is_factor=True), "disc", At(t_ns=10**15)),
+            "hum": Effect.of(Modulation(33.3, 0.5, "square"), 3, OnLeaving(surface="bow"), loops=True),
+            "buzz": Effect.of(Modulation(250.0, 1.0, length_s=1.0), start=OnLifting()),
+            "button": Effect.of(Pulse(1.0, 0.01), start=OnPressure(threshold=0.5, release=0.3)),
+        },
+        priorities={2: 3, "walker": 1},
+    )
+
+    assert asdict(client.decode_targets(client.encode_targets(message))) == {**asdict(message), "v": 1}
+
+
+@pytest.mark.parametrize(
+    ("short", "long"),
+    [
+        (b"\xa6client", b"\xd9\x06client"),
+        (b"\xc4\x06\x00\x10", b"\xc5\x00\x06\x00\x10"),
+        (b"\xcb?\xd0" + bytes(6), b"\xca>\x80" + bytes(2)),
+    ],
+)
+def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long: bytes) -> None:
+    assert short in packed()
+    assert client.decode_targets(packed().replace(short, long, 1)) == client.decode_targets(packed())
+
+
 # --- what is refused --------------------------------------------------------------------------------------------
 
 
@@ -281,6 +352,9 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
         (with_target(finger="phantom", friction=0.5), "this message defines no virtual finger 'phantom'"),
         (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map, gradient, noise."),
         (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
+        (with_map(asset=bytes(32), high_um=1), "targets[0].map.levels: a map with an asset has none."),
+        (with_map(), "targets[0].map.high_um: is missing."),
+        (packed(virtuals=[{"name": "a\nb", "path_mm": [[0, 0]]}]), "virtuals[0].name: must have 1 .. 32"),
         (with_target(friction=0.5, fiction=1), "targets[0].fiction: unknown field"),
         (with_target(friction=1.01), "targets[0].friction: 1.01 is out of bounds, it must be 0 .. 1."),
         (with_target(amplitude_um=-1e-9), "targets[0].amplitude_um: -1e-09 is out of bounds"),
@@ -377,6 +451,11 @@ def test_a_value_on_its_bound_is_allowed(payload: bytes) -> None:
 )
 def test_a_refusal_names_field_and_defect(payload: bytes, sentence: str) -> None:
     assert sentence in refusal(payload)
+
+
+def test_a_sound_message_with_a_key_twice_is_refused() -> None:
+    twice = b"\x83" + msgpack.packb("v") + b"\x01" + 2 * (msgpack.packb("client") + b"\xa1c")
+    assert "the same key twice" in refusal(twice)
 
 
 @pytest.mark.parametrize(
@@ -477,8 +556,13 @@ def test_any_value_in_any_field_is_refused_or_read(name: str, value: object) -> 
         payload = packed(**{name: value})
     except UnicodeEncodeError:  # a lone surrogate cannot be sent
         return
-    with contextlib.suppress(RequestError):
-        assert isinstance(client.decode_targets(payload), ClientTargets)
+    try:
+        message = client.decode_targets(payload)
+    except RequestError as error:
+        with pytest.raises(RequestError, match=re.escape(str(error))):
+            client.read(client.unpack(payload), TargetsMessage)
+    else:
+        assert client.read(client.unpack(payload), TargetsMessage) == message
 
 
 # --- requests and replies ---------------------------------------------------------------------------------------
@@ -541,6 +625,7 @@ def test_an_answer_carries_what_the_handler_returned() -> None:
         (request("hello", extra=1), 7, "extra: unknown field"),
         (request("reach", body={}), 7, "x_mm: is missing"),
         (request("reach", body={"x_mm": 1e4, "y_mm": 0.0}), 7, "x_mm: 10000"),
+        (request("reach", body={"finger": 3, "y_mm": 0.0}), 7, "finger: a query has a finger or a place, not both."),
     ],
 )
 def test_a_refused_request_is_answered_with_its_id_wherever_it_could_be_read(
@@ -585,6 +670,7 @@ def test_a_part_of_an_asset_is_read_with_its_place_and_one_without_bytes_only_as
         ("asset", PART | {"size": 3, "offset": 2, "part": b"ab"}, "body.part: ends at byte 4, the asset has 3."),
         ("asset", PART | {"offset": 0}, "body.offset: without a part there is none."),
         ("asset", PART | {"part": b"a"}, "body.offset: is missing."),
+        ("reach", {"client": "a"}, "body.client: unknown field"),
         ("marker", {"text": 7}, "body.text: must be a text, not a whole number"),
         ("marker", {"text": ""}, NO_MARKER),
         ("marker", {"text": "a" * 101}, NO_MARKER),

@@ -17,7 +17,6 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from msgspec.structs import asdict
 
 from hapticd.board_values import Calibration
 from hapticd.config.sections import Config
@@ -29,12 +28,7 @@ from hapticd.files.recording.kinds import HEADER, INPUTS, KINDS, MAX_MESSAGE_BYT
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.sim.plate.ground_truth import GroundTruth
-from hapticd.wire.client import decode_targets, encode_targets
 from hapticd.wire.trackpad import DEFAULT_PAD, PADS
-from hapticd_contract.contents import Amplitude, Friction, Gradient, Grating, LevelMap, Noise
-from hapticd_contract.effects import At, Effect, Envelope, Modulation, Now, OnLeaving, OnLifting, OnPressure, Pulse
-from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
-from hapticd_contract.targets import ClientTargets
 
 from .conftest import written
 
@@ -376,53 +370,3 @@ def test_a_file_that_may_not_be_followed_is_full_in_its_bounds(
 
     assert path.stat().st_size <= max_bytes
     assert len(list(open_recording(path).records())) > 10
-
-
-# --- simulated clients ----------------------------------------------------------------------------------------------
-
-
-def test_values_become_the_message_that_means_the_same() -> None:
-    message = ClientTargets.of(
-        "scenario",
-        500_000_000,
-        {
-            1: Amplitude(1.5),
-            2: Friction(0.25),
-            3: Grating(6.0, angle_rad=-0.3, low_um=0.1, high_um=1.9, duty_frac=0.5),
-            4: LevelMap(2, 1, b"\0\xff", 0.0, 2.0),
-            "walker": Amplitude(0.0),
-        },
-        {"walker": VirtualPath(((1.0, math.pi), (-3.25, 0.1)), 77.7, loop=False)},
-        stamp=2**63 - 1,
-        surfaces={
-            "plate": Surface.of(Friction(0.5)),
-            "disc": Surface.of(Amplitude(1.0), Circle(7.5), z=-2, blend="add"),
-            "bow": Surface.of(
-                LevelMap(2, 1, b"\0\xff", 0.0, 2.0),
-                Polygon(((0.0, 0.0), (9.0, 0.25), (0.0, 5.0))),
-                (1.0, -2.5),
-                angle_rad=0.3,
-                scale=2.0,
-                velocity_mm_s=(100.0, -3.0),
-                turning_rad_s=-1.5,
-                t_pose_ns=10**15,
-            ),
-            "walk": Surface.of(
-                Gradient(5.0, angle_rad=0.5, from_um=0.25, to_um=1.5),
-                path=VirtualPath(((1.0, 2.0), (3.0, 4.0)), 40.0, loop=True),
-            ),
-            "rough": Surface.of(Noise(seed=3, shortest_mm=1.0, longest_mm=8.0, exponent=0.5, mean_um=1.0, rms_um=0.25)),
-            "photo": Surface.of(LevelMap(1024, 1024, b"", 0.0, 2.0, asset=bytes(range(32)))),
-            "felt": Surface.of(LevelMap(1, 1, b"a", friction=(0.75, 0.25))),
-        },
-        effects={
-            "click": Effect.of(Pulse(-1.0, 0.01, 0.001), start=Now(id=2**63 - 1)),
-            "bump": Effect.of(Envelope(((0.0, 0.1), (1.0, 2.0)), is_factor=True), "disc", At(t_ns=10**15)),
-            "hum": Effect.of(Modulation(33.3, 0.5, "square"), 3, OnLeaving(surface="bow"), loops=True),
-            "buzz": Effect.of(Modulation(250.0, 1.0, length_s=1.0), start=OnLifting()),
-            "button": Effect.of(Pulse(1.0, 0.01), start=OnPressure(threshold=0.5, release=0.3)),
-        },
-        priorities={2: 3, "walker": 1},
-    )
-
-    assert {**asdict(decode_targets(encode_targets(message))), "v": 1} == {**asdict(message), "v": 1}
