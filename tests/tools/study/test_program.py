@@ -20,7 +20,7 @@ from hapticd.config.sections import SimConfig
 from hapticd.tools.study import program
 from hapticd.tools.study.protocol import Friction
 from hapticd.tools.study.session import read
-from hapticd_contract.requests import Request
+from hapticd_contract.requests import PlateRequest, Request
 
 pytestmark = pytest.mark.long
 
@@ -87,7 +87,7 @@ class SimulatedDaemon(FakeDaemon):
     """A daemon on the simulated plate, as `hapticd run --sim` starts it."""
 
     def _handle(self, request: Request, user: str) -> Struct | Mapping[str, object]:
-        return {"simulated": "/rig"} if request.op == "plate" else super()._handle(request, user)
+        return {"simulated": "/rig"} if isinstance(request, PlateRequest) else super()._handle(request, user)
 
 
 def test_a_session_with_a_daemon_on_the_simulated_plate_is_marked(tmp_path: Path) -> None:
