@@ -281,3 +281,7 @@ def test_a_map_off_the_plate_of_zeros_or_with_one_shape_twice_is_refused(
 ) -> None:
     with pytest.raises(ModesError, match=re.escape(sentence)):
         require_usable((x_mm, y_mm, shapes), (137.5, 137.5))
+
+
+def test_a_map_that_is_shifted_a_little_or_is_of_one_mode_is_used() -> None:
+    require_usable((AXIS_MM + 12.0, AXIS_MM - 12.0, SLOPES[:1]), (137.5, 137.5))
