@@ -126,6 +126,8 @@ class PassBudget:
 
 def _by_priority(keys: list[FingerKey], priorities: list[int]) -> list[FingerKey]:
     """Return the fingers by falling priority, those of equal ones in their order."""
+    if not any(priorities):
+        return keys
     ordered: list[FingerKey] = []
     for priority in sorted(set(priorities), reverse=True):
         ordered += [keys[n] for n in range(len(keys)) if priorities[n] == priority]

@@ -115,16 +115,41 @@ class Instant:
         self.stretches: Final = stretches
 
 
+class Participants:
+    """The fingers that take part in a pass, the priority of each, and the forms of their contacts: None where all are
+    discs, or points."""
+
+    __slots__ = ("forms", "keys", "priorities")
+
+    def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[Form | None] | None) -> None:
+        self.keys: Final = keys
+        self.priorities: Final = priorities
+        self.forms: Final = forms
+
+    def are(self, others: Participants) -> bool:
+        """Return whether these are the same, as they were."""
+        return self.keys == others.keys and self.priorities == others.priorities and self.forms == others.forms
+
+
+NO_FINGERS: Final = Participants([], [], None)
+
+
 class FramePlan:
     """A frame before it is solved: for whom, from when on the plate, how long, with how many knots by how many solves,
     and the corners of effects in it."""
 
-    __slots__ = ("corners_ns", "keys", "most_knots", "most_solves", "span_ns", "t_ns")
+    __slots__ = ("corners_ns", "fingers", "most_knots", "most_solves", "span_ns", "t_ns")
 
     def __init__(
-        self, keys: list[FingerKey], t_ns: int, span_ns: int, most_knots: int, most_solves: int, corners_ns: list[int]
+        self,
+        fingers: Participants,
+        t_ns: int,
+        span_ns: int,
+        most_knots: int,
+        most_solves: int,
+        corners_ns: list[int],
     ) -> None:
-        self.keys: Final = keys
+        self.fingers: Final = fingers
         self.t_ns: Final = t_ns
         self.span_ns: Final = span_ns
         self.most_knots: Final = most_knots
@@ -191,10 +216,8 @@ class Pipeline:
         self.set_modes(modes)
         self._active = silence(0, modes.M)
         self._recent = [self._active]
-        self._active_keys: list[FingerKey] = []
-        self._active_priorities: list[int] = []
+        self._active_fingers = NO_FINGERS
         self._active_places: list[Place] = []
-        self._active_forms: list[Form | None] | None = None
         self._is_sent = True
         self._t_settled_ns = 0
         self._active_points: tuple[tuple[TouchPoint, ...], bool] = ((), False)
@@ -272,7 +295,7 @@ class Pipeline:
         """Take the board's sensors to read `readings` (M, M) times the true amplitudes, from the next pass on."""
         matrix = tuple([tuple(row) for row in readings])
         self._readings = None if matrix == as_they_are(self._modes.M) else matrix
-        if self._active_keys:
+        if self._active_fingers.keys:
             self.resend()
 
     def sensor_lost(self) -> None:
@@ -313,12 +336,15 @@ class Pipeline:
             t_end_ns = t_plate_ns + self._cover_ns
             self._effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
         is_silent = not any(self._active.knots[-1].modal_um)
-        allotted = self._budget.allot(keys, self._scene.priorities(keys), len(self._fingers.down), is_silent=is_silent)
+        priorities = self._scene.priorities(keys)
+        allotted = self._budget.allot(keys, priorities, len(self._fingers.down), is_silent=is_silent)
         self.estimated_ns = allotted.fixed_ns
-        self.counters.left_out_fingers += len(keys) - len(allotted.keys)
-        keys = allotted.keys
-        plan = self._plan(keys, t_plate_ns, allotted.solves)
-        may_stand = self._has_settled(keys, t_apply_ns)
+        if len(allotted.keys) < len(keys):
+            self.counters.left_out_fingers += len(keys) - len(allotted.keys)
+            keys, priorities = allotted.keys, self._scene.priorities(allotted.keys)
+        fingers = Participants(keys, priorities, self._forms(keys))
+        plan = self._plan(fingers, t_plate_ns, allotted.solves)
+        may_stand = self._has_settled(fingers, t_apply_ns)
         begin = self._at(keys, t_plate_ns)
         end = self._at(keys, t_plate_ns + plan.span_ns) if may_stand or plan.most_knots > 1 else begin
         if may_stand and self._stands(plan, begin.places, end.places):
@@ -339,7 +365,7 @@ class Pipeline:
         self.counters.skipped_knots += max(self.max_knots - len(knots), 0)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not LimitReason.NONE
-        self._activate(drive, keys, last.places)
+        self._activate(drive, fingers, last.places)
         self._t_settled_ns = settles_ns(drive, self._settings.tolerance_um)
         self._active_points = points(keys, first, last), limited
         return self._tick(t_now_ns, t_plate_ns, self._as_read(drive), *self._active_points)
@@ -353,7 +379,7 @@ class Pipeline:
         is_silent = len(self._active.knots) == 1 and not any(self._active.knots[0].modal_um)
         drive = None if is_silent and self._is_sent else silence(t_now_ns + link_ns, self._modes.M)
         if drive is not None:
-            self._activate(drive, [], [])
+            self._activate(drive, NO_FINGERS, [])
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 
     def resend(self) -> None:
@@ -395,40 +421,40 @@ class Pipeline:
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
         return self._solver.reach(places, variances_mm2, stretches, priorities, calls, forms)
 
-    def _activate(self, drive: SafeDrive, keys: list[FingerKey], places: list[Place]) -> None:
-        self._active, self._active_keys, self._active_places, self._is_sent = drive, keys, places, True
-        self._active_priorities, self._active_forms = self._scene.priorities(keys), self._forms(keys)
+    def _activate(self, drive: SafeDrive, fingers: Participants, places: list[Place]) -> None:
+        self._active, self._active_fingers, self._active_places, self._is_sent = drive, fingers, places, True
         self._recent = [*self._recent[1 - _KEPT_REFERENCES :], drive]
 
     # --- the steps of a pass ---
 
-    def _plan(self, keys: list[FingerKey], t_plate_ns: int, solves: int) -> FramePlan:
+    def _plan(self, fingers: Participants, t_plate_ns: int, solves: int) -> FramePlan:
         """Return the frame to be: while an effect is felt it may be shorter, and have more knots."""
         if not self._effects.felt:
-            return FramePlan(keys, t_plate_ns, self._cover_ns, min(self.max_knots, solves), solves, [])
+            return FramePlan(fingers, t_plate_ns, self._cover_ns, min(self.max_knots, solves), solves, [])
         most = min(self._effect_knots, solves)
         span_ns, corners_ns = self._effects.frame(t_plate_ns, self._cover_ns, most)
-        return FramePlan(keys, t_plate_ns, span_ns, most, solves, corners_ns)
+        return FramePlan(fingers, t_plate_ns, span_ns, most, solves, corners_ns)
 
     def _polyline(
         self, plan: FramePlan, begin: Instant, end: Instant, previous_um: Row
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
-        keys, span_ns, tolerance_um = plan.keys, plan.span_ns, self._settings.tolerance_um
-        first = self._solve(keys, plan.t_ns, begin, previous_um, 0)
+        fingers, span_ns, tolerance_um = plan.fingers, plan.span_ns, self._settings.tolerance_um
+        first = self._solve(fingers, plan.t_ns, begin, previous_um, 0)
         if plan.most_knots == 1:
             return first, first, [Knot(0, first.modal_um)]
-        last = self._solve(keys, plan.t_ns + span_ns, end, first.modal_um, span_ns)
+        last = self._solve(fingers, plan.t_ns + span_ns, end, first.modal_um, span_ns)
         knots = [tuple.__new__(Knot, (0, first.modal_um)), tuple.__new__(Knot, (span_ns, last.modal_um))]
         ways_mm = moved_mm(first.places, last.places)
         room = plan.most_knots - len(plan.corners_ns)
-        pieces, smooth, edges_ns = self._ways.pieces(keys, ways_mm, plan.t_ns, span_ns, room)
+        pieces, smooth, edges_ns = self._ways.pieces(fingers.keys, ways_mm, plan.t_ns, span_ns, room)
         is_plain = pieces == 1 and smooth and not edges_ns
         is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= tolerance_um
 
         def solve(dt_ns: int, before: Knot) -> Row:
             t_ns = plan.t_ns + dt_ns
-            return self._solve(keys, t_ns, self._at(keys, t_ns), before.modal_um, dt_ns - before.dt_ns).modal_um
+            at = self._at(fingers.keys, t_ns)
+            return self._solve(fingers, t_ns, at, before.modal_um, dt_ns - before.dt_ns).modal_um
 
         times_ns: Sequence[int] = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
         if edges_ns or plan.corners_ns:
@@ -446,16 +472,13 @@ class Pipeline:
             return drive
         return gate(as_read(drive, self._readings), self._settings.w_limit_um)
 
-    def _solve(
-        self, keys: Sequence[FingerKey], t_ns: int, at: Instant, previous_um: Row, since_ns: int
-    ) -> ModalSolution:
+    def _solve(self, fingers: Participants, t_ns: int, at: Instant, previous_um: Row, since_ns: int) -> ModalSolution:
         """Evaluate the modes and solve, for one instant `since_ns` after another."""
         self.counters.solves += 1
         if not self._solver.has_contacts:
             return self._solver.solve(at.places, previous_um, since_ns)
-        variances_mm2, ranks = self._fingers.variances_mm2(keys, t_ns), self._scene.priorities(keys)
-        forms = self._forms(keys)
-        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks, forms)
+        variances_mm2, ranks = self._fingers.variances_mm2(fingers.keys, t_ns), fingers.priorities
+        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks, fingers.forms)
 
     def _forms(self, keys: Sequence[FingerKey]) -> list[Form | None] | None:
         """Return the forms of contacts that the plate is driven for; None where all are discs, or points."""
@@ -486,11 +509,11 @@ class Pipeline:
             return self._scene.virtual_position_mm(key, t_ns)
         return self._fingers.predicted_mm(key, t_ns)
 
-    def _has_settled(self, keys: list[FingerKey], t_apply_ns: int) -> bool:
+    def _has_settled(self, fingers: Participants, t_apply_ns: int) -> bool:
         """Return whether the last reference was for these fingers, and no longer changes: it may hold on."""
-        if not self._is_sent or self._active_keys != keys or t_apply_ns < self._t_settled_ns or self._effects.felt:
+        if not self._is_sent or t_apply_ns < self._t_settled_ns or self._effects.felt:
             return False
-        return self._active_priorities == self._scene.priorities(keys) and self._active_forms == self._forms(keys)
+        return fingers.are(self._active_fingers)
 
     def _stands(self, plan: FramePlan, begin: list[Place], end: list[Place]) -> bool:
         """Return whether the last reference, which has settled, still holds: from the frame's beginning to its end the
@@ -504,7 +527,7 @@ class Pipeline:
         if steepness_um_mm > 0.0 and not self._surfaces.layers:
             return True  # while the plate is silent, fingers may move far: over stripes, to the same target
         ways_mm = moved_mm(begin, end)
-        pieces, _, edges_ns = self._ways.pieces(plan.keys, ways_mm, plan.t_ns, plan.span_ns, self.max_knots)
+        pieces, _, edges_ns = self._ways.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, self.max_knots)
         return pieces == 1 and not edges_ns
 
     def _tick(
