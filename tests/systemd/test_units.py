@@ -13,9 +13,10 @@ import pytest
 from hapticd.config import loader as config
 from hapticd.config.sections import SIMULATED, Config
 from hapticd.errors import ConfigError
-from hapticd.io.devices.trackpad_source import PADS
 from hapticd.io.host.cpu_latency import LATENCY_FILE
 from hapticd.tools.service import MAX_DESCRIPTORS
+from hapticd.wire.trackpad import PADS
+from hapticd.wire.trackpad.pad import BLUETOOTH
 
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "hapticd.service"
@@ -25,7 +26,6 @@ TCP = FOLDER / "tcp.conf"
 
 MAX_EXPOSURE = 1.0  # of 10; bare units have 9.6
 MAX_EXPOSURE_TCP = 1.6  # a network of its own, without any, is what it cannot have then
-BLUETOOTH_BUS = 2  # hidapi's name for it; the kernel's is 0005
 
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
 
@@ -162,7 +162,7 @@ def test_rules_open_the_trackpads_that_the_daemon_looks_for_and_no_others() -> N
             r"0005:[0-9A-F]{4}:[0-9A-F]{4}\.\*", line
         ):  # the kernel writes them in upper case
             bluetooth.add((int(kernel_name[5:9], 16), int(kernel_name[10:14], 16)))
-    known = {(pad.bus == BLUETOOTH_BUS, (pad.vendor_id, pad.product_id)) for pad in PADS}
+    known = {(ids.bus == BLUETOOTH, (ids.vendor_id, ids.product_id)) for pad in PADS.values() if (ids := pad.ids)}
     assert usb == {ids for is_bluetooth, ids in known if not is_bluetooth}
     assert bluetooth == {ids for is_bluetooth, ids in known if is_bluetooth}
 
