@@ -559,6 +559,8 @@ def test_any_value_in_any_field_is_refused_or_read(name: str, value: object) -> 
     try:
         message = client.decode_targets(payload)
     except RequestError as error:
+        if "protocol version" in str(error):
+            return  # a sentence of its own, before the fields are read
         with pytest.raises(RequestError, match=re.escape(str(error))):
             client.read(client.unpack(payload), TargetsMessage)
     else:

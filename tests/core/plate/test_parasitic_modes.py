@@ -134,4 +134,5 @@ def test_any_number_of_still_fingers_is_zeroed_as_by_the_matrix_of_them_all(
     d_um, q_um = _all_zeroed(felt, tuple(modal.tolist()))
     known = shapes @ shapes.conj().T + NODE_SHAPE_SQUARED * np.eye(fingers)
     expected = modal - shapes.conj().T @ np.linalg.solve(known, shapes @ modal)
-    assert np.array(d_um) + 1j * np.array(q_um) == pytest.approx(expected, abs=1e-9)
+    # One after the other, they are zeroed with an error of the condition squared, which is up to 2e4, times rounding.
+    assert np.array(d_um) + 1j * np.array(q_um) == pytest.approx(expected, abs=1e-7)
