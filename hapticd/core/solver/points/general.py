@@ -56,10 +56,14 @@ def _direct(rows: Rows, targets: Row, limits: Row, previous: Row | None) -> tupl
         else:
             other, second = rows[1], targets[1]
             c, d = other[0], other[1]
-            if second == 0.0 < first and (c != 0.0 or d != 0.0):
+            if second == 0.0 < first:
+                if c == 0.0 and d == 0.0:  # on a node of both modes: still, whatever they do
+                    return _direct(rows[:1], targets[:1], limits, previous)
                 x, y, limited = hold_still((a, b), first, (c, d), box, near)
                 return (x, y), limited
-            if first == 0.0 < second and (a != 0.0 or b != 0.0):
+            if first == 0.0 < second:
+                if a == 0.0 and b == 0.0:
+                    return _direct(rows[1:], targets[1:], limits, previous)
                 x, y, limited = hold_still((c, d), second, (a, b), box, near)
                 return (x, y), limited
             if first > 0.0 < second:
