@@ -20,8 +20,8 @@ from hapticd.tools.install_service import HIDDEN_BY_UNIT
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[1]
-DEPENDENCIES = ("numpy", "msgpack", "mypy-extensions", "pyzmq", "pyserial", "hidapi")
-PACKAGES = (ROOT / "hapticd", ROOT / "clients/python/hapticd_client")
+DEPENDENCIES = ("numpy", "msgpack", "msgspec", "mypy-extensions", "pyzmq", "pyserial", "hidapi")
+PACKAGES = (ROOT / "hapticd", *(ROOT / "clients/python" / name for name in ("hapticd_client", "hapticd_contract")))
 UNNEEDED = shutil.ignore_patterns("tests", "*.pyi", "*.pxd", "*.h", "*.a", "viewer", "study", "bench")
 UNITS = (
     "sysinit.target", "basic.target", "sockets.target", "multi-user.target", "shutdown.target", "final.target",
