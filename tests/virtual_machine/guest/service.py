@@ -4,7 +4,6 @@ configurations, flooded, and stopped. `test_under_systemd.py` outside judges.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from typing import Any
 
 import manager
 import msgpack
+import msgspec
 import zmq
 from bluetooth import BluetoothPad
 from cable import CableBoard
@@ -166,7 +166,7 @@ class Story:
     def _saw(self, client: Client, state: PlateState) -> dict[str, Any]:
         status = client.status()
         return {
-            "state": dataclasses.asdict(state),
+            "state": msgspec.to_builtins(state),
             "plate_um": measured_um(client),
             "real_time": status["real_time"],
             "board": status["board"],

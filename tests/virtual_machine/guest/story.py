@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import msgspec
 from bluetooth import BluetoothPad
 from cable import CablePad
 from daemon import Daemon
@@ -102,7 +102,7 @@ class Story:
         return {"exit": exit_code, "log": self.daemon.lines()}
 
     def _saw(self, **states: PlateState) -> dict[str, Any]:
-        return {**{name: dataclasses.asdict(state) for name, state in states.items()}, "log": self.daemon.lines()}
+        return {**{name: msgspec.to_builtins(state) for name, state in states.items()}, "log": self.daemon.lines()}
 
 
 def _has_slid(state: PlateState) -> bool:
