@@ -1,6 +1,6 @@
 """The board's limiter to the last bit: what its formula gives in IEEE single precision, in its own modes and no others.
 
-These examples told the limiter from every mutant of it: of each comparison, bound, sign, connective and choice.
+These examples distinguish the limiter from every mutant of it: of each comparison, bound, sign, connective and choice.
 """
 
 from __future__ import annotations
