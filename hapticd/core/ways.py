@@ -21,12 +21,17 @@ _NO_EDGES: Final[Sequence[int]] = ()
 class Ways:
     """What the knots of a frame depend on, apart from the solutions themselves."""
 
-    def __init__(self, scene: Scene, fingers: Fingers, steepness_1_mm: float, tolerance_um: float) -> None:
+    def __init__(self, scene: Scene, fingers: Fingers, tolerance_um: float) -> None:
         self._scene: Final = scene
         self._surfaces: Final = scene.surfaces
         self._fingers: Final = fingers
-        self._steepness_1_mm: Final = steepness_1_mm
+        self.steepness_1_mm = 0.0  # of the plate's shapes
         self._tolerance_um: Final = tolerance_um
+
+    @property
+    def has_surfaces(self) -> bool:
+        """Whether surfaces lie on the plate."""
+        return len(self._surfaces.layers) > 0
 
     def pieces(
         self, keys: Sequence[FingerKey], moved_mm: Sequence[float], t_plate_ns: int, span_ns: int, most: int
@@ -66,7 +71,7 @@ class Ways:
             for w_um in modal_um:
                 w_d_um, w_q_um = re_im(w_um)
                 largest_um = max(largest_um, magnitude(w_d_um, w_q_um))
-        change = self._steepness_1_mm * sum(moved_mm)
+        change = self.steepness_1_mm * sum(moved_mm)
         return largest_um * (change * change) / 8.0
 
 

@@ -20,7 +20,8 @@ from ..board_values import UNCALIBRATED, Calibration
 from ..config.sections import Config
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.perception import ContactPerception
-from ..core.pipeline import Pipeline, PipelineSettings
+from ..core.pipeline import Pipeline
+from ..core.pipeline_settings import PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.client_registry import ClientRegistry

@@ -9,7 +9,7 @@ import math
 from dataclasses import replace
 
 from ..config import Config
-from ..core.pipeline import PipelineSettings
+from ..core.pipeline_settings import PipelineSettings
 from ..core.prediction.motion import MotionModel, Sample
 from ..core.prediction.predictor import PredictorFactory
 from ..core.solver.points.arithmetic import Row, Rows, within

@@ -12,9 +12,10 @@ import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.config.sections import RecordConfig
+from hapticd.core.active_reference import Past
 from hapticd.core.friction import FrictionCurve
 from hapticd.core.perception import ContactPerception
-from hapticd.core.pipeline import Past, Pipeline
+from hapticd.core.pipeline import Pipeline
 from hapticd.daemon.perception import Perception
 from hapticd.daemon.recorder import Recorders
 from hapticd.files.recording.header import Header

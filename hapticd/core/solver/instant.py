@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from ...values import FingerKey, SafeDrive, TouchPoint
+from ...values import FingerKey, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude, re_im
 from ..plate.contact import Disc, Form, Shapes, contact_gram, disc_points, grown
@@ -276,34 +276,6 @@ def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution)
         point = tuple.__new__(TouchPoint, (key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
         found.append(point)
     return tuple(found)
-
-
-def moved(point: TouchPoint, now: Place) -> TouchPoint:
-    """A finger's point at its present place, for a reference that stays in force."""
-    x_mm, y_mm, _ = now
-    return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)
-
-
-def interpolated_um(drive: SafeDrive, t_ns: int) -> Row:
-    """Amplitudes of a polyline at `t_ns` as the board plays it: a new polyline continues them."""
-    since_ns = t_ns - drive.t_apply_ns
-    before_ns, before_um = drive.knots[0]
-    for after_ns, after_um in drive.knots[1:]:
-        if since_ns < after_ns:
-            share = max((since_ns - before_ns) / (after_ns - before_ns), 0.0)
-            return tuple([before + (after - before) * share for before, after in zip(before_um, after_um, strict=True)])
-        before_ns, before_um = after_ns, after_um
-    return before_um
-
-
-def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
-    """Time from which a polyline is within the tolerance of its last knot: its start or its end."""
-    last_ns, last_um = drive.knots[-1]
-    for _, modal_um in drive.knots[:-1]:
-        for w_um, end_um in zip(modal_um, last_um, strict=True):
-            if not abs(w_um - end_um) <= tolerance_um:
-                return drive.t_apply_ns + last_ns
-    return drive.t_apply_ns
 
 
 def _amplitude_um(row: Sequence[float], modal_um: Row) -> float:

@@ -13,10 +13,8 @@ from pipeline_bench import PLATE
 
 from hapticd.core.phasors import Row
 from hapticd.core.plate.contact import contact_grams
-from hapticd.core.solver.instant import LEAST_STEP_UM, InstantSolver, ModalSolution, Place, interpolated_um
-from hapticd.core.trajectory.gate import silence
+from hapticd.core.solver.instant import LEAST_STEP_UM, InstantSolver, ModalSolution, Place
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
-from hapticd.values import Knot, LimitReason, SafeDrive
 
 W_LIMIT_UM = (4.0, 4.0)
 STEP_NS = 500_000
@@ -92,19 +90,6 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
 def test_no_mode_passes_its_limit_for_any_targets(places: list[Place], previous_um: Row, since_ns: int) -> None:
     solution = solver().solve(places, previous_um, since_ns)
     assert all(math.hypot(w.real, w.imag) <= limit for w, limit in zip(solution.modal_um, W_LIMIT_UM, strict=True))
-
-
-def test_a_polyline_is_continued_in_floats_where_no_phase_turns_and_in_phasors_where_one_does() -> None:
-    plain = SafeDrive(1000, (Knot(0, (1.0, 0.0)), Knot(4000, (2.0, 1.0))), LimitReason.NONE)
-    turning = plain._replace(knots=(Knot(0, (1j, 0j)), Knot(4000, (1 + 0j, 0j))))
-
-    assert interpolated_um(plain, 2000) == (1.25, 0.25)
-    for t_ns in (0, 2000, 9000):
-        assert all(type(w_um) is float for w_um in interpolated_um(plain, t_ns))
-    assert all(type(w_um) is float for w_um in interpolated_um(silence(1000, 2), 2000))
-    assert interpolated_um(turning, 3000) == (0.5 + 0.5j, 0j)
-    assert interpolated_um(turning, 0) == (1j, 0j)  # not yet begun
-    assert interpolated_um(turning, 9000) == (1.0, 0.0)  # long over
 
 
 def test_with_a_radius_fingers_are_contacts_and_what_they_get_is_their_rms() -> None:

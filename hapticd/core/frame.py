@@ -1,0 +1,163 @@
+"""One frame of the reference: the fingers that take part, where they will be at each of its knots, and the amplitudes
+there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from ..values import FingerKey, Knot
+from .phasors import Row
+from .pipeline_settings import PipelineCounters
+from .plate.contact import Form
+from .solver.instant import InstantSolver, ModalSolution, Place
+from .targets.scene import Scene
+from .touch.fingers import Fingers
+from .trajectory.knots import refine
+from .ways import Ways, moved_mm
+
+_STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
+
+
+class Participants:
+    """The fingers that take part in a pass, the priority of each, and the forms of their contacts: None where all are
+    discs, or points."""
+
+    __slots__ = ("forms", "keys", "priorities")
+
+    def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[Form | None] | None) -> None:
+        self.keys: Final = keys
+        self.priorities: Final = priorities
+        self.forms: Final = forms
+
+    def are(self, others: Participants) -> bool:
+        """Return whether these are the same, as they were."""
+        return self.keys == others.keys and self.priorities == others.priorities and self.forms == others.forms
+
+
+NO_FINGERS: Final = Participants([], [], None)
+
+
+class Instant:
+    """The fingers at one instant: where each will be with which target, and, where friction depends on the speed, by
+    how much more amplitude it needs as it slides."""
+
+    __slots__ = ("places", "stretches")
+
+    def __init__(self, places: list[Place], stretches: list[float] | None) -> None:
+        self.places: Final = places
+        self.stretches: Final = stretches
+
+
+class FramePlan:
+    """A frame before it is solved: for whom, from when on the plate, how long, with how many knots by how many solves,
+    and the corners of effects in it."""
+
+    __slots__ = ("corners_ns", "fingers", "most_knots", "most_solves", "span_ns", "t_ns")
+
+    def __init__(
+        self,
+        fingers: Participants,
+        t_ns: int,
+        span_ns: int,
+        most_knots: int,
+        most_solves: int,
+        corners_ns: list[int],
+    ) -> None:
+        self.fingers: Final = fingers
+        self.t_ns: Final = t_ns
+        self.span_ns: Final = span_ns
+        self.most_knots: Final = most_knots
+        self.most_solves: Final = most_solves
+        self.corners_ns: Final = corners_ns
+
+
+class FrameSolver:
+    """The fingers of a scene at any instant, and the polyline of a frame through some of them."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        fingers: Fingers,
+        solver: InstantSolver,
+        ways: Ways,
+        tolerance_um: float,
+        counters: PipelineCounters,
+    ) -> None:
+        self._scene: Final = scene
+        self._surfaces: Final = scene.surfaces
+        self._effects: Final = scene.effects
+        self._fingers: Final = fingers
+        self._solver: Final = solver
+        self._ways: Final = ways
+        self._tolerance_um: Final = tolerance_um
+        self._counters: Final = counters
+
+    def at(self, keys: Sequence[FingerKey], t_ns: int) -> Instant:
+        """Predict the fingers, and look up what each should feel where it will be."""
+        scene = self._scene
+        stretches: list[float] | None = [] if scene.depends_on_speed else None
+        places: list[Place] = []
+        for key in keys:
+            x_mm, y_mm = self._predicted_mm(key, t_ns)
+            if stretches is not None:
+                was_x_mm, was_y_mm = self._predicted_mm(key, t_ns - _STEP_NS)
+                speed_mm_s = math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
+                stretches.append(scene.slide(speed_mm_s))
+            target_um = scene.amplitude_um(key, x_mm, y_mm)
+            if target_um is None:
+                target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
+            if self._effects.felt:
+                target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
+            places.append((x_mm, y_mm, target_um))
+        return Instant(places, stretches)
+
+    def _predicted_mm(self, key: FingerKey, t_ns: int) -> tuple[float, float]:
+        """Return where a finger will be."""
+        if isinstance(key, str):
+            return self._scene.virtual_position_mm(key, t_ns)
+        return self._fingers.predicted_mm(key, t_ns)
+
+    def forms(self, keys: Sequence[FingerKey]) -> list[Form | None] | None:
+        """Return the forms of contacts that the plate is driven for; None where all are discs, or points."""
+        return self._fingers.forms(keys) if self._solver.has_contacts else None
+
+    def polyline(
+        self, plan: FramePlan, begin: Instant, end: Instant, previous_um: Row
+    ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
+        """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
+        fingers, span_ns, tolerance_um = plan.fingers, plan.span_ns, self._tolerance_um
+        first = self._solve(fingers, plan.t_ns, begin, previous_um, 0)
+        if plan.most_knots == 1:
+            return first, first, [Knot(0, first.modal_um)]
+        last = self._solve(fingers, plan.t_ns + span_ns, end, first.modal_um, span_ns)
+        knots = [tuple.__new__(Knot, (0, first.modal_um)), tuple.__new__(Knot, (span_ns, last.modal_um))]
+        ways_mm = moved_mm(first.places, last.places)
+        room = plan.most_knots - len(plan.corners_ns)
+        pieces, smooth, edges_ns = self._ways.pieces(fingers.keys, ways_mm, plan.t_ns, span_ns, room)
+        is_plain = pieces == 1 and smooth and not edges_ns
+        is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= tolerance_um
+
+        def solve(dt_ns: int, before: Knot) -> Row:
+            t_ns = plan.t_ns + dt_ns
+            at = self.at(fingers.keys, t_ns)
+            return self._solve(fingers, t_ns, at, before.modal_um, dt_ns - before.dt_ns).modal_um
+
+        times_ns: Sequence[int] = [span_ns * piece // pieces // 1000 * 1000 for piece in range(1, pieces)]
+        if edges_ns or plan.corners_ns:
+            times_ns = sorted({*times_ns, *edges_ns, *plan.corners_ns})
+        for dt_ns in times_ns:
+            knots.insert(-1, Knot(dt_ns, solve(dt_ns, knots[-2])))
+        if not is_plain:
+            solves = plan.most_solves - len(knots)
+            knots = refine(solve, knots, tolerance_um, plan.most_knots, solves, smooth=smooth)
+        return first, last, knots
+
+    def _solve(self, fingers: Participants, t_ns: int, at: Instant, previous_um: Row, since_ns: int) -> ModalSolution:
+        """Evaluate the modes and solve, for one instant `since_ns` after another."""
+        self._counters.solves += 1
+        if not self._solver.has_contacts:
+            return self._solver.solve(at.places, previous_um, since_ns)
+        variances_mm2, ranks = self._fingers.variances_mm2(fingers.keys, t_ns), fingers.priorities
+        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks, fingers.forms)
