@@ -1,8 +1,7 @@
 """Pairs of contacts on a plate: what their discs get of each mode, and the best amplitudes within the limits.
 
 The figures are those of `core.solver.contacts`, the daemon's own rule, for many pairs at a time: `settle` runs the same
-descent on arrays. `contrast_bound` is what no controller exceeds: the largest generalised eigenvalue of the two Gram
-matrices (G. H. Golub and C. F. Van Loan, Matrix Computations, ch. 8.7), without limits of amplitude.
+descent on arrays.
 """
 
 from __future__ import annotations
@@ -152,19 +151,6 @@ def contact_rms_um(gram: FloatArray, w_um: ComplexArray) -> FloatArray:
     """Return the RMS amplitude over each contact (P,); gram (M, M, P), w_um (M, P)."""
     square = np.einsum("kp,klp,lp->p", w_um.conj(), gram, w_um, optimize=True).real
     return np.asarray(np.sqrt(np.maximum(square, _TINY_UM**2)))
-
-
-def contrast_bound(slipping: FloatArray, still: FloatArray, limits_um: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return for each pair the largest contrast of any amplitudes, and what it leaves the slipping finger, (P,) each.
-
-    The second is in um per um of a target, at most 1: the amplitudes of the bound are scaled into the limits.
-    """
-    root = np.linalg.inv(np.linalg.cholesky(np.moveaxis(still, 2, 0)))
-    ratios, vectors = np.linalg.eigh(root @ np.moveaxis(slipping, 2, 0) @ root.transpose(0, 2, 1))
-    w = np.einsum("plk,pl->kp", root, vectors[:, :, -1])
-    rms = np.sqrt(np.einsum("kp,klp,lp->p", w, slipping, w, optimize=True))
-    fitting = (np.asarray(limits_um)[:, None] / np.maximum(np.abs(w), _TINY_UM)).min(axis=0)
-    return np.sqrt(ratios[:, -1]), np.minimum(1.0, rms * fitting)
 
 
 def disc(radius_mm: float, radii: int = _DISC_RADII, angles: int = _DISC_ANGLES) -> tuple[FloatArray, FloatArray]:

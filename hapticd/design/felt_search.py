@@ -22,12 +22,17 @@ import numpy as np
 
 from ..values import FloatArray
 from .contact_pairs import Shapes, surfaces
-from .contact_search import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED, Drive, Plate, drives_hz
 from .felt_places import ENOUGH_JND, Touches, settle_felt, touches
 from .free_plate import ModeShape
-from .glued_plate import PZT, Patch
+from .glued_plate import PZT, GluedPlate, Patch
 from .patch_places import BoolArray, along_edges, couplings, overlapping, places_for_reach
 from .patch_reach import PatchDrive, UndrivenError, patch_drive
+
+Q_FACTOR = 500.0
+RADIUS_MM = 5.0  # of a fingertip's contact at 0.2 .. 1 N (50 .. 150 mm2)
+FARTHEST_HZ = 180.0  # of a driven mode from the drive: an amplifier reaches a sixth there; the firmware controls 300
+STEP_HZ = 25.0  # of the drives tried, less than a mode's bandwidth of 58 Hz
+SEED = 1
 
 ORDERABLE = tuple((width, depth, thick) for width, depth in ((10, 10), (20, 10), (15, 15)) for thick in (0.3, 0.5))
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18)  # of the reach alone
@@ -66,7 +71,7 @@ class FeltDesign:
     a patch's volts that 95 % of the places need. `next_hz` is the nearest other mode's distance from the drive.
     """
 
-    plate: Plate
+    plate: GluedPlate
     drive_hz: float
     modes: tuple[tuple[float, ModeShape], ...]
     next_hz: float
@@ -107,7 +112,7 @@ class GluedModes:
 
     def __init__(
         self,
-        plate: Plate,
+        plate: GluedPlate,
         band_hz: tuple[float, float],
         task: FeltTask,
         places: int,
@@ -146,7 +151,8 @@ class GluedModes:
         """Return the share of places felt as asked when each of these modes has the usual reach at resonance."""
         frequency_hz = np.array([hz for hz, _ in self.of(chosen)])
         drive_hz = (frequency_hz.min() + frequency_hz.max()) / 2.0
-        limits_um = Drive(self.task.q_factor, USUAL_UM).limits_um(frequency_hz, drive_hz)
+        decay_1_s = math.pi * frequency_hz / self.task.q_factor
+        limits_um = USUAL_UM * decay_1_s / np.hypot(decay_1_s, 2.0 * math.pi * (frequency_hz - drive_hz))
         few = self._touches.of(chosen, SEARCH_PLACES)
         _, error_jnd = settle_felt(few, self.task.targets_um, np.minimum(limits_um, MOST_UM), starts=1)
         return float(np.mean(_is_felt(error_jnd)))
@@ -198,15 +204,19 @@ class GluedModes:
 
 
 def search(
-    plates: Sequence[Plate],
+    plates: Sequence[GluedPlate],
     counts: Sequence[int],
     drive_hz: tuple[float, float],
     task: FeltTask,
     kits: Sequence[Kit] = ORDERABLE,
     progress: Progress = lambda _: None,
 ) -> list[FeltDesign]:
-    """Return the best plates with their patches, best first. Raises ValueError."""
-    ranked: dict[int, list[tuple[float, Plate, Modes]]] = {count: [] for count in counts}
+    """Return the best plates with their patches, best first: those that they have, or where they have none those of
+    `kits`. Raises ValueError."""
+    if any(plate.patches for plate in plates):
+        made = [judge_best(plate, drive_hz, count, task) for plate in plates for count in counts]
+        return sorted((one for one in made if one is not None), key=lambda one: -one.felt_frac)
+    ranked: dict[int, list[tuple[float, GluedPlate, Modes]]] = {count: [] for count in counts}
     for done, plate in enumerate(plates):
         progress(0.4 * done / len(plates))
         bare = GluedModes(plate, drive_hz, task, SEARCH_PLACES)
@@ -214,7 +224,7 @@ def search(
             ranked[count] += [(bare.felt_frac(chosen), plate, bare.of(chosen)) for chosen in bare.sets(count)]
     finalists = [one for found in ranked.values() for one in sorted(found, key=lambda each: -each[0])[:FINALISTS]]
     jobs = [(plate, modes, kit) for _, plate, modes in finalists for kit in kits]
-    designs: list[tuple[float, tuple[Plate, Modes, Kit], FeltDesign]] = []
+    designs: list[tuple[float, tuple[GluedPlate, Modes, Kit], FeltDesign]] = []
     for done, job in enumerate(jobs):
         progress(0.4 + 0.4 * done / len(jobs))
         glued = glue(*job, task, ROUNDS)
@@ -228,7 +238,7 @@ def search(
     return [one for _, _, one in designs]
 
 
-def glue(plate: Plate, modes: Modes, kit: Kit, task: FeltTask, rounds: int) -> FeltDesign | None:
+def glue(plate: GluedPlate, modes: Modes, kit: Kit, task: FeltTask, rounds: int) -> FeltDesign | None:
     """Return a bare plate with patches of a kit glued on where they give its `modes` most, or None where they take
     these too far apart.
 
@@ -247,11 +257,18 @@ def glue(plate: Plate, modes: Modes, kit: Kit, task: FeltTask, rounds: int) -> F
 
 
 def judge_near(
-    plate: Plate, drive_hz: float, count: int, task: FeltTask, measure: Measure | None = None
+    plate: GluedPlate, drive_hz: float, count: int, task: FeltTask, measure: Measure | None = None
 ) -> FeltDesign | None:
-    """Return a plate with its patches at its best drive near `drive_hz`, or None without `count` modes there. It is
-    solved on the maps that `measure` makes of its modes, without it on the modes themselves."""
-    glued = GluedModes(plate, (drive_hz - GLUE_HZ, drive_hz + GLUE_HZ), task, JUDGE_PLACES, measure=measure)
+    """Return `judge_best` of the drives that patches make of `drive_hz`."""
+    return judge_best(plate, (drive_hz - GLUE_HZ, drive_hz + GLUE_HZ), count, task, measure)
+
+
+def judge_best(
+    plate: GluedPlate, drive_hz: tuple[float, float], count: int, task: FeltTask, measure: Measure | None = None
+) -> FeltDesign | None:
+    """Return a plate with its patches at its best drive within `drive_hz`, or None without `count` modes there. It is
+    solved on the maps that `measure` makes of its modes, without it on the modes themselves. Raises ValueError."""
+    glued = GluedModes(plate, drive_hz, task, JUDGE_PLACES, measure=measure)
     found = []
     for chosen in glued.sets(count):
         with suppress(UndrivenError):
@@ -276,7 +293,7 @@ def judge_within(design: FeltDesign, task: FeltTask, around_hz: float) -> FeltDe
 
 
 def place(
-    plate: Plate, modes: Modes, task: FeltTask, kit: Kit, random: np.random.Generator | None = None
+    plate: GluedPlate, modes: Modes, task: FeltTask, kit: Kit, random: np.random.Generator | None = None
 ) -> tuple[Patch, ...]:
     """Return a patch for each mode along the edges, with `random` in half of the places. Raises ValueError for one too
     large for them."""
@@ -303,7 +320,8 @@ def _least_volts_hz(driven: PatchDrive, farthest_hz: float) -> float:
     """Return the drive at which the worst patch needs least, RMS, when all modes have the same amplitude."""
     frequency_hz = driven.frequency_hz
     middle_hz = (frequency_hz.min() + frequency_hz.max()) / 2.0
-    tried = drives_hz(max(frequency_hz.max() - farthest_hz, 0.0), frequency_hz.min() + farthest_hz)
+    low_hz, high_hz = max(frequency_hz.max() - farthest_hz, 0.0), frequency_hz.min() + farthest_hz
+    tried = low_hz + STEP_HZ * np.arange(math.floor((high_hz - low_hz) / STEP_HZ + 1e-9) + 1)
     volts = driven.volts_per_um_s / driven.most_v[:, None]
 
     def worst(hz: float) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..values import FloatArray
 from . import legendre
-from .free_plate import ModeShape, _class_modes, _degree, _mode_shape
+from .free_plate import ModeShape, _class_modes, _degree, _mode_shape, free_modes
 from .materials import Material
 
 PZT = Material(62.0, 0.34, 7800.0, "PI Ceramic, PIC255")
@@ -33,6 +33,22 @@ class Patch:
     size_mm: tuple[float, float]
     thickness_mm: float
     material: Material = PZT
+
+
+@dataclass(frozen=True, slots=True)
+class GluedPlate:
+    """A free plate with the patches that are glued to it, or without any."""
+
+    size_mm: tuple[float, float]
+    thickness_mm: float
+    material: Material
+    patches: tuple[Patch, ...] = ()
+
+    def modes(self, band_hz: tuple[float, float]) -> list[tuple[float, ModeShape]]:
+        """Return the modes in the band, lowest first. Raises ValueError."""
+        if self.patches:
+            return glued_plate_modes(self.size_mm, self.thickness_mm, self.material, self.patches, band_hz)
+        return free_modes(self.size_mm, self.thickness_mm, self.material, band_hz)
 
 
 def glued_plate_modes(

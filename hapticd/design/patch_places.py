@@ -20,6 +20,7 @@ import numpy.typing as npt
 from ..values import FloatArray
 from . import legendre
 from .free_plate import ModeShape
+from .glued_plate import Patch
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -42,22 +43,21 @@ class PatchSet:
         return float(np.linalg.cond(self.coupling))
 
 
-def place_patches(shapes: Sequence[ModeShape], patch_mm: tuple[float, float]) -> tuple[PatchSet, PatchSet]:
-    """Return a driving and a sensing patch for each mode, of `patch_mm` (width, depth), none over another.
+def place_patches(shapes: Sequence[ModeShape], patch_mm: tuple[float, float], taken: Sequence[Patch] = ()) -> PatchSet:
+    """Return a patch to sense, or to drive, each mode, of `patch_mm` (width, depth), none over another or `taken`.
 
     Raises ValueError for a patch that is too large for the plate's edges.
     """
     candidates_mm = edge_places(shapes[0].size_mm, patch_mm)
+    for patch in taken:
+        room_mm = (np.array(patch_mm) + np.array(patch.size_mm)) / 2.0
+        away_mm = np.abs(candidates_mm - np.array((patch.x_mm, patch.y_mm)))
+        candidates_mm = candidates_mm[np.any(away_mm >= room_mm - 1e-9, axis=1)]
     coupling = couplings(shapes, candidates_mm, patch_mm)
     coupling /= np.max(np.abs(coupling), axis=1, keepdims=True)
     overlaps = overlapping(candidates_mm, np.broadcast_to(np.array(patch_mm), candidates_mm.shape))
-    is_free = np.ones(len(candidates_mm), np.bool_)
-    sets = []
-    for _ in ("drive", "sense"):
-        chosen = _chosen(coupling, overlaps, is_free)
-        is_free &= ~overlaps[chosen].any(axis=0)
-        sets.append(PatchSet(candidates_mm[chosen], coupling[:, chosen]))
-    return sets[0], sets[1]
+    chosen = _chosen(coupling, overlaps)
+    return PatchSet(candidates_mm[chosen], coupling[:, chosen])
 
 
 def edge_places(size_mm: tuple[float, float], patch_mm: tuple[float, float]) -> FloatArray:
@@ -115,8 +115,7 @@ def places_for_reach(per_volt_um: FloatArray, overlaps: BoolArray) -> list[int]:
     u = A^-1 c, row i becomes row i less u_i / u_j of row j (J. Sherman and W. J. Morrison, Ann. Math. Stat. 21 (1950)
     124), so all candidates are compared by products of rows.
     """
-    is_free = np.ones(per_volt_um.shape[1], np.bool_)
-    chosen = _greedy(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps, is_free)
+    chosen = _greedy(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps)
     for _ in range(_ROUNDS):
         before = list(chosen)
         for place in range(len(chosen)):
@@ -141,14 +140,14 @@ def overlapping(places_mm: FloatArray, patch_mm: FloatArray) -> BoolArray:
     return np.asarray(np.all(np.abs(places_mm[:, None] - places_mm) < room_mm - 1e-9, axis=2))
 
 
-def _chosen(coupling: FloatArray, overlaps: BoolArray, is_free: BoolArray) -> list[int]:
-    """Return one free candidate per mode: those of `_greedy`, then exchanges while one helps."""
-    chosen = _greedy(coupling, overlaps, is_free)
+def _chosen(coupling: FloatArray, overlaps: BoolArray) -> list[int]:
+    """Return one candidate per mode: those of `_greedy`, then exchanges while one helps."""
+    chosen = _greedy(coupling, overlaps)
     for _ in range(_ROUNDS):
         before = list(chosen)
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
-            tried = np.flatnonzero(is_free & ~overlaps[others].any(axis=0))
+            tried = np.flatnonzero(~overlaps[others].any(axis=0))
             matrices = np.repeat(coupling[:, chosen].T[None], len(tried), axis=0)
             matrices[:, place] = coupling[:, tried].T
             chosen[place] = int(tried[np.argmax(np.round(np.linalg.svd(matrices, compute_uv=False)[:, -1], 9))])
@@ -157,12 +156,12 @@ def _chosen(coupling: FloatArray, overlaps: BoolArray, is_free: BoolArray) -> li
     return chosen
 
 
-def _greedy(coupling: FloatArray, overlaps: BoolArray, is_free: BoolArray) -> list[int]:
-    """Return one free candidate per mode: each the largest of what the ones before leave."""
+def _greedy(coupling: FloatArray, overlaps: BoolArray) -> list[int]:
+    """Return one candidate per mode: each the largest of what the ones before leave."""
     chosen: list[int] = []
     left = coupling.copy()
     for _ in coupling:
-        size = np.where(is_free & ~overlaps[chosen].any(axis=0), np.linalg.norm(left, axis=0), -1.0)
+        size = np.where(overlaps[chosen].any(axis=0), -1.0, np.linalg.norm(left, axis=0))
         chosen.append(int(np.argmax(size)))
         along = left[:, chosen[-1]] / np.linalg.norm(left[:, chosen[-1]])
         left = left - np.outer(along, along @ left)

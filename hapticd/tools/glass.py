@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser, default: SimConfig | None = N
         metavar="PLATE",
         help=f"reference: the paper's plate, two driven modes{reference}. fingertip: a larger one, four driven modes, "
         f"for whole fingertips{fingertip}. wide: the largest, eight driven modes, for friction that is felt as asked. "
-        "F.toml: your own, as `hapticd plate --contacts --glass F.toml` writes it",
+        "F.toml: your own, as `hapticd plate --felt --glass F.toml` writes it",
     )
     group.add_argument(
         "--modes", type=whole(2), metavar="N", help="number of driven modes, an amplifier each (default: the plate's)"

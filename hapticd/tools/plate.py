@@ -1,5 +1,5 @@
-"""`hapticd plate`: pairs of modes to drive a plate with, their shapes, and support points; with --contacts, plates for
-whole fingertips by contrast (`plate_contacts`); with --felt by friction felt as asked (`plate_felt`).
+"""`hapticd plate`: pairs of modes to drive a plate with, their shapes, and support points; with --felt, plates for
+whole fingertips by friction felt as asked (`plate_felt`).
 
 Theory (`design.free_plate`): a free, thin, homogeneous plate. A real one is glued and supported, and its frequencies
 differ by some per cent: measure its modes with `hapticd calibrate modes`. The mode file is for trials before that.
@@ -26,7 +26,7 @@ from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError, UsageError
 from ..files import outputs, plotting
 from ..formats.mode_map import FORMATS
-from . import plate_contacts, plate_felt
+from . import plate_felt
 from .arguments import POSITIVE, number, whole
 from .calibrate.modes import parse_size
 
@@ -70,9 +70,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of both modes (default 4)",
     )
     outputs.add_file(parser, "--out", FORMATS, metavar="F.npz", help="write the pair's shapes as a mode file")
-    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the shapes and the stamps")
+    outputs.add_file(
+        parser,
+        "--plot",
+        outputs.PICTURE,
+        metavar="F.png",
+        help="draw the shapes, the stamps, and of --felt patches and sensors",
+    )
     outputs.add_json(parser, "pairs and stamps, or the compared plates")
-    plate_contacts.add_arguments(parser)
+    plate_felt.add_arguments(parser)
     parser.set_defaults(command=run)
 
 
@@ -84,13 +90,8 @@ def run(options: argparse.Namespace) -> None:
         if options.out is not None:
             _write_map(design.shapes, design.plate.size_mm, options.out)
         return
+    plate_felt.refuse_without_felt(options)
     options.size, options.thickness = options.size or SIZE, options.thickness or THICKNESS
-    if options.contacts:
-        best = plate_contacts.run(options)
-        if options.out is not None:
-            _write_map(best.shapes, best.plate.size_mm, options.out)
-        return
-    plate_contacts.refuse_without_contacts(options)
     size_mm = parse_size(options.size)
     if options.stamp_mm > min(size_mm) / 4.0:
         raise UsageError(f"--stamp: {options.stamp_mm:g} mm is too large: give at most a quarter of the plate's edge.")

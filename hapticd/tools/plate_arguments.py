@@ -1,4 +1,4 @@
-"""Arguments of `hapticd plate` with --contacts and --felt: ranges of plates and of modes."""
+"""Arguments of `hapticd plate --felt`: ranges of plates and of modes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import argparse
 import math
 
 from ..config.sections import LEAST_MODES, MOST_MODES
-from ..design.contact_search import Plate
-from ..design.glued_plate import Patch
+from ..design.glued_plate import GluedPlate, Patch
 from ..design.materials import find_material
 from ..errors import CalibrationError, UsageError
 from .arguments import number
@@ -17,7 +16,7 @@ DRIVES = "27000..33000"  # in Hz: 30 kHz is above hearing, and amplifiers and pa
 MOST_PLATES = 2000
 
 
-def plates(options: argparse.Namespace) -> list[Plate]:
+def plates(options: argparse.Namespace) -> list[GluedPlate]:
     """Return the plates to compare, each size once: 200 x 150 is 150 x 200 turned."""
     try:
         materials = [find_material(name) for name in options.material.split("/")]
@@ -33,7 +32,9 @@ def plates(options: argparse.Namespace) -> list[Plate]:
     else:
         sizes = [(width_mm, depth_mm) for width_mm in spans[0] for depth_mm in spans[1]]
     patches = tuple(_patch(text) for text in options.patch or ())
-    plates = [Plate(size, thick_mm, of, patches) for size in sizes for thick_mm in thicknesses_mm for of in materials]
+    plates = [
+        GluedPlate(size, thick_mm, of, patches) for size in sizes for thick_mm in thicknesses_mm for of in materials
+    ]
     if len(plates) > MOST_PLATES:
         raise UsageError(f"--size: {len(plates)} plates are too many: narrow the ranges to {MOST_PLATES}.")
     return plates

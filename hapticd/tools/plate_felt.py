@@ -10,17 +10,29 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..design.contact_search import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED
-from ..design.felt_search import MOST_UM, ORDERABLE, FeltDesign, FeltTask, Kit, judge_within, search
+from ..design.felt_search import (
+    FARTHEST_HZ,
+    MOST_UM,
+    ORDERABLE,
+    Q_FACTOR,
+    RADIUS_MM,
+    SEED,
+    FeltDesign,
+    FeltTask,
+    Kit,
+    judge_within,
+    search,
+)
 from ..design.felt_tolerances import felt_tolerances
 from ..design.plate_bounds import Bound, bounds
 from ..errors import CalibrationError, UsageError
 from ..files import outputs
 from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
 from ..values import FloatArray
-from . import plate_arguments, plate_files, plate_verdict
-from .arguments import number
+from . import plate_arguments, plate_files, plate_places, plate_verdict
+from .arguments import number, whole
 from .plate_arguments import DRIVES
+from .plate_places import Placement
 from .plate_verdict import FeltMotion
 from .progress import Progress
 
@@ -29,25 +41,68 @@ SIZES, THICKNESSES, MODES = "200..220", "2..3", "8"  # searched without options:
 ROWS = 12
 MOST_FINGERS = 5
 MOST_TARGET_UM = 20.0
-REFUSED = {
-    "contacts": "compares by contrast: omit it or --felt",
-    "reach": "follows from the patches that --felt places",
-    "patch": "--felt places the patches: give their sizes with --place",
-    "plot": "draws pairs of modes and --contacts, not --felt",
-}
+TOML = (".toml",)
+_BELONGING = (
+    *("modes", "drive", "config", "glass", "tolerances", "seed"),
+    *("q", "radius", "farthest", "patch", "place"),
+)
 
 
-def add_argument(group: Any) -> None:
-    """Add --felt. Its value is None without the option."""
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --felt and what belongs to it. Values are None without their option, so that they can be refused."""
+    group = parser.add_argument_group("whole fingertips")
     group.add_argument(
         "--felt",
         nargs="?",
         const=TARGETS,
         metavar="TARGETS",
         help="compare plates with their patches by the share of places where each finger's friction is felt as asked "
-        f"of it: 0 .. 1 as in clients, or amplitudes, such as 0.2,1 or 1um,0um (the default); searches {SIZES} mm, "
-        f"{THICKNESSES} mm and {MODES} modes",
+        "of it: 0 .. 1 as in clients, or amplitudes, such as 0.2,1 or 1um,0um (the default); --size, --thickness and "
+        "--modes may be ranges, such as 150..240 (every 10 mm), 2..4 (every 0.5 mm) and 4..8, --material may name "
+        f"several, as in glass/steel; searches {SIZES} mm, {THICKNESSES} mm and {MODES} modes",
     )
+    group.add_argument("--modes", metavar="N", help=f"driven modes, 2 .. 8 (default {MODES})")
+    group.add_argument("--drive", metavar="HZ", help=f"drive frequency, or the range to search (default {DRIVES})")
+    group.add_argument("--q", type=number(1.0, 1e5), metavar="Q", help=f"quality of the modes (default {Q_FACTOR:g})")
+    group.add_argument(
+        "--radius", type=number(0.1, 15.0), metavar="MM", help=f"of a contact (default {RADIUS_MM:g} mm)"
+    )
+    group.add_argument(
+        "--patch",
+        action="append",
+        metavar="X,Y,AxBxC",
+        help="a piezoelectric patch glued at X,Y of AxB mm, C mm thick, one for each mode: judge a plate that has them",
+    )
+    group.add_argument(
+        "--place", metavar="AxBxC", help="sizes of patches to choose from and to place, such as 10x10x0.5/20x10x0.3"
+    )
+    group.add_argument(
+        "--farthest",
+        type=number(1.0, 1000.0),
+        metavar="HZ",
+        help=f"of a driven mode from the drive (default {FARTHEST_HZ:g}; the firmware controls 300)",
+    )
+    group.add_argument(
+        "--tolerances",
+        type=whole(1, 10000),
+        metavar="N",
+        help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 0.2 mm, "
+        "patches 0.5 mm",
+    )
+    group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random places and plates ({SEED})")
+    outputs.add_file(
+        parser, "--glass", TOML, group=group, metavar="F.toml", help="the best plate, for --plate of simulated plates"
+    )
+    outputs.add_file(
+        parser, "--config", TOML, group=group, metavar="F.toml", help="configuration for the best plate, with --out"
+    )
+
+
+def refuse_without_felt(options: argparse.Namespace) -> None:
+    """Raise UsageError for an option that needs --felt."""
+    for name in _BELONGING:
+        if getattr(options, name) is not None:
+            raise UsageError(f"--{name}: belongs to --felt: add it.")
 
 
 def fill_in(options: argparse.Namespace) -> None:
@@ -62,9 +117,8 @@ def run(options: argparse.Namespace) -> FeltDesign:
 
     Raises HapticdError.
     """
-    for name, why in REFUSED.items():
-        if getattr(options, name):
-            raise UsageError(f"--{name}: {why}.")
+    if options.patch is not None and options.place is not None:
+        raise UsageError("--place: --patch says where the patches are: omit one of them.")
     if options.config is not None and options.out is None:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
     if options.glass is not None and options.q is not None:
@@ -89,15 +143,19 @@ def run(options: argparse.Namespace) -> FeltDesign:
         motion = str(error).rstrip(".")
     asked = bounds(best, task.q_factor)
     judged = plate_verdict.felt_verdict(best, asked, motion, study)
+    placement = plate_places.place(best)
     out = sys.stderr if options.json == outputs.STDOUT else sys.stdout
-    print(_table(designs), _patch_table(best), _mode_table(best), *judged, sep="\n", file=out)
+    print(_table(designs), _patch_table(best), file=out, sep="\n")
+    print(plate_places.table(placement, best), _mode_table(best), *judged, sep="\n", file=out)
     if options.json is not None:
-        _write_json(designs, task, asked, motion, study, options.json)
+        _write_json(designs, task, asked, motion, study, placement, options.json)
     heading = f"# {judged[-1]}"
     if options.config is not None:
         plate_files.write_config(best, task.radius_mm, heading, options.config, options.out)
     if options.glass is not None:
         outputs.write_text("\n".join((heading, *_glass(best))) + "\n", options.glass)
+    if options.plot is not None:
+        plate_places.draw(best, placement, options.plot)
     return best
 
 
@@ -117,7 +175,7 @@ def _searched(options: argparse.Namespace, task: FeltTask) -> list[FeltDesign]:
         raise CalibrationError(
             f"No plate with its patches has {min(counts)} modes within {task.farthest_hz:g} Hz of a drive of "
             f"{drive_hz[0]:g} to {drive_hz[1]:g} Hz: give another --drive, a larger --size, more --farthest, smaller "
-            "patches with --place, or fewer --modes."
+            "patches, or fewer --modes."
         )
     return designs
 
@@ -220,6 +278,7 @@ def _write_json(
     asked: Sequence[Bound],
     motion: FeltMotion | str,
     study: FloatArray | None,
+    placement: Placement,
     file: str,
 ) -> None:
     table: dict[str, Any] = {
@@ -230,6 +289,7 @@ def _write_json(
             for one in asked
         ],
         "motion": {"unknown": motion} if isinstance(motion, str) else motion._asdict(),
+        "placement": plate_places.as_json(placement),
     }
     if study is not None:
         table["tolerances"] = {"plates": len(study), "felt_frac": study.tolist()}

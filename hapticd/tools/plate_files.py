@@ -1,4 +1,4 @@
-"""Files of the best plate for contacts: the service's configuration, and the simulation's plate."""
+"""Files of the best plate for whole fingertips: the service's configuration, and the simulation's plate."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from ..config.keys import toml
-from ..design.contact_search import ContactDesign
 from ..design.felt_search import FeltDesign
 from ..design.free_plate import ModeShape, distinct_names
 from ..design.materials import MATERIALS
@@ -18,9 +17,7 @@ from ..sim.plate.glasses import FARTHEST_HZ, LEAST_PARASITIC, NUMBERS
 PARASITIC = 4  # modes besides the driven ones that a simulated plate has
 
 
-def write_config(
-    design: ContactDesign | FeltDesign, radius_mm: float, heading: str, path: Path, modes_file: Path
-) -> None:
+def write_config(design: FeltDesign, radius_mm: float, heading: str, path: Path, modes_file: Path) -> None:
     """Write what the service needs for this plate; all other keys keep their defaults."""
     frequencies = ", ".join(f"{hz:.0f}" for hz in design.frequency_hz)
     named = os.path.relpath(modes_file.absolute(), path.absolute().parent)
@@ -41,7 +38,7 @@ def write_config(
     outputs.write_text("\n".join(lines) + "\n", path)
 
 
-def glass_lines(design: ContactDesign | FeltDesign, reach_um: float | tuple[float, ...]) -> list[str]:
+def glass_lines(design: FeltDesign, reach_um: float | tuple[float, ...]) -> list[str]:
     """Return the lines of a file with what the simulation needs for this plate: `sim.plate.glasses`.
 
     `reach_um` is at resonance, of all modes or of each driven one. Raises ValueError with the reason why there can be

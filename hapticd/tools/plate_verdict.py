@@ -1,4 +1,4 @@
-"""Verdict on a designed plate: the static bound, and what the closed loop gives fingers that move over it.
+"""Verdict on a designed plate: what fingers at rest feel, and what the closed loop gives fingers that move over it.
 
 The search compares plates by what fingers at rest get with exact knowledge. Prediction, noise, the fit of the mode map,
 and strokes that start, stop and pass places where modes reach their limits take away from it.
@@ -6,10 +6,9 @@ and strokes that start, stop and pass places where modes reach their limits take
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,9 +16,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..config.sections import CONTRAST, FELT, OBJECTIVES, Config, SolverConfig
-from ..design.contact_search import ENOUGH_SLIP_FRAC, ContactDesign, Drive, Plate
+from ..config.sections import FELT, Config, SolverConfig
 from ..design.felt_search import FeltDesign, FeltTask
+from ..design.glued_plate import GluedPlate
 from ..design.materials import MATERIALS
 from ..design.plate_bounds import MOST_FRAC, Bound
 from ..sim.fingers.strokes import Strokes
@@ -32,48 +31,19 @@ if TYPE_CHECKING:
 
 SCENARIO, SEED = "strokes", 1  # and its own length, so that `simulate strokes` prints the same figures
 HOW = "in the closed loop of `hapticd simulate strokes`"
-ENOUGH_CONTRAST = 12.0  # of RMS: a still contact of 0.08 um when the other slips by 1 um, below what is felt
 ENOUGH_FELT, ENOUGH_FELT_AT_REST = 0.85, 0.95  # of the time and of the places; motion costs about a tenth
-ENOUGH_MOVING_FRAC = 2.0 / 3.0  # of the target: friction is then 0.4 of bare glass. Strokes cost a tenth of the bound
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """RMS amplitudes over the contacts of a slipping and a still finger by the objective "contrast", and the share of
-    time in which both feel what was asked by "felt"."""
-
-    slip_um: float
-    still_um: float
-    felt_frac: float
-
-    @property
-    def contrast(self) -> float:
-        """Their ratio."""
-        return math.inf if self.still_um == 0.0 else self.slip_um / self.still_um
 
 
 class FeltMotion(NamedTuple):
     """Shares of the time in which all fingers, and each, feel what was asked in the closed loop, and in which the
-    motion takes no more than the patches' volts."""
+    motion takes no more than the patches' volts; RMS amplitudes over the contacts of fingers that slip and that are
+    still, NaN where there are none."""
 
     felt_frac: float
     each_frac: tuple[float, ...]
     within_volts_frac: float
-
-
-def simulate(design: ContactDesign, drive: Drive, progress: Callable[[float], None] = lambda _: None) -> Motion:
-    """Return what fingers get in the closed loop. Raises ValueError with the reason why this cannot be simulated."""
-    from ..sim import lockstep
-
-    scores = {}
-    with _file_of(design, drive.radius_mm, drive.reach_um) as path:
-        for played, objective in enumerate(OBJECTIVES):
-            settings = _settings(path, drive.q_factor, objective)
-            scores[objective] = lockstep.run(
-                SCENARIO, settings=settings, seed=SEED, progress=partial(_of_all, progress, played)
-            ).score
-    most = scores[CONTRAST]
-    return Motion(most.contact_slip_um, most.contact_leak_um, scores[FELT].felt_frac)
+    slip_um: float
+    still_um: float
 
 
 def simulate_felt(design: FeltDesign, task: FeltTask, progress: Callable[[float], None]) -> FeltMotion:
@@ -86,19 +56,18 @@ def simulate_felt(design: FeltDesign, task: FeltTask, progress: Callable[[float]
         raise ValueError("simulated strokes have two fingers")
     played = replace(SCENARIOS[SCENARIO], build=partial(strokes, targets_um=task.targets_um))
     with _file_of(design, task.radius_mm, design.reach_um) as path:
-        settings = _settings(path, task.q_factor, FELT)
+        settings = _settings(path, task.q_factor)
         run = lockstep.run(played, settings=settings, seed=SEED, progress=progress)
     rates_um_s = np.gradient(run.modal_um, run.t_s, axis=0)
     patch_v = design.driven.patch_volts_v(run.modal_um.T, design.drive_hz, rates_um_s.T)
     within = np.all(patch_v <= design.driven.most_v[:, None], axis=0)
     each = tuple(1.0 - finger.weber_frac for finger in run.score.fingers)
-    return FeltMotion(run.score.felt_frac, each, float(np.mean(within)))
+    score = run.score
+    return FeltMotion(score.felt_frac, each, float(np.mean(within)), score.contact_slip_um, score.contact_leak_um)
 
 
 @contextmanager
-def _file_of(
-    design: ContactDesign | FeltDesign, radius_mm: float, reach_um: float | tuple[float, ...]
-) -> Iterator[Path]:
+def _file_of(design: FeltDesign, radius_mm: float, reach_um: tuple[float, ...]) -> Iterator[Path]:
     """Write the plate's file for as long as it is simulated. Raises ValueError."""
     if radius_mm != CONTACT_RADIUS_MM:
         raise ValueError(f"simulated contacts have a radius of {CONTACT_RADIUS_MM:g} mm")
@@ -112,38 +81,12 @@ def _file_of(
         yield path
 
 
-def _settings(path: Path, q_factor: float, objective: str) -> lockstep.Settings:
+def _settings(path: Path, q_factor: float) -> lockstep.Settings:
     from ..sim import lockstep
     from ..sim.plate.ground_truth import PlateSettings
 
     plate = replace(PlateSettings.of(str(path)), q_factor=q_factor)
-    return lockstep.Settings(plate=plate, config=Config(solver=replace(SolverConfig(), objective=objective)))
-
-
-def _of_all(progress: Callable[[float], None], played: int, share: float) -> None:
-    progress((played + share) / len(OBJECTIVES))
-
-
-def verdict(design: ContactDesign, drive: Drive, motion: Motion | str) -> str:
-    """Return what the plate gives fingers at rest and in motion, and whether the latter is enough.
-
-    `motion` is a reason where that is unknown; then the static bound is judged.
-    """
-    bound = (
-        f"{_plate_name(design.plate)}, driven at {design.drive_hz:g} Hz with {len(design.shapes)} modes "
-        f"({', '.join(shape.name for shape in design.shapes)}). Static bound, for fingers at rest: a slipping contact "
-        f"gets {design.slip_um:.2f} um, a still one {design.still_um:.3f} um, a contrast of {design.contrast:.1f}. "
-    )
-    if isinstance(motion, str):
-        enough_um = ENOUGH_SLIP_FRAC * drive.target_um
-        judged = _judged(design.contrast, design.slip_um, enough_um)
-        return f"{bound}In motion: not simulated, as {motion}. The static bound is {judged}."
-    judged = _judged(motion.contrast, motion.slip_um, ENOUGH_MOVING_FRAC * drive.target_um)
-    return (
-        f"{bound}In motion, {HOW}: both feel what was asked in {motion.felt_frac:.0%} of the time, or with "
-        f"`--objective {CONTRAST}` {motion.slip_um:.2f} um, {motion.still_um:.3f} um, a contrast of "
-        f"{motion.contrast:.1f}: {judged}."
-    )
+    return lockstep.Settings(plate=plate, config=Config(solver=replace(SolverConfig(), objective=FELT)))
 
 
 def felt_verdict(
@@ -162,6 +105,11 @@ def felt_verdict(
             f"friction as asked, in motion: {motion.felt_frac:.0%} of the time {HOW} (simulated; each finger "
             f"{_percents(motion.each_frac)}; within the patches' volts {motion.within_volts_frac:.0%} of the time)"
         )
+        if motion.still_um > 0.0 and motion.slip_um > 0.0:
+            lines.append(
+                f"contrast, in motion: {motion.slip_um / motion.still_um:.1f} (simulated; RMS over contacts: slipping "
+                f"{motion.slip_um:.2f} um, still {motion.still_um:.3f} um)"
+            )
         lacks = [] if motion.felt_frac >= ENOUGH_FELT else [f"less than {ENOUGH_FELT:.0%} in motion"]
     if study is not None:
         lines.append(
@@ -186,16 +134,7 @@ def _percents(shares: Sequence[float]) -> str:
     return ", ".join(f"{share:.0%}" for share in shares)
 
 
-def _judged(contrast: float, slip_um: float, enough_um: float) -> str:
-    lacks = []
-    if not contrast >= ENOUGH_CONTRAST:
-        lacks.append(f"less than a contrast of {ENOUGH_CONTRAST:g}")
-    if not slip_um >= enough_um:
-        lacks.append(f"less than {enough_um:.2f} um of slip")
-    return f"not enough for whole fingertips ({' and '.join(lacks)})" if lacks else "enough for whole fingertips"
-
-
-def _plate_name(plate: Plate) -> str:
+def _plate_name(plate: GluedPlate) -> str:
     width_mm, depth_mm = plate.size_mm
     of = plate.material
     name = next((name for name, known in MATERIALS.items() if known == of), f"a material of {of.young_gpa:g} GPa")

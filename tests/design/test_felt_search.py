@@ -9,9 +9,9 @@ import pytest
 
 from hapticd.design import ModeShape, free_plate_modes
 from hapticd.design.contact_pairs import random_fingers, surfaces
-from hapticd.design.contact_search import Plate
 from hapticd.design.felt_places import settle_felt, touches
 from hapticd.design.felt_search import FeltDesign, FeltTask, GluedModes, search
+from hapticd.design.glued_plate import GluedPlate
 from hapticd.design.materials import MATERIALS
 from hapticd.design.patch_places import along_edges, couplings, overlapping, places_for_reach
 
@@ -27,7 +27,7 @@ def shapes() -> list[ModeShape]:
 
 @pytest.fixture(scope="module")
 def designs() -> list[FeltDesign]:
-    plates = [Plate(SIZE_MM, mm, MATERIALS["glass"]) for mm in (2.0, 3.0)]
+    plates = [GluedPlate(SIZE_MM, mm, MATERIALS["glass"]) for mm in (2.0, 3.0)]
     return search(plates, [3], (28500.0, 30000.0), TASK, [KIT, (8.0, 8.0, 0.5)])
 
 

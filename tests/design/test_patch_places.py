@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.design import ModeShape, free_plate_modes
+from hapticd.design.glued_plate import Patch
 from hapticd.design.patch_places import couplings, edge_places, place_patches
 
 SIZE_MM, PATCH_MM = (200.0, 200.0), (10.0, 10.0)
@@ -40,6 +41,11 @@ def test_drive_and_sense_matrix_are_better_than_those_of_any_of_a_thousand_rando
     coupling /= np.abs(coupling).max(axis=1, keepdims=True)
     drawn = [random.choice(len(candidates_mm), len(shapes), replace=False) for _ in range(1000)]
     least = np.linalg.svd(coupling.T[drawn], compute_uv=False)[:, -1].max()
-    for patches in place_patches(shapes, patch_mm):
+    driving = place_patches(shapes, patch_mm)
+    taken = [Patch(x_mm, y_mm, patch_mm, 0.3) for x_mm, y_mm in driving.places_mm.tolist()]
+    sensing = place_patches(shapes, patch_mm, taken)
+    for patches in (driving, sensing):
         assert np.linalg.svd(patches.coupling, compute_uv=False)[-1] > least
         assert patches.condition < 2.0
+    apart_mm = np.abs(driving.places_mm[:, None] - sensing.places_mm)
+    assert np.any(apart_mm >= np.array(patch_mm) - 1e-9, axis=2).all()

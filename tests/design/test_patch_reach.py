@@ -61,7 +61,7 @@ def modes() -> list[tuple[float, ModeShape]]:
 
 
 def glued(modes: list[tuple[float, ModeShape]], patch_mm: tuple[float, float]) -> PatchDrive:
-    places_mm = place_patches([shape for _, shape in modes], patch_mm)[0].places_mm
+    places_mm = place_patches([shape for _, shape in modes], patch_mm).places_mm
     massless = Material(PZT.young_gpa, PZT.poisson, 1e-9, "weighs nothing")
     patches = [Patch(x_mm, y_mm, patch_mm, 0.5, massless) for x_mm, y_mm in places_mm.tolist()]
     return patch_drive(3.0, GLASS, patches, modes, Q_FACTOR)

@@ -9,9 +9,8 @@ import pytest
 from numpy.polynomial import legendre
 
 from hapticd.design import ModeShape
-from hapticd.design.contact_search import Plate
 from hapticd.design.felt_search import FeltDesign
-from hapticd.design.glued_plate import Patch
+from hapticd.design.glued_plate import GluedPlate, Patch
 from hapticd.design.materials import MATERIALS
 from hapticd.design.patch_reach import patch_drive
 from hapticd.design.plate_bounds import bounds, capacitance_f, stress_mpa
@@ -30,7 +29,7 @@ def sine() -> ModeShape:
 
 @pytest.fixture
 def design(sine: ModeShape) -> FeltDesign:
-    plate = Plate(SIZE_MM, 3.0, GLASS, (PATCH,))
+    plate = GluedPlate(SIZE_MM, 3.0, GLASS, (PATCH,))
     modes = ((29000.0, sine),)
     driven = patch_drive(3.0, GLASS, plate.patches, modes, 500.0)
     um, volts = np.full((10, 1), 4.0), np.full((10, 1), 80.0)

@@ -144,17 +144,6 @@ def test_a_file_that_describes_no_plate_is_refused_in_one_sentence(
     assert sentence in str(caught.value)
 
 
-def test_a_designed_plate_is_written_for_the_simulation(tmp_path: Path) -> None:
-    path = tmp_path / "plate.toml"
-    designed = "plate --contacts --size 200x200 --thickness 3 --modes 4 --drive 29375 --glass"
-    assert main([*designed.split(), str(path)]) == 0
-    found, shipped = find_glass(str(path)), find_glass("fingertip")
-    assert set(found.modes[:4]) == set(shipped.modes[:4])
-    assert found.drive_hz == shipped.drive_hz
-    mine, theirs = GroundTruth(PlateSettings.of(str(path))), GroundTruth(PlateSettings.of("fingertip"))
-    assert sorted(mine.w_limit_um) == pytest.approx(sorted(theirs.w_limit_um))
-
-
 def test_a_plate_has_the_reach_of_each_mode_and_the_modes_that_its_patches_make(tmp_path: Path) -> None:
     patch = "[[0.0, 75.0, 20.0, 10.0, 0.5]]"
     bare = GroundTruth(PlateSettings.of(written(tmp_path / "bare.toml", reach_um="[8.0, 2.0]")))

@@ -21,9 +21,10 @@ KIT = ["--place", "8x8x0.3", "--farthest", "600"]
 
 
 def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    files = {name: tmp_path / f"plate.{name}" for name in ("npz", "json", "toml")}
+    files = {name: tmp_path / f"plate.{name}" for name in ("npz", "png", "json", "toml")}
     glass = tmp_path / "glass.toml"
     outputs = ["--out", str(files["npz"]), "--json", str(files["json"]), "--config", str(files["toml"])]
+    outputs += ["--plot", str(files["png"])]
     assert main([*SMALL, *KIT, "--tolerances", "1", *outputs, "--glass", str(glass)]) == 0
     printed = capsys.readouterr().out
     found = json.loads(files["json"].read_text())
@@ -43,6 +44,24 @@ def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: 
     points_mm = np.random.default_rng(1).uniform(-45.0, 45.0, (50, 2))
     np.testing.assert_allclose(load_modes(config).evaluate(points_mm), truth.shapes(points_mm)[:, :2], atol=5e-3)
     assert [list(patch) for patch in find_glass(str(glass)).patches] == best["patches"]
+    assert files["png"].read_bytes().startswith(b"\x89PNG")
+    sensors = found["placement"]["sensors"]
+    assert np.array(sensors["coupling"]).shape == (2, 2)
+    away_mm = np.abs(np.array(sensors["places_mm"])[:, None] - np.array(best["patches"])[:, :2])
+    assert np.all(away_mm.max(axis=2) >= (3.0 + 8.0) / 2.0 - 1e-9)  # no sensor is over a patch
+    assert [line.split()[:2] for line in printed.splitlines() if line.startswith(("sensor", "stamp"))] == [
+        *(["sensor", str(index)] for index in (1, 2)),
+        *(["stamp", str(index)] for index in (1, 2, 3, 4)),
+    ]
+
+
+def test_a_plate_is_judged_with_the_patches_that_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    patches, made = ["--patch=-46,0,8x8x0.3", "--patch=0,46,8x8x0.3"], tmp_path / "made.json"
+    assert main([*SMALL, "--farthest", "600", *patches, "--json", str(made)]) == 0
+    (design,) = json.loads(made.read_text())["designs"]
+    assert design["patches"] == [[-46.0, 0.0, 8.0, 8.0, 0.3], [0.0, 46.0, 8.0, 8.0, 0.3]]
+    assert 0.0 < design["felt_frac"] <= design["within_volts_frac"]
+    assert "with 2 patches, driven at" in capsys.readouterr().out.splitlines()[-1]
 
 
 @pytest.mark.timeout(300)
@@ -66,12 +85,16 @@ def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys
         )
         == 0
     )
-    assert "friction as asked, in motion: " in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "friction as asked, in motion: " in printed
     assert main(["simulate", "strokes", "--alone", "--plate", str(glass), "--json", str(files["motion"])]) == 0
     found, played = (json.loads(file.read_text()) for file in files.values())
     assert found["motion"]["felt_frac"] == pytest.approx(played["hapticd"]["felt_frac"], abs=0.01)  # reach is rounded
     assert found["motion"]["felt_frac"] > 0.3
     assert 0.5 < found["motion"]["within_volts_frac"] <= 1.0
+    contrast = found["motion"]["slip_um"] / found["motion"]["still_um"]
+    assert contrast == pytest.approx(played["hapticd"]["contrast"], rel=0.01)
+    assert f"contrast, in motion: {contrast:.1f} (simulated" in printed
 
 
 def test_targets_are_frictions_or_amplitudes() -> None:
@@ -88,15 +111,23 @@ def test_targets_are_frictions_or_amplitudes() -> None:
         (["--felt", "2,0"], "--felt: 2 is out of bounds, it must be 0 .. 1: write frictions"),
         (["--felt", "0um,1"], "--felt: '0um,1' must be of 2 to 5 fingers, one of which slips."),
         (["--felt", "1um"], "must be of 2 to 5 fingers"),
-        (["--felt", "--contacts"], "--contacts: compares by contrast: omit it or --felt."),
-        (["--felt", "--reach", "4"], "--reach: follows from the patches that --felt places."),
-        (["--felt", "--patch", "0,0,8x8x0.3"], "--patch: --felt places the patches"),
+        (["--felt", "--modes", "9"], "--modes: 9 is out of bounds, it must be 2 .. 8"),
+        (["--felt", "--modes", "2.5"], "--modes: '2.5' is not a whole number"),
+        (["--felt", "--size", "240..150"], "--size: '240..150' is no range: write the lower end first"),
+        (["--felt", "--size", "1x2x3"], "--size: '1x2x3' has more than two edges"),
+        (["--felt", "--size", "10..1000"], "15150 plates are too many"),
+        (["--felt", "--thickness", "x"], "--thickness: 'x' is not a number"),
+        (["--felt", "--drive", "nan"], "--drive: nan is out of bounds"),
+        (["--felt", "--material", "glass/wood"], "there is no material 'wood'"),
+        (["--felt", "--patch", "1,2,3"], "--patch: '1,2,3' is no patch: write position and dimensions in mm"),
+        (["--felt", "--patch", "0,0,8x8x0.3", "--place", "8x8x0.3"], "--place: --patch says where the patches are"),
+        ([*SMALL[1:], "--patch=45,45,8x8x0.3"], "1 patches drive 2 modes; glue one for each."),
+        ([*SMALL[1:], "--patch", "48,0,8x8x0.3"], "the patch at 48,0 mm reaches over the plate's edge"),
         (["--felt", "--config", "x.toml"], "--config: names the plate's mode file: add --out F.npz."),
         (["--felt", "--glass", "x.toml", "--q", "300"], "--glass: a simulated plate has a quality of 500: omit --q."),
         (["--felt", "--place", "8x8"], "--place: '8x8': write sizes of patches in mm"),
         ([*SMALL[1:], "--modes", "8"], "No plate with its patches has 8 modes within 180 Hz of a drive"),
         ([*SMALL[1:], *KIT, "--place", "60x60x0.3"], "patches of 60x60 mm are too large for the plate's edges."),
-        (["--place", "8x8x0.3"], "--place: belongs to --contacts and --felt: add one of them."),
     ],
 )
 def test_what_cannot_be_searched_is_one_sentence(

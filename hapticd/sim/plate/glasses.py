@@ -7,7 +7,7 @@ wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two ha
             drive, the next one 506 Hz away. Eight patches of 15 x 15 x 0.5 mm are glued along its edges: the modes are
             those with their mass and stiffness, and the reach is theirs at 150 V (`hapticd plate --felt`).
 
-Another is read from a TOML file, as `hapticd plate --contacts` and `--felt` write it with `--glass F.toml`: the keys of
+Another is read from a TOML file, as `hapticd plate --felt --glass F.toml` writes it: the keys of
 `FILE_KEYS`, and `patches` where some are glued on.
 """
 
