@@ -10,13 +10,14 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from faulty_simulation import FaultySimulation
+
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.observer import Observer
 from hapticd.daemon.recorder import header_of
 from hapticd.daemon.self_calibration import KINDS, SelfCalibration
 from hapticd.design.touch.judge import LEAST_FOR_MAP_S
 from hapticd.files.recording.kinds import record_of
-from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.fingers.scenarios import Actor
 from hapticd.sim.lockstep import T_START_NS, Measured, Settings
 from hapticd.tools.touch_process import DUTY, Accumulator

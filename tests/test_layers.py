@@ -271,3 +271,17 @@ def test_a_name_of_many_homes_has_one() -> None:
                         homes.setdefault(target.id, []).append(module_of(path))
     single = ("Verdict", "Predictor", "Problem", "FloatArray", "ComplexArray", "FingerKey", "PeriodicTimer")
     assert {name: homes[name] for name in single if len(homes.get(name, [])) > 1} == {}
+
+
+def test_what_only_tests_use_lives_in_tests() -> None:
+    """Commands, textures and calibration steps are found by their folders; all else is imported or run by something."""
+    found_by_folder = ("core.targets.textures.", "tools.calibrate.", "compiled.")
+    commands = {command.module for command in COMMANDS.values()}
+    used = {
+        name.removeprefix("hapticd.")
+        for path in PACKAGE.rglob("*.py")
+        for name in (imported_names(path) | named_modules(path)) - {f"hapticd.{module_of(path)}"}
+    }
+    modules = {module_of(path).removeprefix("hapticd.") for path in layer_files() if path.name != "__init__.py"}
+    lone = {name for name in modules - used - commands if not name.startswith(found_by_folder)}
+    assert lone == set()

@@ -5,7 +5,6 @@ All run the firmware's own C against the plate model.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 
@@ -14,28 +13,14 @@ import numpy as np
 from ..core.solver.public import solve_batch
 from ..sim.board.board import Board, BoardTrace
 from ..sim.fingers.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
-from ..sim.plate.ground_truth import GroundTruth, PlateSettings
+from ..sim.plate.ground_truth import GroundTruth
 from ..sim.score import rms
 from ..sim.world import board_config, plate_model
 from ..values import FloatArray
-from .closed_loop import SETTLED_FRAC, Law, Phasors, Plate, follow, measure, step, step_trace, stepped, tracking_figures
+from .closed_loop import SETTLED_FRAC, Law, Phasors, Plate, follow, step, stepped, tracking_figures
 
 LARGE_UM = 2.0
-UNREACHABLE_UM = 3.9
 COUPLING_PHI, COUPLING_1_S = 0.9, 730.0
-
-
-def other_mode_frac(law: Law) -> float:
-    """The largest |W_Y| over 2 um while W_X steps by 2 um on the simulated plate with its parasitic modes.
-
-    Without crosstalk between the sensors: no control law can tell that from motion.
-    """
-    w_um = step(
-        _truth_board(law, GroundTruth(PlateSettings(sensor_crosstalk=0.0))),
-        np.zeros(2, complex),
-        np.array([LARGE_UM, 0j], dtype=np.complex128),
-    )
-    return float(np.abs(w_um[:, 1]).max()) / LARGE_UM
 
 
 def node_leak_um(law: Law) -> float:
@@ -59,22 +44,6 @@ def coupling_figures(law: Law, *, noise_um: float = 0.0) -> dict[str, float]:
     return {
         "coupled_um": float(other_um.max()),
         "coupled_ms": float(np.count_nonzero(other_um > SETTLED_FRAC)) * law.tick_ms,
-    }
-
-
-def saturation_figures(law: Law) -> dict[str, float]:
-    """A damped plate gets a reference beyond the voltage, then half of it: the phase error in saturation, and the time
-    to settle on the half."""
-    plate = Plate(damping=1.8)
-    asked: Phasors = np.array([UNREACHABLE_UM, 0.0], dtype=np.complex128)
-    trace = step_trace(law.board(plate), asked, 0.5 * asked)
-    ticks = law.phase_ticks
-    held, left = trace.plate_um[ticks - 20 : ticks, 0], trace.plate_um[ticks:, 0]
-    response = measure(np.concatenate((left, left, left)), UNREACHABLE_UM / 2, law.tick_ms, law.tick_ms)
-    return {
-        "phase_deg": math.degrees(float(np.abs(np.angle(held)).max())),
-        "release_ms": response.settling_ms,
-        "largest_voltage_v": float(np.abs(trace.voltage_v).max()),
     }
 
 

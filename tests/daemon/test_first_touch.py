@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from faulty_simulation import FaultySimulation
 
 from hapticd.daemon import board_gateway as board_gateway
-from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.fingers.paths import Rest, Touch
 from hapticd.sim.fingers.scenarios import Actor
 from hapticd.sim.lockstep import Settings

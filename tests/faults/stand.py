@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from faulty_simulation import FaultySimulation, Way
 
-from hapticd.sim.faulty import FaultySimulation, Way
 from hapticd.sim.fingers.scenarios import SCENARIOS, Actor
 from hapticd.sim.lockstep import T_START_NS, Run, Settings
 

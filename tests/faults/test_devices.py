@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from faulty_simulation import BOOT_S, FaultySimulation, Way
 from stand import (
     HANDSHAKE_MS,
     LED_DOWN_MS,
@@ -24,7 +25,6 @@ from stand import (
 )
 
 from hapticd import board_protocol as protocol
-from hapticd.sim.faulty import BOOT_S, FaultySimulation, Way
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 THREE_FRAMES_MS = 4 * PERIOD_MS + LINK_MS  # that the board takes as a sign of life, and one that moves

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faulty_simulation import FaultySimulation
 from stand import (
     HANDSHAKE_MS,
     LED_DOWN_MS,
@@ -23,7 +24,6 @@ from stand import (
 )
 
 import hapticd
-from hapticd.sim.faulty import FaultySimulation
 
 TTL_MS = 500.0
 PACKAGE = Path(hapticd.__file__).parent

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
+from faulty_line import Line, LineFaults
+from faulty_simulation import FaultySimulation
 from stand import Aftermath, lines, nanoseconds, rms_um, simulate, tell
-
-from hapticd.sim.board.line import Line, LineFaults
-from hapticd.sim.faulty import FaultySimulation
 
 FROM_S, UNTIL_S = 1.0, 3.0
 STICKY = 1

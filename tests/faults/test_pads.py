@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from faulty_simulation import FaultySimulation
 from stand import (
     LED_DOWN_MS,
     LINK_MS,
@@ -24,7 +25,6 @@ from stand import (
     worst,
 )
 
-from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.fingers.paths import Rest, Touch
 from hapticd.sim.fingers.scenarios import LAND_S, SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.wire.trackpad import STAMP_WRAP_MS

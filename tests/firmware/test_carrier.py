@@ -14,7 +14,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.sim.board import firmware
-from hapticd.sim.board.carrier import CHUNK, MID_RAIL, SAMPLE_HZ, SignalChain
+from hapticd.sim.board.carrier import SAMPLE_HZ
+
+from .signal_chain import CHUNK, MID_RAIL, SignalChain
 
 TURN = 1 << 32
 ENTRIES, ONE = 8192, 16384

@@ -26,13 +26,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from calibrating import CalibratingSimulation
+from faulty_simulation import FaultySimulation
 from soak.faults import KINDS, Kind, ReferenceMeter, Watch
 from soak.harness import ALL, Findings, added, judged
 
 from hapticd.bench import touching
 from hapticd.bench.tables import Table
 from hapticd.config.sections import Config, TrackpadConfig
-from hapticd.sim.faulty import FaultySimulation
 from hapticd.sim.fingers.paths import Circle, Path, Touch
 from hapticd.sim.fingers.scenarios import SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.sim.fingers.strokes import strokes_pair

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
+from faulty_line import Line, LineFaults
+from faulty_simulation import FaultySimulation, Way
 
 from hapticd import board_protocol as protocol
 from hapticd.core.board.supervisor import State
-from hapticd.sim.board.line import Line, LineFaults
-from hapticd.sim.faulty import FaultySimulation, Way
 from hapticd.sim.lockstep import T_START_NS
 from hapticd.wire.framing import FrameSplitter
 

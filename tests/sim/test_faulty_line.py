@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from faulty_line import Line, LineFaults
 from hypothesis import given
 from hypothesis import strategies as st
-
-from hapticd.sim.board.line import Line, LineFaults
 
 WRITES = [bytes((i, 255 - i, i ^ 85)) * 4 for i in range(200)]
 MS = 1_000_000

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import numpy.typing as npt
 
-from ..values import RawReport
-from .fingers.scenarios import Actor
-from .lockstep import T_START_NS, Measured, Settings, Simulation
+from hapticd.sim.fingers.scenarios import Actor
+from hapticd.sim.lockstep import T_START_NS, Measured, Settings, Simulation
+from hapticd.values import RawReport
 
 # Maps bytes that would arrive at t_ns to those that do, with their times.
 Way = Callable[[int, bytes], Iterable[tuple[int, bytes]]]
