@@ -248,6 +248,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
         ({"aiohttp"}, ("tools/view", "tools/study")),
         ({"prometheus_client", "pylsl"}, ("tools/stream",)),
         ({"mcap"}, ("files/recording/mcap_",)),
+        ({"distributed"}, ("tools/campaign",)),
         ({"scipy"}, ("bench", "tools/calibrate", "tools/study")),
     ],
 )

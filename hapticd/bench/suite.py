@@ -15,6 +15,7 @@ import numpy as np
 from .. import __version__
 from ..errors import UsageError
 from ..files.outputs import write_text
+from ..tools.campaign.runner import Campaign
 from ..tools.touches import Trace, recorded
 from . import (
     contact_forms,
@@ -34,12 +35,13 @@ from .tables import Table, plain, render
 
 
 class Extent(NamedTuple):
-    """Lengths of the parts that have one: seconds of paced passes; the recorded touches for predictions; and the
-    laboratories of each kind."""
+    """Lengths of the parts that have one: seconds of paced passes; the recorded touches for predictions; the
+    laboratories of each kind, and who plays them."""
 
     seconds: float
     touches: list[Trace] | None = None
     worlds: int = worlds.WORLDS
+    campaign: Campaign | None = None
 
 
 Part = Callable[[Extent], tuple[Table, ...]]
@@ -50,7 +52,7 @@ PARTS: dict[str, Part] = {
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run(), contact_forms.run()),
-    "worlds": lambda extent: worlds.run(worlds=extent.worlds),
+    "worlds": lambda extent: worlds.run(worlds=extent.worlds, campaign=extent.campaign),
     "firmware": lambda _: firmware.run(),
 }
 

@@ -9,11 +9,8 @@ too. A laboratory is one job for a process, since its runs share maps.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
-from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +23,7 @@ from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
 from ..sim.world_errors import CAUSES, NEUTRAL
 from ..sim.world_tolerances import LEVELS, draw
-from ..tools.progress import Progress
+from ..tools.campaign.runner import Campaign
 from ..tools.touch_correction import judged_by
 from . import touching
 from .tables import Table, finite_rows
@@ -70,7 +67,7 @@ def run(
     worlds: int = WORLDS,
     seconds: float = SECONDS,
     touching_s: float = touching.TOUCHING_S,
-    workers: int | None = None,
+    campaign: Campaign | None = None,
 ) -> tuple[Table, ...]:
     """Compare the schemes in `worlds` laboratories of each level, and the causes in those of the middle one."""
     points, contacts = Settings(), Settings(plate=PlateSettings.of(FINGERTIP))
@@ -83,7 +80,8 @@ def run(
     }
     jobs |= {(NOTHING_WRONG, seed): job(points, NOTHING_WRONG, seed, has_causes=False) for seed in few}
     jobs |= {(FINGERTIP, seed): job(contacts, LABORATORY, seed, has_causes=seed in few) for seed in seeds}
-    return tables(played(jobs, os.cpu_count() or 1 if workers is None else workers))
+    scores = (campaign or Campaign())("worlds", play, [*jobs.values()])
+    return tables(dict(zip(jobs, scores, strict=True)))
 
 
 def tables(done: Mapping[tuple[str, int], Scores]) -> tuple[Table, ...]:
@@ -110,23 +108,6 @@ class Job(NamedTuple):
     seconds: float
     touching_s: float
     has_causes: bool
-
-
-def played(jobs: Mapping[tuple[str, int], Job], workers: int) -> dict[tuple[str, int], Scores]:
-    """Return each job's scores, from this process or from `workers` others."""
-    done: dict[tuple[str, int], Scores] = {}
-    with Progress("worlds") as progress:
-        if workers == 1:
-            for key, job in jobs.items():
-                done[key] = play(job)
-                progress(len(done) / len(jobs))
-            return done
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            waiting = {pool.submit(play, job): key for key, job in jobs.items()}
-            for finished in as_completed(waiting):
-                done[waiting[finished]] = finished.result()
-                progress(len(done) / len(jobs))
-    return done
 
 
 def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:

@@ -14,6 +14,7 @@ from hapticd.sim import lockstep
 from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.lockstep import Settings
 from hapticd.sim.world_errors import CAUSES
+from hapticd.tools.campaign.runner import Campaign
 
 pytestmark = pytest.mark.long
 
@@ -23,7 +24,7 @@ SECONDS, TOUCHING_S = 1.0, 6.0
 
 @pytest.fixture(scope="module")
 def tables() -> dict[str, Table]:
-    return {table.name: table for table in worlds.run(worlds=1, seconds=SECONDS, touching_s=TOUCHING_S, workers=1)}
+    return {table.name: table for table in worlds.run(worlds=1, seconds=SECONDS, touching_s=TOUCHING_S)}
 
 
 def leak_um(table: Table, row: str) -> float:
@@ -61,8 +62,8 @@ def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, 
 
 
 def test_processes_give_what_one_process_gives() -> None:
-    jobs = {("mild", seed): worlds.Job(Settings(), "mild", seed, SECONDS, 2.0, has_causes=False) for seed in (1, 2)}
-    assert worlds.played(jobs, workers=2) == worlds.played(jobs, workers=1)
+    jobs = [worlds.Job(Settings(), "mild", seed, SECONDS, 2.0, has_causes=False) for seed in (1, 2)]
+    assert Campaign(2)("worlds", worlds.play, jobs) == [*map(worlds.play, jobs)]
 
 
 def strokes_leak_um(**errors: Any) -> float:
