@@ -32,7 +32,7 @@ from .active_reference import Passes
 from .fingers import fingertip
 from .fingers.fingertip import Fingertip
 from .fingers.pad_noise import FILTERED_NOISE, PadNoise
-from .fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, Scenario, paths_of
+from .fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Actor, Scenario, paths_of, with_motion
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel
 from .paper_scheme import paper_config, paper_pipeline
@@ -57,9 +57,11 @@ _NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 @dataclass(frozen=True, slots=True)
 class Settings:
     """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`; `fingertip` is the
-    contact of all fingers that have none of their own."""
+    contact of all fingers that have none of their own. `motion` is that of strokes, one of `MOTIONS`; `speed_mm_s` that
+    of smooth ones and of the other scenarios."""
 
     scheme: str = "hapticd"
+    motion: str = SMOOTH
     speed_mm_s: float = SPEED_MM_S
     noise: PadNoise = FILTERED_NOISE
     fingertip: Fingertip = fingertip.USUAL
@@ -75,6 +77,8 @@ class Settings:
         """Raise SimulationError, a ValueError, for invalid settings."""
         if self.scheme not in SCHEMES:
             raise SimulationError(f"there is no scheme {self.scheme!r}: choose one of {', '.join(SCHEMES)}.")
+        if self.motion not in MOTIONS:
+            raise SimulationError(f"there is no motion {self.motion!r}: choose one of {', '.join(MOTIONS)}.")
         for name in (*_POSITIVE, *_NOT_NEGATIVE):
             value = getattr(self, name)
             if not (math.isfinite(value) and (value > 0 or (value == 0 and name in _NOT_NEGATIVE))):
@@ -176,7 +180,7 @@ class Simulation:
     ) -> None:
         self.settings = settings
         self.seed = seed
-        self.actors = actors = played_actors(actors, settings.plate.world)
+        self.actors = actors = played_actors(with_motion(actors, settings.motion), settings.plate.world)
         self.fingertips = tuple(_fingertip(actor, settings.fingertip) for actor in actors)
         self._config = scheme_config(settings)
         plate = GroundTruth(settings.plate)

@@ -15,7 +15,7 @@ from ..config.sections import FELT, OBJECTIVES, Config, SolverConfig
 from ..errors import UsageError, reason
 from ..files import outputs
 from ..regular_file import named_when_whole, read_bounded
-from ..sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, Scenario
+from ..sim.fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
 from . import glass
 from .arguments import number, whole
@@ -49,7 +49,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed",
         type=number(0.0, MOST_MM_S, is_above=True),
         metavar="MM_S",
-        help="of a scenario's fingers (default 100)",
+        help="of a scenario's fingers (default 100); strokes have it with --motion smooth",
+    )
+    parser.add_argument(
+        "--motion",
+        choices=MOTIONS,
+        default=SMOOTH,
+        help="of strokes: real (speeds, stops and turns as of recorded hands) or smooth (straight, ramps of 0.3 s; the "
+        "default)",
     )
     parser.add_argument(
         "--noise",
@@ -92,7 +99,9 @@ def _simulate(options: argparse.Namespace) -> None:
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     config = Config(solver=replace(SolverConfig(), objective=options.objective))
-    settings = lockstep.Settings(speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate, config=config)
+    settings = lockstep.Settings(
+        motion=options.motion, speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate, config=config
+    )
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
         if options.record is None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,8 @@ import numpy.typing as npt
 from hapticd_contract.surfaces import VirtualPath
 
 from .fingertip import Fingertip
-from .paths import Circle, Line, Path, Rest, Touch, Touches, strokes_pair
+from .paths import Circle, Line, Path, Rest, Strokes, Touch, Touches, strokes_pair
+from .real_strokes import RealStrokes
 
 SLIPPERY_UM = 1.0  # the paper's W1
 STICKY_UM = 0.0
@@ -28,6 +29,7 @@ RING_MM = 38.0  # from the plate's centre: where three to five fingers circle
 STEP_S = 1.0
 STEP_POINT_MM = (44.1, 0.0)  # the inner plate's strongest antinode of mode X on the node line of mode Y
 STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps to 1 um
+REAL, SMOOTH = MOTIONS = ("real", "smooth")  # of strokes: as of recorded hands, or straight between ramps of speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,22 @@ class Scenario:
 def paths_of(actors: Sequence[Actor]) -> list[Path]:
     """Return the paths of the actors that touch the plate."""
     return [actor.path for actor in actors if actor.path is not None]
+
+
+def with_motion(actors: Sequence[Actor], motion: str) -> tuple[Actor, ...]:
+    """Return the same actors with strokes of this motion: each lands at the same place, and keeps its targets."""
+    if motion == SMOOTH:
+        return tuple(actors)
+    return tuple(actor if actor.path is None else replace(actor, path=_real(actor.path, 0.0)) for actor in actors)
+
+
+def _real(path: Path, down_s: float) -> Path:
+    """Return a path with the strokes of a hand that lands at `down_s` in place of smooth ones."""
+    if isinstance(path, Strokes):
+        return RealStrokes.like(path, down_s)
+    if isinstance(path, Touch):
+        return replace(path, path=_real(path.path, path.down_s))
+    return path
 
 
 def _touching(path: Path, amplitude_um: float) -> Actor:

@@ -1,0 +1,79 @@
+"""Strokes of a hand: their statistics are those of recorded touches, and a path is a function of time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hand_fit import APPLE, played, sensed, statistics
+
+from hapticd.sim import lockstep
+from hapticd.sim.fingers.paths import Path, strokes_pair
+from hapticd.sim.fingers.real_strokes import HAND, RealStrokes
+from hapticd.sim.fingers.scenarios import LAND_S, REAL, SCENARIOS, with_motion
+from hapticd.sim.lockstep import Settings
+
+OTHER_SEEDS = range(1, 6)  # than those that the hand was fitted on
+
+
+def figures(fingers: Sequence[Path], seconds: float) -> dict[str, float]:
+    """Statistics of fingers as the pad reports them."""
+    return statistics([sensed(finger, seed, seconds) for seed, finger in enumerate(fingers)])
+
+
+@pytest.mark.long
+def test_a_hand_moves_like_those_that_were_recorded() -> None:
+    found = statistics(played(HAND, OTHER_SEEDS, 20.0))
+    for name, wanted in APPLE.items():
+        assert found[name] == pytest.approx(wanted, rel=0.5 if name == "rest_frac" else 0.2), name
+
+
+def test_a_hand_is_as_fast_and_as_hard_to_predict_as_a_recorded_one_and_smooth_strokes_are_neither() -> None:
+    found, smooth = statistics(played(HAND, (1, 2), 10.0)), figures(strokes_pair(1), 10.0)
+    for name in ("speed_50_mm_s", "speed_95_mm_s", "curvature_1_mm_95", "corners_1_s", "ahead_15ms_mm"):
+        assert found[name] == pytest.approx(APPLE[name], rel=0.3), name
+        assert smooth[name] < 0.7 * APPLE[name], name
+
+
+def test_positions_do_not_depend_on_what_was_asked_before() -> None:
+    t_s = np.linspace(0.0, 40.0, 4001)
+    whole = RealStrokes(3).position_mm(t_s)
+    piecewise = RealStrokes(3)
+    backwards = [piecewise.position_mm(part) for part in np.array_split(t_s[::-1], 7)]
+    assert np.array_equal(np.concatenate(backwards)[::-1], whole)
+    assert not np.array_equal(RealStrokes(4).position_mm(t_s), whole)
+
+
+def test_a_hand_stays_on_the_plate_and_moves_without_jumps() -> None:
+    for seed in range(5):
+        path_mm = RealStrokes(seed).position_mm(np.arange(0.0, 30.0, 1e-3))
+        assert np.abs(path_mm).max() < 58.0
+        assert np.hypot(*np.diff(path_mm, axis=0).T).max() < 1.5  # mm in a millisecond
+
+
+def test_two_hands_keep_apart_nearly_always() -> None:
+    t_s = np.arange(0.0, 60.0, 0.01)
+    first = RealStrokes(2, (-30.0, 0.0))
+    second = RealStrokes(3, (30.0, 0.0), avoid=first)
+    apart_mm = np.hypot(*(first.position_mm(t_s) - second.position_mm(t_s)).T)
+    assert np.mean(apart_mm < 18.0) < 0.005
+    assert apart_mm.min() > 10.0
+
+
+@pytest.mark.parametrize("name", ["strokes", "both-slip", "virtual-finger"])
+def test_hands_land_where_smooth_strokes_do_with_their_targets(name: str) -> None:
+    smooth = SCENARIOS[name].build(5, 100.0)
+    for usual, hand in zip(smooth, with_motion(smooth, REAL), strict=True):
+        assert hand.steps_um == usual.steps_um
+        if usual.path is not None and hand.path is not None:
+            at_s = np.array([LAND_S - 0.01, LAND_S])
+            assert np.allclose(hand.path.position_mm(at_s), usual.path.position_mm(at_s), atol=0.05, equal_nan=True)
+
+
+def test_a_run_with_real_motion_repeats_itself_and_is_no_smooth_one() -> None:
+    first, again = (lockstep.run("strokes", settings={"motion": REAL}, seconds=0.8) for _ in range(2))
+    assert first.plate_um.tobytes() == again.plate_um.tobytes()
+    assert not np.array_equal(first.finger_true_mm, lockstep.run("strokes", seconds=0.8).finger_true_mm)
+    with pytest.raises(ValueError, match="choose one of real, smooth"):
+        Settings(motion="wild")
