@@ -52,14 +52,14 @@ class ModeCalibration:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class BoardCalibration:
     """The calibrated modes, and the drive to set; None: the board's own."""
 
     modes: tuple[ModeCalibration, ...] = ()
     drive_hz: float | None = None
 
 
-UNCALIBRATED: Final = Calibration()
+UNCALIBRATED: Final = BoardCalibration()
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ class SetWiring:
     feedthrough_um_per_v: tuple[tuple[complex, ...], ...]
 
     @classmethod
-    def of(cls, calibration: Calibration, modes: int) -> SetWiring | None:
+    def of(cls, calibration: BoardCalibration, modes: int) -> SetWiring | None:
         """Return the measured wires, a mode without any having its own; None if no mode has any."""
         if not any(measured.drive or measured.sense or measured.feedthrough_um_per_v for measured in calibration.modes):
             return None

@@ -17,6 +17,7 @@ named tuples, which cost a third of a frozen dataclass. Compiled modules create 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import NamedTuple
@@ -29,6 +30,7 @@ WEBER_FRAC = 0.11  # least relative change of friction that is felt (Gueorguiev 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 FingerKey = int | str  # a finger's id, or a virtual finger's name
+OnProgress = Callable[[float], None]  # called with the share of the work that is done, 0 .. 1
 
 # --- where the trackpad lies ------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ import pytest
 from pipeline_bench import MS, PLATE
 
 from hapticd import board_protocol as protocol
-from hapticd.board_values import UNCALIBRATED, Calibration
+from hapticd.board_values import UNCALIBRATED, BoardCalibration
 from hapticd.config.sections import Config
 from hapticd.core.board.supervisor import State
 from hapticd.core.plate.parasitic_modes import ParasiticModes
@@ -141,7 +141,7 @@ class Bench:
         self,
         *paths: Path,
         protocol_hash: int = protocol.PROTOCOL_HASH,
-        calibration: Calibration = UNCALIBRATED,
+        calibration: BoardCalibration = UNCALIBRATED,
         config: Config | None = None,
         observer: Callable[[Machine], Observer] | None = None,
         parasitic_modes: ParasiticModes | None = None,

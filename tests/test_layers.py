@@ -286,3 +286,23 @@ def test_what_only_tests_use_lives_in_tests() -> None:
     modules = {module_of(path).removeprefix("hapticd.") for path in layer_files() if path.name != "__init__.py"}
     lone = {name for name in modules - used - commands if not name.startswith(found_by_folder)}
     assert lone == set()
+
+
+# Names that others call (two decoders), and that each of two protocols has for its own request.
+HOMONYMS = {"Decoder", "HelloRequest"}
+
+
+@pytest.mark.parametrize("house", [(PACKAGE, CONTRACT), (CLIENT, CONTRACT)], ids=("daemon", "client"))
+def test_a_public_type_has_one_meaning(house: tuple[Path, ...]) -> None:
+    """A class or an alias that two modules define has two meanings: it is imported, renamed, or private (`_Name`)."""
+    found: dict[str, list[str]] = {}
+    for path in (path for part in house for path in sorted(part.rglob("*.py"))):
+        for node in parsed(path).body:
+            if isinstance(node, ast.Assign) and "TypeVar(" in ast.unparse(node.value):
+                continue
+            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+            named = [target.id for target in targets if isinstance(target, ast.Name)]
+            for name in [node.name] if isinstance(node, ast.ClassDef) else named:
+                if re.match(r"[A-Z][a-z]", name):
+                    found.setdefault(name, []).append(str(path.relative_to(PACKAGE.parent)))
+    assert {name: paths for name, paths in found.items() if len(paths) > 1 and name not in HOMONYMS} == {}

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..sim.board.board import (
     CHUNK_S,
@@ -25,11 +24,11 @@ from ..sim.board.board import (
     reference_gain_um_per_v_s,
 )
 from ..sim.score import rms
-from ..values import FloatArray, Knot, LimitReason, SafeDrive
+from ..values import ComplexArray, FloatArray, Knot, LimitReason, SafeDrive
 from ..wire import device
 
-Phasors = npt.NDArray[np.complex128]
-KnotsAt = Callable[[float], list[tuple[float, Phasors]]]  # of a frame that starts at an instant (s): ms after it, um
+# of a frame that starts at an instant (s): ms after it, um
+KnotsAt = Callable[[float], list[tuple[float, ComplexArray]]]
 
 SETTLED_FRAC = 0.02
 NOISE_UM = 0.00061  # one step of 14 bits over +-5 um
@@ -39,7 +38,7 @@ LANDED_DAMPING = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Plate:
+class LoopPlate:
     """The true plate: `damping` times the decay that the board knows, resonances `detune_hz` off.
 
     `loop_phase_rad` is the constant phase of both loops, `calibrated_phase_rad` the phase that the board compensates.
@@ -67,7 +66,7 @@ class Plate:
         return amplitude_um * demand_1_s <= 0.97 * reference_gain_um_per_v_s(self.quality) * LIMIT_V
 
 
-def straight_bound_ms(plate: Plate, amplitude_um: float) -> float:
+def straight_bound_ms(plate: LoopPlate, amplitude_um: float) -> float:
     """Shortest settling time (2 %) on a way that keeps its phase: dW/dt <= sqrt((g V)^2 - (detuning W)^2) - decay W.
 
     The amplitude is one that the voltage holds.
@@ -95,7 +94,7 @@ class Law:
     def phase_ticks(self) -> int:
         return round(PHASE_S * self.control_hz)
 
-    def board(self, plate: Plate, *, noise_um: float = NOISE_UM) -> Board:
+    def board(self, plate: LoopPlate, *, noise_um: float = NOISE_UM) -> Board:
         """A board with this law and that plate."""
         gain = reference_gain_um_per_v_s(plate.quality)
         config = BoardConfig(
@@ -116,7 +115,7 @@ class Law:
         )
         return Board(model, config=config)
 
-    def respond(self, plate: Plate, amplitude_um: float) -> Phasors:
+    def respond(self, plate: LoopPlate, amplitude_um: float) -> ComplexArray:
         """W_X (3 phases) each CHUNK_S from the first tick after the step on: 0 to `amplitude_um`, then fingers land and
         raise the decay by half of the bare plate's, then they lift."""
         ticks = self.phase_ticks
@@ -129,7 +128,7 @@ class Law:
         return between_ticks(trace, plate, landing_1_s[:, 0], self.tick_ms)[ticks:].ravel()
 
 
-def between_ticks(trace: BoardTrace, plate: Plate, contact_1_s: FloatArray, tick_ms: float) -> Phasors:
+def between_ticks(trace: BoardTrace, plate: LoopPlate, contact_1_s: FloatArray, tick_ms: float) -> ComplexArray:
     """W_X (ticks, chunks of a tick) from each tick on, exact: a tick's voltage takes over after the first chunk."""
     decay_1_s, detuning_rad_s = plate.decay_1_s, 2.0 * math.pi * (plate.detune_hz - 10.0)
     rate_1_s = -(decay_1_s + np.append(contact_1_s[1:], 0.0)) + 1j * detuning_rad_s
@@ -152,7 +151,7 @@ class Response(NamedTuple):
     dip_frac: float
 
 
-def measure(w_um: Phasors, amplitude_um: float, tick_ms: float, step_ms: float = CHUNK_S * 1e3) -> Response:
+def measure(w_um: ComplexArray, amplitude_um: float, tick_ms: float, step_ms: float = CHUNK_S * 1e3) -> Response:
     """Measure the result of `Law.respond`, or of another in rows of `step_ms`."""
     phase = len(w_um) // 3
     stepped, landed = w_um[:phase], w_um[phase : 2 * phase]
@@ -165,7 +164,7 @@ def measure(w_um: Phasors, amplitude_um: float, tick_ms: float, step_ms: float =
     )
 
 
-def settling_ms(w_um: Phasors, target_um: complex, tick_ms: float, step_ms: float | None = None) -> float:
+def settling_ms(w_um: ComplexArray, target_um: complex, tick_ms: float, step_ms: float | None = None) -> float:
     """Time after which the amplitude, in rows of `step_ms` or else of ticks, stays within 2 %; infinite if it does not.
 
     Counted from the instant at which the host asks; the board receives the step a tick later.
@@ -204,24 +203,24 @@ def follow(
     return trace
 
 
-def stepped(from_um: Phasors, to_um: Phasors) -> KnotsAt:
+def stepped(from_um: ComplexArray, to_um: ComplexArray) -> KnotsAt:
     """One reference for PHASE_S, then another."""
     return lambda t_s: [(0.0, to_um if t_s > PHASE_S - 1e-4 else from_um)]
 
 
-def step_trace(board: Board, from_um: Phasors, to_um: Phasors) -> BoardTrace:
+def step_trace(board: Board, from_um: ComplexArray, to_um: ComplexArray) -> BoardTrace:
     """0.1 s of one reference, then 0.1 s of another."""
     ticks = round(PHASE_S * board.config.control_hz)
     return follow(board, stepped(from_um, to_um), 2 * ticks, ticks // 10)
 
 
-def step(board: Board, from_um: Phasors, to_um: Phasors) -> Phasors:
+def step(board: Board, from_um: ComplexArray, to_um: ComplexArray) -> ComplexArray:
     """The plate's amplitudes from the tick of the step on."""
     trace = step_trace(board, from_um, to_um)
     return trace.plate_um[len(trace) // 2 :]
 
 
-def tracking_figures(reference_um: Phasors, plate_um: Phasors, tick_ms: float) -> dict[str, float]:
+def tracking_figures(reference_um: ComplexArray, plate_um: ComplexArray, tick_ms: float) -> dict[str, float]:
     """RMS error, the delay of least error, and the error without that delay."""
     delay_ticks = _delay_ticks(reference_um, plate_um)
     return {
@@ -231,7 +230,7 @@ def tracking_figures(reference_um: Phasors, plate_um: Phasors, tick_ms: float) -
     }
 
 
-def _delay_ticks(reference_um: Phasors, plate_um: Phasors) -> float:
+def _delay_ticks(reference_um: ComplexArray, plate_um: ComplexArray) -> float:
     """The delay of least error, to a hundredth of a tick: coarse over 20 ms, then finer and finer."""
     middle, step_ticks = 0.0, 1.0
     candidates = np.arange(-4.0, 40.0)
@@ -243,7 +242,7 @@ def _delay_ticks(reference_um: Phasors, plate_um: Phasors) -> float:
     return middle
 
 
-def _late_error_um(reference_um: Phasors, plate_um: Phasors, delay_ticks: float) -> float:
+def _late_error_um(reference_um: ComplexArray, plate_um: ComplexArray, delay_ticks: float) -> float:
     """RMS distance from the reference `delay_ticks` ago, linear between ticks; the ends are left out."""
     ticks = np.arange(50, len(plate_um) - 50)
     then = ticks - delay_ticks

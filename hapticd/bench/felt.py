@@ -13,20 +13,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.solver.felt import felt_points
 from ..core.solver.felt_descent import UNCERTAIN_FRAC
-from ..core.solver.instant import InstantSolver, Place
+from ..core.solver.instant import AskedPlace, InstantSolver
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM
-from ..values import WEBER_FRAC, FloatArray
+from ..values import WEBER_FRAC, ComplexArray, FloatArray
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
-Phasors = npt.NDArray[np.complex128]
 SIZES = ((2, 4), (2, 6), (2, 8), (3, 8), (5, 8))  # fingers and modes
 DRIVEN = 6
 REACH_MM, LEAST_GAP_MM = 85.0, 20.0
@@ -66,12 +64,12 @@ class _Problem:
             modal_um = tuple(map(complex, solver.solve(self.before, modal_um, 10 * AGO_NS).modal_um))
         return solver, modal_um
 
-    def errors_jnd(self, modal_um: Phasors) -> FloatArray:
+    def errors_jnd(self, modal_um: ComplexArray) -> FloatArray:
         square = np.abs(self._phi @ modal_um) ** 2 + UNCERTAIN_FRAC**2 * (self._phi**2 @ np.abs(modal_um) ** 2)
         frictions = DEFAULT_FRICTION_CURVE.frictions(np.sqrt(square), np.zeros(1)) @ self._weights
         return np.asarray((frictions / self._asked - 1.0) / WEBER_FRAC)
 
-    def _places(self, points_mm: FloatArray) -> list[Place]:
+    def _places(self, points_mm: FloatArray) -> list[AskedPlace]:
         return [
             (float(x_mm), float(y_mm), target_um)
             for (x_mm, y_mm), target_um in zip(points_mm, self.targets_um, strict=True)
@@ -121,26 +119,26 @@ def run(*, problems: int = 20, repeats: int = REPEATS, starts: int = STARTS) -> 
 
 def _solve_all(
     problems: Sequence[_Problem], rules: Sequence[tuple[InstantSolver, tuple[complex, ...]]]
-) -> list[Phasors]:
+) -> list[ComplexArray]:
     return [
         np.array(solver.solve(one.now, before_um, AGO_NS).modal_um)
         for one, (solver, before_um) in zip(problems, rules, strict=True)
     ]
 
 
-def _judged(problems: Sequence[_Problem], found_um: Sequence[Phasors]) -> dict[str, float]:
+def _judged(problems: Sequence[_Problem], found_um: Sequence[ComplexArray]) -> dict[str, float]:
     largest = [np.abs(one.errors_jnd(modal_um)).max() for one, modal_um in zip(problems, found_um, strict=True)]
     return {"felt_frac": float(np.mean(np.array(largest) <= 1.0)), "error_jnd": float(np.median(largest))}
 
 
-def _bound(optimize: Any, problem: _Problem, random: np.random.Generator, starts: int) -> Phasors:
+def _bound(optimize: Any, problem: _Problem, random: np.random.Generator, starts: int) -> ComplexArray:
     """Return the amplitudes with the least largest error that SLSQP finds; unknowns are W in parts, in units of the
     limits, and that error."""
     limits_um = np.array(problem.limits_um)
     count = len(limits_um)
 
-    def modal_um(unknowns: FloatArray) -> Phasors:
-        phasors: Phasors = (unknowns[:count] + 1j * unknowns[count : 2 * count]) * limits_um
+    def modal_um(unknowns: FloatArray) -> ComplexArray:
+        phasors: ComplexArray = (unknowns[:count] + 1j * unknowns[count : 2 * count]) * limits_um
         return phasors
 
     def rest(unknowns: FloatArray) -> FloatArray:

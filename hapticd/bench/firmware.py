@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..sim.board.board import CHUNK_S, BoardTrace
-from ..values import Knot, LimitReason, SafeDrive
+from ..values import ComplexArray, Knot, LimitReason, SafeDrive
 from ..wire import device
-from .closed_loop import Law, Phasors, Plate, Response, measure, straight_bound_ms
+from .closed_loop import Law, LoopPlate, Response, measure, straight_bound_ms
 from .loop_figures import LARGE_UM, coupling_figures, node_leak_um, sinusoid_figures, stroke_figures
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare
@@ -33,7 +33,7 @@ DAMPINGS = (0.5, 1.0, 1.5)
 NEAR_HZ, FAR_HZ = (-20.0, 0.0, 20.0), (-50.0, -20.0, 0.0, 20.0, 50.0)
 SINUSOID_HZ, STROKE_MM_S = 10.0, 100.0
 
-Respond = Callable[[Plate, float], Phasors]
+Respond = Callable[[LoopPlate, float], ComplexArray]
 
 
 def run(*, repeats: int = REPEATS, ticks: int = 2000) -> tuple[Table, Table]:
@@ -46,7 +46,7 @@ def _steps(repeats: int, ticks: int) -> Table:
     rows = []
     for name, law in LAWS.items():
         tick_ms = law.tick_ms
-        small, large = (measure(law.respond(Plate(), um), um, tick_ms, STEP_MS) for um in (SMALL_UM, LARGE_UM))
+        small, large = (measure(law.respond(LoopPlate(), um), um, tick_ms, STEP_MS) for um in (SMALL_UM, LARGE_UM))
         worst, far = (
             worst_response(law.respond, QUALITY, LARGE_UM, tick_ms, detunes_hz=detunes) for detunes in (NEAR_HZ, FAR_HZ)
         )
@@ -65,8 +65,8 @@ def _steps(repeats: int, ticks: int) -> Table:
         }
         rows.append((name, figures))
     bounds = {
-        "small_ms": Plate().bound_ms(SMALL_UM),
-        "large_ms": Plate().bound_ms(LARGE_UM),
+        "small_ms": LoopPlate().bound_ms(SMALL_UM),
+        "large_ms": LoopPlate().bound_ms(LARGE_UM),
         "worst_ms": max(plate.bound_ms(LARGE_UM) for plate in _corners(QUALITY, LARGE_UM, NEAR_HZ)),
         "far_ms": max(straight_bound_ms(plate, LARGE_UM) for plate in _corners(QUALITY, LARGE_UM, FAR_HZ)),
     }
@@ -91,9 +91,9 @@ def _steps(repeats: int, ticks: int) -> Table:
     )
 
 
-def _corners(quality: float, amplitude_um: float, detunes_hz: Sequence[float]) -> list[Plate]:
+def _corners(quality: float, amplitude_um: float, detunes_hz: Sequence[float]) -> list[LoopPlate]:
     """The corners in which the voltage can hold the amplitude."""
-    plates = [Plate(quality, damping, detune_hz) for damping in DAMPINGS for detune_hz in detunes_hz]
+    plates = [LoopPlate(quality, damping, detune_hz) for damping in DAMPINGS for detune_hz in detunes_hz]
     return [plate for plate in plates if plate.reaches(amplitude_um)]
 
 
@@ -132,7 +132,7 @@ def _tracking() -> Table:
 
 
 def _ticking(law: Law, ticks: int) -> Callable[[], object]:
-    board, trace = law.board(Plate()), BoardTrace(ticks, 2, 2)
+    board, trace = law.board(LoopPlate()), BoardTrace(ticks, 2, 2)
     phi, decay_1_s = np.zeros((ticks, 0, 2)), np.zeros((ticks, 0))
 
     def live() -> None:

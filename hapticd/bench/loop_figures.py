@@ -16,8 +16,8 @@ from ..sim.fingers.scenarios import SCENARIOS, SLIPPERY_UM, STICKY_UM
 from ..sim.plate.ground_truth import GroundTruth
 from ..sim.score import rms
 from ..sim.world import board_config, plate_model
-from ..values import FloatArray
-from .closed_loop import SETTLED_FRAC, Law, Phasors, Plate, follow, step, stepped, tracking_figures
+from ..values import ComplexArray, FloatArray
+from .closed_loop import SETTLED_FRAC, Law, LoopPlate, follow, step, stepped, tracking_figures
 
 LARGE_UM = 2.0
 COUPLING_PHI, COUPLING_1_S = 0.9, 730.0
@@ -26,7 +26,7 @@ COUPLING_PHI, COUPLING_1_S = 0.9, 730.0
 def node_leak_um(law: Law) -> float:
     """Largest vibration of a still finger while the other's amplitude steps: both modes move along its node."""
     still, along = np.array([0.6, -0.8]), np.array([0.8, 0.6], dtype=np.complex128)
-    w_um = step(law.board(Plate(), noise_um=0.0), 0.5 * along, 3.0 * along)
+    w_um = step(law.board(LoopPlate(), noise_um=0.0), 0.5 * along, 3.0 * along)
     return float(np.abs(w_um @ still).max())
 
 
@@ -38,7 +38,7 @@ def coupling_figures(law: Law, *, noise_um: float = 0.0) -> dict[str, float]:
     ticks, one = law.phase_ticks, np.array([1.0 + 0j, 0.0])
     phi, decay_1_s = np.full((2 * ticks, 1, 2), COUPLING_PHI), np.full((2 * ticks, 1), COUPLING_1_S)
 
-    board = law.board(Plate(), noise_um=noise_um)
+    board = law.board(LoopPlate(), noise_um=noise_um)
     trace = follow(board, stepped(0 * one, one), 2 * ticks, ticks // 10, (phi, decay_1_s))
     other_um = np.abs(trace.plate_um[:, 1])
     return {
@@ -50,13 +50,13 @@ def coupling_figures(law: Law, *, noise_um: float = 0.0) -> dict[str, float]:
 def tracking_trace(law: Law, f_hz: float) -> BoardTrace:
     """Sinusoids of 3 um, sent as polylines of 3 ms knots 90 times a second."""
 
-    def amplitudes(t_s: float) -> Phasors:
+    def amplitudes(t_s: float) -> ComplexArray:
         return 3 * np.array([np.sin(2 * np.pi * f_hz * t_s), np.cos(1.6 * np.pi * f_hz * t_s)]) + 0j
 
-    def knots(t_s: float) -> list[tuple[float, Phasors]]:
+    def knots(t_s: float) -> list[tuple[float, ComplexArray]]:
         return [(ms, amplitudes(t_s + ms * 1e-3)) for ms in range(0, 18, 3)]
 
-    return follow(law.board(Plate()), knots, round(0.8 * law.control_hz), round(0.011 * law.control_hz))
+    return follow(law.board(LoopPlate()), knots, round(0.8 * law.control_hz), round(0.011 * law.control_hz))
 
 
 def sinusoid_figures(law: Law, f_hz: float) -> dict[str, float]:
@@ -74,7 +74,7 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
     board = _truth_board(law, truth)
     ticks, period_s = round(seconds * law.control_hz), 0.011
 
-    def knots(now_s: float) -> list[tuple[float, Phasors]]:
+    def knots(now_s: float) -> list[tuple[float, ComplexArray]]:
         first = round(now_s * 1e3)
         return [(float(i), solved_um[min(first + i, len(solved_um) - 1)] + 0j) for i in range(17)]
 

@@ -21,7 +21,7 @@ from ..values import FloatArray
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
-Shapes = Callable[[float, float], Sequence[float]]  # of all modes at one position, in mm
+_Shapes = Callable[[float, float], Sequence[float]]  # of all modes at one position, in mm
 
 DEFAULT = "bicubic"
 W_LIMIT_UM = (4.0, 4.0)
@@ -62,8 +62,8 @@ def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3), repeats: int = R
     )
 
 
-def _ways(modes: ModeShapes, scipy: Any | None) -> dict[str, Shapes]:
-    ways: dict[str, Shapes] = {DEFAULT: modes.at, "bilinear": partial(_bilinear, modes, modes.shapes.tolist())}
+def _ways(modes: ModeShapes, scipy: Any | None) -> dict[str, _Shapes]:
+    ways: dict[str, _Shapes] = {DEFAULT: modes.at, "bilinear": partial(_bilinear, modes, modes.shapes.tolist())}
     if scipy is not None:
         surfaces = [scipy.RectBivariateSpline(modes.y_mm, modes.x_mm, shape) for shape in modes.shapes]
         ways["RectBivariateSpline"] = lambda x_mm, y_mm: [float(one.ev(y_mm, x_mm)) for one in surfaces]
@@ -82,7 +82,7 @@ def _bilinear(modes: ModeShapes, values: list[list[list[float]]], x_mm: float, y
     return [(1.0 - v) * low + v * high for low, high in zip(below, above, strict=True)]
 
 
-def _all(shapes: Shapes, points_mm: FloatArray) -> FloatArray:
+def _all(shapes: _Shapes, points_mm: FloatArray) -> FloatArray:
     """Return the mode matrices (pairs, 2, M)."""
     return np.array([[shapes(x_mm, y_mm) for x_mm, y_mm in pair] for pair in points_mm.tolist()])
 

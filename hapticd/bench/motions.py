@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..sim.fingers.pad_noise import FILTERED_NOISE, Firmware, PadNoise
-from ..sim.fingers.paths import Circle, Line, Path, Reach, Rest, Strokes
+from ..sim.fingers.paths import CirclePath, Line, Path, ReachPath, Rest, Strokes
 from ..values import FloatArray
 
 NOISE_MM, QUIET_NOISE_MM, STEP_MM, STAMP_ERROR_S = 0.05, 0.02, 0.02, 1e-3
@@ -48,7 +48,7 @@ class Motion(NamedTuple):
     noise_mm: float = NOISE_MM
 
 
-class Touch(NamedTuple):
+class MotionTouch(NamedTuple):
     """The pad's samples (stamp ns, x mm, y mm), the true time of each (T,), and the true path of the finger."""
 
     samples: list[tuple[int, float, float]]
@@ -56,19 +56,19 @@ class Touch(NamedTuple):
     path: Path
 
 
-def touch(motion: Motion, seed: int, period_s: float = PERIOD_S) -> Touch:
+def touch(motion: Motion, seed: int, period_s: float = PERIOD_S) -> MotionTouch:
     """The touch of a motion and seed."""
     return sense(motion.path(seed), motion.seconds, seed, noise=PadNoise(motion.noise_mm), period_s=period_s)
 
 
-def filtered_touch(motion: Motion, seed: int) -> Touch:
+def filtered_touch(motion: Motion, seed: int) -> MotionTouch:
     """The touch of a motion and seed on the pad whose firmware filters."""
     return sense(motion.path(seed), motion.seconds, seed, noise=FILTERED_NOISE)
 
 
 def sense(
     path: Path, seconds: float, seed: int, *, noise: PadNoise = _WHITE_NOISE, period_s: float = PERIOD_S
-) -> Touch:
+) -> MotionTouch:
     """Sample a path as a pad with this noise does."""
     firmware = Firmware(noise)
     rng = np.random.default_rng([seed, 5])
@@ -79,7 +79,7 @@ def sense(
     rounded_mm = STEP_MM * np.round(noisy_mm / STEP_MM)
     stamps_s = sampled_s + rng.uniform(-STAMP_ERROR_S, STAMP_ERROR_S, len(sampled_s))
     stamps_ns: list[int] = np.rint(stamps_s * 1e9).astype(np.int64).tolist()
-    return Touch([(t, x, y) for t, (x, y) in zip(stamps_ns, rounded_mm.tolist(), strict=True)], sampled_s, path)
+    return MotionTouch([(t, x, y) for t, (x, y) in zip(stamps_ns, rounded_mm.tolist(), strict=True)], sampled_s, path)
 
 
 def _straight(speed_mm_s: float) -> Motion:
@@ -110,14 +110,14 @@ def _sine(speed_mm_s: float) -> Motion:
 
 def _circle(speed_mm_s: float, radius_mm: float) -> Motion:
     return Motion(
-        lambda seed: Circle((0.0, 0.0), radius_mm, speed_mm_s if seed % 2 else -speed_mm_s, float(seed)), warm_up=20
+        lambda seed: CirclePath((0.0, 0.0), radius_mm, speed_mm_s if seed % 2 else -speed_mm_s, float(seed)), warm_up=20
     )
 
 
 def _reach(seed: int) -> Path:
     """Minimum jerk back and forth, one of three lengths."""
     length_mm, duration_s = REACHES[seed % len(REACHES)]
-    return Reach((0.0, 0.0), _polar(length_mm, 1.3 * seed), duration_s, REST_AFTER_REACH_S)
+    return ReachPath((0.0, 0.0), _polar(length_mm, 1.3 * seed), duration_s, REST_AFTER_REACH_S)
 
 
 def _stop(seed: int) -> Path:

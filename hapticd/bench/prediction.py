@@ -15,10 +15,10 @@ import numpy as np
 
 from ..core.prediction.motion import MotionModel, Sample
 from ..core.prediction.predictor import Predictor, PredictorFactory
-from ..sim.fingers.paths import Reach
+from ..sim.fingers.paths import ReachPath
 from ..values import FloatArray
 from .baselines import PREDICTORS
-from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, Touch, filtered_touch, touch
+from .motions import MOTIONS, REST_AFTER_REACH_S, STROKES, TURNS, MotionTouch, filtered_touch, touch
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare
 
@@ -95,14 +95,14 @@ def alternatives() -> dict[str, Make]:
     return {**PREDICTORS, LIBRARY: PredictorFactory.of(NumpyParabola)}
 
 
-def rms_mm(make: Make, motion: str, touches: Sequence[Touch], ahead_s: float = AHEAD_S) -> float:
+def rms_mm(make: Make, motion: str, touches: Sequence[MotionTouch], ahead_s: float = AHEAD_S) -> float:
     """RMS error over the touches without the motion's warm-up."""
     warm_up = MOTIONS[motion].warm_up
     errors_mm = [predicted_mm(make, one, ahead_s) - one.path.position_mm(one.sampled_s + ahead_s) for one in touches]
     return math.sqrt(np.mean(np.sum(np.concatenate([error_mm[warm_up:] for error_mm in errors_mm]) ** 2, axis=1)))
 
 
-def predicted_mm(make: Make, touched: Touch, ahead_s: float = AHEAD_S) -> FloatArray:
+def predicted_mm(make: Make, touched: MotionTouch, ahead_s: float = AHEAD_S) -> FloatArray:
     """(T, 2): after each sample, the position predicted for `ahead_s` after the true time of that sample."""
     predictor = make()
     predicted = []
@@ -112,11 +112,11 @@ def predicted_mm(make: Make, touched: Touch, ahead_s: float = AHEAD_S) -> FloatA
     return np.array(predicted)
 
 
-def overshoot_mm(make: Make, touches: Sequence[Touch]) -> float:
+def overshoot_mm(make: Make, touches: Sequence[MotionTouch]) -> float:
     """Distance of the farthest prediction beyond the end of a reach, mean over all ends."""
     farthest_mm = []
     for one in touches:
-        if not isinstance(one.path, Reach):
+        if not isinstance(one.path, ReachPath):
             raise TypeError("overshoot is defined for reaches")
         reach_mm = np.subtract(one.path.end_mm, one.path.start_mm)
         share = (predicted_mm(make, one) - one.path.start_mm) @ reach_mm / (reach_mm @ reach_mm)

@@ -38,7 +38,7 @@ class Call(NamedTuple):
         return int(self.arguments[-1])
 
 
-class Recording(NamedTuple):
+class RecordedCalls(NamedTuple):
     """The inputs of a run's machine; `timed` is the call that makes the passes to be timed."""
 
     calls: tuple[Call, ...]
@@ -50,7 +50,7 @@ class Recording(NamedTuple):
         """A pass that counts: made once everything has settled."""
         return call.name == self.timed and call.t_ns >= LANDED_NS
 
-    def with_messages(self, changed: Callable[[ClientTargets], ClientTargets]) -> Recording:
+    def with_messages(self, changed: Callable[[ClientTargets], ClientTargets]) -> RecordedCalls:
         """The same inputs with the client's messages as `changed`."""
         calls = [
             call._replace(arguments=(changed(call.arguments[0]), call.t_ns)) if call.name == "want" else call
@@ -67,7 +67,7 @@ def record(
     seconds: float,
     timed: str = "reports",
     changed: Callable[[ClientTargets], ClientTargets] = lambda message: message,
-) -> Recording:
+) -> RecordedCalls:
     """Play the actors in virtual time, and keep the machine's inputs; the client's messages as `changed`."""
     settings = Settings() if settings is None else settings
     simulation = Simulation(actors, settings, seed)
@@ -77,10 +77,10 @@ def record(
     want = simulation.machine.want
     vars(simulation.machine)["want"] = lambda message, t_ns: want(changed(message), t_ns)
     simulation.run(seconds)
-    return Recording(tuple(calls), timed, simulation.modes, simulation.parasitic_modes)
+    return RecordedCalls(tuple(calls), timed, simulation.modes, simulation.parasitic_modes)
 
 
-def new_machine(recording: Recording, config: Config | None = None, publish: Publish | None = None) -> Machine:
+def new_machine(recording: RecordedCalls, config: Config | None = None, publish: Publish | None = None) -> Machine:
     """A machine without inputs so far; what it writes to its board is discarded."""
     config = Config() if config is None else config
     return Machine(
@@ -89,7 +89,7 @@ def new_machine(recording: Recording, config: Config | None = None, publish: Pub
 
 
 def play(
-    recording: Recording,
+    recording: RecordedCalls,
     machine: Machine,
     *,
     before: Callable[[], None] | None = None,

@@ -11,23 +11,21 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..compiled import why_interpreted
 from ..core.solver import solve, solve_batch
-from ..core.solver.points.arithmetic import Row, Rows
+from ..core.solver.points.arithmetic import ModeRow, ModeRows
 from ..core.solver.points.general import solve_fast
 from ..core.solver.points.phase import solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from ..sim.score import rms
-from ..values import FloatArray
+from ..values import ComplexArray, FloatArray
 from .baselines.solver import POLICIES, solve_rows
 from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
-Phasors = npt.NDArray[np.complex128]
-Solver = Callable[[FloatArray, tuple[float, float]], FloatArray | Phasors]  # phi (K, 2, 2), targets -> modal_um (K, 2)
+Solver = Callable[[FloatArray, tuple[float, float]], FloatArray | ComplexArray]  # phi (K, 2, 2), targets -> (K, 2)
 
 ONE_STILL, BOTH_SLIP = (1.0, 0.0), (1.0, 0.6)
 DEFAULT = "solve_fast"
@@ -86,7 +84,7 @@ def _each(call: Callable[..., Sequence[complex]], phi: FloatArray, target_um: tu
     return np.array([call((tuple(one), tuple(other)), target_um, W_LIMIT_UM) for one, other in phi.tolist()])
 
 
-def _by_policy(policy: str, rows: Rows, targets: Row, limits: Row) -> Row:
+def _by_policy(policy: str, rows: ModeRows, targets: ModeRow, limits: ModeRow) -> ModeRow:
     return solve_rows(rows, targets, limits, policy=policy)[0]
 
 
@@ -119,5 +117,5 @@ def _daqp(daqp: Any, phi: FloatArray, target_um: tuple[float, float]) -> FloatAr
     return np.array(solved)
 
 
-def _achieved_um(phi: FloatArray, modal_um: FloatArray | Phasors) -> FloatArray:
+def _achieved_um(phi: FloatArray, modal_um: FloatArray | ComplexArray) -> FloatArray:
     return np.asarray(np.abs(np.einsum("knm,km->kn", phi, modal_um)))

@@ -44,9 +44,9 @@ class Extent(NamedTuple):
     campaign: Campaign | None = None
 
 
-Part = Callable[[Extent], tuple[Table, ...]]
+_Runner = Callable[[Extent], tuple[Table, ...]]
 
-PARTS: dict[str, Part] = {
+PARTS: dict[str, _Runner] = {
     "modes": lambda _: (modes.run(),),
     "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),

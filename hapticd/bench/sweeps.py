@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..board_values import Calibration
+from ..board_values import BoardCalibration
 from ..design.wiring import AmplifierSweep, fit_wiring
 from ..sim.lockstep import TICK_NS, Measured
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -31,4 +31,4 @@ def swept(settings: PlateSettings, seed: int) -> Measured:
         response = (follows_s * plate.gain_um_per_v_s[:, amplifier]) @ plate.sensor.T
         parts = random.standard_normal((2, *response.shape))
         sweeps.append(AmplifierSweep(amplifier, frequency_hz, response + noise * (parts[0] + 1j * parts[1])))
-    return Measured(plate.measured_mode_map(seed), Calibration(tuple(fit_wiring(sweeps).calibrations())))
+    return Measured(plate.measured_mode_map(seed), BoardCalibration(tuple(fit_wiring(sweeps).calibrations())))

@@ -32,7 +32,7 @@ _GAP = "  "
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class _Row:
     """One alternative and its figures."""
 
     name: str
@@ -50,7 +50,7 @@ class Table:
     name: str
     title: str
     default: str
-    rows: tuple[Row, ...]
+    rows: tuple[_Row, ...]
     compared: tuple[str, ...]
     time: str = ""
     error: str = ""
@@ -58,7 +58,7 @@ class Table:
     skipped: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    def row(self, name: str) -> Row:
+    def row(self, name: str) -> _Row:
         """Return the row of this name; KeyError if there is none."""
         for row in self.rows:
             if row.name == name:
@@ -69,7 +69,7 @@ class Table:
         """Return the names of all figures, in the order of their first appearance."""
         return list(dict.fromkeys(name for row in self.rows for name in row.figures))
 
-    def ratios(self, row: Row) -> dict[str, float]:
+    def ratios(self, row: _Row) -> dict[str, float]:
         """Return the compared figures over the default's, where both are positive numbers."""
         base = self.row(self.default).figures
         ratios: dict[str, float] = {}
@@ -136,7 +136,7 @@ class _Column:
         self.heading = stem(name).replace("_", " "), unit(name) + (" (spread)" if self._has_spread else "")
         self.width = max(len(text) for text in (*self.heading, *(self.cell(row) for row in table.rows)))
 
-    def cell(self, row: Row) -> str:
+    def cell(self, row: _Row) -> str:
         value = row.figures.get(self._name, math.nan)
         if not math.isfinite(value):
             return "-"
@@ -167,9 +167,9 @@ def number(value: float) -> str:
     return f"{value:.{max(digits, 0)}f}"
 
 
-def finite_rows(rows: Sequence[tuple[str, Mapping[str, float]]]) -> tuple[Row, ...]:
+def finite_rows(rows: Sequence[tuple[str, Mapping[str, float]]]) -> tuple[_Row, ...]:
     """Return rows with their finite figures as plain floats."""
-    return tuple(Row(name, _finite(figures)) for name, figures in rows)
+    return tuple(_Row(name, _finite(figures)) for name, figures in rows)
 
 
 def _finite(figures: Mapping[str, float]) -> dict[str, float]:

@@ -26,7 +26,7 @@ from ..compiled import why_interpreted
 from ..config.sections import Config
 from ..daemon.machine import Machine
 from ..sim.fingers.pad_noise import PadNoise
-from ..sim.fingers.paths import Circle, Touch
+from ..sim.fingers.paths import CirclePath, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
 from ..sim.lockstep import Settings, scheme_config
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
@@ -34,7 +34,7 @@ from ..sim.plate.ground_truth import PlateSettings
 from . import messages
 from .contact_forms import with_ellipses
 from .leak_runs import changed
-from .recording import Publish, Recording, WaitUntil, new_machine, play, record, sleep_until
+from .recording import Publish, RecordedCalls, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
 from .timing import REPEATS, least_by_pass, no_garbage_collection
 
@@ -48,7 +48,7 @@ _HALF_PLATE_MM = 68.75
 _SETTLE_S = 0.5  # from landing to the first pass that counts
 _SKIPPED = ("skipped_no_finger", "skipped_no_target", "skipped_standing")
 
-Figures = dict[str, dict[str, float]]  # by situation
+_Figures = dict[str, dict[str, float]]  # by situation
 
 
 def run(
@@ -77,7 +77,7 @@ def run(
     return table, messages.table(repeats)
 
 
-def _measured(seconds: float, repeats: int, passes: int, wait_until: WaitUntil = sleep_until) -> Figures:
+def _measured(seconds: float, repeats: int, passes: int, wait_until: WaitUntil = sleep_until) -> _Figures:
     situations = _situations(LAND_S + _SETTLE_S + max(seconds, passes * PERIOD_S))
     hot_us: dict[str, list[list[float]]] = {name: [] for name in situations}
     with no_garbage_collection():
@@ -95,7 +95,7 @@ def _measured(seconds: float, repeats: int, passes: int, wait_until: WaitUntil =
     }
 
 
-def _measured_as_python(repeats: int, passes: int) -> Figures:
+def _measured_as_python(repeats: int, passes: int) -> _Figures:
     done = subprocess.run(
         [sys.executable, "-P", "-m", __name__, str(repeats), str(passes)],
         env={**os.environ, "HAPTICD_PURE": "1"},
@@ -109,7 +109,7 @@ def _measured_as_python(repeats: int, passes: int) -> Figures:
 class _Situation:
     """Fingers and targets as a recording, and the configuration of the machine that replays it."""
 
-    recording: Recording
+    recording: RecordedCalls
     config: Config
     publish: Publish | None = None
 
@@ -171,13 +171,13 @@ def _five_fingers() -> tuple[Actor, ...]:
     return tuple(
         Actor(
             ((LAND_S, STICKY_UM if index < 2 else SLIPPERY_UM),),
-            path=Touch(Circle(centre_mm, 8.0, SPEED_MM_S, float(index)), LAND_S),
+            path=Touch(CirclePath(centre_mm, 8.0, SPEED_MM_S, float(index)), LAND_S),
         )
         for index, centre_mm in enumerate(_CENTRES_MM)
     )
 
 
-def _textured(recording: Recording) -> Recording:
+def _textured(recording: RecordedCalls) -> RecordedCalls:
     """The same touch; the slippery finger's target is a sine grating."""
     grating = Grating(period_mm=8.0, angle_rad=0.4, low_um=0.0, high_um=1.0, duty_frac=0.0)
 
@@ -190,7 +190,9 @@ def _textured(recording: Recording) -> Recording:
     return recording.with_messages(textured)
 
 
-def _on_surfaces(recording: Recording, count: int, modulated_hz: float = 0.0, on: str | None = "0 0") -> Recording:
+def _on_surfaces(
+    recording: RecordedCalls, count: int, modulated_hz: float = 0.0, on: str | None = "0 0"
+) -> RecordedCalls:
     """The same touch without targets on `_surfaces`."""
     return recording.with_messages(lambda message: _surfaces(message, count, modulated_hz, on))
 

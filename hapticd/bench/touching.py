@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ..board_values import Calibration as BoardCalibration
-from ..board_values import ModeCalibration
+from ..board_values import BoardCalibration, ModeCalibration
 from ..daemon.recorder import header_of
 from ..design.touch.judge import Judged
 from ..files.recording.kinds import record_of

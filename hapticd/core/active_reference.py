@@ -8,8 +8,8 @@ from typing import Final
 from ..values import SafeDrive, TouchPoint
 from .frame import NO_FINGERS, FramePlan, Participants
 from .phasors import Row
-from .plate.contact import Form
-from .solver.instant import Place
+from .plate.contact import EllipseForm
+from .solver.instant import AskedPlace
 from .trajectory.gate import silence
 from .ways import Ways, moved_mm
 
@@ -23,7 +23,11 @@ class Past:
     __slots__ = ("forms", "modal_um", "places", "stretches")
 
     def __init__(
-        self, modal_um: Row, places: list[Place], stretches: list[float], forms: list[Form | None] | None = None
+        self,
+        modal_um: Row,
+        places: list[AskedPlace],
+        stretches: list[float],
+        forms: list[EllipseForm | None] | None = None,
     ) -> None:
         self.modal_um: Final = modal_um
         self.places: Final = places
@@ -40,7 +44,7 @@ class ActiveReference:
         self.is_sent = True  # the board has it, or takes it next
         self.points: tuple[TouchPoint, ...] = ()
         self.limited = False
-        self._places: list[Place] = []
+        self._places: list[AskedPlace] = []
         self._t_settled_ns = 0
         self._recent = [self.drive]
         self._ways: Final = ways
@@ -55,7 +59,7 @@ class ActiveReference:
         self,
         drive: SafeDrive,
         fingers: Participants,
-        places: list[Place],
+        places: list[AskedPlace],
         points: tuple[TouchPoint, ...],
         *,
         limited: bool,
@@ -70,7 +74,7 @@ class ActiveReference:
         """Return whether it is for these fingers, and no longer changes: it may hold on."""
         return self.is_sent and t_apply_ns >= self._t_settled_ns and fingers.are(self.fingers)
 
-    def stands(self, plan: FramePlan, begin: list[Place], end: list[Place], most_knots: int) -> bool:
+    def stands(self, plan: FramePlan, begin: list[AskedPlace], end: list[AskedPlace], most_knots: int) -> bool:
         """Return whether it, having settled, still holds: from a frame's beginning to its end the fingers stay where
         it was made for."""
         steepness_um_mm = self._ways.steepness_1_mm * sum(abs(w_um) for w_um in self.drive.knots[-1].modal_um)
@@ -85,7 +89,7 @@ class ActiveReference:
         pieces, _, edges_ns = self._ways.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, most_knots)
         return pieces == 1 and not edges_ns
 
-    def points_at(self, places: list[Place]) -> tuple[TouchPoint, ...]:
+    def points_at(self, places: list[AskedPlace]) -> tuple[TouchPoint, ...]:
         """Return its fingers' points, at their present places."""
         return tuple(map(_moved, self.points, places))
 
@@ -102,7 +106,7 @@ class ActiveReference:
         return interpolated_um(active, t_ns)
 
 
-def _moved(point: TouchPoint, now: Place) -> TouchPoint:
+def _moved(point: TouchPoint, now: AskedPlace) -> TouchPoint:
     """A finger's point at its present place, for a reference that stays in force."""
     x_mm, y_mm, _ = now
     return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)

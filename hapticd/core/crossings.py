@@ -9,14 +9,14 @@ from ..values import Finger
 from .targets.costs import MAX_EDGES
 from .targets.effects import Held
 from .targets.layer import Layer
-from .targets.surfaces import Surfaces, crossing_ns, meeting
+from .targets.surfaces import SurfaceSet, crossing_ns, meeting
 from .touch.fingers import Fingers
 from .trajectory.knots import GRAIN_NS
 
 MAX_FOLLOWED: Final = 32  # crossings in one pass, of all fingers; of further layers only what has changed at its end
 
 
-class Touched:
+class TouchedContents:
     """A finger that was down in the last pass: where, what it is on, for which effects it presses hard enough, and for
     which of these it began to where they are."""
 
@@ -46,7 +46,7 @@ class Change(NamedTuple):
 class Crossings:
     """Follows fingers over the layers in force."""
 
-    def __init__(self, surfaces: Surfaces, fingers: Fingers, period_ns: int) -> None:
+    def __init__(self, surfaces: SurfaceSet, fingers: Fingers, period_ns: int) -> None:
         """`period_ns`: from one frame to the next."""
         self._surfaces: Final = surfaces
         self._fingers: Final = fingers
@@ -72,7 +72,7 @@ class Crossings:
             self._new = set()
         return True
 
-    def changes(self, touched: Touched, t_now_ns: int, t_plate_ns: int) -> list[Change]:
+    def changes(self, touched: TouchedContents, t_now_ns: int, t_plate_ns: int) -> list[Change]:
         """Return what has changed for a finger by now, then the edges that it will cross, in order."""
         found: list[Change] = []
         if touched.on:
@@ -133,7 +133,7 @@ class Crossings:
             found.append(Change(found[-1].t_ns if found else t_from_ns, layer, not is_on, True))
         return found
 
-    def _take_changed_layers(self, touched: Touched, t_now_ns: int, found: list[Change]) -> None:
+    def _take_changed_layers(self, touched: TouchedContents, t_now_ns: int, found: list[Change]) -> None:
         """Replace layers that a message has changed, which have another object, and leave those that are gone."""
         if self._known.issuperset(touched.on):
             return

@@ -10,8 +10,8 @@ from typing import Final
 from ..values import FingerKey, Knot
 from .phasors import Row
 from .pipeline_settings import PipelineCounters
-from .plate.contact import Form
-from .solver.instant import InstantSolver, ModalSolution, Place
+from .plate.contact import EllipseForm
+from .solver.instant import AskedPlace, InstantSolver, ModalSolution
 from .targets.scene import Scene
 from .touch.fingers import Fingers
 from .trajectory.knots import refine
@@ -26,7 +26,7 @@ class Participants:
 
     __slots__ = ("forms", "keys", "priorities")
 
-    def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[Form | None] | None) -> None:
+    def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[EllipseForm | None] | None) -> None:
         self.keys: Final = keys
         self.priorities: Final = priorities
         self.forms: Final = forms
@@ -45,7 +45,7 @@ class Instant:
 
     __slots__ = ("places", "stretches")
 
-    def __init__(self, places: list[Place], stretches: list[float] | None) -> None:
+    def __init__(self, places: list[AskedPlace], stretches: list[float] | None) -> None:
         self.places: Final = places
         self.stretches: Final = stretches
 
@@ -98,7 +98,7 @@ class FrameSolver:
         """Predict the fingers, and look up what each should feel where it will be."""
         scene = self._scene
         stretches: list[float] | None = [] if scene.depends_on_speed else None
-        places: list[Place] = []
+        places: list[AskedPlace] = []
         for key in keys:
             x_mm, y_mm = self._predicted_mm(key, t_ns)
             if stretches is not None:
@@ -119,7 +119,7 @@ class FrameSolver:
             return self._scene.virtual_position_mm(key, t_ns)
         return self._fingers.predicted_mm(key, t_ns)
 
-    def forms(self, keys: Sequence[FingerKey]) -> list[Form | None] | None:
+    def forms(self, keys: Sequence[FingerKey]) -> list[EllipseForm | None] | None:
         """Return the forms of contacts that the plate is driven for; None where all are discs, or points."""
         return self._fingers.forms(keys) if self._solver.has_contacts else None
 

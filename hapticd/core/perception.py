@@ -11,7 +11,7 @@ from typing import Final
 
 from .friction import FrictionCurve
 from .phasors import re_im
-from .plate.contact import Disc, Form
+from .plate.contact import Disc, EllipseForm
 from .plate.mode_shapes import ModeShapes
 
 RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
@@ -34,7 +34,7 @@ class ContactPerception:
         y_mm: float,
         modal_um: Sequence[complex],
         stretch: float,
-        form: Form | None = None,
+        form: EllipseForm | None = None,
     ) -> tuple[float, float]:
         """Return the mean friction over a contact relative to bare glass, and its RMS amplitude.
 
@@ -60,7 +60,7 @@ class ContactPerception:
         return self.curve.friction(target_um / stretch)
 
 
-def _formed(disc: Disc, form: Form) -> Disc:
+def _formed(disc: Disc, form: EllipseForm) -> Disc:
     xx_mm, xy_mm, yy_mm = form
     return [(xx_mm * u + xy_mm * v, xy_mm * u + yy_mm * v, weight) for u, v, weight in disc]
 

@@ -13,7 +13,7 @@ from hapticd_contract.effects import At, OnCrossing, OnEntering, OnLanding, OnLe
 from hapticd_contract.states import EventKind
 
 from ..values import FingerFrame
-from .crossings import Change, Crossings, Touched
+from .crossings import Change, Crossings, TouchedContents
 from .events import Events
 from .targets.effects import EVERYONE, Cause, Held, Playing
 from .targets.forms import ENDLESS_NS
@@ -35,8 +35,8 @@ class Triggers:
         self._fingers: Final = fingers
         self._period_ns = period_ns
         self._crossings: Final = Crossings(scene.surfaces, fingers, period_ns)
-        self._touched: dict[int, Touched] = {}
-        self._lifted: list[Touched] = []
+        self._touched: dict[int, TouchedContents] = {}
+        self._lifted: list[TouchedContents] = []
 
     def set_period(self, period_ns: int) -> None:
         """Take the time from one frame to the next to be this from now on."""
@@ -52,7 +52,7 @@ class Triggers:
         for finger in frame.fingers:
             touched = self._touched.get(finger.finger_id)
             if touched is None:
-                touched = self._touched[finger.finger_id] = Touched(finger, t_ns, t_device_ns)
+                touched = self._touched[finger.finger_id] = TouchedContents(finger, t_ns, t_device_ns)
                 self._add_event(EventKind.LANDED, touched)
             touched.finger, touched.t_ns, touched.t_device_ns = finger, t_ns, t_device_ns
 
@@ -103,7 +103,7 @@ class Triggers:
             elif isinstance(one.held.on, int):
                 self._fingers.release((one.held.on,))
 
-    def _apply(self, change: Change, touched: Touched, t_plate_ns: int) -> None:
+    def _apply(self, change: Change, touched: TouchedContents, t_plate_ns: int) -> None:
         """Take note of a layer that a finger enters or leaves."""
         t_ns, layer = change.t_ns, change.layer
         t_begin_ns = t_ns if change.is_crossing else t_plate_ns
@@ -115,13 +115,13 @@ class Triggers:
         else:
             self._leave(touched, layer, t_ns, t_begin_ns)
 
-    def _enter(self, touched: Touched, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
+    def _enter(self, touched: TouchedContents, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
         touched.on[layer] = None
         self._add_event(EventKind.ENTERED, touched, t_ns, layer=layer)
         self._end_by(OnLeaving, touched, layer, t_ns)
         self._start(OnEntering, touched, t_begin_ns, layer, t_ns)
 
-    def _leave(self, touched: Touched, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
+    def _leave(self, touched: TouchedContents, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
         self._add_event(EventKind.LEFT, touched, t_ns, layer=layer)
         self._end_by(OnEntering, touched, layer, t_ns)
         self._start(OnLeaving, touched, t_begin_ns, layer, t_ns)
@@ -155,7 +155,7 @@ class Triggers:
             return  # it came too late
         self._begin(held, None, EVERYONE, t_ns, t_begin_ns)
 
-    def _check_pressure(self, held: Held, touched: Touched, t_plate_ns: int) -> None:
+    def _check_pressure(self, held: Held, touched: TouchedContents, t_plate_ns: int) -> None:
         start, pressure_frac = held.effect.start, touched.finger.pressure_frac
         if not isinstance(start, OnPressure):
             return
@@ -182,7 +182,7 @@ class Triggers:
     def _start(
         self,
         cause: Cause,
-        touched: Touched,
+        touched: TouchedContents,
         t_begin_ns: int,
         layer: Layer | None = None,
         t_ns: int | None = None,
@@ -195,7 +195,7 @@ class Triggers:
                 playing_id = touched.finger.finger_id if finger_id is None else finger_id
                 self._begin(held, touched, playing_id, t_cause_ns, t_begin_ns)
 
-    def _begin(self, held: Held, touched: Touched | None, finger_id: int, t_ns: int, t_begin_ns: int) -> None:
+    def _begin(self, held: Held, touched: TouchedContents | None, finger_id: int, t_ns: int, t_begin_ns: int) -> None:
         if touched is not None:
             mine = touched.finger.finger_id
             t_last_ns = held.started_ns.get(mine)
@@ -215,14 +215,14 @@ class Triggers:
             elif one.held.is_gone or (one.finger_id != EVERYONE and one.finger_id not in self._touched):
                 self._stop(one, t_now_ns)
 
-    def _end_by(self, cause: Cause, touched: Touched, layer: Layer, t_ns: int) -> None:
+    def _end_by(self, cause: Cause, touched: TouchedContents, layer: Layer, t_ns: int) -> None:
         """End what this cause started and only its opposite ends."""
         for one in self._effects.playing:
             held = one.held
             if held.cause is cause and held.trigger is layer:
                 self._end_one(held, touched, t_ns)
 
-    def _end_one(self, held: Held, touched: Touched, t_ns: int) -> None:
+    def _end_one(self, held: Held, touched: TouchedContents, t_ns: int) -> None:
         for one in self._effects.playing:
             if one.held is held and one.finger_id == touched.finger.finger_id and one.end_ns >= ENDLESS_NS:
                 self._stop(one, t_ns)
@@ -239,7 +239,7 @@ class Triggers:
     def _add_event(
         self,
         kind: EventKind,
-        touched: Touched | None,
+        touched: TouchedContents | None,
         t_ns: int | None = None,
         layer: Layer | None = None,
         held: Held | None = None,
@@ -258,7 +258,7 @@ class Triggers:
         self.events.add(kind, t_ns, t_device_ns, finger.finger_id, place_mm, client, surface, effect)
 
 
-def _is_at(held: Held, touched: Touched) -> bool:
+def _is_at(held: Held, touched: TouchedContents) -> bool:
     """Return whether a finger is where an effect is."""
     on = held.on
     if on is None:

@@ -9,7 +9,7 @@ from typing import Final
 
 from ..values import FingerKey, Knot
 from .phasors import magnitude, re_im
-from .solver.instant import Place
+from .solver.instant import AskedPlace
 from .targets.scene import Scene
 from .targets.surfaces import Crossing
 from .touch.fingers import Fingers
@@ -75,7 +75,7 @@ class Ways:
         return largest_um * (change * change) / 8.0
 
 
-def moved_mm(before: Sequence[Place], after: Sequence[Place]) -> list[float]:
+def moved_mm(before: Sequence[AskedPlace], after: Sequence[AskedPlace]) -> list[float]:
     """Return how far each finger moves."""
     distances_mm = []
     for finger in range(len(before)):

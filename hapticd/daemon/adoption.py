@@ -33,21 +33,21 @@ STEEPER = 1.5  # times as steep as at the scan, or as flat: beyond is no map of 
 _CORNER_MM = 100.0  # of the largest plate
 
 
-class Pad(NamedTuple):
+class AdoptedPad(NamedTuple):
     """Where the pad lies, and how late it reports."""
 
     plate_from_pad: AffineMap
     latency_ns: int
 
-    def distance_mm(self, other: Pad) -> float:
+    def distance_mm(self, other: AdoptedPad) -> float:
         """Return the most by which a position on the plate differs."""
         corners = [(x_mm, y_mm) for x_mm in (-_CORNER_MM, _CORNER_MM) for y_mm in (-_CORNER_MM, _CORNER_MM)]
         return max(math.dist(self.plate_from_pad.apply(*one), other.plate_from_pad.apply(*one)) for one in corners)
 
 
-def configured_pad(config: Config) -> Pad:
+def configured_pad(config: Config) -> AdoptedPad:
     """Return the pad as configured."""
-    return Pad(plate_from_pad(config), round(config.trackpad.latency_ms * 1e6))
+    return AdoptedPad(plate_from_pad(config), round(config.trackpad.latency_ms * 1e6))
 
 
 class Correction(NamedTuple):
@@ -57,29 +57,29 @@ class Correction(NamedTuple):
     offset_mm: tuple[float, float]
     latency_s: float
 
-    def of(self, pad: Pad) -> Pad:
+    def of(self, pad: AdoptedPad) -> AdoptedPad:
         """Return the corrected pad."""
         linear, before = AffineMap(*self.matrix), pad.plate_from_pad
         (xx, yx), (xy, yy) = linear.apply(before.xx, before.yx), linear.apply(before.xy, before.yy)
         place_mm = AffineMap(*self.matrix, *self.offset_mm).apply(before.offset_x_mm, before.offset_y_mm)
         after = AffineMap(xx, xy, yx, yy, *place_mm)
         low_ns, high_ns = LATENCY_NS
-        return Pad(after, round(min(max(pad.latency_ns + 1e9 * self.latency_s, low_ns), high_ns)))
+        return AdoptedPad(after, round(min(max(pad.latency_ns + 1e9 * self.latency_s, low_ns), high_ns)))
 
 
 @dataclass(slots=True)
 class Adoption:
     """The way from the pad in force to the one that was found. `configured` is what it may not leave far."""
 
-    configured: Pad
-    now: Pad
-    _start: Pad | None = None
-    _target: Pad | None = None
+    configured: AdoptedPad
+    now: AdoptedPad
+    _start: AdoptedPad | None = None
+    _target: AdoptedPad | None = None
     _done: int = 0
     _steps: int = 0
 
     @classmethod
-    def of(cls, configured: Pad) -> Adoption:
+    def of(cls, configured: AdoptedPad) -> Adoption:
         """Begin with the configured pad."""
         return cls(configured, configured)
 
@@ -101,7 +101,7 @@ class Adoption:
         self._start, self._target, self._done = self.now, target if self._steps else None, 0
         return True
 
-    def step(self) -> Pad | None:
+    def step(self) -> AdoptedPad | None:
         """Return the pad to take now; None where none is due."""
         if self._start is None or self._target is None:
             return None
@@ -112,12 +112,12 @@ class Adoption:
         return self.now
 
 
-def _between(start: Pad, target: Pad, share: float) -> Pad:
+def _between(start: AdoptedPad, target: AdoptedPad, share: float) -> AdoptedPad:
     if share >= 1.0:
         return target
     parts = zip(astuple(start.plate_from_pad), astuple(target.plate_from_pad), strict=True)
     moved = AffineMap(*(before + share * (after - before) for before, after in parts))
-    return Pad(moved, start.latency_ns + round(share * (target.latency_ns - start.latency_ns)))
+    return AdoptedPad(moved, start.latency_ns + round(share * (target.latency_ns - start.latency_ns)))
 
 
 class PlateChange(NamedTuple):

@@ -20,11 +20,11 @@ from ..board_protocol import (
     SetBaud,
 )
 from ..board_values import (
+    BoardCalibration,
     BoardCommand,
     BoardHello,
     BoardMessage,
     BoardStatus,
-    Calibration,
 )
 from ..config.sections import Config
 from ..core.board.session import SILENT, STOPPED_AFTER_NS, BoardSession
@@ -58,7 +58,7 @@ class BoardGateway:
     def __init__(
         self,
         config: Config,
-        calibration: Calibration,
+        calibration: BoardCalibration,
         *,
         write: Callable[[bytes], int | None],
         set_baud: Callable[[int], None] | None = None,

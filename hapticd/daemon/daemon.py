@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..board_values import UNCALIBRATED, Calibration
+from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
 from ..core.budget import OVERRUN_NS, Slowness
 from ..core.plate.mode_shapes import ModeShapes
@@ -69,7 +69,7 @@ class Daemon:
         board_port: str,
         trackpad: TrackpadSource,
         programs: Programs,
-        calibration: Calibration = UNCALIBRATED,
+        calibration: BoardCalibration = UNCALIBRATED,
         parasitic_modes: ParasiticModes | None = None,
         notifier: Notifier | None = None,
         remote: Remote | None = None,

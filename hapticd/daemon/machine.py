@@ -16,7 +16,7 @@ from hapticd_contract.replies import Plate
 from hapticd_contract.targets import ClientTargets
 
 from ..board_protocol import BoardState
-from ..board_values import UNCALIBRATED, Calibration
+from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.perception import ContactPerception
@@ -58,7 +58,7 @@ class Machine:
         set_baud: Callable[[int], None] | None = None,
         publish: Callable[[bytes], None] | None = None,
         instance: int = 1,
-        calibration: Calibration = UNCALIBRATED,
+        calibration: BoardCalibration = UNCALIBRATED,
         parasitic_modes: ParasiticModes | None = None,
         pipeline: PipelineSettings | None = None,
     ) -> None:

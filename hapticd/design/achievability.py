@@ -13,7 +13,7 @@ median (Bloomfield and Steiger, Least Absolute Deviations, 1983).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple
@@ -25,19 +25,18 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve_batch
 from hapticd.values import FloatArray
 
+from ..values import OnProgress
+
 FULL_FRAC = 1.0 - 1e-9  # tolerates the solver's rounding of a target that is met
 _RANK_FRAC = 1e-12  # of the largest singular value: below it a still finger repeats the others
 
 
-class Finger(NamedTuple):
+class MapFinger(NamedTuple):
     """Position and target amplitude of a finger that does not move over the plate; 0 um is still."""
 
     x_mm: float
     y_mm: float
     target_um: float
-
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +90,13 @@ class PairMap:
 
 def achievability_map(
     modes: ModeShapes,
-    fingers: Sequence[Finger],
+    fingers: Sequence[MapFinger],
     other_um: float,
     limit_um: Sequence[float],
     *,
     size_mm: tuple[float, float],
     cells: int,
-    progress: Progress = lambda _: None,
+    progress: OnProgress = lambda _: None,
 ) -> AchievabilityMap:
     """Return the map of cells x cells over a plate of `size_mm`; limit_um (M,). Raises ValueError as `solve`.
 
@@ -131,7 +130,7 @@ def pair_map(
     *,
     size_mm: tuple[float, float],
     cells: int,
-    progress: Progress = lambda _: None,
+    progress: OnProgress = lambda _: None,
 ) -> PairMap:
     """Count the pairs where the slipping finger reaches `target_um`; limit_um (M,). It takes time of order
     cells^4, and shows the positions that lower the mean, which random pairs would not. `progress` is called with
@@ -158,7 +157,7 @@ def cell_centres(size_mm: tuple[float, float], cells: int) -> tuple[FloatArray, 
 
 def achievable_share(
     modes: ModeShapes,
-    fingers: Sequence[Finger],
+    fingers: Sequence[MapFinger],
     other_um: float,
     limit_um: Sequence[float],
     points_mm: npt.ArrayLike,
@@ -211,14 +210,14 @@ def least_deviation(slipping: FloatArray, basis: FloatArray, limits: FloatArray)
     return least
 
 
-def _mode_matrices(modes: ModeShapes, fingers: Sequence[Finger], points_mm: FloatArray) -> FloatArray:
+def _mode_matrices(modes: ModeShapes, fingers: Sequence[MapFinger], points_mm: FloatArray) -> FloatArray:
     """Return Phi (K, N + 1, M), its last row the other finger at each of the points."""
     here = modes.evaluate(np.array([finger[:2] for finger in fingers], np.float64).reshape(-1, 2))
     there = modes.evaluate(points_mm)[:, None, :]
     return np.concatenate((np.broadcast_to(here, (len(points_mm), *here.shape)), there), axis=1)
 
 
-def _targets(fingers: Sequence[Finger], other_um: float) -> FloatArray:
+def _targets(fingers: Sequence[MapFinger], other_um: float) -> FloatArray:
     return np.array([*(finger.target_um for finger in fingers), other_um], np.float64)
 
 
@@ -237,7 +236,7 @@ def _reach_of_one(phi: FloatArray, target_um: FloatArray, limit_um: Sequence[flo
 
 
 def _slope_um_mm(
-    modes: ModeShapes, fingers: Sequence[Finger], points_mm: FloatArray, target_um: FloatArray, modal_um: FloatArray
+    modes: ModeShapes, fingers: Sequence[MapFinger], points_mm: FloatArray, target_um: FloatArray, modal_um: FloatArray
 ) -> FloatArray:
     """Return the largest |grad W| at a still finger (K,)."""
     steepest = np.zeros(len(points_mm))

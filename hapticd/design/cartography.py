@@ -35,7 +35,7 @@ from .free_fit import FreePlateModes
 from .pose import NOMINAL, Pose
 from .readings import InPhase, Readings, in_phase, numbers, outliers
 from .smoothing import PlateBasis, Smoothed
-from .wave_number import Start, plate_wave, scattered, wave_number
+from .wave_number import FitStart, plate_wave, scattered, wave_number
 from .wave_number import start as _start
 
 REFERENCE_SIZE_MM = (137.5, 137.5)
@@ -177,7 +177,7 @@ class _Best(NamedTuple):
     pose: Pose
 
 
-def _without_outliers(start: Start, points_mm: FloatArray, readings: Readings, by: str) -> tuple[InPhase, _Best]:
+def _without_outliers(start: FitStart, points_mm: FloatArray, readings: Readings, by: str) -> tuple[InPhase, _Best]:
     """Return the readings without outliers, and their fit."""
     for _ in range(_MOST_ROUNDS):
         aligned = in_phase(readings)
@@ -191,7 +191,7 @@ def _without_outliers(start: Start, points_mm: FloatArray, readings: Readings, b
     return aligned, best
 
 
-def _fit(start: Start, points_mm: FloatArray, values: FloatArray, by: str) -> _Best:
+def _fit(start: FitStart, points_mm: FloatArray, values: FloatArray, by: str) -> _Best:
     """Return the fit named `by`; "best" is the one with the smaller prediction error."""
     basis = start.basis
     scan = scattered(basis, points_mm, values)

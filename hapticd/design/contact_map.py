@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..values import FloatArray
-from .achievability import Progress, cell_centres
-from .contact_pairs import Shapes, contact_rms_um, grams, settle
+from ..values import FloatArray, OnProgress
+from .achievability import cell_centres
+from .contact_pairs import ShapeMaps, contact_rms_um, grams, settle
 
 _BLOCK = 2000  # positions solved at a time
 
@@ -34,7 +34,7 @@ class ContactMap:
 
 
 def contact_map(
-    shapes: Shapes,
+    shapes: ShapeMaps,
     still_mm: Sequence[tuple[float, float]],
     target_um: float,
     limits_um: Sequence[float],
@@ -42,7 +42,7 @@ def contact_map(
     radius_mm: float,
     size_mm: tuple[float, float],
     cells: int,
-    progress: Progress = lambda _: None,
+    progress: OnProgress = lambda _: None,
 ) -> ContactMap:
     """Return the map of cells x cells; still_mm has one position or more. `progress` is called with the share done."""
     x_mm, y_mm, points_mm = cell_centres(size_mm, cells)

@@ -40,7 +40,7 @@ _TINY_UM = 1e-9
 _AT_REST = np.zeros(1)
 
 
-class Shapes(Protocol):
+class ShapeMaps(Protocol):
     """Mode shapes that can be evaluated at many points: splines or a mode map."""
 
     def evaluate(self, points_mm: FloatArray, /) -> FloatArray:
@@ -79,7 +79,7 @@ def surfaces(shapes: Sequence[ModeShape]) -> BicubicSurfaces:
     return BicubicSurfaces(axes[0], axes[1], np.stack([shape.on_grid(*axes) for shape in shapes]))
 
 
-def grams(shapes: Shapes, points_mm: FloatArray, radius_mm: float) -> FloatArray:
+def grams(shapes: ShapeMaps, points_mm: FloatArray, radius_mm: float) -> FloatArray:
     """Return the Gram matrices (M, M, ...) of discs about `points_mm` (..., 2). Points off the plate have its edge's
     shapes."""
     offsets_mm, weights = disc(radius_mm)

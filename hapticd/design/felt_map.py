@@ -11,8 +11,9 @@ import numpy as np
 from hapticd.core.friction import FrictionCurve
 from hapticd.values import FloatArray
 
-from .achievability import Progress, cell_centres
-from .contact_pairs import EDGE_MM, Shapes, random_fingers
+from ..values import OnProgress
+from .achievability import cell_centres
+from .contact_pairs import EDGE_MM, ShapeMaps, random_fingers
 from .felt_places import ENOUGH_JND, settle_felt, touches_at
 
 _BLOCK = 200  # places solved at a time
@@ -51,7 +52,7 @@ class FeltPairs:
 
 
 def felt_map(
-    shapes: Shapes,
+    shapes: ShapeMaps,
     fingers_mm: Sequence[tuple[float, float]],
     frictions: Sequence[float],
     limits_um: Sequence[float],
@@ -60,7 +61,7 @@ def felt_map(
     radius_mm: float,
     size_mm: tuple[float, float],
     cells: int,
-    progress: Progress = lambda _: None,
+    progress: OnProgress = lambda _: None,
 ) -> FeltMap:
     """Return the map of cells x cells; `frictions` (N + 1,), 0 .. 1, are asked of the fingers, the other one last."""
     x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
@@ -71,7 +72,7 @@ def felt_map(
 
 
 def felt_pairs(
-    shapes: Shapes,
+    shapes: ShapeMaps,
     frictions: Sequence[float],
     limits_um: Sequence[float],
     curve: FrictionCurve,
@@ -81,7 +82,7 @@ def felt_pairs(
     cells: int,
     count: int,
     seed: int = 1,
-    progress: Progress = lambda _: None,
+    progress: OnProgress = lambda _: None,
 ) -> FeltPairs:
     """Return the shares of `count` random pairs of two frictions. Raises ValueError for a plate without room."""
     places_mm = random_fingers(size_mm, count, seed)
@@ -103,13 +104,13 @@ def _shares(at_mm: FloatArray, is_felt: FloatArray, room_mm: tuple[float, float]
 
 
 def _errors_jnd(
-    shapes: Shapes,
+    shapes: ShapeMaps,
     places_mm: FloatArray,
     frictions: Sequence[float],
     limits_um: Sequence[float],
     curve: FrictionCurve,
     radius_mm: float,
-    progress: Progress,
+    progress: OnProgress,
 ) -> FloatArray:
     """Return the error of each finger (P, N) at `places_mm` (P, N, 2)."""
     targets_um = [curve.amplitude_um(friction) for friction in frictions]

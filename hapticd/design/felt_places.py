@@ -19,7 +19,7 @@ from hapticd.core.solver.felt import COLD_ITERATIONS, COLD_TURN_RAD, STAY_FRAC, 
 from hapticd.core.solver.felt_descent import descend
 from hapticd.values import WEBER_FRAC, ComplexArray, FloatArray
 
-from .contact_pairs import Shapes, disc, random_fingers
+from .contact_pairs import ShapeMaps, disc, random_fingers
 
 FINE = (6, 20)  # radii and angles of the judgement: |w| has kinks, where contacts are crossed by nodal lines
 STARTS = 4  # eight find 0 .. 2 % more places
@@ -28,7 +28,7 @@ _AT_REST = np.zeros(1)
 
 
 @dataclass(frozen=True, slots=True)
-class Touches:
+class PlateTouches:
     """Shapes of M modes under N contacts at P places: `solved` (P, N, 12, M) at the solver's points and `true`
     (P, N, Q, M) at those of the judgement, whose `weights` (Q,) make the mean over a contact."""
 
@@ -36,23 +36,23 @@ class Touches:
     true: FloatArray
     weights: FloatArray
 
-    def of(self, modes: Sequence[int], count: int | None = None) -> Touches:
+    def of(self, modes: Sequence[int], count: int | None = None) -> PlateTouches:
         """Return those of some modes, at the first `count` places."""
-        return Touches(self.solved[:count, :, :, modes], self.true[:count, :, :, modes], self.weights)
+        return PlateTouches(self.solved[:count, :, :, modes], self.true[:count, :, :, modes], self.weights)
 
-    def known_by(self, other: Touches) -> Touches:
+    def known_by(self, other: PlateTouches) -> PlateTouches:
         """Return the same places, solved on another's shapes."""
-        return Touches(other.solved, self.true, self.weights)
+        return PlateTouches(other.solved, self.true, self.weights)
 
 
 def touches(
-    shapes: Shapes, size_mm: tuple[float, float], radius_mm: float, fingers: int, count: int, seed: int
-) -> Touches:
+    shapes: ShapeMaps, size_mm: tuple[float, float], radius_mm: float, fingers: int, count: int, seed: int
+) -> PlateTouches:
     """Return the contacts of `fingers` at `count` random places. Raises ValueError for a plate without room."""
     return touches_at(shapes, random_fingers(size_mm, count, seed, fingers), radius_mm)
 
 
-def touches_at(shapes: Shapes, places_mm: FloatArray, radius_mm: float) -> Touches:
+def touches_at(shapes: ShapeMaps, places_mm: FloatArray, radius_mm: float) -> PlateTouches:
     """Return the contacts of N fingers at each of P places, `places_mm` (P, N, 2)."""
     rule_mm = radius_mm * np.array([(dx, dy) for dx, dy, _ in felt_points()])
     offsets_mm, weights = disc(radius_mm, *FINE)
@@ -62,11 +62,11 @@ def touches_at(shapes: Shapes, places_mm: FloatArray, radius_mm: float) -> Touch
         phi = shapes.evaluate(points_mm.reshape(-1, 2))
         return phi.reshape(*points_mm.shape[:-1], -1)
 
-    return Touches(at(rule_mm), at(offsets_mm), weights)
+    return PlateTouches(at(rule_mm), at(offsets_mm), weights)
 
 
 def settle_felt(
-    found: Touches,
+    found: PlateTouches,
     targets_um: Sequence[float],
     limits_um: npt.ArrayLike,
     starts: int = STARTS,
@@ -85,7 +85,7 @@ def settle_felt(
         left = np.flatnonzero(np.abs(best_jnd).max(axis=1) > ENOUGH_JND)
         if left.size == 0:
             break
-        some = Touches(found.solved[left], found.true[left], found.weights)
+        some = PlateTouches(found.solved[left], found.true[left], found.weights)
         tried_um = _descended(some.solved, targets_um, limits, limits * sizes * np.exp(1j * turns), curve)
         tried_jnd = errors_jnd(some, tried_um, targets_um, curve)
         is_better = np.abs(tried_jnd).max(axis=1) < np.abs(best_jnd[left]).max(axis=1)
@@ -94,7 +94,7 @@ def settle_felt(
 
 
 def errors_jnd(
-    found: Touches,
+    found: PlateTouches,
     modal_um: ComplexArray,
     targets_um: Sequence[float],
     curve: FrictionCurve = DEFAULT_FRICTION_CURVE,

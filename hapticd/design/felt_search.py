@@ -20,9 +20,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..values import FloatArray
-from .contact_pairs import Shapes, surfaces
-from .felt_places import ENOUGH_JND, Touches, settle_felt, touches
+from ..values import FloatArray, OnProgress
+from .contact_pairs import ShapeMaps, surfaces
+from .felt_places import ENOUGH_JND, PlateTouches, settle_felt, touches
 from .free_plate import ModeShape
 from .glued_plate import PZT, GluedPlate, Patch
 from .patch_places import BoolArray, along_edges, couplings, overlapping, places_for_reach
@@ -46,8 +46,7 @@ ROUNDS, MORE_ROUNDS = 2, 12  # of placing patches on the shapes that they make; 
 
 Kit = tuple[float, float, float]  # a patch's width, depth and thickness in mm
 Modes = Sequence[tuple[float, ModeShape]]
-Progress = Callable[[float], None]
-Measure = Callable[[Sequence[ModeShape]], Shapes]  # from a plate's modes to the maps that a laboratory has of them
+Measure = Callable[[Sequence[ModeShape]], ShapeMaps]  # from a plate's modes to the maps that a laboratory has of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +125,10 @@ class GluedModes:
         self._band_hz = band_hz
 
     @cached_property
-    def _touches(self) -> Touches:
+    def _touches(self) -> PlateTouches:
         task, shapes = self.task, [shape for _, shape in self.modes]
 
-        def under(known: Shapes) -> Touches:
+        def under(known: ShapeMaps) -> PlateTouches:
             fingers = len(task.targets_um)
             return touches(known, self.plate.size_mm, task.radius_mm, fingers, self.places, task.seed)
 
@@ -209,7 +208,7 @@ def search(
     drive_hz: tuple[float, float],
     task: FeltTask,
     kits: Sequence[Kit] = ORDERABLE,
-    progress: Progress = lambda _: None,
+    progress: OnProgress = lambda _: None,
 ) -> list[FeltDesign]:
     """Return the best plates with their patches, best first: those that they have, or where they have none those of
     `kits`. Raises ValueError."""

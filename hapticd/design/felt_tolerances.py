@@ -21,9 +21,9 @@ from functools import partial
 import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..values import FloatArray
+from ..values import FloatArray, OnProgress
 from .cartography import fit_scan
-from .felt_search import FeltDesign, FeltTask, Progress, judge_near
+from .felt_search import FeltDesign, FeltTask, judge_near
 from .free_plate import ModeShape
 from .glued_plate import GluedPlate, Patch
 from .scan import sample_scan
@@ -36,7 +36,7 @@ SCAN_STEP_MM = 6.0
 
 
 def felt_tolerances(
-    design: FeltDesign, task: FeltTask, count: int, *, progress: Progress = lambda _: None
+    design: FeltDesign, task: FeltTask, count: int, *, progress: OnProgress = lambda _: None
 ) -> FloatArray:
     """Return the share of places felt as asked on each of `count` plates; 0 where no drive has enough modes."""
     random = np.random.default_rng([task.seed, count])

@@ -32,25 +32,25 @@ _SPARE_DIRECTIONS = 2
 _LEAST_SHARE = 1e-6  # of the largest singular value: smaller ones are no direction of their own
 
 
-class Start(NamedTuple):
+class FitStart(NamedTuple):
     """Basis of the fit, and the wave number of a coarse scan; None where the fit shows it by itself."""
 
     basis: PlateBasis
     wave_rad_mm: float | None = None
 
 
-def start(points_mm: FloatArray, readings: Readings, lines: tuple[int, int], size_mm: tuple[float, float]) -> Start:
+def start(points_mm: FloatArray, readings: Readings, lines: tuple[int, int], size_mm: tuple[float, float]) -> FitStart:
     """Return what a fit begins with. Raises ModesError if the scan shows no wave, or does not sample it."""
     half_mm = size_mm[0] / 2.0, size_mm[1] / 2.0
     basis = PlateBasis((min(lines[0] - 1, _MAX_DEGREE), min(lines[1] - 1, _MAX_DEGREE)), half_mm)
     if min(lines) >= _DENSE_LINES:
-        return Start(basis)
+        return FitStart(basis)
     wave_rad_mm = _searched(points_mm, in_phase(readings).values, size_mm)
     if wave_rad_mm is None:
-        return Start(basis)
+        return FitStart(basis)
     if all(degree >= wave_rad_mm * half + _SPARE_DEGREES for degree, half in zip(basis.degrees, half_mm, strict=True)):
-        return Start(basis)
-    return Start(_basis_for(wave_rad_mm, half_mm), wave_rad_mm)
+        return FitStart(basis)
+    return FitStart(_basis_for(wave_rad_mm, half_mm), wave_rad_mm)
 
 
 def scattered(basis: PlateBasis, points_mm: FloatArray, values: FloatArray) -> ScatteredData:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import board_protocol as protocol
-from ..board_values import Calibration, ModeCalibration, is_within
+from ..board_values import BoardCalibration, ModeCalibration, is_within
 from ..errors import ConfigError
 from ..formats.toml_file import read_table, shown
 from ..regular_file import opened
@@ -39,7 +39,7 @@ HEADER = """\
 """
 
 
-def load(path: Path, modes: int) -> Calibration:
+def load(path: Path, modes: int) -> BoardCalibration:
     """Read the calibrated modes, at most one for each of `modes`, and the drive. Raises ConfigError."""
     table = read_table(path, "check device.calibration_file")
     drive_hz = _bounded(table.pop(DRIVE_KEY), DRIVE_HZ, f"{path}: {DRIVE_KEY}") if DRIVE_KEY in table else None
@@ -54,7 +54,7 @@ def load(path: Path, modes: int) -> Calibration:
             raise ConfigError(f"{path}: [[mode]] {place}: mode {measured.mode} is not one of the plate's {modes}.")
         if measured.mode in [earlier.mode for earlier in found[: place - 1]]:
             raise ConfigError(f"{path}: [[mode]] {place}: mode {measured.mode} is listed twice: delete one.")
-    return Calibration(tuple(found), drive_hz)
+    return BoardCalibration(tuple(found), drive_hz)
 
 
 def _bounded(value: Any, bounds: tuple[float, float], where: str) -> float:
@@ -64,7 +64,7 @@ def _bounded(value: Any, bounds: tuple[float, float], where: str) -> float:
     return float(value)
 
 
-def save(path: Path, calibration: Calibration) -> None:
+def save(path: Path, calibration: BoardCalibration) -> None:
     """Overwrite the file, modes in order. Raises HapticdError."""
     drive = "" if calibration.drive_hz is None else f"\n{DRIVE_KEY} = {calibration.drive_hz:.3f}\n"
     modes = sorted(calibration.modes, key=lambda measured: measured.mode)

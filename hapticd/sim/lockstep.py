@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..board_values import UNCALIBRATED, Calibration
+from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.loader import on_plate
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
@@ -168,7 +168,7 @@ class Measured(NamedTuple):
     """What the daemon has measured of the plate: the mode map, the calibration for the board, and a finger's load."""
 
     modes: ModeShapes
-    calibration: Calibration = UNCALIBRATED
+    calibration: BoardCalibration = UNCALIBRATED
     load_1_s: complex | None = None  # of a finger on parasitic modes: decay less j times detuning
 
 

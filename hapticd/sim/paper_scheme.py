@@ -12,12 +12,12 @@ from ..config import Config
 from ..core.pipeline_settings import PipelineSettings
 from ..core.prediction.motion import MotionModel, Sample
 from ..core.prediction.predictor import PredictorFactory
-from ..core.solver.points.arithmetic import Row, Rows, within
+from ..core.solver.points.arithmetic import ModeRow, ModeRows, within
 from ..core.solver.points.general import solve_exactly
 from ..daemon.settings import pipeline_settings
 
 
-class Hold(MotionModel):
+class SampleHold(MotionModel):
     """The last position: the paper's prediction. NaN before the first sample."""
 
     __slots__ = ("_place_mm", "_velocity_mm_s")
@@ -42,7 +42,7 @@ class Hold(MotionModel):
         return self._velocity_mm_s
 
 
-HOLD = PredictorFactory.of(Hold)
+HOLD = PredictorFactory.of(SampleHold)
 
 
 def paper_pipeline(config: Config) -> PipelineSettings:
@@ -63,7 +63,7 @@ def paper_config(config: Config) -> Config:
     return replace(config, device=replace(config.device, controller="pi"))
 
 
-def invert(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
+def invert(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None = None) -> tuple[ModeRow, bool]:
     """Modal amplitudes by the inverse of Phi, scaled into the limits (paper, section IV.B), and `limited`.
 
     Defined for two fingers on two modes; any other number by the best of all signs, without continuity.

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..regular_file import opened
+from ..values import OnProgress
 from . import lockstep
 from .fingers.scenarios import STEP_S
 from .lockstep import Run
@@ -30,7 +31,6 @@ ARRAYS = (
     "limited",
 )
 PERFECT_ARRAYS = ("t_s", "modal_um", "truth_um", "limited")
-Progress = Callable[[float], None]
 _COLUMNS = (
     ("felt", "felt_frac", 7),
     ("leak um", "leak_um", 9),
@@ -56,7 +56,7 @@ class Compared(NamedTuple):
     perfect: Perfect
 
 
-def compare(played: Run, progress: Callable[[str], Progress] = lambda _: lambda _: None) -> Compared:
+def compare(played: Run, progress: Callable[[str], OnProgress] = lambda _: lambda _: None) -> Compared:
     """Play the run's fingers again; `progress` returns the callback for a part of the work, by its name."""
     scenario = played.scenario if played.played is None else played.played
     paper = lockstep.run(

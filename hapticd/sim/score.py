@@ -29,7 +29,7 @@ import numpy.typing as npt
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..values import WEBER_FRAC, FloatArray
 
-Friction = Callable[[FloatArray, FloatArray], FloatArray]  # of amplitudes in um, and of sliding speeds in mm/s
+FrictionLaw = Callable[[FloatArray, FloatArray], FloatArray]  # of amplitudes in um, and of sliding speeds in mm/s
 
 SETTLE_S = 0.1
 CONTACT_RADIUS_MM = 5.0  # a fingertip at 0.2 .. 1 N covers 50 .. 150 mm2
@@ -38,7 +38,7 @@ _EVERY_TICKS = 4  # of the contacts' history
 _AT_ONCE = 4000  # instants evaluated together
 
 
-class Contact(Protocol):
+class TrueContact(Protocol):
     """A finger's contact, as `fingers.fingertip.Fingertip`."""
 
     def forms_mm(self, t_s: FloatArray) -> FloatArray:
@@ -106,8 +106,8 @@ def with_contacts(
     plate_um: npt.NDArray[np.complex128],
     shapes: Callable[[FloatArray], FloatArray],
     every: int = _EVERY_TICKS,
-    friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
-    fingertips: Sequence[Contact] | None = None,
+    friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
+    fingertips: Sequence[TrueContact] | None = None,
 ) -> Score:
     """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true; the
     fingers' `fingertips` (N,), without them discs of CONTACT_RADIUS_MM."""
@@ -162,7 +162,7 @@ def felt(
     finger_mm: FloatArray,
     plate_um: npt.NDArray[np.complex128],
     shapes: Callable[[FloatArray], FloatArray],
-    friction: Friction = DEFAULT_FRICTION_CURVE.frictions,
+    friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
     sliding_mm_s: FloatArray | None = None,
     forms: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
@@ -187,7 +187,7 @@ def felt(
     return rms_um, got
 
 
-def forms_mm(fingertips: Sequence[Contact], t_s: FloatArray) -> FloatArray:
+def forms_mm(fingertips: Sequence[TrueContact], t_s: FloatArray) -> FloatArray:
     """Return the matrices (T,N,2,2) that make the contacts of the unit disc."""
     each = [tip.forms_mm(t_s) for tip in fingertips]
     return np.reshape(each, (len(fingertips), len(t_s), 2, 2)).swapaxes(0, 1)

@@ -21,7 +21,7 @@ CONTROL_HZ = 2000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class WorldRecording:
     """History of T control ticks: t_s (T,), positions of touching fingers, references, all P plate modes."""
 
     t_s: npt.NDArray[np.float64]
@@ -146,10 +146,10 @@ class World:
         self.board.reset(boot_id)
         self._board_start_us = self.board.unwrapped_us - round(self.t_s * 1e6)
 
-    def recording(self) -> Recording:
+    def recording(self) -> WorldRecording:
         """Return the history so far, without what was forgotten."""
         done = slice(self.ticks - self._forgotten)  # of the chunk that runs, only some ticks
-        return Recording(
+        return WorldRecording(
             t_s=(np.arange(self._forgotten, self.ticks) + 1) / CONTROL_HZ,
             finger_mm=np.concatenate([fingers_mm for fingers_mm, _ in self._kept])[done],
             reference_um=np.concatenate([trace.reference_um for _, trace in self._kept])[done],

@@ -65,7 +65,7 @@ PATH, WHOLE = ("read_age", "wait", "compute", "wire", "link"), ("total", "horizo
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredLatency:
     """Result of a run: the frames that the board applied, histograms of the stages, counts of late and missed ones, and
     the load of one processor since the first frame, NaN if not measured."""
 
@@ -133,7 +133,7 @@ def run_landings(landings: int = landing.LANDINGS, *, json_file: str | None) -> 
         outputs.write_text(json.dumps(plain, indent=2) + "\n", json_file)
 
 
-def measure(config: Config, seconds: float) -> Measured:
+def measure(config: Config, seconds: float) -> MeasuredLatency:
     """Serve the configured devices for `seconds`. Raises HapticdError if the board applied no frame."""
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, ConfigLoader() as config_loader:
         config = replace(config, client=replace(config.client, runtime_dir=folder))
@@ -145,7 +145,7 @@ def measure(config: Config, seconds: float) -> Measured:
     return measured
 
 
-async def _watch(daemon: Daemon, seconds: float) -> Measured:
+async def _watch(daemon: Daemon, seconds: float) -> MeasuredLatency:
     """Set targets for all fingers and copy the ledger, for `seconds`."""
     await asyncio.sleep(0)  # let it start
     machine, lines = daemon.machine, list[LedgerLine]()
@@ -172,7 +172,7 @@ def _targets(machine: Machine) -> ClientTargets:
     return ClientTargets.of("latency", TTL_NS, targets, {})
 
 
-def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
+def gather(machine: Machine, lines: Sequence[LedgerLine]) -> MeasuredLatency:
     """Collect the machine's histograms, and that of sample to plate from `lines`."""
     loop, ledger = machine.status.loop, machine.session.ledger
     total = Histogram()
@@ -196,17 +196,17 @@ def gather(machine: Machine, lines: Sequence[LedgerLine]) -> Measured:
         "horizon": ledger.horizon,
         "tick_late": loop.tick_late,
     }
-    return Measured(tuple(lines), stages, counts)
+    return MeasuredLatency(tuple(lines), stages, counts)
 
 
-def figures(measured: Measured) -> dict[str, object]:
+def figures(measured: MeasuredLatency) -> dict[str, object]:
     """Return the result as plain data, in ms."""
     stages = {name: histogram_fields(histogram) for name, histogram in measured.stages.items()}
     percent = measured.processor_percent if math.isfinite(measured.processor_percent) else None
     return {"stages": stages, "counts": dict(measured.counts), "processor_percent": percent}
 
 
-def print_table(measured: Measured, out: TextIO) -> None:
+def print_table(measured: MeasuredLatency, out: TextIO) -> None:
     """Print each stage's percentiles in ms and distribution on a logarithmic axis, then the counts."""
     edges = [f"{_FROM_MS * 10**decade:g}" for decade in range(_DECADES)]
     axis = "".join(f"{edge:<{_COLUMNS_PER_DECADE}}" for edge in edges)
@@ -239,7 +239,7 @@ def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
         writer.writerows(map(astuple, lines))
 
 
-def verdict(measured: Measured) -> str:
+def verdict(measured: MeasuredLatency) -> str:
     """Return in one sentence how long a touch takes, and how many frames took effect when they were planned to."""
     total, horizon, frames = measured.stages["total"], measured.stages["horizon"], measured.counts["frames"]
     on_time_frac = 1.0 - measured.counts["frames late"] / max(frames, 1)
@@ -250,7 +250,7 @@ def verdict(measured: Measured) -> str:
     )
 
 
-def draw(measured: Measured, path: Path, **style: int) -> None:
+def draw(measured: MeasuredLatency, path: Path, **style: int) -> None:
     """Draw each stage's distribution in a row of its own, along the way of a touch, below the verdict; `style` is that
     of `plotting.save`. Raises HapticdError."""
     figure, ((axes,),) = plotting.subplots(9.0, 5.0)

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..board_values import UNCALIBRATED, Calibration
+from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.loader import load, on_plate
 from ..config.sections import SIMULATED, Config, PlateConfig, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
@@ -63,7 +63,7 @@ class Prepared:
     config: Config
     modes: ModeShapes
     parasitic_modes: ParasiticModes | None
-    calibration: Calibration
+    calibration: BoardCalibration
     trackpad: TrackpadSource
     board_port: str
     runtime_dir: Path

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..board_values import Calibration as BoardCalibration
+from ..board_values import BoardCalibration
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import Correction, configured_pad
 from ..design import finger_load

@@ -14,7 +14,7 @@ from .. import board_protocol as protocol
 from ..board_protocol import BoardState
 from ..board_values import BoardHello, BoardStatus, TelemetrySample
 from ..config.sections import Config
-from ..daemon.adoption import Pad, configured_pad
+from ..daemon.adoption import AdoptedPad, configured_pad
 from ..design.touch.observations import Ticks, Track
 from ..errors import CalibrationError
 from ..files.recording.header import Header
@@ -61,8 +61,8 @@ class Collected:
     Samples of the board less than `apart_us` after the one before are left out.
     """
 
-    pad: Pad
-    now: Pad
+    pad: AdoptedPad
+    now: AdoptedPad
     apart_us: int = 0
     board: tuple[float, int] | None = None  # its control rate and its boot, whose clock stamps samples
     control_hz: float = 0.0
@@ -115,7 +115,7 @@ class Collected:
             self._take_pass(record)
         elif record.kind == "adopt":
             place = AffineMap(*record.fields["plate_from_pad"])
-            self.now = Pad(place, record.fields["latency_ns"])
+            self.now = AdoptedPad(place, record.fields["latency_ns"])
 
     def _take_board(self, data: bytes) -> None:
         for message in self._decoder.feed(data):
@@ -166,7 +166,7 @@ class Collected:
                 self.positions += 1
 
 
-def moved_mm(now: Pad, other: Pad, x_mm: float, y_mm: float) -> tuple[float, float]:
+def moved_mm(now: AdoptedPad, other: AdoptedPad, x_mm: float, y_mm: float) -> tuple[float, float]:
     """Return where a finger would be taken to be if the pad lay as `other`."""
     if now.plate_from_pad == other.plate_from_pad:
         return x_mm, y_mm

@@ -42,7 +42,7 @@ class Trace(NamedTuple):
         return [(t_ns, x, y) for t_ns, (x, y) in zip(stamps_ns, self.xy_mm.tolist(), strict=True)]
 
 
-class Touches:
+class RecordedTouches:
     """Samples of fingers, by their ids. `samples` counts them."""
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ def recorded(path: Path) -> list[Trace]:
     """Read the touches of a recording: one trace a finger, in the pad's own coordinates. Raises HapticdError."""
     recording = open_recording(path)
     decoder = Decoder(recording.header.pad)
-    traces = Touches()
+    traces = RecordedTouches()
     for record in recording.records():
         if record.kind == "trackpad_link":
             decoder = Decoder(pad_of(record.fields) or decoder.pad)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .. import board_protocol as protocol
-from ..board_values import BoardHello, Calibration, is_within
+from ..board_values import BoardCalibration, BoardHello, is_within
 from ..errors import DeviceError
 from .board_messages import BoardDecoder
 from .commands import ALL_COMMANDS
@@ -59,7 +59,7 @@ def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], v
         )
 
 
-def check_calibration(hello: BoardHello, calibration: Calibration) -> None:
+def check_calibration(hello: BoardHello, calibration: BoardCalibration) -> None:
     """Raise DeviceError if the drive to be set, or a mode, is too far away for the board."""
     drive_hz = hello.drive_hz if calibration.drive_hz is None else calibration.drive_hz
     if not abs(drive_hz - hello.drive_hz) <= protocol.DRIVE_MOVE_MAX_HZ:

@@ -17,11 +17,11 @@ import msgpack
 import pytest
 from dear_scenes import Scene, changed, scene
 
-from hapticd.bench.recording import Recording, new_machine, record
+from hapticd.bench.recording import RecordedCalls, new_machine, record
 from hapticd.bench.timing import no_garbage_collection
 from hapticd.config.sections import Config
 from hapticd.daemon.machine import Machine
-from hapticd.sim.fingers.paths import Circle, Touch
+from hapticd.sim.fingers.paths import CirclePath, Touch
 from hapticd.sim.fingers.scenarios import LAND_S, Actor
 from hapticd.sim.lockstep import Settings, scheme_config
 from hapticd.sim.plate.glasses import FINGERTIP, REFERENCE
@@ -39,7 +39,7 @@ _WARM_PASSES: Final = 2
 class Situation(NamedTuple):
     """Fingers on a plate, as a recording, and the configuration of the machine that replays it."""
 
-    recording: Recording
+    recording: RecordedCalls
     config: Config
 
 
@@ -130,4 +130,4 @@ def _situations() -> dict[str, Situation]:
 
 def _finger(index: int) -> Actor:
     centre_mm = (-40.0 + 20.0 * (index % 5), -35.0 + 32.0 * (index // 5))
-    return Actor((), path=Touch(Circle(centre_mm, 9.0, 300.0, float(index)), LAND_S))
+    return Actor((), path=Touch(CirclePath(centre_mm, 9.0, 300.0, float(index)), LAND_S))

@@ -14,18 +14,18 @@ from hapticd.daemon.adoption import (
     FARTHEST_MM,
     STEP_MM,
     STEP_NS,
+    AdoptedPad,
     Adoption,
     Correction,
-    Pad,
     PlateChange,
 )
 from hapticd.values import AffineMap
 
-CONFIGURED = Pad(AffineMap.from_placement((2.0, -1.0), 90.0, (1.01, 0.99)), 10_000_000)
+CONFIGURED = AdoptedPad(AffineMap.from_placement((2.0, -1.0), 90.0, (1.01, 0.99)), 10_000_000)
 MISPLACED = Correction((1.001, -0.004, 0.004, 0.999), (0.4, -0.3), 0.003)
 
 
-def adopted(adoption: Adoption) -> list[Pad]:
+def adopted(adoption: Adoption) -> list[AdoptedPad]:
     """All steps until none is due."""
     pads = []
     while (pad := adoption.step()) is not None:

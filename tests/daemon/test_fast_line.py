@@ -10,7 +10,7 @@ import pytest
 from machine_bench import MS, PLATE
 
 from hapticd.board_protocol import BoardState
-from hapticd.board_values import UNCALIBRATED, BoardStatus, Calibration, ModeCalibration
+from hapticd.board_values import UNCALIBRATED, BoardCalibration, BoardStatus, ModeCalibration
 from hapticd.config import Config
 from hapticd.daemon.machine import Machine
 from hapticd.files.recording import kinds
@@ -26,7 +26,7 @@ class Rig:
     """A machine and a board on a line that carries nothing but noise while their speeds differ."""
 
     def __init__(
-        self, *, config: Config | None = None, calibration: Calibration = UNCALIBRATED, **board: object
+        self, *, config: Config | None = None, calibration: BoardCalibration = UNCALIBRATED, **board: object
     ) -> None:
         self.config = BoardConfig(**board)  # type: ignore[arg-type]
         gain, decay = np.diag(self.config.gain_um_per_v_s), np.array(self.config.decay_1_s)
@@ -129,7 +129,7 @@ def test_a_fast_line_that_breaks_silences_the_plate_and_comes_back_at_the_first_
 
 
 def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
-    rig = Rig(calibration=Calibration((X, Y), 29215.0)).run(400)
+    rig = Rig(calibration=BoardCalibration((X, Y), 29215.0)).run(400)
     assert rig.follows
     report = rig.board_report()
     assert (report["drive_hz"], report["drive_moved_hz"]) == (pytest.approx(29215.0), pytest.approx(0.0, abs=0.01))
@@ -141,7 +141,7 @@ def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
 
 
 def test_a_drive_out_of_the_boards_reach_is_refused_in_one_sentence() -> None:
-    rig = Rig(calibration=Calibration((X, Y), 32000.0)).run(400)
+    rig = Rig(calibration=BoardCalibration((X, Y), 32000.0)).run(400)
     assert "The calibration file sets the drive to 32000 Hz" in str(rig.board_report()["refused"])
 
 

@@ -12,7 +12,7 @@ import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, STICKY, Bench, lines, references
 
 from hapticd import board_protocol as protocol
-from hapticd.board_values import Calibration, ModeCalibration
+from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
@@ -329,7 +329,9 @@ def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> N
 
 
 def test_a_calibration_reaches_the_board_with_every_greeting() -> None:
-    bench = Bench(SLIPPERY, STICKY, calibration=Calibration((ModeCalibration(1, 29215.0, 500.0, 5.0, 0.0),))).driven()
+    bench = Bench(
+        SLIPPERY, STICKY, calibration=BoardCalibration((ModeCalibration(1, 29215.0, 500.0, 5.0, 0.0),))
+    ).driven()
     assert [each.name for each in bench.board.heard].count("model") == 1
     bench.board.mute = True
     bench.run(1100)
@@ -340,7 +342,7 @@ def test_a_calibration_reaches_the_board_with_every_greeting() -> None:
 def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
     wired = ModeCalibration(0, 29195.0, 500.0, 5.0, 0.0, sense=(1.0 + 0.0j, 0.02 + 0.0j))
     config = Config(record=RecordConfig(telemetry_hz=500))
-    bench = Bench(SLIPPERY, STICKY, calibration=Calibration((wired,)), config=config).driven()
+    bench = Bench(SLIPPERY, STICKY, calibration=BoardCalibration((wired,)), config=config).driven()
     heard = [each.name for each in bench.board.heard]
     settings = [name for name in heard if name in ("controller", "model", "wiring", "telemetry")]
     assert settings == ["controller", "model", "wiring", "telemetry"]
@@ -363,7 +365,7 @@ def test_a_board_that_wakes_sends_telemetry_again() -> None:
 
 
 def test_a_board_that_drives_far_from_its_calibration_is_refused(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench(SLIPPERY, calibration=Calibration((ModeCalibration(0, 40_000.0, 500.0, 5.0, 0.0),)))
+    bench = Bench(SLIPPERY, calibration=BoardCalibration((ModeCalibration(0, 40_000.0, 500.0, 5.0, 0.0),)))
     bench.run(500)
     assert bench.state is State.IDLE
     assert any("Mode 0 is calibrated at 40000 Hz but the board drives at 29205 Hz" in line for line in lines(caplog))

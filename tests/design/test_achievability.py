@@ -7,7 +7,7 @@ import pytest
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
-from hapticd.design.achievability import Finger, achievability_map, achievable_share, pair_map, reach_um
+from hapticd.design.achievability import MapFinger, achievability_map, achievable_share, pair_map, reach_um
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 from .reference_plate import grid_points
@@ -48,7 +48,7 @@ def test_the_reach_is_the_solver_s_amplitude_for_a_target_out_of_reach(modes: in
 )
 def test_each_cell_agrees_with_the_solver(modes: int, targets: tuple[float, ...]) -> None:
     shapes, limits = shapes_of(modes), (4.0,) * modes
-    fingers = [Finger(x, y, um) for (x, y), um in zip([(-30.0, 21.0), (12.0, -33.0)], targets[:-1], strict=False)]
+    fingers = [MapFinger(x, y, um) for (x, y), um in zip([(-30.0, 21.0), (12.0, -33.0)], targets[:-1], strict=False)]
     made = achievability_map(shapes, fingers, targets[-1], limits, size_mm=SIZE_MM, cells=9)
     slips = np.array(targets) > 0.0
     for row, y_mm in enumerate(made.y_mm):
@@ -69,6 +69,6 @@ def test_a_places_worth_is_the_part_of_the_plate_that_its_map_leaves_to_the_othe
     for row, column in ((0, 0), (4, 4), (2, 7)):
         place = (float(pairs.x_mm[column]), float(pairs.y_mm[row]))
         for part, here_um, other_um in ((pairs.slipping, 0.8, 0.0), (pairs.still, 0.0, 0.8)):
-            made = achievability_map(shapes, [Finger(*place, here_um)], other_um, limits, size_mm=SIZE_MM, cells=9)
+            made = achievability_map(shapes, [MapFinger(*place, here_um)], other_um, limits, size_mm=SIZE_MM, cells=9)
             assert part[row, column] == pytest.approx(made.served_frac(1.0))
     assert pairs.slipping.mean() == pytest.approx(pairs.still.mean())

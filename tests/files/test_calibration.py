@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.board_values import Calibration, ModeCalibration
+from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.errors import ConfigError, HapticdError
 from hapticd.files import calibration
 
@@ -21,7 +21,7 @@ SOUND = "[[mode]]\nmode = 0\nfrequency_hz = 29195\nq_factor = 500\ngain_um_per_v
 
 def test_what_is_saved_is_loaded_again_in_the_order_of_the_modes(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
-    calibration.save(path, Calibration((Y, X)))
+    calibration.save(path, BoardCalibration((Y, X)))
     first, second = calibration.load(path, 2).modes
     for found, saved in ((first, X), (second, Y)):
         assert found.mode == saved.mode
@@ -33,17 +33,17 @@ def test_what_is_saved_is_loaded_again_in_the_order_of_the_modes(tmp_path: Path)
 
 def test_a_drive_is_loaded_again_and_may_be_missing(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
-    calibration.save(path, Calibration((X, Y), 29207.25))
+    calibration.save(path, BoardCalibration((X, Y), 29207.25))
     found = calibration.load(path, 2)
     assert (len(found.modes), found.drive_hz) == (2, 29207.25)
-    calibration.save(path, Calibration((X, Y)))
+    calibration.save(path, BoardCalibration((X, Y)))
     assert calibration.load(path, 2).drive_hz is None
 
 
 @pytest.mark.parametrize("value", ["true", "0", "'29205'", "nan"])
 def test_a_senseless_drive_is_refused_in_one_sentence(tmp_path: Path, value: str) -> None:
     path = tmp_path / "plate.toml"
-    calibration.save(path, Calibration((X,)))
+    calibration.save(path, BoardCalibration((X,)))
     path.write_text(f"drive_hz = {value}\n" + path.read_text())
     with pytest.raises(ConfigError, match=r"drive_hz: .* is out of bounds"):
         calibration.load(path, 2)
@@ -51,7 +51,7 @@ def test_a_senseless_drive_is_refused_in_one_sentence(tmp_path: Path, value: str
 
 def test_the_wiring_is_loaded_again_and_may_be_missing(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
-    calibration.save(path, Calibration((X, MIXED)))
+    calibration.save(path, BoardCalibration((X, MIXED)))
     first, second = calibration.load(path, 2).modes
     assert (first.drive, first.sense, first.feedthrough_um_per_v) == ((), (), ())
     assert (second.drive, second.sense, second.feedthrough_um_per_v) == (
@@ -97,4 +97,4 @@ def test_a_missing_file_and_a_place_that_cannot_be_written_are_refused(tmp_path:
     with pytest.raises(ConfigError, match="cannot be read"):
         calibration.load(tmp_path / "none.toml", 2)
     with pytest.raises(HapticdError, match="cannot be written"):
-        calibration.save(tmp_path / "no" / "folder.toml", Calibration((X,)))
+        calibration.save(tmp_path / "no" / "folder.toml", BoardCalibration((X,)))

@@ -9,11 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from hapticd.bench.closed_loop import Phasors
 from hapticd.board_protocol import BoardVerdict, ClearFault, CommandResult, Keepalive, LogRequest
 from hapticd.board_values import BoardCommand, BoardLog, BoardMessage, BoardStatus
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
-from hapticd.values import Knot, LimitReason, SafeDrive
+from hapticd.values import ComplexArray, Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 from hapticd.wire.framing import FrameSplitter
@@ -42,7 +41,7 @@ def untouched(board: Board, ticks: int) -> BoardTrace:
     return trace
 
 
-def constantly(*w_um: complex) -> Callable[[float], list[tuple[float, Phasors]]]:
+def constantly(*w_um: complex) -> Callable[[float], list[tuple[float, ComplexArray]]]:
     """For `follow`: these amplitudes, all the time."""
     return lambda _: [(0.0, np.array(w_um, complex))]
 

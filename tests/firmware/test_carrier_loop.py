@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapticd.bench.closed_loop import Phasors, follow, settling_ms
+from hapticd.bench.closed_loop import follow, settling_ms
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.board.carrier import SAMPLE_HZ, Converters
 from hapticd.sim.plate.ground_truth import GroundTruth
+from hapticd.values import ComplexArray
 
 from .bench import constantly, nominal_plate
 
@@ -39,17 +40,17 @@ def stepped(board: Board, amplitude_um: float) -> BoardTrace:
     """50 ms at rest, then 50 ms of one mode at `amplitude_um`."""
     ticks = round(0.1 * board.config.control_hz)
 
-    def knots(t_s: float) -> list[tuple[float, Phasors]]:
+    def knots(t_s: float) -> list[tuple[float, ComplexArray]]:
         return [(0.0, np.array([amplitude_um if t_s > 0.0499 else 0.0, 0j]))]
 
     return follow(board, knots, ticks, ticks // 10)
 
 
-def after_step(trace: BoardTrace) -> Phasors:
+def after_step(trace: BoardTrace) -> ComplexArray:
     return trace.plate_um[len(trace) // 2 :, 0]
 
 
-def ripple_um(w_um: Phasors) -> float:
+def ripple_um(w_um: ComplexArray) -> float:
     return math.sqrt(float(np.mean(np.abs(w_um - w_um.mean()) ** 2)))
 
 
@@ -109,7 +110,7 @@ def test_a_held_amplitude_is_measured_to_what_quantisation_and_noise_leave(contr
 
 
 def test_an_amplifier_beyond_its_limit_clips_and_the_loop_recovers() -> None:
-    def knots(t_s: float) -> list[tuple[float, Phasors]]:
+    def knots(t_s: float) -> list[tuple[float, ComplexArray]]:
         return [(0.0, np.array([3.9 + 0j, 0]) if t_s < 0.0499 else np.array([1 + 0j, 0]))]
 
     nominal = new_board()

@@ -11,8 +11,7 @@ from hapticd.bench.closed_loop import (
     LIMIT_V,
     NOISE_UM,
     Law,
-    Phasors,
-    Plate,
+    LoopPlate,
     measure,
     settling_ms,
     step,
@@ -25,6 +24,7 @@ from hapticd.board_values import BoardStatus
 from hapticd.sim.board.board import FLAG_LIVE, FLAG_SATURATED, Board, BoardConfig
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
 from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
+from hapticd.values import ComplexArray
 from hapticd.wire import device
 
 from .bench import nominal_plate, of_kind
@@ -38,14 +38,14 @@ LAWS = (DEADBEAT, FAST, PI_FF, PI)
     ("law", "amplitude_um", "most_ms"), [(DEADBEAT, 0.4, 1.5), (DEADBEAT, 2.0, 4.0), (FAST, 0.4, 0.9), (FAST, 2.0, 3.9)]
 )
 def test_the_default_law_settles_near_the_voltage_s_bound(law: Law, amplitude_um: float, most_ms: float) -> None:
-    found = measure(law.respond(Plate(), amplitude_um), amplitude_um, law.tick_ms)
-    assert Plate().bound_ms(amplitude_um) < found.settling_ms <= most_ms
+    found = measure(law.respond(LoopPlate(), amplitude_um), amplitude_um, law.tick_ms)
+    assert LoopPlate().bound_ms(amplitude_um) < found.settling_ms <= most_ms
     assert found.overshoot_frac <= 0.02
     assert found.cross_axis_frac <= 0.1
 
 
 def test_the_papers_law_settles_in_the_papers_ten_ms() -> None:
-    found = measure(PI.respond(Plate(), 1.0), 1.0, PI.tick_ms)
+    found = measure(PI.respond(LoopPlate(), 1.0), 1.0, PI.tick_ms)
     assert 9.0 <= found.settling_ms <= 11.0
     assert found.overshoot_frac < 0.05
     assert found.cross_axis_frac < 0.08
@@ -62,7 +62,7 @@ def test_the_default_law_settles_in_every_corner_of_drift_and_damping(law: Law) 
 def test_at_5_khz_the_default_law_settles_near_the_bound_of_corners_as_far_as_50_hz() -> None:
     """The voltage lets the worst of them settle in 6.3 ms on a straight way; asking and the tick come on top."""
     worst = worst_response(FAST.respond, 500.0, 2.0, FAST.tick_ms, detunes_hz=FAR_HZ)
-    bound_ms = straight_bound_ms(Plate(damping=1.5, detune_hz=50.0), 2.0)
+    bound_ms = straight_bound_ms(LoopPlate(damping=1.5, detune_hz=50.0), 2.0)
     assert 6.2 < bound_ms < 6.4
     assert worst.settling_ms <= bound_ms + 0.5
     assert worst.cross_axis_frac <= 0.1
@@ -79,7 +79,7 @@ def test_at_5_khz_a_finger_that_couples_the_modes_lets_little_through() -> None:
 
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
 def test_a_finger_that_lands_is_made_good_within_4_ms(law: Law) -> None:
-    found = measure(law.respond(Plate(), 2.0), 2.0, law.tick_ms)
+    found = measure(law.respond(LoopPlate(), 2.0), 2.0, law.tick_ms)
     assert 0.02 < found.dip_frac < 0.07
     assert found.recovery_ms <= 4.0
 
@@ -103,7 +103,7 @@ def test_a_moving_reference_is_followed_to_nanometres_without_delay(law: Law, f_
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_a_reference_out_of_reach_saturates_and_lets_go_again(law: Law) -> None:
     asked = np.array([3.9 + 0j, 0])
-    trace = step_trace(law.board(Plate(damping=1.8)), asked, asked / 2)
+    trace = step_trace(law.board(LoopPlate(damping=1.8)), asked, asked / 2)
     ticks = law.phase_ticks
     assert (trace.flags[ticks // 2 : ticks] & FLAG_SATURATED).all()
     assert np.abs(trace.voltage_v).max() <= LIMIT_V * (1 + 1e-6)
@@ -123,7 +123,7 @@ def saturated(law: Law) -> tuple[float, float]:
     """A damped plate gets a reference beyond the voltage, then half of it: the phase error in saturation, and the time
     to settle on the half, in ms."""
     asked = np.array([3.9, 0.0], dtype=np.complex128)
-    trace, ticks = step_trace(law.board(Plate(damping=1.8)), asked, 0.5 * asked), law.phase_ticks
+    trace, ticks = step_trace(law.board(LoopPlate(damping=1.8)), asked, 0.5 * asked), law.phase_ticks
     held, left = trace.plate_um[ticks - 20 : ticks, 0], trace.plate_um[ticks:, 0]
     response = measure(np.concatenate((left, left, left)), 3.9 / 2, law.tick_ms, law.tick_ms)
     return float(np.degrees(np.abs(np.angle(held)).max())), response.settling_ms
@@ -156,7 +156,7 @@ def test_the_loop_is_stable_on_every_plate_of_the_grid(
     law: Law, quality: float, damping: float, detune_hz: float, phase_rad: float, asked_um: complex
 ) -> None:
     """Whatever was asked for, 0.1 s after letting go the plate is still, and no voltage was ever above its limit."""
-    board = law.board(Plate(quality, damping, detune_hz, phase_rad))
+    board = law.board(LoopPlate(quality, damping, detune_hz, phase_rad))
     trace = step_trace(board, np.array([asked_um, -0.7 * asked_um]), np.array([0j, 0j]))
     assert np.isfinite(trace.voltage_v).all()
     assert np.abs(trace.voltage_v).max() <= LIMIT_V * (1 + 1e-6)
@@ -177,6 +177,6 @@ def test_amplifiers_that_drive_both_modes_are_sorted_out(law: Law, share: float)
             gain_um_per_v_s=(gain[0, 0],) * 2,
         )
         board = Board(nominal_plate(config, gain_um_per_v_s=gain), config=config)
-        wanted_um: Phasors = np.array([1.0 + 0j, -0.5])
+        wanted_um: ComplexArray = np.array([1.0 + 0j, -0.5])
         w_um = step(board, np.zeros(2, complex), wanted_um)
         assert np.abs(w_um[-20:] - wanted_um).max() < 0.002

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd import board_protocol as protocol
-from hapticd.bench.closed_loop import Law, Plate
+from hapticd.bench.closed_loop import Law, LoopPlate
 from hapticd.sim.board.board import FLAG_LIVE, BoardTrace
 from hapticd.wire import device
 from hapticd.wire.framing import FrameSplitter, encode_frame
@@ -50,7 +50,7 @@ def seeds() -> dict[str, bytes]:
 
 def played(script: bytes) -> Iterator[tuple[BoardTrace, int]]:
     """The script played to the host's library: the ticks of each RUN, and the references said before it."""
-    board, decoder, references, at = Law("deadbeat").board(Plate(), noise_um=0.0), device.Decoder(), 0, 0
+    board, decoder, references, at = Law("deadbeat").board(LoopPlate(), noise_um=0.0), device.Decoder(), 0, 0
     board.fake_measurement(np.zeros(2, dtype=np.complex128))
 
     def take(n: int) -> bytes:

@@ -12,12 +12,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd.bench.closed_loop import LIMIT_V, Law, Phasors, Plate, follow, step_trace
+from hapticd.bench.closed_loop import LIMIT_V, Law, LoopPlate, follow, step_trace
 from hapticd.board_protocol import SetDrive
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import CHUNK_S, Board, BoardTrace
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
 from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
+from hapticd.values import ComplexArray
 from hapticd.wire.commands import encode
 
 from .bench import constantly, untouched
@@ -140,8 +141,8 @@ class Double:
 
 
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
-@pytest.mark.parametrize("plate", [Plate(), Plate(200.0, 0.5, -20.0), Plate(1000.0, 1.0, 20.0)], ids=str)
-def test_single_precision_costs_a_few_picometres(law: Law, plate: Plate) -> None:
+@pytest.mark.parametrize("plate", [LoopPlate(), LoopPlate(200.0, 0.5, -20.0), LoopPlate(1000.0, 1.0, 20.0)], ids=str)
+def test_single_precision_costs_a_few_picometres(law: Law, plate: LoopPlate) -> None:
     """The same law in float64 on the exact plate, all along a step."""
     goal_um = 1.3 + 0.4j
     gain, tick_s = gain_um_per_v_s(plate.quality), law.tick_ms * 1e-3
@@ -163,7 +164,7 @@ def test_single_precision_costs_a_few_picometres(law: Law, plate: Plate) -> None
     assert worst_v < 1e-3  # 6.8e-4: as many of 150 V
 
 
-def hold_for(board: Board, w_um: Phasors, seconds: float, contacts_1_s: tuple[float, ...] = (0.0,)) -> BoardTrace:
+def hold_for(board: Board, w_um: ComplexArray, seconds: float, contacts_1_s: tuple[float, ...] = (0.0,)) -> BoardTrace:
     """Holds amplitudes while a finger on X takes each of `contacts_1_s`, one after the other."""
     ticks = round(seconds * board.config.control_hz)
     touch = np.tile([1.0, 0.0], (ticks, 1, 1)), np.repeat(contacts_1_s, ticks // len(contacts_1_s))[:, np.newaxis]
@@ -183,7 +184,7 @@ def test_damping_and_detuning_are_learned_from_holding_an_amplitude(
     law: Law, quality: float, damping: float, detune_hz: float, amplitude_um: float, phase_rad: float
 ) -> None:
     """Under the sensors' noise and under any law: 5 % of the decay and 1 Hz within a quarter of a second."""
-    plate = Plate(quality, damping, detune_hz)
+    plate = LoopPlate(quality, damping, detune_hz)
     board = law.board(plate)
     hold_for(board, np.array([amplitude_um, -amplitude_um]) * np.exp(1j * phase_rad), 0.25)
     for mode, (decay, detuning) in enumerate(board.estimate()):
@@ -193,7 +194,7 @@ def test_damping_and_detuning_are_learned_from_holding_an_amplitude(
 
 
 def test_nothing_is_learned_from_silence() -> None:
-    board = DEADBEAT.board(Plate(damping=1.4, detune_hz=9.0))
+    board = DEADBEAT.board(LoopPlate(damping=1.4, detune_hz=9.0))
     board.receive(encode(SetDrive(board.config.drive_hz, 0.0)))  # it stays, and so does the frame of the estimates
     np.testing.assert_allclose(board.estimate(), np.transpose([decay_1_s(), (-20 * np.pi, 20 * np.pi)]), rtol=1e-6)
     hold_for(board, np.array([1.0 + 0j, 1.0]), 0.2)
@@ -220,7 +221,7 @@ MEASUREMENTS = st.lists(
 def test_whatever_the_sensors_say_voltages_and_estimates_stay_finite_and_bounded(
     controller: str, measured_um: list[complex], ticks: int
 ) -> None:
-    board = Law(controller).board(Plate())
+    board = Law(controller).board(LoopPlate())
     hold_for(board, np.array([1.0 + 0j, -1.0]), 0.02)
     for value in measured_um:
         board.fake_measurement(np.array([value, -0.5 * value]))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC, Phasors, step
+from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC, step
 from hapticd.sim.board.board import Board, BoardConfig
+from hapticd.values import ComplexArray
 
 from .bench import nominal_plate
 
@@ -15,7 +16,7 @@ OFF_THE_WAY_UM = {150.0: 0.01, 300.0: 0.035}  # by how far modes may be from the
 MOST_MS, SHARE = 6.0, 0.5  # of what the voltage holds of each mode
 
 
-def random_step(modes: int, farthest_hz: float, seed: int) -> tuple[Phasors, Phasors, Phasors]:
+def random_step(modes: int, farthest_hz: float, seed: int) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """References before and after, and the amplitudes (ticks, modes) from the tick of the step on."""
     random = np.random.default_rng(seed)
     detuning_rad_s = 2 * np.pi * random.uniform(-farthest_hz, farthest_hz, modes)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fuzz.target import Cost, Target
-from hapticd.board_values import Calibration, ModeCalibration
+from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -105,7 +105,7 @@ def read_calibration(path: Path) -> None:
 def calibration_seeds() -> dict[str, bytes]:
     path = FOLDER / "saved.toml"
     modes = [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 5.3, -0.5) for mode in (0, 1)]
-    calibration.save(path, Calibration(tuple(modes)))
+    calibration.save(path, BoardCalibration(tuple(modes)))
     sound = path.read_bytes()
     one = sound[sound.find(b"[[mode]]") : sound.rfind(b"[[mode]]")]
     return {

@@ -18,7 +18,7 @@ from mcap.writer import Writer as McapWriter
 
 from fuzz.files import in_file
 from fuzz.target import Cost, Target
-from hapticd.board_values import Calibration
+from hapticd.board_values import BoardCalibration
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
@@ -76,7 +76,7 @@ def read(path: Path) -> None:
 def least_header() -> bytes:
     axis_mm = np.linspace(-9.0, 9.0, 4)
     modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 4, 4)))
-    fields = header_fields(Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, Calibration()))
+    fields = header_fields(Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, BoardCalibration()))
     return encode(HEADER, fields | {"config_toml": ""})
 
 

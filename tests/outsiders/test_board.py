@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from outsiders import board as outsider
 from outsiders.board import Board
 
-from hapticd.board_values import UNCALIBRATED, Calibration, ModeCalibration
+from hapticd.board_values import UNCALIBRATED, BoardCalibration, ModeCalibration
 from hapticd.config.sections import Config
 from hapticd.core.board.send_window import MOST_UNREAD
 from hapticd.core.board.supervisor import State
@@ -41,7 +41,7 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 class Stand:
     """The daemon's machine and the outsider's board at either end of a line of 2 ms, with fingers on the pad."""
 
-    def __init__(self, board: Board, *paths: Path, calibration: Calibration = UNCALIBRATED) -> None:
+    def __init__(self, board: Board, *paths: Path, calibration: BoardCalibration = UNCALIBRATED) -> None:
         self.board, self.t_ns = board, START_NS
         self.is_cut = False  # what the host writes is lost
         self.is_stopped = False  # the host, as by SIGSTOP
@@ -181,7 +181,7 @@ def test_a_stopped_daemon_blames_no_board_and_drives_again(
 
 
 def test_a_reset_board_is_greeted_calibrated_and_driven_again() -> None:
-    calibration = Calibration((ModeCalibration(0, 29195.0, 500.0, 5.17, 0.1),))
+    calibration = BoardCalibration((ModeCalibration(0, 29195.0, 500.0, 5.17, 0.1),))
     stand = Stand(Board(), STROKE, STICKY, calibration=calibration).driven()
     stand.board.reset(boot_id=9)
     stand.run(900)

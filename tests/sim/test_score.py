@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.sim.score import SETTLE_S, Friction, Score, score, settled, with_contacts
+from hapticd.sim.score import SETTLE_S, FrictionLaw, Score, score, settled, with_contacts
 
 T_S = (np.arange(2000) + 1) / 2000.0
 SETTLE_TICKS = 200
@@ -69,7 +69,7 @@ def test_without_fingers_figures_are_nan() -> None:
 
 
 def perceived(
-    target_um: np.ndarray, plate_um: np.ndarray, friction: Friction = DEFAULT_FRICTION_CURVE.frictions
+    target_um: np.ndarray, plate_um: np.ndarray, friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions
 ) -> Score:
     """The score of fingers that slide at 100 mm/s on a plate whose one mode is 1 everywhere."""
     slide_mm = 100.0 * T_S

@@ -33,12 +33,12 @@ from soak.harness import ALL, Findings, added, judged
 from hapticd.bench import touching
 from hapticd.bench.tables import Table
 from hapticd.config.sections import Config, TrackpadConfig
-from hapticd.sim.fingers.paths import Circle, Path, Touch
+from hapticd.sim.fingers.paths import CirclePath, Path, Touch
 from hapticd.sim.fingers.scenarios import SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.sim.fingers.strokes import strokes_pair
 from hapticd.sim.lockstep import T_START_NS, Settings, in_world
 from hapticd.sim.score import rms
-from hapticd.sim.world import Recording
+from hapticd.sim.world import WorldRecording
 from hapticd.sim.world_tolerances import draw
 from hapticd.tools.progress import Progress
 from hapticd.values import FloatArray
@@ -101,7 +101,7 @@ def _many(hours: float, seed: int) -> Iterator[Findings]:
 
 def play(seed: int) -> Findings:
     """Play one run of two circling fingers and check it."""
-    circles = Circle((-25.0, 5.0), 15.0, 100.0), Circle((25.0, -5.0), 15.0, -100.0, start_rad=1.0)
+    circles = CirclePath((-25.0, 5.0), 15.0, 100.0), CirclePath((25.0, -5.0), 15.0, -100.0, start_rad=1.0)
     simulation = FaultySimulation(_actors(circles, RUN_S), Settings(), seed)
     return _Spans(simulation, seed, RUN_S).played()
 
@@ -222,7 +222,7 @@ class _CalibratingSpans(_Spans):
         figures |= {f"{name}_last_count": float(str(report[key])) for name, key in counts.items()}
         self._found.append(Findings({ALL: figures}))
 
-    def _steps(self, recording: Recording, is_calm: Bools) -> dict[str, float]:
+    def _steps(self, recording: WorldRecording, is_calm: Bools) -> dict[str, float]:
         """Return how far a reference moves within a tick far from faults, while something is adopted and else."""
         (calibration,) = self._simulation.calibrations
         t_s, steps_um = recording.t_s[1:], np.abs(np.diff(recording.reference_um, axis=0)).max(axis=1)
@@ -235,7 +235,7 @@ class _CalibratingSpans(_Spans):
             "peak_adopting_step_um": float(steps_um[is_calm[1:] & after].max(initial=0.0)),
         }
 
-    def _leak_um(self, recording: Recording, is_calm: Bools) -> float:
+    def _leak_um(self, recording: WorldRecording, is_calm: Bools) -> float:
         """Return what the still finger gets, RMS."""
         chosen = np.flatnonzero(is_calm)[::LEAK_EVERY_TICKS]
         shapes = self._simulation.world.plate.shapes(recording.finger_mm[chosen, _STILL])

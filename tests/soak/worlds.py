@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, Phasors
+from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM
 from hapticd.config.sections import LEAST_MODES, MOST_MODES
 from hapticd.sim.board.board import BoardConfig, PlateModel
 from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
-from hapticd.values import FloatArray
+from hapticd.values import ComplexArray, FloatArray
 
 RUN_S = 30.0
 KINDS = tuple(
@@ -38,8 +38,8 @@ FINGERS = 2
 FINGER_DECAY_1_S = 345.0  # of a moist, pressing fingertip; it detunes by up to half of that
 STROKE_HZ = 5.0  # of the mode shapes under a finger at 10 to 20 cm/s
 
-Reference = Callable[[float], Phasors]
-Knots = list[tuple[float, Phasors]]
+Reference = Callable[[float], ComplexArray]
+Knots = list[tuple[float, ComplexArray]]
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def _references(random: np.random.Generator, modes: int, frame_s: float) -> Call
     return knots_at
 
 
-def _amplitudes_um(random: np.random.Generator, modes: int) -> Phasors:
+def _amplitudes_um(random: np.random.Generator, modes: int) -> ComplexArray:
     """Amplitudes in phase, of one common phase, or each of its own."""
     phases_rad = random.uniform(0.0, 2.0 * np.pi, modes) * random.choice([0.0, 1.0])
     phases_rad = phases_rad if random.random() < 0.5 else phases_rad[0]

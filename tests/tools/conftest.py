@@ -15,7 +15,7 @@ from hapticd.__main__ import main
 from hapticd.config.sections import Config
 from hapticd.daemon.self_calibration import SelfCalibration
 from hapticd.files import plotting
-from hapticd.tools.latency import Measured, gather
+from hapticd.tools.latency import MeasuredLatency, gather
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "clients" / "python"))
 
@@ -44,7 +44,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 @pytest.fixture(scope="session")
-def measured() -> Measured:
+def measured() -> MeasuredLatency:
     """Frames of a driven bench whose board acknowledges each millisecond; the link takes no time, reports come every
     11.25 ms."""
     bench = Bench(SLIPPERY, STICKY).driven()

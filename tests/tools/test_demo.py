@@ -12,7 +12,7 @@ from pictures import faults
 from hapticd.config.sections import SimConfig
 from hapticd.sim import lockstep
 from hapticd.sim.picture import Film
-from hapticd.tools.demo.columns import Column, VirtualRun, columns, live_column
+from hapticd.tools.demo.columns import DemoColumn, VirtualRun, columns, live_column
 from hapticd.tools.demo.picture import draw, typical_instant
 from hapticd.tools.demo.program import summary
 
@@ -85,7 +85,7 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
 
 @pytest.mark.long
 def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
-    column: Column = live_column(SimConfig(), is_bare=False)
+    column: DemoColumn = live_column(SimConfig(), is_bare=False)
     virtual = VirtualRun(column, "strokes", 1)
     virtual.play(0.5, 1.0)
     film = virtual.film()

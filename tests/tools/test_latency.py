@@ -16,10 +16,10 @@ from pictures import faults
 from hapticd.config.sections import Config
 from hapticd.core.board.ledger import LedgerLine
 from hapticd.tools import latency
-from hapticd.tools.latency import STAGES, Measured, draw, figures, gather, print_table, write_ledger
+from hapticd.tools.latency import STAGES, MeasuredLatency, draw, figures, gather, print_table, write_ledger
 
 
-def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it(measured: Measured) -> None:
+def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it(measured: MeasuredLatency) -> None:
     assert len(measured.lines) > 30
     for line in measured.lines:
         assert line.t_sent_ns - line.t_sample_ns == line.age_ns  # no time passes within a pass of the bench
@@ -29,7 +29,7 @@ def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it
     assert [line.t_sent_ns for line in measured.lines] == sorted({line.t_sent_ns for line in measured.lines})
 
 
-def test_the_total_is_from_the_sample_to_the_plate(measured: Measured) -> None:
+def test_the_total_is_from_the_sample_to_the_plate(measured: MeasuredLatency) -> None:
     total_ns = [line.t_applied_ns - line.t_sample_ns for line in measured.lines]
     assert measured.stages["total"].count == len(total_ns)
     assert measured.stages["total"].longest_ns == max(total_ns)
@@ -46,7 +46,7 @@ def test_frames_that_the_board_never_applies_are_counted() -> None:
     assert counts["frames unanswered"] > counts["frames"] > 0
 
 
-def test_the_table_has_a_row_for_each_stage_with_its_figures(measured: Measured) -> None:
+def test_the_table_has_a_row_for_each_stage_with_its_figures(measured: MeasuredLatency) -> None:
     out = io.StringIO()
     print_table(measured, out)
     head, *rows, counts = out.getvalue().splitlines()
@@ -57,7 +57,7 @@ def test_the_table_has_a_row_for_each_stage_with_its_figures(measured: Measured)
     assert counts.startswith(f"{measured.counts['frames']} frames, ")
 
 
-def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(measured: Measured, tmp_path: Path) -> None:
+def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(measured: MeasuredLatency, tmp_path: Path) -> None:
     write_ledger(measured.lines, tmp_path / "frames.csv")
     with (tmp_path / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -74,7 +74,7 @@ def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(measured: Mea
 
 
 def test_the_picture_has_the_verdict_as_its_title_and_a_row_for_each_stage_along_the_way(
-    measured: Measured, tmp_path: Path, figures: list[Any]
+    measured: MeasuredLatency, tmp_path: Path, figures: list[Any]
 ) -> None:
     draw(measured, tmp_path / "latency.png")
     (axes,) = figures[0].axes

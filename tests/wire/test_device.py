@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from hapticd import board_protocol as protocol
 from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict, CommandResult
 from hapticd.board_values import (
+    BoardCalibration,
     BoardController,
     BoardHello,
     BoardLog,
     BoardStatus,
-    Calibration,
     LogEntry,
     ModeCalibration,
     ModeModel,
@@ -300,13 +300,13 @@ def test_a_decoder_knows_which_messages_were_invalid() -> None:
 
 def test_a_mode_calibrated_far_from_the_drive_is_refused() -> None:
     near, far = (ModeCalibration(0, f_hz, 500.0, 5.0, 0.0) for f_hz in (29300.0, 34000.0))
-    device.check_calibration(hello(), Calibration((near,), 29205.0))
+    device.check_calibration(hello(), BoardCalibration((near,), 29205.0))
     with pytest.raises(DeviceError, match="Mode 0 is calibrated at 34000 Hz but the board drives at 29205 Hz"):
-        device.check_calibration(hello(), Calibration((near, far), 29205.0))
-    device.check_calibration(hello(), Calibration((), 31205.0))
+        device.check_calibration(hello(), BoardCalibration((near, far), 29205.0))
+    device.check_calibration(hello(), BoardCalibration((), 31205.0))
     for drive_hz in (31206.0, 27204.0, math.nan):
         with pytest.raises(DeviceError, match="sets the drive to"):
-            device.check_calibration(hello(), Calibration((), drive_hz))
+            device.check_calibration(hello(), BoardCalibration((), drive_hz))
 
 
 def test_a_status_may_grow_at_its_end() -> None:

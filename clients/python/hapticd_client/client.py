@@ -25,7 +25,7 @@ from .checks import checked, finger_key, label, plain, shown
 from .connection import Connection
 from .endpoint import KeyFile
 from .errors import HapticdError, RefusedError
-from .target_set import Key, TargetSet
+from .target_set import SceneKey, TargetSet
 from .targets import Asset, LevelRows, Map, content_fields
 
 __all__ = ["Client"]
@@ -53,7 +53,7 @@ class Client:
         self.name = label("name", _generated_name() if name is None else name)
         self._targets = TargetSet()
         self._assets: dict[bytes, Asset] = {}  # that maps of the targets may use
-        self._down: set[Key] = set()
+        self._down: set[SceneKey] = set()
         self._instance: int | None = None
         self._link = Connection(self.name, endpoint, server_key, own_key, timeout_s)
         self.hello = self._link.hello
@@ -75,7 +75,7 @@ class Client:
 
     def set(
         self,
-        finger: FingerState | Key,
+        finger: FingerState | SceneKey,
         *,
         priority: int = 0,
         ttl_s: float = DEFAULT_TTL_S,
@@ -227,7 +227,7 @@ class Client:
         """Remove one surface and the effects that name it; one that there is not is no error."""
         self._request(self._targets.without_surface(label("surface", surface)), wait=True)
 
-    def release(self, finger: FingerState | Key | None = None) -> None:
+    def release(self, finger: FingerState | SceneKey | None = None) -> None:
         """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces and
         effects."""
         key = None if finger is None else finger_key("finger", finger)
@@ -276,7 +276,7 @@ class Client:
         return self._call("plate")
 
     def reach(
-        self, finger: FingerState | Key | None = None, *, x_mm: float | None = None, y_mm: float | None = None
+        self, finger: FingerState | SceneKey | None = None, *, x_mm: float | None = None, y_mm: float | None = None
     ) -> tuple[float, float] | None:
         """Return the lowest and the highest friction that a finger, or one that touched this place, could feel now, as
         in `set`, while all others feel what they do; None if there is none.
@@ -365,7 +365,7 @@ class Client:
         """Drop the targets of lifted fingers, whose ids are never used again."""
         if state.instance != self._instance:  # a restarted daemon counts its fingers from 1
             self._instance, self._down = state.instance, set()
-        down: set[Key] = {finger.id for finger in state.fingers if not finger.virtual}
+        down: set[SceneKey] = {finger.id for finger in state.fingers if not finger.virtual}
         lifted = (self._down - down) & self._targets.fingers
         self._down = down
         if lifted:

@@ -26,7 +26,7 @@ from hapticd_contract.targets import (
 
 from .errors import RefusedError
 
-Key = int | str
+SceneKey = int | str
 
 # --- message order ----------------------------------------------------------------------------------------------
 
@@ -48,9 +48,9 @@ def no_stamp() -> int | None:
 class TargetSet:
     """Targets by finger, paths, surfaces and effects by name, with the time to live of each."""
 
-    targets: Mapping[Key, FingerTarget] = field(default_factory=dict)
+    targets: Mapping[SceneKey, FingerTarget] = field(default_factory=dict)
     virtuals: Mapping[str, VirtualFinger] = field(default_factory=dict)
-    ttls_s: Mapping[Key, float] = field(default_factory=dict)
+    ttls_s: Mapping[SceneKey, float] = field(default_factory=dict)
     surfaces: Mapping[str, Surface] = field(default_factory=dict)
     surface_ttls_s: Mapping[str, float] = field(default_factory=dict)
     effects: Mapping[str, Effect] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class TargetSet:
         return not self.targets and not self.virtuals and not self.surfaces and not self.effects
 
     @property
-    def fingers(self) -> set[Key]:
+    def fingers(self) -> set[SceneKey]:
         """The fingers with a target or an effect."""
         return {*self.targets, *[one.finger for one in self.effects.values() if one.finger is not None]}
 
@@ -113,7 +113,7 @@ class TargetSet:
             raise RefusedError(f"effect: the envelopes of a client may have {MAX_POINTS} points in all.")
         return replace(self, effects=effects, effect_ttls_s={**self.effect_ttls_s, name: ttl_s})
 
-    def without(self, *keys: Key) -> TargetSet:
+    def without(self, *keys: SceneKey) -> TargetSet:
         """Return a copy without these fingers and the effects on them."""
         ended = [name for name, effect in self.effects.items() if effect.finger in keys]
         return replace(

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...core.solver import public
-from ...core.solver.points.arithmetic import Row, Rows, clamped
+from ...core.solver.points.arithmetic import ModeRow, ModeRows, clamped
 from ...core.solver.points.general import solve_fast
 from ...sim.paper_scheme import invert
 from ...values import Solution
@@ -36,14 +36,16 @@ def solve(
     if policy == "keep_zero":
         return default
     shapes = np.asarray(phi, np.float64).reshape(-1, len(default.modal_um))
-    targets: Row = tuple(np.asarray(target_um, np.float64).tolist())
-    limits: Row = tuple(np.broadcast_to(np.asarray(limit_um, np.float64), len(default.modal_um)).tolist())
-    previous: Row | None = None if previous_um is None else tuple(np.asarray(previous_um, np.float64).tolist())
+    targets: ModeRow = tuple(np.asarray(target_um, np.float64).tolist())
+    limits: ModeRow = tuple(np.broadcast_to(np.asarray(limit_um, np.float64), len(default.modal_um)).tolist())
+    previous: ModeRow | None = None if previous_um is None else tuple(np.asarray(previous_um, np.float64).tolist())
     modal_um, limited = solve_rows(tuple(map(tuple, shapes.tolist())), targets, limits, previous, policy=policy)
     return Solution(np.array(modal_um), np.abs(shapes @ modal_um), limited, default.condition)
 
 
-def solve_rows(rows: Rows, targets: Row, limits: Row, previous: Row | None = None, *, policy: str) -> tuple[Row, bool]:
+def solve_rows(
+    rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None = None, *, policy: str
+) -> tuple[ModeRow, bool]:
     """Return modal amplitudes in um, and whether limits bind: `solve` on plain floats."""
     if policy not in POLICIES:
         raise ValueError(f"policy: {policy!r} is unknown; choose one of {', '.join(POLICIES)}.")
@@ -56,7 +58,7 @@ def solve_rows(rows: Rows, targets: Row, limits: Row, previous: Row | None = Non
     return solve_fast(rows, targets, limits, previous)
 
 
-def _keep_ratio(rows: Rows, targets: Row, limits: Row, previous: Row | None) -> tuple[Row, bool]:
+def _keep_ratio(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None) -> tuple[ModeRow, bool]:
     free_um, _ = solve_fast(rows, targets, (_UNLIMITED_UM,) * len(limits), previous)
     excess = max([abs(w_um) / limit_um for w_um, limit_um in zip(free_um, limits, strict=True)])
     if not excess > 1.0:

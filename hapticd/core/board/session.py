@@ -19,11 +19,11 @@ from ... import board_protocol as protocol
 from ...board_protocol import BoardState, BoardTime, HelloRequest, Keepalive, SetBaud, TimeRequest
 from ...board_values import (
     UNCALIBRATED,
+    BoardCalibration,
     BoardCommand,
     BoardHello,
     BoardSetting,
     BoardStatus,
-    Calibration,
     ReferenceFrame,
 )
 from ...values import SafeDrive, Tick
@@ -71,7 +71,7 @@ class BoardSession:
         *,
         link_start_ns: int,
         controller: str,
-        calibration: Calibration = UNCALIBRATED,
+        calibration: BoardCalibration = UNCALIBRATED,
         telemetry_hz: int = 0,
         fast_baud: int = 0,
     ) -> None:

@@ -8,10 +8,10 @@ from typing import Final
 from ... import board_protocol as protocol
 from ...board_protocol import SetBaud, SetDrive, SetTelemetry
 from ...board_values import (
+    BoardCalibration,
     BoardCommand,
     BoardHello,
     BoardSetting,
-    Calibration,
     SetController,
     SetModel,
     SetWiring,
@@ -25,7 +25,7 @@ SAME_DRIVE_HZ: Final = 0.01  # float32 resolves 0.002 Hz there
 class BoardSettings:
     """The settings that the board has not taken yet, sent one at a time: an answer names only the kind of command."""
 
-    def __init__(self, controller: str, calibration: Calibration, telemetry_hz: int) -> None:
+    def __init__(self, controller: str, calibration: BoardCalibration, telemetry_hz: int) -> None:
         self.telemetry: Final = [SetTelemetry(telemetry_hz)] if telemetry_hz > 0 else []
         self._controller: Final = controller
         self._calibration: Final = calibration

@@ -24,8 +24,8 @@ _FILL_STEPS = 500  # far more than scattered gaps need; a gap too wide to conver
 class BicubicSurfaces:
     """M surfaces over one rectangular grid, evaluated many points at a time.
 
-    `patches` (cells, M, 16) are the coefficients for single points (`Patch`): cells row by row from the lowest y; for
-    each surface the powers y^d x^c, x fastest, of the distances to the cell's lower left corner.
+    `patches` (cells, M, 16) are the coefficients for single points (`BicubicPatch`): cells row by row from the lowest
+    y; for each surface the powers y^d x^c, x fastest, of the distances to the cell's lower left corner.
     """
 
     __slots__ = ("_by_power", "patches", "x_knots", "y_knots")
@@ -82,7 +82,7 @@ class BicubicSurfaces:
         return slope
 
 
-class Patch:
+class BicubicPatch:
     """One surface in one cell, for single points: attributes, which are plain doubles as machine code.
 
     `u`, `v` are the distances to the cell's lower left corner.

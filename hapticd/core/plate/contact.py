@@ -22,7 +22,9 @@ from .mode_shapes import ModeShapes
 
 Gram = list[list[float]]  # (M, M), symmetric
 Disc = list[tuple[float, float, float]]  # points of a contact: dx, dy from its centre, weight
-Form = tuple[float, float, float]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes an ellipse of the unit disc
+EllipseForm = tuple[
+    float, float, float
+]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes an ellipse of the unit disc
 Ellipse = tuple[float, float, float, float, float]  # x_mm, y_mm, and its form
 Shapes = bytes  # of doubles (N, Q, M): the shapes at the Q points of N contacts
 
@@ -48,10 +50,10 @@ def stretch(variance_mm2: float, radius_mm: float) -> float:
     return min(math.sqrt(1.0 + square), MOST_STRETCH) if square > 0.0 else 1.0
 
 
-def grown(radius_mm: float, variances_mm2: list[float], forms: list[Form | None] | None) -> list[Form]:
+def grown(radius_mm: float, variances_mm2: list[float], forms: list[EllipseForm | None] | None) -> list[EllipseForm]:
     """Return each contact's form (N,) relative to a disc of this radius, grown by how uncertain its place is; `forms`
     are discs of this radius where there is none."""
-    found: list[Form] = []
+    found: list[EllipseForm] = []
     for finger in range(len(variances_mm2)):
         form = None if forms is None else forms[finger]
         if form is None:
@@ -65,7 +67,7 @@ def grown(radius_mm: float, variances_mm2: list[float], forms: list[Form | None]
     return found
 
 
-def contact_gram(modes: ModeShapes, disc: Disc, x_mm: float, y_mm: float, form: Form = (1.0, 0.0, 1.0)) -> Gram:
+def contact_gram(modes: ModeShapes, disc: Disc, x_mm: float, y_mm: float, form: EllipseForm = (1.0, 0.0, 1.0)) -> Gram:
     """Return G of the disc about one point, as plain floats, or of the ellipse that this matrix (xx, xy, yy) makes of
     it. Points beyond the map have its edge's shapes."""
     count = modes.M

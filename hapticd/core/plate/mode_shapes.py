@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.plate.bicubic import BicubicSurfaces, Patch, fill_gaps
+from hapticd.core.plate.bicubic import BicubicPatch, BicubicSurfaces, fill_gaps
 from hapticd.errors import ModesError
 from hapticd.values import FloatArray
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BicubicSurfaces", "ModeShapes"]
 
-Row = tuple[float, ...]  # of M shapes at one point
-Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
+_Row = tuple[float, ...]  # of M shapes at one point
+_Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
 
 _MIN_POINTS = 4  # what a cubic through a line of the grid needs
 _MAX_POINTS = 400  # along one axis
@@ -50,7 +50,7 @@ class ModeShapes:
         self.shapes = _whole_shapes(self.x_mm, self.y_mm, shapes)
         self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
         self.M = int(self.shapes.shape[0])
-        self._cells: list[tuple[Patch, ...] | None] = [None] * len(self._surfaces.patches)
+        self._cells: list[tuple[BicubicPatch, ...] | None] = [None] * len(self._surfaces.patches)
         self._columns = int(self.x_mm.size) - 1
         self._columns_per_mm = self._columns / float(self.x_mm[-1] - self.x_mm[0])
         self._rows_per_mm = (int(self.y_mm.size) - 1) / float(self.y_mm[-1] - self.y_mm[0])
@@ -86,7 +86,7 @@ class ModeShapes:
 
         write_grid(path, (self.x_mm, self.y_mm, self.shapes))
 
-    def at(self, x_mm: float, y_mm: float) -> Row:
+    def at(self, x_mm: float, y_mm: float) -> _Row:
         """Return all M shapes at one point as floats; clamped outside, zeros for NaN."""
         cell, u, v = self._located(x_mm, y_mm)
         return self._zeros if cell < 0 else tuple([patch.value(u, v) for patch in self._patches(cell)])
@@ -96,7 +96,7 @@ class ModeShapes:
         """What `at` takes from machine code: `BicubicSurfaces.patches`, and the knots x_mm (nx,) and y_mm (ny,)."""
         return self._surfaces.patches, self.x_mm, self.y_mm
 
-    def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
+    def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[_Slope, ...]:
         """Return (phi, dphi/dx, dphi/dy) of all M shapes at one point, in 1 and 1/mm: `at` and `gradient` in one."""
         if not self._is_on_map(x_mm, y_mm):
             return self._beyond_with_gradient(x_mm, y_mm)
@@ -120,14 +120,14 @@ class ModeShapes:
         row = _interval(y_knots, self._rows_per_mm, y_mm)
         return row * self._columns + column, x_mm - x_knots[column], y_mm - y_knots[row]
 
-    def _patches(self, cell: int) -> tuple[Patch, ...]:
+    def _patches(self, cell: int) -> tuple[BicubicPatch, ...]:
         """The cell's surfaces, built on first use."""
         patches = self._cells[cell]
         if patches is None:
-            patches = self._cells[cell] = tuple([Patch(row) for row in self._surfaces.patches[cell].tolist()])
+            patches = self._cells[cell] = tuple([BicubicPatch(row) for row in self._surfaces.patches[cell].tolist()])
         return patches
 
-    def _beyond_with_gradient(self, x_mm: float, y_mm: float) -> tuple[Slope, ...]:
+    def _beyond_with_gradient(self, x_mm: float, y_mm: float) -> tuple[_Slope, ...]:
         """Outside the map: the shapes of the edge, with zero slope across it."""
         if x_mm != x_mm or y_mm != y_mm:
             return ((0.0, 0.0, 0.0),) * self.M

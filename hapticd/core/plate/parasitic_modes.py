@@ -32,9 +32,9 @@ from ..phasors import Row, magnitude, re_im
 from ..small_matrices import Vector, dot, solved
 from .mode_shapes import ModeShapes
 
-Shapes = tuple[float, ...]  # of modes at one point
-Rows = list[list[float]]
-Parts = tuple[list[float], list[float]]  # in phase with the drive, and a quarter turn behind: (M,) each
+_Shapes = tuple[float, ...]  # of modes at one point
+_Rows = list[list[float]]
+_Parts = tuple[list[float], list[float]]  # in phase with the drive, and a quarter turn behind: (M,) each
 
 # Within a third of a millimetre of a common node the driven modes can hardly reach the still finger: less is taken
 # back there than it feels, for the amplitudes to stay small. It is the square of a shape.
@@ -85,7 +85,7 @@ class ParasiticModes:
     def silenced(
         self,
         places: list[tuple[float, float, float]],
-        phi: tuple[Shapes, ...],
+        phi: tuple[_Shapes, ...],
         modal_um: Row,
         w_limit_um: tuple[float, ...],
     ) -> Row:
@@ -102,7 +102,7 @@ class ParasiticModes:
         changed_um = _zeroed(felt[0], modal_um) if len(felt) == 1 else _all_zeroed(felt, modal_um)
         return _within(changed_um, w_limit_um)
 
-    def _moved_of_two(self, phi: tuple[Shapes, ...], shapes: list[Shapes], finger: int) -> Parts:
+    def _moved_of_two(self, phi: tuple[_Shapes, ...], shapes: list[_Shapes], finger: int) -> _Parts:
         """The row of `_moved` for one of two fingers in closed form, which takes a third of the time."""
         own, there = shapes[finger], shapes[1 - finger]
         own_d = there_d = 1.0
@@ -130,15 +130,15 @@ class ParasiticModes:
             behind[driven] = there_q * shape - both_q * other
         return in_phase, behind
 
-    def _moved(self, phi: tuple[Shapes, ...], shapes: list[Shapes], fingers: Sequence[int]) -> list[Parts]:
+    def _moved(self, phi: tuple[_Shapes, ...], shapes: list[_Shapes], fingers: Sequence[int]) -> list[_Parts]:
         """How each of `fingers` is moved by 1 um of each driven mode, by all modes; shapes (N, K): of these modes.
 
         By the amplitudes of these modes, W_n + r_n sum_i phi_n(P_i) sum_m phi_m(P_i) W_m = -r_n sum_i phi_n(P_i)
         phi_k(P_i), because there are usually fewer of them than fingers. In parts: as machine code they are plain
         floats, where complex numbers would be objects.
         """
-        matrix: tuple[Rows, Rows] = [], []
-        brought: tuple[Rows, Rows] = [], []
+        matrix: tuple[_Rows, _Rows] = [], []
+        brought: tuple[_Rows, _Rows] = [], []
         for mode in range(len(self._load_d)):
             own = [there[mode] for there in shapes]
             products = _weighted(own, shapes)
@@ -158,7 +158,7 @@ class ParasiticModes:
         return moved
 
 
-def _weighted(weights: list[float], rows: Sequence[Shapes]) -> list[float]:
+def _weighted(weights: list[float], rows: Sequence[_Shapes]) -> list[float]:
     """The sum of rows, each times its weight."""
     total = [0.0] * len(rows[0])
     for weight, row in zip(weights, rows, strict=True):
@@ -167,7 +167,7 @@ def _weighted(weights: list[float], rows: Sequence[Shapes]) -> list[float]:
     return total
 
 
-def _eliminate(column: int, matrix: tuple[Rows, Rows], right: tuple[Rows, Rows]) -> bool:
+def _eliminate(column: int, matrix: tuple[_Rows, _Rows], right: tuple[_Rows, _Rows]) -> bool:
     """One step of Gauss-Jordan elimination in place, with the largest pivot; False if there is none."""
     matrix_d, matrix_q = matrix
     pivot, square = column, 0.0
@@ -205,7 +205,7 @@ def _subtract(
         row_q[place] = row_q[place] - (by_d * q + by_q * d)
 
 
-def _zeroed(felt: Parts, modal_um: Row) -> Parts:
+def _zeroed(felt: _Parts, modal_um: Row) -> _Parts:
     """The nearest amplitudes of which one finger feels nothing."""
     row_d, row_q = felt
     felt_d_um = felt_q_um = 0.0
@@ -226,7 +226,7 @@ def _zeroed(felt: Parts, modal_um: Row) -> Parts:
     return changed_d_um, changed_q_um
 
 
-def _all_zeroed(felt: Sequence[Parts], modal_um: Row) -> Parts:
+def _all_zeroed(felt: Sequence[_Parts], modal_um: Row) -> _Parts:
     """The same for several fingers at once: W - A' (A A' + s I)^-1 A W, where A gives both parts of what each feels.
 
     With as many fingers as modes or more that is (A' A / s + I)^-1 W, whose matrix does not grow with them.
@@ -267,7 +267,7 @@ def _felt_squares(rows: Sequence[Vector]) -> list[Vector]:
     return squares
 
 
-def _within(changed_um: Parts, w_limit_um: tuple[float, ...]) -> Row:
+def _within(changed_um: _Parts, w_limit_um: tuple[float, ...]) -> Row:
     """Scaled together to where no mode passes its limit: the zero stays."""
     modal_d_um, modal_q_um = changed_um
     scale = 1.0

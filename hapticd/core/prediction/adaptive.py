@@ -14,7 +14,7 @@ from typing import Final
 from .bank import ModelBank, shortened
 from .motion import MotionModel, Sample
 from .pad_memory import FAR_S, NEAR_S, HorizonFit, PadMemory, Spread, dot, speed_class
-from .prior import Vector
+from .prior import MotionVector
 
 # The slow filter: constant velocity disturbed by white acceleration, a hundredth of a hand's.
 _SLOW_DENSITY_MM2_S3: Final = 2.5e3
@@ -109,7 +109,7 @@ class Estimate:
             return self.vx / self.speed_mm_s, self.vy / self.speed_mm_s
         return 1.0, 0.0
 
-    def corrections(self, ahead_s: float) -> tuple[Vector, Vector]:
+    def corrections(self, ahead_s: float) -> tuple[MotionVector, MotionVector]:
         """Return the corrections at a horizon, in mm, on x and on y."""
         scale = 0.5 * ahead_s * ahead_s
         most_mm = _ACCELERATED_SHARE * ahead_s * self.speed_mm_s + _ACCELERATED_MM

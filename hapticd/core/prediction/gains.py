@@ -39,7 +39,7 @@ _GAIN = struct.Struct("=5d")
 _ROW_BYTES = len(MODELS) * _GAIN.size
 
 
-class Rows:
+class GainRows:
     """The gains of one interval, a read-only sequence: a row per sample after the first, a `Gain` for each of `MODELS`.
 
     Packed doubles, 40 bytes a gain where Python objects take 220. A row is unpacked on access: a touch reads each once,
@@ -70,7 +70,7 @@ class Rows:
 
 
 @lru_cache(maxsize=16)  # two configurations of some levels each
-def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, ...]:
+def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[GainRows, ...]:
     """Return the gains of each interval; the last row holds for all later samples. Takes some 20 ms the first time."""
     columns = np.concatenate(
         [
@@ -79,7 +79,7 @@ def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[Rows, .
         ],
         axis=2,
     )
-    return tuple(Rows(interval) for interval in columns.swapaxes(0, 1))
+    return tuple(GainRows(interval) for interval in columns.swapaxes(0, 1))
 
 
 def kalman_gains(

@@ -25,7 +25,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from .prior import FAR, NEAR, SPREADS_MM, Prior, Vector
+from .prior import FAR, NEAR, SPREADS_MM, MotionVector, Prior
 
 NEAR_S: Final = 0.015
 FAR_S: Final = 0.030
@@ -57,7 +57,7 @@ class HorizonFit:
         *("_row0", "_row1", "_row2", "_row3", "_row4", "_squares_mm2", "_start", "weights"),
     )
 
-    def __init__(self, prior: Prior, weights: Vector | None = None) -> None:
+    def __init__(self, prior: Prior, weights: MotionVector | None = None) -> None:
         """`weights` replaces the prior's mean: those that were kept of this pad."""
         self._start = prior.mean if weights is None else weights
         self.weights = self._start
@@ -67,7 +67,7 @@ class HorizonFit:
         self._count = _START_SAMPLES
         self._squares_mm2 = _START_SAMPLES * _START_RESIDUAL_MM2
 
-    def learn(self, fx: Vector, fy: Vector, dx_mm: float, dy_mm: float) -> tuple[float, float]:
+    def learn(self, fx: MotionVector, fy: MotionVector, dx_mm: float, dy_mm: float) -> tuple[float, float]:
         """Take the corrections (mm, per axis) of a prediction and what they should have added up to; return what they
         lacked."""
         w = self.weights
@@ -125,7 +125,7 @@ class PadMemory:
 
     __slots__ = ("far", "far_across", "far_along", "near", "near_across", "near_along")
 
-    def __init__(self, near: Vector | None = None, far: Vector | None = None) -> None:
+    def __init__(self, near: MotionVector | None = None, far: MotionVector | None = None) -> None:
         """`near` and `far`: weights kept of this pad, at the two horizons."""
         self.near, self.far = HorizonFit(NEAR, near), HorizonFit(FAR, far)
         (near_along_mm, near_across_mm), (far_along_mm, far_across_mm) = SPREADS_MM
@@ -145,7 +145,7 @@ class PadMemory:
         """The weights at both horizons, one after the other."""
         return *self.near.weights, *self.far.weights
 
-    def weights(self, ahead_s: float) -> Vector:
+    def weights(self, ahead_s: float) -> MotionVector:
         """Return the weights at a horizon."""
         u = _between(ahead_s)
         a0, a1, a2, a3, a4 = self.near.weights
@@ -176,12 +176,12 @@ def _between(ahead_s: float) -> float:
     return 0.0 if u < 0.0 else _FARTHEST_U if u > _FARTHEST_U else u
 
 
-def dot(a: Vector, b: Vector) -> float:
+def dot(a: MotionVector, b: MotionVector) -> float:
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
 
 
-def _gathered(row: Vector, fx: Vector, x: float, fy: Vector, y: float) -> Vector:
+def _gathered(row: MotionVector, fx: MotionVector, x: float, fy: MotionVector, y: float) -> MotionVector:
     return (
         _FORGET * row[0] + fx[0] * x + fy[0] * y,
         _FORGET * row[1] + fx[1] * x + fy[1] * y,
@@ -192,7 +192,14 @@ def _gathered(row: Vector, fx: Vector, x: float, fy: Vector, y: float) -> Vector
 
 
 def _solved(
-    weight: float, index: int, row: Vector, prior: Vector, right: float, variance: float, w: Vector, start: Vector
+    weight: float,
+    index: int,
+    row: MotionVector,
+    prior: MotionVector,
+    right: float,
+    variance: float,
+    w: MotionVector,
+    start: MotionVector,
 ) -> float:
     """Return the weight that solves its own equation, the others as they are."""
     misfit = right - dot(row, w) + variance * (dot(prior, start) - dot(prior, w))
@@ -200,7 +207,7 @@ def _solved(
     return -MOST_WEIGHT if solved < -MOST_WEIGHT else MOST_WEIGHT if solved > MOST_WEIGHT else solved
 
 
-def _at(vector: Vector, index: int) -> float:
+def _at(vector: MotionVector, index: int) -> float:
     if index == 0:
         return vector[0]
     if index == 1:

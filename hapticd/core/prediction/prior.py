@@ -12,15 +12,15 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-Vector = tuple[float, float, float, float, float]
+MotionVector = tuple[float, float, float, float, float]
 Spreads = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 class Prior(NamedTuple):
     """A normal distribution: its mean, and the inverse of its covariance by rows."""
 
-    mean: Vector
-    precision: tuple[Vector, Vector, Vector, Vector, Vector]
+    mean: MotionVector
+    precision: tuple[MotionVector, MotionVector, MotionVector, MotionVector, MotionVector]
 
 
 NEAR: Final = Prior(

@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import FloatArray
-from .points.arithmetic import Phasors, Row, Rows
+from .points.arithmetic import ModeRow, ModeRows, Phasors
 
 
-def checked_shapes(phi: npt.ArrayLike) -> tuple[Rows, int]:
+def checked_shapes(phi: npt.ArrayLike) -> tuple[ModeRows, int]:
     """phi (N, M) as rows, and M."""
     array = _array("phi", phi, 2)
     listed: list[list[float]] = array.tolist()
-    rows: list[Row] = []
+    rows: list[ModeRow] = []
     for row in listed:
         _check_finite("phi", row)
         rows.append(tuple(row))
@@ -31,7 +31,7 @@ def checked_track(phi: npt.ArrayLike) -> FloatArray:
     return array
 
 
-def checked_targets(target_um: npt.ArrayLike, fingers: int) -> Row:
+def checked_targets(target_um: npt.ArrayLike, fingers: int) -> ModeRow:
     """target_um (N,)."""
     targets = _row("target_um", target_um, fingers)
     _check_targets(targets)
@@ -47,7 +47,7 @@ def checked_target_track(target_um: npt.ArrayLike, count: int, fingers: int) -> 
     return np.broadcast_to(array, (count, fingers))
 
 
-def checked_limits(limit_um: npt.ArrayLike, modes: int) -> Row:
+def checked_limits(limit_um: npt.ArrayLike, modes: int) -> ModeRow:
     """limit_um (M,), or one number for all modes."""
     if isinstance(limit_um, (float, int)):  # a union would be built at each call
         limit_um = [limit_um] * modes
@@ -58,7 +58,7 @@ def checked_limits(limit_um: npt.ArrayLike, modes: int) -> Row:
     return tuple(limits)
 
 
-def checked_previous(previous_um: npt.ArrayLike | None, modes: int) -> Row | None:
+def checked_previous(previous_um: npt.ArrayLike | None, modes: int) -> ModeRow | None:
     """previous_um (M,), or None."""
     return None if previous_um is None else tuple(_row("previous_um", previous_um, modes))
 

@@ -36,7 +36,7 @@ from typing import Final
 from ...values import WEBER_FRAC
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..plate.contact import Gram
-from .points.arithmetic import SAFE, Row
+from .points.arithmetic import SAFE, ModeRow
 
 FULL_UM: Final = 1.0  # beyond this friction is nearly as low as it gets: its slope stays, so that more is still more
 FULL_FRAC: Final = 0.5  # of the amplitude at which the curve ends, where that is less than FULL_UM
@@ -106,8 +106,8 @@ BUILT_IN: Final = FeltError(DEFAULT_FRICTION_CURVE)
 
 def solve_contacts(
     grams: list[Gram],
-    targets_um: Row,
-    limits_um: Row,
+    targets_um: ModeRow,
+    limits_um: ModeRow,
     d_um: list[float],
     q_um: list[float],
     felt: FeltError = BUILT_IN,
@@ -141,7 +141,7 @@ def solve_contacts(
 
 def _descend(
     grams: list[Gram],
-    targets_um: Row,
+    targets_um: ModeRow,
     modes: list[_Mode],
     felt: FeltError,
     stretches: list[float] | None,
@@ -270,7 +270,7 @@ def _sweep(curvature: Gram, modes: list[_Mode]) -> None:
 
 
 def _is_limited(
-    achieved_um: list[float], targets_um: Row, limits_um: Row, d_um: list[float], q_um: list[float]
+    achieved_um: list[float], targets_um: ModeRow, limits_um: ModeRow, d_um: list[float], q_um: list[float]
 ) -> bool:
     """Whether some mode is at its limit while a finger misses its target."""
     is_short = False

@@ -36,7 +36,7 @@ from typing import Final
 from ..friction import FrictionCurve
 from ..plate.contact import Disc, Shapes
 from .felt_descent import descend
-from .points.arithmetic import Row
+from .points.arithmetic import ModeRow
 
 ITERATIONS: Final = 7  # of a call
 COLD_ITERATIONS: Final = 60  # from rest
@@ -57,8 +57,8 @@ def solve_felt(
     shapes: Shapes,
     weights: list[float],
     curve: FrictionCurve,
-    targets_um: Row,
-    limits_um: Row,
+    targets_um: ModeRow,
+    limits_um: ModeRow,
     d_um: list[float],
     q_um: list[float],
     log_weights: list[float],
@@ -131,7 +131,7 @@ def _stickiness(friction: float) -> float:
     return 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
 
 
-def _is_limited(errors_jnd: list[float], limits_um: Row, d_um: list[float], q_um: list[float]) -> bool:
+def _is_limited(errors_jnd: list[float], limits_um: ModeRow, d_um: list[float], q_um: list[float]) -> bool:
     """Whether some mode is at its limit while a finger feels that it misses its target."""
     misses = False
     for error_jnd in errors_jnd:

@@ -13,7 +13,7 @@ from typing import Final
 from ...values import FingerKey, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude, re_im
-from ..plate.contact import Disc, Form, Shapes, contact_gram, disc_points, grown
+from ..plate.contact import Disc, EllipseForm, Shapes, contact_gram, disc_points, grown
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
@@ -21,13 +21,13 @@ from .contacts import COLD_CALLS, FeltError, contact_rms_um, solve_contacts, ste
 from .derating import derated, is_near_node, least_share, slopes_at
 from .felt import felt_points, solve_felt
 from .felt_descent import contact_shapes, contacts_rms_um
-from .points.arithmetic import Rows
+from .points.arithmetic import ModeRows
 from .points.general import solve_fast
 from .points.phase import solve_phased_fast
 from .reach import ReachProblem, reach
 
-Place = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
-PointSolver = Callable[[Rows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
+AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
+PointSolver = Callable[[ModeRows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
 
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
@@ -43,7 +43,7 @@ class ModalSolution:
 
     __slots__ = ("achieved_um", "limited", "modal_um", "places")
 
-    def __init__(self, places: list[Place], achieved_um: list[float], modal_um: Row, limited: bool) -> None:
+    def __init__(self, places: list[AskedPlace], achieved_um: list[float], modal_um: Row, limited: bool) -> None:
         self.places: Final = places
         self.achieved_um: Final = achieved_um
         self.modal_um: Final = modal_um
@@ -119,13 +119,13 @@ class InstantSolver:
 
     def solve(
         self,
-        places: list[Place],
+        places: list[AskedPlace],
         previous_um: Row,
         since_ns: int,
         variances_mm2: list[float] | None = None,
         stretches: list[float] | None = None,
         priorities: list[int] | None = None,
-        forms: list[Form | None] | None = None,
+        forms: list[EllipseForm | None] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
         `variances_mm2` (N,) of the places on each axis, and by how much more amplitude each sliding finger needs; for
@@ -156,13 +156,13 @@ class InstantSolver:
 
     def _solve_contacts(
         self,
-        places: list[Place],
+        places: list[AskedPlace],
         previous_um: Row,
         since_ns: int,
         variances_mm2: list[float] | None,
         stretches: list[float] | None,
         priorities: list[int] | None,
-        forms: list[Form | None] | None,
+        forms: list[EllipseForm | None] | None,
     ) -> ModalSolution:
         d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
         for mode in range(len(previous_um)):
@@ -198,7 +198,7 @@ class InstantSolver:
                 achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
         return ModalSolution(places, achieved_um, tuple(map(complex, d_um, q_um)), limited)
 
-    def _contact_shapes(self, places: list[Place], contacts: list[Form]) -> Shapes:
+    def _contact_shapes(self, places: list[AskedPlace], contacts: list[EllipseForm]) -> Shapes:
         radius_mm = self._contact_radius_mm
         ellipses = [
             (x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm)
@@ -213,12 +213,12 @@ class InstantSolver:
 
     def reach(
         self,
-        places: list[Place],
+        places: list[AskedPlace],
         variances_mm2: list[float],
         stretches: list[float],
         priorities: list[int],
         calls: int,
-        forms: list[Form | None] | None = None,
+        forms: list[EllipseForm | None] | None = None,
     ) -> tuple[float, float] | None:
         """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
         of the solver; None if it can feel none as asked."""
@@ -247,7 +247,7 @@ class InstantSolver:
 
     def _derated(
         self,
-        places: list[Place],
+        places: list[AskedPlace],
         phi: tuple[tuple[float, ...], ...],
         targets_um: tuple[float, ...],
         modal_um: Row,

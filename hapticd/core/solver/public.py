@@ -29,7 +29,7 @@ from .checks import (
     checked_track,
 )
 from .contacts import COLD_TURN_RAD, solve_contacts
-from .points.arithmetic import Row, Rows, amplitudes, clamped
+from .points.arithmetic import ModeRow, ModeRows, amplitudes, clamped
 from .points.general import solve_exactly
 from .points.pair import condition
 from .points.phase import TURN_RAD, solve_phased_fast
@@ -82,9 +82,9 @@ def solve_batch(
     count, fingers, modes = track.shape
     targets = checked_target_track(target_um, count, fingers)
     limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
-    modal_um: list[Row] = []
+    modal_um: list[ModeRow] = []
     for shapes, wanted in zip(track.tolist(), targets.tolist(), strict=True):
-        rows: Rows = tuple(map(tuple, shapes))
+        rows: ModeRows = tuple(map(tuple, shapes))
         previous, _ = solve_exactly(rows, tuple(wanted), limits, previous)
         modal_um.append(previous)
     return np.array(modal_um).reshape(count, modes)
@@ -111,7 +111,9 @@ def solve_phased(
     return np.array(solve_phased_fast(rows, targets, limits, previous, turn_rad)[0])
 
 
-def _solved_contacts(grams: FloatArray, rows: Rows, targets: Row, limits: Row, previous: Row | None) -> Solution:
+def _solved_contacts(
+    grams: FloatArray, rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None
+) -> Solution:
     """Solve for contacts with real amplitudes: a real start stays real."""
     if previous is None or not any(previous):
         previous = tuple([limit * math.cos(COLD_TURN_RAD * k) for k, limit in enumerate(limits)])
@@ -124,7 +126,7 @@ def _solved_contacts(grams: FloatArray, rows: Rows, targets: Row, limits: Row, p
     return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
 
 
-def _condition(rows: Rows) -> float:
+def _condition(rows: ModeRows) -> float:
     if len(rows) == 2 == len(rows[0]):
         (a, b), (c, d) = rows
         return condition((a, b, c, d))

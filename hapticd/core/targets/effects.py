@@ -17,7 +17,7 @@ from ..trajectory.knots import GRAIN_NS
 from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer
 from .shares import UserOf, left, spoken
-from .surfaces import NEVER_NS, Surfaces
+from .surfaces import NEVER_NS, SurfaceSet
 
 Cause = type[Start]
 
@@ -26,7 +26,7 @@ MAX_PLAYING: Final = 32  # each is looked at for every finger at every knot
 MAX_START_IDS: Final = 1024  # remembered; 64 clients have as many effects
 EVERYONE: Final = 0  # no finger's id: all fingers where the effect is
 OwnerOf = Callable[[FingerKey], str | None]
-Predicted = Callable[[int, int], tuple[float, float]]  # a finger and an instant: where it will be
+_Predicted = Callable[[int, int], tuple[float, float]]  # a finger and an instant: where it will be
 
 
 class Held:
@@ -71,7 +71,7 @@ class Playing:
 class Effects:
     """All effects of all clients. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(self, w_limit_um: float, surfaces: Surfaces, user_of: UserOf) -> None:
+    def __init__(self, w_limit_um: float, surfaces: SurfaceSet, user_of: UserOf) -> None:
         self.held: list[Held] = []
         self.playing: list[Playing] = []
         self.felt: list[Playing] = []  # of those, what a finger feels in the frame that is being made
@@ -232,7 +232,7 @@ class Effects:
     # --- reading, for the touch path ---
 
     def find_felt(
-        self, keys: Sequence[FingerKey], owner_of: OwnerOf, predicted_mm: Predicted, from_ns: int, to_ns: int
+        self, keys: Sequence[FingerKey], owner_of: OwnerOf, predicted_mm: _Predicted, from_ns: int, to_ns: int
     ) -> None:
         """Find what any of these fingers will feel between two instants."""
         self.felt = []
@@ -297,7 +297,9 @@ def _reaches(one: Playing, finger_id: int, place_mm: tuple[float, float], t_ns: 
     return layer is not None and layer.covers(place_mm[0], place_mm[1], t_ns)
 
 
-def _is_met(one: Playing, finger_id: int, owner: str | None, predicted_mm: Predicted, from_ns: int, to_ns: int) -> bool:
+def _is_met(
+    one: Playing, finger_id: int, owner: str | None, predicted_mm: _Predicted, from_ns: int, to_ns: int
+) -> bool:
     """Return whether a finger feels what plays at any instant of its way."""
     held = one.held
     if owner is not None and owner != held.owner:

@@ -20,7 +20,7 @@ from .assets import Assets
 from .costs import virtual_ns
 from .effects import Effects
 from .shares import UserOf, host_of, left, spoken
-from .surfaces import NEVER_NS, Surfaces
+from .surfaces import NEVER_NS, SurfaceSet
 from .textures.registry import Sliding, amplitude, content_ns, detail, refusal
 from .textures.texture import NO_DETAIL, AmplitudeAt, Detail
 from .virtual_paths import Walk
@@ -77,7 +77,7 @@ class Scene:
         self.depends_on_speed = friction_curve.speed_mm_s < math.inf
         self._sliding = Sliding()
         self.assets = Assets(user_of)
-        self.surfaces = Surfaces(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding, user_of)
+        self.surfaces = SurfaceSet(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding, user_of)
         self.effects = Effects(w_limit_um, self.surfaces, user_of)
         self._held: dict[FingerKey, _Held] = {}
         self._released: dict[FingerKey, None] = {}  # in the order in which they were released

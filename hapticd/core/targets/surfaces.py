@@ -54,7 +54,7 @@ class Way(NamedTuple):
     crossings: list[Crossing]
 
 
-class Surfaces:
+class SurfaceSet:
     """All layers, topmost first. Instants are arguments in ns on one monotonic axis."""
 
     def __init__(

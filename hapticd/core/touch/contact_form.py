@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ..plate.contact import Form
+from ..plate.contact import EllipseForm
 
 LEAST_MM: Final = 3.0  # semi-axes of a fingertip's contact; what is reported beyond is a palm, or two fingers merged
 MOST_MM: Final = 8.0
@@ -45,7 +45,7 @@ class ContactForm:
     __slots__ = ("_across_mm", "_along_mm", "_mean_mm", "_reports", "_scale", "_shown", "form")
 
     def __init__(self, scale: EllipseScale) -> None:
-        self.form: Form | None = None
+        self.form: EllipseForm | None = None
         self._scale: Final = scale
         self._reports = 0.0
         self._mean_mm = self._along_mm = self._across_mm = 0.0

@@ -12,7 +12,7 @@ from typing import Final
 from mypy_extensions import mypyc_attr
 
 from ...values import Finger, FingerFrame, TouchFrame
-from ..plate.contact import Form
+from ..plate.contact import EllipseForm
 from .contact_form import ContactForm, EllipseScale
 from .sensor_clock import SensorClock
 from .tracking import Tracker
@@ -149,7 +149,7 @@ class Fingers:
             variances_mm2.append(0.5 * (xx_mm2 + yy_mm2))
         return variances_mm2
 
-    def forms(self, keys: Sequence[int | str]) -> list[Form | None] | None:
+    def forms(self, keys: Sequence[int | str]) -> list[EllipseForm | None] | None:
         """Return the form of each contact, None where the pad reports none, as for virtual fingers; None for all where
         the pad's ellipses are not used."""
         if self._ellipse_scale is None:

@@ -16,7 +16,7 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import ComplexArray, FloatArray
-from .model import LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, Free, Model, State
+from .model import LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, FitState, Free, Model
 from .normal import OUTLIER, Normal, covariance_of, normal_of
 from .observations import Windows
 from .problem import TouchProblem, complex_of
@@ -60,7 +60,7 @@ def fit(
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
     problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start)
-    state = State(
+    state = FitState(
         start,
         np.zeros((len(start.sense), problem.model.terms.shape[-1]), np.complex128),
         np.zeros(windows.track.shape, np.complex128),
@@ -83,13 +83,13 @@ def fit(
 class _Settled(NamedTuple):
     """A state with the noise (M,) of its residual, and mean and spread of its loads."""
 
-    state: State
+    state: FitState
     noise: FloatArray
     mean: complex
     spread: float
 
 
-def _settled(problem: TouchProblem, state: State) -> _Settled:
+def _settled(problem: TouchProblem, state: FitState) -> _Settled:
     """Solve for loads and rates: linear, but for the outliers."""
     found = _Settled(state, _noise(problem.model, state), 0.0, _START_LOAD_1_S)
     for _ in range(4):
@@ -122,7 +122,7 @@ def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, FloatA
     return found, covariance_of(normal, problem.model.windows)
 
 
-def _stepped(problem: TouchProblem, state: State, normal: Normal, damping: float = 0.0) -> State:
+def _stepped(problem: TouchProblem, state: FitState, normal: Normal, damping: float = 0.0) -> FitState:
     scale = np.sqrt(np.diag(normal.matrix))
     scaled = normal.matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step = np.linalg.solve(scaled, normal.right / scale) / scale
@@ -130,26 +130,26 @@ def _stepped(problem: TouchProblem, state: State, normal: Normal, damping: float
     return problem.stepped(state, step, complex_of(loads))
 
 
-def _noise(model: Model, state: State) -> FloatArray:
+def _noise(model: Model, state: FitState) -> FloatArray:
     """Return one sigma of either part of the residual (M,), by its median size."""
     size = np.abs(model.residual(state))[model.windows.is_used]
     return np.asarray(np.median(size, axis=0) / np.sqrt(2.0 * np.log(2.0)) + 1e-9, np.float64)
 
 
-def _window_cost(model: Model, state: State, noise: FloatArray) -> FloatArray:
+def _window_cost(model: Model, state: FitState, noise: FloatArray) -> FloatArray:
     """Huber's cost of each window (B,)."""
     size = np.abs(model.residual(state)) / noise
     cost = np.where(size < OUTLIER, size**2, 2.0 * OUTLIER * size - OUTLIER**2)
     return np.asarray((cost * model.windows.is_used[..., None]).sum(axis=(1, 2)), np.float64)
 
 
-def _cost(problem: TouchProblem, state: State, noise: FloatArray, mean: complex, spread: float) -> float:
+def _cost(problem: TouchProblem, state: FitState, noise: FloatArray, mean: complex, spread: float) -> float:
     data = float(_window_cost(problem.model, state, noise).sum())
     known = float(((problem.offsets(state) / problem.priors()) ** 2).sum())
     return data + known + float((np.abs(state.loads - mean) ** 2).sum()) / spread**2
 
 
-def _load_prior(state: State, normal: Normal) -> tuple[complex, float]:
+def _load_prior(state: FitState, normal: Normal) -> tuple[complex, float]:
     """Return the loads' mean and spread, of those that the data determine."""
     weight = normal.load_weight
     mean = complex((state.loads * weight).sum() / max(float(weight.sum()), 1e-12))

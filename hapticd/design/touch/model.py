@@ -62,7 +62,7 @@ class Free(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class FitState:
     """A calibration and all else that is free: `rates` (M, L) of the regressors, `loads` (B, N)."""
 
     calibration: Calibration
@@ -89,7 +89,7 @@ def _cubic(place: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class ModelPoint:
     """The model at one state: residual (B, S, M) in um/s and its derivatives (B, S, M, ..).
 
     They are by the pad's 7, the elements of `sense` without the first, M K waves, and N loads.
@@ -160,7 +160,7 @@ class Model:
             self._placed = found, Placed(position, velocity, points, drawn, phi, seen_um, under_um)
         return self._placed[1]
 
-    def residual(self, state: State) -> ComplexArray:
+    def residual(self, state: FitState) -> ComplexArray:
         """Return the residual alone, of all windows (B, S, M)."""
         placed = self._place(state.calibration)
         out = placed.phi @ np.linalg.inv(state.calibration.sense).T
@@ -168,7 +168,7 @@ class Model:
         force = np.einsum("bsnk,bsn->bsk", out, under_um * state.loads[:, None, :])
         return np.asarray(self._known + np.einsum("bskl,kl->bsk", self.terms, state.rates) + force, np.complex128)
 
-    def settle(self, state: State) -> None:
+    def settle(self, state: FitState) -> None:
         """Take the parasitic modes to move as the fingers of `state` drive them; far from the drive, they follow."""
         parasitic = self._parasitic
         if parasitic is None:
@@ -185,7 +185,7 @@ class Model:
         moved_um = -np.einsum("bsnp,bsn->bsp", phi, under_um) * yielding
         self._beside_um = np.einsum("bsnp,bsp->bsn", phi, moved_um)
 
-    def at(self, state: State, rows: slice, free: Free) -> Point:
+    def at(self, state: FitState, rows: slice, free: Free) -> ModelPoint:
         """Return the model at `state` for some windows, with derivatives by what is free."""
         found = state.calibration
         placed = self._place(found).part(rows)
@@ -209,7 +209,7 @@ class Model:
             by_sense = _by_sense(self.windows.measured_um[rows], loads, phi, out, under_um, inverse)
         if free.waves:
             by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, self._shapes[rows]).reshape(*residual.shape, -1)
-        return Point(residual, by_pad, by_sense, by_waves, np.moveaxis(by_loads, 2, 3))
+        return ModelPoint(residual, by_pad, by_sense, by_waves, np.moveaxis(by_loads, 2, 3))
 
     def _phi(self, points: FloatArray, found: Calibration) -> FloatArray:
         """Return the shapes (B, S, N, M), zero where there is no finger."""

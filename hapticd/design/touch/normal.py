@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...values import ComplexArray, FloatArray
-from .model import Point, State
+from .model import FitState, ModelPoint
 from .observations import Windows
 from .problem import TouchProblem
 
@@ -27,7 +27,7 @@ class Normal(NamedTuple):
     scores: FloatArray  # (B, P), what each window adds to `right`, negative
 
 
-def normal_of(problem: TouchProblem, state: State, noise: FloatArray, mean: complex, spread: float) -> Normal:
+def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: complex, spread: float) -> Normal:
     prior = problem.priors()
     matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
     fingers = state.loads.shape[1]
@@ -59,7 +59,7 @@ def normal_of(problem: TouchProblem, state: State, noise: FloatArray, mean: comp
     return Normal(matrix, right, solved[..., -1], solved[..., :-1], weights, scores)
 
 
-def _columns(problem: TouchProblem, point: Point, rows: slice) -> ComplexArray:
+def _columns(problem: TouchProblem, point: ModelPoint, rows: slice) -> ComplexArray:
     """Derivatives by all parameters (B, S, M, P), which are real."""
     terms = problem.model.terms[rows]
     modes = terms.shape[2]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...values import ComplexArray, FloatArray
-from .model import DRIFT_PRIOR_1_S, PAD_PRIOR, SENSE_PRIOR, TERMS, Calibration, Free, Model, State, stepped
+from .model import DRIFT_PRIOR_1_S, PAD_PRIOR, SENSE_PRIOR, TERMS, Calibration, FitState, Free, Model, stepped
 
 MAP_PRIOR = 0.015  # RMS of what the map may lack, as a share of its peak: 4 % of its own RMS
 _LOOSE = 1e6  # sigma of what has no prior
@@ -36,7 +36,7 @@ class TouchProblem:
         lacking = np.zeros(0) if self.model.waves is None else MAP_PRIOR * np.tile(self.model.waves.prior, modes)
         return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], np.tile(rate, 2 * modes)))
 
-    def offsets(self, state: State) -> FloatArray:
+    def offsets(self, state: FitState) -> FloatArray:
         """Distance of each parameter from its prior's mean."""
         found = state.calibration
         modes = len(found.sense)
@@ -50,13 +50,13 @@ class TouchProblem:
         ]
         return np.concatenate(parts)
 
-    def stepped(self, state: State, step: FloatArray, loads: ComplexArray) -> State:
+    def stepped(self, state: FitState, step: FloatArray, loads: ComplexArray) -> FitState:
         """Return the state after a step of all parameters (P,) and loads (B, N)."""
         pad, sense, waves, rates = np.split(step, np.cumsum(self.sizes)[:-1])
         found = state.calibration
         if any(self.free):
             found = stepped(found, pad if pad.size else np.zeros(len(PAD_PRIOR)), complex_of(sense), waves)
-        return State(found, state.rates + complex_of(rates).reshape(state.rates.shape), state.loads + loads)
+        return FitState(found, state.rates + complex_of(rates).reshape(state.rates.shape), state.loads + loads)
 
 
 def complex_of(parts: FloatArray) -> ComplexArray:

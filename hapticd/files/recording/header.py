@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...board_values import Calibration, ModeCalibration
+from ...board_values import BoardCalibration, ModeCalibration
 from ...config import loader as config
 from ...config.sections import Config
 from ...core.plate.mode_shapes import ModeShapes
@@ -51,7 +51,7 @@ class Header:
     pad: Pad
     config: Config
     modes: ModeShapes
-    calibration: Calibration
+    calibration: BoardCalibration
     parasitic_modes: ParasiticModes | None = None
 
 
@@ -105,7 +105,9 @@ def header_from(fields: Fields) -> Header:
             pad=from_fields(_typed({"pad": {"model": fields.get("trackpad_model")}} | fields, "pad", dict)),
             config=settings,
             modes=modes,
-            calibration=Calibration(tuple(_calibration(entry, modes.M) for entry in fields["calibration"]), drive_hz),
+            calibration=BoardCalibration(
+                tuple(_calibration(entry, modes.M) for entry in fields["calibration"]), drive_hz
+            ),
             parasitic_modes=_parasitic_modes(fields["parasitic_modes"]),
         )
     except RecordingError:

@@ -60,14 +60,14 @@ WHOLE, NUMBER, BOOL, TEXT, BYTES = "integer", "number", "boolean", "string", "by
 class Maybe(NamedTuple):
     """A member of an object that may be absent."""
 
-    form: Form
+    form: _Form
 
 
-Form: TypeAlias = "str | list[Form] | dict[str, Form | Maybe]"
-AMPLITUDES: dict[str, Form | Maybe] = {"d": [NUMBER], "q": [NUMBER]}
+_Form: TypeAlias = "str | list[_Form] | dict[str, _Form | Maybe]"
+AMPLITUDES: dict[str, _Form | Maybe] = {"d": [NUMBER], "q": [NUMBER]}
 
 
-_PAD: Form = {
+_PAD: _Form = {
     "model": TEXT,
     "layout": TEXT,
     "period_ns": WHOLE,
@@ -90,7 +90,7 @@ _CHECKS: dict[str, Callable[[Any], bool]] = {
 }
 
 
-def fits(value: Any, form: Form) -> bool:
+def fits(value: Any, form: _Form) -> bool:
     """Whether a decoded value has this form."""
     if isinstance(form, str):
         return _CHECKS[form](value)
@@ -107,7 +107,7 @@ def fits(value: Any, form: Form) -> bool:
     return True
 
 
-def json_schema(form: Form) -> dict[str, Any]:
+def json_schema(form: _Form) -> dict[str, Any]:
     """The same as JSON Schema."""
     if isinstance(form, str):
         return {"type": form}
@@ -208,7 +208,7 @@ def _ledger(line: LedgerLine) -> Fields:
 
 
 _EVENT_NAMES = {"seq": "number", "t_ns": "t_cause_ns", "finger": "finger_id"}
-_FINGER: dict[str, Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
+_FINGER: dict[str, _Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
 _POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
 PERCEIVED = Perceived.__struct_fields__
 _COUNTERS = (
@@ -225,7 +225,7 @@ class Kind(NamedTuple):
     """One kind: its topic, the form of its fields, and what makes them of the values that the observer is given."""
 
     topic: str
-    form: dict[str, Form | Maybe]
+    form: dict[str, _Form | Maybe]
     flatten: Callable[..., Fields]
 
     @property
@@ -234,14 +234,14 @@ class Kind(NamedTuple):
         return "msgpack" if self.topic.startswith(("/input", "/output", f"/{HEADER}")) else "json"
 
 
-def _kind(topic: str, form: dict[str, Form | Maybe], flatten: Callable[..., Fields] | None = None) -> Kind:
+def _kind(topic: str, form: dict[str, _Form | Maybe], flatten: Callable[..., Fields] | None = None) -> Kind:
     def named(*values: object) -> Fields:
         return dict(zip(form, values, strict=True))
 
     return Kind(topic, form, named if flatten is None else flatten)
 
 
-_TRUE_FINGER: dict[str, Form | Maybe] = {
+_TRUE_FINGER: dict[str, _Form | Maybe] = {
     "path": WHOLE,  # number of the simulated finger, from 1
     "finger_id": Maybe(WHOLE),  # as in a pass, while the daemon has it
     "virtual": Maybe(TEXT),
@@ -251,9 +251,9 @@ _TRUE_FINGER: dict[str, Form | Maybe] = {
     "plate_d_um": NUMBER,
     "plate_q_um": NUMBER,
 }
-_MESSAGE: dict[str, Form | Maybe] = {"payload": BYTES, "user": TEXT}
+_MESSAGE: dict[str, _Form | Maybe] = {"payload": BYTES, "user": TEXT}
 
-_POINT_FORM: dict[str, Form | Maybe] = {
+_POINT_FORM: dict[str, _Form | Maybe] = {
     "finger_id": Maybe(WHOLE),
     "virtual": Maybe(TEXT),
     **dict.fromkeys(_POINT, NUMBER),

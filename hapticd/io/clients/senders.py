@@ -22,7 +22,7 @@ MAX_SENDERS = 64  # tracked; the one idle longest is dropped first
 _LOCAL_PEER = re.compile(r"(\d+):(-?\d+):(\d+)")  # UID:PID:CONNECTION, which the gate adds
 _UNKNOWN_USER = "an unknown user"
 
-Message = TypeVar("Message")
+_Message = TypeVar("_Message")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +60,15 @@ def _property(frame: zmq.Frame, name: str) -> str:
 
 
 @dataclass(slots=True)
-class _Bucket(Generic[Message]):
+class _Bucket(Generic[_Message]):
     """Token bucket of one source, and its waiting messages."""
 
     tokens: float
     t_s: float
-    waiting: deque[Message]
+    waiting: deque[_Message]
 
 
-class RateLimiter(Generic[Message]):
+class RateLimiter(Generic[_Message]):
     """Admit `rate_hz` messages of each source, `burst` at once. `lost` counts dropped messages.
 
     Messages beyond the rate wait in a queue of `queue_length`, which drops its oldest. With a length of 1 the newest
@@ -80,14 +80,14 @@ class RateLimiter(Generic[Message]):
         self._queue_length = queue_length
         self._rate_hz = rate_hz
         self._burst = burst
-        self._buckets: dict[str, _Bucket[Message]] = {}
+        self._buckets: dict[str, _Bucket[_Message]] = {}
 
     @property
     def is_waiting(self) -> bool:
         """Whether any message waits for a token."""
         return any(bucket.waiting for bucket in self._buckets.values())
 
-    def admit(self, source: str, message: Message, t_s: float) -> bool:
+    def admit(self, source: str, message: _Message, t_s: float) -> bool:
         """Return whether to handle this message now; if not, `due` yields it later unless newer ones replace it."""
         bucket = self._bucket_of(source, t_s)
         if not bucket.waiting and self._take_token(bucket, t_s):
@@ -98,13 +98,13 @@ class RateLimiter(Generic[Message]):
             self.lost += 1
         return False
 
-    def due(self, t_s: float) -> Iterator[Message]:
+    def due(self, t_s: float) -> Iterator[_Message]:
         """Yield the waiting messages whose source has a token."""
         for bucket in list(self._buckets.values()):
             while bucket.waiting and self._take_token(bucket, t_s):
                 yield bucket.waiting.popleft()
 
-    def _bucket_of(self, source: str, t_s: float) -> _Bucket[Message]:
+    def _bucket_of(self, source: str, t_s: float) -> _Bucket[_Message]:
         bucket = self._buckets.pop(source, None)  # re-inserted at the end: the first is the one idle longest
         if bucket is None:
             bucket = _Bucket(float(self._burst), t_s, deque())
@@ -113,7 +113,7 @@ class RateLimiter(Generic[Message]):
         self._buckets[source] = bucket
         return bucket
 
-    def _take_token(self, bucket: _Bucket[Message], t_s: float) -> bool:
+    def _take_token(self, bucket: _Bucket[_Message], t_s: float) -> bool:
         bucket.tokens = min(bucket.tokens + max(t_s - bucket.t_s, 0.0) * self._rate_hz, float(self._burst))
         bucket.t_s = t_s
         if bucket.tokens < 1.0:

@@ -42,7 +42,7 @@ REQUESTS_WAITING = 8  # queued per sender beyond its rate; of `targets` only the
 LOG_EVERY_S = 10.0  # shortest time between two log lines about losses
 
 Parts = list[bytes]
-Message = tuple[Sender, Parts]
+_Message = tuple[Sender, Parts]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +71,8 @@ class ClientServer:
         self._service: _Service | None = None
         self._break: asyncio.TimerHandle | None = None
         self.has_subscribers = False  # of telemetry
-        self._messages: RateLimiter[Message] = RateLimiter(queue_length=1)
-        self._requests: RateLimiter[Message] = RateLimiter(queue_length=REQUESTS_WAITING)
+        self._messages: RateLimiter[_Message] = RateLimiter(queue_length=1)
+        self._requests: RateLimiter[_Message] = RateLimiter(queue_length=REQUESTS_WAITING)
         self._losses_logged = 0
         self._t_logged_s: float | None = None
 
@@ -190,7 +190,7 @@ class ClientServer:
         self,
         service: _Service,
         socket: Socket,
-        rate_limiter: RateLimiter[Message],
+        rate_limiter: RateLimiter[_Message],
         shapes: tuple[int, ...],
         handle: Callable[[Sender, Parts], None],
     ) -> bool:

@@ -69,7 +69,7 @@ class Setup(ctypes.Structure):
     ]
 
 
-class Trace(ctypes.Structure):
+class TraceBuffer(ctypes.Structure):
     """`hd_board_trace_t` of firmware/boards/host/lockstep.h."""
 
     _fields_ = [
@@ -105,7 +105,7 @@ def load(modes: int) -> ctypes.CDLL:
         "hd_board_transmit": (size, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
         "hd_board_run": (
             size,
-            [board, size, ctypes.c_int32, board, board, board, ctypes.POINTER(Trace), size, ctypes.c_int32],
+            [board, size, ctypes.c_int32, board, board, board, ctypes.POINTER(TraceBuffer), size, ctypes.c_int32],
         ),
         "hd_board_estimate": (None, [board, ctypes.c_void_p]),
         "hd_board_detune": (None, [board, ctypes.c_void_p]),

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .firmware import Trace
+from .firmware import TraceBuffer
 
 
 class BoardTrace:
@@ -83,7 +83,7 @@ class TickBuffers(NamedTuple):
                     f"{row}."
                 )
         columns = (out.reference_um, out.measured_um, out.plate_um, out.voltage_v, out.flags)
-        trace = ctypes.pointer(Trace(*(column.ctypes.data for column in columns)))
+        trace = ctypes.pointer(TraceBuffer(*(column.ctypes.data for column in columns)))
         length = min(len(phi), len(contact_decay_1_s), len(detuning), len(out))
         at = phi.ctypes.data, contact_decay_1_s.ctypes.data, detuning.ctypes.data
         return cls(phi, contact_decay_1_s, contact_detuning_rad_s, out, length, fingers, *at, trace)

@@ -27,7 +27,7 @@ GLIDE_S = 0.03  # two reports of a typical pointing device
 TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
 KEPT_S = 0.25  # of past positions, for a sensor that samples a little later
 
-Point = tuple[float, float]
+PointMm = tuple[float, float]
 
 
 class HeldFinger:
@@ -47,12 +47,12 @@ class HeldFinger:
         position[(t_s < knots[0, 0]) | (t_s >= self.t_up_s)] = np.nan
         return position
 
-    def land(self, t_s: float, point_mm: Point) -> None:
+    def land(self, t_s: float, point_mm: PointMm) -> None:
         """Land at `t_s`; the finger must be lifted."""
         self.t_up_s = math.inf
         self._knots = deque([(t_s, *point_mm)])
 
-    def move(self, t_s: float, point_mm: Point) -> None:
+    def move(self, t_s: float, point_mm: PointMm) -> None:
         """Start moving to a point at `t_s`, which must not precede that of the last call."""
         x_mm, y_mm = self.position_mm(np.array([t_s]))[0].tolist()
         while self._knots and self._knots[-1][0] >= t_s:
@@ -81,7 +81,7 @@ class Hands:
         self._held: dict[str, HeldFinger] = {}
         self._t_message_s = -math.inf
 
-    def hold(self, points_mm: Mapping[str, Point], t_s: float) -> None:
+    def hold(self, points_mm: Mapping[str, PointMm], t_s: float) -> None:
         """Set the fingers that are down from `t_s` on, by names of the sender's choice; all others lift."""
         self.t_taken_s = min(self.t_taken_s, t_s)
         self._t_message_s = t_s
@@ -135,7 +135,7 @@ class _Held(Contract, frozen=True):
         return next(filter(None, [problem_of_name(name, ".fingers") for name in self.fingers or ()]), "")
 
 
-def decode_hands(payload: bytes) -> dict[str, Point] | None:
+def decode_hands(payload: bytes) -> dict[str, PointMm] | None:
     """Decode the fingers that are down, by name, or None: the scenario's fingers are to lift. Raises RequestError."""
     held: _Held = read(unpack(payload), _Held)
     return held.fingers

@@ -15,9 +15,9 @@ import numpy as np
 from ...values import FloatArray
 from .strokes import Strokes, require_positive, strokes_pair, tremor_mm
 
-__all__ = ["Circle", "Line", "Path", "Reach", "Rest", "Strokes", "Touch", "Touches", "strokes_pair"]
+__all__ = ["CirclePath", "Line", "Path", "ReachPath", "Rest", "Strokes", "Touch", "Touches", "strokes_pair"]
 
-Point = tuple[float, float]
+_Point = tuple[float, float]
 
 
 class Path(Protocol):
@@ -31,7 +31,7 @@ class Path(Protocol):
 class Rest:
     """A finger at rest at a point, with a tremor of `tremor_mm` on each axis."""
 
-    point_mm: Point
+    point_mm: _Point
     tremor_mm: float = 0.0
     seed: int = 0
 
@@ -47,8 +47,8 @@ class Line:
     not fit between them.
     """
 
-    start_mm: Point
-    end_mm: Point
+    start_mm: _Point
+    end_mm: _Point
     speed_mm_s: float = 100.0
     turnaround_s: float = 0.1
 
@@ -80,14 +80,14 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Reach:
+class ReachPath:
     """Minimum-jerk reaches between two points and back, `duration_s` each, with a rest of `hold_s` after each.
 
     The quintic of Flash and Hogan, J. Neurosci. 5 (1985): the peak speed is 1.875 times the mean.
     """
 
-    start_mm: Point
-    end_mm: Point
+    start_mm: _Point
+    end_mm: _Point
     duration_s: float = 0.45
     hold_s: float = 0.3
 
@@ -104,10 +104,10 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Circle:
+class CirclePath:
     """A circle at constant speed, anticlockwise; clockwise for a negative speed."""
 
-    centre_mm: Point
+    centre_mm: _Point
     radius_mm: float
     speed_mm_s: float = 100.0
     start_rad: float = 0.0
@@ -153,6 +153,6 @@ def _back_and_forth(t_s: FloatArray, pass_s: float) -> FloatArray:
     return np.minimum(phase_s, 2 * pass_s - phase_s)
 
 
-def _between(start_mm: Point, end_mm: Point, part: FloatArray) -> FloatArray:
+def _between(start_mm: _Point, end_mm: _Point, part: FloatArray) -> FloatArray:
     start: FloatArray = np.asarray(start_mm, dtype=np.float64)
     return start + part[:, np.newaxis] * (np.asarray(end_mm) - start)

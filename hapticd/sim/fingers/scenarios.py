@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hapticd_contract.surfaces import VirtualPath
 
 from .fingertip import Fingertip
-from .paths import Circle, Line, Path, Rest, Strokes, Touch, Touches, strokes_pair
+from .paths import CirclePath, Line, Path, Rest, Strokes, Touch, Touches, strokes_pair
 from .real_strokes import RealStrokes
 
 SLIPPERY_UM = 1.0  # the paper's W1
@@ -112,8 +112,8 @@ def strokes(
 def _circles(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     phase_rad = 0.7 * seed
     return (
-        _touching(Circle((-28.0, 4.0), 20.0, speed_mm_s, phase_rad), SLIPPERY_UM),
-        _touching(Circle((30.0, -6.0), 15.0, -speed_mm_s, 2 * phase_rad), STICKY_UM),
+        _touching(CirclePath((-28.0, 4.0), 20.0, speed_mm_s, phase_rad), SLIPPERY_UM),
+        _touching(CirclePath((30.0, -6.0), 15.0, -speed_mm_s, 2 * phase_rad), STICKY_UM),
     )
 
 
@@ -180,7 +180,7 @@ def _three(seed: int, speed_mm_s: float) -> tuple[Actor, ...]:
     """One slippery finger, one sticky and one in between, on circles at least 25 mm apart: six modes' worth."""
     centres_mm, amplitudes_um = ((-34.0, -20.0), (34.0, -20.0), (0.0, 34.0)), (SLIPPERY_UM, STICKY_UM, HALF_UM)
     return tuple(
-        _touching(Circle(centre_mm, 14.0, speed_mm_s, 0.7 * seed + 2.0 * index), amplitude_um)
+        _touching(CirclePath(centre_mm, 14.0, speed_mm_s, 0.7 * seed + 2.0 * index), amplitude_um)
         for index, (centre_mm, amplitude_um) in enumerate(zip(centres_mm, amplitudes_um, strict=True))
     )
 
@@ -194,7 +194,7 @@ def _mixed(slippery: int, fingers: int) -> Callable[[int, float], tuple[Actor, .
         centres_mm = RING_MM * np.column_stack((np.cos(corners_rad), np.sin(corners_rad)))
         return tuple(
             _touching(
-                Circle((x_mm, y_mm), 12.0, speed_mm_s, 0.7 * seed + 2.0 * index),
+                CirclePath((x_mm, y_mm), 12.0, speed_mm_s, 0.7 * seed + 2.0 * index),
                 SLIPPERY_UM if index < slippery else STICKY_UM,
             )
             for index, (x_mm, y_mm) in enumerate(centres_mm.tolist())

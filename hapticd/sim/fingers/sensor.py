@@ -34,7 +34,7 @@ _CENTRED = AffineMap()
 _ELLIPSES = 11  # a stream of random numbers of its own: positions do not depend on ellipses
 
 
-class Record(NamedTuple):
+class PadRecord(NamedTuple):
     """One contact record in raw units. `orientation` is 0..7 on the Magic Trackpad 2, 0..63 on the first."""
 
     contact_id: int
@@ -57,7 +57,7 @@ class Report(NamedTuple):
     data: bytes
 
 
-class Scan(NamedTuple):
+class _Scan(NamedTuple):
     """One scan of the pad with its reports at the host: none, one, or one twice."""
 
     t_sample_s: float
@@ -89,7 +89,7 @@ class SensorSettings:
 _DEFAULT = SensorSettings()
 
 
-def encode_mt2(t_ms: int, records: Sequence[Record], *, usb: bool, button: bool = False) -> bytes:
+def encode_mt2(t_ms: int, records: Sequence[PadRecord], *, usb: bool, button: bool = False) -> bytes:
     """Encode a Magic Trackpad 2 report, 0x02 or 0x31. Raises ValueError if a field does not fit."""
     stamp_ms = t_ms % STAMP_WRAP_MS
     header = bytes((0x31, stamp_ms << 3 & 0xF8 | button, stamp_ms >> 5 & 0xFF, stamp_ms >> 13))
@@ -97,40 +97,40 @@ def encode_mt2(t_ms: int, records: Sequence[Record], *, usb: bool, button: bool 
     return prefix + header + b"".join(map(_mt2_record, _fitting(records, _MT2_ORIENTATIONS)))
 
 
-def encode_mt1(t_ms: int, records: Sequence[Record], *, button: bool = False) -> bytes:
+def encode_mt1(t_ms: int, records: Sequence[PadRecord], *, button: bool = False) -> bytes:
     """Encode a Magic Trackpad 1 report, 0x28, without pressure. Raises ValueError if a field does not fit."""
     header = bytes((0x28, (t_ms & 63) << 2 | button, t_ms >> 6 & 0xFF, t_ms >> 14 & 0xFF))
     return header + b"".join(map(_mt1_record, _fitting(records, _MT1_ORIENTATIONS)))
 
 
-def _fitting(records: Sequence[Record], orientations: int) -> Sequence[Record]:
+def _fitting(records: Sequence[PadRecord], orientations: int) -> Sequence[PadRecord]:
     if len(records) > MAX_RECORDS:
         raise ValueError(f"a report holds at most {MAX_RECORDS} records, not {len(records)}")
-    limits = Record(16, 4096, 4096, 8, 256, 256, 256, 256, orientations, 8)
+    limits = PadRecord(16, 4096, 4096, 8, 256, 256, 256, 256, orientations, 8)
     for record in records:
-        for name, value, limit in zip(Record._fields, record, limits, strict=True):
+        for name, value, limit in zip(PadRecord._fields, record, limits, strict=True):
             if not (-limit if name in "xy" else 0) <= value < limit:
                 raise ValueError(f"{name} {value} does not fit in a contact record: it must be below {limit}")
     return records
 
 
-def _mt2_record(record: Record) -> bytes:
+def _mt2_record(record: PadRecord) -> bytes:
     word = _position_word(record) | record.finger << 26 | record.state << 29
     last = record.contact_id | record.orientation << 5
     return RECORD.pack(word, record.major, record.minor, record.size, record.pressure, last)
 
 
-def _mt1_record(record: Record) -> bytes:
+def _mt1_record(record: PadRecord) -> bytes:
     size_and_id = min(record.size, 63) | (record.contact_id & 3) << 6
     id_and_angle = record.contact_id >> 2 | record.orientation << 2
     return RECORD.pack(_position_word(record), record.major, record.minor, size_and_id, id_and_angle, record.state << 4)
 
 
-def _position_word(record: Record) -> int:
+def _position_word(record: PadRecord) -> int:
     return record.x & 0x1FFF | (record.y & 0x1FFF) << 13
 
 
-_ENCODERS: dict[str, Callable[[int, Sequence[Record]], bytes]] = {  # by the layout of a pad's reports
+_ENCODERS: dict[str, Callable[[int, Sequence[PadRecord]], bytes]] = {  # by the layout of a pad's reports
     "mt1": encode_mt1,
     "mt2-usb": partial(encode_mt2, usb=True),
     "mt2-bt": partial(encode_mt2, usb=False),
@@ -168,14 +168,16 @@ class SensorModel:
         scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths, fingertips))
         return (report for scan in scans for report in scan.reports)
 
-    def scans(self, paths: Sequence[Path], fingertips: Sequence[Fingertip] | None = None) -> Iterator[Scan]:
+    def scans(self, paths: Sequence[Path], fingertips: Sequence[Fingertip] | None = None) -> Iterator[_Scan]:
         """Return an endless stream of scans: without touch or when lost they have no report, when duplicated two."""
         if len(paths) > MAX_RECORDS:
             raise ValueError(f"a pad senses at most {MAX_RECORDS} fingers, not {len(paths)}")
         tips = [fingertip.USUAL] * len(paths) if fingertips is None else fingertips
         return self._scan(paths, tips, np.random.default_rng([self.seed, len(paths)]))
 
-    def _scan(self, paths: Sequence[Path], fingertips: Sequence[Fingertip], rng: np.random.Generator) -> Iterator[Scan]:
+    def _scan(
+        self, paths: Sequence[Path], fingertips: Sequence[Fingertip], rng: np.random.Generator
+    ) -> Iterator[_Scan]:
         settings = self.settings
         is_mt1 = settings.pad.layout == "mt1"
         firmware = [Firmware(settings.noise) for _ in paths]
@@ -198,10 +200,10 @@ class SensorModel:
             for i, t_sample_s in enumerate(t_s.tolist()):
                 records = contacts.scan([path_points[i] for path_points in points], [form[i] for form in forms])
                 if records is None:
-                    yield Scan(t_sample_s, ())
+                    yield _Scan(t_sample_s, ())
                     continue
                 data = self._encode(int(stamps_ms[i]), records)
-                yield Scan(t_sample_s, (Report(t_sample_s, t_sample_s + settings.latency_s, data),) * copies[i])
+                yield _Scan(t_sample_s, (Report(t_sample_s, t_sample_s + settings.latency_s, data),) * copies[i])
 
     def _raw_points(
         self, paths: Sequence[Path], firmware: Sequence[Firmware], t_s: FloatArray, rng: np.random.Generator
@@ -236,23 +238,23 @@ class SensorModel:
         copies: list[int] = np.where(is_lost, 0, 1 + is_duplicated).tolist()
         return copies
 
-    def _encode(self, stamp_ms: int, records: Sequence[Record]) -> bytes:
+    def _encode(self, stamp_ms: int, records: Sequence[PadRecord]) -> bytes:
         return _ENCODERS[self.settings.pad.layout](stamp_ms, records)
 
 
 class _Contacts:
     """Contact table of the pad: id of each finger, start and end of each contact."""
 
-    def __init__(self, appearances: Sequence[Record], *, is_mt1: bool) -> None:
+    def __init__(self, appearances: Sequence[PadRecord], *, is_mt1: bool) -> None:
         self._appearances = appearances
         self._states = (_MT1_START, _TOUCHING) if is_mt1 else (_TOUCHING, _TOUCHING)
-        self._down: dict[int, tuple[int, Record]] = {}  # by path: frames down and the last record
-        self._ending: list[Record] = []
+        self._down: dict[int, tuple[int, PadRecord]] = {}  # by path: frames down and the last record
+        self._ending: list[PadRecord] = []
         self._was_silent = True
 
     def scan(
         self, points: Sequence[tuple[int, int] | None], ellipses: Sequence[Reported | None]
-    ) -> list[Record] | None:
+    ) -> list[PadRecord] | None:
         """Return the records of the next frame for the fingers' raw positions and what is reported of their contacts;
         None if the pad sends nothing."""
         self._ending = [record._replace(state=_NONE) for record in self._ending if record.state == _OUT_OF_RANGE]
@@ -279,9 +281,9 @@ class _Contacts:
         self._down[path] = (age + 1, record._replace(state=state, pressure=pressure))
 
 
-def _appearance(rng: np.random.Generator, *, is_mt1: bool) -> Record:
+def _appearance(rng: np.random.Generator, *, is_mt1: bool) -> PadRecord:
     """Draw an index finger's size and pressure."""
     for bounds in ((28, 37) if is_mt1 else (3, 6), (90, 107), (76, 90)):
         rng.integers(*bounds)  # an ellipse was drawn here: the noise of positions stays as it was
     size, pressure = int(rng.integers(34, 47)), int(rng.integers(20, 37))
-    return Record(1, 0, 0, _TOUCHING, size=size, pressure=pressure)
+    return PadRecord(1, 0, 0, _TOUCHING, size=size, pressure=pressure)

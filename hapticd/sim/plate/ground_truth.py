@@ -31,7 +31,7 @@ from hapticd.core.plate.parasitic_modes import ParasiticModes
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass, most_driven
-from .shape_tables import Disturbed, Scan, mode_map, true_grid, true_surfaces
+from .shape_tables import Disturbed, ModeScan, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .wirings import IDENTITY, wiring
 
@@ -220,7 +220,7 @@ class GroundTruth:
         noise_frac = noise * (settings.map_noise_frac + world.map_noise_frac)
         glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed)
         step_mm = settings.map_step_mm if world.map_step_mm is None else world.map_step_mm
-        scan = Scan(step_mm, noise_frac, seed, first=chosen.start)
+        scan = ModeScan(step_mm, noise_frac, seed, first=chosen.start)
         return mode_map(settings.plate, self._names[chosen], scan, glued)
 
 

@@ -28,7 +28,7 @@ class Disturbed(NamedTuple):
     seed: int = 0
 
 
-class Scan(NamedTuple):
+class ModeScan(NamedTuple):
     """A scan of some modes: its grid, noise and seed. `first` mode: each map has noise of its own."""
 
     step_mm: float
@@ -83,7 +83,7 @@ def true_surfaces(glass: str, names: tuple[str, ...], disturbed: Disturbed) -> B
 
 
 @lru_cache(maxsize=16)
-def mode_map(glass: str, names: tuple[str, ...], scan: Scan, glued: Disturbed) -> ModeShapes:
+def mode_map(glass: str, names: tuple[str, ...], scan: ModeScan, glued: Disturbed) -> ModeShapes:
     bare = _bare(glass, names)
     seed = scan.seed if scan.first == 0 else (scan.seed, scan.first)
     x_mm, y_mm, shapes = sample_cartography(bare, step_mm=scan.step_mm, noise_frac=scan.noise_frac, seed=seed)

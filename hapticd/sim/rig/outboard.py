@@ -18,7 +18,7 @@ from ... import board_protocol as protocol
 from ...wire.framing import FrameSplitter
 from ..board.emulator import MODES, BenchReport, Emulator
 from ..fingers.paths import Path as FingerPath
-from ..world import PlateInstant, Recording
+from ..world import PlateInstant, WorldRecording
 
 _FRAME_MAX = 512  # encoded; a reference of two modes has at most 450 bytes
 _KNOT = struct.Struct(f"<H{2 * MODES}f")
@@ -71,7 +71,7 @@ class Outboard:
         finger_mm = np.array([path.position_mm(np.array([self.t_s]))[0] for path in self._paths]).reshape(-1, 2)
         return PlateInstant(finger_mm, self._plate_um)
 
-    def recording(self) -> Recording:
+    def recording(self) -> WorldRecording:
         """Return the history at the instants of the bench's reports; of a user's fingers only recent positions."""
         t_us = np.array([board_us for board_us, _ in self._reports], dtype=np.int64)
         plate_um = np.array([report.plate_um for _, report in self._reports], dtype=np.complex128).reshape(-1, MODES)
@@ -79,7 +79,7 @@ class Outboard:
         finger_mm = np.full((len(t_s), len(self._paths), 2), np.nan)
         for index, path in enumerate(self._paths):
             finger_mm[:, index] = path.position_mm(t_s)
-        return Recording(
+        return WorldRecording(
             t_s=t_s,
             finger_mm=finger_mm,
             reference_um=self._references.at(t_us),

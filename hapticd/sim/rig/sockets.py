@@ -26,7 +26,7 @@ import numpy.typing as npt
 import zmq
 
 from ...errors import DeviceError, RequestError
-from ..fingers.hands import Point, decode_hands
+from ..fingers.hands import PointMm, decode_hands
 from ..world import PlateInstant
 
 ENDPOINTS = ("truth", "fingers")
@@ -76,7 +76,7 @@ class RigSockets:
         }
         self._truth.send(msgpack.packb(message), zmq.NOBLOCK)
 
-    def held(self) -> Iterator[dict[str, Point] | None]:
+    def held(self) -> Iterator[dict[str, PointMm] | None]:
         """Yield the messages of fingers since the last call, None for nil; invalid ones are counted."""
         while True:
             try:

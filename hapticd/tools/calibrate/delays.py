@@ -19,7 +19,7 @@ from ...config.sections import SIMULATED, Config
 from ...errors import CalibrationError
 from .. import latency
 from ..arguments import POSITIVE
-from ..latency import STAGES, Measured
+from ..latency import STAGES, MeasuredLatency
 from .folder import CONFIG_FILE
 from .step import Step, add_config
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
@@ -63,7 +63,7 @@ def _configuration(options: argparse.Namespace) -> Config:
     raise CalibrationError(f"No devices are configured: give --config, or run the earlier steps, which write {made}.")
 
 
-def verdict(measured: Measured, configured: Config, *, is_simulated: bool) -> Verdict:
+def verdict(measured: MeasuredLatency, configured: Config, *, is_simulated: bool) -> Verdict:
     """Judge the frames, and derive the service's initial values."""
     figures = tuple(
         Figure(f"{what}, {percent} %", measured.stages[name].percentile_ns(percent) * 1e-6, "ms")
@@ -86,20 +86,20 @@ def verdict(measured: Measured, configured: Config, *, is_simulated: bool) -> Ve
     return Verdict("latency", outcome, sentence, figures, settings, is_simulated)
 
 
-def report_period_ms(measured: Measured) -> float:
+def report_period_ms(measured: MeasuredLatency) -> float:
     """Return the median time between samples that led to frames; NaN for fewer than two."""
     samples_ns = np.unique([line.t_sample_ns for line in measured.lines])
     return float(np.median(np.diff(samples_ns))) * 1e-6 if len(samples_ns) > 1 else float("nan")
 
 
-def _lost_frac(measured: Measured) -> float:
+def _lost_frac(measured: MeasuredLatency) -> float:
     counts = measured.counts
     return (counts["frames late"] + counts["frames unanswered"]) / max(
         counts["frames"] + counts["frames unanswered"], 1
     )
 
 
-def _findings(measured: Measured, lost_frac: float) -> Iterator[Finding]:
+def _findings(measured: MeasuredLatency, lost_frac: float) -> Iterator[Finding]:
     link = measured.stages["link"]
     spread_ms = (link.percentile_ns(95) - link.percentile_ns(50)) * 1e-6
     if lost_frac > USABLE_FRAC:

@@ -18,7 +18,7 @@ from ...files.outputs import check, create_folder, has_mark, write_text
 from ...regular_file import read_bounded
 from .step import in_order
 from .step import steps as all_steps
-from .verdict import Outcome, Settings, Verdict, as_text, from_json, to_json
+from .verdict import FoundSettings, Outcome, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE = "hapticd.toml"
 MAX_BYTES = 1 << 20  # of a result
@@ -102,7 +102,7 @@ def merged(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Any]]:
     return sections
 
 
-def as_toml(settings: Settings) -> str:
+def as_toml(settings: FoundSettings) -> str:
     """Return lines for the service's configuration. TOML writes strings, numbers, booleans and lists as JSON does."""
     return "".join(
         f"\n[{section}]\n"

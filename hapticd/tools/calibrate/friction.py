@@ -25,6 +25,7 @@ import numpy.typing as npt
 from ...errors import CalibrationError, missing_library, reason
 from ...files import plotting
 from ...regular_file import read_lines
+from ...values import FloatArray
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
 from .step import Step
@@ -44,8 +45,6 @@ LARGEST = 1e9  # of a reading in any unit: its square is summed
 LEAST_FLOOR_FRAC, MOST_FLOOR_FRAC = 0.001, 0.99  # of the configuration's key
 ROUNDING = 1e-9  # of the friction: readings without noise have a floor too
 
-Array = npt.NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
 class FrictionFit:
@@ -54,14 +53,14 @@ class FrictionFit:
     twice the amplitude, inf for none, with a sentence about it. `at_rest` are amplitudes and frictions (N,) as fitted.
     """
 
-    amplitude_um: Array
+    amplitude_um: FloatArray
     bare: float
     floor: float
     noise_rms: float
     left_out: npt.NDArray[np.bool_]
     speed_mm_s: float
     about_speed: str
-    at_rest: tuple[Array, Array]
+    at_rest: tuple[FloatArray, FloatArray]
 
 
 def check(options: argparse.Namespace) -> None:
@@ -75,21 +74,21 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    readings = Readings(*simulated.friction_readings(options.seed)) if options.sim else read(options.readings)
+    readings = _Readings(*simulated.friction_readings(options.seed)) if options.sim else read(options.readings)
     found = fit_friction(*readings)
     draw(found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, is_simulated=options.sim)
 
 
-class Readings(NamedTuple):
+class _Readings(NamedTuple):
     """Amplitudes, frictions and, where they were noted, sliding speeds (N,)."""
 
-    amplitude_um: Array
-    friction: Array
-    speed_mm_s: Array | None = None
+    amplitude_um: FloatArray
+    friction: FloatArray
+    speed_mm_s: FloatArray | None = None
 
 
-def read(path: Path) -> Readings:
+def read(path: Path) -> _Readings:
     """Read a CSV file with the header COLUMNS, and SPEED_COLUMN if it has speeds. Raises CalibrationError."""
     try:
         lines = read_lines(path, 2 * MAX_READINGS)  # some of them empty
@@ -102,7 +101,7 @@ def read(path: Path) -> Readings:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
     if not table:
         raise CalibrationError(f"{path}: holds no readings: add a line for each.")
-    return Readings(*np.array(table).T)
+    return _Readings(*np.array(table).T)
 
 
 def _row(path: Path, place: int, cells: Sequence[str], columns: int) -> list[float]:
@@ -146,14 +145,14 @@ def fit_friction(
     return FrictionFit(curve_um, bare, floor, noise, left_out, v0_mm_s, about_speed, (amplitude, value))
 
 
-def _checked_speeds(speed_mm_s: npt.ArrayLike, count: int) -> Array:
+def _checked_speeds(speed_mm_s: npt.ArrayLike, count: int) -> FloatArray:
     speeds = np.asarray(speed_mm_s, np.float64)
     if speeds.shape != (count,) or not ((speeds > 0.0) & (speeds <= LARGEST)).all():
         raise CalibrationError("A speed is not above 0, or no finite number: correct or delete its reading.")
     return speeds
 
 
-def _left_out(amplitude: Array, value: Array) -> npt.NDArray[np.bool_]:
+def _left_out(amplitude: FloatArray, value: FloatArray) -> npt.NDArray[np.bool_]:
     """Mark readings far off a curve through the medians of each amplitude."""
     levels = np.unique(amplitude)
     medians = np.array([np.median(value[amplitude == level]) for level in levels])
@@ -163,14 +162,14 @@ def _left_out(amplitude: Array, value: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(miss > max(OUTLIER_SIGMA * sigma, 1e-9 * float(np.abs(value).max())), np.bool_)
 
 
-def _falling(amplitude: Array, value: Array) -> tuple[Array, Array, Array]:
+def _falling(amplitude: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the distinct amplitudes (L,), the isotonic fit there (L,), and the number of readings of each (L,)."""
     levels, where = np.unique(amplitude, return_inverse=True)
     weights = np.bincount(where).astype(np.float64)
     return levels, _isotonic(np.bincount(where, value) / weights, weights), weights
 
 
-def _isotonic(value: Array, weights: Array) -> Array:
+def _isotonic(value: FloatArray, weights: FloatArray) -> FloatArray:
     try:
         from scipy.optimize import isotonic_regression
     except ImportError:
@@ -178,7 +177,9 @@ def _isotonic(value: Array, weights: Array) -> Array:
     return np.asarray(isotonic_regression(value, weights=weights, increasing=False).x, np.float64)
 
 
-def _blocks(levels: Array, falling: Array, weights: Array, noise: float) -> tuple[Array, Array]:
+def _blocks(
+    levels: FloatArray, falling: FloatArray, weights: FloatArray, noise: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the curve's knots: each block at its mean amplitude, bare glass at 0, the floor at its first amplitude."""
     starts = np.concatenate(([0], np.flatnonzero(np.diff(falling) < 0.0) + 1))
     counts = np.add.reduceat(weights, starts)
@@ -193,7 +194,7 @@ def _blocks(levels: Array, falling: Array, weights: Array, noise: float) -> tupl
     return at_um[: first + 1], np.append(height[:first], height[-1])
 
 
-def _inverted(at_um: Array, height: Array) -> Array:
+def _inverted(at_um: FloatArray, height: FloatArray) -> FloatArray:
     """Return the amplitude at KNOTS equally spaced frictions 1 .. 0, by bisection: the cubic falls strictly."""
     from scipy.interpolate import PchipInterpolator
 

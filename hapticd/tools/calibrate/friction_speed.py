@@ -15,9 +15,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from ...values import FloatArray
 
 BARE_UM = 0.02  # up to here the glass counts as bare
 LEAST_SPAN = 3.0  # of the speeds, ninth decile over first: less shows no dependence
@@ -36,11 +35,11 @@ class SpeedFit(NamedTuple):
 
     speed_mm_s: float
     sentence: str
-    amplitude_um: Array
-    friction: Array
+    amplitude_um: FloatArray
+    friction: FloatArray
 
 
-def fit_speed(amplitude_um: Array, friction: Array, speed_mm_s: Array | None) -> SpeedFit:
+def fit_speed(amplitude_um: FloatArray, friction: FloatArray, speed_mm_s: FloatArray | None) -> SpeedFit:
     """Fit v0 to readings (N,) whose speeds are known, or say why not."""
     missing = _missing(amplitude_um, speed_mm_s)
     if speed_mm_s is None or missing:
@@ -62,7 +61,7 @@ def fit_speed(amplitude_um: Array, friction: Array, speed_mm_s: Array | None) ->
     return SpeedFit(v0, sentence, _sorted_um(amplitude_um / (1.0 + speed_mm_s / v0)), relative)
 
 
-def _missing(amplitude_um: Array, speed_mm_s: Array | None) -> str:
+def _missing(amplitude_um: FloatArray, speed_mm_s: FloatArray | None) -> str:
     """Return what the readings lack for a fit; empty if nothing."""
     always = "the curve is taken as that of all speeds"
     if speed_mm_s is None:
@@ -78,7 +77,7 @@ def _missing(amplitude_um: Array, speed_mm_s: Array | None) -> str:
     return ""
 
 
-def _of_bare(amplitude_um: Array, friction: Array, speed_mm_s: Array) -> Array:
+def _of_bare(amplitude_um: FloatArray, friction: FloatArray, speed_mm_s: FloatArray) -> FloatArray:
     """Return bare glass's friction at each reading's speed, relative to that at the median speed."""
     ratio = np.log(speed_mm_s / np.median(speed_mm_s))
     is_good = (amplitude_um <= BARE_UM) & (friction > 0.0)
@@ -88,7 +87,7 @@ def _of_bare(amplitude_um: Array, friction: Array, speed_mm_s: Array) -> Array:
     return np.asarray(np.exp(slope * ratio))
 
 
-def _residuals(amplitude_um: Array, friction: Array) -> Array:
+def _residuals(amplitude_um: FloatArray, friction: FloatArray) -> FloatArray:
     """Return what a polyline with KNOTS knots, at equal shares of the readings, leaves by least squares."""
     knots_um = np.quantile(amplitude_um, np.linspace(0.0, 1.0, KNOTS))
     hats = np.array([np.interp(amplitude_um, knots_um, unit) for unit in np.eye(KNOTS)]).T
@@ -96,11 +95,11 @@ def _residuals(amplitude_um: Array, friction: Array) -> Array:
     return np.asarray(friction - hats @ heights)
 
 
-def _squares(residuals: Array, clip: float) -> float:
+def _squares(residuals: FloatArray, clip: float) -> float:
     return float(np.sum(np.minimum(np.abs(residuals), clip) ** 2))
 
 
-def _sorted_um(amplitude_um: Array) -> Array:
+def _sorted_um(amplitude_um: FloatArray) -> FloatArray:
     """Return each amplitude as the mean of its neighbours, LEVELS groups in all; bare glass stays by itself."""
     levels_um = np.zeros(len(amplitude_um))
     order = np.argsort(amplitude_um, kind="stable")

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from ...core.touch.tracking import Tracker
 from ...errors import CalibrationError
-from ...values import AffineMap, Finger, TouchFrame
+from ...values import AffineMap, Finger, FloatArray, TouchFrame
 from .contacts import Axes, mean_axes_mm
 
 REST_NS = 500_000_000
@@ -25,22 +25,21 @@ LEAST_FRAMES = 10  # of a rest: a pad that loses more shows no rest
 MIN_MARKS = 4  # three determine the map, a fourth its error
 MIN_SPREAD_MM = 5.0  # RMS of the marks about the line that fits them best
 
-Array = npt.NDArray[np.float64]
-Point = tuple[float, float]
-Sample = tuple[int, float, float, float, float, float]  # t_ns, x_mm, y_mm, and the ellipse: its axes and angle
+MarkPoint = tuple[float, float]
+_Sample = tuple[int, float, float, float, float, float]  # t_ns, x_mm, y_mm, and the ellipse: its axes and angle
 
 
 class TouchedMarks:
     """Positions touched so far, in order, in the pad's frame, and the axes of the ellipse that it reported at each."""
 
     def __init__(self) -> None:
-        self.rests_mm: list[Point] = []
+        self.rests_mm: list[MarkPoint] = []
         self.axes_mm: list[Axes] = []
         self._tracker = Tracker()
-        self._paths: dict[int, deque[Sample]] = {}
+        self._paths: dict[int, deque[_Sample]] = {}
         self._counted: set[int] = set()
 
-    def update(self, frame: TouchFrame) -> Point | None:
+    def update(self, frame: TouchFrame) -> MarkPoint | None:
         """Return the position at which a finger completed its rest with this frame, None without one."""
         now = self._tracker.update(frame)
         for lifted in now.lifted:
@@ -61,7 +60,7 @@ class TouchedMarks:
                 return rest
         return None
 
-    def _rest(self, finger: Finger, fingers: tuple[Finger, ...], t_ns: int) -> Point | None:
+    def _rest(self, finger: Finger, fingers: tuple[Finger, ...], t_ns: int) -> MarkPoint | None:
         path = self._paths[finger.finger_id]
         period_ns = (t_ns - path[0][0]) // max(len(path) - 1, 1)
         is_whole = len(path) >= LEAST_FRAMES and t_ns - path[0][0] + period_ns >= REST_NS
@@ -82,8 +81,8 @@ class AffineFit:
     when that one is left out of the fit, `left_out_mm` (N,)."""
 
     plate_from_pad: AffineMap
-    residual_mm: Array
-    left_out_mm: Array
+    residual_mm: FloatArray
+    left_out_mm: FloatArray
 
     @property
     def left_out_rms_mm(self) -> float:
@@ -92,7 +91,7 @@ class AffineFit:
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
+class _Placement:
     """Decomposition of an affine map: A = R(rotation) (1 shear; 0 1) diag(scale), rotation anticlockwise.
 
     `scale_y` is negative for a mirrored pad.
@@ -127,9 +126,9 @@ def fit_affine(pad_mm: npt.ArrayLike, plate_mm: npt.ArrayLike) -> AffineFit:
     return AffineFit(AffineMap(xx, xy, yx, yy, x_mm, y_mm), residual_mm, left_out_mm)
 
 
-def placement(found: AffineMap) -> Placement:
+def placement(found: AffineMap) -> _Placement:
     """Return rotation, scales and shear of an invertible map."""
     scale_x = math.hypot(found.xx, found.yx)
     cos, sin = found.xx / scale_x, found.yx / scale_x
     scale_y = cos * found.yy - sin * found.xy
-    return Placement(math.degrees(math.atan2(sin, cos)), scale_x, scale_y, (cos * found.xy + sin * found.yy) / scale_y)
+    return _Placement(math.degrees(math.atan2(sin, cos)), scale_x, scale_y, (cos * found.xy + sin * found.yy) / scale_y)

@@ -27,7 +27,7 @@ from ...sim.fingers.sensor import SensorModel
 from ...values import FloatArray
 from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
 from ..arguments import POSITIVE
-from ..touches import Touches, Trace, recorded
+from ..touches import RecordedTouches, Trace, recorded
 from . import simulated
 from .delays import PERIOD_WORTH_FRAC
 from .live_pad import reading
@@ -61,7 +61,7 @@ class Learned(NamedTuple):
         return float(np.prod(self.after_mm)) < WORTH_FRAC ** len(AHEADS_MS) * float(np.prod(self.before_mm))
 
 
-class PadNoise(NamedTuple):
+class _PadNoise(NamedTuple):
     """What the pad adds to a moving finger, RMS: across its way, along it as a time, and reports that repeat."""
 
     across_mm: float
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> Verdict:
 
 def strokes(seed: int, seconds: float) -> list[Trace]:
     """Return the touch that the simulated pad reports of a finger's strokes."""
-    touches, decoder = Touches(), Decoder(DEFAULT_PAD)
+    touches, decoder = RecordedTouches(), Decoder(DEFAULT_PAD)
     for report in SensorModel(seed=seed).reports([Strokes(seed, SIMULATED_SPEED_MM_S)], seconds):
         for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
             touches.add(frame)
@@ -103,7 +103,7 @@ def strokes(seed: int, seconds: float) -> list[Trace]:
 
 async def _touched(source: TrackpadSource, seconds: float) -> list[Trace]:
     """Return the touches of the next seconds on the pad."""
-    touches, models = Touches(), list[str]()
+    touches, models = RecordedTouches(), list[str]()
 
     def on_link(pad: Pad | None) -> None:
         touches.lift_all()
@@ -164,7 +164,7 @@ def errors_mm(traces: Sequence[Trace], memory: Callable[[], PadMemory]) -> tuple
     return tuple(float(np.sqrt(np.mean(np.concatenate(some)))) for some in squares)
 
 
-def noise(traces: Sequence[Trace]) -> PadNoise:
+def noise(traces: Sequence[Trace]) -> _PadNoise:
     """Compare samples of moving fingers with the parabola through seven of them."""
     across_mm, along_s, repeats = [], [], []
     for trace in traces:
@@ -179,7 +179,7 @@ def noise(traces: Sequence[Trace]) -> PadNoise:
         unit = (velocity / np.maximum(speed, 1e-9)[:, None])[speed > MOVING_MM_S]
         across_mm.append(left_mm[:, 1] * unit[:, 0] - left_mm[:, 0] * unit[:, 1])
         along_s.append(np.sum(left_mm * unit, axis=1) / speed[speed > MOVING_MM_S])
-    return PadNoise(_rms(across_mm), 1e3 * _rms(along_s), float(np.mean(np.concatenate(repeats))))
+    return _PadNoise(_rms(across_mm), 1e3 * _rms(along_s), float(np.mean(np.concatenate(repeats))))
 
 
 def _rms(parts: Sequence[FloatArray]) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ... import board_protocol as protocol
 from ...board_protocol import ControllerRequest, Sweep
-from ...board_values import BoardController, BoardHello, Calibration, ModeCalibration, SweepPoint
+from ...board_values import BoardCalibration, BoardController, BoardHello, ModeCalibration, SweepPoint
 from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.resonance import MIN_POINTS, Resonance
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
@@ -33,7 +33,7 @@ from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
 from ..progress import Progress
 from .step import Step, add_config
-from .verdict import PICTURE, Figure, Finding, Outcome, Settings, Verdict, judge
+from .verdict import PICTURE, Figure, Finding, FoundSettings, Outcome, Verdict, judge
 
 CALIBRATION_FILE = "calibration.toml"
 PICTURE_FILE = "resonance.png"
@@ -52,7 +52,7 @@ TRIES = 8  # of a piece that the board ends
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredModes:
     """Each mode as its strongest amplifier shows it, its calibration with the wires, and a sentence per wrong wire."""
 
     sweeps: tuple[ModeSweep, ...]
@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> Verdict:
         port, baud = named_port(options, stack)
         hello, measured = asyncio.run(_sweep_on(port, baud, options))
     sweep.draw(measured.sweeps, options.out / PICTURE_FILE, **PICTURE)
-    found = Calibration(measured.modes, better_drive_hz(hello, measured.modes))
+    found = BoardCalibration(measured.modes, better_drive_hz(hello, measured.modes))
     calibration.save(options.out / CALIBRATION_FILE, found)
     device = {} if options.sim else {"port": port, "baud": baud}
     simulated = glass.settings(glass.chosen(options)) if options.sim else {}
@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> Verdict:
     return verdict(hello, measured, settings, is_simulated=options.sim)
 
 
-async def _sweep_on(port: str, baud: int, options: argparse.Namespace) -> tuple[BoardHello, Measured]:
+async def _sweep_on(port: str, baud: int, options: argparse.Namespace) -> tuple[BoardHello, MeasuredModes]:
     async with Conversation(SerialLink(port, baud), f"{port} at {baud} baud") as board:
         return board.hello, await sweep_modes(board, sweep.planned(board.hello, options, await _band_hz(board)))
 
@@ -93,7 +93,7 @@ async def _band_hz(board: Conversation) -> float:
     return max(sweep.BAND_HZ, farthest_hz + BESIDE_HZ)
 
 
-async def sweep_modes(board: Conversation, plan: Sweep) -> Measured:
+async def sweep_modes(board: Conversation, plan: Sweep) -> MeasuredModes:
     """Sweep every amplifier by the same plan, and again where that was too coarse for a mode. Raises DeviceError."""
     points = [await _sweep(board, replace(plan, mode=amplifier)) for amplifier in range(board.hello.modes)]
     found = _fitted(points)
@@ -141,7 +141,7 @@ def _responses(amplifier: int, points: Sequence[SweepPoint]) -> AmplifierSweep:
     )
 
 
-def measured_modes(found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]]) -> Measured:
+def measured_modes(found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]]) -> MeasuredModes:
     """Return the calibrations, and each mode as its strongest amplifier shows it. Raises DeviceError."""
     sweeps = []
     for mode, fit in enumerate(found.fits):
@@ -151,7 +151,7 @@ def measured_modes(found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]]
         modes = found.calibrations()
     except ValueError as error:
         raise DeviceError(str(error)) from None
-    return Measured(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()))
+    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()))
 
 
 def pieces(plan: Sweep) -> list[Sweep]:
@@ -191,7 +191,7 @@ def better_drive_hz(hello: BoardHello, modes: Sequence[ModeCalibration]) -> floa
     return best_hz if is_near and now_v > WORTH_MOVING * best_v else None
 
 
-def verdict(hello: BoardHello, measured: Measured, settings: Settings, *, is_simulated: bool) -> Verdict:
+def verdict(hello: BoardHello, measured: MeasuredModes, settings: FoundSettings, *, is_simulated: bool) -> Verdict:
     """Judge the sweeps, the wires, and the board's drive and amplifiers."""
     sweeps, modes = measured.sweeps, measured.modes
     best_hz = propose_drive_hz(modes, hello.w_limit_um)

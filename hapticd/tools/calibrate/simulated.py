@@ -21,6 +21,7 @@ from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
 from ...sim.plate.glasses import driven_modes, find_glass
 from ...sim.plate.shapes import theory
+from ...values import FloatArray
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
 DRIVE_PHASE_RAD, PHASE_STEP_RAD = 0.4, -1.5  # of the first mode's readings, caused by the drive, and to the next mode's
@@ -33,15 +34,13 @@ FRICTION_NOISE = 0.02
 REPEATS = 5  # readings at each amplitude
 SLIPS = 3  # readings in which the finger stuck
 
-Array = npt.NDArray[np.float64]
-
 
 def source(options: argparse.Namespace) -> str:
     """Return what the pictures of a step say of their measurements."""
     return f"simulated, seed {options.seed}" if options.sim else ""
 
 
-def scan(seed: int, plate: SimConfig) -> tuple[Array, npt.NDArray[np.complex128]]:
+def scan(seed: int, plate: SimConfig) -> tuple[FloatArray, npt.NDArray[np.complex128]]:
     """Return points (N, 2) and complex readings (N, M) of the driven modes."""
     names = find_glass(plate.plate).modes[: driven_modes(plate.plate, plate.modes)]
     return sample_scan(
@@ -72,7 +71,7 @@ def touch_reports(
     return model.reports(paths, len(marks_mm) * (HOLD_S + AWAY_S), tips or None)
 
 
-def friction_readings(seed: int) -> tuple[Array, Array]:
+def friction_readings(seed: int) -> tuple[FloatArray, FloatArray]:
     """Return amplitudes in um and coefficients of friction (N,), some of them wrong."""
     random = np.random.default_rng(seed)
     amplitude_um = np.repeat(np.linspace(0.0, 3.0, 25), REPEATS)

@@ -32,7 +32,7 @@ from ..touch_correction import (
 )
 from ..touch_recording import Touched, read
 from .step import Step
-from .verdict import PICTURE, Figure, Outcome, Settings, Verdict
+from .verdict import PICTURE, Figure, FoundSettings, Outcome, Verdict
 
 PICTURE_FILE, CALIBRATION_FILE, MODES_FILE = "touch.png", "touch-calibration.toml", "touch-modes.npz"
 _POSE = (  # name, unit's size, unit
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> Verdict:
     return verdict(judged, settings, load_1_s, has_sensors=has_sensors(touched), is_simulated=options.sim)
 
 
-def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory: Path) -> Settings:
+def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory: Path) -> FoundSettings:
     """Write what changes of calibration and map, and return the settings that go with it. Raises HapticdError."""
     settings: dict[str, dict[str, Any]] = {}
     if load_1_s is not None:
@@ -87,7 +87,7 @@ def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory:
 
 
 def verdict(
-    judged: Judged, settings: Settings, load_1_s: complex | None, *, has_sensors: bool, is_simulated: bool
+    judged: Judged, settings: FoundSettings, load_1_s: complex | None, *, has_sensors: bool, is_simulated: bool
 ) -> Verdict:
     """Return what moved, by how much, one sigma, and whether it is adopted."""
     figures = [Figure("touching", judged.touched_s, "s")]

@@ -25,7 +25,7 @@ from ..arguments import POSITIVE
 from . import simulated
 from .contacts import Axes, ScaleFit, fit_scale, parse_prints
 from .live_pad import reading
-from .marks import APART_MM, MIN_MARKS, AffineFit, Point, TouchedMarks, fit_affine, placement
+from .marks import APART_MM, MIN_MARKS, AffineFit, MarkPoint, TouchedMarks, fit_affine, placement
 from .step import Step
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> Verdict:
     return verdict(found, device, scale, is_simulated=options.sim)
 
 
-def parse_marks(text: str) -> list[Point]:
+def parse_marks(text: str) -> list[MarkPoint]:
     """Parse marks "x,y x,y ..." in plate mm. Raises CalibrationError."""
     try:
         marks = [(float(x), float(y)) for x, y in (mark.split(",") for mark in text.split())]
@@ -74,7 +74,7 @@ def parse_marks(text: str) -> list[Point]:
     return marks
 
 
-def _played(marks_mm: Sequence[Point], seed: int, prints_mm: Sequence[Axes] = ()) -> TouchedMarks:
+def _played(marks_mm: Sequence[MarkPoint], seed: int, prints_mm: Sequence[Axes] = ()) -> TouchedMarks:
     """Return the touches that the simulated pad reports."""
     decoder, touched = Decoder(DEFAULT_PAD), TouchedMarks()
     for report in simulated.touch_reports(marks_mm, seed, prints_mm=prints_mm):
@@ -89,7 +89,7 @@ def _played(marks_mm: Sequence[Point], seed: int, prints_mm: Sequence[Axes] = ()
 
 
 async def _touched(
-    source: TrackpadSource, marks_mm: Sequence[Point], within_s: float, prints_mm: Sequence[Axes] = ()
+    source: TrackpadSource, marks_mm: Sequence[MarkPoint], within_s: float, prints_mm: Sequence[Axes] = ()
 ) -> tuple[Pad, TouchedMarks]:
     """Prompt for one mark after the other; return the pad and the touches."""
     touched, done, pads = TouchedMarks(), asyncio.Event(), list[Pad]()
@@ -116,7 +116,7 @@ async def _touched(
     return pads[-1], touched
 
 
-def _ask(marks_mm: Sequence[Point], place: int, prints_mm: Sequence[Axes]) -> None:
+def _ask(marks_mm: Sequence[MarkPoint], place: int, prints_mm: Sequence[Axes]) -> None:
     if place < len(marks_mm):
         (x_mm, y_mm), how = marks_mm[place], ""
         if prints_mm:
@@ -187,7 +187,7 @@ def _findings(found: AffineFit, scale: ScaleFit | None) -> Iterator[Finding]:
 
 
 def draw(
-    marks_mm: Sequence[Point], touches_mm: Sequence[Point], found: AffineFit, path: Path, *, source: str = ""
+    marks_mm: Sequence[MarkPoint], touches_mm: Sequence[MarkPoint], found: AffineFit, path: Path, *, source: str = ""
 ) -> None:
     """Draw marks, mapped touches and their difference, enlarged. Raises HapticdError."""
     figure, ((plot,),) = plotting.subplots(5.5, 4.5, source=source)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-Settings = Mapping[str, Mapping[str, Any]]  # of the service: section, key, value
+FoundSettings = Mapping[str, Mapping[str, Any]]  # of the service: section, key, value
 
 PICTURE = {"dpi": 80, "colours": 64}  # of all steps: small enough for a mail
 
@@ -42,7 +42,7 @@ class Verdict:
     outcome: Outcome
     sentence: str
     figures: tuple[Figure, ...]
-    settings: Settings
+    settings: FoundSettings
     is_simulated: bool
 
 

@@ -27,7 +27,7 @@ PROGRESS_FRAC = 0.02  # of a run, between two messages of its process
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class DemoColumn:
     """A scheme on a plate."""
 
     scheme: str
@@ -46,19 +46,19 @@ class Column:
         return "the paper's" if self.plate.wiring == SHARED else self.plate.wiring
 
 
-def live_column(sim: SimConfig, *, is_bare: bool) -> Column:
+def live_column(sim: SimConfig, *, is_bare: bool) -> DemoColumn:
     """Return hapticd on the chosen plate."""
-    return Column(HAPTICD, _plate(sim.plate, sim.modes, sim.wiring, is_bare=is_bare))
+    return DemoColumn(HAPTICD, _plate(sim.plate, sim.modes, sim.wiring, is_bare=is_bare))
 
 
-def columns(live: Column, *, is_bare: bool) -> list[Column]:
+def columns(live: DemoColumn, *, is_bare: bool) -> list[DemoColumn]:
     """Return the paper's scheme on its plate, and hapticd on four and eight modes, `live` in the place of its plate.
 
     On the paper's wires the paper's scheme runs too; wrong ones are the live column's alone.
     """
     wires = live.plate.wiring if live.plate.wiring == SHARED and live.plate.plate == REFERENCE else IDENTITY
-    paper = Column(PAPER, _plate(REFERENCE, 0, wires, is_bare=is_bare))
-    ours = [Column(HAPTICD, _plate(name, 0, IDENTITY, is_bare=is_bare)) for name in (FINGERTIP, WIDE)]
+    paper = DemoColumn(PAPER, _plate(REFERENCE, 0, wires, is_bare=is_bare))
+    ours = [DemoColumn(HAPTICD, _plate(name, 0, IDENTITY, is_bare=is_bare)) for name in (FINGERTIP, WIDE)]
     if all(column.plate.plate != live.plate.plate for column in ours):
         return [paper, live, ours[-1]]
     return [paper, *[live if column.plate.plate == live.plate.plate else column for column in ours]]
@@ -82,7 +82,7 @@ def _plate(name: str, modes: int, wiring: str, *, is_bare: bool) -> PlateSetting
 class VirtualRun:
     """A column's process: it plays the scenario up to an instant that is known later."""
 
-    def __init__(self, column: Column, scenario: str, seed: int) -> None:
+    def __init__(self, column: DemoColumn, scenario: str, seed: int) -> None:
         spawning = get_context("spawn")
         self._column = column
         self._pipe, theirs = spawning.Pipe()
@@ -109,7 +109,7 @@ class VirtualRun:
                 progress(received)
 
 
-def _serve(pipe: Connection, column: Column, scenario: str, seed: int) -> None:
+def _serve(pipe: Connection, column: DemoColumn, scenario: str, seed: int) -> None:
     plate = GroundTruth(column.plate)
     plate.measured_mode_map(seed)  # computed now and kept
     plate.parasitic_modes(seed)

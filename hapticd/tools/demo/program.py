@@ -41,7 +41,7 @@ from ...tools import owned_process
 from .. import glass
 from ..arguments import POSITIVE, whole
 from ..daemon_process import DaemonProcess
-from .columns import Column, VirtualRun, columns, live_column
+from .columns import DemoColumn, VirtualRun, columns, live_column
 from .live_view import LiveView
 from .picture import draw
 
@@ -160,7 +160,7 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
     print(f"To touch such a plate yourself, in the browser: {shlex.quote(caller)} view --sim")
 
 
-def summary(films: Mapping[Column, Film], live: Column, status: dict[str, Any]) -> str:
+def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str, Any]) -> str:
     """Return the scores and latencies as a few lines; the column `live` ran in real time."""
     latency, scores, ours = status["latency_ms"], [film.score for film in films.values()], films[live]
 
@@ -267,7 +267,7 @@ def _watch(client: Client, user: _ScriptedUser, seconds: float) -> dict[str, Any
     return client.status()
 
 
-def _film(history: Mapping[str, Any], live: Column, start_s: float, end_s: float) -> Film:
+def _film(history: Mapping[str, Any], live: DemoColumn, start_s: float, end_s: float) -> Film:
     """Return a window of the rig's recording."""
     part = (history["t_s"] >= start_s) & (history["t_s"] < end_s)
     arrays = {name: array[part] for name, array in history.items()}

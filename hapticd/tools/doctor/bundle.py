@@ -27,7 +27,7 @@ from ...formats.toml_file import MAX_BYTES
 from ...regular_file import opened, read_bounded
 from ..record import attach
 from ..version import version_text
-from .finding import Finding, System, as_document
+from .finding import CheckResult, System, as_document
 
 SUFFIX = (".tar.gz",)
 RECORD_S = 10.0
@@ -37,16 +37,16 @@ LOG_WITHIN_S = 20.0
 PACKAGES = ("hapticd", "hapticd-client", "hidapi", "mcap", "msgpack", "numpy", "pyserial", "pyzmq")
 SECRET = re.compile(r'(secret[\w-]*"?\s*[=:]\s*)("[^"\n]*"|\S+)', re.IGNORECASE)  # as ZeroMQ's certificates write it
 
-Record = Callable[[Path, Path | None, float | None], str]
+_Record = Callable[[Path, Path | None, float | None], str]
 
 
 def collect(
     path: Path,
     system: System | None,
     config_path: Path | None,
-    found: Sequence[Finding],
+    found: Sequence[CheckResult],
     *,
-    record: Record = lambda *arguments: attach.record(*arguments, wait_s=WAIT_S),
+    record: _Record = lambda *arguments: attach.record(*arguments, wait_s=WAIT_S),
     log: Callable[[], str] | None = None,
 ) -> str:
     """Write the bundle, readable by its owner only; return a list of its contents. Raises HapticdError."""
@@ -111,7 +111,7 @@ def _configuration(system: System | None, config_path: Path | None) -> Mapping[s
     return parts
 
 
-def _recording(system: System | None, record: Record) -> tuple[bytes, str]:
+def _recording(system: System | None, record: _Record) -> tuple[bytes, str]:
     if system is None or system.status is None:
         return b"", "no recording: no daemon answered"
     with tempfile.TemporaryDirectory(prefix="hapticd-doctor-") as folder:

@@ -18,7 +18,7 @@ from ...io.devices.trackpad_source import TrackpadSource
 from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad
 from ..firmware.conversation import Conversation
-from .finding import FAIL, PASS, WARN, Finding, System, is_accessible
+from .finding import FAIL, PASS, WARN, CheckResult, System, is_accessible
 from .host import INSTALL
 from .service import refreshed
 
@@ -31,25 +31,25 @@ FASTER = "use a cable instead of Bluetooth; else set prediction.period_ms"
 IDLER = "reduce the host's load, which slows the simulated pad: see `top`"
 
 
-def trackpad(system: System) -> Finding:
+def trackpad(system: System) -> CheckResult:
     """Check for a connected pad."""
     if not system.has_pad:
-        return Finding(PASS, "trackpad", f"{system.config.trackpad.source} is configured")
+        return CheckResult(PASS, "trackpad", f"{system.config.trackpad.source} is configured")
     try:
         pads = list(find_pads(load_hid(), system.config.trackpad.model))
     except (HapticdError, OSError) as error:
-        return Finding(FAIL, "trackpad", str(error), pip_install("hidapi"))
+        return CheckResult(FAIL, "trackpad", str(error), pip_install("hidapi"))
     if not pads:
         remedy = "plug it in, or bluetoothctl connect ADDRESS, and wake it"
-        return Finding(FAIL, "trackpad", "none is connected", remedy)
+        return CheckResult(FAIL, "trackpad", "none is connected", remedy)
     pad, path = pads[0]
     node = os.fsdecode(path)
     if node.startswith("/dev/") and not is_accessible(Path(node)) and system.status is None:
-        return Finding(FAIL, "trackpad", f"{node} cannot be opened by this user", f"{INSTALL}, then replug it")
-    return Finding(PASS, "trackpad", f"{pad.model} at {node}")
+        return CheckResult(FAIL, "trackpad", f"{node} cannot be opened by this user", f"{INSTALL}, then replug it")
+    return CheckResult(PASS, "trackpad", f"{pad.model} at {node}")
 
 
-def rate(system: System, wait: Callable[[float], None] = time.sleep) -> Finding:
+def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckResult:
     """Check the report rate: the daemon's count, or measured here if no daemon runs."""
     if system.status is not None:
         measured_hz = _counted_rate_hz(system, wait)
@@ -57,16 +57,16 @@ def rate(system: System, wait: Callable[[float], None] = time.sleep) -> Finding:
         try:
             measured_hz = listen(HidTrackpad(system.config.trackpad.model), LISTEN_S)
         except HapticdError as error:
-            return Finding(WARN, "report rate", str(error), "see trackpad above")
+            return CheckResult(WARN, "report rate", str(error), "see trackpad above")
     else:
-        return Finding(PASS, "report rate", "no daemon answers, and no pad is configured")
+        return CheckResult(PASS, "report rate", "no daemon answers, and no pad is configured")
     if measured_hz is None:
-        return Finding(WARN, "report rate", f"no touch within {LISTEN_S:g} s", TOUCH)
+        return CheckResult(WARN, "report rate", f"no touch within {LISTEN_S:g} s", TOUCH)
     expected_hz = 1e3 / system.config.prediction.period_ms
     text = f"{measured_hz:.1f} Hz, the configuration expects {expected_hz:.1f}"
     if measured_hz < SLOW_FRAC * expected_hz:
-        return Finding(WARN, "report rate", text, FASTER if system.has_pad else IDLER)
-    return Finding(PASS, "report rate", text)
+        return CheckResult(WARN, "report rate", text, FASTER if system.has_pad else IDLER)
+    return CheckResult(PASS, "report rate", text)
 
 
 def _counted_rate_hz(system: System, wait: Callable[[float], None]) -> float | None:
@@ -126,29 +126,31 @@ def frame_rate_hz(reports: Sequence[RawReport], pad: Pad) -> float | None:
     return 1e9 / median(gaps_ns) if gaps_ns else None
 
 
-def drive(system: System) -> Finding:
+def drive(system: System) -> CheckResult:
     """Check how far the drive has gone after the plate."""
     drive_hz, moved_hz = system.reported("board", "drive_hz"), system.reported("board", "drive_moved_hz")
     if not (isinstance(drive_hz, float) and isinstance(moved_hz, float)):
-        return Finding(PASS, "drive", "unknown: no daemon has a status of the board")
+        return CheckResult(PASS, "drive", "unknown: no daemon has a status of the board")
     text = f"{drive_hz:.1f} Hz, {moved_hz:+.1f} Hz from where it was set"
     if abs(moved_hz) < FAR_HZ:
-        return Finding(PASS, "drive", text)
+        return CheckResult(PASS, "drive", text)
     port = system.config.device.port
-    return Finding(WARN, "drive", text, f"measure the plate again: hapticd calibrate resonance --port {port} --out DIR")
+    return CheckResult(
+        WARN, "drive", text, f"measure the plate again: hapticd calibrate resonance --port {port} --out DIR"
+    )
 
 
-def board(system: System) -> Finding:
+def board(system: System) -> CheckResult:
     """Check the serial port."""
     port = system.config.device.port
     if not system.has_board:
-        return Finding(PASS, "board", "simulated")
+        return CheckResult(PASS, "board", "simulated")
     if not Path(port).exists():
-        return Finding(FAIL, "board", f"{port} does not exist", "plug the board in; ls /dev/ttyACM* /dev/ttyUSB*")
+        return CheckResult(FAIL, "board", f"{port} does not exist", "plug the board in; ls /dev/ttyACM* /dev/ttyUSB*")
     if not is_accessible(Path(port)) and system.status is None:
         remedy = f"sudo usermod -aG {_group(Path(port))} $USER, then log in again"
-        return Finding(FAIL, "board", f"{port} cannot be opened by this user", remedy)
-    return Finding(PASS, "board", f"{port} can be opened" if system.status is None else f"{port} exists")
+        return CheckResult(FAIL, "board", f"{port} cannot be opened by this user", remedy)
+    return CheckResult(PASS, "board", f"{port} can be opened" if system.status is None else f"{port} exists")
 
 
 def _group(path: Path) -> str:
@@ -160,32 +162,32 @@ def _group(path: Path) -> str:
         return str(number)
 
 
-def firmware(system: System) -> Finding:
+def firmware(system: System) -> CheckResult:
     """Check the board's firmware: the daemon's report, or a handshake here if no daemon runs."""
     if system.status is not None:
         refused, version = system.reported("board", "refused"), system.reported("board", "firmware")
         if refused and refused == system.reported("board", "self_test", "text"):
-            return Finding(WARN, "firmware", "not driven after its self-test", "see calibration above")
+            return CheckResult(WARN, "firmware", "not driven after its self-test", "see calibration above")
         if refused:
-            return Finding(FAIL, "firmware", str(refused), "make -C firmware flash")
+            return CheckResult(FAIL, "firmware", str(refused), "make -C firmware flash")
         if version is None or not system.reported("board", "ready"):
             lacking = system.reported("board", "lacking") or "the board does not answer the daemon"
-            return Finding(WARN, "firmware", str(lacking), "journalctl -u hapticd -n 20")
+            return CheckResult(WARN, "firmware", str(lacking), "journalctl -u hapticd -n 20")
         crc, baud = system.reported("board", "image_crc"), system.reported("board", "baud")
         image = f", image {crc}" if crc else ""
         line = f", at {baud} baud" if isinstance(baud, int) else ""
-        return Finding(PASS, "firmware", f"version {version}{image}{line}, reported to the daemon")
+        return CheckResult(PASS, "firmware", f"version {version}{image}{line}, reported to the daemon")
     port = system.config.device.port
     if not system.has_board:
-        return Finding(PASS, "firmware", "that of the simulated board, from this package")
+        return CheckResult(PASS, "firmware", "that of the simulated board, from this package")
     if not (Path(port).exists() and is_accessible(Path(port))):
-        return Finding(WARN, "firmware", "not checked: the port cannot be opened", "see board above")
+        return CheckResult(WARN, "firmware", "not checked: the port cannot be opened", "see board above")
     try:
         baud = system.config.device.baud
         version = asyncio.run(firmware_version(SerialLink(port, baud), f"{port} at {baud} baud"))
     except DeviceError as error:
-        return Finding(FAIL, "firmware", str(error), f"hapticd firmware info --port {port}")
-    return Finding(PASS, "firmware", f"version {version}, of this protocol")
+        return CheckResult(FAIL, "firmware", str(error), f"hapticd firmware info --port {port}")
+    return CheckResult(PASS, "firmware", f"version {version}, of this protocol")
 
 
 async def firmware_version(link: SerialLink, where: str) -> str:

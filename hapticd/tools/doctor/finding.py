@@ -15,7 +15,7 @@ PASS, WARN, FAIL = "pass", "warn", "FAIL"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckResult:
     """Result of one `check`; `text` is its result, `remedy` the fix, empty if none is needed."""
 
     verdict: str
@@ -74,11 +74,11 @@ def is_accessible(path: Path) -> bool:
     return os.access(path, os.R_OK | os.W_OK)
 
 
-def as_document(found: Sequence[Finding]) -> str:
+def as_document(found: Sequence[CheckResult]) -> str:
     """Return the report as JSON: the findings in order, and whether one of them failed."""
     return json.dumps({"failed": has_failed(found), "findings": [asdict(one) for one in found]}, indent=2)
 
 
-def has_failed(found: Sequence[Finding]) -> bool:
+def has_failed(found: Sequence[CheckResult]) -> bool:
     """Return whether one finding is a failure."""
     return any(one.verdict == FAIL for one in found)

@@ -13,7 +13,7 @@ from pathlib import Path
 from ...errors import HapticdError, rebuild
 from ...io.host.cpu_latency import LATENCY_FILE
 from ..install_service import service_files
-from .finding import PASS, WARN, Finding, System
+from .finding import PASS, WARN, CheckResult, System
 
 RULES = "71-hapticd.rules"
 RULE_FOLDERS = ("etc/udev/rules.d", "run/udev/rules.d", "usr/local/lib/udev/rules.d", "usr/lib/udev/rules.d")
@@ -25,26 +25,26 @@ HAPTICD = Path(sys.executable).with_name("hapticd")  # sudo uses another PATH
 INSTALL = f"sudo {HAPTICD} install-service && sudo udevadm control --reload && sudo udevadm trigger"
 
 
-def rules(system: System) -> Finding:
+def rules(system: System) -> CheckResult:
     """Check the udev rule that gives devices to the service and to the user logged in at the screen."""
     found = next((folder for folder in RULE_FOLDERS if system.root.joinpath(folder, RULES).is_file()), None)
     if found is None:
         if not (system.has_pad or system.has_board):
-            return Finding(PASS, "udev rules", "not installed, and not needed for the simulated plate")
-        return Finding(WARN, "udev rules", f"{RULES} is not installed", INSTALL)
+            return CheckResult(PASS, "udev rules", "not installed, and not needed for the simulated plate")
+        return CheckResult(WARN, "udev rules", f"{RULES} is not installed", INSTALL)
     try:
         ours = next(file.text for file in service_files() if file.name == RULES)
     except HapticdError as error:
-        return Finding(WARN, "udev rules", str(error))
+        return CheckResult(WARN, "udev rules", str(error))
     if system.text(found, RULES) != ours.strip():
-        return Finding(WARN, "udev rules", f"/{found}/{RULES} is not this version's", INSTALL)
-    return Finding(PASS, "udev rules", f"/{found}/{RULES}")
+        return CheckResult(WARN, "udev rules", f"/{found}/{RULES} is not this version's", INSTALL)
+    return CheckResult(PASS, "udev rules", f"/{found}/{RULES}")
 
 
-def groups(system: System) -> Finding:
+def groups(system: System) -> CheckResult:
     """Check that this user is in the groups of sockets and devices."""
     if os.geteuid() == 0:
-        return Finding(PASS, "groups", "root needs none")
+        return CheckResult(PASS, "groups", "root needs none")
     user = _user_name()
     needed = [CLIENT_GROUP] if system.root.joinpath("run/hapticd").is_dir() else []
     needed += [DEVICE_GROUP] if system.has_pad or system.has_board else []
@@ -52,16 +52,16 @@ def groups(system: System) -> Finding:
         try:
             group = grp.getgrnam(name)
         except KeyError:
-            return Finding(
+            return CheckResult(
                 WARN, "groups", f"group {name} does not exist", "sudo systemd-sysusers, after install-service"
             )
         if group.gr_gid in os.getgroups():
             continue
         if user in group.gr_mem:
-            return Finding(WARN, "groups", f"{user} is in {name}, but not in this session", "log out and in again")
+            return CheckResult(WARN, "groups", f"{user} is in {name}, but not in this session", "log out and in again")
         text = f"{user} is not in {name}, which only the user logged in at the screen does not need"
-        return Finding(WARN, "groups", text, f"sudo usermod -aG {name} {user}, then log in again")
-    return Finding(PASS, "groups", f"{user} is in {', '.join(needed)}" if needed else "none is needed")
+        return CheckResult(WARN, "groups", text, f"sudo usermod -aG {name} {user}, then log in again")
+    return CheckResult(PASS, "groups", f"{user} is in {', '.join(needed)}" if needed else "none is needed")
 
 
 def _user_name() -> str:
@@ -71,29 +71,29 @@ def _user_name() -> str:
         return str(os.geteuid())
 
 
-def real_time(system: System) -> Finding:
+def real_time(system: System) -> CheckResult:
     """Check priority, locked memory and CPU latency: as granted to the daemon, else the limits of this user."""
     requested = system.config.realtime
     granted = system.reported("real_time", "priority")
     if granted is not None:
         refused = system.reported("real_time", "refused") or ()
         if refused:
-            return Finding(
+            return CheckResult(
                 WARN, "real time", f"the system refused the daemon: {'; '.join(refused)}", "systemctl cat hapticd"
             )
-        return Finding(PASS, "real time", f"the daemon runs at priority {granted}, with all it requested")
+        return CheckResult(PASS, "real time", f"the daemon runs at priority {granted}, with all it requested")
     if requested.fifo_priority == 0 and not (requested.lock_memory or requested.stay_awake):
-        return Finding(PASS, "real time", "not configured")
+        return CheckResult(PASS, "real time", "not configured")
     allowed = _limit(resource.RLIMIT_RTPRIO)
     if requested.fifo_priority > allowed and not _can(system, CAP_SYS_NICE):
-        return Finding(
+        return CheckResult(
             WARN,
             "real time",
             f"this user is limited to priority {allowed:g}, the configuration requests {requested.fifo_priority}",
             "run it as the service, whose unit grants 20: sudo systemctl start hapticd",
         )
     if requested.lock_memory and _limit(resource.RLIMIT_MEMLOCK) < MEMLOCK_BYTES and not _can(system, CAP_IPC_LOCK):
-        return Finding(
+        return CheckResult(
             WARN,
             "real time",
             f"this user may lock {_limit(resource.RLIMIT_MEMLOCK) / 2**20:g} MiB of memory, not enough for all of it",
@@ -102,11 +102,11 @@ def real_time(system: System) -> Finding:
     latency_file = system.root / LATENCY_FILE.relative_to("/")
     if requested.stay_awake and not os.access(latency_file, os.W_OK):
         text = f"this user may not write to {LATENCY_FILE}, so processors enter sleep states"
-        return Finding(WARN, "real time", text, INSTALL)
+        return CheckResult(WARN, "real time", text, INSTALL)
     parts = [f"priority {requested.fifo_priority}"] if requested.fifo_priority > 0 else []
     parts += ["locked memory"] if requested.lock_memory else []
     parts += ["processors kept out of sleep states"] if requested.stay_awake else []
-    return Finding(PASS, "real time", f"{' and '.join(parts)} within this user's limits")
+    return CheckResult(PASS, "real time", f"{' and '.join(parts)} within this user's limits")
 
 
 def _limit(which: int) -> float:
@@ -121,40 +121,40 @@ def _can(system: System, capability: int) -> bool:
     return False
 
 
-def clock(system: System) -> Finding:
+def clock(system: System) -> CheckResult:
     """Check the source of the monotonic clock, which is read several times per pass."""
     folder = "sys/devices/system/clocksource/clocksource0"
     source = system.text(folder, "current_clocksource")
     if source is None:
-        return Finding(PASS, "clock", "its source is not reported by this system")
+        return CheckResult(PASS, "clock", "its source is not reported by this system")
     if source in FAST_CLOCKS:
-        return Finding(PASS, "clock", source)
+        return CheckResult(PASS, "clock", source)
     offered = (system.text(folder, "available_clocksource") or "").split()
     fast = next((one for one in FAST_CLOCKS if one in offered), None)
     remedy = f"echo {fast} | sudo tee /{folder}/current_clocksource" if fast else "journalctl -k --grep clocksource"
-    return Finding(WARN, "clock", f"{source} is slow to read", remedy)
+    return CheckResult(WARN, "clock", f"{source} is slow to read", remedy)
 
 
-def governor(system: System) -> Finding:
+def governor(system: System) -> CheckResult:
     """Check the frequency governor: a processor clocked down between touches delays each first pass."""
     folder = system.root / "sys/devices/system/cpu"
     names = {system.text(str(path)) for path in folder.glob("cpu*/cpufreq/scaling_governor")}
     found = {name for name in names if name is not None}
     if not found:
-        return Finding(PASS, "processor", "no frequency governor")
+        return CheckResult(PASS, "processor", "no frequency governor")
     if found == {"performance"}:
-        return Finding(PASS, "processor", "governor performance")
+        return CheckResult(PASS, "processor", "governor performance")
     text = f"governor {', '.join(sorted(found))}: passes after a pause take longer"
-    return Finding(WARN, "processor", text, "sudo cpupower frequency-set -g performance")
+    return CheckResult(WARN, "processor", text, "sudo cpupower frequency-set -g performance")
 
 
-def built(_: System) -> Finding:
+def built(_: System) -> CheckResult:
     """Check the simulated board's firmware."""
     if importlib.util.find_spec("hapticd.sim.board._firmware") is None:
-        return Finding(
+        return CheckResult(
             WARN,
             "simulated board",
             "its firmware is not built",
             f"sudo apt install build-essential python3-dev, then {rebuild()}",
         )
-    return Finding(PASS, "simulated board", "its firmware is built")
+    return CheckResult(PASS, "simulated board", "its firmware is built")

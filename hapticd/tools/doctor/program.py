@@ -14,9 +14,9 @@ from ...errors import HapticdError
 from ...files import outputs
 from . import bundle as bundles
 from . import devices, files, host, service
-from .finding import FAIL, PASS, WARN, Finding, System, as_document, has_failed
+from .finding import FAIL, PASS, WARN, CheckResult, System, as_document, has_failed
 
-CHECKS: tuple[Callable[[System], Finding], ...] = (
+CHECKS: tuple[Callable[[System], CheckResult], ...] = (
     files.modes,
     files.calibrated,
     files.recordings,
@@ -60,7 +60,7 @@ def _doctor(options: argparse.Namespace) -> int:
 
 def examine(config_path: Path | None, *, as_json: bool = False, bundle: Path | None = None) -> int:
     """Print the report, and write `bundle` if given. Return 1 if a check fails, else 0."""
-    found: list[Finding] = []
+    found: list[CheckResult] = []
     system = None
     for finding, system in _findings(config_path):  # noqa: B007 - the last one is used below
         found.append(finding)
@@ -75,22 +75,22 @@ def examine(config_path: Path | None, *, as_json: bool = False, bundle: Path | N
     return int(has_failed(found))
 
 
-def configured(config_path: Path | None, root: Path) -> Finding:
+def configured(config_path: Path | None, root: Path) -> CheckResult:
     """Report which valid configuration is checked, and whether the service has another."""
     if config_path is not None:
-        return Finding(PASS, "configuration", f"{config_path} is valid")
+        return CheckResult(PASS, "configuration", f"{config_path} is valid")
     of_service = root / SERVICE_CONFIG
     if of_service.exists():
         text = f"the built-in one, while the service uses {of_service}"
-        return Finding(WARN, "configuration", text, f"hapticd doctor --config {of_service}")
-    return Finding(PASS, "configuration", "the built-in one is valid")
+        return CheckResult(WARN, "configuration", text, f"hapticd doctor --config {of_service}")
+    return CheckResult(PASS, "configuration", "the built-in one is valid")
 
 
-def _findings(config_path: Path | None) -> Iterator[tuple[Finding, System | None]]:
+def _findings(config_path: Path | None) -> Iterator[tuple[CheckResult, System | None]]:
     try:
         config = configuration.load(config_path) if config_path is not None else Config()
     except HapticdError as error:
-        yield Finding(FAIL, "configuration", str(error), SHOW_KEYS), None
+        yield CheckResult(FAIL, "configuration", str(error), SHOW_KEYS), None
         return
     system = service.find(config, os.environ)
     yield configured(config_path, system.root), system

@@ -24,8 +24,8 @@ REMEDIES = {
     CommandResult.NOT_QUIET: ": see `hapticd firmware info`, and `clear-fault`",
 }
 
-Message = BoardMessage
-Answer = TypeVar("Answer", bound=Message)
+_Message = BoardMessage
+_Answer = TypeVar("_Answer", bound=_Message)
 
 
 class Conversation:
@@ -37,7 +37,7 @@ class Conversation:
     def __init__(self, link: SerialLink, where: str) -> None:
         self._link, self._where = link, where
         self._decoder = Decoder()
-        self._received: asyncio.Queue[Message | DeviceError] = asyncio.Queue()
+        self._received: asyncio.Queue[_Message | DeviceError] = asyncio.Queue()
         self._is_driving = False
         self.hello: BoardHello
 
@@ -80,7 +80,7 @@ class Conversation:
             raise UsageError(str(error)) from None
         self._link.write(line)
 
-    async def receive(self, within_s: float) -> Message | None:
+    async def receive(self, within_s: float) -> _Message | None:
         """Return the next message from the board, None after `within_s` without one."""
         try:
             received = await asyncio.wait_for(self._received.get(), within_s)
@@ -90,7 +90,7 @@ class Conversation:
             raise received
         return received
 
-    async def wait_for(self, kind: type[Answer], within_s: float) -> Answer | None:
+    async def wait_for(self, kind: type[_Answer], within_s: float) -> _Answer | None:
         """Return the next message of this kind, None after `within_s`; others are dropped."""
         deadline_s = asyncio.get_running_loop().time() + within_s
         while (left_s := deadline_s - asyncio.get_running_loop().time()) > 0.0:
@@ -99,7 +99,7 @@ class Conversation:
                 return message
         return None
 
-    async def ask(self, command: BoardCommand, kind: type[Answer]) -> Answer:
+    async def ask(self, command: BoardCommand, kind: type[_Answer]) -> _Answer:
         """Send the command, with retries, and return the reply of this kind. Raises DeviceError."""
         for _ in range(TRIES):
             self.send(command)

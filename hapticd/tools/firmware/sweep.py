@@ -14,7 +14,7 @@ import numpy as np
 
 from ... import board_protocol as protocol
 from ...board_protocol import BoardState, Sweep
-from ...board_values import BoardHello, BoardStatus, Calibration, SweepPoint
+from ...board_values import BoardCalibration, BoardHello, BoardStatus, SweepPoint
 from ...design.resonance import Resonance, fit_resonance
 from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
 from ...files import calibration, outputs, plotting
@@ -164,9 +164,9 @@ def draw(sweeps: Sequence[ModeSweep], path: Path, **style: int) -> None:
     plotting.save(figure, path, **style)
 
 
-def _saved(path: Path | None, modes: int) -> Calibration:
+def _saved(path: Path | None, modes: int) -> BoardCalibration:
     if path is None or not path.exists():
-        return Calibration()
+        return BoardCalibration()
     if not path.is_file():
         raise UsageError(f"{path}: is not a file: name one for --save.")
     try:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ...config.sections import Config
     from ...core.friction import FrictionCurve
     from ...core.plate.mode_shapes import ModeShapes
-    from ...design.achievability import Finger
+    from ...design.achievability import MapFinger
 
 LIMIT_UM = 4.0  # of each mode with --modes, which names no configuration
 MOST_UM, MOST_LIMIT_UM = 1000.0, 20.0  # the bounds of client targets and of the configuration
@@ -95,9 +95,9 @@ def limits(text: str | None, usual_um: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(given * len(usual_um) if len(given) == 1 else given)
 
 
-def finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> Finger:
+def finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> MapFinger:
     """Return a finger with its target, or with the usual one. Raises UsageError."""
-    from ...design.achievability import Finger
+    from ...design.achievability import MapFinger
 
     parts = text.split(",")
     if len(parts) not in (2, 3):
@@ -110,7 +110,7 @@ def finger(text: str, usual_um: float, size_mm: tuple[float, float]) -> Finger:
             f"--finger {text}: lies off the plate, which reaches from -{size_mm[0] / 2:g},-{size_mm[1] / 2:g} "
             f"to {size_mm[0] / 2:g},{size_mm[1] / 2:g} mm."
         )
-    return Finger(x_mm, y_mm, number(parts[2], f"--finger {text}", 0.0, MOST_UM) if len(parts) == 3 else usual_um)
+    return MapFinger(x_mm, y_mm, number(parts[2], f"--finger {text}", 0.0, MOST_UM) if len(parts) == 3 else usual_um)
 
 
 def number(text: str | float, name: str, low: float, high: float) -> float:

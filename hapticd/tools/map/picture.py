@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
-from ...design.achievability import AchievabilityMap, Finger, PairMap
+from ...design.achievability import AchievabilityMap, MapFinger, PairMap
 from ...design.contact_map import ContactMap
 from ...files import plotting
 from ...values import FloatArray
@@ -24,7 +24,7 @@ class Panel(NamedTuple):
     """One map: what the other finger is to do, in words, and the fingers present; `contacts` where they are still."""
 
     title: str
-    fingers: tuple[Finger, ...]
+    fingers: tuple[MapFinger, ...]
     result: AchievabilityMap
     contacts: ContactMap | None = None
 

@@ -21,7 +21,7 @@ from .results import plate_line, save
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
-    from ...design.achievability import AchievabilityMap, Finger, PairMap
+    from ...design.achievability import AchievabilityMap, MapFinger, PairMap
     from ...design.contact_map import ContactMap
     from .picture import Panel
 
@@ -129,7 +129,7 @@ def _map(options: argparse.Namespace) -> None:
 
 def _contacts(
     modes: ModeShapes,
-    fingers: Sequence[Finger],
+    fingers: Sequence[MapFinger],
     target_um: float,
     limit_um: Sequence[float],
     radius_mm: float,
@@ -215,7 +215,7 @@ def _cell(value: float) -> str:
     return f"{value:8.2f}" if math.isfinite(value) else "       -"
 
 
-def _finger_line(finger: Finger) -> str:
+def _finger_line(finger: MapFinger) -> str:
     does = "is still" if finger.target_um == 0.0 else f"slips by {finger.target_um:g} um"
     return f"one at {finger.x_mm:g}, {finger.y_mm:g} mm {does}"
 

@@ -17,7 +17,7 @@ from ...sim.picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS, REFERENCE
 from .references import in_force
 from .tables import Column
 
-Table = Mapping[str, Column]
+_Table = Mapping[str, Column]
 MODE_NAMES = "XYZ"
 MOST_LABELS = 9  # two rows, with the line style
 MOST_CHARS, MOST_LANES = 24, 6  # of the markers' texts
@@ -26,7 +26,7 @@ LIFTED_S = 0.1  # without ground truth of a finger; it comes every 10 ms at leas
 
 
 def draw(
-    tables: Mapping[str, Table], path: Path, *, title: str = "", start_s: float = 0.0, end_s: float | None = None
+    tables: Mapping[str, _Table], path: Path, *, title: str = "", start_s: float = 0.0, end_s: float | None = None
 ) -> None:
     """Write a picture of the part between two instants. Raises RecordingError if it holds nothing to draw."""
     if "passes" not in tables:
@@ -58,7 +58,7 @@ def draw(
     plotting.save(figure, path)
 
 
-class Marker(NamedTuple):
+class _Marker(NamedTuple):
     """A marker: its text stands in a lane above the pictures, right of its line or, at the end, left of it."""
 
     t_s: float
@@ -92,7 +92,7 @@ class _Part(NamedTuple):
             axis.plot(at_s[order], drawn[order], **options)
 
 
-def _draw_positions(axes: Any, tables: Mapping[str, Table], part: _Part) -> None:
+def _draw_positions(axes: Any, tables: Mapping[str, _Table], part: _Part) -> None:
     """Samples as dots, at the instants they were taken; where each pass took the finger to be as a line."""
     begin_s = _begin_s(tables)
     for axis, name in zip(axes, ("x_mm", "y_mm"), strict=True):
@@ -109,7 +109,7 @@ def _draw_positions(axes: Any, tables: Mapping[str, Table], part: _Part) -> None
         axis.set_ylabel(f"{name[0]}, mm")
 
 
-def _draw_modes(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
+def _draw_modes(axis: Any, tables: Mapping[str, _Table], part: _Part) -> None:
     """References as broad bands; what the plate did as lines: by its truth where there is one, else by the board."""
     begin_s = _begin_s(tables)
     did, name = (tables["truth_modes"], "plate") if "truth_modes" in tables else (tables.get("modes"), "measured")
@@ -131,7 +131,7 @@ def _draw_modes(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
     axis.set_ylabel("modal amplitude, µm")
 
 
-def _draw_fingers(axis: Any, tables: Mapping[str, Table], part: _Part) -> None:
+def _draw_fingers(axis: Any, tables: Mapping[str, _Table], part: _Part) -> None:
     """Targets dashed; the amplitude at each finger as a line: the truth, else what the solved modes give it."""
     for colour, key in _coloured(tables):
         table = _of(tables.get("targets"), "finger_id", key)
@@ -161,7 +161,7 @@ def _legend(axis: Any) -> None:
     )
 
 
-def _touches(truth: Table | None) -> Iterator[Table]:
+def _touches(truth: _Table | None) -> Iterator[_Table]:
     """The ground truth of each finger, apart where it was lifted."""
     for path in sorted(set(truth["path"].tolist())) if truth else []:
         felt = _of(truth, "path", path)
@@ -170,7 +170,7 @@ def _touches(truth: Table | None) -> Iterator[Table]:
             yield {name: column[rows] for name, column in felt.items()}
 
 
-def _markers(tables: Mapping[str, Table], part: _Part) -> list[Marker]:
+def _markers(tables: Mapping[str, _Table], part: _Part) -> list[_Marker]:
     """Return the markers of the part in the order of time, each with the lowest lane in which its text is free.
 
     Those beyond MOST_LANES that would cover each other have none, and stay lines without a text.
@@ -189,11 +189,11 @@ def _markers(tables: Mapping[str, Table], part: _Part) -> list[Marker]:
         lane = next((lane for lane, from_s in enumerate(free_s) if from_s <= begin_s), None)
         if lane is not None:
             free_s[lane] = begin_s + (len(label) + 2) * char_s
-        markers.append(Marker(float(t_s), label, lane, is_last))
+        markers.append(_Marker(float(t_s), label, lane, is_last))
     return markers
 
 
-def _draw_markers(axes: Any, markers: Sequence[Marker]) -> None:
+def _draw_markers(axes: Any, markers: Sequence[_Marker]) -> None:
     """Draw a line through all pictures for each marker, and its text in the strip above them."""
     if not markers:
         return
@@ -211,11 +211,11 @@ def _draw_markers(axes: Any, markers: Sequence[Marker]) -> None:
             strip.annotate(text, place, ha=side, va="center", fontsize="x-small", annotation_clip=True)
 
 
-def _lanes(markers: Sequence[Marker]) -> int:
+def _lanes(markers: Sequence[_Marker]) -> int:
     return 1 + max((marker.lane or 0 for marker in markers), default=-1)
 
 
-def _coloured(tables: Mapping[str, Table]) -> list[tuple[str, str]]:
+def _coloured(tables: Mapping[str, _Table]) -> list[tuple[str, str]]:
     """The fingers in the order in which they came, each with its colour."""
     keys: dict[str, None] = {}
     for name, column in (("fingers", "finger_id"), ("targets", "finger_id")):
@@ -224,7 +224,7 @@ def _coloured(tables: Mapping[str, Table]) -> list[tuple[str, str]]:
     return [(FINGER_COLOURS[index % len(FINGER_COLOURS)], key) for index, key in enumerate(keys)]
 
 
-def _of(table: Table | None, column: str, value: object) -> Table:
+def _of(table: _Table | None, column: str, value: object) -> _Table:
     """The rows with this value; empty where there is no such table or no such row."""
     if table is None:
         return {}
@@ -232,7 +232,7 @@ def _of(table: Table | None, column: str, value: object) -> Table:
     return {name: values[part] for name, values in table.items()} if part.any() else {}
 
 
-def _begin_s(tables: Mapping[str, Table]) -> float:
+def _begin_s(tables: Mapping[str, _Table]) -> float:
     passes = tables["passes"]
     return float(passes["t_ns"][0]) * 1e-9 - float(passes["t_s"][0])
 

@@ -38,7 +38,7 @@ class Difference(NamedTuple):
 
 
 @dataclass(slots=True)
-class Outcome:
+class _Outcome:
     """What a replay found. `lost_seq` is the first missing record: what comes after it is not compared."""
 
     lines: int = 0
@@ -52,7 +52,7 @@ class Outcome:
         return self.difference is None and self.lost_seq is None
 
 
-class Step(NamedTuple):
+class _Step(NamedTuple):
     """One input of the machine, and its records before the next: lines to the board, a pass."""
 
     input: Record
@@ -63,7 +63,7 @@ class Step(NamedTuple):
 class _Board:
     """Takes what the replayed machine writes, and accepts or refuses it as the recorded line did."""
 
-    outcome: Outcome
+    outcome: _Outcome
     expected: deque[Record] = field(default_factory=deque)
     t_ns: int = 0
     seq: int = 0
@@ -92,7 +92,7 @@ class _Board:
             self.outcome.difference = Difference(self.t_ns, self.seq, recorded, replayed)
 
 
-def replay(recording: Recording) -> Outcome:
+def replay(recording: Recording) -> _Outcome:
     """Replay up to the first difference or loss. Raises RecordingError where the recording does not begin with its
     machine's start: the machine's state by then is not in it."""
     if not recording.is_whole:
@@ -100,7 +100,7 @@ def replay(recording: Recording) -> Outcome:
             f"{recording.paths[0]}: begins when the daemon ran already, and only what begins with it replays exactly: "
             "record without --now, while nothing else records, or compare settings with --set."
         )
-    outcome = Outcome()
+    outcome = _Outcome()
     board = _Board(outcome)
     machine = machine_of(recording, recording.header.config, board.write)
     for step in steps(recording.records()):
@@ -129,7 +129,7 @@ def machine_of(recording: Recording, config: Config, write_board: Callable[[byte
     )
 
 
-def steps(records: Iterable[Record]) -> Iterator[Step]:
+def steps(records: Iterable[Record]) -> Iterator[_Step]:
     """The inputs in their order. A loss within a step shows in the recording's `losses` before it is given. Without an
     "end" record the last is left out, for its effects may be missing."""
     current: Record | None = None
@@ -137,7 +137,7 @@ def steps(records: Iterable[Record]) -> Iterator[Step]:
     for record in records:
         if record.kind in (*INPUTS, "end"):
             if current is not None:
-                yield Step(current, tuple(effects))
+                yield _Step(current, tuple(effects))
             current, effects = record if record.kind != "end" else None, []
         elif record.kind in ("written", "pass"):
             effects.append(record)
@@ -183,7 +183,7 @@ def described(line: bytes) -> str:
     return f"{name}: {line.hex()}"
 
 
-def report(recording: Recording, outcome: Outcome) -> str:
+def report(recording: Recording, outcome: _Outcome) -> str:
     """The outcome of a replay, for a person."""
     compared = f"{outcome.references} references, {outcome.lines} lines to the board"
     if outcome.difference is not None:

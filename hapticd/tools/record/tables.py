@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ...files.recording.kinds import BOOL, KINDS, LEDGER, PERCEIVED, TEXT, WHOLE, Fields, Record, key_of
 from ...files.recording.mcap_reader import Recording
 
-Row = tuple[Any, ...]
+_Row = tuple[Any, ...]
 Column = npt.NDArray[Any]
 _STATUS = {name: form for name, form in KINDS["status"].form.items() if isinstance(form, str)}
 _NUMBERS, _WHOLES, _TRUTHS = np.float64, np.int64, np.bool_
@@ -68,20 +68,20 @@ TABLES: dict[str, dict[str, type]] = {
 
 def tables(recording: Recording) -> dict[str, dict[str, Column]]:
     """All tables that have rows, each as columns by name. Raises RecordingError."""
-    rows: dict[str, list[Row]] = {name: [] for name in TABLES}
+    rows: dict[str, list[_Row]] = {name: [] for name in TABLES}
     for record in recording.records():
         for name, row in _rows(record):
             rows[name].append((1e-9 * (record.t_ns - recording.header.t_start_ns), record.t_ns, *row))
     return {name: _columns(name, found) for name, found in rows.items() if found}
 
 
-def _columns(name: str, rows: list[Row]) -> dict[str, Column]:
+def _columns(name: str, rows: list[_Row]) -> dict[str, Column]:
     types = {"t_s": _NUMBERS, "t_ns": _WHOLES} | TABLES[name]
     columns = zip(*rows, strict=True)
     return {column: np.array(values, dtype=kind) for (column, kind), values in zip(types.items(), columns, strict=True)}
 
 
-def _rows(record: Record) -> Iterator[tuple[str, Row]]:
+def _rows(record: Record) -> Iterator[tuple[str, _Row]]:
     """The rows that one record adds, and to which tables."""
     fields = record.fields
     match record.kind:
@@ -117,7 +117,7 @@ def _rows(record: Record) -> Iterator[tuple[str, Row]]:
                 yield "truth_modes", (mode, *w_um)
 
 
-def _pass_rows(t_ns: int, fields: Fields) -> Iterator[tuple[str, Row]]:
+def _pass_rows(t_ns: int, fields: Fields) -> Iterator[tuple[str, _Row]]:
     fingers, knots = fields["fingers"], fields.get("knots", [])
     t_sample_ns = t_ns - fields["age_ns"]
     spans_ms = fields["age_ns"] * 1e-6, fields["horizon_ns"] * 1e-6

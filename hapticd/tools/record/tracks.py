@@ -18,7 +18,7 @@ from ...errors import RecordingError
 from ...files.recording.kinds import Fields, Record, key_of
 from ...values import FloatArray
 
-Sample = tuple[int, float, float]  # t_ns, x_mm, y_mm
+_Sample = tuple[int, float, float]  # t_ns, x_mm, y_mm
 _TRUE = ("x_mm", "y_mm", "plate_d_um", "plate_q_um", "target_um")
 GRID_NS = 1_000_000
 LONGEST_NS = 3600 * 1_000_000_000  # of what is judged at once: an hour takes 200 MB
@@ -98,7 +98,7 @@ def _between(t_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], values: 
 
 def _from_passes(passes: Iterable[Record]) -> Tracks:
     """Fingers at their samples' instants, virtual ones where a pass put them; targets hold from pass to pass."""
-    places: dict[int | str, list[Sample]] = {}
+    places: dict[int | str, list[_Sample]] = {}
     targets: dict[int | str, list[tuple[int, float]]] = {}
     for record in passes:
         t_pass_ns, fields = record.t_ns, record.fields
@@ -127,7 +127,7 @@ def _from_passes(passes: Iterable[Record]) -> Tracks:
     return Tracks(t_ns, position_mm, targets_um, None, False)
 
 
-def _columns(touched: Mapping[int | str, Sequence[Sample]]) -> tuple[dict[int | str, int], int]:
+def _columns(touched: Mapping[int | str, Sequence[_Sample]]) -> tuple[dict[int | str, int], int]:
     """A column for each finger, and how many there are: a session has thousands of touches, but few at once."""
     columns: dict[int | str, int] = {}
     taken: list[tuple[int, int]] = []  # until when, and which: the first to be free in front
@@ -139,12 +139,12 @@ def _columns(touched: Mapping[int | str, Sequence[Sample]]) -> tuple[dict[int | 
     return columns, len(taken)
 
 
-def _add_sample(samples: list[Sample], t_ns: int, place: Fields) -> None:
+def _add_sample(samples: list[_Sample], t_ns: int, place: Fields) -> None:
     if not samples or t_ns > samples[-1][0]:
         samples.append((t_ns, place["x_mm"], place["y_mm"]))
 
 
-def _position_mm(t_ns: npt.NDArray[np.int64], samples: Sequence[Sample]) -> FloatArray:
+def _position_mm(t_ns: npt.NDArray[np.int64], samples: Sequence[_Sample]) -> FloatArray:
     at_ns, x_mm, y_mm = zip(*samples, strict=True)
     lines = [np.interp(t_ns, at_ns, along, left=np.nan, right=np.nan) for along in (x_mm, y_mm)]
     return np.stack(lines, axis=1)

@@ -44,7 +44,7 @@ _OF_THE_PLATE = (
 )
 
 
-class Judged(NamedTuple):
+class _Judged(NamedTuple):
     """One choice of settings, and what came of it."""
 
     name: str
@@ -73,7 +73,7 @@ def _value(text: str, change: str) -> object:
         return text
 
 
-def compare(recording: Recording, changes: Sequence[str]) -> tuple[Tracks, list[Judged]]:
+def compare(recording: Recording, changes: Sequence[str]) -> tuple[Tracks, list[_Judged]]:
     """The recorded references, those of each change alone, and those of all, judged on the same fingers.
 
     Raises RecordingError where nothing can be judged, ConfigError for a change that cannot be.
@@ -84,9 +84,9 @@ def compare(recording: Recording, changes: Sequence[str]) -> tuple[Tracks, list[
         choices.append(("all of these", changed(base, changes)))
     records = list(recording.records())
     fingers = tracks(records)
-    judged = [Judged("as recorded", _judge(recording, fingers, _recorded(records)))]
+    judged = [_Judged("as recorded", _judge(recording, fingers, _recorded(records)))]
     for name, settings in choices:
-        judged.append(Judged(name, _judge(recording, fingers, rehearse(recording, records, settings))))
+        judged.append(_Judged(name, _judge(recording, fingers, rehearse(recording, records, settings))))
     return fingers, judged
 
 
@@ -215,7 +215,7 @@ def in_force_um(t_ns: npt.NDArray[np.int64], made: Sequence[Polyline], modes: in
     return modal_um
 
 
-def table(fingers: Tracks, judged: Sequence[Judged]) -> str:
+def table(fingers: Tracks, judged: Sequence[_Judged]) -> str:
     """For a person."""
     width = max(len(name) for name, _ in judged)
     widths = (8, 10, 15, 8, 18, 10, 8)

@@ -31,7 +31,7 @@ from ...errors import UsageError
 from .metrics_server import MetricsServer, serving
 from .samples import STATES
 
-Fields = Mapping[str, Any]
+_Fields = Mapping[str, Any]
 
 ANSWER_S = 1.0  # of Prometheus' default scrape timeout of ten seconds
 EDGES_LOG2_NS = range(
@@ -40,7 +40,7 @@ EDGES_LOG2_NS = range(
 SUB_BITS = 4
 
 
-class Figure(NamedTuple):
+class Export(NamedTuple):
     """One number of `status`: its path, its name as a metric, its help text, and its scale to base units."""
 
     path: str
@@ -50,62 +50,62 @@ class Figure(NamedTuple):
 
 
 GAUGES = (
-    Figure("fingers", "fingers", "Fingers on the plate"),
-    Figure("virtual_fingers", "virtual_fingers", "Virtual fingers of clients"),
-    Figure("assets.count", "assets", "Uploaded assets of clients"),
-    Figure("assets.uploads", "asset_uploads", "Assets of which parts are still to come"),
-    Figure("assets.bytes", "asset_bytes", "Of all assets, and of those to come"),
-    Figure("effects.playing", "effects_playing", "Effects that play"),
-    Figure("trackpad.silent_ms", "trackpad_silent_seconds", "Since the trackpad's last report", 1e-3),
-    Figure("board.ready", "board_ready", "1 while the board answers and its clock is known"),
-    Figure("board.fault_code", "board_fault_code", "The board's fault, 0 for none"),
-    Figure("board.saturated", "board_saturated", "1 while the board's voltage is at its limit"),
-    Figure("board.limited", "board_limited", "1 while an amplitude is at the board's limit"),
-    Figure("board.has_sync", "board_has_sync", "1 where the board has a sync output"),
-    Figure("board.baud", "board_line_speed_baud", "Speed of the board's line"),
-    Figure("board.max_knots", "reference_frame_knots_max", "Knots of a reference frame that the board's line carries"),
-    Figure("board.drive_hz", "board_drive_hertz", "The board's drive"),
-    Figure("board.drive_moved_hz", "board_drive_moved_hertz", "How far the drive has followed the plate"),
-    Figure("board.round_trip_ms", "board_round_trip_seconds", "To the board and back", 1e-3),
-    Figure("board.clock_rate_ppm", "board_clock_deviation_ratio", "How much faster the board's clock runs", 1e-6),
-    Figure("calibration.running", "calibration_running", "1 while the process that calibrates runs"),
-    Figure("calibration.moving", "calibration_moving", "1 while a corrected pad is adopted"),
-    Figure("calibration.moved_mm", "calibration_moved_meters", "Between the configured pad and the adopted one", 1e-3),
-    Figure("calibration.latency_ms", "calibration_latency_seconds", "The pad's latency, as adopted", 1e-3),
-    Figure("latency_ms.frames_hz", "reference_frame_rate_hertz", "Frames applied by the board, of the last 10 s"),
-    Figure("timing.slowness", "pass_slowness_ratio", "How much longer passes take than estimated"),
-    Figure("real_time.priority", "real_time_priority", "SCHED_FIFO priority, 0 for ordinary scheduling"),
-    Figure("real_time.memory_locked", "real_time_memory_locked", "1 where the daemon's memory is not paged out"),
+    Export("fingers", "fingers", "Fingers on the plate"),
+    Export("virtual_fingers", "virtual_fingers", "Virtual fingers of clients"),
+    Export("assets.count", "assets", "Uploaded assets of clients"),
+    Export("assets.uploads", "asset_uploads", "Assets of which parts are still to come"),
+    Export("assets.bytes", "asset_bytes", "Of all assets, and of those to come"),
+    Export("effects.playing", "effects_playing", "Effects that play"),
+    Export("trackpad.silent_ms", "trackpad_silent_seconds", "Since the trackpad's last report", 1e-3),
+    Export("board.ready", "board_ready", "1 while the board answers and its clock is known"),
+    Export("board.fault_code", "board_fault_code", "The board's fault, 0 for none"),
+    Export("board.saturated", "board_saturated", "1 while the board's voltage is at its limit"),
+    Export("board.limited", "board_limited", "1 while an amplitude is at the board's limit"),
+    Export("board.has_sync", "board_has_sync", "1 where the board has a sync output"),
+    Export("board.baud", "board_line_speed_baud", "Speed of the board's line"),
+    Export("board.max_knots", "reference_frame_knots_max", "Knots of a reference frame that the board's line carries"),
+    Export("board.drive_hz", "board_drive_hertz", "The board's drive"),
+    Export("board.drive_moved_hz", "board_drive_moved_hertz", "How far the drive has followed the plate"),
+    Export("board.round_trip_ms", "board_round_trip_seconds", "To the board and back", 1e-3),
+    Export("board.clock_rate_ppm", "board_clock_deviation_ratio", "How much faster the board's clock runs", 1e-6),
+    Export("calibration.running", "calibration_running", "1 while the process that calibrates runs"),
+    Export("calibration.moving", "calibration_moving", "1 while a corrected pad is adopted"),
+    Export("calibration.moved_mm", "calibration_moved_meters", "Between the configured pad and the adopted one", 1e-3),
+    Export("calibration.latency_ms", "calibration_latency_seconds", "The pad's latency, as adopted", 1e-3),
+    Export("latency_ms.frames_hz", "reference_frame_rate_hertz", "Frames applied by the board, of the last 10 s"),
+    Export("timing.slowness", "pass_slowness_ratio", "How much longer passes take than estimated"),
+    Export("real_time.priority", "real_time_priority", "SCHED_FIFO priority, 0 for ordinary scheduling"),
+    Export("real_time.memory_locked", "real_time_memory_locked", "1 where the daemon's memory is not paged out"),
 )
 COUNTERS = (
-    Figure("effects.begun", "effects_begun", "Effects that began to play"),
-    Figure("effects.skipped", "effects_skipped", "Starts of effects for which there was no room"),
-    Figure("events.count", "events", "Events of fingers and effects"),
-    Figure("events.lost", "events_lost", "Events that no state had room for"),
-    Figure("telemetry.published", "states_published", "States sent to subscribers"),
-    Figure("telemetry.skipped_no_subscriber", "states_skipped", "States not built, for want of subscribers"),
-    Figure("clients.refused", "client_messages_refused", "Messages refused with an error"),
-    Figure("clients.overtaken", "client_messages_overtaken", "Messages overtaken by a newer one"),
-    Figure("board.reboots", "board_reboots", "Detected boots of the board"),
-    Figure("board.unsent", "board_frames_unsent", "Frames dropped because the serial line was full"),
-    Figure("board.held_back", "board_frames_held_back", "Frames withheld from a board that did not answer"),
-    Figure("board.lost_statuses", "board_statuses_lost", "Statuses that the board sent and the line lost"),
-    Figure("board.deadman_trips", "board_deadman_trips", "Times that the board's dead-man timeout tripped"),
-    Figure("board.bad_frames", "board_bad_frames", "Frames refused by the board"),
-    Figure("board.late_frames", "board_late_frames", "Frames that arrived at the board too late"),
-    Figure("timing.joined_reports", "reports_joined", "Reports merged into a pass with a newer one"),
-    Figure("timing.missed_ticks", "ticks_missed", "Timer ticks skipped because the loop was busy"),
-    Figure("timing.pauses", "collector_pauses", "Garbage collections of more than 1 ms"),
-    Figure("timing.overruns", "passes_overrun", "Passes that took the processor for more than 8 ms"),
-    Figure("timing.breaths", "loop_breaths", "Sleeps of a loop that was too busy"),
-    Figure("timing.late_frames", "frames_late", "Frames applied more than 1 ms late"),
-    Figure("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
-    Figure("calibration.verdicts", "calibration_verdicts", "Fits of what touches do to the plate"),
-    Figure("calibration.adopted", "calibration_adopted", "Of these, adopted"),
-    Figure("calibration.steps", "calibration_steps", "Small steps of adoption"),
-    Figure("calibration.maps", "calibration_maps", "Mode maps adopted, with what sensors read"),
-    Figure("calibration.loads", "calibration_loads", "Loads of a finger adopted"),
-    Figure("calibration.dropped", "calibration_records_dropped", "Records that the calibration's process did not get"),
+    Export("effects.begun", "effects_begun", "Effects that began to play"),
+    Export("effects.skipped", "effects_skipped", "Starts of effects for which there was no room"),
+    Export("events.count", "events", "Events of fingers and effects"),
+    Export("events.lost", "events_lost", "Events that no state had room for"),
+    Export("telemetry.published", "states_published", "States sent to subscribers"),
+    Export("telemetry.skipped_no_subscriber", "states_skipped", "States not built, for want of subscribers"),
+    Export("clients.refused", "client_messages_refused", "Messages refused with an error"),
+    Export("clients.overtaken", "client_messages_overtaken", "Messages overtaken by a newer one"),
+    Export("board.reboots", "board_reboots", "Detected boots of the board"),
+    Export("board.unsent", "board_frames_unsent", "Frames dropped because the serial line was full"),
+    Export("board.held_back", "board_frames_held_back", "Frames withheld from a board that did not answer"),
+    Export("board.lost_statuses", "board_statuses_lost", "Statuses that the board sent and the line lost"),
+    Export("board.deadman_trips", "board_deadman_trips", "Times that the board's dead-man timeout tripped"),
+    Export("board.bad_frames", "board_bad_frames", "Frames refused by the board"),
+    Export("board.late_frames", "board_late_frames", "Frames that arrived at the board too late"),
+    Export("timing.joined_reports", "reports_joined", "Reports merged into a pass with a newer one"),
+    Export("timing.missed_ticks", "ticks_missed", "Timer ticks skipped because the loop was busy"),
+    Export("timing.pauses", "collector_pauses", "Garbage collections of more than 1 ms"),
+    Export("timing.overruns", "passes_overrun", "Passes that took the processor for more than 8 ms"),
+    Export("timing.breaths", "loop_breaths", "Sleeps of a loop that was too busy"),
+    Export("timing.late_frames", "frames_late", "Frames applied more than 1 ms late"),
+    Export("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
+    Export("calibration.verdicts", "calibration_verdicts", "Fits of what touches do to the plate"),
+    Export("calibration.adopted", "calibration_adopted", "Of these, adopted"),
+    Export("calibration.steps", "calibration_steps", "Small steps of adoption"),
+    Export("calibration.maps", "calibration_maps", "Mode maps adopted, with what sensors read"),
+    Export("calibration.loads", "calibration_loads", "Loads of a finger adopted"),
+    Export("calibration.dropped", "calibration_records_dropped", "Records that the calibration's process did not get"),
 )
 COUNTED = (  # maps of counters: one metric with a label
     ("touch", "touch_events", "event", "Work done or avoided by passes"),
@@ -127,7 +127,7 @@ SPANS = {  # histograms of `status`: name and help text of the metric
 }
 
 
-def families(status: Fields | None) -> Iterator[Metric]:
+def families(status: _Fields | None) -> Iterator[Metric]:
     """Yield all metrics of one reply; without one, None, only `hapticd_up` 0."""
     yield GaugeMetricFamily("hapticd_up", "1 if the daemon answered", value=float(status is not None))
     if status is None:
@@ -152,7 +152,7 @@ def families(status: Fields | None) -> Iterator[Metric]:
             yield histogram(f"hapticd_{name}_seconds", text, histograms[key])
 
 
-def histogram(name: str, text: str, fields: Fields) -> HistogramMetricFamily:
+def histogram(name: str, text: str, fields: _Fields) -> HistogramMetricFamily:
     """Convert a histogram to octaves. Counts are exact; the sum uses the middles of the fine buckets, to 3 %."""
     fine = [(round(float(below_ms) * 1e6), int(count)) for below_ms, count in fields.get("buckets", ())]
     buckets = [
@@ -169,14 +169,14 @@ def _middle_ns(below_ns: int) -> float:
     return below_ns - width_ns / 2
 
 
-def _devices(status: Fields) -> Iterator[Metric]:
+def _devices(status: _Fields) -> Iterator[Metric]:
     for path, name, label in (("trackpad.model", "trackpad", "model"), ("board.firmware", "board", "firmware")):
         value = _at(status, path)
         if value is not None:
             yield InfoMetricFamily(f"hapticd_{name}", f"Which {name}", {label: str(value)})
 
 
-def _counted(name: str, text: str, label: str, counts: Fields) -> Iterator[Metric]:
+def _counted(name: str, text: str, label: str, counts: _Fields) -> Iterator[Metric]:
     metric = CounterMetricFamily(name, text, labels=[label])
     for key, count in counts.items():
         if (value := _number(count)) is not None:
@@ -185,7 +185,7 @@ def _counted(name: str, text: str, label: str, counts: Fields) -> Iterator[Metri
         yield metric
 
 
-def _amplitudes(board: Fields) -> Iterator[Metric]:
+def _amplitudes(board: _Fields) -> Iterator[Metric]:
     """Yield limits and displacements of the modes, peak to peak in metres."""
     limits_um = [_number(limit_um) for limit_um in _list(board.get("w_limit_um"))]
     moved_um = [abs(complex(*w_um)) for w_um in _list(board.get("measured_um")) if len(w_um) == 2]
@@ -201,14 +201,14 @@ def _amplitudes(board: Fields) -> Iterator[Metric]:
             yield metric
 
 
-def _at(fields: Fields, path: str) -> Any:
+def _at(fields: _Fields, path: str) -> Any:
     value: Any = fields
     for key in path.split("."):
         value = _map(value).get(key)
     return value
 
 
-def _map(value: Any) -> Fields:
+def _map(value: Any) -> _Fields:
     return value if isinstance(value, dict) else {}
 
 
@@ -220,14 +220,14 @@ def _number(value: Any) -> float | None:
     return float(value) if isinstance(value, (int, float)) else None
 
 
-class Status:
+class _Status:
     """Requests one daemon's status, from any thread; None without a reply."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
         self._control = Control(context, endpoint)
         self._one_at_a_time = threading.Lock()  # two scrapes share the socket
 
-    def __call__(self) -> Fields | None:
+    def __call__(self) -> _Fields | None:
         with self._one_at_a_time:
             try:
                 return self._control.request("status", timeout_s=ANSWER_S)
@@ -242,7 +242,7 @@ class Status:
 class StatusCollector(Collector):
     """Collector of a scrape: the metrics of `request`'s reply."""
 
-    def __init__(self, request: Callable[[], Fields | None]) -> None:
+    def __init__(self, request: Callable[[], _Fields | None]) -> None:
         self._request = request
 
     def describe(self) -> Iterator[Metric]:
@@ -263,7 +263,7 @@ def run(
     """Serve until `wait` returns or is interrupted; `announce` gets the address. Raises HapticdError,
     hapticd_client.HapticdError."""
     context: Any = zmq.Context()
-    status = Status(context, find(endpoint, os.environ))
+    status = _Status(context, find(endpoint, os.environ))
     try:
         registry = CollectorRegistry()
         registry.register(StatusCollector(status))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import missing_library
-from .protocol import Friction
+from .protocol import FrictionLevel
 from .session import Session
 
 GUESSING_FRAC = 0.5
@@ -75,11 +75,11 @@ class Group:
 
 def analyse(session: Session) -> Result:
     """Analyse a finished session. Raises HapticdError without scipy."""
-    counts = {friction: [0, 0] for friction in Friction}
+    counts = {friction: [0, 0] for friction in FrictionLevel}
     for stimulus, answer in zip(session.presented, session.answers, strict=True):
         counts[stimulus][0] += answer.answer is stimulus
         counts[stimulus][1] += 1
-    low, high = counts[Friction.LOW], counts[Friction.HIGH]
+    low, high = counts[FrictionLevel.LOW], counts[FrictionLevel.HIGH]
     return result(session.participant, (low[0], low[1]), (high[0], high[1]))
 
 

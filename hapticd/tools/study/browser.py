@@ -32,7 +32,7 @@ Number = Annotated[int, Meta(ge=0, le=2**31 - 1)]  # of a screen
 START_WITHIN_S = 10.0
 TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
 
-Handler = Callable[["web.Request"], Awaitable["web.StreamResponse"]]
+_Handler = Callable[["web.Request"], Awaitable["web.StreamResponse"]]
 
 
 class Browser:
@@ -106,7 +106,7 @@ class Browser:
         self._thread.join()
         self._loop.close()
 
-    def _guarded(self, handler: Handler) -> Handler:
+    def _guarded(self, handler: _Handler) -> _Handler:
         """Return the handler, restricted to requests of this server's own page."""
         from ..view.connections import know
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from . import panel
-from .panel import Panel, PanelKey
-from .protocol import Friction
+from .panel import PanelKey, StudyPanel
+from .protocol import FrictionLevel
 from .session import Answer, SessionFile
 from .stage import Stage
 
@@ -27,7 +27,7 @@ class Clock(Protocol):
         """Return seconds since 1970."""
 
 
-def conduct(file: SessionFile, stage: Stage, shown: Panel, clock: Clock) -> None:
+def conduct(file: SessionFile, stage: Stage, shown: StudyPanel, clock: Clock) -> None:
     """Run the session to its end. An exception may end it at any time: given answers are kept."""
     trials = file.session.design.trials
     if file.session.answers:
@@ -50,17 +50,17 @@ def conduct(file: SessionFile, stage: Stage, shown: Panel, clock: Clock) -> None
     shown.show(panel.over(trials))
 
 
-def _train(stage: Stage, shown: Panel) -> None:
+def _train(stage: Stage, shown: StudyPanel) -> None:
     """Present either friction by name, as often as the participant chooses."""
     key = PanelKey.HIGH
     while key is not PanelKey.NEXT:
         shown.show(panel.training(key))
-        stage.present(Friction(key))
+        stage.present(FrictionLevel(key))
         key = _wait(stage, shown, lambda: _advice(stage))
     stage.rest()
 
 
-def _try(file: SessionFile, stage: Stage, shown: Panel, clock: Clock, number: int) -> Answer | None:
+def _try(file: SessionFile, stage: Stage, shown: StudyPanel, clock: Clock, number: int) -> Answer | None:
     """Run one trial; return None if it was interrupted."""
     session = file.session
     stage.mark(f"study {session.participant} trial {number} start")
@@ -76,7 +76,7 @@ def _try(file: SessionFile, stage: Stage, shown: Panel, clock: Clock, number: in
         shown.note("Touch the plate first.")
     return Answer(
         trial=number,
-        answer=Friction(key),
+        answer=FrictionLevel(key),
         t_unix_s=clock.time(),
         took_s=clock.monotonic() - t_start_s,
         touched_s=stage.touch.touched_s,
@@ -85,7 +85,7 @@ def _try(file: SessionFile, stage: Stage, shown: Panel, clock: Clock, number: in
     )
 
 
-def _rest(stage: Stage, shown: Panel, screen: panel.Screen, clock: Clock) -> None:
+def _rest(stage: Stage, shown: StudyPanel, screen: panel.Screen, clock: Clock) -> None:
     stage.rest()
     shown.show(screen)
     t_end_s = clock.monotonic() + REST_S
@@ -93,12 +93,12 @@ def _rest(stage: Stage, shown: Panel, screen: panel.Screen, clock: Clock) -> Non
         stage.step()
 
 
-def _pause(file: SessionFile, stage: Stage, shown: Panel) -> None:
+def _pause(file: SessionFile, stage: Stage, shown: StudyPanel) -> None:
     shown.show(panel.paused(len(file.session.answers), file.session.design.trials))
     _wait(stage, shown, lambda: "")
 
 
-def _wait(stage: Stage, shown: Panel, advice: Callable[[], str]) -> PanelKey:
+def _wait(stage: Stage, shown: StudyPanel, advice: Callable[[], str]) -> PanelKey:
     """Step until a key of the screen is pressed; return it."""
     while (key := shown.pressed()) is None:
         stage.step()

@@ -23,7 +23,7 @@ class Screen(NamedTuple):
     keys: dict[PanelKey, str]
 
 
-class Panel(Protocol):
+class StudyPanel(Protocol):
     """Interface that shows screens. Keys pressed before a screen was shown do not count on it."""
 
     def show(self, screen: Screen) -> None:

@@ -17,14 +17,14 @@ from ...errors import UsageError
 
 MAX_TRIALS = 1000
 MAX_AMPLITUDE_UM = 20.0
-Point = tuple[float, float]
+_Point = tuple[float, float]
 
 
 class StudyError(UsageError):
     """A session cannot be started or continued, or a study not analysed, as requested."""
 
 
-class Friction(StrEnum):
+class FrictionLevel(StrEnum):
     """Stimulus of the participant's finger in a trial, and the participant's answer."""
 
     LOW = "low"
@@ -33,7 +33,7 @@ class Friction(StrEnum):
     @property
     def combination(self) -> int:
         """Number of the combination in the paper."""
-        return 1 if self is Friction.LOW else 2
+        return 1 if self is FrictionLevel.LOW else 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Design:
 
     trials: int = 20
     slippery_um: float = 1.0
-    line_mm: tuple[Point, Point] = ((-40.0, 25.0), (40.0, -15.0))
+    line_mm: tuple[_Point, _Point] = ((-40.0, 25.0), (40.0, -15.0))
     line_speed_mm_s: float = 40.0
 
     def __post_init__(self) -> None:
@@ -59,18 +59,18 @@ class Design:
         if not 0 < self.line_speed_mm_s < math.inf:
             raise StudyError(f"line_speed_mm_s: {self.line_speed_mm_s:g} must be finite and above 0.")
 
-    def amplitudes_um(self, friction: Friction) -> tuple[float, float]:
+    def amplitudes_um(self, friction: FrictionLevel) -> tuple[float, float]:
         """Return the targets of the participant's finger and of the virtual one."""
-        return (self.slippery_um, 0.0) if friction is Friction.LOW else (0.0, self.slippery_um)
+        return (self.slippery_um, 0.0) if friction is FrictionLevel.LOW else (0.0, self.slippery_um)
 
 
-def presented(seed: int, trials: int) -> tuple[Friction, ...]:
+def presented(seed: int, trials: int) -> tuple[FrictionLevel, ...]:
     """Return the stimuli of a session in order: half of either (an odd one is drawn), shuffled by the seed.
 
     SHA-256 digests determine the order, so that a session continues unchanged under any version of Python.
     """
-    halves = [Friction.LOW, Friction.HIGH] * (trials // 2)
-    odd = [Friction.LOW if _digest(seed, 0)[0] % 2 else Friction.HIGH] * (trials % 2)
+    halves = [FrictionLevel.LOW, FrictionLevel.HIGH] * (trials // 2)
+    odd = [FrictionLevel.LOW if _digest(seed, 0)[0] % 2 else FrictionLevel.HIGH] * (trials % 2)
     keys = {trial: _digest(seed, trial + 1) for trial in range(trials)}
     pool = halves + odd
     return tuple(pool[trial] for trial in sorted(keys, key=keys.__getitem__))

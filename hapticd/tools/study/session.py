@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ...regular_file import open_regular, read_bounded, read_rest
-from .protocol import Design, Friction, StudyError, participant_name, presented
+from .protocol import Design, FrictionLevel, StudyError, participant_name, presented
 
 VERSION = 1
 SUFFIX = ".jsonl"
@@ -38,7 +38,7 @@ class Answer:
     """
 
     trial: int
-    answer: Friction
+    answer: FrictionLevel
     t_unix_s: float
     took_s: float
     touched_s: float
@@ -64,7 +64,7 @@ class Session:
         return "participant" if found is True else str(found)
 
     @property
-    def presented(self) -> tuple[Friction, ...]:
+    def presented(self) -> tuple[FrictionLevel, ...]:
         """Stimulus of each trial (trials,)."""
         return presented(self.seed, self.design.trials)
 
@@ -219,7 +219,7 @@ def _with(session: Session, entry: dict[str, Any]) -> Session:
     if entry["kind"] != "answer" or session.is_complete or entry["trial"] != len(session.answers) + 1:
         raise ValueError("trials are answered in their order")
     numbers = {name: _finite(entry[name]) for name in (f.name for f in fields(Answer)) if name not in _NOT_NUMBERS}
-    answer = Answer(trial=len(session.answers) + 1, answer=Friction(entry["answer"]), **numbers)
+    answer = Answer(trial=len(session.answers) + 1, answer=FrictionLevel(entry["answer"]), **numbers)
     return replace(session, answers=(*session.answers, answer))
 
 

@@ -24,7 +24,7 @@ from ...sim import lockstep
 from ...sim.fingers.paths import Touch, strokes_pair
 from ...sim.fingers.scenarios import LAND_S, SPEED_MM_S, Actor
 from ...sim.score import SETTLE_S, settled
-from .protocol import Friction, StudyError
+from .protocol import FrictionLevel, StudyError
 from .session import Answer, Session
 
 NOISE_UM = 0.50  # median over participants, fitted as described above
@@ -80,7 +80,7 @@ class SimulatedParticipant:
         blurred_um = stimulus.amplitude_um + self.noise_um * rng.standard_normal()
         return Answer(
             trial=trial,
-            answer=Friction.LOW if blurred_um > self._boundary_um else Friction.HIGH,
+            answer=FrictionLevel.LOW if blurred_um > self._boundary_um else FrictionLevel.HIGH,
             t_unix_s=trial * self._trial_s,
             took_s=self._trial_s,
             touched_s=self._trial_s - LAND_S,
@@ -91,10 +91,12 @@ class SimulatedParticipant:
     def _train(self) -> float:
         """Return the mean amplitude of both frictions in the training."""
         rng = np.random.default_rng([self._session.seed, 0])
-        stimuli = [self.play(friction, int(rng.integers(2**31))) for _ in range(TRAININGS) for friction in Friction]
+        stimuli = [
+            self.play(friction, int(rng.integers(2**31))) for _ in range(TRAININGS) for friction in FrictionLevel
+        ]
         return sum(one.amplitude_um for one in stimuli) / len(stimuli)
 
-    def play(self, friction: Friction, strokes_seed: int) -> Stimulus:
+    def play(self, friction: FrictionLevel, strokes_seed: int) -> Stimulus:
         """Run a trial, and evaluate the plate's true motion at the finger's true position."""
         own_um, virtual_um = self._session.design.amplitudes_um(friction)
         strokes, _ = strokes_pair(strokes_seed, speed_mm_s=self._settings.speed_mm_s)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from .protocol import Design, Friction
+from .protocol import Design, FrictionLevel
 
 if TYPE_CHECKING:
     from hapticd_client import Client, FingerState, PlateState
@@ -20,7 +20,7 @@ RECENT_S = 0.5  # window of the displayed speed
 
 
 @dataclass(slots=True)
-class Touch:
+class _Touch:
     """Exploration since the last `present`: time on the plate, distance, and time at a limit."""
 
     touched_s: float = 0.0
@@ -64,18 +64,18 @@ class Stage:
     def __init__(self, client: Client, design: Design) -> None:
         self._client = client
         self._design = design
-        self._friction: Friction | None = None
+        self._friction: FrictionLevel | None = None
         self._last: tuple[FingerState, PlateState] | None = None
         self._finger: tuple[int, int | str] | None = None
         self._states = client.states(STATE_WITHIN_S)
-        self.touch = Touch()
+        self.touch = _Touch()
         takes_markers = "marker" in client.capabilities().get("ops", ())
         # Marks an instant of the experiment, if the daemon takes markers.
         self.mark: Callable[[str], object] = client.marker if takes_markers else lambda _: None
 
-    def present(self, friction: Friction) -> None:
+    def present(self, friction: FrictionLevel) -> None:
         """Give the finger on the plate this stimulus, and the virtual one the opposite, from its line's start."""
-        self._friction, self._finger, self._last, self.touch = friction, None, None, Touch()
+        self._friction, self._finger, self._last, self.touch = friction, None, None, _Touch()
         _, virtual_um = self._design.amplitudes_um(friction)
         self._client.virtual(WALKER, path=self._design.line_mm, speed_mm_s=self._design.line_speed_mm_s)
         self._client.set(WALKER, amplitude_um=virtual_um)

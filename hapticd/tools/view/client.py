@@ -28,7 +28,7 @@ from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
 from . import messages
 from .layers import LAYERS, LayerFinger
-from .messages import ClearFault, DrawSurface, EraseSurface, ReleaseTarget, SetTarget
+from .messages import ClearBoardFault, DrawSurface, EraseSurface, ReleaseTarget, SetTarget
 from .rig import TruthSubscriber
 from .surfaces import SurfacePainter
 
@@ -42,13 +42,13 @@ FRAME_EVERY_S = 1 / 62  # slightly above the refresh rate of a screen
 MAX_REQUESTS = 32  # queued, of different fingers: two for each that a client may hold
 GRID = 101  # points of the page's shapes per side; the browser interpolates between them
 
-Publish = Callable[[str, str, "Plate | None"], None]
-Action = SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearFault
-Request = tuple[Action, Callable[[str], None]]
+_Publish = Callable[[str, str, "PagePlate | None"], None]
+Action = SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearBoardFault
+_Request = tuple[Action, Callable[[str], None]]
 TargetKey = tuple[str, int | str]
 
 
-class Plate:
+class PagePlate:
     """The daemon's plate: its description for the page, the grid of its shapes, the folder of its rig."""
 
     def __init__(self, body: Mapping[str, Any], client: str) -> None:
@@ -67,11 +67,11 @@ class PlateClient:
     """Runs from `start` to `close`. `publish` is called on its thread with a kind, a message for all pages, and the
     plate if it changed."""
 
-    def __init__(self, endpoint: str | None, publish: Publish) -> None:
+    def __init__(self, endpoint: str | None, publish: _Publish) -> None:
         self.name = f"view-{os.getpid()}"
         self._endpoint = endpoint
         self._publish = publish
-        self._requests: dict[TargetKey, Request] = {}  # the newest of each finger, and of each surface
+        self._requests: dict[TargetKey, _Request] = {}  # the newest of each finger, and of each surface
         self._lock = threading.Lock()  # of the requests
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapticd-view", daemon=True)
@@ -107,7 +107,7 @@ class PlateClient:
                 self._ending.wait(RETRY_S)
 
     def _serve(self, client: hapticd_client.Client) -> None:
-        plate = Plate(client.plate(), client.name)
+        plate = PagePlate(client.plate(), client.name)
         self._publish("plate", plate.text, plate)
         with contextlib.ExitStack() as stack:
             subscriber = None
@@ -117,7 +117,7 @@ class PlateClient:
                 stack.callback(subscriber.close)
             self._follow(client, plate, subscriber)
 
-    def _follow(self, client: hapticd_client.Client, plate: Plate, subscriber: TruthSubscriber | None) -> None:
+    def _follow(self, client: hapticd_client.Client, plate: PagePlate, subscriber: TruthSubscriber | None) -> None:
         t_frame_s = t_status_s = t_surfaces_s = -1.0
         instance: int | None = None
         surfaces: int | None = None
@@ -153,7 +153,7 @@ class PlateClient:
             except hapticd_client.RefusedError as error:
                 refuse(messages.refused(str(error)))
 
-    def _pending(self) -> Iterator[Request]:
+    def _pending(self) -> Iterator[_Request]:
         """Remove and yield queued requests, at most MAX_REQUESTS: pages may send faster than the daemon replies."""
         for _ in range(MAX_REQUESTS):
             with self._lock:
@@ -171,7 +171,7 @@ def _key(request: Action) -> TargetKey:
             return "surface", surface.name
         case EraseSurface(name):
             return "surface", name
-        case ClearFault():
+        case ClearBoardFault():
             return "fault", 0
 
 
@@ -185,7 +185,7 @@ def _send(client: hapticd_client.Client, request: Action) -> None:
             _draw(client, surface)
         case EraseSurface(name):
             client.remove(name)
-        case ClearFault():
+        case ClearBoardFault():
             client.clear_fault()
 
 

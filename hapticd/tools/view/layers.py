@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
-from ...design.achievability import Finger, achievable_share
+from ...design.achievability import MapFinger, achievable_share
 from ...errors import RequestError
 
 LAYERS = STICKY, SLIPPERY = "could be sticky", "could be slippery"  # as in the page's menu
@@ -47,7 +47,7 @@ def picture(
         raise RequestError(f"There is no layer {name[:32]!r}.")
     moving_um = next((finger.target_um for finger in fingers if finger.key == mover), 0.0)
     slipping_um = moving_um if moving_um > 0.0 else SLIPPERY_UM
-    others = [Finger(*finger[1:]) for finger in fingers if finger.key != mover]
+    others = [MapFinger(*finger[1:]) for finger in fingers if finger.key != mover]
     slipping = sum(finger.target_um > 0.0 for finger in others) + (name == SLIPPERY)
     side = POINTS if slipping < 2 else FEW_POINTS if modes.M == 2 else FEWEST_POINTS
     x_mm = np.linspace(-size_mm[0] / 2, size_mm[0] / 2, side)

@@ -92,7 +92,7 @@ class EraseSurface(_Message, frozen=True, tag="erase"):
     surface: Name
 
 
-class ClearFault(_Message, frozen=True, tag="clear_fault"):
+class ClearBoardFault(_Message, frozen=True, tag="clear_fault"):
     """Clear a latched fault."""
 
 
@@ -112,7 +112,7 @@ class PlateChoice:
     own_modes: int
 
 
-Message = Hold | SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearFault | SwitchPlate
+Message = Hold | SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearBoardFault | SwitchPlate
 
 
 def decode(text: str) -> Message:

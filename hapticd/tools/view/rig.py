@@ -11,7 +11,7 @@ from typing import Any
 import msgpack
 import zmq
 
-from ...sim.fingers.hands import Point
+from ...sim.fingers.hands import PointMm
 
 FRESH_NS = 100_000_000  # an older message is from a stopped rig
 
@@ -71,7 +71,7 @@ class PadSender:
         self._socket.sndhwm = 4
         self._socket.connect(f"ipc://{directory / 'fingers'}")
 
-    def hold(self, points_mm: Mapping[str, Point]) -> None:
+    def hold(self, points_mm: Mapping[str, PointMm]) -> None:
         """Send all fingers that are held now."""
         self._send(dict(points_mm))
 
@@ -79,7 +79,7 @@ class PadSender:
         """Lift the scenario's fingers; to be repeated while they must not touch."""
         self._send(None)
 
-    def _send(self, fingers: dict[str, Point] | None) -> None:
+    def _send(self, fingers: dict[str, PointMm] | None) -> None:
         with contextlib.suppress(zmq.Again):
             self._socket.send(msgpack.packb({"fingers": fingers}), zmq.NOBLOCK)
 

@@ -17,9 +17,9 @@ import zmq
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from ...errors import RequestError
-from ...sim.fingers.hands import MAX_HANDS, Point
+from ...sim.fingers.hands import MAX_HANDS, PointMm
 from . import connections, guard, layers, messages
-from .client import Action, Plate, PlateClient
+from .client import Action, PagePlate, PlateClient
 from .messages import Hold, ReleaseTarget, SetTarget, SwitchPlate
 from .rig import PadSender
 from .simulated import SimulatedService
@@ -30,7 +30,7 @@ END_WITHIN_S = 1.0
 MAX_PAGES = 8
 MAX_HELD = 16  # fingers that a client may hold
 
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Page:
@@ -39,7 +39,7 @@ class Page:
     def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
         self.socket = socket
         self.number = number
-        self.held: dict[str, Point] = {}
+        self.held: dict[str, PointMm] = {}
         self.targeted: dict[int | str, None] = {}  # the newest MAX_HELD, in their order
         self._waiting: dict[str, str] = {}  # the newest of each kind
         self._ready = asyncio.Event()
@@ -79,7 +79,7 @@ class Viewer:
         self._pages: list[Page] = []
         self._opened = 0
         self._client: PlateClient | None = None
-        self._plate: Plate | None = None
+        self._plate: PagePlate | None = None
         self._last: dict[str, str] = {}
         if simulated is not None:
             self._last["starting"] = messages.starting(*simulated.first)
@@ -109,7 +109,7 @@ class Viewer:
     # --- responses ---
 
     @web.middleware
-    async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def _guarded(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
         why = guard.refusal(self.port, request.headers, needs_origin=request.path == "/socket")
         if not why and request.path in KEYED:
             is_known = guard.has_key(request.query.get("key", ""), self.key)
@@ -130,7 +130,7 @@ class Viewer:
     async def _shapes(self, _: web.Request) -> web.StreamResponse:
         return web.Response(body=self._described_plate().grid, content_type="application/octet-stream")
 
-    def _described_plate(self) -> Plate:
+    def _described_plate(self) -> PagePlate:
         if self._plate is None:
             raise web.HTTPNotFound(text="The daemon has not described its plate yet.\n")
         return self._plate
@@ -184,7 +184,7 @@ class Viewer:
     def _connect(self) -> None:
         loop = asyncio.get_running_loop()
 
-        def publish(kind: str, text: str, plate: Plate | None) -> None:
+        def publish(kind: str, text: str, plate: PagePlate | None) -> None:
             loop.call_soon_threadsafe(self._publish, kind, text, plate)
 
         self._client = PlateClient(self._endpoint, publish)
@@ -271,7 +271,7 @@ class Viewer:
 
     # --- messages of the client ---
 
-    def _publish(self, kind: str, text: str, plate: Plate | None) -> None:
+    def _publish(self, kind: str, text: str, plate: PagePlate | None) -> None:
         if self._client is None:
             return  # from a client that is being closed
         if kind == "gone":

@@ -10,10 +10,10 @@ import pytest
 
 from hapticd.board_protocol import BoardState, BoardTime, HelloRequest, Keepalive, TimeRequest
 from hapticd.board_values import (
+    BoardCalibration,
     BoardCommand,
     BoardHello,
     BoardStatus,
-    Calibration,
     ModeCalibration,
     ReferenceFrame,
     SetController,
@@ -145,7 +145,7 @@ def test_an_accepted_board_gets_its_controller_and_is_asked_its_time_until_the_c
 
 def calibrated() -> BoardSession:
     modes = tuple(ModeCalibration(k, 29195.0 + 20 * k, 500.0, 5.0, math.pi / 2) for k in range(2))
-    session = BoardSession(link_start_ns=5 * MS, controller="pi", calibration=Calibration(modes))
+    session = BoardSession(link_start_ns=5 * MS, controller="pi", calibration=BoardCalibration(modes))
     session.link_up(START_NS)
     return session
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import NODE_SHAPE_SQUARED, ParasiticModes, _all_zeroed
-from hapticd.core.solver.instant import InstantSolver, Place
+from hapticd.core.solver.instant import AskedPlace, InstantSolver
 
 LIMIT_UM = (4.0, 4.0)
 FINGER_DECAY_1_S = 100.0
@@ -30,7 +30,9 @@ def solver(parasitic_modes: ParasiticModes | None) -> InstantSolver:
     return InstantSolver(DRIVEN, LIMIT_UM, derating_mm2_um2=0.0, phase_rotation=True, parasitic_modes=parasitic_modes)
 
 
-def felt_um(places: list[Place], modal_um: tuple[complex, ...], load_1_s: complex = FINGER_DECAY_1_S) -> np.ndarray:
+def felt_um(
+    places: list[AskedPlace], modal_um: tuple[complex, ...], load_1_s: complex = FINGER_DECAY_1_S
+) -> np.ndarray:
     """What each finger gets of all modes, by their equation of motion run to rest in steps of 50 us."""
     points = [place[:2] for place in places]
     phi, near = DRIVEN.evaluate(points), OTHERS.evaluate(points)
@@ -42,7 +44,7 @@ def felt_um(places: list[Place], modal_um: tuple[complex, ...], load_1_s: comple
     return np.asarray(driven_um + near @ others_um)
 
 
-PLACES: list[Place] = [(-11.0, 17.0, 1.0), (20.5, -7.0, 0.0)]
+PLACES: list[AskedPlace] = [(-11.0, 17.0, 1.0), (20.5, -7.0, 0.0)]
 
 
 def test_a_still_finger_feels_far_less_when_the_neighbours_are_known() -> None:
@@ -64,7 +66,7 @@ def test_heavy_fingers_and_those_that_detune_are_compensated_as_well(load_1_s: c
 
 
 def test_a_load_that_puts_a_mode_on_the_drive_is_not_divided_by() -> None:
-    place: Place = (-11.0, 17.0, 0.0)
+    place: AskedPlace = (-11.0, 17.0, 0.0)
     shape = np.array(OTHERS.at(*place[:2]))
     own_1_s = np.array((1e-9, 1.0)) - 1j * np.array((470.0, 590.0))
     resonant_1_s = -1.0 / np.sum(shape**2 / own_1_s)
@@ -78,7 +80,7 @@ def test_several_still_fingers_share_the_least_change() -> None:
     three = ModeShapes.from_grid(
         DRIVEN.x_mm, DRIVEN.y_mm, np.concatenate((DRIVEN.shapes, waves(23.0).shapes[:1] * waves(35.0).shapes[1:] * 2))
     )
-    places: list[Place] = [*PLACES, (-40.0, -33.0, 0.0)]
+    places: list[AskedPlace] = [*PLACES, (-40.0, -33.0, 0.0)]
     phi = three.evaluate([place[:2] for place in places])
     still = np.linalg.svd(phi[1:])[2][-1]
     before = tuple((2.0 * still).tolist())
@@ -95,7 +97,7 @@ def test_several_still_fingers_share_the_least_change() -> None:
 
 @given(st.lists(st.tuples(positions_mm, positions_mm, st.sampled_from((0.0, 1.0, 4.0))), min_size=1, max_size=4))
 @settings(max_examples=60)
-def test_no_mode_passes_its_limit(places: list[Place]) -> None:
+def test_no_mode_passes_its_limit(places: list[AskedPlace]) -> None:
     moment = solver(NEIGHBOURS).solve(places, (4.0 + 0j, -4.0 + 0j), STEP_NS)
     assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(moment.modal_um, LIMIT_UM, strict=True))
 

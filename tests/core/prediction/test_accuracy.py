@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pytest
 
 from hapticd.bench.baselines import PREDICTORS
-from hapticd.bench.motions import MOTIONS, PERIOD_S, RotatedPath, Touch, sense, touch
+from hapticd.bench.motions import MOTIONS, PERIOD_S, MotionTouch, RotatedPath, sense, touch
 from hapticd.bench.prediction import overshoot_mm, predicted_mm, rms_mm
 from hapticd.core.prediction.predictor import make_predictor
 
@@ -42,7 +42,7 @@ GOALS_MM = {
 
 
 @cache
-def touches(motion: str, period_s: float) -> tuple[Touch, ...]:
+def touches(motion: str, period_s: float) -> tuple[MotionTouch, ...]:
     return tuple(touch(MOTIONS[motion], seed, period_s) for seed in range(6))
 
 
@@ -71,7 +71,7 @@ def test_a_reach_is_overshot_by_a_ninth_of_a_millimetre_at_most_in_the_mean() ->
     assert overshoot_mm(make_predictor, touches("reach", PERIOD_S)) <= 0.11
 
 
-def errors_mm(touched: Touch) -> Array:
+def errors_mm(touched: MotionTouch) -> Array:
     error_mm = predicted_mm(make_predictor, touched) - touched.path.position_mm(touched.sampled_s + 0.015)
     return np.hypot(*error_mm.T)
 
@@ -80,7 +80,7 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def sampled(along_mm: Callable[[Array], Array], seconds: float, period_s: float, seed: int) -> Touch:
+def sampled(along_mm: Callable[[Array], Array], seconds: float, period_s: float, seed: int) -> MotionTouch:
     return sense(RotatedPath(along_mm, DIRECTION_RAD), seconds, seed, period_s=period_s)
 
 
@@ -135,7 +135,7 @@ def test_the_overshoot_at_a_hard_stop_is_short(period_s: float) -> None:
     assert max(samples_beyond) <= 4
 
 
-def moved_mm(one: Touch, other: Touch) -> Array:
+def moved_mm(one: MotionTouch, other: MotionTouch) -> Array:
     """Distances between the predictions for two versions of a touch."""
     return np.hypot(*(predicted_mm(make_predictor, one) - predicted_mm(make_predictor, other)).T)
 

@@ -14,7 +14,7 @@ from hapticd.core.prediction.pad_memory import (
     PadMemory,
     Spread,
 )
-from hapticd.core.prediction.prior import FAR, NEAR, SPREADS_MM, Vector
+from hapticd.core.prediction.prior import FAR, NEAR, SPREADS_MM, MotionVector
 
 TRUE = (0.05, 0.5, -0.3, 0.2, 0.4)
 
@@ -49,7 +49,7 @@ vectors = st.tuples(*[st.floats(-20.0, 20.0)] * 5)
 
 @given(samples=st.lists(st.tuples(vectors, vectors, st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)), max_size=60))
 def test_for_any_corrections_the_weights_stay_finite_and_bounded(
-    samples: list[tuple[Vector, Vector, float, float]],
+    samples: list[tuple[MotionVector, MotionVector, float, float]],
 ) -> None:
     fit = HorizonFit(FAR)
     for sample in samples:

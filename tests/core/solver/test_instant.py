@@ -13,7 +13,7 @@ from pipeline_bench import PLATE
 
 from hapticd.core.phasors import Row
 from hapticd.core.plate.contact import contact_grams
-from hapticd.core.solver.instant import LEAST_STEP_UM, InstantSolver, ModalSolution, Place
+from hapticd.core.solver.instant import LEAST_STEP_UM, AskedPlace, InstantSolver, ModalSolution
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 W_LIMIT_UM = (4.0, 4.0)
@@ -30,7 +30,7 @@ def walked(chosen: InstantSolver, first_um: float, second_um: float) -> list[Mod
     solutions: list[ModalSolution] = []
     previous_um: Row = (0.0, 0.0)
     for step in range(2000):
-        places: list[Place] = [(-9.0, -4.0, first_um), (-50.0 + 0.05 * step, 21.0 - 0.011 * step, second_um)]
+        places: list[AskedPlace] = [(-9.0, -4.0, first_um), (-50.0 + 0.05 * step, 21.0 - 0.011 * step, second_um)]
         solutions.append(chosen.solve(places, previous_um, STEP_NS))
         previous_um = solutions[-1].modal_um
     return solutions
@@ -87,7 +87,7 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
     places=[(0.0, 0.0, 0.0), (16.0, 0.0, 0.3), (-29.0, 0.0, 0.3)], previous_um=(5e-324 + 3j, 0j), since_ns=0
 )
 @settings(max_examples=60)
-def test_no_mode_passes_its_limit_for_any_targets(places: list[Place], previous_um: Row, since_ns: int) -> None:
+def test_no_mode_passes_its_limit_for_any_targets(places: list[AskedPlace], previous_um: Row, since_ns: int) -> None:
     solution = solver().solve(places, previous_um, since_ns)
     assert all(math.hypot(w.real, w.imag) <= limit for w, limit in zip(solution.modal_um, W_LIMIT_UM, strict=True))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.core.solver.instant import InstantSolver, Place
+from hapticd.core.solver.instant import AskedPlace, InstantSolver
 from hapticd.core.solver.reach import COLD_CALLS, LEAST_CALLS, MOST_CALLS, TRIED
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
@@ -29,11 +29,11 @@ def solver() -> InstantSolver:
     )
 
 
-def reached(places: list[Place], calls: int = ALL_CALLS) -> tuple[float, float] | None:
+def reached(places: list[AskedPlace], calls: int = ALL_CALLS) -> tuple[float, float] | None:
     return solver().reach(places, [0.0] * len(places), [1.0] * len(places), [0] * len(places), calls)
 
 
-def errors_jnd(places: list[Place]) -> np.ndarray:
+def errors_jnd(places: list[AskedPlace]) -> np.ndarray:
     """By how much each finger misses its target, by the simulation's own integral."""
     one, modal_um = solver(), (0j,) * 4
     for _ in range(20):
@@ -45,9 +45,9 @@ def errors_jnd(places: list[Place]) -> np.ndarray:
     return np.abs(frictions[0] / asked - 1.0) / WEBER_FRAC
 
 
-def scenes(seed: int, fingers: int, count: int) -> list[list[Place]]:
+def scenes(seed: int, fingers: int, count: int) -> list[list[AskedPlace]]:
     random = np.random.default_rng(seed)
-    found: list[list[Place]] = []
+    found: list[list[AskedPlace]] = []
     while len(found) < count:
         places_mm = random.uniform(-80.0, 80.0, (fingers, 2))
         gaps_mm = np.linalg.norm(places_mm[:, None] - places_mm, axis=2) + 100.0 * np.eye(fingers)
@@ -57,7 +57,7 @@ def scenes(seed: int, fingers: int, count: int) -> list[list[Place]]:
     return found
 
 
-def asking(places: list[Place], friction_frac: float) -> list[Place]:
+def asking(places: list[AskedPlace], friction_frac: float) -> list[AskedPlace]:
     x_mm, y_mm, _ = places[-1]
     return [*places[:-1], (x_mm, y_mm, DEFAULT_FRICTION_CURVE.amplitude_um(friction_frac))]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticd.design.touch.fit import fit
-from hapticd.design.touch.model import LATENCY, Calibration, Free, Model, State, stepped
+from hapticd.design.touch.model import LATENCY, Calibration, FitState, Free, Model, stepped
 from hapticd.design.touch.waves import Waves
 from hapticd.values import ComplexArray, FloatArray
 
@@ -49,7 +49,7 @@ def test_loads_that_change_with_the_force_are_followed() -> None:
 
 
 @pytest.fixture(scope="module")
-def linearised() -> tuple[Model, State]:
+def linearised() -> tuple[Model, FitState]:
     modes = mode_map()
     windows = Touching(WRONG, seconds=1.0).windows()
     waves = Waves(modes, WAVE_RAD_MM)
@@ -58,10 +58,10 @@ def linearised() -> tuple[Model, State]:
     lacking = 0.01 * rng.standard_normal((2, len(waves)))
     loads = 100.0 + 10.0 * rng.standard_normal(windows.track.shape) + 5j
     rates = np.zeros((2, model.terms.shape[-1]), np.complex128)
-    return model, State(replace(WRONG, waves=lacking), rates, loads)
+    return model, FitState(replace(WRONG, waves=lacking), rates, loads)
 
 
-def slope_along(model: Model, state: State, pad: FloatArray, sense: ComplexArray, waves: FloatArray) -> ComplexArray:
+def slope_along(model: Model, state: FitState, pad: FloatArray, sense: ComplexArray, waves: FloatArray) -> ComplexArray:
     """The residual's slope along a step, by central differences."""
     ends = []
     for sign in (1.0, -1.0):
@@ -71,7 +71,7 @@ def slope_along(model: Model, state: State, pad: FloatArray, sense: ComplexArray
 
 
 @pytest.mark.parametrize("place", range(7))
-def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Model, State], place: int) -> None:
+def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Model, FitState], place: int) -> None:
     model, state = linearised
     found = replace(state.calibration, waves=np.zeros_like(state.calibration.waves))  # their slope is left out
     state = replace(state, calibration=found)
@@ -84,7 +84,7 @@ def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Mode
     assert np.abs(numeric - point.by_pad[..., place]).max() < (0.02 if place == LATENCY else 1e-4) * scale
 
 
-def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tuple[Model, State]) -> None:
+def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tuple[Model, FitState]) -> None:
     model, state = linearised
     point = model.at(state, slice(None), Free(True, True, True))
     rng = np.random.default_rng(6)

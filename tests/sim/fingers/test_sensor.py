@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.sim.fingers.pad_noise import PadNoise
-from hapticd.sim.fingers.paths import Circle, Path, Rest, Touch
-from hapticd.sim.fingers.sensor import Record, Report, SensorModel, SensorSettings, encode_mt1, encode_mt2
+from hapticd.sim.fingers.paths import CirclePath, Path, Rest, Touch
+from hapticd.sim.fingers.sensor import PadRecord, Report, SensorModel, SensorSettings, encode_mt1, encode_mt2
 from hapticd.values import AffineMap, TouchFrame
 from hapticd.wire.trackpad import PADS, Decoder
 
@@ -30,7 +30,7 @@ def decoded(reports: list[Report], settings: SensorSettings) -> list[TouchFrame]
 
 RECORDS = st.lists(
     st.builds(
-        Record,
+        PadRecord,
         contact_id=st.integers(0, 15),
         x=st.integers(-4096, 4095),
         y=st.integers(-4096, 4095),
@@ -49,7 +49,7 @@ RECORDS = st.lists(
 
 @given(st.sampled_from(list(PADS)), RECORDS, st.booleans(), st.integers(0, 2**22))
 @settings(deadline=None, max_examples=80)
-def test_what_is_encoded_is_decoded(model: str, records: list[Record], button: bool, t_ms: int) -> None:
+def test_what_is_encoded_is_decoded(model: str, records: list[PadRecord], button: bool, t_ms: int) -> None:
     if model == "mt1":
         report = encode_mt1(t_ms, records, button=button)
     else:
@@ -72,7 +72,7 @@ def test_what_is_encoded_is_decoded(model: str, records: list[Record], button: b
 
 def test_more_than_fifteen_contacts_are_refused() -> None:
     with pytest.raises(ValueError, match="15"):
-        encode_mt1(0, [Record(1, 0, 0)] * 16)
+        encode_mt1(0, [PadRecord(1, 0, 0)] * 16)
     with pytest.raises(ValueError, match="15"):
         SensorModel().scans([Rest((0.0, 0.0))] * 16)
 
@@ -81,7 +81,7 @@ def test_more_than_fifteen_contacts_are_refused() -> None:
 def test_positions_come_back_within_half_a_unit_wherever_the_pad_lies(model: str) -> None:
     placement = AffineMap.from_placement((3.0, -2.0), 8.0, (1.02, 0.98))
     settings = SensorSettings(PADS[model], **QUIET, plate_from_pad=placement)
-    paths = [Circle((-20.0, 5.0), 25.0, 200.0), Circle((25.0, -5.0), 20.0, -150.0)]
+    paths = [CirclePath((-20.0, 5.0), 25.0, 200.0), CirclePath((25.0, -5.0), 20.0, -150.0)]
     reports = SensorModel(settings, 3).reports(paths, 2.0)
     frames = decoded(reports, settings)
     assert len(frames) == len(reports) == pytest.approx(2.0 / 0.01125, abs=1)

@@ -34,7 +34,7 @@ from hapticd.tools.service import ConfigLoader
 pytestmark = pytest.mark.long
 
 SECONDS = 4.0
-Swept = tuple[BoardHello, resonance.Measured]
+Swept = tuple[BoardHello, resonance.MeasuredModes]
 
 
 async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespace) -> Swept:
@@ -44,7 +44,7 @@ async def sweep_in_virtual_time(port: str, baud: int, options: argparse.Namespac
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory, measured: latency.Measured) -> Path:
+def out(tmp_path_factory: pytest.TempPathFactory, measured: latency.MeasuredLatency) -> Path:
     """What `hapticd calibrate all --sim` leaves. What would run in real time runs in virtual time instead."""
     out = tmp_path_factory.mktemp("calibrate") / "plate"
     with pytest.MonkeyPatch.context() as patched:

@@ -23,12 +23,12 @@ PLAN = Sweep(0, 29105.0, 29305.0, 21, 70, 15.0)
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, 29205.0, 50, (4.0, 4.0), 150.0)
 
 
-def swept(settings: PlateSettings) -> resonance.Measured:
-    async def sweep() -> resonance.Measured:
+def swept(settings: PlateSettings) -> resonance.MeasuredModes:
+    async def sweep() -> resonance.MeasuredModes:
         async with Conversation(PlateLink(GroundTruth(settings)), "the bench") as board:  # type: ignore[arg-type]
             return await sweep_modes(board, PLAN)
 
-    found: resonance.Measured = in_virtual_time(sweep())
+    found: resonance.MeasuredModes = in_virtual_time(sweep())
     return found
 
 
@@ -82,7 +82,7 @@ def a_sweep(
 
 
 def judged(*sweeps: ModeSweep) -> Verdict:
-    measured = resonance.Measured(sweeps, tuple(one.fit.calibration(one.mode) for one in sweeps))
+    measured = resonance.MeasuredModes(sweeps, tuple(one.fit.calibration(one.mode) for one in sweeps))
     return resonance.verdict(HELLO, measured, {}, is_simulated=True)
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.board_values import Calibration as BoardCalibration
-from hapticd.board_values import ModeCalibration
+from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.config import loader as config_loader
 from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
 from hapticd.core.plate.mode_shapes import ModeShapes

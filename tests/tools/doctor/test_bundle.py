@@ -15,9 +15,9 @@ from hapticd.config.sections import Config
 from hapticd.errors import RecordingError
 from hapticd.io.clients import keys
 from hapticd.tools.doctor.bundle import collect, versions
-from hapticd.tools.doctor.finding import PASS, Finding, System
+from hapticd.tools.doctor.finding import PASS, CheckResult, System
 
-FOUND = [Finding(PASS, "board", "simulated")]
+FOUND = [CheckResult(PASS, "board", "simulated")]
 
 
 def members(path: Path) -> dict[str, bytes]:

@@ -18,7 +18,7 @@ from virtual_board import BoardLink, in_virtual_time
 
 from hapticd import __version__
 from hapticd.__main__ import main
-from hapticd.board_values import Calibration, ModeCalibration
+from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -29,7 +29,7 @@ from hapticd.sim.fingers.paths import Rest
 from hapticd.sim.fingers.sensor import SensorModel
 from hapticd.tools import install_service
 from hapticd.tools.doctor import devices, files, host, program, service
-from hapticd.tools.doctor.finding import FAIL, PASS, WARN, Finding, System
+from hapticd.tools.doctor.finding import FAIL, PASS, WARN, CheckResult, System
 from hapticd.tools.doctor.program import CHECKS
 from hapticd.values import RawReport
 from hapticd.wire.trackpad import DEFAULT_PAD
@@ -130,16 +130,16 @@ def test_a_calibration_is_read_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
     section = {"calibration_file": str(path)}
     assert files.calibrated(system(tmp_path, device=section)).verdict == FAIL
-    calibration.save(path, Calibration(BOTH_MODES[:1]))
+    calibration.save(path, BoardCalibration(BOTH_MODES[:1]))
     assert "has 1 of 2 modes" in files.calibrated(system(tmp_path, device=section)).text
-    calibration.save(path, Calibration(BOTH_MODES))
+    calibration.save(path, BoardCalibration(BOTH_MODES))
     found = files.calibrated(system(tmp_path, device=section))
     assert (found.verdict, found.text) == (PASS, f"{path}: modes at 29195.0, 29215.0 Hz")
 
 
 def test_what_the_self_test_found_is_part_of_the_calibration(tmp_path: Path) -> None:
     path = tmp_path / "plate.toml"
-    calibration.save(path, Calibration(BOTH_MODES))
+    calibration.save(path, BoardCalibration(BOTH_MODES))
     real = {**REAL, "device": {"calibration_file": str(path), "port": "/dev/ttyACM0"}}
     for outcome, verdict in (("passed", PASS), ("running", PASS), ("moved", WARN), ("unknown", WARN), ("unsafe", FAIL)):
         status = {"board": {"self_test": {"outcome": outcome, "text": "the result"}, "refused": "the result"}}
@@ -187,7 +187,7 @@ def test_a_daemon_that_answers_is_asked_for_its_status(
         assert fake_daemon.answer({"protocol": 1, "version": __version__, "instance": 7}) == "hello"
         assert fake_daemon.answer(reported) == "status"
         found = asked.result()
-    assert service.daemon(found) == Finding(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
+    assert service.daemon(found) == CheckResult(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
     assert service.health(found).text == "ACTIVE: touched"
     assert devices.firmware(found).text == "version 9.9, at 921600 baud, reported to the daemon"
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from virtual_board import BoardLink
 
-from hapticd.board_values import Calibration, ModeCalibration
+from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.errors import DeviceError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.board.board import Board, BoardConfig
@@ -114,7 +114,7 @@ def test_wires_that_a_calibration_knows_are_safe_however_they_lie(tested: Tested
     found = json.loads(tested("--json", sensor=SWAPPED))
     assert found["unsafe"] != []
     saved = tmp_path / "plate.toml"
-    calibration.save(saved, Calibration(tuple(mode_of(one) for one in found["modes"])))
+    calibration.save(saved, BoardCalibration(tuple(mode_of(one) for one in found["modes"])))
     assert json.loads(tested("--calibration", str(saved), "--json", sensor=SWAPPED))["unsafe"] == []
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticd.board_values import Calibration
+from hapticd.board_values import BoardCalibration
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
@@ -29,7 +29,7 @@ def light(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Thirty chunks of records behind the header of a coarse map, which is read at once."""
     axis_mm, chance = np.linspace(-9.0, 9.0, 30), np.random.default_rng(1)
     modes = ModeShapes.from_grid(axis_mm, axis_mm, chance.normal(size=(2, 30, 30)))
-    header = Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, Calibration())
+    header = Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, BoardCalibration())
     path = tmp_path_factory.mktemp("light") / "light.mcap"
     file = RecordingFile(path, header)
     for seq in range(1500):

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from hapticd.board_values import Calibration
+from hapticd.board_values import BoardCalibration
 from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
@@ -43,7 +43,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int]]:
     path = tmp_path_factory.mktemp("small") / "small.mcap"
     with pytest.MonkeyPatch.context() as patched:  # so that a test finds what it damages
         patched.setattr(mcap_writer, "COMPRESSION", CompressionType.NONE)
-        file = RecordingFile(path, Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, Calibration()))
+        file = RecordingFile(path, Header("0", "", 0, True, 1, DEFAULT_PAD, Config(), modes, BoardCalibration()))
     ends = [path.stat().st_size]
     for seq in range(CHUNKS * IN_EACH):
         file.add(Record("marker", seq, seq, {"client": "test", "text": "x" * seq}))

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from hapticd.tools.study.protocol import Design, Friction
+from hapticd.tools.study.protocol import Design, FrictionLevel
 from hapticd.tools.study.session import Answer, Session, SessionFile
 
 
-def opposite(friction: Friction) -> Friction:
-    return Friction.HIGH if friction is Friction.LOW else Friction.LOW
+def opposite(friction: FrictionLevel) -> FrictionLevel:
+    return FrictionLevel.HIGH if friction is FrictionLevel.LOW else FrictionLevel.LOW
 
 
-def answer(trial: int, friction: Friction) -> Answer:
+def answer(trial: int, friction: FrictionLevel) -> Answer:
     return Answer(trial, friction, 1.7e9 + trial, 2.5, 2.25, 61.5, 0.375)
 
 

@@ -9,7 +9,7 @@ import pytest
 from people import session
 
 from hapticd.tools.study.analysis import Group, Result, analyse, analyse_group, result
-from hapticd.tools.study.protocol import Friction
+from hapticd.tools.study.protocol import FrictionLevel
 
 # Constructed, for the paper prints no participant's rate: of all seven counts of 20 whose average is its 73.57 %, those
 # whose standard deviation comes nearest to its 17.72 % and that have one participant at chance, as it reports.
@@ -37,8 +37,8 @@ def test_a_session_is_analysed_by_its_stimuli() -> None:
     judged = analyse(held)
     first = held.presented[:13]
     assert (judged.correct, judged.trials) == (13, 20)
-    assert judged.low == (first.count(Friction.LOW), 10)
-    assert judged.high == (first.count(Friction.HIGH), 10)
+    assert judged.low == (first.count(FrictionLevel.LOW), 10)
+    assert judged.high == (first.count(FrictionLevel.HIGH), 10)
 
 
 @pytest.mark.parametrize("correct", range(21))

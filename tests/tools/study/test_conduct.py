@@ -10,7 +10,7 @@ from plates import FakeClient, Person
 
 from hapticd.tools.study.conduct import REST_S, conduct
 from hapticd.tools.study.panel import PanelKey, Screen
-from hapticd.tools.study.protocol import Design, Friction
+from hapticd.tools.study.protocol import Design, FrictionLevel
 from hapticd.tools.study.session import Session, SessionFile, read
 from hapticd.tools.study.stage import WALKER, Stage
 
@@ -35,7 +35,7 @@ def test_each_trial_gives_finger_and_virtual_finger_what_its_combination_says(tm
     client = FakeClient()
     hold(tmp_path / "P1.jsonl", Person(sticky), client)
     felt = [targets for targets in client.released if targets]
-    expected = [{1: 1.0, WALKER: 0.0} if friction is Friction.LOW else {1: 0.0, WALKER: 1.0}
+    expected = [{1: 1.0, WALKER: 0.0} if friction is FrictionLevel.LOW else {1: 0.0, WALKER: 1.0}
                 for friction in GIVEN.presented]  # fmt: skip
     assert felt == [{1: 0.0, WALKER: 1.0}, *expected]  # the training begins with high friction
     assert client.targets_um == {}
@@ -48,7 +48,7 @@ def test_the_answers_and_how_the_plate_was_explored_are_kept(tmp_path: Path) -> 
     held = read(tmp_path / "P1.jsonl")
     assert held.is_over
     for trial, answer in enumerate(held.answers, 1):
-        assert (answer.trial, answer.answer, answer.limited_frac) == (trial, Friction.HIGH, 1.0)
+        assert (answer.trial, answer.answer, answer.limited_frac) == (trial, FrictionLevel.HIGH, 1.0)
         assert answer.speed_mm_s == pytest.approx(50.0)
         assert answer.touched_s == pytest.approx(0.58)
         assert answer.took_s == pytest.approx(0.59)
@@ -128,7 +128,7 @@ def test_an_answer_without_a_touch_does_not_count(tmp_path: Path) -> None:
 def test_a_finger_that_lands_again_or_meets_another_daemon_gets_its_target() -> None:
     client = FakeClient()
     stage = Stage(client, Design())  # type: ignore[arg-type]
-    stage.present(Friction.LOW)
+    stage.present(FrictionLevel.LOW)
     stage.step()
     client.finger = 2
     stage.step()

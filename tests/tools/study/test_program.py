@@ -18,7 +18,7 @@ from msgspec import Struct
 
 from hapticd.config.sections import SimConfig
 from hapticd.tools.study import program
-from hapticd.tools.study.protocol import Friction
+from hapticd.tools.study.protocol import FrictionLevel
 from hapticd.tools.study.session import read
 from hapticd_contract.requests import PlateRequest, Request
 
@@ -78,7 +78,7 @@ def test_a_session_runs_in_the_browser(daemon: FakeDaemon, tmp_path: Path) -> No
     shown = [heading for heading in headings if heading != "One moment"]
     assert shown == ["Training: high friction", "Trial 1 of 2", "Trial 2 of 2", "Thank you"]
     held = read(folder / "P1.jsonl")
-    assert [answer.answer for answer in held.answers] == [Friction.LOW, Friction.LOW]
+    assert [answer.answer for answer in held.answers] == [FrictionLevel.LOW, FrictionLevel.LOW]
     assert held.is_over
     assert daemon.scene.owner_of(1) is None
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.tools.study.protocol import Design, Friction, StudyError, participant_name, presented
+from hapticd.tools.study.protocol import Design, FrictionLevel, StudyError, participant_name, presented
 
 
 @settings(deadline=None)
@@ -17,7 +17,7 @@ from hapticd.tools.study.protocol import Design, Friction, StudyError, participa
 def test_both_frictions_are_presented_equally_often(seed: int, trials: int) -> None:
     order = presented(seed, trials)
     assert len(order) == trials
-    assert abs(order.count(Friction.LOW) - order.count(Friction.HIGH)) == trials % 2
+    assert abs(order.count(FrictionLevel.LOW) - order.count(FrictionLevel.HIGH)) == trials % 2
 
 
 def test_a_seed_has_the_same_order_under_every_version_of_python() -> None:
@@ -27,8 +27,8 @@ def test_a_seed_has_the_same_order_under_every_version_of_python() -> None:
 
 def test_combination_1_is_the_paper_s() -> None:
     design = Design(slippery_um=1.5)
-    assert (Friction.LOW.combination, design.amplitudes_um(Friction.LOW)) == (1, (1.5, 0.0))
-    assert (Friction.HIGH.combination, design.amplitudes_um(Friction.HIGH)) == (2, (0.0, 1.5))
+    assert (FrictionLevel.LOW.combination, design.amplitudes_um(FrictionLevel.LOW)) == (1, (1.5, 0.0))
+    assert (FrictionLevel.HIGH.combination, design.amplitudes_um(FrictionLevel.HIGH)) == (2, (0.0, 1.5))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from people import answer, session, write
 
-from hapticd.tools.study.protocol import Design, Friction, StudyError
+from hapticd.tools.study.protocol import Design, FrictionLevel, StudyError
 from hapticd.tools.study.session import Session, SessionFile, decode, read
 
 HELD = session("P03", 15)
@@ -102,12 +102,12 @@ def test_the_end_holds_the_stimuli(tmp_path: Path) -> None:
 def test_answers_come_in_their_order_and_the_end_last(tmp_path: Path) -> None:
     with SessionFile(tmp_path / "P1.jsonl", Session("P1", 1, Design(trials=1))) as file:
         with pytest.raises(ValueError, match="not the next"):
-            file.append(answer(2, Friction.LOW))
+            file.append(answer(2, FrictionLevel.LOW))
         with pytest.raises(ValueError, match="missing"):
             file.end()
-        file.append(answer(1, Friction.LOW))
+        file.append(answer(1, FrictionLevel.LOW))
         with pytest.raises(ValueError, match="not the next"):
-            file.append(answer(2, Friction.LOW))
+            file.append(answer(2, FrictionLevel.LOW))
         file.end()
         file.end()
     assert read(tmp_path / "P1.jsonl").is_over

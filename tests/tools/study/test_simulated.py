@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from hapticd.tools.study import simulated
-from hapticd.tools.study.protocol import Design, Friction
+from hapticd.tools.study.protocol import Design, FrictionLevel
 from hapticd.tools.study.session import Session
 from hapticd.tools.study.simulated import LEAST_TRIAL_S, SimulatedParticipant
 
@@ -32,9 +32,9 @@ def test_the_paper_s_scheme_leaves_less_contrast() -> None:
     contrast_um = {}
     for scheme in ("hapticd", "paper"):
         participant = SimulatedParticipant(GIVEN, scheme, trial_s=TRIAL_S)
-        stimuli = {friction: participant.play(friction, 11) for friction in Friction}
-        contrast_um[scheme] = stimuli[Friction.LOW].amplitude_um - stimuli[Friction.HIGH].amplitude_um
-        assert 40.0 < stimuli[Friction.LOW].speed_mm_s < 110.0
+        stimuli = {friction: participant.play(friction, 11) for friction in FrictionLevel}
+        contrast_um[scheme] = stimuli[FrictionLevel.LOW].amplitude_um - stimuli[FrictionLevel.HIGH].amplitude_um
+        assert 40.0 < stimuli[FrictionLevel.LOW].speed_mm_s < 110.0
     assert 0.2 < contrast_um["paper"] < 0.95 * contrast_um["hapticd"]
 
 

@@ -10,7 +10,7 @@ from aiohttp import ClientSession, WSCloseCode, web
 from asynchronous import asynchronous
 
 from hapticd.tools.view.client import PlateClient
-from hapticd.tools.view.messages import ClearFault, PlateChoice, SetTarget, SwitchPlate
+from hapticd.tools.view.messages import ClearBoardFault, PlateChoice, SetTarget, SwitchPlate
 from hapticd.tools.view.server import MAX_PAGES, Page, Viewer
 from hapticd.tools.view.simulated import SimulatedService
 
@@ -76,7 +76,7 @@ def test_of_a_flood_of_requests_for_one_finger_the_newest_is_queued(client: Plat
     refused: list[str] = []
     for step in range(10_000):
         client.request(SetTarget(1, step * 1e-4), refused.append)
-    client.request(ClearFault(), refused.append)
+    client.request(ClearBoardFault(), refused.append)
 
-    assert [request for request, _ in client._pending()] == [SetTarget(1, 9999 * 1e-4), ClearFault()]
+    assert [request for request, _ in client._pending()] == [SetTarget(1, 9999 * 1e-4), ClearBoardFault()]
     assert refused == []

@@ -18,7 +18,7 @@ from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.rig.files import write_measured
 from hapticd.tools.view import messages
 from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
-from hapticd.tools.view.messages import ClearFault, Hold, ReleaseTarget, SetTarget, SwitchPlate
+from hapticd.tools.view.messages import ClearBoardFault, Hold, ReleaseTarget, SetTarget, SwitchPlate
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateEvent, PlateState
 
@@ -50,7 +50,7 @@ LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as
         ({"op": "set", "finger": 3, "amplitude_um": 0}, SetTarget(3, 0.0)),
         ({"op": "set", "finger": "post", "amplitude_um": 1.5}, SetTarget("post", 1.5)),
         ({"op": "release", "finger": 3}, ReleaseTarget(3)),
-        ({"op": "clear_fault"}, ClearFault()),
+        ({"op": "clear_fault"}, ClearBoardFault()),
         (
             {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5},
             SwitchPlate("fingertip", 4, 5.0),

@@ -8,7 +8,7 @@ import time
 from bluetooth import BluetoothPad
 from cable import CablePad
 
-from hapticd.sim.fingers.sensor import Record, encode_mt2
+from hapticd.sim.fingers.sensor import PadRecord, encode_mt2
 
 PERIOD_S = 0.01125
 Point = tuple[int, int]
@@ -47,5 +47,5 @@ class Hand:
             self._send(self._fingers)
 
     def _send(self, fingers: dict[int, Point]) -> None:
-        records = [Record(contact_id, x, y) for contact_id, (x, y) in fingers.items()]
+        records = [PadRecord(contact_id, x, y) for contact_id, (x, y) in fingers.items()]
         self._pad.send(encode_mt2(time.monotonic_ns() // 1_000_000, records, usb=self._is_usb))

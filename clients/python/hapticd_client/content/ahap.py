@@ -32,7 +32,7 @@ def track_of(path: str | os.PathLike[str]) -> Track:
             _add_curve(one.object("ParameterCurve"), curves)
         elif "Parameter" in one:
             _add_parameter(one.object("Parameter"), curves)
-    track, controls = Track(), {name: Control(found) for name, found in curves.items()}
+    track, controls = Track(), {name: _Control(found) for name, found in curves.items()}
     for one in pattern:
         if "Event" in one:
             _add_event(one.object("Event"), track, controls)
@@ -59,7 +59,7 @@ def _add_parameter(parameter: Document, curves: dict[str, list[Sequence[Point]]]
         drop(f"dynamic parameters {name}")
 
 
-def _add_event(event: Document, track: Track, controls: dict[str, Control]) -> None:
+def _add_event(event: Document, track: Track, controls: dict[str, _Control]) -> None:
     kind, begin_s = event.text("EventType"), _time_s(event)
     if kind not in ("HapticTransient", "HapticContinuous"):
         drop(f"events {kind}")
@@ -91,7 +91,7 @@ def _time_s(document: Document) -> float:
     return time_s
 
 
-class Control:
+class _Control:
     """All curves of one parameter, each of sorted points."""
 
     def __init__(self, curves: Sequence[Sequence[Point]]) -> None:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-Row = tuple[float, ...]  # shapes of all modes at one finger, or modal amplitudes
-Rows = tuple[Row, ...]
+ModeRow = tuple[float, ...]  # shapes of all modes at one finger, or modal amplitudes
+ModeRows = tuple[ModeRow, ...]
 Phasors = tuple[complex, ...]
 Pair = tuple[float, float]
 Shapes2 = tuple[float, float, float, float]  # of two modes at the first finger, then at the second
@@ -31,17 +31,17 @@ def clamped(value: float, limit: float) -> float:
     return math.copysign(limit, value) if value == value else 0.0
 
 
-def unscaled(reach: float, modal: Sequence[float], limits: Row) -> Row:
+def unscaled(reach: float, modal: Sequence[float], limits: ModeRow) -> ModeRow:
     """Amplitudes in units of `reach`, in um and within the limits to the last bit."""
     return tuple([clamped(modal[mode] * reach, limits[mode]) for mode in range(len(limits))])
 
 
-def all_finite(rows: Rows) -> bool:
+def all_finite(rows: ModeRows) -> bool:
     """No shape is NaN or infinite."""
     return all(-math.inf < value < math.inf for row in rows for value in row)
 
 
-def amplitudes(rows: Rows, modal: Row) -> list[float]:
+def amplitudes(rows: ModeRows, modal: ModeRow) -> list[float]:
     """|w_i| of each finger, from real modal amplitudes."""
     found: list[float] = []
     for row in rows:
@@ -53,7 +53,7 @@ def amplitudes(rows: Rows, modal: Row) -> list[float]:
     return found
 
 
-def _product(row: Row, modal: Row, size: float) -> float:
+def _product(row: ModeRow, modal: ModeRow, size: float) -> float:
     total = 0.0
     for mode in range(len(row)):
         total += row[mode] / size * modal[mode]

@@ -26,7 +26,7 @@ from typing import Final
 
 from ...phasors import magnitude
 from ...small_matrices import Vector, complement_of_any, dot, dot_of_two, inverse
-from .arithmetic import NOISE, Row, Rows
+from .arithmetic import NOISE, ModeRow, ModeRows
 
 STEPS: Final = 6  # of a call; 10 take 1 % off the error and turn modes faster
 COLD_STEPS: Final = 40  # from rest
@@ -161,7 +161,7 @@ class Descent:
         return False
 
 
-def serve_many(rows: Rows, targets: Row, limits: Row, d_um: Vector, q_um: Vector, *, is_real: bool) -> bool:
+def serve_many(rows: ModeRows, targets: ModeRow, limits: ModeRow, d_um: Vector, q_um: Vector, *, is_real: bool) -> bool:
     """Move W (M,), given in its parts, to where the fingers' errors are less; return `limited`.
 
     Without a slipping finger, and where as many fingers are still as there are modes, W becomes 0. If W is 0, or no
@@ -192,7 +192,7 @@ def serve_many(rows: Rows, targets: Row, limits: Row, d_um: Vector, q_um: Vector
     return is_limited
 
 
-def _scale_within(d: Vector, q: Vector, share: float, limits: Row) -> None:
+def _scale_within(d: Vector, q: Vector, share: float, limits: ModeRow) -> None:
     """Scale all modes together, by less where rounding leaves some beyond its limit."""
     for mode in range(len(d)):
         w_d, w_q, shave = d[mode] * share, q[mode] * share, 2.0**-52
@@ -201,10 +201,10 @@ def _scale_within(d: Vector, q: Vector, share: float, limits: Row) -> None:
         d[mode], q[mode] = w_d, w_q
 
 
-def _posed(rows: Rows, targets: Row, limits: Row, is_real: bool) -> Descent | None:
+def _posed(rows: ModeRows, targets: ModeRow, limits: ModeRow, is_real: bool) -> Descent | None:
     """The problem; None where only silence serves: no finger slips or can be moved, or phi is not finite."""
     still: list[Vector] = []
-    slipping: list[Row] = []
+    slipping: list[ModeRow] = []
     wanted: Vector = []
     largest = 0.0
     for finger in range(len(rows)):
@@ -226,7 +226,7 @@ def _posed(rows: Rows, targets: Row, limits: Row, is_real: bool) -> Descent | No
 
 
 def _scaled(
-    slipping: list[Row], wanted: Vector, limits: Row, directions: list[Vector], largest: float, is_real: bool
+    slipping: list[ModeRow], wanted: Vector, limits: ModeRow, directions: list[Vector], largest: float, is_real: bool
 ) -> Descent | None:
     scaled = [[shape / largest for shape in row] for row in slipping]
     gain = 0.0

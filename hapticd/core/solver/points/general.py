@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from .arithmetic import SAFE, Row, Rows, clamped, unscaled
+from .arithmetic import SAFE, ModeRow, ModeRows, clamped, unscaled
 from .descent import serve_many
 from .line import solve_line
 from .pair import hold_still, serve_both, serve_one
 from .sign_patterns import pose
 
 
-def solve_fast(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
+def solve_fast(
+    rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None = None
+) -> tuple[ModeRow, bool]:
     """The touch path's, on plain floats for callers that have checked their input: modal amplitudes in um, and
     `limited`. More fingers or modes than closed forms take descend (`descent`), several slipping ones from `previous`.
 
@@ -27,13 +29,17 @@ def solve_fast(rows: Rows, targets: Row, limits: Row, previous: Row | None = Non
     return _signed(tuple(d_um), previous), limited
 
 
-def solve_exactly(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
+def solve_exactly(
+    rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None = None
+) -> tuple[ModeRow, bool]:
     """As `solve_fast`, but with the best of all sign patterns however long they take: `solve`."""
     direct = _direct(rows, targets, limits, previous)
     return solve_general(rows, targets, limits, previous) if direct is None else direct
 
 
-def solve_general(rows: Rows, targets: Row, limits: Row, previous: Row | None = None) -> tuple[Row, bool]:
+def solve_general(
+    rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None = None
+) -> tuple[ModeRow, bool]:
     """As `solve_exactly`, by the general path alone."""
     problem = pose(rows, targets, limits)
     if problem is None:
@@ -42,7 +48,7 @@ def solve_general(rows: Rows, targets: Row, limits: Row, previous: Row | None = 
     return unscaled(problem.reach, modal, limits), is_limited
 
 
-def _direct(rows: Rows, targets: Row, limits: Row, previous: Row | None) -> tuple[Row, bool] | None:
+def _direct(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None) -> tuple[ModeRow, bool] | None:
     """Closed forms; None where there is none."""
     if len(limits) == 2 and 1 <= len(rows) <= 2:
         box = limits[0], limits[1]
@@ -77,7 +83,7 @@ def _direct(rows: Rows, targets: Row, limits: Row, previous: Row | None) -> tupl
     return _signed(modal, previous), limited
 
 
-def _signed(modal: Row, previous: Row | None) -> Row:
+def _signed(modal: ModeRow, previous: ModeRow | None) -> ModeRow:
     """Return the nearer one to `previous` of W and -W, which no finger can distinguish."""
     lean = 0.0
     if previous is not None:

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 from ...small_matrices import Vector, complement
-from .arithmetic import MISSED, NOISE, SAFE, Row, Rows, clamped
+from .arithmetic import MISSED, NOISE, SAFE, ModeRow, ModeRows, clamped
 
 
-def solve_line(rows: Rows, targets: Row, limits: Row) -> tuple[Row, bool] | None:
+def solve_line(rows: ModeRows, targets: ModeRow, limits: ModeRow) -> tuple[ModeRow, bool] | None:
     """`general.solve_fast` without `previous`; None where the still fingers leave no single direction."""
     still: list[Vector] = []
     for finger in range(len(rows)):
@@ -29,7 +29,7 @@ def solve_line(rows: Rows, targets: Row, limits: Row) -> tuple[Row, bool] | None
     return None if basis is None else _served(rows, targets, limits, basis[0])
 
 
-def _served(rows: Rows, targets: Row, limits: Row, along: Vector) -> tuple[Row, bool]:
+def _served(rows: ModeRows, targets: ModeRow, limits: ModeRow, along: Vector) -> tuple[ModeRow, bool]:
     """Least squares along a line, up to where it meets the first limit."""
     gains: Vector = []
     square = pull = 0.0
@@ -56,7 +56,7 @@ def _served(rows: Rows, targets: Row, limits: Row, along: Vector) -> tuple[Row, 
     return tuple([clamped(t * along[mode], limits[mode]) for mode in range(len(limits))]), limited
 
 
-def _gain(row: Row, along: Vector) -> float:
+def _gain(row: ModeRow, along: Vector) -> float:
     """|phi_i u|; 0 where it is rounding."""
     gain = terms = 0.0
     for mode in range(len(along)):
@@ -66,7 +66,7 @@ def _gain(row: Row, along: Vector) -> float:
     return abs(gain) if abs(gain) > NOISE * terms else 0.0
 
 
-def _largest(row: Row) -> float:
+def _largest(row: ModeRow) -> float:
     """The largest magnitude; NaN counts as infinite."""
     largest = 0.0
     for value in row:

@@ -13,12 +13,12 @@ from typing import Final
 from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Pair, Shapes2, clamped, within
 
 Solved = tuple[float, float, bool]  # W of two modes, and whether a limit keeps a finger from its target
-Answer = tuple[float, float, bool, bool]  # the same, and whether the closed form applies
+_Answer = tuple[float, float, bool, bool]  # the same, and whether the closed form applies
 
 _NO_ANSWER: Final = (0.0, 0.0, False, False)
 
 
-def serve_one(row: Pair, target: float, limits: Pair, previous: Pair) -> Answer:
+def serve_one(row: Pair, target: float, limits: Pair, previous: Pair) -> _Answer:
     """The least |W| that gives one finger its target: along its row, turning onto the limit that it meets first."""
     x, y = row
     size = max(abs(x), abs(y))
@@ -75,7 +75,7 @@ def hold_still(slipping: Pair, target: float, still: Pair, limits: Pair, previou
     return w_x, w_y, not wanted <= top
 
 
-def serve_both(shapes: Shapes2, targets: Pair, limits: Pair, previous: Pair) -> Answer:
+def serve_both(shapes: Shapes2, targets: Pair, limits: Pair, previous: Pair) -> _Answer:
     """The better of the two sign patterns of two slipping fingers: least error, then least |W|, then nearest."""
     if not in_range(shapes, targets):
         return _NO_ANSWER

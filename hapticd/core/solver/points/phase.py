@@ -30,7 +30,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from ...phasors import magnitude
-from .arithmetic import SAFE, Pair, Phasors, Row, Rows, Shapes2, all_finite
+from .arithmetic import SAFE, ModeRow, ModeRows, Pair, Phasors, Shapes2, all_finite
 from .descent import serve_many
 from .general import solve_fast
 from .line import solve_line
@@ -46,9 +46,9 @@ _HALVINGS: Final = 32  # to 1e-9 of the cosine, the error being flat there
 
 
 def solve_phased_fast(
-    rows: Rows,
-    targets: Row,
-    limits: Row,
+    rows: ModeRows,
+    targets: ModeRow,
+    limits: ModeRow,
     previous: Phasors | None = None,
     turn_rad: float = TURN_RAD,
     *,
@@ -74,14 +74,14 @@ def solve_phased_fast(
     return tuple(map(complex, d_um, q_um)), limited
 
 
-def in_phase(modal: Sequence[complex], limits: Row, previous: Phasors | None) -> Phasors:
+def in_phase(modal: Sequence[complex], limits: ModeRow, previous: Phasors | None) -> Phasors:
     """The `nearer_hand` of a solution, in complex numbers; without `previous` it stays as it is, within the limits."""
     near = (0j,) * len(modal) if previous is None else previous
     flat = nearer_hand(_flat(modal), limits, _flat(near))
     return tuple([complex(flat[2 * k], flat[2 * k + 1]) for k in range(len(limits))])
 
 
-def _flat(phasors: Sequence[complex]) -> Row:
+def _flat(phasors: Sequence[complex]) -> ModeRow:
     return tuple([part for w in phasors for part in (w.real, w.imag)])
 
 
@@ -89,7 +89,7 @@ def _flat(phasors: Sequence[complex]) -> Row:
 
 
 def _two_on_two(
-    rows: Rows, targets: Row, limits: Row, previous: Phasors | None, turn_rad: float
+    rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: Phasors | None, turn_rad: float
 ) -> tuple[Phasors, bool]:
     first, second, box = targets[0], targets[1], (limits[0], limits[1])
     now = (0.0, 0.0, 0.0, 0.0) if previous is None or not max(box[0], box[1]) < SAFE else _parts(previous)
@@ -130,14 +130,14 @@ def _both_slip(
     return _eased(shapes, targets, limits, modal, previous, turn_rad), False
 
 
-def _real(rows: Rows, targets: Row, limits: Row, previous: Phasors2) -> tuple[Phasors2, bool]:
+def _real(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: Phasors2) -> tuple[Phasors2, bool]:
     """The real solution at the common phase that is nearest to the present one."""
     modal, limited = solve_fast(rows, targets, limits)
     turned = nearer_hand((modal[0], 0.0, modal[1], 0.0), limits, previous)
     return (turned[0], turned[1], turned[2], turned[3]), limited
 
 
-def _rows_of(shapes: Shapes2) -> Rows:
+def _rows_of(shapes: Shapes2) -> ModeRows:
     a, b, c, d = shapes
     return (a, b), (c, d)
 

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ....values import FloatArray
-from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Row, Rows, all_finite, clamped
+from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, ModeRow, ModeRows, all_finite, clamped
 from .polytope import RANK, Factored, least_norm_in_polytope
 
 _MOST_ENUMERATED: Final = 10  # slipping fingers: 512 patterns
@@ -44,7 +44,7 @@ class PointProblem(NamedTuple):
     reach: float
     factored: Factored  # the gains
 
-    def best(self, previous: Row | None) -> tuple[list[float], bool]:
+    def best(self, previous: ModeRow | None) -> tuple[list[float], bool]:
         """Return the best amplitudes (M,) of all signs, in units of the reach, of equals those nearest `previous`; and
         whether a limit bent them, and some finger misses its target by more than rounding."""
         one = _best_of_all(self, previous)
@@ -63,7 +63,7 @@ class Candidate(NamedTuple):
     is_bent: bool
 
 
-def pose(rows: Rows, targets: Row, limits: Row) -> PointProblem | None:
+def pose(rows: ModeRows, targets: ModeRow, limits: ModeRow) -> PointProblem | None:
     """The problem; None where only silence serves: no finger slips or can be moved, or phi is not finite."""
     still = [row for row, target in zip(rows, targets, strict=True) if target == 0.0]
     slipping = [row for row, target in zip(rows, targets, strict=True) if target != 0.0]
@@ -88,7 +88,7 @@ def pose(rows: Rows, targets: Row, limits: Row) -> PointProblem | None:
     return PointProblem(basis, gains, np.array(limits) / reach, wanted, reach, Factored.of(gains))
 
 
-def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
+def null_basis(still: Sequence[ModeRow], modes: int) -> FloatArray:
     """Orthonormal columns (M, r) of the modal amplitudes that move no still finger."""
     sizes = [max([abs(value) for value in row]) for row in still]
     rows = [[value / size for value in row] for row, size in zip(still, sizes, strict=True) if size > 0.0]
@@ -102,7 +102,7 @@ def null_basis(still: Sequence[Row], modes: int) -> FloatArray:
 # --- sign patterns --------------------------------------------------------------------------------------------------
 
 
-def _best_of_all(problem: PointProblem, previous: Row | None) -> Candidate:
+def _best_of_all(problem: PointProblem, previous: ModeRow | None) -> Candidate:
     """The candidate with least error, of equals that of least |W|, of equals the one nearest `previous`."""
     modes = len(problem.box)
     near = np.array([0.0 if previous is None else clamped(previous[k] / problem.reach, SAFE) for k in range(modes)])

@@ -9,7 +9,7 @@ import math
 from typing import Final
 
 from ...phasors import magnitude
-from .arithmetic import Pair, Row, Shapes2
+from .arithmetic import ModeRow, Pair, Shapes2
 
 Phasors2 = tuple[float, float, float, float]  # of two modes or two fingers: real, imaginary, real, imaginary
 Squares = tuple[float, float, float]  # X: |W_1|^2, |W_2|^2 and Re(W_1 W_2*)
@@ -18,7 +18,7 @@ _LAST_BIT: Final = 1.0 - 2.0**-51  # a root of squares errs by a last bit, as do
 _HALVINGS: Final = 10
 
 
-def nearer_hand(modal: Row, limits: Row, previous: Row) -> Row:
+def nearer_hand(modal: ModeRow, limits: ModeRow, previous: ModeRow) -> ModeRow:
     """A solution or its mirror image, turned by the common phase that is nearest to the present phasors.
 
     No finger can distinguish these. Flat phasors of any number of modes, within the limits to the last bit: all are
@@ -56,7 +56,7 @@ def nearer_hand(modal: Row, limits: Row, previous: Row) -> Row:
     return tuple(turned)
 
 
-def _beyond(modal: list[float], limits: Row) -> int:
+def _beyond(modal: list[float], limits: ModeRow) -> int:
     """How many modes are beyond their limits."""
     count = 0
     for k in range(len(limits)):

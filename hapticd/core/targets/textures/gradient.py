@@ -6,10 +6,10 @@ import math
 
 from hapticd_contract.contents import Gradient
 
-from .texture import AmplitudeAt, Detail, Plate, Texture
+from .texture import AmplitudeAt, Detail, Texture, TexturePlate
 
 
-def _amplitude(gradient: Gradient, _plate: Plate) -> AmplitudeAt:
+def _amplitude(gradient: Gradient, _plate: TexturePlate) -> AmplitudeAt:
     along_x, along_y = math.cos(gradient.angle_rad), math.sin(gradient.angle_rad)
     length_mm, from_um, to_um = gradient.length_mm, gradient.from_um, gradient.to_um
 

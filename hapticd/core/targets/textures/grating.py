@@ -6,10 +6,10 @@ import math
 
 from hapticd_contract.contents import Grating
 
-from .texture import FAR_MM, NO_DETAIL, PIECES_PER_WAVE, AmplitudeAt, Detail, Plate, Texture
+from .texture import FAR_MM, NO_DETAIL, PIECES_PER_WAVE, AmplitudeAt, Detail, Texture, TexturePlate
 
 
-def _amplitude(grating: Grating, _plate: Plate) -> AmplitudeAt:
+def _amplitude(grating: Grating, _plate: TexturePlate) -> AmplitudeAt:
     return _sine(grating) if grating.duty_frac == 0.0 else _stripes(grating)
 
 

@@ -7,10 +7,10 @@ from msgspec.structs import replace
 from hapticd_contract.contents import LevelMap
 
 from ...friction import FrictionCurve
-from .texture import AmplitudeAt, Detail, Plate, Texture
+from .texture import AmplitudeAt, Detail, Texture, TexturePlate
 
 
-def _amplitude(image: LevelMap, plate: Plate) -> AmplitudeAt:
+def _amplitude(image: LevelMap, plate: TexturePlate) -> AmplitudeAt:
     if image.friction is None:
         return _image(image, plate.size_mm)
     low, high = image.friction

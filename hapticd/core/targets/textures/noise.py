@@ -11,7 +11,7 @@ from typing import Final
 
 from hapticd_contract.contents import Noise
 
-from .texture import FAR_MM, PIECES_PER_WAVE, AmplitudeAt, Detail, Plate, Texture
+from .texture import FAR_MM, PIECES_PER_WAVE, AmplitudeAt, Detail, Texture, TexturePlate
 
 WAVES: Final = 16
 MOST_RMS: Final = 3.0  # beyond so many deviations, where 16 waves seldom are, the texture is cut
@@ -21,7 +21,7 @@ _GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 _Wave = tuple[float, float, float, float]  # rad/mm along x and y, rad, um
 
 
-def _amplitude(target: Noise, _plate: Plate) -> AmplitudeAt:
+def _amplitude(target: Noise, _plate: TexturePlate) -> AmplitudeAt:
     waves = _waves(target)
     mean_um = target.mean_um
     low_um, high_um = max(mean_um - MOST_RMS * target.rms_um, 0.0), mean_um + MOST_RMS * target.rms_um

@@ -14,7 +14,7 @@ from typing import Any, Final
 from hapticd_contract.contents import NAMES, Content
 
 from ...friction import FrictionCurve
-from .texture import NO_DETAIL, AmplitudeAt, Detail, Plate, Texture
+from .texture import NO_DETAIL, AmplitudeAt, Detail, Texture, TexturePlate
 
 FINEST_MM: Final = 1e-3
 
@@ -88,7 +88,7 @@ def amplitude(
     Where the curve depends on speed, frictions get the amplitude for that of `sliding`.
     """
     texture = _TEXTURES[type(target)]
-    at_rest = texture.amplitude(target, Plate(curve, size_mm, w_limit_um))
+    at_rest = texture.amplitude(target, TexturePlate(curve, size_mm, w_limit_um))
     if sliding is None or curve.speed_mm_s == math.inf or not texture.asks_for_friction(target):
         return at_rest
     return lambda x_mm, y_mm: min(at_rest(x_mm, y_mm) * sliding.gain, w_limit_um)

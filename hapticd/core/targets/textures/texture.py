@@ -33,7 +33,7 @@ class Detail(NamedTuple):
 NO_DETAIL = Detail(math.inf, True)
 
 
-class Plate:
+class TexturePlate:
     """The plate under a texture: its friction, over which size a map is spread, and the largest amplitude."""
 
     __slots__ = ("curve", "size_mm", "w_limit_um")
@@ -56,7 +56,7 @@ class Texture(Generic[T]):
         self,
         target: type[T],
         *,
-        amplitude: Callable[[T, Plate], AmplitudeAt],
+        amplitude: Callable[[T, TexturePlate], AmplitudeAt],
         detail: Callable[[T, tuple[float, float]], Detail],
         highest_um: Callable[[T, FrictionCurve], float],
         cost_ns: Callable[[T], float],

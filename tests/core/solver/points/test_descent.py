@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.solver.instant import InstantSolver, Place
+from hapticd.core.solver.instant import AskedPlace, InstantSolver
 from hapticd.core.solver.points import general, sign_patterns
 from hapticd.core.solver.points.descent import serve_many
 from hapticd.core.solver.points.general import solve_exactly, solve_fast
@@ -202,7 +202,7 @@ def largest_steps_um(counts: tuple[int, int], seeds: range) -> list[float]:
     for seed in seeds:
         random = np.random.default_rng(seed)
         solver = InstantSolver(shapes, (LIMIT_UM,) * 2, derating_mm2_um2=0.0, phase_rotation=True)
-        places: list[Place] = [(*random.uniform(-60, 60, 2).tolist(), 1.0) for _ in range(max(counts))]
+        places: list[AskedPlace] = [(*random.uniform(-60, 60, 2).tolist(), 1.0) for _ in range(max(counts))]
         modal_um: tuple[complex, ...] = (0.0,) * 2
         for _ in range(60):
             modal_um = solver.solve(places[: counts[0]], modal_um, STEP_NS).modal_um
@@ -236,8 +236,16 @@ def test_no_pass_enumerates_signs_on_arrays(
     monkeypatch.setattr(sign_patterns, "null_basis", refused)
     random = np.random.default_rng(fingers)
     solver = InstantSolver(waves(modes), (LIMIT_UM,) * modes, derating_mm2_um2=1.0, phase_rotation=phase_rotation)
-    places: list[Place] = [(*random.uniform(-60, 60, 2).tolist(), float(index % 7 > 0)) for index in range(fingers)]
-    doubled: list[Place] = [(3.0, 4.0, 0.0), (3.0, 4.0, 0.0), (20.0, 9.0, 1.0), (-20.0, 9.0, 1.0), (0.0, -30.0, 0.5)]
+    places: list[AskedPlace] = [
+        (*random.uniform(-60, 60, 2).tolist(), float(index % 7 > 0)) for index in range(fingers)
+    ]
+    doubled: list[AskedPlace] = [
+        (3.0, 4.0, 0.0),
+        (3.0, 4.0, 0.0),
+        (20.0, 9.0, 1.0),
+        (-20.0, 9.0, 1.0),
+        (0.0, -30.0, 0.5),
+    ]
     for asked in (places, [*places[1:7], *doubled[:2]], doubled):
         modal_um: tuple[complex, ...] = (0.0,) * modes
         for _ in range(3):
