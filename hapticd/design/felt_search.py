@@ -17,10 +17,12 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from ..values import FloatArray, OnProgress
+from ..values import FloatArray
+from .campaign import TaskRunner, one_by_one
 from .contact_pairs import ShapeMaps, surfaces
 from .felt_places import ENOUGH_JND, PlateTouches, settle_felt, touches
 from .free_plate import ModeShape
@@ -202,39 +204,67 @@ class GluedModes:
         )
 
 
+class BareTask(NamedTuple):
+    """A plate whose sets of so many modes each are compared."""
+
+    plate: GluedPlate
+    counts: tuple[int, ...]
+    drive_hz: tuple[float, float]
+    task: FeltTask
+
+
+class GlueTask(NamedTuple):
+    """A plate that gets patches of a kit; see `glue`."""
+
+    plate: GluedPlate
+    modes: Modes
+    kit: Kit
+    task: FeltTask
+    rounds: int
+
+
 def search(
     plates: Sequence[GluedPlate],
     counts: Sequence[int],
     drive_hz: tuple[float, float],
     task: FeltTask,
     kits: Sequence[Kit] = ORDERABLE,
-    progress: OnProgress = lambda _: None,
+    campaign: TaskRunner = one_by_one,
 ) -> list[FeltDesign]:
     """Return the best plates with their patches, best first: those that they have, or where they have none those of
     `kits`. Raises ValueError."""
+    bare = [BareTask(plate, tuple(counts), drive_hz, task) for plate in plates]
     if any(plate.patches for plate in plates):
-        made = [judge_best(plate, drive_hz, count, task) for plate in plates for count in counts]
-        return sorted((one for one in made if one is not None), key=lambda one: -one.felt_frac)
-    ranked: dict[int, list[tuple[float, GluedPlate, Modes]]] = {count: [] for count in counts}
-    for done, plate in enumerate(plates):
-        progress(0.4 * done / len(plates))
-        bare = GluedModes(plate, drive_hz, task, SEARCH_PLACES)
-        for count in counts:
-            ranked[count] += [(bare.felt_frac(chosen), plate, bare.of(chosen)) for chosen in bare.sets(count)]
-    finalists = [one for found in ranked.values() for one in sorted(found, key=lambda each: -each[0])[:FINALISTS]]
-    jobs = [(plate, modes, kit) for _, plate, modes in finalists for kit in kits]
-    designs: list[tuple[float, tuple[GluedPlate, Modes, Kit], FeltDesign]] = []
-    for done, job in enumerate(jobs):
-        progress(0.4 + 0.4 * done / len(jobs))
-        glued = glue(*job, task, ROUNDS)
-        if glued is not None:
-            designs.append((glued.felt_frac, job, glued))
-    designs.sort(key=lambda one: -one[0])
-    progress(0.8)
+        found = campaign("plates", _as_they_are, bare)
+        return sorted((one for each in found for one in each), key=lambda one: -one.felt_frac)
+    ranked: list[list[tuple[float, GluedPlate, Modes]]] = [[] for _ in counts]
+    for plate, of_plate in zip(plates, campaign("plates", _ranked, bare), strict=True):
+        for sets, of_count in zip(ranked, of_plate, strict=True):
+            sets += [(felt_frac, plate, modes) for felt_frac, modes in of_count]
+    finalists = [one for sets in ranked for one in sorted(sets, key=lambda each: -each[0])[:FINALISTS]]
+    jobs = [GlueTask(plate, modes, kit, task, ROUNDS) for _, plate, modes in finalists for kit in kits]
+    made = [(job, one) for job, one in zip(jobs, campaign("patches", _glued, jobs), strict=True) if one is not None]
+    made.sort(key=lambda each: -each[1].felt_frac)
+    designs = [one for _, one in made]
     if designs:
-        better = glue(*designs[0][1], task, MORE_ROUNDS) or designs[0][2]
-        designs[0] = (better.felt_frac, designs[0][1], better)
-    return [one for _, _, one in designs]
+        (better,) = campaign("more places", _glued, [made[0][0]._replace(rounds=MORE_ROUNDS)])
+        designs[0] = better or designs[0]
+    return designs
+
+
+def _as_they_are(bare: BareTask) -> list[FeltDesign]:
+    made = [judge_best(bare.plate, bare.drive_hz, count, bare.task) for count in bare.counts]
+    return [one for one in made if one is not None]
+
+
+def _ranked(bare: BareTask) -> list[list[tuple[float, Modes]]]:
+    """Return for each number of modes its sets, and the share of places felt as asked with each."""
+    modes = GluedModes(bare.plate, bare.drive_hz, bare.task, SEARCH_PLACES)
+    return [[(modes.felt_frac(chosen), modes.of(chosen)) for chosen in modes.sets(count)] for count in bare.counts]
+
+
+def _glued(job: GlueTask) -> FeltDesign | None:
+    return glue(*job)
 
 
 def glue(plate: GluedPlate, modes: Modes, kit: Kit, task: FeltTask, rounds: int) -> FeltDesign | None:

@@ -17,11 +17,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..values import FloatArray, OnProgress
+from ..values import FloatArray
+from .campaign import TaskRunner, one_by_one
 from .cartography import fit_scan
 from .felt_search import FeltDesign, FeltTask, judge_near
 from .free_plate import ModeShape
@@ -35,22 +37,33 @@ SPREAD_HZ = 40.0  # by which edges off by 0.1 mm may move modes of one design ap
 SCAN_STEP_MM = 6.0
 
 
-def felt_tolerances(
-    design: FeltDesign, task: FeltTask, count: int, *, progress: OnProgress = lambda _: None
-) -> FloatArray:
+class MadeTask(NamedTuple):
+    """A plate as it was made, to be driven near `drive_hz` with so many modes; `scan_seed` is of its scan."""
+
+    plate: GluedPlate
+    drive_hz: float
+    modes: int
+    task: FeltTask
+    scan_seed: tuple[int, ...]
+
+
+def felt_tolerances(design: FeltDesign, task: FeltTask, count: int, campaign: TaskRunner = one_by_one) -> FloatArray:
     """Return the share of places felt as asked on each of `count` plates; 0 where no drive has enough modes."""
     random = np.random.default_rng([task.seed, count])
     task = replace(task, farthest_hz=design.farthest_hz + SPREAD_HZ)
-    found = np.zeros(count)
+    made = []
     for index in range(count):
-        progress(index / count)
-        made = random_plate(design.plate, random)
-        drive_hz = design.drive_hz * made.thickness_mm / design.plate.thickness_mm
-        drive_hz *= math.sqrt(made.material.young_gpa / design.plate.material.young_gpa)
-        measure = partial(scanned, seed=[task.seed, count, index])
-        judged = judge_near(made, drive_hz, len(design.modes), task, measure)
-        found[index] = 0.0 if judged is None else judged.felt_frac
-    return found
+        plate = random_plate(design.plate, random)
+        drive_hz = design.drive_hz * plate.thickness_mm / design.plate.thickness_mm
+        drive_hz *= math.sqrt(plate.material.young_gpa / design.plate.material.young_gpa)
+        made.append(MadeTask(plate, drive_hz, len(design.modes), task, (task.seed, count, index)))
+    return np.array(campaign(f"{count} random plates", felt_frac, made))
+
+
+def felt_frac(made: MadeTask) -> float:
+    """Return the share of places felt as asked on one plate."""
+    judged = judge_near(made.plate, made.drive_hz, made.modes, made.task, partial(scanned, seed=made.scan_seed))
+    return 0.0 if judged is None else judged.felt_frac
 
 
 def scanned(shapes: Sequence[ModeShape], seed: Sequence[int]) -> ModeShapes:

@@ -31,6 +31,8 @@ from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
 from ..values import FloatArray
 from . import plate_arguments, plate_files, plate_places, plate_verdict
 from .arguments import number, whole
+from .campaign import runner
+from .campaign.runner import Campaign
 from .plate_arguments import DRIVES
 from .plate_places import Placement
 from .plate_verdict import FeltMotion
@@ -45,6 +47,7 @@ TOML = (".toml",)
 _BELONGING = (
     *("modes", "drive", "config", "glass", "tolerances", "seed"),
     *("q", "radius", "farthest", "patch", "place"),
+    *runner.OPTIONS,
 )
 
 
@@ -90,6 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "patches 0.5 mm",
     )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random places and plates ({SEED})")
+    runner.add_arguments(group)
     outputs.add_file(
         parser, "--glass", TOML, group=group, metavar="F.toml", help="the best plate, for --plate of simulated plates"
     )
@@ -130,12 +134,11 @@ def run(options: argparse.Namespace) -> FeltDesign:
         FARTHEST_HZ if options.farthest is None else options.farthest,
         SEED if options.seed is None else options.seed,
     )
-    designs = _searched(options, task)
-    best = designs[0]
-    study = None
-    if options.tolerances is not None:
-        with Progress(f"{options.tolerances} random plates") as progress:
-            study = felt_tolerances(best, task, options.tolerances, progress=progress)
+    with runner.of(options) as campaign:
+        designs = _searched(options, task, campaign)
+        best = designs[0]
+        count = options.tolerances
+        study = None if count is None else felt_tolerances(best, task, count, campaign)
     try:
         with Progress("fingers in motion on the best plate") as progress:
             motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, progress)
@@ -159,16 +162,15 @@ def run(options: argparse.Namespace) -> FeltDesign:
     return best
 
 
-def _searched(options: argparse.Namespace, task: FeltTask) -> list[FeltDesign]:
+def _searched(options: argparse.Namespace, task: FeltTask, campaign: Campaign) -> list[FeltDesign]:
     """Return the designs, the best first, and that with all modes known that its file has. Raises HapticdError."""
     counts = plate_arguments.modes(options.modes)
     drive_hz = plate_arguments.span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)
     plates, kits = plate_arguments.plates(options), _kits(options.place)
     try:
-        with Progress(f"{len(plates)} plates" if len(plates) > 1 else "the plate's modes") as progress:
-            designs = search(plates, counts, drive_hz, task, kits, progress)
-            if designs:
-                designs[0] = judge_within(designs[0], task, AROUND_HZ)
+        designs = search(plates, counts, drive_hz, task, kits, campaign)
+        if designs:
+            designs[0] = judge_within(designs[0], task, AROUND_HZ)
     except ValueError as error:
         raise CalibrationError(f"This plate cannot be designed: {error}") from None
     if not designs:

@@ -11,6 +11,7 @@ at the voltage limit.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from firmware_faults import fault
@@ -20,6 +21,7 @@ from soak.worlds import DAMPING, DRIFT_HZ, RUN_S, W_LIMIT_UM, Knots, World, draw
 from hapticd.bench.closed_loop import follow
 from hapticd.bench.tables import Table
 from hapticd.board_protocol import FAULTS
+from hapticd.design.campaign import TaskRunner, one_by_one
 from hapticd.sim.board.board import FLAG_LIVE, Board, BoardTrace
 
 FAR_SHARE = 1.0 / 6.0  # of the runs
@@ -27,12 +29,21 @@ V_ROUNDING, W_ROUNDING = 1e-6, 2e-6  # of the limits, by float32; the limiter le
 LIVE_AFTER_S = 0.02
 
 
-def run(hours: float = 1.0) -> Table:
+class Run(NamedTuple):
+    """A task of a campaign."""
+
+    seed: int
+    far: bool
+
+
+def run(hours: float = 1.0, campaign: TaskRunner = one_by_one) -> Table:
     """Play runs 0, 1, ... for so many virtual hours. Raises HapticdError with the failures if there are any."""
     runs = max(1, round(hours * 3600.0 / RUN_S))
     far_runs = round(runs * FAR_SHARE)
+    counts = ((False, runs - far_runs), (True, far_runs))
+    tasks = [Run(seed, far) for far, count in counts for seed in range(count)]
     return judged(
-        (play(seed, far=far) for far, count in ((False, runs - far_runs), (True, far_runs)) for seed in range(count)),
+        campaign("endurance", played, tasks),
         name="endurance",
         title="firmware on random plates, with fingers and textures, by modes, wiring and control rate",
         notes=(
@@ -40,6 +51,11 @@ def run(hours: float = 1.0) -> Table:
             "drive of its run",
         ),
     )
+
+
+def played(run: Run) -> Findings:
+    """Play one run of a campaign."""
+    return play(run.seed, far=run.far)
 
 
 def play(seed: int, seconds: float = RUN_S, *, far: bool = False) -> Findings:

@@ -187,7 +187,8 @@ def test_a_campaign_that_was_killed_plays_only_what_is_missing(tmp_path: Path, e
     kept = results.Results(file)
     before = {task.seed for task in tasks if results.key_of(play, task) in kept}
     kept.close()
-    assert {0, 1, 2} <= before < {*SEEDS} - {4}
+    assert before < {*SEEDS} - {4}
+    assert len(before) >= 3  # two run at the same time, so when task 5 begins one of the four before it runs at most
     with Campaign(2, cache=cache) as campaign:
         assert bits(campaign("seeds", play, tasks)) == expected
     assert all(times_played(folder, seed) == 1 for seed in before)

@@ -122,7 +122,7 @@ def _play(play: Play, task: object, code: str | None = None) -> bytes:
 
 def by_cluster(play: Play, missing: Missing, address: str) -> Played:
     """Play the tasks on the cluster of the Dask scheduler at `address`. Raises HapticdError."""
-    from concurrent.futures import CancelledError
+    from concurrent.futures import CancelledError, as_completed
 
     code = code_of(play)
     with _client(address) as client:
@@ -131,8 +131,8 @@ def by_cluster(play: Play, missing: Missing, address: str) -> Played:
         pool = client.get_executor(pure=False)
         running = {pool.submit(_play, play, task, code): key for key, task in missing.items()}
         try:
-            while running:
-                yield from _finished(running)
+            for future in as_completed(running):
+                yield running[future], future.result()
         except KilledWorker:
             raise HapticdError(
                 f"A task on the cluster {address} lost its worker again and again (killed, or out of memory?): see the "

@@ -82,6 +82,11 @@ class Results:
         except OSError as error:
             raise HapticdError(f"{self._path}: cannot keep results ({reason(error)}).") from None
 
+    @property
+    def are_kept(self) -> bool:
+        """Whether there is a file."""
+        return self._file is not None
+
     def close(self) -> None:
         """Close the file, if there is one."""
         if self._file is not None:

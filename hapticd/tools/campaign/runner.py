@@ -71,7 +71,6 @@ class Campaign:
         """Keep the results in the file `keep`, else in files of the folder `cache` until the end, else not."""
         self._jobs, self._cluster, self._keep, self._cache = jobs, cluster, keep, cache
         self._cached: list[Path] = []
-        self._played_tasks = 0
 
     def __enter__(self) -> Campaign:
         return self
@@ -80,8 +79,6 @@ class Campaign:
         if kind is None:
             for path in self._cached:
                 path.unlink(missing_ok=True)
-        elif self._played_tasks and (self._cached or self._keep is not None):
-            print("What was played is kept: the same command goes on from there.", file=sys.stderr)
 
     def __call__(self, what: str, play: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
         """Return each task's result; `what` stands before the bar. Raises HapticdError, and what `play` raises."""
@@ -94,11 +91,16 @@ class Campaign:
                 print(
                     f"{what}: {len(set(keys)) - len(missing)} of {len(set(keys))} were played before.", file=sys.stderr
                 )
-            with Progress(what) as progress, closing(self._played(play, missing)) as played:
-                for done, (key, result) in enumerate(played, 1):
-                    results.add(key, result)
-                    self._played_tasks += 1
-                    progress(done / len(missing))
+            done = 0
+            try:
+                with Progress(what) as progress, closing(self._played(play, missing)) as played:
+                    for done, (key, result) in enumerate(played, 1):
+                        results.add(key, result)
+                        progress(done / len(missing))
+            except BaseException:
+                if done and results.are_kept:
+                    print("What was played is kept: the same command goes on from there.", file=sys.stderr)
+                raise
             return [*map(decoder(play), map(results.__getitem__, keys))]
 
     def _played(self, play: Play, missing: Missing) -> Played:
