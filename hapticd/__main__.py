@@ -11,8 +11,8 @@ from importlib import import_module
 from typing import NamedTuple
 
 from .errors import ExitCode, HapticdError
-from .files.outputs import check_arguments
 from .tools.arguments import Parser, add_command
+from .tools.outputs import check_arguments
 
 
 class Command(NamedTuple):

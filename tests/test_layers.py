@@ -235,7 +235,6 @@ def test_the_contract_is_imported_where_messages_and_what_they_bring_are_dealt_w
 
 def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -> None:
     paths = [*(PACKAGE / "files").rglob("*.py"), PACKAGE / "daemon" / "recorder.py"]
-    paths.remove(PACKAGE / "files" / "plotting.py")
     for path in paths:
         names = imported_names(path)
         assert not any(one.startswith("hapticd.sim") for one in names), path

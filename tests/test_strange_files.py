@@ -114,7 +114,7 @@ READ_ELSEWHERE = {
     "regular_file.py": "the one place",
     "compiled/build_ext.py": "the checkout's pyproject.toml",
     "formats/npz.py": "an archive in memory",
-    "files/plotting.py": "a picture in memory",
+    "tools/plotting.py": "a picture in memory",
     "files/recording/mcap_writer.py": "writes",
     "io/devices/replay.py": "writes",
     "io/clients/runtime_dir.py": "its own lock",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import UsageError
-from ..files import outputs
+from ..tools import outputs
 from ..tools.arguments import number, whole
 from ..tools.campaign import runner
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..files import plotting
+from ..tools import plotting
 from .tables import Table, stem, unit
 
 _PANEL_INCHES = (7.6, 5.0)

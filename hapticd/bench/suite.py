@@ -14,8 +14,8 @@ import numpy as np
 
 from .. import __version__
 from ..errors import UsageError
-from ..files.outputs import write_text
 from ..tools.campaign.runner import Campaign
+from ..tools.outputs import write_text
 from ..tools.touches import Trace, recorded
 from . import (
     contact_forms,

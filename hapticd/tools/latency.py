@@ -33,10 +33,10 @@ from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
 from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
-from ..files import outputs, plotting
 from ..regular_file import opened
 from ..sim import landing
 from ..values import FloatArray
+from . import outputs, plotting
 from .arguments import POSITIVE
 from .progress import Progress
 from .run import add_config_arguments, configuration, log_to_stderr

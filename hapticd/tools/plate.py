@@ -24,9 +24,8 @@ from ..design.materials import Material, find_material
 from ..design.pairs import ModePair, mode_pairs
 from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError, UsageError
-from ..files import outputs, plotting
 from ..formats.mode_map import FORMATS
-from . import plate_felt
+from . import outputs, plate_felt, plotting
 from .arguments import POSITIVE, number, whole
 from .calibrate.modes import parse_size
 

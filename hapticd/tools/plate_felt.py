@@ -26,10 +26,9 @@ from ..design.felt_search import (
 from ..design.felt_tolerances import felt_tolerances
 from ..design.plate_bounds import Bound, bounds
 from ..errors import CalibrationError, UsageError
-from ..files import outputs
 from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
 from ..values import FloatArray
-from . import plate_arguments, plate_files, plate_places, plate_verdict
+from . import outputs, plate_arguments, plate_files, plate_places, plate_verdict
 from .arguments import number, whole
 from .campaign import runner
 from .campaign.runner import Campaign

@@ -11,8 +11,8 @@ from ..config.keys import toml
 from ..design.felt_search import FeltDesign
 from ..design.free_plate import ModeShape, distinct_names
 from ..design.materials import MATERIALS
-from ..files import outputs
 from ..sim.plate.glasses import FARTHEST_HZ, LEAST_PARASITIC, NUMBERS
+from . import outputs
 
 PARASITIC = 4  # modes besides the driven ones that a simulated plate has
 

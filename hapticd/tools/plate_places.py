@@ -12,7 +12,7 @@ import numpy as np
 from ..design.felt_search import FeltDesign
 from ..design.patch_places import PatchSet, place_patches
 from ..design.stamps import Stamp, four_stamps, least_moved
-from ..files import plotting
+from . import plotting
 
 STAMP_MM = 2.0  # radius
 SENSOR_MM = 3.0, 3.0  # which weighs an eleventh of a 10 x 10 patch

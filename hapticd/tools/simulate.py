@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 from ..config.sections import FELT, OBJECTIVES, Config, SolverConfig
 from ..errors import UsageError, reason
-from ..files import outputs
 from ..regular_file import named_when_whole, read_bounded
 from ..sim.fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
-from . import glass
+from . import glass, outputs
 from .arguments import number, whole
 from .progress import Progress
 
@@ -126,9 +125,9 @@ def _simulate(options: argparse.Namespace) -> None:
     if options.out is not None:
         report.save(result, options.out, compared)
     if options.plot is not None:
-        from ..sim import picture
+        from . import simulated_picture
 
-        picture.draw_run(result, options.plot)
+        simulated_picture.draw_run(result, options.plot)
 
 
 def _noise(options: argparse.Namespace) -> PadNoise:

@@ -14,7 +14,7 @@ from machine_bench import SLIPPERY, STICKY, Bench
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
 from hapticd.daemon.self_calibration import SelfCalibration
-from hapticd.files import plotting
+from hapticd.tools import plotting
 from hapticd.tools.latency import MeasuredLatency, gather
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "clients" / "python"))

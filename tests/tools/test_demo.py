@@ -11,10 +11,10 @@ from pictures import faults
 
 from hapticd.config.sections import SimConfig
 from hapticd.sim import lockstep
-from hapticd.sim.picture import Film
 from hapticd.tools.demo.columns import DemoColumn, VirtualRun, columns, live_column
 from hapticd.tools.demo.picture import draw, typical_instant
 from hapticd.tools.demo.program import summary
+from hapticd.tools.simulated_picture import Film
 
 STATUS: dict[str, dict[str, float]] = {"latency_ms": {}}
 

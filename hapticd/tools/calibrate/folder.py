@@ -14,8 +14,8 @@ from typing import Any
 
 from ...config import loader as config
 from ...errors import CalibrationError, ConfigError, reason
-from ...files.outputs import check, create_folder, has_mark, write_text
 from ...regular_file import read_bounded
+from ..outputs import check, create_folder, has_mark, write_text
 from .step import in_order
 from .step import steps as all_steps
 from .verdict import FoundSettings, Outcome, Verdict, as_text, from_json, to_json

@@ -23,9 +23,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import CalibrationError, missing_library, reason
-from ...files import plotting
 from ...regular_file import read_lines
 from ...values import FloatArray
+from .. import plotting
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
 from .step import Step

@@ -24,11 +24,10 @@ from ...design import CartographyFit, fit_scan, nearest_free_modes
 from ...design.cartography import REFERENCE_SIZE_MM
 from ...design.contact_pairs import grams, settle
 from ...errors import CalibrationError, ModesError
-from ...files import plotting
 from ...formats.mode_map import Scan, read_scan
 from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
-from .. import glass
+from .. import glass, plotting
 from ..progress import Progress
 from . import simulated
 from .step import Step

@@ -19,13 +19,13 @@ from ...config.sections import PredictionConfig
 from ...core.prediction.pad_memory import PadMemory
 from ...core.prediction.predictor import DEFAULT
 from ...errors import CalibrationError
-from ...files import plotting
 from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.paths import Strokes
 from ...sim.fingers.sensor import SensorModel
 from ...values import FloatArray
 from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
+from .. import plotting
 from ..arguments import POSITIVE
 from ..touches import RecordedTouches, Trace, recorded
 from . import simulated

@@ -50,7 +50,7 @@ def _step(steps: Any, name: str, summary: str, example: str, *, is_sim_asked: bo
 
 def _run(options: argparse.Namespace) -> int:
     """Run one step, all steps, or print the overview; 1 if a step failed."""
-    from ...files.outputs import require_matplotlib
+    from ..outputs import require_matplotlib
     from . import folder
     from .step import in_order, steps
     from .verdict import Outcome

@@ -19,8 +19,8 @@ from ...design.touch.judge import Judged
 from ...design.touch.model import CENTROID
 from ...errors import CalibrationError
 from ...files import calibration as calibration_file
-from ...files import plotting
 from ...files.recording.mcap_reader import open_recording
+from .. import plotting
 from ..touch_correction import (
     calibration_of,
     has_sensors,

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import CalibrationError
-from ...files import plotting
 from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import AffineMap, TouchFrame
 from ...wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
+from .. import plotting
 from ..arguments import POSITIVE
 from . import simulated
 from .contacts import Axes, ScaleFit, fit_scale, parse_prints

@@ -15,12 +15,12 @@ from multiprocessing.connection import Connection
 from ...config.sections import SimConfig
 from ...errors import HapticdError
 from ...sim import lockstep
-from ...sim.picture import Film
 from ...sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...sim.plate.wirings import IDENTITY
 from ...sim.plate.wirings import PAPER as SHARED
 from ..progress import Progress
+from ..simulated_picture import Film
 
 PAPER, HAPTICD = "the paper", "hapticd"
 PROGRESS_FRAC = 0.02  # of a run, between two messages of its process

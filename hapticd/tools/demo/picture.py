@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ...files import plotting
-from ...sim.picture import Film
 from ...sim.plate.glasses import find_glass
 from ...sim.score import CONTACT_RADIUS_MM
 from ...values import WEBER_FRAC
+from .. import plotting
+from ..simulated_picture import Film
 
 SLIPPERY, STICKY = "#0b6fa4", "#b3500c"  # as in the browser's page
 ON_FIELD = {SLIPPERY: "#8fd3ff", STICKY: "#ffb877"}  # the same, legible on dark colours

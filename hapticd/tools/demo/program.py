@@ -27,20 +27,19 @@ from hapticd_client import Client, PlateState
 
 from ...config.sections import SimConfig
 from ...errors import HapticdError, UsageError
-from ...files import outputs, plotting
 from ...sim.board.emulator import find_program
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
 from ...sim.fingers.scripted import ScriptedClient
-from ...sim.picture import Film
-from ...sim.picture import draw as draw_details
 from ...sim.plate.ground_truth import GroundTruth
 from ...sim.plate.wirings import IDENTITY
 from ...sim.rig.process import RigProcess
 from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
-from .. import glass
+from .. import glass, outputs, plotting
 from ..arguments import POSITIVE, whole
 from ..daemon_process import DaemonProcess
+from ..simulated_picture import Film
+from ..simulated_picture import draw as draw_details
 from .columns import DemoColumn, VirtualRun, columns, live_column
 from .live_view import LiveView
 from .picture import draw

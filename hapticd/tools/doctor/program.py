@@ -11,7 +11,7 @@ from pathlib import Path
 from ...config import loader as configuration
 from ...config.sections import Config
 from ...errors import HapticdError
-from ...files import outputs
+from .. import outputs
 from . import bundle as bundles
 from . import devices, files, host, service
 from .finding import FAIL, PASS, WARN, CheckResult, System, as_document, has_failed

@@ -27,10 +27,9 @@ from ...board_values import BoardController, BoardLog, BoardStatus, SetControlle
 from ...config import loader as config
 from ...config.sections import SIMULATED, DeviceConfig
 from ...errors import ConfigError, DeviceError, UsageError
-from ...files import outputs
 from ...io.devices.serial_link import SerialLink
 from ...sim.rig.process import RigProcess
-from .. import glass
+from .. import glass, outputs
 from ..arguments import POSITIVE, add_command, whole
 from . import selftest, sweep, telemetry, text
 from .conversation import Conversation

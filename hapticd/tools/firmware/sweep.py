@@ -17,7 +17,8 @@ from ...board_protocol import BoardState, Sweep
 from ...board_values import BoardCalibration, BoardHello, BoardStatus, SweepPoint
 from ...design.resonance import Resonance, fit_resonance
 from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
-from ...files import calibration, outputs, plotting
+from ...files import calibration
+from .. import outputs, plotting
 from . import text
 from .conversation import Conversation
 

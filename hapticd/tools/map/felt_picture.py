@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from ...design.felt_map import FeltMap, FeltPairs
 from ...design.felt_places import ENOUGH_JND
-from ...files import plotting
+from .. import plotting
 from .arguments import MappedPlate
 from .picture import DPI, canvas, draw_image
 

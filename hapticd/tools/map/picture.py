@@ -12,8 +12,8 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...design.achievability import AchievabilityMap, MapFinger, PairMap
 from ...design.contact_map import ContactMap
-from ...files import plotting
 from ...values import FloatArray
+from .. import plotting
 
 DPI = 100
 NODES_PER_SIDE = 201

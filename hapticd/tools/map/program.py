@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import UsageError
-from ...files import outputs
 from ...values import FloatArray
+from .. import outputs
 from ..arguments import number, whole
 from ..progress import Progress
 from .arguments import FELT_CELLS, FELT_PAIR_CELLS, MOST_UM, finger, plate

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...errors import ConfigError, UsageError
-from ...files import outputs
+from .. import outputs
 from ..arguments import POSITIVE
 from ..progress import Progress
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import missing_library
-from ...files.outputs import write_text
 from ...regular_file import opened
+from ..outputs import write_text
 from .tables import Column
 
 HEADER = "header.json"

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import RecordingError
-from ...files import plotting
-from ...sim.picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS, REFERENCE
+from .. import plotting
+from ..simulated_picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS, REFERENCE
 from .references import in_force
 from .tables import Column
 

@@ -18,8 +18,7 @@ from hapticd_client import Client
 from ... import __version__
 from ...config.sections import SimConfig
 from ...errors import HapticdError
-from ...files import outputs
-from .. import glass
+from .. import glass, outputs
 from ..arguments import PORT_NUMBER, add_command, number, whole
 from ..daemon_process import PATIENT, DaemonProcess
 from ..progress import Progress

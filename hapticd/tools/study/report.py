@@ -12,9 +12,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...files import plotting
-from ...files.outputs import check, has_mark, require_matplotlib, write_text
 from ...regular_file import opened
+from .. import plotting
+from ..outputs import check, has_mark, require_matplotlib, write_text
 from .analysis import GUESSING_FRAC, Group, Result, analyse, analyse_group
 from .protocol import StudyError
 from .session import SUFFIX, Session, read

@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..files import plotting
-from .fingers.scenarios import STEP_S
-from .lockstep import Run, scheme_config
-from .plate.ground_truth import GroundTruth, PlateSettings
-from .score import CONTACT_RADIUS_MM, Score, felt, score, with_contacts
+from ..sim.fingers.scenarios import STEP_S
+from ..sim.lockstep import Run, scheme_config
+from ..sim.plate.ground_truth import GroundTruth, PlateSettings
+from ..sim.score import CONTACT_RADIUS_MM, Score, felt, score, with_contacts
+from . import plotting
 
 # As in the paper: blue is mode X, green mode Y.
 MODE_COLOURS = ("tab:blue", "tab:green", "tab:cyan", "tab:olive", "tab:pink", "tab:gray", "tab:brown", "tab:red")

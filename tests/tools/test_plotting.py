@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.errors import HapticdError, UsageError
-from hapticd.files import outputs, plotting
+from hapticd.tools import outputs, plotting
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ import hapticd
 from hapticd.__main__ import COMMANDS, main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.errors import HapticdError, UsageError
-from hapticd.files import outputs
 from hapticd.regular_file import opened
+from hapticd.tools import outputs
 
 PACKAGE = Path(hapticd.__file__).parent
 

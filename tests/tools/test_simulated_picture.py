@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.files import plotting
-from hapticd.sim import lockstep, picture
+from hapticd.sim import lockstep
 from hapticd.sim.lockstep import Run, Settings
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.tools import plotting, simulated_picture
 
 pytestmark = pytest.mark.long
 
@@ -34,7 +34,7 @@ def size_px(path: Path) -> tuple[int, int]:
     [("paper-figure-11", 1.3), ("step", 1.3), ("rest", 0.2), ("step", 0.2), ("hands", 0.2)],  # 0.2 s: no finger yet
 )
 def test_a_run_is_drawn_as_a_png(scenario: str, seconds: float, tmp_path: Path) -> None:
-    picture.draw_run(lockstep.run(scenario, seconds=seconds), tmp_path / "run.png")
+    simulated_picture.draw_run(lockstep.run(scenario, seconds=seconds), tmp_path / "run.png")
     assert size_px(tmp_path / "run.png")[0] > 600
 
 
@@ -43,7 +43,7 @@ def axes_of(run: Run, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     figures: list[Any] = []
     with monkeypatch.context() as patched:
         patched.setattr(plotting, "save", lambda figure, _: figures.append(figure))
-        picture.draw_run(run, Path("run.png"))
+        simulated_picture.draw_run(run, Path("run.png"))
     return list(figures[0].axes)
 
 
