@@ -43,7 +43,7 @@ def cluster() -> Iterator[str]:
     """A scheduler and two workers on loopback."""
     distributed = pytest.importorskip("distributed", reason="needs the extra `cluster`")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50, host="127.0.0.1"
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50, host="127.0.0.1"
     ) as started:
         yield started.scheduler_address
 
