@@ -30,9 +30,10 @@ PACKAGE = Path(hapticd.__file__).parent
 WALL_CLOCKS = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "datetime", "time.clock_gettime"}
 DATED = (
     "files/recording/dates.py",
+    "tools/campaign/runner.py",
     "tools/doctor/bundle.py",
     "tools/stream/plotjuggler.py",
-)  # for people, and for other programs
+)  # for people, for other programs, and for the age of files
 
 
 def test_a_daemon_that_is_stopped_for_two_seconds_leaves_a_quiet_plate_and_goes_on(
