@@ -15,21 +15,19 @@ from ..values import FloatArray
 from . import legendre
 from .felt_search import FeltDesign
 from .free_plate import ModeShape, wave_speed_m2_s
-from .glued_plate import Patch
 from .materials import Material
+from .patch_load import TAN_DELTA, capacitance_f
 from .patch_reach import modal_mass_kg
 
 MOST_FRAC = 0.95  # of the places ask no more than what is stated
 TOUGHENED_MPA = 70.0  # lasting load on thermally toughened glass, EN 16612: (120 - 45) / 1.2 + 0.29 * 45 / 1.8
 AMPLIFIER_MA = 100.0  # peak, of the affordable ones
-PERMITTIVITY, CLAMPED_FRAC, TAN_DELTA = 1750.0, 0.6, 0.02  # PIC255 at small fields; glued, its planar motion is held
 COOLING_W_M2_K = 10.0  # of each face: free convection and radiation, an estimate
 DRIFT_HZ_K = 2.0  # at 29 kHz; an estimate
 DRIFT_FRAC = 0.1  # of a mode's bandwidth: more is to be calibrated again
 PUBLIC_DB = 100.0  # above 25 kHz, IRPA interim guidelines 1984, for the public
 EAR_MM = 500.0
 _AIR_KG_M3, _SOUND_M_S, _SILENT_PA = 1.2, 343.0, 20e-6
-_VACUUM_F_M = 8.854e-12
 _CELLS = 161
 
 
@@ -119,12 +117,6 @@ def stress_mpa(shape: ModeShape, thickness_mm: float, material: Material) -> flo
     mean, shear = (1.0 + nu) * (xx + yy) / 2.0, (1.0 - nu) * np.hypot((xx - yy) / 2.0, xy)
     strain_gpa = material.young_gpa / (1.0 - nu**2) * thickness_mm / 2.0 * float(np.max(np.abs(mean) + shear))
     return strain_gpa * 1e3 * 0.5e-3  # GPa to MPa, half a um in mm
-
-
-def capacitance_f(patch: Patch) -> float:
-    """Return a glued patch's capacitance."""
-    area_m2 = patch.size_mm[0] * patch.size_mm[1] * 1e-6
-    return CLAMPED_FRAC * PERMITTIVITY * _VACUUM_F_M * area_m2 / (patch.thickness_mm * 1e-3)
 
 
 def sound_db(design: FeltDesign, speed2_m2_s2: FloatArray) -> float:

@@ -7,7 +7,10 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
+
+import numpy as np
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..design.felt_search import (
@@ -24,6 +27,7 @@ from ..design.felt_search import (
     search,
 )
 from ..design.felt_tolerances import felt_tolerances
+from ..design.patch_load import charge_nc_um, moving_ma, patch_load
 from ..design.plate_bounds import Bound, bounds
 from ..errors import CalibrationError, UsageError
 from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
@@ -249,14 +253,30 @@ def _table(designs: Sequence[FeltDesign]) -> str:
 
 
 def _patch_table(design: FeltDesign) -> str:
-    lines = ["", "patch     x mm    y mm  along x, y mm   volts, 95 % of places and most"]
+    lines = [
+        "",
+        "patch     x mm    y mm  along x, y mm   volts, 95 % of places and most   nF glued, free"
+        "   mA peak, RMS     VA   modes' mA",
+    ]
+    moving = _moving_ma(design)
     for index, patch in enumerate(design.plate.patches):
         used_v = plate_verdict.quantile(design.patch_v[:, index])
+        load = patch_load(patch, design.drive_hz, design.driven.most_v[index])
         lines.append(
             f"{index + 1:>5} {patch.x_mm:8.2f} {patch.y_mm:7.2f}  {_size(patch.size_mm):<13}   {used_v:4.0f} "
-            f"{design.driven.most_v[index]:4.0f}"
+            f"{load.volts_v:4.0f} {load.glued_nf:27.2f} {load.free_nf:5.2f} {load.peak_ma:9.0f} {load.rms_ma:5.0f} "
+            f"{load.apparent_va:6.1f} {moving[index]:11.1f}"
         )
+    lines.append(
+        "Current and power: by the glued capacitance, at the most volts. Modes' mA: at their limits, peak, at most."
+    )
     return "\n".join(lines)
+
+
+def _moving_ma(design: FeltDesign) -> FloatArray:
+    plate = design.plate
+    charge = charge_nc_um(plate.thickness_mm, plate.material, plate.patches, design.shapes)
+    return moving_ma(charge, design.drive_hz, np.array(design.limits_um))
 
 
 def _mode_table(design: FeltDesign) -> str:
@@ -308,6 +328,11 @@ def _as_json(design: FeltDesign) -> dict[str, Any]:
         "frequency_hz": design.frequency_hz,
         "next_hz": design.next_hz if math.isfinite(design.next_hz) else None,
         "patches": [[one.x_mm, one.y_mm, *one.size_mm, one.thickness_mm] for one in design.plate.patches],
+        "loads": [
+            asdict(patch_load(patch, design.drive_hz, volts_v))
+            for patch, volts_v in zip(design.plate.patches, design.driven.most_v.tolist(), strict=True)
+        ],
+        "moving_ma": _moving_ma(design).tolist(),
         "reach_alone_um": design.driven.reach_um(design.drive_hz).tolist(),
         "limits_um": design.limits_um,
         "reach_um": design.reach_um,

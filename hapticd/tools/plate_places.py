@@ -10,28 +10,36 @@ from typing import Any
 import numpy as np
 
 from ..design.felt_search import FeltDesign
+from ..design.glued_plate import Patch
+from ..design.patch_load import charge_nc_um
 from ..design.patch_places import PatchSet, place_patches
 from ..design.stamps import Stamp, four_stamps, least_moved
+from ..values import FloatArray
 from . import plotting
 
 STAMP_MM = 2.0  # radius
 SENSOR_MM = 3.0, 3.0  # which weighs an eleventh of a 10 x 10 patch
+SENSOR_THICKNESS_MM = 0.3
 CELL_IN = 2.9  # of a mode's picture
 MARKS = (("s", "patch"), ("D", "sensor"), ("x", "stamp"))
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """A sensor per mode, and four stamps."""
+    """A sensor per mode, what 1 um of each mode (M,) brings to each sensor (M,) in nC, and four stamps."""
 
     sensors: PatchSet
+    charge_nc: FloatArray
     stamps: tuple[Stamp, ...]
 
 
 def place(design: FeltDesign) -> Placement:
     """Place sensors along the edges, not over the patches, and stamps where all modes move them least."""
     sensors = place_patches(design.shapes, SENSOR_MM, design.plate.patches)
-    return Placement(sensors, four_stamps(least_moved(design.shapes, STAMP_MM), design.plate.size_mm))
+    plate = design.plate
+    glued = [Patch(x_mm, y_mm, SENSOR_MM, SENSOR_THICKNESS_MM) for x_mm, y_mm in sensors.places_mm.tolist()]
+    charge_nc = charge_nc_um(plate.thickness_mm, plate.material, glued, design.shapes)
+    return Placement(sensors, charge_nc, four_stamps(least_moved(design.shapes, STAMP_MM), plate.size_mm))
 
 
 def table(placement: Placement, design: FeltDesign) -> str:
@@ -44,6 +52,11 @@ def table(placement: Placement, design: FeltDesign) -> str:
         lines.append(f"sensor {index:<3} {x_mm:7.2f} {y_mm:7.2f}  {shares}")
     for index, (x_mm, y_mm, moved_frac) in enumerate(placement.stamps, 1):
         lines.append(f"stamp {index:<4} {x_mm:7.2f} {y_mm:7.2f}  moved by {moved_frac:.2f} of all modes' amplitude")
+    best_nc = placement.charge_nc.max(axis=1)
+    lines.append(
+        f"Sensors of {SENSOR_MM[0]:g} x {SENSOR_MM[1]:g} x {SENSOR_THICKNESS_MM:g} mm: the best gives "
+        f"{best_nc.min():.1f} .. {best_nc.max():.1f} nC peak per um of a mode."
+    )
     return "\n".join(lines)
 
 
@@ -55,6 +68,7 @@ def as_json(placement: Placement) -> dict[str, Any]:
             "places_mm": sensors.places_mm.tolist(),
             "coupling": sensors.coupling.tolist(),
             "condition": sensors.condition,
+            "charge_nc_um": placement.charge_nc.tolist(),
         },
         "stamps": [stamp._asdict() for stamp in placement.stamps],
     }

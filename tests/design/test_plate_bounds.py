@@ -12,8 +12,9 @@ from hapticd.design import ModeShape
 from hapticd.design.felt_search import FeltDesign
 from hapticd.design.glued_plate import GluedPlate, Patch
 from hapticd.design.materials import MATERIALS
+from hapticd.design.patch_load import capacitance_f
 from hapticd.design.patch_reach import patch_drive
-from hapticd.design.plate_bounds import bounds, capacitance_f, stress_mpa
+from hapticd.design.plate_bounds import bounds, stress_mpa
 
 GLASS, SIZE_MM, WAVES = MATERIALS["glass"], (160.0, 120.0), (4, 3)
 PATCH = Patch(20.0, 0.0, (10.0, 10.0), 0.3)

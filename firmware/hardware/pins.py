@@ -1,0 +1,99 @@
+"""Which pin of a board does what, read from the board's own sources."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+BOARDS = Path(__file__).parents[1] / "boards"
+SHARED = "stm32"
+
+# The converters' channels (DS8626, DS12288: pin definitions); those of DAC3 by operational amplifiers.
+ADC_PINS = {
+    "stm32f405": {("1", 1): "PA1", ("2", 2): "PA2"},
+    "stm32g474": {
+        ("1", 1): "PA0",
+        ("2", 2): "PA1",
+        ("3", 12): "PB0",
+        ("3", 1): "PB1",
+        ("4", 4): "PB14",
+        ("4", 5): "PB15",
+        ("5", 1): "PA8",
+        ("5", 2): "PA9",
+    },
+}
+DAC_PINS = {("1", "1"): "PA4", ("1", "2"): "PA5", ("2", "1"): "PA6", ("3", "2"): "PB1", ("3", "1"): "PB11"}
+
+# The NUCLEO-64's headers (UM2505): Arduino's name, or the place on CN10.
+HEADERS = {
+    "PA0": "A0",
+    "PA1": "A1",
+    "PA4": "A2",
+    "PB0": "A3",
+    "PA5": "D13",
+    "PA6": "D12",
+    "PB10": "D6",
+    "PA2": "to the ST-LINK",
+    "PA3": "to the ST-LINK",
+    "PB1": "CN10-24",
+    "PB12": "CN10-16",
+    "PB13": "CN10-30",
+    "PB14": "CN10-28",
+    "PB15": "CN10-26",
+    "PB11": "CN10-18",
+}
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A pin and what it is for."""
+
+    name: str
+    purpose: str
+
+
+def boards() -> list[str]:
+    """Return the boards that have an image."""
+    return sorted(path.parent.name for path in BOARDS.glob("*/link.ld"))
+
+
+def pins(board: str) -> list[Pin]:
+    """Return a board's pins: converters, line, and what all boards share. Raises ValueError."""
+    chip = (BOARDS / board / "chip.c").read_text(encoding="utf-8")
+    found = [*_converters(board, chip), *_line(chip), *_shared((BOARDS / SHARED / "sampling.c").read_text("utf-8"))]
+    names = [pin.name for pin in found]
+    if len(found) < 9 or len(set(names)) < len(names):
+        raise ValueError(f"{board}: the pins in its sources are not understood: {', '.join(names)}.")
+    return found
+
+
+def _converters(board: str, chip: str) -> list[Pin]:
+    lanes = re.findall(r"\{ADC(\d), (\d+), \w+, \w+, &DAC(\d)->DHR12L(\d)\}", chip)
+    if not lanes:  # a pair that one stream carries
+        inputs = re.findall(r"#define ADC(\d)_PIN (\d+)", chip)
+        lanes = [(adc, channel, "1", str(place)) for place, (adc, channel) in enumerate(inputs, 1)]
+    drives = [
+        Pin(DAC_PINS[dac, output], f"DAC{dac} {output}: drive of mode {at}")
+        for at, (*_, dac, output) in enumerate(lanes)
+    ]
+    senses = [
+        Pin(ADC_PINS[board][adc, int(channel)], f"ADC{adc}: sensor of mode {at}")
+        for at, (adc, channel, *_) in enumerate(lanes)
+    ]
+    return drives + senses
+
+
+def _line(chip: str) -> list[Pin]:
+    body = chip[chip.index("void serial_start") :]
+    numbers = re.findall(r"GPIOA->MODER.*?ALTERNATE\((\d+)\) \| ALTERNATE\((\d+)\)", body)[0]
+    return [Pin(f"PA{number}", f"the line {way} the host") for number, way in zip(numbers, ("to", "from"), strict=True)]
+
+
+def _shared(sampling: str) -> list[Pin]:
+    found = []
+    for number, port, said, purpose in re.findall(r"#define [A-Z_]+ (\d+)\s+/\* P([A-D])(\d+), (.+?) \*/", sampling):
+        if number != said or f"GPIO{port}->" not in sampling:
+            raise ValueError(f"sampling.c: pin {number} is called P{port}{said}.")
+        found.append(Pin(f"P{port}{number}", purpose))
+    return found
