@@ -15,7 +15,7 @@ import numpy as np
 
 from hapticd.core.solver import solve
 from hapticd.design import free_plate_modes
-from hapticd.files import plotting
+from hapticd.tools import plotting
 from hapticd.sim.plate.ground_truth import DRIVEN_MODES
 
 HALF_MM, POINTS = 68.75, 241
