@@ -15,8 +15,8 @@ import numpy as np
 
 from hapticd.core.solver import solve
 from hapticd.design import free_plate_modes
-from hapticd.tools import plotting
 from hapticd.sim.plate.ground_truth import DRIVEN_MODES
+from hapticd.tools import plotting
 
 HALF_MM, POINTS = 68.75, 241
 FINGERS_MM = np.array([(-33.0, 10.0), (19.0, -35.0)])
