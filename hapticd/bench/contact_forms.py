@@ -7,6 +7,7 @@ every form; where the pad's ellipses are used, each form is a run of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from ..config.sections import Config
 from ..sim.fingers import pad_ellipse
 from ..sim.fingers.fingertip import Fingertip
+from ..sim.fingers.scenarios import REAL
 from ..sim.lockstep import Run, Settings
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, WIDE
@@ -42,11 +44,11 @@ def run(*, plates: Sequence[tuple[str, int]] = PLATES, seeds: Sequence[int] = SE
     """Compare forms of contacts on some plates."""
     rows: list[tuple[str, Figures]] = []
     for glass, modes in plates:
-        found = _by_form(Settings(plate=PlateSettings.of(glass, modes)), seeds, seconds)
+        found = _by_form(Settings(motion=REAL, plate=PlateSettings.of(glass, modes)), seeds, seconds)
         rows += [(f"{glass} plate, {modes} modes, {form}", figures) for form, figures in found.items()]
     return Table(
         name="contact_forms",
-        title=f"leak: friction as asked over contacts of other forms, {SCENARIO} at 10 cm/s",
+        title=f"leak: friction as asked over contacts of other forms, {SCENARIO} of real hands",
         default=rows[0][0],
         rows=finite_rows(rows),
         compared=("felt_frac",),
@@ -70,10 +72,7 @@ def _by_form(settings: Settings, seeds: Sequence[int], seconds: float) -> dict[s
     cases = {f"{form} {turn}": _Case(form, tip) for form, tips in FORMS.items() for turn, tip in enumerate(tips)}
     config = with_ellipses(settings.config)
     reported = compared(
-        {
-            name: Alternative(Settings(plate=settings.plate, fingertip=case.tip, config=config))
-            for name, case in cases.items()
-        },
+        {name: Alternative(replace(settings, fingertip=case.tip, config=config)) for name, case in cases.items()},
         lambda one: {"felt_frac": one.run.score.felt_frac, "perfect_frac": perfect(one.run).score.felt_frac},
         seeds=seeds,
         seconds=seconds,

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..sim.fingers.scenarios import HALF_UM, SLIPPERY_UM, STICKY_UM, strokes
+from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM, STICKY_UM, strokes
 from ..sim.lockstep import Settings, paper
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, WIDE
@@ -38,7 +38,7 @@ def run(
     for plate, modes, target_um, reach in cases:
         built = PlateSettings.of(plate, modes)
         each_um = np.broadcast_to(built.w_limit_um, modes) * reach
-        settings = Settings(plate=replace(built, w_limit_um=tuple(each_um.tolist())))
+        settings = Settings(motion=REAL, plate=replace(built, w_limit_um=tuple(each_um.tolist())))
         build = partial(strokes, targets_um=(target_um, STICKY_UM))
         ways = {
             LOOP: Alternative(settings, build=build),
@@ -51,7 +51,7 @@ def run(
         rows.append((name, {**found[CALIBRATED], **shares}))
     return Table(
         name="felt_asked",
-        title=f"leak: friction as asked, {SCENARIO} at 10 cm/s, an amplitude and 0, seeds {', '.join(map(str, seeds))}",
+        title=f"leak: friction as asked, {SCENARIO} of real hands, W and 0, seeds {', '.join(map(str, seeds))}",
         default=rows[0][0],
         rows=finite_rows(rows),
         compared=("felt_frac",),

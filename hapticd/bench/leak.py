@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..sim.fingers.pad_noise import PadNoise
+from ..sim.fingers.scenarios import REAL
 from ..sim.lockstep import Settings, paper
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
@@ -62,7 +63,7 @@ _DIP_FRAC = 0.5  # of its target: a finger feels less as a catch
 
 def alternatives() -> dict[str, Alternative]:
     """hapticd, hapticd with a single choice changed, and the paper's scheme, by name."""
-    ours = Settings()
+    ours = Settings(motion=REAL)
     found = {DEFAULT: Alternative(ours)}
     found |= {f"predictor {name}": Alternative(ours, PREDICTORS[name].for_touch) for name in OTHER_PREDICTORS}
     changes: dict[str, dict[str, dict[str, Any]]] = {
@@ -90,7 +91,7 @@ def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequen
     rows = [*compared(chosen, judge, seeds=seeds, seconds=seconds), (PERFECT, over_seeds(known))]
     return _table(
         "leak",
-        f"{SCENARIO} at 10 cm/s, seeds {', '.join(map(str, seeds))}; one choice changed",
+        f"{SCENARIO} of real hands, seeds {', '.join(map(str, seeds))}; one choice changed",
         rows,
         ("time_us", "leak_um", "slip_error_um"),
         "leak: RMS at the finger that should be still; slip: mean share that the other gets of its 1 um",
@@ -101,12 +102,12 @@ def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequen
 
 def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     """Compare ways past singular positions with two slippery fingers."""
-    ours = Settings()
+    ours = Settings(motion=REAL)
     signs = replace(ours, config=changed(ours.config, {"solver": {"phase_rotation": False}}))
     chosen = {DEFAULT: Alternative(ours), SIGNS_ALONE: Alternative(signs), PAPER: Alternative(paper(ours))}
     return _table(
         "both_slip",
-        f"{BOTH_SLIP} at 10 cm/s, seeds {', '.join(map(str, seeds))}",
+        f"{BOTH_SLIP}, real hands, seeds {', '.join(map(str, seeds))}",
         compared(chosen, _smoothness, seeds=seeds, seconds=seconds, scenario=BOTH_SLIP),
         ("time_us", "slip_error_um", "dip_frac"),
         "dip: share of the time in which a finger has less than half of its 1 um",
@@ -117,7 +118,8 @@ def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Tabl
 def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     """Compare plates and numbers of modes by what whole contacts feel."""
     plates = {
-        f"{name} plate, {modes} modes": Settings(plate=PlateSettings.of(name, modes)) for name, modes in CONTACT_PLATES
+        f"{name} plate, {modes} modes": Settings(motion=REAL, plate=PlateSettings.of(name, modes))
+        for name, modes in CONTACT_PLATES
     }
     by_contrast = {
         f"{name}, {BY_CONTRAST}": replace(
@@ -145,7 +147,7 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
     ]
     return _table(
         "leak_contact",
-        f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm, {SCENARIO} at 10 cm/s",
+        f"RMS over contacts of {CONTACT_RADIUS_MM:g} mm radius, {SCENARIO} of real hands",
         rows,
         CONTACTS,
         *PERCEIVED_NOTES,

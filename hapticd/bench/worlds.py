@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..sim import lockstep
+from ..sim.fingers.scenarios import REAL
 from ..sim.lockstep import Settings
 from ..sim.perfect import perfect
-from ..sim.plate.glasses import FINGERTIP
+from ..sim.plate.glasses import FINGERTIP, REFERENCE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
 from ..sim.world_errors import CAUSES, NEUTRAL
@@ -70,7 +71,7 @@ def run(
     campaign: Campaign | None = None,
 ) -> tuple[Table, ...]:
     """Compare the schemes in `worlds` laboratories of each level, and the causes in those of the middle one."""
-    points, contacts = Settings(), Settings(plate=PlateSettings.of(FINGERTIP))
+    points, contacts = (Settings(motion=REAL, plate=PlateSettings.of(glass)) for glass in (REFERENCE, FINGERTIP))
     seeds, few = range(1, worlds + 1), range(1, worlds + 1, FEW)
     job = partial(Job, seconds=seconds, touching_s=touching_s)
     jobs = {

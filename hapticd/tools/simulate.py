@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from ..config.sections import FELT, OBJECTIVES, Config, SolverConfig
 from ..errors import UsageError, reason
 from ..regular_file import named_when_whole, read_bounded
-from ..sim.fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Scenario
+from ..sim.fingers.scenarios import MOTIONS, REAL, SCENARIOS, SMOOTH, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
 from . import glass, outputs
 from .arguments import number, whole
@@ -48,14 +48,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed",
         type=number(0.0, MOST_MM_S, is_above=True),
         metavar="MM_S",
-        help="of a scenario's fingers (default 100); strokes have it with --motion smooth",
+        help="of a scenario's fingers (default 100); strokes with one are smooth",
     )
     parser.add_argument(
         "--motion",
         choices=MOTIONS,
-        default=SMOOTH,
-        help="of strokes: real (speeds, stops and turns as of recorded hands) or smooth (straight, ramps of 0.3 s; the "
-        "default)",
+        help="of strokes: real (speeds, stops and turns as of recorded hands, the default) or smooth (straight, ramps "
+        "of 0.3 s; the default with --speed)",
     )
     parser.add_argument(
         "--noise",
@@ -99,7 +98,7 @@ def _simulate(options: argparse.Namespace) -> None:
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     config = Config(solver=replace(SolverConfig(), objective=options.objective))
     settings = lockstep.Settings(
-        motion=options.motion, speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate, config=config
+        motion=_motion(options), speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate, config=config
     )
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
@@ -128,6 +127,14 @@ def _simulate(options: argparse.Namespace) -> None:
         from . import simulated_picture
 
         simulated_picture.draw_run(result, options.plot)
+
+
+def _motion(options: argparse.Namespace) -> str:
+    """Return the motion of strokes. Raises UsageError where a real hand is given a speed."""
+    if options.motion == REAL and options.speed is not None:
+        raise UsageError("--speed: a real hand has its own: leave it out, or give --motion smooth.")
+    usual = REAL if options.speed is None else SMOOTH
+    return usual if options.motion is None else str(options.motion)
 
 
 def _noise(options: argparse.Namespace) -> PadNoise:

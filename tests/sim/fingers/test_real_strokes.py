@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hand_fit import APPLE, played, sensed, statistics
 
+from hapticd.__main__ import main
 from hapticd.sim import lockstep
-from hapticd.sim.fingers.paths import Path, strokes_pair
+from hapticd.sim.fingers.paths import Path as FingerPath
+from hapticd.sim.fingers.paths import strokes_pair
 from hapticd.sim.fingers.real_strokes import HAND, RealStrokes
-from hapticd.sim.fingers.scenarios import LAND_S, REAL, SCENARIOS, with_motion
+from hapticd.sim.fingers.scenarios import LAND_S, REAL, SCENARIOS, SMOOTH, with_motion
 from hapticd.sim.lockstep import Settings
 
 OTHER_SEEDS = range(1, 6)  # than those that the hand was fitted on
 
 
-def figures(fingers: Sequence[Path], seconds: float) -> dict[str, float]:
+def figures(fingers: Sequence[FingerPath], seconds: float) -> dict[str, float]:
     """Statistics of fingers as the pad reports them."""
     return statistics([sensed(finger, seed, seconds) for seed, finger in enumerate(fingers)])
 
@@ -77,3 +80,21 @@ def test_a_run_with_real_motion_repeats_itself_and_is_no_smooth_one() -> None:
     assert not np.array_equal(first.finger_true_mm, lockstep.run("strokes", seconds=0.8).finger_true_mm)
     with pytest.raises(ValueError, match="choose one of real, smooth"):
         Settings(motion="wild")
+
+
+def test_a_command_plays_real_hands_unless_a_speed_or_smooth_ones_are_asked_for(tmp_path: Path) -> None:
+    def played_mm(*arguments: str) -> bytes:
+        out = tmp_path / "run.npz"
+        assert (
+            main(["simulate", "strokes", "--seconds", "0.6", "--alone", "--force", "--out", str(out), *arguments]) == 0
+        )
+        with np.load(out) as arrays:
+            return bytes(arrays["finger_true_mm"].tobytes())
+
+    assert played_mm() == played_mm("--motion", REAL) != played_mm("--motion", SMOOTH)
+    assert played_mm("--speed", "100") == played_mm("--motion", SMOOTH)
+
+
+def test_a_real_hand_has_no_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "strokes", "--motion", "real", "--speed", "50"]) == 2
+    assert "a real hand has its own" in capsys.readouterr().err
