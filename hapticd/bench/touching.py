@@ -17,7 +17,8 @@ from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 
 TELEMETRY_HZ = 500
 TOUCHING_S = 60.0
-_OTHER_STROKES = 1000  # added to a seed: what is learned on some strokes is judged on others
+_OTHER_STROKES = 1000  # added to a seed: what is learned on some strokes is judged on others,
+_SESSION = 1  # and in another session, with another posture
 
 
 def measured(settings: Settings, seed: int) -> Measured:
@@ -48,7 +49,9 @@ def measured(settings: Settings, seed: int) -> Measured:
 def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> Touched:
     """Touch the plate in strokes other than those of `seed`; return what the daemon would record."""
     config = settings.config
-    observed = replace(settings, config=replace(config, record=replace(config.record, telemetry_hz=TELEMETRY_HZ)))
+    observed = replace(
+        settings, session=_SESSION, config=replace(config, record=replace(config.record, telemetry_hz=TELEMETRY_HZ))
+    )
     actors = SCENARIOS["strokes"].build(seed + _OTHER_STROKES, settings.speed_mm_s)
     simulation = Simulation(actors, observed, seed, before)
     machine = simulation.machine

@@ -3,8 +3,9 @@
 Each laboratory is drawn with a seed of its own (`sim.world_tolerances`), and its fingers, noise and map have that seed
 too. A laboratory is one job for a process, since its runs share maps.
 
-    run       points on the paper's plate; contacts on the fingertip plate with its four modes; one laboratory in FEW
-              also with one cause made perfect at a time, and with nothing wrong at all
+    run       points on the paper's plate in all kinds of world; contacts on the fingertip plate with its four modes in
+              laboratories, with nothing wrong and with the worst; one laboratory in FEW also with one cause made
+              perfect at a time
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ HAPTICD, AFTER, PAPER = "hapticd", "hapticd after a minute of touching", "the pa
 PERFECT, NOTHING_WRONG = "perfect knowledge", "nothing wrong"
 FEW = 5  # of so many laboratories one is played with each cause made perfect, and one with nothing wrong
 _WORST_TENTH = 0.9
+_PEAK_NOTE = "limit: the plate's true amplitude in a mode over its W_LIM, the most of all worlds"
+WORST = LEVELS[-1]
+Key = tuple[str, str, int]  # plate, level and seed
 
 Scores = dict[str, Score]
 
@@ -73,30 +77,33 @@ def run(
     """Compare the schemes in `worlds` laboratories of each level, and the causes in those of the middle one."""
     points, contacts = (Settings(motion=REAL, plate=PlateSettings.of(glass)) for glass in (REFERENCE, FINGERTIP))
     seeds, few = range(1, worlds + 1), range(1, worlds + 1, FEW)
-    job = partial(Job, seconds=seconds, touching_s=touching_s)
+
+    def job(settings: Settings, level: str, seed: int, has_causes: bool) -> Job:
+        return Job(settings, level, seed, seconds, touching_s, has_causes)
+
+    played = [(points, level, seeds) for level in LEVELS] + [(points, NOTHING_WRONG, few)]
+    played += [(contacts, LABORATORY, seeds), (contacts, NOTHING_WRONG, few), (contacts, WORST, few)]
     jobs = {
-        (name, seed): job(points, name, seed, has_causes=name == LABORATORY and seed in few)
-        for name in LEVELS
-        for seed in seeds
+        (settings.plate.plate, level, seed): job(settings, level, seed, level == LABORATORY and seed in few)
+        for settings, level, of in played
+        for seed in of
     }
-    jobs |= {(NOTHING_WRONG, seed): job(points, NOTHING_WRONG, seed, has_causes=False) for seed in few}
-    jobs |= {(FINGERTIP, seed): job(contacts, LABORATORY, seed, has_causes=seed in few) for seed in seeds}
     scores = (campaign or Campaign())("worlds", play, [*jobs.values()])
     return tables(dict(zip(jobs, scores, strict=True)))
 
 
-def tables(done: Mapping[tuple[str, int], Scores]) -> tuple[Table, ...]:
-    """Return the tables of what was played, by level (contacts: by plate) and seed."""
-    by_level: dict[str, list[Scores]] = {}
-    for (level, _), scores in done.items():
-        by_level.setdefault(level, []).append(scores)
-    at_contacts = by_level.pop(FINGERTIP)
-    at_points = by_level[LABORATORY]
+def tables(done: Mapping[Key, Scores]) -> tuple[Table, ...]:
+    """Return the tables of what was played."""
+    found: dict[str, dict[str, list[Scores]]] = {}
+    for (plate, level, _), scores in done.items():
+        found.setdefault(plate, {}).setdefault(level, []).append(scores)
+    points, contacts = found[REFERENCE], found[FINGERTIP]
+    where = "contacts on the fingertip plate"
     return (
-        _levels(by_level),
-        _causes("worlds", "points", at_points, lambda score: score.leak_um),
-        _contacts(at_contacts),
-        _causes("worlds_contact", "contacts on the fingertip plate", at_contacts, lambda score: score.contact_leak_um),
+        _levels(points),
+        _causes("worlds", "points", points[LABORATORY], lambda score: score.leak_um),
+        _contacts(contacts),
+        _causes("worlds_contact", where, contacts[LABORATORY], lambda score: score.contact_leak_um),
     )
 
 
@@ -123,7 +130,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
                 figures["paper_ratio"] = _quantile(ratios, 0.5)
                 figures["paper_ratio_least"] = min(ratios, default=float("nan"))
             figures["before_ratio_most"] = max(_ratios(laboratories, scheme, HAPTICD), default=float("nan"))
-            rows.append((f"{level}: {scheme}", figures))
+            rows.append((f"{level}: {scheme}", figures | _peak(of)))
     return Table(
         name="worlds",
         title=f"worlds: {SCENARIO} in {len(by_level[LABORATORY])} random laboratories of each kind, at points",
@@ -135,6 +142,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
             "paper ratio: how many times more the paper's scheme leaks in the same laboratory, median; before ratio: "
             "leak over that of hapticd before touching, the most of all laboratories",
             f"{NOTHING_WRONG}: in {len(by_level[NOTHING_WRONG])} worlds as the daemon is configured for",
+            _PEAK_NOTE,
         ),
     )
 
@@ -144,25 +152,39 @@ def _ratios(laboratories: Sequence[Scores], over: str, under: str) -> list[float
     return [scores[over].leak_um / scores[under].leak_um for scores in laboratories]
 
 
-def _contacts(laboratories: Sequence[Scores]) -> Table:
+def _contacts(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     rows = []
-    for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
-        of = [scores[scheme] for scores in laboratories]
-        contrasts = [score.contrast for score in of]
-        figures = _spread([score.contact_leak_um for score in of], "contact_leak")
-        figures |= {
-            "contrast": _quantile(contrasts, 0.5),
-            "contrast_worst_tenth": _quantile(contrasts, 1.0 - _WORST_TENTH),
-        }
-        rows.append((scheme, figures))
+    for level, laboratories in by_level.items():
+        for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
+            of = [scores[scheme] for scores in laboratories]
+            contrasts = [score.contrast for score in of]
+            figures = {"felt_frac": _quantile([score.felt_frac for score in of], 0.5)}
+            figures |= {"contact_slip_um": _quantile([score.contact_slip_um for score in of], 0.5)}
+            figures |= _spread([score.contact_leak_um for score in of], "contact_leak")
+            figures["contrast"] = _quantile(contrasts, 0.5)
+            figures["contrast_worst_tenth"] = _quantile(contrasts, 1.0 - _WORST_TENTH)
+            before = [scores[HAPTICD].contrast / scores[scheme].contrast for scores in laboratories]
+            figures["before_ratio_most"] = max(before, default=float("nan"))
+            rows.append((f"{level}: {scheme}", figures | _peak(of)))
+    counts = ", ".join(f"{len(laboratories)} x {level}" for level, laboratories in by_level.items())
     return Table(
         name="worlds_contact",
-        title=f"worlds: {SCENARIO} in {len(laboratories)} random laboratories, over contacts on the fingertip plate",
-        default=HAPTICD,
+        title=f"worlds: {SCENARIO} over contacts on the fingertip plate: {counts}",
+        default=f"{LABORATORY}: {HAPTICD}",
         rows=finite_rows(rows),
         compared=("contact_leak_um", "contrast"),
-        notes=("contrast: median over the laboratories; worst tenth: a tenth of them has less",),
+        notes=(
+            "medians over the worlds; worst tenth: a tenth of them has less contrast; before ratio: contrast of "
+            "hapticd before touching over that of the row, the most of all worlds",
+            _PEAK_NOTE,
+        ),
     )
+
+
+def _peak(of: Sequence[Score]) -> dict[str, float]:
+    """Return the largest true amplitude of a mode over its limit; perfect knowledge needs none."""
+    most = max(score.limit_frac for score in of)
+    return {"limit_frac_most": most} if np.isfinite(most) else {}
 
 
 def _causes(name: str, where: str, laboratories: Sequence[Scores], leak_um: Callable[[Score], float]) -> Table:

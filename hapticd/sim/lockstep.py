@@ -58,7 +58,7 @@ _NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 class Settings:
     """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`; `fingertip` is the
     contact of all fingers that have none of their own. `motion` is that of strokes, one of `MOTIONS`; `speed_mm_s` that
-    of smooth ones and of the other scenarios."""
+    of smooth ones and of the other scenarios. Fingers that come back later touch in another `session`."""
 
     scheme: str = "hapticd"
     motion: str = SMOOTH
@@ -70,6 +70,7 @@ class Settings:
     sensor_latency_ms: float = 10.0
     link_ms: float = 5.0
     parasitic_modes_known: bool = True  # the parasitic modes were measured too
+    session: int = 0
     plate: PlateSettings = field(default_factory=PlateSettings)
     config: Config = field(default_factory=Config)
 
@@ -244,7 +245,7 @@ class Simulation:
 
     def _feed(self, seconds: float) -> Iterator[int]:
         """Push the run's reports and timers some time ahead; yields the instant up to which that is done."""
-        paths = sensed_paths(paths_of(self.actors), self.settings.plate.world)
+        paths = sensed_paths(paths_of(self.actors), self.settings.plate.world, self.settings.session)
         tips = [tip for actor, tip in zip(self.actors, self.fingertips, strict=True) if actor.path is not None]
         reports = self._sensor.until(paths, seconds, tips)
         timers = iter(range(T_START_NS, T_START_NS + round(seconds * 1e9), TIMER_NS))
@@ -331,6 +332,8 @@ class Simulation:
         truth_um = np.einsum("tnp,tp->tn", self.world.plate.shapes(true_mm), recording.plate_um)
         truth_um[~np.isfinite(true_mm[..., 0])] = np.nan
         limited = self._passes.limited(t_s)
+        modal_um = recording.plate_um[:, : recording.reference_um.shape[1]]
+        peak_frac = float((np.abs(modal_um) / self._config.limits.w_limit_um).max(initial=0.0))
         return Run(
             scenario=scenario,
             seed=self.seed,
@@ -343,16 +346,17 @@ class Simulation:
             ),
             target_um=target_um,
             reference_um=recording.reference_um,
-            modal_um=recording.plate_um[:, : recording.reference_um.shape[1]],
+            modal_um=modal_um,
             plate_um=recording.plate_um,
             truth_um=truth_um,
             limited=limited,
             score=with_contacts(
-                score(t_s, target_um, truth_um, recording.reference_um, limited),
+                replace(score(t_s, target_um, truth_um, recording.reference_um, limited), limit_frac=peak_frac),
                 *(t_s, true_mm, target_um, recording.plate_um),
                 self.world.plate.shapes,
                 friction=self.machine.scene.friction_curve.frictions,
                 fingertips=self.fingertips,
+                friction_factor=self.settings.plate.world.friction_factor,
             ),
             status=self.machine.report_status(self._t_ns),
             is_virtual=tuple(actor.path is None for actor in self.actors),

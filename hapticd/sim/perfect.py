@@ -68,5 +68,12 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
     judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
     contacts = (t_s, finger_mm, target_um, plate_um, plate.shapes)
-    judged = with_contacts(judged, *contacts, every=1, friction=curve.frictions, fingertips=played.fingertips)
+    judged = with_contacts(
+        judged,
+        *contacts,
+        every=1,
+        friction=curve.frictions,
+        fingertips=played.fingertips,
+        friction_factor=plate.settings.world.friction_factor,
+    )
     return Perfect(t_s, plate_um[:, :modes], truth_um, limited, judged)

@@ -10,6 +10,7 @@
                                  mean over the fingers with target 0 (still), over the others (slip), or of one finger
     weber                        share of time in which that is beyond the Weber fraction of friction, either way
     felt                         share of time in which no finger's change is beyond it: all feel what was asked
+    limit                        the largest true amplitude of a driven mode over its limit W_LIM
     error                        one finger's change, either way, in just noticeable differences: in Weber fractions
 
 An amplitude asks for the friction that it has when it is the same all over the contact.
@@ -74,6 +75,7 @@ class Score:
     slip_friction_change: float = float("nan")
     weber_frac: float = float("nan")
     felt_frac: float = float("nan")
+    limit_frac: float = float("nan")
     fingers: tuple[FingerFriction, ...] = ()
 
 
@@ -108,15 +110,20 @@ def with_contacts(
     every: int = _EVERY_TICKS,
     friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
     fingertips: Sequence[TrueContact] | None = None,
+    friction_factor: float = 1.0,
 ) -> Score:
     """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true; the
-    fingers' `fingertips` (N,), without them discs of CONTACT_RADIUS_MM."""
+    fingers' `fingertips` (N,), without them discs of CONTACT_RADIUS_MM. An amplitude gives them the friction that
+    `friction_factor` times as much gives by `friction`, by which is asked."""
     part = slice(None, None, every)
     counts = settled(t_s, target_um)[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
     sliding_mm_s = speeds_mm_s(t_s, finger_mm)
     forms = None if fingertips is None else forms_mm(fingertips, t_s)
-    rms_um, got = felt(finger_mm, plate_um, shapes, friction, sliding_mm_s, forms)
+    rms_um, got = felt(
+        *(finger_mm, plate_um, shapes),
+        *(lambda w_um, v_mm_s: friction(friction_factor * w_um, v_mm_s), sliding_mm_s, forms),
+    )
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0

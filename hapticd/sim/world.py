@@ -187,7 +187,7 @@ class World:
         kept = np.flatnonzero(touching.any(axis=0))  # lifted fingers have no effect
         self._phi = np.ascontiguousarray(self.plate.shapes(fingers_mm[:, kept]))
         self._decay_1_s, self._detuning_rad_s = self._finger_loads(t_s, kept, touching)
-        if any(self.plate.settings.world.drift_hz):
+        if self.plate.drifts:
             self.board.detune(self.plate.drifted_rad_s(self.t_s))
         self._trace = BoardTrace(ticks, len(self.plate.sensor), len(self.plate.decay_1_s))
         self._done = 0

@@ -5,21 +5,22 @@ Those of the plate are in `plate.ground_truth`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..values import AffineMap, FloatArray
+from ..values import AffineMap
+from .fingers.centroids import CentroidPath
+from .fingers.fingertip import Fingertip
 from .fingers.paths import Path, Strokes, Touch, Touches
 from .fingers.scenarios import Actor
 from .fingers.sensor import SensorSettings
-from .world_errors import PadPose, WorldErrors
+from .world_errors import NEUTRAL, PadPose, WorldErrors
 
-_SHEARED_MM_S = 20.0  # at this speed the centroid has shifted by 0.7 of its most
-_APART_S = 0.005  # of the two positions that give a speed
-_LINK_STREAM = 7
+_LINK_STREAM, _CONTACT_STREAM = 7, 25
 
 
 def plate_from_pad(pose: PadPose) -> AffineMap:
@@ -42,37 +43,31 @@ def sensor_settings(world: WorldErrors, **usual: Any) -> SensorSettings:
     )
 
 
-def sensed_paths(paths: Sequence[Path], world: WorldErrors) -> list[Path]:
-    """Return the paths that the pad senses: those of the contacts' centroids."""
-    if world.centroid_shift_mm == 0.0:
+def sensed_paths(paths: Sequence[Path], world: WorldErrors, session: int = 0) -> list[Path]:
+    """Return the paths that the pad senses: those of the contacts' centroids, on the pad as it is."""
+    if not (world.centroid_shift_mm or world.pad_warp_mm or world.centroids != NEUTRAL.centroids):
         return list(paths)
-    return [CentroidPath(path, world.centroid_shift_mm) for path in paths]
-
-
-@dataclass(frozen=True)
-class CentroidPath:
-    """The centroid of a contact that shears as it moves: `shift_mm` ahead of its centre at high speed."""
-
-    path: Path
-    shift_mm: float
-
-    def position_mm(self, t_s: FloatArray) -> FloatArray:
-        """Return positions (T, 2); NaN where the finger is lifted."""
-        speed_mm_s = (self.path.position_mm(t_s + _APART_S) - self.path.position_mm(t_s - _APART_S)) / (2.0 * _APART_S)
-        speed_mm_s = np.nan_to_num(speed_mm_s)  # as it lands and lifts
-        full_mm_s = np.hypot(np.hypot(*speed_mm_s.T), _SHEARED_MM_S)
-        shifted_mm: FloatArray = self.path.position_mm(t_s) + self.shift_mm * speed_mm_s / full_mm_s[:, None]
-        return shifted_mm
+    return [CentroidPath(path, world, finger, session) for finger, path in enumerate(paths)]
 
 
 def played_actors(actors: tuple[Actor, ...], world: WorldErrors) -> tuple[Actor, ...]:
-    """Return the actors with the world's ramps of speed."""
-    ramp_s = world.stop_ramp_s
-    if ramp_s is None:
-        return actors
+    """Return the actors with the world's contacts, and smooth strokes with its ramps of speed."""
     return tuple(
-        actor if actor.path is None else replace(actor, path=_with_ramp(actor.path, ramp_s)) for actor in actors
+        actor if actor.path is None else _played(actor, actor.path, finger, world)
+        for finger, actor in enumerate(actors)
     )
+
+
+def _played(actor: Actor, path: Path, finger: int, world: WorldErrors) -> Actor:
+    ramp_s, contacts = world.stop_ramp_s, world.contacts
+    if ramp_s is not None:
+        actor = replace(actor, path=_with_ramp(path, ramp_s))
+    if contacts is None or actor.fingertip is not None:
+        return actor
+    random = np.random.default_rng([world.seed, _CONTACT_STREAM, finger])
+    radius_mm, ratio = random.uniform((contacts.least_mm, 1.0), (contacts.most_mm, contacts.aspect))
+    longer, turn_rad = math.sqrt(ratio), random.uniform(0.0, math.pi)
+    return replace(actor, fingertip=Fingertip(radius_mm * longer, radius_mm / longer, turn_rad))
 
 
 def _with_ramp(path: Path, ramp_s: float) -> Path:

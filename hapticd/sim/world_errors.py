@@ -15,7 +15,9 @@ import numpy as np
 
 from ..errors import SimulationError
 from ..formats.toml_file import shown
+from ..values import FloatArray
 from .fingers.pad_noise import PadNoise
+from .score import CONTACT_RADIUS_MM
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,11 @@ class FingerLoad:
     detuning_hz: float = 0.0
     force_frac: float = 0.0
 
+    def force(self, seed: int, finger: int, t_s: FloatArray) -> FloatArray:
+        """Return a finger's force (T,), relative to its mean."""
+        rate_hz, phase_rad = np.random.default_rng([seed, finger]).uniform((0.7, 0.0), (1.5, 2.0 * math.pi))
+        return np.asarray(1.0 + self.force_frac * np.sin(2.0 * math.pi * rate_hz * t_s + phase_rad))
+
 
 @dataclass(frozen=True, slots=True)
 class MapChange:
@@ -78,6 +85,34 @@ class MapChange:
 
 
 @dataclass(frozen=True, slots=True)
+class CentroidErrors:
+    """How far from a contact's centre a resting finger is reported, in mm.
+
+    `finger_mm` in a direction of each finger's own, the same always; `posture_mm` in one that all fingers share in a
+    session, and another in the next (`lockstep.Settings.session`); `wander_mm`, RMS, in a few seconds to and fro,
+    each finger by itself; `pressure_mm` along the posture with the force, as it departs by its own mean
+    (`FingerLoad.force_frac` of it). Left out: what differs over the pad and with the contact's form, and that the pad's
+    own pressure shows the force.
+    """
+
+    finger_mm: float = 0.0
+    posture_mm: float = 0.0
+    wander_mm: float = 0.0
+    pressure_mm: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ContactSizes:
+    """True contacts: the radius of a disc of the same area, uniform between two bounds, and the ratio of the axes,
+    uniform up to `aspect`, at any angle; each finger has its own. Left out: contacts that are no ellipse, and that
+    grow with the force."""
+
+    least_mm: float = CONTACT_RADIUS_MM
+    most_mm: float = CONTACT_RADIUS_MM
+    aspect: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class WorldErrors:
     """Everything that a laboratory may have wrong. The default is a world without errors.
 
@@ -88,6 +123,14 @@ class WorldErrors:
     present when they are scanned. `drift_hz` (P,): each mode's drift, a sine of this size and a period of 40 s.
     `mistuning_hz`: of all modes since the board's calibration. `stop_ramp_s`: in which strokes begin and end; None
     takes the scenario's. `seed` is that of the random functions that the sizes above belong to; no cause.
+    `centroids` are biased in addition to that shift. `pad_warp_mm`: the largest departure of the pad's coordinates from
+    a straight grid, smooth over the pad; left out: steps from electrode to electrode. `mixing_deg`: angle by which the
+    modes of each pair have turned into each other since the scan. `chip_mm`: sides of a corner that broke off since,
+    `supports_hz`: springs that four points of the edge have met since, by which a mode rises where its shape is 1;
+    both mix and shift the modes (`plate.coupled_modes`). `drift_hz_per_min`: of all modes alike, from a run's start
+    on, while `drift_hz` returns. `contacts`: None are discs of 5 mm. `friction_factor`: an amplitude gives this person
+    the friction that `friction_factor` times as much gives by the daemon's curve; left out: curves of another form,
+    and friction that changes with moisture.
     What a laboratory knows is no cause either, and is never drawn: `map_step_mm`, from one point of the scan to the
     next, and `report_period_ms` of the pad; None takes the settings'. `lost_frac` of the reports do not arrive.
     """
@@ -106,6 +149,14 @@ class WorldErrors:
     drift_hz: tuple[float, ...] = ()
     mistuning_hz: float = 0.0
     stop_ramp_s: float | None = None
+    centroids: CentroidErrors = field(default_factory=CentroidErrors)
+    pad_warp_mm: float = 0.0
+    mixing_deg: float = 0.0
+    chip_mm: float = 0.0
+    supports_hz: float = 0.0
+    drift_hz_per_min: float = 0.0
+    contacts: ContactSizes | None = None
+    friction_factor: float = 1.0
     seed: int = 0
     map_step_mm: float | None = None
     report_period_ms: float | None = None
@@ -147,8 +198,12 @@ class WorldErrors:
 _NOT_NEGATIVE: Final = {
     *("stamp_jitter_ms", "link_jitter_ms", "waves_frac", "local_frac"),
     *("map_noise_frac", "glue_frac", "force_frac", "seed", "lost_frac"),
+    *("finger_mm", "posture_mm", "wander_mm", "pressure_mm", "pad_warp_mm", "chip_mm", "supports_hz"),
 }
-_POSITIVE: Final = {"damping_factor", "stop_ramp_s", "map_step_mm", "report_period_ms"}
+_POSITIVE: Final = {
+    *("damping_factor", "stop_ramp_s", "map_step_mm", "report_period_ms"),
+    *("least_mm", "most_mm", "aspect", "friction_factor"),
+}
 
 
 def _numbers(nested: object, name: str = "") -> list[tuple[str, float]]:
@@ -170,6 +225,8 @@ _NESTED: Final = {
     "map_change": MapChange,
     "sensors": SensorErrors,
     "finger_load": FingerLoad,
+    "centroids": CentroidErrors,
+    "contacts": ContactSizes,
 }
 
 

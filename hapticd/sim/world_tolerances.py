@@ -11,7 +11,8 @@ import numpy as np
 from ..config.sections import MOST_MODES  # of a plate: errors are drawn for all, whatever plate is played
 from ..errors import SimulationError
 from .fingers.pad_noise import PadNoise
-from .world_errors import FingerLoad, MapChange, PadPose, SensorErrors, WorldErrors
+from .score import CONTACT_RADIUS_MM
+from .world_errors import CentroidErrors, ContactSizes, FingerLoad, MapChange, PadPose, SensorErrors, WorldErrors
 
 
 class Tolerance(NamedTuple):
@@ -33,7 +34,7 @@ TOLERANCES: Final[dict[str, Tolerance]] = {
     "latency": Tolerance(1.0, 3.0, 5.0, "ms", "a quarter of a report's period; half of one"),
     "noise": Tolerance(0.02, 0.05, 0.1, "mm", "measured on 72 devices: 0.02 .. 0.03 typical, 0.1 the worst"),
     "time_error": Tolerance(0.3, 0.8, 1.5, "ms", "the same: 0.1 .. 0.25 good, 0.8 Apple's, 1.5 .. 2.5 the worst"),
-    "stamp_jitter": Tolerance(0.5, 2.0, 3.0, "ms", "USB stamps 0.3 .. 0.7 RMS; polled scanners slip by 2.7"),
+    "stamp_jitter": Tolerance(0.5, 4.0, 6.0, "ms", "USB stamps 0.3 .. 0.7 RMS, polled 2.7, batched more"),
     "link_jitter": Tolerance(1.0, 5.0, 10.0, "ms", "latency timers of USB serial adapters: 1, and 16 by default"),
     "map_waves": Tolerance(0.02, 0.05, 0.1, "", "glue that ages, a support that moves; repeated scans differ by 2 %"),
     "map_local": Tolerance(0.02, 0.05, 0.1, "", "a wire, or an actuator's edge that comes loose"),
@@ -47,7 +48,21 @@ TOLERANCES: Final[dict[str, Tolerance]] = {
     "finger_force": Tolerance(0.2, 0.4, 0.6, "", "force varies by half during exploration"),
     "drift": Tolerance(5.0, 30.0, 80.0, "Hz", "0.01 % per kelvin of 29 kHz, heated by actuators and hands"),
     "mistuning": Tolerance(3.0, 20.0, 60.0, "Hz", "a room 1, 7 or 20 kelvin from that of the calibration"),
-    "stop_ramp": Tolerance(0.2, 0.15, 0.1, "s", "a shortest ramp; the simulated strokes have 0.3"),
+    "stop_ramp": Tolerance(0.2, 0.15, 0.1, "s", "a shortest ramp of smooth strokes; usually 0.3"),
+    # A stream is numbered by its place in this table: what is new goes to the end.
+    "centroid_finger": Tolerance(0.15, 0.35, 0.5, "mm", "fingers' pads differ in form, and in where they press"),
+    "centroid_posture": Tolerance(0.1, 0.3, 0.5, "mm", "a finger that lies flatter shifts its contact by 0.5 mm"),
+    "centroid_wander": Tolerance(0.2, 0.5, 0.8, "mm", "RMS: a finger rolls while it explores"),
+    "centroid_pressure": Tolerance(0.1, 0.3, 0.6, "mm", "a contact that grows does so towards the palm"),
+    "pad_warp": Tolerance(0.2, 0.5, 0.8, "mm", "edges of capacitive pads, where electrodes end"),
+    "mixing": Tolerance(1.0, 4.0, 6.0, "deg", "modes 20 Hz apart turn by 3 degrees for 1 Hz of coupling"),
+    "chip": Tolerance(0.0, 1.0, 2.0, "mm", "glass that stood on its corner; 1 mm is 4 mg of a fingertip plate"),
+    "supports": Tolerance(0.5, 2.0, 8.0, "Hz", "10 mm2 of silicone 1 mm high: 0.7; of polyurethane: 18"),
+    "drift_rate": Tolerance(1.0, 5.0, 15.0, "Hz/min", "2.9 Hz per kelvin of glass that warms by 1.7 K a minute"),
+    "contact_smaller": Tolerance(0.5, 1.0, 1.0, "mm", "radius: 4 .. 7 mm, 50 .. 150 mm2 at 0.2 .. 1 N"),
+    "contact_larger": Tolerance(0.5, 2.0, 2.0, "mm", "the same"),
+    "contact_aspect": Tolerance(1.2, 1.4, 1.6, "", "prints of flat fingers: 1.2 .. 1.6"),
+    "person": Tolerance(1.15, 1.4, 2.0, "times", "the decay of friction with amplitude, person to person"),
 }
 LEVELS: Final = ("mild", "laboratory", "worst")
 
@@ -99,6 +114,20 @@ def draw(level: str, seed: int) -> WorldErrors:
         ),
         drift_hz=tuple(drawn.signed("drift", mode) for mode in range(MOST_MODES)),
         mistuning_hz=drawn.signed("mistuning"),
+        centroids=CentroidErrors(
+            *(drawn.size(f"centroid_{name}") for name in ("finger", "posture", "wander", "pressure"))
+        ),
+        pad_warp_mm=drawn.size("pad_warp"),
+        mixing_deg=drawn.size("mixing"),
+        chip_mm=drawn.size("chip"),
+        supports_hz=drawn.size("supports"),
+        drift_hz_per_min=drawn.signed("drift_rate"),
+        contacts=ContactSizes(
+            CONTACT_RADIUS_MM - bounds["contact_smaller"],
+            CONTACT_RADIUS_MM + bounds["contact_larger"],
+            bounds["contact_aspect"],
+        ),
+        friction_factor=bounds["person"] ** drawn.within(1.0, "person"),
         stop_ramp_s=_USUAL_RAMP_S - (_USUAL_RAMP_S - bounds["stop_ramp"]) * drawn.share("stop_ramp"),
         seed=seed,
     )

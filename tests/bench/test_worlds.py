@@ -57,8 +57,21 @@ def test_every_cause_is_made_perfect_once_the_largest_share_first(name: str, tab
 
 
 def test_contacts_differ_by_more_than_under_the_papers_scheme(tables: dict[str, Table]) -> None:
-    contrast = {row.name: row.figures["contrast"] for row in tables["worlds_contact"].rows}
-    assert contrast[worlds.PAPER] < contrast[worlds.HAPTICD] < contrast[worlds.PERFECT]
+    table = tables["worlds_contact"]
+    for level in (worlds.NOTHING_WRONG, worlds.LABORATORY, worlds.WORST):
+        paper, ours, perfect = (
+            table.row(f"{level}: {scheme}").figures for scheme in (worlds.PAPER, worlds.HAPTICD, worlds.PERFECT)
+        )
+        assert paper["contrast"] < ours["contrast"] < perfect["contrast"]
+        assert 0.0 < ours["contact_slip_um"] < 2.0
+        assert 0.0 <= ours["felt_frac"] <= 1.0
+
+
+def test_no_true_amplitude_passes_its_limit(tables: dict[str, Table]) -> None:
+    for name in ("worlds", "worlds_contact"):
+        for row in tables[name].rows:
+            if worlds.PAPER not in row.name:
+                assert row.figures.get("limit_frac_most", 0.0) < 1.0, row.name
 
 
 def test_processes_give_what_one_process_gives() -> None:

@@ -30,8 +30,9 @@ from hapticd.core.plate.parasitic_modes import ParasiticModes
 
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
+from .coupled_modes import Coupling
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass, most_driven
-from .shape_tables import Disturbed, ModeScan, mode_map, true_grid, true_surfaces
+from .shape_tables import Disturbed, ModeScan, coupled, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .wirings import IDENTITY, wiring
 
@@ -147,7 +148,14 @@ class GroundTruth:
         built_hz = _built_hz(settings)
         driven_hz = built_hz[: settings.driven_modes]
         world = settings.world
-        self.frequency_hz = _read_only(built_hz + settings.detune_hz + world.mistuning_hz)
+        names = find_glass(settings.plate).modes[: len(built_hz)]
+        joined = Coupling(world.chip_mm, world.supports_hz, world.mixing_deg, world.seed)
+        disturbed = Disturbed(world.glue_frac, world.map_change.waves_frac, world.map_change.local_frac, world.seed)
+        risen_hz = np.zeros(len(built_hz))
+        if joined != Coupling(seed=world.seed):
+            disturbed = disturbed._replace(coupling=joined, frequency_hz=tuple(built_hz.tolist()))
+            risen_hz = coupled(settings.plate, names, joined, disturbed.frequency_hz)[1]
+        self.frequency_hz = _read_only(built_hz + settings.detune_hz + world.mistuning_hz + risen_hz)
         self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor * settings.damping_factor)
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
         own, self.w_limit_um = _amplifiers(settings, driven_hz)
@@ -164,8 +172,7 @@ class GroundTruth:
         self.finger_decay_1_s = world.finger_load.damping_factor * settings.finger_decay_1_s
         mass_ratio = settings.finger_decay_1_s / FINGER_DECAY_1_S  # a finger changes a heavier plate less
         self.finger_detuning_rad_s = 2.0 * math.pi * world.finger_load.detuning_hz * mass_ratio
-        self._names = find_glass(settings.plate).modes[: len(built_hz)]
-        disturbed = Disturbed(world.glue_frac, world.map_change.waves_frac, world.map_change.local_frac, world.seed)
+        self._names = names
         self._grid = true_grid(settings.plate, self._names, disturbed)
         self._surfaces = true_surfaces(settings.plate, self._names, disturbed)
 
@@ -180,13 +187,16 @@ class GroundTruth:
         given_hz = self.settings.world.drift_hz[: len(drift_hz)]
         drift_hz[: len(given_hz)] = given_hz
         drifted: FloatArray = self.detuning_rad_s + 2.0 * math.pi * drift_hz * math.sin(2.0 * math.pi * t_s / DRIFT_S)
-        return drifted
+        return drifted + 2.0 * math.pi * self.settings.world.drift_hz_per_min * t_s / 60.0
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the detunings change with time."""
+        return any(self.settings.world.drift_hz) or self.settings.world.drift_hz_per_min != 0.0
 
     def finger_load(self, t_s: FloatArray, finger: int) -> tuple[FloatArray, FloatArray]:
         """Return decay rate and detuning (T,) that a finger adds, per square of the shape under it."""
-        world = self.settings.world
-        rate_hz, phase_rad = np.random.default_rng([world.seed, finger]).uniform((0.7, 0.0), (1.5, 2.0 * math.pi))
-        share = 1.0 + world.finger_load.force_frac * np.sin(2.0 * math.pi * rate_hz * t_s + phase_rad)
+        share = self.settings.world.finger_load.force(self.settings.world.seed, finger, t_s)
         return self.finger_decay_1_s * share, self.finger_detuning_rad_s * share
 
     def true_mode_map(self, modes: int | None = None) -> ModeShapes:

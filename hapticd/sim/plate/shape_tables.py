@@ -11,7 +11,8 @@ from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
 from hapticd.design import ModeShape, fit_cartography, sample_cartography
 from hapticd.values import FloatArray
 
-from . import disturbances
+from . import coupled_modes, disturbances
+from .coupled_modes import Coupling, Plain
 from .shapes import theory
 
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
@@ -20,12 +21,15 @@ _KEPT = 6  # tables
 
 
 class Disturbed(NamedTuple):
-    """How the shapes differ from theory: the shares of `WorldErrors`, and its seed."""
+    """How the shapes differ from theory: the shares of `WorldErrors` and its seed, and what joins the modes, whose
+    frequencies are `frequency_hz`."""
 
     glue_frac: float = 0.0
     waves_frac: float = 0.0
     local_frac: float = 0.0
     seed: int = 0
+    coupling: Coupling = Coupling()
+    frequency_hz: tuple[float, ...] = ()
 
 
 class ModeScan(NamedTuple):
@@ -74,7 +78,23 @@ def _bare_grid(glass: str, names: tuple[str, ...]) -> tuple[FloatArray, FloatArr
 @lru_cache(maxsize=_KEPT)
 def true_grid(glass: str, names: tuple[str, ...], disturbed: Disturbed) -> tuple[FloatArray, FloatArray, FloatArray]:
     x_mm, y_mm, shapes = _bare_grid(glass, names)
+    if disturbed.coupling != Coupling():
+        mix, _ = coupled(glass, names, disturbed.coupling, disturbed.frequency_hz)
+        shapes = np.einsum("nk,kyx->nyx", mix, shapes)
     return x_mm, y_mm, shapes + _added((x_mm, y_mm), _bare(glass, names), 0, disturbed)
+
+
+def coupled(
+    glass: str, names: tuple[str, ...], how: Coupling, frequency_hz: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Return how the modes mix (P, P), new by old, and by how much their frequencies rise (P,)."""
+    bare = _bare(glass, names)
+    corner_mm, springs_mm = coupled_modes.places_mm(how, bare[0].size_mm)
+    at_corner, at_springs = (
+        np.stack([shape.evaluate(points_mm) for shape in bare], axis=-1) for points_mm in (corner_mm, springs_mm)
+    )
+    plain = Plain(np.array(frequency_hz), np.array([_rms(shape) ** 2 for shape in bare]), bare[0].size_mm)
+    return coupled_modes.mixed(how, plain, at_corner, at_springs)
 
 
 @lru_cache(maxsize=_KEPT)

@@ -1,0 +1,162 @@
+"""Errors of laboratories that no calibration models: centroids, warped pads, changed plates, contacts, people."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapticd.sim import lockstep
+from hapticd.sim.fingers.centroids import CentroidPath, warp
+from hapticd.sim.fingers.paths import Rest
+from hapticd.sim.fingers.scenarios import SCENARIOS
+from hapticd.sim.lockstep import Run, Settings
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.world_causes import played_actors, sensed_paths
+from hapticd.sim.world_errors import CentroidErrors, ContactSizes, FingerLoad, WorldErrors
+from hapticd.sim.world_tolerances import TOLERANCES, draw
+
+T_S = np.arange(0.0, 60.0, 0.05)
+HERE_MM = (10.0, -5.0)
+POSE_X_MM, MISTUNING_HZ = -0.20278642607738268, 1.0360103283452204  # before these kinds were added
+
+
+def off_mm(world: WorldErrors, finger: int = 0, session: int = 0) -> np.ndarray:
+    """Where a resting finger is sensed, relative to its place (T, 2)."""
+    return CentroidPath(Rest(HERE_MM), world, finger, session).position_mm(T_S) - HERE_MM
+
+
+def changed(world: WorldErrors) -> tuple[GroundTruth, GroundTruth]:
+    """The plate with four driven modes as it was, and as it is."""
+    usual = PlateSettings.of("fingertip")
+    return GroundTruth(usual), GroundTruth(replace(usual, world=world))
+
+
+def played(world: WorldErrors, session: int = 0) -> Run:
+    settings = lockstep.in_world(Settings(session=session), world)
+    return lockstep.run("strokes", settings=settings, seconds=0.7)
+
+
+def test_what_was_drawn_before_is_drawn_again() -> None:
+    world = draw("laboratory", 7)
+    assert world.pad_pose.x_mm == pytest.approx(POSE_X_MM, abs=1e-12)
+    assert world.mistuning_hz == pytest.approx(MISTUNING_HZ, abs=1e-12)
+    assert list(TOLERANCES).index("stop_ramp") == 21
+
+
+def test_a_drawn_world_has_some_of_each_kind() -> None:
+    for level in ("mild", "laboratory", "worst"):
+        for seed in range(10):
+            world, bounds = draw(level, seed), {name: getattr(bound, level) for name, bound in TOLERANCES.items()}
+            assert bounds["centroid_finger"] / 2 <= world.centroids.finger_mm <= bounds["centroid_finger"]
+            assert bounds["pad_warp"] / 2 <= world.pad_warp_mm <= bounds["pad_warp"]
+            assert bounds["mixing"] / 2 <= world.mixing_deg <= bounds["mixing"]
+            assert 1 / bounds["person"] <= world.friction_factor <= bounds["person"]
+            assert abs(world.drift_hz_per_min) <= bounds["drift_rate"]
+            assert world.contacts is not None
+            assert 4.0 <= world.contacts.least_mm < 5.0 < world.contacts.most_mm <= 7.0
+
+
+def test_each_finger_has_a_bias_of_its_own_which_another_session_has_too() -> None:
+    world = WorldErrors(centroids=CentroidErrors(finger_mm=0.35), seed=2)
+    first, second = off_mm(world)[0], off_mm(world, finger=1)[0]
+    assert math.hypot(*first) == pytest.approx(0.35)
+    assert math.hypot(*second) == pytest.approx(0.35)
+    assert not np.allclose(first, second)
+    assert np.allclose(off_mm(world, session=1), first)
+
+
+def test_a_posture_is_that_of_all_fingers_and_another_session_has_another() -> None:
+    world = WorldErrors(centroids=CentroidErrors(posture_mm=0.3), seed=2)
+    assert np.allclose(off_mm(world, finger=1), off_mm(world)[0])
+    assert not np.allclose(off_mm(world, session=1), off_mm(world)[0])
+
+
+def test_a_finger_that_rolls_wanders_and_one_that_presses_shifts_with_its_force() -> None:
+    wandering = off_mm(WorldErrors(centroids=CentroidErrors(wander_mm=0.5), seed=2))
+    assert math.sqrt(np.mean(np.sum(wandering**2, axis=1))) == pytest.approx(0.5, rel=0.25)
+    load = FingerLoad(force_frac=0.4)
+    pressed = off_mm(WorldErrors(centroids=CentroidErrors(pressure_mm=1.0), finger_load=load, seed=2))
+    along_mm = pressed @ (pressed[0] / math.hypot(*pressed[0]))
+    assert np.abs(along_mm).max() == pytest.approx(0.4, rel=0.05)
+    assert np.allclose(np.abs(along_mm), np.abs(load.force(2, 0, T_S) - 1.0))
+
+
+def test_a_warped_pad_is_off_by_as_much_as_is_said_at_most_and_nowhere_alike() -> None:
+    axis_mm = np.linspace(-60.0, 60.0, 41)
+    grid_mm = np.stack(np.meshgrid(axis_mm, axis_mm), axis=-1).reshape(-1, 2)
+    lengths = np.hypot(*warp(grid_mm, 5).T)
+    assert lengths.max() == pytest.approx(1.0)
+    assert lengths.min() < 0.5
+    still = sensed_paths([Rest(HERE_MM)], WorldErrors(pad_warp_mm=0.5, seed=5))[0].position_mm(T_S)
+    assert np.ptp(still, axis=0).max() < 1e-12
+    assert 0.0 < math.dist(still[0], HERE_MM) <= 0.5
+
+
+def test_a_lost_corner_and_springs_raise_modes_and_mix_them_and_the_scan_does_not_show_it() -> None:
+    for world in (WorldErrors(chip_mm=2.0, seed=3), WorldErrors(supports_hz=5.0, seed=3)):
+        before, after = changed(world)
+        risen_hz = after.frequency_hz - before.frequency_hz
+        assert (risen_hz > -1e-6).all()
+        assert 0.5 < risen_hz.max() < 40.0
+        shapes = [plate.shapes(np.array([(50.0, 30.0), (-20.0, 70.0)])) for plate in (before, after)]
+        assert 1e-3 < np.abs(shapes[1] - shapes[0]).max() < 0.5
+        assert np.array_equal(after.measured_mode_map(1).shapes, before.measured_mode_map(1).shapes)
+        assert after.nominal_detuning_rad_s.tolist() == before.nominal_detuning_rad_s.tolist()
+
+
+def test_mixed_modes_are_turned_into_each_other_by_the_angle() -> None:
+    before, after = changed(WorldErrors(mixing_deg=5.0, seed=3))
+    points_mm = np.random.default_rng(1).uniform(-90.0, 90.0, (40, 2))
+    turned, _, _, _ = np.linalg.lstsq(before.shapes(points_mm), after.shapes(points_mm), rcond=None)
+    assert np.allclose(turned.diagonal()[:8], math.cos(math.radians(5.0)), atol=1e-3)
+    assert abs(turned[0, 1]) == pytest.approx(math.sin(math.radians(5.0)), abs=1e-3)
+    assert np.allclose(after.frequency_hz, before.frequency_hz)
+
+
+def test_a_plate_that_warms_up_drifts_by_so_many_hertz_a_minute_and_the_loop_notices() -> None:
+    world = WorldErrors(drift_hz_per_min=5.0)
+    plate = GroundTruth(PlateSettings(world=world))
+    assert np.allclose(plate.drifted_rad_s(60.0) - plate.detuning_rad_s, 2.0 * math.pi * 5.0)
+    assert not np.array_equal(played(world).plate_um, played(WorldErrors()).plate_um)
+
+
+def test_contacts_differ_from_finger_to_finger_within_their_bounds() -> None:
+    actors = SCENARIOS["two-of-five"].build(1, 100.0)
+    world = WorldErrors(contacts=ContactSizes(4.0, 7.0, 1.4), seed=3)
+    tips = [actor.fingertip for actor in played_actors(actors, world)]
+    for tip in tips:
+        assert tip is not None
+        assert 4.0 <= math.sqrt(tip.major_mm * tip.minor_mm) <= 7.0
+        assert 1.0 <= tip.major_mm / tip.minor_mm <= 1.4
+    assert len(set(tips)) == len(tips)
+
+
+def test_another_person_feels_something_else_on_the_same_plate() -> None:
+    usual, other = played(WorldErrors()), played(WorldErrors(friction_factor=1.5))
+    assert other.plate_um.tobytes() == usual.plate_um.tobytes()
+    assert other.score.contact_slip_um == usual.score.contact_slip_um
+    assert other.score.still_friction_change < usual.score.still_friction_change
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        WorldErrors(centroids=CentroidErrors(finger_mm=0.35), seed=4),
+        WorldErrors(centroids=CentroidErrors(wander_mm=0.5), seed=4),
+        WorldErrors(pad_warp_mm=0.5, seed=4),
+        WorldErrors(mixing_deg=5.0, seed=4),
+        WorldErrors(chip_mm=1.0, seed=4),
+        WorldErrors(supports_hz=5.0, seed=4),
+    ],
+    ids=("finger", "wander", "warp", "mixing", "chip", "supports"),
+)
+def test_each_kind_of_error_leaks_in_the_loop(wrong: WorldErrors) -> None:
+    assert played(wrong).score.leak_um > 1.05 * played(WorldErrors()).score.leak_um
+
+
+def test_another_session_of_the_same_world_is_another_run() -> None:
+    world = WorldErrors(centroids=CentroidErrors(posture_mm=0.5), seed=4)
+    assert not np.array_equal(played(world).plate_um, played(world, session=1).plate_um)
