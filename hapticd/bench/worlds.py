@@ -40,7 +40,7 @@ FEW = 5  # of so many laboratories one is played with each cause made perfect, a
 _WORST_TENTH = 0.9
 _PEAK_NOTE = "limit: the plate's true amplitude in a mode over its W_LIM, the most of all worlds"
 WORST = LEVELS[-1]
-Key = tuple[str, str, int]  # plate, level and seed
+_Key = tuple[str, str, int]  # plate, level and seed
 
 Scores = dict[str, Score]
 
@@ -92,7 +92,7 @@ def run(
     return tables(dict(zip(jobs, scores, strict=True)))
 
 
-def tables(done: Mapping[Key, Scores]) -> tuple[Table, ...]:
+def tables(done: Mapping[_Key, Scores]) -> tuple[Table, ...]:
     """Return the tables of what was played."""
     found: dict[str, dict[str, list[Scores]]] = {}
     for (plate, level, _), scores in done.items():

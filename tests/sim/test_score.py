@@ -63,7 +63,7 @@ def test_without_fingers_figures_are_nan() -> None:
         "slip_error_um",
         "slip_frac",
         *("contact_leak_um", "contact_slip_um", "contrast", "contrast_median"),
-        *("still_friction_change", "slip_friction_change", "weber_frac", "felt_frac"),
+        *("still_friction_change", "slip_friction_change", "weber_frac", "felt_frac", "limit_frac"),
     ]
     assert judged.limited_frac == 0.0
 
