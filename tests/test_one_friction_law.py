@@ -15,7 +15,7 @@ import pytest
 from hapticd.config.sections import Config
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.perception import ContactPerception
-from hapticd.core.solver.instant import InstantSolver
+from hapticd.core.solver.instant import CONTRAST, FELT, InstantSolver
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.settings import friction_curve
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -35,7 +35,7 @@ TRUTH = GroundTruth(PlateSettings.of("fingertip"))
 PLACES_MM = ((-40.0, 10.0), (35.0, -20.0))
 
 
-def solved_um(curve: FrictionCurve, scale: float, *, feels: bool = False) -> np.ndarray:
+def solved_um(curve: FrictionCurve, scale: float, objective: str = CONTRAST) -> np.ndarray:
     limits_um = tuple(scale * limit_um for limit_um in TRUTH.w_limit_um)
     solver = InstantSolver(
         TRUTH.true_mode_map(),
@@ -44,7 +44,7 @@ def solved_um(curve: FrictionCurve, scale: float, *, feels: bool = False) -> np.
         phase_rotation=False,
         contact_radius_mm=5.0,
         friction_curve=curve,
-        feels=feels,
+        objective=objective,
     )
     places = [(x_mm, y_mm, target_um) for (x_mm, y_mm), target_um in zip(PLACES_MM, (scale, 0.0), strict=True)]
     modal_um: tuple[complex, ...] = (0j,) * 4
@@ -59,11 +59,11 @@ def test_the_solver_gives_what_the_curve_asks_for() -> None:
 
 def test_friction_as_asked_is_that_of_the_curve() -> None:
     got = [
-        felt(np.array(PLACES_MM)[None], padded(solved_um(curve, scale, feels=True)), TRUTH.shapes, curve.frictions)[1]
+        felt(np.array(PLACES_MM)[None], padded(solved_um(curve, scale, FELT)), TRUTH.shapes, curve.frictions)[1]
         for curve, scale in ((CURVE, 0.5), (DEFAULT_FRICTION_CURVE, 1.0))
     ]
     assert got[0] == pytest.approx(got[1], abs=0.01)
-    others = felt(np.array(PLACES_MM)[None], padded(solved_um(CURVE, 1.0, feels=True)), TRUTH.shapes, CURVE.frictions)
+    others = felt(np.array(PLACES_MM)[None], padded(solved_um(CURVE, 1.0, FELT)), TRUTH.shapes, CURVE.frictions)
     assert np.abs(others[1] - got[0]).max() > 0.1  # twice as much is asked there
 
 

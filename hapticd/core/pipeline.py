@@ -63,7 +63,7 @@ class Pipeline:
             parasitic_modes=parasitic_modes,
             contact_radius_mm=settings.contact_radius_mm,
             friction_curve=scene.friction_curve,
-            feels=settings.feels,
+            objective=settings.objective,
             solve=settings.solve,
         )
         self._budget = PassBudget(scene, self._solver)

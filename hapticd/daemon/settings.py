@@ -6,7 +6,7 @@ import math
 from functools import partial
 
 from ..board_protocol import KNOTS_MAX, REFERENCE
-from ..config.sections import FELT, Config
+from ..config.sections import Config
 from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..core.pipeline_settings import PipelineSettings
 from ..core.prediction.pad_memory import PadMemory
@@ -48,7 +48,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
-        feels=solver.objective == FELT,
+        objective=solver.objective,
         tolerance_um=solver.tolerance_um,
         max_knots=max_knots(config, config.device.baud),
         effect_knots=effect_knots(config, config.device.baud),

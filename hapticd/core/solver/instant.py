@@ -29,6 +29,8 @@ from .reach import ReachProblem, reach
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 PointSolver = Callable[[ModeRows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
 
+FELT: Final = "felt"  # the objectives, as solver.objective of the configuration names them
+CONTRAST: Final = "contrast"
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
 TURN_RAD_NS: Final = 50e-9  # speed of the phase between fingers: faster helps no finger and makes larger steps
@@ -56,7 +58,8 @@ class InstantSolver:
     `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
     `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0:
     fingers are contacts, discs where their forms are not known, and amplitudes complex; `friction_curve` is what they
-    feel, and with `feels` their friction is as asked (`felt`), else their contrast is most.
+    feel, and by `objective` their friction is as asked (`felt`), or their contrast is most. Raises ValueError for
+    another objective.
     """
 
     def __init__(
@@ -69,9 +72,11 @@ class InstantSolver:
         parasitic_modes: ParasiticModes | None = None,
         contact_radius_mm: float = 0.0,
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
-        feels: bool = False,
+        objective: str = CONTRAST,
         solve: PointSolver = solve_fast,
     ) -> None:
+        if objective not in (FELT, CONTRAST):
+            raise ValueError(f"objective is {objective!r}: give one of {FELT}, {CONTRAST}.")
         self.set_modes(modes)
         self._w_limit_um = w_limit_um
         self._contact_limit_um = tuple([limit_um * WIRE_FRAC for limit_um in w_limit_um])
@@ -82,9 +87,9 @@ class InstantSolver:
         self._contact_radius_mm = contact_radius_mm
         self._disc: Disc = []
         if contact_radius_mm > 0.0:
-            self._disc = felt_points() if feels else disc_points(contact_radius_mm)
+            self._disc = felt_points() if objective == FELT else disc_points(contact_radius_mm)
         self._disc_weights = [weight for _, _, weight in self._disc]
-        self._feels = feels
+        self._feels = objective == FELT
         self._log_weights: list[float] = []
         self._curve = friction_curve
         self._felt_error = FeltError(friction_curve)

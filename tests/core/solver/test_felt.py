@@ -14,7 +14,7 @@ from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.felt import solve_felt
 from hapticd.core.solver.felt_descent import contacts_rms_um
-from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
+from hapticd.core.solver.instant import CONTRAST, FELT, SLEW_UM_NS, InstantSolver
 from hapticd.core.touch.contact_form import ContactForm, EllipseScale
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
@@ -33,9 +33,9 @@ def plate() -> ModeShapes:
     return FINGERTIP.true_mode_map()
 
 
-def solver(plate: ModeShapes, limits_um: tuple[float, ...] = LIMITS_UM, *, feels: bool = True) -> InstantSolver:
+def solver(plate: ModeShapes, limits_um: tuple[float, ...] = LIMITS_UM, *, objective: str = FELT) -> InstantSolver:
     return InstantSolver(
-        plate, limits_um, derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=5.0, feels=feels
+        plate, limits_um, derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=5.0, objective=objective
     )
 
 
@@ -49,10 +49,10 @@ def settled(
     targets_um: tuple[float, ...],
     limits_um: tuple[float, ...] = LIMITS_UM,
     *,
-    feels: bool = True,
+    objective: str = FELT,
     priorities: list[int] | None = None,
 ) -> Phasors:
-    one, modal_um = solver(plate, limits_um, feels=feels), (0j,) * 4
+    one, modal_um = solver(plate, limits_um, objective=objective), (0j,) * 4
     for _ in range(40):
         modal_um = one.solve(places(points_mm, targets_um), modal_um, 100 * MS, priorities=priorities).modal_um
     return np.array(modal_um)
@@ -85,16 +85,16 @@ def test_both_fingers_feel_what_was_asked_far_more_often_than_by_contrast(
     plate: ModeShapes, targets_um: tuple[float, float], least: float
 ) -> None:
     as_asked = {
-        feels: np.mean(
+        objective: np.mean(
             [
-                np.abs(errors_jnd(pair, targets_um, settled(plate, pair, targets_um, feels=feels))).max() <= 1.0
+                np.abs(errors_jnd(pair, targets_um, settled(plate, pair, targets_um, objective=objective))).max() <= 1.0
                 for pair in pairs(3, 40)
             ]
         )
-        for feels in (True, False)
+        for objective in (FELT, CONTRAST)
     }
-    assert as_asked[True] >= least
-    assert as_asked[True] >= 2.0 * as_asked[False]
+    assert as_asked[FELT] >= least
+    assert as_asked[FELT] >= 2.0 * as_asked[CONTRAST]
 
 
 def test_where_not_both_can_be_had_the_sticky_finger_is_as_asked(plate: ModeShapes) -> None:
@@ -216,7 +216,7 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
         phase_rotation=False,
         contact_radius_mm=5.0,
         friction_curve=FrictionCurve.from_amplitudes(knots, floor_frac),
-        feels=True,
+        objective=FELT,
     )
     modal_um: tuple[complex, ...] = (0j,) * modes
     for _ in range(3):
@@ -241,15 +241,15 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
             assert not max(wanted_um) or np.abs(np.subtract(modal_um, before_um)).max() <= most_um
 
 
-@pytest.mark.parametrize("feels", [True, False])
+@pytest.mark.parametrize("objective", [FELT, CONTRAST])
 @given(st.lists(st.tuples(*[st.floats(-1.0, 40.0)] * 2, st.floats(-10.0, 10.0)), min_size=2, max_size=2))
 def test_whatever_ellipses_a_pad_reports_amplitudes_are_finite_and_within_the_limits_to_the_last_bit(
-    plate: ModeShapes, feels: bool, ellipses: list[tuple[float, float, float]]
+    plate: ModeShapes, objective: str, ellipses: list[tuple[float, float, float]]
 ) -> None:
     contacts = [ContactForm(EllipseScale(1.2, 0.5)) for _ in ellipses]
     for contact, ellipse in zip(contacts, ellipses, strict=True):
         contact.update(*ellipse)
-    one, modal_um = solver(plate, feels=feels), (0j,) * 4
+    one, modal_um = solver(plate, objective=objective), (0j,) * 4
     for _ in range(3):
         forms = [contact.form for contact in contacts]
         modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, [0.1, math.nan], forms=forms).modal_um
