@@ -119,7 +119,10 @@ class FrictionCurve:
         return np.asarray(np.array(self._decays_um)[self._pieces(amplitude_um)])
 
     def _piece(self, at_um: float) -> int:
-        return max(bisect_right(self._starts_um, at_um) - 1, 0)
+        piece = 0
+        while piece + 1 < len(self._starts_um) and at_um >= self._starts_um[piece + 1]:
+            piece += 1
+        return piece
 
     def _pieces(self, at_um: FloatArray) -> npt.NDArray[np.intp]:
         return np.asarray(np.searchsorted(self._starts_um[1:], at_um, side="right"))

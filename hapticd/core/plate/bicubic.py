@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ...values import FloatArray
 
-COEFFICIENTS = 16  # of one surface in one cell, powers of x fastest
+COEFFICIENTS = 16  # of one surface in one cell, powers of y fastest
 
 _FILL_STEPS = 500  # far more than scattered gaps need; a gap too wide to converge is still filled smoothly
 
@@ -25,7 +25,7 @@ class BicubicSurfaces:
     """M surfaces over one rectangular grid, evaluated many points at a time.
 
     `patches` (cells, M, 16) are the coefficients for single points (`BicubicPatch`): cells row by row from the lowest
-    y; for each surface the powers y^d x^c, x fastest, of the distances to the cell's lower left corner.
+    y; for each surface the powers x^c y^d, y fastest, of the distances to the cell's lower left corner.
     """
 
     __slots__ = ("_by_power", "patches", "x_knots", "y_knots")
@@ -37,10 +37,10 @@ class BicubicSurfaces:
         patches = np.einsum("jdn,mnic->djcim", _cell_operator(y_knots), along_x, optimize=True)
         # patches is (y^d, rows, x^c, columns, M). The coefficients of one cell are contiguous: a tick reads them with a
         # cold cache. Python floats would take four times the memory.
-        by_cell = np.ascontiguousarray(patches.transpose(1, 3, 4, 0, 2))
+        by_cell = np.ascontiguousarray(patches.transpose(1, 3, 4, 2, 0))
         by_cell.setflags(write=False)
         self.patches = by_cell.reshape(-1, values.shape[0], COEFFICIENTS)
-        self._by_power = self.patches.reshape(-1, values.shape[0], 4, 4).transpose(2, 3, 0, 1)
+        self._by_power = self.patches.reshape(-1, values.shape[0], 4, 4).transpose(3, 2, 0, 1)
 
     def evaluate(self, points: FloatArray) -> FloatArray:
         """Return values (N, M) at `points` (N, 2); points outside are clamped to the edge, NaN gives zeros."""
@@ -94,10 +94,10 @@ class BicubicPatch:
     )
 
     def __init__(self, coefficients: Sequence[float]) -> None:
-        self._a0, self._a1, self._a2, self._a3 = coefficients[0:4]
-        self._b0, self._b1, self._b2, self._b3 = coefficients[4:8]
-        self._c0, self._c1, self._c2, self._c3 = coefficients[8:12]
-        self._d0, self._d1, self._d2, self._d3 = coefficients[12:16]
+        self._a0, self._b0, self._c0, self._d0 = coefficients[0:4]
+        self._a1, self._b1, self._c1, self._d1 = coefficients[4:8]
+        self._a2, self._b2, self._c2, self._d2 = coefficients[8:12]
+        self._a3, self._b3, self._c3, self._d3 = coefficients[12:16]
 
     def value(self, u: float, v: float) -> float:
         """Return the value at one point."""

@@ -36,10 +36,13 @@ _FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
 
 
 class ModeShapes:
-    """M mode shapes over the plate. Immutable; `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) are read-only."""
+    """M mode shapes over the plate. Immutable; `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) are read-only.
+
+    `tables` is what C takes `at` from: views of `BicubicSurfaces.patches`, and of the knots x_mm and y_mm.
+    """
 
     __slots__ = (
-        *("M", "shapes", "x_mm", "y_mm"),
+        *("M", "shapes", "tables", "x_mm", "y_mm"),
         *("_cells", "_columns", "_columns_per_mm", "_rows_per_mm", "_steepest_1_mm", "_surfaces"),
         *("_x_knots", "_y_knots", "_zeros"),
     )
@@ -49,6 +52,7 @@ class ModeShapes:
         self.x_mm, self.y_mm = _axis(x_mm, "x_mm"), _axis(y_mm, "y_mm")
         self.shapes = _whole_shapes(self.x_mm, self.y_mm, shapes)
         self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
+        self.tables = self._surfaces.patches.data, self.x_mm.data, self.y_mm.data
         self.M = int(self.shapes.shape[0])
         self._cells: list[tuple[BicubicPatch, ...] | None] = [None] * len(self._surfaces.patches)
         self._columns = int(self.x_mm.size) - 1
@@ -90,11 +94,6 @@ class ModeShapes:
         """Return all M shapes at one point as floats; clamped outside, zeros for NaN."""
         cell, u, v = self._located(x_mm, y_mm)
         return self._zeros if cell < 0 else tuple([patch.value(u, v) for patch in self._patches(cell)])
-
-    @property
-    def tables(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What `at` takes from machine code: `BicubicSurfaces.patches`, and the knots x_mm (nx,) and y_mm (ny,)."""
-        return self._surfaces.patches, self.x_mm, self.y_mm
 
     def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[_Slope, ...]:
         """Return (phi, dphi/dx, dphi/dy) of all M shapes at one point, in 1 and 1/mm: `at` and `gradient` in one."""

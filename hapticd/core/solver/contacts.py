@@ -48,6 +48,7 @@ SWEEPS: Final = 6  # of a call
 COLD_CALLS: Final = 12  # as many descents from rest
 PAST_FRAC: Final = 0.2  # 6 sweeps then come as near to the least as 8 without; 0.4 turns modes by up to 1.1 um a call
 LEAST_SHARE: Final = 1e-3  # of a target: a finger that gets less has no direction of its own yet
+NEAR_FRAC: Final = 0.999  # of the square of a step: below it rounding decides nothing
 MISSED_FRAC: Final = 0.01  # of a target: more than this counts as limited
 COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
 
@@ -119,7 +120,7 @@ def solve_contacts(
     If W is 0, the search starts from all modes alike.
     """
     count = len(limits_um)
-    if max(targets_um) <= 0.0:
+    if not is_any_slippery(targets_um):
         for k in range(count):
             d_um[k] = q_um[k] = 0.0
         return [0.0] * len(targets_um), False
@@ -178,7 +179,12 @@ def step_towards(
 
     Limits hold on the whole way, because they are discs; a pattern that begins at rest keeps its contrast.
     """
-    largest_um = 0.0
+    largest_um, near_um2, is_near = 0.0, NEAR_FRAC * most_um * most_um, True
+    for k in range(len(d_um)):  # mostly; a call of `hypot` takes ten times as long
+        step_d_um, step_q_um = d_um[k] - before_d_um[k], q_um[k] - before_q_um[k]
+        is_near = is_near and step_d_um * step_d_um + step_q_um * step_q_um < near_um2
+    if is_near:
+        return False
     for k in range(len(d_um)):
         largest_um = max(largest_um, math.hypot(d_um[k] - before_d_um[k], q_um[k] - before_q_um[k]))
     if largest_um <= most_um:
@@ -188,6 +194,14 @@ def step_towards(
         d_um[k] = before_d_um[k] + share * (d_um[k] - before_d_um[k])
         q_um[k] = before_q_um[k] + share * (q_um[k] - before_q_um[k])
     return True
+
+
+def is_any_slippery(targets_um: tuple[float, ...]) -> bool:
+    """Return whether some finger's target is above 0."""
+    is_any = False
+    for target_um in targets_um:
+        is_any = is_any or target_um > 0.0
+    return is_any
 
 
 def contact_rms_um(gram: Gram, d_um: list[float], q_um: list[float]) -> float:

@@ -35,6 +35,7 @@ from typing import Final
 
 from ..friction import FrictionCurve
 from ..plate.contact import Disc, Shapes
+from .contacts import is_any_slippery
 from .felt_descent import descend
 from .points.arithmetic import ModeRow
 
@@ -73,7 +74,7 @@ def solve_felt(
     `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. If W is 0, the
     search starts from all modes alike.
     """
-    if max(targets_um) <= 0.0:
+    if not is_any_slippery(targets_um):
         for k in range(len(limits_um)):
             d_um[k] = q_um[k] = 0.0
         return [0.0] * len(targets_um), False
@@ -110,11 +111,11 @@ def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
     Of each priority in use a share of what counts one above. Within the highest, where there are lower ones, the
     stickiest finger counts in full, however slippery it is.
     """
-    in_use = sorted(set(priorities), reverse=True)
     slipperiness = [1.0 - _stickiness(friction) for friction in frictions]
-    least = 0.0
-    if len(in_use) > 1:
-        least = min([slipperiness[n] for n in range(len(frictions)) if priorities[n] == in_use[0]])
+    if priorities.count(priorities[0]) == len(priorities):
+        return [MOST_SLIPPERY / more if more > 0.0 else math.inf for more in slipperiness]
+    in_use = sorted(set(priorities), reverse=True)
+    least = min([slipperiness[n] for n in range(len(frictions)) if priorities[n] == in_use[0]])
     counted = []
     for n in range(len(frictions)):
         if priorities[n] == in_use[0]:

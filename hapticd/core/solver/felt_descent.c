@@ -21,37 +21,89 @@ static const double PAST_FRAC = 0.1;
 static const double TINY_UM = 1e-9;
 static const double SAFE = 1e100;
 static const double INSIDE = 1.0 - 0x1p-50;
+enum { MOST_MODES = 8 };
 enum { COEFFICIENTS = 16 }; /* of one surface in one cell: bicubic.py */
 
-typedef struct {
-    double w_d_um, w_q_um, rms_um, friction;
-    Py_ssize_t piece;
-} point_t;
+/* Numbers of all points lie one after another, (M, N Q) and (N Q,), so that the compiler computes two at a time; those of
+ * one point's modes, (N Q, M) in pairs, the last one padded. Each number is computed as in Python, whatever is beside it. */
+typedef double pair_t __attribute__((vector_size(2 * sizeof(double)), aligned(sizeof(double))));
+#define PAIRS(modes) (((modes) + 1) / 2)
+#define INLINE static inline __attribute__((always_inline))
 
 typedef struct {
-    Py_ssize_t fingers, points, modes, pieces;
-    const double *shapes, *weights, *frictions, *counted, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
+    Py_ssize_t fingers, points, modes, pieces, room; /* for an even number of points, N Q or one more */
+    const double *weights, *frictions, *counted, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
     double full_um, least;
-    double *d_um, *q_um, *log_weights, *errors, *got, *logs, *curvature, *pull_d, *pull_q, *rms_um, *squares, *shares, *rates_1_um;
-    point_t *moved;
+    const double *shapes;                                             /* (N Q, M) */
+    double *across, *squared, *row_pairs;                             /* (M, N Q), the same squared, and (N Q, pairs) */
+    double *w_d_um, *w_q_um, *rms_um, *friction, *rate_1_um, *decay_um, *kappa, *pulled; /* (N Q,) */
+    double *d_um, *q_um, *pull_d, *pull_q;                            /* (M,) */
+    double *curvature;                                                /* (M, M) */
+    double *log_weights, *errors, *got, *logs, *contact_rms_um;       /* (N,) */
+    double *rates_1_um;                                               /* (pieces,) */
 } problem_t;
 
-static point_t point(const problem_t *p, const double *row, double share)
+/* Lays the shapes out as above. */
+static void lay_out(problem_t *p)
 {
-    double w_d_um = 0.0, w_q_um = 0.0, uncertain = 0.0;
-    for (Py_ssize_t k = 0; k < p->modes; k++) {
-        w_d_um += row[k] * p->d_um[k];
-        w_q_um += row[k] * p->q_um[k];
-        uncertain += row[k] * row[k] * p->squares[k];
+    const Py_ssize_t modes = p->modes, places = p->fingers * p->points, room = p->room, width = 2 * PAIRS(modes);
+    memset(p->across, 0, (size_t)(2 * modes * room) * sizeof(double)); /* and squared */
+    for (Py_ssize_t place = 0; place < places; place++) {
+        const double *row = &p->shapes[place * modes];
+        p->row_pairs[place * width + width - 1] = 0.0;
+        for (Py_ssize_t k = 0; k < modes; k++) {
+            p->row_pairs[place * width + k] = row[k];
+            p->across[k * room + place] = row[k];
+            p->squared[k * room + place] = row[k] * row[k];
+        }
     }
-    const double rms_um = sqrt(w_d_um * w_d_um + w_q_um * w_q_um + UNCERTAIN_FRAC * UNCERTAIN_FRAC * uncertain);
-    const double at_um = rms_um * share;
-    Py_ssize_t piece = 0;
-    while (piece + 1 < p->pieces && at_um >= p->starts_um[piece + 1])
-        piece++;
-    const double friction =
-        at_um < p->full_um ? exp((p->origins_um[piece] - at_um) * p->rates_1_um[piece]) : p->least;
-    return (point_t){w_d_um, w_q_um, rms_um, friction, piece};
+}
+
+INLINE void move_points(problem_t *p, const Py_ssize_t modes)
+{
+    const Py_ssize_t room = p->room;
+    double *restrict rms_um = p->rms_um;
+    double d_um[MOST_MODES], q_um[MOST_MODES], squares[MOST_MODES];
+    for (Py_ssize_t k = 0; k < modes; k++) {
+        d_um[k] = p->d_um[k], q_um[k] = p->q_um[k];
+        squares[k] = d_um[k] * d_um[k] + q_um[k] * q_um[k];
+    }
+    for (Py_ssize_t place = 0; place < room; place += 2) {
+        pair_t d = {0.0, 0.0}, q = {0.0, 0.0}, uncertain = {0.0, 0.0};
+        for (Py_ssize_t k = 0; k < modes; k++) {
+            const pair_t across = *(const pair_t *)&p->across[k * room + place];
+            d += across * d_um[k];
+            q += across * q_um[k];
+            uncertain += *(const pair_t *)&p->squared[k * room + place] * squares[k];
+        }
+        *(pair_t *)&p->w_d_um[place] = d;
+        *(pair_t *)&p->w_q_um[place] = q;
+        *(pair_t *)&rms_um[place] = d * d + q * q + UNCERTAIN_FRAC * UNCERTAIN_FRAC * uncertain;
+    }
+    for (Py_ssize_t place = 0; place < room; place++)
+        rms_um[place] = sqrt(rms_um[place]);
+}
+
+static void feel(problem_t *p)
+{
+    for (Py_ssize_t finger = 0, place = 0; finger < p->fingers; finger++) {
+        const double share = 1.0 / p->stretches[finger];
+        double got = 0.0;
+        for (Py_ssize_t index = 0; index < p->points; index++, place++) {
+            const double at_um = p->rms_um[place] * share;
+            Py_ssize_t piece = 0;
+            while (piece + 1 < p->pieces && at_um >= p->starts_um[piece + 1])
+                piece++;
+            p->friction[place] =
+                at_um < p->full_um ? exp((p->origins_um[piece] - at_um) * p->rates_1_um[piece]) : p->least;
+            p->rate_1_um[place] = p->rates_1_um[piece] * share;
+            p->decay_um[place] = p->decays_um[piece];
+            got = got + p->weights[index] * p->friction[place];
+        }
+        const double wanted = p->frictions[finger];
+        p->got[finger] = got;
+        p->errors[finger] = (got - wanted) / (WEBER_FRAC * wanted);
+    }
 }
 
 static double share_of(double friction, const double *ends)
@@ -80,113 +132,135 @@ static void weigh(problem_t *p)
     }
 }
 
-static void add_finger(problem_t *p, Py_ssize_t finger)
+/* The squares that replace a finger's error: kappa and pulled of its points. */
+static void majorise(problem_t *p, Py_ssize_t finger)
 {
-    const Py_ssize_t modes = p->modes;
-    const double wanted = p->frictions[finger];
+    const Py_ssize_t first = finger * p->points, points = p->points;
+    const double *restrict rms_um = p->rms_um + first, *restrict friction = p->friction + first;
+    const double *restrict rate_1_um = p->rate_1_um + first, *restrict decay_um = p->decay_um + first;
+    const double *restrict w_d_um = p->w_d_um + first, *restrict w_q_um = p->w_q_um + first;
+    const double *restrict weights = p->weights;
+    double *restrict kappa = p->kappa + first, *restrict pulled = p->pulled + first;
+    const double wanted = p->frictions[finger], stretch = p->stretches[finger];
     const double alpha = exp(p->log_weights[finger]) / (WEBER_FRAC * wanted);
     const double stickiness = share_of(wanted, TO_ZERO);
     double outwards = (p->got[finger] - wanted) / p->got[finger];
-    const double stretch = p->stretches[finger], share = 1.0 / stretch;
     outwards = outwards > 1.0 ? 1.0 : (outwards < -MOST_LESS ? -MOST_LESS : outwards);
-    for (Py_ssize_t index = 0; index < p->points; index++) {
-        const point_t *at = &p->moved[finger * p->points + index];
-        const double *row = &p->shapes[(finger * p->points + index) * modes];
-        const double rate_1_um = p->rates_1_um[at->piece] * share;
-        const double slope = alpha * p->weights[index] * at->friction * rate_1_um;
-        double kappa = 0.0, pulled = 0.0;
-        if (stickiness > 0.0)
-            kappa = stickiness * slope / sqrt(at->rms_um * at->rms_um + ROUND_UM * ROUND_UM);
-        if (stickiness < 1.0) {
-            const double along = (1.0 - stickiness) * slope * rate_1_um;
-            double aim_um = at->rms_um + p->decays_um[at->piece] * stretch * outwards;
-            aim_um = aim_um > 0.0 ? aim_um : 0.0;
-            const double size_um = sqrt(at->w_d_um * at->w_d_um + at->w_q_um * at->w_q_um);
-            pulled = along * aim_um / (size_um > TINY_UM ? size_um : TINY_UM);
-            kappa += along;
+    for (Py_ssize_t index = 0; index < points; index++)
+        kappa[index] = pulled[index] = 0.0;
+    if (stickiness > 0.0)
+        for (Py_ssize_t index = 0; index < points; index++) {
+            const double slope = alpha * weights[index] * friction[index] * rate_1_um[index];
+            kappa[index] = stickiness * slope / sqrt(rms_um[index] * rms_um[index] + ROUND_UM * ROUND_UM);
         }
-        const double towards_d = pulled * at->w_d_um, towards_q = pulled * at->w_q_um;
+    if (stickiness < 1.0)
+        for (Py_ssize_t index = 0; index < points; index++) {
+            const double slope = alpha * weights[index] * friction[index] * rate_1_um[index];
+            const double along = (1.0 - stickiness) * slope * rate_1_um[index];
+            double aim_um = rms_um[index] + decay_um[index] * stretch * outwards;
+            aim_um = aim_um > 0.0 ? aim_um : 0.0;
+            const double size_um = sqrt(w_d_um[index] * w_d_um[index] + w_q_um[index] * w_q_um[index]);
+            pulled[index] = along * aim_um / (size_um > TINY_UM ? size_um : TINY_UM);
+            kappa[index] = kappa[index] + along;
+        }
+}
+
+/* The sum of squares as a function of the modes: its curvature, below the diagonal, and the pull on each. */
+INLINE void add_points(problem_t *p, const Py_ssize_t modes)
+{
+    const Py_ssize_t places = p->fingers * p->points, pairs = PAIRS(modes);
+    pair_t curvature[MOST_MODES][PAIRS(MOST_MODES)], pull_d[PAIRS(MOST_MODES)], pull_q[PAIRS(MOST_MODES)];
+    for (Py_ssize_t j = 0; j < pairs; j++) {
+        pull_d[j] = pull_q[j] = (pair_t){0.0, 0.0};
+        for (Py_ssize_t k = 0; k < modes; k++)
+            curvature[k][j] = (pair_t){0.0, 0.0};
+    }
+    for (Py_ssize_t place = 0; place < places; place++) {
+        const double *row = &p->row_pairs[place * 2 * pairs];
+        const pair_t *row_pairs = (const pair_t *)row;
+        const double kappa = p->kappa[place], pulled = p->pulled[place];
+        const double towards_d = pulled * p->w_d_um[place], towards_q = pulled * p->w_q_um[place];
         for (Py_ssize_t k = 0; k < modes; k++) {
             const double part = kappa * row[k];
-            double *line = &p->curvature[k * modes];
-            for (Py_ssize_t other = 0; other <= k; other++)
-                line[other] = line[other] + part * row[other];
-            p->pull_d[k] = p->pull_d[k] + towards_d * row[k];
-            p->pull_q[k] = p->pull_q[k] + towards_q * row[k];
+            for (Py_ssize_t j = 0; j <= k / 2; j++)
+                curvature[k][j] = curvature[k][j] + part * row_pairs[j];
+        }
+        for (Py_ssize_t j = 0; j < pairs; j++) {
+            pull_d[j] = pull_d[j] + towards_d * row_pairs[j];
+            pull_q[j] = pull_q[j] + towards_q * row_pairs[j];
         }
     }
+    for (Py_ssize_t k = 0; k < modes; k++) {
+        p->pull_d[k] = pull_d[k / 2][k % 2], p->pull_q[k] = pull_q[k / 2][k % 2];
+        for (Py_ssize_t other = 0; other <= k; other++)
+            p->curvature[k * modes + other] = p->curvature[other * modes + k] = curvature[k][other / 2][other % 2];
+    }
 }
 
-static void sweep_mode(problem_t *p, Py_ssize_t k)
+INLINE void sweep(problem_t *p, const Py_ssize_t modes, double stay_frac)
 {
-    if (!(p->shares[k] > 0.0)) {
-        p->d_um[k] = p->q_um[k] = 0.0;
-        return;
-    }
-    const double *line = &p->curvature[k * p->modes];
-    const double limit_um = p->limits_um[k];
-    double w_d_um = p->pull_d[k], w_q_um = p->pull_q[k];
-    for (Py_ssize_t other = 0; other < p->modes; other++) {
-        w_d_um -= line[other] * p->d_um[other];
-        w_q_um -= line[other] * p->q_um[other];
-    }
-    const double square = w_d_um * w_d_um + w_q_um * w_q_um;
-    if (!(square < SAFE * SAFE)) {
-        w_d_um = w_q_um = 0.0;
-    } else if (square > INSIDE * limit_um * limit_um) {
-        const double share = INSIDE * limit_um / sqrt(square);
-        w_d_um = w_d_um * share;
-        w_q_um = w_q_um * share;
-    }
-    p->d_um[k] = w_d_um;
-    p->q_um[k] = w_q_um;
-}
-
-static void sweep(problem_t *p, double stay_frac)
-{
-    const Py_ssize_t modes = p->modes;
-    double mean = 0.0;
+    double shares[MOST_MODES], d_um[MOST_MODES], q_um[MOST_MODES], pull_d[MOST_MODES], pull_q[MOST_MODES];
+    double line[MOST_MODES][MOST_MODES], mean = 0.0;
     for (Py_ssize_t k = 0; k < modes; k++)
         mean += p->curvature[k * modes + k] / (double)modes;
     const double stay = stay_frac * mean;
-    for (Py_ssize_t k = 0; k < modes; k++)
-        for (Py_ssize_t other = 0; other < k; other++)
-            p->curvature[other * modes + k] = p->curvature[k * modes + other];
     for (Py_ssize_t k = 0; k < modes; k++) {
-        double *line = &p->curvature[k * modes];
-        const double own = (1.0 + UNCERTAIN_FRAC * UNCERTAIN_FRAC) * line[k] + stay;
-        p->shares[k] = own > 0.0 ? (1.0 + PAST_FRAC) / own : 0.0;
-        p->pull_d[k] = p->shares[k] * (p->pull_d[k] + stay * p->d_um[k]);
-        p->pull_q[k] = p->shares[k] * (p->pull_q[k] + stay * p->q_um[k]);
+        const double *curvature = &p->curvature[k * modes];
+        const double own = (1.0 + UNCERTAIN_FRAC * UNCERTAIN_FRAC) * curvature[k] + stay;
+        const double share = own > 0.0 ? (1.0 + PAST_FRAC) / own : 0.0;
+        d_um[k] = p->d_um[k], q_um[k] = p->q_um[k], shares[k] = share;
+        pull_d[k] = share * (p->pull_d[k] + stay * d_um[k]);
+        pull_q[k] = share * (p->pull_q[k] + stay * q_um[k]);
         for (Py_ssize_t other = 0; other < modes; other++)
-            line[other] = p->shares[k] * line[other];
-        line[k] = PAST_FRAC;
+            line[k][other] = share * curvature[other];
+        line[k][k] = PAST_FRAC;
     }
     for (int turn = 0; turn < SWEEPS; turn++)
-        for (Py_ssize_t k = 0; k < modes; k++)
-            sweep_mode(p, k);
+        for (Py_ssize_t k = 0; k < modes; k++) {
+            const double limit_um = p->limits_um[k];
+            double w_d_um = pull_d[k], w_q_um = pull_q[k];
+            for (Py_ssize_t other = 0; other < modes; other++) {
+                w_d_um -= line[k][other] * d_um[other];
+                w_q_um -= line[k][other] * q_um[other];
+            }
+            const double square = w_d_um * w_d_um + w_q_um * w_q_um;
+            if (!(shares[k] > 0.0 && square < SAFE * SAFE)) { /* no finger feels it, or products leave the range of floats */
+                w_d_um = w_q_um = 0.0;
+            } else if (square > INSIDE * limit_um * limit_um) {
+                const double share = INSIDE * limit_um / sqrt(square);
+                w_d_um = w_d_um * share;
+                w_q_um = w_q_um * share;
+            }
+            d_um[k] = w_d_um, q_um[k] = w_q_um;
+        }
+    for (Py_ssize_t k = 0; k < modes; k++)
+        p->d_um[k] = d_um[k], p->q_um[k] = q_um[k];
 }
 
+INLINE void iterate_for(problem_t *p, const Py_ssize_t modes, double stay_frac)
+{
+    move_points(p, modes);
+    feel(p);
+    weigh(p);
+    for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
+        majorise(p, finger);
+    add_points(p, modes);
+    sweep(p, modes, stay_frac);
+}
+
+/* Loops over a number of modes that the compiler knows are unrolled. */
 static void iterate(problem_t *p, double stay_frac)
 {
-    for (Py_ssize_t k = 0; k < p->modes; k++)
-        p->squares[k] = p->d_um[k] * p->d_um[k] + p->q_um[k] * p->q_um[k];
-    for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
-        const double share = 1.0 / p->stretches[finger];
-        p->got[finger] = 0.0;
-        for (Py_ssize_t index = 0; index < p->points; index++) {
-            const Py_ssize_t place = finger * p->points + index;
-            p->moved[place] = point(p, &p->shapes[place * p->modes], share);
-            p->got[finger] = p->got[finger] + p->weights[index] * p->moved[place].friction;
-        }
-        const double wanted = p->frictions[finger];
-        p->errors[finger] = (p->got[finger] - wanted) / (WEBER_FRAC * wanted);
+    switch (p->modes) {
+    case 2: iterate_for(p, 2, stay_frac); break;
+    case 3: iterate_for(p, 3, stay_frac); break;
+    case 4: iterate_for(p, 4, stay_frac); break;
+    case 5: iterate_for(p, 5, stay_frac); break;
+    case 6: iterate_for(p, 6, stay_frac); break;
+    case 7: iterate_for(p, 7, stay_frac); break;
+    case 8: iterate_for(p, 8, stay_frac); break;
+    default: iterate_for(p, p->modes, stay_frac);
     }
-    weigh(p);
-    memset(p->curvature, 0, (size_t)(p->modes * p->modes + 2 * p->modes) * sizeof(double)); /* and both pulls */
-    for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
-        add_finger(p, finger);
-    sweep(p, stay_frac);
 }
 
 static void measure(problem_t *p)
@@ -202,7 +276,7 @@ static void measure(problem_t *p)
             }
             square += p->weights[index] * (w_d_um * w_d_um + w_q_um * w_q_um);
         }
-        p->rms_um[finger] = sqrt(square);
+        p->contact_rms_um[finger] = sqrt(square);
     }
 }
 
@@ -245,27 +319,23 @@ static void shapes_at(const tables_t *t, double x_mm, double y_mm, double *shape
     x_mm = clamped(x_mm, t->x_mm, t->columns), y_mm = clamped(y_mm, t->y_mm, t->rows);
     const Py_ssize_t column = interval(t->x_mm, t->columns, x_mm), row = interval(t->y_mm, t->rows, y_mm);
     const double u = x_mm - t->x_mm[column], v = y_mm - t->y_mm[row];
-    const double *c = &t->patches[(row * t->columns + column) * t->modes * COEFFICIENTS];
-    for (Py_ssize_t k = 0; k < t->modes; k++, c += COEFFICIENTS) {
-        double along[4];
-        for (int power = 0; power < 4; power++)
-            along[power] = ((c[4 * power + 3] * u + c[4 * power + 2]) * u + c[4 * power + 1]) * u + c[4 * power];
-        shapes[k] = ((along[3] * v + along[2]) * v + along[1]) * v + along[0];
+    const pair_t *c = (const pair_t *)&t->patches[(row * t->columns + column) * t->modes * COEFFICIENTS];
+    for (Py_ssize_t k = 0; k < t->modes; k++, c += COEFFICIENTS / 2) { /* two powers of y at a time */
+        const pair_t low = ((c[6] * u + c[4]) * u + c[2]) * u + c[0], high = ((c[7] * u + c[5]) * u + c[3]) * u + c[1];
+        shapes[k] = ((high[1] * v + high[0]) * v + low[1]) * v + low[0];
     }
 }
 
 /* --- Python's lists and tuples ------------------------------------------------------------------------------------ */
 
-/* A view of an array of doubles, contiguous; false with an exception if it is none. */
-static int view(PyObject *object, int dimensions, Py_buffer *found)
+/* The array of doubles that a memoryview shows; NULL with an exception if it is none. */
+static const Py_buffer *viewed(PyObject *object, int dimensions)
 {
-    if (PyObject_GetBuffer(object, found, PyBUF_ND | PyBUF_FORMAT) < 0)
-        return 0;
-    if (found->ndim == dimensions && strcmp(found->format, "d") == 0)
-        return 1;
-    PyBuffer_Release(found);
+    const Py_buffer *found = PyMemoryView_Check(object) ? PyMemoryView_GET_BUFFER(object) : NULL;
+    if (found != NULL && found->ndim == dimensions && strcmp(found->format, "d") == 0 && PyBuffer_IsContiguous(found, 'C'))
+        return found;
     PyErr_SetString(PyExc_ValueError, "felt_descent: a map's table is no such array of doubles");
-    return 0;
+    return NULL;
 }
 
 /* Copies a sequence of `count` numbers; false with an exception if it is none. */
@@ -314,6 +384,8 @@ static PyObject *listed(Py_ssize_t count, const double *numbers)
         Py_CLEAR(list);
     return list;
 }
+
+static PyObject *tables_name; /* "tables" */
 
 /* The numbers in a bytes object, whose storage is aligned for them. */
 static double *doubles_of(PyObject *bytes)
@@ -366,22 +438,30 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
     p.fingers = PyList_GET_SIZE(frictions), p.points = PyList_GET_SIZE(weights);
     p.modes = PyTuple_GET_SIZE(limits), p.pieces = PyList_GET_SIZE(pieces);
     const size_t n = (size_t)p.fingers, places = n * (size_t)p.points, m = (size_t)p.modes;
-    const size_t numbers = (size_t)p.points + 8 * n + 4 * (size_t)p.pieces + m * m + 7 * m;
+    const size_t numbers = (size_t)p.points + 8 * n + 4 * (size_t)p.pieces + m * m + 5 * m;
+    const size_t room = places + places % 2, shaped = room * (2 * m + 8) + places * 2 * (size_t)PAIRS(m);
     if (PyBytes_GET_SIZE(shapes) != (Py_ssize_t)(places * m * sizeof(double))) {
         PyErr_SetString(PyExc_ValueError, "felt_descent: the shapes have another length");
         return NULL;
     }
-    double *memory = PyMem_Malloc((numbers + 1) * sizeof(double) + places * sizeof(point_t));
+    if (m > MOST_MODES) {
+        PyErr_SetString(PyExc_ValueError, "felt_descent: there are more than eight modes");
+        return NULL;
+    }
+    double *memory = PyMem_Malloc((numbers + shaped + 1) * sizeof(double));
     if (memory == NULL)
         return PyErr_NoMemory();
     double *next = memory;
 #define TAKE(count) (next += (count), next - (count))
-    p.moved = (point_t *)TAKE(places * (sizeof(point_t) / sizeof(double)));
+    p.room = (Py_ssize_t)room;
+    p.across = TAKE(room * m), p.squared = TAKE(room * m), p.row_pairs = TAKE(places * 2 * (size_t)PAIRS(m));
+    p.w_d_um = TAKE(room), p.w_q_um = TAKE(room), p.rms_um = TAKE(room), p.friction = TAKE(room);
+    p.rate_1_um = TAKE(room), p.decay_um = TAKE(room), p.kappa = TAKE(room), p.pulled = TAKE(room);
     double *weight = TAKE((size_t)p.points), *friction = TAKE(n), *count = TAKE(n), *stretch = TAKE(n);
     double *piece = TAKE(3 * (size_t)p.pieces), *rate = TAKE((size_t)p.pieces), *limit = TAKE(m);
     p.d_um = TAKE(m), p.q_um = TAKE(m), p.log_weights = TAKE(n), p.errors = TAKE(n), p.got = TAKE(n);
-    p.logs = TAKE(n), p.rms_um = TAKE(n);
-    p.curvature = TAKE(m * m), p.pull_d = TAKE(m), p.pull_q = TAKE(m), p.squares = TAKE(m), p.shares = TAKE(m);
+    p.logs = TAKE(n), p.contact_rms_um = TAKE(n);
+    p.curvature = TAKE(m * m), p.pull_d = TAKE(m), p.pull_q = TAKE(m);
 #undef TAKE
     memset(p.errors, 0, n * sizeof(double));
     if (p.pieces > 0 && copy(weights, p.points, weight, 1) && copy(frictions, p.fingers, friction, 1) &&
@@ -394,11 +474,12 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
         for (Py_ssize_t i = 0; i < p.pieces; i++)
             rate[i] = 1.0 / p.decays_um[i];
         p.rates_1_um = rate;
+        lay_out(&p);
         for (Py_ssize_t turn = 0; turn < iterations; turn++)
             iterate(&p, stay_frac);
         measure(&p);
         if (store(d, p.modes, p.d_um) && store(q, p.modes, p.q_um) && store(log_weights, p.fingers, p.log_weights)) {
-            PyObject *errors = listed(p.fingers, p.errors), *rms_um = listed(p.fingers, p.rms_um);
+            PyObject *errors = listed(p.fingers, p.errors), *rms_um = listed(p.fingers, p.contact_rms_um);
             if (errors != NULL && rms_um != NULL)
                 answer = PyTuple_Pack(2, errors, rms_um);
             Py_XDECREF(errors);
@@ -417,24 +498,65 @@ static PyObject *contact_shapes(PyObject *module, PyObject *arguments)
     PyObject *modes, *disc, *contacts, *answer = NULL;
     if (!PyArg_ParseTuple(arguments, "OO!O!", &modes, &PyList_Type, &disc, &PyList_Type, &contacts))
         return NULL;
-    PyObject *tables = PyObject_GetAttrString(modes, "tables"), *patches, *x, *y;
-    Py_buffer patch, column, row;
-    if (tables == NULL || !PyArg_ParseTuple(tables, "OOO", &patches, &x, &y) || !view(patches, 3, &patch))
-        goto no_tables;
-    if (!view(x, 1, &column))
-        goto no_columns;
-    if (!view(y, 1, &row))
-        goto no_rows;
-    const tables_t t = {patch.buf, column.buf, row.buf, patch.shape[1], column.shape[0] - 1, row.shape[0] - 1};
-    answer = filled(&t, disc, contacts);
-    PyBuffer_Release(&row);
-no_rows:
-    PyBuffer_Release(&column);
-no_columns:
-    PyBuffer_Release(&patch);
-no_tables:
+    PyObject *tables = PyObject_GetAttr(modes, tables_name), *patches, *x, *y;
+    const Py_buffer *patch, *column, *row;
+    if (tables != NULL && PyArg_ParseTuple(tables, "OOO", &patches, &x, &y) && (patch = viewed(patches, 3)) != NULL &&
+        (column = viewed(x, 1)) != NULL && (row = viewed(y, 1)) != NULL) {
+        const tables_t t = {patch->buf, column->buf, row->buf, patch->shape[1], column->shape[0] - 1, row->shape[0] - 1};
+        answer = filled(&t, disc, contacts);
+    }
     Py_XDECREF(tables);
     return answer;
+}
+
+/* Both parts of complex numbers, or of plain floats, as lists. */
+static PyObject *components(PyObject *module, PyObject *modal_um)
+{
+    (void)module;
+    PyObject *fast = PySequence_Fast(modal_um, "felt_descent: give a tuple of complex numbers");
+    if (fast == NULL)
+        return NULL;
+    const Py_ssize_t count = PySequence_Fast_GET_SIZE(fast);
+    PyObject *d_um = PyList_New(count), *q_um = PyList_New(count), *answer = NULL;
+    int is_good = d_um != NULL && q_um != NULL;
+    for (Py_ssize_t k = 0; k < count && is_good; k++) {
+        const Py_complex w_um = PyComplex_AsCComplex(PySequence_Fast_GET_ITEM(fast, k));
+        PyObject *d = NULL, *q = NULL;
+        if (!(w_um.real == -1.0 && PyErr_Occurred()))
+            d = PyFloat_FromDouble(w_um.real), q = PyFloat_FromDouble(w_um.imag);
+        PyList_SET_ITEM(d_um, k, d);
+        PyList_SET_ITEM(q_um, k, q);
+        is_good = d != NULL && q != NULL;
+    }
+    if (is_good)
+        answer = PyTuple_Pack(2, d_um, q_um);
+    Py_XDECREF(d_um);
+    Py_XDECREF(q_um);
+    Py_DECREF(fast);
+    return answer;
+}
+
+static PyObject *phasors(PyObject *module, PyObject *arguments)
+{
+    (void)module;
+    PyObject *d_um, *q_um;
+    if (!PyArg_ParseTuple(arguments, "O!O!", &PyList_Type, &d_um, &PyList_Type, &q_um))
+        return NULL;
+    const Py_ssize_t count = PyList_GET_SIZE(d_um);
+    if (PyList_GET_SIZE(q_um) != count) {
+        PyErr_SetString(PyExc_ValueError, "felt_descent: a list has another length");
+        return NULL;
+    }
+    PyObject *modal_um = PyTuple_New(count);
+    for (Py_ssize_t k = 0; k < count && modal_um != NULL; k++) {
+        const double d = PyFloat_AsDouble(PyList_GET_ITEM(d_um, k)), q = PyFloat_AsDouble(PyList_GET_ITEM(q_um, k));
+        PyObject *w_um = PyErr_Occurred() ? NULL : PyComplex_FromDoubles(d, q);
+        if (w_um == NULL)
+            Py_CLEAR(modal_um);
+        else
+            PyTuple_SET_ITEM(modal_um, k, w_um);
+    }
+    return modal_um;
 }
 
 static PyObject *contacts_rms_um(PyObject *module, PyObject *arguments)
@@ -448,10 +570,10 @@ static PyObject *contacts_rms_um(PyObject *module, PyObject *arguments)
     p.fingers = contact > 0 ? numbers / contact : 0;
     double *memory = PyMem_Malloc((size_t)(p.points + 2 * p.modes + p.fingers + 1) * sizeof(double));
     if (memory != NULL) {
-        p.d_um = memory + p.points, p.q_um = p.d_um + p.modes, p.rms_um = p.q_um + p.modes, p.weights = memory;
+        p.d_um = memory + p.points, p.q_um = p.d_um + p.modes, p.contact_rms_um = p.q_um + p.modes, p.weights = memory;
         if (copy(weights, p.points, memory, 1) && copy(d, p.modes, p.d_um, 1) && copy(q, p.modes, p.q_um, 1)) {
             measure(&p);
-            answer = listed(p.fingers, p.rms_um);
+            answer = listed(p.fingers, p.contact_rms_um);
         }
         PyMem_Free(memory);
     } else {
@@ -463,6 +585,8 @@ static PyObject *contacts_rms_um(PyObject *module, PyObject *arguments)
 static PyMethodDef methods[] = {
     {"descend", descend, METH_VARARGS, "As `descend` of felt_descent.py."},
     {"contact_shapes", contact_shapes, METH_VARARGS, "As `contact_shapes` of felt_descent.py."},
+    {"components", components, METH_O, "As `components` of felt_descent.py."},
+    {"phasors", phasors, METH_VARARGS, "As `phasors` of felt_descent.py."},
     {"contacts_rms_um", contacts_rms_um, METH_VARARGS, "As `contacts_rms_um` of felt_descent.py."},
     {NULL, NULL, 0, NULL},
 };
@@ -474,7 +598,9 @@ static struct PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_felt_descent(void)
 {
     PyObject *module = PyModule_Create(&definition);
-    if (module != NULL && (PyModule_AddObject(module, "UNCERTAIN_FRAC", PyFloat_FromDouble(UNCERTAIN_FRAC)) < 0 ||
+    if (tables_name == NULL)
+        tables_name = PyUnicode_InternFromString("tables");
+    if (module != NULL && (tables_name == NULL || PyModule_AddObject(module, "UNCERTAIN_FRAC", PyFloat_FromDouble(UNCERTAIN_FRAC)) < 0 ||
                            PyModule_AddObject(module, "MOST_WEIGHT", PyFloat_FromDouble(MOST_WEIGHT)) < 0))
         Py_CLEAR(module);
     return module;

@@ -7,6 +7,7 @@ from array import array
 from typing import Final
 
 from ...values import WEBER_FRAC
+from ..phasors import Row
 from ..plate.contact import Disc, Ellipse, Shapes
 from ..plate.mode_shapes import ModeShapes
 
@@ -43,6 +44,16 @@ def contact_shapes(modes: ModeShapes, disc: Disc, contacts: list[Ellipse]) -> Sh
         for u, v, _ in disc:
             shapes.extend(modes.at(x_mm + (xx_mm * u + xy_mm * v), y_mm + (xy_mm * u + yy_mm * v)))
     return shapes.tobytes()
+
+
+def components(modal_um: Row) -> tuple[list[float], list[float]]:
+    """Return the real and the imaginary parts of W (M,)."""
+    return [w_um.real for w_um in modal_um], [w_um.imag for w_um in modal_um]
+
+
+def phasors(d_um: list[float], q_um: list[float]) -> Row:
+    """Return W (M,) of its parts."""
+    return tuple(map(complex, d_um, q_um))
 
 
 def descend(

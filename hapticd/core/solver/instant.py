@@ -17,10 +17,10 @@ from ..plate.contact import Disc, EllipseForm, Shapes, contact_gram, disc_points
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
-from .contacts import COLD_CALLS, FeltError, contact_rms_um, solve_contacts, step_towards
+from .contacts import COLD_CALLS, FeltError, contact_rms_um, is_any_slippery, solve_contacts, step_towards
 from .derating import derated, is_near_node, least_share, slopes_at
 from .felt import felt_points, solve_felt
-from .felt_descent import contact_shapes, contacts_rms_um
+from .felt_descent import components, contact_shapes, contacts_rms_um, phasors
 from .points.arithmetic import ModeRows
 from .points.general import solve_fast
 from .points.phase import solve_phased_fast
@@ -169,9 +169,7 @@ class InstantSolver:
         priorities: list[int] | None,
         forms: list[EllipseForm | None] | None,
     ) -> ModalSolution:
-        d_um, q_um = [0.0] * len(previous_um), [0.0] * len(previous_um)
-        for mode in range(len(previous_um)):
-            d_um[mode], q_um[mode] = re_im(previous_um[mode])
+        d_um, q_um = components(previous_um)
         before_d_um, before_q_um = d_um.copy(), q_um.copy()
         if variances_mm2 is None:
             variances_mm2 = [0.0] * len(places)
@@ -196,12 +194,12 @@ class InstantSolver:
                 grams, targets_um, self._contact_limit_um, d_um, q_um, self._felt_error, stretches
             )
         most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
-        if max(targets_um) > 0.0 and step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
+        if is_any_slippery(targets_um) and step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
             if self._feels:
                 achieved_um = contacts_rms_um(shapes, self._disc_weights, d_um, q_um)
             else:
                 achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
-        return ModalSolution(places, achieved_um, tuple(map(complex, d_um, q_um)), limited)
+        return ModalSolution(places, achieved_um, phasors(d_um, q_um), limited)
 
     def _contact_shapes(self, places: list[AskedPlace], contacts: list[EllipseForm]) -> Shapes:
         radius_mm = self._contact_radius_mm

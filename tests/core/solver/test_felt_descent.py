@@ -41,9 +41,9 @@ def machine_code() -> ModuleType:
 
 
 def called(module: ModuleType, seed: int) -> list[list[float]]:
-    """What a call returns and changes, for a random problem of up to 6 fingers on up to 9 modes."""
+    """What a call returns and changes, for a random problem of up to 6 fingers on up to 8 modes."""
     random = np.random.default_rng(seed)
-    fingers, modes, points = int(random.integers(1, 7)), int(random.integers(1, 10)), int(random.integers(1, 13))
+    fingers, modes, points = int(random.integers(1, 7)), int(random.integers(1, 9)), int(random.integers(1, 13))
     scale = float(random.choice([1.0, 1.0, 1.0, 0.0, 1e-200, 1e120, np.nan]))
     curve = CURVES[seed % 2]
     shapes = (scale * random.uniform(-1, 1, (fingers * points, modes))).tobytes()
@@ -149,3 +149,26 @@ def test_what_is_no_list_of_the_right_length_is_refused(
     arguments[place] = given
     with pytest.raises(error):
         machine_code.descend(*arguments)
+
+
+def test_amplitudes_are_taken_apart_and_put_together_as_in_python(machine_code: ModuleType) -> None:
+    python, modal_um = as_python(), (1.5, 2.0 - 3.0j, complex(-0.0, -1.0), np.complex128(0.5j))
+    parts = machine_code.components(modal_um)
+    assert parts == python.components(modal_um) == ([1.5, 2.0, -0.0, 0.0], [0.0, -3.0, -1.0, 0.5])
+    assert machine_code.phasors(*parts) == python.phasors(*parts) == modal_um
+    assert {type(part) for part in parts[0] + parts[1]} == {float}
+    for wrong in ("a", [None], 1.0):
+        with pytest.raises(TypeError):
+            machine_code.components(wrong)
+    with pytest.raises(ValueError, match="another length"):
+        machine_code.phasors([1.0], [])
+    with pytest.raises(TypeError):
+        machine_code.phasors([1.0], ["a"])
+
+
+def test_tables_that_are_no_arrays_of_doubles_are_refused(machine_code: ModuleType) -> None:
+    class Modes:
+        tables = memoryview(bytes(16)), memoryview(np.arange(4.0)), memoryview(np.arange(5.0))
+
+    with pytest.raises(ValueError, match="no such array"):
+        machine_code.contact_shapes(Modes(), [(0.0, 0.0, 1.0)], [(0.0, 0.0, 5.0, 0.0, 5.0)])
