@@ -19,7 +19,7 @@ class LineFaults:
     """Shares (0..1) of the writes, drawn independently, that have each fault between `from_ns` and `until_ns`.
 
     Corrupted: one to three bits flip. Truncated: the end with its delimiter is missing. Reordered: the write arrives
-    after the next one. Delayed: it and all later ones arrive up to `delay_ns` later. ValueError for other shares.
+    after the next one. Delayed: it and all later ones arrive up to `delay_ns` later.
     """
 
     lost: float = 0.0
@@ -31,13 +31,6 @@ class LineFaults:
     delay_ns: int = 0
     from_ns: int = 0
     until_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        for name in _SHARES:
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"{name} is {getattr(self, name)}: give a share of 0 to 1.")
-        if self.delay_ns < 0:
-            raise ValueError(f"delay_ns is {self.delay_ns}: it must not be negative.")
 
 
 class Line:

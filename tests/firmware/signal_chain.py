@@ -56,10 +56,7 @@ class SignalChain:
         self._carrier: Any = _carrier_type(modes)()
         converters = _carrier_type(modes)(drive_hz, control_hz, ones, ones)
         if not self._library.hd_carrier_init(ctypes.byref(self._carrier), ctypes.byref(converters)):
-            raise ValueError(
-                f"The firmware refuses a drive of {drive_hz:g} Hz with control at {control_hz:g} Hz: drive at 20 to "
-                f"125 kHz and ticks of 1 to 40 whole chunks of {CHUNK} us."
-            )
+            raise ValueError(f"The firmware refuses a drive of {drive_hz:g} Hz with control at {control_hz:g} Hz.")
         for oscillation in (self._carrier.spoken, *self._carrier.played):
             oscillation.phase += phase
 
@@ -79,8 +76,7 @@ class SignalChain:
     def drive(self, level_lsb: npt.ArrayLike) -> None:
         """Set the amplitudes (M,) complex for the next chunks."""
         levels = np.ascontiguousarray(level_lsb, dtype=np.complex64)
-        if levels.shape != (self.modes,):
-            raise ValueError(f"level_lsb has shape {levels.shape}, not {(self.modes,)}.")
+        assert levels.shape == (self.modes,)
         self._library.hd_carrier_drive(ctypes.byref(self._carrier), ctypes.c_void_p(levels.ctypes.data))
 
     def synthesise(self) -> Samples:
@@ -92,8 +88,7 @@ class SignalChain:
     def demodulate(self, samples: Samples) -> Phasors | None:
         """Process an input chunk (50, M); returns the amplitudes (M,) if it completes a control tick."""
         chunk = np.ascontiguousarray(samples, dtype=np.uint16)
-        if chunk.shape != (CHUNK, self.modes):
-            raise ValueError(f"A chunk has shape {(CHUNK, self.modes)}, not {chunk.shape}.")
+        assert chunk.shape == (CHUNK, self.modes)
         if not self._library.hd_carrier_listen(ctypes.byref(self._carrier), ctypes.c_void_p(chunk.ctypes.data)):
             return None
         measured = np.empty(self.modes, dtype=np.complex64)

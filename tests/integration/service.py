@@ -25,16 +25,6 @@ from hapticd_client import Client, PlateState
 PATIENCE_S = 45.0
 PIPE = subprocess.PIPE
 ROOT = Path(__file__).parents[2]
-DRIVING = """
-import sys, time
-from hapticd_client import Client
-with Client(sys.argv[1], "driving", timeout_s=30) as plate:
-    while len(fingers := plate.fingers(30)) < 2: pass
-    left, right = sorted(fingers, key=lambda finger: finger.x_mm)
-    plate.set(left, amplitude_um=1.0, ttl_s=float(sys.argv[2]))
-    plate.set(right, amplitude_um=0.0, ttl_s=float(sys.argv[2]))
-    time.sleep(60)
-"""
 
 Process = TypeVar("Process", bound="subprocess.Popen[Any]")
 
@@ -151,15 +141,6 @@ class Bench:
         """A rig, a service and a client that has one finger slip and one stick, and the first state with both."""
         rig, service, client = self.rig(scenario, record=record), self.service(), self.client()
         return rig, service, client, drive(client)
-
-    def driven_by_a_program(self, ttl_s: float) -> tuple[Client, subprocess.Popen[str]]:
-        """A client that only watches, and a program that makes one finger slip and one stick, once it is obeyed."""
-        self.rig()
-        self.service()
-        watcher = self.client("watcher")
-        program = self.program("-c", DRIVING, str(self.runtime_dir), str(ttl_s))
-        wait_state(watcher, is_driven)
-        return watcher, program
 
     def configure(self, text: str) -> None:
         """Add sections to the configuration."""

@@ -22,7 +22,6 @@ from hapticd.tools.install_service import AFTERWARDS
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1300)]
 
 UNIT = (Path(__file__).parents[2] / "systemd/hapticd.service").read_text(encoding="utf-8")
-DESCRIPTION = re.findall(r"^Description=(.*)$", UNIT, re.MULTILINE)[0]
 FIFO_RESET_ON_FORK = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 SECCOMP_FILTER = ["2"]
 ERROR, INFO = 3, 6  # syslog(3)

@@ -574,9 +574,6 @@ def request(op: str, request_id: object = 7, **fields: object) -> bytes:
     return bytes(msgpack.packb({"v": 1, "id": request_id, "op": op, **fields}))
 
 
-EMPTY = ("hello", "capabilities", "status", "plate", "clear_fault", "surfaces")
-
-
 def op_of(got: requests.Request) -> object:
     return type(got).__struct_config__.tag
 

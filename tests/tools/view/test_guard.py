@@ -6,8 +6,6 @@ import pytest
 
 from hapticd.tools.view import guard
 
-OWN = "http://127.0.0.1:8017"
-
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8017", "localhost:8017"])
 def test_its_own_page_is_admitted(host: str) -> None:
