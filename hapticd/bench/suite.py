@@ -27,6 +27,7 @@ from . import (
     prediction,
     prediction_traces,
     solver,
+    stamps,
     tick,
     traces,
     worlds,
@@ -46,9 +47,15 @@ class Extent(NamedTuple):
 
 _Runner = Callable[[Extent], tuple[Table, ...]]
 
+def _predictions(recorded_touches: list[Trace] | None) -> tuple[Table, ...]:
+    if recorded_touches is not None:
+        return prediction_traces.run(recorded_touches)
+    return (*prediction.run(), stamps.run())
+
+
 PARTS: dict[str, _Runner] = {
     "modes": lambda _: (modes.run(),),
-    "prediction": lambda extent: prediction.run() if extent.touches is None else prediction_traces.run(extent.touches),
+    "prediction": lambda extent: _predictions(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run(), contact_forms.run()),

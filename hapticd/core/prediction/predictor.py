@@ -57,7 +57,7 @@ class TouchPredictor(FingerPredictor):
 
     def update(self, t_ns: int, t_stamp_ns: int, x_mm: float, y_mm: float, period_s: float) -> None:
         """Take a sample. Ignored: what is no position, and stamps that do not increase."""
-        if not (-_FARTHEST_MM <= x_mm <= _FARTHEST_MM and -_FARTHEST_MM <= y_mm <= _FARTHEST_MM):
+        if not is_position(x_mm, y_mm):
             return
         elapsed_s = math.inf if self._t_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
         if elapsed_s > GAP_PERIODS * period_s:
@@ -121,7 +121,7 @@ class Predictor:
 
     def update(self, t_ns: int, x_mm: float, y_mm: float) -> None:
         """Take the sample stamped `t_ns`. Ignored: what is no position, and stamps that do not increase."""
-        if not (math.isfinite(x_mm) and math.isfinite(y_mm)):
+        if not is_position(x_mm, y_mm):
             return
         if self._t_stamp_ns is not None:
             elapsed_s = (t_ns - self._t_stamp_ns) * 1e-9
@@ -143,6 +143,11 @@ class Predictor:
     def covariance(self, t_ns: int) -> tuple[float, float, float]:
         """Return xx, xy, yy in mm^2 of the predicted position's error at `t_ns`."""
         return self._touch.covariance(t_ns)
+
+
+def is_position(x_mm: float, y_mm: float) -> bool:
+    """Return whether both are finite, and on some plate."""
+    return -_FARTHEST_MM <= x_mm <= _FARTHEST_MM and -_FARTHEST_MM <= y_mm <= _FARTHEST_MM
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,14 @@
 """When a sample was really taken: a causal filter over the stamps of a regular sampler.
 
-A trackpad samples its glass on a regular clock, but its stamps are rounded to a millisecond or come with the bus's
-jitter. Half a millisecond is 0.17 mm at 30 cm/s, more than the sensor's own noise, so the stamps are filtered before
-any motion is estimated: a two-state Kalman filter on (sampling time, period), with a whole number of periods between
-samples. Source: the Kalman filter of a clock with phase and frequency (Kalman 1960; the standard phase-lock model);
-the slot rule is explained at `_EARLY_FRAC`.
+A trackpad samples its glass on a regular clock, but its stamps are rounded to a millisecond, jitter with the bus, come
+in batches or, as a finger lands, lie off the sampling grid. Half a millisecond is 0.17 mm at 30 cm/s, more than the
+sensor's own noise, so the stamps are filtered before any motion is estimated.
+
+`SlotFilter` estimates the sampling time and the period for one assumed error of the stamps: a Kalman filter of a clock
+(Kalman 1960), where how many periods lie between two samples is unknown. Each likely number has a posterior, and their
+mixture is replaced by its mean and covariance after every stamp (generalised pseudo-Bayes: Ackerson and Fu 1970). So a
+doubtful number leaves a large variance, and the next stamps decide. `SampleClock` runs three, from a clock's rounding
+to stamps that are hardly worth anything, and follows the one under which the last stamps were most likely.
 
 Only differences enter and leave, so nothing here depends on where time starts.
 """
@@ -16,48 +20,128 @@ from typing import Final
 
 _PHASE_WALK_VAR_S2: Final = 20e-6**2  # how far the true sampling instant strays in one period
 _PERIOD_WALK_VAR_S2: Final = 0.1e-6**2  # how far the period itself strays in one period
+_FIRST_PERIODS: Final = 0.3  # standard error of a train's first stamp: touch-downs of phones are up to 0.5 off the grid
 
-# A gap of m periods is read as floor(gap/period + 0.35), not rounded: real stamps have lone outliers of +4 ms, and
-# rounding takes such a late stamp for a lost frame, then loses the lock on the next one.
-_EARLY_FRAC: Final = 0.35
+_LOST: Final = 0.03  # probability of one more lost sample
+_MOST_LOST: Final = 8.0  # more are as improbable as so many
+_REPEATED: Final = 0.003  # that there was one slot too many before: it is taken back
+_OUTLIER: Final = 1e-5  # likelihood of a stamp that no number of periods explains, relative to one that fits
 
-_RELOCK_FRAC: Final = 0.6  # of a period: a stamp this far off belongs to a new train of samples
+_WORSE_STAMPS_S: Final = (2e-3, 4.5e-3)  # errors that stamps may have instead of the expected one
+_DOUBT: Final = 8.0  # log likelihood that the next of them must gain before it is believed
+_FORGET: Final = 1.0 - 1.0 / 64.0  # of a log likelihood, a stamp
+
 SHORTEST_PERIODS: Final = 0.4  # the least interval, so that no speed is made of a burst of reports
 GAP_PERIODS: Final = 5.5  # five lost samples: what comes after is a new train
-_LEAST_ERRORS: Final = 2  # over so many stamps their jitter is averaged at first,
-_MOST_ERRORS: Final = 32  # and over so many later
-_RELOCKS_TO_RETUNE: Final = 3  # in a row: then the nominal period is wrong, and the last interval is a better one
+_FASTEST, _SLOWEST = 1.0 / 16.0, 4.0  # period over the expected one
+
+
+class SlotFilter:
+    """The clock of a sampler whose stamps err by `stamp_error_s` (standard error): `lag_s`, `period_s`, and the log
+    likelihood of the last stamps."""
+
+    __slots__ = (
+        *("_cross", "_longest_s", "_period_var", "_phase_var", "_shortest_s", "_stamp_var"),
+        *("lag_s", "log_likelihood", "period_s"),
+    )
+
+    def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float, log_likelihood: float) -> None:
+        self.period_s = period_s
+        self.log_likelihood = log_likelihood
+        self._shortest_s, self._longest_s = _FASTEST * period_s, _SLOWEST * period_s
+        self._period_var = period_error_s * period_error_s
+        self._stamp_var = stamp_error_s * stamp_error_s
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a train of samples with the last stamp; the estimate of the period stays."""
+        self.lag_s = self._cross = 0.0
+        self._phase_var = self._stamp_var + (_FIRST_PERIODS * self.period_s) ** 2
+
+    def advance(self, elapsed_s: float) -> None:
+        """Take the next stamp, `elapsed_s` > 0 after the last."""
+        since_s = elapsed_s + self.lag_s
+        nearest = float(math.floor(since_s / self.period_s + 0.5))
+        periods = nearest - 1.0 if nearest > 1.0 else 0.0
+        weights = lag = change = lag_var = cross = period_var = 0.0
+        for _ in range(3):
+            walks = periods if periods > 1.0 else 1.0
+            error = since_s - periods * self.period_s
+            before = self._cross + periods * self._period_var  # covariance of phase and period, before the stamp
+            phase_var = self._phase_var + periods * (self._cross + before) + walks * _PHASE_WALK_VAR_S2
+            spread = phase_var + self._stamp_var
+            weight = _prior(periods) * (math.exp(-0.5 * error * error / spread) + _OUTLIER) / math.sqrt(spread)
+            untrusted = self._stamp_var / spread
+            gain = before / spread
+            lag_here, change_here = untrusted * error, gain * error
+            weights += weight
+            lag += weight * lag_here
+            change += weight * change_here
+            lag_var += weight * (untrusted * phase_var + lag_here * lag_here)
+            cross += weight * (untrusted * before - lag_here * change_here)
+            period_var += weight * (self._period_var - gain * before + change_here * change_here)
+            periods += 1.0
+        self.log_likelihood = _FORGET * self.log_likelihood + math.log(weights)
+        self.lag_s = lag = lag / weights
+        change /= weights
+        phase_var, period_var = lag_var / weights - lag * lag, period_var / weights - change * change
+        self._phase_var = phase_var if phase_var > 0.0 else 0.0
+        self._cross = cross / weights + lag * change
+        self._period_var = (period_var if period_var > 0.0 else 0.0) + _PERIOD_WALK_VAR_S2
+        period_s = self.period_s + change
+        self.period_s = (
+            self._shortest_s
+            if period_s < self._shortest_s
+            else self._longest_s
+            if period_s > self._longest_s
+            else period_s
+        )
+
+
+def _prior(periods: float) -> float:
+    """Return how probable it is that so many periods lie between two samples."""
+    if periods == 0.0:
+        return _REPEATED
+    if periods == 1.0:
+        return 1.0
+    lost = periods - 1.0
+    return math.pow(_LOST, lost if lost < _MOST_LOST else _MOST_LOST)
 
 
 class SampleClock:
     """Sampling times from stamps. `period_s` is the estimated period, `lag_s` = last stamp - its sampling time.
 
     All arguments in seconds: the expected period, the standard errors of that expectation and of one stamp. Stamps that
-    jitter by more are measured and trusted less. With a `stamp_error_s` of 0 every stamp is taken as it is.
+    prove worse are trusted less. With a `stamp_error_s` of 0 every stamp is taken as it is.
     """
 
-    __slots__ = (
-        *("_cross", "_error_s", "_errors", "_least_stamp_var", "_period_error", "_period_var", "_phase_var"),
-        *("_relock_span_s", "_relocks", "_seen_stamp_var", "_stamp_var", "_t_stamp_ns", "lag_s", "period_s"),
-    )
+    __slots__ = ("_best", "_filters", "_takes_stamps", "_t_stamp_ns")
 
     def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float) -> None:
+        worse_s = [error_s for error_s in _WORSE_STAMPS_S if error_s > stamp_error_s]
+        self._filters = [
+            SlotFilter(period_s, period_error_s, error_s, -_DOUBT * place)
+            for place, error_s in enumerate((stamp_error_s, *worse_s))
+        ]
+        self._best = self._filters[0]
+        self._takes_stamps = stamp_error_s == 0.0
         self._t_stamp_ns: int | None = None
-        self._stamp_var = self._seen_stamp_var = self._least_stamp_var = stamp_error_s * stamp_error_s
-        self._period_error = period_error_s / period_s
-        self._errors = _LEAST_ERRORS
-        self._tune(period_s)
-        self.restart()
 
-    def _tune(self, period_s: float) -> None:
-        self.period_s = period_s
-        self._period_var = (self._period_error * period_s) ** 2
+    @property
+    def period_s(self) -> float:
+        """The sampler's period."""
+        return self._best.period_s
+
+    @property
+    def lag_s(self) -> float:
+        """The last stamp less its sampling time."""
+        return 0.0 if self._takes_stamps else self._best.lag_s
 
     def filtered_ns(self, t_stamp_ns: int) -> int:
         """Return when the sample stamped `t_stamp_ns` was taken, on the stamps' own axis; stamps in order.
 
         Before the first stamp, after a gap of `GAP_PERIODS` and where stamps go back a new train of samples begins:
-        its first stamp is taken as it is. A repeated stamp changes nothing.
+        its first stamp is taken as it is, and trusted little. A repeated stamp changes nothing.
         """
         elapsed_s = -1.0 if self._t_stamp_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
         if not 0.0 <= elapsed_s <= GAP_PERIODS * self.period_s:
@@ -68,60 +152,16 @@ class SampleClock:
         return t_stamp_ns - round(self.lag_s * 1e9)
 
     def restart(self) -> None:
-        """Begin a train of samples with the next stamp; the estimate of the period stays."""
+        """Begin a train of samples with the next stamp; the estimates of the period stay."""
         self._t_stamp_ns = None
-        self._start_train()
-
-    def _start_train(self) -> None:
-        self.lag_s = 0.0
-        self._phase_var = self._stamp_var
-        self._cross = 0.0
-        self._relocks = 0
-        self._relock_span_s = 0.0
-        self._error_s = 0.0
+        for each in self._filters:
+            each.restart()
 
     def advance(self, elapsed_s: float) -> float:
         """Take the next stamp, `elapsed_s` > 0 after the last; return the time between the two samplings, in s."""
-        period = self.period_s
-        since_sampling = elapsed_s + self.lag_s
-        periods = max(1, math.floor(since_sampling / period + _EARLY_FRAC))
-        error = since_sampling - periods * period
-        if not abs(error) <= _RELOCK_FRAC * period:
-            self._relock(elapsed_s)
-            return max(since_sampling, SHORTEST_PERIODS * period)
-        period_var = self._period_var
-        phase_var = self._phase_var + periods * (2.0 * self._cross + periods * period_var) + _PHASE_WALK_VAR_S2
-        cross = self._cross + periods * period_var
-        spread = phase_var + self._stamp_var
-        phase_gain = phase_var / spread
-        self._measure_jitter(error, phase_var)
-        period_gain = cross / spread
-        untrusted = 1.0 - phase_gain
-
-        self._phase_var = untrusted * phase_var
-        self._cross = untrusted * cross
-        self._period_var = period_var + _PERIOD_WALK_VAR_S2 - period_gain * cross
-        self._relocks = 0
-        self._relock_span_s = 0.0
-        self.lag_s = untrusted * error
-        self.period_s = period + period_gain * error
-        return max(since_sampling - self.lag_s, SHORTEST_PERIODS * period)
-
-    def _measure_jitter(self, error_s: float, phase_var: float) -> None:
-        """From the change between errors, for a period that is still wrong adds the same to each."""
-        if self._least_stamp_var == 0.0:
-            return
-        change_s = error_s - self._error_s
-        self._error_s = error_s
-        self._errors += self._errors < _MOST_ERRORS
-        self._seen_stamp_var += (0.5 * change_s * change_s - phase_var - self._seen_stamp_var) / self._errors
-        self._stamp_var = max(self._seen_stamp_var, self._least_stamp_var)
-
-    def _relock(self, elapsed_s: float) -> None:
-        """Begin a new train at a stamp that fits no slot. After some in a row, take their mean interval as period."""
-        relocks, span_s = self._relocks + 1, self._relock_span_s + elapsed_s
-        self._start_train()
-        if relocks >= _RELOCKS_TO_RETUNE:
-            self._tune(span_s / relocks)
-        else:
-            self._relocks, self._relock_span_s = relocks, span_s
+        since_s = elapsed_s + self.lag_s
+        for each in self._filters:
+            each.advance(elapsed_s)
+            if each.log_likelihood > self._best.log_likelihood or each is self._filters[0]:
+                self._best = each
+        return max(since_s - self.lag_s, SHORTEST_PERIODS * self.period_s)

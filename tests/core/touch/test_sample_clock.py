@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.bench import stamps
 from hapticd.core.touch.sample_clock import SampleClock
 
 
@@ -24,7 +27,7 @@ def sampling_errors_s(clock: SampleClock, stamps_s: list[float], sampled_s: list
 @pytest.mark.parametrize(
     ("period_s", "clock_period_s", "period_error_s", "most_ms"),
     [
-        (0.010, 0.010, 0.0001, {1: 0.46, 3: 0.36, 10: 0.31, 20: 0.29, 100: 0.15}),
+        (0.010, 0.010, 0.0001, {1: 0.58, 3: 0.46, 10: 0.31, 20: 0.29, 100: 0.15}),
         (0.010, 0.01125, 0.001, {1: 0.60, 3: 0.55, 10: 0.38, 20: 0.30, 100: 0.15}),
         (0.01125, 0.01125, 0.001, {1: 0.60, 3: 0.55, 10: 0.38, 20: 0.30, 100: 0.15}),
     ],
@@ -67,18 +70,58 @@ def test_whatever_the_stamps_intervals_and_period_stay_positive_and_finite(
     for gap in gaps:
         assert 0.0 < clock.advance(gap) < 1.0
         assert 0.0 < clock.period_s < 1.0
-        assert abs(clock.lag_s) < 0.1
+        assert abs(clock.lag_s) < 0.25
 
 
-def test_stamps_that_jitter_more_than_expected_are_measured_and_trusted_less() -> None:
-    squares_ms2, raw_ms2 = [], []
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        sampled_s = np.arange(201) * 0.01125
-        stamps_s = sampled_s + rng.uniform(-3e-3, 3e-3, 201)
-        clock = SampleClock(0.01125, 0.0001, 0.6e-3)
-        errors_s = sampling_errors_s(clock, stamps_s.tolist(), sampled_s.tolist())[100:]
-        squares_ms2 += [(error_s * 1e3) ** 2 for error_s in errors_s]
-        raw_ms2 += np.square((stamps_s - sampled_s)[100:] * 1e3).tolist()
-        assert clock._stamp_var == pytest.approx(3e-6, rel=0.6)  # uniform over 6 ms
-    assert math.sqrt(np.mean(squares_ms2)) < 0.35 * math.sqrt(np.mean(raw_ms2))
+def locks(seeds: Sequence[int]) -> dict[tuple[str, float, float, int], stamps.Left]:
+    """What the filter leaves of stamps that are off by up to 6 ms, by kind, rate, share lost and seed."""
+    cases = product(stamps.KINDS, stamps.RATES_HZ, stamps.LOST_FRAC, seeds)
+    make = stamps.alternatives()[stamps.DEFAULT]
+    return {case: stamps.left(make, stamps.train(*case, stamps.WORST_S)) for case in cases}
+
+
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 50), marks=pytest.mark.long)], ids=["few", "all"])
+def test_stamps_that_are_off_by_6_ms_lock_no_filter_to_a_wrong_phase(seeds: Sequence[int]) -> None:
+    found = locks(seeds)
+    assert [case for case, one in found.items() if one.is_wrong] == []
+    regular = [one.rms_s for (kind, _, lost, _), one in found.items() if kind == "uniform" and lost == 0.0]
+    assert max(regular) < 0.7 * stamps.WORST_S / math.sqrt(3.0), "and some of the jitter is gone"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    kind=st.sampled_from(stamps.KINDS),
+    rate_hz=st.floats(60.0, 240.0),
+    lost_frac=st.floats(0.0, 0.05),
+    error_s=st.floats(0.0, 6e-3),
+    seed=st.integers(0, 10**6),
+)
+def test_whatever_the_rate_and_the_stamps_the_phase_is_that_of_their_mean(
+    kind: str, rate_hz: float, lost_frac: float, error_s: float, seed: int
+) -> None:
+    one = stamps.train(kind, rate_hz, lost_frac, seed, max(error_s, 1e-5), seconds=5.0)
+    assert abs(stamps.left(stamps.alternatives()[stamps.DEFAULT], one).mean_s) < 2e-3
+
+
+def test_stamps_that_jitter_more_than_expected_are_trusted_less() -> None:
+    make = stamps.alternatives()[stamps.DEFAULT]
+    for seed in range(10):
+        one = stamps.train("uniform", 88.9, 0.0, seed, 3e-3, seconds=4.0)
+        assert stamps.left(make, one).rms_s < 0.25 * 3e-3 / math.sqrt(3.0)
+
+
+@pytest.mark.parametrize("off_ms", [-8.0, -4.0, 4.0, 7.0])
+def test_a_touch_down_off_the_sampling_grid_is_forgotten_by_the_third_sample(off_ms: float) -> None:
+    period_s = 1.0 / 60.0
+    stamps_s = [1.0 + 1e-3 * off_ms, *(1.0 + period_s * k for k in range(1, 12))]
+    clock = SampleClock(period_s, 1e-3, 0.6e-3)
+    errors_s = sampling_errors_s(clock, stamps_s, [1.0 + period_s * k for k in range(12)])
+    assert max(map(abs, errors_s[2:])) < 0.6e-3
+
+
+def test_a_lone_late_stamp_hardly_moves_the_clock() -> None:
+    stamps_s = [1.0 + 0.008 * k for k in range(100)]
+    sampled_s = stamps_s.copy()
+    stamps_s[60] += 0.004
+    errors_s = sampling_errors_s(SampleClock(0.01125, 1e-3, 0.6e-3), stamps_s, sampled_s)
+    assert max(map(abs, errors_s[60:])) < 0.5e-3
