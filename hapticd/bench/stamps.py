@@ -33,9 +33,11 @@ _PERIOD_S, _PERIOD_ERROR_S, _STAMP_ERROR_S = 0.01125, 0.0007, 0.6e-3  # as for t
 
 
 class Filter(Protocol):
-    """What gives the last stamp less its sampling time, in s."""
+    """A filter of stamps."""
 
-    lag_s: float
+    @property
+    def lag_s(self) -> float:
+        """The last stamp less its sampling time, in s."""
 
     def advance(self, elapsed_s: float) -> object:
         """Take the next stamp, `elapsed_s` after the last."""
@@ -63,7 +65,7 @@ class Left(NamedTuple):
 def train(kind: str, rate_hz: float, lost_frac: float, seed: int, error_s: float, seconds: float = 6.0) -> Train:
     """Return the stamps of a sampler, one of `KINDS`, off by up to `error_s`."""
     rng = np.random.default_rng([seed, int(rate_hz), int(1000 * lost_frac), KINDS.index(kind)])
-    s = (np.arange(int(seconds * rate_hz)) + rng.uniform()) / rate_hz
+    s = np.asarray((np.arange(int(seconds * rate_hz)) + rng.uniform()) / rate_hz, np.float64)
     if kind == "drifting":
         turn = 2.0 * math.pi / _DRIFT_S
         s = s + _DRIFT_FRAC / turn * np.sin(turn * s + rng.uniform(0.0, 2.0 * math.pi))

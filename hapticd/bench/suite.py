@@ -47,6 +47,7 @@ class Extent(NamedTuple):
 
 _Runner = Callable[[Extent], tuple[Table, ...]]
 
+
 def _predictions(recorded_touches: list[Trace] | None) -> tuple[Table, ...]:
     if recorded_touches is not None:
         return prediction_traces.run(recorded_touches)

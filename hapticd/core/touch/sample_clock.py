@@ -115,7 +115,7 @@ class SampleClock:
     prove worse are trusted less. With a `stamp_error_s` of 0 every stamp is taken as it is.
     """
 
-    __slots__ = ("_best", "_filters", "_takes_stamps", "_t_stamp_ns")
+    __slots__ = ("_best", "_filters", "_t_stamp_ns", "_takes_stamps")
 
     def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float) -> None:
         worse_s = [error_s for error_s in _WORSE_STAMPS_S if error_s > stamp_error_s]
