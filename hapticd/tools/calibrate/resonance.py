@@ -1,6 +1,6 @@
 """Step 1: sweep each amplifier of the board, fit all modes and wires, and propose a drive frequency.
 
-A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. `design.drive` defines
+A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. `design.resonance` defines
 the criterion for the drive. One that is worth moving is written to the calibration file, by which the daemon sets it.
 """
 
@@ -19,8 +19,7 @@ import numpy as np
 from ... import board_protocol as protocol
 from ...board_protocol import ControllerRequest, Sweep
 from ...board_values import BoardCalibration, BoardController, BoardHello, ModeCalibration, SweepPoint
-from ...design.drive import largest_voltage_v, propose_drive_hz, voltage_v
-from ...design.resonance import MIN_POINTS, Resonance
+from ...design.resonance import MIN_POINTS, Resonance, largest_voltage_v, propose_drive_hz, voltage_v
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from ...errors import CalibrationError, DeviceError
 from ...files import calibration
