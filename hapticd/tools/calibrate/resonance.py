@@ -1,7 +1,8 @@
 """Step 1: sweep each amplifier of the board, fit all modes and wires, and propose a drive frequency.
 
 A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. `design.resonance`
-defines the criterion for the drive. One that is worth moving is written to the calibration file, by which the daemon sets it.
+defines the criterion for the drive. One that is worth moving is written to the calibration file, by which the daemon
+sets it.
 """
 
 from __future__ import annotations
