@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from ..values import Aim, Drive, Finger, FingerFrame, FingerKey, LimitReason, SafeDrive, Tick, TouchFrame, TouchPoint
+from ..values import Aim, Drive, Finger, FingerFrame, FingerKey, SafeDrive, Tick, TouchFrame, TouchPoint
 from .active_reference import ActiveReference, Past
 from .budget import MOST_SLOWNESS, PassBudget
 from .frame import NO_FINGERS, FramePlan, FrameSolver, Participants
@@ -28,7 +28,7 @@ from .solver.reach import LEAST_CALLS
 from .targets.scene import Scene
 from .touch.contact_form import EllipseScale
 from .touch.fingers import Fingers
-from .trajectory.gate import gate, silence
+from .trajectory.gate import UNTOUCHED, gate, silence
 from .trajectory.readings import Matrix, as_read, as_they_are
 from .triggers import Triggers
 from .ways import Ways
@@ -223,7 +223,7 @@ class Pipeline:
         self.counters.knots += len(knots)
         self.counters.skipped_knots += max(self.max_knots - len(knots), 0)
         self.counters.limited += limited
-        self.counters.gated += drive.reasons is not LimitReason.NONE
+        self.counters.gated += drive.reasons is not UNTOUCHED
         touched = points(keys, first, last)
         active.activate(drive, fingers, last.places, touched, limited=limited)
         return self._tick(t_now_ns, t_plate_ns, self._as_read(drive), touched, limited)

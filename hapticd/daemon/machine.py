@@ -43,6 +43,7 @@ LOOK_EVERY_NS = 100_000_000  # while idle: whatever starts a touch arrives as a 
 REST_EVERY_NS = 400_000_000  # while the board rests too; the service manager's watchdog allows 1 s
 TEND_AFTER_NS = 15_000_000  # without a timer: reports that come more often make its ticks needless
 EARLY_NS = 5_000_000  # a timer may come earlier by this and still count
+TOUCHED, RELEASED = Event.TOUCHED, Event.RELEASED
 REPORTS_ENDED_NS = 20_000_000  # without reports for so long the timer makes the passes
 
 
@@ -219,7 +220,7 @@ class Machine:
         decode = self.trackpad.decode
         frames = [(one, t_read_ns) for t_read_ns, data in batch for one in decode(data, t_read_ns)]
         tick = self.pipeline.drive(t_now_ns, aim, frames)
-        self._supervise(Event.TOUCHED if tick.points else Event.RELEASED, "", t_now_ns)
+        self._supervise(TOUCHED if tick.points else RELEASED, "", t_now_ns)
         return tick
 
     def aim(self, t_now_ns: int) -> Aim:

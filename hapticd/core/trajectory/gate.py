@@ -16,6 +16,7 @@ from typing import Final
 
 from ...values import Drive, Knot, LimitReason, SafeDrive
 
+UNTOUCHED: Final = LimitReason.NONE  # here and in all that passes do: a member looked up in its class takes 0.15 us
 MAX_SPAN_NS: Final = 262_000_000  # a polyline longer than this does not fit the wire's 16-bit offsets of 4 us
 MAX_LIMIT_UM: Final = 1e3  # a limit beyond is a mistake; the plate breaks long before
 
@@ -29,7 +30,7 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
     if not _is_well_formed(drive, limit_um, max_knots):
         t_apply_ns = _whole_ns(drive)
         return silence(0 if t_apply_ns is None else t_apply_ns, max(len(limit_um), 1), LimitReason.MALFORMED)
-    reasons = LimitReason.NONE
+    reasons = UNTOUCHED
     knots = drive.knots
     for index, (dt_ns, modal_um) in enumerate(knots):
         if _is_within(modal_um, limit_um):
@@ -41,7 +42,7 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
     return SafeDrive(drive.t_apply_ns, knots, reasons)
 
 
-def silence(t_apply_ns: int, modes: int, reasons: LimitReason = LimitReason.NONE) -> SafeDrive:
+def silence(t_apply_ns: int, modes: int, reasons: LimitReason = UNTOUCHED) -> SafeDrive:
     """One knot of zero amplitude in all modes."""
     return SafeDrive(t_apply_ns, (Knot(0, (0.0,) * modes),), reasons)
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.core.board.supervisor import TRANSITIONS, Event, State, Supervisor
+from hapticd.core.board.transitions import CONDITIONS, NEEDS
 
 DRIVING = [State.ACTIVE]
 EVENTS = list(Event)
@@ -104,3 +105,16 @@ def test_history_tells_what_changed_when_and_why_and_stays_short() -> None:
         supervisor.handle(Event.RELEASED if t_ns % 2 == 0 else Event.TOUCHED, "", t_ns)
     assert len(supervisor.history) == 64
     assert supervisor.history[-1].t_ns == 199
+
+
+@given(st.lists(st.sampled_from(EVENTS), max_size=30))
+@settings(max_examples=200)
+def test_events_that_repeat_are_taken_as_the_table_has_them(events: list[Event]) -> None:
+    supervisor, up = Supervisor(), set[str]()
+    state = State.IDLE
+    for t_ns, event in enumerate(events):
+        name, is_up = CONDITIONS.get(event, ("", False))
+        up = up | {name} if is_up else up - {name}
+        after = TRANSITIONS[state, event]
+        state = after if NEEDS[after] <= up else State.IDLE
+        assert supervisor.handle(event, "test", t_ns) is supervisor.state is state
