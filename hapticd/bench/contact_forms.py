@@ -28,11 +28,11 @@ PLATES = ((FINGERTIP, 4), (FINGERTIP, 6), (WIDE, 8))  # and modes
 RADII_MM = (CONTACT_RADIUS_MM, 4.0, 6.0, 7.0)  # of discs
 AXES_MM = (11.0, 8.0)  # of ellipses, whole
 TURNS_RAD = (0.0, np.pi / 3.0, 2.0 * np.pi / 3.0)
-FORMS: dict[str, tuple[Fingertip, ...]] = {f"discs of {mm:g} mm": (Fingertip(mm, mm),) for mm in RADII_MM}
-FORMS[f"ellipses of {AXES_MM[1]:g} x {AXES_MM[0]:g} mm"] = tuple(
+FORMS: dict[str, tuple[Fingertip, ...]] = {f"discs of {mm:g} mm radius": (Fingertip(mm, mm),) for mm in RADII_MM}
+FORMS[f"ellipses with diameters of {AXES_MM[1]:g} x {AXES_MM[0]:g} mm"] = tuple(
     Fingertip(AXES_MM[0] / 2.0, AXES_MM[1] / 2.0, turn_rad) for turn_rad in TURNS_RAD
 )
-FORMS["discs of 5 mm that swell by 20 % at 1 Hz"] = (Fingertip(swell_frac=0.2, swell_hz=1.0),)
+FORMS["discs of 5 mm radius that swell by 20 % at 1 Hz"] = (Fingertip(swell_frac=0.2, swell_hz=1.0),)
 
 
 class _Case(NamedTuple):
@@ -54,7 +54,7 @@ def run(*, plates: Sequence[tuple[str, int]] = PLATES, seeds: Sequence[int] = SE
         compared=("felt_frac",),
         notes=(
             "felt: contacts as the pad reports their ellipses, with its noise (`trackpad.ellipse_scale`)",
-            f"disc: discs of {CONTACT_RADIUS_MM:g} mm are believed; perfect: with perfect knowledge of contacts too",
+            f"disc: discs of {CONTACT_RADIUS_MM:g} mm radius are believed; perfect: contacts known",
         ),
     )
 

@@ -128,9 +128,9 @@ class WorldErrors:
     modes of each pair have turned into each other since the scan. `chip_mm`: sides of a corner that broke off since,
     `supports_hz`: springs that four points of the edge have met since, by which a mode rises where its shape is 1;
     both mix and shift the modes (`plate.coupled_modes`). `drift_hz_per_min`: of all modes alike, from a run's start
-    on, while `drift_hz` returns. `contacts`: None are discs of 5 mm. `friction_factor`: an amplitude gives this person
-    the friction that `friction_factor` times as much gives by the daemon's curve; left out: curves of another form,
-    and friction that changes with moisture.
+    on, while `drift_hz` returns. `contacts`: None are discs of 5 mm radius. `friction_factor`: an amplitude gives this
+    person the friction that so many times as much gives by the daemon's curve; left out: curves of another form, and
+    friction that changes with moisture.
     What a laboratory knows is no cause either, and is never drawn: `map_step_mm`, from one point of the scan to the
     next, and `report_period_ms` of the pad; None takes the settings'. `lost_frac` of the reports do not arrive.
     """

@@ -193,6 +193,6 @@ def test_what_is_asked_is_felt_more_often_the_less_is_asked_and_the_more_modes_t
 
 def test_larger_contacts_feel_what_was_asked_more_often_as_the_pad_reports_them_than_as_discs_of_5_mm() -> None:
     table = part("leak")[4]
-    name = f"{FINGERTIP} plate, 4 modes, discs of 6 mm"
+    name = f"{FINGERTIP} plate, 4 modes, discs of 6 mm radius"
     assert figure(table, name, "felt_frac") > figure(table, name, "disc_frac")
     assert figure(table, table.default, "felt_frac") > figure(table, table.default, "disc_frac") - 0.03
