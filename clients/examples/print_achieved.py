@@ -40,13 +40,13 @@ def show(plate: Client, every_s: float, end_s: float) -> None:
 
 
 def line(state: PlateState) -> str:
-    """Format one state: target -> achieved for every finger with a target."""
+    """Format one state: target -> achieved for every finger with a target; ! where one is missed."""
     fingers = [
         f"{finger.id}: {finger.target_um:.2f} -> {finger.achieved_um:.2f} um"
         for finger in state.fingers
         if finger.target_um is not None and finger.achieved_um is not None
     ]
-    return f"{'!' if state.limited else ' '} {state.state:7} {'   '.join(fingers) or 'no targets'}"
+    return f"{'!' if state.misses_target else ' '} {state.state:7} {'   '.join(fingers) or 'no targets'}"
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from . import (
     prediction_traces,
     solver,
     stamps,
+    telemetry,
     tick,
     traces,
     worlds,
@@ -60,6 +61,7 @@ PARTS: dict[str, _Runner] = {
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run(), contact_forms.run()),
+    "telemetry": lambda _: (telemetry.run(),),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds, campaign=extent.campaign),
     "firmware": lambda _: firmware.run(),
 }

@@ -214,6 +214,23 @@ class SolverConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class UncertaintyConfig:
+    """Standard deviations of what is taken to be known of plate, sensors and pad, for telemetry."""
+
+    # The defaults are those of laboratories (`sim.world_tolerances`) after scan and sweep: `hapticd bench telemetry`
+    # compares there what telemetry says with what is felt.
+    map_frac: float = key(
+        0.016,
+        "of the mode map at each place, as a share of a shape's peak: noise, and change since its scan",
+        low=0,
+        high=1,
+    )
+    sensors_frac: float = key(0.016, "of the board's sensors: gain, phase (rad) and crosstalk of each", low=0, high=1)
+    place_mm: float = key(0.4, "of a contact's centre on each axis: the pad's place, and its centroids", low=0, high=10)
+    latency_ms: float = key(1.7, "of trackpad.latency_ms", low=0, high=20)
+
+
+@dataclass(frozen=True, slots=True)
 class ClientConfig:
     """Endpoints for clients."""
 
@@ -276,6 +293,7 @@ class Config:
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     prediction: PredictionConfig = field(default_factory=PredictionConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
+    uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
     client: ClientConfig = field(default_factory=ClientConfig)
     sim: SimConfig = field(default_factory=SimConfig)
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)

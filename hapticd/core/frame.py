@@ -102,9 +102,7 @@ class FrameSolver:
         for key in keys:
             x_mm, y_mm = self._predicted_mm(key, t_ns)
             if stretches is not None:
-                was_x_mm, was_y_mm = self._predicted_mm(key, t_ns - _STEP_NS)
-                speed_mm_s = math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
-                stretches.append(scene.slide(speed_mm_s))
+                stretches.append(scene.slide(self.speed_mm_s(key, t_ns)))
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
@@ -112,6 +110,12 @@ class FrameSolver:
                 target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
             places.append((x_mm, y_mm, target_um))
         return Instant(places, stretches)
+
+    def speed_mm_s(self, key: FingerKey, t_ns: int) -> float:
+        """Return how fast a finger will slide."""
+        x_mm, y_mm = self._predicted_mm(key, t_ns)
+        was_x_mm, was_y_mm = self._predicted_mm(key, t_ns - _STEP_NS)
+        return math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
 
     def _predicted_mm(self, key: FingerKey, t_ns: int) -> tuple[float, float]:
         """Return where a finger will be."""

@@ -1,4 +1,4 @@
-"""What a contact feels: the mean over it of the friction curve at the plate's amplitude.
+"""What a contact feels: the mean over it of the friction curve at the plate's amplitude, and how sure that is.
 
 Friction has a cusp wherever the amplitude is 0, which only many points resolve.
 """
@@ -7,25 +7,46 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 from .friction import FrictionCurve
 from .phasors import re_im
-from .plate.contact import Disc, EllipseForm
+from .plate.contact import Disc, EllipseForm, disc_points
 from .plate.mode_shapes import ModeShapes
+from .uncertainty import CERTAIN, Uncertainty, interval_um
 
 RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
 WEIGHTS: Final = (0.1739274226, 0.3260725774, 0.3260725774, 0.1739274226)
 SPOKES: Final = 12
 
 
-class ContactPerception:
-    """Frictions of contacts by one friction curve: discs of one radius, 0 for points, and ellipses."""
+class ExpectedAmplitude(NamedTuple):
+    """An RMS amplitude that is to be expected, and the interval in which it is in nine of ten cases."""
 
-    def __init__(self, curve: FrictionCurve, radius_mm: float) -> None:
+    rms_um: float
+    low_um: float
+    high_um: float
+
+
+class Felt(NamedTuple):
+    """The mean friction over a contact relative to bare glass, its interval, and the contact's amplitude."""
+
+    friction: float
+    low: float
+    high: float
+    amplitude: ExpectedAmplitude
+
+
+class ContactPerception:
+    """Frictions of contacts by one friction curve: discs of one radius, 0 for points, and ellipses. Errors of plate,
+    sensors and pad are expected by their `uncertainty`."""
+
+    def __init__(self, curve: FrictionCurve, radius_mm: float, uncertainty: Uncertainty = CERTAIN) -> None:
         self.curve: Final = curve
-        self._points: Final = _disc(radius_mm)
-        self._disc: Final = _disc(1.0)
+        self.uncertainty: Final = uncertainty
+        self._radius_mm: Final = radius_mm
+        self._many: Final = _disc()
+        self._few: Final = disc_points(1.0)
 
     def felt(
         self,
@@ -34,45 +55,90 @@ class ContactPerception:
         y_mm: float,
         modal_um: Sequence[complex],
         stretch: float,
+        place_mm2: float = 0.0,
         form: EllipseForm | None = None,
-    ) -> tuple[float, float]:
-        """Return the mean friction over a contact relative to bare glass, and its RMS amplitude.
+    ) -> Felt:
+        """Return what is felt over a contact whose place has this variance on each axis.
 
         `modal_um` (M,) moves the plate; a sliding finger needs `stretch` times the amplitude of one at rest; `form` is
         that of an ellipse.
         """
-        friction = square_um2 = 0.0
-        parts_um = [re_im(w_um) for w_um in modal_um]
-        for dx_mm, dy_mm, weight in self._points if form is None else _formed(self._disc, form):
-            row = modes.at(x_mm + dx_mm, y_mm + dy_mm)
-            w_d_um = w_q_um = 0.0
-            for mode in range(len(row)):
-                mode_d_um, mode_q_um = parts_um[mode]
-                w_d_um += row[mode] * mode_d_um
-                w_q_um += row[mode] * mode_q_um
-            size_um2 = w_d_um * w_d_um + w_q_um * w_q_um
-            friction += weight * self.curve.friction(math.sqrt(size_um2) / stretch)
-            square_um2 += weight * size_um2
-        return min(friction, 1.0), math.sqrt(square_um2)  # rounding may add to bare glass's
+        friction, amplitude = self._expected(self._many, modes, x_mm, y_mm, modal_um, stretch, place_mm2, form)
+        friction = min(friction, 1.0)  # rounding may add to bare glass's
+        rms_um, low_um, high_um = amplitude
+        per = friction / self.curve.friction(rms_um / stretch)  # as the curve changes from one amplitude to the other
+        low, high = per * self.curve.friction(high_um / stretch), per * self.curve.friction(low_um / stretch)
+        return Felt(friction, min(low, friction), min(max(high, friction), 1.0), amplitude)
+
+    def amplitude(
+        self, modes: ModeShapes, x_mm: float, y_mm: float, modal_um: Sequence[complex], place_mm2: float
+    ) -> ExpectedAmplitude:
+        """Return the amplitude over a disc, or at a point, whose place has this variance on each axis."""
+        _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, None)
+        return amplitude
 
     def asked(self, target_um: float, stretch: float) -> float:
         """Return the friction that an amplitude asks for: that of the same amplitude all over the contact."""
         return self.curve.friction(target_um / stretch)
 
+    def _expected(
+        self,
+        disc: Disc,
+        modes: ModeShapes,
+        x_mm: float,
+        y_mm: float,
+        modal_um: Sequence[complex],
+        stretch: float,
+        place_mm2: float,
+        form: EllipseForm | None,
+    ) -> tuple[float, ExpectedAmplitude]:
+        """Return the friction and the amplitude over a contact, at the points of a rule for the unit disc."""
+        xx_mm, xy_mm, yy_mm = (self._radius_mm, 0.0, self._radius_mm) if form is None else form
+        size_mm2 = xx_mm * yy_mm - xy_mm * xy_mm
+        if place_mm2 > 0.0:  # the mean over all places where it may be
+            if size_mm2 > 0.0:
+                grown = math.sqrt(1.0 + 4.0 * place_mm2 / size_mm2)
+                xx_mm, xy_mm, yy_mm = grown * xx_mm, grown * xy_mm, grown * yy_mm
+            else:
+                xx_mm = yy_mm = 2.0 * math.sqrt(place_mm2)
+            size_mm2 += 4.0 * place_mm2
+        map_frac, sensors_frac, _, _ = self.uncertainty
+        parts_um = [re_im(w_um) for w_um in modal_um]
+        all_um2 = 0.0
+        for mode_d_um, mode_q_um in parts_um:
+            all_um2 += mode_d_um * mode_d_um + mode_q_um * mode_q_um
+        map_um2, sensors_um2 = map_frac * map_frac * all_um2, sensors_frac * sensors_frac * all_um2
+        friction = known_um2 = errors_um2 = mean_d_um = mean_q_um = 0.0
+        for u, v, weight in disc if size_mm2 > 0.0 else [(0.0, 0.0, 1.0)]:
+            row = modes.at(x_mm + (xx_mm * u + xy_mm * v), y_mm + (xy_mm * u + yy_mm * v))
+            w_d_um = w_q_um = shapes = 0.0
+            for mode in range(len(row)):
+                phi = row[mode]
+                mode_d_um, mode_q_um = parts_um[mode]
+                w_d_um += phi * mode_d_um
+                w_q_um += phi * mode_q_um
+                shapes += phi * phi
+            size_um2 = w_d_um * w_d_um + w_q_um * w_q_um
+            error_um2 = map_um2 + shapes * sensors_um2
+            friction += weight * self.curve.friction(math.sqrt(size_um2 + error_um2) / stretch)
+            known_um2 += weight * size_um2
+            errors_um2 += weight * error_um2
+            mean_d_um += weight * w_d_um
+            mean_q_um += weight * w_q_um
+        unsure_um2 = errors_um2
+        if place_mm2 > 0.0:  # place^2 |gradient|^2 is that share of what varies over the contact
+            varies_um2 = known_um2 - (mean_d_um * mean_d_um + mean_q_um * mean_q_um)
+            unsure_um2 += 4.0 * place_mm2 / size_mm2 * max(varies_um2, 0.0)
+        low_um, high_um = interval_um(max(known_um2 + errors_um2 - unsure_um2, 0.0), unsure_um2)
+        return friction, ExpectedAmplitude(math.sqrt(known_um2 + errors_um2), low_um, high_um)
 
-def _formed(disc: Disc, form: EllipseForm) -> Disc:
-    xx_mm, xy_mm, yy_mm = form
-    return [(xx_mm * u + xy_mm * v, xy_mm * u + yy_mm * v, weight) for u, v, weight in disc]
 
-
-def _disc(radius_mm: float) -> Disc:
-    """Return points (dx_mm, dy_mm, weight) of a disc, its rings turned against each other; one point for radius 0."""
-    if not radius_mm > 0.0:
-        return [(0.0, 0.0, 1.0)]
+def _disc() -> Disc:
+    """Return points (u, v, weight) of the unit disc, its rings turned against each other."""
     points = []
     for ring in range(len(WEIGHTS)):
-        reach_mm = radius_mm * math.sqrt(RINGS_FRAC[ring])
+        reach = math.sqrt(RINGS_FRAC[ring])
         for spoke in range(SPOKES):
             turn_rad = 2.0 * math.pi * (spoke + 0.5 * (ring % 2)) / SPOKES
-            points.append((reach_mm * math.cos(turn_rad), reach_mm * math.sin(turn_rad), WEIGHTS[ring] / SPOKES))
+            points.append((reach * math.cos(turn_rad), reach * math.sin(turn_rad), WEIGHTS[ring] / SPOKES))
     return points

@@ -29,7 +29,7 @@ from .targets.scene import Scene
 from .touch.contact_form import EllipseScale
 from .touch.fingers import Fingers
 from .trajectory.gate import UNTOUCHED, gate, silence
-from .trajectory.readings import Matrix, as_read, as_they_are
+from .trajectory.readings import Matrix, as_read, as_they_are, read_um
 from .triggers import Triggers
 from .ways import Ways
 
@@ -249,6 +249,17 @@ class Pipeline:
         sample: there a finger's place is known best, and the plate has followed its reference."""
         at, modal_um = self._frame.at(keys, t_ns), self._active.past_um(t_ns - self._settings.loop_delay_ns)
         return Past(modal_um, at.places, at.stretches or [1.0] * len(keys), self._fingers.forms(keys))
+
+    def motions(self, keys: Sequence[FingerKey], t_ns: int) -> list[tuple[float, float]]:
+        """How sure the place of each of these fingers is at an instant, its variance in mm^2 on each axis, and how fast
+        it slides, in mm/s."""
+        variances_mm2 = self._fingers.variances_mm2(keys, t_ns)
+        return [(variances_mm2[n], self._frame.speed_mm_s(keys[n], t_ns)) for n in range(len(keys))]
+
+    def asked_um(self, t_ns: int) -> Row:
+        """What the board's sensors should have read at an instant not long ago."""
+        modal_um = self._active.past_um(t_ns - self._settings.loop_delay_ns)
+        return modal_um if self._readings is None else read_um(modal_um, self._readings)
 
     def reach(self, key: FingerKey | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:
         """The interval of friction (0 .. 1) that a finger, or without `key` one that touched this place, could feel now

@@ -33,7 +33,7 @@ from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observed, Observer
 from .perception import Perception
-from .settings import effect_knots, friction_curve, max_knots, pipeline_settings, plate_from_pad
+from .settings import effect_knots, friction_curve, max_knots, pipeline_settings, plate_from_pad, uncertainty
 from .status import Status
 
 log = logging.getLogger("hapticd")
@@ -84,10 +84,6 @@ class Machine:
         )
         settings = pipeline_settings(config) if pipeline is None else pipeline
         self.pipeline = Pipeline(modes, self.scene, settings, parasitic_modes=parasitic_modes)
-        curve, radius_mm = self.scene.friction_curve, config.solver.contact_radius_mm
-        self._perception = Perception(
-            self.pipeline, ContactPerception(curve, radius_mm), has_contacts=settings.contact_radius_mm > 0.0
-        )
         self._supervise = partial(_supervise, self.supervisor)
         self._set_baud = set_baud
         self.board = BoardGateway(
@@ -100,6 +96,14 @@ class Machine:
             supervise=self._supervise,
         )
         self.session = self.board.session
+        curve, expected = self.scene.friction_curve, uncertainty(config)
+        self._perception = Perception(
+            self.pipeline,
+            self.session,
+            ContactPerception(curve, config.solver.contact_radius_mm, expected),
+            ContactPerception(curve, settings.contact_radius_mm, expected),
+            has_contacts=settings.contact_radius_mm > 0.0,
+        )
         # A weak reference: a machine that another replaces is freed at once, without the garbage collector.
         self.clients = ClientGateway(
             self.scene, registry, self.pipeline, self.board, instance, weakref.proxy(self), self._observed
@@ -208,12 +212,12 @@ class Machine:
         events = self.pipeline.events.take()
         observer = self._observed.observer
         is_perceived = self.status.publish is not None or (observer is not None and self.observer_perceives)
-        perceived = self._perception.judge(tick) if is_perceived else {}
+        judged, perceived = self._perception.judge(tick) if is_perceived else (tick, {})
         if observer is not None:
-            observer("pass", t_now_ns, tick, self.supervisor.state.name, self.pipeline.fingers, perceived)
+            observer("pass", t_now_ns, judged, self.supervisor.state.name, self.pipeline.fingers, perceived)
             for event in events:
                 observer("event", t_now_ns, event)
-        self.status.report_pass(tick, perceived, events)
+        self.status.report_pass(judged, perceived, events)
         return t_written_ns
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, aim: Aim) -> Tick:

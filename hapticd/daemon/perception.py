@@ -1,19 +1,30 @@
 """What a person perceives: the friction that each finger gets, against the friction that was asked for it.
 
 It is judged when the newest touch sample was taken: there the finger's place is measured, not predicted, and the plate
-has followed its reference. Beyond the Weber fraction a difference is felt. Computed for subscribers and recordings
-only.
+has followed its reference; where the board's voltage ended, by what its sensors read. What is not known is expected
+(`core.uncertainty`). Beyond the Weber fraction a difference is felt. Computed for subscribers and recordings only.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+
+import msgspec
 
 from hapticd_contract.states import Perceived
 
-from ..core.perception import ContactPerception
+from ..board_protocol import BoardState
+from ..core.board.session import BoardSession
+from ..core.perception import ContactPerception, ExpectedAmplitude, Felt
+from ..core.phasors import Row
 from ..core.pipeline import Pipeline
-from ..values import WEBER_FRAC, FingerKey, Tick
+from ..values import WEBER_FRAC, FingerKey, Tick, TouchPoint
+
+LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
+READ_NS = 1_000_000  # before a status: what its sensors read, of the reference before that which it acknowledges
+READING_UM = 0.4  # by which one reading of all modes and the reference differ by their times alone
+OLD_NS = 50_000_000  # a status says nothing of the present
 
 log = logging.getLogger("hapticd")
 
@@ -21,62 +32,137 @@ log = logging.getLogger("hapticd")
 class Perception:
     """Friction at each finger, and the share of time in which it was beyond the Weber fraction from what was asked.
 
-    `has_contacts`: the plate is driven for contacts, else for points.
+    `by_reference` judges amplitudes where they are driven for: over contacts if `has_contacts`, else at points.
     """
 
-    def __init__(self, pipeline: Pipeline, contacts: ContactPerception, *, has_contacts: bool) -> None:
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        session: BoardSession,
+        contacts: ContactPerception,
+        by_reference: ContactPerception,
+        *,
+        has_contacts: bool,
+    ) -> None:
         self._pipeline = pipeline
+        self._session = session
         self._contacts = contacts
+        self._by_reference = by_reference
         self._has_contacts = has_contacts
         self._t_last_ns = 0
         self._fails = False
         self._changes: dict[FingerKey, float] = {}
         self._spans_ns: dict[FingerKey, tuple[int, int]] = {}  # beyond the Weber fraction, and in all
 
-    def judge(self, tick: Tick) -> dict[FingerKey, Perceived]:
-        """Return what is perceived at each finger that is down or takes part in a pass; its share of time is that since
-        it came into the solve. A failure costs only that, because the reference was sent: it is logged once."""
+    def judge(self, tick: Tick) -> tuple[Tick, dict[FingerKey, Perceived]]:
+        """Return the pass with the amplitudes that are to be expected of it, and what is perceived at each finger that
+        is down or takes part in it; its share of time is that since it came into the solve. A failure costs only that,
+        because the reference was sent: it is logged once."""
         try:
-            perceived = self._judged(tick)
+            judged = self._judged(tick)
             self._fails = False
         except Exception:
             if not self._fails:
                 log.exception("what fingers perceive is not known until it can be computed again")
             self._fails = True
-            return {}
-        return perceived
+            return tick, {}
+        return judged
 
-    def _judged(self, tick: Tick) -> dict[FingerKey, Perceived]:
+    def _judged(self, tick: Tick) -> tuple[Tick, dict[FingerKey, Perceived]]:
         self._count(tick.t_now_ns - self._t_last_ns)
         self._t_last_ns = tick.t_now_ns
-        solved = dict.fromkeys([point.key for point in tick.points])
+        solved = {point.key: point for point in tick.points}
+        achieved = self._achieved(tick)
         keys = list(dict.fromkeys([*[finger.finger_id for finger in self._pipeline.fingers], *solved]))
-        past = self._pipeline.past(keys, tick.t_now_ns - tick.age_ns)
+        t_ns = tick.t_now_ns - tick.age_ns
+        past = self._pipeline.past(keys, t_ns)
+        modal_um = past.modal_um
+        missing_um = self._missing_um(tick.t_now_ns)
+        if missing_um is not None:
+            modal_um = tuple([w_um + less_um for w_um, less_um in zip(modal_um, missing_um, strict=True)])
         forms = [None] * len(keys) if past.forms is None else past.forms
+        places_mm2 = self._places_mm2(keys, t_ns)
         felt = {
-            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, past.modal_um, stretch, form)
-            for key, (x_mm, y_mm, _), stretch, form in zip(keys, past.places, past.stretches, forms, strict=True)
+            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, stretch, place_mm2, form)
+            for key, (x_mm, y_mm, _), stretch, place_mm2, form in zip(
+                keys, past.places, past.stretches, places_mm2, forms, strict=True
+            )
         }
         self._changes = {
-            key: felt[key][0] / self._contacts.asked(target_um, stretch) - 1.0
+            key: felt[key].friction / self._contacts.asked(target_um, stretch) - 1.0
             for key, (_, _, target_um), stretch in zip(keys, past.places, past.stretches, strict=True)
             if key in solved
         }
         self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
-        return {key: self._perceived(key, friction, rms_um) for key, (friction, rms_um) in felt.items()}
+        perceived = {
+            key: self._perceived(key, one, solved[key], achieved[key]) if key in solved else self._felt_only(one)
+            for key, one in felt.items()
+        }
+        points = tuple([point._replace(achieved_um=achieved[point.key].rms_um) for point in tick.points])
+        return tick._replace(points=points), perceived
 
-    def _perceived(self, key: FingerKey, friction: float, rms_um: float) -> Perceived:
-        change = self._changes.get(key)
-        felt_friction = self._contacts.curve.friction_frac(friction)
-        if change is None:
-            return Perceived(contact_um=rms_um, felt_friction=felt_friction)
-        error_jnd = change / WEBER_FRAC if self._has_contacts else None
+    def _achieved(self, tick: Tick) -> dict[FingerKey, ExpectedAmplitude]:
+        """Return what each finger in the solve will get at the first knot."""
+        points, pipeline = tick.points, self._pipeline
+        t_knot_ns = tick.t_now_ns - tick.age_ns + tick.horizon_ns
+        places_mm2 = self._places_mm2([point.key for point in points], t_knot_ns)
+        return {
+            point.key: self._by_reference.amplitude(
+                pipeline.modes, point.x_mm, point.y_mm, pipeline.modal_um, place_mm2
+            )
+            for point, place_mm2 in zip(points, places_mm2, strict=True)
+        }
+
+    def _places_mm2(self, keys: Sequence[FingerKey], t_ns: int) -> list[float]:
+        """Return the variance of each finger's place; a virtual one is where its client has it."""
+        expected = self._contacts.uncertainty
+        return [
+            0.0 if isinstance(key, str) else expected.place_mm2(variance_mm2, speed_mm_s)
+            for key, (variance_mm2, speed_mm_s) in zip(keys, self._pipeline.motions(keys, t_ns), strict=True)
+        ]
+
+    def _missing_um(self, t_now_ns: int) -> Row | None:
+        """Return what the sensors read less the reference, where the board's voltage ended; else the plate follows its
+        reference more closely than one reading says."""
+        status, clock = self._session.status, self._session.clock
+        if status is None or not (status.saturated and status.state is BoardState.LIVE and clock.ready):
+            return None
+        t_ns = clock.to_host_ns(status.t_board_us, near=t_now_ns) - READ_NS
+        asked_um = self._pipeline.asked_um(t_ns)
+        if t_now_ns - t_ns > OLD_NS or len(status.measured_um) != len(asked_um):
+            return None
+        missing_um = [read_um - w_um for read_um, w_um in zip(status.measured_um, asked_um, strict=True)]
+        square_um2 = sum(abs(less_um) ** 2 for less_um in missing_um)
+        share = square_um2 / (square_um2 + READING_UM * READING_UM)  # the best estimate where both are noise
+        return tuple([share * less_um for less_um in missing_um])
+
+    def _felt_only(self, felt: Felt) -> Perceived:
+        """Return what is perceived at a finger without a target."""
+        curve = self._contacts.curve
         return Perceived(
+            contact_um=felt.amplitude.rms_um,
+            contact_um_low=felt.amplitude.low_um,
+            contact_um_high=felt.amplitude.high_um,
+            felt_friction=curve.friction_frac(felt.friction),
+            felt_friction_low=curve.friction_frac(felt.low),
+            felt_friction_high=curve.friction_frac(felt.high),
+        )
+
+    def _perceived(self, key: FingerKey, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude) -> Perceived:
+        curve, change = self._contacts.curve, self._changes[key]
+        if self._has_contacts:
+            gets_um, off_jnd = felt.amplitude.rms_um, change / WEBER_FRAC
+        else:
+            gets_um = achieved.rms_um
+            off_jnd = (curve.friction(gets_um) / curve.friction(point.target_um) - 1.0) / WEBER_FRAC
+        return msgspec.structs.replace(
+            self._felt_only(felt),
             friction_change=change,
             weber_frac=self._weber_frac(key),
-            contact_um=rms_um,
-            felt_friction=felt_friction,
-            error_jnd=error_jnd,
+            error_jnd=off_jnd if self._has_contacts else None,
+            achieved_um_low=achieved.low_um,
+            achieved_um_high=achieved.high_um,
+            misses_target=gets_um < LEAST_SHARE * point.target_um or abs(off_jnd) > 1.0,
         )
 
     def _count(self, span_ns: int) -> None:

@@ -11,6 +11,7 @@ from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..core.pipeline_settings import PipelineSettings
 from ..core.prediction.pad_memory import PadMemory
 from ..core.prediction.predictor import DEFAULT
+from ..core.uncertainty import Uncertainty
 from ..values import AffineMap
 
 LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
@@ -95,6 +96,12 @@ def friction_curve(config: Config) -> FrictionCurve:
     if speed_mm_s == math.inf:
         return DEFAULT_FRICTION_CURVE
     return FrictionCurve.exponential(speed_mm_s=speed_mm_s)
+
+
+def uncertainty(config: Config) -> Uncertainty:
+    """Return what is not known of plate, sensors and pad."""
+    of = config.uncertainty
+    return Uncertainty(of.map_frac, of.sensors_frac, of.place_mm, of.latency_ms * 1e-3)
 
 
 def plate_from_pad(config: Config) -> AffineMap:

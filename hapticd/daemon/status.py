@@ -108,6 +108,7 @@ class Status:
                 modal_um=tuple([w_um.real for w_um in modal_um]),
                 modal_q_um=tuple([w_um.imag for w_um in modal_um]),
                 limited=tick.limited,
+                misses_target=any(one.misses_target for one in perceived.values()) if perceived else None,
                 age_ms=tick.age_ns * 1e-6,
                 horizon_ms=tick.horizon_ns * 1e-6,
                 markers=tuple(self._clients.markers),

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.loader import on_plate
-from ..config.sections import Config
+from ..config.sections import Config, UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import TIMER_NS, Machine
 from ..daemon.observer import Observer
@@ -405,8 +405,10 @@ def scheme_config(settings: Settings) -> Config:
 
     The paper's is its Matlab loop: hold, steps, PI, its formula.
     """
-    reach_um = GroundTruth(settings.plate).w_limit_um
-    config = on_plate(settings.config, find_glass(settings.plate.plate).size_mm, reach_um)
+    plate = GroundTruth(settings.plate)
+    config = on_plate(settings.config, find_glass(settings.plate.plate).size_mm, plate.w_limit_um)
+    if config.uncertainty == UncertaintyConfig():
+        config = replace(config, uncertainty=plate.uncertainty)
     if settings.scheme == "paper":
         config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))

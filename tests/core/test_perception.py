@@ -24,14 +24,14 @@ def test_over_a_contact_it_is_the_mean_of_many_points() -> None:
     points_mm = np.column_stack((x_mm + dx_mm[inside], y_mm + dy_mm[inside]))
     modal_um = (1.0 + 0.5j, -0.7j)
     w_um = np.abs(PLATE.evaluate(points_mm) @ np.array(modal_um))
-    friction, rms_um = ContactPerception(CURVE, radius_mm).felt(PLATE, x_mm, y_mm, modal_um, 1.0)
-    assert friction == pytest.approx(float(np.mean(CURVE.frictions(w_um, np.zeros(1)))), rel=0.01)
-    assert rms_um == pytest.approx(math.sqrt(np.mean(w_um**2)), rel=0.01)
+    found = ContactPerception(CURVE, radius_mm).felt(PLATE, x_mm, y_mm, modal_um, 1.0)
+    assert found.friction == pytest.approx(float(np.mean(CURVE.frictions(w_um, np.zeros(1)))), rel=0.01)
+    assert found.amplitude.rms_um == pytest.approx(math.sqrt(np.mean(w_um**2)), rel=0.01)
 
 
 def test_a_sliding_finger_feels_less_of_the_vibration_and_asks_for_more() -> None:
     contacts = ContactPerception(CURVE, 0.0)
-    friction, rms_um = contacts.felt(PLATE, CREST_MM, 0.0, AT_MODE_X, 2.0)
-    assert friction == pytest.approx(0.6**0.5, abs=1e-3)
-    assert rms_um == pytest.approx(1.0, abs=1e-3)
+    found = contacts.felt(PLATE, CREST_MM, 0.0, AT_MODE_X, 2.0)
+    assert found.friction == pytest.approx(0.6**0.5, abs=1e-3)
+    assert found.amplitude.rms_um == pytest.approx(1.0, abs=1e-3)
     assert contacts.asked(2.0, 2.0) == CURVE.friction(1.0)

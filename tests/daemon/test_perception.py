@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import msgpack
 import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
+from hapticd.board_protocol import BoardState
 from hapticd.config.sections import RecordConfig
 from hapticd.core.active_reference import Past
+from hapticd.core.board.session import BoardSession
 from hapticd.core.friction import FrictionCurve
 from hapticd.core.perception import ContactPerception
 from hapticd.core.pipeline import Pipeline
+from hapticd.core.uncertainty import CERTAIN, Uncertainty
 from hapticd.daemon.perception import Perception
 from hapticd.daemon.recorder import Recorders
 from hapticd.files.recording.header import Header
@@ -37,11 +41,19 @@ class Given:
         self.targets_um = dict(enumerate(targets_um, 1))
         self.fingers = tuple(Finger(n, n, CREST_MM, 0.0, False) for n in self.targets_um)
         self.asked_ns: list[int] = []
+        self.status: Any = None
+        self.clock: Any = None
 
     def past(self, keys: Sequence[int], t_ns: int) -> Past:
         self.asked_ns.append(t_ns)
         places = [(CREST_MM, 0.0, self.targets_um[key] or 0.0) for key in keys]
         return Past(self.modal_um, places, [1.0] * len(keys))
+
+    def asked_um(self, _: int) -> tuple[complex, ...]:
+        return self.modal_um
+
+    def motions(self, keys: Sequence[int], _: int) -> list[tuple[float, float]]:
+        return [(0.0, 0.0)] * len(keys)
 
     def tick(self, t_ms: int) -> Tick:
         points = [
@@ -52,13 +64,14 @@ class Given:
         return Tick(t_ms * MS, 10 * MS, 15 * MS, None, tuple(points), False)
 
 
-def perception_of(given: Given, *, has_contacts: bool = True) -> Perception:
-    return Perception(cast(Pipeline, given), ContactPerception(CURVE, 0.0), has_contacts=has_contacts)
+def perception_of(given: Given, *, has_contacts: bool = True, expected: Uncertainty = CERTAIN) -> Perception:
+    contacts = ContactPerception(CURVE, 0.0, expected)
+    return Perception(cast(Pipeline, given), cast(BoardSession, given), contacts, contacts, has_contacts=has_contacts)
 
 
 def test_a_finger_s_friction_is_that_of_the_plate_relative_to_what_was_asked() -> None:
     given = Given(0.0, 1.0, 3.0)
-    perceived = perception_of(given).judge(given.tick(0))
+    perceived = perception_of(given).judge(given.tick(0))[1]
     assert [perceived[n].felt_friction for n in (1, 2, 3)] == pytest.approx([0.5] * 3, abs=1e-3)
     assert [perceived[n].friction_change for n in (1, 2, 3)] == pytest.approx([-0.4, 0.0, 2.0], abs=1e-3)
     assert [perceived[n].error_jnd for n in (1, 2, 3)] == pytest.approx([-0.4 / 0.11, 0.0, 2.0 / 0.11], abs=0.01)
@@ -69,7 +82,7 @@ def test_a_contact_that_feels_what_a_target_asks_has_the_friction_of_the_target(
     amplitude_um = CURVE.amplitude_um(asked)
     given = Given(amplitude_um)
     given.modal_um = (amplitude_um, 0.0)
-    perceived = perception_of(given).judge(given.tick(0))[1]
+    perceived = perception_of(given).judge(given.tick(0))[1][1]
     assert perceived.felt_friction == pytest.approx(asked, abs=1e-3)
     assert perceived.friction_change == pytest.approx(0.0, abs=1e-3)
 
@@ -82,7 +95,7 @@ def test_it_is_judged_when_the_newest_sample_was_taken() -> None:
 
 def test_a_finger_without_a_target_feels_the_plate_but_nothing_was_asked_for_it() -> None:
     given = Given(None)
-    (perceived,) = perception_of(given).judge(given.tick(0)).values()
+    (perceived,) = perception_of(given).judge(given.tick(0))[1].values()
     assert perceived.felt_friction == pytest.approx(0.5, abs=1e-3)
     assert perceived.contact_um == pytest.approx(1.0, abs=1e-3)
     assert (perceived.friction_change, perceived.weber_frac, perceived.error_jnd) == (None, None, None)
@@ -90,7 +103,7 @@ def test_a_finger_without_a_target_feels_the_plate_but_nothing_was_asked_for_it(
 
 def test_where_the_plate_is_driven_for_points_a_contact_has_no_error() -> None:
     given = Given(1.0)
-    (perceived,) = perception_of(given, has_contacts=False).judge(given.tick(0)).values()
+    (perceived,) = perception_of(given, has_contacts=False).judge(given.tick(0))[1].values()
     assert perceived.error_jnd is None
     assert perceived.friction_change == pytest.approx(0.0, abs=1e-3)
 
@@ -101,10 +114,46 @@ def test_the_share_of_time_beyond_the_weber_fraction_begins_again_with_each_touc
     shares = []
     for t_ms, reference_um in ((0, 1.0), (10, 0.0), (40, 0.0)):
         given.modal_um = (reference_um, 0.0)
-        shares.append(perception.judge(given.tick(t_ms))[1].weber_frac)
+        shares.append(perception.judge(given.tick(t_ms))[1][1].weber_frac)
     perception.judge(Given().tick(50))
-    shares.append(perception.judge(given.tick(60))[1].weber_frac)
+    shares.append(perception.judge(given.tick(60))[1][1].weber_frac)
     assert shares == [1.0, 1.0, 0.25, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("asked_um", "gets_um", "misses"),
+    [(1.0, 1.0, False), (1.0, 0.85, True), (1.0, 1.3, True), (0.0, 0.1, False), (0.0, 0.5, True)],
+)
+def test_a_finger_that_gets_less_or_feels_a_difference_misses_its_target(
+    asked_um: float, gets_um: float, misses: bool
+) -> None:
+    given = Given(asked_um)
+    given.modal_um = (gets_um, 0.0)
+    for has_contacts in (True, False):
+        perceived = perception_of(given, has_contacts=has_contacts).judge(given.tick(0))[1][1]
+        assert perceived.misses_target is misses
+
+
+def test_what_is_not_known_is_expected_of_the_pass_s_amplitudes_too() -> None:
+    given = Given(0.0, 1.0)
+    tick, perceived = perception_of(given, expected=Uncertainty(map_frac=0.1)).judge(given.tick(0))
+    for point in tick.points:
+        one = perceived[point.key]  # type: ignore[index]
+        assert point.achieved_um == pytest.approx(math.hypot(1.0, 0.1), abs=1e-3)
+        assert one.achieved_um_low is not None
+        assert one.achieved_um_high is not None
+        assert one.achieved_um_low < point.achieved_um < one.achieved_um_high
+
+
+@pytest.mark.parametrize(
+    ("saturated", "ago_ms", "contact_um"), [(True, 5, 1.0 - 0.8 * 0.64 / 0.8), (False, 5, 1.0), (True, 60, 1.0)]
+)
+def test_where_the_voltage_ends_what_the_sensors_read_counts(saturated: bool, ago_ms: int, contact_um: float) -> None:
+    given = Given(1.0)
+    given.status = SimpleNamespace(saturated=saturated, state=BoardState.LIVE, t_board_us=0, measured_um=(0.2, 0.0))
+    given.clock = SimpleNamespace(ready=True, to_host_ns=lambda _, near: near - ago_ms * MS)
+    perceived = perception_of(given).judge(given.tick(100))[1][1]
+    assert perceived.contact_um == pytest.approx(contact_um, abs=1e-3)  # one reading errs too: it counts in part
 
 
 def driven() -> tuple[dict[str, Any], dict[str, Any]]:

@@ -83,7 +83,9 @@ def least_header() -> bytes:
 def seeds() -> dict[str, bytes]:
     point = TouchPoint("walker", 1.0, 2.0, 0.5, 0.5, 1.5, 2.5)
     felt = {
-        point.key: Perceived(friction_change=0.5, weber_frac=1.0, contact_um=0.25, felt_friction=0.75, error_jnd=-2.0)
+        point.key: Perceived(
+            friction_change=0.5, weber_frac=1.0, contact_um=0.25, felt_friction=0.75, error_jnd=-2.0, misses_target=True
+        )
     }
     drive = SafeDrive(5, (Knot(0, (1 + 0j, 0.5j)), Knot(9, (0j, 0j))), LimitReason.NONE)
     finger = {"path": 1, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}

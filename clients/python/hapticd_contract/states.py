@@ -15,8 +15,10 @@ from .base import PROTOCOL_VERSION
 
 class Perceived(Struct, frozen=True, kw_only=True):
     """What a person perceives at a finger, when the newest sample of it was taken: there its place is measured and the
-    plate follows its reference. By all that the daemon knows: not the errors of its mode map, sensors and pad, nor what
-    the amplifiers put into undriven modes."""
+    plate follows its reference, or moves as the board measures where its voltage ends. What the daemon does not know of
+    its mode map, sensors and pad is expected, in quadrature, by section `uncertainty` of its configuration; `_low` and
+    `_high` are where the value lies in nine of ten cases, by the same. Not in it: what the amplifiers put into undriven
+    modes, and how a person's friction curve differs from the daemon's."""
 
     friction_change: float | None = None
     """its friction relative to that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery
@@ -33,6 +35,15 @@ class Perceived(Struct, frozen=True, kw_only=True):
     error_jnd: float | None = None
     """`friction_change` in just noticeable differences of 0.11; nil without a target, and on a plate that is driven for
     points (`contact_radius_mm` of `plate` is 0)"""
+    contact_um_low: float | None = None
+    contact_um_high: float | None = None
+    felt_friction_low: float | None = None
+    felt_friction_high: float | None = None
+    achieved_um_low: float | None = None
+    achieved_um_high: float | None = None
+    misses_target: bool | None = None
+    """it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable
+    difference: over its contact, and on a plate that is driven for points at its centre. Nil without a target"""
 
 
 class FingerState(Perceived, frozen=True):
@@ -49,7 +60,8 @@ class FingerState(Perceived, frozen=True):
     target_um: float | None
     """its target there"""
     achieved_um: float | None
-    """the modes' amplitude there"""
+    """the amplitude that is to be expected there, by the first knot of the reference: RMS over its contact, and on a
+    plate that is driven for points at its centre"""
     virtual: bool
     """whether it is on no pad"""
     owner: str | None = None
@@ -125,7 +137,7 @@ class PlateState(
     modal_um: tuple[float, ...]
     """real part of each mode's reference phasor"""
     limited: bool
-    """a mode reached its limit, so that some finger misses its target"""
+    """a mode reached its limit, so that some finger misses its target by the daemon's own calculation"""
     age_ms: float
     """age of the newest touch sample"""
     horizon_ms: float
@@ -136,6 +148,8 @@ class PlateState(
     """imaginary part of each mode's reference phasor: 0 unless several fingers slip"""
     measured_d_q_um: tuple[tuple[float, float], ...] | None = None
     """the board's last measurement of each mode, `[real, imaginary]`; empty before the first"""
+    misses_target: bool | None = None
+    """some finger misses its target, whatever the cause: `misses_target` of any"""
     surfaces_version: int | None = None
     """counts changes of the surfaces in force; a refresh and a motion are none. Request `surfaces` when it differs from
     the last one"""

@@ -19,8 +19,13 @@ def as_they_are(modes: int) -> Matrix:
 
 def as_read(drive: SafeDrive, readings: Matrix) -> Drive:
     """Return the drive with `readings` (M, M) times its true amplitudes."""
-    knots = [Knot(dt_ns, tuple([_product(row, modal_um) for row in readings])) for dt_ns, modal_um in drive.knots]
+    knots = [Knot(dt_ns, read_um(modal_um, readings)) for dt_ns, modal_um in drive.knots]
     return Drive(drive.t_apply_ns, tuple(knots))
+
+
+def read_um(modal_um: Row, readings: Matrix) -> Row:
+    """Return what sensors read of these true amplitudes (M,)."""
+    return tuple([_product(row, modal_um) for row in readings])
 
 
 def _product(row: Row, modal_um: Row) -> complex:

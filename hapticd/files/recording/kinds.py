@@ -211,6 +211,7 @@ _EVENT_NAMES = {"seq": "number", "t_ns": "t_cause_ns", "finger": "finger_id"}
 _FINGER: dict[str, _Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
 _POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
 PERCEIVED = Perceived.__struct_fields__
+MISSES = "misses_target"  # the only one that is no number
 _COUNTERS = (
     *("t_board_us", "seq", "t_received_us", "t_applied_us"),
     *("fault_code", "deadman_trips", "bad_frames", "late_frames"),
@@ -257,7 +258,7 @@ _POINT_FORM: dict[str, _Form | Maybe] = {
     "finger_id": Maybe(WHOLE),
     "virtual": Maybe(TEXT),
     **dict.fromkeys(_POINT, NUMBER),
-    **dict.fromkeys(PERCEIVED, Maybe(NUMBER)),  # missing in earlier recordings
+    **{name: Maybe(BOOL if name == MISSES else NUMBER) for name in PERCEIVED},  # missing in earlier recordings
 }
 
 KINDS: dict[str, Kind] = {

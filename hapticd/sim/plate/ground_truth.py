@@ -24,7 +24,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.config.sections import LEAST_MODES
+from hapticd.config.sections import LEAST_MODES, UncertaintyConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 
@@ -44,6 +44,7 @@ _LEAST_ALL = 4  # modes
 FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
 _MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
+WELL_MEASURED = UncertaintyConfig(map_frac=0.003, sensors_frac=0.003, place_mm=0.0, latency_ms=0.0)
 DRIFT_S = 40.0  # period of a drift: it reaches its size after 10 s
 _POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
 _POSITIVE |= {"map_step_mm", "sized_for_damping"}
@@ -175,6 +176,11 @@ class GroundTruth:
         self._names = names
         self._grid = true_grid(settings.plate, self._names, disturbed)
         self._surfaces = true_surfaces(settings.plate, self._names, disturbed)
+
+    @property
+    def uncertainty(self) -> UncertaintyConfig:
+        """What is not known of this plate: little, but where a world has errors what is configured for any."""
+        return WELL_MEASURED if self.settings.world == NEUTRAL else UncertaintyConfig()
 
     def shapes(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return all modes (..., P) at points (..., 2); clamped to the plate's edge, zero where a coordinate is NaN."""

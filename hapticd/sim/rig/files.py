@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 from ..plate.glasses import find_glass
@@ -28,5 +29,6 @@ def write_measured(plate: GroundTruth, seed: int, directory: Path, *, with_paras
             f"parasitic_decay_1_s = {list(parasitic_modes.decay_1_s)}\n"
             f"finger_decay_1_s = {parasitic_modes.finger_decay_1_s}\n"
         )
+    lines += ["[uncertainty]\n", *(f"{name} = {value}\n" for name, value in asdict(plate.uncertainty).items())]
     described.write_text("".join(lines), encoding="utf-8")
     return (modes, shapes, described) if with_parasitic_modes else (modes, described)

@@ -20,7 +20,7 @@ from .states import serve
 
 # Units as spelt in the metadata of XDF, the format of LSL's recordings.
 RATIOS = ("change", "frac", "friction")
-UNITS = {"mm": "millimeters", "um": "micrometers", **dict.fromkeys(RATIOS, "ratio"), "jnd": "JND"}
+UNITS = {"mm": "millimeters", "um": "micrometers", **dict.fromkeys(RATIOS, "ratio"), "jnd": "JND", "target": "ratio"}
 MAKER = "hapticd"
 
 
@@ -111,10 +111,15 @@ def _outlet(lsl: Any, what: str, kind: str, channels: Sequence[Channel], source:
 
 
 def _unit(name: str) -> str:
-    return UNITS[name.rpartition("_")[2]]
+    return UNITS[_value(name).rpartition("_")[2]]
 
 
 def _kind(name: str) -> str:
     kinds = {"x_mm": "PositionX", "y_mm": "PositionY"}
-    kinds |= dict.fromkeys(("change", "frac", "friction", "jnd"), "Friction")
-    return next((kind for end, kind in kinds.items() if name.endswith(end)), "Amplitude")
+    kinds |= dict.fromkeys(("change", "frac", "friction", "jnd", "misses_target"), "Friction")
+    return next((kind for end, kind in kinds.items() if _value(name).endswith(end)), "Amplitude")
+
+
+def _value(name: str) -> str:
+    """Return of which value a field is the interval's end."""
+    return name.removesuffix("_low").removesuffix("_high")

@@ -62,6 +62,7 @@ class Sampler:
             "seq": state.seq,
             "state": STATES.index(state.state) if state.state in STATES else None,
             "limited": state.limited,
+            "misses_target": state.misses_target,
             "age_ms": _finite(state.age_ms),
             "horizon_ms": _finite(state.horizon_ms),
             "fingers": sum(not finger.virtual for finger in state.fingers),

@@ -153,6 +153,7 @@ def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] =
             "modal_um": _pairs(complex(d, q) for d, q in _phasors(state)),
             "measured_um": _pairs(state.measured_um),
             "limited": state.limited,
+            "misses_target": state.misses_target,
             "events": [_event(event) for event in events],
             "age_ms": _finite(state.age_ms),
             "horizon_ms": _finite(state.horizon_ms),

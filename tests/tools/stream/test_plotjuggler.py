@@ -18,12 +18,13 @@ from hapticd.tools.stream.samples import Sampler
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
 # cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
 GOLDEN = (
-    "de001d"  # 29 pairs
+    "de0025"  # 37 pairs
     "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
     "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
     "a3736571" "01"
     "a57374617465" "02"  # state ACTIVE
     "a76c696d69746564" "c2"  # limited false
+    "ad6d69737365735f746172676574" "c0"
     "a66167655f6d73" "cb4024000000000000"  # age_ms 10
     "aa686f72697a6f6e5f6d73" "cb4030800000000000"  # horizon_ms 16.5
     "a766696e67657273" "01"
@@ -48,6 +49,13 @@ GOLDEN = (
     "b366696e6765725f315f636f6e746163745f756d" "c0"  # finger_1_contact_um
     "b666696e6765725f315f66656c745f6672696374696f6e" "c0"
     "b266696e6765725f315f6572726f725f6a6e64" "c0"  # finger_1_error_jnd
+    "b766696e6765725f315f636f6e746163745f756d5f6c6f77" "c0"  # finger_1_contact_um_low
+    "b866696e6765725f315f636f6e746163745f756d5f68696768" "c0"
+    "ba66696e6765725f315f66656c745f6672696374696f6e5f6c6f77" "c0"
+    "bb66696e6765725f315f66656c745f6672696374696f6e5f68696768" "c0"
+    "b866696e6765725f315f61636869657665645f756d5f6c6f77" "c0"
+    "b966696e6765725f315f61636869657665645f756d5f68696768" "c0"
+    "b666696e6765725f315f6d69737365735f746172676574" "c0"  # finger_1_misses_target
 )  # fmt: skip
 
 

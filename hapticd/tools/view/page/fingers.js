@@ -65,11 +65,11 @@ export class FingerList {
     row.box.classList.toggle("stick", target_um === 0);
     row.box.classList.toggle("chosen", isChosen);
     row.name.setAttribute("aria-pressed", isChosen);
-    const gets = gets_um === null ? "–" : gets_um.toFixed(2);
+    const gets = gets_um === null ? "–" : `${gets_um.toFixed(2)}${intervalText(finger.gets_low, finger.gets_high)}`;
     const amplitude = `${gets} µm ${target_um === null ? "(no target)" : `of ${target_um.toFixed(2)}`}`;
     const friction = frictionText(finger);
     write(row.amounts, friction || amplitude);
-    row.amounts.classList.toggle("felt", Math.abs(finger.error_jnd) > 1);
+    row.amounts.classList.toggle("felt", finger.misses_target ?? Math.abs(finger.error_jnd) > 1);
     const whose = owner === null ? "no owner" : isOurs ? "ours" : `held by '${owner}': only that client can change it`;
     write(row.owner, friction ? `${amplitude} over the contact · ${whose}` : whose);
     for (const control of [row.slider, row.sticky, row.slippery]) control.disabled = !isOurs || !isLive;
@@ -82,10 +82,15 @@ export class FingerList {
 
 /** What a contact feels and was asked to, and how many just noticeable differences lie between. */
 function frictionText(finger) {
-  const { felt_friction, error_jnd, asked_friction: asked } = finger;
+  const { felt_friction, felt_friction_low, felt_friction_high, error_jnd, asked_friction: asked } = finger;
   if (felt_friction === null) return "";
   const wanted = asked === null ? "" : `, asked ${asked.toFixed(2)} (${Math.abs(error_jnd).toFixed(1)} JND)`;
-  return `feels ${felt_friction.toFixed(2)}${wanted}`;
+  return `feels ${felt_friction.toFixed(2)}${intervalText(felt_friction_low, felt_friction_high)}${wanted}`;
+}
+
+/** Where a value lies in nine of ten cases; nothing of an older daemon. */
+function intervalText(low, high) {
+  return (low ?? null) === null ? "" : ` (${low.toFixed(2)} … ${high.toFixed(2)})`;
 }
 
 /** Write a text only if it differs, which avoids a new layout. */

@@ -23,6 +23,8 @@ export class Flags {
     const flags = [
       ["limit met", frame?.limited && "is",
         "A mode is at its largest amplitude, so that not all targets can be met here: normal at many places; move a finger."],
+      ["target missed", frame?.misses_target && "is",
+        "Some finger gets less than 0.9 of its target, or feels a difference to it: its line in the list says how much."],
       ["saturated", board.saturated === true && "is",
         "An amplifier is at its largest voltage, as in each fast change: normal; if it stays, ask for less amplitude."],
       [isSilent ? "board is silent" : "board answers", isSilent && "bad",

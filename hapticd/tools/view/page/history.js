@@ -102,7 +102,10 @@ export function judge(frame, field, curve, { has_contacts }) {
       finger.true_mm = null;
       finger.gets_um = field && x_mm !== null ? field.at(modal_um, x_mm, y_mm) : null;
     }
-    if (has_contacts && finger.contact_um !== null) finger.gets_um = finger.contact_um;
+    if (has_contacts && finger.contact_um !== null) {
+      finger.gets_um = finger.contact_um;
+      [finger.gets_low, finger.gets_high] = [finger.contact_um_low, finger.contact_um_high];
+    }
     finger.asked_friction = curve.asked(finger);
   }
   return frame;
