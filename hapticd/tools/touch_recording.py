@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import board_protocol as protocol
 from ..board_protocol import BoardState
@@ -28,6 +29,7 @@ COLLECTED = ("board_bytes", "written", "pass", "adopt")  # the kinds of records 
 _LONGEST_LIVE_US = 5_000  # between two samples of a plate that follows
 AFTER_START_S = 0.002  # a frame's start is a step that the control law follows within some ticks
 BEFORE_NEXT_S = 0.001
+_NEAR_S = 3.5e-3  # of samples around one, in which the voltage is straight: 2 ms in a recording, 2.5 in the service
 _OUTPUT_DELAY_S = 50e-6  # from a tick to its voltage on the plate
 _WRAP_US = 1 << 32
 _FRAME_BYTES = 2048
@@ -217,31 +219,56 @@ def _tracks(fingers: Iterable[list[tuple[int, float, float]]], t_start_ns: int) 
 
 
 def _ticks(collected: Collected, t_start_ns: int) -> Ticks:
-    """Return the ticks at which the plate follows a reference smoothly."""
-    samples = [one for one in collected.samples if one.state is BoardState.LIVE and not (one.saturated or one.limited)]
+    """Return the ticks at which the plate follows a reference smoothly, or as far as the amplifiers reach."""
+    samples = [one for one in collected.samples if one.state is BoardState.LIVE and not one.limited]
     if not samples:
-        raise CalibrationError("--recording: the plate was never driven within its limits: touch it with targets set.")
+        raise CalibrationError("--recording: the plate was never driven by a reference: touch it with targets set.")
     origin_us = collected.starts[0][0]
     t_board_s = _unwrapped_s([one.t_board_us for one in samples], origin_us)
     start_s = _unwrapped_s([frame.t_apply_us for frame in collected.frames], origin_us)
     frame = np.searchsorted(start_s, t_board_s, side="right") - 1
     since_s = t_board_s - start_s[np.maximum(frame, 0)]
     until_s = np.append(start_s, np.inf)[frame + 1] - t_board_s
-    is_smooth = (frame >= 0) & (since_s >= AFTER_START_S) & (until_s >= BEFORE_NEXT_S)
-    chosen = np.flatnonzero(is_smooth)
     period_s = 1.0 / collected.control_hz
     middle_s = _OUTPUT_DELAY_S + period_s / 2.0  # of the hold that a tick's voltage begins
-    slope = _slopes(collected.frames, frame[chosen], since_s[chosen], period_s)
-    phasors = _phasors([samples[index] for index in chosen])
-    measured_um, voltage_v, reference_um = phasors
+    measured_um, voltage_v, reference_um = _phasors(samples)
+    slope = _slopes(collected.frames, np.maximum(frame, 0), since_s, period_s)
+    behind_um_s = _without((measured_um - reference_um) / period_s, slope)
+    saturated = np.array([one.saturated for one in samples])
+    around = _around(t_board_s, measured_um)
+    slope[saturated], behind_um_s[saturated] = around.slope_um_s[saturated], around.off_um[saturated] / period_s
+    is_smooth = (frame >= 0) & (since_s >= AFTER_START_S) & (until_s >= BEFORE_NEXT_S)
+    chosen = np.flatnonzero(is_smooth & (~saturated | around.is_known))
+    slope = slope[chosen]
     return Ticks(
         t_s=_host_s(collected, t_board_s[chosen], origin_us, t_start_ns) + middle_s,
-        measured_um=measured_um + slope * (middle_s + period_s / 2.0),  # it is the mean over the tick before
-        voltage_v=voltage_v,
+        measured_um=measured_um[chosen] + slope * (middle_s + period_s / 2.0),  # it is the mean over the tick before
+        voltage_v=voltage_v[chosen],
         slope_um_s=slope,
-        behind_um_s=_without((measured_um - reference_um) / period_s, slope),
+        behind_um_s=behind_um_s[chosen],
         turning_rad_s=2.0 * np.pi * _drive_hz(collected, t_board_s[chosen], origin_us),
     )
+
+
+class _Around(NamedTuple):
+    """What the samples before and after show of each: slope (T, M), distance from their mean, and if both are near."""
+
+    slope_um_s: ComplexArray
+    off_um: ComplexArray
+    is_known: npt.NDArray[np.bool_]
+
+
+def _around(t_s: FloatArray, measured_um: ComplexArray) -> _Around:
+    """Return the slope of measured amplitudes: at its voltage limit a plate does not follow the reference's."""
+    slope, off = np.zeros_like(measured_um), np.zeros_like(measured_um)
+    is_known = np.zeros(len(t_s), np.bool_)
+    apart_s = np.diff(t_s)
+    middle = np.flatnonzero((apart_s[:-1] < _NEAR_S) & (apart_s[1:] < _NEAR_S)) + 1
+    before, after = measured_um[middle - 1], measured_um[middle + 1]
+    is_known[middle] = True
+    slope[middle] = (after - before) / (t_s[middle + 1] - t_s[middle - 1])[:, None]
+    off[middle] = measured_um[middle] - (before + after) / 2.0
+    return _Around(slope, off, is_known)
 
 
 def _unwrapped_s(t_us: Iterable[int], origin_us: int) -> FloatArray:

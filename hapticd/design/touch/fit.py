@@ -16,7 +16,7 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import ComplexArray, FloatArray
-from .model import LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, FitState, Free, Model
+from .model import FORCE_S, LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, FitState, Free, Model
 from .normal import OUTLIER, Normal, covariance_of, normal_of
 from .observations import Windows
 from .problem import TouchProblem, complex_of
@@ -41,6 +41,7 @@ class Fit:
     covariance: FloatArray
     cost: FloatArray
     noise_um_s: FloatArray
+    own: ComplexArray
     rates: ComplexArray
     loads: ComplexArray
 
@@ -63,6 +64,7 @@ def fit(
     state = FitState(
         start,
         np.zeros((len(start.sense), problem.model.terms.shape[-1]), np.complex128),
+        np.zeros((len(start.sense), problem.model.splines.shape[-1]), np.complex128),
         np.zeros(windows.track.shape, np.complex128),
     )
     settled = _settled(replace(problem, free=Free()), state)
@@ -75,28 +77,29 @@ def fit(
         covariance[:pad, :pad],
         _window_cost(problem.model, state, noise if judged_by_um_s is None else judged_by_um_s),
         noise,
+        state.own,
         state.rates,
         state.loads,
     )
 
 
 class _Settled(NamedTuple):
-    """A state with the noise (M,) of its residual, and mean and spread of its loads."""
+    """A state with the noise (M,) of its residual, and mean (B, N) and spread of its loads."""
 
     state: FitState
     noise: FloatArray
-    mean: complex
+    mean: ComplexArray
     spread: float
 
 
 def _settled(problem: TouchProblem, state: FitState) -> _Settled:
     """Solve for loads and rates: linear, but for the outliers."""
-    found = _Settled(state, _noise(problem.model, state), 0.0, _START_LOAD_1_S)
+    found = _Settled(state, _noise(problem.model, state), np.zeros_like(state.loads), _START_LOAD_1_S)
     for _ in range(4):
         problem.model.settle(state)
         normal = normal_of(problem, *found)
         state = _stepped(problem, state, normal)
-        found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
+        found = _Settled(state, _noise(problem.model, state), *_load_prior(problem.model.windows, state, normal))
     return found
 
 
@@ -113,7 +116,7 @@ def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, FloatA
         if gain < 0.0:
             damping = max(10.0 * damping, 1e-3)
             continue
-        found = _Settled(state, _noise(problem.model, state), *_load_prior(state, normal))
+        found = _Settled(state, _noise(problem.model, state), *_load_prior(problem.model.windows, state, normal))
         del normal  # two at a time would be the most memory of all
         cost, left, normal = _cost(problem, *found), left - 1, normal_of(problem, *found)
         if gain < _LEAST_GAIN and damping == 0.0:
@@ -143,21 +146,27 @@ def _window_cost(model: Model, state: FitState, noise: FloatArray) -> FloatArray
     return np.asarray((cost * model.windows.is_used[..., None]).sum(axis=(1, 2)), np.float64)
 
 
-def _cost(problem: TouchProblem, state: FitState, noise: FloatArray, mean: complex, spread: float) -> float:
+def _cost(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> float:
     data = float(_window_cost(problem.model, state, noise).sum())
     known = float(((problem.offsets(state) / problem.priors()) ** 2).sum())
     return data + known + float((np.abs(state.loads - mean) ** 2).sum()) / spread**2
 
 
-def _load_prior(state: FitState, normal: Normal) -> tuple[complex, float]:
-    """Return the loads' mean and spread, of those that the data determine."""
+def _load_prior(windows: Windows, state: FitState, normal: Normal) -> tuple[ComplexArray, float]:
+    """Return the loads' means (B, N), smooth in time, and spread, of those that the data determine."""
     weight = normal.load_weight
-    mean = complex((state.loads * weight).sum() / max(float(weight.sum()), 1e-12))
-    return mean, max(LOAD_PRIOR_FRAC * abs(mean), 1.0)
+    usual = complex((state.loads * weight).sum() / max(float(weight.sum()), 1e-12))
+    mean = np.full_like(state.loads, usual)
+    spread = max(LOAD_PRIOR_FRAC * abs(usual), 1.0)
+    for track in np.unique(windows.track[windows.track >= 0]):
+        at = np.nonzero(windows.track == track)
+        near = np.exp(-0.5 * ((windows.start_s[at[0], None] - windows.start_s[at[0]]) / FORCE_S) ** 2) * weight[at]
+        mean[at] = (near @ state.loads[at] + usual * spread**-2) / (near.sum(axis=1) + spread**-2)
+    return mean, spread
 
 
 def _sigma(problem: TouchProblem, sigma: FloatArray) -> Calibration:
-    pad, sense, waves, _ = np.split(sigma, np.cumsum(problem.sizes)[:-1])
+    pad, sense, waves, _, _ = np.split(sigma, np.cumsum(problem.sizes)[:-1])
     modes = len(problem.start.sense)
     flat = np.concatenate(((0.0,), complex_of(sense))) if sense.size else np.zeros(modes * modes)
     return Calibration(

@@ -19,9 +19,8 @@ from .observations import WINDOW_S, Windows
 from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
-LEAST_FOR_MAP_S = 45.0  # of fitted windows: about a minute of touching
 SENSE_OF_MAP = 0.012  # what a map as it is scanned, with 2 % of noise, passes for in an element of the sensors
-MOST_WITHOUT_MAP = 2  # modes: with more, errors of the map pass for those of sensors
+MOST_WITHOUT_MAP = 2  # modes: with more, errors of the map pass for gains of sensors, but not for crosstalk
 TURN_S = 1.0  # of one half after the other
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
 # One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
@@ -103,7 +102,7 @@ def calibrate(
         )
         return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
     few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
-    free = Free(pad=True, sense=modes.M <= MOST_WITHOUT_MAP)
+    free = Free(pad=True, sense=True)
     fitter = _Fitter(modes, parasitic_modes)
     first, second = _halves(few)
     one = fitter.fit(first, free, before)
@@ -208,22 +207,21 @@ def _unconfirmed(gains: list[_Gain]) -> str:
 
 def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     """Fit and judge the map from where pad and sensors are."""
-    if judged.touched_s < LEAST_FOR_MAP_S:
-        refusal = f"The map needs {LEAST_FOR_MAP_S:g} s of touching, not {judged.touched_s:.0f} s."
-        return _without_map(judged, refusal)
+    alone = _without_gains(judged)
     waves = Waves(fitter.modes, wave_number(fitter.modes))
     fitter = replace(fitter, waves=waves)
-    start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
+    start = replace(alone.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)
+    free = Free(pad=True, sense=True, waves=True)
     fits, gains = [], []
     for taught, held_out in (halves, halves[::-1]):
-        fits.append(fitter.fit(taught, Free(pad=True, sense=True, waves=True), start))
+        fits.append(fitter.fit(taught, free, start))
         gains.append(fitter.gain(held_out, start, fits[-1].calibration))
         if not gains[-1].is_sure:
             break  # which the other half cannot mend
-    judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
+    judged = replace(alone, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if refusal := _unconfirmed(gains):
-        return _without_map(judged, refusal)
+        return replace(judged, map_refusal=refusal)
     found = _mean(*fits)
     latency_s, latency_sigma_s = effective_latency(windows, found)
     return replace(
@@ -239,14 +237,16 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     )
 
 
-def _without_map(judged: Judged, map_refusal: str) -> Judged:
+def _without_gains(judged: Judged) -> Judged:
     """Return pad and sensors alone, these as far as they are above what the map's errors pass for (James and Stein)."""
     sense = judged.calibration.sense
-    away = sense - np.eye(len(sense))
+    modes = len(sense)
+    away = sense - np.eye(modes)
     sure = np.maximum(0.0, 1.0 - SENSE_OF_MAP**2 / np.maximum(np.abs(away) ** 2, 1e-12))
-    shrunk = sense if judged.refusal else np.eye(len(sense)) + sure * away
-    calibration = replace(judged.calibration, sense=np.asarray(shrunk, np.complex128))
-    return replace(judged, calibration=calibration, map_refusal=map_refusal)
+    if modes > MOST_WITHOUT_MAP:
+        np.fill_diagonal(sure, 0.0)
+    shrunk = sense if judged.refusal else np.eye(modes) + sure * away
+    return replace(judged, calibration=replace(judged.calibration, sense=np.asarray(shrunk, np.complex128)))
 
 
 def _mean(one: Fit, other: Fit) -> Fit:

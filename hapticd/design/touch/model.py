@@ -2,10 +2,12 @@
 
 In coordinates of what the sensors report, y with W = C y, the plate follows (design/README.md)
 
-    dy/dt = A y + B V - sum_i load_i (C^-1 phi_i) (phi_i^T C y),      phi_i = phi(P_i)
+    dy/dt = C^-1 D C y + A y + B V - sum_i load_i (C^-1 phi_i) (phi_i^T C y),      phi_i = phi(P_i)
 
-A, B and what the control law does within a tick are free and linear; so are the loads, in each window. What is sought
-is where P_i is (pad), C (sensors) and phi (map). C is known up to a factor, which the loads take: C[0, 0] stays 1.
+D, each mode's own rate, drifts smoothly with the temperature; it is diagonal in the plate's modes, so that modes of
+different frequencies show what of each a sensor sees. A is small. B and what the control law does within a tick are
+free and linear, as are the loads in each window. What is sought is where P_i is (pad), C (sensors) and phi (map). C is
+known up to a factor, which the loads take: C[0, 0] stays 1.
 """
 
 from __future__ import annotations
@@ -29,8 +31,9 @@ SENSE_PRIOR = 0.03
 CENTROID_MM_S = 20.0  # speed at which a contact's centroid has moved by 0.7 of its shift
 DRIFT_EVERY_S = 4.0  # knots of the modes' own rates: splines, as a plate warms up smoothly
 DRIFT_PRIOR_1_S = 150.0  # 25 Hz
-TERMS = 3  # amplitudes, voltages, corrections: the regressors without a prior
-LOAD_PRIOR_FRAC = 0.5  # by which loads of windows differ
+COUPLING_PRIOR_1_S = 3.0  # of modes to each other, fingers apart: by supports and damping
+LOAD_PRIOR_FRAC = 0.15  # by which a window's load differs from that of the touch at the time
+FORCE_S = 0.15  # in which a finger's force changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,23 +66,27 @@ class Free(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FitState:
-    """A calibration and all else that is free: `rates` (M, L) of the regressors, `loads` (B, N)."""
+    """A calibration and all else that is free: `rates` (M, L) of the regressors, `own` (M, K) of the splines in each
+    mode's own rate, `loads` (B, N)."""
 
     calibration: Calibration
     rates: ComplexArray
+    own: ComplexArray
     loads: ComplexArray
 
 
 def regressors(windows: Windows) -> ComplexArray:
-    """Return the linear terms of each mode (B, S, M, L): amplitudes, voltages, corrections, drift."""
-    common = np.concatenate((windows.measured_um, windows.voltage_v, windows.behind_um_s), axis=-1)
-    modes = windows.measured_um.shape[-1]
+    """Return what is linear in all modes' rows (B, S, L): amplitudes, voltages, corrections."""
+    return np.concatenate((windows.measured_um, windows.voltage_v, windows.behind_um_s), axis=-1)
+
+
+def own_rates(windows: Windows) -> FloatArray:
+    """Return the splines in time (B, S, K) of which the modes' own rates are made: 1, and others of mean 0."""
     start_s, end_s = float(windows.t_s.min()), float(windows.t_s.max())
     spans = max(1, round((end_s - start_s) / DRIFT_EVERY_S))
     place = (windows.t_s - start_s) / max(end_s - start_s, 1e-9) * spans
     splines = _cubic(place[..., None] - np.arange(-1, spans + 2))
-    own = windows.measured_um[..., None] * (splines - splines.mean(axis=(0, 1)))[..., None, :]
-    return np.concatenate((np.repeat(common[..., None, :], modes, axis=2), own), axis=-1)
+    return np.concatenate((np.ones_like(splines[..., :1]), splines - splines.mean(axis=(0, 1))), axis=-1)
 
 
 def _cubic(place: FloatArray) -> FloatArray:
@@ -92,13 +99,14 @@ def _cubic(place: FloatArray) -> FloatArray:
 class ModelPoint:
     """The model at one state: residual (B, S, M) in um/s and its derivatives (B, S, M, ..).
 
-    They are by the pad's 7, the elements of `sense` without the first, M K waves, and N loads.
+    They are by the pad's 7, the elements of `sense` without the first, M waves, M own rates, and N loads.
     """
 
     residual: ComplexArray
     by_pad: ComplexArray
     by_sense: ComplexArray
     by_waves: ComplexArray
+    by_own: ComplexArray
     by_loads: ComplexArray
 
 
@@ -140,6 +148,7 @@ class Model:
         self.windows, self.modes, self.waves, self._parasitic = windows, modes, waves, parasitic_modes
         self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1]), np.complex128)
         self.terms = regressors(windows)
+        self.splines = own_rates(windows)
         self._placed: tuple[Calibration, Placed] | None = None
         self._beside: tuple[Placed, FloatArray, ComplexArray] | None = None  # parasitic shapes, and how they yield
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
@@ -166,7 +175,8 @@ class Model:
         out = placed.phi @ np.linalg.inv(state.calibration.sense).T
         under_um = placed.under_um + self._beside_um
         force = np.einsum("bsnk,bsn->bsk", out, under_um * state.loads[:, None, :])
-        return np.asarray(self._known + np.einsum("bskl,kl->bsk", self.terms, state.rates) + force, np.complex128)
+        moving = (self.splines @ state.own.T * placed.seen_um) @ np.linalg.inv(state.calibration.sense).T
+        return np.asarray(self._known + self.terms @ state.rates.T + moving + force, np.complex128)
 
     def settle(self, state: FitState) -> None:
         """Take the parasitic modes to move as the fingers of `state` drive them; far from the drive, they follow."""
@@ -195,7 +205,10 @@ class Model:
         under_um = np.asarray(placed.under_um + self._beside_um[rows], np.complex128)
         by_loads = out * under_um[..., None]
         force = np.einsum("bsnk,bn->bsk", by_loads, state.loads[rows])
-        residual = self._known[rows] + np.einsum("bskl,kl->bsk", self.terms[rows], state.rates) + force
+        own = self.splines[rows] @ state.own.T
+        moving = (own * placed.seen_um) @ inverse.T
+        residual = self._known[rows] + self.terms[rows] @ state.rates.T + moving + force
+        by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[rows])
         by_pad = by_sense = by_waves = np.zeros((*residual.shape, 0), np.complex128)
         if free.pad or free.waves:
             # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
@@ -206,10 +219,13 @@ class Model:
             slope = self._slope(placed.points) @ _by_pad(placed, found)
             by_pad = np.einsum("bsnkm,bsnmp->bskp", by_phi, slope)
         if free.sense:
-            by_sense = _by_sense(self.windows.measured_um[rows], loads, phi, out, under_um, inverse)
+            turned = moving + np.einsum("bsn,bsnk->bsk", loads * under_um, out)
+            scaled = np.einsum("bsnk,bsnm->bskm", loads[..., None] * out, phi) + inverse * own[..., None, :]
+            by_sense = _by_sense(self.windows.measured_um[rows], turned, scaled, inverse)
         if free.waves:
             by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, self._shapes[rows]).reshape(*residual.shape, -1)
-        return ModelPoint(residual, by_pad, by_sense, by_waves, np.moveaxis(by_loads, 2, 3))
+        by_own = by_own.reshape(*residual.shape, -1)
+        return ModelPoint(residual, by_pad, by_sense, by_waves, by_own, np.moveaxis(by_loads, 2, 3))
 
     def _phi(self, points: FloatArray, found: Calibration) -> FloatArray:
         """Return the shapes (B, S, N, M), zero where there is no finger."""
@@ -232,17 +248,11 @@ def _moved(found: Calibration, position: FloatArray, velocity: FloatArray) -> tu
 
 
 def _by_sense(
-    measured_um: ComplexArray,
-    loads: ComplexArray,
-    phi: FloatArray,
-    out: ComplexArray,
-    under_um: ComplexArray,
-    inverse: ComplexArray,
+    measured_um: ComplexArray, turned: ComplexArray, scaled: ComplexArray, inverse: ComplexArray
 ) -> ComplexArray:
-    """By C[m, l]: -C^-1[:, m] (C^-1 phi)_l phi.Cy + C^-1 phi phi_m y_l, for each finger times its load."""
-    turned = -np.einsum("km,bsl->bskml", inverse, ((loads * under_um)[..., None] * out).sum(axis=2))
-    scaled = np.einsum("bskm,bsl->bskml", np.einsum("bsnk,bsnm->bskm", loads[..., None] * out, phi), measured_um)
-    by_sense = turned + scaled
+    """By C[m, l]: -C^-1[:, m] `turned`_l + `scaled`[:, m] y_l, of C^-1 F C y its value and C^-1 F."""
+    by_sense = scaled[..., None] * measured_um[:, :, None, None, :]
+    by_sense -= np.einsum("km,bsl->bskml", inverse, turned)
     return np.asarray(by_sense.reshape(*by_sense.shape[:3], -1)[..., 1:], np.complex128)
 
 

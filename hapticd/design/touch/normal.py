@@ -27,7 +27,7 @@ class Normal(NamedTuple):
     scores: FloatArray  # (B, P), what each window adds to `right`, negative
 
 
-def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: complex, spread: float) -> Normal:
+def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> Normal:
     prior = problem.priors()
     matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
     fingers = state.loads.shape[1]
@@ -38,7 +38,7 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: c
         rows = slice(start, start + _BLOCK)
         point = problem.model.at(state, rows, problem.free)
         weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
-        columns = _columns(problem, point, rows) * weight[..., None]
+        columns = _columns(problem, point, _regressors(problem, state, point, rows)) * weight[..., None]
         loads = point.by_loads * weight[..., None]
         left = _stacked(columns)
         own = _stacked(np.concatenate((loads, 1j * loads), axis=-1))
@@ -46,7 +46,7 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: c
         inner = own.transpose(0, 2, 1) @ own
         weights[rows] = np.einsum("bii->bi", inner)[:, :fingers]
         inner = inner + np.eye(2 * fingers) / spread**2
-        away = state.loads[rows] - mean
+        away = state.loads[rows] - mean[rows]
         drag = np.concatenate((away.real, away.imag), axis=1) / spread**2
         mixed, pull = own.transpose(0, 2, 1) @ left, -(own.transpose(0, 2, 1) @ rest)[..., 0] - drag
         root = np.linalg.inv(np.linalg.cholesky(inner))
@@ -59,15 +59,29 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: c
     return Normal(matrix, right, solved[..., -1], solved[..., :-1], weights, scores)
 
 
-def _columns(problem: TouchProblem, point: ModelPoint, rows: slice) -> ComplexArray:
-    """Derivatives by all parameters (B, S, M, P), which are real."""
+def _regressors(problem: TouchProblem, state: FitState, point: ModelPoint, rows: slice) -> ComplexArray:
+    """Return the linear terms (B, S, L) with the voltages that the model expects.
+
+    A tick's own voltage holds what the control law makes of the sensors' noise. Noise in a regressor makes its
+    coefficient, and with it all forces, too small.
+    """
     terms = problem.model.terms[rows]
-    modes = terms.shape[2]
-    parts = point.by_pad, point.by_sense, 1j * point.by_sense, point.by_waves
-    rates = np.zeros((*terms.shape[:3], modes, terms.shape[-1]), np.complex128)
+    modes = point.residual.shape[-1]
+    gain = state.rates[:, modes : 2 * modes]
+    if not gain.any():
+        return terms
+    volts = terms[..., modes : 2 * modes] - point.residual @ np.linalg.inv(gain).T
+    return np.concatenate((terms[..., :modes], volts, terms[..., 2 * modes :]), axis=-1)
+
+
+def _columns(problem: TouchProblem, point: ModelPoint, terms: ComplexArray) -> ComplexArray:
+    """Derivatives by all parameters (B, S, M, P), which are real."""
+    modes = point.residual.shape[-1]
+    parts = point.by_pad, point.by_sense, 1j * point.by_sense, point.by_waves, point.by_own, 1j * point.by_own
+    rates = np.zeros((*point.residual.shape, modes, terms.shape[-1]), np.complex128)
     for mode in range(modes):
-        rates[:, :, mode, mode] = terms[:, :, mode]
-    flat = rates.reshape(*terms.shape[:3], -1)
+        rates[:, :, mode, mode] = terms
+    flat = rates.reshape(*point.residual.shape, -1)
     return np.concatenate((*parts, flat, 1j * flat), axis=-1)
 
 

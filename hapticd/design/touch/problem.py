@@ -7,7 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...values import ComplexArray, FloatArray
-from .model import DRIFT_PRIOR_1_S, PAD_PRIOR, SENSE_PRIOR, TERMS, Calibration, FitState, Free, Model, stepped
+from .model import (
+    COUPLING_PRIOR_1_S,
+    DRIFT_PRIOR_1_S,
+    PAD_PRIOR,
+    SENSE_PRIOR,
+    Calibration,
+    FitState,
+    Free,
+    Model,
+    stepped,
+)
 
 MAP_PRIOR = 0.015  # RMS of what the map may lack, as a share of its peak: 4 % of its own RMS
 _LOOSE = 1e6  # sigma of what has no prior
@@ -20,21 +30,27 @@ class TouchProblem:
     start: Calibration
 
     @property
-    def sizes(self) -> tuple[int, int, int, int]:
-        """Real parameters: pad, sense, waves, rates."""
+    def sizes(self) -> tuple[int, int, int, int, int]:
+        """Real parameters: pad, sense, waves, own rates, rates."""
         modes, waves = self.start.waves.shape
         pad = len(PAD_PRIOR) if self.free.pad else 0
         sense = 2 * (modes * modes - 1) if self.free.sense else 0
-        return pad, sense, modes * waves if self.free.waves else 0, 2 * modes * self.model.terms.shape[-1]
+        return pad, sense, modes * waves if self.free.waves else 0, *self._linear
+
+    @property
+    def _linear(self) -> tuple[int, int]:
+        modes = len(self.start.sense)
+        return 2 * modes * self.model.splines.shape[-1], 2 * modes * self.model.terms.shape[-1]
 
     def priors(self) -> FloatArray:
         """One sigma of each parameter."""
         modes = len(self.start.sense)
-        terms = self.model.terms.shape[-1]
-        rate = np.where(np.arange(terms) < TERMS * modes, _LOOSE, DRIFT_PRIOR_1_S)
-        pad, sense, waves, _ = self.sizes
+        own = np.where(np.arange(self.model.splines.shape[-1]) == 0, _LOOSE, DRIFT_PRIOR_1_S)
+        rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
+        pad, sense, waves, _, _ = self.sizes
         lacking = np.zeros(0) if self.model.waves is None else MAP_PRIOR * np.tile(self.model.waves.prior, modes)
-        return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], np.tile(rate, 2 * modes)))
+        linear = np.tile(own, 2 * modes), np.tile(rate, 2 * modes)
+        return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], *linear))
 
     def offsets(self, state: FitState) -> FloatArray:
         """Distance of each parameter from its prior's mean."""
@@ -45,18 +61,20 @@ class TouchProblem:
             found.pad if self.free.pad else np.zeros(0),
             np.concatenate((sense.real, sense.imag)) if self.free.sense else np.zeros(0),
             found.waves.ravel() if self.free.waves else np.zeros(0),
-            state.rates.real.ravel(),
-            state.rates.imag.ravel(),
+            *(part.ravel() for linear in (state.own, state.rates) for part in (linear.real, linear.imag)),
         ]
         return np.concatenate(parts)
 
     def stepped(self, state: FitState, step: FloatArray, loads: ComplexArray) -> FitState:
         """Return the state after a step of all parameters (P,) and loads (B, N)."""
-        pad, sense, waves, rates = np.split(step, np.cumsum(self.sizes)[:-1])
+        pad, sense, waves, own, rates = np.split(step, np.cumsum(self.sizes)[:-1])
         found = state.calibration
         if any(self.free):
             found = stepped(found, pad if pad.size else np.zeros(len(PAD_PRIOR)), complex_of(sense), waves)
-        return FitState(found, state.rates + complex_of(rates).reshape(state.rates.shape), state.loads + loads)
+        moved = [
+            before + complex_of(by).reshape(before.shape) for before, by in ((state.rates, rates), (state.own, own))
+        ]
+        return FitState(found, *moved, state.loads + loads)
 
 
 def complex_of(parts: FloatArray) -> ComplexArray:

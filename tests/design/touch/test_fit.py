@@ -58,7 +58,8 @@ def linearised() -> tuple[Model, FitState]:
     lacking = 0.01 * rng.standard_normal((2, len(waves)))
     loads = 100.0 + 10.0 * rng.standard_normal(windows.track.shape) + 5j
     rates = np.zeros((2, model.terms.shape[-1]), np.complex128)
-    return model, FitState(replace(WRONG, waves=lacking), rates, loads)
+    own = 50.0 * (rng.standard_normal((2, model.splines.shape[-1])) + 1j)
+    return model, FitState(replace(WRONG, waves=lacking), rates, own, loads)
 
 
 def slope_along(model: Model, state: FitState, pad: FloatArray, sense: ComplexArray, waves: FloatArray) -> ComplexArray:
