@@ -45,12 +45,16 @@ _FAR = "far from the configured one: run hapticd calibrate"
 
 
 class Proposal(NamedTuple):
-    """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case."""
+    """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case.
+
+    `map_refusal` says why the map stays as it is.
+    """
 
     refusal: str
     correction: Correction | None = None
     change: PlateChange | None = None
     load_1_s: complex | None = None
+    map_refusal: str = ""
 
 
 class SelfCalibration:
@@ -72,7 +76,7 @@ class SelfCalibration:
         self._has_gap = False
         self._t_stepped_ns = 0
         self._verdicts = self._adopted = self._dropped = self._steps = self._maps = self._loads = 0
-        self._last = ""
+        self._last = self._last_of_map = ""
 
     def start(self, loop: asyncio.AbstractEventLoop, command: Sequence[str], header: Header) -> None:
         """Start the process that `command` names; one that cannot be started is a warning."""
@@ -169,7 +173,8 @@ class SelfCalibration:
     def take_verdict(self, line: bytes) -> bool:
         """Take one line of the process; one that is no verdict ends the process, and False is returned."""
         try:
-            self._last = self._request(_verdict(line))
+            proposal = _verdict(line)
+            self._last, self._last_of_map = self._request(proposal), proposal.map_refusal
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             self._refuse(line)
             return False
@@ -258,6 +263,7 @@ class SelfCalibration:
             "moved_mm": now.distance_mm(configured),
             "latency_ms": now.latency_ns * 1e-6,
             "last_refusal": self._last,
+            "last_map_refusal": self._last_of_map,
         }
 
     def close(self) -> None:
@@ -283,9 +289,10 @@ def _verdict(line: bytes) -> Proposal:
     """Raise ValueError, KeyError or TypeError for what is no verdict."""
     found = json.loads(line)
     refusal = str(found["refusal"])[:_MOST_REFUSAL_CHARACTERS]
+    map_refusal = str(found.get("map_refusal", ""))[:_MOST_REFUSAL_CHARACTERS]
     load_1_s = complex(*map(float, found["load_1_s"])) if "load_1_s" in found else None
     if refusal:
-        return Proposal(refusal, load_1_s=load_1_s)
+        return Proposal(refusal, None, None, load_1_s, map_refusal)
     xx, xy, yx, yy = map(float, found["matrix"])
     x_mm, y_mm = map(float, found["offset_mm"])
     latency_s = float(found["latency_s"])
@@ -295,4 +302,5 @@ def _verdict(line: bytes) -> Proposal:
         change = PlateChange(shapes, steepest_1_mm, tuple(map(float, found["d"])), tuple(map(float, found["q"])))
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
-    return Proposal("", Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s), change, load_1_s)
+    correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
+    return Proposal("", correction, change, load_1_s, map_refusal)

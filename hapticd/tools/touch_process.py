@@ -40,7 +40,7 @@ from .touch_recording import Collected, touched
 
 DUTY = 0.1  # of one processor
 FIT_S = 24.0  # of a plate that follows references, after which there is a verdict
-TOGETHER = 3  # such spans are fitted together: the map needs 45 s
+TOGETHER = 3  # such spans are fitted together, for the map
 LONGEST_S = 150.0  # since the first of them began: the plate's own rates drift
 APART_US = round(0.95e6 / CALIBRATION_HZ)  # a recording may have the board report more often
 MOST_TICKS = round(4 * FIT_S * CALIBRATION_HZ)  # of all: a plate that is touched so rarely shows little
@@ -120,7 +120,11 @@ class Accumulator:
             judged = calibrate(windows, self._modes, self._header.parasitic_modes, before=self._in_force)
         except HapticdError as error:
             return {"refusal": str(error)}
-        verdict: dict[str, Any] = {"refusal": judged.refusal, "touched_s": judged.touched_s}
+        verdict: dict[str, Any] = {
+            "refusal": judged.refusal,
+            "map_refusal": judged.map_refusal,
+            "touched_s": judged.touched_s,
+        }
         if (load_1_s := learned_load(found, windows, judged)) is not None:
             verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
         return verdict if judged.refusal else verdict | self._found(judged)

@@ -33,7 +33,8 @@ _LEAST_GAIN = 3e-4  # of the cost: then it has converged
 class Fit:
     """A fitted calibration with one sigma of each part, and the `covariance` (7, 7) of the pad's.
 
-    `cost` (B,) of each window, in units of the noise (M,) of either part of the residual.
+    `cost` (B,) of each window, in units of the noise (M,) of either part of the residual; `drift_hz` (M,) is how far
+    each mode's frequency moved.
     """
 
     calibration: Calibration
@@ -41,8 +42,7 @@ class Fit:
     covariance: FloatArray
     cost: FloatArray
     noise_um_s: FloatArray
-    own: ComplexArray
-    rates: ComplexArray
+    drift_hz: FloatArray
     loads: ComplexArray
 
 
@@ -77,8 +77,7 @@ def fit(
         covariance[:pad, :pad],
         _window_cost(problem.model, state, noise if judged_by_um_s is None else judged_by_um_s),
         noise,
-        state.own,
-        state.rates,
+        np.ptp((problem.model.splines @ state.own.T).imag, axis=(0, 1)) / (2.0 * np.pi),
         state.loads,
     )
 

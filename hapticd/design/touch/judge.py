@@ -13,6 +13,7 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import FloatArray
+from .coverage import where_next
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration, Free
 from .observations import WINDOW_S, Windows
@@ -30,6 +31,7 @@ NO_CHANGE = "The held-out touches confirm no change: the calibration is as good 
 SURE = 3.0  # standard errors of the gain on both halves together, and one on each
 WORTH_FRAC = 0.002  # of the residual's square: less is not felt
 MOST_SIGMAS = 4.0  # of the priors: what is farther off needs another step first
+MOST_DRIFT_HZ = 200.0  # of a mode in a recording: 20 kelvin and more
 APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKNOWN
 
 
@@ -113,6 +115,7 @@ def calibrate(
     refusal = (
         _unknown(found.sigma, latency_sigma_s)
         or _implausible(found.calibration)
+        or _adrift(found)
         or _apart(one, other)
         or _unconfirmed(gains)
     )
@@ -128,7 +131,7 @@ def calibrate(
         refusal=refusal,
         fit=found,
     )
-    return _with_map(judged, windows, fitter)
+    return _with_map(_without_gains(judged, before), windows, fitter)
 
 
 def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:
@@ -184,8 +187,20 @@ def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
 
 def _implausible(found: Calibration) -> str:
     sense = np.abs(found.sense - np.eye(len(found.sense)))
+    if len(sense) > MOST_WITHOUT_MAP:
+        np.fill_diagonal(sense, 0.0)
     if (np.abs(found.pad) > MOST_SIGMAS * PAD_PRIOR).any() or (sense > MOST_SIGMAS * SENSE_PRIOR).any():
         return "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
+    return ""
+
+
+def _adrift(found: Fit) -> str:
+    mode = int(np.argmax(found.drift_hz))
+    if found.drift_hz[mode] > MOST_DRIFT_HZ:
+        return (
+            f"Mode {mode} moved by {found.drift_hz[mode]:.0f} Hz while the plate was touched, more than a fit follows: "
+            "let the plate warm up, and record again."
+        )
     return ""
 
 
@@ -207,10 +222,11 @@ def _unconfirmed(gains: list[_Gain]) -> str:
 
 def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     """Fit and judge the map from where pad and sensors are."""
-    alone = _without_gains(judged)
+    if judged.refusal not in ("", NO_CHANGE):
+        return replace(judged, map_refusal=judged.refusal)
     waves = Waves(fitter.modes, wave_number(fitter.modes))
     fitter = replace(fitter, waves=waves)
-    start = replace(alone.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
+    start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)
     free = Free(pad=True, sense=True, waves=True)
     fits, gains = [], []
@@ -219,9 +235,9 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         gains.append(fitter.gain(held_out, start, fits[-1].calibration))
         if not gains[-1].is_sure:
             break  # which the other half cannot mend
-    judged = replace(alone, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
-    if refusal := _unconfirmed(gains):
-        return replace(judged, map_refusal=refusal)
+    judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
+    if _unconfirmed(gains):
+        return replace(judged, map_refusal=f"The map stays as it is. {where_next(windows, fitter.modes)}")
     found = _mean(*fits)
     latency_s, latency_sigma_s = effective_latency(windows, found)
     return replace(
@@ -237,16 +253,19 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     )
 
 
-def _without_gains(judged: Judged) -> Judged:
-    """Return pad and sensors alone, these as far as they are above what the map's errors pass for (James and Stein)."""
-    sense = judged.calibration.sense
-    modes = len(sense)
-    away = sense - np.eye(modes)
+def _without_gains(judged: Judged, before: Calibration) -> Judged:
+    """Return pad and sensors alone, these as far as they are above what the map's errors pass for (James and Stein).
+
+    With more than MOST_WITHOUT_MAP modes the gains stay as they were.
+    """
+    if judged.refusal:
+        return judged
+    away = judged.calibration.sense - before.sense
     sure = np.maximum(0.0, 1.0 - SENSE_OF_MAP**2 / np.maximum(np.abs(away) ** 2, 1e-12))
-    if modes > MOST_WITHOUT_MAP:
+    if len(away) > MOST_WITHOUT_MAP:
         np.fill_diagonal(sure, 0.0)
-    shrunk = sense if judged.refusal else np.eye(modes) + sure * away
-    return replace(judged, calibration=replace(judged.calibration, sense=np.asarray(shrunk, np.complex128)))
+    sense = np.asarray(before.sense + sure * away, np.complex128)
+    return replace(judged, calibration=replace(judged.calibration, sense=sense))
 
 
 def _mean(one: Fit, other: Fit) -> Fit:

@@ -38,7 +38,7 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: C
         rows = slice(start, start + _BLOCK)
         point = problem.model.at(state, rows, problem.free)
         weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
-        columns = _columns(problem, point, _regressors(problem, state, point, rows)) * weight[..., None]
+        columns = _columns(point, _regressors(problem, state, point, rows)) * weight[..., None]
         loads = point.by_loads * weight[..., None]
         left = _stacked(columns)
         own = _stacked(np.concatenate((loads, 1j * loads), axis=-1))
@@ -74,7 +74,7 @@ def _regressors(problem: TouchProblem, state: FitState, point: ModelPoint, rows:
     return np.concatenate((terms[..., :modes], volts, terms[..., 2 * modes :]), axis=-1)
 
 
-def _columns(problem: TouchProblem, point: ModelPoint, terms: ComplexArray) -> ComplexArray:
+def _columns(point: ModelPoint, terms: ComplexArray) -> ComplexArray:
     """Derivatives by all parameters (B, S, M, P), which are real."""
     modes = point.residual.shape[-1]
     parts = point.by_pad, point.by_sense, 1j * point.by_sense, point.by_waves, point.by_own, 1j * point.by_own

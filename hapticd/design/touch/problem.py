@@ -71,10 +71,12 @@ class TouchProblem:
         found = state.calibration
         if any(self.free):
             found = stepped(found, pad if pad.size else np.zeros(len(PAD_PRIOR)), complex_of(sense), waves)
-        moved = [
-            before + complex_of(by).reshape(before.shape) for before, by in ((state.rates, rates), (state.own, own))
-        ]
-        return FitState(found, *moved, state.loads + loads)
+        return FitState(
+            found,
+            state.rates + complex_of(rates).reshape(state.rates.shape),
+            state.own + complex_of(own).reshape(state.own.shape),
+            state.loads + loads,
+        )
 
 
 def complex_of(parts: FloatArray) -> ComplexArray:

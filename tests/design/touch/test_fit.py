@@ -58,7 +58,7 @@ def linearised() -> tuple[Model, FitState]:
     lacking = 0.01 * rng.standard_normal((2, len(waves)))
     loads = 100.0 + 10.0 * rng.standard_normal(windows.track.shape) + 5j
     rates = np.zeros((2, model.terms.shape[-1]), np.complex128)
-    own = 50.0 * (rng.standard_normal((2, model.splines.shape[-1])) + 1j)
+    own = np.asarray(50.0 * (rng.standard_normal((2, model.splines.shape[-1])) + 1j), np.complex128)
     return model, FitState(replace(WRONG, waves=lacking), rates, own, loads)
 
 

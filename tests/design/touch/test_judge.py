@@ -25,7 +25,7 @@ def test_what_held_out_touches_confirm_is_adopted() -> None:
     assert np.abs(judged.calibration.pad - WRONG.pad)[:2].max() < 0.02
     assert judged.latency_s == pytest.approx(3e-3, abs=0.3e-3)
     assert judged.gain_frac > 0.1
-    assert "map needs" in judged.map_refusal
+    assert "touch there next" in judged.map_refusal
 
 
 @pytest.mark.parametrize(
