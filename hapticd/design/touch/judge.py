@@ -21,7 +21,6 @@ from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
 SENSE_OF_MAP = 0.012  # what a map as it is scanned, with 2 % of noise, passes for in an element of the sensors
-MOST_WITHOUT_MAP = 2  # modes: with more, errors of the map pass for gains of sensors, but not for crosstalk
 TURN_S = 1.0  # of one half after the other
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
 # One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
@@ -187,8 +186,7 @@ def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
 
 def _implausible(found: Calibration) -> str:
     sense = np.abs(found.sense - np.eye(len(found.sense)))
-    if len(sense) > MOST_WITHOUT_MAP:
-        np.fill_diagonal(sense, 0.0)
+    np.fill_diagonal(sense, 0.0)  # without the map its errors pass for gains
     if (np.abs(found.pad) > MOST_SIGMAS * PAD_PRIOR).any() or (sense > MOST_SIGMAS * SENSE_PRIOR).any():
         return "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
     return ""
@@ -256,14 +254,13 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
 def _without_gains(judged: Judged, before: Calibration) -> Judged:
     """Return pad and sensors alone, these as far as they are above what the map's errors pass for (James and Stein).
 
-    With more than MOST_WITHOUT_MAP modes the gains stay as they were.
+    Gains stay as they were: errors of the map pass for them, but not for crosstalk.
     """
     if judged.refusal:
         return judged
     away = judged.calibration.sense - before.sense
     sure = np.maximum(0.0, 1.0 - SENSE_OF_MAP**2 / np.maximum(np.abs(away) ** 2, 1e-12))
-    if len(away) > MOST_WITHOUT_MAP:
-        np.fill_diagonal(sure, 0.0)
+    np.fill_diagonal(sure, 0.0)
     sense = np.asarray(before.sense + sure * away, np.complex128)
     return replace(judged, calibration=replace(judged.calibration, sense=sense))
 
