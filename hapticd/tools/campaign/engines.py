@@ -1,7 +1,8 @@
 """Workers of a campaign: processes of this machine, or those of a Dask cluster; both as `concurrent.futures`.
 
 A task whose worker is lost is repeated, LOSSES - 1 times at most. Locally all tasks that run go with the worker, for a
-pool without one of its processes ends; so no more are handed over than run. Dask repeats the lost one alone.
+pool without one of its processes ends; so no more are handed over than run, and the lost ones run alone. Dask repeats
+what the worker had.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def by_processes(play: Play, missing: Missing, jobs: int) -> Played:
         with _processes(jobs) as pool:
             try:
                 while waiting or running:
-                    while waiting and len(running) < jobs:
+                    while waiting and len(running) < _most(jobs, losses, waiting[0], running):
                         running[pool.submit(_play, play, missing[waiting[0]])] = waiting[0]
                         waiting.popleft()
                     yield from _finished(running)
@@ -60,6 +61,11 @@ def by_processes(play: Play, missing: Missing, jobs: int) -> Played:
                     "or out of memory?): play fewer at the same time with --jobs."
                 )
         waiting.extendleft(running.values())
+
+
+def _most(jobs: int, losses: Mapping[bytes, int], following: bytes, running: Mapping[Future[bytes], bytes]) -> int:
+    """Return how many may run: a task that was lost runs alone, so that it shows which one took its process along."""
+    return 1 if any(losses[key] for key in (following, *running.values())) else jobs
 
 
 def _finished(running: dict[Future[bytes], bytes]) -> Played:
@@ -121,18 +127,20 @@ def _play(play: Play, task: object, code: str | None = None) -> bytes:
 
 
 def by_cluster(play: Play, missing: Missing, address: str) -> Played:
-    """Play the tasks on the cluster of the Dask scheduler at `address`. Raises HapticdError."""
-    from concurrent.futures import CancelledError, as_completed
+    """Play the tasks on the cluster of the Dask scheduler at `address`. Raises HapticdError.
 
+    By Dask's own futures: those of `Client.get_executor` never end when a worker is lost that has a result still to be
+    fetched (distributed 2026.8).
+    """
     code = code_of(play)
     with _client(address) as client:
-        from distributed import KilledWorker
+        from distributed import CancelledError, KilledWorker, as_completed
 
-        pool = client.get_executor(pure=False)
-        running = {pool.submit(_play, play, task, code): key for key, task in missing.items()}
+        futures = [client.submit(_play, play, task, code, pure=False) for task in missing.values()]
+        keys = {future.key: key for future, key in zip(futures, missing, strict=True)}
         try:
-            for future in as_completed(running):
-                yield running[future], future.result()
+            for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]
+                yield keys[future.key], future.result()
         except KilledWorker:
             raise HapticdError(
                 f"A task on the cluster {address} lost its worker again and again (killed, or out of memory?): see the "
@@ -152,11 +160,14 @@ def _client(address: str) -> Iterator[Any]:
     except ImportError:
         raise missing_library("--cluster needs Dask's distributed", "cluster") from None
     import logging
+    import socket
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says of lost connections is in our sentences
     try:
+        host, _, port = address.rpartition("://")[2].rpartition(":")
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()  # a client that fails leaves threads
         client = Client(address, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, OverflowError) as error:
         why = str(error).partition("\n")[0].rstrip(".")
         raise UsageError(
             f"--cluster: no scheduler answers at {address} ({why}): start one with `dask scheduler`, and workers with "
