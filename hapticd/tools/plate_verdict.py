@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..sim import lockstep
 
 SCENARIO, SEED = "strokes", 1  # and its own length, so that `simulate strokes` prints the same figures
-HOW = "in the closed loop of `hapticd simulate strokes`"
+HOW = "in the closed loop of `hapticd simulate strokes --motion smooth`"
 ENOUGH_FELT, ENOUGH_FELT_AT_REST = 0.85, 0.95  # of the time and of the places; motion costs about a tenth
 
 

@@ -91,7 +91,8 @@ def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys
     )
     printed = capsys.readouterr().out
     assert "friction as asked, in motion: " in printed
-    assert main(["simulate", "strokes", "--alone", "--plate", str(glass), "--json", str(files["motion"])]) == 0
+    played_on = ["--motion", "smooth", "--plate", str(glass)]
+    assert main(["simulate", "strokes", "--alone", *played_on, "--json", str(files["motion"])]) == 0
     found, played = (json.loads(file.read_text()) for file in files.values())
     assert found["motion"]["felt_frac"] == pytest.approx(played["hapticd"]["felt_frac"], abs=0.01)  # reach is rounded
     assert found["motion"]["felt_frac"] > 0.3
