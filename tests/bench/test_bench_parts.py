@@ -21,19 +21,18 @@ from hapticd.sim.plate.glasses import FINGERTIP, WIDE
 pytestmark = pytest.mark.long
 
 ASKED = ((FINGERTIP, 4, 1.0, 1.0), (FINGERTIP, 4, 0.5, 1.0), (WIDE, 8, 1.0, 1.0), (WIDE, 8, 1.0, 0.3))
+# Tables that take long are each their own: each test has a limit of time.
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "modes": lambda: (modes.run(pairs=200, seeds=(1,), repeats=1, timed=20),),
     "prediction": lambda: (*prediction.run(seeds=(1, 2), repeats=1), stamps.run(seeds=(1,), repeats=1)),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
     "firmware": lambda: firmware.run(repeats=1, ticks=20),
     "solver": lambda: (solver.run(problems=120, repeats=1, timed=5), felt.run(problems=6, repeats=1, starts=3)),
-    "leak": lambda: (
-        leak.run(seeds=(1,), seconds=2.0, names=(leak.PAPER, "predictor hold", "a single knot")),
-        leak.both_slip(seeds=(1,), seconds=4.0),
-        leak.contact(seeds=(1,), seconds=2.0),
-        felt_asked.run(cases=ASKED, seeds=(1,), seconds=2.0),
-        contact_forms.run(plates=((FINGERTIP, 4),), seeds=(1,), seconds=2.0),
-    ),
+    "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=(leak.PAPER, "predictor hold", "a single knot")),),
+    "both_slip": lambda: (leak.both_slip(seeds=(1,), seconds=4.0),),
+    "leak_contact": lambda: (leak.contact(seeds=(1,), seconds=2.0),),
+    "felt_asked": lambda: (felt_asked.run(cases=ASKED, seeds=(1,), seconds=2.0),),
+    "contact_forms": lambda: (contact_forms.run(plates=((FINGERTIP, 4),), seeds=(1,), seconds=2.0),),
 }
 
 
@@ -138,14 +137,22 @@ def test_the_solvers_agree_and_never_break_a_limit() -> None:
 
 
 def test_ours_leaks_less_than_the_paper_s_scheme_and_more_than_perfect_knowledge() -> None:
-    points, both_slip, contact, *_ = part("leak")
+    (points,) = part("leak")
     ours_um = figure(points, leak.DEFAULT, "leak_um")
     assert figure(points, leak.PERFECT, "leak_um") < leak.NOTHING_UM < ours_um
     assert figure(points, "predictor hold", "leak_um") > 2 * ours_um
     assert figure(points, leak.PAPER, "leak_um") > 2.5 * ours_um
     assert figure(points, "a single knot", "leak_um") > ours_um
+
+
+def test_free_phases_pass_singular_positions_without_the_catch_of_signs_alone() -> None:
+    (both_slip,) = part("both_slip")
     for name in ("slip_error_um", "dip_frac", "step_um"):
         assert figure(both_slip, leak.DEFAULT, name) < figure(both_slip, leak.SIGNS_ALONE, name)
+
+
+def test_the_more_modes_the_more_is_felt_as_asked_and_less_so_by_contrast() -> None:
+    (contact,) = part("leak_contact")
     contrast, felt_frac = ({row.name: row.figures[name] for row in contact.rows} for name in ("contrast", "felt_frac"))
     named = [f"{plate} plate, {count} modes" for plate, count in leak.CONTACT_PLATES]
     assert contrast[named[0]] < 2.0 < contrast[named[1]] < contrast[named[2]]
@@ -179,7 +186,7 @@ def test_paced_passes_wait_for_their_time() -> None:
 
 
 def test_what_is_asked_is_felt_more_often_the_less_is_asked_and_the_more_modes_there_are() -> None:
-    table = part("leak")[3]
+    (table,) = part("felt_asked")
     felt_frac, perfect_frac, paper_frac = (
         {row.name: row.figures[name] for row in table.rows} for name in ("felt_frac", "perfect_frac", "paper_frac")
     )
@@ -192,7 +199,7 @@ def test_what_is_asked_is_felt_more_often_the_less_is_asked_and_the_more_modes_t
 
 
 def test_larger_contacts_feel_what_was_asked_more_often_as_the_pad_reports_them_than_as_discs_of_5_mm() -> None:
-    table = part("leak")[4]
+    (table,) = part("contact_forms")
     name = f"{FINGERTIP} plate, 4 modes, discs of 6 mm radius"
     assert figure(table, name, "felt_frac") > figure(table, name, "disc_frac")
     assert figure(table, table.default, "felt_frac") > figure(table, table.default, "disc_frac") - 0.03

@@ -2,7 +2,8 @@
 
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
-The client sets a slippery and a sticky finger on the fingertip plate, a live view shows their amplitudes, and at the
+The client sets a slippery and a sticky finger on the fingertip plate, which stroke it straight (`--motion smooth`: what
+the picture shows is then of the plates, not of the hand); a live view shows their amplitudes, and at the
 end the plate's true motion is scored, and the same fingers in virtual time: the paper's scheme on its plate, and
 hapticd on the wide plate with eight modes. The board is the firmware's core in the rig, or its whole program in a
 process, with a simpler reference plate inside; the others then get such a plate too.
@@ -179,7 +180,8 @@ def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str
         row("contrast of the two", [f"{score.contrast:.1f}" for score in scores]),
         row("sticky centre, um RMS", [f"{score.leak_um:.3f}" for score in scores]),
         row("slippery centre, of target", [f"{score.slip_frac:.1%}" for score in scores]),
-        f"Over {ours.seconds:.0f} s; a contact is a disc of {CONTACT_RADIUS_MM:g} mm; targets are 0 and 1 um.",
+        f"Over {ours.seconds:.0f} s of straight strokes at {SPEED_MM_S / 10.0:g} cm/s; a contact is a disc of "
+        f"{CONTACT_RADIUS_MM:g} mm radius; targets are 0 and 1 um.",
         "",
     ]
     if ours.score.leak_um > 0:
