@@ -40,8 +40,10 @@ enum hd_board_event {
     HD_EVENT_BROWN_OUT_OFF = 97,
         /* the chip's brown-out reset is off: the board does not drive; run `make -C firmware protect` */
     HD_EVENT_SUPPLY = 98,          /* the supply fell below 2.9 V */
-    HD_EVENT_AMPLIFIER_FAULT = 99, /* an amplifier reported a fault */
-    HD_EVENT_EMERGENCY_STOP = 100, /* emergency stop */
+    HD_EVENT_AMPLIFIER_FAULT = 99,
+        /* an amplifier reported a fault: PB14 is open. A bench without such a contact has a wire from there to ground */
+    HD_EVENT_EMERGENCY_STOP = 100,
+        /* emergency stop: PB15 is open. A bench without such a contact has a wire from there to ground */
 };
 
 /* Enables or disables the amplifiers, at every control tick. */
@@ -72,6 +74,10 @@ void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][H
 /* main.c: the two halves of that, for a board that listens and speaks by itself. */
 hd_carrier_t *hd_program_carrier(void);
 void hd_on_tick(void);
+
+/* main.c: obeys board_interlock, at each tick and when the board is interrupted by it: quiet as long as it lasts, and
+ * afterwards until the host's next consecutive references. True if it ended a drive. */
+bool hd_on_interlock(void);
 
 /* main.c: samples were lost or a chunk was filled too late. The output goes to zero until the host arms the board again. */
 void hd_on_missed_chunk(void);

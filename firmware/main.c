@@ -24,8 +24,7 @@ static bool amplifiers_needed(void)
     return core.state == HD_STATE_LIVE || core.state == HD_STATE_TOOL || core.ramp > 0;
 }
 
-/* Quiet as long as it lasts, and afterwards until the host's next consecutive references. */
-static void obey_interlock(void)
+bool hd_on_interlock(void)
 {
     static uint8_t before;
     uint8_t event = board_interlock();
@@ -34,11 +33,13 @@ static void obey_interlock(void)
         hd_log_add(&core.config.log, &entry);
     }
     before = event;
-    if (event != 0 && amplifiers_needed()) {
+    bool ends_drive = event != 0 && amplifiers_needed();
+    if (ends_drive) {
         hd_on_missed_chunk();
     } else if (event != 0) {
         hd_deadman_reset(&core.deadman);
     }
+    return ends_drive;
 }
 
 static void show_sync(void)
@@ -54,7 +55,7 @@ static void show_sync(void)
 void hd_on_tick(void)
 {
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
-    obey_interlock();
+    (void)hd_on_interlock();
     hd_carrier_measure(&carrier, measured_um);
     core.clips = hd_carrier_clips(&carrier, core.control.turn, measured_um[core.control.turn]);
     hd_tick(&core, board_now_us(), measured_um, voltage_v);

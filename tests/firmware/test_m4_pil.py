@@ -26,6 +26,7 @@ DEADMAN_TRIP, MISSED_CHUNK, CRASH = 64, 66, 68
 DEADMAN_MS = 50
 RAMP_MS = 10
 HARD_FAULT = 3
+INTERLOCK_INTERRUPT = 40
 
 
 @pytest.fixture(params=BOARDS, ids=str)
@@ -136,6 +137,23 @@ def test_the_watchdog_is_fed_only_while_both_main_loop_and_tick_live(bench: Benc
     assert bench.wires.watchdog_s() == pytest.approx(0.010, abs=0.0005)
 
 
+def test_a_program_that_hangs_repeats_its_last_samples_for_half_a_millisecond_at_most(bench: Bench) -> None:
+    """The window watchdog is fed by the chunks' interrupt alone, whatever the main loop and the ticks do."""
+    bench.arm(2.0)
+    bench.hold_main = True
+    bench.run(5)
+    bench.convert()
+    assert bench.registers.t_window_us is not None
+    starved_s = 1e-6 * (bench.registers.now_us - bench.registers.t_window_us)
+    assert starved_s == 1e-6 * bench.chunk_us, "a chunk that is not served does not feed it"
+    assert 3 * 1e-6 * bench.chunk_us < bench.wires.window_watchdog_s() <= 0.5e-3
+    bench.registers["DBGMCU.APB1_FZ"] = 1 << 11 | 1 << 12  # as a debugger leaves it that attaches
+    bench.hold_main = False
+    bench.come_round()
+    bench.run(1)
+    assert bench.registers["DBGMCU.APB1_FZ"] == 1, "both watchdogs count while the core is halted, TIM2 does not"
+
+
 def underrun_the_dac(bench: Bench) -> None:
     bench.registers["DAC.SR" if bench.board.modes == 2 else "DAC2.SR"] |= 1 << 13
 
@@ -165,12 +183,12 @@ def test_lost_samples_end_in_silence_until_the_host_arms_anew(
     """A failed transfer to a DAC has an interrupt of its own, before the chunk's."""
     bench.arm(2.0)
     if mishap is None:
-        bench.cpu.interrupt(max(bench.wires.interrupts() - {bench.sampling.irq}))
+        bench.cpu.interrupt(max(bench.wires.interrupts() - {bench.sampling.irq, INTERLOCK_INTERRUPT}))
     else:
         bench.convert()
         mishap(bench)
         bench.interrupt()
-    assert not bench.amplifiers
+    assert not bench.enable_line
     bench.restarted()
     bench.come_round()
     bench.hold(15)
@@ -200,7 +218,7 @@ def test_a_chunk_filled_too_late_is_a_lost_one(bench: Bench, moment: str) -> Non
 
     setattr(bench.registers, moment, other_half_is_through)
     bench.interrupt()
-    assert not bench.amplifiers
+    assert not bench.enable_line
     if bench.registers.pending:
         bench.interrupt()
     bench.restarted()
@@ -272,7 +290,7 @@ def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(b
     bench.arm(2.0)
     bench.cpu.fault(HARD_FAULT, at=bench.cpu.address("hd_tick"))
     assert bench.registers.reset_requested
-    assert not bench.amplifiers
+    assert not bench.enable_line
     expect_mid_rail(bench.registers)
     assert not bench.registers["TIM2.CR1"] & 1
     bench.boot(bench.board.registers(reset_flags=SOFTWARE_RESET))

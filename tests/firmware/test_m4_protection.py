@@ -33,8 +33,9 @@ pytestmark = [pytest.mark.long, needs_compiler]
 
 IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP = range(96, 101)
 DEADMAN_TRIP, MISSED_CHUNK, SLOW_CLOCK = 64, 66, 67
-SYNC, ENABLE, FAULT_PIN, STOP_PIN = 1 << 10, 1 << 12, 1 << 14, 1 << 15
+SYNC, FAULT_PIN, STOP_PIN = 1 << 10, 1 << 14, 1 << 15
 SUPPLY_INTERRUPT = 16 + 1
+INTERLOCK_INTERRUPT = 40
 FLASH = 0x08000000
 
 
@@ -116,59 +117,85 @@ def test_the_image_carries_its_crc_and_nothing_follows_it(board: Board) -> None:
 def test_a_falling_supply_disables_the_amplifiers_and_is_in_the_log_afterwards(board: Board) -> None:
     bench = Bench(board)
     drive(bench)
-    assert bench.registers["EXTI.IMR"] == bench.registers["EXTI.RTSR"] == 1 << 16
+    assert bench.registers["EXTI.IMR"] == bench.registers["EXTI.RTSR"] == 1 << 16 | STOP_PIN | FAULT_PIN
     detector = bench.registers["PWR.CR"] & 0xF0 if board is F405 else bench.registers["PWR.CR2"]
     assert detector == (7 << 5 | 1 << 4 if board is F405 else 6 << 1 | 1), "on, at 2.9 V"
     bench.cpu.fault(SUPPLY_INTERRUPT, at=bench.cpu.address("hd_tick"))
-    assert not bench.amplifiers
+    assert not bench.enable_line
     assert bench.registers.reset_requested
     bench.boot(board.registers())
     assert logged(bench) == [SUPPLY]
 
 
 @every_board
-def test_an_amplifiers_fault_ends_the_drive_within_a_tick_until_it_is_over(board: Board) -> None:
+@pytest.mark.parametrize(("pin", "event"), [(FAULT_PIN, AMPLIFIER_FAULT), (STOP_PIN, EMERGENCY_STOP)])
+def test_an_open_circuit_of_fault_or_stop_ends_the_drive_within_a_tick_until_it_is_closed(
+    board: Board, pin: int, event: int
+) -> None:
     bench = Bench(board)
     assert bench.registers.field("GPIOB.MODER", 28, 4) == 0, "PB14 and PB15 are inputs"
     assert bench.registers.field("GPIOB.PUPDR", 28, 4) == 0b0101, "pulled up"
     drive(bench)
     assert bench.amplifiers
-    bench.registers["GPIOB.IDR"] &= ~FAULT_PIN
+    bench.registers["GPIOB.IDR"] |= pin
     bench.run(0.5)
-    assert not bench.amplifiers
+    assert not bench.enable_line
     drive(bench)
     assert not bench.amplifiers
     assert bench.status.state is BoardState.QUIET
-    assert logged(bench) == [AMPLIFIER_FAULT, MISSED_CHUNK, DEADMAN_TRIP]
-    bench.registers["GPIOB.IDR"] |= FAULT_PIN
+    assert logged(bench) == [event, MISSED_CHUNK, DEADMAN_TRIP]
+    bench.registers["GPIOB.IDR"] &= ~pin
     drive(bench)
     assert bench.amplifiers
 
 
 @every_board
-@pytest.mark.parametrize(("wired", "drives"), [(False, True), (True, False)])
-def test_an_open_emergency_stop_ends_the_drive_where_there_is_one(board: Board, wired: bool, drives: bool) -> None:
-    bench = Bench(board, board.image(2000, "-DHAS_EMERGENCY_STOP=true") if wired else None)
+def test_a_circuit_that_opens_interrupts_and_the_outputs_are_at_mid_rail_before_the_next_chunk(board: Board) -> None:
+    """RM0090, 12.2.5 and 12.3.3; RM0440, 15.3: lines 14 and 15 of the EXTI are port B's, and rising edges interrupt."""
+    bench = Bench(board)
+    registers = bench.registers
+    assert registers["SYSCFG.EXTICR4"] == 0x1100
     drive(bench)
-    bench.registers["GPIOB.IDR"] |= STOP_PIN
+    registers["EXTI.PR"] = 0
+    bench.cpu.interrupt(INTERLOCK_INTERRUPT)
+    assert registers["EXTI.PR"] == STOP_PIN | FAULT_PIN
     bench.run(0.5)
-    assert bench.amplifiers == drives
-    assert (EMERGENCY_STOP in logged(bench)) == wired
+    assert bench.amplifiers, "what was over at once was a disturbance"
+    registers["GPIOB.IDR"] |= STOP_PIN
+    written = len(registers.trace)
+    bench.cpu.interrupt(INTERLOCK_INTERRUPT)
+    silenced = [name for name, value in registers.trace[written:] if ".DHR12LD" in name and value == 0x80008000]
+    assert silenced
+    assert not bench.enable_line
+    bench.restarted()
+    bench.come_round()
+    bench.hold(15)
+    assert bench.at_mid_rail
+    assert not bench.amplifiers
+    assert logged(bench) == [EMERGENCY_STOP, MISSED_CHUNK, DEADMAN_TRIP]
 
 
 @every_board
 def test_pulses_enable_the_amplifiers_only_while_ticks_come(board: Board) -> None:
     """For a monostable: the pin changes with every tick, so a program that hangs holds no level."""
-    bench = Bench(board, board.image(2000, "-DENABLE_BY_PULSES=true"))
+    bench = Bench(board)
     levels = []
     bench.arm()
     for _ in range(20):
         bench.run(0.5)
-        levels.append(bench.registers["GPIOB.ODR"] & ENABLE)
+        levels.append(bench.enable_line)
     assert all(level != before for before, level in pairwise(levels))
     bench.run(100)
-    levels = [bench.registers["GPIOB.ODR"] & ENABLE for _ in range(4) if bench.run(0.5) is None]
-    assert not any(levels), "low without a drive"
+    assert not any(bench.enable_line for _ in range(4) if bench.run(0.5) is None), "low without a drive"
+
+
+@every_board
+def test_a_level_enables_the_amplifiers_where_the_setup_asks_for_it(board: Board) -> None:
+    bench = Bench(board, board.image(2000, "-DENABLE_BY_PULSES=false"))
+    bench.arm()
+    assert all(bench.enable_line for _ in range(20) if bench.run(0.5) is None)
+    bench.run(100)
+    assert not bench.enable_line
 
 
 @pytest.mark.parametrize("is_wired", [False, True])
@@ -207,6 +234,26 @@ def test_a_deaf_line_listens_again(board: Board) -> None:
     bench.registers[f"{bench.ring.name}.CR"] &= ~1
     bench.run(0.05)
     assert "RX" in bench.wires.streams()
+
+
+@every_board
+def test_an_overrun_of_the_line_costs_what_is_on_it_and_no_more(board: Board) -> None:
+    bench = Bench(board)
+    bench.registers["USART1.SR" if board is F405 else "LPUART1.ISR"] |= 1 << 3
+    bench.come_round()
+    bench.to_board += device.encode(TimeRequest(1))
+    bench.run(3)
+    assert [message for message in bench.messages if isinstance(message, BoardTime)]
+
+
+@every_board
+@pytest.mark.parametrize("bypassed", [False, True])
+def test_a_clock_in_place_of_the_crystal_bypasses_its_oscillator(board: Board, bypassed: bool) -> None:
+    bench = Bench(board, board.image(2000, "-DCLOCK_AT_OSC_IN=true") if bypassed else None)
+    controls = [value for name, value in bench.registers.trace if name == "RCC.CR"]
+    started = next(value for value in controls if value & 1 << 16)
+    assert bool(started & 1 << 18) is bypassed
+    assert bench.wires.core_hz() == board.core_hz
 
 
 def test_the_boards_events_have_sentences() -> None:

@@ -167,10 +167,16 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     link_start();
 }
 
+/* A core that a debugger halts plays nothing over and over, and is reset by the watchdogs: the amplifiers' enable falls. A
+ * debugger freezes them when it attaches, so this is said again and again. */
+static void keep_watchdogs_running(void)
+{
+    DBGMCU_APB1_FZ = (DBGMCU_APB1_FZ & ~(DBG_IWDG_STOP | DBG_WWDG_STOP)) | DBG_TIM2_STOP;
+}
+
 void board_run(void)
 {
-    /* A core that a debugger halts plays nothing over and over, and is reset by the watchdog: the amplifiers' enable falls. */
-    DBGMCU_APB1_FZ = (DBGMCU_APB1_FZ & ~DBG_IWDG_STOP) | DBG_TIM2_STOP;
+    keep_watchdogs_running();
     IWDG->KR = IWDG_KEY_START;
     IWDG->KR = IWDG_KEY_WRITE;
     IWDG->PR = 0;
@@ -178,6 +184,9 @@ void board_run(void)
     (void)reaches(&IWDG->SR, IWDG_UPDATING, 0); /* fed earlier, it would start from the longest time */
     IWDG->KR = IWDG_KEY_FEED;
     sampling = true;
+    RCC->APB1ENR |= APB1_WWDG;
+    (void)RCC->APB1ENR;
+    WWDG->CFR = WWDG_UNIT;
     sampling_run();
 }
 
@@ -195,6 +204,7 @@ void board_wait(void)
 
 void board_feed_watchdog(void)
 {
+    keep_watchdogs_running();
     IWDG->KR = IWDG_KEY_FEED;
 }
 

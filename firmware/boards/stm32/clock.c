@@ -31,6 +31,7 @@ static bool lock_pll(uint32_t config)
 
 static clock_source_t lock_any(void)
 {
+    RCC->CR |= CLOCK_AT_OSC_IN ? CR_HSEBYP : 0; /* before it is switched on: RM0090, 7.3.1; RM0440, 7.4.1 */
     RCC->CR |= CR_HSEON;
     if (reaches(&RCC->CR, CR_HSERDY, CR_HSERDY) && lock_pll(PLL_CONFIG(CRYSTAL_HZ, PLL_CRYSTAL))) {
         RCC->CR |= CR_CSSON; /* from now on a crystal that stops is a fault, not a slow drift */

@@ -18,10 +18,15 @@
 #define PERIOD (TIMER_HZ / HD_SAMPLE_HZ)
 
 #define SYNC 10       /* PB10, the sync output */
-#define AMPLIFIERS 12 /* PB12, high to enable, or changing with every tick */
+#define AMPLIFIERS 12 /* PB12, changing with every tick to enable, or high (ENABLE_BY_PULSES) */
 #define BUSY 13       /* PB13, high while the interrupt works: its duty cycle is the load */
-#define AMPLIFIER_FAULT 14 /* PB14, low: an amplifier reports a fault; open: none */
+#define AMPLIFIER_FAULT 14 /* PB14, low through a closed contact to ground; open: an amplifier has a fault */
 #define EMERGENCY_STOP 15  /* PB15, low through a closed contact to ground; open: stop */
+#define INTERLOCKS (1u << AMPLIFIER_FAULT | 1u << EMERGENCY_STOP) /* their EXTI lines too */
+
+/* Without chunks the DACs would play the last 100 us for ever: the window watchdog (RM0090, 22; RM0440, 43) resets a chip
+ * whose chunk interrupt does not end for 4 to 5 units of 96 or 98 us. Its clock is the core's, which CSS watches. */
+#define UNITS_LEFT 4
 
 void board_enable_amplifiers(bool enable)
 {
@@ -36,11 +41,22 @@ void board_sync(bool high)
 
 uint8_t board_interlock(void)
 {
-    uint32_t pins = GPIOB->IDR;
-    if (HAS_EMERGENCY_STOP && (pins & 1u << EMERGENCY_STOP) != 0) {
+    uint32_t open = GPIOB->IDR & INTERLOCKS;
+    if ((open & 1u << EMERGENCY_STOP) != 0) {
         return HD_EVENT_EMERGENCY_STOP;
     }
-    return (pins & 1u << AMPLIFIER_FAULT) == 0 ? HD_EVENT_AMPLIFIER_FAULT : 0;
+    return open != 0 ? HD_EVENT_AMPLIFIER_FAULT : 0;
+}
+
+/* An opening circuit interrupts at once, and each tick looks besides. */
+static void watch_interlocks(void)
+{
+    RCC->APB2ENR |= APB2_SYSCFG;
+    (void)RCC->APB2ENR;
+    SYSCFG->EXTICR[3] = EXTICR_PORT_B(AMPLIFIER_FAULT) | EXTICR_PORT_B(EMERGENCY_STOP);
+    EXTI->RTSR |= INTERLOCKS;
+    EXTI->PR = INTERLOCKS;
+    EXTI->IMR |= INTERLOCKS;
 }
 
 void sampling_silence(void)
@@ -84,19 +100,27 @@ void sampling_run(void)
     for (unsigned i = 0; i < sizeof failures; i++) {
         accept_interrupt(failures[i]);
     }
+    watch_interlocks();
+    accept_interrupt(IRQ_EXTI_10_TO_15);
     accept_interrupt(IRQ_CHUNK);
     start_timer();
+    WWDG->CR = WWDG_START | UNITS_LEFT;
 }
 
 /* From the beginning, by way of the peripherals' own reset: a DAC that missed its DMA stops its requests, and an ADC
  * that was overrun neither. (Inlined, it would have every chunk save more registers.) */
-static __attribute__((noinline)) void restart(void)
+static void run_from_the_beginning(void)
 {
-    hd_on_missed_chunk();
     sampling_silence();
     converters_stop();
     sampling_silence();
     sampling_run();
+}
+
+static __attribute__((noinline)) void restart(void)
+{
+    hd_on_missed_chunk();
+    run_from_the_beginning();
 }
 
 void sampling_on_chunk(void)
@@ -113,7 +137,17 @@ void sampling_on_chunk(void)
     if (event == 0 || (CHUNK_FLAGS & (CHUNK_HALF | CHUNK_COMPLETE)) != 0) {
         restart();
     }
+    WWDG->CR = WWDG_START | UNITS_LEFT;
     GPIOB->BSRR = 1u << (BUSY + 16);
+}
+
+/* What opened for less than it takes to come here was none. Mid-rail now, not after the 100 us that the buffers hold. */
+void sampling_on_interlock(void)
+{
+    EXTI->PR = INTERLOCKS;
+    if (hd_on_interlock()) {
+        run_from_the_beginning();
+    }
 }
 
 void sampling_on_transfer_error(void)

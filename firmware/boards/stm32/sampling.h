@@ -10,8 +10,9 @@ void sampling_silence(void);
 /* Lets samples flow and the interrupts come. */
 void sampling_run(void);
 
-/* Handlers: a chunk was sampled, or a stream has stopped with an error. */
+/* Handlers: a chunk was sampled, a stream has stopped with an error, a circuit of board_interlock has opened. */
 void sampling_on_chunk(void);
 void sampling_on_transfer_error(void);
+void sampling_on_interlock(void);
 
 #endif

@@ -15,6 +15,9 @@
 
 #define LINK_BAUD 921600       /* at the start */
 #define LINK_BAUD_MAX 3000000  /* that a host may ask for */
+#ifndef CLOCK_AT_OSC_IN
+#define CLOCK_AT_OSC_IN false /* true: a clock such as the ST-LINK's 8 MHz is there, instead of a crystal */
+#endif
 #define DRIVE_HZ 29205.0f
 
 #ifndef CONTROL_HZ
@@ -48,12 +51,10 @@
 #define AMPLIFIER_V_PER_V PER_MODE(110.0f, 110.0f, 110.0f)
 #define SENSOR_UM_PER_V PER_MODE(4.85f, 4.85f, 4.85f)
 
-/* Between board and amplifiers. */
+/* Between board and amplifiers. PB14 (no amplifier has a fault) and PB15 (the emergency stop is not pushed) are closed
+ * circuits to ground: a bench without such a contact has a wire bridge there, or the board does not drive. */
 #ifndef ENABLE_BY_PULSES
-#define ENABLE_BY_PULSES false /* PB12 is high to enable; true: it changes with every tick, for a retriggerable monostable */
-#endif
-#ifndef HAS_EMERGENCY_STOP
-#define HAS_EMERGENCY_STOP false /* true: drives only while a closed contact connects PB15 to ground */
+#define ENABLE_BY_PULSES true /* PB12 changes with every tick, for a retriggerable monostable; false: it is high to enable */
 #endif
 
 #define LATCH_REPEATED_TRIPS true /* three dead-man trips in ten seconds: a person should look */

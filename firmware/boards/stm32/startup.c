@@ -53,5 +53,6 @@ __attribute__((section(".vectors"), used)) static const vector_t vectors[16 + IR
     [2 ... 16 + IRQ_LAST] = crash_handler, /* 2: the crystal stopped; 3: a fault */
     [16 + IRQ_PVD] = crash_supply_handler,
     VECTORS_TRANSFER_ERROR
+    [16 + IRQ_EXTI_10_TO_15] = sampling_on_interlock,
     [16 + IRQ_CHUNK] = sampling_on_chunk,
 };

@@ -24,6 +24,14 @@ typedef struct {
 } watchdog_t;
 
 typedef struct {
+    reg_t CR, CFR, SR;
+} window_watchdog_t;
+
+typedef struct {
+    reg_t MEMRMP, CFGR, EXTICR[4];
+} syscfg_t;
+
+typedef struct {
     reg_t IMR, EMR, RTSR, FTSR, SWIER, PR;
 } exti_t;
 
@@ -33,6 +41,7 @@ typedef struct {
 
 #define TIM2 ((timer_t *)0x40000000)
 #define TIM5 ((timer_t *)0x40000C00)
+#define WWDG ((window_watchdog_t *)0x40002C00)
 #define IWDG ((watchdog_t *)0x40003000)
 #define CRC ((crc_t *)0x40023000)
 #define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008)
@@ -50,12 +59,14 @@ typedef struct {
 /* RCC: the fields of these names have the same bits */
 #define CR_HSEON (1u << 16)
 #define CR_HSERDY (1u << 17)
+#define CR_HSEBYP (1u << 18)
 #define CR_CSSON (1u << 19)
 #define CR_PLLON (1u << 24)
 #define CR_PLLRDY (1u << 25)
 #define CFGR_SWS (3u << 2)
 #define APB1_TIM2 (1u << 0)
 #define APB1_TIM5 (1u << 3)
+#define APB1_WWDG (1u << 11)
 #define APB1_PWR (1u << 28)
 #define AHB1_CRC (1u << 12)
 #define GPIO_A (1u << 0)
@@ -94,7 +105,9 @@ typedef struct {
 #define IWDG_KEY_FEED 0xAAAAu
 #define IWDG_UPDATING 3u /* SR: prescaler and reload are on their way to the slow clock */
 #define DBG_TIM2_STOP (1u << 0)
+#define DBG_WWDG_STOP (1u << 11)
 #define DBG_IWDG_STOP (1u << 12)
+#define WWDG_START (1u << 7 | 1u << 6) /* of CR, with what is left to count; below bit 6 it resets the chip */
 #define AIRCR_RESET (0x05FAu << 16 | 1u << 2)
 #define CPACR_FPU (0xFu << 20)
 #define MPU_ENABLE (1u << 2 | 1u << 0)                /* the default map stays for all else */
@@ -102,5 +115,7 @@ typedef struct {
 #define CRC_RESET (1u << 0)
 #define EXTI_PVD (1u << 16)
 #define IRQ_PVD 1
+#define IRQ_EXTI_10_TO_15 40
+#define EXTICR_PORT_B(pin) (1u << 4 * ((pin) % 4))
 
 #endif

@@ -53,6 +53,7 @@ typedef struct {
 #define ADC1 ((adc_t *)0x40012000)
 #define ADC2 ((adc_t *)0x40012100)
 #define ADC ((adc_common_t *)0x40012300)
+#define SYSCFG ((syscfg_t *)0x40013800)
 #define EXTI ((exti_t *)0x40013C00)
 #define DMA1 ((dma_t *)0x40026000)
 #define DMA2 ((dma_t *)0x40026400)
@@ -72,8 +73,11 @@ typedef struct {
 #define APB2_USART1 (1u << 4)
 #define APB2_ADC1 (1u << 8) /* its reset bit resets all three converters */
 #define APB2_ADC2 (1u << 9)
+#define APB2_SYSCFG (1u << 14)
 #define CSR_RMVF (1u << 24)
 #define CSR_BROWN_OUT (1u << 25)
+
+#define WWDG_UNIT (0u << 7 | 0x7Fu) /* no window; 42 MHz / 4096: 97.5 us */
 
 #define ACR_168_MHZ 0x705u /* 5 wait states; prefetch, instruction and data cache on */
 #define OPTCR_BOR_OFF (3u << 2) /* 0 is level 3 */
@@ -134,6 +138,7 @@ typedef struct {
 #define LINK_TX_FLAGS (DMA_ALL << 22)
 #define LINK_TX_DONE false /* the stream disables itself */
 
+#define USART_ORE (1u << 3)
 #define USART_TC (1u << 6)
 #define USART_UE (1u << 13)
 

@@ -44,6 +44,7 @@ typedef struct {
 #define GPIOB ((gpio_t *)0x48000400)
 #define PWR ((power_t *)0x40007000)
 #define LPUART1 ((usart_t *)0x40008000)
+#define SYSCFG ((syscfg_t *)0x40010000)
 #define EXTI ((exti_t *)0x40010400)
 #define DMA1 ((dma_t *)0x40020000)
 #define DMA2 ((dma_t *)0x40020400)
@@ -69,8 +70,11 @@ typedef struct {
 #define AHB2_DACS (1u << 16 | 1u << 17)
 #define APB1_DAC 0u
 #define APB1_LPUART1 (1u << 0) /* of APB1ENR2 */
+#define APB2_SYSCFG (1u << 0)
 #define CSR_RMVF (1u << 23)
 #define CSR_BROWN_OUT 0u
+
+#define WWDG_UNIT (2u << 11 | 0x7Fu) /* no window; 170 MHz / 4096 / 4: 96.4 us */
 
 #define ACR_170_MHZ 0x40704u /* 4 wait states; prefetch, instruction and data cache; debug as after a reset */
 #define OPTR_BOR (7u << 8)

@@ -24,6 +24,7 @@ from .peripherals import Peripherals
 from .plate import Plate
 
 AMPLIFIERS = 1 << 12  # PB12
+MONOSTABLE_US = 2210  # HARDWARE.md's, from a rising edge of PB12 on
 KEEPALIVE_MS = 20
 _BITS_PER_BYTE = 10
 
@@ -80,6 +81,12 @@ class Bench:
 
     @property
     def amplifiers(self) -> bool:
+        """Whether the monostable lets them drive."""
+        t_us = self.registers.t_pulse_us
+        return t_us is not None and self.registers.now_us - t_us < MONOSTABLE_US
+
+    @property
+    def enable_line(self) -> bool:
         return bool(self.registers["GPIOB.ODR"] & AMPLIFIERS)
 
     @property
@@ -165,7 +172,7 @@ class Bench:
 
     def _move_line(self) -> None:
         room = int(self.chunk_us * 1e-6 * self.wires.baud() / _BITS_PER_BYTE)
-        for byte in self.to_board[:room]:
+        for byte in b"" if self.wires.deaf() else self.to_board[:room]:
             self.cpu.write(self.ring.memory + self._ring_at, bytes([byte]))
             self._ring_at = (self._ring_at + 1) % self.ring.items
         del self.to_board[:room]

@@ -20,6 +20,7 @@ _MPU = {"MPU_CTRL": 0x94, "MPU_RNR": 0x98, "MPU_RBAR": 0x9C, "MPU_RASR": 0xA0}
 COMMON: dict[str, tuple[int, dict[str, int]]] = {
     "TIM2": (0x40000000, _TIMER),
     "TIM5": (0x40000C00, _TIMER),
+    "WWDG": (0x40002C00, {"CR": 0x00, "CFR": 0x04}),
     "IWDG": (0x40003000, {"KR": 0x00, "PR": 0x04, "RLR": 0x08, "SR": 0x0C}),
     "CRC": (0x40023000, {"DR": 0x00, "CR": 0x08}),
     "NVIC": (0xE000E100, _NVIC | {f"IPR{i}": 0x300 + i for i in range(102)}),
@@ -29,7 +30,8 @@ COMMON: dict[str, tuple[int, dict[str, int]]] = {
 _RESET = {"IWDG.RLR": 0xFFF, "TIM2.ARR": 0xFFFFFFFF, "TIM5.ARR": 0xFFFFFFFF, "CRC.DR": 0xFFFFFFFF} | {
     "GPIOA.PUPDR": 0x64000000,
     "GPIOB.PUPDR": 0x00000100,
-    "GPIOB.IDR": 1 << 14,  # no amplifier has a fault, the emergency stop's contact is closed
+    "GPIOB.IDR": 0,  # no amplifier has a fault, and the emergency stop is not pushed: both circuits are closed
+    "WWDG.CR": 0x7F,
 }
 _UPDATE_READS = 3  # of the watchdog's status until its slow clock has taken a new reload on
 
@@ -77,6 +79,8 @@ class Peripherals:
         self.reads = 0
         self.now_us = 0
         self.t_fed_us: int | None = None  # None while the watchdog is not started
+        self.t_window_us: int | None = None  # the same of the window watchdog
+        self.t_pulse_us: int | None = None  # the last rising edge of PB12
         self.fed_early = False  # before its reload was taken on
         self.reset_requested = False
         self.on_reset: Callable[[], None] = lambda: None
@@ -92,11 +96,12 @@ class Peripherals:
             "RCC.CSR": self._reset_flags,
             "IWDG.KR": self._watchdog_key,
             "IWDG.RLR": self._watchdog_reload,
+            "WWDG.CR": self._window_watchdog,
             "SCB.AIRCR": self._system_reset,
             "CRC.CR": lambda _: self.registers.__setitem__("CRC.DR", 0xFFFFFFFF),
             "CRC.DR": self._crc,
             "GPIOA.BSRR": lambda value: self._pins("GPIOA.ODR", value),
-            "GPIOB.BSRR": lambda value: self._pins("GPIOB.ODR", value),
+            "GPIOB.BSRR": self._port_b,
             **{f"NVIC.ISER{i}": self._enable_interrupts(i) for i in range(4)},
             **{f"NVIC.ICPR{i}": self._forget_interrupt for i in range(4)},
             **self.own_effects(),
@@ -127,7 +132,11 @@ class Peripherals:
         value = self.registers[name]
         if name == self.CHUNK_FLAGS:
             self.on_look()
+        self.was_read(name)
         return value
+
+    def was_read(self, name: str) -> None:
+        """What a read of a register of this chip alone does."""
 
     def write(self, address: int, size: int, value: int) -> None:
         name = self.NAME[address]
@@ -170,6 +179,10 @@ class Peripherals:
         self.registers["IWDG.RLR"] = value
         self._updating = _UPDATE_READS
 
+    def _window_watchdog(self, value: int) -> None:
+        self.registers["WWDG.CR"] = value
+        self.t_window_us = self.now_us if value & 0x80 else None
+
     def _system_reset(self, value: int) -> None:
         assert value == 0x05FA0004
         self.reset_requested = True
@@ -186,6 +199,11 @@ class Peripherals:
 
     def _forget_interrupt(self, _: int) -> None:
         self.pending = False
+
+    def _port_b(self, value: int) -> None:
+        if value & ~self.registers["GPIOB.ODR"] & 1 << 12:
+            self.t_pulse_us = self.now_us
+        self._pins("GPIOB.ODR", value)
 
     def _pins(self, output: str, value: int) -> None:
         self.registers[output] = self.registers[output] & ~(value >> 16) | value & 0xFFFF

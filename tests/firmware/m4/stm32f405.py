@@ -26,7 +26,8 @@ _REQUESTS: Final = {  # (unit, stream, channel) -> who asks
 _TRIGGER_TIM2_DAC: Final = 4
 _TRIGGER_TIM2_ADC: Final = 6
 _CONVERSION_CYCLES: Final = 3 + 12
-_CLOCKED: Final = (("APB1", 0), ("APB1", 29), ("APB2", 4), ("APB2", 8), ("APB2", 9))  # TIM2, DAC, USART1, ADC1, ADC2
+# Clocks: TIM2, WWDG, DAC; USART1, ADC1, ADC2, SYSCFG.
+_CLOCKED: Final = tuple(("APB1", bit) for bit in (0, 11, 29)) + tuple(("APB2", bit) for bit in (4, 8, 9, 14))
 
 
 class Registers(Peripherals):
@@ -37,6 +38,7 @@ class Registers(Peripherals):
         "ADC1": (0x40012000, _ADC),
         "ADC2": (0x40012100, _ADC),
         "ADC": (0x40012300, {"CCR": 0x04, "CDR": 0x08}),
+        "SYSCFG": (0x40013800, {"EXTICR4": 0x14}),
         "EXTI": (0x40013C00, peripherals.EXTI),
         "GPIOA": (0x40020000, peripherals.GPIO),
         "GPIOB": (0x40020400, peripherals.GPIO),
@@ -60,6 +62,15 @@ class Registers(Peripherals):
     PLL_FROM_CRYSTAL: ClassVar = (1 << 22, 1 << 22)
     FORGET_RESET_FLAGS: ClassVar = 1 << 24
     CHUNK_FLAGS: ClassVar = "DMA2.LISR"
+    _overrun_seen = False
+
+    def was_read(self, name: str) -> None:
+        """RM0090, 30.6.1: an overrun ends when SR was read while it stood, and DR after that."""
+        if name == "USART1.SR":
+            self._overrun_seen = bool(self.registers[name] & 1 << 3)
+        elif name == "USART1.DR" and self._overrun_seen:
+            self.registers["USART1.SR"] &= ~(1 << 3)
+            self._overrun_seen = False
 
     def own_effects(self) -> dict[str, Effect]:
         return {
@@ -138,8 +149,8 @@ class Wires(Wiring):
         assert (back.to_peripheral, back.circular, back.memory_size, back.peripheral_size) == (False, True, 4, 4)
         assert out.items == back.items
         assert (out.interrupts, back.interrupts) == ({"error"}, {"half", "complete", "error"})
-        assert self.interrupts() == {1, 16, 56}, "the supply, the DACs' stream and the ADCs'"
-        assert (p["NVIC.IPR1"], p["NVIC.IPR16"], p["NVIC.IPR56"]) == (0, 0x10, 0x10)
+        assert self.interrupts() == {1, 16, 40, 56}, "the supply, the DACs' stream, the interlocks, the ADCs' stream"
+        assert [p[f"NVIC.IPR{irq}"] for irq in (1, 16, 40, 56)] == [0, 0x10, 0x10, 0x10]
         return Sampling(
             self.timer_hz("TIM2"),
             out.items,
@@ -182,8 +193,14 @@ class Wires(Wiring):
         assert all(p.field("GPIOA.MODER", 2 * pin, 2) == 3 for pin in channels), "an input is not analogue"
         return channels
 
+    def window_watchdog_s(self) -> float:
+        return self._window_watchdog_s(self.apb_hz(1), self.p.field("WWDG.CFR", 7, 2))
+
     def baud(self) -> float:
         return self.apb_hz(2) / self.p["USART1.BRR"]
+
+    def deaf(self) -> bool:
+        return bool(self.p.field("USART1.SR", 3, 1))
 
     def finish_sending(self) -> None:
         """A stream that is not circular disables itself."""

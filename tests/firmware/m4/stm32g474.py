@@ -32,19 +32,23 @@ _INPUTS: Final = {("ADC1", 1): ("GPIOA", 0), ("ADC2", 2): ("GPIOA", 1), ("ADC3",
 _OUTPUTS: Final = {"DAC1_1": ("DAC1.DHR12L1", "DAC1", 0, 4), "DAC1_2": ("DAC1.DHR12L2", "DAC1", 16, 5)} | {
     "DAC2_1": ("DAC2.DHR12L1", "DAC2", 0, 6)
 }
-# Clocks: DMA1, DMA2, DMAMUX; GPIOA, GPIOB, ADC12, ADC345, DAC1, DAC2; TIM2, TIM5, PWR; LPUART1.
-_CLOCKED: Final = {"AHB1ENR": (0, 1, 2), "AHB2ENR": (0, 1, 13, 14, 16, 17), "APB1ENR1": (0, 3, 28), "APB1ENR2": (0,)}
+# Clocks: DMA1, DMA2, DMAMUX; GPIOA, GPIOB, ADC12, ADC345, DAC1, DAC2; TIM2, TIM5, WWDG, PWR; LPUART1; SYSCFG.
+_CLOCKED: Final = {"AHB1ENR": (0, 1, 2), "AHB2ENR": (0, 1, 13, 14, 16, 17), "APB1ENR1": (0, 3, 11, 28)} | {
+    "APB1ENR2": (0,),
+    "APB2ENR": (0,),
+}
 
 
 class Registers(Peripherals):
     BLOCKS: ClassVar = {
         "PWR": (0x40007000, {"CR2": 0x04, "SR2": 0x14, "CR5": 0x80}),
         "LPUART1": (0x40008000, _LPUART),
+        "SYSCFG": (0x40010000, {"EXTICR4": 0x14}),
         "EXTI": (0x40010400, peripherals.EXTI),
         "DMA1": (0x40020000, {"ISR": 0x00, "IFCR": 0x04}),
         "DMA2": (0x40020400, {"ISR": 0x00, "IFCR": 0x04}),
         "DMAMUX": (0x40020800, {f"C{i}CR": 4 * i for i in range(16)}),
-        "RCC": (0x40021000, _RCC | {"APB1ENR1": 0x58, "APB1ENR2": 0x5C, "CSR": 0x94}),
+        "RCC": (0x40021000, _RCC | {"APB1ENR1": 0x58, "APB1ENR2": 0x5C, "APB2ENR": 0x60, "CSR": 0x94}),
         "FLASH": (0x40022000, {"ACR": 0x00, "OPTR": 0x20}),
         "GPIOA": (0x48000000, peripherals.GPIO),
         "GPIOB": (0x48000400, peripherals.GPIO),
@@ -200,9 +204,9 @@ class Wires(Wiring):
         assert [stream.interrupts for stream in adcs[:-1] + dacs] == [{"error"}] * (len(adcs + dacs) - 1)
         assert adcs[-1].interrupts == {"half", "complete", "error"}
         irqs = {10 + int(stream.name[-1]) for stream in adcs} | {55 + int(stream.name[-1]) for stream in dacs}
-        assert self.interrupts() == irqs | {1}, "the supply and the converters' streams"
+        assert self.interrupts() == irqs | {1, 40}, "the supply, the interlocks and the converters' streams"
         assert self.p["NVIC.IPR1"] == 0
-        assert {self.p[f"NVIC.IPR{irq}"] for irq in irqs} == {0x10}
+        assert {self.p[f"NVIC.IPR{irq}"] for irq in irqs | {40}} == {0x10}
 
     def _check_dac(self, request: str, stream: Stream) -> None:
         register, block, first, pin = _OUTPUTS[request]
@@ -236,11 +240,19 @@ class Wires(Wiring):
         assert (sample_cycles + _CONVERSION_CYCLES) / clock_hz < half_s, "the DACs move while an ADC converts"
         return channel
 
+    def window_watchdog_s(self) -> float:
+        assert self.p.field("RCC.CFGR", 8, 3) < 4, "APB1 is divided"
+        return self._window_watchdog_s(self.core_hz(), self.p.field("WWDG.CFR", 11, 3))
+
     def baud(self) -> float:
         p = self.p
         assert p["LPUART1.CR1"] == 0xD, "enabled, to send and to receive"
         assert (p.field("GPIOA.MODER", 4, 4), p.field("GPIOA.AFRL", 8, 8)) == (0xA, 0xCC), "PA2 and PA3 are AF12"
         return 256 * self.core_hz() / p["LPUART1.BRR"]
+
+    def deaf(self) -> bool:
+        """RM0440, LPUART_CR3: with OVRDIS an overrun loses its byte alone."""
+        return bool(self.p.field("LPUART1.ISR", 3, 1)) and not self.p.field("LPUART1.CR3", 12, 1)
 
     def finish_sending(self) -> None:
         """A channel that is not circular stays enabled, with nothing left."""

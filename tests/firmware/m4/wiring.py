@@ -79,6 +79,10 @@ class Wiring(ABC):
     def baud(self) -> float: ...
 
     @abstractmethod
+    def deaf(self) -> bool:
+        """Whether an overrun keeps the line from receiving."""
+
+    @abstractmethod
     def sampling(self) -> Sampling: ...
 
     @abstractmethod
@@ -103,3 +107,13 @@ class Wiring(ABC):
 
     def watchdog_s(self) -> float:
         return (self.p["IWDG.RLR"] + 1) * (4 << self.p["IWDG.PR"]) / WATCHDOG_HZ
+
+    @abstractmethod
+    def window_watchdog_s(self) -> float:
+        """From being fed to the reset, at most; until then nothing resets the chip that feeds it early."""
+
+    def _window_watchdog_s(self, bus_hz: float, prescaler: int) -> float:
+        p = self.p
+        assert p.field("WWDG.CFR", 0, 7) == 0x7F, "it must not be fed before its window opens"
+        assert p.field("WWDG.CR", 6, 2) == 3, "off, or about to reset"
+        return 4096 * (1 << prescaler) * (p.field("WWDG.CR", 0, 6) + 1) / bus_hz
