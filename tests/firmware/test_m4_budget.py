@@ -94,7 +94,7 @@ def test_strokes_that_ask_for_all_the_voltage_stay_within_it_too(board: Board) -
         knots = ((0.0, (1.5, -1.0, 0.5)), (4.0, (1.5 + 0.1 * (i % 5), 1.0, -0.5)), (5.0, (3.5 * (i % 2), 2.0j, 0.1)))
         bench.reference(*knots)
         total += share(bench, *chunk_costs(bench, chunks=200))
-    print(f"{board}: strokes at 5000 Hz: {100 * total / 20:.1f} %")
+    print(f"{board}: strokes at 5000 Hz: {100 * total / 20:.2f} %")
     assert total / 20 <= board.load_max
 
 
@@ -104,7 +104,7 @@ def test_a_chunk_and_a_tick_stay_within_their_instructions(board: Board) -> None
     instructions = sorted(count.instructions for count in interrupt)
     if board is F405:
         assert instructions[0] <= 1050, "21 per sample: 9 to listen, 10 to speak, 2 for the rest"
-    assert instructions[-1] - instructions[0] <= 815 * board.modes
+    assert instructions[-1] - instructions[0] <= 825 * board.modes
 
 
 def locked_costs(bench: Bench, lines: list[bytes], ms: float) -> list[Count]:

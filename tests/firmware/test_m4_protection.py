@@ -240,7 +240,7 @@ def test_a_deaf_line_listens_again(board: Board) -> None:
 def test_an_overrun_of_the_line_costs_what_is_on_it_and_no_more(board: Board) -> None:
     bench = Bench(board)
     bench.registers["USART1.SR" if board is F405 else "LPUART1.ISR"] |= 1 << 3
-    bench.come_round()
+    bench.run(0.5)  # a tick ends it
     bench.to_board += device.encode(TimeRequest(1))
     bench.run(3)
     assert [message for message in bench.messages if isinstance(message, BoardTime)]

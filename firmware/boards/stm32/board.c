@@ -171,7 +171,7 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
  * debugger freezes them when it attaches, so this is said again and again. */
 static void keep_watchdogs_running(void)
 {
-    DBGMCU_APB1_FZ = (DBGMCU_APB1_FZ & ~(DBG_IWDG_STOP | DBG_WWDG_STOP)) | DBG_TIM2_STOP;
+    DBGMCU_APB1_FZ = DBG_TIM2_STOP; /* and not IWDG, WWDG or any other */
 }
 
 void board_run(void)
@@ -205,6 +205,7 @@ void board_wait(void)
 void board_feed_watchdog(void)
 {
     keep_watchdogs_running();
+    LINK_RX_RECOVER; /* as often, for the main loop comes round too often to look each time */
     IWDG->KR = IWDG_KEY_FEED;
 }
 

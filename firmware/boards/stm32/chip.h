@@ -30,9 +30,6 @@ void converters_exchange(int half);
 /* Pins, baud rate and stream routes of the host's line; link.c starts the streams. */
 void serial_start(void);
 
-/* Ends an overrun, in which the line would stay deaf. */
-void serial_recover(void);
-
 /* Another speed of that line; false while its last byte is not out. */
 bool serial_set_baud(uint32_t baud);
 

@@ -11,7 +11,6 @@
 
 #define RING 1024  /* 3.4 ms at 3 Mbaud; the main loop comes round every 50 us */
 #define BUFFER 512
-#define ARRIVING_TURNS 8 /* of at least 4 cycles */
 
 static volatile uint8_t ring[RING];
 static uint32_t ring_read;
@@ -40,13 +39,12 @@ size_t board_read(uint8_t *bytes, size_t capacity)
         LINK_RX_CLEAR = LINK_RX_FLAGS;
         receive();
     }
-    serial_recover();
     uint32_t written = RING - LINK_RX->NDTR;
     size_t n = 0;
-    if (ring_read != written % RING) { /* a byte counts once it was read from the line: it may be on its way to memory yet */
-        for (volatile int turn = 0; turn < ARRIVING_TURNS; turn++) {
-        }
+    if (ring_read == written % RING) {
+        return 0;
     }
+    __asm volatile(".rept 8\n\tnop\n\t.endr"); /* counted when it was read from the line: on its way to memory yet */
     while (n < capacity && ring_read != written % RING) {
         bytes[n++] = ring[ring_read];
         ring_read = (ring_read + 1) % RING;

@@ -105,8 +105,6 @@ typedef struct {
 #define IWDG_KEY_FEED 0xAAAAu
 #define IWDG_UPDATING 3u /* SR: prescaler and reload are on their way to the slow clock */
 #define DBG_TIM2_STOP (1u << 0)
-#define DBG_WWDG_STOP (1u << 11)
-#define DBG_IWDG_STOP (1u << 12)
 #define WWDG_START (1u << 7 | 1u << 6) /* of CR, with what is left to count; below bit 6 it resets the chip */
 #define AIRCR_RESET (0x05FAu << 16 | 1u << 2)
 #define CPACR_FPU (0xFu << 20)

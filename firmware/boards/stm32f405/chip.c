@@ -129,14 +129,6 @@ void serial_start(void)
     USART1->CR1 = USART_UE | USART_RE | USART_TE;
 }
 
-/* RM0090, 30.6.1, ORE: the receiver takes nothing on until SR and then DR were read. The byte read is of a damaged frame. */
-void serial_recover(void)
-{
-    if ((USART1->SR & USART_ORE) != 0) {
-        (void)USART1->DR;
-    }
-}
-
 bool serial_set_baud(uint32_t baud)
 {
     bool idle = (USART1->SR & USART_TC) != 0;

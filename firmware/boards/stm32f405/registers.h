@@ -131,6 +131,8 @@ typedef struct {
 #define LINK_RX_DATA ((uint32_t)(uintptr_t)&USART1->DR)
 #define LINK_RX_CLEAR DMA2->LIFCR
 #define LINK_RX_FLAGS (DMA_ALL << 16)
+/* RM0090, 30.6.1, ORE: nothing is received until SR and then DR were read. The byte read is of a damaged frame. */
+#define LINK_RX_RECOVER ((USART1->SR & USART_ORE) != 0 ? (void)USART1->DR : (void)0)
 #define LINK_TX (&DMA2->STREAM[7])
 #define LINK_TX_ROUTE DMA_CHANNEL(4)
 #define LINK_TX_DATA LINK_RX_DATA

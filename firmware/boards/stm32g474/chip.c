@@ -196,10 +196,6 @@ void serial_start(void)
     DMAMUX[5] = REQUEST_LPUART1_TX;
 }
 
-void serial_recover(void)
-{ /* OVRDIS: there is none */
-}
-
 bool serial_set_baud(uint32_t baud)
 {
     bool idle = (LPUART1->ISR & USART_TC) != 0;

@@ -141,6 +141,7 @@ typedef struct {
 #define LINK_RX_DATA ((uint32_t)(uintptr_t)&LPUART1->RDR)
 #define LINK_RX_CLEAR DMA1->IFCR
 #define LINK_RX_FLAGS (DMA_ALL << 16)
+#define LINK_RX_RECOVER ((void)0) /* with OVRDIS there is no overrun */
 #define LINK_TX (&DMA1->STREAM[5])
 #define LINK_TX_ROUTE 0u
 #define LINK_TX_DATA ((uint32_t)(uintptr_t)&LPUART1->TDR)
