@@ -56,6 +56,7 @@ class Bench:
         self.pipeline = Pipeline(PLATE, self.scene, PipelineSettings(**chosen))  # type: ignore[arg-type]
         self.t_ns = START_NS
         self.period_ns = PERIOD_NS
+        self.axes_mm = (8.0, 7.0)  # of the contacts, as the pad reports them
 
     def want(self, targets: dict[int | str, Content], virtuals: dict[str, VirtualPath] | None = None) -> None:
         message = ClientTargets.of("test", FOREVER_NS, targets, virtuals or {})
@@ -65,7 +66,7 @@ class Bench:
         self, t_device_ns: int, t_read_ns: int, *positions_mm: tuple[float, float], pressure_frac: float = 0.2
     ) -> FingerFrame:
         contacts = tuple(
-            Contact(index + 1, x_mm, y_mm, 8.0, 7.0, 0.0, pressure_frac, True, 4, 0, 0)
+            Contact(index + 1, x_mm, y_mm, *self.axes_mm, 0.0, pressure_frac, True, 4, 0, 0)
             for index, (x_mm, y_mm) in enumerate(positions_mm)
         )
         return self.pipeline.touch(TouchFrame(t_device_ns, contacts, False), t_read_ns)

@@ -175,6 +175,32 @@ def test_a_world_is_drawn_or_comes_from_a_file(tmp_path: Path, capsys: pytest.Ca
     assert complaint.count("\n") == 1
 
 
+def test_contacts_have_the_size_that_is_given(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("simulate", "strokes", "--plate", "fingertip", "--seconds", "0.8", "--alone", "--json", "-")
+    scores = [
+        json.loads(outcome(capsys, *arguments, *more)[1])["hapticd"]
+        for more in ((), ("--contact", "5"), ("--contact", "10x10"), ("--contact", "7"), ("--contact", "8x11"))
+    ]
+    assert scores[0] == scores[1] == scores[2]
+    assert len({score["contact_slip_um"] for score in scores}) == 3
+    assert len({score["leak_um"] for score in scores}) == 1  # discs of 5 mm are believed
+    reported = json.loads(outcome(capsys, *arguments, "--contact", "7", "--ellipses")[1])["hapticd"]
+    assert reported["leak_um"] != scores[0]["leak_um"]
+
+
+@pytest.mark.parametrize("size", ["0", "-3", "x", "8x", "nan", "99", "1x2x3"])
+def test_contacts_that_cannot_be_are_one_sentence(size: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys, "simulate", "strokes", f"--contact={size}")
+    assert code == 2
+    assert complaint.startswith(f"hapticd: --contact {size}: give a radius in mm, such as 6, or the axes of an ellipse")
+    assert complaint.count("\n") == 1
+
+
+def test_contacts_of_a_world_are_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, complaint = outcome(capsys, "simulate", "strokes", "--contact", "6", "--world", "laboratory")
+    assert (code, complaint) == (2, "hapticd: --contact: the fingers of that --world have contacts of their own.\n")
+
+
 def test_an_image_is_refused_without_its_board_or_its_file(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "demo", "--image", "hapticd-board")
     assert code == 2

@@ -12,16 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..config.sections import Config
-from ..sim.fingers import pad_ellipse
 from ..sim.fingers.fingertip import Fingertip
+from ..sim.fingers.pad_ellipse import calibrated
 from ..sim.fingers.scenarios import REAL
 from ..sim.lockstep import Run, Settings
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM, with_contacts
-from .leak_runs import SCENARIO, SECONDS, SEEDS, Alternative, Figures, changed, compared
+from .leak_runs import SCENARIO, SECONDS, SEEDS, Alternative, Figures, compared
 from .tables import Table, finite_rows
 
 PLATES = ((FINGERTIP, 4), (FINGERTIP, 6), (WIDE, 8))  # and modes
@@ -59,18 +58,12 @@ def run(*, plates: Sequence[tuple[str, int]] = PLATES, seeds: Sequence[int] = SE
     )
 
 
-def with_ellipses(config: Config) -> Config:
-    """Return the configuration of a daemon that is calibrated for the simulated pad's ellipses."""
-    scale, offset_mm = pad_ellipse.USUAL.scale, pad_ellipse.USUAL.offset_mm
-    return changed(config, {"trackpad": {"ellipse_scale": scale, "ellipse_offset_mm": offset_mm}})
-
-
 def _by_form(settings: Settings, seeds: Sequence[int], seconds: float) -> dict[str, Figures]:
     believed = compared(
         {"": Alternative(settings)}, lambda one: _scored(one.run), seeds=seeds, seconds=seconds, timed=False
     )[0][1]
     cases = {f"{form} {turn}": _Case(form, tip) for form, tips in FORMS.items() for turn, tip in enumerate(tips)}
-    config = with_ellipses(settings.config)
+    config = calibrated(settings.config)
     reported = compared(
         {name: Alternative(replace(settings, fingertip=case.tip, config=config)) for name, case in cases.items()},
         lambda one: {"felt_frac": one.run.score.felt_frac, "perfect_frac": perfect(one.run).score.felt_frac},

@@ -25,6 +25,7 @@ from hapticd_contract.targets import ClientTargets, FingerTarget
 from ..compiled import why_interpreted
 from ..config.sections import Config
 from ..daemon.machine import Machine
+from ..sim.fingers.pad_ellipse import calibrated
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.paths import CirclePath, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
@@ -32,7 +33,6 @@ from ..sim.lockstep import Settings, scheme_config
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from . import messages
-from .contact_forms import with_ellipses
 from .leak_runs import changed
 from .recording import Publish, RecordedCalls, WaitUntil, new_machine, play, record, sleep_until
 from .tables import Table, finite_rows
@@ -128,7 +128,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     without_target = record(tuple(replace(actor, steps_um=()) for actor in actors), seconds=span_s)
     three_modes = Settings(plate=PlateSettings.of(REFERENCE, 3))
     contacts, eight_modes = (Settings(plate=PlateSettings.of(plate)) for plate in (FINGERTIP, WIDE))
-    ellipses = replace(contacts, config=with_ellipses(contacts.config))
+    ellipses = replace(contacts, config=calibrated(contacts.config))
     five_fingers = record(_five_fingers(), settings=three_modes, seconds=span_s)
     return {
         DEFAULT: _Situation(strokes, config),

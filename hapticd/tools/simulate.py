@@ -21,6 +21,7 @@ from .arguments import number, whole
 from .progress import Progress
 
 if TYPE_CHECKING:
+    from ..sim.fingers.fingertip import Fingertip
     from ..sim.fingers.pad_noise import PadNoise
     from ..sim.world_errors import WorldErrors
 
@@ -62,6 +63,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="white noise of the pad, RMS on each axis (default: noise that its firmware has filtered)",
     )
+    parser.add_argument(
+        "--contact",
+        metavar="MM",
+        help="the fingers' true contacts: the radius of discs, as 6, or an ellipse's axes along x and y, as 8x11 "
+        "(default 5, as the daemon takes them)",
+    )
+    parser.add_argument(
+        "--ellipses",
+        action="store_true",
+        help="the daemon takes contacts as the pad reports their ellipses, as if `calibrate trackpad` had found its law",
+    )
     glass.add_arguments(parser)
     parser.add_argument(
         "--world",
@@ -90,6 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _simulate(options: argparse.Namespace) -> None:
     from ..sim import lockstep, report
+    from ..sim.fingers import pad_ellipse
     from ..sim.plate.ground_truth import PlateSettings
 
     sim = glass.chosen(options)
@@ -98,7 +111,12 @@ def _simulate(options: argparse.Namespace) -> None:
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     config = Config(solver=replace(SolverConfig(), objective=options.objective))
     settings = lockstep.Settings(
-        motion=_motion(options), speed_mm_s=speed_mm_s, noise=_noise(options), plate=plate, config=config
+        motion=_motion(options),
+        speed_mm_s=speed_mm_s,
+        noise=_noise(options),
+        fingertip=_fingertip(options, plate.world),
+        plate=plate,
+        config=pad_ellipse.calibrated(config) if options.ellipses else config,
     )
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
@@ -141,6 +159,27 @@ def _noise(options: argparse.Namespace) -> PadNoise:
     from ..sim.fingers.pad_noise import FILTERED_NOISE, PadNoise
 
     return FILTERED_NOISE if options.noise is None else PadNoise(options.noise)
+
+
+def _fingertip(options: argparse.Namespace, world: WorldErrors) -> Fingertip:
+    """Return the true contact of --contact. Raises UsageError."""
+    from ..sim.fingers.fingertip import MOST_SEMI_MM, USUAL, Fingertip
+
+    if options.contact is None:
+        return USUAL
+    if world.contacts is not None:
+        raise UsageError("--contact: the fingers of that --world have contacts of their own.")
+    try:
+        sizes_mm = [float(size) for size in options.contact.split("x")]
+        if len(sizes_mm) == 1:
+            return Fingertip(*sizes_mm, *sizes_mm)
+        along_x_mm, along_y_mm = sizes_mm
+        return Fingertip(along_x_mm / 2.0, along_y_mm / 2.0)
+    except ValueError:
+        raise UsageError(
+            f"--contact {options.contact}: give a radius in mm, such as 6, or the axes of an ellipse, such as 8x11, "
+            f"of at most {2.0 * MOST_SEMI_MM:g} mm."
+        ) from None
 
 
 def _world(options: argparse.Namespace) -> WorldErrors:

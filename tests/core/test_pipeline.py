@@ -21,6 +21,7 @@ from pipeline_bench import (
 )
 
 from hapticd.core.solver.derating import LEAST_SHARE
+from hapticd.core.solver.instant import FELT
 from hapticd.sim.paper_scheme import invert
 from hapticd.values import Aim
 from hapticd_contract.contents import Amplitude, Grating
@@ -101,6 +102,19 @@ def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_wou
     would = next(tick.drive for tick in reversed(solved) if tick.drive is not None)
     for w_um, exact_um in zip(stands.knots[-1].modal_um, would.knots[-1].modal_um, strict=True):
         assert abs(w_um - exact_um) <= 0.01
+
+
+def test_standing_ellipses_skip_their_passes_also_with_the_pad_s_noise_until_a_finger_presses() -> None:
+    bench = Bench(contact_radius_mm=5.0, ellipse_scale=1.15, ellipse_offset_mm=0.8, objective=FELT)
+    bench.land({SLIPPERY: 1.0, STICKY: 0.0})
+    bench.hold(30, SLIPPERY, STICKY)
+    skipped = bench.pipeline.counters.skipped_standing
+    for step in range(20):
+        bench.axes_mm = (8.0 + 0.2 * (step % 2), 7.0 - 0.1 * (step % 3))
+        assert bench.report(SLIPPERY, STICKY).drive is None
+    assert bench.pipeline.counters.skipped_standing == skipped + 20
+    bench.axes_mm = (10.5, 9.0)
+    assert bench.report(SLIPPERY, STICKY).drive is not None
 
 
 @pytest.mark.parametrize("change", ["moves", "target", "lands", "forgotten"])

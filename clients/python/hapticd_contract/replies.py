@@ -111,7 +111,7 @@ class Plate(Struct, frozen=True):
     reference_limit_um: tuple[float, ...]
     """the largest reference of each mode"""
     contact_radius_mm: float
-    """of the discs over which amplitudes count; 0: points"""
+    """of the discs over which amplitudes count, where the pad's ellipses are not used; 0: points"""
     friction_curve: tuple[tuple[float, float], ...]
     """pairs of an amplitude in um and its friction relative to bare glass, whose logarithm is straight between them"""
     friction_speed_mm_s: float | None

@@ -9,11 +9,12 @@ contact seem wider or narrower by turns as it moves over them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
+from ...config.sections import Config
 from ...values import FloatArray
 from ...wire.trackpad import PadGeometry
 
@@ -39,6 +40,14 @@ class PadEllipse:
 
 
 USUAL: Final = PadEllipse()
+
+
+def calibrated(config: Config) -> Config:
+    """Return the configuration of a daemon that is calibrated for the simulated pad's ellipses."""
+    pad = replace(config.trackpad, ellipse_scale=USUAL.scale, ellipse_offset_mm=USUAL.offset_mm)
+    return replace(config, trackpad=pad)
+
+
 Reported = tuple[int, int, int]  # major and minor in counts, and the code of the orientation
 
 

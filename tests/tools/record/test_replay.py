@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,11 +13,14 @@ import pytest
 from msgspec import structs
 
 from hapticd.__main__ import main
+from hapticd.config.sections import Config
 from hapticd.daemon import board_gateway
 from hapticd.errors import RecordingError
 from hapticd.files.recording.kinds import INPUTS, Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.fingers import scripted
+from hapticd.sim.fingers.fingertip import Fingertip
+from hapticd.sim.fingers.pad_ellipse import calibrated
 from hapticd.sim.lockstep import Settings
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.tools.record import simulated
@@ -66,6 +70,19 @@ def test_priorities_are_recorded_and_decide_the_same_again(tmp_path: Path, monke
 
     assert replay(open_recording(path)).is_identical
     assert not replay(open_recording(rewritten(path, tmp_path / "without.mcap", without))).is_identical
+
+
+def test_ellipses_of_contacts_are_recorded_and_decide_the_same_again(tmp_path: Path) -> None:
+    """A daemon that takes the same contacts for discs does something else."""
+    path, tip = tmp_path / "ellipses.mcap", Fingertip(5.5, 4.0, 0.6)
+    settings = Settings(plate=PlateSettings.of("fingertip"), fingertip=tip, config=calibrated(Config()))
+    simulated.run("strokes", path, settings=settings, seed=1, seconds=0.6)
+    recording = open_recording(path)
+    assert replay(recording).is_identical
+
+    pad = replace(recording.header.config.trackpad, ellipse_scale=0.0)
+    header = replace(recording.header, config=replace(recording.header.config, trackpad=pad))
+    assert not replay(open_recording(written(tmp_path / "discs.mcap", header, recording.records()))).is_identical
 
 
 def test_a_changed_byte_is_the_first_difference(tmp_path: Path, strokes: Path) -> None:

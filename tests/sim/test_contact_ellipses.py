@@ -1,0 +1,32 @@
+"""Contacts that are not as large as is believed: with the pad's ellipses the daemon drives the plate for the true ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hapticd.config.sections import Config, SolverConfig
+from hapticd.sim.fingers.fingertip import Fingertip
+from hapticd.sim.fingers.pad_ellipse import calibrated
+from hapticd.sim.lockstep import Run, Settings, run
+from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.score import rms
+
+RADIUS_MM = 6.0
+
+
+def strokes(config: Config) -> Run:
+    plate = PlateSettings.of("fingertip")
+    settings = Settings(plate=plate, fingertip=Fingertip(RADIUS_MM, RADIUS_MM), config=config)
+    return run("strokes", settings=settings, seed=1, seconds=1.5)
+
+
+def test_discs_of_6_mm_that_the_pad_reports_are_driven_as_if_that_radius_were_known_not_as_those_of_5_mm() -> None:
+    known = strokes(Config(solver=replace(SolverConfig(), contact_radius_mm=RADIUS_MM)))
+    believed, reported = strokes(Config()), strokes(calibrated(Config()))
+    off_um, believed_off_um = (rms(np.subtract(one.reference_um, known.reference_um)) for one in (reported, believed))
+    assert believed_off_um > 0.2
+    assert off_um < 0.25 * believed_off_um
+    assert reported.score.contact_leak_um < 0.9 * believed.score.contact_leak_um
+    assert reported.score.contact_leak_um < 1.05 * known.score.contact_leak_um
