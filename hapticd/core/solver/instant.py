@@ -19,7 +19,7 @@ from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
 from .contacts import COLD_CALLS, FeltError, contact_rms_um, is_any_slippery, solve_contacts, step_towards
 from .derating import derated, is_near_node, least_share, slopes_at
-from .felt import felt_points, solve_felt
+from .felt import COLD_ITERATIONS, ITERATIONS, felt_points, solve_felt
 from .felt_descent import components, contact_shapes, contacts_rms_um, phasors
 from .points.arithmetic import ModeRows
 from .points.general import solve_fast
@@ -105,17 +105,22 @@ class InstantSolver:
         self._parasitic_modes = parasitic_modes
 
     def cost_ns(self, fingers: int) -> float:
-        """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code."""
+        """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code: for contacts
+        one and a half times its time in a row."""
         modes = len(self._w_limit_um)
+        if self.feels:
+            return 5_000.0 + 550.0 * fingers * modes
         if len(self._disc) > 0:
-            return 9_900.0 + 2_050.0 * fingers * modes + 64.0 * fingers * modes * modes
+            return 5_600.0 + 750.0 * fingers * modes + 80.0 * fingers * modes * modes
         if fingers <= 2 and modes <= 2:
             return 13_300.0
         return 18_600.0 + 1_000.0 * fingers * modes + 89.0 * modes * modes * modes
 
     def cold_ns(self, fingers: int) -> float:
         """Return what the first solve from silence takes more, by the same estimate."""
-        return (COLD_CALLS - 1) * self.cost_ns(fingers) if len(self._disc) > 0 else 0.0
+        if len(self._disc) == 0:
+            return 0.0
+        return ((COLD_ITERATIONS / ITERATIONS if self._feels else COLD_CALLS) - 1.0) * self.cost_ns(fingers)
 
     @property
     def has_contacts(self) -> bool:
