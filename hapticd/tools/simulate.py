@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ellipses",
         action="store_true",
-        help="the daemon takes contacts as the pad reports their ellipses, as if `calibrate trackpad` had found its law",
+        help="the daemon takes contacts as the pad reports their ellipses, as after `calibrate trackpad`",
     )
     glass.add_arguments(parser)
     parser.add_argument(

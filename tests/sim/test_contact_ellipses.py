@@ -1,4 +1,4 @@
-"""Contacts that are not as large as is believed: with the pad's ellipses the daemon drives the plate for the true ones."""
+"""Contacts of another size than is believed: with the pad's ellipses the plate is driven for the true ones."""
 
 from __future__ import annotations
 
