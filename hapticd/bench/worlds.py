@@ -60,10 +60,9 @@ def play(job: Job) -> Scores:
         PAPER: run_as(settings=lockstep.paper(ours.settings)).score,
         PERFECT: perfect(ours).score,
     }
-    if job.has_causes:
-        for cause in CAUSES:
-            without = lockstep.in_world(job.settings, world.without(cause))
-            scores[cause] = run_as(settings=without, measured=touching.measured(without, job.seed)).score
+    for cause in job.causes:
+        without = lockstep.in_world(job.settings, world.without(cause))
+        scores[cause] = run_as(settings=without, measured=touching.measured(without, job.seed)).score
     return scores
 
 
@@ -72,21 +71,21 @@ def run(
     worlds: int = WORLDS,
     seconds: float = SECONDS,
     touching_s: float = touching.TOUCHING_S,
+    causes: tuple[str, ...] = CAUSES,
     campaign: Campaign | None = None,
 ) -> tuple[Table, ...]:
-    """Compare the schemes in `worlds` laboratories of each level, and the causes in those of the middle one."""
+    """Compare the schemes in `worlds` laboratories of each level, and `causes` in those of the middle one."""
     points, contacts = (Settings(motion=REAL, plate=PlateSettings.of(glass)) for glass in (REFERENCE, FINGERTIP))
     seeds, few = range(1, worlds + 1), range(1, worlds + 1, FEW)
 
-    def job(settings: Settings, level: str, seed: int, has_causes: bool) -> Job:
-        return Job(settings, level, seed, seconds, touching_s, has_causes)
+    def job(settings: Settings, level: str, seed: int) -> Job:
+        is_few = level == LABORATORY and seed in few
+        return Job(settings, level, seed, seconds, touching_s, causes if is_few else ())
 
     played = [(points, level, seeds) for level in LEVELS] + [(points, NOTHING_WRONG, few)]
     played += [(contacts, LABORATORY, seeds), (contacts, NOTHING_WRONG, few), (contacts, WORST, few)]
     jobs = {
-        (settings.plate.plate, level, seed): job(settings, level, seed, level == LABORATORY and seed in few)
-        for settings, level, of in played
-        for seed in of
+        (settings.plate.plate, level, seed): job(settings, level, seed) for settings, level, of in played for seed in of
     }
     scores = (campaign or Campaign())("worlds", play, [*jobs.values()])
     return tables(dict(zip(jobs, scores, strict=True)))
@@ -108,14 +107,14 @@ def tables(done: Mapping[_Key, Scores]) -> tuple[Table, ...]:
 
 
 class Job(NamedTuple):
-    """One laboratory: of a level, touched for `touching_s`, played for `seconds`, with each cause or without."""
+    """One laboratory: of a level, touched for `touching_s`, played for `seconds`, and with each of `causes` perfect."""
 
     settings: Settings
     level: str
     seed: int
     seconds: float
     touching_s: float
-    has_causes: bool
+    causes: tuple[str, ...]
 
 
 def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
@@ -189,10 +188,10 @@ def _peak(of: Sequence[Score]) -> dict[str, float]:
 
 def _causes(name: str, where: str, laboratories: Sequence[Scores], leak_um: Callable[[Score], float]) -> Table:
     """Return the leak before touching with each cause made perfect, largest share first."""
-    few = [scores for scores in laboratories if CAUSES[0] in scores]
+    few = [scores for scores in laboratories if any(cause in scores for cause in CAUSES)]
     all_um = [leak_um(scores[HAPTICD]) for scores in few]
     rows = []
-    for cause in CAUSES if few else ():
+    for cause in (cause for cause in CAUSES if few and cause in few[0]):
         known_um = [leak_um(scores[cause]) for scores in few]
         share = 1.0 - np.mean(np.square(known_um)) / np.mean(np.square(all_um))
         rows.append((f"{cause} perfect", _spread(known_um, "leak") | {"share_frac": float(share)}))
