@@ -137,7 +137,8 @@ def test_a_daemon_that_calibrates_itself_keeps_to_the_limits_amid_faults(monkeyp
     monkeypatch.setattr(soak_daemon, "SPAN_S", 6.0)
     monkeypatch.setattr(soak_daemon, "PAUSE_S", 0.5)
     monkeypatch.setattr(touch_process, "FIT_S", 5.0)
-    figures = soak_daemon.run(18.0 / 3600.0, is_calibrating=True).row(ALL).figures
+    # seed 2: in laboratory 1, whose modes turned into each other, a fit of less than 20 s is refused as implausible
+    figures = soak_daemon.run(18.0 / 3600.0, seed=2, is_calibrating=True).row(ALL).figures
     assert figures["faults_count"] > 4
     assert figures["pads_last_count"] > 0
     assert 0.0 < figures["peak_adopting_step_um"] <= soak_daemon.STEP_FACTOR * figures["peak_step_um"]
