@@ -43,7 +43,11 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> 
         sections[name] = _section(section_type, value, f"{where}: {name}")
     config = Config(**sections)
     _check_together(config, where)
-    return config if folder is None else _with_files(config, where, folder)
+    if folder is None:
+        return config
+    if config.device.calibration_file and "self_test" not in table["device"]:
+        config = replace(config, device=replace(config.device, self_test=True))
+    return _with_files(config, where, folder)
 
 
 def simulated(config: Config) -> Config:
@@ -60,7 +64,7 @@ def simulated(config: Config) -> Config:
             scale=(1.0, 1.0),
             matrix=(),
         ),
-        device=replace(config.device, port=SIMULATED, calibration_file=""),
+        device=replace(config.device, port=SIMULATED, calibration_file="", self_test=False),
     )
 
 

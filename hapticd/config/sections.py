@@ -141,7 +141,7 @@ class DeviceConfig:
     self_test: bool = key(
         False,
         "measure modes and wires for two seconds before the plate is first driven, and report what has moved; wires "
-        "that the loop cannot bear keep it quiet",
+        "that the loop cannot bear keep it quiet. With calibration_file the default is true",
     )
 
     @property

@@ -204,3 +204,18 @@ def test_a_measured_friction_curve_has_its_floor_and_its_speed_and_the_built_in_
     assert friction_curve(Config()) is DEFAULT_FRICTION_CURVE
     fast = friction_curve(config.from_table({"plate": {"friction_speed_mm_s": 200.0}}, where="x", folder=None))
     assert (fast.knots, fast.speed_mm_s) == (DEFAULT_FRICTION_CURVE.knots, 200.0)
+
+
+@pytest.mark.parametrize(
+    ("said", "tests_itself"), [("", True), ("self_test = false", False), ("self_test = true", True)]
+)
+def test_a_board_with_a_calibration_tests_itself_unless_it_says_otherwise(
+    tmp_path: Path, said: str, tests_itself: bool
+) -> None:
+    (tmp_path / "plate.toml").write_text("")
+    file = tmp_path / "hapticd.toml"
+    file.write_text(f'[device]\ncalibration_file = "plate.toml"\n{said}\n')
+    assert config.load(file).device.self_test is tests_itself
+    assert not config.simulated(config.load(file)).device.self_test, "the simulated board has the firmware's models"
+    file.write_text(f"[device]\n{said}\n")
+    assert config.load(file).device.self_test is (said == "self_test = true")
