@@ -30,6 +30,7 @@ _STEP_S, _BEYOND_S = 0.01, 0.2  # of a movement's instants that are checked, and
 _MARGIN_MM = 0.5  # for what lies between them
 _FARTHEST_MM = 1e3  # to leave the bounds is worse than to come close to the other finger
 _FIRST_DRAWN_S = 10.0
+_MORE_S, _MORE_FRAC = 1.0, 1.02  # drawn at a time: little, as a rig in real time waits for it
 _MOST_OVERLAP_FRAC = 0.5  # of the shorter of two movements, so that never three are under way
 
 
@@ -153,7 +154,7 @@ class _MovementTable:
         """Return positions (T, 2): the sum of all movements until then, of which two may be under way."""
         latest_s = float(np.max(t_s, initial=0.0))
         if latest_s >= self._columns[0][-1]:
-            self._draw_until(1.5 * latest_s)
+            self._draw_until(max(latest_s + _MORE_S, _MORE_FRAC * latest_s))
         latest = np.maximum(np.searchsorted(self._columns[0], t_s, side="right") - 1, 1)
         before, now = (_Movement(*self._columns[:, which]) for which in (latest - 1, latest))
         return np.asarray(self._start_mm[latest - 1] + before.displacement_mm(t_s) + now.displacement_mm(t_s))

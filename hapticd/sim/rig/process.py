@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import DeviceError
+from ..fingers.scenarios import SMOOTH
 from ..plate.glasses import REFERENCE
 from ..plate.wirings import IDENTITY
 
@@ -54,6 +55,7 @@ def end(process: subprocess.Popen[str]) -> None:
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
+    `motion` is that of strokes, one of `scenarios.MOTIONS`.
     `plate` is one of `glasses.GLASSES` or a file, `modes` the number of those that are driven, 0 for its own,
     `wiring` one of `wirings.WIRINGS`.
     `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
@@ -65,6 +67,7 @@ class RigProcess:
         scenario: str,
         seed: int,
         *,
+        motion: str = SMOOTH,
         plate: str = REFERENCE,
         modes: int = 0,
         wiring: str = IDENTITY,
@@ -75,7 +78,7 @@ class RigProcess:
         self.directory = Path(self._directory.name)
         # -P: nothing is imported from the current directory.
         command = [sys.executable, "-P", "-m", "hapticd.sim.rig.program", str(self.directory), "--owned"]
-        command += ["--scenario", scenario, "--seed", str(seed)]
+        command += ["--scenario", scenario, "--motion", motion, "--seed", str(seed)]
         command += ["--plate", plate, "--modes", str(modes), "--wiring", wiring]
         if record:
             command += ["--record", str(self.directory / HISTORY_FILE)]

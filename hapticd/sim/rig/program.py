@@ -39,7 +39,7 @@ import numpy as np
 from ...errors import DeviceError
 from ..fingers.hands import Hands, YieldingPath
 from ..fingers.paths import Path as FingerPath
-from ..fingers.scenarios import SCENARIOS, SPEED_MM_S, paths_of
+from ..fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, paths_of, with_motion
 from ..fingers.sensor import Report, SensorModel, SensorSettings
 from ..plate.glasses import REFERENCE, driven_modes
 from ..plate.ground_truth import GroundTruth, PlateSettings
@@ -65,10 +65,11 @@ class Rig:
         seed: int,
         *,
         keep: bool,
+        motion: str = SMOOTH,
         plate: PlateSettings | None = None,
         program: Path | None = None,
     ) -> None:
-        self.actors = SCENARIOS[scenario].build(seed, SPEED_MM_S)
+        self.actors = with_motion(SCENARIOS[scenario].build(seed, SPEED_MM_S), motion)
         self.hands = Hands()
         self.plate = GroundTruth(plate)
         self._files = write_measured(self.plate, seed, directory, with_parasitic_modes=program is None)
@@ -227,6 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="hapticd.sim.rig.program", description="The simulated rig in real time.")
     parser.add_argument("directory", type=Path, help="directory for the endpoints")
     parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
+    parser.add_argument("--motion", default=SMOOTH, choices=MOTIONS, help="of strokes")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--plate", default=REFERENCE, help="a name, or a file")
     parser.add_argument("--modes", type=int, default=0, help="those that are driven; 0: the plate's own")
@@ -249,6 +251,7 @@ def _run(options: argparse.Namespace) -> None:
         options.scenario,
         options.seed,
         keep=options.record is not None,
+        motion=options.motion,
         plate=PlateSettings.of(options.plate, driven_modes(options.plate, options.modes), options.wiring),
         program=options.program,
     )

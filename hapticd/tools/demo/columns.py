@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection
 from ...config.sections import SimConfig
 from ...errors import HapticdError
 from ...sim import lockstep
+from ...sim.fingers.scenarios import REAL
 from ...sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...sim.plate.wirings import IDENTITY
@@ -23,6 +24,7 @@ from ..progress import Progress
 from ..simulated_picture import Film
 
 PAPER, HAPTICD = "the paper", "hapticd"
+MOTION = REAL
 PROGRESS_FRAC = 0.02  # of a run, between two messages of its process
 
 
@@ -117,7 +119,7 @@ def _serve(pipe: Connection, column: DemoColumn, scenario: str, seed: int) -> No
         start_s, end_s = pipe.recv()
     except EOFError:  # the demo has ended
         return
-    settings = lockstep.Settings(plate=column.plate)
+    settings = lockstep.Settings(plate=column.plate, motion=MOTION)
     if column.scheme == PAPER:
         settings = lockstep.paper(settings)
     shown_frac = 0.0

@@ -2,8 +2,7 @@
 
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
-The client sets a slippery and a sticky finger on the fingertip plate, which stroke it straight (`--motion smooth`: what
-the picture shows is then of the plates, not of the hand); a live view shows their amplitudes, and at the
+The client sets a slippery and a sticky finger on the fingertip plate, a live view shows their amplitudes, and at the
 end the plate's true motion is scored, and the same fingers in virtual time: the paper's scheme on its plate, and
 hapticd on the wide plate with eight modes. The board is the firmware's core in the rig, or its whole program in a
 process, with a simpler reference plate inside; the others then get such a plate too.
@@ -29,7 +28,7 @@ from hapticd_client import Client, PlateState
 from ...config.sections import SimConfig
 from ...errors import HapticdError, UsageError
 from ...sim.board.emulator import find_program
-from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
+from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, with_motion
 from ...sim.fingers.scripted import ScriptedClient
 from ...sim.plate.ground_truth import GroundTruth
 from ...sim.plate.wirings import IDENTITY
@@ -41,7 +40,7 @@ from ..arguments import POSITIVE, whole
 from ..daemon_process import DaemonProcess
 from ..simulated_picture import Film
 from ..simulated_picture import draw as draw_details
-from .columns import DemoColumn, VirtualRun, columns, live_column
+from .columns import MOTION, DemoColumn, VirtualRun, columns, live_column
 from .live_view import LiveView
 from .picture import draw
 
@@ -121,7 +120,15 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, lambda *_: sys.exit(0))  # ends the child processes too
-    rig = RigProcess(SCENARIO, seed, plate=sim.plate, modes=sim.modes, wiring=sim.wiring, record=True, program=program)
+    rig = RigProcess(
+        *(SCENARIO, seed),
+        motion=MOTION,
+        plate=sim.plate,
+        modes=sim.modes,
+        wiring=sim.wiring,
+        record=True,
+        program=program,
+    )
     with (
         rig,
         DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon,
@@ -180,8 +187,8 @@ def summary(films: Mapping[DemoColumn, Film], live: DemoColumn, status: dict[str
         row("contrast of the two", [f"{score.contrast:.1f}" for score in scores]),
         row("sticky centre, um RMS", [f"{score.leak_um:.3f}" for score in scores]),
         row("slippery centre, of target", [f"{score.slip_frac:.1%}" for score in scores]),
-        f"Over {ours.seconds:.0f} s of straight strokes at {SPEED_MM_S / 10.0:g} cm/s; a contact is a disc of "
-        f"{CONTACT_RADIUS_MM:g} mm radius; targets are 0 and 1 um.",
+        f"Over {ours.seconds:.0f} s of strokes as of recorded hands; a contact is a disc of {CONTACT_RADIUS_MM:g} mm "
+        "radius; targets are 0 and 1 um.",
         "",
     ]
     if ours.score.leak_um > 0:
@@ -206,7 +213,7 @@ class _ScriptedUser:
 
     def __init__(self, client: Client, rig: RigProcess, seed: int) -> None:
         self._client, self._rig = client, rig
-        self._scripted = ScriptedClient(SCENARIOS[SCENARIO].build(seed, SPEED_MM_S))
+        self._scripted = ScriptedClient(with_motion(SCENARIOS[SCENARIO].build(seed, SPEED_MM_S), MOTION))
         self._known: set[int] = set()
 
     def update(self, state: PlateState) -> None:
