@@ -71,10 +71,16 @@ class ContactPerception:
         return Felt(friction, min(low, friction), min(max(high, friction), 1.0), amplitude)
 
     def amplitude(
-        self, modes: ModeShapes, x_mm: float, y_mm: float, modal_um: Sequence[complex], place_mm2: float
+        self,
+        modes: ModeShapes,
+        x_mm: float,
+        y_mm: float,
+        modal_um: Sequence[complex],
+        place_mm2: float,
+        form: EllipseForm | None = None,
     ) -> ExpectedAmplitude:
-        """Return the amplitude over a disc, or at a point, whose place has this variance on each axis."""
-        _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, None)
+        """Return the amplitude over a contact, or at a point, whose place has this variance on each axis."""
+        _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, form)
         return amplitude
 
     def asked(self, target_um: float, stretch: float) -> float:

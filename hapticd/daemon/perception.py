@@ -8,7 +8,8 @@ has followed its reference; where the board's voltage ended, by what its sensors
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import msgspec
 
@@ -19,6 +20,7 @@ from ..core.board.session import BoardSession
 from ..core.perception import ContactPerception, ExpectedAmplitude, Felt
 from ..core.phasors import Row
 from ..core.pipeline import Pipeline
+from ..core.plate.contact import EllipseForm
 from ..values import WEBER_FRAC, FingerKey, Tick, TouchPoint
 
 LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
@@ -72,7 +74,6 @@ class Perception:
         self._count(tick.t_now_ns - self._t_last_ns)
         self._t_last_ns = tick.t_now_ns
         solved = {point.key: point for point in tick.points}
-        achieved = self._achieved(tick)
         keys = list(dict.fromkeys([*[finger.finger_id for finger in self._pipeline.fingers], *solved]))
         t_ns = tick.t_now_ns - tick.age_ns
         past = self._pipeline.past(keys, t_ns)
@@ -80,12 +81,13 @@ class Perception:
         missing_um = self._missing_um(tick.t_now_ns)
         if missing_um is not None:
             modal_um = tuple([w_um + less_um for w_um, less_um in zip(modal_um, missing_um, strict=True)])
-        forms = [None] * len(keys) if past.forms is None else past.forms
+        forms = dict.fromkeys(keys) if past.forms is None else dict(zip(keys, past.forms, strict=True))
+        achieved = self._achieved(tick, forms)
         places_mm2 = self._places_mm2(keys, t_ns)
         felt = {
-            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, stretch, place_mm2, form)
-            for key, (x_mm, y_mm, _), stretch, place_mm2, form in zip(
-                keys, past.places, past.stretches, places_mm2, forms, strict=True
+            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, stretch, place_mm2, forms[key])
+            for key, (x_mm, y_mm, _), stretch, place_mm2 in zip(
+                keys, past.places, past.stretches, places_mm2, strict=True
             )
         }
         self._changes = {
@@ -95,20 +97,25 @@ class Perception:
         }
         self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
         perceived = {
-            key: self._perceived(key, one, solved[key], achieved[key]) if key in solved else self._felt_only(one)
+            key: self._perceived(key, one, solved[key], achieved[key], forms[key])
+            if key in solved
+            else self._felt_only(one, forms[key])
             for key, one in felt.items()
         }
         points = tuple([point._replace(achieved_um=achieved[point.key].rms_um) for point in tick.points])
         return tick._replace(points=points), perceived
 
-    def _achieved(self, tick: Tick) -> dict[FingerKey, ExpectedAmplitude]:
+    def _achieved(
+        self, tick: Tick, forms: Mapping[FingerKey, EllipseForm | None]
+    ) -> dict[FingerKey, ExpectedAmplitude]:
         """Return what each finger in the solve will get at the first knot."""
         points, pipeline = tick.points, self._pipeline
         t_knot_ns = tick.t_now_ns - tick.age_ns + tick.horizon_ns
         places_mm2 = self._places_mm2([point.key for point in points], t_knot_ns)
         return {
             point.key: self._by_reference.amplitude(
-                pipeline.modes, point.x_mm, point.y_mm, pipeline.modal_um, place_mm2
+                *(pipeline.modes, point.x_mm, point.y_mm, pipeline.modal_um, place_mm2),
+                forms[point.key] if self._has_contacts else None,
             )
             for point, place_mm2 in zip(points, places_mm2, strict=True)
         }
@@ -136,9 +143,10 @@ class Perception:
         share = square_um2 / (square_um2 + READING_UM * READING_UM)  # the best estimate where both are noise
         return tuple([share * less_um for less_um in missing_um])
 
-    def _felt_only(self, felt: Felt) -> Perceived:
+    def _felt_only(self, felt: Felt, form: EllipseForm | None) -> Perceived:
         """Return what is perceived at a finger without a target."""
         curve = self._contacts.curve
+        major_mm, minor_mm, angle_rad = (None, None, None) if form is None else axes(form)
         return Perceived(
             contact_um=felt.amplitude.rms_um,
             contact_um_low=felt.amplitude.low_um,
@@ -146,9 +154,14 @@ class Perception:
             felt_friction=curve.friction_frac(felt.friction),
             felt_friction_low=curve.friction_frac(felt.low),
             felt_friction_high=curve.friction_frac(felt.high),
+            contact_major_mm=major_mm,
+            contact_minor_mm=minor_mm,
+            contact_angle_rad=angle_rad,
         )
 
-    def _perceived(self, key: FingerKey, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude) -> Perceived:
+    def _perceived(
+        self, key: FingerKey, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude, form: EllipseForm | None
+    ) -> Perceived:
         curve, change = self._contacts.curve, self._changes[key]
         if self._has_contacts:
             gets_um, off_jnd = felt.amplitude.rms_um, change / WEBER_FRAC
@@ -156,7 +169,7 @@ class Perception:
             gets_um = achieved.rms_um
             off_jnd = (curve.friction(gets_um) / curve.friction(point.target_um) - 1.0) / WEBER_FRAC
         return msgspec.structs.replace(
-            self._felt_only(felt),
+            self._felt_only(felt, form),
             friction_change=change,
             weber_frac=self._weber_frac(key),
             error_jnd=off_jnd if self._has_contacts else None,
@@ -173,6 +186,14 @@ class Perception:
     def _weber_frac(self, key: FingerKey) -> float:
         beyond_ns, all_ns = self._spans_ns[key]
         return beyond_ns / all_ns if all_ns > 0 else float(is_felt(self._changes[key]))
+
+
+def axes(form: EllipseForm) -> tuple[float, float, float]:
+    """Return the axes of an ellipse in full, the longer one first, and the angle of that to x."""
+    xx_mm, xy_mm, yy_mm = form
+    along_mm = 0.5 * (xx_mm - yy_mm)
+    half_mm = math.hypot(along_mm, xy_mm)
+    return xx_mm + yy_mm + 2.0 * half_mm, xx_mm + yy_mm - 2.0 * half_mm, 0.5 * math.atan2(xy_mm, along_mm)
 
 
 def is_felt(friction_change: float) -> bool:

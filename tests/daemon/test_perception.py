@@ -19,6 +19,7 @@ from hapticd.core.board.session import BoardSession
 from hapticd.core.friction import FrictionCurve
 from hapticd.core.perception import ContactPerception
 from hapticd.core.pipeline import Pipeline
+from hapticd.core.plate.contact import EllipseForm
 from hapticd.core.uncertainty import CERTAIN, Uncertainty
 from hapticd.daemon.perception import Perception
 from hapticd.daemon.recorder import Recorders
@@ -41,13 +42,14 @@ class Given:
         self.targets_um = dict(enumerate(targets_um, 1))
         self.fingers = tuple(Finger(n, n, CREST_MM, 0.0, False) for n in self.targets_um)
         self.asked_ns: list[int] = []
+        self.forms: list[EllipseForm | None] | None = None
         self.status: Any = None
         self.clock: Any = None
 
     def past(self, keys: Sequence[int], t_ns: int) -> Past:
         self.asked_ns.append(t_ns)
         places = [(CREST_MM, 0.0, self.targets_um[key] or 0.0) for key in keys]
-        return Past(self.modal_um, places, [1.0] * len(keys))
+        return Past(self.modal_um, places, [1.0] * len(keys), self.forms)
 
     def asked_um(self, _: int) -> tuple[complex, ...]:
         return self.modal_um
@@ -143,6 +145,28 @@ def test_what_is_not_known_is_expected_of_the_pass_s_amplitudes_too() -> None:
         assert one.achieved_um_low is not None
         assert one.achieved_um_high is not None
         assert one.achieved_um_low < point.achieved_um < one.achieved_um_high
+
+
+def test_an_ellipse_is_reported_with_its_axes_and_amplitudes_count_over_it() -> None:
+    """Along x, across the waves of mode X, more of it is off the crest than along y."""
+    turned_rad, cosine, sine = 0.4, math.cos(0.4), math.sin(0.4)
+    given = Given(1.0, 1.0, 1.0, 1.0)
+    turned = (5.5 * cosine**2 + 4.0 * sine**2, 1.5 * cosine * sine, 5.5 * sine**2 + 4.0 * cosine**2)
+    given.forms = [(5.5, 0.0, 4.0), (4.0, 0.0, 5.5), turned, None]
+    tick, perceived = perception_of(given).judge(given.tick(0))
+    along, across, oblique, point = [perceived[key] for key in (1, 2, 3, 4)]
+    axes = [(one.contact_major_mm, one.contact_minor_mm, one.contact_angle_rad) for one in perceived.values()]
+    assert axes[0] == pytest.approx((11.0, 8.0, 0.0))
+    assert axes[1] == pytest.approx((11.0, 8.0, math.pi / 2.0))
+    assert axes[2] == pytest.approx((11.0, 8.0, turned_rad))
+    assert axes[3] == (None, None, None)
+    achieved_um = [point.achieved_um for point in tick.points]
+    for said in (
+        [one.contact_um or 0.0 for one in (along, oblique, across, point)],
+        [achieved_um[n] for n in (0, 2, 1, 3)],
+    ):
+        assert said == sorted(said)
+        assert said[0] < 0.95 * said[2] < 0.95 * said[3]
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,12 @@ class Perceived(Struct, frozen=True, kw_only=True):
     misses_target: bool | None = None
     """it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable
     difference: over its contact, and on a plate that is driven for points at its centre. Nil without a target"""
+    contact_major_mm: float | None = None
+    """the longer axis of its contact, an ellipse, in full; nil where the pad's ellipses are not used: then it is a disc
+    of the radius in the daemon's configuration"""
+    contact_minor_mm: float | None = None
+    contact_angle_rad: float | None = None
+    """of the longer axis to the plate's x, anticlockwise"""
 
 
 class FingerState(Perceived, frozen=True):

@@ -20,7 +20,14 @@ from .states import serve
 
 # Units as spelt in the metadata of XDF, the format of LSL's recordings.
 RATIOS = ("change", "frac", "friction")
-UNITS = {"mm": "millimeters", "um": "micrometers", **dict.fromkeys(RATIOS, "ratio"), "jnd": "JND", "target": "ratio"}
+UNITS = {
+    "mm": "millimeters",
+    "um": "micrometers",
+    "rad": "radians",
+    "jnd": "JND",
+    "target": "ratio",
+    **dict.fromkeys(RATIOS, "ratio"),
+}
 MAKER = "hapticd"
 
 
@@ -117,6 +124,7 @@ def _unit(name: str) -> str:
 def _kind(name: str) -> str:
     kinds = {"x_mm": "PositionX", "y_mm": "PositionY"}
     kinds |= dict.fromkeys(("change", "frac", "friction", "jnd", "misses_target"), "Friction")
+    kinds |= dict.fromkeys(("major_mm", "minor_mm", "angle_rad"), "Contact")
     return next((kind for end, kind in kinds.items() if _value(name).endswith(end)), "Amplitude")
 
 

@@ -18,7 +18,7 @@ from hapticd.tools.stream.samples import Sampler
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
 # cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
 GOLDEN = (
-    "de0025"  # 37 pairs
+    "de0028"  # 40 pairs
     "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
     "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
     "a3736571" "01"
@@ -56,6 +56,9 @@ GOLDEN = (
     "b866696e6765725f315f61636869657665645f756d5f6c6f77" "c0"
     "b966696e6765725f315f61636869657665645f756d5f68696768" "c0"
     "b666696e6765725f315f6d69737365735f746172676574" "c0"  # finger_1_misses_target
+    "b966696e6765725f315f636f6e746163745f6d616a6f725f6d6d" "c0"  # finger_1_contact_major_mm
+    "b966696e6765725f315f636f6e746163745f6d696e6f725f6d6d" "c0"
+    "ba66696e6765725f315f636f6e746163745f616e676c655f726164" "c0"
 )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ export class PlatePicture {
     const scale = width / w_mm;
     const to = ([x_mm, y_mm]) => [(x_mm / w_mm + 0.5) * width, (0.5 - y_mm / h_mm) * height];
     surfaces?.draw(context, to, scale, frame.t_s, drawing.chosen);
-    for (const place of this.lonely(frame)) this.ring(context, to(place), this.radius_mm * scale, false);
+    for (const place of this.lonely(frame)) this.ring(context, to(place), this.contact(null, scale), false);
     for (const finger of frame.fingers) {
       if (finger.seen_mm[0] === null) continue;
       this.finger(context, finger, to, scale, finger.id === chosen, width);
@@ -57,12 +57,12 @@ export class PlatePicture {
   }
 
   finger(context, finger, to, scale, isChosen, width) {
-    const radius = this.radius_mm * scale;
+    const contact = this.contact(finger, scale);
     const centre = to(finger.true_mm ?? finger.seen_mm);
     const asked = finger.asked_friction;
-    if (finger.felt_friction !== null) disc(context, centre, radius, this.colour(finger.felt_friction));
-    if (finger.true_mm) this.ring(context, centre, radius, isChosen, asked === null ? "#fff" : this.colour(asked));
-    else if (isChosen) this.ring(context, centre, radius + 3, true);
+    if (finger.felt_friction !== null) disc(context, centre, contact, this.colour(finger.felt_friction));
+    if (finger.true_mm) this.ring(context, centre, contact, isChosen, asked === null ? "#fff" : this.colour(asked));
+    else if (isChosen) this.ring(context, centre, { ...contact, gap: 3 }, true);
     const [x, y] = to(finger.seen_mm);
     outlined(context, () => {
       context.beginPath();
@@ -79,14 +79,18 @@ export class PlatePicture {
         }
       }, "stroke");
     }
-    this.label(context, finger, centre, radius, width);
+    this.label(context, finger, centre, contact.long, width);
   }
 
-  ring(context, [x, y], radius, isChosen, colour = "#fff") {
-    outlined(context, () => {
-      context.beginPath();
-      context.arc(x, y, radius, 0, 2 * Math.PI);
-    }, "stroke", isChosen ? 5 : 3, colour);
+  /** A finger's contact on the canvas, whose y points down: an ellipse where the pad's are used, else a disc. */
+  contact(finger, scale) {
+    const major_mm = finger?.contact_major_mm ?? 2 * this.radius_mm;
+    const minor_mm = finger?.contact_minor_mm ?? major_mm;
+    return { long: major_mm / 2 * scale, short: minor_mm / 2 * scale, turn: -(finger?.contact_angle_rad ?? 0), gap: 0 };
+  }
+
+  ring(context, centre, contact, isChosen, colour = "#fff") {
+    outlined(context, () => ellipse(context, centre, contact), "stroke", isChosen ? 5 : 3, colour);
   }
 
   /** Of a friction, from slippery to sticky. */
@@ -121,11 +125,15 @@ function labelOf(finger) {
   return [gets, wants].filter(Boolean).join(" ");
 }
 
-function disc(context, [x, y], radius, colour) {
+function ellipse(context, [x, y], { long, short, turn, gap }) {
+  context.beginPath();
+  context.ellipse(x, y, long + gap, short + gap, turn, 0, 2 * Math.PI);
+}
+
+function disc(context, centre, contact, colour) {
   context.globalAlpha = 0.75;
   context.fillStyle = colour;
-  context.beginPath();
-  context.arc(x, y, radius, 0, 2 * Math.PI);
+  ellipse(context, centre, contact);
   context.fill();
   context.globalAlpha = 1;
 }
