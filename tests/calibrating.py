@@ -16,13 +16,12 @@ from hapticd.daemon.machine import Machine
 from hapticd.daemon.observer import Observer
 from hapticd.daemon.recorder import header_of
 from hapticd.daemon.self_calibration import KINDS, SelfCalibration
-from hapticd.design.touch.judge import LEAST_TOUCHED_S
 from hapticd.files.recording.kinds import record_of
 from hapticd.sim.fingers.scenarios import Actor
 from hapticd.sim.lockstep import T_START_NS, Measured, Settings
 from hapticd.tools.touch_process import DUTY, Accumulator
 
-FIT_S, FIT_WITH_MAP_S = 1.5, 5.0  # of the processor's time
+FIT_FRAC = 0.2  # of the touching that is fitted, of the processor's time: on four modes
 
 
 class InStep:
@@ -49,8 +48,7 @@ class InStep:
         """Fit if there is enough, and take the step that is due."""
         if self._accumulator.is_full and self._spent_s <= DUTY * 1e-9 * (t_ns - self._t_begin_ns):
             self.verdicts.append(self._accumulator.verdict())
-            has_map = self.verdicts[-1].get("touched_s", 0.0) >= LEAST_TOUCHED_S
-            self._spent_s += FIT_WITH_MAP_S if has_map else FIT_S
+            self._spent_s += FIT_FRAC * self.verdicts[-1].get("touched_s", 0.0)
             self.task.take_verdict(json.dumps(self.verdicts[-1]).encode())
         if self.task.step(self.machine, t_ns):
             self.t_stepped_ns.append(t_ns)

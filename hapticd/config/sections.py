@@ -21,6 +21,7 @@ PLATE_NAMES = ("reference", "fingertip", "wide")
 WIRING_NAMES = ("identity", "paper", "swapped", "inverted")
 SCENARIO_NAMES = (
     "strokes",
+    "guided",
     "circles",
     "rest",
     "swap",

@@ -47,7 +47,8 @@ _FAR = "far from the configured one: run hapticd calibrate"
 class Proposal(NamedTuple):
     """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case.
 
-    `map_refusal` says why the map stays as it is.
+    `map_refusal` says why the map stays as it is, `next_place` which ninth of the plate to touch next: column from the
+    left and row from below, 0 .. 2.
     """
 
     refusal: str
@@ -55,6 +56,7 @@ class Proposal(NamedTuple):
     change: PlateChange | None = None
     load_1_s: complex | None = None
     map_refusal: str = ""
+    next_place: tuple[int, int] | None = None
 
 
 class SelfCalibration:
@@ -77,6 +79,7 @@ class SelfCalibration:
         self._t_stepped_ns = 0
         self._verdicts = self._adopted = self._dropped = self._steps = self._maps = self._loads = 0
         self._last = self._last_of_map = ""
+        self._next_place: tuple[int, int] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, command: Sequence[str], header: Header) -> None:
         """Start the process that `command` names; one that cannot be started is a warning."""
@@ -175,6 +178,7 @@ class SelfCalibration:
         try:
             proposal = _verdict(line)
             self._last, self._last_of_map = self._request(proposal), proposal.map_refusal
+            self._next_place = proposal.next_place
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             self._refuse(line)
             return False
@@ -264,6 +268,7 @@ class SelfCalibration:
             "latency_ms": now.latency_ns * 1e-6,
             "last_refusal": self._last,
             "last_map_refusal": self._last_of_map,
+            "next_place": self._next_place,
         }
 
     def close(self) -> None:
@@ -291,8 +296,12 @@ def _verdict(line: bytes) -> Proposal:
     refusal = str(found["refusal"])[:_MOST_REFUSAL_CHARACTERS]
     map_refusal = str(found.get("map_refusal", ""))[:_MOST_REFUSAL_CHARACTERS]
     load_1_s = complex(*map(float, found["load_1_s"])) if "load_1_s" in found else None
+    next_place = None
+    if "next_place" in found:
+        column, row = (min(max(int(place), 0), 2) for place in found["next_place"])
+        next_place = column, row
     if refusal:
-        return Proposal(refusal, None, None, load_1_s, map_refusal)
+        return Proposal(refusal, None, None, load_1_s, map_refusal, next_place)
     xx, xy, yx, yy = map(float, found["matrix"])
     x_mm, y_mm = map(float, found["offset_mm"])
     latency_s = float(found["latency_s"])
@@ -303,4 +312,4 @@ def _verdict(line: bytes) -> Proposal:
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
     correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
-    return Proposal("", correction, change, load_1_s, map_refusal)
+    return Proposal("", correction, change, load_1_s, map_refusal, next_place)

@@ -125,6 +125,8 @@ class Accumulator:
             "map_refusal": judged.map_refusal,
             "touched_s": judged.touched_s,
         }
+        if judged.next_place is not None:
+            verdict["next_place"] = [judged.next_place.column, judged.next_place.row]
         if (load_1_s := learned_load(found, windows, judged)) is not None:
             verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
         return verdict if judged.refusal else verdict | self._found(judged)

@@ -221,6 +221,7 @@ NO_VERDICTS = {
     "no fields": b"{}",
     "a list": b"[]",
     "no text": b"\xff",
+    "a place of one number": json.dumps(RIGHT | {"next_place": [1]}).encode(),
     "short": json.dumps(RIGHT | {"matrix": [1]}).encode(),
     "not finite": json.dumps(RIGHT | {"latency_s": float("nan")}).encode(),
     "too large": json.dumps(RIGHT | {"offset_mm": [10**400, 0]}).encode(),
@@ -236,6 +237,13 @@ def test_what_is_no_verdict_changes_nothing(line: bytes, calibration: SelfCalibr
     assert not calibration.take_verdict(line)
     assert calibration.report()["verdicts"] == 0
     assert not calibration.report()["moving"]
+
+
+def test_the_ninth_to_touch_next_is_reported_until_another_verdict_names_none(calibration: SelfCalibration) -> None:
+    assert calibration.take_verdict(json.dumps({"refusal": "", "next_place": [2, 9]} | RIGHT).encode())
+    assert calibration.report()["next_place"] == (2, 2)
+    assert calibration.take_verdict(json.dumps(RIGHT).encode())
+    assert calibration.report()["next_place"] is None
 
 
 def test_a_latency_beyond_all_bounds_is_a_refusal(calibration: SelfCalibration) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
@@ -21,13 +23,25 @@ def touched_s(windows: Windows, modes: ModeShapes) -> FloatArray:
     return np.asarray(share_s * np.bincount(3 * row + column, minlength=9).reshape(3, 3), np.float64)
 
 
-def where_next(windows: Windows, modes: ModeShapes) -> str:
-    """Say in a sentence which ninth of the plate was touched least."""
+class Ninth(NamedTuple):
+    """A ninth of the plate, by row from below and column from the left, 0 .. 2, and how long it was touched."""
+
+    row: int
+    column: int
+    touched_s: float
+
+    @property
+    def name(self) -> str:
+        return " ".join(name for name in (_ROWS[self.row], _COLUMNS[self.column]) if name) or "middle"
+
+    def sentence(self, of_s: float) -> str:
+        """Return what to do next, after `of_s` seconds of touching."""
+        place = f"the {self.name} of the plate"
+        return f"Of {of_s:.0f} s of touching {self.touched_s:.0f} s were at {place}: touch there next."
+
+
+def where_next(windows: Windows, modes: ModeShapes) -> Ninth:
+    """Return the ninth of the plate that was touched least."""
     by_place_s = touched_s(windows, modes)
-    row, column = np.unravel_index(int(np.argmin(by_place_s)), by_place_s.shape)
-    place = " ".join(name for name in (_ROWS[row], _COLUMNS[column]) if name) or "middle"
-    touched = len(windows) * WINDOW_S
-    return (
-        f"Of {touched:.0f} s of touching {by_place_s[row, column]:.0f} s were at the {place} of the plate: "
-        "touch there next."
-    )
+    row, column = divmod(int(np.argmin(by_place_s)), 3)
+    return Ninth(row, column, float(by_place_s[row, column]))

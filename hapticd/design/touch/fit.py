@@ -18,7 +18,7 @@ from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import ComplexArray, FloatArray
 from .model import FORCE_S, LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, FitState, Free, Model
 from .normal import OUTLIER, Normal, covariance_of, normal_of
-from .observations import Windows
+from .observations import WINDOW_S, Windows
 from .problem import TouchProblem, complex_of
 from .waves import Waves
 
@@ -26,6 +26,7 @@ _START_LOAD_1_S = 200.0
 _MOST_STEPS = 12
 _MOST_DAMPING = 1e3
 _MOST_WITH_WAVES = 3  # they start near, and are linear; eight are better on 60 s of touching, worse on 48 s
+_FAR = round(4.0 * FORCE_S / WINDOW_S)  # windows, beyond which loads say nothing of each other
 _LEAST_GAIN = 3e-4  # of the cost: then it has converged
 
 
@@ -116,10 +117,11 @@ def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, FloatA
             damping = max(10.0 * damping, 1e-3)
             continue
         found = _Settled(state, _noise(problem.model, state), *_load_prior(problem.model.windows, state, normal))
+        left -= 1
+        if left == 0 or (gain < _LEAST_GAIN and damping == 0.0):
+            break  # the covariance of a step before is as good
         del normal  # two at a time would be the most memory of all
-        cost, left, normal = _cost(problem, *found), left - 1, normal_of(problem, *found)
-        if gain < _LEAST_GAIN and damping == 0.0:
-            break
+        cost, normal = _cost(problem, *found), normal_of(problem, *found)
         damping = damping / 10.0 if damping > 1e-3 else 0.0
     return found, covariance_of(normal, problem.model.windows)
 
@@ -157,10 +159,14 @@ def _load_prior(windows: Windows, state: FitState, normal: Normal) -> tuple[Comp
     usual = complex((state.loads * weight).sum() / max(float(weight.sum()), 1e-12))
     mean = np.full_like(state.loads, usual)
     spread = max(LOAD_PRIOR_FRAC * abs(usual), 1.0)
+    cell = np.round((windows.start_s - windows.start_s.min()) / WINDOW_S).astype(np.int64)
+    ahead = np.arange(-_FAR, _FAR + 1) * WINDOW_S / FORCE_S
     for track in np.unique(windows.track[windows.track >= 0]):
         at = np.nonzero(windows.track == track)
-        near = np.exp(-0.5 * ((windows.start_s[at[0], None] - windows.start_s[at[0]]) / FORCE_S) ** 2) * weight[at]
-        mean[at] = (near @ state.loads[at] + usual * spread**-2) / (near.sum(axis=1) + spread**-2)
+        since = cell[at[0]] - cell[at[0]].min()
+        parts = (weight[at] * part for part in (np.ones(len(since)), state.loads[at].real, state.loads[at].imag))
+        near, real, imag = (np.convolve(np.bincount(since, part), np.exp(-0.5 * ahead**2))[_FAR:] for part in parts)
+        mean[at] = ((real + 1j * imag + usual * spread**-2) / (near + spread**-2))[since]
     return mean, spread
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import FloatArray
-from .coverage import where_next
+from .coverage import Ninth, where_next
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, SENSE_PRIOR, Calibration, Free
 from .observations import WINDOW_S, Windows
@@ -23,6 +23,7 @@ LEAST_TOUCHED_S = 5.0
 SENSE_OF_MAP = 0.012  # what a map as it is scanned, with 2 % of noise, passes for in an element of the sensors
 TURN_S = 1.0  # of one half after the other
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
+MOST_FOR_MAP = 3600  # 72 s, as the service has at most: memory and time of a fit grow with them
 # One sigma beyond which a recording does not tell: the pad's x, y in mm, rotation, scales, effective latency in s.
 UNKNOWN = np.array((0.1, 0.1, 0.005, 0.003, 0.003))
 UNKNOWN_LATENCY_S = 0.0015
@@ -39,7 +40,8 @@ class Judged:
     """The calibration to adopt, which is the one in force if `refusal` says why; `fitted` is what the fit found.
 
     `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
-    `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none.
+    `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none, and
+    `next_place` where more touching would help then.
     """
 
     calibration: Calibration
@@ -54,6 +56,7 @@ class Judged:
     map_refusal: str = ""
     waves: Waves | None = None
     fit: Fit | None = None
+    next_place: Ninth | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +92,7 @@ def calibrate(
     *,
     before: Calibration | None = None,
 ) -> Judged:
-    """Fit and judge, the map last. Run time: about 2 s for a minute of touching, 5 s with the map.
+    """Fit and judge, the map last. Processor time: 15 s for 75 s of touching on four modes.
 
     `before` is the calibration in force, which a found one has to surpass; without, the nominal one. What is found is
     relative to the nominal one all the same.
@@ -102,7 +105,7 @@ def calibrate(
             "needed: move two fingers for a minute, one of them slippery."
         )
         return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
-    few = windows.part(np.arange(len(windows)) % max(1, -(-len(windows) // MOST_WINDOWS)) == 0)
+    few = _evenly(windows, MOST_WINDOWS)
     free = Free(pad=True, sense=True)
     fitter = _Fitter(modes, parasitic_modes)
     first, second = _halves(few)
@@ -130,7 +133,7 @@ def calibrate(
         refusal=refusal,
         fit=found,
     )
-    return _with_map(_without_gains(judged, before), windows, fitter)
+    return _with_map(_without_gains(judged, before), _evenly(windows, MOST_FOR_MAP), fitter)
 
 
 def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:
@@ -162,6 +165,11 @@ class _Gain:
     def is_sure(self) -> bool:
         """Whether this half confirms, for its part."""
         return self.frac >= WORTH_FRAC and self.standard_errors >= 1.0
+
+
+def _evenly(windows: Windows, most: int) -> Windows:
+    """Return at most so many windows, evenly from all."""
+    return windows.part(np.arange(most) * len(windows) // most if len(windows) > most else slice(None))
 
 
 def _halves(windows: Windows) -> tuple[Windows, Windows]:
@@ -235,7 +243,9 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
             break  # which the other half cannot mend
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if _unconfirmed(gains):
-        return replace(judged, map_refusal=f"The map stays as it is. {where_next(windows, fitter.modes)}")
+        place = where_next(windows, fitter.modes)
+        sentence = place.sentence(len(windows) * WINDOW_S)
+        return replace(judged, map_refusal=f"The map stays as it is. {sentence}", next_place=place)
     found = _mean(*fits)
     latency_s, latency_sigma_s = effective_latency(windows, found)
     return replace(

@@ -30,6 +30,7 @@ PAD_PRIOR = np.array((1.0, 1.0, 0.02, 0.005, 0.005, 0.004, 0.3))
 SENSE_PRIOR = 0.03
 CENTROID_MM_S = 20.0  # speed at which a contact's centroid has moved by 0.7 of its shift
 DRIFT_EVERY_S = 4.0  # knots of the modes' own rates: splines, as a plate warms up smoothly
+MOST_SPANS = 24  # between them: a longer recording gets longer ones
 DRIFT_PRIOR_1_S = 150.0  # 25 Hz
 COUPLING_PRIOR_1_S = 3.0  # of modes to each other, fingers apart: by supports and damping
 LOAD_PRIOR_FRAC = 0.15  # by which a window's load differs from that of the touch at the time
@@ -83,7 +84,7 @@ def regressors(windows: Windows) -> ComplexArray:
 def own_rates(windows: Windows) -> FloatArray:
     """Return the splines in time (B, S, K) of which the modes' own rates are made: 1, and others of mean 0."""
     start_s, end_s = float(windows.t_s.min()), float(windows.t_s.max())
-    spans = max(1, round((end_s - start_s) / DRIFT_EVERY_S))
+    spans = min(max(1, round((end_s - start_s) / DRIFT_EVERY_S)), MOST_SPANS)
     place = (windows.t_s - start_s) / max(end_s - start_s, 1e-9) * spans
     splines = _cubic(place[..., None] - np.arange(-1, spans + 2))
     return np.concatenate((np.ones_like(splines[..., :1]), splines - splines.mean(axis=(0, 1))), axis=-1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ...values import ComplexArray, FloatArray
 from .model import FitState, ModelPoint
@@ -13,7 +14,7 @@ from .problem import TouchProblem
 
 OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 CLUSTER_S = 0.2
-_BLOCK = 128  # windows whose derivatives are in memory at once
+_BLOCK_BYTES = 1 << 23  # of derivatives in memory at once, of which there are some copies
 
 
 class Normal(NamedTuple):
@@ -22,7 +23,7 @@ class Normal(NamedTuple):
     matrix: FloatArray
     right: FloatArray
     load_from_right: FloatArray  # (B, 2 N)
-    load_from_step: FloatArray  # (B, 2 N, P)
+    load_from_step: npt.NDArray[np.float32]  # (B, 2 N, P): the largest array of all
     load_weight: FloatArray  # (B, N)
     scores: FloatArray  # (B, P), what each window adds to `right`, negative
 
@@ -32,10 +33,11 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: C
     matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
     fingers = state.loads.shape[1]
     windows = len(state.loads)
-    solved = np.empty((windows, 2 * fingers, len(prior) + 1))  # the largest array: one part of it each
+    from_right, from_step = np.empty((windows, 2 * fingers)), np.empty((windows, 2 * fingers, len(prior)), np.float32)
     weights, scores = np.empty((windows, fingers)), np.empty((windows, len(prior)))
-    for start in range(0, windows, _BLOCK):
-        rows = slice(start, start + _BLOCK)
+    block = max(1, _BLOCK_BYTES // (16 * len(prior) * int(np.prod(problem.model.windows.measured_um.shape[1:]))))
+    for start in range(0, windows, block):
+        rows = slice(start, start + block)
         point = problem.model.at(state, rows, problem.free)
         weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
         columns = _columns(point, _regressors(problem, state, point, rows)) * weight[..., None]
@@ -51,12 +53,13 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: C
         mixed, pull = own.transpose(0, 2, 1) @ left, -(own.transpose(0, 2, 1) @ rest)[..., 0] - drag
         root = np.linalg.inv(np.linalg.cholesky(inner))
         half = root @ np.concatenate((mixed, pull[..., None]), axis=-1)
-        back = solved[rows] = root.transpose(0, 2, 1) @ half
+        back = root.transpose(0, 2, 1) @ half
+        from_right[rows], from_step[rows] = back[..., -1], back[..., :-1]
         flat, taken = left.reshape(-1, left.shape[-1]), half[..., :-1].reshape(-1, mixed.shape[-1])
         matrix += flat.T @ flat - taken.T @ taken  # of a matrix by itself: half of the products
         scores[rows] = (left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0]
         right -= scores[rows].sum(axis=0)
-    return Normal(matrix, right, solved[..., -1], solved[..., :-1], weights, scores)
+    return Normal(matrix, right, from_right, from_step, weights, scores)
 
 
 def _regressors(problem: TouchProblem, state: FitState, point: ModelPoint, rows: slice) -> ComplexArray:

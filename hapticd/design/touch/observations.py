@@ -13,6 +13,7 @@ from ...values import ComplexArray, FloatArray
 
 WINDOW_S = 0.02  # loads are constant within it: real ones change within 10 to 20 ms
 FEWEST_IN_WINDOW = 4  # samples, for the loads of two fingers to be determined
+MOST_FINGERS = 5  # down at once: a window's loads take memory and time with each, and tell little of more
 _AVERAGED = 3  # ticks: all costs fall with their number
 _SMOOTHED = 3  # samples of a finger to either side of each, through which a cubic is fitted
 
@@ -88,8 +89,8 @@ class Windows(Ticks):
         """The first instant of each window (B,)."""
         return self.t_s[:, 0]
 
-    def part(self, chosen: npt.NDArray[np.bool_] | slice) -> Windows:
-        """Return the chosen windows (B,) alone."""
+    def part(self, chosen: npt.NDArray[np.bool_] | npt.NDArray[np.int64] | slice) -> Windows:
+        """Return the chosen windows alone, by a mask (B,) or their indices."""
         arrays = {one.name: getattr(self, one.name)[chosen] for one in fields(self) if one.name != "tracks"}
         return replace(self, **arrays)
 
@@ -106,8 +107,8 @@ class Windows(Ticks):
 def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Windows:
     """Group ticks into windows in which the same fingers are down, also `most_shift_s` earlier and later.
 
-    Ticks without a finger, and windows of too few, are left out. Ticks next to each other are averaged: a finger moves
-    by half a millimetre meanwhile.
+    Ticks without a finger or with more than MOST_FINGERS, and windows of too few, are left out. Ticks next to each
+    other are averaged: a finger moves by half a millimetre meanwhile.
     """
     is_down = np.array(
         [(ticks.t_s > one.t_s[0] + most_shift_s) & (ticks.t_s < one.t_s[-1] - most_shift_s) for one in tracks]
@@ -116,7 +117,8 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     cell = np.floor(ticks.t_s / WINDOW_S)
     is_new = (np.diff(cell) != 0) | (np.diff(is_down, axis=1) != 0).any(axis=0)
     groups = np.split(np.arange(len(ticks.t_s)), np.flatnonzero(is_new) + 1)
-    kept = [group for group in groups if len(group) >= FEWEST_IN_WINDOW and is_down[:, group[0]].any()]
+    count = is_down.sum(axis=0)
+    kept = [one for one in groups if len(one) >= FEWEST_IN_WINDOW and 0 < count[one[0]] <= MOST_FINGERS]
     edges = [_edges(group) for group in kept]
     most = max((len(one) - 1 for one in edges), default=1)
     fingers = max((int(is_down[:, group[0]].sum()) for group in kept), default=1)
@@ -124,11 +126,11 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     track = np.full((len(kept), fingers), -1, np.int64)
     done = 0
     for row, (group, one) in enumerate(zip(kept, edges, strict=True)):
-        count = len(one) - 1
-        place[row], is_used[row, :count] = np.resize(np.arange(done, done + count), most), True
+        ticks_in = len(one) - 1
+        place[row], is_used[row, :ticks_in] = np.resize(np.arange(done, done + ticks_in), most), True
         down = np.flatnonzero(is_down[:, group[0]])
         track[row, : len(down)] = down
-        done += count
+        done += ticks_in
     none = [np.zeros(0, np.int64)]
     first, after = (np.concatenate(none + [one[part] for one in edges]) for part in (slice(-1), slice(1, None)))
     arrays: dict[str, Any] = {one.name: _means(getattr(ticks, one.name), first, after)[place] for one in fields(Ticks)}

@@ -21,6 +21,7 @@ from ...errors import CalibrationError
 from ...files import calibration as calibration_file
 from ...files.recording.mcap_reader import open_recording
 from .. import plotting
+from ..arguments import whole
 from ..touch_correction import (
     calibration_of,
     has_sensors,
@@ -31,10 +32,12 @@ from ..touch_correction import (
     windows_of,
 )
 from ..touch_recording import Touched, read
+from . import guided
 from .step import Step
 from .verdict import PICTURE, Figure, FoundSettings, Outcome, Verdict
 
 PICTURE_FILE, CALIBRATION_FILE, MODES_FILE = "touch.png", "touch-calibration.toml", "touch-modes.npz"
+RECORDING_FILE = "touch.mcap"  # of guided touches
 _POSE = (  # name, unit's size, unit
     ("x", 1.0, "mm"),
     ("y", 1.0, "mm"),
@@ -49,7 +52,11 @@ _ENLARGED = 20.0  # magnification of moved positions in the picture
 
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
-    if not options.recording.is_file():
+    if options.guided != (options.recording is None):
+        raise CalibrationError("Give either a RECORDING of touches or --guided.")
+    if options.sim_guided and not options.guided:
+        raise CalibrationError("--sim: only with --guided, since a recording says which plate it is of.")
+    if not options.guided and not options.recording.is_file():
         raise CalibrationError(f"RECORDING: {options.recording} is not a file: give a recording (.mcap).")
 
 
@@ -60,11 +67,17 @@ def is_simulated(path: Path) -> bool:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
-    touched = read(options.recording)
+    recording = options.recording
+    if options.guided:
+        recording = options.out / RECORDING_FILE
+        guided.record(recording, is_simulated=options.sim, seed=options.seed, endpoint=options.endpoint)
+        if is_simulated(recording) and not options.sim:
+            raise CalibrationError("The running service has a simulated plate: give --sim, which needs no service.")
+    touched = read(recording)
     judged = judged_by(touched)
     load_1_s = learned_load(touched, windows_of(touched), judged)
     settings = saved(touched, judged, load_1_s, options.out)
-    draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(options.recording.name))
+    draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(recording.name))
     return verdict(judged, settings, load_1_s, has_sensors=has_sensors(touched), is_simulated=options.sim)
 
 
@@ -177,18 +190,32 @@ def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: Judged, mode: i
 
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help="with record.telemetry_hz = 500")
+    parser.add_argument(
+        "recording", type=Path, nargs="?", metavar="RECORDING", help="of touches, with record.telemetry_hz = 500"
+    )
+    parser.add_argument(
+        "--guided", action="store_true", help="record a minute on the running service, and say where to touch"
+    )
+    parser.add_argument("--endpoint", metavar="DIR", help="with --guided: the service's runtime directory")
+    parser.add_argument(
+        "--sim", dest="sim_guided", action="store_true", help="with --guided: simulated fingers on a simulated plate"
+    )
+    parser.add_argument("--seed", type=whole(0), default=1, help="of the simulated fingers (default 1)")
+
+
+def _is_simulated(options: argparse.Namespace) -> bool:
+    return bool(options.sim_guided) if options.guided else is_simulated(options.recording)
 
 
 STEP = Step(
     name="touch",
     order=None,
     summary="correct pad, sensors and map by a recording of touches",
-    todo="correct pad, sensors and map by a recording of touches (RECORDING)",
-    example="session.mcap --out DIR",
+    todo="correct pad, sensors and map by touches (--guided, or RECORDING)",
+    example="--guided --out DIR",
     arguments=(_add_recording,),
     check=check,
     run=run,
-    files=(CALIBRATION_FILE, MODES_FILE),
-    is_simulated=lambda options: is_simulated(options.recording),
+    files=(CALIBRATION_FILE, MODES_FILE, RECORDING_FILE),
+    is_simulated=_is_simulated,
 )

@@ -225,7 +225,8 @@ function draw(t_ms) {
   const present = history.paused ? {} : { layer: layers.canvas, surfaces };
   const isUntouched = frame?.fingers.length === 0 && surfaces.layers.length === 0;
   const invitation = plate?.simulated && isLive && isUntouched ? INVITATION : starting;
-  picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s), ...present });
+  picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s),
+    nextPlace: isLive && status?.next_place, ...present });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);
@@ -263,6 +264,7 @@ function writeTexts(frame) {
   write($("leak"), [felt, labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
     + (leak_um === null && off_um === null ? "" : " (RMS, 2 s)"));
   write($("surfaces"), [...surfaces.texts(), ...effects.texts()].join("\n"));
+  write($("calibration"), status?.calibration ?? "");
   $("erase").disabled = drawing.chosen === null || !isLive;
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
 }

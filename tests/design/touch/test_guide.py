@@ -1,0 +1,34 @@
+"""The guide leads both fingers over all ninths, and never both to one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hapticd.design.touch.guide import EACH_S, GUIDED_S, places_at
+from hapticd.sim.fingers.scenarios import LAND_S, SCENARIOS
+
+
+def test_each_finger_meets_all_ninths_or_the_other_does_and_both_are_never_in_one() -> None:
+    steps = [places_at((step + 0.5) * EACH_S) for step in range(round(GUIDED_S / EACH_S))]
+    assert len({one.first for one in steps}) == 9
+    assert len({one.second for one in steps}) == 9
+    for one in steps:
+        assert max(abs(one.first[axis] - one.second[axis]) for axis in (0, 1)) >= 1
+    assert places_at(GUIDED_S + 1.0).left_s == 0.0
+
+
+def test_a_sentence_names_both_places_and_the_time_left() -> None:
+    assert places_at(0.0).sentence(60.0) == (
+        " 60 s left: stroke the lower left with one finger, the upper right with another"
+    )
+
+
+def test_simulated_fingers_follow_it_apart_from_each_other() -> None:
+    t_s = np.arange(LAND_S, LAND_S + GUIDED_S, 0.01)
+    first, second = (actor.path.position_mm(t_s) for actor in SCENARIOS["guided"].build(3, 100.0) if actor.path)
+    assert np.abs(np.concatenate((first, second))).max() < 58.0
+    assert np.hypot(*(first - second).T).min() > 5.0
+    settled = np.nonzero((t_s - LAND_S) % EACH_S > 1.0)[0]
+    for index in settled[::50]:
+        places = places_at(float(t_s[index] - LAND_S))
+        assert np.abs(first[index] - 38.0 * np.array(places.first)).max() < 18.0
