@@ -51,7 +51,8 @@ def interval_um(sure_um2: float, unsure_um2: float) -> tuple[float, float]:
         return rms_um, rms_um
     # The square of a sure phasor and one complex error, taken as a gamma variable: its cube root is nearly normal
     # (E. B. Wilson and M. M. Hilferty, Proc. Nat. Acad. Sci. 17, 1931).
-    ninth = unsure_um2 * (2.0 * sure_um2 + unsure_um2) / (9.0 * mean_um2 * mean_um2)
+    share = unsure_um2 / mean_um2
+    ninth = share * (2.0 - share) / 9.0
     away = COVERED_SIGMAS * math.sqrt(ninth)
     low, high = max(1.0 - ninth - away, 0.0), 1.0 - ninth + away
     return math.sqrt(mean_um2 * low * low * low), math.sqrt(mean_um2 * high * high * high)

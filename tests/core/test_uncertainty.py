@@ -19,6 +19,8 @@ NODE_MM, CREST_MM = 0.0, 27.0 / 4.0  # of mode X
 
 def test_what_is_certain_has_no_interval() -> None:
     assert interval_um(0.25, 0.0) == (0.5, 0.5)
+    low_um, high_um = interval_um(0.0, 1e-200)  # a plate that is nearly at rest
+    assert 0.0 < low_um < 1e-100 < high_um < 1e-99
     found = ContactPerception(DEFAULT_FRICTION_CURVE, 5.0).felt(PLATE, CREST_MM, 3.0, MODAL_UM, 1.0)
     assert found.low == found.friction == found.high
     assert found.amplitude.low_um == found.amplitude.rms_um == found.amplitude.high_um
