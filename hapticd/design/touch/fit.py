@@ -130,7 +130,8 @@ def _stepped(problem: TouchProblem, state: FitState, normal: Normal, damping: fl
     scale = np.sqrt(np.diag(normal.matrix))
     scaled = normal.matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step = np.linalg.solve(scaled, normal.right / scale) / scale
-    loads = normal.load_from_right - normal.load_from_step @ step
+    parts = np.array_split(normal.load_from_step, max(1, len(normal.load_from_step) // 100))  # each in double precision
+    loads = normal.load_from_right - np.concatenate([part @ step for part in parts])
     return problem.stepped(state, step, complex_of(loads))
 
 

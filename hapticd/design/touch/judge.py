@@ -92,7 +92,7 @@ def calibrate(
     *,
     before: Calibration | None = None,
 ) -> Judged:
-    """Fit and judge, the map last. Processor time: 15 s for 75 s of touching on four modes.
+    """Fit and judge, the map last. Processor time: 14 s for 75 s of touching on four modes.
 
     `before` is the calibration in force, which a found one has to surpass; without, the nominal one. What is found is
     relative to the nominal one all the same.

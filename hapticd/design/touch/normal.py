@@ -14,7 +14,7 @@ from .problem import TouchProblem
 
 OUTLIER = 4.0  # sigma of a part, beyond which a residual counts less (Huber)
 CLUSTER_S = 0.2
-_BLOCK_BYTES = 1 << 23  # of derivatives in memory at once, of which there are some copies
+_BLOCK_BYTES = 1 << 22  # of derivatives in memory at once, of which there are some copies
 
 
 class Normal(NamedTuple):

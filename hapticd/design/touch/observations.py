@@ -13,7 +13,7 @@ from ...values import ComplexArray, FloatArray
 
 WINDOW_S = 0.02  # loads are constant within it: real ones change within 10 to 20 ms
 FEWEST_IN_WINDOW = 4  # samples, for the loads of two fingers to be determined
-MOST_FINGERS = 5  # down at once: a window's loads take memory and time with each, and tell little of more
+MOST_FINGERS = 3  # down at once: loads of more take memory and time with each, and each tells less
 _AVERAGED = 3  # ticks: all costs fall with their number
 _SMOOTHED = 3  # samples of a finger to either side of each, through which a cubic is fitted
 
