@@ -102,7 +102,7 @@ class FrameSolver:
         for key in keys:
             x_mm, y_mm = self._predicted_mm(key, t_ns)
             if stretches is not None:
-                stretches.append(scene.slide(self.speed_mm_s(key, t_ns)))
+                stretches.append(scene.slide(self._speed_mm_s(key, t_ns, x_mm, y_mm)))
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
@@ -113,7 +113,9 @@ class FrameSolver:
 
     def speed_mm_s(self, key: FingerKey, t_ns: int) -> float:
         """Return how fast a finger will slide."""
-        x_mm, y_mm = self._predicted_mm(key, t_ns)
+        return self._speed_mm_s(key, t_ns, *self._predicted_mm(key, t_ns))
+
+    def _speed_mm_s(self, key: FingerKey, t_ns: int, x_mm: float, y_mm: float) -> float:
         was_x_mm, was_y_mm = self._predicted_mm(key, t_ns - _STEP_NS)
         return math.hypot(x_mm - was_x_mm, y_mm - was_y_mm) / (_STEP_NS * 1e-9)
 
