@@ -14,9 +14,7 @@ import numpy.typing as npt
 
 from hapticd_contract.surfaces import VirtualPath
 
-from ...design.touch.guide import GUIDED_S
 from .fingertip import Fingertip
-from .guided import HALF_SIZE_MM, GuidedPath
 from .paths import CirclePath, Line, Path, Rest, Strokes, Touch, Touches, strokes_pair
 from .real_strokes import RealStrokes
 
@@ -113,6 +111,8 @@ def strokes(
 
 def _guided(seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     """Two hands in different places at any time."""
+    from .guided import HALF_SIZE_MM, GuidedPath  # a service that plays other scenarios loads nothing of the fits
+
     paths = (
         GuidedPath(RealStrokes(2 * seed + is_second, t_start_s=LAND_S, half_size_mm=HALF_SIZE_MM), is_second, LAND_S)
         for is_second in (False, True)
@@ -222,7 +222,7 @@ SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
     for scenario in (
         Scenario("strokes", "two fingers on random strokes, one slippery, one sticky", 10.0, strokes),
-        Scenario("guided", "the same, led over the plate as by `hapticd calibrate touch --guided`", GUIDED_S, _guided),
+        Scenario("guided", "the same, led over the plate as by `hapticd calibrate touch --guided`", 60.0, _guided),
         Scenario("circles", "the same on circles", 10.0, _circles),
         Scenario("rest", "the same at rest", 5.0, _rest),
         Scenario("swap", "fingers cross, lift, land again and exchange targets", 8.0, _swap),

@@ -24,6 +24,7 @@ def test_a_sentence_names_both_places_and_the_time_left() -> None:
 
 
 def test_simulated_fingers_follow_it_apart_from_each_other() -> None:
+    assert SCENARIOS["guided"].seconds == GUIDED_S
     t_s = np.arange(LAND_S, LAND_S + GUIDED_S, 0.01)
     first, second = (actor.path.position_mm(t_s) for actor in SCENARIOS["guided"].build(3, 100.0) if actor.path)
     assert np.abs(np.concatenate((first, second))).max() < 58.0
