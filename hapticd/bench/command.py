@@ -26,7 +26,7 @@ PARTS = {
     "solver": Part("solvers against general optimisers", 0.8),
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
     "leak": Part("what fingers get in the closed loop, by which choice", 7.0),
-    "telemetry": Part("what telemetry says that fingers feel, against what they do", 2.0, has_picture=False),
+    "telemetry": Part("what telemetry says that fingers feel, against what they do", 4.0, has_picture=False),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
 }

@@ -221,13 +221,18 @@ class UncertaintyConfig:
     # The defaults are those of laboratories (`sim.world_tolerances`) after scan and sweep: `hapticd bench telemetry`
     # compares there what telemetry says with what is felt.
     map_frac: float = key(
-        0.016,
+        0.02,
         "of the mode map at each place, as a share of a shape's peak: noise, and change since its scan",
         low=0,
         high=1,
     )
-    sensors_frac: float = key(0.016, "of the board's sensors: gain, phase (rad) and crosstalk of each", low=0, high=1)
-    place_mm: float = key(0.4, "of a contact's centre on each axis: the pad's place, and its centroids", low=0, high=10)
+    sensors_frac: float = key(0.02, "of the board's sensors: gain, phase (rad) and crosstalk of each", low=0, high=1)
+    place_mm: float = key(
+        0.9,
+        "of a contact's centre on each axis: the pad's place and centroids, and what its size makes uncertain",
+        low=0,
+        high=10,
+    )
     latency_ms: float = key(1.7, "of trackpad.latency_ms", low=0, high=20)
 
 

@@ -44,4 +44,4 @@ def test_in_laboratories_what_is_felt_is_in_the_interval_that_telemetry_says(
     of_all = table.rows[-1].figures
     assert of_all["within_frac"] >= 0.85  # of three laboratories; of many 0.9 (`hapticd bench telemetry`)
     assert of_all["friction_frac"] >= 0.85
-    assert of_all["found_frac"] >= 0.9
+    assert of_all["found_frac"] > of_all["limited_frac"] + 0.1  # what `limited` does not say
