@@ -31,17 +31,22 @@ def test_on_an_ideal_plate_telemetry_says_what_fingers_feel() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("plate", "modes", "scenario"),
-    [(FINGERTIP, 4, "strokes"), (FINGERTIP, 4, "two-of-five"), (WIDE, 8, "strokes"), (REFERENCE, 2, "strokes")],
+    ("plate", "modes", "scenario", "seeds"),
+    [
+        (FINGERTIP, 4, "strokes", (1, 2)),
+        (FINGERTIP, 4, "two-of-five", (1, 2)),
+        (WIDE, 8, "strokes", (1,)),  # half a minute each
+        (REFERENCE, 2, "strokes", (1, 2, 3)),
+    ],
 )
 def test_in_laboratories_what_is_felt_is_in_the_interval_that_telemetry_says(
-    plate: str, modes: int, scenario: str
+    plate: str, modes: int, scenario: str, seeds: tuple[int, ...]
 ) -> None:
-    table = run(cases=[(plate, modes, scenario)], seeds=(1, 2, 3), seconds=2.0)
+    table = run(cases=[(plate, modes, scenario)], seeds=seeds, seconds=2.0)
     for row in table.rows:
         print(row)
         assert 0.8 <= row.figures["ratio"] <= 1.25
     of_all = table.rows[-1].figures
-    assert of_all["within_frac"] >= 0.85  # of three laboratories; of many 0.9 (`hapticd bench telemetry`)
+    assert of_all["within_frac"] >= 0.85  # of few laboratories; of many 0.9 (`hapticd bench telemetry`)
     assert of_all["friction_frac"] >= 0.85
     assert of_all["found_frac"] > of_all["limited_frac"] + 0.1  # what `limited` does not say
