@@ -78,9 +78,8 @@ def test_telemetry_is_built_for_listeners_only() -> None:
     assert [(finger["id"], finger["target_um"]) for finger in last["fingers"]] == [(1, 1.0), (2, 0.0)]
     assert last["fingers"][0]["x_mm"] == pytest.approx(-30.2, abs=0.1)
     still = last["fingers"][1]
-    assert (
-        0.0 < still["achieved_um_low"] < still["achieved_um"] < still["achieved_um_high"] < 0.3
-    )  # of what may be wrong
+    ends_um = (still["achieved_um_low"], still["achieved_um_high"])
+    assert 0.0 < ends_um[0] < still["achieved_um"] < ends_um[1] < 0.8  # what may be wrong with a plate
     bench.machine.status.publish = None
     bench.run(100)
     assert bench.machine.status.published == len(states)

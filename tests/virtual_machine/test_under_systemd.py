@@ -116,8 +116,8 @@ def test_its_loop_has_the_real_time_it_asked_for_and_its_other_threads_have_not(
 def test_the_plate_is_driven_as_the_client_asked(service: Boot, step: str) -> None:
     found = driven(service, step)
     left, right = sorted(found["state"]["fingers"], key=lambda finger: finger["x_mm"])
-    assert left["achieved_um"] == pytest.approx(1.0, abs=0.05)
-    assert right["achieved_um"] < 0.3  # of what is not known of a plate
+    assert left["achieved_um"] == pytest.approx(1.0, abs=0.15)
+    assert right["achieved_um"] < 0.6  # of what is not known of a plate
     assert found["plate_um"] > 0.3  # what the board measures
     assert found["real_time"]["refused"] == []
 
