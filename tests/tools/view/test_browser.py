@@ -249,7 +249,7 @@ def test_whole_contacts_are_shown_on_a_plate_that_has_them(browser: Chrome) -> N
             "for (const choice of document.querySelectorAll('.finger button'))"
             " if (choice.textContent === 'Slippery') choice.click()"
         )
-        asked = re.compile(r"feels 0\.\d\d, asked 0\.19")
+        asked = re.compile(r"feels 0\.\d\d \(.*\), asked 0\.19")
         page.until(lambda: page.fingers() and all(asked.search(row) for row in page.fingers()))
         page.choose("switch-modes", "5")
         page.until(lambda: page["what"].text == "fingertip plate, 5 modes, contacts of 5 mm")
