@@ -110,7 +110,7 @@ def test_the_concept_figure_is_drawn_by_its_script(tmp_path: Path) -> None:
 
 
 def test_what_a_recipe_names_is_there() -> None:
-    """Paths from the root, or from `hapticd/`; a bare file's name lies beside one that the same recipe names."""
+    """Paths from the root, or from `hapticd/`; a bare file's name lies next to one that the same recipe names."""
     recipes = (
         (ROOT / ".github/CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Six changes")[2].split("\n**")
     )
@@ -120,5 +120,5 @@ def test_what_a_recipe_names_is_there() -> None:
         places = [ROOT / name if (ROOT / name).parent.is_dir() else ROOT / "hapticd" / name for name in named]
         folders = {place.parent for place in places} | {ROOT / "tests/firmware"}
         for name, place in zip(named, places, strict=True):
-            beside = [folder / name for folder in folders] if "/" not in name else []
-            assert place.stem == "NAME" or any(path.is_file() for path in (place, *beside)), name
+            near = [folder / name for folder in folders] if "/" not in name else []
+            assert place.stem == "NAME" or any(path.is_file() for path in (place, *near)), name

@@ -55,7 +55,7 @@ BOUNDS = (
     ),
     Bound("sensor.middle_v", 1.6, 1.7, "V", "at rest"),
     _at_most(
-        "sensor.open_drive_v", most=0.01, unit="V", text="of an open lead beside 100 mm of a wire at 150 V (0.57 pF)"
+        "sensor.open_drive_v", most=0.01, unit="V", text="of an open lead next to 100 mm of a wire at 150 V (0.57 pF)"
     ),
     _at_most("sensor.open_mains_v", most=0.01, unit="V", text="of an open lead, 10 pF from the mains"),
     _at_least(
@@ -78,7 +78,7 @@ BOUNDS = (
     _at_most("spark.discharge_top_v", most=3.8, unit="V", text="at the op-amp's input then"),
     _at_least("spark.discharge_bottom_v", least=-0.5, unit="V", text="the same, below ground"),
     Bound("amplifier.gain_still", 107.0, 113.0, "V/V", "from the DAC pin to a patch of 3.1 nF whose plate stands"),
-    Bound("amplifier.gain", 99.0, 113.0, "V/V", "with a mode of 3.3 kOhm besides, 1.35 to 7 nF"),
+    Bound("amplifier.gain", 99.0, 113.0, "V/V", "with a mode of 3.3 kOhm too, 1.35 to 7 nF"),
     Bound("amplifier.phase_deg", -40.0, 0.0, "degrees", "at 29.375 kHz, 1.35 to 7 nF: measure each channel"),
     _at_least("amplifier.image_db", least=30.0, unit="dB", text="less at 970.6 kHz"),
     _at_most("amplifier.peaking", most=1.2, unit="", text="the most above 60 kHz, of the gain at 29.375 kHz"),

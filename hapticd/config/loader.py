@@ -15,7 +15,7 @@ from typing import Any, cast
 from ..errors import ConfigError
 from ..formats.toml_file import read_table
 from .keys import bounds_text, checked, nearest, toml
-from .sections import MOST_MODES, SIMULATED, ClientConfig, Config, LimitsConfig
+from .sections import MOST_MODES, SIMULATED, ClientConfig, Config, LimitsConfig, UncertaintyConfig
 
 MAX_PORT = 65535
 MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
@@ -77,6 +77,11 @@ def on_plate(config: Config, size_mm: tuple[float, ...], reach_um: tuple[float, 
     if config.limits.w_limit_um != LimitsConfig().w_limit_um:
         return config
     return replace(config, limits=replace(config.limits, w_limit_um=reach_um))
+
+
+def with_uncertainty(config: Config, uncertainty: UncertaintyConfig) -> Config:
+    """Return this configuration for a simulated plate of which so much is unknown; one other than the default stays."""
+    return replace(config, uncertainty=uncertainty) if config.uncertainty == UncertaintyConfig() else config
 
 
 def render(config: Config) -> str:

@@ -8,7 +8,6 @@ has followed its reference; where the board's voltage ended, by what its sensors
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -21,6 +20,7 @@ from ..core.perception import ContactPerception, ExpectedAmplitude, Felt
 from ..core.phasors import Row
 from ..core.pipeline import Pipeline
 from ..core.plate.contact import EllipseForm
+from ..core.touch.contact_form import axes
 from ..values import WEBER_FRAC, FingerKey, Tick, TouchPoint
 
 LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
@@ -186,14 +186,6 @@ class Perception:
     def _weber_frac(self, key: FingerKey) -> float:
         beyond_ns, all_ns = self._spans_ns[key]
         return beyond_ns / all_ns if all_ns > 0 else float(is_felt(self._changes[key]))
-
-
-def axes(form: EllipseForm) -> tuple[float, float, float]:
-    """Return the axes of an ellipse in full, the longer one first, and the angle of that to x."""
-    xx_mm, xy_mm, yy_mm = form
-    along_mm = 0.5 * (xx_mm - yy_mm)
-    half_mm = math.hypot(along_mm, xy_mm)
-    return xx_mm + yy_mm + 2.0 * half_mm, xx_mm + yy_mm - 2.0 * half_mm, 0.5 * math.atan2(xy_mm, along_mm)
 
 
 def is_felt(friction_change: float) -> bool:

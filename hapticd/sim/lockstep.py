@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..board_values import UNCALIBRATED, BoardCalibration
-from ..config.loader import on_plate
-from ..config.sections import Config, UncertaintyConfig
+from ..config.loader import on_plate, with_uncertainty
+from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import TIMER_NS, Machine
 from ..daemon.observer import Observer
@@ -407,8 +407,7 @@ def scheme_config(settings: Settings) -> Config:
     """
     plate = GroundTruth(settings.plate)
     config = on_plate(settings.config, find_glass(settings.plate.plate).size_mm, plate.w_limit_um)
-    if config.uncertainty == UncertaintyConfig():
-        config = replace(config, uncertainty=plate.uncertainty)
+    config = with_uncertainty(config, plate.uncertainty)
     if settings.scheme == "paper":
         config = paper_config(config)
     return replace(config, device=replace(config.device, link_ms=settings.link_ms))

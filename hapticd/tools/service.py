@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..board_values import UNCALIBRATED, BoardCalibration
-from ..config.loader import load, on_plate
-from ..config.sections import SIMULATED, Config, PlateConfig, SimConfig, UncertaintyConfig
+from ..config.loader import load, on_plate, with_uncertainty
+from ..config.sections import SIMULATED, Config, PlateConfig, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..daemon.daemon import Daemon, Programs
@@ -280,8 +280,7 @@ def _on_rig(config: Config, rig_dir: Path) -> Config:
         return config
     described = load(file)
     found = described.plate
-    if config.uncertainty == UncertaintyConfig():
-        config = replace(config, uncertainty=described.uncertainty)
+    config = with_uncertainty(config, described.uncertainty)
     if not config.plate.modes_file:
         config = on_plate(config, found.size_mm, described.limits.w_limit_um)
     if config.plate.parasitic_modes_file:

@@ -25,7 +25,7 @@ enum { MOST_MODES = 8 };
 enum { COEFFICIENTS = 16 }; /* of one surface in one cell: bicubic.py */
 
 /* Numbers of all points lie one after another, (M, N Q) and (N Q,), so that the compiler computes two at a time; those of
- * one point's modes, (N Q, M) in pairs, the last one padded. Each number is computed as in Python, whatever is beside it. */
+ * one point's modes, (N Q, M) in pairs, the last one padded. Each number is computed as in Python, whatever its pair is. */
 typedef double pair_t __attribute__((vector_size(2 * sizeof(double)), aligned(sizeof(double))));
 #define PAIRS(modes) (((modes) + 1) / 2)
 #define INLINE static inline __attribute__((always_inline))

@@ -86,3 +86,11 @@ class ContactForm:
         across_mm += share * d_across
         self._shown = (mean_mm, along_mm, across_mm)
         self.form = (mean_mm + along_mm, across_mm, mean_mm - along_mm)
+
+
+def axes(form: EllipseForm) -> tuple[float, float, float]:
+    """Return the whole axes of an ellipse in mm, the longer one first, and the angle of that to x in rad."""
+    xx_mm, xy_mm, yy_mm = form
+    along_mm = 0.5 * (xx_mm - yy_mm)
+    half_mm = math.hypot(along_mm, xy_mm)
+    return xx_mm + yy_mm + 2.0 * half_mm, xx_mm + yy_mm - 2.0 * half_mm, 0.5 * math.atan2(xy_mm, along_mm)

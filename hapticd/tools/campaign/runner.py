@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .results import Play, Results
 
 OPTIONS = ("jobs", "cluster", "keep")
-STALE_S = 30 * 24 * 3600.0  # nobody goes on with a campaign that was stopped so long ago
+STALE_S = 30 * 24 * 3600.0  # a campaign that was stopped so long ago is given up
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
