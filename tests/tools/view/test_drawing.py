@@ -101,7 +101,7 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
 
     drawn.use("touches")
     drag(page, 10)
-    page.until(lambda: any(re.search(r"feels \d\.\d\d, asked", row) for row in page.fingers()))
+    page.until(lambda: any(re.search(r"feels \d\.\d\d \(.*\), asked", row) for row in page.fingers()))
     assert "no owner" in page.fingers()[0]  # it feels what lies there
     finger = next(iter(drawn.client.fingers()))
     drawn.client.effect("hum", Modulation(20.0), on=finger)
