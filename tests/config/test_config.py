@@ -24,6 +24,7 @@ from hapticd.config.sections import (
     PlateConfig,
     SimConfig,
     TrackpadConfig,
+    UncertaintyConfig,
 )
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.daemon.settings import friction_curve
@@ -195,6 +196,13 @@ def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_per
     assert (on_plate.plate.size_mm, on_plate.limits.w_limit_um) == ((200.0, 200.0), reach_um)
     own = replace(Config(), limits=replace(Config().limits, w_limit_um=(1.0,) * 4))
     assert config.on_plate(own, (200.0, 200.0), reach_um).limits.w_limit_um == (1.0,) * 4
+
+
+def test_a_simulated_plate_sets_what_is_not_known_of_it_but_not_over_what_a_person_set() -> None:
+    ideal = UncertaintyConfig(map_frac=0.0)
+    assert config.with_uncertainty(Config(), ideal).uncertainty == ideal
+    own = replace(Config(), uncertainty=UncertaintyConfig(map_frac=0.1))
+    assert config.with_uncertainty(own, ideal) == own
 
 
 def test_a_measured_friction_curve_has_its_floor_and_its_speed_and_the_built_in_one_may_have_a_speed() -> None:
