@@ -85,6 +85,11 @@ COMMANDS = {
         "stream states and metrics to PlotJuggler, Prometheus or the Lab Streaming Layer",
         "plotjuggler",
     ),
+    "gateway": Command(
+        "tools.gateway.program",
+        "let web pages and programs without ZeroMQ be clients, by WebSocket and JSON",
+        "--origin http://localhost:8000",
+    ),
     "study": Command("tools.study.program", "run the paper's study with people, and analyse it", "report answers/"),
     "firmware": Command(
         "tools.firmware.program",

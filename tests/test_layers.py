@@ -244,7 +244,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
 @pytest.mark.parametrize(
     ("libraries", "parts"),
     [
-        ({"aiohttp"}, ("tools/view", "tools/study")),
+        ({"aiohttp"}, ("tools/gateway", "tools/study", "tools/view", "tools/web")),
         ({"prometheus_client", "pylsl"}, ("tools/stream",)),
         ({"mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaign",)),

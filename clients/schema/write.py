@@ -18,17 +18,18 @@ from typing import Any
 import msgspec
 from msgspec import inspect as types
 
-from hapticd_contract import contents, effects, replies, requests, states, surfaces, targets
+from hapticd_contract import contents, effects, replies, requests, states, surfaces, targets, web
 from hapticd_contract.base import Contract
 
 FOLDER = Path(__file__).parent
 PROTOCOL = FOLDER.parent / "PROTOCOL.md"
 TABLE = re.compile(r"(<!-- fields of ([\w. ]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
-MODULES = (targets, contents, surfaces, effects, requests, replies, states)
+MODULES = (targets, contents, surfaces, effects, requests, replies, states, web)
 SCHEMAS: dict[str, Any] = {
     "targets": targets.TargetsMessage,
     "control": requests.Request,
     "telemetry": states.PlateState,
+    "follow": web.Follow,
     **{
         f"reply-{kind.__name__.lower()}": kind
         for kind in (

@@ -94,7 +94,11 @@ def _decoded(payload: bytes, decoder: msgspec.msgpack.Decoder[Any]) -> Any:
 
 def _explained(payload: bytes, kind: Any) -> Any:
     """Decode slowly: a sound message may be packed in more bytes than it needs."""
-    value = unpack(payload)
+    return read_message(unpack(payload), kind)
+
+
+def read_message(value: object, kind: Any) -> Any:
+    """Return plain values as a message of this protocol version. Raises RequestError."""
     if isinstance(value, dict) and type(version := value.get("v")) is int and version != PROTOCOL_VERSION:
         older = "client" if version < PROTOCOL_VERSION else "daemon"
         raise RequestError(

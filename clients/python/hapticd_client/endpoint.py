@@ -8,6 +8,7 @@ import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import zmq
 from zmq.utils import z85
@@ -46,7 +47,7 @@ class Endpoint:
     def __str__(self) -> str:
         return f"tcp://{self.host}:{self.port}" if self.directory is None else str(self.directory)
 
-    def connect(self, socket: zmq.Socket[bytes], name: str) -> None:
+    def connect(self, socket: zmq.Socket[Any], name: str) -> None:
         """Connect to the socket of this name. Raises zmq.ZMQError for an invalid address."""
         if self.directory is not None:
             socket.reconnect_ivl = LOCAL_RECONNECT_MS

@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from ...errors import RequestError, missing_library
 from ...wire.client import read
-from ..view import guard
+from ..web import guard
 from .panel import PanelKey, Screen
 from .protocol import StudyError
 
@@ -87,7 +87,7 @@ class Browser:
         return None
 
     async def _start(self) -> None:
-        from ..view import connections
+        from ..web import connections
 
         application = self._web.Application(client_max_size=MAX_PRESS_BYTES)
         root = f"/{self._secret}"
@@ -108,7 +108,7 @@ class Browser:
 
     def _guarded(self, handler: _Handler) -> _Handler:
         """Return the handler, restricted to requests of this server's own page."""
-        from ..view.connections import know
+        from ..web.connections import know
 
         async def guarded(request: web.Request) -> web.StreamResponse:
             if why := guard.refusal(self._port, request.headers, needs_origin=request.method == "POST"):

@@ -19,6 +19,7 @@ from ...config.sections import SCENARIO_NAMES
 from ...errors import HapticdError, UsageError, missing_library
 from .. import glass
 from ..arguments import PORT_NUMBER, whole
+from ..web.listener import bound
 from .simulated import SimulatedService
 
 SCENARIO = "hands"
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Serve until SIGTERM or SIGINT. Raises HapticdError."""
     _check(options)
-    listener, endpoint, service = _listener(options.port), options.endpoint, None
+    listener, endpoint, service = bound(HOST, options.port), options.endpoint, None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes over; ends the child processes too
     with contextlib.ExitStack() as stack:
         stack.enter_context(listener)
@@ -72,34 +73,15 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError(f"--endpoint: {options.endpoint} is not a directory: give the service's runtime directory.")
 
 
-def _listener(port: int) -> socket.socket:
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((HOST, port))
-    except OSError as error:
-        listener.close()
-        raise HapticdError(
-            f"Port {port} cannot be bound ({error.strerror}): choose another with --port, or 0 for any."
-        ) from None
-    return listener
-
-
 async def _serve(
     listener: socket.socket, endpoint: str | None, service: SimulatedService | None, *, open_browser: bool
 ) -> None:
-    from .connections import Site
+    from ..web.serving import served
     from .server import Viewer
 
     viewer = Viewer(endpoint, simulated=service)
     viewer.port = listener.getsockname()[1]
-    runner = viewer.runner()
-    await runner.setup()
-    try:
-        await Site(runner, listener).start()
-        ended = asyncio.Event()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            asyncio.get_running_loop().add_signal_handler(number, ended.set)
+    async with served(viewer.runner(), listener) as ended:
         has_service = True
 
         def service_ended() -> None:
@@ -117,8 +99,6 @@ async def _serve(
             await ended.wait()
         if not has_service:
             raise HapticdError("The service of the simulated plate has ended: start this command again.")
-    finally:
-        await runner.cleanup()
 
 
 @contextlib.contextmanager

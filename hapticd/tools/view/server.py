@@ -18,7 +18,8 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_HANDS, PointMm
-from . import connections, guard, layers, messages
+from ..web import connections, guard
+from . import layers, messages
 from .client import Action, PagePlate, PlateClient
 from .messages import Hold, ReleaseTarget, SetTarget, SwitchPlate
 from .rig import PadSender

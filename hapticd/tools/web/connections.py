@@ -1,4 +1,4 @@
-"""Bounds on the connections of the pages' servers (view, study), which any process of this computer can open.
+"""Bounds on the connections of pages' servers (view, study, gateway), which any process of this computer can open.
 
 A connection is a stranger's until a request on it has brought the page's key. A stranger has STRANGER_S for that,
 headers, answer and all, and gives way where there are too many: then the one that came first is closed. So idle
@@ -135,15 +135,17 @@ def know(request: web.Request) -> None:
 
 
 class Pace:
-    """Spreads what one page sends: MESSAGES_HZ in the long run, BURST at once. What is beyond waits at the sender."""
+    """Spreads what one page sends: `rate_hz` in the long run, `burst` at once. What is beyond waits at the sender."""
 
-    def __init__(self) -> None:
+    def __init__(self, rate_hz: float = MESSAGES_HZ, burst: int = BURST) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._burst_s = burst / rate_hz
         self._t_next_s = -math.inf
 
     async def wait(self) -> None:
         """Return when the next message may be read."""
         t_s = asyncio.get_running_loop().time()
-        self._t_next_s = max(self._t_next_s, t_s - BURST / MESSAGES_HZ) + 1.0 / MESSAGES_HZ
+        self._t_next_s = max(self._t_next_s, t_s - self._burst_s) + self._period_s
         if self._t_next_s > t_s:
             await asyncio.sleep(self._t_next_s - t_s)
 

@@ -1,4 +1,4 @@
-"""Access control of the servers of view and study: only their own page, in a browser on this computer.
+"""Access control of the servers of view, study and gateway: only their own page, or a page that the user allows.
 
 Every page in the browser and every user of the computer can reach a server on localhost. So a request must name this
 server as its host (against DNS rebinding), have this page as its origin if it has one, and carry the key that the
@@ -8,20 +8,30 @@ program printed.
 from __future__ import annotations
 
 import hmac
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 HOSTS = ("127.0.0.1", "localhost")
 
 
-def refusal(port: int, headers: Mapping[str, str], *, needs_origin: bool) -> str:
-    """Return why a request with these headers is refused, "" if it is admitted. `needs_origin` holds for websockets and
-    posts."""
-    if headers.get("Host", "") not in _hosts(port):
-        return "This server answers to 127.0.0.1 and localhost only."
+def refusal(
+    port: int,
+    headers: Mapping[str, str],
+    *,
+    needs_origin: bool,
+    hosts: Sequence[str] = HOSTS,
+    origins: Collection[str] = (),
+) -> str:
+    """Return why a request with these headers is refused, "" if it is admitted.
+
+    `needs_origin` holds for websockets and posts of pages; programs, which have none, bring the key only. `hosts` are
+    this server's names, and `origins` those of other pages that the user allows.
+    """
+    if headers.get("Host", "") not in _hosts(port, hosts):
+        return f"This server answers to {' and '.join(hosts)} only."
     origin = headers.get("Origin")
     if origin is None:
         return "This request needs an origin." if needs_origin else ""
-    if origin not in [f"http://{host}" for host in _hosts(port)]:
+    if origin not in origins and origin not in [f"http://{host}" for host in _hosts(port, hosts)]:
         return "Another page may not use this server."
     return ""
 
@@ -47,6 +57,6 @@ def headers(port: int) -> dict[str, str]:
     }
 
 
-def _hosts(port: int) -> list[str]:
+def _hosts(port: int, hosts: Sequence[str] = HOSTS) -> list[str]:
     """Return host names as browsers send them: without the port 80."""
-    return [f"{host}:{port}" for host in HOSTS] + (list(HOSTS) if port == 80 else [])
+    return [f"{host}:{port}" for host in hosts] + (list(hosts) if port == 80 else [])

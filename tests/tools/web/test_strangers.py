@@ -18,8 +18,8 @@ from asynchronous import asynchronous
 
 from hapticd.__main__ import main
 from hapticd.tools.study.browser import Browser
-from hapticd.tools.view.connections import Site
 from hapticd.tools.view.server import Viewer
+from hapticd.tools.web.connections import Site
 
 
 @pytest.fixture(autouse=True)

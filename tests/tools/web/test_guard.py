@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hapticd.tools.view import guard
+from hapticd.tools.web import guard
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8017", "localhost:8017"])

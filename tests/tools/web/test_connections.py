@@ -20,10 +20,10 @@ from aiohttp.http_exceptions import BadStatusLine
 from asynchronous import PATIENCE_S, VirtualTimeLoop, asynchronous, until
 
 from hapticd.tools.study.browser import Browser
-from hapticd.tools.view import connections
-from hapticd.tools.view.connections import PeerFilter, Site, report
 from hapticd.tools.view.messages import MAX_MESSAGE_BYTES
 from hapticd.tools.view.server import Viewer
+from hapticd.tools.web import connections
+from hapticd.tools.web.connections import PeerFilter, Site, report
 
 LONG_NUMBERS = ("9" * 3000, "-" + "9" * 3000)
 

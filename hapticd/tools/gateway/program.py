@@ -1,0 +1,103 @@
+"""`hapticd gateway`: arguments, and the server process."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import re
+import secrets
+import socket
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import HapticdError, UsageError, missing_library
+from ...regular_file import read_bounded
+from ..arguments import PORT_NUMBER
+from ..web.guard import HOSTS
+from ..web.listener import bound
+
+if TYPE_CHECKING:
+    from hapticd_client.endpoint import Endpoint
+
+HOST = "127.0.0.1"
+PORT = 8018
+KEY = re.compile(r"[A-Za-z0-9_-]{16,128}")
+ORIGIN = re.compile(r"null|https?://[A-Za-z0-9.\-]+(:\d{1,5})?")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
+    parser.add_argument("--port", type=PORT_NUMBER, default=PORT, help=f"to listen on, 0: any (default {PORT})")
+    parser.add_argument(
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="of a page that may connect, as http://localhost:8000, or null for one opened as a file; repeatable "
+        "(default: programs only, no page)",
+    )
+    parser.add_argument(
+        "--key-file", type=Path, metavar="FILE", help="holds the key, and is made if missing (default: a new key)"
+    )
+    parser.add_argument(
+        "--host",
+        default=HOST,
+        metavar="ADDRESS",
+        help=f"of this computer, to listen on (default {HOST}; other computers can read what is sent on others)",
+    )
+    parser.set_defaults(command=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Serve until SIGTERM or SIGINT. Raises HapticdError."""
+    try:
+        import aiohttp  # noqa: F401
+    except ImportError:
+        raise missing_library("The gateway needs aiohttp", "gateway") from None
+    for origin in options.origin:
+        if not ORIGIN.fullmatch(origin):
+            raise UsageError(f"--origin: {origin!r} is none: give scheme, host and port, as http://localhost:8000.")
+    key = secrets.token_urlsafe(16) if options.key_file is None else _key(options.key_file)
+    with bound(options.host, options.port) as listener:
+        asyncio.run(_serve(listener, _endpoint(options.endpoint), key, options))
+
+
+def _endpoint(given: str | None) -> Endpoint:
+    import hapticd_client
+    from hapticd_client.endpoint import find
+
+    if given is not None and not Path(given.removeprefix("ipc://")).is_dir():
+        raise UsageError(f"--endpoint: {given} is not a directory: give the service's runtime directory.")
+    try:
+        return find(given, os.environ)
+    except hapticd_client.HapticdError as error:
+        raise HapticdError(str(error)) from None
+
+
+def _key(path: Path) -> str:
+    """Return the key in a file of this user's alone, which is made where there is none."""
+    try:
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w") as file:
+            file.write(secrets.token_urlsafe(16) + "\n")
+    except FileExistsError:
+        pass
+    text = read_bounded(path, 1024).decode(errors="replace").strip()
+    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise UsageError(f"--key-file: other users may read {path}: run `chmod 600` on it, or make a new one.")
+    if not KEY.fullmatch(text):
+        raise UsageError(f"--key-file: {path} must hold one word of 16 .. 128 letters, digits, - and _.")
+    return text
+
+
+async def _serve(listener: socket.socket, endpoint: Endpoint, key: str, options: argparse.Namespace) -> None:
+    from ..web.serving import served
+    from .server import Gateway
+
+    names = HOSTS if options.host == HOST else (options.host, *HOSTS)
+    gateway = Gateway(endpoint, key, options.origin, names)
+    gateway.port = listener.getsockname()[1]
+    async with served(gateway.runner(), listener) as ended:
+        print(f"the gateway: ws://{options.host}:{gateway.port}/client?key={key}\n(Ctrl-C ends)", flush=True)
+        await ended.wait()

@@ -1,0 +1,201 @@
+"""Each WebSocket is a client of the daemon of its own."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from aiohttp import ClientSession, WSCloseCode, WSServerHandshakeError
+from asynchronous import asynchronous, until
+from clients.fake_daemon import FakeDaemon
+from webclients import KEY, ORIGIN, gateway, programs
+
+from hapticd.tools.gateway import outbox, peer
+from hapticd.tools.gateway.peer import Names
+from hapticd.tools.gateway.server import MAX_PEERS
+from hapticd_client import Client, RefusedError
+
+TARGET = {"finger": 1, "friction": 0.2}
+VIRTUALS = [{"name": "a", "path_mm": [[0, 0]]}]
+
+
+@pytest.mark.parametrize(
+    ("query", "headers", "is_admitted"),
+    [
+        (f"?key={KEY}", {}, True),
+        (f"?key={KEY}", {"Origin": ORIGIN}, True),
+        ("", {}, False),
+        ("?key=0123456789abcdeF", {}, False),
+        (f"?key={KEY}", {"Origin": "http://evil.example"}, False),
+        (f"?key={KEY}", {"Origin": "null"}, False),
+        (f"?key={KEY}", {"Host": "evil.example"}, False),
+    ],
+)
+@asynchronous
+async def test_key_host_and_origin_decide(
+    tmp_path: Path, query: str, headers: dict[str, str], is_admitted: bool
+) -> None:
+    async with gateway(tmp_path) as address, ClientSession() as session:
+        if is_admitted:
+            await session.ws_connect(address + query, headers=headers)
+        else:
+            with pytest.raises(WSServerHandshakeError, match="403"):
+                await session.ws_connect(address + query, headers=headers)
+
+
+@asynchronous
+async def test_a_program_without_zeromq_does_what_a_client_does(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    async with programs(daemon.directory) as (program,):
+        assert (await program.ask("hello"))["body"]["protocol"] == 1
+        await program.send(states="every")
+        await program.send(client="page", targets=[TARGET])
+        await program.next(lambda message: bool(message.get("fingers") and message["fingers"][0]["target_um"]))
+        assert (await program.ask("marker", client="page", text="now"))["ok"]
+        assert daemon.markers[-1].text == "now"
+        assert (await program.ask("release", client="page", finger=1))["body"] == {"released": True}
+
+
+@asynchronous
+async def test_every_state_comes_once_and_in_order_to_who_follows_all(daemon: FakeDaemon) -> None:
+    async with programs(daemon.directory) as (program,):
+        await program.send(states="every")
+        numbers = [(await program.next())["seq"] for _ in range(100)]
+        assert numbers == list(range(numbers[0], numbers[0] + 100))
+        await program.send(states="none")
+        await until(lambda: not daemon.server.has_subscribers)
+
+
+@asynchronous
+async def test_a_page_that_goes_without_a_word_releases_by_its_ttl_and_keeps_no_name(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    async with programs(daemon.directory, 2) as (first, second):
+        assert (await first.ask("set", client="page", ttl_s=0.3, targets=[TARGET]))["ok"]
+        assert "another connection" in (await second.ask("release", client="page"))["error"]
+        transport = first.socket.get_extra_info("socket")
+        assert transport is not None
+        first.socket._response.close()  # as a killed browser leaves it
+        await until(lambda: daemon.released == [1])
+        assert (await second.ask("release", client="page"))["ok"]
+
+
+@asynchronous
+async def test_a_finger_belongs_to_one_of_pages_and_programs_alike(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0)}
+    async with programs(daemon.directory, 2) as (first, second):
+        assert (await first.ask("set", client="first", ttl_s=5.0, targets=[TARGET]))["ok"]
+        assert "held by 'first'" in (await second.ask("set", client="second", targets=[TARGET]))["error"]
+
+        def by_zeromq() -> None:
+            with (
+                Client(daemon.directory, name="python") as client,
+                pytest.raises(RefusedError, match="held by 'first'"),
+            ):
+                client.set(1, friction=0.5)
+
+        await asyncio.to_thread(by_zeromq)
+
+
+@asynchronous
+async def test_a_refused_message_gets_a_sentence_with_its_id_or_0(daemon: FakeDaemon) -> None:
+    async with programs(daemon.directory) as (program,):
+        await program.socket.send_str("{")
+        assert (await program.next())["id"] == 0
+        await program.socket.send_bytes(b"1")
+        assert "binary" in (await program.next())["error"]
+        await program.send(client="page", targets=[{"finger": 1, "friction": 2}])
+        assert (await program.next())["error"].startswith("targets[0].friction: 2 is out of bounds")
+        refused = await program.ask("set", client="page", targets=[{"finger": "a", "friction": 0}])
+        assert "no virtual finger 'a'" in refused["error"]
+        await program.send(client="page")
+        await program.send(client="other")
+        assert "this connection is 'page'" in (await program.next())["error"]
+
+
+@asynchronous
+async def test_without_a_daemon_a_request_is_refused_and_targets_do_not_come_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(peer, "ANSWER_S", 0.05)
+    async with programs(tmp_path) as (program,):
+        await program.send(client="page", ttl_s=0.02, virtuals=VIRTUALS)
+        assert (await program.ask("hello"))["error"].startswith("No hapticd answers at ")
+        daemon = FakeDaemon(tmp_path)
+        daemon.start()
+        try:
+            monkeypatch.setattr(peer, "ANSWER_S", 10.0)
+            assert (await program.ask("hello"))["ok"]
+            assert daemon.messages == 0
+        finally:
+            daemon.stop()
+
+
+@asynchronous
+async def test_a_flood_of_one_page_leaves_the_newest_and_keeps_no_other_waiting(daemon: FakeDaemon) -> None:
+    async with programs(daemon.directory, 2) as (flooding, other):
+        for number in range(1000):
+            await flooding.send(client="flood", ttl_s=5.0, stamp=number, virtuals=VIRTUALS)
+        own = [{"name": "b", "path_mm": [[0, 0]]}]
+        assert (await other.ask("set", client="other", virtuals=own))["ok"]
+        assert daemon.stamps[-1] != 999  # while the flood lasts
+        await until(lambda: 999 in daemon.stamps)
+
+
+@asynchronous
+async def test_requests_beyond_those_that_may_wait_are_refused(tmp_path: Path) -> None:
+    async with programs(tmp_path) as (program,):
+        for number in range(1, peer.MAX_REQUESTS + 2):
+            await program.send(id=number, op="hello")
+        refused = await program.next()
+        assert (refused["id"], "wait already" in refused["error"]) == (peer.MAX_REQUESTS + 1, True)
+
+
+@asynchronous
+async def test_more_connections_than_the_daemon_grants_are_told_so(tmp_path: Path) -> None:
+    async with programs(tmp_path, MAX_PEERS + 1) as opened:
+        await opened[-1].socket.receive()
+        assert opened[-1].socket.close_code == WSCloseCode.TRY_AGAIN_LATER
+
+
+@asynchronous
+async def test_a_reader_who_leaves_replies_unread_is_to_be_disconnected() -> None:
+    box = outbox.Outbox()
+    box.reply("x" * outbox.MAX_UNREAD_BYTES)
+    assert not box.is_overfull
+    box.reply("x")
+    assert box.is_overfull
+
+
+class Sent:
+    """A WebSocket that keeps what is sent."""
+
+    closed = False
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    async def send_str(self, text: str) -> None:
+        self.texts.append(text)
+
+
+@pytest.mark.parametrize("newest", [True, False])
+@asynchronous
+async def test_a_slow_reader_has_a_bounded_number_of_states_waiting(newest: bool) -> None:
+    box, socket = outbox.Outbox(), Sent()
+    numbers = [str(number) for number in range(outbox.STATES + 5)]
+    for number in numbers:
+        box.state(number, newest=newest)
+    box.reply("reply")
+    writing = asyncio.ensure_future(box.write(socket))  # type: ignore[arg-type]
+    await until(lambda: numbers[-1] in socket.texts)
+    writing.cancel()
+    assert socket.texts == ["reply", *(numbers[-1:] if newest else numbers[5:])]
+
+
+def test_a_name_is_free_again_when_its_connection_is_gone() -> None:
+    names = Names()
+    assert names.claim(1, "page") == names.claim(1, "page") == ""
+    assert "another connection" in names.claim(2, "page")
+    names.release(1)
+    assert names.claim(2, "page") == ""
