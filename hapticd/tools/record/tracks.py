@@ -1,11 +1,13 @@
-"""Positions and targets of the fingers over time, by which a reference is judged.
+"""Positions, targets and contacts of the fingers over time, by which a reference is judged.
 
 They are those of the simulated plate's ground truth where the recording has it; else the pad's own samples, with
-straight lines between them: then the sensor's error is not seen.
+straight lines between them: then the sensor's error is not seen. Contacts are the ellipses that the passes took them
+for, and discs where no ellipse was used.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
@@ -16,9 +18,12 @@ import numpy.typing as npt
 from ...core.plate.mode_shapes import ModeShapes
 from ...errors import RecordingError
 from ...files.recording.kinds import Fields, Record, key_of
+from ...sim.score import CONTACT_RADIUS_MM
 from ...values import FloatArray
 
 _Sample = tuple[int, float, float]  # t_ns, x_mm, y_mm
+_Form = tuple[float, float, float]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes a contact of the unit disc
+_DISC: _Form = (CONTACT_RADIUS_MM, 0.0, CONTACT_RADIUS_MM)
 _TRUE = ("x_mm", "y_mm", "plate_d_um", "plate_q_um", "target_um")
 GRID_NS = 1_000_000
 LONGEST_NS = 3600 * 1_000_000_000  # of what is judged at once: an hour takes 200 MB
@@ -27,11 +32,25 @@ MOST_CELLS = 8 * LONGEST_NS // GRID_NS  # instants times fingers at once
 
 
 @dataclass(frozen=True, slots=True)
+class RecordedContact:
+    """The contact of a column's fingers: `forms` (K,3), each from its instant `at_s` (K,) on; a disc before."""
+
+    at_s: FloatArray
+    forms: FloatArray
+
+    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+        """Return the symmetric matrices (T,2,2) that make it of the unit disc."""
+        held = np.array([_DISC, *self.forms])[np.searchsorted(self.at_s, t_s, side="right")]
+        return held[:, (0, 1, 1, 2)].reshape(-1, 2, 2)
+
+
+@dataclass(frozen=True, slots=True)
 class Tracks:
     """T instants `t_ns` (T,), N fingers, NaN where one is absent: position_mm (T,N,2), target_um (T,N). A finger that
     comes after another one went may take its column.
 
-    `got_um` (T,N) is what the plate gave them, where that is known; `is_true`: these are the true positions.
+    `got_um` (T,N) is what the plate gave them, where that is known; `is_true`: these are the true positions. `contacts`
+    (N,) are over seconds from the first instant on; None where no ellipse was recorded.
     """
 
     t_ns: npt.NDArray[np.int64]
@@ -39,6 +58,7 @@ class Tracks:
     target_um: FloatArray
     got_um: npt.NDArray[np.complex128] | None
     is_true: bool
+    contacts: tuple[RecordedContact, ...] | None = None
 
     def felt_um(self, modes: ModeShapes, modal_um: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
         """The amplitude (T,N) that modal amplitudes (T,M) give each finger at its place, by the map."""
@@ -54,9 +74,8 @@ class Tracks:
 def tracks(records: Sequence[Record]) -> Tracks:
     """From the truth where there is one, else from the passes. Raises RecordingError where no finger touched."""
     truth = [record for record in records if record.kind == "truth"]
-    if len(truth) > 1:
-        return _from_truth(truth)
-    return _from_passes([record for record in records if record.kind == "pass"])
+    passes = [record for record in records if record.kind == "pass"]
+    return _from_truth(truth, passes) if len(truth) > 1 else _from_passes(passes)
 
 
 def _grid_ns(start_ns: int, end_ns: int, fingers: int) -> npt.NDArray[np.int64]:
@@ -72,7 +91,7 @@ def _grid_ns(start_ns: int, end_ns: int, fingers: int) -> npt.NDArray[np.int64]:
     return np.arange(start_ns, end_ns, GRID_NS)
 
 
-def _from_truth(truth: Sequence[Record]) -> Tracks:
+def _from_truth(truth: Sequence[Record], passes: Sequence[Record]) -> Tracks:
     at_ns = np.array([record.t_ns for record in truth])
     order = np.argsort(at_ns, kind="stable")
     at_ns = at_ns[order]
@@ -86,7 +105,9 @@ def _from_truth(truth: Sequence[Record]) -> Tracks:
     position_mm, got_um = _between(t_ns, at_ns, values[..., :2]), _between(t_ns, at_ns, values[..., 2:4])
     target_um = values[np.searchsorted(at_ns, t_ns, side="right") - 1, :, 4]
     target_um[~np.isfinite(position_mm[..., 0])] = np.nan  # between the last truth of a finger and the next without it
-    return Tracks(t_ns, position_mm, target_um, got_um[..., 0] + 1j * got_um[..., 1], True)
+    found = {key_of(one): columns[one["path"]] for record in truth for one in record.fields["fingers"]}
+    contacts = _contacts(passes, found, len(numbers), int(t_ns[0]))
+    return Tracks(t_ns, position_mm, target_um, got_um[..., 0] + 1j * got_um[..., 1], True, contacts)
 
 
 def _between(t_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], values: FloatArray) -> FloatArray:
@@ -96,7 +117,7 @@ def _between(t_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64], values: 
     return np.stack(lines, axis=1).reshape(len(t_ns), *values.shape[1:])
 
 
-def _from_passes(passes: Iterable[Record]) -> Tracks:
+def _from_passes(passes: Sequence[Record]) -> Tracks:
     """Fingers at their samples' instants, virtual ones where a pass put them; targets hold from pass to pass."""
     places: dict[int | str, list[_Sample]] = {}
     targets: dict[int | str, list[tuple[int, float]]] = {}
@@ -124,7 +145,37 @@ def _from_passes(passes: Iterable[Record]) -> Tracks:
         position_mm[part, columns[key]] = _position_mm(t_ns[part], samples)
         targets_um[part, columns[key]] = _held(t_ns[part], targets[key])
     targets_um[~np.isfinite(position_mm[..., 0])] = np.nan
-    return Tracks(t_ns, position_mm, targets_um, None, False)
+    contacts = _contacts(passes, columns, fingers, int(t_ns[0]))
+    return Tracks(t_ns, position_mm, targets_um, None, False, contacts)
+
+
+def _contacts(
+    passes: Iterable[Record], columns: Mapping[int | str, int], count: int, t_start_ns: int
+) -> tuple[RecordedContact, ...] | None:
+    """The contact of each of `count` columns, as each pass took it to be; None where no pass had an ellipse."""
+    forms: list[list[_Form]] = [[] for _ in range(count)]
+    at_s: list[list[float]] = [[] for _ in range(count)]
+    for record in passes:
+        for point in record.fields["points"]:
+            column = columns.get(key_of(point))
+            form = _form(point)
+            if column is not None and form != (forms[column][-1] if forms[column] else _DISC):
+                forms[column].append(form)
+                at_s[column].append((record.t_ns - t_start_ns) * 1e-9)
+    if not any(forms):
+        return None
+    each = zip(at_s, forms, strict=True)
+    return tuple(RecordedContact(np.array(at), np.array(some).reshape(-1, 3)) for at, some in each)
+
+
+def _form(point: Fields) -> _Form:
+    """The contact that a pass took a finger to have."""
+    if not {"contact_major_mm", "contact_minor_mm", "contact_angle_rad"} <= point.keys():
+        return _DISC
+    major_mm, minor_mm, twice_rad = point["contact_major_mm"], point["contact_minor_mm"], 2 * point["contact_angle_rad"]
+    mean_mm, half_mm = (major_mm + minor_mm) / 4.0, (major_mm - minor_mm) / 4.0
+    along_mm, across_mm = half_mm * math.cos(twice_rad), half_mm * math.sin(twice_rad)
+    return mean_mm + along_mm, across_mm, mean_mm - along_mm
 
 
 def _columns(touched: Mapping[int | str, Sequence[_Sample]]) -> tuple[dict[int | str, int], int]:

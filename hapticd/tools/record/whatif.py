@@ -185,9 +185,12 @@ def _judge(recording: Recording, fingers: Tracks, made: Sequence[Polyline]) -> S
     felt_um = fingers.felt_um(recording.header.modes, modal_um)
     t_s = (fingers.t_ns - fingers.t_ns[0]) * 1e-9
     judged = score(t_s, fingers.target_um, felt_um, modal_um, np.zeros(0, dtype=bool))
-    contacts = (t_s, fingers.position_mm, fingers.target_um, modal_um)
-    friction = friction_curve(recording.header.config).frictions
-    return with_contacts(judged, *contacts, _shapes(recording.header.modes), friction=friction)
+    return with_contacts(
+        judged,
+        *(t_s, fingers.position_mm, fingers.target_um, modal_um, _shapes(recording.header.modes)),
+        friction=friction_curve(recording.header.config).frictions,
+        fingertips=fingers.contacts,
+    )
 
 
 def _shapes(modes: ModeShapes) -> Callable[[FloatArray], FloatArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import msgpack
@@ -13,7 +14,14 @@ from hapticd.config.sections import Config
 from hapticd.errors import ConfigError
 from hapticd.files.recording.kinds import Record
 from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.tools.record.whatif import _recorded, changed, compare, rehearse
+from hapticd.sim.fingers.fingertip import Fingertip
+from hapticd.sim.fingers.pad_ellipse import calibrated
+from hapticd.sim.lockstep import Settings
+from hapticd.sim.plate.glasses import FINGERTIP
+from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.tools.record import simulated
+from hapticd.tools.record.tracks import tracks
+from hapticd.tools.record.whatif import _judge, _recorded, changed, compare, rehearse
 
 
 def test_predictions_for_a_wrong_instant_leak_more_at_the_true_positions(strokes: Path) -> None:
@@ -38,6 +46,40 @@ def test_the_ideal_loop_is_near_what_the_plate_did(strokes: Path) -> None:
 
     assert got_um == pytest.approx(judged[0].score.leak_um, abs=0.03)
     assert judged[1].score.leak_um == judged[0].score.leak_um  # 5 is the default
+
+
+def test_contacts_are_judged_by_the_recorded_ellipses(tmp_path: Path) -> None:
+    path, tip = tmp_path / "ellipses.mcap", Fingertip(6.0, 3.8, 0.7)
+    settings = Settings(plate=PlateSettings.of(FINGERTIP), fingertip=tip, config=calibrated(Config()))
+    played = simulated.run("strokes", path, settings=settings, seed=3, seconds=1.0)
+    recording = open_recording(path)
+    fingers, (judged,) = compare(recording, [])
+    by_discs = _judge(recording, replace(fingers, contacts=None), _recorded(list(recording.records())))
+
+    assert fingers.contacts is not None
+    for contact in fingers.contacts:
+        assert contact.forms_mm(np.array([0.5])) == pytest.approx(tip.forms_mm(np.array([0.5])), abs=0.4)
+    leak_um = played.score.contact_leak_um
+    assert abs(judged.score.contact_leak_um - leak_um) < 0.5 * abs(by_discs.contact_leak_um - leak_um)
+
+
+def test_a_column_has_the_contact_of_the_finger_that_is_in_it() -> None:
+    """One finger with an ellipse lifts; the next has none, and is a disc."""
+
+    def passed(t_ms: int, finger_id: int, **ellipse: float) -> Record:
+        place = {"finger_id": finger_id, "x_mm": 0.0, "y_mm": 0.0}
+        point = place | {"target_um": 1.0} | ellipse
+        fields = {"age_ns": 0, "horizon_ns": 0, "fingers": [place], "points": [point]}
+        return Record("pass", t_ms, t_ms * 1_000_000, fields)
+
+    ellipse = {"contact_major_mm": 12.0, "contact_minor_mm": 8.0, "contact_angle_rad": np.pi / 2}
+    first = [passed(t_ms, 1, **ellipse) for t_ms in range(0, 100, 10)]
+    fingers = tracks([*first, *(passed(t_ms, 2) for t_ms in range(200, 300, 10))])
+
+    assert fingers.contacts is not None
+    (contact,) = fingers.contacts
+    forms_mm = contact.forms_mm(np.array([-0.01, 0.05, 0.25]))
+    assert forms_mm == pytest.approx(np.array([np.eye(2) * 5.0, np.diag([4.0, 6.0]), np.eye(2) * 5.0]), abs=1e-12)
 
 
 def test_a_recorder_that_attached_late_counts_its_fingers_from_one(strokes: Path) -> None:
