@@ -18,7 +18,8 @@ from hapticd.daemon.recorder import header_of
 from hapticd.daemon.self_calibration import KINDS, SelfCalibration
 from hapticd.files.recording.kinds import record_of
 from hapticd.sim.fingers.scenarios import Actor
-from hapticd.sim.lockstep import T_START_NS, Measured, Settings
+from hapticd.sim.lockstep import T_START_NS
+from hapticd.sim.settings import Measured, Settings
 from hapticd.tools.touch_process import DUTY, Accumulator
 
 FIT_FRAC = 0.2  # of the touching that is fitted, of the processor's time: on four modes

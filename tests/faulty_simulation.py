@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.sim.fingers.scenarios import Actor
-from hapticd.sim.lockstep import T_START_NS, Measured, Settings, Simulation
+from hapticd.sim.lockstep import T_START_NS, Simulation
+from hapticd.sim.settings import Measured, Settings
 from hapticd.values import RawReport
 
 # Maps bytes that would arrive at t_ns to those that do, with their times.

@@ -21,8 +21,8 @@ from hapticd.compiled.build_ext import touch_path
 from hapticd.config.sections import OBJECTIVES, Config
 from hapticd.daemon.machine import Machine
 from hapticd.sim.fingers.scenarios import SCENARIOS
-from hapticd.sim.lockstep import Settings, scheme_config
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings, scheme_config
 
 ROOT = Path(__file__).parents[1]
 MODULES = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in touch_path(ROOT)]

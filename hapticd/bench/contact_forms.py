@@ -15,11 +15,12 @@ import numpy as np
 from ..sim.fingers.fingertip import Fingertip
 from ..sim.fingers.pad_ellipse import calibrated
 from ..sim.fingers.scenarios import REAL
-from ..sim.lockstep import Run, Settings
+from ..sim.lockstep import Run
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM, with_contacts
+from ..sim.settings import Settings
 from .leak_runs import SCENARIO, SECONDS, SEEDS, Alternative, Figures, compared
 from .tables import Table, finite_rows
 

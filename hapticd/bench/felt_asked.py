@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from ..sim.fingers.scenarios import HALF_UM, REAL, SLIPPERY_UM, STICKY_UM, strokes
-from ..sim.lockstep import Settings, paper
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, WIDE
 from ..sim.plate.ground_truth import PlateSettings
+from ..sim.settings import Settings, paper_settings
 from .leak_runs import SCENARIO, SECONDS, SEEDS, Alternative, Figures, FinishedRun, compared
 from .sweeps import swept
 from .tables import Table, finite_rows
@@ -43,7 +43,7 @@ def run(
         ways = {
             LOOP: Alternative(settings, build=build),
             CALIBRATED: Alternative(settings, measured=swept, build=build),
-            PAPER: Alternative(paper(settings), build=build),
+            PAPER: Alternative(paper_settings(settings), build=build),
         }
         found = dict(compared(ways, _figures, seeds=seeds, seconds=seconds, timed=False))
         shares = {"loop_frac": found[LOOP]["felt_frac"], "paper_frac": found[PAPER]["felt_frac"]}

@@ -18,11 +18,11 @@ import numpy as np
 
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.scenarios import REAL
-from ..sim.lockstep import Settings, paper
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM, Score, settled
+from ..sim.settings import Settings, paper_settings
 from ..values import WEBER_FRAC
 from .baselines import PREDICTORS
 from .leak_runs import (
@@ -74,7 +74,7 @@ def alternatives() -> dict[str, Alternative]:
     found |= {name: Alternative(replace(ours, config=changed(ours.config, one))) for name, one in changes.items()}
     found[WHITE] = Alternative(replace(ours, noise=PadNoise(0.05)))
     found["parasitic modes unknown"] = Alternative(replace(ours, parasitic_modes_known=False))
-    found[PAPER] = Alternative(paper(ours))
+    found[PAPER] = Alternative(paper_settings(ours))
     return found
 
 
@@ -104,7 +104,7 @@ def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Tabl
     """Compare ways past singular positions with two slippery fingers."""
     ours = Settings(motion=REAL)
     signs = replace(ours, config=changed(ours.config, {"solver": {"phase_rotation": False}}))
-    chosen = {DEFAULT: Alternative(ours), SIGNS_ALONE: Alternative(signs), PAPER: Alternative(paper(ours))}
+    chosen = {DEFAULT: Alternative(ours), SIGNS_ALONE: Alternative(signs), PAPER: Alternative(paper_settings(ours))}
     return _table(
         "both_slip",
         f"{BOTH_SLIP}, real hands, seeds {', '.join(map(str, seeds))}",

@@ -12,9 +12,10 @@ import numpy as np
 
 from ..config.sections import Config
 from ..sim.fingers.scenarios import SCENARIOS, Actor
-from ..sim.lockstep import Measured, Run, Settings, Simulation
+from ..sim.lockstep import Run, Simulation
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import rms
+from ..sim.settings import Measured, Settings
 from .timing import least, no_garbage_collection
 
 SCENARIO = "strokes"

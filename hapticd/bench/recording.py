@@ -17,7 +17,8 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..daemon.machine import Machine
 from ..sim.fingers.scenarios import Actor
-from ..sim.lockstep import T_START_NS, Settings, Simulation
+from ..sim.lockstep import T_START_NS, Simulation
+from ..sim.settings import Settings
 
 LANDED_NS = T_START_NS + 800_000_000  # fingers are down, the board trusts the host
 _CALLS = ("trackpad_link", "board_link", "want", "board_bytes", "timer", "reports")

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..board_values import BoardCalibration
 from ..design.wiring import AmplifierSweep, fit_wiring
-from ..sim.lockstep import TICK_NS, Measured
+from ..sim.lockstep import TICK_NS
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
+from ..sim.settings import Measured
 
 BAND_HZ, BESIDE_HZ, POINTS, DWELL_S, VOLTS_V = 100.0, 50.0, 41, 0.1, 15.0  # the command's defaults
 

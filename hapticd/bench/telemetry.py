@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..sim.fingers.scenarios import SCENARIOS
-from ..sim.lockstep import T_START_NS, Measured, Run, Settings, Simulation, in_world
+from ..sim.lockstep import T_START_NS, Run, Simulation
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import felt, forms_mm, settled, speeds_mm_s
+from ..sim.settings import Measured, Settings, in_world
 from ..sim.world_tolerances import draw
 from ..values import WEBER_FRAC, FloatArray
 from . import touching

@@ -29,9 +29,9 @@ from ..sim.fingers.pad_ellipse import calibrated
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.paths import CirclePath, Touch
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SLIPPERY_UM, SPEED_MM_S, STICKY_UM, Actor
-from ..sim.lockstep import Settings, scheme_config
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
+from ..sim.settings import Settings, scheme_config
 from . import messages
 from .leak_runs import changed
 from .recording import Publish, RecordedCalls, WaitUntil, new_machine, play, record, sleep_until

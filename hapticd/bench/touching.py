@@ -10,8 +10,9 @@ from ..daemon.recorder import header_of
 from ..design.touch.judge import Judged
 from ..files.recording.kinds import record_of
 from ..sim.fingers.scenarios import SCENARIOS
-from ..sim.lockstep import T_START_NS, Measured, Settings, Simulation
+from ..sim.lockstep import T_START_NS, Simulation
 from ..sim.plate.ground_truth import GroundTruth
+from ..sim.settings import Measured, Settings
 from ..tools.touch_correction import calibration_of, has_sensors, learned_load, mode_map, pad_settings, windows_of
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 

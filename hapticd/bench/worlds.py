@@ -18,11 +18,11 @@ import numpy as np
 
 from ..sim import lockstep
 from ..sim.fingers.scenarios import REAL
-from ..sim.lockstep import Settings
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, REFERENCE
 from ..sim.plate.ground_truth import PlateSettings
 from ..sim.score import Score
+from ..sim.settings import Settings, in_world, paper_settings
 from ..sim.world_errors import CAUSES, NEUTRAL
 from ..sim.world_tolerances import LEVELS, draw
 from ..tools.campaign.runner import Campaign
@@ -49,7 +49,7 @@ def play(job: Job) -> Scores:
     """Return the scores of each scheme in one world; those after touching are on other strokes than its touching."""
     world = NEUTRAL if job.level == NOTHING_WRONG else draw(job.level, job.seed)
     run_as = partial(lockstep.run, SCENARIO, seed=job.seed, seconds=job.seconds)
-    played = lockstep.in_world(job.settings, world)
+    played = in_world(job.settings, world)
     before = touching.measured(played, job.seed)
     ours = run_as(settings=played, measured=before)
     found = touching.touch(played, before, job.seed, job.touching_s)
@@ -57,11 +57,11 @@ def play(job: Job) -> Scores:
     scores = {
         HAPTICD: ours.score,
         AFTER: run_as(settings=settled, measured=after).score,
-        PAPER: run_as(settings=lockstep.paper(ours.settings)).score,
+        PAPER: run_as(settings=paper_settings(ours.settings)).score,
         PERFECT: perfect(ours).score,
     }
     for cause in job.causes:
-        without = lockstep.in_world(job.settings, world.without(cause))
+        without = in_world(job.settings, world.without(cause))
         scores[cause] = run_as(settings=without, measured=touching.measured(without, job.seed)).score
     return scores
 

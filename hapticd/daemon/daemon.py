@@ -21,8 +21,7 @@ from ..config.sections import Config
 from ..core.budget import OVERRUN_NS, Slowness
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
-from ..files.recording.dates import utc_now
-from ..files.recording.header import Header
+from ..files.recording.header import Header, utc_now
 from ..io.clients.server import ClientServer
 from ..io.clients.sockets import Remote
 from ..io.devices.serial_link import SerialLink

@@ -6,7 +6,8 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .lockstep import Run, Settings, run
+    from .lockstep import Run, run
+    from .settings import Settings
 
 __all__ = ["Run", "Settings", "run"]
 

@@ -11,7 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from .fingers.scenarios import REAL
-from .lockstep import Settings, run
+from .lockstep import run
+from .settings import Settings
 
 USUAL = "link 5 ms, reports 11.25 ms"
 SHORTER: Mapping[str, tuple[float, float]] = {  # the link's delay and the period of reports, in ms

@@ -19,9 +19,10 @@ from hapticd_contract.targets import ClientTargets
 
 from .fingers.paths import Rest, Touch, Touches
 from .fingers.scenarios import Actor
-from .lockstep import Settings, Simulation
+from .lockstep import Simulation
 from .plate.glasses import find_glass
 from .plate.ground_truth import GroundTruth
+from .settings import Settings
 
 TARGET_UM = 1.0
 REACHED_FRAC = 0.9

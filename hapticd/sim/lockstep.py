@@ -12,16 +12,14 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..board_values import UNCALIBRATED, BoardCalibration
-from ..config.loader import on_plate, with_uncertainty
-from ..config.sections import Config
+from ..board_values import UNCALIBRATED
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import TIMER_NS, Machine
 from ..daemon.observer import Observer
@@ -31,17 +29,15 @@ from ..values import RawReport
 from .active_reference import Passes
 from .fingers import fingertip
 from .fingers.fingertip import Fingertip
-from .fingers.pad_noise import FILTERED_NOISE, PadNoise
-from .fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Actor, Scenario, paths_of, with_motion
+from .fingers.scenarios import SCENARIOS, Actor, Scenario, paths_of, with_motion
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel
-from .paper_scheme import paper_config, paper_pipeline
-from .plate.glasses import find_glass
-from .plate.ground_truth import GroundTruth, PlateSettings
+from .paper_scheme import paper_pipeline
+from .plate.ground_truth import GroundTruth
 from .score import Score, score, with_contacts
+from .settings import Measured, Settings, as_settings, scheme_config
 from .world import World
 from .world_causes import JitteryLink, played_actors, sensed_paths, sensor_settings
-from .world_errors import WorldErrors
 
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
 BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
@@ -49,42 +45,6 @@ TICK_NS = 500_000  # the board's control period
 FED_NS = 1_000_000_000  # of reports and timers, pushed at a time
 _NEVER_NS = 1 << 62
 LEAST_S = 0.01  # a shorter run has no sample to score
-SCHEMES = ("hapticd", "paper")
-_POSITIVE = ("speed_mm_s", "report_period_ms")
-_NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`; `fingertip` is the
-    contact of all fingers that have none of their own. `motion` is that of strokes, one of `MOTIONS`; `speed_mm_s` that
-    of smooth ones and of the other scenarios. Fingers that come back later touch in another `session`."""
-
-    scheme: str = "hapticd"
-    motion: str = SMOOTH
-    speed_mm_s: float = SPEED_MM_S
-    noise: PadNoise = FILTERED_NOISE
-    fingertip: Fingertip = fingertip.USUAL
-    stamp_jitter_ms: float = 1.0
-    report_period_ms: float = 11.25
-    sensor_latency_ms: float = 10.0
-    link_ms: float = 5.0
-    parasitic_modes_known: bool = True  # the parasitic modes were measured too
-    session: int = 0
-    plate: PlateSettings = field(default_factory=PlateSettings)
-    config: Config = field(default_factory=Config)
-
-    def __post_init__(self) -> None:
-        """Raise SimulationError, a ValueError, for invalid settings."""
-        if self.scheme not in SCHEMES:
-            raise SimulationError(f"there is no scheme {self.scheme!r}: choose one of {', '.join(SCHEMES)}.")
-        if self.motion not in MOTIONS:
-            raise SimulationError(f"there is no motion {self.motion!r}: choose one of {', '.join(MOTIONS)}.")
-        for name in (*_POSITIVE, *_NOT_NEGATIVE):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and (value > 0 or (value == 0 and name in _NOT_NEGATIVE))):
-                bound = "0 or more" if name in _NOT_NEGATIVE else "above 0"
-                raise SimulationError(f"the setting {name} is {value}: give a finite number, {bound}.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +107,7 @@ def run(
         raise SimulationError(f"a run of {seconds} s cannot be played: give a finite number, at least {LEAST_S}.")
     if seed < 0:
         raise SimulationError(f"the seed is {seed}: give 0 or more.")
-    chosen = _as_settings(settings)
+    chosen = as_settings(settings)
     try:
         actors = played.build(seed, chosen.speed_mm_s)
     except ValueError as error:
@@ -163,14 +123,6 @@ class _Rank(IntEnum):
     """The order of events of one instant: those pushed before the run, its reports, its timers, all others."""
 
     BEFORE, REPORT, TIMER, AFTER = range(4)
-
-
-class Measured(NamedTuple):
-    """What the daemon has measured of the plate: the mode map, the calibration for the board, and a finger's load."""
-
-    modes: ModeShapes
-    calibration: BoardCalibration = UNCALIBRATED
-    load_1_s: complex | None = None  # of a finger on parasitic modes: decay less j times detuning
 
 
 class Simulation:
@@ -385,39 +337,3 @@ def _fingertip(actor: Actor, usual: Fingertip) -> Fingertip:
     if actor.path is None:
         return fingertip.USUAL
     return usual if actor.fingertip is None else actor.fingertip
-
-
-def _as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:
-    """Return `given` as Settings. Raises SimulationError for an unknown name."""
-    if given is None:
-        return Settings()
-    if isinstance(given, Settings):
-        return given
-    valid = [entry.name for entry in fields(Settings)]
-    unknown = [name for name in given if name not in valid]
-    if unknown:
-        raise SimulationError(f"there is no setting {unknown[0]!r}: choose from {', '.join(valid)}.")
-    return Settings(**given)
-
-
-def scheme_config(settings: Settings) -> Config:
-    """Return the daemon's configuration for a plate and a scheme.
-
-    The paper's is its Matlab loop: hold, steps, PI, its formula.
-    """
-    plate = GroundTruth(settings.plate)
-    config = on_plate(settings.config, find_glass(settings.plate.plate).size_mm, plate.w_limit_um)
-    config = with_uncertainty(config, plate.uncertainty)
-    if settings.scheme == "paper":
-        config = paper_config(config)
-    return replace(config, device=replace(config.device, link_ms=settings.link_ms))
-
-
-def in_world(settings: Settings, world: WorldErrors) -> Settings:
-    """Return the same settings in another world."""
-    return replace(settings, plate=replace(settings.plate, world=world))
-
-
-def paper(played: Settings) -> Settings:
-    """Return the settings for the paper's scheme, whose sensor reports every 10 ms."""
-    return replace(played, scheme="paper", report_period_ms=10.0)

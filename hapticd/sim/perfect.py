@@ -12,9 +12,10 @@ import numpy.typing as npt
 from ..core.plate.contact import EllipseForm
 from ..core.solver.instant import InstantSolver
 from ..daemon.settings import friction_curve, pipeline_settings
-from .lockstep import TICK_NS, Run, scheme_config
+from .lockstep import TICK_NS, Run
 from .plate.ground_truth import GroundTruth
 from .score import Score, forms_mm, score, speeds_mm_s, with_contacts
+from .settings import scheme_config
 
 
 class Perfect(NamedTuple):

@@ -18,6 +18,7 @@ from .fingers.scenarios import STEP_S
 from .lockstep import Run
 from .perfect import Perfect, perfect
 from .score import Score
+from .settings import paper_settings, scheme_config
 
 ARRAYS = (
     "t_s",
@@ -61,7 +62,7 @@ def compare(played: Run, progress: Callable[[str], OnProgress] = lambda _: lambd
     scenario = played.scenario if played.played is None else played.played
     paper = lockstep.run(
         scenario,
-        settings=lockstep.paper(played.settings),
+        settings=paper_settings(played.settings),
         seed=played.seed,
         seconds=float(played.t_s[-1]),
         progress=progress("the paper's scheme"),
@@ -75,7 +76,7 @@ def figures(played: Run, compared: Compared | None = None) -> dict[str, Any]:
         "scenario": played.scenario,
         "seed": played.seed,
         "seconds": float(played.t_s[-1]),
-        "w_limit_um": list(lockstep.scheme_config(played.settings).limits.w_limit_um),
+        "w_limit_um": list(scheme_config(played.settings).limits.w_limit_um),
         "hapticd": _plain(played.score),
     }
     if played.scenario == "step" and report["seconds"] > STEP_S + STEP_WATCHED_S:

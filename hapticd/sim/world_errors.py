@@ -89,7 +89,7 @@ class CentroidErrors:
     """How far from a contact's centre a resting finger is reported, in mm.
 
     `finger_mm` in a direction of each finger's own, the same always; `posture_mm` in one that all fingers share in a
-    session, and another in the next (`lockstep.Settings.session`); `wander_mm`, RMS, in a few seconds to and fro,
+    session, and another in the next (`settings.Settings.session`); `wander_mm`, RMS, in a few seconds to and fro,
     each finger by itself; `pressure_mm` along the posture with the force, as it departs by its own mean
     (`FingerLoad.force_frac` of it). Left out: what differs over the pad and with the contact's form, and that the pad's
     own pressure shows the force.

@@ -27,7 +27,7 @@ from ..values import FloatArray
 from . import plate_files
 
 if TYPE_CHECKING:
-    from ..sim import lockstep
+    from ..sim.settings import Settings
 
 SCENARIO, SEED = "strokes", 1  # and its own length, so that `simulate strokes` prints the same figures
 HOW = "in the closed loop of `hapticd simulate strokes --motion smooth`"
@@ -81,12 +81,11 @@ def _file_of(design: FeltDesign, radius_mm: float, reach_um: tuple[float, ...]) 
         yield path
 
 
-def _settings(path: Path, q_factor: float) -> lockstep.Settings:
-    from ..sim import lockstep
+def _settings(path: Path, q_factor: float) -> Settings:
     from ..sim.plate.ground_truth import PlateSettings
 
     plate = replace(PlateSettings.of(str(path)), q_factor=q_factor)
-    return lockstep.Settings(plate=plate, config=Config(solver=replace(SolverConfig(), objective=FELT)))
+    return Settings(plate=plate, config=Config(solver=replace(SolverConfig(), objective=FELT)))
 
 
 def felt_verdict(

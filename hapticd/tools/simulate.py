@@ -104,13 +104,14 @@ def _simulate(options: argparse.Namespace) -> None:
     from ..sim import lockstep, report
     from ..sim.fingers import pad_ellipse
     from ..sim.plate.ground_truth import PlateSettings
+    from ..sim.settings import Settings
 
     sim = glass.chosen(options)
     plate = replace(PlateSettings.of(sim.plate, sim.modes or None, sim.wiring), world=_world(options))
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     config = Config(solver=replace(SolverConfig(), objective=options.objective))
-    settings = lockstep.Settings(
+    settings = Settings(
         motion=_motion(options),
         speed_mm_s=speed_mm_s,
         noise=_noise(options),

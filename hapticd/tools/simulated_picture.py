@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..sim.fingers.scenarios import STEP_S
-from ..sim.lockstep import Run, scheme_config
+from ..sim.lockstep import Run
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM, Score, felt, score, with_contacts
+from ..sim.settings import scheme_config
 from . import plotting
 
 # As in the paper: blue is mode X, green mode Y.

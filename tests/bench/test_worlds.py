@@ -12,7 +12,7 @@ from hapticd.bench.tables import Table
 from hapticd.config.sections import Config, PredictionConfig
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.pad_noise import PadNoise
-from hapticd.sim.lockstep import Settings
+from hapticd.sim.settings import Settings
 from hapticd.tools.campaign.runner import Campaign
 
 pytestmark = pytest.mark.long

@@ -23,9 +23,9 @@ from hapticd.config.sections import Config
 from hapticd.daemon.machine import Machine
 from hapticd.sim.fingers.paths import CirclePath, Touch
 from hapticd.sim.fingers.scenarios import LAND_S, Actor
-from hapticd.sim.lockstep import Settings, scheme_config
 from hapticd.sim.plate.glasses import FINGERTIP, REFERENCE
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings, scheme_config
 
 MOST_MS: Final = 8.0
 SCENES: Final = 400

@@ -9,9 +9,9 @@ import pytest
 
 from hapticd.bench.sweeps import swept
 from hapticd.bench.telemetry import figures, joined, reported, run
-from hapticd.sim.lockstep import Settings
 from hapticd.sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings
 from hapticd.values import WEBER_FRAC
 
 HONEST_JND = 0.2

@@ -8,7 +8,7 @@ from faulty_simulation import FaultySimulation
 from hapticd.daemon import board_gateway as board_gateway
 from hapticd.sim.fingers.paths import Rest, Touch
 from hapticd.sim.fingers.scenarios import Actor
-from hapticd.sim.lockstep import Settings
+from hapticd.sim.settings import Settings
 
 LAND_S, END_S = 3.5, 3.7
 PLACES = (((-30.2, 5.1), 1.0), ((21.3, -14.9), 0.0))

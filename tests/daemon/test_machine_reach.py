@@ -10,9 +10,10 @@ from machine_bench import SLIPPERY, STICKY, Bench
 
 from hapticd.daemon.machine import Machine
 from hapticd.sim.fingers.scenarios import SCENARIOS
-from hapticd.sim.lockstep import T_START_NS, Settings, Simulation
+from hapticd.sim.lockstep import T_START_NS, Simulation
 from hapticd.sim.plate.glasses import FINGERTIP
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings
 
 SECONDS = 0.5
 

@@ -14,7 +14,8 @@ import pytest
 from faulty_simulation import FaultySimulation, Way
 
 from hapticd.sim.fingers.scenarios import SCENARIOS, Actor
-from hapticd.sim.lockstep import T_START_NS, Run, Settings
+from hapticd.sim.lockstep import T_START_NS, Run
+from hapticd.sim.settings import Settings
 
 README = (Path(__file__).parents[2] / "hapticd" / "daemon" / "README.md").read_text(encoding="utf-8")
 

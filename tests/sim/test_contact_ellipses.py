@@ -9,9 +9,10 @@ import numpy as np
 from hapticd.config.sections import Config, SolverConfig
 from hapticd.sim.fingers.fingertip import Fingertip
 from hapticd.sim.fingers.pad_ellipse import calibrated
-from hapticd.sim.lockstep import Run, Settings, run
+from hapticd.sim.lockstep import Run, run
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.score import rms
+from hapticd.sim.settings import Settings
 
 RADIUS_MM = 6.0
 

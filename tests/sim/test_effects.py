@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hapticd.sim.fingers.scenarios import SCENARIOS
-from hapticd.sim.lockstep import T_START_NS, Settings, Simulation
+from hapticd.sim.lockstep import T_START_NS, Simulation
+from hapticd.sim.settings import Settings
 from hapticd_contract.contents import Amplitude
 from hapticd_contract.effects import At, Effect, Modulation
 from hapticd_contract.surfaces import Surface

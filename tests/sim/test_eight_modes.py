@@ -17,9 +17,10 @@ from hapticd.core.trajectory.gate import gate
 from hapticd.daemon.settings import BITS_PER_BYTE, LONGEST_FRAME_S, max_knots
 from hapticd.sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.fingers.scenarios import SCENARIOS
-from hapticd.sim.lockstep import Settings, Simulation
+from hapticd.sim.lockstep import Simulation
 from hapticd.sim.plate.glasses import WIDE
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings
 from hapticd.values import Drive, Knot
 from hapticd.wire.commands import encode
 from hapticd.wire.device import Decoder

@@ -12,8 +12,9 @@ from hapticd.sim import lockstep
 from hapticd.sim.fingers.centroids import CentroidPath, warp
 from hapticd.sim.fingers.paths import Rest
 from hapticd.sim.fingers.scenarios import SCENARIOS
-from hapticd.sim.lockstep import Run, Settings
+from hapticd.sim.lockstep import Run
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.settings import Settings, in_world
 from hapticd.sim.world_causes import played_actors, sensed_paths
 from hapticd.sim.world_errors import CentroidErrors, ContactSizes, FingerLoad, WorldErrors
 from hapticd.sim.world_tolerances import TOLERANCES, draw
@@ -35,7 +36,7 @@ def changed(world: WorldErrors) -> tuple[GroundTruth, GroundTruth]:
 
 
 def played(world: WorldErrors, session: int = 0) -> Run:
-    settings = lockstep.in_world(Settings(session=session), world)
+    settings = in_world(Settings(session=session), world)
     return lockstep.run("strokes", settings=settings, seconds=0.7)
 
 

@@ -12,9 +12,10 @@ from hapticd.errors import SimulationError
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.pad_noise import FILTERED_NOISE
 from hapticd.sim.fingers.scenarios import LAND_S, SCENARIOS
-from hapticd.sim.lockstep import Run, Settings
+from hapticd.sim.lockstep import Run
 from hapticd.sim.perfect import perfect
 from hapticd.sim.report import ARRAYS
+from hapticd.sim.settings import Settings, paper_settings
 
 SEEDS = (1, 2, 3, 4, 5)
 W_LIM_UM = 4.0
@@ -30,7 +31,7 @@ def strokes() -> dict[int, Run]:
 def papers(strokes: dict[int, Run]) -> dict[int, Run]:
     """The same fingers under the paper's scheme."""
     return {
-        seed: lockstep.run("strokes", settings=lockstep.paper(ours.settings), seed=seed)
+        seed: lockstep.run("strokes", settings=paper_settings(ours.settings), seed=seed)
         for seed, ours in strokes.items()
     }
 

@@ -12,6 +12,7 @@ import pytest
 from hapticd.errors import HapticdError
 from hapticd.sim import lockstep, report
 from hapticd.sim.lockstep import Run
+from hapticd.sim.settings import paper_settings
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def test_figures_are_plain_json_without_nan(result: dict[str, object]) -> None:
 def test_figures_compare_the_run_with_the_papers_scheme_and_perfect_knowledge(
     circles: Run, result: dict[str, dict[str, float]]
 ) -> None:
-    paper = lockstep.run("circles", settings=lockstep.paper(circles.settings), seed=2, seconds=2.0)
+    paper = lockstep.run("circles", settings=paper_settings(circles.settings), seed=2, seconds=2.0)
 
     assert result["hapticd"]["leak_um"] == circles.score.leak_um
     assert result["paper"]["leak_um"] == paper.score.leak_um

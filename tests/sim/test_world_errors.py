@@ -11,9 +11,9 @@ import pytest
 
 from hapticd.errors import SimulationError
 from hapticd.sim import lockstep
-from hapticd.sim.lockstep import Settings
 from hapticd.sim.perfect import perfect
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.settings import Settings, in_world, paper_settings
 from hapticd.sim.world_causes import sensor_settings
 from hapticd.sim.world_errors import (
     NEUTRAL,
@@ -84,7 +84,7 @@ def test_a_slow_pad_that_loses_reports_and_a_coarse_scan_are_a_world_too() -> No
 
 @pytest.mark.parametrize("level", ["mild", "worst"])
 def test_a_run_in_a_drawn_world_repeats_itself_to_the_last_bit(level: str) -> None:
-    settings = lockstep.in_world(Settings(), draw(level, 5))
+    settings = in_world(Settings(), draw(level, 5))
     first, again = (lockstep.run("strokes", settings=settings, seconds=0.7) for _ in range(2))
     assert np.isfinite(first.plate_um).all()
     assert first.plate_um.tobytes() == again.plate_um.tobytes()
@@ -92,14 +92,14 @@ def test_a_run_in_a_drawn_world_repeats_itself_to_the_last_bit(level: str) -> No
 
 
 def test_perfect_knowledge_and_the_paper_play_in_the_same_world() -> None:
-    settings = lockstep.in_world(Settings(), draw("worst", 5))
+    settings = in_world(Settings(), draw("worst", 5))
     played = lockstep.run("strokes", settings=replace(settings), seconds=0.8)
-    assert lockstep.paper(played.settings).plate.world == settings.plate.world
+    assert paper_settings(played.settings).plate.world == settings.plate.world
     assert perfect(played).score.leak_um < 0.1 * played.score.leak_um
 
 
 def test_the_plate_keeps_to_its_limit_in_truth_where_sensors_show_three_percent_too_little() -> None:
-    settings = lockstep.in_world(Settings(), WorldErrors(sensors=SensorErrors((-0.03, -0.03))))
+    settings = in_world(Settings(), WorldErrors(sensors=SensorErrors((-0.03, -0.03))))
     played = lockstep.run("both-slip", settings=settings, seconds=0.7)
     assert played.score.largest_reference_um == pytest.approx(settings.config.limits.reference_limit_um[0], rel=1e-3)
     assert np.abs(played.modal_um).max() < settings.plate.w_limit_um

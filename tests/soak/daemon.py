@@ -36,8 +36,9 @@ from hapticd.config.sections import Config, TrackpadConfig
 from hapticd.sim.fingers.paths import CirclePath, Path, Touch
 from hapticd.sim.fingers.scenarios import SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.sim.fingers.strokes import strokes_pair
-from hapticd.sim.lockstep import T_START_NS, Settings, in_world
+from hapticd.sim.lockstep import T_START_NS
 from hapticd.sim.score import rms
+from hapticd.sim.settings import Settings, in_world
 from hapticd.sim.world import WorldRecording
 from hapticd.sim.world_tolerances import draw
 from hapticd.tools.progress import Progress

@@ -12,6 +12,7 @@ from pictures import faults
 from hapticd.config.sections import SimConfig
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import REAL
+from hapticd.sim.settings import Settings
 from hapticd.tools.demo.columns import DemoColumn, VirtualRun, columns, live_column
 from hapticd.tools.demo.picture import draw, typical_instant
 from hapticd.tools.demo.program import summary
@@ -90,7 +91,7 @@ def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
     virtual = VirtualRun(column, "strokes", 1)
     virtual.play(0.5, 1.0)
     film = virtual.film()
-    real = lockstep.Settings(motion=REAL)
+    real = Settings(motion=REAL)
     same = Film.of(lockstep.run("strokes", settings=real, seconds=1.0), column.title).between(0.5, 1.0)
     assert repr(film.score) == repr(same.score)  # a film's limits are not known, and NaN equals no other NaN
     assert film.t_s.tolist() == same.t_s.tolist()

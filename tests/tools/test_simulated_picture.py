@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from hapticd.sim import lockstep
-from hapticd.sim.lockstep import Run, Settings
+from hapticd.sim.lockstep import Run
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings
 from hapticd.tools import plotting, simulated_picture
 
 pytestmark = pytest.mark.long

@@ -42,7 +42,8 @@ from hapticd.files.recording.mcap_writer import DirectRecording
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.paths import Touch, Touches
 from hapticd.sim.fingers.scenarios import SCENARIOS
-from hapticd.sim.lockstep import T_START_NS, Settings
+from hapticd.sim.lockstep import T_START_NS
+from hapticd.sim.settings import Settings, in_world
 from hapticd.sim.world_errors import MapChange, SensorErrors, WorldErrors
 from hapticd.tools import touch_process
 from hapticd.tools.record.replay import replay
@@ -489,7 +490,7 @@ def calibrating(settings: Settings, recording: DirectRecording | None = None) ->
 def test_pad_sensors_and_map_are_adopted_while_touched_and_it_replays_bit_for_bit(tmp_path: Path) -> None:
     errors = SensorErrors((0.03, -0.03), (3.0, -3.0), ((0.0, 0.03), (0.0, 0.0)))
     world = WorldErrors(sensors=errors, map_change=MapChange(waves_frac=0.08), seed=3)
-    settings = lockstep.in_world(settings_of(MISPLACED), world)
+    settings = in_world(settings_of(MISPLACED), world)
     path, made = tmp_path / "session.mcap", lockstep.Simulation((), settings, 1).machine
     recording = DirectRecording(path, header_of(made, t_ns=T_START_NS, utc="1970-01-01T00:00:00Z", is_whole=True))
     simulation = calibrating(settings, recording)

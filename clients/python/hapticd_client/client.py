@@ -259,7 +259,7 @@ class Client:
         """Yield every event from now on, in order, for `seconds`: fingers that land, lift, enter, leave, cross and
         press, and effects that begin and end. Raises DaemonGoneError after `timeout_s` without a state."""
         self._check_open()
-        self._link.events.connect()
+        self._link.events.restart()
         return self._read_events(time.monotonic() + seconds, timeout_s)
 
     def _read_events(self, t_end_s: float, timeout_s: float) -> Iterator[PlateEvent]:

@@ -20,11 +20,10 @@ from .asset import KEEPER, AssetKeeper, upload
 from .control import Control
 from .endpoint import KeyFile, find
 from .errors import HapticdError, RefusedError
-from .events import EventReader
 from .refresher import REFRESHER, Refresher
 from .target_set import TargetSet, no_stamp, stamp_now
 from .targets import Asset
-from .telemetry import Telemetry
+from .telemetry import EventReader, Telemetry
 
 FIRST_CONTENTS = 4  # that every daemon knows
 RELEASE_S = 0.5  # timeout of the final release

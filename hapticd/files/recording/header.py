@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,12 @@ class Header:
     modes: ModeShapes
     calibration: BoardCalibration
     parasitic_modes: ParasiticModes | None = None
+
+
+def utc_now() -> str:
+    """The present date and time for people, such as 2026-11-21T16:40:00.123+00:00: nothing in the daemon is decided by
+    the wall clock."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def texts_of(header: Header) -> dict[str, str]:

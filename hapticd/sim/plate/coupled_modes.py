@@ -15,7 +15,7 @@ import numpy as np
 from ...values import FloatArray
 
 _SUPPORTS = 4
-_STREAM = 3  # of a seed; those of `disturbances` are 1 and 2
+_STREAM = 3  # of a seed; those of `shape_tables` are 1 and 2
 _MM2_PER_SQUARE = 0.5  # a corner breaks off as a right-angled triangle
 
 

@@ -1,4 +1,8 @@
-"""Tables of the true mode shapes, with what disturbs them, and the mode map that a scan of them gives."""
+"""Tables of the true mode shapes, with what disturbs them, and the mode map that a scan of them gives.
+
+What disturbs them are functions that no fit of the daemon's contains: waves of other lengths than the plate's own in
+random directions, and cusps. Each mode and each purpose has a random stream of its own.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +15,19 @@ from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
 from hapticd.design import ModeShape, fit_cartography, sample_cartography
 from hapticd.values import FloatArray
 
-from . import coupled_modes, disturbances
+from . import coupled_modes
 from .coupled_modes import Coupling, Plain
 from .shapes import theory
 
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
 _RMS_POINTS = 101
 _KEPT = 6  # tables
+_GLUE, _CHANGE = 1, 2  # purposes: present at the scan, and since
+_WAVES = 12
+_LENGTHS_MM = (18.0, 50.0)  # the plates' own waves: 27 and 32 mm
+_CUSPS = 3
+_CUSP_MM = (6.0, 15.0)  # in which a cusp falls to 1/e
+_NORM_POINTS = 101
 
 
 class Disturbed(NamedTuple):
@@ -48,14 +58,45 @@ def _added(
     added = np.zeros((len(bare), len(axes_mm[1]), len(axes_mm[0])))
     for index, shape in enumerate(bare):
         rms = _rms(shape)
-        for purpose, frac in ((disturbances.GLUE, how.glue_frac), (disturbances.CHANGE, how.waves_frac)):
+        for purpose, frac in ((_GLUE, how.glue_frac), (_CHANGE, how.waves_frac)):
             if frac:
                 stream = how.seed, purpose, first + index
-                added[index] += frac * rms * disturbances.waves(*axes_mm, shape.size_mm, stream)
+                added[index] += frac * rms * _waves(*axes_mm, shape.size_mm, stream)
         if how.local_frac:
-            stream = how.seed, disturbances.CHANGE, first + index
-            added[index] += how.local_frac * disturbances.cusps(*axes_mm, shape.size_mm, stream)
+            stream = how.seed, _CHANGE, first + index
+            added[index] += how.local_frac * _cusps(*axes_mm, shape.size_mm, stream)
     return added
+
+
+def _waves(
+    x_mm: FloatArray, y_mm: FloatArray, size_mm: tuple[float, float], stream: tuple[int, int, int]
+) -> FloatArray:
+    """Return other waves (ny, nx) with an RMS of 1 over the plate; `stream` is seed, purpose and mode."""
+    random = np.random.default_rng([*stream, 0])
+    wave_rad_mm = 2.0 * np.pi / random.uniform(*_LENGTHS_MM, _WAVES)
+    turn_rad, phase_rad = random.uniform(0.0, 2.0 * np.pi, (2, _WAVES))
+    kx, ky = wave_rad_mm * np.cos(turn_rad), wave_rad_mm * np.sin(turn_rad)
+
+    def summed(x: FloatArray, y: FloatArray) -> FloatArray:
+        along_x = np.exp(1j * (np.outer(kx, x) + phase_rad[:, None]))
+        return np.asarray(np.einsum("wy,wx->yx", np.exp(1j * np.outer(ky, y)), along_x).real)
+
+    edges = [np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _NORM_POINTS) for edge_mm in size_mm]
+    rms = float(np.sqrt(np.mean(summed(*edges) ** 2)))
+    return summed(x_mm, y_mm) / rms
+
+
+def _cusps(
+    x_mm: FloatArray, y_mm: FloatArray, size_mm: tuple[float, float], stream: tuple[int, int, int]
+) -> FloatArray:
+    """Return some cusps (ny, nx) of height 1 and either sign at random places."""
+    random = np.random.default_rng([*stream, 1])
+    total = np.zeros((len(y_mm), len(x_mm)))
+    for _ in range(_CUSPS):
+        at_x_mm, at_y_mm = random.uniform(-0.5, 0.5, 2) * size_mm
+        far_mm = np.hypot(x_mm - at_x_mm, (y_mm - at_y_mm)[:, None])
+        total += random.choice((-1.0, 1.0)) * np.exp(-far_mm / random.uniform(*_CUSP_MM))
+    return total
 
 
 def _rms(shape: ModeShape) -> float:

@@ -14,8 +14,8 @@ from ...config.sections import Config, RecordConfig
 from ...design.touch.guide import GUIDED_S, GuidedPlaces, places_at
 from ...errors import HapticdError
 from ...sim.fingers.scenarios import LAND_S
-from ...sim.lockstep import Settings
 from ...sim.plate.ground_truth import PlateSettings
+from ...sim.settings import Settings
 from ..record import attach, simulated
 
 CLIENT = "calibrate-touch"

@@ -20,6 +20,7 @@ from ...sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from ...sim.plate.wirings import IDENTITY
 from ...sim.plate.wirings import PAPER as SHARED
+from ...sim.settings import Settings, paper_settings
 from ..progress import Progress
 from ..simulated_picture import Film
 
@@ -119,9 +120,9 @@ def _serve(pipe: Connection, column: DemoColumn, scenario: str, seed: int) -> No
         start_s, end_s = pipe.recv()
     except EOFError:  # the demo has ended
         return
-    settings = lockstep.Settings(plate=column.plate, motion=MOTION)
+    settings = Settings(plate=column.plate, motion=MOTION)
     if column.scheme == PAPER:
-        settings = lockstep.paper(settings)
+        settings = paper_settings(settings)
     shown_frac = 0.0
 
     def progress(done_frac: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,6 @@ import numpy.typing as npt
 from ...errors import RecordingError
 from .. import plotting
 from ..simulated_picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS, REFERENCE
-from .references import in_force
 from .tables import Column
 
 _Table = Mapping[str, Column]
@@ -149,6 +149,26 @@ def _draw_fingers(axis: Any, tables: Mapping[str, _Table], part: _Part) -> None:
     axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
     plotting.show_at_least(axis, 0.0, LEAST_UM)
     axis.set_ylabel("vibration at the finger, µm")
+
+
+def in_force(references: Mapping[str, Column]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.complex128]]:
+    """Return the corners of the line that the board followed, `t_ns` (K,) and `modal_um` (K,), from one mode's
+    rows in the table's order.
+
+    A frame ends where the next one begins: between two of its knots, or held beyond the last.
+    """
+    modal_um = references["reference_d_um"] + 1j * references["reference_q_um"]
+    bounds = [*np.flatnonzero(references["knot"] == 0).tolist(), len(modal_um)]
+    rows = [slice(begin, end) for begin, end in pairwise(bounds)]
+    frames = [(references["t_knot_ns"][part], modal_um[part]) for part in rows]
+    frames.sort(key=lambda frame: int(frame[0][0]))
+    t_ns, line_um = [], []
+    for place, (at_ns, at_um) in enumerate(frames):
+        end_ns = frames[place + 1][0][0] if place + 1 < len(frames) else at_ns[-1]
+        kept = at_ns < end_ns
+        t_ns.append(np.append(at_ns[kept], end_ns))
+        line_um.append(np.append(at_um[kept], np.interp(end_ns, at_ns, at_um)))
+    return np.concatenate(t_ns), np.concatenate(line_um)
 
 
 def _legend(axis: Any) -> None:

@@ -16,7 +16,8 @@ from ...files.recording.mcap_writer import DirectRecording
 from ...sim import lockstep
 from ...sim.fingers.scenarios import Scenario
 from ...sim.fingers.scripted import virtual_name
-from ...sim.lockstep import T_START_NS, Run, Settings
+from ...sim.lockstep import T_START_NS, Run
+from ...sim.settings import Settings
 
 UTC = "1970-01-01T00:00:00Z"  # virtual time has no date, and the same run gives the same bytes
 

@@ -24,6 +24,7 @@ from ...sim import lockstep
 from ...sim.fingers.paths import Touch, strokes_pair
 from ...sim.fingers.scenarios import LAND_S, SPEED_MM_S, Actor
 from ...sim.score import SETTLE_S, settled
+from ...sim.settings import Settings, paper_settings
 from .protocol import FrictionLevel, StudyError
 from .session import Answer, Session
 
@@ -55,8 +56,8 @@ class SimulatedParticipant:
     ) -> None:
         if not LEAST_TRIAL_S <= trial_s < math.inf:
             raise StudyError(f"a trial of {trial_s:g} s is too short: give {LEAST_TRIAL_S:g} s or more.")
-        settings = lockstep.Settings(speed_mm_s=speed_mm_s)
-        self._settings = lockstep.paper(settings) if scheme == "paper" else settings
+        settings = Settings(speed_mm_s=speed_mm_s)
+        self._settings = paper_settings(settings) if scheme == "paper" else settings
         self._session = session
         self._trial_s = trial_s
         self.noise_um = self.noise_of(session.seed)

@@ -11,8 +11,9 @@ import pytest
 from hapticd.config.sections import Config
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import LAND_S, STEP_S
-from hapticd.sim.lockstep import Run, Settings
+from hapticd.sim.lockstep import Run
 from hapticd.sim.report import step_response
+from hapticd.sim.settings import Settings
 
 W_LIM_UM = 4.0
 

@@ -15,7 +15,7 @@ from hapticd.sim.fingers.paths import Path as FingerPath
 from hapticd.sim.fingers.paths import strokes_pair
 from hapticd.sim.fingers.real_strokes import HAND, RealStrokes
 from hapticd.sim.fingers.scenarios import LAND_S, REAL, SCENARIOS, SMOOTH, with_motion
-from hapticd.sim.lockstep import Settings
+from hapticd.sim.settings import Settings
 
 OTHER_SEEDS = range(1, 6)  # than those that the hand was fitted on
 

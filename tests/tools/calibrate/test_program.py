@@ -21,8 +21,9 @@ from hapticd.daemon.machine import Machine
 from hapticd.errors import CalibrationError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.fingers.scenarios import SCENARIOS, SPEED_MM_S
-from hapticd.sim.lockstep import Settings, Simulation
+from hapticd.sim.lockstep import Simulation
 from hapticd.sim.plate.ground_truth import GroundTruth
+from hapticd.sim.settings import Settings
 from hapticd.tools import latency
 from hapticd.tools.calibrate import folder, resonance
 from hapticd.tools.calibrate.step import in_order

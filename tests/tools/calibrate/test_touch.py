@@ -26,8 +26,8 @@ from hapticd.files.recording.kinds import Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import DirectRecording
 from hapticd.sim import lockstep
-from hapticd.sim.lockstep import Settings, in_world
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.settings import Settings, in_world
 from hapticd.sim.world_errors import FingerLoad, WorldErrors
 from hapticd.tools.calibrate import folder, touch
 from hapticd.tools.calibrate.verdict import Outcome

@@ -18,8 +18,8 @@ from hapticd.files.recording.kinds import Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import DirectRecording, RecordingFile
 from hapticd.sim.fingers.paths import Path as Finger
-from hapticd.sim.lockstep import Settings
 from hapticd.sim.plate.ground_truth import GroundTruth
+from hapticd.sim.settings import Settings
 from hapticd.tools.record import simulated
 from hapticd.wire.trackpad import PADS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hapticd.tools.record.references import in_force
+from hapticd.tools.record.picture import in_force
 from hapticd.tools.record.whatif import in_force_um
 
 # Start in ns, then knots (dt_ns, amplitude); the third is held beyond its last knot, the fourth overtakes it.

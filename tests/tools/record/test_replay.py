@@ -21,8 +21,8 @@ from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.fingers import scripted
 from hapticd.sim.fingers.fingertip import Fingertip
 from hapticd.sim.fingers.pad_ellipse import calibrated
-from hapticd.sim.lockstep import Settings
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings
 from hapticd.tools.record import simulated
 from hapticd.tools.record.replay import replay, report
 from hapticd.wire.client import decode_targets, encode_targets

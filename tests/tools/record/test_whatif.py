@@ -16,9 +16,9 @@ from hapticd.files.recording.kinds import Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.fingers.fingertip import Fingertip
 from hapticd.sim.fingers.pad_ellipse import calibrated
-from hapticd.sim.lockstep import Settings
 from hapticd.sim.plate.glasses import FINGERTIP
 from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.settings import Settings
 from hapticd.tools.record import simulated
 from hapticd.tools.record.tracks import tracks
 from hapticd.tools.record.whatif import _judge, _recorded, changed, compare, rehearse

@@ -1,0 +1,103 @@
+"""Settings of a simulated run, the configuration that its daemon has by them, and what that daemon has measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple
+
+from ..board_values import UNCALIBRATED, BoardCalibration
+from ..config.loader import on_plate, with_uncertainty
+from ..config.sections import Config
+from ..core.plate.mode_shapes import ModeShapes
+from ..errors import SimulationError
+from .fingers import fingertip
+from .fingers.fingertip import Fingertip
+from .fingers.pad_noise import FILTERED_NOISE, PadNoise
+from .fingers.scenarios import MOTIONS, SMOOTH, SPEED_MM_S
+from .paper_scheme import paper_config
+from .plate.glasses import find_glass
+from .plate.ground_truth import GroundTruth, PlateSettings
+from .world_errors import WorldErrors
+
+SCHEMES = ("hapticd", "paper")
+_POSITIVE = ("speed_mm_s", "report_period_ms")
+_NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`; `fingertip` is the
+    contact of all fingers that have none of their own. `motion` is that of strokes, one of `MOTIONS`; `speed_mm_s` that
+    of smooth ones and of the other scenarios. Fingers that come back later touch in another `session`."""
+
+    scheme: str = "hapticd"
+    motion: str = SMOOTH
+    speed_mm_s: float = SPEED_MM_S
+    noise: PadNoise = FILTERED_NOISE
+    fingertip: Fingertip = fingertip.USUAL
+    stamp_jitter_ms: float = 1.0
+    report_period_ms: float = 11.25
+    sensor_latency_ms: float = 10.0
+    link_ms: float = 5.0
+    parasitic_modes_known: bool = True  # the parasitic modes were measured too
+    session: int = 0
+    plate: PlateSettings = field(default_factory=PlateSettings)
+    config: Config = field(default_factory=Config)
+
+    def __post_init__(self) -> None:
+        """Raise SimulationError, a ValueError, for invalid settings."""
+        if self.scheme not in SCHEMES:
+            raise SimulationError(f"there is no scheme {self.scheme!r}: choose one of {', '.join(SCHEMES)}.")
+        if self.motion not in MOTIONS:
+            raise SimulationError(f"there is no motion {self.motion!r}: choose one of {', '.join(MOTIONS)}.")
+        for name in (*_POSITIVE, *_NOT_NEGATIVE):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and (value > 0 or (value == 0 and name in _NOT_NEGATIVE))):
+                bound = "0 or more" if name in _NOT_NEGATIVE else "above 0"
+                raise SimulationError(f"the setting {name} is {value}: give a finite number, {bound}.")
+
+
+class Measured(NamedTuple):
+    """What the daemon has measured of the plate: the mode map, the calibration for the board, and a finger's load."""
+
+    modes: ModeShapes
+    calibration: BoardCalibration = UNCALIBRATED
+    load_1_s: complex | None = None  # of a finger on parasitic modes: decay less j times detuning
+
+
+def as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:
+    """Return `given` as Settings. Raises SimulationError for an unknown name."""
+    if given is None:
+        return Settings()
+    if isinstance(given, Settings):
+        return given
+    valid = [entry.name for entry in fields(Settings)]
+    unknown = [name for name in given if name not in valid]
+    if unknown:
+        raise SimulationError(f"there is no setting {unknown[0]!r}: choose from {', '.join(valid)}.")
+    return Settings(**given)
+
+
+def scheme_config(settings: Settings) -> Config:
+    """Return the daemon's configuration for a plate and a scheme.
+
+    The paper's is its Matlab loop: hold, steps, PI, its formula.
+    """
+    plate = GroundTruth(settings.plate)
+    config = on_plate(settings.config, find_glass(settings.plate.plate).size_mm, plate.w_limit_um)
+    config = with_uncertainty(config, plate.uncertainty)
+    if settings.scheme == "paper":
+        config = paper_config(config)
+    return replace(config, device=replace(config.device, link_ms=settings.link_ms))
+
+
+def in_world(settings: Settings, world: WorldErrors) -> Settings:
+    """Return the same settings in another world."""
+    return replace(settings, plate=replace(settings.plate, world=world))
+
+
+def paper_settings(played: Settings) -> Settings:
+    """Return the settings for the paper's scheme, whose sensor reports every 10 ms."""
+    return replace(played, scheme="paper", report_period_ms=10.0)
