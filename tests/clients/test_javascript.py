@@ -1,0 +1,89 @@
+"""hapticd.js in Node, by a gateway to a daemon without a plate."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
+
+from fake_daemon import FakeDaemon
+from gateway_process import JAVASCRIPT, gateway_process, run_node
+
+SCHEMA = Path(__file__).parents[2] / "clients" / "schema"
+CONNECT = "const plate = await hapticd.connect(process.argv[2], { timeoutS: 30 });\n"
+
+
+def node(daemon: FakeDaemon, script: str) -> str:
+    with gateway_process(daemon.directory) as address:
+        return run_node(CONNECT + script, address)
+
+
+def test_the_types_follow_from_the_contract() -> None:
+    """`python clients/schema/typescript.py` writes them."""
+    text = (JAVASCRIPT / "hapticd.d.ts").read_text(encoding="utf-8")
+    assert runpy.run_path(str(SCHEMA / "typescript.py"))["with_types"](text) == text
+
+
+def test_targets_hold_while_the_program_runs_and_are_released_at_its_end(daemon: FakeDaemon) -> None:
+    daemon.fingers = {1: (0.0, 0.0), 2: (9.0, 0.0)}
+    printed = node(
+        daemon,
+        """
+        await plate.set(1, { friction: 0.2 });
+        await plate.set(2, { amplitude_um: 1.5, priority: 2 });
+        const states = [];
+        await new Promise((resolve) => plate.follow((state) => states.push(state) > 300 && resolve(), "every"));
+        const numbers = states.map((state) => state.seq - states[0].seq);
+        console.log(JSON.stringify({
+          held: states.every((state) => state.fingers.every((finger) => finger.target_um !== null)),
+          target_um: states[300].fingers[1].target_um,
+          whole: numbers.every((number, index) => number === index),
+        }));
+        await plate.close();
+        """,
+    )
+    assert json.loads(printed) == {"held": True, "target_um": 1.5, "whole": True}
+    assert {1, 2} <= set(daemon.released) or daemon.scene.owner_of(1) is None
+    assert daemon.messages > 3  # repeated
+    assert daemon.overtaken == 0
+
+
+def test_a_refused_change_throws_and_changes_nothing(daemon: FakeDaemon) -> None:
+    printed = node(
+        daemon,
+        """
+        const told = [];
+        await plate.set("nobody", { friction: 0.2 }).catch((error) => told.push(error));
+        await plate.virtual("a", { path_mm: [[0, 0]] });
+        await plate.set("a", { friction: 2 }).catch((error) => told.push(error));
+        await plate.set("a", { friction: 0.5 });
+        console.log(JSON.stringify(told.map((error) => [error instanceof hapticd.RefusedError, error.message])));
+        await plate.close();
+        await plate.marker("late").catch((error) => console.log(error.name));
+        """,
+    )
+    (first, second), last = json.loads(printed.splitlines()[0]), printed.splitlines()[1]
+    assert first == [True, "body.targets[0].finger: this message defines no virtual finger 'nobody'."]
+    assert second == [True, "body.targets[0].friction: 2 is out of bounds, it must be 0 .. 1."]
+    assert last == "GoneError"
+
+
+def test_bytes_are_sent_and_received_as_they_are(daemon: FakeDaemon) -> None:
+    printed = node(
+        daemon,
+        """
+        const levels = Uint8Array.from([0, 255, 128, 7]);
+        const map = { width: 2, height: 2, levels, high_um: 2 };
+        await plate.surface("picture", { map, rectangle_mm: [20, 20] });
+        console.log([...hapticd.bytesOf("AP+ABw==")].join());
+        const { surfaces } = await plate.request("surfaces");
+        console.log([...hapticd.bytesOf(surfaces[0].map.levels)].join());
+        await plate.close();
+        """,
+    )
+    assert printed.split() == ["0,255,128,7", "0,255,128,7"]
+
+
+def test_without_a_gateway_the_sentence_says_what_to_do() -> None:
+    printed = run_node("await hapticd.connect('ws://127.0.0.1:9/client').catch((error) => console.log(error.message));")
+    assert "run `hapticd gateway`" in printed
