@@ -249,6 +249,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
         ({"mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaign",)),
         ({"scipy"}, ("bench", "tools/calibrate", "tools/study")),
+        ({"questplus"}, ("tools/study",)),
     ],
 )
 def test_a_heavy_library_is_imported_where_it_is_needed_alone(libraries: set[str], parts: tuple[str, ...]) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.regular_file import MAX_LINE_CHARACTERS, open_regular, read_bounded, read_lines
-from hapticd.tools.study.protocol import Design, StudyError
+from hapticd.tools.study.experiment import PAPER, StudyError, load
 from hapticd.tools.study.session import Session, SessionFile
 from hapticd_client import RefusedError, content
 
@@ -88,7 +88,7 @@ def test_content_that_is_not_a_regular_file_is_refused_at_once(name: str, suffix
 @pytest.mark.parametrize("name", ["pipe.csv", "zero.csv"])
 def test_a_session_that_is_not_a_regular_file_is_refused_at_once(name: str) -> None:
     with pytest.raises(StudyError, match="Not a regular file"):
-        SessionFile(Path(name), Session("P1", 1, Design()))
+        SessionFile(Path(name), Session("P1", 1, load(PAPER)))
 
 
 # --- one place ------------------------------------------------------------------------------------------------------

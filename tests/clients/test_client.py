@@ -87,6 +87,40 @@ def test_each_finger_gets_what_was_set_by_the_time_set_returns(daemon: FakeDaemo
     assert at_centre_um == [1.25, 0.0, 2.0, 3.0, pytest.approx(1.0)]
 
 
+def test_a_message_of_plain_values_replaces_all_that_was_set(daemon: FakeDaemon, client: Client) -> None:
+    client.set(1, amplitude_um=1.0)
+    client.surface("old", friction=0.5)
+    client.virtual("ghost", position_mm=(0, 0))
+    message = {
+        "targets": [{"finger": "walker", "friction": 0.0}],
+        "virtuals": [{"name": "walker", "path_mm": [[0, 0], [10, 0]]}],
+        "surfaces": [{"name": "new", "circle_mm": 10, "friction": 1.0}],
+        "effects": [{"name": "click", "surface": "new", "pulse": {"height_um": 1, "length_s": 0.02}}],
+    }
+    client.put(message)
+    assert daemon.scene.owner_of(1) is None
+    assert [one["name"] for one in client.surfaces()] == ["new"]
+    state = state_when(client, lambda state: target_um(state, "walker") == 2.0)
+    assert finger_of(state, "ghost") is None
+    client.set(1, friction=1.0)  # goes on from there
+    assert daemon.scene.owner_of("walker") == client.name
+
+
+def test_a_message_that_is_none_is_refused_with_its_place_and_changes_nothing(
+    daemon: FakeDaemon, client: Client
+) -> None:
+    client.set(1, amplitude_um=1.0)
+    effect = {"name": "click", "surface": "none", "pulse": {"height_um": 1, "length_s": 0.02}}
+    for message, sentence in (
+        ({"targets": [{"finger": 1, "friction": 2.0}]}, r"targets\[0\].friction: 2 is out of bounds"),
+        ({"effects": [effect]}, "no surface 'none'"),
+        ([], "must be a map"),
+    ):
+        with pytest.raises(RefusedError, match=sentence):
+            client.put(message)  # type: ignore[arg-type]
+    assert daemon.scene.owner_of(1) == client.name
+
+
 def test_a_map_may_be_an_array(daemon: FakeDaemon, client: Client) -> None:
     client.set(1, map=Map(np.array([[0, 51], [102, 255]], dtype=np.uint8), high_um=2.55))
     assert daemon.scene.amplitude_um(1, 68.75, 68.75) == pytest.approx(0.51)

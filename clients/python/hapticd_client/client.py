@@ -8,7 +8,7 @@ import secrets
 import sys
 import time
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Unpack
@@ -18,7 +18,7 @@ from hapticd_contract.effects import NOW, Effect, Form, Now, Start
 from hapticd_contract.requests import MarkerRequest, ReachQuery, Release
 from hapticd_contract.states import FingerState, PlateEvent, PlateState
 from hapticd_contract.surfaces import Blend, Shape, Surface, VirtualFinger, shape_field
-from hapticd_contract.targets import DEFAULT_TTL_S, FingerTarget, TtlS
+from hapticd_contract.targets import DEFAULT_TTL_S, ClientTargets, FingerTarget, TtlS
 
 from .asset import asset_of
 from .checks import checked, finger_key, label, plain, shown
@@ -176,6 +176,22 @@ class Client:
         self._link.check_content(surface)
         self._use_asset(content.get("map"), wait)
         self._request(self._targets.with_surface(surface, plain("ttl_s", ttl_s, TtlS)), wait)
+
+    def put(self, message: ClientTargets | Mapping[str, Any], *, wait: bool = True) -> None:
+        """Replace all targets, virtual fingers, surfaces and effects of this client by those of a message of the
+        contract (`targets` in clients/PROTOCOL.md), also as plain values from a file; `client` and `stamp` are its own.
+
+        Raises RefusedError with the daemon's reason, and then nothing has changed, as in `set`.
+        """
+        fields = plain("", message, dict)
+        made: ClientTargets = plain("", {**fields, "client": self.name, "stamp": None}, ClientTargets)
+        parts: list[FingerTarget | Surface] = [*made.targets, *made.surfaces]
+        for one in parts:
+            self._link.check_content(one)
+        for feature in ("surfaces", "effects"):
+            if getattr(made, feature):
+                self._link.check(feature, feature)
+        self._request(TargetSet.of(made), wait)
 
     def asset(self, source: LevelRows | str | os.PathLike[str]) -> Asset:
         """Upload levels 0 .. 255 of up to 1024 x 1024 pixels, as rows or a picture file, and return a handle for Maps.

@@ -56,6 +56,21 @@ class TargetSet:
     effects: Mapping[str, Effect] = field(default_factory=dict)
     effect_ttls_s: Mapping[str, float] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, message: ClientTargets) -> TargetSet:
+        """Return all that a message has. Raises RefusedError for an effect on a surface that it has not."""
+        ttl_s = message.ttl_s
+        made = cls()
+        for target in message.targets:
+            made = made.with_target(target, ttl_s)
+        for path in message.virtuals:
+            made = made.with_virtual(path, ttl_s)
+        for surface in message.surfaces:
+            made = made.with_surface(surface, ttl_s)
+        for effect in message.effects:
+            made = made.with_effect(effect, ttl_s)
+        return made
+
     @property
     def is_empty(self) -> bool:
         """Whether there is no target, no path, no surface and no effect."""

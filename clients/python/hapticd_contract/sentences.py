@@ -74,6 +74,8 @@ def _info(kind: Any) -> inspect.Type:
 def _defects(value: Any, form: Any, place: str) -> Iterator[str]:
     """Yield the defects of a value, each with its place; the form is one of `msgspec.inspect`."""
     shape = type(form).__name__
+    if shape == "AnyType":
+        return
     if shape == "UnionType":
         yield from _defects_of_union(value, form, place)
     elif shape == "StructType":

@@ -1,48 +1,47 @@
-"""Statistics of the answers: success rates, their spread over participants, and tests against guessing.
+"""Statistics of right and wrong answers: success rates, their spread over participants, and tests against guessing.
 
-All tests are two-sided, against the 50 % of a guessing participant. scipy computes them.
+All tests are two-sided, against the share of a guessing participant: one of the number of answers. scipy computes them.
 """
 
 from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ...errors import missing_library
-from .protocol import FrictionLevel
 from .session import Session
 
-GUESSING_FRAC = 0.5
 CONFIDENCE = 0.95
 MAX_EXACT = 12  # participants up to which all assignments of signs are enumerated
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One participant. `low` and `high` count the trials of either friction: (recognised, presented).
+    """One participant. `by_answer` counts the trials by the right answer: (recognised, presented). `guess_frac` is the
+    share of a guessing participant.
 
     `interval_frac` is the success rate's exact 95 % confidence interval (Clopper-Pearson), `p` the exact binomial
     test's.
     """
 
     participant: str
-    low: tuple[int, int]
-    high: tuple[int, int]
+    by_answer: Mapping[str, tuple[int, int]]
+    guess_frac: float
     interval_frac: tuple[float, float]
     p: float
 
     @property
     def correct(self) -> int:
         """Number of recognised trials."""
-        return self.low[0] + self.high[0]
+        return sum(recognised for recognised, _ in self.by_answer.values())
 
     @property
     def trials(self) -> int:
         """Number of trials."""
-        return self.low[1] + self.high[1]
+        return sum(presented for _, presented in self.by_answer.values())
 
     @property
     def rate_frac(self) -> float:
@@ -55,11 +54,12 @@ class Group:
     """All participants. A test is NaN for fewer than two participants, or equal rates.
 
     `sd_frac` is the standard deviation of the rates (n - 1). `t`, `t_p`: one-sample t test of the rates. `above` and
-    `below` count participants on either side of 50 %, `sign_p` is the exact sign test on them, `wilcoxon_p` the
+    `below` count participants on either side of guessing, `sign_p` is the exact sign test on them, `wilcoxon_p` the
     signed-rank test, exact up to MAX_EXACT participants, also for tied rates. `pooled_p` is the exact
     binomial test on all trials, as if of one participant.
     """
 
+    guess_frac: float
     mean_frac: float
     sd_frac: float
     t: float
@@ -74,36 +74,38 @@ class Group:
 
 
 def analyse(session: Session) -> Result:
-    """Analyse a finished session. Raises HapticdError without scipy."""
-    counts = {friction: [0, 0] for friction in FrictionLevel}
-    for stimulus, answer in zip(session.presented, session.answers, strict=True):
-        counts[stimulus][0] += answer.answer is stimulus
-        counts[stimulus][1] += 1
-    low, high = counts[FrictionLevel.LOW], counts[FrictionLevel.HIGH]
-    return result(session.participant, (low[0], low[1]), (high[0], high[1]))
+    """Analyse a finished session whose answers are right or wrong. Raises HapticdError without scipy."""
+    counts = {answer: [0, 0] for answer in session.experiment.choices}
+    for trial, answer in zip(session.presented, session.answers, strict=True):
+        counts[trial.correct][0] += answer.answer == trial.correct
+        counts[trial.correct][1] += 1
+    return result(session.participant, {answer: (count[0], count[1]) for answer, count in counts.items()})
 
 
-def result(participant: str, low: tuple[int, int], high: tuple[int, int]) -> Result:
-    """Analyse counts of trials (recognised, presented)."""
-    test = _stats().binomtest(low[0] + high[0], low[1] + high[1], GUESSING_FRAC)
+def result(participant: str, by_answer: Mapping[str, tuple[int, int]]) -> Result:
+    """Analyse counts of trials (recognised, presented) by the right answer."""
+    recognised, presented = (sum(count[place] for count in by_answer.values()) for place in (0, 1))
+    guess_frac = 1.0 / len(by_answer)
+    test = _stats().binomtest(recognised, presented, guess_frac)
     interval = test.proportion_ci(CONFIDENCE, method="exact")
-    return Result(participant, low, high, (float(interval.low), float(interval.high)), float(test.pvalue))
+    return Result(participant, by_answer, guess_frac, (float(interval.low), float(interval.high)), float(test.pvalue))
 
 
 def analyse_group(results: Sequence[Result]) -> Group:
     """Analyse all participants together, at least one. Raises HapticdError without scipy."""
     stats = _stats()
+    guess_frac = results[0].guess_frac
     rates = [one.rate_frac for one in results]
     sd_frac = statistics.stdev(rates) if len(rates) > 1 else math.nan
     t, t_p = math.nan, math.nan
     if sd_frac > 0:
-        test = stats.ttest_1samp(rates, GUESSING_FRAC)
+        test = stats.ttest_1samp(rates, guess_frac)
         t, t_p = float(test.statistic), float(test.pvalue)
-    # In half trials, so that equal distances from 50 % are equal to the last bit.
-    above = sum(2 * one.correct > one.trials for one in results)
-    below = sum(2 * one.correct < one.trials for one in results)
+    away = [_away(one) for one in results]
+    above, below = sum(one > 0 for one in away), sum(one < 0 for one in away)
     correct, trials = sum(one.correct for one in results), sum(one.trials for one in results)
     return Group(
+        guess_frac=guess_frac,
         mean_frac=statistics.fmean(rates),
         sd_frac=sd_frac,
         t=t,
@@ -111,16 +113,21 @@ def analyse_group(results: Sequence[Result]) -> Group:
         above=above,
         below=below,
         sign_p=float(stats.binomtest(above, above + below).pvalue) if above + below > 0 else math.nan,
-        wilcoxon_p=_wilcoxon(stats, results),
+        wilcoxon_p=_wilcoxon(stats, away),
         correct=correct,
         trials=trials,
-        pooled_p=float(stats.binomtest(correct, trials, GUESSING_FRAC).pvalue),
+        pooled_p=float(stats.binomtest(correct, trials, guess_frac).pvalue),
     )
 
 
-def _wilcoxon(stats: Any, results: Sequence[Result]) -> float:
-    """Return p of the signed ranks of the rates' distances from 50 %; those at 50 % are left out."""
-    away = [round(one.rate_frac - GUESSING_FRAC, 12) for one in results if 2 * one.correct != one.trials]
+def _away(one: Result) -> float:
+    """Return the distance of the rate from guessing; equal ones are equal to the last bit."""
+    return round(one.rate_frac - one.guess_frac, 12)
+
+
+def _wilcoxon(stats: Any, distances: Sequence[float]) -> float:
+    """Return p of the signed ranks of the rates' distances from guessing; those at it are left out."""
+    away = [one for one in distances if one != 0.0]
     if len(away) < 2:
         return math.nan
     method = stats.PermutationMethod(n_resamples=math.inf) if len(away) <= MAX_EXACT else "asymptotic"

@@ -20,15 +20,15 @@ from msgspec import Meta
 from ...errors import RequestError, missing_library
 from ...wire.client import read
 from ..web import guard
-from .panel import PanelKey, Screen
-from .protocol import StudyError
+from .experiment import StudyError
+from .panel import Screen
 
 if TYPE_CHECKING:
     from aiohttp import web
 
 ADDRESS = "127.0.0.1"
 MAX_PRESS_BYTES = 256
-Number = Annotated[int, Meta(ge=0, le=2**31 - 1)]  # of a screen
+ScreenNumber = Annotated[int, Meta(ge=0, le=2**31 - 1)]  # of a screen
 START_WITHIN_S = 10.0
 TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
 
@@ -46,9 +46,9 @@ class Browser:
         self._port = port
         self._secret = secrets.token_urlsafe(12)
         # Screen and number, replaced together: a press on an earlier screen is ignored.
-        self._shown = (0, Screen("One moment", "The session is about to begin.", {}))
+        self._shown = (0, Screen("One moment", "The session is about to begin."))
         self._note = ""
-        self._presses: queue.SimpleQueue[tuple[int, PanelKey]] = queue.SimpleQueue()
+        self._presses: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="study page")
 
@@ -78,11 +78,11 @@ class Browser:
     def note(self, text: str) -> None:
         self._note = text
 
-    def pressed(self) -> PanelKey | None:
+    def pressed(self) -> str | None:
         while not self._presses.empty():
             pressed_on, key = self._presses.get()
             number, screen = self._shown
-            if pressed_on == number and key in screen.keys:
+            if pressed_on == number and key in [one.name for one in screen.keys]:
                 return key
         return None
 
@@ -135,7 +135,7 @@ class Browser:
                 "number": number,
                 "heading": screen.heading,
                 "text": screen.text,
-                "keys": {str(key): what for key, what in screen.keys.items()},
+                "keys": [key._asdict() for key in screen.keys],
                 "note": self._note,
             }
         )
@@ -144,7 +144,7 @@ class Browser:
     async def _press(self, request: web.Request) -> web.StreamResponse:
         try:
             body = await request.json()
-            number, key = read(body["number"], Number), PanelKey(body["key"])
+            number, key = read(body["number"], ScreenNumber), read(body["key"], str)
         except (ValueError, LookupError, TypeError, RecursionError, RequestError):
             raise self._web.HTTPBadRequest(text="A press is a screen's number and a key.") from None
         self._presses.put((number, key))

@@ -1,4 +1,4 @@
-"""Panel in a terminal: F and J answer (under the index fingers), P pauses, Enter continues."""
+"""Panel in a terminal: the letters of a screen's keys, without Enter; Enter continues."""
 
 from __future__ import annotations
 
@@ -7,19 +7,10 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Mapping
 from typing import Any, TextIO
 
-from .panel import PanelKey, Screen
+from .panel import Screen
 
-LETTERS: Mapping[str, PanelKey] = {
-    "f": PanelKey.HIGH,
-    "j": PanelKey.LOW,
-    "p": PanelKey.PAUSE,
-    "\n": PanelKey.NEXT,
-    "\r": PanelKey.NEXT,
-}
-NAMES: Mapping[PanelKey, str] = {PanelKey.HIGH: "F", PanelKey.LOW: "J", PanelKey.PAUSE: "P", PanelKey.NEXT: "Enter"}
 READ_SIZE = 256
 
 
@@ -58,7 +49,7 @@ class Keyboard:
         if self._noted:
             self._out.write("\n")
             self._noted = ""
-        keys = "   ".join(f"[{NAMES[key]}] {what}" for key, what in screen.keys.items())
+        keys = "   ".join(f"[{key.letter.capitalize()}] {key.label}" for key in screen.keys)
         self._out.write("\n".join(["", screen.heading, screen.text, *([keys] if keys else [])]) + "\n")
         self._out.flush()
 
@@ -68,7 +59,7 @@ class Keyboard:
             self._out.write(f"\r\x1b[K{text}")
             self._out.flush()
 
-    def pressed(self) -> PanelKey | None:
+    def pressed(self) -> str | None:
         if not self._waiting and select.select([self._fd], [], [], 0)[0]:
             data = os.read(self._fd, READ_SIZE)
             if not data:
@@ -76,7 +67,7 @@ class Keyboard:
             self._waiting = data.decode("ascii", "replace").lower()
         while self._waiting and self._screen is not None:
             letter, self._waiting = self._waiting[0], self._waiting[1:]
-            key = LETTERS.get(letter)
-            if key in self._screen.keys:
+            key = self._screen.typed("enter" if letter in "\r\n" else letter)
+            if key is not None:
                 return key
         return None

@@ -1,15 +1,24 @@
 "use strict";
 
-const LETTERS = { f: "high", j: "low", p: "pause", Enter: "next" };
-const NAMES = { high: "F", low: "J", pause: "P", next: "Enter" };
 const EVERY_MS = 100;
 
 const heading = document.getElementById("heading");
 const text = document.getElementById("text");
 const note = document.getElementById("note");
-const buttons = document.querySelectorAll("button");
-let screen = { number: -1, keys: {} };
+const answers = document.getElementById("answers");
+const others = document.getElementById("others");
+let screen = { number: -1, keys: [] };
 let isDone = false;
+
+function button(key) {
+  const made = document.createElement("button");
+  made.dataset.key = key.name;
+  const letter = document.createElement("kbd");
+  letter.textContent = key.letter.charAt(0).toUpperCase() + key.letter.slice(1);
+  made.append(key.label, letter);
+  made.addEventListener("click", () => press(key.name));
+  return made;
+}
 
 function draw(next) {
   note.textContent = next.note;
@@ -17,15 +26,9 @@ function draw(next) {
   screen = next;
   heading.textContent = next.heading;
   text.textContent = next.text;
-  for (const button of buttons) {
-    const what = next.keys[button.dataset.key];
-    button.hidden = what === undefined;
-    if (button.hidden) continue;
-    const key = document.createElement("kbd");
-    key.textContent = NAMES[button.dataset.key];
-    button.replaceChildren(what, key);
-    button.blur();
-  }
+  const isOther = (key) => key.name === "next" || key.name === "pause";
+  answers.replaceChildren(...next.keys.filter((key) => !isOther(key)).map(button));
+  others.replaceChildren(...next.keys.filter(isOther).map(button));
 }
 
 async function look() {
@@ -39,15 +42,13 @@ async function look() {
 }
 
 function press(key) {
-  if (!(key in screen.keys)) return;
   fetch("press", { method: "POST", body: JSON.stringify({ number: screen.number, key }) }).catch(() => {});
 }
 
-for (const button of buttons) button.addEventListener("click", () => press(button.dataset.key));
 document.addEventListener("keydown", (event) => {
-  const key = LETTERS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  const key = screen.keys.find((one) => one.letter === event.key.toLowerCase());
   if (key === undefined || event.repeat || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();
-  press(key);
+  press(key.name);
 });
 look();

@@ -12,6 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from msgspec import to_builtins
+from msgspec.structs import replace
+
 import hapticd_client
 from hapticd_client import Client
 
@@ -25,8 +28,8 @@ from ..progress import Progress
 from . import report
 from .browser import Browser
 from .conduct import conduct
+from .experiment import PAPER, StudyError, load, parse, participant_name
 from .keyboard import Keyboard
-from .protocol import Design, StudyError, participant_name
 from .session import MAX_SEED, SUFFIX, Session, SessionFile
 from .stage import Stage
 
@@ -59,7 +62,13 @@ def _add_run(actions: Any) -> None:
     parser.add_argument(
         "--out", required=True, type=Path, metavar="DIR", help="the study's folder, with a file for each participant"
     )
-    parser.add_argument("--trials", type=int, metavar="N", help="default 20, half of either friction")
+    parser.add_argument(
+        "--protocol",
+        type=Path,
+        metavar="TOML",
+        help="the experiment (default: the paper's, hapticd/tools/study/paper.toml)",
+    )
+    parser.add_argument("--trials", type=int, metavar="N", help="another number than the experiment's")
     parser.add_argument(
         "--seed", type=whole(0, MAX_SEED), help="of the trials' order (default: a random one, kept in the file)"
     )
@@ -123,7 +132,7 @@ def run_session(options: argparse.Namespace) -> None:
 
 
 def _progress(session: Session) -> str:
-    return f"{len(session.answers)} of {session.design.trials}"
+    return f"{len(session.answers)} of {session.experiment.trials}"
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -142,13 +151,15 @@ def _check(options: argparse.Namespace) -> None:
 
 def _given(options: argparse.Namespace) -> Session:
     """Return the session of a new file."""
-    design = Design() if options.trials is None else Design(trials=options.trials)
+    experiment = load(options.protocol or PAPER)
+    if options.trials is not None:
+        experiment = parse({**to_builtins(experiment), "trials": options.trials})
     about: dict[str, object] = {"hapticd": __version__, "begun": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
     if options.simulate:
         speed_mm_s = DEFAULT_SPEED_MM_S if options.speed is None else options.speed
         about |= {"simulated": "participant", "scheme": options.scheme or "hapticd", "speed_mm_s": speed_mm_s}
     seed = secrets.randbelow(2**32) if options.seed is None else options.seed
-    return Session(participant_name(options.participant), seed, design, about=about)
+    return Session(participant_name(options.participant), seed, experiment, about=about)
 
 
 def _check_same(options: argparse.Namespace, session: Session, given: Session, path: Path) -> None:
@@ -164,8 +175,11 @@ def _check_same(options: argparse.Namespace, session: Session, given: Session, p
             )
     if session.participant != given.participant:
         raise StudyError(f"{path}: is {session.participant}'s session: check the file's name.")
-    if options.trials is not None and options.trials != session.design.trials:
-        raise StudyError(f"{path}: was started with {session.design.trials} trials: omit --trials to continue it.")
+    if options.trials is not None and options.trials != session.experiment.trials:
+        raise StudyError(f"{path}: was started with {session.experiment.trials} trials: omit --trials to continue it.")
+    asked = replace(given.experiment, trials=session.experiment.trials)
+    if options.protocol is not None and asked != session.experiment:
+        raise StudyError(f"{path}: was started with another experiment: continue with the same --protocol.")
     if options.seed is not None and options.seed != session.seed:
         raise StudyError(f"{path}: was started with another seed: omit --seed to continue it.")
 
@@ -173,7 +187,7 @@ def _check_same(options: argparse.Namespace, session: Session, given: Session, p
 def _simulate(file: SessionFile, given: Session) -> None:
     from .simulated import SimulatedParticipant
 
-    about, trials = given.about, file.session.design.trials
+    about, trials = given.about, file.session.experiment.trials
     with Progress("simulated trials") as progress:
         participant = SimulatedParticipant(file.session, about["scheme"], speed_mm_s=about["speed_mm_s"])
         for answer in participant.answers():
@@ -190,7 +204,7 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
         try:
             client = held.enter_context(_client(options, simulated))
             file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))
-            stage = Stage(client, file.session.design)
+            stage = Stage(client, file.session.experiment)
             if not options.browser:
                 conduct(file, stage, held.enter_context(Keyboard(sys.stdout)), time)
                 return

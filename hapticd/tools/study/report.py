@@ -1,4 +1,8 @@
-"""`hapticd study report`: all finished sessions of a folder as text, CSV, JSON and the paper's figure 12."""
+"""`hapticd study report`: all finished sessions of a folder as text, CSV, JSON and the paper's figure 12.
+
+Answers that are right or wrong have success rates and tests, levels that are numbers a psychometric function, answers
+that are numbers their means by condition.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +19,10 @@ from typing import Any
 from ...regular_file import opened
 from .. import plotting
 from ..outputs import check, has_mark, require_matplotlib, write_text
-from .analysis import GUESSING_FRAC, Group, Result, analyse, analyse_group
-from .protocol import StudyError
-from .session import SUFFIX, Session, read
+from .analysis import Group, Result, analyse, analyse_group
+from .experiment import StudyError
+from .session import NUMBERS, SUFFIX, Session, read
+from .thresholds import curves, rating_lines, threshold_lines
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
 SOURCE = "study report"  # in the picture's signature
@@ -41,17 +46,29 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     if not finished:
         raise StudyError(f"{folder}: holds no finished session: {_progress(sessions) or 'run one with --out first'}.")
     simulated = _simulated(folder, finished)
-    results = [analyse(session) for session in finished]
-    group = analyse_group(results)
-    print(text(results, group, simulated), file=sys.stderr if json_file == "-" else sys.stdout)
+    names = {session.experiment.name for session in finished}
+    if len(names) > 1:
+        raise StudyError(f"{folder}: mixes experiments ({', '.join(sorted(names))}): give each a folder of its own.")
+    is_graded = finished[0].experiment.is_graded
+    results = [analyse(session) for session in finished] if is_graded else []
+    group = analyse_group(results) if results else None
+    fitted = curves(finished)
+    said = [text(results, group, simulated)] if group is not None else []
+    said += [*threshold_lines(fitted), *rating_lines(finished)]
+    print("\n".join(said), file=sys.stderr if json_file == "-" else sys.stdout)
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
-    _write_rows(folder / RESULTS, result_rows(results, group), simulated)
+    written = [TRIALS]
     _write_rows(folder / TRIALS, trial_rows(finished), simulated)
-    draw(results, group, folder / FIGURE, simulated)
-    print(f"wrote {', '.join(MARKS)} in {folder}", file=sys.stderr)
+    if group is not None:
+        _write_rows(folder / RESULTS, result_rows(results, group), simulated)
+        draw(results, group, folder / FIGURE, simulated)
+        written = [RESULTS, TRIALS, FIGURE]
+    print(f"wrote {', '.join(written)} in {folder}", file=sys.stderr)
     if json_file is not None:
-        write_text(json.dumps({"simulated": simulated or None, **figures(results, group)}, indent=2) + "\n", json_file)
+        analysed = figures(results, group) if group is not None else {}
+        plain = {"simulated": simulated or None, **analysed, "curves": [one.plain for one in fitted]}
+        write_text(json.dumps(plain, indent=2) + "\n", json_file)
 
 
 def _check_outputs(folder: Path, *, is_forced: bool) -> None:
@@ -91,17 +108,21 @@ def _simulated(folder: Path, sessions: Sequence[Session]) -> str:
 
 def text(results: Sequence[Result], group: Group, simulated: str = "") -> str:
     """Return the report as text; `simulated` as `Session.simulated`."""
-    lines = [f"{'participant':<16}{'recognised':>12}{'rate':>10}{'95 % interval':>16}{'p':>10}{'low':>9}{'high':>8}"]
+    answers = list(results[0].by_answer)
+    wide = [max(9, len(answer) + 2) for answer in answers]
+    heads = "".join(f"{answer:>{width}}" for answer, width in zip(answers, wide, strict=True))
+    lines = [f"{'participant':<16}{'recognised':>12}{'rate':>10}{'95 % interval':>16}{'p':>10}{heads}"]
     for one in results:
         low, high = one.interval_frac
         recognised, interval = f"{one.correct} of {one.trials}", f"{100 * low:.0f} .. {100 * high:.0f} %"
+        counts = "".join(f"{_of(count):>{width}}" for count, width in zip(one.by_answer.values(), wide, strict=True))
         lines.append(
             f"{one.participant:<16}{recognised:>12}{_percent(one.rate_frac, 1):>10}{interval:>16}{_p(one.p):>10}"
-            f"{_of(one.low):>9}{_of(one.high):>8}"
+            + counts
         )
     spread = "" if math.isnan(group.sd_frac) else f", standard deviation {_percent(group.sd_frac, 2)}"
     lines += ["", f"average success rate {_percent(group.mean_frac, 2)}{spread} ({_people(len(results), simulated)})"]
-    lines += ["against guessing, 50 %, two-sided:", *_tests(results, group)]
+    lines += [f"against guessing, {100 * group.guess_frac:.3g} %, two-sided:", *_tests(results, group)]
     return "\n".join(lines)
 
 
@@ -113,7 +134,7 @@ def _tests(results: Sequence[Result], group: Group) -> list[str]:
     if not math.isnan(group.t):
         lines.append(f"  t test of the rates   {f't({len(results) - 1}) = {group.t:.2f}':<32}p = {_p(group.t_p)}")
     if not math.isnan(group.sign_p):
-        counts = f"{group.above} above 50 %, {group.below} below"
+        counts = f"{group.above} above {100 * group.guess_frac:.3g} %, {group.below} below"
         lines.append(f"  exact sign test       {counts:<32}p = {_p(group.sign_p)}")
     if not math.isnan(group.wilcoxon_p):
         lines.append(f"  Wilcoxon signed rank  {'':<32}p = {_p(group.wilcoxon_p)}")
@@ -140,16 +161,17 @@ def result_rows(results: Sequence[Result], group: Group) -> list[list[object]]:
     return rows
 
 
-def trial_rows(sessions: Iterable[Session]) -> list[list[object]]:
-    """Return a row for each trial of the finished sessions."""
-    head = ["participant", "trial", "combination", "presented", "answer", "recognised"]
-    measured = ["t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac"]
-    rows: list[list[object]] = [[*head, *measured]]
+def trial_rows(sessions: Sequence[Session]) -> list[list[object]]:
+    """Return a row for each trial of the finished sessions: its levels, the right answer and what was measured."""
+    factors = list(dict.fromkeys(name for session in sessions for name in session.presented[0].levels))
+    measured = [*NUMBERS, "felt_friction", "t_daemon_ns"]
+    rows: list[list[object]] = [["participant", "trial", *factors, "presented", "answer", "recognised", *measured]]
     for session in sessions:
-        for answer, friction in zip(session.answers, session.presented, strict=True):
-            recognised = int(answer.answer is friction)
+        for answer, trial in zip(session.answers, session.presented, strict=False):
+            recognised = int(answer.answer == trial.correct) if trial.correct else None
             rows.append(
-                [session.participant, answer.trial, friction.combination, friction, answer.answer, recognised]
+                [session.participant, answer.trial, *[trial.levels.get(name) for name in factors]]
+                + [trial.correct, answer.answer, recognised]
                 + [getattr(answer, name) for name in measured]
             )
     return rows
@@ -169,10 +191,10 @@ def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "
     axes.bar(places, [100 * one.rate_frac for one in results], width=0.7, color=LIGHT)
     spread = None if math.isnan(group.sd_frac) else 100 * group.sd_frac
     axes.bar(len(results) + 1.5, 100 * group.mean_frac, yerr=spread, width=0.7, color=DARK, capsize=4)
-    axes.axhline(100 * GUESSING_FRAC, color="grey", lw=0.8, ls="--")
+    axes.axhline(100 * results[0].guess_frac, color="grey", lw=0.8, ls="--")
     axes.annotate(
         "guessing",
-        (1.0, 100 * GUESSING_FRAC),
+        (1.0, 100 * results[0].guess_frac),
         (4, 0),
         ("axes fraction", "data"),
         "offset points",
@@ -190,9 +212,10 @@ def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "
 
 def _remarks(sessions: Sequence[Session]) -> list[str]:
     """Return warnings about the sessions analysed together."""
+    finished = [session for session in sessions if session.is_over]
     remarks = [f"not finished, so not analysed: {progress}" for progress in [_progress(sessions)] if progress]
-    if len({session.design for session in sessions if session.is_over}) > 1:
-        remarks.append("These sessions have different designs (trials, amplitude, line): analyse them separately.")
+    if any(one.experiment != finished[0].experiment for one in finished):
+        remarks.append("These sessions have different designs: analyse them separately.")
     kinds = {session.simulated for session in sessions if session.is_over}
     remarks += [f"{SIMULATED[kind]}: this is no evidence about people on glass." for kind in kinds if kind]
     return remarks
@@ -200,7 +223,7 @@ def _remarks(sessions: Sequence[Session]) -> list[str]:
 
 def _progress(sessions: Iterable[Session]) -> str:
     open_ones = [session for session in sessions if not session.is_over]
-    return ", ".join(f"{one.participant} ({len(one.answers)} of {one.design.trials})" for one in open_ones)
+    return ", ".join(f"{one.participant} ({len(one.answers)} of {one.experiment.trials})" for one in open_ones)
 
 
 def _write_rows(path: Path, rows: Iterable[Sequence[object]], simulated: str) -> None:

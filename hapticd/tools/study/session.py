@@ -1,8 +1,8 @@
 """Session file: JSON lines, append-only, each answer flushed to the disk.
 
-    {"kind": "session", "version": 1, "participant": .., "seed": .., "design": {..}, "simulated": "plate", ..}
+    {"kind": "session", "version": 2, "participant": .., "seed": .., "experiment": {..}, "simulated": "plate", ..}
     {"kind": "answer", "trial": 1, "answer": "low", ..}
-    {"kind": "end", "presented": ["high", ..]}
+    {"kind": "end", "presented": [{"friction": "high", "correct": "high"}, ..]}
 
 `simulated` is there for a simulated plate or participant. Only the last line holds the stimuli, so that an unfinished
 file keeps the study blind. A line cut short by a crash is dropped, and its trial presented again.
@@ -15,14 +15,17 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ...regular_file import open_regular, read_bounded, read_rest
-from .protocol import Design, FrictionLevel, StudyError, participant_name, presented
+import msgspec
 
-VERSION = 1
+from ...regular_file import open_regular, read_bounded, read_rest
+from .experiment import PAPER, Experiment, StudyError, load, parse, participant_name
+from .order import Trial, presented
+
+VERSION = 2  # version 1 knew the paper's evaluation alone
 SUFFIX = ".jsonl"
 BEGIN = b'{"kind": "session", '  # of every session file: others are not overwritten
 MAX_SEED = 2**63 - 1
@@ -34,16 +37,20 @@ class Answer:
     """One answer. `trial` counts from 1, `t_unix_s` is its time, `took_s` the time since the trial began.
 
     `touched_s` is the time of the finger on the plate, `speed_mm_s` its mean speed there, `limited_frac` the share of
-    that time in which the plate missed its targets.
+    that time in which the plate missed its targets, `felt_friction` the mean of what telemetry says of its first
+    finger, `t_daemon_ns` the last state of the trial on the daemon's monotonic clock, as recordings have it; None where
+    it is not known.
     """
 
     trial: int
-    answer: FrictionLevel
+    answer: str
     t_unix_s: float
     took_s: float
     touched_s: float
     speed_mm_s: float
     limited_frac: float
+    felt_friction: float | None = None
+    t_daemon_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +59,7 @@ class Session:
 
     participant: str
     seed: int
-    design: Design
+    experiment: Experiment
     answers: tuple[Answer, ...] = ()
     is_over: bool = False
     about: Mapping[str, Any] = field(default_factory=dict)
@@ -64,14 +71,15 @@ class Session:
         return "participant" if found is True else str(found)
 
     @property
-    def presented(self) -> tuple[FrictionLevel, ...]:
-        """Stimulus of each trial (trials,)."""
-        return presented(self.seed, self.design.trials)
+    def presented(self) -> tuple[Trial, ...]:
+        """Its trials (trials,); those of an adaptive method up to the one after the last answer."""
+        given = [answer.answer for answer in self.answers]
+        return presented(self.experiment, self.participant, self.seed, given)
 
     @property
     def is_complete(self) -> bool:
         """Whether every trial is answered."""
-        return len(self.answers) == self.design.trials
+        return len(self.answers) == self.experiment.trials
 
 
 class SessionFile:
@@ -117,7 +125,7 @@ class SessionFile:
         """Write an answer; it is on the disk when this returns."""
         if answer.trial != len(self.session.answers) + 1 or self.session.is_complete:
             raise ValueError(f"trial {answer.trial} is not the next")
-        self._write({"kind": "answer", **asdict(answer)})
+        self._write({"kind": "answer", **_known(asdict(answer))})
         self.session = replace(self.session, answers=(*self.session.answers, answer))
 
     def end(self) -> None:
@@ -125,7 +133,7 @@ class SessionFile:
         if not self.session.is_complete:
             raise ValueError("trials are missing")
         if not self.session.is_over:
-            self._write({"kind": "end", "presented": list(self.session.presented)})
+            self._write({"kind": "end", "presented": [trial.shown for trial in self.session.presented]})
             self.session = replace(self.session, is_over=True)
 
     def _lock(self, path: Path) -> None:
@@ -151,7 +159,7 @@ class SessionFile:
     def _restart(self, given: Session) -> None:
         self._file.truncate(0)
         header = {"kind": "session", "version": VERSION, "participant": given.participant, "seed": given.seed}
-        self._write({**header, "design": asdict(given.design), **given.about})
+        self._write({**header, "experiment": msgspec.to_builtins(given.experiment), **given.about})
         self.session = given
 
     def _write(self, line: Mapping[str, Any]) -> None:
@@ -190,20 +198,26 @@ def decode(data: bytes, where: str) -> Session:
 def _started(entry: dict[str, Any]) -> Session:
     if entry["kind"] != "session":
         raise ValueError("a file begins with its session")
-    if entry["version"] != VERSION:
+    if entry["version"] not in (1, VERSION):
         raise StudyError(f"is of version {str(entry['version'])[:20]}, this hapticd reads {VERSION}: use a newer one.")
     if type(entry["seed"]) is not int or not 0 <= entry["seed"] <= MAX_SEED:
         raise ValueError("a seed is a whole number")
-    table = entry["design"]
-    if type(table["trials"]) is not int:
-        raise ValueError("trials are counted")
-    (from_mm, to_mm) = ((float(x_mm), float(y_mm)) for x_mm, y_mm in table["line_mm"])
-    design = Design(table["trials"], float(table["slippery_um"]), (from_mm, to_mm), float(table["line_speed_mm_s"]))
-    known = ("kind", "version", "participant", "seed", "design")
+    experiment = parse(entry["experiment"]) if entry["version"] == VERSION else _of_version_1(entry["design"])
+    known = ("kind", "version", "participant", "seed", "experiment", "design")
     about = {name: value for name, value in entry.items() if name not in known}
     if about.get("simulated", True) not in (True, "participant", "plate"):
         raise ValueError("unknown simulation")
-    return Session(participant_name(entry["participant"]), entry["seed"], design, about=about)
+    return Session(participant_name(entry["participant"]), entry["seed"], experiment, about=about)
+
+
+def _of_version_1(design: dict[str, Any]) -> Experiment:
+    """Return the paper's evaluation with the four numbers that such a file could have changed."""
+    table = msgspec.to_builtins(load(PAPER))
+    table["trials"] = design["trials"]
+    table["factors"]["friction"]["low"]["own_um"] = design["slippery_um"]
+    table["factors"]["friction"]["high"]["virtual_um"] = design["slippery_um"]
+    table["plate"]["virtuals"][0] |= {"path_mm": design["line_mm"], "speed_mm_s": design["line_speed_mm_s"]}
+    return parse(table)
 
 
 def _with(session: Session, entry: dict[str, Any]) -> Session:
@@ -213,17 +227,27 @@ def _with(session: Session, entry: dict[str, Any]) -> Session:
     if entry["kind"] == "end":
         if not session.is_complete:
             raise StudyError("ends a session that lacks answers.")
-        if tuple(entry["presented"]) != session.presented:
+        shown = [{"friction": one, "correct": one} if isinstance(one, str) else one for one in entry["presented"]]
+        if shown != [trial.shown for trial in session.presented]:
             raise StudyError("does not hold what this seed presents: the file was changed.")
         return replace(session, is_over=True)
     if entry["kind"] != "answer" or session.is_complete or entry["trial"] != len(session.answers) + 1:
         raise ValueError("trials are answered in their order")
-    numbers = {name: _finite(entry[name]) for name in (f.name for f in fields(Answer)) if name not in _NOT_NUMBERS}
-    answer = Answer(trial=len(session.answers) + 1, answer=FrictionLevel(entry["answer"]), **numbers)
+    numbers = {name: _finite(entry[name]) for name in NUMBERS}
+    felt, t_daemon_ns = entry.get("felt_friction"), entry.get("t_daemon_ns")
+    if entry["answer"] not in session.experiment.choices or not (t_daemon_ns is None or type(t_daemon_ns) is int):
+        raise ValueError("an answer is one of the experiment's")
+    answer = Answer(
+        trial=len(session.answers) + 1,
+        answer=entry["answer"],
+        **numbers,
+        felt_friction=None if felt is None else _finite(felt),
+        t_daemon_ns=t_daemon_ns,
+    )
     return replace(session, answers=(*session.answers, answer))
 
 
-_NOT_NUMBERS = ("trial", "answer")
+NUMBERS = ("t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac")
 
 
 def _finite(value: Any) -> float:
@@ -231,3 +255,7 @@ def _finite(value: Any) -> float:
     if not math.isfinite(number):
         raise ValueError("a number is finite")
     return number
+
+
+def _known(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in entry.items() if value is not None}

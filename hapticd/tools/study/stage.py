@@ -8,12 +8,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from .protocol import Design, FrictionLevel
+import msgspec
+
+from hapticd_contract.targets import ClientTargets, FingerTarget
+
+from .experiment import Experiment, Levels
 
 if TYPE_CHECKING:
     from hapticd_client import Client, FingerState, PlateState
 
-WALKER = "study-walker"
 STATE_WITHIN_S = 2.0
 MAX_STEP_S = 0.25  # between two states of one touch
 RECENT_S = 0.5  # window of the displayed speed
@@ -21,11 +24,14 @@ RECENT_S = 0.5  # window of the displayed speed
 
 @dataclass(slots=True)
 class _Touch:
-    """Exploration since the last `present`: time on the plate, distance, and time at a limit."""
+    """Exploration since the last `present`: time on the plate, distance, time at a limit, and what was felt."""
 
     touched_s: float = 0.0
     path_mm: float = 0.0
     limited_s: float = 0.0
+    felt_s: float = 0.0  # of which telemetry told the friction
+    friction_s: float = 0.0
+    t_daemon_ns: int | None = None  # of the last state
     recent: deque[tuple[float, float]] = field(default_factory=deque)  # (duration s, way mm), RECENT_S of them
 
     @property
@@ -44,8 +50,16 @@ class _Touch:
         """Share of the time on the plate in which a mode's limit caused a missed target."""
         return self.limited_s / self.touched_s if self.touched_s > 0 else 0.0
 
-    def add(self, step_s: float, path_mm: float, *, limited: bool) -> None:
+    @property
+    def felt_friction(self) -> float | None:
+        """Mean friction over the time in which telemetry told it; None for none."""
+        return self.friction_s / self.felt_s if self.felt_s > 0 else None
+
+    def add(self, step_s: float, path_mm: float, *, limited: bool, friction: float | None = None) -> None:
         """Add one step between two states with the finger down."""
+        if friction is not None:
+            self.felt_s += step_s
+            self.friction_s += step_s * friction
         self.touched_s += step_s
         self.path_mm += path_mm
         self.limited_s += step_s * limited
@@ -55,49 +69,60 @@ class _Touch:
 
 
 class Stage:
-    """One daemon's plate. `present` sets the stimulus; call `step` continuously: it sets the target of landed fingers.
+    """One daemon's plate. `present` sets the stimulus; call `step` continuously: it sets the targets of landed fingers.
 
-    The participant's finger is the one that has been down longest; others get no target, as two modes serve two
-    fingers. Raises the client library's errors.
+    The participant's first finger is the one that has been down longest; fingers for which the experiment has no target
+    get none. Raises the client library's errors.
     """
 
-    def __init__(self, client: Client, design: Design) -> None:
+    def __init__(self, client: Client, experiment: Experiment) -> None:
         self._client = client
-        self._design = design
-        self._friction: FrictionLevel | None = None
+        self._experiment = experiment
+        self._scene: ClientTargets | None = None
+        self._own: dict[int, FingerTarget] = {}
         self._last: tuple[FingerState, PlateState] | None = None
-        self._finger: tuple[int, int | str] | None = None
+        self._fingers: tuple[int | str, ...] | None = None
         self._states = client.states(STATE_WITHIN_S)
         self.touch = _Touch()
         takes_markers = "marker" in client.capabilities().get("ops", ())
         # Marks an instant of the experiment, if the daemon takes markers.
         self.mark: Callable[[str], object] = client.marker if takes_markers else lambda _: None
 
-    def present(self, friction: FrictionLevel) -> None:
-        """Give the finger on the plate this stimulus, and the virtual one the opposite, from its line's start."""
-        self._friction, self._finger, self._last, self.touch = friction, None, None, _Touch()
-        _, virtual_um = self._design.amplitudes_um(friction)
-        self._client.virtual(WALKER, path=self._design.line_mm, speed_mm_s=self._design.line_speed_mm_s)
-        self._client.set(WALKER, amplitude_um=virtual_um)
+    def present(self, levels: Levels) -> None:
+        """Lay the scene of a trial with these levels; virtual fingers start from their paths' beginning."""
+        self._scene = self._experiment.targets(levels)
+        self._own = {one.finger: one for one in self._scene.targets if isinstance(one.finger, int)}
+        self._fingers, self._last, self.touch = None, None, _Touch()
+        self._client.put(self._with_fingers(()))
 
     def rest(self) -> None:
-        """Stop the plate, and remove the virtual finger."""
-        self._friction = None
+        """Stop the plate, and remove virtual fingers, surfaces and effects."""
+        self._scene = None
         self._client.release()
 
     def step(self) -> PlateState:
-        """Wait for the next state (ten or more a second), and set the target of a finger that landed."""
+        """Wait for the next state (ten or more a second), and set the targets of fingers that landed."""
         state = next(self._states)
-        finger = next((finger for finger in state.fingers if not finger.virtual), None)
-        if self._friction is None or finger is None:
+        fingers = tuple(finger for finger in state.fingers if not finger.virtual)
+        if self._scene is None or not fingers:
             self._last = None
             return state
-        if self._finger != (state.instance, finger.id):
-            own_um, _ = self._design.amplitudes_um(self._friction)
-            self._client.set(finger, amplitude_um=own_um)
-            self._finger = (state.instance, finger.id)
-        self._measure(finger, state)
+        known = (state.instance, *[finger.id for finger in fingers[: len(self._own)]])
+        if known != self._fingers:
+            self._client.put(self._with_fingers(known[1:]))
+            self._fingers = known
+        self._measure(fingers[0], state)
         return state
+
+    def _with_fingers(self, ids: tuple[int | str, ...]) -> ClientTargets:
+        """Return the scene with the targets of as many fingers as are down."""
+        assert self._scene is not None
+        own = [
+            msgspec.structs.replace(self._own[place], finger=finger)
+            for finger, place in zip(ids, sorted(self._own), strict=False)
+        ]
+        others = [one for one in self._scene.targets if isinstance(one.finger, str)]
+        return msgspec.structs.replace(self._scene, targets=(*own, *others))
 
     def _measure(self, finger: FingerState, state: PlateState) -> None:
         if self._last is not None:
@@ -105,5 +130,6 @@ class Stage:
             step_s = (state.t_ns - state_before.t_ns) * 1e-9
             if before.id == finger.id and 0 < step_s < MAX_STEP_S:
                 path_mm = math.hypot(finger.x_mm - before.x_mm, finger.y_mm - before.y_mm)
-                self.touch.add(step_s, path_mm, limited=state.limited)
+                self.touch.add(step_s, path_mm, limited=state.limited, friction=finger.felt_friction)
+        self.touch.t_daemon_ns = state.t_ns
         self._last = finger, state

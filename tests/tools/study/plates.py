@@ -6,8 +6,9 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from hapticd.tools.study.panel import PanelKey, Screen
+from hapticd.tools.study.panel import Screen
 from hapticd_client import FingerState, PlateState
+from hapticd_contract.targets import ClientTargets
 
 STATE_NS = 10_000_000
 T_START_NS = 7_000_000_000_001
@@ -36,6 +37,7 @@ class FakeClient:
         self.clock = ManualClock()
         self._ops = ops
         self.finger: int | None = 1
+        self.more: tuple[int, ...] = ()  # that landed later
         self.speed_mm_s = 50.0
         self.limited = False
         self.instance = 1
@@ -47,11 +49,10 @@ class FakeClient:
     def capabilities(self) -> dict[str, Any]:
         return {"ops": self._ops}
 
-    def virtual(self, name: str, *, path: Any, speed_mm_s: float) -> None:
-        self.paths[name] = (path, speed_mm_s)
-
-    def set(self, finger: FingerState | str, *, amplitude_um: float) -> None:
-        self.targets_um[finger if isinstance(finger, str) else finger.id] = amplitude_um
+    def put(self, message: ClientTargets) -> None:
+        self.message = message
+        self.targets_um = {one.finger: one.amplitude_um or 0.0 for one in message.targets}
+        self.paths = {one.name: (one.path_mm, one.speed_mm_s) for one in message.virtuals}
 
     def release(self) -> None:
         self.released.append(dict(self.targets_um))
@@ -71,14 +72,17 @@ class FakeClient:
         t_ns = self.clock.t_ns
         x_mm = self.speed_mm_s * (t_ns - T_START_NS) * 1e-9
         places = [(name, 0.0, True) for name in self.paths] + ([(self.finger, x_mm, False)] if self.finger else [])
-        fingers = tuple(FingerState(key, x, 0.0, x, 0.0, None, None, virtual) for key, x, virtual in places)
+        places += [(key, 30.0, False) for key in self.more]
+        fingers = tuple(
+            FingerState(key, x, 0.0, x, 0.0, None, None, virtual, felt_friction=0.25) for key, x, virtual in places
+        )
         return PlateState(self.instance, t_ns, t_ns, "ACTIVE", fingers, (0.0, 0.0), self.limited, 10.0, 16.0)
 
 
 class Person:
     """A panel with a participant: `answer` returns the key pressed on a screen after `after` polls."""
 
-    def __init__(self, answer: Callable[[Screen], PanelKey | None], after: int = 60) -> None:
+    def __init__(self, answer: Callable[[Screen], str | None], after: int = 60) -> None:
         self._answer = answer
         self._after = after
         self._polls = 0
@@ -92,7 +96,7 @@ class Person:
     def note(self, text: str) -> None:
         self.notes.append(text)
 
-    def pressed(self) -> PanelKey | None:
+    def pressed(self) -> str | None:
         self._polls += 1
         if self._polls < self._after:
             return None

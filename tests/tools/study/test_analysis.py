@@ -9,7 +9,6 @@ import pytest
 from people import session
 
 from hapticd.tools.study.analysis import Group, Result, analyse, analyse_group, result
-from hapticd.tools.study.protocol import FrictionLevel
 
 # Constructed, for the paper prints no participant's rate: of all seven counts of 20 whose average is its 73.57 %, those
 # whose standard deviation comes nearest to its 17.72 % and that have one participant at chance, as it reports.
@@ -22,7 +21,7 @@ def group(counts: tuple[int, ...], trials: int = 20) -> Group:
 
 def person(name: str, correct: int, trials: int = 20) -> Result:
     half = trials // 2
-    return result(name, (min(correct, half), half), (max(correct - half, 0), trials - half))
+    return result(name, {"high": (min(correct, half), half), "low": (max(correct - half, 0), trials - half)})
 
 
 def test_seven_participants_reproduce_the_paper_s_average_and_standard_deviation() -> None:
@@ -35,10 +34,10 @@ def test_seven_participants_reproduce_the_paper_s_average_and_standard_deviation
 def test_a_session_is_analysed_by_its_stimuli() -> None:
     held = session("P1", 13)
     judged = analyse(held)
-    first = held.presented[:13]
+    first = [trial.correct for trial in held.presented[:13]]
     assert (judged.correct, judged.trials) == (13, 20)
-    assert judged.low == (first.count(FrictionLevel.LOW), 10)
-    assert judged.high == (first.count(FrictionLevel.HIGH), 10)
+    assert judged.by_answer["low"] == (first.count("low"), 10)
+    assert judged.by_answer["high"] == (first.count("high"), 10)
 
 
 @pytest.mark.parametrize("correct", range(21))

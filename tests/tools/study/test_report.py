@@ -57,7 +57,7 @@ def test_the_tables_hold_every_participant_and_every_trial(papers: Path, capsys:
     assert float(people[8]["success_rate_percent"]) == pytest.approx(17.728, abs=1e-3)
     assert len(trials) == 140
     for row in trials:
-        assert row["combination"] == ("1" if row["presented"] == "low" else "2")
+        assert row["friction"] == row["presented"]
         assert (row["recognised"] == "1") == (row["presented"] == row["answer"])
     assert sum(int(row["recognised"]) for row in trials if row["participant"] == "P7") == PAPER[6]
 
