@@ -115,6 +115,7 @@ def _check_together(config: Config, where: str) -> None:
         ("plate.size_mm", config.plate.size_mm, 2),
         ("trackpad.offset_mm", config.trackpad.offset_mm, 2),
         ("trackpad.scale", config.trackpad.scale, 2),
+        ("trackpad.size_mm", config.trackpad.size_mm, 2 if config.trackpad.size_mm else 0),
         ("prediction.pad_weights", weights, 10 if weights else 0),
     ):
         if len(value) != length:
@@ -135,7 +136,7 @@ def _check_together(config: Config, where: str) -> None:
         _check_tcp(config.client, where)
     if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:
         raise ConfigError(
-            f'{where}: trackpad.source: simulated fingers must not drive a real board: set it to "hid" or "replay", '
+            f'{where}: trackpad.source: simulated fingers must not drive a real board: set it to "hid" or "evdev", '
             f'or device.port to "{SIMULATED}".'
         )
     if config.device.port != SIMULATED and not config.plate.modes_file:

@@ -82,11 +82,21 @@ class PlateConfig:
 class TrackpadConfig:
     """The position sensor under the plate, and its placement."""
 
-    source: str = key(SIMULATED, "source of touch reports", choices=(SIMULATED, "hid", "replay"))
+    source: str = key(
+        SIMULATED,
+        "source of touch reports; evdev: any multitouch device of Linux",
+        choices=(SIMULATED, "hid", "evdev", "replay"),
+    )
     model: str = key(
         "auto",
         "model of the trackpad; auto: the one that is connected",
         choices=("auto", *PAD_NAMES),
+    )
+    device: str = key(
+        "", 'path or name of the device for source = "evdev"; empty: the first multitouch device that is found'
+    )
+    size_mm: tuple[float, ...] = key(
+        (), "width and height of the device's range of positions; empty: as it says itself", low=1, high=5000
     )
     replay_file: str = key(
         "",
@@ -98,7 +108,8 @@ class TrackpadConfig:
     scale: tuple[float, ...] = key((1.0, 1.0), "true mm per pad mm along the pad's x and y", low=0.5, high=2)
     matrix: tuple[float, ...] = key(
         (),
-        "rotation, scale and shear as a 2 x 2 matrix xx, xy, yx, yy, in place of rotation_deg and scale; empty: unused",
+        "rotation, mirroring, scale and shear as a 2 x 2 matrix xx, xy, yx, yy, in place of rotation_deg and scale; "
+        "empty: unused",
         low=-2,
         high=2,
     )

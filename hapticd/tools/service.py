@@ -32,7 +32,6 @@ from ..formats.mode_map import require_usable
 from ..io.clients import gate, keys
 from ..io.clients.server import runtime_directory
 from ..io.clients.sockets import Remote
-from ..io.devices.hid_trackpad import HidTrackpad
 from ..io.devices.replay import ReplayTrackpad
 from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
@@ -41,6 +40,7 @@ from ..io.host.systemd import Notifier
 from ..sim.plate.glasses import driven_modes
 from ..sim.plate.wirings import wiring
 from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
+from . import pads
 
 log = logging.getLogger("hapticd")
 
@@ -299,8 +299,8 @@ def _on_rig(config: Config, rig_dir: Path) -> Config:
 
 
 def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
-    if config.trackpad.source == "hid":
-        return HidTrackpad(config.trackpad.model)
+    if config.trackpad.source in pads.SOURCES:
+        return pads.connected(config.trackpad)
     if config.trackpad.source == "replay":
         try:
             return ReplayTrackpad(config.trackpad.replay_file)

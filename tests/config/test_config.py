@@ -73,7 +73,7 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
         ("[limits]\nw_limit_um = 4", "limits.w_limit_um: must be a list of numbers, such as [4.0, 4.0]"),
         ("[limits]\nw_limit_um = []", "limits.w_limit_um: needs one number per mode"),
         ("[prediction]\npad_weights = [1, 2]", "prediction.pad_weights: needs 10 numbers, not 2"),
-        ("[trackpad]\nsource = 'mouse'", "'mouse' is not one of sim, hid, replay"),
+        ("[trackpad]\nsource = 'mouse'", "'mouse' is not one of sim, hid, evdev, replay"),
         ("[trackpad]\nsource = 'replay'", "trackpad.replay_file"),
         ("[trackpad]\noffset_mm = [1]", "trackpad.offset_mm: needs 2 numbers, not 1"),
         ("[plate]\nmodes_file = 'gone.npz'", "plate.modes_file: there is no file"),

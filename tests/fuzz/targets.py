@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from fuzz import board, client, files, library, recordings, trackpad
+from fuzz import board, client, files, library, recordings, touchscreen, trackpad
 
 TARGETS = {
     target.name: target
-    for target in (trackpad.TARGET, board.TARGET, client.TARGET, library.TARGET, recordings.TARGET, *files.TARGETS)
+    for target in (
+        *(trackpad.TARGET, touchscreen.TARGET, board.TARGET, client.TARGET, library.TARGET, recordings.TARGET),
+        *files.TARGETS,
+    )
 }  # fmt: skip

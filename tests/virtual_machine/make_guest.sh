@@ -6,7 +6,7 @@ here=$(cd "$(dirname "$0")" && pwd)
 guest=$(cd "$here/../.." && pwd)/build/virtual_machine
 modules=(
     virtio_pci 9pnet_virtio 9p        # this machine's own root
-    evdev uhid hid-generic hid-magicmouse
+    evdev uinput uhid hid-generic hid-magicmouse hid-multitouch
     dummy_hcd usbhid usb_f_hid        # a USB bus in memory, and a pad on it
     cdc_acm usb_f_acm                 # or a board
 )

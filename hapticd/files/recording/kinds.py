@@ -74,6 +74,8 @@ _PAD: _Form = {
     "x_raw": [WHOLE],
     "y_raw": [WHOLE],
     "size_mm": [NUMBER],
+    "pressure_max_raw": Maybe(WHOLE),
+    "quarter_turn_raw": Maybe(WHOLE),
 }
 
 

@@ -2,7 +2,7 @@
 
 A source delivers raw reports in order of arrival, all that were waiting in one call, so that its receiver can use the
 newest and drop none of the others. Report bytes are decoded in `wire.trackpad`, not here. Sources: `hid_trackpad`,
-`socket_trackpad` (the simulated rig) and `replay` (recordings).
+`evdev_trackpad`, `socket_trackpad` (the simulated rig) and `replay` (recordings).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...wire.trackpad import Pad
 OnReports = Callable[[Sequence[RawReport]], None]
 OnLink = Callable[[Pad | None, str], None]
 
-REPORT_BYTES = 512  # the longest report is 280 bytes, and a short read would lose the rest
+REPORT_BYTES = 4096  # the longest is of ten axes of 16 contacts as input events; a short read would lose the rest
 BATCH = 64  # the kernel keeps 63 reports
 
 

@@ -19,13 +19,12 @@ from ...config.sections import PredictionConfig
 from ...core.prediction.pad_memory import PadMemory
 from ...core.prediction.predictor import DEFAULT
 from ...errors import CalibrationError
-from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.paths import Strokes
 from ...sim.fingers.sensor import SensorModel
 from ...values import FloatArray
 from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
-from .. import plotting
+from .. import pads, plotting
 from ..arguments import POSITIVE
 from ..touches import RecordedTouches, Trace, recorded
 from . import simulated
@@ -70,7 +69,8 @@ class _PadNoise(NamedTuple):
 
 
 def check(options: argparse.Namespace) -> None:
-    """Check the arguments. Raises CalibrationError."""
+    """Check the arguments. Raises HapticdError."""
+    pads.chosen(options)
     if options.recording is not None and not options.recording.is_file():
         raise CalibrationError(f"--recording: {options.recording} is not a file: give a recording (.mcap).")
 
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> Verdict:
     elif options.recording is not None:
         traces = recorded(options.recording)
     else:
-        traces = asyncio.run(_touched(HidTrackpad("auto"), options.strokes))
+        traces = asyncio.run(_touched(pads.connected(pads.chosen(options)), options.strokes))
     if sum(len(trace.t_s) for trace in traces) < FEWEST_SAMPLES:
         raise CalibrationError(
             f"The touches have fewer than {FEWEST_SAMPLES} samples: stroke the pad for a minute, slowly and fast."
@@ -242,7 +242,7 @@ STEP = Step(
     summary="learn the pad's noise from a minute of strokes",
     todo="stroke the pad for a minute, to learn its noise (stop the service first)",
     example="--out DIR",
-    arguments=(_add_strokes,),
+    arguments=(pads.add_choice, _add_strokes),
     check=check,
     run=run,
 )

@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import CalibrationError
-from ...io.devices.hid_trackpad import HidTrackpad
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import AffineMap, TouchFrame
-from ...wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
-from .. import plotting
+from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
+from .. import pads, plotting
 from ..arguments import POSITIVE
 from . import simulated
 from .contacts import Axes, ScaleFit, fit_scale, parse_prints
@@ -36,14 +35,14 @@ PRINTS_MM = 1.0  # of axes: as far as a person touches alike, and reads a ruler
 GOOD_MM, USABLE_MM = 1.0, 3.0  # of the left-out residual: a fingertip aims to about half a millimetre
 TURNED_DEG = 45.0  # a larger rotation is probably an error
 SCALE = (0.9, 1.1)  # of a pad's own millimetres, which are accurate to some per cent
+MOST_SCALE = 2.0  # of `trackpad.matrix`
 ENLARGED = 20.0  # magnification of the residuals in the picture
 
 
 def check(options: argparse.Namespace) -> None:
-    """Check the arguments. Raises CalibrationError."""
+    """Check the arguments. Raises HapticdError."""
     parse_prints(options.prints, len(parse_marks(options.marks)))
-    if options.model not in ("auto", *PADS):
-        raise CalibrationError(f"--model: there is no {options.model!r}: give auto or one of {', '.join(PADS)}.")
+    pads.chosen(options)
 
 
 def run(options: argparse.Namespace) -> Verdict:
@@ -51,13 +50,14 @@ def run(options: argparse.Namespace) -> Verdict:
     marks_mm = parse_marks(options.marks)
     prints_mm = parse_prints(options.prints, len(marks_mm))
     if options.sim:
-        pad, touched = DEFAULT_PAD, _played(marks_mm, options.seed, prints_mm)
+        touched, device = _played(marks_mm, options.seed, prints_mm), {}
     else:
-        pad, touched = asyncio.run(_touched(HidTrackpad(options.model), marks_mm, options.within, prints_mm))
+        chosen = pads.chosen(options)
+        pad, touched = asyncio.run(_touched(pads.connected(chosen), marks_mm, options.within, prints_mm))
+        device = pads.settings(chosen, pad.model)
     found = fit_affine(touched.rests_mm, marks_mm)
     scale = fit_scale(_on_plate(touched.axes_mm, found.plate_from_pad), prints_mm) if prints_mm else None
     draw(marks_mm, touched.rests_mm, found, options.out / PICTURE_FILE, source=simulated.source(options))
-    device = {} if options.sim else {"source": pad.source, "model": pad.model}
     return verdict(found, device, scale, is_simulated=options.sim)
 
 
@@ -124,8 +124,13 @@ def _ask(marks_mm: Sequence[MarkPoint], place: int, prints_mm: Sequence[Axes]) -
         print(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm{how}, and hold", flush=True)
 
 
-def verdict(found: AffineFit, device: dict[str, str], scale: ScaleFit | None = None, *, is_simulated: bool) -> Verdict:
-    """Judge whether the marks agree, and whether the placement is plausible; `scale` is that of the pad's ellipses."""
+def verdict(
+    found: AffineFit, device: dict[str, object], scale: ScaleFit | None = None, *, is_simulated: bool
+) -> Verdict:
+    """Judge whether the marks agree, and whether the placement is plausible; `scale` is that of the pad's ellipses.
+
+    A trackpad is the right way up and knows its size; another device may lie in any way, and have any scale.
+    """
     here, where = found.plate_from_pad, placement(found.plate_from_pad)
     figures = (
         Figure("pad's centre x", here.offset_x_mm, "mm"),
@@ -140,16 +145,21 @@ def verdict(found: AffineFit, device: dict[str, str], scale: ScaleFit | None = N
         Figure("residual of a mark left out, largest", float(found.left_out_mm.max()), "mm"),
         *_scale_figures(scale),
     )
-    matrix = [round(value, 6) for value in (here.xx, here.xy, here.yx, here.yy)]
+    matrix = [round(value, 6) for value in _matrix(here)]
     offset_mm = [round(here.offset_x_mm, 4), round(here.offset_y_mm, 4)]
     outcome, sentence = judge(
-        _findings(found, scale), f"{len(found.left_out_mm)} marks agree to {found.left_out_rms_mm:.2f} mm."
+        _findings(found, scale, is_any=device.get("source") in pads.LIE_ANYHOW),
+        f"{len(found.left_out_mm)} marks agree to {found.left_out_rms_mm:.2f} mm.",
     )
     ellipses: dict[str, float] = {}
     if scale is not None:
         ellipses = {"ellipse_scale": round(scale.scale, 4), "ellipse_offset_mm": round(scale.offset_mm, 4)}
     settings = {"trackpad": {**device, "offset_mm": offset_mm, "matrix": matrix, **ellipses}}
     return Verdict("trackpad", outcome, sentence, figures, settings, is_simulated)
+
+
+def _matrix(here: AffineMap) -> tuple[float, float, float, float]:
+    return here.xx, here.xy, here.yx, here.yy
 
 
 def _on_plate(axes_mm: Sequence[Axes], here: AffineMap) -> list[Axes]:
@@ -168,9 +178,15 @@ def _scale_figures(scale: ScaleFit | None) -> tuple[Figure, ...]:
     )
 
 
-def _findings(found: AffineFit, scale: ScaleFit | None) -> Iterator[Finding]:
+def _findings(found: AffineFit, scale: ScaleFit | None, *, is_any: bool) -> Iterator[Finding]:
     where = placement(found.plate_from_pad)
-    if where.scale_y < 0.0:
+    if is_any:
+        if max(map(abs, _matrix(found.plate_from_pad))) > MOST_SCALE:
+            yield (
+                Outcome.FAIL,
+                "The device's size is far from the true one: measure it, and give it as --pad-size.",
+            )
+    elif where.scale_y < 0.0:
         yield Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you."
     elif abs(where.rotation_deg) > TURNED_DEG:
         turned = f"The pad seems rotated by {where.rotation_deg:.0f} degrees, as if x and y were swapped or reversed"
@@ -180,7 +196,7 @@ def _findings(found: AffineFit, scale: ScaleFit | None) -> Iterator[Finding]:
         yield Outcome.FAIL, f"{disagree}: touch them again."
     elif found.left_out_rms_mm > GOOD_MM:
         yield Outcome.WARN, f"{disagree}, mark {np.argmax(found.left_out_mm) + 1} most: touch them again."
-    if not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
+    if not is_any and not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
         yield Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."
     if scale is not None and scale.rms_mm > PRINTS_MM:
         yield Outcome.WARN, f"Ellipses and prints disagree by {scale.rms_mm:.1f} mm: touch as firmly as for each print."
@@ -218,7 +234,6 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
         help="length and width in mm of the contact at each mark, or one for all, from inked prints on paper: "
         "calibrates the scale of the pad's ellipses (default: contacts are discs of solver.contact_radius_mm)",
     )
-    parser.add_argument("--model", default="auto", help="of the trackpad (default: the connected one)")
     parser.add_argument(
         "--within", type=POSITIVE, default=120.0, metavar="S", help="time limit for all marks (default 120)"
     )
@@ -230,7 +245,7 @@ STEP = Step(
     summary="fit the pad's position from touched marks on the plate",
     todo="touch marks on the plate to fit the pad's position (stop the service first)",
     example="--out DIR",
-    arguments=(_add_marks,),
+    arguments=(pads.add_choice, _add_marks),
     check=check,
     run=run,
 )

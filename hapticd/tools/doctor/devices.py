@@ -12,11 +12,13 @@ from pathlib import Path
 from statistics import median
 
 from ...errors import DeviceError, HapticdError, pip_install
-from ...io.devices.hid_trackpad import HidTrackpad, find_pads, load_hid
+from ...io.devices import input_nodes
+from ...io.devices.hid_trackpad import find_pads, load_hid
 from ...io.devices.serial_link import SerialLink
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad
+from .. import pads
 from ..firmware.conversation import Conversation
 from .finding import FAIL, PASS, WARN, CheckResult, System, is_accessible
 from .host import INSTALL
@@ -27,6 +29,7 @@ LOOK_EVERY_S = 0.25
 FAR_HZ = 50.0  # of the drive: a warm plate goes by less
 SLOW_FRAC = 0.9  # of the rate that the configuration expects
 TOUCH = "stroke the pad with a finger while `hapticd doctor` runs: it reports only while touched"
+TO_INPUT = "sudo usermod -aG input $USER, then log in again"
 FASTER = "use a cable instead of Bluetooth; else set prediction.period_ms"
 IDLER = "reduce the host's load, which slows the simulated pad: see `top`"
 
@@ -35,18 +38,56 @@ def trackpad(system: System) -> CheckResult:
     """Check for a connected pad."""
     if not system.has_pad:
         return CheckResult(PASS, "trackpad", f"{system.config.trackpad.source} is configured")
+    return _CHECKS[system.config.trackpad.source](system)
+
+
+def _hid(system: System) -> CheckResult:
     try:
-        pads = list(find_pads(load_hid(), system.config.trackpad.model))
+        found = list(find_pads(load_hid(), system.config.trackpad.model))
     except (HapticdError, OSError) as error:
         return CheckResult(FAIL, "trackpad", str(error), pip_install("hidapi"))
-    if not pads:
+    if not found:
         remedy = "plug it in, or bluetoothctl connect ADDRESS, and wake it"
         return CheckResult(FAIL, "trackpad", "none is connected", remedy)
-    pad, path = pads[0]
+    pad, path = found[0]
     node = os.fsdecode(path)
     if node.startswith("/dev/") and not is_accessible(Path(node)) and system.status is None:
         return CheckResult(FAIL, "trackpad", f"{node} cannot be opened by this user", f"{INSTALL}, then replug it")
     return CheckResult(PASS, "trackpad", f"{pad.model} at {node}")
+
+
+def _evdev(system: System) -> CheckResult:
+    configured = system.config.trackpad
+    nodes = sorted(input_nodes.FOLDER.glob("event*"))
+    try:
+        node = next(input_nodes.find_nodes(configured.device), None)
+    except OSError as error:
+        return CheckResult(FAIL, "trackpad", f"{configured.device} cannot be opened ({error.strerror})", TO_INPUT)
+    if node is None:
+        if not all(is_readable(path) for path in nodes):
+            return CheckResult(FAIL, "trackpad", "none that this user may read is connected", TO_INPUT)
+        wanted = f"named {configured.device!r}" if configured.device else "that reports contacts"
+        return CheckResult(
+            FAIL, "trackpad", f"no device {wanted} is connected", "plug it in: see /proc/bus/input/devices"
+        )
+    try:
+        pad = input_nodes.describe(node, configured.size_mm)
+        slots, path = node.slot_count(), node.path
+    except (HapticdError, OSError) as error:
+        return CheckResult(FAIL, "trackpad", str(error), "set trackpad.size_mm, or trackpad.device to another device")
+    finally:
+        node.close()
+    size = f"{pad.geometry.width_mm:.0f} x {pad.geometry.height_mm:.0f} mm"
+    kind = f"{slots} contacts" if slots else "contacts without numbers (protocol A)"
+    return CheckResult(PASS, "trackpad", f"{pad.name} at {path}: {size}, {kind}")
+
+
+def is_readable(path: Path) -> bool:
+    """Return whether this user may read it."""
+    return os.access(path, os.R_OK)
+
+
+_CHECKS: dict[str, Callable[[System], CheckResult]] = {"hid": _hid, "evdev": _evdev}
 
 
 def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckResult:
@@ -55,7 +96,7 @@ def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckRes
         measured_hz = _counted_rate_hz(system, wait)
     elif system.has_pad:
         try:
-            measured_hz = listen(HidTrackpad(system.config.trackpad.model), LISTEN_S)
+            measured_hz = listen(pads.connected(system.config.trackpad), LISTEN_S)
         except HapticdError as error:
             return CheckResult(WARN, "report rate", str(error), "see trackpad above")
     else:

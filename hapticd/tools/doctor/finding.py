@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...config.sections import SIMULATED, Config
+from .. import pads
 
 PASS, WARN, FAIL = "pass", "warn", "FAIL"
 
@@ -42,7 +43,7 @@ class System:
     @property
     def has_pad(self) -> bool:
         """Whether a trackpad is configured, not a simulated or replayed one."""
-        return self.config.trackpad.source == "hid"
+        return self.config.trackpad.source in pads.SOURCES
 
     @property
     def has_board(self) -> bool:

@@ -1,15 +1,18 @@
-"""Apple trackpad reports to TouchFrames: bytes in, values out, no I/O.
+"""Reports of touch devices to TouchFrames: bytes in, values out, no I/O.
 
-Layouts, ranges and the meaning of states are those of the Linux driver `drivers/hid/hid-magicmouse.c`: report 0x02
-(Magic Trackpad 2 and USB-C over USB), 0x31 (the same over Bluetooth) and 0x28, alone or two in a 0xF7 (Magic
-Trackpad 1). `tests/data/trackpad-golden.jsonl` holds that driver's own output for 121 reports.
+Apple's layouts, ranges and the meaning of states are those of the Linux driver `drivers/hid/hid-magicmouse.c`: report
+0x02 (Magic Trackpad 2 and USB-C over USB), 0x31 (the same over Bluetooth) and 0x28, alone or two in a 0xF7 (Magic
+Trackpad 1). `tests/data/trackpad-golden.jsonl` holds that driver's own output for 121 reports. Other devices come as
+the kernel's input events (`evdev`).
 """
 
+from . import evdev
 from .decoder import Decoder
 from .device_clock import STAMP_WRAP_MS
 from .pad import HidIds, Pad, PadGeometry
 from .pads import DEFAULT_PAD, PADS, from_fields, to_fields
 from .records import MAX_RECORDS, RECORD
+from .still_contacts import StillContacts
 
 __all__ = [
     "DEFAULT_PAD",
@@ -21,6 +24,8 @@ __all__ = [
     "HidIds",
     "Pad",
     "PadGeometry",
+    "StillContacts",
+    "evdev",
     "from_fields",
     "to_fields",
 ]

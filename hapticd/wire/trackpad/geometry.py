@@ -21,6 +21,7 @@ class PlateMap:
         self._y_x, self._y_y = affine.yx / units_x, affine.yy / units_y
         self._x_0 = affine.offset_x_mm - self._x_x * centre_x - self._x_y * centre_y
         self._y_0 = affine.offset_y_mm - self._y_x * centre_x - self._y_y * centre_y
+        self._affine, self._mm_per_unit = affine, 2 / (units_x + units_y)
         mm_per_count = 4 / ((units_x + units_y) / 2)
         angles_rad = (code * math.pi / orientations for code in range(orientations))
         self.axes = tuple(_mapped_axis(affine, angle_rad, mm_per_count) for angle_rad in angles_rad)
@@ -34,6 +35,17 @@ class PlateMap:
             raw_x,
             raw_y,
         )
+
+    def at(self, raw_x: float, raw_y: float) -> tuple[float, float]:
+        """Plate x, y in mm of a raw position, y up."""
+        return (
+            self._x_x * raw_x + self._x_y * raw_y + self._x_0,
+            self._y_x * raw_x + self._y_y * raw_y + self._y_0,
+        )
+
+    def axis(self, angle_rad: float) -> tuple[float, float, float]:
+        """Angle on the plate of an axis at `angle_rad` on the pad, and mm per raw unit along it and across."""
+        return _mapped_axis(self._affine, angle_rad, self._mm_per_unit)
 
 
 def _mapped_axis(affine: AffineMap, angle_rad: float, mm_per_count: float) -> tuple[float, float, float]:

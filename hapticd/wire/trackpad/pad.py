@@ -18,7 +18,10 @@ USB, BLUETOOTH = 1, 2  # hidapi's bus_type
 
 @dataclass(frozen=True, slots=True)
 class PadGeometry:
-    """The range of positions a pad declares (raw units, y up) and the size in mm that the kernel gives it."""
+    """The range of positions a pad declares (raw units, y up) and the size in mm that the kernel gives it.
+
+    Of a device whose layout does not say it: the highest pressure, and the orientation of an ellipse along x; 0: none.
+    """
 
     x_min_raw: int
     x_max_raw: int
@@ -26,6 +29,8 @@ class PadGeometry:
     y_max_raw: int
     width_mm: float
     height_mm: float
+    pressure_max_raw: int = 0
+    quarter_turn_raw: int = 0
 
     @property
     def units_per_mm(self) -> tuple[float, float]:

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from . import magic_trackpad_1, magic_trackpad_2
+from . import evdev, magic_trackpad_1, magic_trackpad_2
 from .pad import Family, Pad, PadGeometry
 
-FAMILIES: Final[tuple[Family, ...]] = (magic_trackpad_2.FAMILY, magic_trackpad_1.FAMILY)
+FAMILIES: Final[tuple[Family, ...]] = (magic_trackpad_2.FAMILY, magic_trackpad_1.FAMILY, evdev.FAMILY)
 
 PADS: Final = {pad.model: pad for family in FAMILIES for pad in family.pads}
 LAYOUTS: Final = {layout: make for family in FAMILIES for layout, make in family.layouts.items()}
@@ -19,6 +19,7 @@ _MOST_TEXT = 100
 _MOST_RAW = 1 << 31
 _MOST_MM = 1e5
 _MOST_NS = 1_000_000_000
+_OF_CONTACTS = ("pressure_max_raw", "quarter_turn_raw")  # of files, where a pad has them
 
 
 def known(model: str) -> Pad:
@@ -38,7 +39,7 @@ def to_fields(pad: Pad) -> dict[str, object]:
         "x_raw": [size.x_min_raw, size.x_max_raw],
         "y_raw": [size.y_min_raw, size.y_max_raw],
         "size_mm": [size.width_mm, size.height_mm],
-    }
+    } | {name: value for name in _OF_CONTACTS if (value := getattr(size, name)) > 0}
 
 
 def from_fields(fields: Mapping[str, object]) -> Pad:
@@ -54,9 +55,17 @@ def from_fields(fields: Mapping[str, object]) -> Pad:
     if type(period_ns) is not int or not 0 < period_ns <= _MOST_NS:
         raise ValueError("a pad's period_ns must be a whole number up to a second")
     x_min, x_max, y_min, y_max = (*_range(fields, "x_raw"), *_range(fields, "y_raw"))
-    size = PadGeometry(x_min, x_max, y_min, y_max, *_size_mm(fields))
+    of_contacts = {name: _whole(fields, name) for name in _OF_CONTACTS}
+    size = PadGeometry(x_min, x_max, y_min, y_max, *_size_mm(fields), **of_contacts)
     usual = PADS.get(model, Pad(model, model, layout, size, period_ns, source=""))
     return replace(usual, layout=layout, geometry=size, period_ns=period_ns)
+
+
+def _whole(fields: Mapping[str, object], name: str) -> int:
+    value = fields.get(name, 0)
+    if type(value) is not int or not 0 <= value <= _MOST_RAW:
+        raise ValueError(f"a pad's {name} must be a whole number, 0 for none")
+    return value
 
 
 def _range(fields: Mapping[str, object], name: str) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import os
 import queue
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,48 +17,18 @@ import pytest
 from asynchronous import VirtualTimeLoop, asynchronous
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from listener import Listener
 
 from hapticd.errors import TrackpadError
 from hapticd.io.devices.hid_trackpad import HidTrackpad, find_pads, load_hid
 from hapticd.io.devices.replay import ReplayTrackpad, read_recording, write_recording
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
-from hapticd.io.devices.trackpad_source import TrackpadSource
 from hapticd.values import RawReport
 from hapticd.wire.trackpad import DEFAULT_PAD, PADS, Pad
 
 MS = 1_000_000
 
 in_virtual_time = functools.partial(asynchronous, loop_factory=VirtualTimeLoop)
-
-
-class Listener:
-    """What a source events, in order, and a way to wait for the next thing."""
-
-    def __init__(self) -> None:
-        self.events: list[tuple[Pad | None, str] | list[bytes]] = []
-        self.reports: list[RawReport] = []
-        self._news: asyncio.Queue[None] = asyncio.Queue()
-
-    def on_reports(self, reports: Sequence[RawReport]) -> None:
-        self.reports.extend(reports)
-        self.events.append([report.data for report in reports])
-        self._news.put_nowait(None)
-
-    def on_link(self, pad: Pad | None, reason: str) -> None:
-        self.events.append((pad, reason))
-        self._news.put_nowait(None)
-
-    @property
-    def links(self) -> list[tuple[Pad | None, str]]:
-        return [item for item in self.events if isinstance(item, tuple)]
-
-    def listen(self, source: TrackpadSource) -> None:
-        source.start(asyncio.get_running_loop(), self.on_reports, self.on_link)
-
-    async def until(self, condition: Callable[[], bool]) -> None:
-        async with asyncio.timeout(5):
-            while not condition():
-                await self._news.get()
 
 
 # --- hidapi -------------------------------------------------------------------------------------------------------
@@ -454,7 +424,7 @@ HEADER = '{"model": "mt2-usb"}\n'
         (HEADER + json.dumps({"t_ns": 1 << 63, "report": "02"}), 2, "64 bits"),
         (HEADER + '{"t_ns": 1, "report": "021"}', 2, "hex"),
         (HEADER + '{"t_ns": 1, "report": 2}', 2, "hex"),
-        (HEADER + json.dumps({"t_ns": 1, "report": "02" * 513}), 2, "513 bytes"),
+        (HEADER + json.dumps({"t_ns": 1, "report": "02" * 4097}), 2, "4097 bytes"),
         (HEADER + '{"t_ns": 2, "report": "02"}\n{"t_ns": 1, "report": "02"}', 3, "sort"),
     ],
 )

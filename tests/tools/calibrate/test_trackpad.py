@@ -10,15 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from input_events import END, SCREEN, lifted, packed, placed
 from virtual_board import in_virtual_time
 
 from hapticd.config.loader import from_table
 from hapticd.daemon.settings import plate_from_pad
-from hapticd.errors import CalibrationError
+from hapticd.errors import CalibrationError, HapticdError
 from hapticd.sim.fingers.pad_ellipse import USUAL
 from hapticd.sim.fingers.paths import Line, Rest, Touch
 from hapticd.sim.fingers.paths import Path as FingerPath
 from hapticd.sim.fingers.sensor import Report, SensorModel, SensorSettings
+from hapticd.tools import pads
 from hapticd.tools.calibrate import program, trackpad
 from hapticd.tools.calibrate.contacts import fit_scale, parse_prints
 from hapticd.tools.calibrate.marks import TouchedMarks, fit_affine, placement
@@ -229,3 +231,69 @@ def test_prints_that_disagree_with_the_ellipses_are_a_warning_and_those_of_no_pa
 def test_prints_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(CalibrationError, match="--prints"):
         parse_prints(text, len(MARKS))
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        AffineMap(0.0, 0.9, 1.2, 0.0, 3.0, -2.0),  # mirrored, turned by a quarter, two scales
+        AffineMap(-1.0, 0.0, 0.0, -1.0, 0.0, 0.0),  # upside down
+        AffineMap.from_placement((5.0, 1.0), -30.0, (1.4, -0.7)),
+    ],
+)
+def test_a_touchscreen_that_lies_anyhow_is_placed_by_four_marks(truth: AffineMap) -> None:
+    reports = screen_touches(truth, MARKS)
+    pad, touched = SCREEN, TouchedMarks()
+    decoder = Decoder(pad)
+    for t_ns, data in reports:
+        for frame in decoder.decode(data, t_ns):
+            touched.update(frame)
+    verdict = trackpad.verdict(fit_affine(touched.rests_mm, MARKS), {"source": "evdev"}, is_simulated=False)
+    assert verdict.outcome is Outcome.PASS
+    config = from_table({"trackpad": verdict.settings["trackpad"]}, where="test", folder=None)
+    placed_at = Decoder(pad, plate_from_pad(config))
+    seen = [
+        (frame.contacts[0].x_mm, frame.contacts[0].y_mm)
+        for t_ns, data in reports
+        for frame in placed_at.decode(data, t_ns)
+        if frame.contacts
+    ]
+    assert all(min(math.dist(one, mark) for mark in MARKS) < 0.1 for one in seen)
+
+
+def screen_touches(truth: AffineMap, marks_mm: Sequence[tuple[float, float]]) -> list[tuple[int, bytes]]:
+    """A finger rests on each mark for 0.6 s, in the units of a screen that lies so on the plate."""
+    matrix = np.linalg.inv([[truth.xx, truth.xy], [truth.yx, truth.yy]])
+    t_ns, found = 0, []
+    for number, mark in enumerate(marks_mm):
+        x_mm, y_mm = matrix @ (np.array(mark) - (truth.offset_x_mm, truth.offset_y_mm))
+        x, y = round(2000 + 10 * x_mm), round(2000 - 20 * y_mm)
+        for index in range(72):
+            events = placed(0, x, y, number) if index == 0 else []
+            found.append((t_ns, packed(t_ns, *events, END)))
+            t_ns += 8_333_333
+        found.append((t_ns, packed(t_ns, *lifted(0), END)))
+        t_ns += 8_333_333
+    return found
+
+
+def test_a_touchscreen_of_a_size_that_cannot_be_is_told_to_be_measured() -> None:
+    fit = fit_affine([(x / 3, y / 3) for x, y in MARKS], MARKS)
+    verdict = trackpad.verdict(fit, {"source": "evdev"}, is_simulated=False)
+    assert verdict.outcome is Outcome.FAIL
+    assert "--pad-size" in verdict.sentence
+
+
+def test_a_device_is_named_on_the_command_line_and_in_the_configuration_that_comes_of_it() -> None:
+    chosen = pads.chosen(options("--source", "evdev", "--device", "wall", "--pad-size", "344x194"))
+    found = pads.settings(chosen, "evdev")
+    assert found == {"source": "evdev", "device": "wall", "size_mm": [344.0, 194.0]}
+    assert from_table({"trackpad": found}, where="test", folder=None).trackpad == chosen
+    assert pads.settings(pads.chosen(options("--source", "evdev")), "evdev") == {"source": "evdev"}
+    assert pads.settings(pads.chosen(options()), "mt1") == {"source": "hid", "model": "mt1"}
+
+
+@pytest.mark.parametrize("text", ["wide", "10", "0x5", "1x2x3", "nanx5"])
+def test_a_size_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(HapticdError, match="--pad-size"):
+        pads.chosen(options("--pad-size", text))

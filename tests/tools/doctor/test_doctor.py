@@ -7,12 +7,14 @@ import fcntl
 import json
 import resource
 import socket
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from input_node import AXES, FakeNode
 from tools.stream.daemon_states import FakeDaemon
 from virtual_board import BoardLink, in_virtual_time
 
@@ -24,15 +26,17 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import DeviceError, HapticdError
 from hapticd.files import calibration
+from hapticd.io.devices import input_nodes
 from hapticd.io.host.realtime import Granted
 from hapticd.sim.fingers.paths import Rest
 from hapticd.sim.fingers.sensor import SensorModel
-from hapticd.tools import install_service
+from hapticd.tools import install_service, pads
 from hapticd.tools.doctor import devices, files, host, program, service
 from hapticd.tools.doctor.finding import FAIL, PASS, WARN, CheckResult, System
 from hapticd.tools.doctor.program import CHECKS
 from hapticd.values import RawReport
 from hapticd.wire.trackpad import DEFAULT_PAD
+from hapticd.wire.trackpad.evdev import POSITION_X, POSITION_Y
 
 
 def examined(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
@@ -58,7 +62,7 @@ def _nothing_of_this_host(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "directories", lambda _: (Path("/nonexistent"),))
     monkeypatch.setattr(devices, "load_hid", lambda: None)
     monkeypatch.setattr(devices, "find_pads", lambda *_: iter(()))
-    monkeypatch.setattr(devices, "HidTrackpad", lambda _: Pad([], (None, "no trackpad is connected")))
+    monkeypatch.setattr(pads, "connected", lambda _: Pad([], (None, "no trackpad is connected")))
 
 
 @pytest.fixture
@@ -281,6 +285,42 @@ class Pad:
     def request_enable(self) -> None: ...
 
     async def close(self) -> None: ...
+
+
+SCREEN = {**REAL, "trackpad": {"source": "evdev"}}
+
+
+def evdev_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: object = None, **trackpad: object) -> object:
+    """The check of the touch device, where this is what the search finds."""
+
+    def find(*_: object) -> Iterator[object]:
+        if isinstance(found, OSError):
+            raise found
+        yield from () if found is None else (found,)
+
+    monkeypatch.setattr(input_nodes, "find_nodes", find)
+    return devices.trackpad(system(tmp_path, **{**SCREEN, "trackpad": {"source": "evdev", **trackpad}}))
+
+
+def test_a_touchscreen_is_reported_with_its_size_and_contacts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found = evdev_found(monkeypatch, tmp_path, FakeNode())
+    assert str(found) == "pass  trackpad: screen at /dev/input/event7: 400 x 200 mm, 10 contacts"
+    without_slots = {code: AXES[code] for code in (POSITION_X, POSITION_Y)}
+    assert "without numbers (protocol A)" in str(evdev_found(monkeypatch, tmp_path, FakeNode(without_slots)))
+
+
+def test_what_is_wrong_with_a_touchscreen_is_said_with_its_fix(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "event0").touch()
+    monkeypatch.setattr(input_nodes, "FOLDER", tmp_path)
+    refused = evdev_found(monkeypatch, tmp_path, PermissionError(13, "Permission denied"), device="/dev/input/event7")
+    assert "/dev/input/event7 cannot be opened (Permission denied)" in str(refused)
+    assert "usermod -aG input" in str(refused)
+    assert "no device named 'wall'" in str(evdev_found(monkeypatch, tmp_path, device="wall"))
+    assert "no device that reports contacts" in str(evdev_found(monkeypatch, tmp_path))
+    monkeypatch.setattr(devices, "is_readable", lambda _: False)
+    assert "none that this user may read" in str(evdev_found(monkeypatch, tmp_path))
+    sizeless = AXES | {POSITION_X: AXES[POSITION_X]._replace(resolution=0)}
+    assert "set trackpad.size_mm" in str(evdev_found(monkeypatch, tmp_path, FakeNode(sizeless)))
 
 
 def test_without_a_daemon_the_pad_itself_is_measured() -> None:

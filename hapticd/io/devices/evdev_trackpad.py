@@ -1,0 +1,200 @@
+"""Any Linux multitouch device: its input events, read on the loop, grabbed so that no pointer moves.
+
+Reports are the kernel's own bytes, one for each SYN_REPORT, so recordings hold what the kernel said. What the kernel
+does not send again is told in the same form: all slots, after it dropped events and when the device was opened; and of
+fingers that lie still the last report, repeated.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import struct
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from ...errors import TrackpadError
+from ...values import RawReport
+from ...wire.trackpad import Pad, StillContacts, evdev
+from .input_nodes import FOLDER, InputNode, describe, find_nodes
+from .trackpad_source import BATCH, OnLink, OnReports
+
+_NATIVE = struct.Struct("@llHHi")  # as this kernel writes it; reports are of a 64-bit one
+_RESCAN_S = 1.0
+_Event = tuple[int, int, int]  # type, code, value
+_END = (evdev.EV_SYN, evdev.SYN_REPORT, 0)
+
+
+class EvdevTrackpad:
+    """A multitouch device by its path or name, or the first one found; searched for every second while none is there.
+
+    `size_mm` is the size of its range of positions, where it has no resolution.
+    """
+
+    def __init__(
+        self,
+        device: str = "",
+        size_mm: tuple[float, ...] = (),
+        *,
+        folder: Path = FOLDER,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._device, self._size_mm, self._folder = device, size_mm, folder
+        self._clock_ns = clock_ns
+        self._node: InputNode | None = None
+        self._timer: asyncio.Handle | None = None
+        self._repeat: asyncio.TimerHandle | None = None
+        self._still = StillContacts()
+        self._last_link: tuple[Pad | None, str] | None = None
+
+    def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
+        self._loop, self._on_reports, self._on_link = loop, on_reports, on_link
+        self._timer = loop.call_soon(self._connect)
+
+    def request_enable(self) -> None:
+        """Does nothing: the kernel's driver has set its mode."""
+
+    async def close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._disconnect()
+
+    # --- the link ---
+
+    def _connect(self) -> None:
+        try:
+            self._open()
+        except TrackpadError as error:
+            self._retry(str(error))
+        except OSError as error:
+            self._retry(f"{self._device or 'the touch device'} cannot be opened ({error.strerror}): see hapticd doctor")
+
+    def _open(self) -> None:
+        self._node = next(find_nodes(self._device, self._folder), None)
+        if self._node is None:
+            wanted = f"{self._device!r}" if self._device else "that this user may read"
+            self._retry(f"no multitouch device {wanted} is connected: plug one in, or see hapticd doctor")
+            return
+        try:
+            pad = describe(self._node, self._size_mm)
+            self._node.claim()
+            self._slot_count = self._node.slot_count()
+        except (TrackpadError, OSError):
+            self._disconnect()
+            raise
+        self._rest = b""
+        self._slot, self._down, self._was_dropped = 0, set[int](), False
+        self._events: list[_Event] = []
+        self._still.reset()
+        self._report_link(pad, f"{pad.name} at {self._node.path}")
+        self._deliver([self._told()])
+        self._loop.add_reader(self._node.fd, self._on_readable)
+
+    def _lost(self, why: str) -> None:
+        assert self._node is not None
+        path = self._node.path
+        self._disconnect()
+        self._retry(f"{path} was lost ({why}): searching for it")
+
+    def _disconnect(self) -> None:
+        if self._repeat is not None:
+            self._repeat.cancel()
+        if self._node is not None:
+            self._loop.remove_reader(self._node.fd)
+            self._node.close()
+            self._node = None
+
+    def _retry(self, reason: str) -> None:
+        self._report_link(None, reason)
+        self._timer = self._loop.call_later(_RESCAN_S, self._connect)
+
+    def _report_link(self, pad: Pad | None, reason: str) -> None:
+        if self._last_link != (pad, reason) and (pad or not self._last_link or self._last_link[0]):
+            self._last_link = (pad, reason)
+            self._on_link(pad, reason)
+
+    # --- reports ---
+
+    def _on_readable(self) -> None:
+        assert self._node is not None
+        try:
+            data = os.read(self._node.fd, BATCH * _NATIVE.size * 8)
+            batch = list(self._reports(data))
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(str(error.strerror))
+            return
+        if batch:
+            self._deliver(batch)
+        elif not data:
+            self._lost("end of file")
+
+    def _reports(self, data: bytes) -> Iterator[RawReport]:
+        """Split what was read into reports; after what the kernel dropped all slots are told."""
+        for second_s, microsecond_us, kind, code, value in _NATIVE.iter_unpack(data):
+            is_end = (kind, code) == _END[:2]
+            if is_end or len(self._events) < evdev.MAX_EVENTS - 1:  # no device has so many axes
+                self._rest += evdev.EVENT.pack(second_s, microsecond_us, kind, code, value)
+                self._events.append((kind, code, value))
+            if is_end:
+                t_now_ns, whole = self._clock_ns(), self._rest
+                self._rest = b""
+                self._note(second_s * 1_000_000_000 + microsecond_us * 1000, self._events)
+                self._events.clear()
+                yield RawReport(t_now_ns, whole)
+                if self._was_dropped:
+                    yield self._told()
+
+    def _note(self, t_ns: int, events: Sequence[_Event]) -> None:
+        """Take note of which contacts are there after a report."""
+        self._was_dropped = False
+        for kind, code, value in events:
+            self._was_dropped |= (kind, code) == (evdev.EV_SYN, evdev.SYN_DROPPED)
+            if (kind, code) == (evdev.EV_ABS, evdev.SLOT):
+                self._slot = value
+            elif (kind, code) == (evdev.EV_ABS, evdev.TRACKING_ID) and value >= 0:
+                self._down.add(self._slot)
+            elif (kind, code) == (evdev.EV_ABS, evdev.TRACKING_ID):
+                self._down.discard(self._slot)
+        self._still.took(t_ns, are_down=self._slot_count > 0 and len(self._down) > 0)
+
+    def _told(self) -> RawReport:
+        """Return a report of all slots as they are now. Raises OSError if the device is gone."""
+        assert self._node is not None
+        t_ns = self._clock_ns()
+        events = []
+        if self._slot_count > 0:
+            values = self._node.slots(self._slot_count)
+            for index in range(min(self._slot_count, evdev.MAX_CONTACTS)):
+                events.append((evdev.EV_ABS, evdev.SLOT, index))
+                is_there = values[evdev.TRACKING_ID][index] >= 0
+                told = values if is_there else (evdev.TRACKING_ID,)
+                events += [(evdev.EV_ABS, code, values[code][index]) for code in told]
+            slot = self._node.axis(evdev.SLOT)
+            events.append((evdev.EV_ABS, evdev.SLOT, slot.present if slot is not None else 0))
+        self._note(t_ns, events)
+        return RawReport(t_ns, _packed(t_ns, [*events, _END]))
+
+    def _deliver(self, batch: list[RawReport]) -> None:
+        self._on_reports(batch)
+        self._arm()
+
+    def _arm(self) -> None:
+        """Set when the last report is repeated."""
+        if self._repeat is not None:
+            self._repeat.cancel()
+            self._repeat = None
+        due_ns = self._still.due_ns
+        if due_ns is not None:
+            self._repeat = self._loop.call_later((due_ns - self._clock_ns()) * 1e-9, self._repeat_last)
+
+    def _repeat_last(self) -> None:
+        t_now_ns = self._clock_ns()
+        self._deliver([RawReport(t_now_ns, _packed(self._still.repeat(t_now_ns), [_END]))])
+
+
+def _packed(t_ns: int, events: list[_Event]) -> bytes:
+    second_s, rest_ns = divmod(t_ns, 1_000_000_000)
+    return b"".join(evdev.EVENT.pack(second_s, rest_ns // 1000, *event) for event in events)

@@ -1,0 +1,155 @@
+"""Linux input devices: which of them report touches, and what they declare of their axes.
+
+Six ioctls of the kernel's `include/uapi/linux/input.h`, by `fcntl`: the `evdev` package needs a compiler to install,
+and offers neither the stamps' clock nor the slots.
+"""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import fcntl
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from ...errors import TrackpadError
+from ...wire.trackpad import Pad, PadGeometry, evdev
+
+FOLDER = Path("/dev/input")
+_MONOTONIC = 1  # CLOCK_MONOTONIC
+_ABS_INFO = struct.Struct("6i")  # value, minimum, maximum, fuzz, flat, resolution
+_MOST_SLOTS = 64
+_LONGEST_MM = 5000.0
+_UNKNOWN_NS = 8_333_333  # the period of most touchscreens, until stamps show it
+
+
+def _code(direction: int, number: int, size_bytes: int) -> int:
+    return direction << 30 | size_bytes << 16 | ord("E") << 8 | number
+
+
+class Axis(NamedTuple):
+    """What a device declares of an axis, and its value now; `resolution` is in units per mm, 0: unknown."""
+
+    present: int
+    low: int
+    high: int
+    resolution: int
+
+
+class InputNode:
+    """One open node. Raises OSError where it cannot be opened, or was unplugged."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            os.close(self.fd)
+
+    @property
+    def name(self) -> str:
+        """What the device calls itself."""
+        text = bytearray(256)
+        fcntl.ioctl(self.fd, _code(2, 0x06, len(text)), text)
+        return "".join(one for one in text.split(b"\0")[0].decode(errors="replace") if one.isprintable())
+
+    def axis(self, code: int) -> Axis | None:
+        """Return an axis, None if the device has no such."""
+        declared = bytearray(8)
+        fcntl.ioctl(self.fd, _code(2, 0x20 + evdev.EV_ABS, len(declared)), declared)
+        if not declared[code // 8] >> code % 8 & 1:
+            return None
+        info = bytearray(_ABS_INFO.size)
+        fcntl.ioctl(self.fd, _code(2, 0x40 + code, len(info)), info)
+        present, low, high, _, _, resolution = _ABS_INFO.unpack(info)
+        return Axis(present, low, high, resolution)
+
+    def claim(self) -> None:
+        """Take the device for this process alone, and have its events stamped by the monotonic clock."""
+        fcntl.ioctl(self.fd, _code(1, 0xA0, 4), struct.pack("i", _MONOTONIC))
+        fcntl.ioctl(self.fd, _code(1, 0x90, 4), 1)
+
+    def slots(self, count: int) -> dict[int, list[int]]:
+        """Return the present values of a contact's axes in each slot, by axis; those that the device has."""
+        values = {}
+        for code in (evdev.TRACKING_ID, *evdev.AXES):
+            if self.axis(code) is not None:
+                asked = array.array("i", [code, *[0] * count])
+                fcntl.ioctl(self.fd, _code(2, 0x0A, asked.itemsize * len(asked)), asked)
+                values[code] = asked[1:].tolist()
+        return values
+
+    def slot_count(self) -> int:
+        """Return how many slots it has; 0: it speaks protocol A."""
+        slot = self.axis(evdev.SLOT)
+        return 0 if slot is None else min(max(slot.high + 1, 0), _MOST_SLOTS)
+
+
+def find_nodes(device: str, folder: Path = FOLDER) -> Iterator[InputNode]:
+    """Yield the open nodes of multitouch devices whose path or name is `device`; empty: of all. The caller closes them.
+
+    A node that cannot be opened is left out, unless its path is `device`: then OSError is raised.
+    """
+    if device.startswith("/"):
+        paths = [Path(device)]
+    else:
+        paths = sorted(folder.glob("event*"), key=lambda path: (len(path.name), path.name))
+    for path in paths:
+        try:
+            node = InputNode(path)
+        except OSError:
+            if device.startswith("/"):
+                raise
+            continue
+        if _is_asked_for(node, device):
+            yield node
+        else:
+            node.close()
+
+
+def _is_asked_for(node: InputNode, device: str) -> bool:
+    try:
+        has_touches = None not in (node.axis(evdev.POSITION_X), node.axis(evdev.POSITION_Y))
+        return has_touches and (device == "" or device.startswith("/") or node.name == device)
+    except OSError:
+        return False  # unplugged meanwhile, or no input device
+
+
+def describe(node: InputNode, size_mm: tuple[float, ...]) -> Pad:
+    """Return the pad that a node is. `size_mm` is what the user says of its range; empty: the device's resolution.
+
+    Raises TrackpadError where neither gives millimetres; OSError.
+    """
+    x, y = node.axis(evdev.POSITION_X), node.axis(evdev.POSITION_Y)
+    name = node.name or node.path.name
+    if x is None or y is None or not (x.low < x.high and y.low < y.high):
+        raise TrackpadError(f"{name} at {node.path} declares no range of positions: choose another device.")
+    if size_mm:
+        width_mm, height_mm = size_mm
+    elif x.resolution > 0 and y.resolution > 0:
+        width_mm, height_mm = (x.high - x.low) / x.resolution, (y.high - y.low) / y.resolution
+    else:
+        raise TrackpadError(
+            f"{name} at {node.path} does not say how large it is: measure its active area, and set trackpad.size_mm."
+        )
+    if not (1.0 <= width_mm <= _LONGEST_MM and 1.0 <= height_mm <= _LONGEST_MM):
+        raise TrackpadError(
+            f"{name} at {node.path} says it is {width_mm:g} x {height_mm:g} mm: set trackpad.size_mm to its true size."
+        )
+    pressure, turned = node.axis(evdev.PRESSURE), node.axis(evdev.ORIENTATION)
+    return Pad(
+        model="evdev",
+        name=name,
+        layout="evdev",
+        geometry=PadGeometry(
+            *(x.low, x.high, -y.high, -y.low, width_mm, height_mm),
+            pressure_max_raw=max(pressure.high, 0) if pressure is not None else 0,
+            quarter_turn_raw=max(turned.high, 0) if turned is not None else 0,
+        ),
+        period_ns=_UNKNOWN_NS,
+        source="evdev",
+    )

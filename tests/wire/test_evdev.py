@@ -1,0 +1,292 @@
+"""Input events of any Linux multitouch device: what they mean, and that no bytes do harm."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from input_events import BARE_SCREEN, END, SCREEN, axis, lifted, packed, placed
+
+from hapticd.values import AffineMap, Contact, TouchFrame
+from hapticd.wire.trackpad import Decoder, StillContacts, evdev, from_fields, to_fields
+from hapticd.wire.trackpad.evdev import (
+    BTN_LEFT,
+    DISTANCE,
+    EV_KEY,
+    EV_MSC,
+    EV_SYN,
+    MAX_CONTACTS,
+    MSC_TIMESTAMP,
+    ORIENTATION,
+    POSITION_X,
+    POSITION_Y,
+    PRESSURE,
+    SLOT,
+    SYN_DROPPED,
+    SYN_MT_REPORT,
+    TOUCH_MAJOR,
+    TOUCH_MINOR,
+    TRACKING_ID,
+)
+
+MS = 1_000_000
+SEPARATOR = (EV_SYN, SYN_MT_REPORT, 0)
+DROPPED = (EV_SYN, SYN_DROPPED, 0)
+
+
+def frames(decoder: Decoder, *reports: list[tuple[int, int, int]], period_ms: int = 8) -> list[TouchFrame]:
+    """Each report with its SYN_REPORT, a period after the one before."""
+    return [
+        frame
+        for index, events in enumerate(reports)
+        for frame in decoder.decode(packed(index * period_ms * MS, *events, END), index * period_ms * MS)
+    ]
+
+
+def places(frame: TouchFrame) -> dict[int, tuple[float, float]]:
+    return {contact.contact_id: (contact.x_mm, contact.y_mm) for contact in frame.contacts}
+
+
+def only(frame: TouchFrame) -> Contact:
+    (contact,) = frame.contacts
+    return contact
+
+
+# --- protocol B ---
+
+
+def test_a_slot_is_a_contact_from_its_id_to_the_end_of_its_id() -> None:
+    landed, moved, one, none = frames(
+        Decoder(SCREEN),
+        placed(0, 2000, 2000, 7) + placed(1, 3000, 1000, 8),
+        placed(1, 3000, 900),
+        lifted(0),
+        lifted(1),
+    )
+    assert places(landed) == {7: (0.0, 0.0), 8: (100.0, 50.0)}
+    assert places(moved) == {7: (0.0, 0.0), 8: (100.0, 55.0)}  # what is not sent has not changed
+    assert places(one) == {8: (100.0, 55.0)}
+    assert none.contacts == ()
+
+
+def test_ten_contacts_are_ten_and_slots_beyond_sixteen_are_not_seen() -> None:
+    (frame,) = frames(Decoder(SCREEN), [event for slot in range(10) for event in placed(slot, 100 * slot, 0, slot)])
+    assert len(frame.contacts) == 10
+    (full,) = frames(Decoder(SCREEN), [event for slot in range(-2, 30) for event in placed(slot, 9 * slot, 0, slot)])
+    assert sorted(places(full)) == list(range(MAX_CONTACTS))
+
+
+def test_a_slot_that_gets_another_id_at_once_is_another_contact() -> None:
+    first, second = frames(Decoder(SCREEN), placed(0, 10, 10, 7), [axis(TRACKING_ID, 9)])
+    assert (list(places(first)), list(places(second))) == ([7], [9])
+
+
+def test_a_contact_that_returns_without_having_moved_is_where_it_was() -> None:
+    *_, back = frames(Decoder(SCREEN), placed(0, 2000, 2000, 7), lifted(0), [axis(SLOT, 0), axis(TRACKING_ID, 8)])
+    assert places(back) == {8: (0.0, 0.0)}
+
+
+def test_the_ellipse_turns_clockwise_from_the_users_forward_axis_and_is_in_the_units_of_positions() -> None:
+    events = [*placed(0, 0, 0, 1), axis(TOUCH_MAJOR, 150), axis(TOUCH_MINOR, 75)]
+    forward, turned = frames(Decoder(SCREEN), events, [axis(ORIENTATION, 90)])
+    assert only(forward).angle_rad == pytest.approx(math.pi / 2)
+    assert (only(forward).major_mm, only(forward).minor_mm) == pytest.approx((10.0, 5.0))  # 15 units per mm on average
+    assert only(turned).angle_rad % math.pi == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_ellipse_of_unknown_direction_is_a_disc_and_a_minor_axis_that_is_not_sent_equals_the_major_one() -> None:
+    (ellipse,) = frames(Decoder(BARE_SCREEN), [*placed(0, 0, 0, 1), axis(TOUCH_MAJOR, 180), axis(TOUCH_MINOR, 45)])
+    assert (only(ellipse).major_mm, only(ellipse).minor_mm) == pytest.approx((6.0, 6.0))
+    (disc,) = frames(Decoder(SCREEN), [*placed(0, 0, 0, 1), axis(TOUCH_MAJOR, 150)])
+    assert only(disc).major_mm == only(disc).minor_mm == pytest.approx(10.0)
+
+
+def test_pressure_is_a_share_of_the_highest_and_none_where_the_device_has_none() -> None:
+    events = [*placed(0, 0, 0, 1), axis(PRESSURE, 51)]
+    assert only(frames(Decoder(SCREEN), events)[0]).pressure_frac == pytest.approx(0.2)
+    assert only(frames(Decoder(BARE_SCREEN), events)[0]).pressure_frac == 0.0
+
+
+def test_a_contact_at_a_distance_does_not_touch() -> None:
+    hovering, touching = frames(Decoder(SCREEN), [*placed(0, 0, 0, 1), axis(DISTANCE, 3)], [axis(DISTANCE, 0)])
+    assert (only(hovering).touching, only(touching).touching) == (False, True)
+
+
+def test_a_click_pads_button_is_the_frames() -> None:
+    assert [one.button for one in frames(Decoder(SCREEN), [(EV_KEY, BTN_LEFT, 1)], [], [(EV_KEY, BTN_LEFT, 0)])] == [
+        *(True, True, False)
+    ]
+
+
+def test_other_events_mean_nothing() -> None:
+    (frame,) = frames(Decoder(SCREEN), [(EV_KEY, 0x14A, 1), (EV_MSC, 4, 9), (EV_SYN, 7, 0), axis(0x00, 5), (9, 9, 9)])
+    assert frame.contacts == ()
+
+
+def test_what_the_kernel_dropped_is_forgotten_and_the_fingers_stay_where_all_slots_are_told_next() -> None:
+    landed, told = frames(Decoder(SCREEN), placed(0, 2000, 2000, 7), [DROPPED, *lifted(0)], placed(0, 2200, 2000, 7))
+    assert (places(landed), places(told)) == ({7: (0.0, 0.0)}, {7: (20.0, 0.0)})
+    *_, untold = frames(Decoder(SCREEN), placed(0, 2000, 2000, 7), [DROPPED], [axis(POSITION_X, 5)])
+    assert untold.contacts == ()
+
+
+def test_a_report_may_come_in_pieces() -> None:
+    decoder, events = Decoder(SCREEN), placed(0, 2000, 2000, 7)
+    assert decoder.decode(packed(0, *events[:2]), 0) == ()
+    (frame,) = decoder.decode(packed(0, *events[2:], END), 0)
+    assert places(frame) == {7: (0.0, 0.0)}
+
+
+def test_a_sensor_that_lies_rotated_and_mirrored_is_placed_and_can_be_placed_again() -> None:
+    decoder = Decoder(SCREEN, AffineMap(0.0, 1.0, 1.0, 0.0, 5.0, 0.0))
+    (frame,) = frames(decoder, placed(0, 3000, 1000, 1))
+    assert places(frame) == {1: (55.0, 100.0)}
+    decoder.place(AffineMap())
+    assert places(frames(decoder, [])[0]) == {1: (100.0, 50.0)}
+
+
+# --- protocol A ---
+
+
+def anonymous(*points: tuple[int, int]) -> list[tuple[int, int, int]]:
+    placed_ = [[axis(POSITION_X, x), axis(POSITION_Y, y), SEPARATOR] for x, y in points]
+    return [event for events in placed_ for event in events] or [SEPARATOR]
+
+
+def test_contacts_without_numbers_keep_those_of_the_nearest_before() -> None:
+    first, second, one, none = frames(
+        Decoder(SCREEN),
+        anonymous((1000, 1000), (3000, 3000)),
+        anonymous((3010, 3000), (1010, 1000)),
+        anonymous((3020, 3000)),
+        anonymous(),
+    )
+    left, right = places(first)
+    assert places(second) == {right: (101.0, -50.0), left: (-99.0, 50.0)}
+    assert list(places(one)) == [right]
+    assert none.contacts == ()
+
+
+def test_a_contact_far_from_all_before_is_a_new_one() -> None:
+    first, second = frames(Decoder(SCREEN), anonymous((0, 0)), anonymous((4000, 0)))
+    assert places(first).keys().isdisjoint(places(second))
+
+
+def test_a_device_that_numbers_its_contacts_without_slots_is_believed() -> None:
+    numbered = [axis(TRACKING_ID, 4), axis(POSITION_X, 2000), axis(POSITION_Y, 2000), SEPARATOR]
+    (frame,) = frames(Decoder(SCREEN), numbered)
+    assert places(frame) == {4: (0.0, 0.0)}
+
+
+def test_half_a_contact_is_none_and_more_than_sixteen_are_sixteen() -> None:
+    (frame,) = frames(Decoder(SCREEN), [axis(POSITION_X, 5), SEPARATOR, *anonymous((1, 1))])
+    assert len(frame.contacts) == 1
+    (full,) = frames(Decoder(SCREEN), anonymous(*[(10 * n, 0) for n in range(40)]))
+    assert len(full.contacts) == MAX_CONTACTS
+
+
+# --- time ---
+
+
+def test_a_kernels_stamp_is_when_it_was_sampled() -> None:
+    (frame,) = Decoder(SCREEN).decode(packed(5_000 * MS, END), 5_003 * MS)
+    assert frame.t_ns == 5_000 * MS
+
+
+def test_stamps_of_another_clock_begin_at_the_first_reading_and_keep_their_spacing() -> None:
+    decoder = Decoder(SCREEN)
+    times = [decoder.decode(packed(day * 86_400_000 * MS, END), t * MS)[0].t_ns for day, t in ((9, 70), (9, 90))]
+    assert times == [70 * MS, 70 * MS]
+    assert decoder.counters["clock_steps"] == 0
+    (frame,) = decoder.decode(packed(MS, END), 100_000 * MS)
+    assert (frame.t_ns, decoder.counters["clock_steps"]) == (100_000 * MS, 1)
+
+
+def test_the_devices_own_counter_has_no_jitter_of_the_bus() -> None:
+    decoder = Decoder(SCREEN)
+    t_ns = []
+    for index in range(1, 400):
+        late_ns = (index * 7919 % 8) * MS
+        stamp_ns = index * 8 * MS + late_ns
+        counter = (EV_MSC, MSC_TIMESTAMP, index * 8000)
+        t_ns.append(decoder.decode(packed(stamp_ns, counter, END), stamp_ns)[0].t_ns)
+    gaps_ns = [later - earlier for earlier, later in itertools.pairwise(t_ns)]
+    assert all(abs(gap_ns - 8 * MS) < 0.05 * MS for gap_ns in gaps_ns[1:])
+
+
+def test_a_counter_that_was_restarted_is_no_step_and_one_in_a_wrong_unit_is_left_alone() -> None:
+    def stamped(decoder: Decoder, *counters_us: int) -> list[int]:
+        return [
+            decoder.decode(packed(n * 100 * MS, (EV_MSC, MSC_TIMESTAMP, us), END), n * 100 * MS)[0].t_ns
+            for n, us in enumerate(counters_us)
+        ]
+
+    restarted = Decoder(SCREEN)
+    assert stamped(restarted, 5_000, 0, 100_000) == [0, 100 * MS, 200 * MS]
+    assert restarted.counters["clock_steps"] == 0
+    wrong = Decoder(SCREEN)
+    assert stamped(wrong, *range(1, 9)) == [n * 100 * MS for n in range(8)]
+    assert wrong.counters["clock_steps"] == 3
+
+
+# --- files, and any bytes ---
+
+
+def test_the_device_is_known_from_a_file() -> None:
+    assert from_fields(to_fields(SCREEN)).geometry == SCREEN.geometry
+    assert "pressure_max_raw" not in to_fields(BARE_SCREEN)
+    for wrong in (-1, True, 1.5, 1 << 40):
+        with pytest.raises(ValueError, match="quarter_turn_raw must be a whole number"):
+            from_fields(to_fields(SCREEN) | {"quarter_turn_raw": wrong})
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", bytes(23), bytes(25), bytes(24 * (evdev.MAX_EVENTS + 1))])
+def test_what_is_not_some_whole_events_is_refused(data: bytes) -> None:
+    decoder = Decoder(SCREEN)
+    assert decoder.decode(data, 0) == ()
+    assert decoder.counters["length"] == 1
+
+
+events_ = st.tuples(
+    st.integers(0, 4), st.one_of(st.integers(0, 0x3F), st.just(BTN_LEFT)), st.integers(-(1 << 31), (1 << 31) - 1)
+)
+
+
+@given(st.lists(st.lists(events_, max_size=30), max_size=8), st.integers(-(1 << 60), 1 << 60))
+def test_any_events_give_sound_frames(reports: list[list[tuple[int, int, int]]], t_ns: int) -> None:
+    decoder = Decoder(SCREEN)
+    for events in reports:
+        data = b"".join(evdev.EVENT.pack(t_ns % (1 << 62), t_ns % (1 << 40), *event) for event in [*events, END])
+        for frame in decoder.decode(data, t_ns):
+            assert len(places(frame)) == len(frame.contacts) <= MAX_CONTACTS
+            assert all(math.isfinite(value) for contact in frame.contacts for value in contact)
+
+
+# --- contacts that lie still ---
+
+
+def test_a_finger_that_lies_still_is_repeated_at_the_devices_own_rate_until_it_is_lost() -> None:
+    still = StillContacts()
+    assert still.due_ns is None
+    for index in range(20):
+        still.took(index * 4 * MS, are_down=True)
+    assert (still.period_ns, still.due_ns) == (4 * MS, 76 * MS + 6 * MS)
+    assert still.repeat(82 * MS) == 80 * MS
+    assert still.repeat(91 * MS) == 88 * MS  # the host was busy: whole periods later
+    assert still.due_ns == 94 * MS
+    still.repeat(10_076 * MS)
+    assert still.due_ns is None
+
+
+def test_nothing_is_repeated_after_the_last_finger_is_lifted_or_the_device_is_another() -> None:
+    still = StillContacts()
+    still.took(0, are_down=True)
+    still.took(100 * MS, are_down=False)
+    assert still.due_ns is None
+    still.took(200 * MS, are_down=True)
+    assert still.period_ns == 8_333_333  # a pause is no period
+    still.reset()
+    assert still.due_ns is None
