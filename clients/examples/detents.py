@@ -25,13 +25,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--detents", type=int, default=9, choices=range(2, 21), metavar="2..20", help="(%(default)s)")
-    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude between detents (%(default)s um)")
+    parser.add_argument("--friction", type=float, default=0.05, help="between detents, 0 .. 1 (%(default)s)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
     options = parser.parse_args(arguments)
 
     try:
-        slider = slider_map(options.detents, options.high_um)
+        slider = slider_map(options.detents, options.friction)
         with Client(options.endpoint) as plate:
             serve(plate, slider, options.detents, time.monotonic() + options.seconds)
     except KeyboardInterrupt:
@@ -40,11 +40,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.exit(1, f"{error}\n")
 
 
-def slider_map(detents: int, high_um: float) -> Map:
-    """Return the track as amplitudes: slippery except at the detents, bare glass outside."""
-    track_um = [high_um * is_slippery(x_mm, detents) for x_mm in middles_mm()]
-    bare_um = [0.0] * PIXELS
-    return Map.from_um([track_um if abs(y_mm) <= HALF_WIDTH_MM else bare_um for y_mm in middles_mm()])
+def slider_map(detents: int, friction: float) -> Map:
+    """Return the track as frictions: slippery except at the detents, bare glass outside."""
+    track = [255 * is_slippery(x_mm, detents) for x_mm in middles_mm()]
+    bare = [0] * PIXELS
+    rows = [track if abs(y_mm) <= HALF_WIDTH_MM else bare for y_mm in middles_mm()]
+    return Map(rows, frictions=(1.0, friction))
 
 
 def middles_mm() -> list[float]:

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--apart-mm", type=float, default=25.0, help="largest distance of the fingers (%(default)s mm)")
-    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude of the slippery half (%(default)s um)")
+    parser.add_argument("--friction", type=float, default=0.05, help="of the slippery half, 0 .. 1 (%(default)s)")
     parser.add_argument("--seed", type=int, help="seed of the hidden edges (default: random)")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the game (%(default)s)")
@@ -36,14 +36,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     try:
         with Client(options.endpoint) as plate:
-            play(plate, options.apart_mm, options.high_um, random.Random(options.seed), options.seconds)
+            play(plate, options.apart_mm, options.friction, random.Random(options.seed), options.seconds)
     except KeyboardInterrupt:
         pass
     except HapticdError as error:
         parser.exit(1, f"{error}\n")
 
 
-def play(plate: Client, apart_mm: float, high_um: float, rng: random.Random, seconds: float) -> None:
+def play(plate: Client, apart_mm: float, friction: float, rng: random.Random, seconds: float) -> None:
     """Hide one edge after the other until the time is over, then print the score."""
     print(f"Two fingers on the plate: catch the edge, at most {apart_mm:g} mm apart, within {seconds:g} s!")
     edge_mm, caught = rng.uniform(-REACH_MM, REACH_MM), 0
@@ -55,7 +55,7 @@ def play(plate: Client, apart_mm: float, high_um: float, rng: random.Random, sec
         for finger in fingers:
             if (state.instance, finger.id) not in on_map:
                 on_map.add((state.instance, finger.id))
-                hide(plate, finger, edge_mm, high_um)
+                hide(plate, finger, edge_mm, friction)
         now_s = time.monotonic()
         if is_caught(fingers, edge_mm, apart_mm):
             caught += 1
@@ -67,11 +67,11 @@ def play(plate: Client, apart_mm: float, high_um: float, rng: random.Random, sec
     print(f"Score: {caught} in {seconds:g} s")
 
 
-def hide(plate: Client, finger: FingerState, edge_mm: float, high_um: float) -> None:
+def hide(plate: Client, finger: FingerState, edge_mm: float, friction: float) -> None:
     """Set the edge for a finger; fingers of other clients do not take part."""
     slippery = round((edge_mm / PLATE_MM + 0.5) * PIXELS)
     try:
-        plate.set(finger, map=Map([[255] * slippery + [0] * (PIXELS - slippery)], high_um))
+        plate.set(finger, map=Map([[255] * slippery + [0] * (PIXELS - slippery)], frictions=(1.0, friction)))
     except RefusedError as refusal:
         print(refusal)
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from hapticd_client import Client, HapticdError, Map
+from hapticd_client import Client, FingerState, HapticdError, Map
 
 SIDE = 64  # pixels of the ball's picture
 
@@ -19,22 +19,22 @@ SIDE = 64  # pixels of the ball's picture
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: hapticd run --sim &  python photograph.py portrait.jpg --high-um 2",
+        epilog="example: hapticd run --sim &  python photograph.py portrait.jpg --friction 0.2",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("picture", nargs="?", type=Path, help="any file that Pillow reads; its middle square is used")
-    parser.add_argument("--high-um", type=float, default=1.5, help="amplitude of white (%(default)s um)")
+    parser.add_argument("--friction", type=float, default=0.05, help="of white, 0 (most slippery) .. 1 (%(default)s)")
     parser.add_argument("--negative", action="store_true", help="make dark parts slippery")
     parser.add_argument("--endpoint", help="the daemon's runtime directory")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long (default: Ctrl-C)")
     options = parser.parse_args(arguments)
 
     try:
-        light_um, dark_um = (0.0, options.high_um) if options.negative else (options.high_um, 0.0)
+        frictions = (options.friction, 1.0) if options.negative else (1.0, options.friction)  # of black and of white
         if options.picture is None:
-            picture = Map(ball(), light_um, dark_um)
+            picture = Map(ball(), frictions=frictions)
         else:
-            picture = Map.from_image(options.picture, light_um, dark_um)
+            picture = Map.from_image(options.picture, frictions=frictions)
         with Client(options.endpoint) as plate:
             serve(plate, picture, time.monotonic() + options.seconds)
     except KeyboardInterrupt:
@@ -57,7 +57,7 @@ def ball() -> list[list[int]]:
 
 
 def serve(plate: Client, picture: Map, end_s: float) -> None:
-    """Give every finger that lands the picture, and print positions and targets."""
+    """Give every finger that lands the picture, and print positions and what they feel."""
     landed = set()
     next_line_s = time.monotonic()
     for state in plate.states():
@@ -67,14 +67,17 @@ def serve(plate: Client, picture: Map, end_s: float) -> None:
                 landed.add((state.instance, finger.id))
                 plate.set(finger, map=picture)
                 print(f"finger {finger.id} feels the picture")
-        felt = [finger for finger in state.fingers if finger.target_um is not None]
+        felt = [finger for finger in state.fingers if finger.felt_friction is not None]
         if felt and now_s >= next_line_s:
             next_line_s = now_s + 0.5
-            print(
-                "   ".join(f"{one.id}: x {one.x_mm:+5.1f}, y {one.y_mm:+5.1f}, {one.target_um:.2f} um" for one in felt)
-            )
+            print("   ".join(map(line, felt)))
         if now_s > end_s:
             break
+
+
+def line(finger: FingerState) -> str:
+    """Format where a finger is and what it feels."""
+    return f"{finger.id}: x {finger.x_mm:+5.1f}, y {finger.y_mm:+5.1f}, friction {finger.felt_friction:.2f}"
 
 
 if __name__ == "__main__":

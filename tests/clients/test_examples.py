@@ -181,21 +181,21 @@ def test_the_grating_is_slippery_on_its_stripes_and_sticky_between(daemon: FakeD
 def test_the_photograph_s_ball_is_lit_from_the_upper_left(daemon: FakeDaemon) -> None:
     plate = ScriptedPlate({1: (-20.0, 0.0)})
     program = example("photograph")
-    program.serve(plate, Map(program.ball(), 1.5), math.inf)
+    program.serve(plate, Map(program.ball(), frictions=(1.0, 0.05)), math.inf)
     light, middle, shade, outside = felt_um(
         daemon, plate.given[1], (-35.0, 35.0), (0.0, 0.0), (40.0, -40.0), (-65.0, 65.0)
     )
-    assert light == pytest.approx(1.5, abs=0.05)
-    assert middle == pytest.approx(1.5 / 3**0.5, abs=0.05)
+    assert light == pytest.approx(SLIPPERY_UM, abs=0.1)
+    assert middle == pytest.approx(DEFAULT_FRICTION_CURVE.amplitude_um(1.0 - 0.95 / 3**0.5), abs=0.05)
     assert (shade, outside) == (0.0, 0.0)
 
 
 def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -> None:
     plate = ScriptedPlate({1: (-49.0, 0.0)})
     program = example("detents")
-    program.serve(plate, program.slider_map(5, 1.5), 5, math.inf)
+    program.serve(plate, program.slider_map(5, 0.05), 5, math.inf)
     places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
-    assert felt_um(daemon, plate.given[1], *places_mm) == [0.0, 1.5, 0.0, 1.5, 0.0, 0.0]
+    assert felt_um(daemon, plate.given[1], *places_mm) == [0.0, SLIPPERY_UM, 0.0, SLIPPERY_UM, 0.0, 0.0]
 
 
 def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon, client: Client) -> None:
@@ -362,13 +362,13 @@ def test_the_slider_prints_each_detent_that_a_finger_reaches(capsys: pytest.Capt
     way_mm = ((-49.0, 0.0), (-30.0, 0.0), (-30.0, 30.0), (10.0, 30.0), (10.0, 0.0), (90.0, 0.0), (88.0, 0.0))
     program = example("detents")
     plate = ScriptedPlate(*({7: place_mm} for place_mm in way_mm))
-    program.serve(plate, program.slider_map(5, 1.5), 5, math.inf)
+    program.serve(plate, program.slider_map(5, 0.05), 5, math.inf)
     assert capsys.readouterr().out.splitlines() == [f"finger 7: detent {detent}" for detent in (0, 1, 2, 4)]
 
 
 def played(plate: ScriptedPlate, capsys: pytest.CaptureFixture[str]) -> list[str]:
     """Output of the game after its instructions."""
-    example("find_the_edge").play(plate, 25.0, 1.5, random.Random(1), 60.0)
+    example("find_the_edge").play(plate, 25.0, 0.05, random.Random(1), 60.0)
     return capsys.readouterr().out.splitlines()[1:]
 
 
@@ -392,7 +392,7 @@ def test_an_edge_outside_or_between_distant_fingers_is_not(
 def test_the_edge_is_slippery_on_its_left(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:
     plate = ScriptedPlate({1: (-20.0, 0.0)})
     played(plate, capsys)
-    assert felt_um(daemon, plate.given[1], (EDGE_MM - 2.0, 40.0), (EDGE_MM + 2.0, -40.0)) == [1.5, 0.0]
+    assert felt_um(daemon, plate.given[1], (EDGE_MM - 2.0, 40.0), (EDGE_MM + 2.0, -40.0)) == [SLIPPERY_UM, 0.0]
 
 
 @pytest.mark.parametrize("apart_mm", ["0", "61", "nan"])

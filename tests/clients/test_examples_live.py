@@ -29,7 +29,7 @@ EXPECTED = {
     "maze": r"^Find the gaps of 5 walls",
     "moving_patch": r"^patch at x = -40 mm: \+40 mm/s$",
     "paper_environment": r"^finger \d+ landed at x = [-+][\d.]+ mm: friction (0\.2|1)$",
-    "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, [01]\.\d\d um",
+    "photograph": r"^\d+: x [-+ ][\d. +-]+, y [\d. +-]+, friction [01]\.\d\d",
     "piano": r"^finger \d+: [A-Gc], [\d.]+ Hz$",
     "print_achieved": r"^. (ACTIVE|ARMED) +",
     "reach": r"^finger \d+: ",

@@ -78,8 +78,16 @@ class Map:
         return cls(levels, high_um, low_um)
 
     @classmethod
-    def from_image(cls, path: str | os.PathLike[str], high_um: float, low_um: float = 0.0) -> Map:
-        """Make a map of a picture file, in grey: white is `high_um`, black `low_um`; swap the two for a negative.
+    def from_image(
+        cls,
+        path: str | os.PathLike[str],
+        high_um: float | None = None,
+        low_um: float = 0.0,
+        *,
+        frictions: tuple[float, float] | None = None,
+    ) -> Map:
+        """Make a map of a picture file, in grey: white is `high_um`, black `low_um`, or `frictions` are those of black
+        and white; swap the two for a negative.
 
         The plate is square: the middle square of the picture is used, scaled down to at most 128 x 128, with the
         camera's orientation applied. Transparent parts are black. Needs Pillow, the extra `image`.
@@ -87,7 +95,7 @@ class Map:
         """
         from .image import grey_rows
 
-        return cls(grey_rows(path, MAX_MAP_SIDE), high_um, low_um)
+        return cls(grey_rows(path, MAX_MAP_SIDE), high_um, low_um, frictions)
 
     @property
     def message(self) -> LevelMap:

@@ -31,7 +31,6 @@ _MARGIN_MM = 0.5  # for what lies between them
 _FARTHEST_MM = 1e3  # to leave the bounds is worse than to come close to the other finger
 _FIRST_DRAWN_S = 10.0
 _MORE_S, _MORE_FRAC = 1.0, 1.02  # drawn at a time: little, as a rig in real time waits for it
-_MOST_OVERLAP_FRAC = 0.5  # of the shorter of two movements, so that never three are under way
 
 
 class Hand(NamedTuple):
