@@ -3,7 +3,7 @@
 /** Base64; a `Uint8Array` is sent as that. */
 export type Bytes = Uint8Array | string;
 
-// --- made of the contract by clients/schema/typescript.py
+// --- made of the contract by clients/schema/write.py
 /** The message of the `targets` socket. */
 export interface TargetsMessage {
   /** owner of these fingers; must be unique */

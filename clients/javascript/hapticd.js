@@ -49,6 +49,7 @@ export class Plate {
   #stamp = 0;
   #refresh = null;
   #changes = Promise.resolve(); // one after the other, so that a refused one takes back only itself
+  #seen = new Set(); // fingers with a target that were in a state
   #followers = new Map(); // callback -> "newest" or "every"
   #opening;
 
@@ -194,7 +195,6 @@ export class Plate {
     return this.#afterOthers(async () => {
       const held = this.#held[kind];
       const before = held.get(key);
-      held.delete(key); // the newest is last: of surfaces on top
       held.set(key, fields);
       try {
         await this.#send();
@@ -258,7 +258,18 @@ export class Plate {
       } else if (message.ok) waiting.resolve(message.body);
       else waiting.reject(new RefusedError(message.error));
     } else if ("seq" in message) {
+      this.#dropLifted(message.fingers);
       for (const take of this.#followers.keys()) take(message);
+    }
+  }
+
+  /** Forget the targets of fingers that were in a state and are in this one no more: ids are never used again. */
+  #dropLifted(fingers) {
+    const down = new Set(fingers.map((finger) => finger.id));
+    for (const key of this.#held.targets.keys()) {
+      if (typeof key !== "number") continue;
+      if (down.has(key)) this.#seen.add(key);
+      else if (this.#seen.delete(key)) this.#held.targets.delete(key);
     }
   }
 

@@ -1,6 +1,7 @@
 """Writes the messages' types into `clients/javascript/hapticd.d.ts`, between its two marks.
 
-`python clients/schema/typescript.py`; a test compares them. They follow from `hapticd_contract`, as the JSON schemas.
+`python clients/schema/write.py` does it too; a test compares them. They follow from `hapticd_contract`, as the
+JSON schemas do.
 """
 
 from __future__ import annotations

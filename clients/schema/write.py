@@ -1,6 +1,7 @@
-"""Writes what follows from the contract: the JSON schemas beside this file, and the tables of `clients/PROTOCOL.md`.
+"""Writes what follows from the contract: the JSON schemas beside this file, the tables of `clients/PROTOCOL.md`, and
+the types of the JavaScript client (`typescript.py`).
 
-`python clients/schema/write.py`; a test compares both. Meanings are the docstrings behind the fields of
+`python clients/schema/write.py`; tests compare them. Meanings are the docstrings behind the fields of
 `hapticd_contract`, values their types and bounds.
 """
 
@@ -10,6 +11,7 @@ import ast
 import inspect
 import json
 import re
+import runpy
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -41,10 +43,11 @@ SCHEMAS: dict[str, Any] = {
 
 
 def main() -> None:
-    """Write the schemas and the tables."""
+    """Write the schemas, the tables and the types."""
     for name, text in schemas().items():
         (FOLDER / f"{name}.json").write_text(text, encoding="utf-8")
     PROTOCOL.write_text(with_tables(PROTOCOL.read_text(encoding="utf-8")), encoding="utf-8")
+    runpy.run_path(str(FOLDER / "typescript.py"))["main"]()
 
 
 # --- schemas ----------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ def node(daemon: FakeDaemon, script: str) -> str:
 
 
 def test_the_types_follow_from_the_contract() -> None:
-    """`python clients/schema/typescript.py` writes them."""
+    """`python clients/schema/write.py` writes them."""
     text = (JAVASCRIPT / "hapticd.d.ts").read_text(encoding="utf-8")
     assert runpy.run_path(str(SCHEMA / "typescript.py"))["with_types"](text) == text
 
