@@ -5,6 +5,7 @@ Validation, error messages and `hapticd run --print-config` all use these defini
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from .keys import key
@@ -14,6 +15,9 @@ FELT = "felt"
 CONTRAST = "contrast"
 OBJECTIVES = (FELT, CONTRAST)
 LEAST_MODES, MOST_MODES = 2, 8  # with an amplifier each: boards are built for these
+OVERSHOOT_FRAC = 0.01  # by which the plate passes a moving reference
+SIGMAS = 3.0  # of the sensors, with all modes at their limits at once: the worst of 40 worlds stay within by 1 %
+LEAST_REFERENCE_FRAC = 0.25  # of a limit, however little is known of the sensors
 
 # Repeated from pads and simulation, which are not loaded when a configuration is checked; tests compare them.
 PAD_NAMES = ("usbc-usb", "mt2-usb", "usbc-bt", "mt2-bt", "mt1")
@@ -168,13 +172,12 @@ class LimitsConfig:
 
     w_limit_um: tuple[float, ...] = key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
     headroom_frac: float = key(
-        0.05, "share of each limit kept free for overshoot and for errors of the sensors' gains", low=0, high=0.5
+        0.05,
+        "least share of each limit kept free; more where uncertainty.sensors_frac needs it for the plate itself to "
+        "stay within",
+        low=0,
+        high=0.5,
     )
-
-    @property
-    def reference_limit_um(self) -> tuple[float, ...]:
-        """The largest amplitude of each mode in a reference."""
-        return tuple([limit_um * (1.0 - self.headroom_frac) for limit_um in self.w_limit_um])
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,6 +319,21 @@ class Config:
     realtime: RealtimeConfig = field(default_factory=RealtimeConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
     log: LogConfig = field(default_factory=LogConfig)
+
+    @property
+    def reference_limit_um(self) -> tuple[float, ...]:
+        """The largest amplitude of each mode in a reference: so much below its limit that the plate stays within, by
+        three sigmas, whatever share of all modes each sensor mistakes for its own; a quarter of the limit at least.
+        """
+        limits, sensors_frac = self.limits, self.uncertainty.sensors_frac
+        unseen_um = SIGMAS * sensors_frac * math.hypot(*limits.w_limit_um)
+        least_share, most_share = LEAST_REFERENCE_FRAC, 1.0 - limits.headroom_frac
+        return tuple(
+            [
+                limit_um * min(max(1.0 - OVERSHOOT_FRAC - unseen_um / limit_um, least_share), most_share)
+                for limit_um in limits.w_limit_um
+            ]
+        )
 
     @property
     def rig_dir(self) -> str:

@@ -37,7 +37,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     prediction, solver = config.prediction, config.solver
     has_contacts = _has_contacts(config)
     return PipelineSettings(
-        w_limit_um=config.limits.reference_limit_um,
+        w_limit_um=config.reference_limit_um,
         make_predictor=partial(
             DEFAULT.for_touch,
             memory=PadMemory.of(prediction.pad_weights),

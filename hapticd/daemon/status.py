@@ -133,7 +133,7 @@ class Status:
         return Plate(
             size_mm=config.plate.size_mm,
             w_limit_um=config.limits.w_limit_um,
-            reference_limit_um=config.limits.reference_limit_um,
+            reference_limit_um=config.reference_limit_um,
             contact_radius_mm=pipeline_settings(config).contact_radius_mm,
             friction_curve=tuple([(um, curve.friction(um)) for _, um in reversed(curve.knots)]),
             friction_speed_mm_s=curve.speed_mm_s if math.isfinite(curve.speed_mm_s) else None,

@@ -53,7 +53,16 @@ def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
     assert load(config.render(changed), tmp_path) == changed
     assert load("[solver]\nphase_rotation = false", tmp_path).solver.phase_rotation is False
     assert changed.limits.w_limit_um == (3.5, 2.0)
-    assert changed.limits.reference_limit_um == pytest.approx((3.5 * 0.95, 2.0 * 0.95))
+
+
+def test_references_leave_room_for_what_is_not_known_of_the_sensors(tmp_path: Path) -> None:
+    known = load("[limits]\nw_limit_um = [3, 4]\n[uncertainty]\nsensors_frac = 0.003", tmp_path)
+    assert known.reference_limit_um == pytest.approx((3.0 * 0.95, 4.0 * 0.95))
+    usual = load("[limits]\nw_limit_um = [3, 4]\n[uncertainty]\nsensors_frac = 0.02", tmp_path)
+    unseen_um = 3.0 * 0.02 * 5.0  # of both modes at their limits
+    assert usual.reference_limit_um == pytest.approx((3.0 * 0.99 - unseen_um, 4.0 * 0.99 - unseen_um))
+    unknown = load("[limits]\nw_limit_um = [3, 4]\n[uncertainty]\nsensors_frac = 1", tmp_path)
+    assert unknown.reference_limit_um == pytest.approx((0.75, 1.0))
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     said: Any = decode(encode(bench.machine.describe_plate()))
     modes = bench.machine.modes
     assert (said["size_mm"], said["w_limit_um"], said["simulated"]) == ([137.5, 137.5], [4.0, 4.0], None)
-    assert said["reference_limit_um"] == [3.8, 3.8]
+    assert said["reference_limit_um"] == list(bench.machine.config.reference_limit_um)
     assert said["contact_radius_mm"] == 0.0  # two modes cannot still a whole contact
     assert said["drive_hz"] == pytest.approx(29205.0)
     shapes = np.frombuffer(said["shapes"], "<f4").reshape(said["modes"], len(said["y_mm"]), len(said["x_mm"]))

@@ -57,14 +57,18 @@ def plate(options: argparse.Namespace) -> MappedPlate:
     loaded = config.load(options.config) if options.config is not None else Config()
     if options.plate is not None:
         loaded = _simulated(loaded, options.plate)
+    elif not loaded.plate.modes_file:
+        from ...sim.plate.ground_truth import WELL_MEASURED
+
+        loaded = config.with_uncertainty(loaded, WELL_MEASURED)
     width_mm, depth_mm = loaded.plate.size_mm
-    limits_um = limits(options.limit, loaded.limits.reference_limit_um)
+    limits_um = limits(options.limit, loaded.reference_limit_um)
     radius_mm, curve = loaded.solver.contact_radius_mm, friction_curve(loaded)
     return MappedPlate(load_modes(loaded), (width_mm, depth_mm), limits_um, radius_mm, curve)
 
 
 def _simulated(loaded: Config, name: str) -> Config:
-    from ...config.loader import on_plate
+    from ...config.loader import on_plate, with_uncertainty
     from ...sim.plate.glasses import find_glass
     from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 
@@ -73,7 +77,8 @@ def _simulated(loaded: Config, name: str) -> Config:
     except ValueError as error:
         raise UsageError(f"--plate: {error}") from None
     loaded = replace(loaded, sim=replace(loaded.sim, plate=name))
-    return on_plate(loaded, size_mm, GroundTruth(PlateSettings.of(name)).w_limit_um)
+    plate = GroundTruth(PlateSettings.of(name))
+    return with_uncertainty(on_plate(loaded, size_mm, plate.w_limit_um), plate.uncertainty)
 
 
 def frictions(text: str, given: int) -> tuple[float, ...]:
