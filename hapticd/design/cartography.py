@@ -10,9 +10,9 @@ k comes from the data: a first, smoothed fit is regressed on its own Laplacian. 
 cross validation, so it falls where a plate does not obey the equation.
 
 The alternative is a fit by a dozen free-plate modes (`free_fit`), which also finds the rotation and shift of the scan
-on the plate. It has less noise on a plate that follows theory, and misses the scan on one that does not. The fit with
-the smaller cross-validated error is taken for all modes. Points that it misses by far more than the noise are removed
-as outliers, and the rest is fitted again.
+on the plate. It has less noise on a plate that follows theory. Where a plate does not, as glued actuators add mass and
+stiffness, what the modes lack is added to it (`lacking`). The fit with the smaller cross-validated error is taken for
+all modes. Points that it misses by far more than the noise are removed as outliers, and the rest is fitted again.
 
 Source of the equation: A. W. Leissa, Vibration of Plates (NASA SP-160), ch. 1.
 """
@@ -31,7 +31,8 @@ from hapticd.errors import ModesError
 from hapticd.values import FloatArray
 
 from .checks import MIN_LINES, require_grid, require_scan, require_size, require_step
-from .free_fit import FreePlateModes
+from .free_fit import FreeFit, FreePlateModes
+from .lacking import CorrectedModes, corrected
 from .pose import NOMINAL, Pose
 from .readings import InPhase, Readings, in_phase, numbers, outliers
 from .smoothing import PlateBasis, Smoothed
@@ -45,6 +46,7 @@ _MOST_THEORY_RAD = (
     66.0  # k times the longer edge, twice the reference plate's: theory's run time grows as its 6th power
 )
 _FINER = 4  # the peak is searched in steps this much smaller than the map's: 0.1 % at worst
+_MORE_THAN_NOISE = 1.01
 _MOST_ROUNDS = 5  # of outlier removal; two usually suffice
 
 
@@ -59,7 +61,8 @@ class CartographyFit:
 
     `scale` (M,) complex: a reading is the shape times this. `across_rms`: the quadrature of complex readings to the
     mode's phase; more than the noise means that more than one mode was measured. `by`: one of `FITS`. `pose`: of the
-    scan on the plate, as far as free-plate modes determine it. `left_out`: the number of outliers.
+    scan on the plate, as far as free-plate modes determine it. `left_out`: the number of outliers. `free_plate_rms`:
+    the residual by free-plate modes alone, where what they lack was added to them; NaN elsewhere.
     """
 
     modes: ModeShapes
@@ -74,6 +77,7 @@ class CartographyFit:
     by: str
     pose: Pose
     left_out: int
+    free_plate_rms: FloatArray
 
 
 def fit_cartography(
@@ -165,16 +169,19 @@ def _fitted(
         by="plate_equation" if isinstance(best.surfaces, PlateBasis) else "free_plate",
         pose=best.pose,
         left_out=int(whole.sum()) - len(kept.values),
+        free_plate_rms=best.free_plate_rms / peak,
     )
 
 
 class _Best(NamedTuple):
-    """The selected fit, the basis of its coefficients, the wave number, and the scan's pose."""
+    """The selected fit, the basis of its coefficients, the wave number, the scan's pose, and the residual (M,) before
+    what free-plate modes lack was added, NaN where nothing was."""
 
-    surfaces: PlateBasis | FreePlateModes
+    surfaces: PlateBasis | FreePlateModes | CorrectedModes
     fit: Smoothed
     wave_rad_mm: float
     pose: Pose
+    free_plate_rms: FloatArray
 
 
 def _without_outliers(start: FitStart, points_mm: FloatArray, readings: Readings, by: str) -> tuple[InPhase, _Best]:
@@ -196,18 +203,27 @@ def _fit(start: FitStart, points_mm: FloatArray, values: FloatArray, by: str) ->
     basis = start.basis
     scan = scattered(basis, points_mm, values)
     wave_rad_mm = wave_number(basis, scan) if start.wave_rad_mm is None else start.wave_rad_mm
-    found = []
+    found, noise_rms, nothing = [], None, np.full(values.shape[1], math.nan)
     if by != "free_plate":
         smooth = scan.smooth(plate_wave(basis, wave_rad_mm))
-        found.append(_Best(basis, smooth, wave_rad_mm, NOMINAL))
-    if by != "plate_equation" and (free := _free_plate_fit(basis, wave_rad_mm, points_mm, values)) is not None:
-        found.append(free)
+        found.append(_Best(basis, smooth, wave_rad_mm, NOMINAL, nothing))
+        noise_rms = smooth.noise_rms
+    if by != "plate_equation" and (free := _free_plate_modes(basis, wave_rad_mm, len(values))) is not None:
+        fit = free.fit(points_mm, values)
+        found.append(_Best(free, fit.fit, wave_rad_mm, fit.pose, nothing))
+        if _is_lacking(fit, noise_rms) and (more := corrected(basis, wave_rad_mm, free, fit, points_mm)) is not None:
+            found.append(_Best(*more, wave_rad_mm, fit.pose, fit.fit.residual_rms))
     if not found:
         raise ModesError("theory has no usable free-plate modes for this scan; fit it by the plate equation.")
     return min(found, key=lambda one: float((one.fit.prediction_rms**2).sum()))
 
 
-def _free_plate_fit(basis: PlateBasis, wave_rad_mm: float, points_mm: FloatArray, values: FloatArray) -> _Best | None:
+def _is_lacking(found: FreeFit, noise_rms: FloatArray | None) -> bool:
+    """Whether free-plate modes may lack something: they leave more than the noise, if that is known."""
+    return noise_rms is None or bool((found.fit.noise_rms**2).sum() > _MORE_THAN_NOISE**2 * (noise_rms**2).sum())
+
+
+def _free_plate_modes(basis: PlateBasis, wave_rad_mm: float, points: int) -> FreePlateModes | None:
     """Return None if theory has no modes for this plate, takes too long, or has more modes than the scan resolves."""
     size_mm = (2.0 * basis.half_mm[0], 2.0 * basis.half_mm[1])
     if wave_rad_mm * max(size_mm) > _MOST_THEORY_RAD:
@@ -216,10 +232,7 @@ def _free_plate_fit(basis: PlateBasis, wave_rad_mm: float, points_mm: FloatArray
         modes = FreePlateModes(size_mm, wave_rad_mm)
     except ValueError:
         return None
-    if not 0 < len(modes) < len(values) // 4:
-        return None
-    fit, pose = modes.fit(points_mm, values)
-    return _Best(modes, fit, wave_rad_mm, pose)
+    return modes if 0 < len(modes) < points // 4 else None
 
 
 def _map_axis(edge_mm: float, step_mm: float) -> FloatArray:

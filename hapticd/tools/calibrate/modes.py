@@ -1,7 +1,8 @@
 """Step 2: fit of a vibrometer's scan to the mode map that the service solves with.
 
-`design.cartography` aligns, denoises and fits twice, by the plate equation and by free-plate modes; the better fit is
-taken, the other one is the cross-check. The map's cross-validated error is propagated through the solver.
+`design.cartography` aligns, denoises and fits twice, by the plate equation and by free-plate modes, with what glue and
+added mass make of them; the better fit is taken, the other one is the cross-check. The map's cross-validated error is
+propagated through the solver.
 """
 
 from __future__ import annotations
@@ -163,6 +164,7 @@ def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], simulat
             Figure(f"mode {mode} noise of a reading", 100.0 * fit.noise_rms[mode], "% of the peak"),
             Figure(f"mode {mode} error of the map", 100.0 * fit.map_error_rms[mode], "% of the peak"),
             Figure(f"mode {mode} other fit differs by", 100.0 * found.other_differs_rms[mode], "% of the peak"),
+            *_corrected(fit, mode),
             Figure(f"mode {mode} is like {name}", 100.0 * correlation, "%"),
         ]
     figures += [
@@ -170,6 +172,8 @@ def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], simulat
         Figure("expected leak, 95 %", found.leak.most_um, "um for 1 um"),
     ]
     taken = {"plate_equation": "the plate equation", "free_plate": "free-plate modes"}[fit.by]
+    if fit.by == "free_plate" and np.isfinite(fit.free_plate_rms).all():
+        taken += " and what they lack"
     outcome, sentence = judge(
         _findings(found, points, simulated is not None),
         f"The map, by {taken}, leaks {found.leak.rms_um:.4f} um for 1 um.",
@@ -180,6 +184,13 @@ def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], simulat
     if len(USUAL_LIMIT_UM) != fit.modes.M:
         settings["limits"] = {"w_limit_um": _limits_um(fit.modes.M, simulated)}
     return Verdict("modes", outcome, sentence, tuple(figures), settings, simulated is not None)
+
+
+def _corrected(fit: CartographyFit, mode: int) -> Iterator[Figure]:
+    """Give the residual without and with what free-plate modes lack, where that was added."""
+    if math.isfinite(fit.free_plate_rms[mode]):
+        for name, rms in (("by free-plate modes", fit.free_plate_rms), ("with what they lack", fit.residual_rms)):
+            yield Figure(f"mode {mode} residual {name}", 100.0 * rms[mode], "% of the peak")
 
 
 def _findings(found: FittedMap, points: int, is_simulated: bool) -> Iterator[Finding]:
