@@ -1,8 +1,10 @@
 """Adoption of what touches show, so that no finger feels a step.
 
 The pad's place and latency move in small steps: no finger's position by more than STEP_MM at once. Mode map and sensors
-are replaced together, as is a finger's load, while no finger is down and nothing is driven. Pure: what is adopted when
-is the caller's, and each step is an input of the machine.
+are replaced together, as is a finger's load, while no finger is down and nothing is driven. Of what touches show, half
+is adopted first; all, once touches that came after it are fitted better by it; and nothing stays where they are fitted
+worse than by what is configured (`Trust`). Pure: what is adopted when is the caller's, and each step is an input of the
+machine.
 """
 
 from __future__ import annotations
@@ -10,7 +12,8 @@ from __future__ import annotations
 import cmath
 import math
 from dataclasses import astuple, dataclass
-from typing import Any, NamedTuple
+from enum import Enum
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +32,7 @@ FARTHEST_READING = 0.2  # from sensors as they were calibrated
 FARTHEST_MAP_FRAC = 0.3  # RMS of the change since the scan, as a share of that of the map
 FARTHEST_PLACE_FRAC = 1.0  # the same at any one place, as a share of the map's largest value
 FARTHEST_LOAD = 20.0  # times what is configured: ten times the damping is a heavy hand
+FIRST_SHARE = 0.5  # of what touches show, before later ones confirm it
 STEEPER = 1.5  # times as steep as at the scan, or as flat: beyond is no map of this plate
 _CORNER_MM = 100.0  # of the largest plate
 
@@ -57,6 +61,13 @@ class Correction(NamedTuple):
     offset_mm: tuple[float, float]
     latency_s: float
 
+    def part(self, share: float) -> Correction:
+        """Return a share of it."""
+        xx, xy, yx, yy = self.matrix
+        x_mm, y_mm = self.offset_mm
+        matrix = 1.0 + share * (xx - 1.0), share * xy, share * yx, 1.0 + share * (yy - 1.0)
+        return Correction(matrix, (share * x_mm, share * y_mm), share * self.latency_s)
+
     def of(self, pad: AdoptedPad) -> AdoptedPad:
         """Return the corrected pad."""
         linear, before = AffineMap(*self.matrix), pad.plate_from_pad
@@ -65,6 +76,38 @@ class Correction(NamedTuple):
         after = AffineMap(xx, xy, yx, yy, *place_mm)
         low_ns, high_ns = LATENCY_NS
         return AdoptedPad(after, round(min(max(pad.latency_ns + 1e9 * self.latency_s, low_ns), high_ns)))
+
+
+NOTHING: Final = Correction((1.0, 0.0, 0.0, 1.0), (0.0, 0.0), 0.0)
+
+
+class Evidence(Enum):
+    """How later touches are fitted by what was adopted, against what is configured."""
+
+    NONE = ""
+    BETTER = "better"
+    WORSE = "worse"
+
+
+@dataclass(slots=True)
+class Trust:
+    """How much of what touches show is adopted; by what was last found, and by what later touches say of it."""
+
+    share: float = FIRST_SHARE
+    correction: Correction = NOTHING
+    change: PlateChange | None = None
+
+    def take(self, evidence: Evidence, correction: Correction | None, change: PlateChange | None) -> bool:
+        """Take a verdict, which may have found something; return whether there is something to move to."""
+        if evidence is Evidence.WORSE:
+            self.share, self.correction, self.change = FIRST_SHARE, NOTHING, None
+            return True
+        is_confirmed = evidence is Evidence.BETTER and self.share < 1.0
+        if is_confirmed:
+            self.share = 1.0
+        if correction is not None:
+            self.correction, self.change = correction, change or self.change
+        return is_confirmed or correction is not None
 
 
 @dataclass(slots=True)
@@ -88,14 +131,19 @@ class Adoption:
         """Steps are due."""
         return self._target is not None
 
-    def request(self, correction: Correction) -> bool:
-        """Begin to move to what a correction makes of the configured pad; False where that is too far."""
+    def allows(self, correction: Correction) -> bool:
+        """Whether what a correction makes of the configured pad is near it."""
         if not abs(1e9 * correction.latency_s) <= FARTHEST_NS:
             return False
         target = correction.of(self.configured)
         is_finite = all(map(math.isfinite, astuple(target.plate_from_pad)))
-        if not is_finite or not target.distance_mm(self.configured) <= FARTHEST_MM:
+        return is_finite and target.distance_mm(self.configured) <= FARTHEST_MM
+
+    def request(self, correction: Correction) -> bool:
+        """Begin to move to what a correction makes of the configured pad; False where that is too far."""
+        if not self.allows(correction):
             return False
+        target = correction.of(self.configured)
         late_ns = abs(target.latency_ns - self.now.latency_ns)
         self._steps = max(math.ceil(target.distance_mm(self.now) / STEP_MM), math.ceil(late_ns / STEP_NS))
         self._start, self._target, self._done = self.now, target if self._steps else None, 0
@@ -127,6 +175,24 @@ class PlateChange(NamedTuple):
     steepest_1_mm: float
     d: tuple[float, ...]
     q: tuple[float, ...]
+
+    @classmethod
+    def none(cls, scanned: ModeShapes) -> PlateChange:
+        """Return the plate as it was scanned, with sensors as they were calibrated."""
+        exact = np.eye(scanned.M).ravel()
+        shapes = scanned.shapes.astype("<f4").tobytes()
+        return cls(shapes, scanned.steepest_1_mm(), tuple(exact.tolist()), (0.0,) * len(exact))
+
+    def part(self, share: float, scanned: ModeShapes) -> PlateChange:
+        """Return the plate so far on the way from the scanned one; it is at most as steep as is said."""
+        shapes = scanned.shapes + share * (shapes_of(self.shapes, scanned) - scanned.shapes)
+        steepest_1_mm = scanned.steepest_1_mm() + share * (self.steepest_1_mm - scanned.steepest_1_mm())
+        exact = np.eye(scanned.M)
+        readings = (exact + share * (self.readings(scanned.M) - exact)).ravel()
+        return PlateChange(
+            *(shapes.astype("<f4").tobytes(), steepest_1_mm),
+            *(tuple(readings.real.tolist()), tuple(readings.imag.tolist())),
+        )
 
     def is_near(self, scanned: ModeShapes) -> bool:
         """Whether it can be the plate that was scanned. Raises ValueError for shapes on another grid, or readings of

@@ -2,8 +2,9 @@
 
 What the machine's observer is given goes to the process through a pipe, after the event in which it happened; a pipe
 that is full loses records, never time. A verdict comes back as a line. A pad is adopted in small steps (`adoption`),
-map, sensors and a finger's load while no finger is down; each is an input of the machine. If the process ends, nothing
-more is adopted.
+map, sensors and a finger's load while no finger is down; each is an input of the machine. What is adopted is at first
+half of what was found, and is taken back if later touches speak against it. If the process ends, nothing more is
+adopted.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
-from .adoption import Adoption, Correction, PlateChange, configured_pad, is_load_near
+from .adoption import Adoption, Correction, Evidence, PlateChange, Trust, configured_pad, is_load_near
 from .machine import Machine
 
 log = logging.getLogger("hapticd")
@@ -41,6 +42,7 @@ _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
 # Few, and never lost: all that follows is judged by them.
 IN_FORCE = ("adopt", "adopt_readings", "adopt_map", "adopt_load")
 KINDS = ("board_bytes", "written", "pass", *IN_FORCE)
+_TAKEN_BACK = "The sensors show that what was adopted is worse than what is configured: it is taken back."
 _FAR = "far from the configured one: run hapticd calibrate"
 
 
@@ -48,7 +50,7 @@ class Proposal(NamedTuple):
     """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case.
 
     `map_refusal` says why the map stays as it is, `next_place` which ninth of the plate to touch next: column from the
-    left and row from below, 0 .. 2.
+    left and row from below, 0 .. 2. `evidence` is what the newest touches say of what was adopted before.
     """
 
     refusal: str
@@ -57,6 +59,7 @@ class Proposal(NamedTuple):
     load_1_s: complex | None = None
     map_refusal: str = ""
     next_place: tuple[int, int] | None = None
+    evidence: Evidence = Evidence.NONE
 
 
 class SelfCalibration:
@@ -65,6 +68,7 @@ class SelfCalibration:
     def __init__(self, config: Config, scanned: ModeShapes, parasitic_modes: ParasiticModes | None) -> None:
         """`scanned` is the map from which the plate may not be far, nor a finger's load from that of these modes."""
         self._adoption = Adoption.of(configured_pad(config))
+        self._trust = Trust()
         self._scanned = scanned
         self._parasitic_modes = parasitic_modes
         self._change: PlateChange | None = None  # the last that was found
@@ -78,6 +82,7 @@ class SelfCalibration:
         self._has_gap = False
         self._t_stepped_ns = 0
         self._verdicts = self._adopted = self._dropped = self._steps = self._maps = self._loads = 0
+        self._taken_back = 0
         self._last = self._last_of_map = ""
         self._next_place: tuple[int, int] | None = None
 
@@ -194,17 +199,32 @@ class SelfCalibration:
                 self._load_1_s, self._is_load_due = verdict.load_1_s, True
             else:
                 far = f"The finger's load found is {_FAR} touch."
-        if correction is None or self._adoption.is_moving or self._is_due:
+        if self._adoption.is_moving or self._is_due:
             return verdict.refusal or far
         if change is not None and not change.is_near(self._scanned):
             return f"The map found, or the sensors, is {_FAR} scan, and resonance."
-        if not self._adoption.request(correction):
+        if correction is not None and not self._adoption.allows(correction):
             return f"The pad found is {_FAR} trackpad."
+        if not self._trust.take(verdict.evidence, correction, change):
+            return verdict.refusal or far
+        self._move()
+        if verdict.evidence is Evidence.WORSE:
+            self._taken_back += 1
+            return _TAKEN_BACK
         self._adopted += 1
-        log.info("the touches show the pad elsewhere by %s mm: adopting it", [round(mm, 3) for mm in correction[1]])
-        if change is not None:
-            self._change, self._is_due = change, True
         return far
+
+    def _move(self) -> None:
+        """Begin to move to as much as is trusted of what was found."""
+        trust = self._trust
+        self._adoption.request(trust.correction.part(trust.share))
+        log.info(
+            "the touches show the pad elsewhere by %s mm: adopting it", [round(mm, 3) for mm in trust.correction[1]]
+        )
+        if trust.change is not None:
+            self._change, self._is_due = trust.change.part(trust.share, self._scanned), True
+        elif self._change is not None:
+            self._change, self._is_due = PlateChange.none(self._scanned), True
 
     def step(self, machine: Machine, t_now_ns: int) -> bool:
         """Take the next small step, if one is due; all else, if no finger is down and nothing is requested.
@@ -260,6 +280,7 @@ class SelfCalibration:
             "moving": self._adoption.is_moving,
             "verdicts": self._verdicts,
             "adopted": self._adopted,
+            "taken_back": self._taken_back,
             "steps": self._steps,
             "maps": self._maps,
             "loads": self._loads,
@@ -300,8 +321,9 @@ def _verdict(line: bytes) -> Proposal:
     if "next_place" in found:
         column, row = (min(max(int(place), 0), 2) for place in found["next_place"])
         next_place = column, row
+    evidence = Evidence(found.get("in_force", ""))
     if refusal:
-        return Proposal(refusal, None, None, load_1_s, map_refusal, next_place)
+        return Proposal(refusal, None, None, load_1_s, map_refusal, next_place, evidence)
     xx, xy, yx, yy = map(float, found["matrix"])
     x_mm, y_mm = map(float, found["offset_mm"])
     latency_s = float(found["latency_s"])
@@ -312,4 +334,4 @@ def _verdict(line: bytes) -> Proposal:
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
     correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
-    return Proposal("", correction, change, load_1_s, map_refusal, next_place)
+    return Proposal("", correction, change, load_1_s, map_refusal, next_place, evidence)

@@ -30,8 +30,10 @@ import numpy as np
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import shapes_of
 from ..daemon.settings import CALIBRATION_HZ
+from ..design.touch.evidence import Taken, gained
 from ..design.touch.judge import Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
+from ..design.touch.observations import Windows
 from ..errors import HapticdError
 from ..files.recording.header import Header, header_from
 from ..files.recording.kinds import Record
@@ -55,6 +57,7 @@ class Accumulator:
 
     def __init__(self, header: Header) -> None:
         self._header = header  # its map and parasitic modes are those in force
+        self._configured = Taken.as_configured(header.modes)
         self._readings = np.eye(header.modes.M, dtype=np.complex128)
         self._collected = Collected.of(header.config, APART_US)
         self._earlier: deque[tuple[int, Collected]] = deque(maxlen=TOGETHER - 1)
@@ -106,7 +109,9 @@ class Accumulator:
         return self._collected.live_us >= 1e6 * FIT_S
 
     def verdict(self) -> dict[str, Any]:
-        """Fit and judge what was collected last, and go on. A `refusal` comes with no correction."""
+        """Fit and judge what was collected last, and go on. A `refusal` comes with no correction; `in_force` says
+        whether the newest touches are fitted `better` by what is in force than by what is configured, or `worse`."""
+        since_s = 1e-9 * (self._t_begin_ns - self._header.t_start_ns)
         oldest_ns = self._t_ns - round(1e9 * LONGEST_S)
         together = self._collected
         for t_begin_ns, collected in reversed(self._earlier):
@@ -117,6 +122,7 @@ class Accumulator:
         try:
             found = touched(together, self._header, "the touching")
             windows = windows_of(found)
+            in_force = self._evidence(windows.part(windows.start_s >= since_s))
             judged = calibrate(windows, self._modes, self._header.parasitic_modes, before=self._in_force)
         except HapticdError as error:
             return {"refusal": str(error)}
@@ -125,11 +131,24 @@ class Accumulator:
             "map_refusal": judged.map_refusal,
             "touched_s": judged.touched_s,
         }
+        if in_force:
+            verdict["in_force"] = in_force
         if judged.next_place is not None:
             verdict["next_place"] = [judged.next_place.column, judged.next_place.row]
         if (load_1_s := learned_load(found, windows, judged)) is not None:
             verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
         return verdict if judged.refusal else verdict | self._found(judged)
+
+    def _evidence(self, newest: Windows) -> str:
+        """What touches that came since the last verdict say of what is in force, if that is not as configured."""
+        in_force = Taken(self._modes, self._in_force)
+        is_same = in_force.modes is self._configured.modes and np.array_equal(self._readings, np.eye(self._modes.M))
+        if is_same and self._collected.now == self._collected.pad:
+            return ""
+        gain = gained(newest, self._configured, in_force, self._header.parasitic_modes)
+        if gain is None:
+            return ""
+        return "worse" if gain.is_worse else "better" if gain.is_sure else ""
 
     @property
     def _in_force(self) -> Calibration:

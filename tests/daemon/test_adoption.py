@@ -12,12 +12,17 @@ from hypothesis import strategies as st
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.adoption import (
     FARTHEST_MM,
+    FIRST_SHARE,
+    NOTHING,
     STEP_MM,
     STEP_NS,
     AdoptedPad,
     Adoption,
     Correction,
+    Evidence,
     PlateChange,
+    Trust,
+    shapes_of,
 )
 from hapticd.values import AffineMap
 
@@ -113,3 +118,39 @@ def test_a_map_on_another_grid_is_none_and_so_are_other_sensors() -> None:
     for change in (PlateChange(bytes(40), 1.0, RIGHT, (0.0,) * 4), PlateChange(data, 1.0, (1.0,), (0.0,))):
         with pytest.raises(ValueError, match="reshape"):
             change.is_near(SCANNED)
+
+
+def test_half_of_a_plate_is_half_way_from_the_scanned_one() -> None:
+    exact = (1.0, 0.0, 0.0, 1.0)
+    found = PlateChange(
+        (1.2 * SCANNED.shapes).astype("<f4").tobytes(), 1.2 * SCANNED.steepest_1_mm(), exact, (0.2,) * 4
+    )
+    half = found.part(0.5, SCANNED)
+    assert shapes_of(half.shapes, SCANNED) == pytest.approx(1.1 * SCANNED.shapes, rel=1e-6)
+    assert half.steepest_1_mm == pytest.approx(1.1 * SCANNED.steepest_1_mm())
+    assert half.readings(2) == pytest.approx(np.eye(2) + 0.1j)
+    none = PlateChange.none(SCANNED)
+    assert shapes_of(none.shapes, SCANNED) == pytest.approx(SCANNED.shapes, rel=1e-6)
+    assert none.readings(2) == pytest.approx(np.eye(2))
+    assert none.is_near(SCANNED)
+
+
+def test_half_of_a_correction_moves_half_as_far() -> None:
+    assert MISPLACED.part(0.5) == Correction((1.0005, -0.002, 0.002, 0.9995), (0.2, -0.15), 0.0015)
+    assert MISPLACED.part(0.0) == NOTHING
+
+
+def test_half_is_adopted_until_later_touches_confirm_it_and_nothing_once_they_speak_against_it() -> None:
+    trust, change = Trust(), PlateChange.none(SCANNED)
+    assert not trust.take(Evidence.NONE, None, None)
+    assert trust.take(Evidence.NONE, MISPLACED, change)
+    assert (trust.share, trust.correction, trust.change) == (FIRST_SHARE, MISPLACED, change)
+    assert not trust.take(Evidence.NONE, None, None)
+    assert trust.take(Evidence.BETTER, None, None)  # what was found before, in full
+    assert (trust.share, trust.correction, trust.change) == (1.0, MISPLACED, change)
+    assert not trust.take(Evidence.BETTER, None, None)
+    nearer = MISPLACED.part(0.9)
+    assert trust.take(Evidence.BETTER, nearer, None)
+    assert (trust.correction, trust.change) == (nearer, change)
+    assert trust.take(Evidence.WORSE, MISPLACED, change)  # what the same touches found does not count
+    assert (trust.share, trust.correction, trust.change) == (FIRST_SHARE, NOTHING, None)

@@ -32,8 +32,10 @@ from hapticd.daemon.observer import Observer
 from hapticd.daemon.recorder import header_of
 from hapticd.daemon.self_calibration import IN_FORCE, KINDS, SelfCalibration
 from hapticd.design import finger_load
+from hapticd.design.touch.evidence import HeldOutGain, Taken
 from hapticd.design.touch.judge import NO_CHANGE
 from hapticd.design.touch.model import LATENCY
+from hapticd.design.touch.observations import Windows
 from hapticd.errors import CalibrationError
 from hapticd.files.recording.header import header_fields
 from hapticd.files.recording.kinds import Record, record_of
@@ -267,14 +269,64 @@ def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching, c
     assert machine.modes is modes
     assert calibration.step(machine, T_START_NS)
     assert not calibration.step(machine, T_START_NS)
-    assert machine.modes.shapes == pytest.approx(1.02 * modes.shapes, rel=1e-6)
+    assert machine.modes.shapes == pytest.approx(1.01 * modes.shapes, rel=1e-6)  # half of it first
     assert machine.pipeline._modes is machine.status.modes is machine.modes
-    assert machine.pipeline._readings == ((1.0, 0.01), (0.0, 1.0))
+    assert machine.pipeline._readings == ((1.0, 0.005), (0.0, 1.0))
     assert calibration.report()["maps"] == 1
+    assert calibration.take_verdict(json.dumps({"refusal": "no more", "in_force": "better"}).encode())
+    assert calibration.step(machine, T_START_NS)
+    assert machine.modes.shapes == pytest.approx(1.02 * modes.shapes, rel=1e-6)
+    assert machine.pipeline._readings == ((1.0, 0.01), (0.0, 1.0))
     again = Machine(Config(), modes, write_board=lambda _: T_START_NS)
     calibration.resume(again, T_START_NS)
     assert (again.modes.shapes == machine.modes.shapes).all()
     assert again.pipeline._readings == machine.pipeline._readings
+
+
+def test_what_later_touches_are_fitted_worse_by_is_taken_back(at_rest: Touching, calibration: SelfCalibration) -> None:
+    modes = at_rest.header.modes
+    machine = Machine(Config(), modes, write_board=lambda _: T_START_NS)
+    found = changed(1.02, modes) | {"offset_mm": [0.01, 0.0]}
+
+    def settled(verdict: dict[str, Any]) -> float:
+        """How far the pad is when all steps are done."""
+        assert calibration.take_verdict(json.dumps(verdict).encode())
+        for step in range(100):
+            calibration.step(machine, T_START_NS + step * 20_000_000)
+        return float(str(calibration.report()["moved_mm"]))
+
+    assert settled(found) == pytest.approx(0.005)
+    assert settled({"refusal": "no more", "in_force": "better"}) == pytest.approx(0.01)
+    assert settled(found | {"in_force": "worse"}) == 0.0
+    assert machine.modes.shapes == pytest.approx(modes.shapes, rel=1e-6)
+    assert machine.pipeline._readings is None
+    report = calibration.report()
+    assert "taken back" in str(report["last_refusal"])
+    assert (report["adopted"], report["taken_back"]) == (2, 1)
+
+
+def test_the_newest_touches_say_what_they_make_of_what_is_in_force(
+    at_rest: Touching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged: list[tuple[int, bool]] = []
+    gain: HeldOutGain | None = HeldOutGain(-0.1, -5.0)
+
+    def found(windows: Windows, configured: Taken, in_force: Taken, _: object) -> HeldOutGain | None:
+        judged.append((len(windows), in_force.modes is configured.modes))
+        return gain
+
+    monkeypatch.setattr(touch_process, "gained", found)
+    monkeypatch.setattr(touch_process, "FIT_S", 1.2)
+    pad = adopting((1.0, 0.0, 0.0, 1.0, 0.1, 0.2), 11_000_000)
+    assert "in_force" not in accumulated(at_rest).verdict()
+    assert judged == []
+    assert accumulated(at_rest, pad).verdict()["in_force"] == "worse"
+    gain = HeldOutGain(0.1, 5.0)
+    assert accumulated(at_rest, pad).verdict()["in_force"] == "better"
+    gain = None
+    assert "in_force" not in accumulated(at_rest, pad).verdict()
+    assert [alike for _, alike in judged] == [True] * 3
+    assert min(windows for windows, _ in judged) > 10
 
 
 def test_a_finger_s_load_is_adopted_when_no_finger_is_down_also_where_the_pad_stays(at_rest: Touching) -> None:
@@ -490,7 +542,8 @@ def calibrating(settings: Settings, recording: DirectRecording | None = None) ->
 def test_pad_sensors_and_map_are_adopted_while_touched_and_it_replays_bit_for_bit(tmp_path: Path) -> None:
     errors = SensorErrors((0.03, -0.03), (3.0, -3.0), ((0.0, 0.03), (0.0, 0.0)))
     world = WorldErrors(sensors=errors, map_change=MapChange(waves_frac=0.08), seed=3)
-    settings = in_world(settings_of(MISPLACED), world)
+    far_off = replace(MISPLACED, offset_mm=(0.8, -0.6))
+    settings = in_world(settings_of(far_off), world)
     path, made = tmp_path / "session.mcap", lockstep.Simulation((), settings, 1).machine
     recording = DirectRecording(path, header_of(made, t_ns=T_START_NS, utc="1970-01-01T00:00:00Z", is_whole=True))
     simulation = calibrating(settings, recording)
@@ -501,7 +554,7 @@ def test_pad_sensors_and_map_are_adopted_while_touched_and_it_replays_bit_for_bi
 
     assert report["maps"]
     place = calibration.task._adoption.now
-    assert np.hypot(*place.plate_from_pad.apply(0.0, 0.0)) < 0.06
+    assert np.hypot(*place.plate_from_pad.apply(0.0, 0.0)) < 0.35  # of 1 mm: a quarter may be the fingers' posture
     assert place.latency_ns == pytest.approx(10_000_000, abs=700_000)
     sensors, true = np.array(simulation.machine.pipeline._readings), errors.matrix(2)
     assert np.abs(sensors / sensors[0, 0] - true / true[0, 0]).max() < 0.02
@@ -519,7 +572,7 @@ def test_pad_sensors_and_map_are_adopted_while_touched_and_it_replays_bit_for_bi
     since_s = run.t_s[1:] - np.array([0.0, *adopted_s])[np.searchsorted(adopted_s, run.t_s[1:], "right")]
     steps_um = np.abs(np.diff(run.reference_um, axis=0)).max(axis=1)
     is_adopted = (since_s < 0.02) & (run.t_s[1:] > 1.0)
-    assert steps_um[is_adopted].max() <= steps_um[~is_adopted].max()
+    assert steps_um[is_adopted].max() <= 1.01 * steps_um[~is_adopted].max()
 
     outcome = replay(open_recording(path))
     assert outcome.is_identical

@@ -102,6 +102,7 @@ COUNTERS = (
     Export("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
     Export("calibration.verdicts", "calibration_verdicts", "Fits of what touches do to the plate"),
     Export("calibration.adopted", "calibration_adopted", "Of these, adopted"),
+    Export("calibration.taken_back", "calibration_taken_back", "Of these, taken back"),
     Export("calibration.steps", "calibration_steps", "Small steps of adoption"),
     Export("calibration.maps", "calibration_maps", "Mode maps adopted, with what sensors read"),
     Export("calibration.loads", "calibration_loads", "Loads of a finger adopted"),
