@@ -1,4 +1,4 @@
-"""The gateway's web application: `/client?key=..` is a WebSocket, everything else is refused."""
+"""The gateway's web application, whose only page is the WebSocket `/client?key=..`; the viewer has that, too."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from .feed import Feed
 from .messages import MAX_TEXT_BYTES
 from .peer import Names, Peer, Turns
 
+PATH = "/client"
 MAX_PEERS = 16  # of the 64 connections that the daemon grants a user, each has two and all together one
 HEARTBEAT_S = 10.0
 END_WITHIN_S = 1.0
@@ -41,10 +42,14 @@ class Gateway:
     def runner(self) -> web.AppRunner:
         """The server of the application; `port` must be set before it serves."""
         app = web.Application(middlewares=[self._guarded])
-        app.router.add_get("/client", self._client)
+        self.add_to(app)
+        return web.AppRunner(app, access_log=None, logger=connections.logger(), shutdown_timeout=END_WITHIN_S)
+
+    def add_to(self, app: web.Application) -> None:
+        """Serve PATH in an application that admits who may come in."""
+        app.router.add_get(PATH, self._client)
         app.cleanup_ctx.append(self._run)
         app.on_shutdown.append(self._close)
-        return web.AppRunner(app, access_log=None, logger=connections.logger(), shutdown_timeout=END_WITHIN_S)
 
     async def _run(self, _: web.Application) -> AsyncIterator[None]:
         self._context = zmq.asyncio.Context()

@@ -3,21 +3,28 @@
 /            the page; needs the key       /shapes           the plate's mode shapes, float32
 /<file>      its styles and scripts        /layer?name=..    layer over the picture for &finger=.. (layers.py)
 /socket      frames out, requests in (messages.py)
+/client      a WebSocket of the gateway: the client protocol as JSON (../gateway)
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
 import secrets
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from functools import partial
 from importlib import resources
 
 import zmq
 from aiohttp import WSCloseCode, WSMsgType, web
 
+import hapticd_client
+from hapticd_client.endpoint import find
+
 from ...errors import RequestError
 from ...sim.fingers.hands import MAX_HANDS, PointMm
+from ..gateway.server import PATH, Gateway
 from ..web import connections, guard
 from . import layers, messages
 from .client import Action, PagePlate, PlateClient
@@ -26,7 +33,7 @@ from .rig import PadSender
 from .simulated import SimulatedService
 
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-KEYED = ("/", "/shapes", "/layer", "/socket")  # all but the page's own files
+KEYED = ("/", "/shapes", "/layer", "/socket", PATH)  # all but the page's own files
 END_WITHIN_S = 1.0
 MAX_PAGES = 8
 MAX_HELD = 16  # fingers that a client may hold
@@ -101,6 +108,8 @@ class Viewer:
             if entry.name != "index.html" and entry.name.rpartition(".")[2] in TYPES:
                 app.router.add_get(f"/{entry.name}", partial(_file, entry.name))
         app.on_shutdown.append(self._close)
+        with suppress(hapticd_client.HapticdError):  # the page says it when it connects
+            Gateway(find(self._endpoint, os.environ), self.key).add_to(app)
         return app
 
     def runner(self) -> web.AppRunner:
