@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import functools
-import selectors
 from collections.abc import Callable, Coroutine
 from typing import Any
+
+from hapticd.sim.virtual_time import JumpingSelector as JumpingSelector
+from hapticd.sim.virtual_time import VirtualTimeLoop as VirtualTimeLoop
 
 PATIENCE_S = 20.0
 
@@ -31,27 +33,3 @@ async def until(condition: Callable[[], bool], meanwhile: Callable[[], None] = l
         while not condition():
             await asyncio.sleep(0.002)
             meanwhile()
-
-
-class JumpingSelector(selectors.DefaultSelector):
-    """Instead of waiting, moves the clock."""
-
-    t_s = 0.0
-
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        events = super().select(0)
-        if not events:
-            assert timeout is not None, "nothing is left that could wake the loop"
-            self.t_s += max(timeout, 0.0)
-        return events
-
-
-class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """A loop whose time passes only when nothing else can happen."""
-
-    def __init__(self) -> None:
-        self.selector = JumpingSelector()
-        super().__init__(self.selector)
-
-    def time(self) -> float:
-        return self.selector.t_s

@@ -53,6 +53,10 @@ bool hd_carrier_loop_init(hd_carrier_loop_t *loop, const hd_board_setup_t *setup
     memset(loop, 0, sizeof *loop);
     loop->converters = *setup->converters;
     loop->random = setup->seed;
+    for (int k = 0; k < HD_MODES; k++) {
+        loop->lead[k] =
+            (hd_lead_t){.offset_lsb = setup->converters->offset_lsb, .noise_lsb = setup->converters->noise_lsb};
+    }
     hd_converters_t converters = hd_board_converters(setup);
     set_up_plate(&loop->plate, setup);
     hd_carrier_loop_rest(loop->playing);
@@ -60,20 +64,36 @@ bool hd_carrier_loop_init(hd_carrier_loop_t *loop, const hd_board_setup_t *setup
     return converters_valid(setup->converters) && hd_carrier_init(&loop->carrier, &converters);
 }
 
+static double through_lead(const hd_carrier_loop_t *loop, int k, double sensed_um)
+{
+    const hd_lead_t *lead = &loop->lead[k];
+    double steps = sensed_um / loop->converters.um_per_lsb + lead->heard_lsb_per_v * loop->played_v;
+    if (lead->clip_lsb > 0.0) {
+        steps = fmin(fmax(steps, -lead->clip_lsb), lead->clip_lsb);
+    }
+    if (lead->hum_lsb > 0.0) {
+        steps += lead->hum_lsb * sin(TWO_PI * lead->hum_hz * (double)loop->samples / HD_SAMPLE_HZ + k);
+    }
+    return steps;
+}
+
 static void sample(hd_carrier_loop_t *loop, uint16_t in[HD_MODES])
 {
     double sensed_um[HD_MODES];
     hd_carrier_plate_sense(&loop->plate, sensed_um);
     for (int k = 0; k < HD_MODES; k += 2) {
-        double complex noise = loop->converters.noise_lsb > 0.0 ? hd_random_normal(&loop->random) : 0.0;
-        const double noise_lsb[2] = {creal(noise), cimag(noise)};
+        double most_lsb = fmax(loop->lead[k].noise_lsb, k + 1 < HD_MODES ? loop->lead[k + 1].noise_lsb : 0.0);
+        double complex noise = most_lsb > 0.0 ? hd_random_normal(&loop->random) : 0.0;
+        const double deviates[2] = {creal(noise), cimag(noise)};
         for (int i = 0; i < 2 && k + i < HD_MODES; i++) {
-            double steps = sensed_um[k + i] / loop->converters.um_per_lsb + loop->converters.offset_lsb
-                + loop->converters.noise_lsb * noise_lsb[i];
+            const hd_lead_t *lead = &loop->lead[k + i];
+            double steps =
+                through_lead(loop, k + i, sensed_um[k + i]) + lead->offset_lsb + lead->noise_lsb * deviates[i];
             double code = fmin(fmax(floor(steps + 2048.5), 0.0), 4095.0);
             in[k + i] = (uint16_t)((uint16_t)code << 4);
         }
     }
+    loop->samples++;
 }
 
 void hd_carrier_loop_play(hd_carrier_loop_t *loop)
@@ -85,6 +105,10 @@ void hd_carrier_loop_play(hd_carrier_loop_t *loop)
             voltage_v[k] = ((loop->playing[i][k] >> 4) - 2048) * loop->converters.volts_per_lsb;
         }
         hd_carrier_plate_advance(&loop->plate, voltage_v);
+        loop->played_v = 0.0;
+        for (int k = 0; k < HD_MODES; k++) {
+            loop->played_v += voltage_v[k];
+        }
     }
     memcpy(loop->playing, loop->next, sizeof loop->playing);
 }

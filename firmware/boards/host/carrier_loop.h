@@ -18,7 +18,10 @@ typedef struct {
     hd_carrier_t carrier;
     hd_carrier_plate_t plate;
     hd_converter_setup_t converters;
+    hd_lead_t lead[HD_MODES];
     uint64_t random;
+    uint64_t samples;
+    double played_v; /* of all amplifiers together, until the last sample */
     uint16_t playing[HD_CHUNK][HD_MODES];
     uint16_t next[HD_CHUNK][HD_MODES];
     uint16_t sampled[HD_CHUNK][HD_MODES];

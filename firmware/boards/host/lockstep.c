@@ -29,6 +29,8 @@ struct hd_board {
     double complex measured_um[HD_MODES];
     double complex fake_um[HD_MODES];
     bool faked;
+    uint8_t interlock; /* the event that forbids to drive; 0: none */
+    uint8_t interlock_before;
     double complex asked_um[HD_MODES][2]; /* input of the control law at the last two ticks */
 };
 
@@ -207,6 +209,38 @@ void hd_board_fake_measurement(hd_board_t *board, const double *measured_um)
     }
 }
 
+bool hd_board_leads(hd_board_t *board, const hd_lead_t *leads)
+{
+    if (board->carrier != NULL) {
+        memcpy(board->carrier->lead, leads, sizeof board->carrier->lead);
+    }
+    return board->carrier != NULL;
+}
+
+void hd_board_interlock(hd_board_t *board, uint8_t event)
+{
+    board->interlock = event;
+}
+
+/* hd_on_interlock of main.c. */
+static void obey_interlock(hd_board_t *board)
+{
+    hd_core_t *core = &board->core;
+    uint32_t now_us = (uint32_t)hd_board_t_us(board);
+    uint8_t event = board->interlock;
+    if (event != 0 && event != board->interlock_before) {
+        hd_wire_log_entry_t entry = {now_us, core->config.boot_id, event, 255, 0.0f};
+        hd_log_add(&core->config.log, &entry);
+    }
+    board->interlock_before = event;
+    bool drives = core->state == HD_STATE_LIVE || core->state == HD_STATE_TOOL || core->ramp > 0;
+    if (event != 0 && drives) {
+        hd_lose_samples(core, now_us);
+    } else if (event != 0) {
+        hd_deadman_reset(&core->deadman);
+    }
+}
+
 static double complex complex_of(hd_phasor_t phasor)
 {
     return CMPLX((double)phasor.d, (double)phasor.q);
@@ -280,6 +314,7 @@ static void control_tick(hd_board_t *board)
     for (int k = 0; k < HD_MODES; k++) {
         measured_um[k] = phasor_of(board->measured_um[k]);
     }
+    obey_interlock(board);
     hd_tick(&board->core, (uint32_t)hd_board_t_us(board), measured_um, voltage_v);
     if (board->carrier != NULL) {
         hd_carrier_loop_answer(board->carrier, board->core.drive_hz, voltage_v);

@@ -8,6 +8,7 @@
 #ifndef HD_LOCKSTEP_H
 #define HD_LOCKSTEP_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -23,6 +24,16 @@ typedef struct {
     double noise_lsb;  /* standard deviation, per sample */
     double amplifier_lag_us;
 } hd_converter_setup_t;
+
+/* What stands between a sensor and its converter, only with a carrier. The converters' offset and noise are its own then. */
+typedef struct {
+    double offset_lsb;
+    double noise_lsb;
+    double hum_lsb; /* of the mains, at hum_hz */
+    double hum_hz;
+    double clip_lsb; /* the preamplifier's range to either side of its middle; 0: as far as the converter's */
+    double heard_lsb_per_v; /* of the voltages of all amplifiers together */
+} hd_lead_t;
 
 typedef struct {
     /* the plate's truth */
@@ -95,6 +106,12 @@ size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint6
 size_t hd_board_run(hd_board_t *board, size_t ticks, int32_t fingers, const double *phi,
                     const double *contact_decay_1_s, const double *contact_detuning_rad_s,
                     const hd_board_trace_t *trace, size_t offset, int32_t stop_on_transmit);
+
+/* Leads (HD_MODES,) from now on. Returns false without a carrier. */
+bool hd_board_leads(hd_board_t *board, const hd_lead_t *leads);
+
+/* The event that forbids to drive from now on, as board_interlock of board.h; 0: none. */
+void hd_board_interlock(hd_board_t *board, uint8_t event);
 
 /* The speed that the host has asked for; 0: none, or not any more. */
 uint32_t hd_board_baud(hd_board_t *board);

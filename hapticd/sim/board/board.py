@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -14,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...config.sections import MOST_MODES
-from .carrier import Converters
-from .firmware import Setup, doubles, load
+from .carrier import Converters, Lead
+from .firmware import LeadSetup, Setup, doubles, load
 from .trace import BoardTrace as BoardTrace
 from .trace import TickBuffers
 
@@ -266,6 +267,17 @@ class Board:
         if values.shape != (self.model.plate_modes,) or not np.isfinite(values).all():
             raise ValueError(f"detuning_rad_s is {detuning_rad_s}: give {self.model.plate_modes} finite numbers.")
         self._library.hd_board_detune(self._board, values.ctypes.data)
+
+    def connect(self, leads: Sequence[Lead]) -> None:
+        """Put these leads (M,) between sensors and converters; only with a carrier."""
+        if len(leads) != self.model.modes:
+            raise ValueError(f"There are {len(leads)} leads for {self.model.modes} sensors.")
+        if not self._library.hd_board_leads(self._board, (LeadSetup * len(leads))(*(lead.setup() for lead in leads))):
+            raise ValueError("Leads need converters: this board has none.")
+
+    def interlock(self, event: int) -> None:
+        """Open a circuit that forbids to drive, by its event of the board's log, or with 0 close all."""
+        self._library.hd_board_interlock(self._board, event)
 
     def fake_measurement(self, measured_um: npt.NDArray[np.complex128] | None) -> None:
         """Override the sensors with `measured_um` (M,), which may be NaN; None restores them."""

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from .firmware import ConverterSetup
+from .firmware import ConverterSetup, LeadSetup
 
 SAMPLE_HZ: Final = 1_000_000
 
@@ -45,4 +45,25 @@ class Converters:
     def setup(self) -> ConverterSetup:
         return ConverterSetup(
             self.volts_per_lsb, self.um_per_lsb, self.offset_lsb, self.noise_lsb, self.amplifier_lag_us
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """What stands between a sensor and its converter; the defaults are a sound lead.
+
+    `hum_lsb` is the amplitude of the mains, `clip_lsb` the preamplifier's range to either side of its middle, 0 for the
+    converter's own, `heard_lsb_per_v` what it picks up of all amplifiers' voltages together.
+    """
+
+    offset_lsb: float = 0.0
+    noise_lsb: float = 1.0
+    hum_lsb: float = 0.0
+    hum_hz: float = 50.0
+    clip_lsb: float = 0.0
+    heard_lsb_per_v: float = 0.0
+
+    def setup(self) -> LeadSetup:
+        return LeadSetup(
+            self.offset_lsb, self.noise_lsb, self.hum_lsb, self.hum_hz, self.clip_lsb, self.heard_lsb_per_v
         )

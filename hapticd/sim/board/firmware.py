@@ -29,6 +29,19 @@ class ConverterSetup(ctypes.Structure):
     ]
 
 
+class LeadSetup(ctypes.Structure):
+    """`hd_lead_t` of firmware/boards/host/lockstep.h."""
+
+    _fields_ = [
+        ("offset_lsb", ctypes.c_double),
+        ("noise_lsb", ctypes.c_double),
+        ("hum_lsb", ctypes.c_double),
+        ("hum_hz", ctypes.c_double),
+        ("clip_lsb", ctypes.c_double),
+        ("heard_lsb_per_v", ctypes.c_double),
+    ]
+
+
 class Setup(ctypes.Structure):
     """`hd_board_setup_t` of firmware/boards/host/lockstep.h."""
 
@@ -110,6 +123,8 @@ def load(modes: int) -> ctypes.CDLL:
         "hd_board_estimate": (None, [board, ctypes.c_void_p]),
         "hd_board_detune": (None, [board, ctypes.c_void_p]),
         "hd_board_fake_measurement": (None, [board, ctypes.c_void_p]),
+        "hd_board_leads": (ctypes.c_bool, [board, ctypes.POINTER(LeadSetup)]),
+        "hd_board_interlock": (None, [board, ctypes.c_uint8]),
         "hd_carrier_init": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
         "hd_carrier_listen": (ctypes.c_bool, [ctypes.c_void_p, ctypes.c_void_p]),
     }

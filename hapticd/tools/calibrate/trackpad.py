@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> Verdict:
         touched, device = _played(marks_mm, options.seed, prints_mm), {}
     else:
         chosen = pads.chosen(options)
-        pad, touched = asyncio.run(_touched(pads.connected(chosen), marks_mm, options.within, prints_mm))
+        pad, touched = asyncio.run(touch_marks(pads.connected(chosen), marks_mm, options.within, prints_mm))
         device = pads.settings(chosen, pad.model)
     found = fit_affine(touched.rests_mm, marks_mm)
     scale = fit_scale(_on_plate(touched.axes_mm, found.plate_from_pad), prints_mm) if prints_mm else None
@@ -88,7 +88,7 @@ def _played(marks_mm: Sequence[MarkPoint], seed: int, prints_mm: Sequence[Axes] 
     return touched
 
 
-async def _touched(
+async def touch_marks(
     source: TrackpadSource, marks_mm: Sequence[MarkPoint], within_s: float, prints_mm: Sequence[Axes] = ()
 ) -> tuple[Pad, TouchedMarks]:
     """Prompt for one mark after the other; return the pad and the touches."""

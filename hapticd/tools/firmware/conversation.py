@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Iterator
-from typing import TypeVar
+from collections.abc import Callable, Iterator
+from typing import Protocol, TypeVar
 
 from ... import board_protocol as protocol
 from ...board_protocol import BoardVerdict, CommandResult, HelloRequest, Keepalive, Stop
 from ...board_values import BoardCommand, BoardHello, BoardMessage
 from ...errors import DeviceError, UsageError
-from ...io.devices.serial_link import SerialLink
 from ...wire.commands import encode
 from ...wire.device import Decoder, check_protocol
 
@@ -28,13 +27,30 @@ _Message = BoardMessage
 _Answer = TypeVar("_Answer", bound=_Message)
 
 
+class Link(Protocol):
+    """A line to a board, as `SerialLink` is one."""
+
+    def start(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        on_bytes: Callable[[bytes], None],
+        on_link: Callable[[bool, str], None],
+    ) -> None: ...
+
+    def write(self, data: bytes) -> bool: ...
+
+    async def drained(self, within_s: float) -> None: ...
+
+    def close(self) -> None: ...
+
+
 class Conversation:
     """Async context with an open link and a board of this protocol version.
 
     `where` names the link in errors, which are all DeviceError.
     """
 
-    def __init__(self, link: SerialLink, where: str) -> None:
+    def __init__(self, link: Link, where: str) -> None:
         self._link, self._where = link, where
         self._decoder = Decoder()
         self._received: asyncio.Queue[_Message | DeviceError] = asyncio.Queue()

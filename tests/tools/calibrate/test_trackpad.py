@@ -180,7 +180,7 @@ class PlayedPad:
 
 def test_each_mark_is_prompted_until_all_are_touched(capsys: pytest.CaptureFixture[str]) -> None:
     pad = PlayedPad(MARKS)
-    found, touched = in_virtual_time(trackpad._touched(pad, MARKS, 60.0))
+    found, touched = in_virtual_time(trackpad.touch_marks(pad, MARKS, 60.0))
     assert found is DEFAULT_PAD
     assert pad.is_closed
     np.testing.assert_allclose(touched.rests_mm, MARKS, atol=0.05)
@@ -191,7 +191,7 @@ def test_each_mark_is_prompted_until_all_are_touched(capsys: pytest.CaptureFixtu
 def test_marks_that_are_not_touched_in_time_are_one_sentence() -> None:
     pad = PlayedPad(MARKS[:2])
     with pytest.raises(CalibrationError, match="2 of 4 marks were touched in 5 s"):
-        in_virtual_time(trackpad._touched(pad, MARKS, 5.0))
+        in_virtual_time(trackpad.touch_marks(pad, MARKS, 5.0))
     assert pad.is_closed
 
 

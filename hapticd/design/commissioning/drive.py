@@ -1,0 +1,94 @@
+"""The dead-man, the emergency stop, and the closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from .findings import Diagnosis, Flaw, Judgement
+
+FOLLOWED_FRAC: Final = 0.05  # of the amplitude asked for
+VOLTS_FRAC: Final = (0.7, 1.4)  # of what the calibration says
+FELT_FRAC: Final = 1.05  # of the volts without a finger: far beyond the loop's noise
+
+
+@dataclass(frozen=True, slots=True)
+class HeldMode:
+    """A mode that was held alone: amplitude asked for, measured mean and deviation, volts and those expected."""
+
+    asked_um: float
+    mean_um: float
+    deviation_um: float
+    volts_v: float
+    expected_v: float
+
+
+def judge_deadman(*, was_pulled: bool, is_logged: bool, is_quiet: bool) -> Judgement:
+    """Judge the pulled cable: `is_logged`, the board's log has the stopped voltage; `is_quiet`, it came back quiet."""
+    findings = []
+    if not was_pulled:
+        findings.append(
+            Diagnosis("The cable was not pulled: the line stayed up. Pull the board's USB plug when asked.")
+        )
+    elif not (is_logged and is_quiet):
+        findings.append(
+            Diagnosis(
+                "The board did not stop its voltage when the cable was pulled: do not go on, flash the firmware again."
+            )
+        )
+    return Judgement("Without its host the board went quiet by itself, and logged it.", tuple(findings))
+
+
+def judge_stop(*, stopped: bool, is_logged: bool, drives_again: bool) -> Judgement:
+    """Judge the pressed stop: whether the voltage ended, the log has it, and the board drives after its release."""
+    findings = []
+    if not (stopped and is_logged):
+        findings.append(
+            Diagnosis(
+                "The stop was pressed and the board drove on: its third pole is not in PB15's circuit. Take the bridge "
+                "off, and wire PB15 through the stop's closed contact to ground.",
+                (Flaw.STOP_LINE,),
+            )
+        )
+    elif not drives_again:
+        findings.append(
+            Diagnosis("The board does not drive after the stop's release: is it released, and PB15 closed?")
+        )
+    return Judgement("The stop ended the drive, and the board drives again after its release.", tuple(findings))
+
+
+def judge_loop(held: Sequence[HeldMode], fault: str) -> Judgement:
+    """Judge modes that were held one after the other; `fault` is what ended it, empty if nothing did."""
+    findings = [Diagnosis(f"The board ended the drive: {fault}.")] if fault else []
+    for mode, one in enumerate(held):
+        off = abs(one.mean_um - one.asked_um) / one.asked_um
+        share = one.volts_v / one.expected_v
+        if off > FOLLOWED_FRAC:
+            findings.append(
+                Diagnosis(
+                    f"Mode {mode} is at {one.mean_um:.3f} um where {one.asked_um:g} um were asked for.", (), (mode,)
+                )
+            )
+        elif not VOLTS_FRAC[0] <= share <= VOLTS_FRAC[1]:
+            findings.append(
+                Diagnosis(
+                    f"Mode {mode} takes {one.volts_v:.1f} V for {one.asked_um:g} um, where its calibration says "
+                    f"{one.expected_v:.1f}: its sensor is cut off, or something lies on the plate.",
+                    (Flaw.PREAMPLIFIER_CLIPS,),
+                    (mode,),
+                )
+            )
+    figures = [
+        (f"mode {k}", f"{one.mean_um:.4f} um, {1e3 * one.deviation_um:.1f} nm about it, {one.volts_v:.1f} V")
+        for k, one in enumerate(held)
+    ]
+    return Judgement("Every mode follows its reference.", tuple(findings), tuple(figures))
+
+
+def judge_touch(still_v: float, touched_v: float) -> Judgement:
+    """Judge a finger on the driven plate by the volts that hold its amplitude."""
+    figures = (("volts", f"{still_v:.1f} V without a finger, {touched_v:.1f} V with one"),)
+    unfelt = Diagnosis("The finger does not show in the volts: press more firmly, on a place where the plate moves.")
+    findings = () if touched_v >= FELT_FRAC * still_v else (unfelt,)
+    return Judgement("The finger damps the plate, and the loop holds its amplitude.", findings, figures)

@@ -1,0 +1,137 @@
+"""What the sweeps say of the plate: wires as matrices, resonances against the design, and how straight the chain is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ...board_values import ModeCalibration
+from ...values import FloatArray
+from ..resonance import Resonance
+from ..wiring import MeasuredWiring
+from .findings import Diagnosis, Flaw, Judgement, PlateDesign
+
+CIRCLE_FRAC: Final = 0.2  # residual of a resonance circle, as `hapticd calibrate resonance` takes it
+MOVED_FRAC: Final = 0.005  # of the frequencies, together: half a percent of the plate's thickness
+LEAST_QUALITY: Final = 0.6  # of the design's
+LEAST_GAIN: Final = 0.7  # of the design's: a bond and a sensor are within a tenth or two
+STRAIGHT: Final = 0.95  # of the response to a tenth of the volts
+
+
+def judge_matrices(found: MeasuredWiring) -> Judgement:
+    """Judge which drive moves which sensor: a matrix with one dominant entry in each row and column."""
+    moved = np.abs(found.drives) / np.abs(found.drives).max()
+    seen = np.abs(found.senses) / np.abs(found.senses).max()
+    figures = [
+        (f"mode {p}", f"amplifiers {_row(moved[p])}, sensors {_row(seen[:, p])}") for p in range(len(found.fits))
+    ]
+    findings = tuple(Diagnosis(sentence) for sentence in found.wrong_wires())
+    return Judgement("Each mode has an amplifier and a sensor.", findings, tuple(figures))
+
+
+def _row(values: FloatArray) -> str:
+    return " ".join(f"{value:.2f}" for value in values)
+
+
+def judge_sweep(found: MeasuredWiring) -> Judgement:
+    """Judge whether each mode is a clean circle."""
+    figures = [
+        (f"mode {k}", f"leaves {100.0 * fit.residual_frac:.1f} % off its circle") for k, fit in enumerate(found.fits)
+    ]
+    findings = tuple(
+        Diagnosis(
+            f"Mode {k} shows no resonance circle ({100.0 * fit.residual_frac:.0f} % off): check what lies on it, "
+            "its supports, and for a mode of another family nearby."
+        )
+        for k, fit in enumerate(found.fits)
+        if fit.residual_frac > CIRCLE_FRAC
+    )
+    return Judgement("All modes are clean circles.", findings, tuple(figures))
+
+
+def judge_resonance(modes: Sequence[ModeCalibration], fits: Sequence[Resonance], design: PlateDesign) -> Judgement:
+    """Judge frequency, quality and gain of each mode against the design."""
+    moved = float(np.median([one.frequency_hz / two for one, two in zip(fits, design.frequency_hz, strict=True)])) - 1.0
+    findings = []
+    if abs(moved) > MOVED_FRAC:
+        findings.append(
+            Diagnosis(
+                f"All resonances are {100.0 * moved:+.1f} % from the design: measure the plate's thickness and edges.",
+                (Flaw.DIMENSIONS,),
+            )
+        )
+    quality = [
+        fit.q_factor * decay_1_s / (np.pi * hz)
+        for fit, hz, decay_1_s in zip(fits, design.frequency_hz, design.decay_1_s, strict=True)
+    ]
+    gain = [fit.gain_um_per_v_s / own for fit, own in zip(fits, design.gain_um_per_v_s, strict=True)]
+    damped = [k for k in range(len(fits)) if quality[k] < LEAST_QUALITY]
+    if damped:
+        k = min(damped, key=lambda mode: gain[mode])
+        findings.append(
+            Diagnosis(
+                f"Modes {', '.join(map(str, damped))} are damped: Q {fits[k].q_factor:.0f} is {100.0 * quality[k]:.0f} "
+                f"% of the design's, patch {k} has {100.0 * gain[k]:.0f} % of its force. If nothing lies on it, it is "
+                f"soft or thick glue, or a rim of it, at patch {k}: glue it again.",
+                (Flaw.GLUE,),
+                (k,),
+            )
+        )
+    findings += [
+        Diagnosis(
+            f"Mode {k} has {100.0 * gain[k]:.0f} % of its force at its usual quality: patch {k} is cracked. "
+            "Measure its capacitance: a cracked one has lost as much, a half bonded one has not.",
+            (Flaw.PATCH_CRACKED,),
+            (k,),
+        )
+        for k in range(len(fits))
+        if k not in damped and gain[k] < LEAST_GAIN
+    ]
+    figures = [
+        (
+            f"mode {one.mode}",
+            f"{fit.frequency_hz:.1f} Hz, Q {fit.q_factor:.0f} ({100.0 * quality[k]:.0f} %), "
+            f"gain {100.0 * gain[k]:.0f} %",
+        )
+        for k, (one, fit) in enumerate(zip(modes, fits, strict=True))
+    ]
+    return Judgement("Frequencies, qualities and gains are the design's.", tuple(findings), tuple(figures))
+
+
+def judge_limits(straight: FloatArray, most_um: FloatArray, design: PlateDesign) -> Judgement:
+    """Judge the chain at the largest voltage open loop.
+
+    `straight` (sensors, amplifiers) is the response per volt over that at a tenth of the volts, NaN where a sensor sees
+    too little of an amplifier; `most_um` (M,) the amplitude of each mode at that voltage.
+    """
+    findings = []
+    for k in range(design.modes):
+        own, others = straight[k, k], np.delete(straight[:, k], k)
+        if not own < STRAIGHT:
+            continue
+        is_drive = bool((others < STRAIGHT).any())
+        what = (
+            f"Amplifier {k} gives less at more volts: check its supply and its current limit."
+            if is_drive
+            else f"Sensor {k} is cut off: at {most_um[k]:.2f} um it shows {100.0 * own:.0f} % of what it should. Its "
+            "preamplifier clips: check its supply, its middle and R5."
+        )
+        findings.append(
+            Diagnosis(
+                what,
+                (Flaw.SUPPLY_LOW,) if is_drive else (Flaw.PREAMPLIFIER_CLIPS,),
+                () if is_drive else (k,),
+            )
+        )
+    figures = [
+        (
+            f"mode {k}",
+            f"{most_um[k]:.2f} um at a fifth of the voltage, {100.0 * straight[k, k]:.1f} % of a straight line",
+        )
+        for k in range(design.modes)
+    ]
+    return Judgement(
+        "Amplifiers and sensors are straight up to the largest open-loop voltage.", tuple(findings), tuple(figures)
+    )

@@ -1,0 +1,224 @@
+"""A simulated rig with mistakes: wires, leads, supplies and interlocks between the plate and the firmware's own C.
+
+Its carrier is simulated sample by sample, so that hum, offsets and clipping reach the board as they do on a bench. A
+rig without mistakes differs from its design as a good one does: gains by 10 %, qualities by 15 %, frequencies by 40 Hz
+together and 2 Hz each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...design.commissioning.findings import DANGEROUS, Flaw
+from ...design.commissioning.rest import AMPLIFIER_FAULT, EMERGENCY_STOP
+from ...values import FloatArray
+from ..board.board import FLAG_LIVE, Board, BoardTrace, PlateModel
+from ..board.carrier import Converters, Lead
+from ..plate.ground_truth import GroundTruth, PlateSettings
+from ..world import board_config, plate_model
+from .mistakes import Mistake
+
+STEP_TICKS = 4
+GAINS_FRAC, QUALITIES_FRAC, TOGETHER_HZ, EACH_HZ = 0.1, 0.15, 40.0, 2.0
+LSB_V = 3.3 / 4096.0
+SUPPLIES_V = (3.3, 24.0, -24.0)
+FINGER_SHARE = 1.0  # of an antinode's square, under the finger
+
+
+@dataclass(frozen=True, slots=True)
+class _Sound:
+    """How this rig differs from its design without any mistake."""
+
+    gains: FloatArray
+    decays: FloatArray
+    detuned_hz: FloatArray
+
+    @classmethod
+    def of(cls, seed: int, plate: GroundTruth) -> _Sound:
+        random = np.random.default_rng((seed, 7))
+        modes, plate_modes = len(plate.w_limit_um), len(plate.decay_1_s)
+        return cls(
+            1.0 + random.uniform(-GAINS_FRAC, GAINS_FRAC, modes),
+            np.full(plate_modes, 1.0 + random.uniform(-QUALITIES_FRAC, QUALITIES_FRAC)),
+            random.uniform(-TOGETHER_HZ, TOGETHER_HZ) + random.uniform(-EACH_HZ, EACH_HZ, plate_modes),
+        )
+
+
+class FaultyRig:
+    """A rig whose mistakes can be mended one by one; a technician pulls its lines. Time passes with `run`.
+
+    `is_driven_in_danger`: the loop was closed while a mistake with which it is unstable or blind was there.
+    """
+
+    def __init__(self, settings: PlateSettings, mistakes: Iterable[Mistake] = (), seed: int = 1) -> None:
+        self.plate = GroundTruth(settings)
+        self.modes, self.plate_modes = len(self.plate.w_limit_um), len(self.plate.decay_1_s)
+        self.mistakes = list(mistakes)
+        self.is_driven_in_danger = False
+        self.was_driven = False
+        self.is_stop_pushed = False
+        self.is_touched = False
+        self._seed, self._boots = seed, 0
+        self._sound = _Sound.of(seed, self.plate)
+        self._trace = BoardTrace(STEP_TICKS, self.modes, self.plate_modes)
+        self._phi = np.zeros((STEP_TICKS, 1, self.plate_modes))
+        self._decay_1_s = np.zeros((STEP_TICKS, 1))
+        self.boot()
+
+    def boot(self) -> None:
+        """Switch the board off and on; what was mended takes effect."""
+        converters = Converters()
+        self._boots += 1
+        config = board_config(self.plate, self.plate.w_limit_um)
+        phase = converters.loop_phase_rad(config.drive_hz)
+        self.board = Board(
+            self._model(),
+            config=replace(config, loop_phase_rad=(phase,) * self.modes, drive=None, sense=None),
+            seed=self._seed,
+            boot_id=self._boots,
+            converters=converters,
+        )
+        self.board.connect([self._lead(sensor) for sensor in range(self.modes)])
+        self._interlock()
+
+    def run(self) -> None:
+        """Let STEP_TICKS control ticks pass."""
+        self._phi[:] = math.sqrt(FINGER_SHARE)
+        self._decay_1_s[:] = self.plate.finger_decay_1_s if self.is_touched else 0.0
+        self.board.run(STEP_TICKS, self._phi, self._decay_1_s, self._trace)
+        is_live = bool((self._trace.flags & FLAG_LIVE).any())
+        self.was_driven |= is_live
+        self.is_driven_in_danger |= is_live and any(one.cause in DANGEROUS for one in self.mistakes)
+
+    @property
+    def step_s(self) -> float:
+        return STEP_TICKS / self.board.config.control_hz
+
+    def found(self, causes: Iterable[Flaw], wires: tuple[int, ...]) -> list[Mistake]:
+        """Return the mistakes that are of one of these causes and, if `wires` are named, at one of them."""
+        named = set(causes)
+        return [
+            one
+            for one in self.mistakes
+            if one.cause in named and (not (wires and one.wires) or set(wires) & set(one.wires))
+        ]
+
+    def mend(self, causes: Iterable[Flaw], wires: tuple[int, ...]) -> bool:
+        """Remove what is `found` there; return whether anything was."""
+        found = self.found(causes, wires)
+        for one in found:
+            self.mistakes.remove(one)
+        if found:
+            self.boot()
+        return bool(found)
+
+    def push_stop(self, pushed: bool) -> None:
+        self.is_stop_pushed = pushed
+        self._interlock()
+
+    def supply_v(self, place: int) -> float:
+        """Return VDDA (0) or a rail (1, 2): the rails fall together, by a fuse or a wrong setting."""
+        return SUPPLIES_V[place] * (self._size(Flaw.SUPPLY_LOW) if place else 1.0)
+
+    def idle_v(self, sensor: int) -> float:
+        return SUPPLIES_V[0] / 2.0 + LSB_V * self._lead(sensor).offset_lsb
+
+    def output_share(self, amplifier: int) -> float:
+        """Return an amplifier's output over what is asked of it."""
+        wrong = {one.cause: one for one in self.mistakes if amplifier in one.wires}
+        sign = -1.0 if Flaw.AMPLIFIER_INVERTED in wrong else 1.0
+        share = 0.5 if Flaw.DRIVES_SHORTED in wrong else 1.0
+        return sign * share * (wrong[Flaw.AMPLIFIER_GAIN].size if Flaw.AMPLIFIER_GAIN in wrong else 1.0)
+
+    def pad_turn(self) -> tuple[float, bool]:
+        """Return by how many degrees the trackpad is rotated, and whether it is mirrored."""
+        degrees = sum(one.size for one in self.mistakes if one.cause is Flaw.PAD_ROTATED)
+        return degrees, self._has(Flaw.PAD_MIRRORED)
+
+    def _has(self, cause: Flaw) -> bool:
+        return any(one.cause is cause for one in self.mistakes)
+
+    def _size(self, cause: Flaw, otherwise: float = 1.0) -> float:
+        return next((one.size for one in self.mistakes if one.cause is cause), otherwise)
+
+    def _interlock(self) -> None:
+        open_stop = self._has(Flaw.STOP_LINE) and self._size(Flaw.STOP_LINE) > 0.5
+        is_bridged = self._has(Flaw.STOP_LINE) and not open_stop
+        event = AMPLIFIER_FAULT if self._has(Flaw.FAULT_LINE) else 0
+        if open_stop or (self.is_stop_pushed and not is_bridged):
+            event = EMERGENCY_STOP
+        self.board.interlock(event)
+
+    def _model(self) -> PlateModel:
+        model, sound = plate_model(self.plate), self._sound
+        drives, senses = self._drives(), self._senses()
+        shift = 2.0 * math.pi * (sound.detuned_hz + self._size(Flaw.DIMENSIONS, 0.0) * self.plate.frequency_hz)
+        return replace(
+            model,
+            decay_1_s=model.decay_1_s * sound.decays * self._size(Flaw.GLUE),
+            detuning_rad_s=model.detuning_rad_s + shift,
+            gain_um_per_v_s=model.gain_um_per_v_s @ np.diag(sound.gains) @ drives,
+            sensor=senses @ np.real(model.sensor),
+            noise_um=0.0,
+            amplifier_limit_v=model.amplifier_limit_v * self._size(Flaw.SUPPLY_LOW),
+        )
+
+    def _drives(self) -> FloatArray:
+        """Return patches by amplifiers."""
+        patches, wires = np.ones(self.modes), np.eye(self.modes)
+        for one in self.mistakes:
+            where = list(one.wires)
+            if one.cause is Flaw.DRIVE_OPEN:
+                wires[where] = 0.0
+            elif one.cause is Flaw.DRIVES_SHORTED:
+                wires[np.ix_(where, where)] = 0.5  # two amplifiers of equal resistance
+            elif one.cause is Flaw.AMPLIFIERS_SWAPPED:
+                wires[where] = wires[where[::-1]]
+            elif one.cause in (Flaw.PATCH_CRACKED, Flaw.GLUE):
+                patches[where] *= one.size if one.cause is Flaw.PATCH_CRACKED else 1.0 / one.size
+        outputs = np.diag([1.0 if self._shorted_drive(k) else self.output_share(k) for k in range(self.modes)])
+        return np.asarray(np.diag(patches) @ wires @ outputs)
+
+    def _shorted_drive(self, k: int) -> bool:
+        return any(one.cause is Flaw.DRIVES_SHORTED and k in one.wires for one in self.mistakes)
+
+    def _senses(self) -> FloatArray:
+        """Return converters by sensors."""
+        wires = np.eye(self.modes)
+        for one in self.mistakes:
+            where = list(one.wires)
+            if one.cause in (Flaw.SENSOR_OPEN, Flaw.SENSOR_FLOATING):
+                wires[where] *= 0.0
+            if one.cause is Flaw.SENSOR_FLOATING:
+                wires[where, (where[0] + 1) % self.modes] = 0.05
+            elif one.cause is Flaw.SENSORS_SHORTED:
+                wires[np.ix_(where, where)] = 0.5  # two patches of equal capacitance
+            elif one.cause is Flaw.SENSORS_SWAPPED:
+                wires[where] = wires[where[::-1]]
+            elif one.cause in (Flaw.SENSOR_INVERTED, Flaw.SENSOR_GAIN):
+                wires[where] *= -1.0 if one.cause is Flaw.SENSOR_INVERTED else one.size
+        return wires
+
+    def _lead(self, sensor: int) -> Lead:
+        lead = Lead(hum_lsb=self._size(Flaw.MAINS_HUM, 0.0))
+        for one in self.mistakes:
+            if sensor not in one.wires:
+                continue
+            if one.cause is Flaw.SENSOR_OFFSET:
+                lead = replace(lead, offset_lsb=one.size)
+            elif one.cause is Flaw.SENSOR_NOISY:
+                lead = replace(lead, noise_lsb=one.size)
+            elif one.cause is Flaw.SENSOR_FLOATING:
+                lead = replace(lead, hum_lsb=one.size, noise_lsb=10.0, heard_lsb_per_v=0.2)
+            elif one.cause is Flaw.PREAMPLIFIER_CLIPS:
+                lead = replace(lead, clip_lsb=one.size * self._largest_lsb(sensor))
+        return lead
+
+    def _largest_lsb(self, sensor: int) -> float:
+        """Return the amplitude of a sound rig at a fifth of the voltage, in steps."""
+        peak_um_per_v = self.plate.nominal_gain_um_per_v_s[sensor] / self.plate.nominal_decay_1_s[sensor]
+        return float(peak_um_per_v * self.plate.settings.v_limit_v / 5.0 / Converters().um_per_lsb)
