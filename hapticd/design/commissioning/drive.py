@@ -24,18 +24,16 @@ class HeldMode:
     expected_v: float
 
 
-def judge_deadman(*, was_pulled: bool, is_logged: bool, is_quiet: bool) -> Judgement:
-    """Judge the pulled cable: `is_logged`, the board's log has the stopped voltage; `is_quiet`, it came back quiet."""
+def judge_deadman(*, is_silent: bool, was_pulled: bool, is_quiet: bool) -> Judgement:
+    """Judge the dead-man: `is_silent`, a voltage ended without keep-alives; `is_quiet`, so it did without a cable."""
     findings = []
-    if not was_pulled:
+    if not is_silent:
+        findings.append(Diagnosis("The board went on without keep-alives: do not go on, flash the firmware again."))
+    elif not was_pulled:
+        findings.append(Diagnosis("The cable was not pulled: the line stayed up. Pull the board's plug when asked."))
+    elif not is_quiet:
         findings.append(
-            Diagnosis("The cable was not pulled: the line stayed up. Pull the board's USB plug when asked.")
-        )
-    elif not (is_logged and is_quiet):
-        findings.append(
-            Diagnosis(
-                "The board did not stop its voltage when the cable was pulled: do not go on, flash the firmware again."
-            )
+            Diagnosis("The board did not stop when the cable was pulled: do not go on, flash the firmware again.")
         )
     return Judgement("Without its host the board went quiet by itself, and logged it.", tuple(findings))
 

@@ -28,7 +28,6 @@ from .bench import Bench, design_of
 from .loop import Loop
 from .page import PageResult, StepPage
 
-TOOL_STOPPED = 65
 POINTS = 25
 NEAR_HZ = 10.0  # to either side of a resonance, where limits are measured
 SEEN_UM = 0.005  # least amplitude at a tenth of the volts that shows whether a chain is straight
@@ -115,10 +114,14 @@ async def _around(
 async def _deadman(bench: Bench) -> PageResult:
     was_pulled = False
     async with bench.board() as board:
-        before, _ = await measure.events(board)
+        volts = PULLED_V_FRAC * board.hello.v_limit_v
+        is_silent = await measure.stops_in_silence(board, volts)
+        if not is_silent:
+            return PageResult(drive.judge_deadman(is_silent=False, was_pulled=False, is_quiet=False))
+        boot_id, (before, _) = board.hello.boot_id, await measure.events(board)
         loop = asyncio.get_running_loop()
         try:
-            async with measure.raw(board, 0, PULLED_V_FRAC * board.hello.v_limit_v):
+            async with measure.raw(board, 0, volts):
                 await bench.person.pull_cable()
                 end_s = loop.time() + PULL_WITHIN_S
                 while loop.time() < end_s:
@@ -126,24 +129,25 @@ async def _deadman(bench: Bench) -> PageResult:
         except DeviceError:
             was_pulled = True
     if not was_pulled:
-        return PageResult(drive.judge_deadman(was_pulled=False, is_logged=False, is_quiet=False))
+        return PageResult(drive.judge_deadman(is_silent=True, was_pulled=False, is_quiet=False))
     await bench.person.plug_cable()
-    after, codes, state = await _back(bench)
     return PageResult(
-        drive.judge_deadman(
-            was_pulled=True, is_logged=after > before and TOOL_STOPPED in codes, is_quiet=state is BoardState.QUIET
-        )
+        drive.judge_deadman(is_silent=True, was_pulled=True, is_quiet=await _came_back_quiet(bench, boot_id, before))
     )
 
 
-async def _back(bench: Bench) -> tuple[int, tuple[int, ...], BoardState]:
-    """Return the log and the state of the board once its cable is plugged in again. Raises DeviceError."""
+async def _came_back_quiet(bench: Bench, boot_id: int, before: int) -> bool:
+    """Return whether the board is quiet once its cable is plugged in again: logged by the dead-man, or switched off
+    with the cable that feeds it. Raises DeviceError."""
     loop = asyncio.get_running_loop()
     end_s = loop.time() + PLUG_WITHIN_S
     while True:
         try:
             async with bench.board() as board:
-                return *await measure.events(board), (await measure.status(board)).state
+                after, codes = await measure.events(board)
+                is_logged = after > before and measure.TOOL_STOPPED in codes
+                is_quiet = (await measure.status(board)).state is BoardState.QUIET
+                return is_quiet and (is_logged or board.hello.boot_id != boot_id)
         except DeviceError:
             if loop.time() > end_s:
                 raise

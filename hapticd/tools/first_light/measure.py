@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Sequence
 import numpy as np
 
 from ... import board_protocol as protocol
-from ...board_protocol import BoardState, LogRequest, RawVoltage, SetTelemetry, Stop, Sweep
+from ...board_protocol import BoardState, BoardTime, LogRequest, RawVoltage, SetTelemetry, Stop, Sweep, TimeRequest
 from ...board_values import BoardLog, BoardStatus, SweepPoint, TelemetrySample
 from ...design.commissioning.findings import PlateDesign
 from ...design.wiring import AmplifierSweep
@@ -30,6 +30,8 @@ VOLTS_FRAC = 0.1
 EXTENDED_MS = 400
 EXTEND_EVERY_S = 0.15
 STATUS_WITHIN_S = 0.5
+SILENCE_S = 0.2  # far beyond the dead-man's 50 ms, and within the voltage's own time
+TOOL_STOPPED = 65  # of the board's log
 WRAP_US = 1 << 32
 
 
@@ -116,8 +118,14 @@ async def status(board: Conversation) -> BoardStatus:
     return found
 
 
+async def up_to_date(board: Conversation) -> None:
+    """Drop what the board said before now: while a person types, its messages wait."""
+    await board.ask(TimeRequest(0), BoardTime)
+
+
 async def drives(board: Conversation) -> bool:
     """Return whether the board accepts a hundredth of a volt and keeps it."""
+    await quiet(board)
     with board.driving():
         await board.demand(RawVoltage(0, 0.01 + 0j, EXTENDED_MS))
         states = [(await status(board)).state for _ in range(3)]
@@ -127,9 +135,19 @@ async def drives(board: Conversation) -> bool:
 
 async def quiet(board: Conversation) -> None:
     """Wait until a tool has ramped down."""
+    await up_to_date(board)
     for _ in range(10):
         if (await status(board)).state is not BoardState.TOOL:
             return
+
+
+async def stops_in_silence(board: Conversation, volts: float) -> bool:
+    """Return whether a voltage ends, and is logged, if no keep-alive follows it."""
+    before, _ = await events(board)
+    await board.demand(RawVoltage(0, complex(volts), EXTENDED_MS))
+    await asyncio.sleep(SILENCE_S)
+    after, codes = await events(board)
+    return after > before and TOOL_STOPPED in codes
 
 
 async def events(board: Conversation) -> tuple[int, tuple[int, ...]]:

@@ -11,6 +11,7 @@ from . import measure, pictures
 from .bench import Bench, design_of
 from .page import PageResult, StepPage
 
+CONFIG_FAULT = 6  # the board refuses its own configuration
 SILENT_V_FRAC = 0.1  # of the voltage limit: for what shows nothing at a volt
 
 
@@ -24,7 +25,7 @@ async def _supply(bench: Bench) -> PageResult:
             minus_v=await person.read_supply(2),
             idle_v=tuple([await person.read_idle(sensor) for sensor in range(modes)]),
         )
-        is_configured = (await measure.status(board)).fault_code != 6
+        is_configured = (await measure.status(board)).fault_code != CONFIG_FAULT
         _, events = await measure.events(board)
         drives = is_configured and await measure.drives(board)
         interlock = None if drives else rest.interlock_of(events)

@@ -68,10 +68,10 @@ def test_a_cut_off_sensor_is_told_from_a_weak_amplifier() -> None:
 
 
 def test_a_dead_man_passes_only_if_the_cable_was_pulled_and_the_board_stopped() -> None:
-    assert judge_deadman(was_pulled=True, is_logged=True, is_quiet=True).is_passed
-    assert "was not pulled" in judge_deadman(was_pulled=False, is_logged=False, is_quiet=False).sentence
-    assert "did not stop" in judge_deadman(was_pulled=True, is_logged=False, is_quiet=True).sentence
-    assert "did not stop" in judge_deadman(was_pulled=True, is_logged=True, is_quiet=False).sentence
+    assert judge_deadman(is_silent=True, was_pulled=True, is_quiet=True).is_passed
+    assert "without keep-alives" in judge_deadman(is_silent=False, was_pulled=False, is_quiet=False).sentence
+    assert "was not pulled" in judge_deadman(is_silent=True, was_pulled=False, is_quiet=False).sentence
+    assert "did not stop" in judge_deadman(is_silent=True, was_pulled=True, is_quiet=False).sentence
 
 
 def test_a_stop_passes_only_if_it_ended_the_drive_and_was_logged() -> None:
