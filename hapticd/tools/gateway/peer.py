@@ -71,8 +71,8 @@ class Peer:
         self._feed = feed
         self._names = names
         self._outbox = Outbox()
-        self._targets_socket = _connected(context, zmq.PUSH, endpoint, "targets")
-        self._control_socket = _connected(context, zmq.DEALER, endpoint, "control")
+        self._targets_socket = connected(context, zmq.PUSH, endpoint, "targets")
+        self._control_socket = connected(context, zmq.DEALER, endpoint, "control")
         self._targets: tuple[bytes, float] | None = None  # the newest that waits, and until when it holds
         self._requests: deque[tuple[int, bytes]] = deque()
         self._has_targets, self._has_requests = asyncio.Event(), asyncio.Event()
@@ -170,10 +170,11 @@ class Peer:
             self._outbox.reply(messages.text_of(await self._control_socket.recv()))
 
 
-def _connected(context: zmq.asyncio.Context, kind: int, endpoint: Endpoint, name: str) -> zmq.asyncio.Socket:
+def connected(context: zmq.asyncio.Context, kind: int, endpoint: Endpoint, name: str) -> zmq.asyncio.Socket:
+    """Return a socket to the daemon's of this name, which queues nothing without one."""
     socket = context.socket(kind)
     socket.linger = 0
-    socket.immediate = True  # without a daemon nothing is queued
+    socket.immediate = True
     endpoint.connect(socket, name)
     return socket
 

@@ -47,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help=f"of this computer, to listen on (default {HOST}; other computers can read what is sent on others)",
     )
+    parser.add_argument(
+        "--osc",
+        type=PORT_NUMBER,
+        metavar="PORT",
+        help="take OSC messages, too, at this UDP port of 127.0.0.1, from every program here: OSC has no key",
+    )
     parser.set_defaults(command=run)
 
 
@@ -96,8 +102,11 @@ async def _serve(listener: socket.socket, endpoint: Endpoint, key: str, options:
     from .server import Gateway
 
     names = HOSTS if options.host == HOST else (options.host, *HOSTS)
-    gateway = Gateway(endpoint, key, options.origin, names)
+    gateway = Gateway(endpoint, key, options.origin, names, options.osc)
     gateway.port = listener.getsockname()[1]
     async with served(gateway.runner(), listener) as ended:
-        print(f"the gateway: ws://{options.host}:{gateway.port}/client?key={key}\n(Ctrl-C ends)", flush=True)
+        print(f"the gateway: ws://{options.host}:{gateway.port}/client?key={key}", flush=True)
+        if gateway.osc_port is not None:
+            print(f"OSC: udp://{HOST}:{gateway.osc_port}", flush=True)
+        print("(Ctrl-C ends)", flush=True)
         await ended.wait()

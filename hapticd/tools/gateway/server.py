@@ -11,9 +11,11 @@ from aiohttp import WSCloseCode, web
 
 from hapticd_client.endpoint import Endpoint
 
+from ...errors import HapticdError
 from ..web import connections, guard
 from .feed import Feed
 from .messages import MAX_TEXT_BYTES
+from .osc_clients import OscClients
 from .peer import Names, Peer, Turns
 
 PATH = "/client"
@@ -28,9 +30,18 @@ class Gateway:
     """All WebSockets of one daemon."""
 
     def __init__(
-        self, endpoint: Endpoint, key: str, origins: Collection[str] = (), hosts: tuple[str, ...] = guard.HOSTS
+        self,
+        endpoint: Endpoint,
+        key: str,
+        origins: Collection[str] = (),
+        hosts: tuple[str, ...] = guard.HOSTS,
+        osc_port: int | None = None,
     ) -> None:
-        """`origins` are those of pages that may connect, besides programs, and `hosts` the names of this server."""
+        """`origins` are those of pages that may connect, besides programs, and `hosts` the names of this server.
+
+        With `osc_port` it has clients by OSC, too; 0 is any port, and then `osc_port` tells which.
+        """
+        self.osc_port = osc_port
         self.port = 0
         self._endpoint = endpoint
         self._key = key
@@ -55,8 +66,22 @@ class Gateway:
         self._context = zmq.asyncio.Context()
         self._feed, self._names = Feed(self._context, self._endpoint), Names()
         self._targets, self._requests = Turns(), Turns()
+        osc = None if self.osc_port is None else await self._listen_to_osc(self.osc_port)
         yield
+        if osc is not None:
+            await osc.close()
         self._context.destroy(linger=0)
+
+    async def _listen_to_osc(self, port: int) -> OscClients:
+        clients = OscClients(self._context, self._endpoint, self._feed)
+        loop = asyncio.get_running_loop()
+        try:
+            transport, _ = await loop.create_datagram_endpoint(lambda: clients, (guard.HOSTS[0], port))
+        except OSError as error:
+            self._context.destroy(linger=0)
+            raise HapticdError(f"--osc: port {port} cannot be bound ({error.strerror}): choose another.") from None
+        self.osc_port = transport.get_extra_info("sockname")[1]
+        return clients
 
     async def _close(self, _: web.Application) -> None:
         await asyncio.gather(*(socket.close(code=WSCloseCode.GOING_AWAY) for socket in tuple(self._sockets)))
