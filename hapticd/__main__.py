@@ -8,9 +8,9 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from .errors import ExitCode, HapticdError
+from .errors import ExitCode, HapticdError, missing_library
 from .tools.arguments import Parser, add_command
 from .tools.outputs import check_arguments
 
@@ -90,7 +90,11 @@ COMMANDS = {
         "let web pages and programs without ZeroMQ be clients, by WebSocket and JSON",
         "--origin http://localhost:8000",
     ),
-    "study": Command("tools.study.program", "run the paper's study with people, and analyse it", "report answers/"),
+    "study": Command(
+        "tools.study.program",
+        "run experiments with people, by default the paper's, and analyse them",
+        "report answers/",
+    ),
     "firmware": Command(
         "tools.firmware.program",
         "work with the board: status, sweeps, telemetry, gains",
@@ -125,6 +129,12 @@ COMMANDS = {
         "tools.install_service",
         "install the service's unit, rules, users and configuration",
         "--print",
+    ),
+    "uninstall-service": Command(
+        "tools.install_service",
+        "remove the service's unit and rules; configuration and users stay",
+        "--print",
+        "add_uninstall_arguments",
     ),
 }
 
@@ -171,8 +181,20 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def parser(chosen: str = "") -> argparse.ArgumentParser:
-    """Return the parser of all commands, with the arguments of the `chosen` one."""
+class _Completion(argparse.Action):
+    """Print a shell's completion of all commands and exit; `shtab` makes it from their parsers."""
+
+    def __call__(self, own: argparse.ArgumentParser, _: object, shell: Any, *__: object) -> None:
+        try:
+            import shtab
+        except ImportError:
+            raise missing_library("Completion needs shtab", "completion") from None
+        print(shtab.complete(parser(*COMMANDS), shell))
+        own.exit()
+
+
+def parser(*chosen: str) -> argparse.ArgumentParser:
+    """Return the parser of all commands, with the arguments of the `chosen` ones."""
     whole = Parser(
         prog="hapticd",
         description="Every finger on one vibrating glass plate gets its own friction.",
@@ -180,10 +202,16 @@ def parser(chosen: str = "") -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="show the version, of a checkout with its commit")
+    whole.add_argument(
+        "--completion",
+        action=_Completion,
+        choices=("bash", "zsh", "tcsh"),
+        help="print the shell's completion and exit",
+    )
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, summary, example, add_arguments) in COMMANDS.items():
         one = add_command(commands, name, summary, example)
-        if name == chosen:
+        if name in chosen:
             getattr(import_module(f".{module}", __package__), add_arguments)(one)
     return whole
 

@@ -1,7 +1,7 @@
-"""`hapticd install-service`: install the files of `systemd/`, with this program's path in the unit.
+"""`hapticd install-service` and `uninstall-service`: the files of `systemd/`, with this program's path in the unit.
 
-The files come from the package's data or from the source checkout. Nothing is started, and an existing configuration
-is kept.
+The files come from the package's data or from the source checkout. Nothing is started or stopped, and an existing
+configuration is kept.
 """
 
 from __future__ import annotations
@@ -33,6 +33,12 @@ systemctl daemon-reload
 systemctl enable --now hapticd
 """
 
+FIRST = "systemctl disable --now hapticd"
+AFTER_REMOVAL = """\
+udevadm control --reload
+systemctl daemon-reload
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class ServiceFile:
@@ -47,6 +53,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--print", action="store_true", help="print the files with their destinations, change nothing")
     parser.add_argument("--root", type=Path, default=Path("/"), help="install below this directory (default /)")
     parser.set_defaults(command=_install_service)
+
+
+def add_uninstall_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--print", action="store_true", help="print what would be removed, change nothing")
+    parser.add_argument("--root", type=Path, default=Path("/"), help="remove below this directory (default /)")
+    parser.set_defaults(command=_uninstall_service)
+
+
+def _uninstall_service(options: argparse.Namespace) -> None:
+    print(uninstall(options.root, is_print=options.print), end="")
 
 
 def _install_service(options: argparse.Namespace) -> None:
@@ -97,6 +113,33 @@ def install(files: Sequence[ServiceFile], root: Path) -> str:
             raise HapticdError(f"{path}: cannot be written ({error.strerror}): run it as root.") from None
         done.append(f"installed  {path}")
     return "\n".join([*done, "then run:", *(f"  {line}" for line in AFTERWARDS.splitlines()), ""])
+
+
+def uninstall(root: Path, *, is_print: bool = False) -> str:
+    """Remove the files below `root` but the configuration, with `is_print` none; return a report with what to do next.
+
+    Raises HapticdError while the unit is enabled: a service that runs would lose its unit and go on.
+    """
+    enabled = root / "etc/systemd/system/multi-user.target.wants/hapticd.service"
+    if enabled.is_symlink() and not is_print:
+        raise HapticdError(f"{enabled}: the service is enabled: run `{FIRST}` before.")
+    done = []
+    for name, destination in DESTINATIONS.items():
+        path = root / destination
+        if not path.exists():
+            continue
+        if name in KEPT:
+            done.append(f"kept       {path}")
+            continue
+        try:
+            if not is_print:
+                path.unlink()
+        except OSError as error:
+            raise HapticdError(f"{path}: cannot be removed ({error.strerror}): run it as root.") from None
+        done.append(f"removed    {path}")
+    if not done:
+        return f"nothing of hapticd's service is below {root}\n"
+    return "\n".join([*done, "then run:", *(f"  {line}" for line in AFTER_REMOVAL.splitlines()), ""])
 
 
 def _folder() -> Path:

@@ -62,3 +62,32 @@ def test_everything_is_shown_and_nothing_changed_with_print(capsys: pytest.Captu
     assert output == listing(service_files())
     for destination in DESTINATIONS.values():
         assert f"# --- /{destination}\n" in output
+
+
+def test_what_was_installed_is_removed_and_the_configuration_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(files(), tmp_path)
+    before = sorted(path for path in tmp_path.rglob("*") if path.is_file())
+    assert main(["uninstall-service", "--root", str(tmp_path), "--print"]) == 0
+    assert capsys.readouterr().out.count("removed") == len(DESTINATIONS) - 1
+    assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == before
+    assert main(["uninstall-service", "--root", str(tmp_path)]) == 0
+    left = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert left == [tmp_path / DESTINATIONS["hapticd.toml"]]
+    assert "systemctl daemon-reload" in capsys.readouterr().out
+
+
+def test_an_enabled_service_keeps_its_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    install(files(), tmp_path)
+    wants = tmp_path / "etc/systemd/system/multi-user.target.wants"
+    wants.mkdir()
+    (wants / "hapticd.service").symlink_to("/etc/systemd/system/hapticd.service")
+    assert main(["uninstall-service", "--root", str(tmp_path)]) == 1
+    assert "run `systemctl disable --now hapticd` before" in capsys.readouterr().err
+    assert (tmp_path / DESTINATIONS["hapticd.service"]).exists()
+
+
+def test_nothing_installed_is_nothing_to_remove(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["uninstall-service", "--root", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f"nothing of hapticd's service is below {tmp_path}\n"

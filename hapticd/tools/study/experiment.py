@@ -39,7 +39,7 @@ Positive = Annotated[float, Meta(ge=1e-6, le=1e6)]
 Count = Annotated[int, Meta(ge=0, le=MAX_TRIALS)]
 Level = Number | str
 Text = Annotated[str, Meta(max_length=1000)]
-Numbers = Annotated[tuple[Number, ...], Meta(min_length=1, max_length=MAX_LEVELS)]
+LevelNumbers = Annotated[tuple[Number, ...], Meta(min_length=1, max_length=MAX_LEVELS)]
 Levels = Mapping[str, Level]  # of a trial, by factor
 
 
@@ -80,10 +80,10 @@ class QuestPlus(Contract, frozen=True, kw_only=True, tag_field="method", tag="qu
     """QUEST+ (Watson 2017): of `levels` the one from which most is learned of threshold and spread, a cumulative normal
     function's mean and standard deviation; by the package `questplus`."""
 
-    levels: Numbers
-    thresholds: Numbers | None = None
+    levels: LevelNumbers
+    thresholds: LevelNumbers | None = None
     """that may be; by default the levels"""
-    spreads: Numbers
+    spreads: LevelNumbers
     lapses: Annotated[tuple[Annotated[float, Meta(ge=0.0, le=0.2)], ...], Meta(min_length=1, max_length=10)] = (
         0.0,
         0.02,
