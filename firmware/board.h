@@ -41,9 +41,11 @@ enum hd_board_event {
         /* the chip's brown-out reset is off: the board does not drive; run `make -C firmware protect` */
     HD_EVENT_SUPPLY = 98,          /* the supply fell below 2.9 V */
     HD_EVENT_AMPLIFIER_FAULT = 99,
-        /* an amplifier reported a fault: PB14 is open. A bench without such a contact has a wire from there to ground */
+        /* an amplifier reported a fault: PB14, on the STM32G474 PC6, is open. A bench without such a contact has a wire from
+         * there to ground */
     HD_EVENT_EMERGENCY_STOP = 100,
-        /* emergency stop: PB15 is open. A bench without such a contact has a wire from there to ground */
+        /* emergency stop: PB15, on the STM32G474 PC7, is open. A bench without such a contact has a wire from there to
+         * ground */
 };
 
 /* Enables or disables the amplifiers, at every control tick. */
@@ -74,6 +76,15 @@ void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][H
 /* main.c: the two halves of that, for a board that listens and speaks by itself. */
 hd_carrier_t *hd_program_carrier(void);
 void hd_on_tick(void);
+
+/* main.c: hd_on_tick in three calls, for a board whose ticks have an interrupt of their own, below the chunks': the first
+ * and the last from the chunks' interrupt, the second from the tick's, and no two of them at a time. */
+void hd_take_measurement(void);
+void hd_on_measurement(void);
+void hd_give_voltage(void);
+
+/* main.c: amplifiers off and zero voltage from the next chunk on; touches no state of the core's. */
+void hd_silence_output(void);
 
 /* main.c: obeys board_interlock, at each tick and when the board is interrupted by it: quiet as long as it lasts, and
  * afterwards until the host's next consecutive references. True if it ended a drive. */

@@ -52,18 +52,57 @@ static void show_sync(void)
     }
 }
 
+/* One tick in three parts: the first and the last work on the carrier, the middle one on the core. */
+static inline void measure(hd_phasor_t measured_um[HD_MODES])
+{
+    hd_carrier_measure(&carrier, measured_um);
+    core.clips = hd_carrier_clips(&carrier, core.control.turn, measured_um[core.control.turn]);
+}
+
+static inline void compute(uint32_t t_us, const hd_phasor_t measured_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
+{
+    hd_tick(&core, t_us, measured_um, voltage_v);
+    board_enable_amplifiers(amplifiers_needed());
+    show_sync();
+    watch_main_loop();
+}
+
+static inline void drive(const hd_phasor_t voltage_v[HD_MODES])
+{
+    hd_carrier_tune(&carrier, core.drive_hz);
+    hd_carrier_drive(&carrier, voltage_v);
+}
+
 void hd_on_tick(void)
 {
     hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
     (void)hd_on_interlock();
-    hd_carrier_measure(&carrier, measured_um);
-    core.clips = hd_carrier_clips(&carrier, core.control.turn, measured_um[core.control.turn]);
-    hd_tick(&core, board_now_us(), measured_um, voltage_v);
-    hd_carrier_tune(&carrier, core.drive_hz);
-    hd_carrier_drive(&carrier, voltage_v);
-    board_enable_amplifiers(amplifiers_needed());
-    show_sync();
-    watch_main_loop();
+    measure(measured_um);
+    compute(board_now_us(), measured_um, voltage_v);
+    drive(voltage_v);
+}
+
+/* What travels between interrupts where a tick has one of its own. */
+static struct {
+    uint32_t t_us;
+    hd_phasor_t measured_um[HD_MODES], voltage_v[HD_MODES];
+} handed_on;
+
+void hd_take_measurement(void)
+{
+    handed_on.t_us = board_now_us();
+    measure(handed_on.measured_um);
+}
+
+void hd_on_measurement(void)
+{
+    (void)hd_on_interlock();
+    compute(handed_on.t_us, handed_on.measured_um, handed_on.voltage_v);
+}
+
+void hd_give_voltage(void)
+{
+    drive(handed_on.voltage_v);
 }
 
 hd_carrier_t *hd_program_carrier(void)
@@ -79,12 +118,17 @@ void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][H
     hd_carrier_speak(&carrier, out);
 }
 
-void hd_on_missed_chunk(void)
+void hd_silence_output(void)
 {
     hd_phasor_t silence_v[HD_MODES] = {{0.0f, 0.0f}};
     board_enable_amplifiers(false);
-    hd_lose_samples(&core, board_now_us());
     hd_carrier_drive(&carrier, silence_v);
+}
+
+void hd_on_missed_chunk(void)
+{
+    hd_silence_output();
+    hd_lose_samples(&core, board_now_us());
 }
 
 static void receive_from_host(void)

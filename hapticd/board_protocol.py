@@ -170,8 +170,8 @@ BOARD_EVENTS: Final = {
     96: "the program in the flash is damaged: the board does not drive",
     97: "the chip's brown-out reset is off: the board does not drive; run `make -C firmware protect`",
     98: "the supply fell below 2.9 V",
-    99: "an amplifier reported a fault: PB14 is open",
-    100: "emergency stop: PB15 is open",
+    99: "an amplifier reported a fault: PB14, on the STM32G474 PC6, is open",
+    100: "emergency stop: PB15, on the STM32G474 PC7, is open",
 }
 
 # What a refusal calls each command that a VERDICT answers.

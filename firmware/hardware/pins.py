@@ -12,16 +12,7 @@ SHARED = "stm32"
 # The converters' channels (DS8626, DS12288: pin definitions); those of DAC3 by operational amplifiers.
 ADC_PINS = {
     "stm32f405": {("1", 1): "PA1", ("2", 2): "PA2"},
-    "stm32g474": {
-        ("1", 1): "PA0",
-        ("2", 2): "PA1",
-        ("3", 12): "PB0",
-        ("3", 1): "PB1",
-        ("4", 4): "PB14",
-        ("4", 5): "PB15",
-        ("5", 1): "PA8",
-        ("5", 2): "PA9",
-    },
+    "stm32g474": {("1", 1): "PA0", ("2", 2): "PA1", ("3", 12): "PB0", ("4", 5): "PB15", ("5", 2): "PA9"},
 }
 DAC_PINS = {("1", "1"): "PA4", ("1", "2"): "PA5", ("2", "1"): "PA6", ("3", "2"): "PB1", ("3", "1"): "PB11"}
 
@@ -39,9 +30,11 @@ HEADERS = {
     "PB1": "CN10-24",
     "PB12": "CN10-16",
     "PB13": "CN10-30",
-    "PB14": "CN10-28",
     "PB15": "CN10-26",
     "PB11": "CN10-18",
+    "PA9": "D8",
+    "PC6": "CN10-4",
+    "PC7": "D9",
 }
 
 
@@ -59,9 +52,11 @@ def boards() -> list[str]:
 
 
 def pins(board: str) -> list[Pin]:
-    """Return a board's pins: converters, line, and what all boards share. Raises ValueError."""
+    """Return a board's pins: converters, line, its own inputs, and what all boards share. Raises ValueError."""
     chip = (BOARDS / board / "chip.c").read_text(encoding="utf-8")
-    found = [*_converters(board, chip), *_line(chip), *_shared((BOARDS / SHARED / "sampling.c").read_text("utf-8"))]
+    found = [*_converters(board, chip), *_line(chip)]
+    for source in (BOARDS / SHARED / "sampling.c", BOARDS / board / "registers.h"):
+        found += _named(source.name, source.read_text(encoding="utf-8"))
     names = [pin.name for pin in found]
     if len(found) < 9 or len(set(names)) < len(names):
         raise ValueError(f"{board}: the pins in its sources are not understood: {', '.join(names)}.")
@@ -90,10 +85,10 @@ def _line(chip: str) -> list[Pin]:
     return [Pin(f"PA{number}", f"the line {way} the host") for number, way in zip(numbers, ("to", "from"), strict=True)]
 
 
-def _shared(sampling: str) -> list[Pin]:
+def _named(name: str, source: str) -> list[Pin]:
     found = []
-    for number, port, said, purpose in re.findall(r"#define [A-Z_]+ (\d+)\s+/\* P([A-D])(\d+), (.+?) \*/", sampling):
-        if number != said or f"GPIO{port}->" not in sampling:
-            raise ValueError(f"sampling.c: pin {number} is called P{port}{said}.")
+    for number, port, said, purpose in re.findall(r"#define [A-Z_]+ (\d+)\s+/\* P([A-D])(\d+), (.+?) \*/", source):
+        if number != said or f"GPIO{port}" not in source:
+            raise ValueError(f"{name}: pin {number} is called P{port}{said}.")
         found.append(Pin(f"P{port}{number}", purpose))
     return found

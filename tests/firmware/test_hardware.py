@@ -150,7 +150,7 @@ def test_each_mode_of_an_image_has_a_drive_and_a_sensor(hardware: SimpleNamespac
     for board in hardware.pins.boards():
         purposes = [pin.purpose for pin in hardware.pins.pins(board)]
         for word in ("drive of mode", "sensor of mode"):
-            assert sum(word in purpose for purpose in purposes) == int(most if board == more else usual), board
+            assert sum(word in purpose for purpose in purposes) >= int(most if board == more else usual), board
 
 
 def test_links_lead_somewhere(text: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hapticd.board_values import BoardHello, BoardStatus, SweepPoint
 from hapticd.design.resonance import fit_resonance
 from hapticd.wire import device
 
-from .m4.bench import Bench
+from .m4.bench import TICK, Bench
 from .m4.boards import BOARDS, G474, Board, needs_compiler
 from .m4.cpu import Cpu
 from .m4.peripherals import Peripherals
@@ -26,7 +27,6 @@ DEADMAN_TRIP, MISSED_CHUNK, CRASH = 64, 66, 68
 DEADMAN_MS = 50
 RAMP_MS = 10
 HARD_FAULT = 3
-INTERLOCK_INTERRUPT = 40
 
 
 @pytest.fixture(params=BOARDS, ids=str)
@@ -44,7 +44,7 @@ def test_the_registers_make_one_clock_of_a_megahertz_for_both_directions(bench: 
     assert bench.sampling.sample_hz == 1e6
     assert bench.sampling.samples == 100
     assert bench.sampling.delay_frac == 0.5
-    assert bench.sampling.channels == ((1, 2, 12) if bench.board.modes == 3 else (1, 2))
+    assert bench.sampling.channels == (1, 2, 12, 5)[: bench.board.modes]
     assert bench.wires.core_hz() == bench.board.core_hz
     assert bench.wires.timer_hz("TIM5") * 2**32 == 1e6
     assert bench.wires.baud() == pytest.approx(921600, rel=0.01)
@@ -52,10 +52,11 @@ def test_the_registers_make_one_clock_of_a_megahertz_for_both_directions(bench: 
 
 def test_the_converters_are_at_mid_rail_before_anything_else(bench: Bench) -> None:
     names = [name for name, _ in bench.registers.trace]
-    dacs = [name for name in ("DAC.CR", "DAC1.CR", "DAC2.CR") if name in names]
+    dacs = [name for name in ("DAC.CR", "DAC1.CR", "DAC2.CR", "DAC3.CR") if name in names]
     silent = bench.registers.trace[: max(names.index(name) for name in dacs)]
     before = {"SCB.CPACR", "RCC.AHB1ENR", "RCC.AHB2ENR", "RCC.APB1ENR", "RCC.APB1ENR1", "TIM2.CR1"}
-    assert {name for name, _ in silent if not name.startswith(("GPIOB.", "DAC"))} <= before
+    before |= {"RCC.APB2ENR"} if bench.board.modes > 3 else set()  # of the amplifiers that follow DAC3
+    assert {name for name, _ in silent if not name.startswith(("GPIO", "DAC"))} <= before
     assert {value for name, value in silent if ".DHR" in name} <= {0x80008000, 0x8000}
     assert not bench.amplifiers
 
@@ -80,12 +81,86 @@ def test_a_step_settles_and_stays(board: Board, control_hz: int, target_um: floa
     assert np.sqrt(np.mean((stepped_um[-20000:] - target_um) ** 2)) < 0.002
 
 
-def test_the_board_with_three_dacs_drives_two_modes_as_well() -> None:
-    bench = Bench(replace(G474, modes=2))
-    assert bench.sampling.channels == (1, 2)
-    bench.arm(1.5, -0.8j)
+@pytest.mark.parametrize("control_hz", [2000, 5000])
+@pytest.mark.parametrize("modes", [2, 3, 5])
+def test_the_board_of_four_modes_is_built_for_others_as_well(modes: int, control_hz: int) -> None:
+    """RM0440 and DS12288: the fifth mode's sensor is ADC5_IN2 at PA9, its drive DAC3_1 by way of OPAMP6 at PB11."""
+    board = replace(G474, modes=modes)
+    bench = Bench(board, board.image(control_hz))
+    assert bench.sampling.channels == (1, 2, 12, 5, 2)[:modes]
+    bench.arm(1.5, -0.8j, 0.3, 0.6, -0.4)
     bench.hold(40)
-    assert bench.amplitudes_um(1) == pytest.approx(np.tile((1.5, 0.8), (1000, 1)), abs=0.02)
+    assert bench.amplitudes_um(1) == pytest.approx(np.tile((1.5, 0.8, 0.3, 0.6, 0.4)[:modes], (1000, 1)), abs=0.02)
+
+
+def run_with_ticks_interrupted(bench: Bench, chunks: int, rng: np.random.Generator) -> int:
+    """Each tick is interrupted by its next chunk after a random number of instructions. Returns how many were."""
+    interrupted = 0
+    for _ in range(chunks):
+        bench.convert()
+        bench.cpu.interrupt(bench.sampling.irq)
+        if bench.registers.tick_pending:
+            bench.registers.tick_pending = False
+            bench.convert()
+            next_chunk = partial(bench.cpu.interrupt, bench.sampling.irq)
+            bench.cpu.interrupt(TICK, amid=next_chunk, instructions=int(rng.integers(1, 2500)))
+            interrupted += 1
+        bench.come_round()
+    return interrupted
+
+
+@pytest.mark.parametrize("modes", [4, 5])
+def test_chunks_interrupt_a_tick_at_any_instruction_and_the_plate_goes_on_as_asked(modes: int) -> None:
+    """PM0214, 4.4.3: PendSV, below the chunks. With four modes this is a voltage that comes a chunk after it is due."""
+    bench = Bench(replace(G474, modes=modes))
+    bench.arm(1.5, -0.8j, 0.3, 0.6, -0.4)
+    interrupted = 0
+    for _ in range(8):
+        bench.to_board += device.encode(Keepalive(bench.seq))
+        interrupted += run_with_ticks_interrupted(bench, 180, np.random.default_rng(3))
+    assert interrupted >= 140
+    assert bench.amplitudes_um(1) == pytest.approx(np.tile((1.5, 0.8, 0.3, 0.6, 0.4)[:modes], (1000, 1)), abs=0.02)
+    assert not bench.log().entries
+
+
+def test_samples_lost_amid_a_tick_void_it() -> None:
+    """The outputs are silent at once; the core hears of it when the tick it was in is over."""
+    bench = Bench(G474)
+    bench.arm(2.0)
+    while not bench.registers.tick_pending:
+        bench.convert()
+        bench.cpu.interrupt(bench.sampling.irq)
+    bench.registers.tick_pending = False
+
+    def lose_a_chunk() -> None:
+        bench.convert()
+        bench.convert()
+        bench.cpu.interrupt(bench.sampling.irq)
+        assert not bench.enable_line
+
+    bench.cpu.interrupt(TICK, amid=lose_a_chunk, instructions=700)
+    assert not bench.enable_line
+    bench.restarted()
+    bench.come_round()
+    bench.hold(15)
+    assert bench.at_mid_rail
+    assert not bench.amplifiers
+    assert bench.status.state is BoardState.QUIET
+    assert [entry.code for entry in bench.log().entries] == [MISSED_CHUNK, DEADMAN_TRIP]
+
+
+def test_a_tick_that_is_not_over_when_the_next_begins_is_a_lost_chunk() -> None:
+    bench = Bench(G474)
+    bench.arm(2.0)
+    for _ in range(20):  # two ticks' chunks, and no tick comes to compute
+        bench.convert()
+        bench.cpu.interrupt(bench.sampling.irq)
+    assert not bench.enable_line
+    bench.cpu.interrupt(TICK)
+    bench.restarted()
+    bench.hold(15)
+    assert bench.at_mid_rail
+    assert [entry.code for entry in bench.log().entries] == [MISSED_CHUNK, DEADMAN_TRIP]
 
 
 def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench) -> None:
@@ -106,7 +181,7 @@ def test_a_sweep_finds_the_plate_and_the_lag_of_the_converters(bench: Bench) -> 
 
 
 def test_the_board_measures_what_the_plate_does(bench: Bench) -> None:
-    asked_um = (1.5j, -0.8, 0.6 + 0.3j)[: bench.board.modes]
+    asked_um = (1.5j, -0.8, 0.6 + 0.3j, -0.4)[: bench.board.modes]
     bench.arm(*asked_um)
     bench.hold(120)
     truth_um = bench.amplitudes_um(1).mean(axis=0)
@@ -183,7 +258,7 @@ def test_lost_samples_end_in_silence_until_the_host_arms_anew(
     """A failed transfer to a DAC has an interrupt of its own, before the chunk's."""
     bench.arm(2.0)
     if mishap is None:
-        bench.cpu.interrupt(max(bench.wires.interrupts() - {bench.sampling.irq, INTERLOCK_INTERRUPT}))
+        bench.cpu.interrupt(max(bench.wires.interrupts() - {bench.sampling.irq, bench.board.interlock_irq}))
     else:
         bench.convert()
         mishap(bench)
@@ -271,6 +346,7 @@ def expect_mid_rail(registers: Peripherals) -> None:
     assert (registers[f"{first}.CR"], registers[f"{first}.DHR12LD"]) == (0x00010001, 0x80008000)
     if first == "DAC1":
         assert (registers["DAC2.CR"], registers["DAC2.DHR12L1"]) == (1, 0x8000)
+        assert (registers["DAC3.CR"], registers["DAC3.DHR12LD"]) == (0x00010001, 0x80008000)
 
 
 def test_without_samples_the_main_loop_stays_awake_to_say_so(board: Board) -> None:
@@ -286,6 +362,11 @@ def test_without_samples_the_main_loop_stays_awake_to_say_so(board: Board) -> No
     assert registers.reads > reads + 10, "it looks at the line, round after round"
 
 
+def crash_place(address: int) -> int:
+    """In the flash, or from 0x800000 on in the core-coupled memory: exact in a float32."""
+    return address - 0x08000000 if address < 0x10000000 else 0x800000 + address - 0x10000000
+
+
 def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(bench: Bench) -> None:
     bench.arm(2.0)
     bench.cpu.fault(HARD_FAULT, at=bench.cpu.address("hd_tick"))
@@ -296,7 +377,7 @@ def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(b
     bench.boot(bench.board.registers(reset_flags=SOFTWARE_RESET))
     found = bench.log()
     assert found.reset_cause == 3
-    assert (found.entries[-1].code, found.entries[-1].value) == (CRASH, bench.cpu.address("hd_tick") - 0x08000000)
+    assert (found.entries[-1].code, found.entries[-1].value) == (CRASH, crash_place(bench.cpu.address("hd_tick")))
 
 
 def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> None:
@@ -312,7 +393,7 @@ def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> No
 
 
 def test_a_plate_that_resonates_elsewhere_is_still_driven_as_asked(board: Board) -> None:
-    bench = Bench(board, plate=Plate(mode_hz=(29200.0, 29210.0, 29203.0)[: board.modes], quality=350.0))
-    bench.arm(1.0, 1.0, 1.0)
+    bench = Bench(board, plate=Plate(mode_hz=(29200.0, 29210.0, 29203.0, 29258.0)[: board.modes], quality=350.0))
+    bench.arm(1.0, 1.0, 1.0, 1.0)
     bench.hold(60)
     assert bench.amplitudes_um(1) == pytest.approx(1.0, abs=0.02)

@@ -33,9 +33,8 @@ pytestmark = [pytest.mark.long, needs_compiler]
 
 IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP = range(96, 101)
 DEADMAN_TRIP, MISSED_CHUNK, SLOW_CLOCK = 64, 66, 67
-SYNC, FAULT_PIN, STOP_PIN = 1 << 10, 1 << 14, 1 << 15
+SYNC = 1 << 10
 SUPPLY_INTERRUPT = 16 + 1
-INTERLOCK_INTERRUPT = 40
 FLASH = 0x08000000
 
 
@@ -117,7 +116,11 @@ def test_the_image_carries_its_crc_and_nothing_follows_it(board: Board) -> None:
 def test_a_falling_supply_disables_the_amplifiers_and_is_in_the_log_afterwards(board: Board) -> None:
     bench = Bench(board)
     drive(bench)
-    assert bench.registers["EXTI.IMR"] == bench.registers["EXTI.RTSR"] == 1 << 16 | STOP_PIN | FAULT_PIN
+    assert (
+        bench.registers["EXTI.IMR"]
+        == bench.registers["EXTI.RTSR"]
+        == 1 << 16 | 1 << board.fault_pin | 1 << board.stop_pin
+    )
     detector = bench.registers["PWR.CR"] & 0xF0 if board is F405 else bench.registers["PWR.CR2"]
     assert detector == (7 << 5 | 1 << 4 if board is F405 else 6 << 1 | 1), "on, at 2.9 V"
     bench.cpu.fault(SUPPLY_INTERRUPT, at=bench.cpu.address("hd_tick"))
@@ -128,42 +131,44 @@ def test_a_falling_supply_disables_the_amplifiers_and_is_in_the_log_afterwards(b
 
 
 @every_board
-@pytest.mark.parametrize(("pin", "event"), [(FAULT_PIN, AMPLIFIER_FAULT), (STOP_PIN, EMERGENCY_STOP)])
+@pytest.mark.parametrize(("pin", "event"), [("fault_pin", AMPLIFIER_FAULT), ("stop_pin", EMERGENCY_STOP)])
 def test_an_open_circuit_of_fault_or_stop_ends_the_drive_within_a_tick_until_it_is_closed(
-    board: Board, pin: int, event: int
+    board: Board, pin: str, event: int
 ) -> None:
-    bench = Bench(board)
-    assert bench.registers.field("GPIOB.MODER", 28, 4) == 0, "PB14 and PB15 are inputs"
-    assert bench.registers.field("GPIOB.PUPDR", 28, 4) == 0b0101, "pulled up"
+    bench, at = Bench(board), getattr(board, pin)
+    assert bench.registers.field(f"{board.port}.MODER", 2 * at, 2) == 0, "an input"
+    assert bench.registers.field(f"{board.port}.PUPDR", 2 * at, 2) == 1, "pulled up"
     drive(bench)
     assert bench.amplifiers
-    bench.registers["GPIOB.IDR"] |= pin
+    bench.registers[f"{board.port}.IDR"] |= 1 << at
     bench.run(0.5)
     assert not bench.enable_line
     drive(bench)
     assert not bench.amplifiers
     assert bench.status.state is BoardState.QUIET
     assert logged(bench) == [event, MISSED_CHUNK, DEADMAN_TRIP]
-    bench.registers["GPIOB.IDR"] &= ~pin
+    bench.registers[f"{board.port}.IDR"] &= ~(1 << at)
     drive(bench)
     assert bench.amplifiers
 
 
 @every_board
 def test_a_circuit_that_opens_interrupts_and_the_outputs_are_at_mid_rail_before_the_next_chunk(board: Board) -> None:
-    """RM0090, 12.2.5 and 12.3.3; RM0440, 15.3: lines 14 and 15 of the EXTI are port B's, and rising edges interrupt."""
+    """RM0090, 9.2.6 and 12.2.5; RM0440, SYSCFG_EXTICR2 and EXTI: lines 14, 15 are port B's, of the other chip 6, 7 port
+    C's, and rising edges interrupt."""
     bench = Bench(board)
     registers = bench.registers
-    assert registers["SYSCFG.EXTICR4"] == 0x1100
+    name, ports = ("SYSCFG.EXTICR4", 0x1100) if board is F405 else ("SYSCFG.EXTICR2", 0x2200)
+    assert registers[name] == ports
     drive(bench)
     registers["EXTI.PR"] = 0
-    bench.cpu.interrupt(INTERLOCK_INTERRUPT)
-    assert registers["EXTI.PR"] == STOP_PIN | FAULT_PIN
+    bench.cpu.interrupt(board.interlock_irq)
+    assert registers["EXTI.PR"] == 1 << board.stop_pin | 1 << board.fault_pin
     bench.run(0.5)
     assert bench.amplifiers, "what was over at once was a disturbance"
-    registers["GPIOB.IDR"] |= STOP_PIN
+    registers[f"{board.port}.IDR"] |= 1 << board.stop_pin
     written = len(registers.trace)
-    bench.cpu.interrupt(INTERLOCK_INTERRUPT)
+    bench.cpu.interrupt(board.interlock_irq)
     silenced = [name for name, value in registers.trace[written:] if ".DHR12LD" in name and value == 0x80008000]
     assert silenced
     assert not bench.enable_line

@@ -91,7 +91,7 @@ static void describe_board(hd_config_t *config, const hd_converters_t *converter
         .drive_hz = DRIVE_HZ,
         .v_limit_v = V_LIMIT_V,
         .gains = {HD_LAW_DEADBEAT, 0.0f, 0.0f}, /* those that the firmware was tested with */
-        .output_delay_frac = (float)HD_CHUNK * (float)CONTROL_HZ / (float)HD_SAMPLE_HZ,
+        .output_delay_frac = (float)((1 + TICK_CHUNKS_LATE) * HD_CHUNK) * (float)CONTROL_HZ / (float)HD_SAMPLE_HZ,
         .wiring = WIRING,
         .latch_repeated_trips = LATCH_REPEATED_TRIPS,
         .features = HD_FEATURE_SYNC,

@@ -6,6 +6,8 @@
 #include "sampling.h"
 
 #define FLASH_BEGIN 0x08000000u
+#define CCM_BEGIN 0x10000000u
+#define IN_CCM 0x800000u /* beyond any flash, and exact in the log's float */
 #define STACKED_PC 6 /* r0-r3, r12, lr, pc, xpsr */
 
 _Noreturn void crash(uint8_t event, uint32_t value)
@@ -25,7 +27,8 @@ void crash_supply_handler(void)
 
 __attribute__((used)) static void crash_at(const uint32_t *frame)
 {
-    crash(HD_EVENT_CRASH, frame[STACKED_PC] - FLASH_BEGIN);
+    uint32_t pc = frame[STACKED_PC];
+    crash(HD_EVENT_CRASH, pc < CCM_BEGIN ? pc - FLASH_BEGIN : IN_CCM + pc - CCM_BEGIN);
 }
 
 /* On a stack that has room: it may be that which overflowed. */

@@ -12,16 +12,16 @@
 #include "chip.h"
 #include "clock.h"
 #include "setup.h"
+#include "tick.h"
 
-#define CHUNK_PRIORITY 0x10 /* below the faults and the supply, above nothing */
+#define CHUNK_PRIORITY 0x10 /* below the faults and the supply */
+#define TICK_PRIORITY 0x20  /* below the chunks, where ticks have an interrupt of their own */
 #define SETTLE_TURNS 200 /* of at least 4 cycles: 4 us, where the ADCs need 3 */
 #define PERIOD (TIMER_HZ / HD_SAMPLE_HZ)
 
 #define SYNC 10       /* PB10, the sync output */
 #define AMPLIFIERS 12 /* PB12, changing with every tick to enable, or high (ENABLE_BY_PULSES) */
 #define BUSY 13       /* PB13, high while the interrupt works: its duty cycle is the load */
-#define AMPLIFIER_FAULT 14 /* PB14, low through a closed contact to ground; open: an amplifier has a fault */
-#define EMERGENCY_STOP 15  /* PB15, low through a closed contact to ground; open: stop */
 #define INTERLOCKS (1u << AMPLIFIER_FAULT | 1u << EMERGENCY_STOP) /* their EXTI lines too */
 
 /* Without chunks the DACs would play the last 100 us for ever: the window watchdog (RM0090, 22; RM0440, 43) resets a chip
@@ -41,7 +41,7 @@ void board_sync(bool high)
 
 uint8_t board_interlock(void)
 {
-    uint32_t open = GPIOB->IDR & INTERLOCKS;
+    uint32_t open = INTERLOCK_PORT->IDR & INTERLOCKS;
     if ((open & 1u << EMERGENCY_STOP) != 0) {
         return HD_EVENT_EMERGENCY_STOP;
     }
@@ -53,7 +53,7 @@ static void watch_interlocks(void)
 {
     RCC->APB2ENR |= APB2_SYSCFG;
     (void)RCC->APB2ENR;
-    SYSCFG->EXTICR[3] = EXTICR_PORT_B(AMPLIFIER_FAULT) | EXTICR_PORT_B(EMERGENCY_STOP);
+    SYSCFG->EXTICR[EMERGENCY_STOP / 4] = INTERLOCK_EXTICR(AMPLIFIER_FAULT) | INTERLOCK_EXTICR(EMERGENCY_STOP);
     EXTI->RTSR |= INTERLOCKS;
     EXTI->PR = INTERLOCKS;
     EXTI->IMR |= INTERLOCKS;
@@ -61,13 +61,14 @@ static void watch_interlocks(void)
 
 void sampling_silence(void)
 {
-    GPIO_ENR |= GPIO_A | GPIO_B;
+    GPIO_ENR |= GPIO_PORTS;
     RCC->APB1ENR |= APB1_TIM2 | APB1_DAC;
     (void)RCC->APB1ENR; /* the clocks need two cycles to arrive */
     board_enable_amplifiers(false);
-    GPIOB->PUPDR |= PULL_UP(AMPLIFIER_FAULT) | PULL_UP(EMERGENCY_STOP);
-    uint32_t pins = ANALOGUE(AMPLIFIERS) | ANALOGUE(BUSY) | ANALOGUE(AMPLIFIER_FAULT) | ANALOGUE(EMERGENCY_STOP);
-    GPIOB->MODER = (GPIOB->MODER & ~(pins | ANALOGUE(SYNC))) | OUTPUT(AMPLIFIERS) | OUTPUT(BUSY) | OUTPUT(SYNC);
+    INTERLOCK_PORT->PUPDR |= PULL_UP(AMPLIFIER_FAULT) | PULL_UP(EMERGENCY_STOP);
+    INTERLOCK_PORT->MODER &= ~(ANALOGUE(AMPLIFIER_FAULT) | ANALOGUE(EMERGENCY_STOP));
+    uint32_t pins = ANALOGUE(AMPLIFIERS) | ANALOGUE(BUSY) | ANALOGUE(SYNC);
+    GPIOB->MODER = (GPIOB->MODER & ~pins) | OUTPUT(AMPLIFIERS) | OUTPUT(BUSY) | OUTPUT(SYNC);
     TIM2->CR1 = 0;
     converters_silence();
 }
@@ -86,9 +87,9 @@ static void start_timer(void)
     TIM2->CR1 = TIM_CEN;
 }
 
-static void accept_interrupt(int irq)
+static void accept_interrupt(int irq, uint8_t priority)
 {
-    NVIC_IPR[irq] = CHUNK_PRIORITY;
+    NVIC_IPR[irq] = priority;
     NVIC_ICPR[irq / 32] = 1u << irq % 32; /* a chunk of before a restart is none */
     NVIC_ISER[irq / 32] = 1u << irq % 32;
 }
@@ -98,11 +99,14 @@ void sampling_run(void)
     static const uint8_t failures[] = {IRQS_TRANSFER_ERROR};
     converters_start();
     for (unsigned i = 0; i < sizeof failures; i++) {
-        accept_interrupt(failures[i]);
+        accept_interrupt(failures[i], CHUNK_PRIORITY);
     }
     watch_interlocks();
-    accept_interrupt(IRQ_EXTI_10_TO_15);
-    accept_interrupt(IRQ_CHUNK);
+    accept_interrupt(IRQ_INTERLOCK, TICK_CHUNKS_LATE > 0 ? TICK_PRIORITY : CHUNK_PRIORITY); /* not amid a tick */
+    if (TICK_CHUNKS_LATE > 0) {
+        SCB_SHPR3 = SHPR3_PENDSV(TICK_PRIORITY);
+    }
+    accept_interrupt(IRQ_CHUNK, CHUNK_PRIORITY);
     start_timer();
     WWDG->CR = WWDG_START | UNITS_LEFT;
 }
@@ -119,7 +123,7 @@ static void run_from_the_beginning(void)
 
 static __attribute__((noinline)) void restart(void)
 {
-    hd_on_missed_chunk();
+    tick_lose_samples();
     run_from_the_beginning();
 }
 
@@ -145,9 +149,11 @@ void sampling_on_chunk(void)
 void sampling_on_interlock(void)
 {
     EXTI->PR = INTERLOCKS;
+    board_lock();
     if (hd_on_interlock()) {
         run_from_the_beginning();
     }
+    board_unlock();
 }
 
 void sampling_on_transfer_error(void)

@@ -1,17 +1,22 @@
 /* What a laboratory sets: its plate, its amplifiers, its sensors and its clockwork. Measure, edit, build, flash.
  *
- * As it stands: the reference plate of the founding paper with Q = 500, with a third mode between its two where a board
- * drives three, and a front end with which 150 V and 8 um fit the converters. Model and gains can be changed on the
+ * As it stands: the reference plate of the founding paper with Q = 500, with further modes near its two where a board
+ * drives more, and a front end with which 150 V and 8 um fit the converters. Model and gains can be changed on the
  * running board too (SET_MODEL, SET_CONTROLLER); limits cannot. The crystal is in a board's registers.h.
  */
 #ifndef HD_STM32_SETUP_H
 #define HD_STM32_SETUP_H
 
-#if HD_MODES == 3
-#define PER_MODE(x, y, z) {x, y, z}
+#if HD_MODES == 2
+#define PER_MODE(a, b, c, d, e) {a, b}
+#elif HD_MODES == 3
+#define PER_MODE(a, b, c, d, e) {a, b, c}
+#elif HD_MODES == 4
+#define PER_MODE(a, b, c, d, e) {a, b, c, d}
 #else
-#define PER_MODE(x, y, z) {x, y}
+#define PER_MODE(a, b, c, d, e) {a, b, c, d, e}
 #endif
+#define EACH_MODE(x) PER_MODE(x, x, x, x, x)
 
 #define LINK_BAUD 921600       /* at the start */
 #define LINK_BAUD_MAX 3000000  /* that a host may ask for */
@@ -26,16 +31,16 @@
 
 /* Limits, applied independently of the host. */
 #define V_LIMIT_V 150.0f
-#define W_LIMIT_UM PER_MODE(4.0f, 4.0f, 4.0f)
+#define W_LIMIT_UM EACH_MODE(4.0f)
 
 /* The plate: each mode's resonance, its quality factor, and what V_LIMIT_V hold at the drive frequency. */
-#define MODE_HZ PER_MODE(29195.0f, 29215.0f, 29205.0f)
-#define QUALITY PER_MODE(500.0f, 500.0f, 500.0f)
-#define HELD_UM PER_MODE(4.0f, 4.0f, 4.0f)
+#define MODE_HZ PER_MODE(29195.0f, 29215.0f, 29205.0f, 29255.0f, 29155.0f)
+#define QUALITY EACH_MODE(500.0f)
+#define HELD_UM EACH_MODE(4.0f)
 
 /* By how much amplifier, electrodes and sensor turn the phase back at the drive frequency, in rad. A sweep shows minus
  * the phase of the whole loop: take off the 0.184 rad (10.5 degrees) of the converters, which LAG adds by itself. */
-#define LOOP PER_MODE(LAG(0.0f), LAG(0.0f), LAG(0.0f))
+#define LOOP PER_MODE(LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f))
 
 /* The wires, in SET_WIRING's words: rows of drive are amplifiers, of sense (real, imaginary) and feedthrough (um per V)
  * modes. Empty: amplifier and sensor k belong to mode k. Two amplifiers for sum and difference of two modes, as in the paper:
@@ -48,11 +53,11 @@
  * either rail: 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
 #define REFERENCE_V 3.3f
 #define DAC_STEPS 1800.0f
-#define AMPLIFIER_V_PER_V PER_MODE(110.0f, 110.0f, 110.0f)
-#define SENSOR_UM_PER_V PER_MODE(4.85f, 4.85f, 4.85f)
+#define AMPLIFIER_V_PER_V EACH_MODE(110.0f)
+#define SENSOR_UM_PER_V EACH_MODE(4.85f)
 
-/* Between board and amplifiers. PB14 (no amplifier has a fault) and PB15 (the emergency stop is not pushed) are closed
- * circuits to ground: a bench without such a contact has a wire bridge there, or the board does not drive. */
+/* Between board and amplifiers. PB14 (no amplifier has a fault) and PB15 (the emergency stop is not pushed), on the
+ * STM32G474 PC6 and PC7, are closed circuits to ground: a bench without such a contact has a wire bridge there, or the board does not drive. */
 #ifndef ENABLE_BY_PULSES
 #define ENABLE_BY_PULSES true /* PB12 changes with every tick, for a retriggerable monostable; false: it is high to enable */
 #endif

@@ -5,16 +5,17 @@
 #include "chip.h"
 #include "crash.h"
 #include "sampling.h"
+#include "tick.h"
 
-extern uint32_t stack_top, stack_guard, ccm_begin, ccm_end, data_begin, data_end, bss_begin, bss_end;
-extern const uint32_t ccm_load, data_load;
+extern uint32_t stack_top, stack_guard, table_begin, table_end, path_begin, path_end, data_begin, data_end, bss_begin, bss_end;
+extern const uint32_t table_load, path_load, data_load;
 
 int main(void);
 void Reset_Handler(void);
 
 static void load(uint32_t *to, const uint32_t *end, const uint32_t *from)
 {
-    while (to < end) {
+    while (to != from && to < end) { /* what runs from the flash is there already */
         *to++ = *from++;
     }
 }
@@ -35,7 +36,8 @@ void Reset_Handler(void)
     SCB_CPACR |= CPACR_FPU; /* with lazy stacking, as after every reset: an interrupt saves what it uses */
     __asm volatile("dsb\n\tisb" : : : "memory");
     sampling_silence();
-    load(&ccm_begin, &ccm_end, &ccm_load);
+    load(&table_begin, &table_end, &table_load);
+    load(&path_begin, &path_end, &path_load);
     load(&data_begin, &data_end, &data_load);
     for (uint32_t *word = &bss_begin; word < &bss_end; word++) {
         *word = 0;
@@ -53,6 +55,7 @@ __attribute__((section(".vectors"), used)) static const vector_t vectors[16 + IR
     [2 ... 16 + IRQ_LAST] = crash_handler, /* 2: the crystal stopped; 3: a fault */
     [16 + IRQ_PVD] = crash_supply_handler,
     VECTORS_TRANSFER_ERROR
-    [16 + IRQ_EXTI_10_TO_15] = sampling_on_interlock,
+    VECTOR_TICK
+    [16 + IRQ_INTERLOCK] = sampling_on_interlock,
     [16 + IRQ_CHUNK] = sampling_on_chunk,
 };

@@ -49,7 +49,9 @@ typedef struct {
 #define NVIC_ISER ((reg_t *)0xE000E100)
 #define NVIC_ICPR ((reg_t *)0xE000E280)
 #define NVIC_IPR ((volatile uint8_t *)0xE000E400)
+#define SCB_ICSR (*(reg_t *)0xE000ED04)
 #define SCB_AIRCR (*(reg_t *)0xE000ED0C)
+#define SCB_SHPR3 (*(reg_t *)0xE000ED20)
 #define SCB_CPACR (*(reg_t *)0xE000ED88)
 #define MPU_CTRL (*(reg_t *)0xE000ED94)
 #define MPU_RNR (*(reg_t *)0xE000ED98)
@@ -71,6 +73,7 @@ typedef struct {
 #define AHB1_CRC (1u << 12)
 #define GPIO_A (1u << 0)
 #define GPIO_B (1u << 1)
+#define GPIO_C (1u << 2)
 #define CSR_PINRSTF (1u << 26)
 #define CSR_POWER_UP (1u << 27) /* of the STM32G474: or a brown-out */
 #define CSR_SFTRSTF (1u << 28)
@@ -113,7 +116,11 @@ typedef struct {
 #define CRC_RESET (1u << 0)
 #define EXTI_PVD (1u << 16)
 #define IRQ_PVD 1
+#define IRQ_EXTI_5_TO_9 23
 #define IRQ_EXTI_10_TO_15 40
 #define EXTICR_PORT_B(pin) (1u << 4 * ((pin) % 4))
+#define EXTICR_PORT_C(pin) (2u << 4 * ((pin) % 4))
+#define ICSR_PENDSVSET (1u << 28)
+#define SHPR3_PENDSV(priority) ((uint32_t)(priority) << 16)
 
 #endif

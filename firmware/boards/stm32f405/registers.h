@@ -125,6 +125,14 @@ typedef struct {
 #define IRQS_TRANSFER_ERROR 16
 #define VECTORS_TRANSFER_ERROR [16 + 16] = sampling_on_transfer_error,
 #define IRQ_LAST 56
+#define TICK_CHUNKS_LATE 0
+
+#define GPIO_PORTS (GPIO_A | GPIO_B)
+#define INTERLOCK_PORT GPIOB
+#define INTERLOCK_EXTICR EXTICR_PORT_B
+#define IRQ_INTERLOCK IRQ_EXTI_10_TO_15
+#define AMPLIFIER_FAULT 14 /* PB14, low through a closed contact to ground; open: an amplifier has a fault */
+#define EMERGENCY_STOP 15  /* PB15, low through a closed contact to ground; open: stop */
 
 #define LINK_RX (&DMA2->STREAM[2])
 #define LINK_RX_ROUTE DMA_CHANNEL(4)

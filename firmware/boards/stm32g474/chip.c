@@ -4,8 +4,9 @@
 #include "board.h"
 #include "planar.h"
 #include "setup.h"
+#include "tick.h"
 
-_Static_assert(HD_MODES == 2 || HD_MODES == 3, "three DACs of the STM32G474 have pins");
+_Static_assert(HD_MODES >= 2 && HD_MODES <= 5, "five ADCs of the STM32G474, and as many of its DACs, have pins");
 _Static_assert(CRYSTAL_HZ % 4000000 == 0 && CRYSTAL_HZ <= 48000000, "the PLL needs 4 MHz");
 _Static_assert(LINK_BAUD >= 41504 && LINK_BAUD_MAX <= CORE_HZ / 3, "LPUART1 wants 3 to 4096 cycles a bit");
 
@@ -27,6 +28,8 @@ static const lane_t lane[] = {
     {ADC1, 1, REQUEST_ADC1, REQUEST_DAC1_1, &DAC1->DHR12L1},  /* PA0; PA4 */
     {ADC2, 2, REQUEST_ADC2, REQUEST_DAC1_2, &DAC1->DHR12L2},  /* PA1; PA5 */
     {ADC3, 12, REQUEST_ADC3, REQUEST_DAC2_1, &DAC2->DHR12L1}, /* PB0; PA6 */
+    {ADC4, 5, REQUEST_ADC4, REQUEST_DAC3_2, &DAC3->DHR12L2},  /* PB15; PB1 from OPAMP3 */
+    {ADC5, 2, REQUEST_ADC5, REQUEST_DAC3_1, &DAC3->DHR12L1},  /* PA9; PB11 from OPAMP6 */
 };
 
 static _Alignas(uint32_t) uint16_t sampled[HD_MODES][2][HD_CHUNK];
@@ -64,6 +67,23 @@ bool chip_watch_supply(void)
     return reaches(&PWR->SR2, PWR_PVDO, 0);
 }
 
+/* Modes 3 and 4: DAC3 has no pins, operational amplifiers follow it to theirs. */
+static void silence_followers(void)
+{
+    RCC->APB2ENR |= APB2_SYSCFG; /* the amplifiers' clock too */
+    (void)RCC->APB2ENR;
+    DAC3->DHR12LD = HD_MID_RAIL << 16 | HD_MID_RAIL;
+    DAC3->MCR = DAC_HFSEL_160_MHZ | DAC_WITHIN;
+    DAC3->CR = DAC_BOTH(DAC_EN);
+    OPAMP[3 - 1] = OPAMP_FOLLOWS_DAC;
+    GPIOB->MODER |= ANALOGUE(1) | ANALOGUE(15);
+    if (HD_MODES > 4) {
+        OPAMP[6 - 1] = OPAMP_FOLLOWS_DAC;
+        GPIOA->MODER |= ANALOGUE(9);
+        GPIOB->MODER |= ANALOGUE(11);
+    }
+}
+
 void converters_silence(void)
 {
     RCC->AHB2ENR |= AHB2_DACS;
@@ -75,6 +95,9 @@ void converters_silence(void)
     DAC2->CR = DAC_EN;
     GPIOA->MODER |= ANALOGUE(0) | ANALOGUE(1) | ANALOGUE(4) | ANALOGUE(5) | ANALOGUE(6);
     GPIOB->MODER |= ANALOGUE(0);
+    if (HD_MODES > 3) {
+        silence_followers();
+    }
 }
 
 static void start_stream(dma_stream_t *stream, const volatile void *peripheral, void *memory, uint32_t flags)
@@ -99,6 +122,10 @@ static void start_dacs(void)
     DAC1->CR = DAC_BOTH(DAC_EN | DAC_TEN | DAC_TSEL_TIM2 | DAC_DMAEN);
     if (HD_MODES > 2) {
         DAC2->CR = DAC_EN | DAC_TEN | DAC_TSEL_TIM2 | DAC_DMAEN;
+    }
+    if (HD_MODES > 3) {
+        uint32_t second = (DAC_EN | DAC_TEN | DAC_TSEL_TIM2 | DAC_DMAEN) << 16;
+        DAC3->CR = HD_MODES > 4 ? second | second >> 16 : second;
     }
 }
 
@@ -145,8 +172,7 @@ void converters_start(void)
     RCC->AHB1ENR |= AHB1_DMAS;
     RCC->AHB2ENR |= AHB2_ADCS;
     (void)RCC->AHB2ENR;
-    DMA1->IFCR = 0xFFF; /* streams 0 to 2 */
-    DMA2->IFCR = 0xFFF;
+    DMA1->IFCR = DMA2->IFCR = (1u << 4 * HD_MODES) - 1u;
     start_dacs();
     start_adcs();
 }
@@ -165,7 +191,7 @@ void converters_stop(void)
 /* The DACs' streams are one or two words ahead: they have fetched what the next trigger will put out. */
 bool converters_in_step(void)
 {
-    uint32_t lost = (DAC1->SR | DAC2->SR) & DAC_UNDERRUNS;
+    uint32_t lost = (DAC1->SR | DAC2->SR | (HD_MODES > 3 ? DAC3->SR : 0u)) & DAC_UNDERRUNS;
     for (int k = 0; k < HD_MODES; k++) {
         uint32_t lead = (DMA1->STREAM[k].NDTR - DMA2->STREAM[k].NDTR + WORDS) % WORDS;
         lost |= (lane[k].adc->ISR & ADC_OVR) | (lead > 2);
@@ -175,8 +201,10 @@ bool converters_in_step(void)
 
 void converters_exchange(int half)
 {
-    if (planar_listen(hd_program_carrier(), sampled[0][half])) {
-        hd_on_tick();
+    bool is_tick = planar_listen(hd_program_carrier(), sampled[0][half]);
+    tick_give();
+    if (is_tick) {
+        tick_begin();
     }
     planar_speak(hd_program_carrier(), played[0][half]);
 }
@@ -192,8 +220,8 @@ void serial_start(void)
     LPUART1->BRR = BAUD_DIVIDER(LINK_BAUD);
     LPUART1->CR3 = USART_DMAR | USART_DMAT | USART_OVRDIS; /* a byte that came too early is lost, and no more */
     LPUART1->CR1 = USART_UE | USART_RE | USART_TE;
-    DMAMUX[4] = REQUEST_LPUART1_RX;
-    DMAMUX[5] = REQUEST_LPUART1_TX;
+    DMAMUX[6] = REQUEST_LPUART1_RX;
+    DMAMUX[7] = REQUEST_LPUART1_TX;
 }
 
 bool serial_set_baud(uint32_t baud)

@@ -1,4 +1,6 @@
-/* The registers that the STM32G474 has in its own way: RM0440. */
+/* The registers that the STM32G474 has in its own way, and what of it drives how many modes. RM0440, by chapters: 3 flash
+ * (its cache, DBANK), 7 RCC, 10 SYSCFG, 12 DMA, 13 DMAMUX (request inputs), 14 NVIC, 15 EXTI, 21 ADC (external triggers), 22
+ * DAC (triggers, modes), 25 OPAMP; pins after DS12288. */
 #ifndef HD_G474_REGISTERS_H
 #define HD_G474_REGISTERS_H
 
@@ -42,9 +44,11 @@ typedef struct {
 #define FLASH ((flash_t *)0x40022000)
 #define GPIOA ((gpio_t *)0x48000000)
 #define GPIOB ((gpio_t *)0x48000400)
+#define GPIOC ((gpio_t *)0x48000800)
 #define PWR ((power_t *)0x40007000)
 #define LPUART1 ((usart_t *)0x40008000)
 #define SYSCFG ((syscfg_t *)0x40010000)
+#define OPAMP ((reg_t *)0x40010300) /* the control registers of 1 to 6 */
 #define EXTI ((exti_t *)0x40010400)
 #define DMA1 ((dma_t *)0x40020000)
 #define DMA2 ((dma_t *)0x40020400)
@@ -53,9 +57,12 @@ typedef struct {
 #define ADC2 ((adc_t *)0x50000100)
 #define ADC12_CCR (*(reg_t *)0x50000308)
 #define ADC3 ((adc_t *)0x50000400)
+#define ADC4 ((adc_t *)0x50000500)
+#define ADC5 ((adc_t *)0x50000600)
 #define ADC345_CCR (*(reg_t *)0x50000708)
 #define DAC1 ((dac_t *)0x50000800)
 #define DAC2 ((dac_t *)0x50000C00)
+#define DAC3 ((dac_t *)0x50001000)
 #define UNIQUE_ID ((const reg_t *)0x1FFF7590) /* 96 bits */
 
 /* RCC. VCO at 340 MHz from 4 MHz: 170 for the core. */
@@ -67,7 +74,7 @@ typedef struct {
 #define GPIO_ENR RCC->AHB2ENR
 #define AHB1_DMAS (1u << 0 | 1u << 1 | 1u << 2) /* both, and their multiplexer */
 #define AHB2_ADCS (1u << 13 | 1u << 14)
-#define AHB2_DACS (1u << 16 | 1u << 17)
+#define AHB2_DACS (1u << 16 | 1u << 17 | (HD_MODES > 3 ? 1u << 18 : 0u))
 #define APB1_DAC 0u
 #define APB1_LPUART1 (1u << 0) /* of APB1ENR2 */
 #define APB2_SYSCFG (1u << 0)
@@ -89,6 +96,10 @@ typedef struct {
 #define DAC_TSEL_TIM2 (4u << 2)
 #define DAC_BOTH(bits) ((bits) | (bits) << 16)
 #define DAC_HFSEL_160_MHZ (2u << 14) /* of MCR, whose zeros are: to the pin, with the buffer */
+#define DAC_WITHIN DAC_BOTH(3u)       /* of MCR: to what is on the chip, without the buffer */
+
+/* OPAMP: RM0440, OPAMPx_CSR. Follower, high speed (45 V/us), from the DAC that is its VP_SEL 3, to its pin. */
+#define OPAMP_FOLLOWS_DAC (1u << 0 | 3u << 2 | 3u << 5 | 1u << 7)
 
 /* ADC */
 #define ADC_ADRDY (1u << 0)
@@ -117,7 +128,7 @@ typedef struct {
 #define DMA_PRIORITY(p) ((uint32_t)(p) << 12)
 #define DMA_ALL 0xFu
 
-/* Streams 0 to 2 of DMA1 are the ADCs', of DMA2 the DACs'. Requests are equally urgent and served in their order, so
+/* Streams 0 to 4 of DMA1 are the ADCs', of DMA2 the DACs'. Requests are equally urgent and served in their order, so
  * that the last mode's word is the last of its instant. */
 #define CHUNK_STREAM (HD_MODES - 1)
 #define CHUNK_FLAGS DMA1->ISR
@@ -125,28 +136,45 @@ typedef struct {
 #define CHUNK_COMPLETE (2u << 4 * CHUNK_STREAM)
 #define CHUNK_HALF (4u << 4 * CHUNK_STREAM)
 #define CHUNK_ERROR (8u << 4 * CHUNK_STREAM)
-#define IRQ_CHUNK (11 + CHUNK_STREAM)
-#if HD_MODES == 3
-#define IRQS_TRANSFER_ERROR 11, 12, 56, 57, 58
-#define VECTORS_TRANSFER_ERROR \
-    [16 + 11 ... 16 + 12] = sampling_on_transfer_error, [16 + 56 ... 16 + 58] = sampling_on_transfer_error,
-#else
+#define IRQ_ADC_STREAM 11 /* of the first; so many follow */
+#define IRQ_DAC_STREAM 56
+#define IRQ_CHUNK (IRQ_ADC_STREAM + CHUNK_STREAM)
+#define IRQ_LAST (IRQ_DAC_STREAM + HD_MODES - 1)
+#if HD_MODES == 2
 #define IRQS_TRANSFER_ERROR 11, 56, 57
-#define VECTORS_TRANSFER_ERROR [16 + 11] = sampling_on_transfer_error, [16 + 56 ... 16 + 57] = sampling_on_transfer_error,
+#elif HD_MODES == 3
+#define IRQS_TRANSFER_ERROR 11, 12, 56, 57, 58
+#elif HD_MODES == 4
+#define IRQS_TRANSFER_ERROR 11, 12, 13, 56, 57, 58, 59
+#else
+#define IRQS_TRANSFER_ERROR 11, 12, 13, 14, 56, 57, 58, 59, 60
 #endif
-#define IRQ_LAST 58
+#define VECTORS_TRANSFER_ERROR \
+    [16 + IRQ_ADC_STREAM ... 16 + IRQ_CHUNK - 1] = sampling_on_transfer_error, \
+    [16 + IRQ_DAC_STREAM ... 16 + IRQ_LAST] = sampling_on_transfer_error,
 
-#define LINK_RX (&DMA1->STREAM[4])
+/* Up to three modes a tick is through within its chunk, on top of the longest lock; with four within the next one, with
+ * five within the next two (tests/firmware/test_m4_budget.py). */
+#define TICK_CHUNKS_LATE (HD_MODES <= 3 ? 0 : HD_MODES - 3)
+
+#define GPIO_PORTS (GPIO_A | GPIO_B | GPIO_C)
+#define INTERLOCK_PORT GPIOC
+#define INTERLOCK_EXTICR EXTICR_PORT_C
+#define IRQ_INTERLOCK IRQ_EXTI_5_TO_9
+#define AMPLIFIER_FAULT 6 /* PC6, low through a closed contact to ground; open: an amplifier has a fault */
+#define EMERGENCY_STOP 7  /* PC7, low through a closed contact to ground; open: stop */
+
+#define LINK_RX (&DMA1->STREAM[6])
 #define LINK_RX_ROUTE 0u
 #define LINK_RX_DATA ((uint32_t)(uintptr_t)&LPUART1->RDR)
 #define LINK_RX_CLEAR DMA1->IFCR
-#define LINK_RX_FLAGS (DMA_ALL << 16)
+#define LINK_RX_FLAGS (DMA_ALL << 24)
 #define LINK_RX_RECOVER ((void)0) /* with OVRDIS there is no overrun */
-#define LINK_TX (&DMA1->STREAM[5])
+#define LINK_TX (&DMA1->STREAM[7])
 #define LINK_TX_ROUTE 0u
 #define LINK_TX_DATA ((uint32_t)(uintptr_t)&LPUART1->TDR)
 #define LINK_TX_CLEAR DMA1->IFCR
-#define LINK_TX_FLAGS (DMA_ALL << 20)
+#define LINK_TX_FLAGS (DMA_ALL << 28)
 #define LINK_TX_DONE (LINK_TX->NDTR == 0)
 
 #define USART_TC (1u << 6)
@@ -154,6 +182,6 @@ typedef struct {
 #define USART_OVRDIS (1u << 12) /* RM0440, LPUART_CR3: otherwise nothing is received while an overrun stands */
 
 enum { REQUEST_ADC1 = 5, REQUEST_DAC1_1, REQUEST_DAC1_2, REQUEST_LPUART1_RX = 34, REQUEST_LPUART1_TX, REQUEST_ADC2,
-       REQUEST_ADC3, REQUEST_DAC2_1 = 41 };
+       REQUEST_ADC3, REQUEST_ADC4, REQUEST_ADC5, REQUEST_DAC2_1 = 41, REQUEST_DAC3_1 = 102, REQUEST_DAC3_2 };
 
 #endif

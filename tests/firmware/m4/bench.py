@@ -26,6 +26,7 @@ from .plate import Plate
 AMPLIFIERS = 1 << 12  # PB12
 MONOSTABLE_US = 2210  # HARDWARE.md's, from a rising edge of PB12 on
 KEEPALIVE_MS = 20
+TICK = 14 - 16  # PendSV, as an interrupt of the vector table
 _BITS_PER_BYTE = 10
 
 
@@ -126,7 +127,14 @@ class Bench:
             self.come_round()
 
     def interrupt(self) -> None:
+        """The chunk's, and the tick's where it asked for one of its own."""
         self.cpu.interrupt(self.sampling.irq)
+        self.compute_tick()
+
+    def compute_tick(self) -> None:
+        if self.registers.tick_pending:
+            self.registers.tick_pending = False
+            self.cpu.interrupt(TICK)
 
     def convert(self) -> None:
         """One chunk of the converters and of the line; its interrupt is pending then."""

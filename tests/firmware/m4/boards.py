@@ -25,6 +25,11 @@ class Board:
     core_hz: float
     load_max: float
     reset_flags: tuple[int | None, ...]
+    port: str  # of the circuits of amplifier fault and emergency stop
+    fault_pin: int
+    stop_pin: int
+    interlock_irq: int
+    wait_states: int  # of the flash, as they are counted; 0: they are left out
 
     def image(self, control_hz: int = 2000, setup: str = "") -> Image:
         return image.build(self.name, self.modes, control_hz, setup)
@@ -44,16 +49,26 @@ F405 = Board(
     168e6,
     0.25,
     (0x0E000000, *_FLAGS, 1 << 25 | _PIN, 1 << 31 | _PIN),
+    "GPIOB",
+    14,
+    15,
+    40,
+    0,
 )
 G474 = Board(
     "stm32g474",
-    3,
+    4,
     0x1FFF7590,
     stm32g474.Registers,
     stm32g474.Wires,
     170e6,
-    0.40,
+    0.50,
     (0x0C000000, *_FLAGS, None, 1 << 31 | _PIN),
+    "GPIOC",
+    6,
+    7,
+    23,
+    4,
 )
 BOARDS = (F405, G474)
 every_board = pytest.mark.parametrize("board", BOARDS, ids=str)

@@ -52,6 +52,7 @@ class CoreBench:
         self.cpu.write(IN, self._config(control_hz))
         assert self.cpu.call("hd_init", CORE, IN, 0) & 0xFF
         self._meter = Meter(self.cpu)
+        self._is_due = False
         self._to_play = [np.full((CHUNK, self.modes), 0x8000, dtype="<u2")] * 2
 
     def _config(self, control_hz: int) -> bytes:
@@ -84,27 +85,32 @@ class CoreBench:
                 return self._meter.measure(lambda: self.cpu.call("hd_obey", CORE, self.now_us))
         raise AssertionError("the core did not take the frame")
 
-    def chunk(self) -> Count:
-        """The next 50 us, and what is done at their end."""
+    def chunk(self) -> tuple[Count, Count | None]:
+        """The next 50 us, and what is done at their end: by the chunk, and by a tick if one was due."""
         sampled, _ = self.plate.advance(self._to_play.pop(0), connected=True, delay_frac=0.5)
         self.now_us += CHUNK_US
         planes = np.zeros((self.modes, 2, CHUNK), dtype="<u2")
         planes[:, 0] = sampled.T
         self.cpu.write(IN, planes.tobytes())
-        count = self._meter.measure(self._exchange)
+        measure = self._meter.measure
+        count, tick = measure(self._listen), None
+        if self._is_due:
+            tick = measure(lambda: self.cpu.call("hd_tick", CORE, self.now_us, SENSED, IN))
+            count = count + measure(self._drive)
+        count = count + measure(lambda: self.cpu.call("planar_speak", CARRIER, OUT))
         spoken = np.frombuffer(self.cpu.read(OUT, planes.nbytes), "<u2").reshape(planes.shape)
         self._to_play.append(spoken[:, 0].T.copy())
-        return count
+        return count, tick
 
-    def _exchange(self) -> None:
-        call = self.cpu.call
-        if call("planar_listen", CARRIER, IN) & 0xFF:
-            call("hd_carrier_measure", CARRIER, SENSED)
-            call("hd_tick", CORE, self.now_us, SENSED, IN)
-            self.cpu.set_float(0, DRIVE_HZ)
-            call("hd_carrier_tune", CARRIER)
-            call("hd_carrier_drive", CARRIER, IN)
-        call("planar_speak", CARRIER, OUT)
+    def _listen(self) -> None:
+        self._is_due = bool(self.cpu.call("planar_listen", CARRIER, IN) & 0xFF)
+        if self._is_due:
+            self.cpu.call("hd_carrier_measure", CARRIER, SENSED)
+
+    def _drive(self) -> None:
+        self.cpu.set_float(0, DRIVE_HZ)
+        self.cpu.call("hd_carrier_tune", CARRIER)
+        self.cpu.call("hd_carrier_drive", CARRIER, IN)
 
     def measured_um(self) -> npt.NDArray[np.complex64]:
         """(modes,), over the last tick."""

@@ -103,13 +103,36 @@ class Cpu:
         (bits,) = struct.unpack("<I", struct.pack("<f", value))
         self._uc.reg_write(arm.UC_ARM_REG_S0 + register, bits)
 
-    def interrupt(self, irq: int) -> None:
-        """Calls a handler as an interrupt would: whatever ran before goes on as if nothing had happened."""
+    def interrupt(self, irq: int, *, amid: Callable[[], object] | None = None, instructions: int = 0) -> None:
+        """Calls a handler as an interrupt would: whatever ran before goes on as if nothing had happened.
+
+        `amid` interrupts the handler itself after so many instructions, or later, when it lets interrupts in again.
+        """
         before = self._uc.context_save()
         try:
-            self.call(16 + irq)
+            if amid is None:
+                self.call(16 + irq)
+            else:
+                self._begin(16 + irq)
+                self._go_on(instructions)
+                while self.masked and not self.returned:
+                    self._go_on(1)
+                amid()
+                self._go_on(_INSTRUCTIONS_MAX)
         finally:
             self._uc.context_restore(before)
+
+    def _begin(self, exception: int) -> None:
+        self._uc.reg_write(arm.UC_ARM_REG_LR, RETURN | 1)
+        self._uc.reg_write(arm.UC_ARM_REG_PC, self.address(exception) | 1)
+
+    def _go_on(self, instructions: int) -> None:
+        if not self.returned:
+            self._uc.emu_start(self._uc.reg_read(arm.UC_ARM_REG_PC) | 1, RETURN, count=instructions)
+
+    @property
+    def returned(self) -> bool:
+        return bool(self._uc.reg_read(arm.UC_ARM_REG_PC) == RETURN)
 
     def fault(self, exception: int, *, at: int) -> None:
         """Takes the exception as the hardware would for an instruction at `at`, until `stop` is called."""
@@ -123,6 +146,16 @@ class Cpu:
     def masked(self) -> bool:
         """Whether the program holds interrupts off."""
         return bool(self._uc.reg_read(arm.UC_ARM_REG_BASEPRI))
+
+    def on_flash_read(self, callback: Callable[[int], None]) -> Callable[[], None]:
+        """`callback` gets the address of every datum read from the flash; the result removes it."""
+        hook = self._uc.hook_add(
+            unicorn.UC_HOOK_MEM_READ,
+            lambda _uc, _access, address, _size, _value, _: callback(address),
+            begin=_FLASH,
+            end=_FLASH + _FLASH_SIZE - 1,
+        )
+        return lambda: self._uc.hook_del(hook)
 
     def on_block(self, callback: Callable[[int, int], None]) -> Callable[[], None]:
         """`callback` gets address and size of every basic block from now on; the result removes it."""

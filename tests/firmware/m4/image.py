@@ -18,7 +18,7 @@ MISSING = None if shutil.which(f"{CROSS}gcc") else "arm-none-eabi-gcc is not ins
 
 _LOAD_SEGMENT = 1
 _SYMBOL = re.compile(r"^([0-9a-f]{8}) . (\S+)$", re.MULTILINE)
-_INSTRUCTION = re.compile(r"^ ([0-9a-f]{7}):\t((?:[0-9a-f]{4} ?)+) *\t(\S+)(?:\t([^;@\n]*))?", re.MULTILINE)
+_INSTRUCTION = re.compile(r"^ *([0-9a-f]{7,8}):\t((?:[0-9a-f]{4} ?)+) *\t(\S+)(?:\t([^;@\n]*))?", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,13 +24,12 @@ COMMON: dict[str, tuple[int, dict[str, int]]] = {
     "IWDG": (0x40003000, {"KR": 0x00, "PR": 0x04, "RLR": 0x08, "SR": 0x0C}),
     "CRC": (0x40023000, {"DR": 0x00, "CR": 0x08}),
     "NVIC": (0xE000E100, _NVIC | {f"IPR{i}": 0x300 + i for i in range(102)}),
-    "SCB": (0xE000ED00, {"AIRCR": 0x0C, "CPACR": 0x88} | _MPU),
+    "SCB": (0xE000ED00, {"ICSR": 0x04, "AIRCR": 0x0C, "SHPR3": 0x20, "CPACR": 0x88} | _MPU),
     "DBGMCU": (0xE0042000, {"APB1_FZ": 0x08}),
 }
 _RESET = {"IWDG.RLR": 0xFFF, "TIM2.ARR": 0xFFFFFFFF, "TIM5.ARR": 0xFFFFFFFF, "CRC.DR": 0xFFFFFFFF} | {
     "GPIOA.PUPDR": 0x64000000,
     "GPIOB.PUPDR": 0x00000100,
-    "GPIOB.IDR": 0,  # no amplifier has a fault, and the emergency stop is not pushed: both circuits are closed
     "WWDG.CR": 0x7F,
 }
 _UPDATE_READS = 3  # of the watchdog's status until its slow clock has taken a new reload on
@@ -87,6 +86,7 @@ class Peripherals:
         self.on_look: Callable[[], None] = lambda: None  # what happens right after the ADC's flags were read
         self.on_clear: Callable[[], None] = lambda: None  # and right after they were cleared
         self.pending = False  # the chunk's interrupt, latched while its handler works
+        self.tick_pending = False  # PendSV
         self._crystal = crystal
         self._pll = pll
         self._updating = 0
@@ -98,6 +98,7 @@ class Peripherals:
             "IWDG.RLR": self._watchdog_reload,
             "WWDG.CR": self._window_watchdog,
             "SCB.AIRCR": self._system_reset,
+            "SCB.ICSR": self._pend_tick,
             "CRC.CR": lambda _: self.registers.__setitem__("CRC.DR", 0xFFFFFFFF),
             "CRC.DR": self._crc,
             "GPIOA.BSRR": lambda value: self._pins("GPIOA.ODR", value),
@@ -187,6 +188,10 @@ class Peripherals:
         assert value == 0x05FA0004
         self.reset_requested = True
         self.on_reset()
+
+    def _pend_tick(self, value: int) -> None:
+        assert value == 1 << 28, "PENDSVSET alone (PM0214, 4.4.3)"
+        self.tick_pending = True
 
     def _crc(self, word: int) -> None:
         value = self.registers["CRC.DR"]

@@ -23,10 +23,10 @@ STEP_V = 3.3 / STEPS
 
 @dataclass(slots=True)
 class Plate:
-    """The reference plate behind 110 V/V and 4.85 um/V, with two modes of it or three; `noise_steps` is the standard
+    """The reference plate behind 110 V/V and 4.85 um/V, with two to five modes of it; `noise_steps` is the standard
     deviation of the ADCs' noise."""
 
-    mode_hz: tuple[float, ...] = (29195.0, 29215.0, 29205.0)
+    mode_hz: tuple[float, ...] = (29195.0, 29215.0, 29205.0, 29255.0, 29155.0)
     quality: float = 500.0
     amplifier_v_per_v: float = 110.0
     amplifier_limit_v: float = 180.0

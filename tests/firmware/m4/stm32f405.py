@@ -55,6 +55,7 @@ class Registers(Peripherals):
     RESET: ClassVar = {"RCC.CR": 0x83, "RCC.PLLCFGR": 0x24003010, "RCC.AHB1ENR": 0x00100000, "PWR.CR": 0x4000} | {
         "GPIOA.MODER": 0xA8000000,
         "GPIOB.MODER": 0x280,
+        "GPIOB.IDR": 0,  # no amplifier has a fault, and the emergency stop is not pushed: both circuits are closed
         "USART1.SR": 0xC0,  # nothing is on the line
         "FLASH.OPTCR": 0x0FFFAAE1,  # as delivered, but for the brown-out level 3
     }

@@ -22,18 +22,34 @@ _RCC = {
     "AHB2ENR": 0x4C,
 }
 _LPUART = {"CR1": 0x00, "CR2": 0x04, "CR3": 0x08, "BRR": 0x0C, "ISR": 0x1C, "RDR": 0x24, "TDR": 0x28, "PRESC": 0x2C}
-_REQUESTS: Final = {5: "ADC1", 6: "DAC1_1", 7: "DAC1_2", 34: "RX", 35: "TX", 36: "ADC2", 37: "ADC3", 41: "DAC2_1"}
+_REQUESTS: Final = {5: "ADC1", 6: "DAC1_1", 7: "DAC1_2", 34: "RX", 35: "TX", 36: "ADC2", 37: "ADC3", 38: "ADC4"} | {
+    39: "ADC5",
+    41: "DAC2_1",
+    102: "DAC3_1",
+    103: "DAC3_2",
+}
 _TRIGGER_TIM2_DAC: Final = 4
 _TRIGGER_TIM2_ADC: Final = 11
 _SAMPLE_CYCLES: Final = (2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5)
 _CONVERSION_CYCLES: Final = 12.5
-_INPUTS: Final = {("ADC1", 1): ("GPIOA", 0), ("ADC2", 2): ("GPIOA", 1), ("ADC3", 12): ("GPIOB", 0)}
-# A mode's DAC: the register that its stream writes, its control register, the channel's first bit there, its pin.
-_OUTPUTS: Final = {"DAC1_1": ("DAC1.DHR12L1", "DAC1", 0, 4), "DAC1_2": ("DAC1.DHR12L2", "DAC1", 16, 5)} | {
-    "DAC2_1": ("DAC2.DHR12L1", "DAC2", 0, 6)
+_INPUTS: Final = {("ADC1", 1): ("GPIOA", 0), ("ADC2", 2): ("GPIOA", 1), ("ADC3", 12): ("GPIOB", 0)} | {
+    ("ADC4", 5): ("GPIOB", 15),
+    ("ADC5", 2): ("GPIOA", 9),
 }
-# Clocks: DMA1, DMA2, DMAMUX; GPIOA, GPIOB, ADC12, ADC345, DAC1, DAC2; TIM2, TIM5, WWDG, PWR; LPUART1; SYSCFG.
-_CLOCKED: Final = {"AHB1ENR": (0, 1, 2), "AHB2ENR": (0, 1, 13, 14, 16, 17), "APB1ENR1": (0, 3, 11, 28)} | {
+# A mode's DAC: the register that its stream writes, its control register, the channel's first bit there, its pin.
+_OUTPUTS: Final = {
+    "DAC1_1": ("DAC1.DHR12L1", "DAC1", 0, ("GPIOA", 4)),
+    "DAC1_2": ("DAC1.DHR12L2", "DAC1", 16, ("GPIOA", 5)),
+    "DAC2_1": ("DAC2.DHR12L1", "DAC2", 0, ("GPIOA", 6)),
+    "DAC3_2": ("DAC3.DHR12L2", "DAC3", 16, ("GPIOB", 1)),
+    "DAC3_1": ("DAC3.DHR12L1", "DAC3", 0, ("GPIOB", 11)),
+}
+# The operational amplifier that a channel of DAC3 is VP_SEL 3 of.
+_FOLLOWERS: Final = {"DAC3_2": "OPAMP.CSR3", "DAC3_1": "OPAMP.CSR6"}
+_FOLLOWS: Final = 1 << 0 | 3 << 2 | 3 << 5 | 1 << 7  # on, VP_SEL, VM_SEL as follower, OPAHSM
+# Clocks: DMA1, DMA2, DMAMUX; GPIOA to GPIOC, ADC12, ADC345, DAC1, DAC2; TIM2, TIM5, WWDG, PWR; LPUART1;
+# SYSCFG and OPAMP.
+_CLOCKED: Final = {"AHB1ENR": (0, 1, 2), "AHB2ENR": (0, 1, 2, 13, 14, 16, 17), "APB1ENR1": (0, 3, 11, 28)} | {
     "APB1ENR2": (0,),
     "APB2ENR": (0,),
 }
@@ -43,7 +59,8 @@ class Registers(Peripherals):
     BLOCKS: ClassVar = {
         "PWR": (0x40007000, {"CR2": 0x04, "SR2": 0x14, "CR5": 0x80}),
         "LPUART1": (0x40008000, _LPUART),
-        "SYSCFG": (0x40010000, {"EXTICR4": 0x14}),
+        "SYSCFG": (0x40010000, {"EXTICR2": 0x0C}),
+        "OPAMP": (0x40010300, {f"CSR{i}": 4 * (i - 1) for i in range(1, 7)}),
         "EXTI": (0x40010400, peripherals.EXTI),
         "DMA1": (0x40020000, {"ISR": 0x00, "IFCR": 0x04}),
         "DMA2": (0x40020400, {"ISR": 0x00, "IFCR": 0x04}),
@@ -52,13 +69,17 @@ class Registers(Peripherals):
         "FLASH": (0x40022000, {"ACR": 0x00, "OPTR": 0x20}),
         "GPIOA": (0x48000000, peripherals.GPIO),
         "GPIOB": (0x48000400, peripherals.GPIO),
+        "GPIOC": (0x48000800, peripherals.GPIO),
         "ADC1": (0x50000000, _ADC),
         "ADC2": (0x50000100, _ADC),
         "ADC12": (0x50000300, {"CCR": 0x08}),
         "ADC3": (0x50000400, _ADC),
+        "ADC4": (0x50000500, _ADC),
+        "ADC5": (0x50000600, _ADC),
         "ADC345": (0x50000700, {"CCR": 0x08}),
         "DAC1": (0x50000800, peripherals.DAC),
         "DAC2": (0x50000C00, peripherals.DAC),
+        "DAC3": (0x50001000, peripherals.DAC),
         **{
             f"DMA{unit}_C{i}": (0x40020000 + 0x400 * (unit - 1) + 0x08 + 0x14 * (i - 1), _CHANNEL)
             for unit in (1, 2)
@@ -69,10 +90,12 @@ class Registers(Peripherals):
         "PWR.CR5": 0x100,
         "GPIOA.MODER": 0xABFFFFFF,
         "GPIOB.MODER": 0xFFFFFEBF,
+        "GPIOC.MODER": 0xFFFFFFFF,
+        "GPIOC.IDR": 0,  # no amplifier has a fault, and the emergency stop is not pushed: both circuits are closed
         "LPUART1.ISR": 0xC0,  # nothing is on the line
         "FLASH.ACR": 0x40600,
         "FLASH.OPTR": 0xFFEFFCAA,  # as delivered, but for the brown-out level 4
-        **{f"ADC{i}.{name}": value for i in (1, 2, 3) for name, value in (("CR", 1 << 29), ("CFGR", 1 << 31))},
+        **{f"ADC{i}.{name}": value for i in range(1, 6) for name, value in (("CR", 1 << 29), ("CFGR", 1 << 31))},
     }
     POWER_ON: ClassVar = 0x0C000000  # there is no flag for power alone
     HSI_READY: ClassVar = 1 << 10
@@ -81,13 +104,14 @@ class Registers(Peripherals):
     CHUNK_FLAGS: ClassVar = "DMA1.ISR"
 
     def own_effects(self) -> dict[str, Effect]:
-        converters = {13: ["ADC1", "ADC2", "ADC12"], 14: ["ADC3", "ADC345"], 16: ["DAC1"], 17: ["DAC2"]}
+        converters = {13: ["ADC1", "ADC2", "ADC12"], 14: ["ADC3", "ADC4", "ADC5", "ADC345"]}
+        converters |= {16: ["DAC1"], 17: ["DAC2"], 18: ["DAC3"]}
         return {
             "RCC.APB1RSTR1": lambda value: self.reset_blocks(value, {0: ["TIM2"]}),
             "RCC.AHB2RSTR": lambda value: self.reset_blocks(value, converters),
             "DMA1.IFCR": lambda value: self.clear("DMA1.ISR", value),
             "DMA2.IFCR": lambda value: self.clear("DMA2.ISR", value),
-            **{f"ADC{i}.CR": self._adc_control(f"ADC{i}") for i in (1, 2, 3)},
+            **{f"ADC{i}.CR": self._adc_control(f"ADC{i}") for i in range(1, 6)},
         }
 
     def _adc_control(self, name: str) -> Effect:
@@ -169,7 +193,7 @@ class Wires(Wiring):
         clocked = all(p[f"RCC.{bus}"] >> bit & 1 for bus, bits in _CLOCKED.items() for bit in bits)
         assert clocked, "a peripheral runs without a clock"
         running = self.streams()
-        channels = tuple(self._check_adc(f"ADC{k + 1}") for k in range(3) if f"ADC{k + 1}" in running)
+        channels = tuple(self._check_adc(f"ADC{k + 1}") for k in range(5) if f"ADC{k + 1}" in running)
         adcs = [running[f"ADC{k + 1}"] for k in range(len(channels))]
         dacs = [running[name] for name in list(_OUTPUTS)[: len(channels)]]
         for name, stream in zip(_OUTPUTS, dacs, strict=False):
@@ -204,12 +228,15 @@ class Wires(Wiring):
         assert [stream.interrupts for stream in adcs[:-1] + dacs] == [{"error"}] * (len(adcs + dacs) - 1)
         assert adcs[-1].interrupts == {"half", "complete", "error"}
         irqs = {10 + int(stream.name[-1]) for stream in adcs} | {55 + int(stream.name[-1]) for stream in dacs}
-        assert self.interrupts() == irqs | {1, 40}, "the supply, the interlocks and the converters' streams"
+        assert self.interrupts() == irqs | {1, 23}, "the supply, the interlocks and the converters' streams"
         assert self.p["NVIC.IPR1"] == 0
-        assert {self.p[f"NVIC.IPR{irq}"] for irq in irqs | {40}} == {0x10}
+        assert {self.p[f"NVIC.IPR{irq}"] for irq in irqs} == {0x10}
+        has_tick = len(adcs) > 3
+        assert self.p["NVIC.IPR23"] == (0x20 if has_tick else 0x10), "interlocks do not interrupt a tick"
+        assert self.p["SCB.SHPR3"] == (0x20 << 16 if has_tick else 0), "PendSV is below the chunks (PM0214, 4.4.8)"
 
     def _check_dac(self, request: str, stream: Stream) -> None:
-        register, block, first, pin = _OUTPUTS[request]
+        register, block, first, (port, pin) = _OUTPUTS[request]
         assert stream.peripheral == self.p.ADDRESS[register]
         assert (stream.to_peripheral, stream.circular) == (True, True)
         assert (stream.memory_size, stream.peripheral_size) == (2, 4)
@@ -217,8 +244,15 @@ class Wires(Wiring):
         assert self.p.field(f"{block}.CR", first + 1, 1), "a DAC is not triggered"
         assert self.p.field(f"{block}.CR", first + 2, 4) == _TRIGGER_TIM2_DAC
         assert self.p.field(f"{block}.CR", first + 12, 1), "a DAC does not ask for DMA"
-        assert self.p[f"{block}.MCR"] == 2 << 14, "an interface for 170 MHz; to the pins, with the buffer"
-        assert self.p.field("GPIOA.MODER", 2 * pin, 2) == 3, "an output is not analogue"
+        within = request in _FOLLOWERS
+        modes = 3 | 3 << 16 if within else 0
+        assert self.p[f"{block}.MCR"] == 2 << 14 | modes, (
+            "an interface for 170 MHz; to the pins with the buffer, or within"
+        )
+        if within:
+            assert self.p["RCC.AHB2ENR"] >> 18 & 1, "DAC3 runs without a clock"
+            assert self.p[_FOLLOWERS[request]] == _FOLLOWS, "RM0440, OPAMPx_CSR"
+        assert self.p.field(f"{port}.MODER", 2 * pin, 2) == 3, "an output is not analogue"
 
     def _check_adc(self, name: str) -> int:
         p = self.p
@@ -231,7 +265,7 @@ class Wires(Wiring):
         channel = p.field(f"{name}.SQR1", 6, 5)
         port, pin = _INPUTS[name, channel]
         assert p.field(f"{port}.MODER", 2 * pin, 2) == 3, "an input is not analogue"
-        common = "ADC345" if name == "ADC3" else "ADC12"
+        common = "ADC12" if name in ("ADC1", "ADC2") else "ADC345"
         assert p[f"{common}.CCR"] == 3 << 16, "independent, a quarter of the core's clock"
         clock_hz = self.core_hz() / 4
         assert clock_hz <= 52e6
@@ -256,5 +290,5 @@ class Wires(Wiring):
 
     def finish_sending(self) -> None:
         """A channel that is not circular stays enabled, with nothing left."""
-        self.p["DMA1_C6.NDTR"] = 0
-        self.p["DMA1.ISR"] |= 2 << 20
+        self.p["DMA1_C8.NDTR"] = 0
+        self.p["DMA1.ISR"] |= 2 << 28

@@ -4,15 +4,15 @@ ARM DDI 0439B, table 3-1 with its notes 3.3.2 and 3.3.3, and table 7-1: a load t
 load or store, a store with an immediate offset 1, an address made by the instruction before one more, a floating-point
 result needed by the next instruction one more, division and square root 14, an integer division its 12. A taken branch
 refills the pipeline in 3 cycles, the slowest of 1 to 3. To enter and to leave an interrupt take 12 cycles each, and 17
-more for the FPU's registers. Wait states and bus contention are left out: what runs from the flash accelerator's cache
-sees few.
+more for the FPU's registers. Bus contention is left out, and so are wait states, but for those of a `Flash`.
 """
 
 from __future__ import annotations
 
 import re
+from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 from .cpu import Cpu
@@ -83,17 +83,51 @@ class Count:
     instructions: int = 0
     cycles: int = 0
 
+    def __add__(self, other: Count) -> Count:
+        return Count(self.instructions + other.instructions, self.cycles + other.cycles)
+
+
+@dataclass(slots=True)
+class Flash:
+    """A flash with wait states behind its cache of instructions, read in lines of 64 bits, as with two banks.
+
+    RM0440, 3 (flash, DBANK, ART accelerator): 1 KB of instructions; the longest unused line goes. Pessimistic: no
+    credit for the prefetch, for the cache of data, for the half that a read shares with the instructions before it.
+    """
+
+    wait_states: int
+    lines: int = 128
+    line_bytes: int = 8
+    _cached: OrderedDict[int, None] = field(default_factory=OrderedDict)
+
+    def fetched(self, address: int, size: int) -> int:
+        """The cycles that a block of instructions waits."""
+        if not 0x08000000 <= address < 0x10000000:
+            return 0
+        waited = 0
+        for line in range(address // self.line_bytes, (address + size - 1) // self.line_bytes + 1):
+            if line not in self._cached:
+                waited += self.wait_states
+            self._cached[line] = None
+            self._cached.move_to_end(line)
+            if len(self._cached) > self.lines:
+                self._cached.popitem(last=False)
+        return waited
+
 
 class Meter:
     """Counts what the processor executes between `start` and `stop`; `watch` calls back where a function begins."""
 
-    def __init__(self, cpu: Cpu) -> None:
+    def __init__(self, cpu: Cpu, flash: Flash | None = None) -> None:
         self._cpu = cpu
+        self._flash = flash
         self._blocks: dict[tuple[int, int], tuple[Count, int]] = {}
         self._watched: dict[int, Callable[[], object]] = {}
         self._count = Count()
         self._fallthrough = 0
-        self._remove = cpu.on_block(self._enter)
+        self._removes = [cpu.on_block(self._enter)]
+        if flash is not None:
+            self._removes.append(cpu.on_flash_read(self._wait_for_datum))
 
     def measure(self, action: Callable[[], object]) -> Count:
         self.start()
@@ -111,7 +145,12 @@ class Meter:
         self._watched[address] = callback
 
     def remove(self) -> None:
-        self._remove()
+        for remove in reversed(self._removes):
+            remove()
+
+    def _wait_for_datum(self, _address: int) -> None:
+        assert self._flash is not None
+        self._count.cycles += self._flash.wait_states
 
     def _enter(self, address: int, size: int) -> None:
         if address in self._watched:
@@ -124,6 +163,8 @@ class Meter:
         count, self._fallthrough = self._blocks[key]
         self._count.instructions += count.instructions
         self._count.cycles += count.cycles
+        if self._flash is not None:
+            self._count.cycles += self._flash.fetched(address, size)
 
 
 def _block(image: Image, address: int, size: int) -> tuple[Count, int]:

@@ -1,0 +1,47 @@
+/* When a control tick is computed: within the chunk's interrupt that completes its samples, or, where TICK_CHUNKS_LATE of
+ * a chip's registers.h is above 0, in PendSV, which the chunks' interrupt interrupts; its voltages then take effect so many
+ * chunks later, whenever it is through before.
+ */
+#ifndef HD_STM32_TICK_H
+#define HD_STM32_TICK_H
+
+#include "board.h"
+#include "chip.h"
+
+#if TICK_CHUNKS_LATE > 0
+
+#define VECTOR_TICK [14] = sampling_on_tick,
+
+/* In the chunks' interrupt: the samples of a tick are complete. */
+void tick_begin(void);
+
+/* In the chunks' interrupt, before tick_begin: hands on the voltages that are due. */
+void tick_give(void);
+
+/* Samples were lost. A tick under way is void, and tells the core of it at its end. */
+void tick_lose_samples(void);
+
+/* The handler of PendSV. */
+void sampling_on_tick(void);
+
+#else
+
+#define VECTOR_TICK
+
+static inline void tick_begin(void)
+{
+    hd_on_tick();
+}
+
+static inline void tick_give(void)
+{
+}
+
+static inline void tick_lose_samples(void)
+{
+    hd_on_missed_chunk();
+}
+
+#endif
+
+#endif
