@@ -16,7 +16,7 @@ from .event_clock import EventClock
 from .geometry import PlateMap
 from .pad import Family, Layout, PadGeometry
 from .records import RefusedError
-from .renumbering import Numbers
+from .renumbering import ContactNumbers
 
 EVENT: Final = struct.Struct("<qqHHi")  # seconds, microseconds, type, code, value
 MAX_EVENTS: Final = 170  # of one report: ten axes of all contacts
@@ -41,7 +41,7 @@ class InputEvents(Layout):
     def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap) -> None:
         self._geometry = geometry
         self._clock = EventClock()
-        self._numbers = Numbers(geometry)
+        self._numbers = ContactNumbers(geometry)
         self.place(plate_from_pad)
         self.reset()
 

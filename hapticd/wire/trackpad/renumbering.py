@@ -14,7 +14,7 @@ _NUMBERS: Final = 1 << 16
 RawPlace = tuple[int, int]
 
 
-class Numbers:
+class ContactNumbers:
     """Nearest pairs first. `core.touch.tracking` judges by how fingers move whether a number can be right."""
 
     def __init__(self, geometry: PadGeometry) -> None:
