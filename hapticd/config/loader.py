@@ -15,7 +15,7 @@ from typing import Any, cast
 from ..errors import ConfigError
 from ..formats.toml_file import read_table
 from .keys import bounds_text, checked, nearest, toml
-from .sections import MOST_MODES, SIMULATED, ClientConfig, Config, LimitsConfig, UncertaintyConfig
+from .sections import MOST_MODES, SIMULATED, ClientConfig, Config, LimitsConfig, TrackpadConfig, UncertaintyConfig
 
 MAX_PORT = 65535
 MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
@@ -121,6 +121,8 @@ def _check_together(config: Config, where: str) -> None:
         if len(value) != length:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
     _check_matrix(config.trackpad.matrix, where)
+    if config.trackpad.source == "tuio":
+        _check_tuio(config.trackpad, where)
     if not 1 <= len(config.limits.w_limit_um) <= MOST_MODES:
         raise ConfigError(f"{where}: limits.w_limit_um: needs one number per mode (1 .. {MOST_MODES}).")
     curve = config.plate.friction_curve
@@ -149,6 +151,18 @@ def _check_matrix(matrix: tuple[float, ...], where: str) -> None:
         raise ConfigError(f"{where}: trackpad.matrix: needs 4 numbers, xx, xy, yx, yy, not {len(matrix)}.")
     if matrix and not abs(matrix[0] * matrix[3] - matrix[1] * matrix[2]) >= MIN_DETERMINANT:
         raise ConfigError(f"{where}: trackpad.matrix: is nearly singular: measure it again.")
+
+
+def _check_tuio(trackpad: TrackpadConfig, where: str) -> None:
+    """Require an address with a port, and the size of the surface."""
+    host, _, port = trackpad.tuio_address.rpartition(":")
+    if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= MAX_PORT):
+        raise ConfigError(
+            f"{where}: trackpad.tuio_address: must be an address and a port, such as "
+            f'"127.0.0.1:3333", not {trackpad.tuio_address!r}.'
+        )
+    if not trackpad.size_mm:
+        raise ConfigError(f"{where}: trackpad.size_mm: TUIO gives shares of the surface: set its width and height.")
 
 
 def _check_tcp(client: ClientConfig, where: str) -> None:

@@ -88,8 +88,8 @@ class TrackpadConfig:
 
     source: str = key(
         SIMULATED,
-        "source of touch reports; evdev: any multitouch device of Linux",
-        choices=(SIMULATED, "hid", "evdev", "replay"),
+        "source of touch reports; evdev: any multitouch device of Linux; tuio: a tracker, by TUIO 1.1 or 2.0 over UDP",
+        choices=(SIMULATED, "hid", "evdev", "tuio", "replay"),
     )
     model: str = key(
         "auto",
@@ -102,6 +102,7 @@ class TrackpadConfig:
     size_mm: tuple[float, ...] = key(
         (), "width and height of the device's range of positions; empty: as it says itself", low=1, high=5000
     )
+    tuio_address: str = key("127.0.0.1:3333", 'address and port that are bound for source = "tuio"')
     replay_file: str = key(
         "",
         'reports for source = "replay", as JSON lines: {"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab"} '

@@ -11,11 +11,14 @@ from ..errors import CalibrationError
 from ..io.devices.evdev_trackpad import EvdevTrackpad
 from ..io.devices.hid_trackpad import HidTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
+from ..io.devices.tuio_trackpad import TuioTrackpad
 from ..wire.trackpad import PADS
+from ..wire.trackpad.tuio import surface
 
 SOURCES: Final[dict[str, Callable[[TrackpadConfig], TrackpadSource]]] = {
     "hid": lambda config: HidTrackpad(config.model),
     "evdev": lambda config: EvdevTrackpad(config.device, config.size_mm),
+    "tuio": lambda config: TuioTrackpad(config.tuio_address, surface(*config.size_mm)),
 }
 LIE_ANYHOW: Final = frozenset(SOURCES) - {"hid"}  # rotated, mirrored, or of a size that they do not know
 
@@ -30,6 +33,7 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--source", choices=tuple(SOURCES), default="hid", help="of touches (default hid)")
     parser.add_argument("--model", default="auto", help="of the trackpad on hid (default: the connected one)")
     parser.add_argument("--device", default="", help="path or name of the device on evdev (default: the first one)")
+    parser.add_argument("--address", default="127.0.0.1:3333", help="that is bound for tuio (default 127.0.0.1:3333)")
     parser.add_argument(
         "--pad-size",
         default="",
@@ -42,8 +46,11 @@ def chosen(options: argparse.Namespace) -> TrackpadConfig:
     """Return the device that the arguments name. Raises CalibrationError."""
     if options.model not in ("auto", *PADS):
         raise CalibrationError(f"--model: there is no {options.model!r}: give auto or one of {', '.join(PADS)}.")
+    size_mm = _size_mm(options.pad_size)
+    if options.source == "tuio" and not size_mm:
+        raise CalibrationError("--source tuio: a tracker gives shares of its surface: give its size with --pad-size.")
     return TrackpadConfig(
-        source=options.source, model=options.model, device=options.device, size_mm=_size_mm(options.pad_size)
+        source=options.source, model=options.model, device=options.device, size_mm=size_mm, tuio_address=options.address
     )
 
 
@@ -54,6 +61,8 @@ def settings(config: TrackpadConfig, model: str) -> dict[str, object]:
     named: dict[str, object] = {"source": config.source}
     if config.device:
         named["device"] = config.device
+    if config.source == "tuio":
+        named["tuio_address"] = config.tuio_address
     if config.size_mm:
         named["size_mm"] = list(config.size_mm)
     return named

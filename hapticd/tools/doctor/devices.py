@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 
 from ...errors import DeviceError, HapticdError, pip_install
-from ...io.devices import input_nodes
+from ...io.devices import input_nodes, tuio_trackpad
 from ...io.devices.hid_trackpad import find_pads, load_hid
 from ...io.devices.serial_link import SerialLink
 from ...io.devices.trackpad_source import TrackpadSource
@@ -82,12 +82,25 @@ def _evdev(system: System) -> CheckResult:
     return CheckResult(PASS, "trackpad", f"{pad.name} at {path}: {size}, {kind}")
 
 
+def _tuio(system: System) -> CheckResult:
+    address = system.config.trackpad.tuio_address
+    try:
+        tuio_trackpad.bound(address).close()
+    except OSError as error:
+        if system.status is not None:
+            return CheckResult(PASS, "trackpad", f"a TUIO tracker's datagrams are awaited at {address}")
+        return CheckResult(
+            FAIL, "trackpad", f"{address} cannot be bound ({error.strerror})", "set trackpad.tuio_address"
+        )
+    return CheckResult(PASS, "trackpad", f"{address} is free for a TUIO tracker")
+
+
 def is_readable(path: Path) -> bool:
     """Return whether this user may read it."""
     return os.access(path, os.R_OK)
 
 
-_CHECKS: dict[str, Callable[[System], CheckResult]] = {"hid": _hid, "evdev": _evdev}
+_CHECKS: dict[str, Callable[[System], CheckResult]] = {"hid": _hid, "evdev": _evdev, "tuio": _tuio}
 
 
 def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckResult:

@@ -3,10 +3,10 @@
 Apple's layouts, ranges and the meaning of states are those of the Linux driver `drivers/hid/hid-magicmouse.c`: report
 0x02 (Magic Trackpad 2 and USB-C over USB), 0x31 (the same over Bluetooth) and 0x28, alone or two in a 0xF7 (Magic
 Trackpad 1). `tests/data/trackpad-golden.jsonl` holds that driver's own output for 121 reports. Other devices come as
-the kernel's input events (`evdev`).
+the kernel's input events (`evdev`), or as datagrams of a tracker (`tuio`).
 """
 
-from . import evdev
+from . import evdev, osc, tuio
 from .decoder import Decoder
 from .device_clock import STAMP_WRAP_MS
 from .pad import HidIds, Pad, PadGeometry
@@ -27,5 +27,7 @@ __all__ = [
     "StillContacts",
     "evdev",
     "from_fields",
+    "osc",
     "to_fields",
+    "tuio",
 ]

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from . import evdev, magic_trackpad_1, magic_trackpad_2
+from . import evdev, magic_trackpad_1, magic_trackpad_2, tuio
 from .pad import Family, Pad, PadGeometry
 
-FAMILIES: Final[tuple[Family, ...]] = (magic_trackpad_2.FAMILY, magic_trackpad_1.FAMILY, evdev.FAMILY)
+FAMILIES: Final[tuple[Family, ...]] = (magic_trackpad_2.FAMILY, magic_trackpad_1.FAMILY, evdev.FAMILY, tuio.FAMILY)
 
 PADS: Final = {pad.model: pad for family in FAMILIES for pad in family.pads}
 LAYOUTS: Final = {layout: make for family in FAMILIES for layout, make in family.layouts.items()}

@@ -297,3 +297,12 @@ def test_a_device_is_named_on_the_command_line_and_in_the_configuration_that_com
 def test_a_size_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(HapticdError, match="--pad-size"):
         pads.chosen(options("--pad-size", text))
+
+
+def test_a_tracker_needs_the_size_of_its_surface() -> None:
+    chosen = pads.chosen(options("--source", "tuio", "--pad-size", "400x200"))
+    found = pads.settings(chosen, "tuio")
+    assert found == {"source": "tuio", "tuio_address": "127.0.0.1:3333", "size_mm": [400.0, 200.0]}
+    assert from_table({"trackpad": found}, where="test", folder=None).trackpad == chosen
+    with pytest.raises(CalibrationError, match="--pad-size"):
+        pads.chosen(options("--source", "tuio"))

@@ -323,6 +323,17 @@ def test_what_is_wrong_with_a_touchscreen_is_said_with_its_fix(monkeypatch: pyte
     assert "set trackpad.size_mm" in str(evdev_found(monkeypatch, tmp_path, FakeNode(sizeless)))
 
 
+def test_a_trackers_address_is_free_or_is_not(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{other.getsockname()[1]}"
+        tracker = {**REAL, "trackpad": {"source": "tuio", "tuio_address": address, "size_mm": [400.0, 200.0]}}
+        taken = devices.trackpad(system(tmp_path, **tracker))
+    assert (taken.verdict, taken.text) == (FAIL, f"{address} cannot be bound (Address already in use)")
+    assert devices.trackpad(system(tmp_path, **tracker)).verdict == PASS
+    assert devices.trackpad(system(tmp_path, {"state": "IDLE"}, **tracker)).verdict == PASS
+
+
 def test_without_a_daemon_the_pad_itself_is_measured() -> None:
     assert devices.listen(Pad(touched(1, 0.5)), 0.001) == pytest.approx(88.9, rel=0.03)
     assert devices.listen(Pad([]), 0.001) is None
