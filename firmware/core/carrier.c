@@ -139,17 +139,23 @@ static inline void put_sample_pair(uint16_t out[HD_MODES], int k, uint32_t pair)
     }
 }
 
+static inline uint32_t sample_of(uint32_t low_level, uint32_t high_level, uint32_t sine)
+{
+    uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine);
+    uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine);
+    return hd_pack(high << (16 - SINE_SHIFT), low, SINE_SHIFT) & SAMPLE_MASK;
+}
+
 static void synthesise_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint16_t out[HD_CHUNK][HD_MODES])
 {
     const uint32_t low_level = level[0], high_level = level[1];
     uint32_t phase = at.phase + HD_SINE_ROUNDING;
-    #pragma GCC unroll 10 /* a taken branch costs as much as two products */
-    for (int i = 0; i < HD_CHUNK; i++) {
-        uint32_t sine = hd_sine_at(phase);
-        uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine);
-        uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine);
-        put_sample_pair(out[i], k, hd_pack(high << (16 - SINE_SHIFT), low, SINE_SHIFT) & SAMPLE_MASK);
-        phase += at.step;
+    #pragma GCC unroll 5 /* a taken branch costs as much as two products */
+    for (int i = 0; i < HD_CHUNK; i += 2) { /* a load right after another costs half */
+        uint32_t first = hd_sine_at(phase), second = hd_sine_at(phase + at.step);
+        put_sample_pair(out[i], k, sample_of(low_level, high_level, first));
+        put_sample_pair(out[i + 1], k, sample_of(low_level, high_level, second));
+        phase += 2u * at.step;
     }
 }
 
@@ -177,9 +183,8 @@ static void demodulate_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16
     const uint16_t (*end)[HD_MODES] = in + HD_CHUNK;
     #pragma GCC unroll 5 /* as there */
     for (; in != end; in += 2) {
-        uint32_t x = sample_pair(in[0], k) + sample_pair(in[1], k);
-        x = hd_subtract_halves(x, MID_RAIL_TWICE);
-        uint32_t sine = hd_sine_at(phase);
+        uint32_t sine = hd_sine_at(phase); /* before the samples, whose loads then cost half */
+        uint32_t x = hd_subtract_halves(sample_pair(in[0], k) + sample_pair(in[1], k), MID_RAIL_TWICE);
         low_cosine = hd_add_low_low(low_cosine, x, sine);
         low_minus_sine = hd_add_low_high(low_minus_sine, x, sine);
         high_cosine = hd_add_high_low(high_cosine, x, sine);
