@@ -13,8 +13,8 @@ WIDTH, HEIGHT = 61, 8
 SHADES = " .:-=+*#%@"
 
 SUPPLY = """\
-   3.3 V pin ----o meter          +24 V o---+---o drive     PB14 o--[thermostat]--o ground
-   ADC pin k ----o meter, DC        0 V o---+               PB15 o--[stop, closed]-o ground
+   3.3 V pin ----o meter          +24 V o---+---o drive     PB14 (PC6) o--[thermostat]--o ground
+   ADC pin k ----o meter, DC        0 V o---+               PB15 (PC7) o--[stop, closed]-o ground
    ground    ----o                -24 V o---+---o drive
 """
 REST = """\
@@ -35,7 +35,7 @@ DEADMAN = """\
                  50 ms later ramps to zero
 """
 STOP = """\
-   (( STOP ))  pole 1: rails   pole 2: enable   pole 3: PB15
+   (( STOP ))  pole 1: rails   pole 2: enable   pole 3: PB15 (STM32G474: PC7)
 """
 LOOP = """\
    reference --> [ law ] --> amplifier --> plate --> sensor --+
