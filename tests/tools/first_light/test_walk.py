@@ -35,6 +35,7 @@ def test_twenty_kinds_and_more_are_made_each_of_them_in_turn() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)  # on a loaded host
 def test_a_sound_rig_is_driven_to_the_first_touch() -> None:
     for seed in range(3):
         played = play(seed, (), PLATE, has_scope=False)
@@ -43,7 +44,7 @@ def test_a_sound_rig_is_driven_to_the_first_touch() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(600)  # on a loaded host
 def test_each_kind_is_named_before_the_loop_closes_and_the_mended_rig_is_driven() -> None:
     for place, cause in enumerate(KINDS):
         mistake = random_mistake(cause, 2, np.random.default_rng(place))
@@ -55,6 +56,7 @@ def test_each_kind_is_named_before_the_loop_closes_and_the_mended_rig_is_driven(
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)  # on a loaded host
 def test_three_mistakes_at_once_on_four_modes_are_named() -> None:
     mistakes = (
         Mistake(Flaw.AMPLIFIERS_SWAPPED, (1, 3)),
@@ -80,6 +82,7 @@ class Idle(SimulatedTechnician):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)  # on a loaded host
 def test_the_loop_stays_open_as_long_as_a_dangerous_mistake_is_there(tmp_path: Path) -> None:
     for cause in sorted(DANGEROUS, key=lambda one: one.value):
         rig = FaultyRig(PlateSettings.of("reference"), [random_mistake(cause, 2, np.random.default_rng(3))], 1)
@@ -110,6 +113,7 @@ def test_the_table_counts_kinds_and_what_was_named_wrongly() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)  # on a loaded host
 def test_the_command_names_mends_and_writes_the_configuration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -125,6 +129,7 @@ def test_the_command_names_mends_and_writes_the_configuration(
 
 
 @pytest.mark.long
+@pytest.mark.timeout(600)  # on a loaded host
 def test_the_command_prints_the_table_of_many_rigs(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["first-light", "--sim", "--rigs", "2", "--seed", "21"]) == 0
     assert "2 rigs, 2 mistakes: 2 named; 2 of 2 kinds always." in capsys.readouterr().out
