@@ -136,7 +136,8 @@ def test_contacts_differ_from_finger_to_finger_within_their_bounds() -> None:
 
 
 def test_another_person_feels_something_else_on_the_same_plate() -> None:
-    usual, other = played(WorldErrors()), played(WorldErrors(friction_factor=1.5))
+    # Worlds other than the ideal one, in which sensors are known better and references larger.
+    usual, other = played(WorldErrors(seed=1)), played(WorldErrors(friction_factor=1.5, seed=1))
     assert other.plate_um.tobytes() == usual.plate_um.tobytes()
     assert other.score.contact_slip_um == usual.score.contact_slip_um
     assert other.score.still_friction_change < usual.score.still_friction_change
