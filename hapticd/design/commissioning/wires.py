@@ -22,7 +22,7 @@ from .findings import Diagnosis, Flaw, Judgement, PlateDesign
 
 ALIKE: Final = 0.1  # relative difference of two rows or columns that are one: noise and converters leave a hundredth
 CROSSED: Final = 3.0  # times the own response
-SILENT, WEAK, STRONG = 0.05, 0.25, 3.0  # of the design's response
+SILENT, WEAK, STRONG = 0.02, 0.25, 3.0  # of the design's response
 CROSSTALK: Final = 0.003  # of the design's response: a mode that another sensor sees, far above noise
 ELSEWHERE: Final = 0.5  # of the design's response: below, in all sensors, resonances may be at other frequencies
 FITS: Final = 0.2  # residual of a resonance that is one
