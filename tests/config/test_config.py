@@ -202,6 +202,11 @@ def test_the_form_of_reports_to_replay_is_documented_by_lines_that_are_read(tmp_
     assert (pad, report.t_host_ns, report.data) == (DEFAULT_PAD, 123, b"\x02\xab")
 
 
+def test_a_tracker_with_its_address_and_size_is_accepted(tmp_path: Path) -> None:
+    made = load('[trackpad]\nsource = "tuio"\ntuio_address = "127.0.0.1:3334"\nsize_mm = [200.0, 150.0]\n', tmp_path)
+    assert (made.trackpad.tuio_address, made.trackpad.size_mm) == ("127.0.0.1:3334", (200.0, 150.0))
+
+
 def test_a_simulated_plate_sets_its_size_and_its_limits_but_not_those_that_a_person_set() -> None:
     reach_um = (4.2, 3.6, 1.4, 1.5)
     on_plate = config.on_plate(Config(), (200.0, 200.0), reach_um)
