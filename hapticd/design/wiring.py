@@ -26,7 +26,7 @@ from .resonance import ITERATIONS, MIN_POINTS, Resonance
 HALF = 0.5  # of the largest: the first such wire gives a mode its sign
 SEEN_FRAC = 0.05  # of the strongest residue: a pole with less is no mode of this plate
 NOT_ALIKE = "The responses do not look like {} resonances: sweep a wider band around them, or with more voltage."
-OWN = 0.5  # of the largest product of a mode's sensor and amplifier: they then belong together
+OWN = 0.5  # of the largest product of a mode's sensor and amplifier: they then belong together, if no other does
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,22 +85,28 @@ class MeasuredWiring:
         ]
 
     def wrong_wires(self) -> list[str]:
-        """Return a sentence for each swapped or inverted wire: sensor k lies next to the patches of amplifier k."""
+        """Return a sentence for each swapped or inverted wire: sensor k lies next to the patches of amplifier k.
+
+        An amplifier that moves several sensors alike, as the paper's do with sensors of their own, has no own one:
+        there signs are the wiring's, and nothing is said.
+        """
         count = len(self.fits)
         unit = 1j * self.drives / np.linalg.norm(self.drives, axis=1, keepdims=True)
         together = (self.senses @ unit).real
-        if np.abs(np.diag(together)).min() < OWN * np.abs(together).max():
-            partner = np.abs(together).argmax(axis=0)
+        sizes = np.abs(together)
+        partner, largest = sizes.argmax(axis=0), sizes.max(axis=0)
+        is_told = np.sum(sizes > OWN * largest, axis=0) == 1
+        if np.diag(sizes).min() < OWN * sizes.max():
             return [
                 f"Amplifiers {a} and {partner[a]}, or their sensors, are swapped: "
                 f"amplifier {a} moves sensor {partner[a]}."
                 for a in range(count)
-                if partner[a] > a
+                if partner[a] > a and is_told[a]
             ]
         return [
             f"Amplifier {k} or sensor {k} is inverted: the sensor moves against the amplifier."
             for k in range(count)
-            if together[k, k] < 0.0
+            if together[k, k] < 0.0 and is_told[k]
         ]
 
 

@@ -69,6 +69,14 @@ def test_swapped_and_inverted_wires_are_named(wires: npt.NDArray[np.float64]) ->
         assert sentence.startswith("Amplifier 1 or sensor 1 is inverted")
 
 
+@pytest.mark.parametrize("drives", [SUM_AND_DIFFERENCE, [[1.0, 0.8], [0.7, -0.4]], [[1.0, -0.6], [-0.9, -1.0]]])
+def test_amplifiers_that_move_both_sensors_alike_have_no_inverted_or_swapped_ones(drives: npt.ArrayLike) -> None:
+    """As the paper's amplifiers, sum and difference, with a sensor for each mode."""
+    found = fit_wiring(sweeps(drives, np.eye(2)))
+    assert found.wrong_wires() == []
+    assert is_decoupled(found, drives, np.eye(2))
+
+
 def test_sweeps_that_show_no_two_resonances_are_refused() -> None:
     with pytest.raises(ValueError, match="resonances"):
         fit_wiring(sweeps([[1.0, 0.0], [0.0, 1e-6]], np.eye(2), noise_um_per_v=0.0))
