@@ -9,11 +9,10 @@ from collections.abc import Callable
 from typing import Final
 
 from ...values import RawReport
-from ...wire.trackpad import Decoder, Pad, StillContacts, osc
+from ...wire.trackpad import Decoder, Pad, StillContacts, tuio
 from .trackpad_source import BATCH, REPORT_BYTES, OnLink, OnReports
 
 MOST_HZ: Final = 1200  # datagrams that are looked at: a tracker of 1 kHz, and one that hurries
-_REPEAT: Final = osc.BUNDLE + bytes(8)
 _LONGEST_REST_NS: Final = 2_500_000_000  # trackers speak once a second, whatever happens
 _RETRY_S: Final = 1.0
 
@@ -114,4 +113,4 @@ class TuioTrackpad:
             self._repeat = self._loop.call_later((due_ns - self._clock_ns()) * 1e-9, self._repeat_last)
 
     def _repeat_last(self) -> None:
-        self._deliver([RawReport(self._still.repeat(self._clock_ns()), _REPEAT)])
+        self._deliver([RawReport(self._still.repeat(self._clock_ns()), tuio.REPEAT)])

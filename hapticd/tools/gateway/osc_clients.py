@@ -26,11 +26,12 @@ from hapticd_contract.sentences import ContractError, converted
 from hapticd_contract.targets import MAX_TARGETS, FingerTarget, TargetsMessage
 
 from ...errors import RequestError
+from ...wire.osc import BUNDLE, Argument, OscError, OscMessage, decoded, encoded
 from .feed import Feed
-from .osc import Argument, OscMessage, decode_osc, encode_osc
 from .peer import connected
 
 HOLD_S: Final = 2.0
+MAX_DATAGRAM_BYTES: Final = 1024
 MAX_SENDERS: Final = 8
 RATE_HZ, BURST = 200.0, 50  # of all senders together; those beyond are dropped
 FIELDS: Final = {"/hapticd/friction": "friction", "/hapticd/amplitude": "amplitude_um"}
@@ -68,9 +69,8 @@ class OscClients(asyncio.DatagramProtocol):
             return
         address: _Address = (str(addr[0]), int(addr[1]))
         try:
-            message = decode_osc(data)
-            self._take(message, self._sender(address, t_s), address, t_s)
-        except (RequestError, ContractError) as error:
+            self._take(_message(data), self._sender(address, t_s), address, t_s)
+        except (OscError, RequestError, ContractError) as error:
             self._send(address, "/hapticd/error", str(error))
 
     def connection_lost(self, _: Exception | None) -> None:
@@ -150,7 +150,15 @@ class OscClients(asyncio.DatagramProtocol):
 
     def _send(self, address: _Address, name: str, *arguments: Argument) -> None:
         if self._transport is not None:
-            self._transport.sendto(encode_osc(name, *arguments), address)
+            self._transport.sendto(encoded(name, *arguments), address)
+
+
+def _message(datagram: bytes) -> OscMessage:
+    if len(datagram) > MAX_DATAGRAM_BYTES:
+        raise RequestError(f"The datagram has {len(datagram)} bytes, the limit is {MAX_DATAGRAM_BYTES}.")
+    if datagram.startswith(BUNDLE):  # one of them would have the rate of many
+        raise RequestError("The datagram is an OSC bundle: send its messages one by one.")
+    return decoded(datagram)
 
 
 def _client(address: _Address) -> str:

@@ -6,7 +6,7 @@ Trackpad 1). `tests/data/trackpad-golden.jsonl` holds that driver's own output f
 the kernel's input events (`evdev`), or as datagrams of a tracker (`tuio`).
 """
 
-from . import evdev, osc, tuio
+from . import evdev, tuio
 from .decoder import Decoder
 from .device_clock import STAMP_WRAP_MS
 from .pad import HidIds, Pad, PadGeometry
@@ -27,7 +27,6 @@ __all__ = [
     "StillContacts",
     "evdev",
     "from_fields",
-    "osc",
     "to_fields",
     "tuio",
 ]

@@ -10,15 +10,15 @@ import math
 from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
-from . import osc
+from .. import osc
 from .event_clock import EventClock
 from .geometry import PlateMap
-from .osc import TuioValue
 from .pad import Family, Layout, Pad, PadGeometry
 from .records import RefusedError
 
 MAX_CONTACTS: Final = 16
 MODEL: Final = "tuio"
+REPEAT: Final = osc.BUNDLE + bytes(8)
 SPAN_RAW: Final = 1 << 16  # raw units of a surface's width and height
 PERIOD_NS: Final = 16_666_667  # of most cameras, until stamps show it
 _RESTARTED: Final = 100  # frames back: the tracker began again
@@ -52,7 +52,10 @@ class Tuio(Layout):
         self._clock.reset()
 
     def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
-        spoken = osc.messages(report)
+        try:
+            spoken = osc.messages(report)
+        except osc.OscError as error:
+            raise RefusedError(error.reason) from None
         if not spoken:
             return (self._told(t_host_ns),)
         places, alive = dict(self._places), list[int]()
@@ -108,7 +111,7 @@ class Tuio(Layout):
         return Contact(number, x_mm, y_mm, 0.0, 0.0, 0.0, pressure_frac, True, 1, raw_x, raw_y)
 
 
-def _take(places: dict[int, _Place], number: int, numbers: list[TuioValue], pressure_at: int = 99) -> None:
+def _take(places: dict[int, _Place], number: int, numbers: list[osc.Argument], pressure_at: int = 99) -> None:
     """Take a contact's place, if its numbers are some."""
     values = [float(one) for one in numbers if not isinstance(one, str)]
     if len(values) < 2 or not all(math.isfinite(one) and abs(one) <= _MOST_FAR for one in values[:2]):
@@ -118,7 +121,7 @@ def _take(places: dict[int, _Place], number: int, numbers: list[TuioValue], pres
         places[number] = (values[0], values[1], min(max(pressure, 0.0), 1.0))
 
 
-def _ids(arguments: list[TuioValue]) -> list[int]:
+def _ids(arguments: list[osc.Argument]) -> list[int]:
     return list(dict.fromkeys(one for one in arguments if isinstance(one, int)))
 
 

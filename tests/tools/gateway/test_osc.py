@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import random
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
@@ -12,50 +11,13 @@ from pathlib import Path
 import pytest
 from asynchronous import PATIENCE_S, asynchronous, until
 from clients.fake_daemon import FakeDaemon
+from datagrams import bundle, message
 from webclients import KEY
 
-from hapticd.errors import RequestError
 from hapticd.tools.gateway import osc_clients
-from hapticd.tools.gateway.osc import OscMessage, decode_osc, encode_osc
 from hapticd.tools.gateway.server import Gateway
+from hapticd.wire.osc import OscMessage, decoded, encoded
 from hapticd_client.endpoint import Endpoint
-
-
-def test_a_message_is_laid_out_as_osc_1_has_it() -> None:
-    written = b"/hapticd/friction\0\0\0,if\0\0\0\0\x03\x3e\x80\0\0"
-    assert encode_osc("/hapticd/friction", 3, 0.25) == written
-    assert decode_osc(written) == OscMessage("/hapticd/friction", (3, 0.25))
-    assert decode_osc(encode_osc("/abc", "text", -1, "")) == OscMessage("/abc", ("text", -1, ""))
-
-
-@pytest.mark.parametrize(
-    ("datagram", "sentence"),
-    [
-        (b"", "ends within a text"),
-        (b"/a", "ends within a text"),
-        (b"#bundle\0" + bytes(8), "bundles are not taken"),
-        (b"/a\0\0", "ends within a text"),
-        (b"/a\0\0i\0\0\0", "has no types"),
-        (b"/a\0\0,i\0\0\0\0", "ends too early"),
-        (b"/a\0\0,b\0\0\0\0\0\0", "not of type i, f or s"),
-        (b"/\xff\0\0,\0\0\0", "not UTF-8"),
-        (b"/" * 2000, "the limit is 1024"),
-    ],
-)
-def test_another_datagram_is_refused_in_a_sentence(datagram: bytes, sentence: str) -> None:
-    with pytest.raises(RequestError, match=sentence):
-        decode_osc(datagram)
-
-
-def test_no_bytes_raise_anything_else() -> None:
-    chance, sound = random.Random(1), encode_osc("/hapticd/marker", "text", 3, 0.5)
-    for _ in range(20_000):
-        changed = bytearray(sound[: chance.randrange(len(sound) + 1)] if chance.random() < 0.3 else sound)
-        for _ in range(chance.randrange(4)):
-            if changed:
-                changed[chance.randrange(len(changed))] = chance.randrange(256)
-        with suppress(RequestError):
-            decode_osc(bytes(changed))
 
 
 class OscSender:
@@ -69,11 +31,14 @@ class OscSender:
         self._to = ("127.0.0.1", port)
 
     def send(self, address: str, *arguments: int | float | str) -> None:
-        self.socket.sendto(encode_osc(address, *arguments), self._to)
+        self.send_bytes(encoded(address, *arguments))
+
+    def send_bytes(self, datagram: bytes) -> None:
+        self.socket.sendto(datagram, self._to)
 
     async def next(self) -> OscMessage:
         async with asyncio.timeout(PATIENCE_S):
-            return decode_osc(await asyncio.get_running_loop().sock_recv(self.socket, 2000))
+            return decoded(await asyncio.get_running_loop().sock_recv(self.socket, 2000))
 
 
 @asynccontextmanager
@@ -113,11 +78,11 @@ async def test_who_follows_hears_of_fingers_and_a_marker_reaches_the_daemon(daem
         def repeat() -> None:
             program.send("/hapticd/follow", program.port)
             with suppress(BlockingIOError):
-                heard.append(decode_osc(program.socket.recv(2000)))
+                heard.append(decoded(program.socket.recv(2000)))
 
         await until(lambda: any(one.address == "/hapticd/finger" for one in heard), repeat)
         fingers = [one.arguments for one in heard if one.address == "/hapticd/finger"]
-        assert fingers[0] == (1, -20.5, 4.0, -1.0, -1.0)
+        assert fingers[0] == [1, -20.5, 4.0, -1.0, -1.0]
 
 
 @pytest.mark.parametrize(
@@ -141,6 +106,24 @@ async def test_a_wrong_message_is_answered_with_a_sentence(
         heard = await program.next()
         assert heard.address == "/hapticd/error"
         assert sentence in str(heard.arguments[0])
+
+
+@pytest.mark.parametrize(
+    ("datagram", "sentence"),
+    [
+        (b"/" * 2000, "The datagram has 2000 bytes, the limit is 1024."),
+        (bundle(encoded("/hapticd/release")), "is an OSC bundle: send its messages one by one."),
+        (message("/hapticd/friction", 1 << 61, 0.5, times=(0,)), "finger: "),
+        (b"/a", "ends within a text"),
+    ],
+)
+@asynchronous
+async def test_a_datagram_that_is_no_message_for_hapticd_is_answered_with_a_sentence(
+    daemon: FakeDaemon, datagram: bytes, sentence: str
+) -> None:
+    async with sender(daemon.directory) as program:
+        program.send_bytes(datagram)
+        assert sentence in str((await program.next()).arguments[0])
 
 
 @asynchronous
