@@ -492,6 +492,10 @@ export interface FingerState {
   contact_minor_mm: number | null;
   /** of the longer axis to the plate's x, anticlockwise */
   contact_angle_rad: number | null;
+  /** how hard it presses, by the pad's own measure, 0 .. 1: 0 on a pad without one, nil for a virtual finger */
+  pressure_frac: number | null;
+  /** area of the ellipse that the pad reports, in the pad's own scale, uncalibrated; nil without one */
+  area_mm2: number | null;
 }
 
 /** A client's label for an instant of its experiment. */

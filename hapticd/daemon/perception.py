@@ -8,6 +8,7 @@ has followed its reference; where the board's voltage ended, by what its sensors
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -21,7 +22,7 @@ from ..core.phasors import Row
 from ..core.pipeline import Pipeline
 from ..core.plate.contact import EllipseForm
 from ..core.touch.contact_form import axes
-from ..values import WEBER_FRAC, FingerKey, Tick, TouchPoint
+from ..values import WEBER_FRAC, Finger, FingerKey, Tick, TouchPoint
 
 LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
 READ_NS = 1_000_000  # before a status: what its sensors read, of the reference before that which it acknowledges
@@ -96,12 +97,10 @@ class Perception:
             if key in solved
         }
         self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
-        perceived = {
-            key: self._perceived(key, one, solved[key], achieved[key], forms[key])
-            if key in solved
-            else self._felt_only(one, forms[key])
-            for key, one in felt.items()
-        }
+        reported: dict[FingerKey, Finger] = {finger.finger_id: finger for finger in self._pipeline.fingers}
+        perceived = {key: self._felt_only(one, forms[key], reported.get(key)) for key, one in felt.items()}
+        for key, point in solved.items():
+            perceived[key] = self._perceived(perceived[key], felt[key], point, achieved[key])
         points = tuple([point._replace(achieved_um=achieved[point.key].rms_um) for point in tick.points])
         return tick._replace(points=points), perceived
 
@@ -143,8 +142,8 @@ class Perception:
         share = square_um2 / (square_um2 + READING_UM * READING_UM)  # the best estimate where both are noise
         return tuple([share * less_um for less_um in missing_um])
 
-    def _felt_only(self, felt: Felt, form: EllipseForm | None) -> Perceived:
-        """Return what is perceived at a finger without a target."""
+    def _felt_only(self, felt: Felt, form: EllipseForm | None, finger: Finger | None) -> Perceived:
+        """Return what is perceived at a finger without a target, and how the pad reports it; None is not on the pad."""
         curve = self._contacts.curve
         major_mm, minor_mm, angle_rad = (None, None, None) if form is None else axes(form)
         return Perceived(
@@ -157,21 +156,21 @@ class Perception:
             contact_major_mm=major_mm,
             contact_minor_mm=minor_mm,
             contact_angle_rad=angle_rad,
+            pressure_frac=None if finger is None else finger.pressure_frac,
+            area_mm2=None if finger is None else _area_mm2(finger),
         )
 
-    def _perceived(
-        self, key: FingerKey, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude, form: EllipseForm | None
-    ) -> Perceived:
-        curve, change = self._contacts.curve, self._changes[key]
+    def _perceived(self, felt_only: Perceived, felt: Felt, point: TouchPoint, achieved: ExpectedAmplitude) -> Perceived:
+        curve, change = self._contacts.curve, self._changes[point.key]
         if self._has_contacts:
             gets_um, off_jnd = felt.amplitude.rms_um, change / WEBER_FRAC
         else:
             gets_um = achieved.rms_um
             off_jnd = (curve.friction(gets_um) / curve.friction(point.target_um) - 1.0) / WEBER_FRAC
         return msgspec.structs.replace(
-            self._felt_only(felt, form),
+            felt_only,
             friction_change=change,
-            weber_frac=self._weber_frac(key),
+            weber_frac=self._weber_frac(point.key),
             error_jnd=off_jnd if self._has_contacts else None,
             achieved_um_low=achieved.low_um,
             achieved_um_high=achieved.high_um,
@@ -186,6 +185,12 @@ class Perception:
     def _weber_frac(self, key: FingerKey) -> float:
         beyond_ns, all_ns = self._spans_ns[key]
         return beyond_ns / all_ns if all_ns > 0 else float(is_felt(self._changes[key]))
+
+
+def _area_mm2(finger: Finger) -> float | None:
+    """Return the area of the ellipse that the pad reports, None without one."""
+    area_mm2 = 0.25 * math.pi * finger.major_mm * finger.minor_mm
+    return area_mm2 if area_mm2 > 0.0 else None
 
 
 def is_felt(friction_change: float) -> bool:

@@ -169,6 +169,22 @@ def test_an_ellipse_is_reported_with_its_axes_and_amplitudes_count_over_it() -> 
         assert said[0] < 0.95 * said[2] < 0.95 * said[3]
 
 
+def test_what_the_pad_reports_of_a_contact_is_told_of_fingers_with_and_without_a_target() -> None:
+    given = Given(1.0, None, 0.0)
+    ellipse = {"pressure_frac": 0.4, "major_mm": 10.0, "minor_mm": 8.0}
+    given.fingers = (*(finger._replace(**ellipse) for finger in given.fingers[:2]), given.fingers[2])
+    perceived = perception_of(given).judge(given.tick(0))[1]
+    assert [perceived[n].pressure_frac for n in (1, 2, 3)] == [0.4, 0.4, 0.0]
+    assert [perceived[n].area_mm2 for n in (1, 2, 3)] == [pytest.approx(20.0 * math.pi)] * 2 + [None]
+
+
+def test_a_virtual_finger_presses_on_no_pad() -> None:
+    given = Given(1.0)
+    given.fingers = ()
+    (perceived,) = perception_of(given).judge(given.tick(0))[1].values()
+    assert (perceived.pressure_frac, perceived.area_mm2) == (None, None)
+
+
 @pytest.mark.parametrize(
     ("saturated", "ago_ms", "contact_um"), [(True, 5, 1.0 - 0.8 * 0.64 / 0.8), (False, 5, 1.0), (True, 60, 1.0)]
 )

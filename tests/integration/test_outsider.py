@@ -64,7 +64,7 @@ def test_states_count_up_and_tell_of_every_finger(client: Outsider, fingers: lis
     assert set(finger(second, fingers[0])) == {
         *("id", "x_mm", "y_mm", "predicted_x_mm", "predicted_y_mm", "target_um", "achieved_um", "virtual", "owner"),
         *("friction_change", "weber_frac", "contact_um", "felt_friction", "error_jnd", "misses_target"),
-        *("contact_major_mm", "contact_minor_mm", "contact_angle_rad"),
+        *("contact_major_mm", "contact_minor_mm", "contact_angle_rad", "pressure_frac", "area_mm2"),
         *(f"{name}_{end}" for name in ("contact_um", "felt_friction", "achieved_um") for end in ("low", "high")),
     }
 

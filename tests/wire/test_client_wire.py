@@ -756,6 +756,7 @@ def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
                 **dict.fromkeys(("contact_um_low", "contact_um_high", "felt_friction_low", "felt_friction_high")),
                 **dict.fromkeys(("achieved_um_low", "achieved_um_high", "misses_target")),
                 **dict.fromkeys(("contact_major_mm", "contact_minor_mm", "contact_angle_rad")),
+                **dict.fromkeys(("pressure_frac", "area_mm2")),
             }
         ],
         "modal_um": [1.0, -4.0],

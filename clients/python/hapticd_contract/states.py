@@ -50,6 +50,10 @@ class Perceived(Struct, frozen=True, kw_only=True):
     contact_minor_mm: float | None = None
     contact_angle_rad: float | None = None
     """of the longer axis to the plate's x, anticlockwise"""
+    pressure_frac: float | None = None
+    """how hard it presses, by the pad's own measure, 0 .. 1: 0 on a pad without one, nil for a virtual finger"""
+    area_mm2: float | None = None
+    """area of the ellipse that the pad reports, in the pad's own scale, uncalibrated; nil without one"""
 
 
 class FingerState(Perceived, frozen=True):

@@ -22,6 +22,7 @@ from .states import serve
 RATIOS = ("change", "frac", "friction")
 UNITS = {
     "mm": "millimeters",
+    "mm2": "square millimeters",
     "um": "micrometers",
     "rad": "radians",
     "jnd": "JND",
@@ -123,8 +124,8 @@ def _unit(name: str) -> str:
 
 def _kind(name: str) -> str:
     kinds = {"x_mm": "PositionX", "y_mm": "PositionY"}
+    kinds |= dict.fromkeys(("major_mm", "minor_mm", "angle_rad", "pressure_frac", "area_mm2"), "Contact")
     kinds |= dict.fromkeys(("change", "frac", "friction", "jnd", "misses_target"), "Friction")
-    kinds |= dict.fromkeys(("major_mm", "minor_mm", "angle_rad"), "Contact")
     return next((kind for end, kind in kinds.items() if _value(name).endswith(end)), "Amplitude")
 
 

@@ -55,5 +55,5 @@ def test_liblsl_takes_the_outlets_as_they_are() -> None:
     outlets.push(plate_state(finger(4, -3.0), markers=(Marker(1, "study", "trial 1"),)))
     info = outlets._fingers.get_info()
     described = (info.name(), info.type(), info.channel_count(), info.nominal_srate())
-    assert described == ("hapticd-fingers", "MoCap", 22, 0.0)
+    assert described == ("hapticd-fingers", "MoCap", 24, 0.0)
     assert "<unit>millimeters</unit>" in info.as_xml()

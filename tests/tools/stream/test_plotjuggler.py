@@ -18,7 +18,7 @@ from hapticd.tools.stream.samples import Sampler
 # One finger in one slot. By MessagePack's specification: de = map of up to 65535 pairs, ac = text of 12 bytes,
 # cb = float of 64 bits, c0 = nil, c2 = false, single bytes = small whole numbers.
 GOLDEN = (
-    "de0028"  # 40 pairs
+    "de002a"  # 42 pairs
     "a974696d657374616d70" "cb4014" "0a3d70a3d70a"  # timestamp 5.01
     "a3745f73" "cb40140a3d70a3d70a"  # t_s 5.01
     "a3736571" "01"
@@ -59,6 +59,8 @@ GOLDEN = (
     "b966696e6765725f315f636f6e746163745f6d616a6f725f6d6d" "c0"  # finger_1_contact_major_mm
     "b966696e6765725f315f636f6e746163745f6d696e6f725f6d6d" "c0"
     "ba66696e6765725f315f636f6e746163745f616e676c655f726164" "c0"
+    "b666696e6765725f315f70726573737572655f66726163" "c0"  # finger_1_pressure_frac
+    "b166696e6765725f315f617265615f6d6d32" "c0"
 )  # fmt: skip
 
 
