@@ -4,7 +4,8 @@ The responses y (sensors) to one amplifier follow s y = K y + n0 + n1 s, where K
 all amplifiers: its eigenvalues are the plate's poles, its eigenvectors what the sensors see of each mode. Each row of K
 is a weighted linear fit (Sanathanan and Koerner, 1963). Sensors thus tell modes apart that lie far closer than their
 width, such as two of eight modes 1 Hz from each other, of which one denominator for all responses shows one. What the
-amplifiers do to each mode, and the feedthrough, electrical and of other modes, is then linear.
+amplifiers do to each mode, and the feedthrough, electrical and of modes far away, is then linear. Parasitic modes
+beside the sweep are subtracted first (`parasitic_fit`), so that feedthrough is only what is constant.
 
 A mode's amplitude is the root of the sum of squares over all sensors, positive in the first that sees half of it.
 """
@@ -21,6 +22,7 @@ import numpy as np
 
 from ..board_values import ModeCalibration
 from ..values import ComplexArray, FloatArray
+from .parasitic_fit import NO_PARASITIC, ParasiticPoles, find_parasitic
 from .resonance import ITERATIONS, MIN_POINTS, Resonance
 
 HALF = 0.5  # of the largest: the first such wire gives a mode its sign
@@ -44,21 +46,33 @@ class MeasuredWiring:
 
     `drives` (M, M) complex, modes by amplifiers, is what a volt does to a mode, um/(V s); `senses` (M, M) sensors by
     modes. `background_um_per_v` (M, M) sensors by amplifiers, `residual_frac` the RMS of each mode's residual over its
-    largest response.
+    largest response. `parasitic` are modes that no amplifier is for, in s: at rad/s from `centre_hz`, um/(V s).
     """
 
     fits: tuple[Resonance, ...]
     drives: ComplexArray
     senses: ComplexArray
     background_um_per_v: ComplexArray
+    parasitic: ParasiticPoles = NO_PARASITIC
+    centre_hz: float = 0.0
 
     def strongest(self, mode: int) -> int:
         """Return the amplifier that drives the mode most, the first of equal ones."""
         return _first_large(self.drives[mode])
 
     def modal(self, mode: int, sweep: AmplifierSweep) -> ComplexArray:
-        """Return the mode's amplitude per volt (n,) in a sweep."""
-        return np.asarray(sweep.response_um_per_v @ np.linalg.inv(self.senses)[mode])
+        """Return the mode's amplitude per volt (n,) in a sweep, without the parasitic modes."""
+        return np.asarray(self._driven_um_per_v(sweep) @ np.linalg.inv(self.senses)[mode])
+
+    def parasitic_hz(self) -> list[float]:
+        """Return the frequencies of the parasitic modes, rising."""
+        return sorted((self.centre_hz + self.parasitic.poles.imag / (2.0 * math.pi)).tolist())
+
+    def _driven_um_per_v(self, sweep: AmplifierSweep) -> ComplexArray:
+        if not len(self.parasitic.poles):
+            return sweep.response_um_per_v
+        s = np.asarray(2j * math.pi * (sweep.frequency_hz - self.centre_hz), np.complex128)
+        return sweep.response_um_per_v - self.parasitic.response(s, sweep.amplifier)
 
     def calibrations(self) -> list[ModeCalibration]:
         """Return the calibration of every mode. Raises ValueError if the amplifiers cannot drive them independently."""
@@ -130,6 +144,10 @@ def fit_wiring(sweeps: Sequence[AmplifierSweep]) -> MeasuredWiring:
     y = [np.asarray(sweep.response_um_per_v / scale, np.complex128) for sweep in sweeps]
     try:
         poles, senses = _poles_and_senses(s, y)
+        beside = find_parasitic(s, y, poles)
+        if beside is not None:
+            y = [responses - beside.response(at, k) for k, (at, responses) in enumerate(zip(s, y, strict=True))]
+            poles, senses = _poles_and_senses(s, y)
         residues, background = _drives(s, y, poles, senses)
     except np.linalg.LinAlgError:
         raise ValueError(NOT_ALIKE.format(count)) from None
@@ -158,10 +176,12 @@ def fit_wiring(sweeps: Sequence[AmplifierSweep]) -> MeasuredWiring:
             background_um_per_v=complex(sense[mode] @ (scale * background[:, amplifier])),
             residual_frac=0.0,
         )
-        measured = sweeps[amplifier].response_um_per_v @ sense[mode]
+        shown = sweeps[amplifier].response_um_per_v if beside is None else scale * y[amplifier]
+        measured = shown @ sense[mode]
         left = np.sqrt(np.mean(np.abs(fit.response(sweeps[amplifier].frequency_hz) - measured) ** 2))
         fits.append(replace(fit, residual_frac=float(left / np.abs(measured).max())))
-    return MeasuredWiring(tuple(fits), drives, senses, scale * background)
+    parasitic = NO_PARASITIC if beside is None else beside.scaled(2.0 * math.pi * half_hz, scale)
+    return MeasuredWiring(tuple(fits), drives, senses, scale * background, parasitic, centre_hz)
 
 
 def _poles_and_senses(s: Sequence[ComplexArray], y: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]:

@@ -53,11 +53,13 @@ TRIES = 8  # of a piece that the board ends
 
 @dataclass(frozen=True, slots=True)
 class MeasuredModes:
-    """Each mode as its strongest amplifier shows it, its calibration with the wires, and a sentence per wrong wire."""
+    """Each mode as its strongest amplifier shows it, its calibration with the wires, a sentence per wrong wire, and the
+    frequencies of parasitic modes."""
 
     sweeps: tuple[ModeSweep, ...]
     modes: tuple[ModeCalibration, ...]
     wrong_wires: tuple[str, ...] = ()
+    parasitic_hz: tuple[float, ...] = ()
 
 
 def check(options: argparse.Namespace) -> None:
@@ -151,7 +153,7 @@ def measured_modes(found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]]
         modes = found.calibrations()
     except ValueError as error:
         raise DeviceError(str(error)) from None
-    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()))
+    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()), tuple(found.parasitic_hz()))
 
 
 def pieces(plan: Sweep) -> list[Sweep]:
@@ -197,6 +199,7 @@ def verdict(hello: BoardHello, measured: MeasuredModes, settings: FoundSettings,
     best_hz = propose_drive_hz(modes, hello.w_limit_um)
     now_v, best_v = (largest_voltage_v(modes, drive_hz, hello.w_limit_um) for drive_hz in (hello.drive_hz, best_hz))
     figures = [figure for one, mode in zip(sweeps, modes, strict=True) for figure in _figures(one, mode, hello)]
+    figures += [Figure("parasitic mode", frequency_hz, "Hz") for frequency_hz in measured.parasitic_hz]
     figures += [
         Figure("drive now", hello.drive_hz, "Hz"),
         Figure("drive proposed", best_hz, "Hz"),

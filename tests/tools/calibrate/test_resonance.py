@@ -73,6 +73,18 @@ def test_wires_are_measured_and_what_is_wrong_with_them_is_said(wiring: str, sen
         assert abs(whole[mode.mode, 1 - mode.mode]) < 0.01 * abs(whole[mode.mode, mode.mode])
 
 
+@pytest.mark.parametrize("wiring", ["identity", "paper"])
+def test_modes_that_no_amplifier_is_for_are_named_and_are_no_feedthrough(wiring: str) -> None:
+    """The reference plate's next pair, 74 and 94 Hz from the drive, with gains and pick-up of 0.4."""
+    measured = swept(PlateSettings(wiring=wiring, parasitic_coupling=0.4, parasitic_pickup=0.4))
+    assert measured.parasitic_hz == pytest.approx(GroundTruth(PlateSettings()).frequency_hz[2:], abs=1.0)
+    found = resonance.verdict(HELLO, measured, {}, is_simulated=True)
+    assert found.outcome is Outcome.PASS
+    assert [figure.value for figure in found.figures if figure.name == "parasitic mode"] == [*measured.parasitic_hz]
+    assert np.abs([mode.feedthrough_um_per_v for mode in measured.modes]).max() < 1e-4
+    assert swept(PlateSettings(wiring=wiring)).parasitic_hz == ()
+
+
 def a_sweep(
     mode: int, f0_hz: float = 29195.0, q: float = 500.0, *, gain: float = 7.5, residual: float = 0.0
 ) -> ModeSweep:

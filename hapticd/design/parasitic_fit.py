@@ -1,0 +1,120 @@
+"""Fit of parasitic modes to sweeps of the driven ones: what a constant feedthrough does not explain.
+
+Modes outside of a sweep bend its background; taken for feedthrough, that makes a fast loop swing. The poles of all
+responses together are found by vector fitting (Gustavsen and Semlyen 1999, 10.1109/61.772353), the driven modes' moving
+too. How many there are is judged at frequencies that were held out: each more must halve what is left there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from ..values import ComplexArray
+
+MOST_PARASITIC: Final = 2
+WORTH: Final = 0.5  # of what is left at held-out frequencies, for each pole more
+CLEAN: Final = 1e-3  # of the largest response: what is left below has no need of further modes
+STARTS: Final = (-2.2, -1.4, 1.4, 2.2)  # half bands from the middle of the sweep
+FARTHEST: Final = 6.0  # half bands: a pole beyond, or as wide, is a background's shape and no mode
+ROUNDS: Final = 15
+SPARE: Final = 3  # points more than unknowns of a response
+
+
+@dataclass(frozen=True, slots=True)
+class ParasiticPoles:
+    """Poles (E,) and residues (E, sensors, amplifiers), in the units of s and of the responses times s."""
+
+    poles: ComplexArray
+    residues: ComplexArray
+
+    def response(self, s: ComplexArray, amplifier: int) -> ComplexArray:
+        """Return what the sensors see of these modes per volt of an amplifier (n, sensors)."""
+        return np.asarray((1.0 / (s[:, None] - self.poles)) @ self.residues[:, :, amplifier])
+
+    def scaled(self, s_scale: float, response_scale: float) -> ParasiticPoles:
+        """Return the same modes where s and the responses count so much each."""
+        return ParasiticPoles(s_scale * self.poles, s_scale * response_scale * self.residues)
+
+
+NO_PARASITIC: Final = ParasiticPoles(np.zeros(0, np.complex128), np.zeros((0, 0, 0), np.complex128))
+
+
+def find_parasitic(s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray) -> ParasiticPoles | None:
+    """Return the modes beside the `driven` poles (M,) in responses y (n, sensors), lists with one entry per amplifier;
+    None where a constant explains the rest, or they cannot be told."""
+    half_s, half_y = [at[::2] for at in s], [responses[::2] for responses in y]
+    test_s, test_y = [at[1::2] for at in s], [responses[1::2] for responses in y]
+    if min(map(len, half_s)) < len(driven) + MOST_PARASITIC + 1 + SPARE:
+        return None
+    none = np.zeros(0, np.complex128)
+    best, best_cost = none, _left(half_s, half_y, test_s, test_y, driven)
+    if best_cost < CLEAN:
+        return None
+    for count in range(1, MOST_PARASITIC + 1):
+        for start in combinations(STARTS, count):
+            poles = _relocated(half_s, half_y, driven, _starting(driven, start))
+            if poles is None:
+                continue
+            cost = _left(half_s, half_y, test_s, test_y, poles) / WORTH**count
+            if cost < best_cost:
+                best, best_cost = poles[len(driven) :], cost
+    if not len(best):
+        return None
+    poles = _relocated(s, y, driven, best)
+    if poles is None:
+        return None
+    own = len(driven)
+    residues = [np.linalg.lstsq(_basis(at, poles), one)[0][own:-1] for at, one in zip(s, y, strict=True)]
+    return ParasiticPoles(poles[own:], np.array(residues).transpose(1, 2, 0))
+
+
+def _starting(driven: ComplexArray, start: Sequence[float]) -> ComplexArray:
+    return np.mean(driven.real) + 1j * np.asarray(start)
+
+
+def _basis(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
+    return np.column_stack([1.0 / (s[:, None] - poles), np.ones(len(s))])
+
+
+def _left(
+    s: Sequence[ComplexArray],
+    y: Sequence[ComplexArray],
+    test_s: Sequence[ComplexArray],
+    test_y: Sequence[ComplexArray],
+    poles: ComplexArray,
+) -> float:
+    """Return the RMS that responses fitted at `s` with these poles leave at `test_s`."""
+    left = [
+        _basis(other, poles) @ np.linalg.lstsq(_basis(at, poles), responses)[0] - truth
+        for at, responses, other, truth in zip(s, y, test_s, test_y, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.abs(np.concatenate(left)) ** 2)))
+
+
+def _relocated(
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, beside: ComplexArray
+) -> ComplexArray | None:
+    """Return the driven poles, then those beside them, where they fit best; None if these are no modes."""
+    poles = np.concatenate([driven, beside])
+    for _ in range(ROUNDS):
+        lefts, sides = [], []
+        for at, responses in zip(s, y, strict=True):
+            basis = _basis(at, poles)
+            own = np.linalg.qr(basis)[0]
+            for response in responses.T:
+                block = np.column_stack([-response[:, None] * basis[:, :-1], response])
+                block = block - own @ (own.conj().T @ block)
+                lefts.append(block[:, :-1])
+                sides.append(block[:, -1])
+        weights = np.linalg.lstsq(np.vstack(lefts), np.concatenate(sides))[0]
+        poles = np.linalg.eigvals(np.diag(poles) - weights)
+        poles = -np.abs(poles.real) + 1j * poles.imag
+    for place, pole in enumerate(driven):
+        nearest = place + int(np.argmin(np.abs(poles[place:] - pole)))
+        poles[[place, nearest]] = poles[[nearest, place]]
+    return poles if np.abs(poles[len(driven) :]).max() < FARTHEST else None
