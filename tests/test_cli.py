@@ -196,6 +196,23 @@ def test_contacts_that_cannot_be_are_one_sentence(size: str, capsys: pytest.Capt
     assert complaint.count("\n") == 1
 
 
+def test_a_pad_has_the_rate_that_is_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("simulate", "strokes", "--seconds", "1", "--alone", "--json", "-")
+    frames = [
+        json.loads(outcome(capsys, *arguments, *more)[1])["status"]["trackpad"]["reports"]["frames"]
+        for more in ((), ("--report-hz", "60"), ("--report-hz", "1000"))
+    ]
+    assert frames[0] / frames[1] == pytest.approx(88.9 / 60, rel=0.1)
+    assert frames[2] / frames[1] == pytest.approx(1000 / 60, rel=0.1)
+    world = tmp_path / "world.json"
+    world.write_text('{"report_period_ms": 8}')
+    code, _, complaint = outcome(capsys, *arguments, "--report-hz", "60", "--world", str(world))
+    assert code == 2
+    assert complaint.startswith("hapticd: --report-hz: the pad of that --world has a period of its own")
+    code, _, complaint = outcome(capsys, *arguments, "--report-hz", "30")
+    assert (code, complaint) == (2, "hapticd: --report-hz: 30 is out of bounds, it must be 60 .. 1000.\n")
+
+
 def test_contacts_of_a_world_are_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, complaint = outcome(capsys, "simulate", "strokes", "--contact", "6", "--world", "laboratory")
     assert (code, complaint) == (2, "hapticd: --contact: the fingers of that --world have contacts of their own.\n")

@@ -29,6 +29,7 @@ WORLD_BYTES = 1 << 20
 IDEAL = "ideal"
 LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 MOST_S = 3600.0  # all of it is kept in memory until the end
+LEAST_HZ, MOST_HZ = 60.0, 1000.0  # of a camera, and of the fastest sensors
 MOST_MM_S, MOST_NOISE_MM = 2000.0, 10.0  # faster and noisier than any finger on a pad
 
 
@@ -62,6 +63,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number(0.0, MOST_NOISE_MM),
         metavar="MM",
         help="white noise of the pad, RMS on each axis (default: noise that its firmware has filtered)",
+    )
+    parser.add_argument(
+        "--report-hz",
+        type=number(LEAST_HZ, MOST_HZ),
+        metavar="HZ",
+        help="reports a second of the pad, as 120 of a touchscreen, which nothing tells the daemon (default 88.9, of a "
+        "Magic Trackpad 2); the paper's scheme keeps its 100",
     )
     parser.add_argument(
         "--contact",
@@ -111,7 +119,10 @@ def _simulate(options: argparse.Namespace) -> None:
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
     config = Config(solver=replace(SolverConfig(), objective=options.objective))
-    settings = Settings(
+    usual = Settings()
+    settings = replace(
+        usual,
+        report_period_ms=_report_period_ms(options, plate.world, usual.report_period_ms),
         motion=_motion(options),
         speed_mm_s=speed_mm_s,
         noise=_noise(options),
@@ -160,6 +171,15 @@ def _noise(options: argparse.Namespace) -> PadNoise:
     from ..sim.fingers.pad_noise import FILTERED_NOISE, PadNoise
 
     return FILTERED_NOISE if options.noise is None else PadNoise(options.noise)
+
+
+def _report_period_ms(options: argparse.Namespace, world: WorldErrors, usual_ms: float) -> float:
+    """Return the period of --report-hz. Raises UsageError where the world's pad has one."""
+    if options.report_hz is None:
+        return usual_ms
+    if world.report_period_ms is not None:
+        raise UsageError("--report-hz: the pad of that --world has a period of its own: leave one of them out.")
+    return 1e3 / float(options.report_hz)
 
 
 def _fingertip(options: argparse.Namespace, world: WorldErrors) -> Fingertip:
