@@ -22,7 +22,7 @@ class JumpingSelector(selectors.DefaultSelector):
         events = super().select(0)
         if not events:
             assert timeout is not None, "nothing is left that could wake the loop"
-            self.t_s += max(timeout, LEAST_S)
+            self.t_s += max(timeout, LEAST_S) if timeout > 0.0 else 0.0
         return events
 
 

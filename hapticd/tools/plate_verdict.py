@@ -83,6 +83,7 @@ def _file_of(design: FeltDesign, radius_mm: float, reach_um: tuple[float, ...]) 
 
 def _settings(path: Path, q_factor: float) -> Settings:
     from ..sim.plate.ground_truth import PlateSettings
+    from ..sim.settings import Settings
 
     plate = replace(PlateSettings.of(str(path)), q_factor=q_factor)
     return Settings(plate=plate, config=Config(solver=replace(SolverConfig(), objective=FELT)))

@@ -10,7 +10,7 @@ from fake_daemon import FakeDaemon
 from gateway_process import JAVASCRIPT, gateway_process, run_node
 
 SCHEMA = Path(__file__).parents[2] / "clients" / "schema"
-CONNECT = "const plate = await hapticd.connect(process.argv[2], { timeoutS: 30 });\n"
+CONNECT = "const plate = await hapticd.connect(process.argv[2], { ttlS: 1.5, timeoutS: 30 });\n"
 
 
 def node(daemon: FakeDaemon, script: str) -> str:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hapticd.design import CartographyFit, fit_cartography
-from hapticd.sim.plate import disturbances
 from hapticd.sim.plate.ground_truth import GroundTruth
+from hapticd.sim.plate.shape_tables import GLUE, waves
 from hapticd.values import FloatArray
 
 pytestmark = pytest.mark.long
@@ -22,8 +22,8 @@ def glued(x_mm: FloatArray, y_mm: FloatArray, glue_frac: float) -> FloatArray:
     """Return the driven modes (M, ny, nx) with waves of other lengths, as a share of their RMS."""
     points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
     shapes = np.moveaxis(GroundTruth().shapes(points), -1, 0)[:2]
-    waves = np.stack([disturbances.waves(x_mm, y_mm, SIZE_MM, (1, disturbances.GLUE, mode)) for mode in range(2)])
-    return np.asarray(shapes + glue_frac * np.sqrt(np.mean(shapes**2)) * waves, np.float64)
+    added = np.stack([waves(x_mm, y_mm, SIZE_MM, (1, GLUE, mode)) for mode in range(2)])
+    return np.asarray(shapes + glue_frac * np.sqrt(np.mean(shapes**2)) * added, np.float64)
 
 
 def fitted(glue_frac: float, by: str = "best") -> CartographyFit:

@@ -22,7 +22,7 @@ from .shapes import theory
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
 _RMS_POINTS = 101
 _KEPT = 6  # tables
-_GLUE, _CHANGE = 1, 2  # purposes: present at the scan, and since
+GLUE, _CHANGE = 1, 2  # purposes: present at the scan, and since
 _WAVES = 12
 _LENGTHS_MM = (18.0, 50.0)  # the plates' own waves: 27 and 32 mm
 _CUSPS = 3
@@ -58,19 +58,17 @@ def _added(
     added = np.zeros((len(bare), len(axes_mm[1]), len(axes_mm[0])))
     for index, shape in enumerate(bare):
         rms = _rms(shape)
-        for purpose, frac in ((_GLUE, how.glue_frac), (_CHANGE, how.waves_frac)):
+        for purpose, frac in ((GLUE, how.glue_frac), (_CHANGE, how.waves_frac)):
             if frac:
                 stream = how.seed, purpose, first + index
-                added[index] += frac * rms * _waves(*axes_mm, shape.size_mm, stream)
+                added[index] += frac * rms * waves(*axes_mm, shape.size_mm, stream)
         if how.local_frac:
             stream = how.seed, _CHANGE, first + index
             added[index] += how.local_frac * _cusps(*axes_mm, shape.size_mm, stream)
     return added
 
 
-def _waves(
-    x_mm: FloatArray, y_mm: FloatArray, size_mm: tuple[float, float], stream: tuple[int, int, int]
-) -> FloatArray:
+def waves(x_mm: FloatArray, y_mm: FloatArray, size_mm: tuple[float, float], stream: tuple[int, int, int]) -> FloatArray:
     """Return other waves (ny, nx) with an RMS of 1 over the plate; `stream` is seed, purpose and mode."""
     random = np.random.default_rng([*stream, 0])
     wave_rad_mm = 2.0 * np.pi / random.uniform(*_LENGTHS_MM, _WAVES)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import HapticdError, UsageError, missing_library
-from ...regular_file import read_bounded
+from ...regular_file import opened, read_bounded
 from ..arguments import PORT_NUMBER
 from ..web.guard import HOSTS
 from ..web.listener import bound
@@ -84,11 +84,9 @@ def _endpoint(given: str | None) -> Endpoint:
 
 def _key(path: Path) -> str:
     """Return the key in a file of this user's alone, which is made where there is none."""
-    try:
-        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w") as file:
-            file.write(secrets.token_urlsafe(16) + "\n")
-    except FileExistsError:
-        pass
+    if not path.exists():
+        with opened(path, mode=0o600) as file:
+            file.write(secrets.token_urlsafe(16).encode() + b"\n")
     text = read_bounded(path, 1024).decode(errors="replace").strip()
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise UsageError(f"--key-file: other users may read {path}: run `chmod 600` on it, or make a new one.")
