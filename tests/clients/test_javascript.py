@@ -32,11 +32,11 @@ def test_targets_hold_while_the_program_runs_and_are_released_at_its_end(daemon:
         await plate.set(1, { friction: 0.2 });
         await plate.set(2, { amplitude_um: 1.5, priority: 2 });
         const states = [];
-        await new Promise((resolve) => plate.follow((state) => states.push(state) > 300 && resolve(), "every"));
+        await new Promise((resolve) => plate.follow((state) => states.push(state) > 900 && resolve(), "every"));
         const numbers = states.map((state) => state.seq - states[0].seq);
         console.log(JSON.stringify({
           held: states.every((state) => state.fingers.every((finger) => finger.target_um !== null)),
-          target_um: states[300].fingers[1].target_um,
+          target_um: states[900].fingers[1].target_um,
           whole: numbers.every((number, index) => number === index),
         }));
         await plate.close();
