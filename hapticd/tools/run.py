@@ -14,7 +14,7 @@ from typing import cast
 
 from ..config import loader as config
 from ..config.sections import SIMULATED, Config
-from . import glass
+from . import glass, simulated_fingers
 
 OPENSSL = ("_ssl", "_hashlib")  # the modules that load it
 STDERR = 2  # the descriptor
@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_config_arguments(parser)
     parser.add_argument("--print-config", action="store_true", help="print the active configuration, and exit")
     parser.add_argument("--check", action="store_true", help="read all files it names, report errors, and exit")
+    simulated_fingers.add_arguments(parser, "strokes, of two fingers")
     parser.set_defaults(command=_run)
 
 
@@ -44,6 +45,13 @@ def configuration(options: argparse.Namespace) -> Config:
     return replace(loaded, sim=glass.chosen(options, loaded.sim, is_simulated=loaded.device.port == SIMULATED))
 
 
+def _configuration(options: argparse.Namespace) -> Config:
+    """Return the same with the fingers of --scenario and --fingers. Raises ConfigError, UsageError."""
+    loaded = configuration(options)
+    is_simulated = loaded.trackpad.source == SIMULATED
+    return replace(loaded, sim=simulated_fingers.chosen(options, loaded.sim, is_simulated=is_simulated))
+
+
 def log_to_stderr(level: str) -> None:
     """Log to stderr: lines with the time for a terminal, in the journal's own format for the journal."""
     from ..io.host.journal import JournalHandler
@@ -56,7 +64,7 @@ def log_to_stderr(level: str) -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    loaded = configuration(options)
+    loaded = _configuration(options)
     if options.print_config:
         print(config.render(loaded), end="")
         return
@@ -66,7 +74,7 @@ def _run(options: argparse.Namespace) -> None:
         service.check(loaded)
         return
     log_to_stderr(loaded.log.level)
-    service.run(loaded, lambda: configuration(options), judge=_check_command(options))
+    service.run(loaded, lambda: _configuration(options), judge=_check_command(options))
 
 
 @contextmanager
@@ -85,7 +93,7 @@ def without_openssl() -> Iterator[None]:
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
     command = [sys.executable, "-P", "-m", "hapticd", "run", "--check", *(["--sim"] if options.sim else [])]
-    for name in ("config", "plate", "modes", "wiring"):
+    for name in ("config", "plate", "modes", "wiring", "scenario", "fingers"):
         if (value := getattr(options, name)) is not None:
             command += [f"--{name}", str(value)]
     return command

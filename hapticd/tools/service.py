@@ -131,7 +131,11 @@ class ConfigLoader:
         sim = config.sim
         if sim not in self._rigs:
             self._rigs[sim] = RigProcess(
-                sim.scenario, sim.seed, plate=sim.plate, modes=_driven_modes(sim), wiring=sim.wiring
+                *(sim.scenario, sim.seed),
+                fingers=sim.fingers_file,
+                plate=sim.plate,
+                modes=_driven_modes(sim),
+                wiring=sim.wiring,
             )
         return self._rigs[sim].directory
 

@@ -46,7 +46,7 @@ def test_a_newcomer_is_shown_the_plate_for_whole_fingertips(monkeypatch: pytest.
     started: list[SimConfig] = []
 
     class Service:
-        def __init__(self, _scenario: str, _seed: int, sim: SimConfig) -> None:
+        def __init__(self, sim: SimConfig) -> None:
             started.append(sim)
             raise DeviceError("Enough.")
 
@@ -55,9 +55,9 @@ def test_a_newcomer_is_shown_the_plate_for_whole_fingertips(monkeypatch: pytest.
     for options in ((), ("--modes", "6"), ("--plate", "reference")):
         assert main(["view", "--sim", "--port", "0", *options]) == 1
     assert started == [
-        SimConfig(plate="fingertip"),
-        SimConfig(plate="fingertip", modes=6),
-        SimConfig(plate="reference", modes=2),
+        SimConfig(scenario="hands", plate="fingertip"),
+        SimConfig(scenario="hands", plate="fingertip", modes=6),
+        SimConfig(scenario="hands", plate="reference", modes=2),
     ]
     assert demo_program._simulated(parsed("demo")) == SimConfig(plate="fingertip")
     assert demo_program._simulated(parsed("demo", "--board", "host")) == SimConfig()  # its board has two modes

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
 
 import numpy as np
 import numpy.typing as npt
 
 from ...errors import UsageError, reason
 from ...regular_file import read_lines
+from ...wire.trackpad import MAX_RECORDS
+from .hands import MAX_HANDS
+from .paths import Path
 from .scenarios import Actor, Scenario
 
 COLUMNS = ("t_s", "finger", "x_mm", "y_mm", "target_um")
@@ -19,6 +22,8 @@ MAX_LINES = 250_000  # 20 minutes of two fingers at 100 Hz
 MOST_FINGERS = 16
 MOST_UM = 1000.0  # the bound of a client's target
 MOST_S = 3600.0
+MOST_IN_REAL_TIME = MAX_RECORDS - MAX_HANDS
+PAUSE_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Sampled:
         return np.stack(lines, axis=-1)
 
 
-def read(path: Path, size_mm: Sequence[float]) -> Scenario:
+def read(path: FilePath, size_mm: Sequence[float]) -> Scenario:
     """Read a file of fingers on a plate of `size_mm`. Raises UsageError, which names the line."""
     try:
         return _scenario(path.name, read_lines(path, MAX_LINES), size_mm)
@@ -41,6 +46,28 @@ def read(path: Path, size_mm: Sequence[float]) -> Scenario:
         raise UsageError(f"{path}: cannot be read ({reason(error)}): give a CSV file.") from None
     except ValueError as error:
         raise UsageError(f"{path}: {error}") from None
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """A path that begins again every `period_s`."""
+
+    path: Path
+    period_s: float
+
+    def position_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return self.path.position_mm(np.mod(t_s, self.period_s))
+
+
+def read_repeated(path: FilePath, size_mm: Sequence[float]) -> tuple[Actor, ...]:
+    """Read a file of fingers for real time: they begin again PAUSE_S after the last has lifted, as nobody knows when a
+    client comes. Raises UsageError, also where the pad has no room for them beside a user's own."""
+    scenario = read(path, size_mm)
+    actors = scenario.build(0, 0.0)
+    if len(actors) > MOST_IN_REAL_TIME:
+        raise UsageError(f"{path}: has {len(actors)} fingers: in real time at most {MOST_IN_REAL_TIME} can be played.")
+    period_s = scenario.seconds + PAUSE_S
+    return tuple(replace(actor, path=actor.path and Repeated(actor.path, period_s)) for actor in actors)
 
 
 def _scenario(name: str, lines: Iterable[tuple[int, str]], size_mm: Sequence[float]) -> Scenario:

@@ -55,7 +55,7 @@ def end(process: subprocess.Popen[str]) -> None:
 class RigProcess:
     """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
 
-    `motion` is that of strokes, one of `scenarios.MOTIONS`.
+    `motion` is that of strokes, one of `scenarios.MOTIONS`; `fingers` a CSV that is played in place of the scenario.
     `plate` is one of `glasses.GLASSES` or a file, `modes` the number of those that are driven, 0 for its own,
     `wiring` one of `wirings.WIRINGS`.
     `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
@@ -68,6 +68,7 @@ class RigProcess:
         seed: int,
         *,
         motion: str = SMOOTH,
+        fingers: str = "",
         plate: str = REFERENCE,
         modes: int = 0,
         wiring: str = IDENTITY,
@@ -80,6 +81,8 @@ class RigProcess:
         command = [sys.executable, "-P", "-m", "hapticd.sim.rig.program", str(self.directory), "--owned"]
         command += ["--scenario", scenario, "--motion", motion, "--seed", str(seed)]
         command += ["--plate", plate, "--modes", str(modes), "--wiring", wiring]
+        if fingers:
+            command += ["--fingers", fingers]
         if record:
             command += ["--record", str(self.directory / HISTORY_FILE)]
         if program is not None:

@@ -1,7 +1,7 @@
 """The simulated rig in real time: a process that simulates the hardware.
 
-    python -m hapticd.sim.rig.program DIRECTORY [--scenario NAME] [--seed N] [--plate NAME] [--modes N]
-        [--record FILE] [--program FILE]
+    python -m hapticd.sim.rig.program DIRECTORY [--scenario NAME] [--fingers FILE] [--seed N] [--plate NAME]
+        [--modes N] [--record FILE] [--program FILE]
 
 Files in DIRECTORY:
 
@@ -36,12 +36,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import DeviceError
+from ...errors import DeviceError, UsageError
 from ..fingers.hands import Hands, YieldingPath
 from ..fingers.paths import Path as FingerPath
-from ..fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, paths_of, with_motion
+from ..fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Actor, paths_of, with_motion
 from ..fingers.sensor import Report, SensorModel, SensorSettings
-from ..plate.glasses import REFERENCE, driven_modes
+from ..fingers.trajectories import read_repeated
+from ..plate.glasses import REFERENCE, driven_modes, find_glass
 from ..plate.ground_truth import GroundTruth, PlateSettings
 from ..plate.wirings import IDENTITY, WIRINGS
 from ..world import World
@@ -66,12 +67,17 @@ class Rig:
         *,
         keep: bool,
         motion: str = SMOOTH,
+        fingers: Path | None = None,
         plate: PlateSettings | None = None,
         program: Path | None = None,
     ) -> None:
-        self.actors = with_motion(SCENARIOS[scenario].build(seed, SPEED_MM_S), motion)
-        self.hands = Hands()
         self.plate = GroundTruth(plate)
+        self.actors: tuple[Actor, ...] = (
+            with_motion(SCENARIOS[scenario].build(seed, SPEED_MM_S), motion)
+            if fingers is None
+            else read_repeated(fingers, find_glass(self.plate.settings.plate).size_mm)
+        )
+        self.hands = Hands()
         self._files = write_measured(self.plate, seed, directory, with_parasitic_modes=program is None)
         boot_id = os.getpid() & 0x7FFFFFFF
         paths: list[FingerPath] = [
@@ -228,6 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="hapticd.sim.rig.program", description="The simulated rig in real time.")
     parser.add_argument("directory", type=Path, help="directory for the endpoints")
     parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
+    parser.add_argument("--fingers", type=Path, help="play those of this CSV instead, again and again")
     parser.add_argument("--motion", default=SMOOTH, choices=MOTIONS, help="of strokes")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--plate", default=REFERENCE, help="a name, or a file")
@@ -241,7 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         _run(options)
-    except (DeviceError, ValueError) as error:
+    except (DeviceError, UsageError, ValueError) as error:
         sys.exit(f"hapticd.sim.rig.program: {error}")
 
 
@@ -252,6 +259,7 @@ def _run(options: argparse.Namespace) -> None:
         options.seed,
         keep=options.record is not None,
         motion=options.motion,
+        fingers=options.fingers,
         plate=PlateSettings.of(options.plate, driven_modes(options.plate, options.modes), options.wiring),
         program=options.program,
     )

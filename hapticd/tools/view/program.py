@@ -12,12 +12,13 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Iterator
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
-from ...config.sections import SCENARIO_NAMES
+from ...config.sections import SimConfig
 from ...errors import HapticdError, UsageError, missing_library
-from .. import glass
+from .. import glass, simulated_fingers
 from ..arguments import PORT_NUMBER, whole
 from ..web.listener import bound
 from .simulated import SimulatedService
@@ -29,7 +30,7 @@ PORT = 8017
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sim", action="store_true", help="start a simulated plate and a service for it as well")
-    parser.add_argument("--scenario", metavar="NAME", help="of its fingers until you touch it (default hands: none)")
+    simulated_fingers.add_arguments(parser, "hands: none")
     parser.add_argument(
         "--seed", type=whole(0, 2**31 - 1), default=1, help="of its fingers, noise and mode map (default 1)"
     )
@@ -51,8 +52,7 @@ def run(options: argparse.Namespace) -> None:
         stack.enter_context(listener)
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            scenario = options.scenario or SCENARIO
-            service = stack.enter_context(SimulatedService(scenario, options.seed, glass.chosen(options, glass.SHOWN)))
+            service = stack.enter_context(SimulatedService(_simulated(options)))
             endpoint = str(service.runtime_dir)
         asyncio.run(_serve(listener, endpoint, service, open_browser=not options.no_browser))
 
@@ -64,13 +64,16 @@ def _check(options: argparse.Namespace) -> None:
         raise missing_library("The page needs aiohttp", "view") from None
     if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
-    glass.chosen(options, glass.SHOWN, is_simulated=options.sim)
-    if options.scenario is not None and not options.sim:
-        raise UsageError("--scenario needs a simulated plate: give --sim as well.")
-    if options.scenario is not None and options.scenario not in SCENARIO_NAMES:
-        raise UsageError(f"--scenario: there is no {options.scenario!r}: choose one of {', '.join(SCENARIO_NAMES)}.")
+    _simulated(options)
     if options.endpoint is not None and not Path(options.endpoint.removeprefix("ipc://")).is_dir():
         raise UsageError(f"--endpoint: {options.endpoint} is not a directory: give the service's runtime directory.")
+
+
+def _simulated(options: argparse.Namespace) -> SimConfig:
+    """Return the plate and its fingers that the options name. Raises UsageError."""
+    sim = glass.chosen(options, glass.SHOWN, is_simulated=options.sim)
+    sim = replace(sim, scenario=SCENARIO, seed=options.seed)
+    return simulated_fingers.chosen(options, sim, is_simulated=options.sim)
 
 
 async def _serve(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from ...config.keys import toml
 from ...config.sections import LEAST_MODES, PLATE_NAMES, SimConfig
 from ...sim.plate.glasses import driven_modes, find_glass, most_driven
 from ...sim.rig.process import watch
@@ -15,12 +16,12 @@ from .messages import PlateChoice, SwitchPlate
 class SimulatedService(DaemonProcess):
     """Context manager of a service on a simulated plate.
 
-    When the plate is switched, `scenario` and `seed` stay, and each mode gets an amplifier of its own. `choices` are
+    When the plate is switched, fingers and `seed` stay, and each mode gets an amplifier of its own. `choices` are
     the plates with a name, and the first one, which is `first` with its number of modes.
     """
 
-    def __init__(self, scenario: str, seed: int, sim: SimConfig) -> None:
-        self._fixed = f'scenario = "{scenario}"\nseed = {seed}\n'
+    def __init__(self, sim: SimConfig) -> None:
+        self._fixed = f'scenario = "{sim.scenario}"\nseed = {sim.seed}\nfingers_file = {toml(sim.fingers_file)}\n'
         super().__init__(f'{self._plate(sim.plate, sim.modes)}\nwiring = "{sim.wiring}"', PATIENT)
         self._switching = asyncio.Lock()
         self.first = sim.plate, driven_modes(sim.plate, sim.modes)

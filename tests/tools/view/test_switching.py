@@ -121,7 +121,7 @@ async def test_while_the_plate_is_switched_no_page_hears_of_a_lost_daemon(
 
 
 def test_each_plate_offers_its_own_number_of_modes() -> None:
-    service = SimulatedService("hands", 1, SimConfig(plate="fingertip"))
+    service = SimulatedService(SimConfig(scenario="hands", plate="fingertip"))
     assert service.first == ("fingertip", 4)
     offered = json.loads(messages.choices(service.choices))
     assert {name: choice["own_modes"] for name, choice in offered["plates"].items()} == {
