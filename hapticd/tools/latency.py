@@ -2,8 +2,7 @@
 
 It prints percentiles, draws the distributions, and writes frame by frame. The first finger gets a target of
 AMPLITUDE_UM, all others one of zero, so that each report leads to a frame. Clients are not served meanwhile.
-With `--landing` or `--gains` it needs no devices: fingers land on the simulated rig in virtual time (`sim.landing`), or
-stroke it with shorter delays (`sim.delays`).
+With `--landing` it needs no devices: fingers land on the simulated rig in virtual time (`sim.landing`).
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -35,7 +34,7 @@ from ..daemon.machine import Machine
 from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
 from ..regular_file import opened
-from ..sim import delays, landing
+from ..sim import landing
 from ..values import FloatArray
 from . import outputs, plotting
 from .arguments import POSITIVE
@@ -85,13 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "--ledger", outputs.CSV, metavar="F.csv", help="write a line per frame: its report, ages, delays"
     )
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
-    in_virtual_time = parser.add_mutually_exclusive_group()
-    in_virtual_time.add_argument(
-        "--gains",
-        action="store_true",
-        help="measure on the simulated rig, in virtual time, what a faster line and faster reports gain",
-    )
-    in_virtual_time.add_argument(
+    parser.add_argument(
         "--landing",
         action="store_true",
         help="measure on the simulated rig, in virtual time, how long a landing finger waits for its amplitude",
@@ -100,14 +93,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _latency(options: argparse.Namespace) -> None:
-    if options.landing or options.gains:
+    if options.landing:
         if options.ledger is not None or options.plot is not None:
-            name = "--landing" if options.landing else "--gains"
-            raise UsageError(f"{name}: has no frames to write or draw: leave --ledger and --plot out.")
-        if options.landing:
-            run_landings(json_file=options.json)
-        else:
-            run_gains(json_file=options.json)
+            raise UsageError("--landing: has no frames to write or draw: leave --ledger and --plot out.")
+        run_landings(json_file=options.json)
         return
     loaded = configuration(options)
     log_to_stderr(loaded.log.level)
@@ -142,18 +131,6 @@ def run_landings(landings: int = landing.LANDINGS, *, json_file: str | None) -> 
     if json_file is not None:
         plain = {way: landing.percentiles_ms(spans_ms) for way, spans_ms in found.items()}
         outputs.write_text(json.dumps(plain, indent=2) + "\n", json_file)
-
-
-def run_gains(*, json_file: str | None, seeds: Sequence[int] = delays.SEEDS, seconds: float = delays.SECONDS) -> None:
-    """Measure strokes with shorter delays on the simulated rig, print a row for each, and write figures as JSON."""
-    with Progress("measuring") as progress:
-        found = delays.measure(seeds=seeds, seconds=seconds, progress=progress)
-    out = sys.stderr if json_file == "-" else sys.stdout
-    print(f"{'two modes, real strokes':<34}{'sample to plate':>16}{'leak under the sticky finger':>30}", file=out)
-    for name, gain in found.items():
-        print(f"{name:<34}{gain.horizon_ms:>13.1f} ms{gain.leak_um:>27.3f} um", file=out)
-    if json_file is not None:
-        outputs.write_text(json.dumps({name: asdict(gain) for name, gain in found.items()}, indent=2) + "\n", json_file)
 
 
 def measure(config: Config, seconds: float) -> MeasuredLatency:
