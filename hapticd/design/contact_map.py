@@ -47,13 +47,12 @@ def contact_map(
     """Return the map of cells x cells; still_mm has one position or more. `progress` is called with the share done."""
     x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
     held = grams(shapes, np.array(still_mm, np.float64), radius_mm)  # (M, M, S)
-    limits = np.asarray(limits_um, np.float64)
     blocks, solved = np.array_split(points_mm, math.ceil(len(points_mm) / _BLOCK)), []
     for done, places_mm in enumerate(blocks):
         progress(done / len(blocks))
         slipping = grams(shapes, places_mm, radius_mm)
         each_still = [np.repeat(one[:, :, None], len(places_mm), axis=2) for one in np.moveaxis(held, 2, 0)]
-        w_um = settle(slipping, each_still, target_um, limits)
+        w_um = settle(slipping, each_still, target_um, limits_um)
         still_um = np.max([contact_rms_um(still, w_um) for still in each_still], axis=0)
         solved.append(np.stack((contact_rms_um(slipping, w_um), still_um)))
     slip_um, still_um = np.concatenate(solved, axis=1).reshape(2, cells, cells)

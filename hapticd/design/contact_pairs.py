@@ -1,7 +1,6 @@
 """Pairs of contacts on a plate: what their discs get of each mode, and the best amplitudes within the limits.
 
-The figures are those of `core.solver.contacts`, the daemon's own rule, for many pairs at a time: `settle` runs the same
-descent on arrays.
+The amplitudes are those of `core.solver.contacts`, the daemon's own rule for contrast.
 """
 
 from __future__ import annotations
@@ -12,18 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.bicubic import BicubicSurfaces
-from hapticd.core.solver.contacts import (
-    COLD_CALLS,
-    COLD_TURN_RAD,
-    NEAR_UM,
-    PAST_FRAC,
-    STILL_IMPORTANCE,
-    SWEEPS,
-    UNCERTAIN_FRAC,
-    FeltError,
-)
+from hapticd.core.solver.contacts import solve_contacts
 from hapticd.values import ComplexArray, FloatArray
 
 from .free_plate import ModeShape
@@ -37,7 +26,6 @@ _DRAWN_PER_PAIR = 8  # more than enough of them are 20 mm apart, on plates of 60
 _MOST_DRAWS = 1000
 _WORDS = {2: "two", 3: "three", 4: "four", 5: "five"}
 _TINY_UM = 1e-9
-_AT_REST = np.zeros(1)
 
 
 class ShapeMaps(Protocol):
@@ -91,60 +79,16 @@ def grams(shapes: ShapeMaps, points_mm: FloatArray, radius_mm: float) -> FloatAr
 
 
 def settle(
-    slipping: FloatArray,
-    still: Sequence[FloatArray],
-    target_um: float,
-    limits_um: FloatArray,
-    calls: int = COLD_CALLS,
-    still_importance: float = STILL_IMPORTANCE,
-    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
+    slipping: FloatArray, still: Sequence[FloatArray], target_um: float, limits_um: Sequence[float]
 ) -> ComplexArray:
     """Return the modal amplitudes (M, P) of `solve_contacts` from rest, by the Gram matrices (M, M, P) of P slipping
     contacts and of the still ones."""
-    modes, count = slipping.shape[1:]
-    certain = 1.0 + UNCERTAIN_FRAC**2 * np.eye(modes)[:, :, None]
-    contacts = [gram * certain for gram in (slipping, *still)]
-    felt = FeltError(curve)
-    asked = [(target_um, felt.importance(target_um))] + [(0.0, still_importance)] * len(still)
-    limits_um = np.asarray(limits_um, np.float64)
-    start = np.minimum(limits_um, target_um) * np.exp(1j * COLD_TURN_RAD * np.arange(modes))
-    w = np.repeat(start[:, None], count, axis=1)
-    for _ in range(calls):
-        weights = [
-            weight * _error_weight(felt, curve, contact_rms_um(gram, w), asked_um)
-            for gram, (asked_um, weight) in zip(contacts, asked, strict=True)
-        ]
-        curvature = np.sum([weight * gram for weight, gram in zip(weights, contacts, strict=True)], axis=0)
-        own = np.maximum(np.einsum("kkp->kp", curvature), np.finfo(float).tiny)
-        for _ in range(SWEEPS):
-            along = np.einsum("klp,lp->kp", contacts[0], w)
-            rms_um = np.sqrt(np.maximum(np.einsum("kp,kp->p", w.conj(), along).real, _TINY_UM**2))
-            pull = weights[0] * target_um * along / rms_um
-            for k in range(modes):
-                w[k] += (1.0 + PAST_FRAC) * (pull[k] - (curvature[k] * w).sum(axis=0)) / own[k]
-                w[k] *= np.minimum(1.0, limits_um[k] / np.maximum(np.abs(w[k]), _TINY_UM))
-    return w
-
-
-def _error_weight(felt: FeltError, curve: FrictionCurve, rms_um: FloatArray, target_um: float) -> FloatArray:
-    """Return `FeltError.weight` of many contacts, but for the importance."""
-    off_um, error = target_um - rms_um, _friction(felt, curve, rms_um) - _friction(felt, curve, np.array(target_um))
-    slope_1_um = _slope_1_um(curve, np.minimum(rms_um, felt.full_um))
-    is_near = np.abs(off_um) <= NEAR_UM
-    secant_1_um = np.where(is_near, slope_1_um, error / np.where(is_near, 1.0, off_um))
-    weight: FloatArray = slope_1_um * secant_1_um / np.hypot(error, felt.just_felt)
-    return weight
-
-
-def _friction(felt: FeltError, curve: FrictionCurve, amplitude_um: FloatArray) -> FloatArray:
-    """Return friction relative to bare glass; beyond `full_um` it goes on straight."""
-    beyond_um = np.maximum(amplitude_um - felt.full_um, 0.0)
-    friction = curve.frictions(np.minimum(amplitude_um, felt.full_um), _AT_REST)
-    return np.asarray(friction - _slope_1_um(curve, np.array(felt.full_um)) * beyond_um)
-
-
-def _slope_1_um(curve: FrictionCurve, amplitude_um: FloatArray) -> FloatArray:
-    return np.asarray(curve.frictions(amplitude_um, _AT_REST) / curve.decays_um(amplitude_um))
+    targets_um, limits, modal_um = (target_um, *[0.0] * len(still)), tuple(limits_um), []
+    for contacts in zip(*(np.moveaxis(gram, 2, 0).tolist() for gram in (slipping, *still)), strict=True):
+        d_um, q_um = [0.0] * len(limits), [0.0] * len(limits)
+        solve_contacts(list(contacts), targets_um, limits, d_um, q_um)
+        modal_um.append(np.array(d_um) + 1j * np.array(q_um))
+    return np.array(modal_um).T
 
 
 def contact_rms_um(gram: FloatArray, w_um: ComplexArray) -> FloatArray:

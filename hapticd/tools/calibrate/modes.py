@@ -259,7 +259,7 @@ def solved_um(modes: ModeShapes, pairs_mm: npt.NDArray[np.float64]) -> npt.NDArr
     """Return the modal amplitudes (pairs, M) that the service would find on the map, for points or for contacts."""
     if modes.M >= LEAST_CONTACT_MODES:
         both = grams(modes, pairs_mm, CONTACT_RADIUS_MM)
-        return settle(both[..., 0], [both[..., 1]], TARGETS_UM[0], np.full(modes.M, W_LIMIT_UM)).T
+        return settle(both[..., 0], [both[..., 1]], TARGETS_UM[0], [W_LIMIT_UM] * modes.M).T
     phi = modes.evaluate(pairs_mm.reshape(-1, 2)).reshape(*pairs_mm.shape[:2], modes.M)
     return solve_batch(phi, TARGETS_UM, W_LIMIT_UM).astype(np.complex128)
 
