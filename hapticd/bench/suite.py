@@ -27,7 +27,6 @@ from . import (
     prediction,
     prediction_traces,
     solver,
-    stamps,
     telemetry,
     tick,
     traces,
@@ -50,9 +49,7 @@ _Runner = Callable[[Extent], tuple[Table, ...]]
 
 
 def _predictions(recorded_touches: list[Trace] | None) -> tuple[Table, ...]:
-    if recorded_touches is not None:
-        return prediction_traces.run(recorded_touches)
-    return (*prediction.run(), stamps.run())
+    return prediction.run() if recorded_touches is None else prediction_traces.run(recorded_touches)
 
 
 PARTS: dict[str, _Runner] = {

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import contact_forms, felt, felt_asked, firmware, leak, modes, prediction, solver, stamps, tick
+from hapticd.bench import contact_forms, felt, felt_asked, firmware, leak, modes, prediction, solver, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
@@ -24,7 +24,7 @@ ASKED = ((FINGERTIP, 4, 1.0, 1.0), (FINGERTIP, 4, 0.5, 1.0), (WIDE, 8, 1.0, 1.0)
 # Tables that take long are each their own: each test has a limit of time.
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "modes": lambda: (modes.run(pairs=200, seeds=(1,), repeats=1, timed=20),),
-    "prediction": lambda: (*prediction.run(seeds=(1, 2), repeats=1), stamps.run(seeds=(1,), repeats=1)),
+    "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
     "firmware": lambda: firmware.run(repeats=1, ticks=20),
     "solver": lambda: (solver.run(problems=120, repeats=1, timed=5), felt.run(problems=6, repeats=1, starts=3)),
@@ -82,17 +82,10 @@ def test_on_no_motion_does_another_predictor_err_less_by_a_twentieth() -> None:
 
 
 def test_on_a_pad_whose_firmware_filters_the_default_errs_less_than_its_bank_and_the_simple_ones() -> None:
-    *_, filtered, _ = part("prediction")
+    *_, filtered = part("prediction")
     ours = filtered.row("default").figures
     for name in ("strokes_mm", "fast_strokes_mm", "slide_mm", "straight_mm"):
         assert ours[name] < min(figure(filtered, rival, name) for rival in ("bank", "linear", "kalman_cv"))
-
-
-def test_the_filter_of_stamps_follows_good_ones_as_the_sharp_one_and_bad_ones_as_the_blunt_one() -> None:
-    *_, table = part("prediction")
-    assert figure(table, "default", "wrong_locks_count") == 0
-    assert figure(table, "default", "usual_ms") <= 1.1 * figure(table, "good stamps only", "usual_ms")
-    assert figure(table, "default", "uniform_ms") <= 1.2 * figure(table, "bad stamps only", "uniform_ms")
 
 
 def test_the_default_law_settles_soonest_and_the_paper_s_last() -> None:
