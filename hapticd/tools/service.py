@@ -307,7 +307,7 @@ def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
         return pads.connected(config.trackpad)
     if config.trackpad.source == "replay":
         try:
-            return ReplayTrackpad(config.trackpad.replay_file)
+            return ReplayTrackpad(config.trackpad.replay_file, config.trackpad.size_mm)
         except TrackpadError as error:
             raise ConfigError(f"trackpad.replay_file: {error}") from None
     return SocketTrackpad(rig_dir / "trackpad")

@@ -26,7 +26,7 @@ from hapticd.formats.toml_file import MAX_BYTES as MAX_TOML_BYTES
 from hapticd.io.devices.replay import read_recording, write_recording
 from hapticd.io.devices.trackpad_source import REPORT_BYTES
 from hapticd.values import RawReport
-from hapticd.wire.trackpad import DEFAULT_PAD
+from hapticd.wire.trackpad import DEFAULT_PAD, to_fields
 
 LONGEST_SENTENCE = 6000  # one that quotes a file's name, of 4096 characters
 NPZ_NAMES = ("x_mm", "y_mm", "shapes")
@@ -131,7 +131,8 @@ def read_reports(path: Path) -> None:
     assert all(len(report.data) <= REPORT_BYTES for report in reports)
     again = path.with_name("again.jsonl")
     write_recording(again, pad, reports)
-    assert read_recording(again) == (pad, reports)
+    pad_again, reports_again = read_recording(again)
+    assert (to_fields(pad_again), reports_again) == (to_fields(pad), reports)
 
 
 def recording_seeds() -> dict[str, bytes]:
@@ -147,6 +148,11 @@ def recording_seeds() -> dict[str, bytes]:
         "not a number": b'{"model": "mt1"}\n{"t_ns": NaN, "report": 1e999}\n',
         "not text": b'{"model": ["mt1"]}\n',
         "surrogate": b'{"model": "\\ud800"}\n',
+        "libinput": b"# libinput record\n- node: a\n"
+        b"    absinfo:\n      53: [0, 99, 0, 0, 1]\n      54: [0, 99, 0, 0, 1]\n"
+        b"  events:\n    - [  0,  8000,   3,  57,    7] # EV_ABS\n    - [  0,  8000,   0,   0,    0] # --\n- node: b\n",
+        "evemu": b"# EVEMU 1.3\nN: a\nA: 35 0 99 0 0 1\nA: 36 0 99 0 0\n"
+        b"E: 0.008000 0003 0035 7\t#\nE: 0.009000 0000 0000 0\n",
     }
 
 
@@ -155,6 +161,7 @@ def recording_extremes() -> dict[str, bytes]:
     return {
         "brackets": head + b"[" * 200_000,
         "digits": head + b'{"t_ns": ' + b"9" * 200_000,
+        "events": b"N: a\nA: 35 0 99 0 0 1\nA: 36 0 99 0 0 1\n" + b"E: 0.000000 0 0 0\n" * 5000,
         "many": head + b'{"t_ns": 1, "report": "28000000"}\n' * 5000,
     }
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from ...errors import TrackpadError
 from ...values import RawReport
 from ...wire.trackpad import Pad, StillContacts, evdev
-from .input_nodes import FOLDER, InputNode, describe, find_nodes
+from .input_nodes import FOLDER, InputNode, describe, find_nodes, packed
 from .trackpad_source import BATCH, OnLink, OnReports
 
 _NATIVE = struct.Struct("@llHHi")  # as this kernel writes it; reports are of a 64-bit one
@@ -175,7 +175,7 @@ class EvdevTrackpad:
             slot = self._node.axis(evdev.SLOT)
             events.append((evdev.EV_ABS, evdev.SLOT, slot.present if slot is not None else 0))
         self._note(t_ns, events)
-        return RawReport(t_ns, _packed(t_ns, [*events, _END]))
+        return RawReport(t_ns, packed(t_ns, [*events, _END]))
 
     def _deliver(self, batch: list[RawReport]) -> None:
         self._on_reports(batch)
@@ -192,9 +192,4 @@ class EvdevTrackpad:
 
     def _repeat_last(self) -> None:
         t_now_ns = self._clock_ns()
-        self._deliver([RawReport(t_now_ns, _packed(self._still.repeat(t_now_ns), [_END]))])
-
-
-def _packed(t_ns: int, events: list[_Event]) -> bytes:
-    second_s, rest_ns = divmod(t_ns, 1_000_000_000)
-    return b"".join(evdev.EVENT.pack(second_s, rest_ns // 1000, *event) for event in events)
+        self._deliver([RawReport(t_now_ns, packed(self._still.repeat(t_now_ns), [_END]))])

@@ -11,7 +11,7 @@ import contextlib
 import fcntl
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ FOLDER = Path("/dev/input")
 _MONOTONIC = 1  # CLOCK_MONOTONIC
 _ABS_INFO = struct.Struct("6i")  # value, minimum, maximum, fuzz, flat, resolution
 _MOST_SLOTS = 64
+_OF_PAD = (evdev.POSITION_X, evdev.POSITION_Y, evdev.PRESSURE, evdev.ORIENTATION)
 _LONGEST_MM = 5000.0
 _UNKNOWN_NS = 8_333_333  # the period of most touchscreens, until stamps show it
 
@@ -120,27 +121,33 @@ def _is_asked_for(node: InputNode, device: str) -> bool:
 
 
 def describe(node: InputNode, size_mm: tuple[float, ...]) -> Pad:
-    """Return the pad that a node is. `size_mm` is what the user says of its range; empty: the device's resolution.
+    """Return the pad that a node is, as `described`. Raises TrackpadError, OSError."""
+    axes = {code: axis for code in _OF_PAD if (axis := node.axis(code)) is not None}
+    return described(node.name or node.path.name, f"at {node.path}", axes, size_mm)
 
-    Raises TrackpadError where neither gives millimetres; OSError.
+
+def described(name: str, where: str, axes: Mapping[int, Axis], size_mm: tuple[float, ...]) -> Pad:
+    """Return the pad that a device with these axes is. `size_mm` is what the user says of its range of positions;
+    empty: the device's resolution.
+
+    Raises TrackpadError where neither gives millimetres.
     """
-    x, y = node.axis(evdev.POSITION_X), node.axis(evdev.POSITION_Y)
-    name = node.name or node.path.name
+    x, y = axes.get(evdev.POSITION_X), axes.get(evdev.POSITION_Y)
     if x is None or y is None or not (x.low < x.high and y.low < y.high):
-        raise TrackpadError(f"{name} at {node.path} declares no range of positions: choose another device.")
+        raise TrackpadError(f"{name} {where} declares no range of positions: choose another device.")
     if size_mm:
         width_mm, height_mm = size_mm
     elif x.resolution > 0 and y.resolution > 0:
         width_mm, height_mm = (x.high - x.low) / x.resolution, (y.high - y.low) / y.resolution
     else:
         raise TrackpadError(
-            f"{name} at {node.path} does not say how large it is: measure its active area, and set trackpad.size_mm."
+            f"{name} {where} does not say how large it is: measure its active area, and set trackpad.size_mm."
         )
     if not (1.0 <= width_mm <= _LONGEST_MM and 1.0 <= height_mm <= _LONGEST_MM):
         raise TrackpadError(
-            f"{name} at {node.path} says it is {width_mm:g} x {height_mm:g} mm: set trackpad.size_mm to its true size."
+            f"{name} {where} says it is {width_mm:g} x {height_mm:g} mm: set trackpad.size_mm to its true size."
         )
-    pressure, turned = node.axis(evdev.PRESSURE), node.axis(evdev.ORIENTATION)
+    pressure, turned = axes.get(evdev.PRESSURE), axes.get(evdev.ORIENTATION)
     return Pad(
         model="evdev",
         name=name,
@@ -153,3 +160,9 @@ def describe(node: InputNode, size_mm: tuple[float, ...]) -> Pad:
         period_ns=_UNKNOWN_NS,
         source="evdev",
     )
+
+
+def packed(t_ns: int, events: Iterable[tuple[int, int, int]]) -> bytes:
+    """Return events (type, code, value) of one instant, as a 64-bit kernel writes them."""
+    second_s, rest_ns = divmod(t_ns, 1_000_000_000)
+    return b"".join([evdev.EVENT.pack(second_s, rest_ns // 1000, *event) for event in events])

@@ -2,12 +2,14 @@
 
 JSON lines: first the pad, as `wire.trackpad.to_fields` gives it ({"model": "mt2-usb"} is enough for a known one), then
 {"t_ns": 123, "report": "02ab.."} each. `t_ns` is the host time at which the report was read (any origin, not
-decreasing), `report` its bytes in hex, report id first.
+decreasing), `report` its bytes in hex, report id first. Recordings of `libinput record` and `evemu-record` are read as
+they are (`input_recordings`).
 """
 
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import os
 import time
@@ -17,10 +19,13 @@ from pathlib import Path
 from ...errors import TrackpadError
 from ...regular_file import read_lines
 from ...values import RawReport
-from ...wire.trackpad import Pad, from_fields, to_fields
+from ...wire.trackpad import Decoder, Pad, StillContacts, evdev, from_fields, to_fields
+from .input_nodes import described, packed
+from .input_recordings import InputRecording, begins_one
 from .trackpad_source import REPORT_BYTES, OnLink, OnReports
 
 MAX_LINES = 500_000  # of a recording: an hour of reports
+MAX_EVENT_LINES = 8 * MAX_LINES  # of a recording of events: so many a report
 
 __all__ = ["ReplayTrackpad", "read_recording", "write_recording"]
 
@@ -33,13 +38,26 @@ def write_recording(path: str | os.PathLike[str], pad: Pad, reports: Iterable[Ra
             file.write(json.dumps({"t_ns": report.t_host_ns, "report": report.data.hex()}) + "\n")
 
 
-def read_recording(path: str | os.PathLike[str]) -> tuple[Pad, list[RawReport]]:
-    """Return pad and reports of a recording. Raises TrackpadError with the file, the line and the defect."""
+def read_recording(path: str | os.PathLike[str], size_mm: tuple[float, ...] = ()) -> tuple[Pad, list[RawReport]]:
+    """Return pad and reports of a recording. Raises TrackpadError with the file, the line and the defect.
+
+    `size_mm` is the size of the range of positions of an input device that does not say it.
+    """
     number, reports = 1, list[RawReport]()
     try:
-        lines = read_lines(Path(path), MAX_LINES)
-        pad = _pad(next(lines, (1, ""))[1])
-        for number, line in lines:  # noqa: B007 - named in the error
+        lines = read_lines(Path(path), MAX_EVENT_LINES)
+        first = next(lines, (1, ""))[1]
+        if begins_one(first):
+            recording = InputRecording()
+            for number, line in itertools.chain([(1, first)], lines):  # noqa: B007 - named in the error
+                recording.take(line)
+            return described(
+                recording.name or "The device", f"in {os.fspath(path)}", recording.axes, size_mm
+            ), recording.reports
+        pad = _pad(first)
+        for number, line in lines:
+            if number > MAX_LINES:
+                raise ValueError(f"a recording has at most {MAX_LINES} lines")
             reports.append(_report(line, not_before_ns=reports[-1].t_host_ns if reports else None))
     except OSError as error:
         raise TrackpadError(f"The recording {os.fspath(path)} cannot be read: {error.strerror}.") from error
@@ -90,16 +108,25 @@ def _fields(line: str, form: str) -> dict[str, object]:
 class ReplayTrackpad:
     """Trackpad source that plays a recording once, with its original timing.
 
-    Reports get the host times at which they are due, so their spacing is exact to the nanosecond. The constructor reads
-    the file and raises TrackpadError if it is invalid.
+    Reports get the host times at which they are due, so their spacing is exact to the nanosecond. Of an input device,
+    whose kernel says nothing of fingers that lie still, the last report is repeated, as `EvdevTrackpad` does. The
+    constructor reads the file and raises TrackpadError if it is invalid; `size_mm` as of `read_recording`.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        self._pad, self._reports = read_recording(path)
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        size_mm: tuple[float, ...] = (),
+        *,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._pad, self._reports = read_recording(path, size_mm)
         self._path = os.fspath(path)
         self._clock_ns = clock_ns
         self._next = 0
         self._timer: asyncio.Handle | None = None
+        self._decoder = Decoder(self._pad)
+        self._still = StillContacts()  # by the recording's clock
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._loop, self._on_reports, self._on_link = loop, on_reports, on_link
@@ -118,24 +145,40 @@ class ReplayTrackpad:
         self._arm()
 
     def _arm(self) -> None:
-        if self._next < len(self._reports):
-            due_s = self._t_begin_s + self._due_ns(self._next) * 1e-9
-            self._timer = self._loop.call_at(due_s, self._play)
-        else:
+        """Set when the next report is due, or the last one is repeated before that."""
+        if self._next == len(self._reports):
             self._on_link(None, "replay ended")
+            return
+        due_ns, play = self._due_ns(self._reports[self._next].t_host_ns), self._play
+        t_repeat_ns = self._still.due_ns
+        if t_repeat_ns is not None and self._due_ns(t_repeat_ns) < due_ns:
+            due_ns, play = self._due_ns(t_repeat_ns), self._repeat
+        self._timer = self._loop.call_at(self._t_begin_s + due_ns * 1e-9, play)
 
     def _play(self) -> None:
         """Deliver the report that the timer was set for, and those that fell due while the loop was busy."""
-        elapsed_ns = (self._loop.time() - self._t_begin_s) * 1e9
+        elapsed_ns = self._elapsed_ns()
         first = self._next
         self._next += 1
-        while self._next < len(self._reports) and self._due_ns(self._next) <= elapsed_ns:
+        while self._next < len(self._reports) and self._due_ns(self._reports[self._next].t_host_ns) <= elapsed_ns:
             self._next += 1
-        self._on_reports(
-            [RawReport(self._t_begin_ns + self._due_ns(i), self._reports[i].data) for i in range(first, self._next)]
-        )
+        self._on_reports([self._played(report) for report in self._reports[first : self._next]])
         self._arm()
 
-    def _due_ns(self, index: int) -> int:
-        """Time of a report since the first one."""
-        return self._reports[index].t_host_ns - self._reports[0].t_host_ns
+    def _played(self, report: RawReport) -> RawReport:
+        if self._pad.layout == "evdev" and (frames := self._decoder.decode(report.data, report.t_host_ns)):
+            self._still.took(report.t_host_ns, are_down=len(frames[-1].contacts) > 0)
+        return RawReport(self._t_begin_ns + self._due_ns(report.t_host_ns), report.data)
+
+    def _repeat(self) -> None:
+        t_read_ns = self._reports[0].t_host_ns + round(self._elapsed_ns())
+        data = packed(self._still.repeat(t_read_ns), [(evdev.EV_SYN, evdev.SYN_REPORT, 0)])
+        self._on_reports([RawReport(self._t_begin_ns + self._due_ns(t_read_ns), data)])
+        self._arm()
+
+    def _elapsed_ns(self) -> float:
+        return (self._loop.time() - self._t_begin_s) * 1e9
+
+    def _due_ns(self, t_recorded_ns: int) -> int:
+        """Time of an instant of the recording since its first report."""
+        return t_recorded_ns - self._reports[0].t_host_ns

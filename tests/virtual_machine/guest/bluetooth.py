@@ -1,4 +1,4 @@
-"""A trackpad on Bluetooth, made by /dev/uhid: to the kernel's drivers the same as one behind a real link.
+"""A trackpad on Bluetooth, or another HID device, made by /dev/uhid: to the kernel's drivers one behind a real link.
 
 What it leaves out: the link itself (HIDP, BlueZ), and with it pairing, delays and lost packets. Layouts: the kernel's
 `include/uapi/linux/uhid.h`.
@@ -20,7 +20,7 @@ REQUEST = struct.Struct("<IIBBH")  # of SET_REPORT: type, id, report number, rep
 SET_REPLY = struct.Struct("<IIH")
 GET_REPLY = struct.Struct("<IIHH4096s")
 EVENT_BYTES = 4380
-BUS_BLUETOOTH = 5
+BUS_USB, BUS_BLUETOOTH = 3, 5
 EIO = 5
 UNIQUE = "5c:c0:ff:ee:00:01"
 
@@ -28,13 +28,16 @@ UNIQUE = "5c:c0:ff:ee:00:01"
 class BluetoothPad:
     """Connected from the construction to `unplug`. `features` are the feature reports it was given, oldest first."""
 
-    def __init__(self, vendor_id: int, product_id: int) -> None:
+    def __init__(
+        self, vendor_id: int, product_id: int, descriptor: bytes = MOUSE, bus: int = BUS_BLUETOOTH,
+        name: str = "virtual trackpad",
+    ) -> None:  # fmt: skip
         self.features: list[bytes] = []
         self._fd = os.open("/dev/uhid", os.O_RDWR)
         self._thread = threading.Thread(target=self._answer, daemon=True)
-        name, place = b"virtual trackpad", b"tests/virtual_machine"
-        ids = BUS_BLUETOOTH, vendor_id, product_id, 0x110, 0
-        os.write(self._fd, CREATE2.pack(UHID_CREATE2, name, place, UNIQUE.encode(), len(MOUSE), *ids, MOUSE))
+        names = name.encode(), b"tests/virtual_machine", UNIQUE.encode()
+        ids = bus, vendor_id, product_id, 0x110, 0
+        os.write(self._fd, CREATE2.pack(UHID_CREATE2, *names, len(descriptor), *ids, descriptor))
         self._thread.start()
 
     def send(self, report: bytes) -> None:

@@ -1,10 +1,12 @@
-"""`hapticd run` in the guest, as a user with no other right than the rules give, on a board outside."""
+"""`hapticd run` in the guest on a board outside: with an Apple trackpad as a user with no other right than the rules
+give, and with other touch devices, which are not in the rules, as root."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import rules
@@ -19,8 +21,8 @@ LOG = Path("/run/results/daemon.log")
 # An emulated machine is late: its pauses must not count as lifted fingers.
 CONFIGURATION = f"""
 [trackpad]
-source = "hid"
 silence_ms = 1000
+{{trackpad}}
 [device]
 port = "{BOARD}"
 [plate]
@@ -33,11 +35,12 @@ runtime_dir = "{RUNTIME}"
 class Daemon:
     """The service as a process; what it says goes to a file."""
 
-    def __init__(self) -> None:
-        os.chown(BOARD, rules.UID, rules.UID)  # the rules are for boards on USB
-        CONFIG.write_text(CONFIGURATION, encoding="utf-8")
+    def __init__(self, trackpad: str = 'source = "hid"', user: Sequence[str] = rules.AS_USER) -> None:
+        if user:
+            os.chown(BOARD, rules.UID, rules.UID)  # the rules are for boards on USB
+        CONFIG.write_text(CONFIGURATION.format(trackpad=trackpad), encoding="utf-8")
         with LOG.open("w") as file:
-            command = [*rules.AS_USER, sys.executable, "-m", "hapticd", "run", "--config", str(CONFIG)]
+            command = [*user, sys.executable, "-m", "hapticd", "run", "--config", str(CONFIG)]
             self._process = subprocess.Popen(command, stderr=file, cwd="/")
         wait_for("a serving daemon", self._is_serving)
 
@@ -52,6 +55,11 @@ class Daemon:
 
     def client(self) -> Client:
         return Client(RUNTIME, "guest", timeout_s=PATIENCE_S)
+
+    def kill(self) -> None:
+        """End it, if it still runs: another one may serve after it."""
+        self._process.kill()
+        self._process.wait(PATIENCE_S)
 
     def end(self) -> int:
         self._process.terminate()

@@ -11,7 +11,7 @@ import os
 import select
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -20,7 +20,7 @@ PATIENCE_S = 90.0  # for an emulated machine that others keep waiting
 SLOTS = 16
 BTN_MOUSE = 0x110
 ABS = {"x": 0x35, "y": 0x36, "major": 0x30, "minor": 0x31, "orientation": 0x34, "pressure": 0x3A}
-ABS_TRACKING_ID = 0x39
+ABS_SLOT, ABS_TRACKING_ID = 0x2F, 0x39
 ABSINFO = struct.Struct("<6i")  # value, minimum, maximum, fuzz, flat, resolution
 
 Found = TypeVar("Found")
@@ -89,10 +89,10 @@ class EventDevice:
             request = ABSINFO.pack(value, low, high, 0, flat, resolution)
             fcntl.ioctl(self._fd, _ioc(1, 0xC0 + code, ABSINFO.size), request)
 
-    def contacts(self) -> dict[int, dict[str, int]]:
+    def contacts(self, names: Iterable[str] = tuple(ABS)) -> dict[int, dict[str, int]]:
         """By slot, which is the pad's contact id, the axes of every contact that is down."""
         tracking = self._slots(ABS_TRACKING_ID)
-        axes = {name: self._slots(code) for name, code in ABS.items()}
+        axes = {name: self._slots(ABS[name]) for name in names}
         down = [slot for slot, tracking_id in enumerate(tracking) if tracking_id >= 0]
         return {slot: {name: values[slot] for name, values in axes.items()} for slot in down}
 
@@ -104,8 +104,9 @@ class EventDevice:
         return ABSINFO.unpack(fcntl.ioctl(self._fd, _ioc(2, 0x40 + code, ABSINFO.size), bytes(ABSINFO.size)))
 
     def _slots(self, code: int) -> tuple[int, ...]:
-        request = struct.pack("<i", code) + bytes(4 * SLOTS)
-        return struct.unpack_from(f"<{SLOTS}i", fcntl.ioctl(self._fd, _ioc(2, 0x0A, len(request)), request), 4)
+        count = self._absinfo(ABS_SLOT)[2] + 1
+        request = struct.pack("<i", code) + bytes(4 * count)
+        return struct.unpack_from(f"<{count}i", fcntl.ioctl(self._fd, _ioc(2, 0x0A, len(request)), request), 4)
 
 
 def _ioc(direction: int, number: int, size: int) -> int:

@@ -1,4 +1,4 @@
-"""What runs in the guest of `test_touchscreen.py`: a virtual touchscreen, read as the service reads it.
+"""What runs in the guest of `test_touchscreen.py`: virtual touchscreens and a tracker, read as the service reads them.
 
 The steps only look; the test outside judges.
 """
@@ -7,15 +7,21 @@ from __future__ import annotations
 
 import asyncio
 import random
+import struct
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(1, str(Path(__file__).parents[2]))
 
 import steps
-from kernel import PATIENCE_S, EventDevice
+from bluetooth import BUS_USB, BluetoothPad
+from daemon import LOG
+from descriptors import touchscreen as touchscreen_descriptor
+from devices_story import screen_story, tracker_story
+from kernel import PATIENCE_S, EventDevice, touch_node
 from touchscreen import RANGES, Touchscreen
 
 from hapticd.io.devices.evdev_trackpad import EvdevTrackpad
@@ -23,7 +29,8 @@ from hapticd.io.devices.input_nodes import find_nodes
 from hapticd.values import RawReport
 from hapticd.wire.trackpad import Decoder, Pad, from_fields, to_fields
 
-NAME = "virtual touchscreen"
+NAME, HID_NAME = "virtual touchscreen", "virtual HID touchscreen"
+MOST = 10
 FRAMES = 60
 EVENT_BYTES = 24
 
@@ -64,6 +71,9 @@ class Reader:
 
 def main() -> None:
     steps.step("touchscreen", lambda: asyncio.run(touchscreen()), lambda: "no daemon")
+    steps.step("multitouch", lambda: asyncio.run(multitouch()), lambda: "no daemon")
+    steps.step("daemon-evdev", screen_story, LOG.read_text)
+    steps.step("daemon-tuio", tracker_story, LOG.read_text)
 
 
 async def touchscreen() -> dict[str, Any]:
@@ -103,6 +113,41 @@ async def touchscreen() -> dict[str, Any]:
         "is_kept": is_kept,
         "late_ms": [late_ns[0] * 1e-6, late_ns[len(late_ns) // 2] * 1e-6],
     }
+
+
+async def multitouch() -> dict[str, Any]:
+    """Ten fingers on a HID touchscreen, whose driver is the kernel's hid-multitouch; pulled under them, and back."""
+    reader, source = Reader(), EvdevTrackpad(HID_NAME)
+    source.start(asyncio.get_running_loop(), reader.reported, reader.linked)
+    await reader.until(lambda: len(reader.links) == 1)
+    frames, drivers, chance = [], [], random.Random(1)
+    for _ in range(2):
+        links = len(reader.links)
+        screen = BluetoothPad(0x1234, 0x5679, touchscreen_descriptor(MOST), BUS_USB, HID_NAME)
+        await reader.until(lambda links=links: len(reader.links) > links and reader.links[-1][0] is not None)
+        node = touch_node("0003:1234:5679")
+        drivers.append(node.driver)
+        assert node.event is not None
+        kernel = EventDevice(node.event)
+        for count in (*range(1, MOST + 1), *[MOST] * 20):
+            places = [(chance.randint(0, 3440), chance.randint(0, 1940)) for _ in range(count)]
+            before = reader.reports
+            screen.send(hid_report(places))
+            await reader.until(lambda before=before: reader.reports > before)
+            slots = list(kernel.contacts(("x", "y")).values())
+            frames.append({"sent": places, "kernel": slots, "seen": list(reader.contacts.values())})
+        kernel.close()
+        links = len(reader.links)
+        screen.unplug()
+        await reader.until(lambda links=links: len(reader.links) > links)
+    await source.close()
+    return {"links": reader.links, "frames": frames, "drivers": drivers}
+
+
+def hid_report(places: Sequence[tuple[int, int]]) -> bytes:
+    """All fingers at once, in the form of `descriptors.touchscreen`."""
+    fingers = b"".join(struct.pack("<BBHH", 1, number, x, y) for number, (x, y) in enumerate(places))
+    return b"\1" + fingers + bytes(6 * (MOST - len(places))) + bytes((len(places),))
 
 
 def strokes(chance: random.Random) -> list[dict[int, dict[str, int] | None]]:

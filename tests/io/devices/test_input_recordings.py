@@ -1,0 +1,189 @@
+"""Recordings of `libinput record` and `evemu-record`: another program's touchscreen, played as if it were here."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from asynchronous import VirtualTimeLoop, asynchronous
+from listener import Listener
+
+from hapticd.config.sections import Config, TrackpadConfig
+from hapticd.errors import ConfigError, TrackpadError
+from hapticd.io.devices.replay import MAX_EVENT_LINES, ReplayTrackpad, read_recording, write_recording
+from hapticd.tools.service import _trackpad
+from hapticd.values import TouchFrame
+from hapticd.wire.trackpad import Decoder, to_fields
+
+in_virtual_time = functools.partial(asynchronous, loop_factory=VirtualTimeLoop)
+
+Event = tuple[int, int, int, int]  # milliseconds, type, code, value
+SCREEN = {0x2F: (0, 9, 0), 0x35: (0, 3440, 10), 0x36: (0, 1940, 20), 0x39: (0, 65535, 0), 0x3A: (0, 255, 0)}
+BUTTONS = {0x00: (0, 100, 1), 0x01: (0, 100, 1)}
+STROKE: list[Event] = [
+    *((0, 3, 0x39, 7), (0, 3, 0x35, 1720), (0, 3, 0x36, 970), (0, 3, 0x3A, 51), (0, 1, 330, 1), (0, 0, 0, 0)),
+    *((8, 3, 0x35, 1730), (8, 0, 0, 0)),
+    *((16, 3, 0x35, 1740), (16, 0, 0, 0)),
+    *((216, 3, 0x39, -1), (216, 1, 330, 0), (216, 0, 0, 0)),
+]
+
+
+def evemu(axes: dict[int, tuple[int, int, int]], events: list[Event], *, version: str = "# EVEMU 1.3\n") -> str:
+    head = f'{version}# Input device name: "screen"\nN: my screen\nI: 0003 1234 5678 0100\nP: 02 00 00 00 00 00 00 00\n'
+    declared = "".join(f"A: {code:02x} {low} {high} 0 0 {per_mm}\n" for code, (low, high, per_mm) in axes.items())
+    said = [
+        f"E: {ms // 1000}.{ms % 1000:03d}000 {kind:04x} {code:04x} {value}\t# what\n"
+        for ms, kind, code, value in events
+    ]
+    return head + "B: 00 0b 00 00 00 00 00 00 00\n" + declared + "#  Waiting for events  #\n" + "".join(said)
+
+
+def node(axes: dict[int, tuple[int, int, int]], events: list[Event], name: str = "my screen") -> str:
+    declared = "".join(f"      {code}: [{low}, {high}, 0, 0, {per_mm}]\n" for code, (low, high, per_mm) in axes.items())
+    said = "".join(
+        f"    - [{ms // 1000:3d}, {ms % 1000 * 1000:6d}, {kind:3d}, {code:3d}, {value:7d}] # what {value} (+3)\n"
+        for ms, kind, code, value in events
+    )
+    evdev = (
+        f'  evdev:\n    # Name: {name}\n    name: "{name}"\n    id: [3, 4660, 22136, 256]\n    codes:\n'
+        f"      0: [0, 1, 2, 3, 4] # EV_SYN\n      3: [47, 53, 54, 57, 58] # EV_ABS\n    absinfo:\n{declared}"
+    )
+    udev = "    properties: [1]\n  udev:\n    properties:\n    - ID_INPUT=1\n  quirks:\n  events:\n"
+    libinputs = "  - libinput:\n    - {time: 0.000, type: TOUCH_DOWN, slot: 0}\n"
+    return f"- node: /dev/input/event9\n{evdev}{udev}  # Current time is 12:34:56\n  - evdev:\n{said}{libinputs}"
+
+
+def libinput(*nodes: str) -> str:
+    head = '# libinput record\nversion: 1\nndevices: 1\nlibinput:\n  version: "1.23.0"\n'
+    return head + 'system:\n  kernel: "6.1.0"\ndevices:\n' + "".join(nodes)
+
+
+def libinput_screen(axes: dict[int, tuple[int, int, int]], events: list[Event]) -> str:
+    return libinput(node(axes, events))
+
+
+each_program = pytest.mark.parametrize("text_of", [evemu, libinput_screen])
+Writer = Callable[[dict[int, tuple[int, int, int]], list[Event]], str]
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "touch.yml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def frames(path: Path, size_mm: tuple[float, ...] = ()) -> list[TouchFrame]:
+    pad, reports = read_recording(path, size_mm)
+    decoder = Decoder(pad)
+    return [frame for report in reports for frame in decoder.decode(report.data, report.t_host_ns)]
+
+
+@each_program
+def test_a_recording_has_the_device_and_each_report_with_its_time(tmp_path: Path, text_of: Writer) -> None:
+    path = written(tmp_path, text_of(SCREEN, STROKE))
+    pad, reports = read_recording(path)
+    assert (pad.name, pad.source, pad.geometry.width_mm, pad.geometry.height_mm) == ("my screen", "evdev", 344.0, 97.0)
+    assert pad.geometry.pressure_max_raw == 255
+    assert [report.t_host_ns for report in reports] == [0, 8_000_000, 16_000_000, 216_000_000]
+    seen = [
+        [(one.contact_id, one.x_mm, one.y_mm, one.pressure_frac) for one in frame.contacts] for frame in frames(path)
+    ]
+    assert seen == [[(7, 0.0, 0.0, 0.2)], [(7, 1.0, 0.0, 0.2)], [(7, 2.0, 0.0, 0.2)], []]
+
+
+def test_of_several_devices_the_first_with_touches_is_played(tmp_path: Path) -> None:
+    mouse = node(BUTTONS, [(0, 2, 0, 5), (0, 0, 0, 0)], "a mouse")
+    other = node(SCREEN | {0x35: (0, 100, 1)}, [(0, 3, 0x39, 9), (0, 0, 0, 0)], "another screen")
+    pad, reports = read_recording(written(tmp_path, libinput(mouse, node(SCREEN, STROKE), other)))
+    assert (pad.name, pad.geometry.width_mm, len(reports)) == ("my screen", 344.0, 4)
+
+
+def test_evemu_files_without_a_version_and_without_resolutions_are_read_too(tmp_path: Path) -> None:
+    bare = evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE, version="")
+    bare = bare.removeprefix('# Input device name: "screen"\n').replace(" 0 0 0\n", " 0 0\n")
+    path = written(tmp_path, bare)
+    assert frames(path, (172.0, 97.0))[1].contacts[0].x_mm == pytest.approx(0.5)
+    with pytest.raises(
+        TrackpadError, match=r"my screen in .*touch\.yml does not say how large it is.*trackpad\.size_mm"
+    ):
+        read_recording(path)
+
+
+@each_program
+@pytest.mark.parametrize(
+    ("events", "reason"),
+    [
+        ([(8, 0, 0, 0), (7, 0, 0, 0)], "before that of the report above"),
+        ([(0, 3, 0x35, 1 << 31), (0, 0, 0, 0)], "its value 32"),
+    ],
+)
+def test_a_bad_event_is_named_by_its_line(tmp_path: Path, text_of: Writer, events: list[Event], reason: str) -> None:
+    with pytest.raises(TrackpadError, match=rf"touch\.yml, line \d+: .*{reason}"):
+        read_recording(written(tmp_path, text_of(SCREEN, events)))
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("    - [0, 1000000, 0, 0, 0]", "below a million"),
+        ("    - [0, 0, 65536, 0, 0]", "16 bits"),
+        ("    absinfo:\n      53: [0, 9999999999, 0, 0, 1]", "32 bits"),
+    ],
+)
+def test_numbers_beyond_the_kernels_are_refused(tmp_path: Path, line: str, reason: str) -> None:
+    with pytest.raises(TrackpadError, match=reason):
+        read_recording(written(tmp_path, f"# libinput record\n- node: a\n{line}\n"))
+
+
+@each_program
+def test_a_recording_without_touches_is_no_pad(tmp_path: Path, text_of: Writer) -> None:
+    with pytest.raises(TrackpadError, match="declares no range of positions: choose another device"):
+        read_recording(written(tmp_path, text_of(BUTTONS, [])))
+
+
+def test_a_report_keeps_no_more_events_than_a_device_has_axes_and_a_device_no_more_axes(tmp_path: Path) -> None:
+    events: list[Event] = [(0, 3, 0x35, value) for value in range(5000)]
+    pad, reports = read_recording(written(tmp_path, evemu(SCREEN, [*events, (0, 0, 0, 0)])))
+    assert len(reports[0].data) == 170 * 24
+    many = SCREEN | dict.fromkeys(range(0x100, 0x400), (0, 1, 0))
+    assert read_recording(written(tmp_path, evemu(many, STROKE)))[0] == pad
+    assert MAX_EVENT_LINES == 4_000_000
+
+
+def test_what_was_read_is_written_in_hapticds_own_form(tmp_path: Path) -> None:
+    pad, reports = read_recording(written(tmp_path, evemu(SCREEN, STROKE)))
+    again = tmp_path / "again.jsonl"
+    write_recording(again, pad, reports)
+    pad_again, reports_again = read_recording(again)
+    assert (to_fields(pad_again), reports_again) == (to_fields(pad), reports)
+
+
+@in_virtual_time
+async def test_a_finger_that_lay_still_is_repeated_until_it_is_lifted(tmp_path: Path) -> None:
+    """The kernel says nothing for 200 ms, after which the service would count it as lifted."""
+    loop, listener = asyncio.get_running_loop(), Listener()
+    path = written(tmp_path, evemu(SCREEN, STROKE))
+    source = ReplayTrackpad(path, clock_ns=lambda: 900 + round(loop.time() * 1e9))
+    source.start(loop, listener.on_reports, listener.on_link)
+    await listener.until(lambda: len(listener.links) == 2)
+    times_ms = [(report.t_host_ns - 900) * 1e-6 for report in listener.reports]
+    assert max(after - before for before, after in pairwise(times_ms)) < 15.0
+    decoder = Decoder(read_recording(path)[0])
+    contacts = [decoder.decode(report.data, report.t_host_ns)[-1].contacts for report in listener.reports]
+    assert len(contacts) > 20
+    assert {(one[0].x_mm, one[0].y_mm) for one in contacts[2:-1]} == {(2.0, 0.0)}
+    assert contacts[-1] == ()
+    await source.close()
+
+
+def test_a_service_takes_the_recording_and_the_size_of_its_screen(tmp_path: Path) -> None:
+    path = written(tmp_path, evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE))
+    pad = TrackpadConfig(source="replay", replay_file=str(path))
+    with pytest.raises(ConfigError, match=r"^trackpad\.replay_file: my screen .*set trackpad\.size_mm"):
+        _trackpad(Config(trackpad=pad), Path())
+    assert isinstance(_trackpad(Config(trackpad=replace(pad, size_mm=(344.0, 194.0))), Path()), ReplayTrackpad)
