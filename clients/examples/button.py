@@ -16,7 +16,7 @@ RADIUS_MM = 18.0
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: hapticd run --sim &  python button.py --threshold 0.1",
+        epilog="example: hapticd run --sim --scenario press &  python button.py",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--threshold", type=float, default=0.35, help="pressure that clicks, 0.01 .. 1 (%(default)s)")

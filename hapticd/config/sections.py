@@ -39,6 +39,7 @@ SCENARIO_NAMES = (
     "two-of-three",
     "two-of-four",
     "two-of-five",
+    "press",
     "hands",
 )
 
@@ -265,7 +266,7 @@ class SimConfig:
     """The simulated rig, for trackpad and board on \"sim\"."""
 
     scenario: str = key("strokes", "scenario of the simulated fingers", choices=SCENARIO_NAMES)
-    fingers_file: str = key("", "CSV of fingers that are played in place of the scenario; empty: none")
+    fingers_file: str = key("", "CSV, or recording, of fingers that are played in place of the scenario; empty: none")
     seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
     plate: str = key("reference", f"one of {', '.join(PLATE_NAMES)}, or a plate's file (.toml)")
     modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=MOST_MODES)

@@ -28,7 +28,7 @@ from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
 from .fingers import fingertip
-from .fingers.fingertip import Fingertip
+from .fingers.pressing import Tip
 from .fingers.scenarios import SCENARIOS, Actor, Scenario, paths_of, with_motion
 from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel
@@ -72,7 +72,7 @@ class Run:
     score: Score
     status: dict[str, Any]
     is_virtual: tuple[bool, ...]  # of each finger
-    fingertips: tuple[Fingertip, ...]  # of each finger
+    fingertips: tuple[Tip, ...]  # of each finger
     played: Scenario | None = None
 
     @property
@@ -332,7 +332,7 @@ class Simulation:
         return true_mm
 
 
-def _fingertip(actor: Actor, usual: Fingertip) -> Fingertip:
+def _fingertip(actor: Actor, usual: Tip) -> Tip:
     """Return a finger's contact; a virtual one's is what it is taken to be."""
     if actor.path is None:
         return fingertip.USUAL

@@ -16,8 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "--fingers",
         type=Path,
-        metavar="F.csv",
-        help="fingers of your own in place of a scenario, again and again (hapticd/sim/README.md)",
+        metavar="FILE",
+        help="fingers of a CSV or a recording (.mcap) in place of a scenario, again and again (hapticd/sim/README.md)",
     )
 
 

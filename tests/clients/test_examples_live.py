@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from test_examples import NAMES, example
 
 from hapticd.tools.study.program import rehearsal
-from hapticd_client import Client
+from hapticd_client import Client, FingerState
+from hapticd_client.sim import Finger
 
 pytestmark = pytest.mark.long
 
@@ -40,6 +41,9 @@ EXPECTED = {
 }
 
 
+EXAMPLE = re.compile(r"example: hapticd run --sim --scenario (?P<scenario>\S+) &  python button\.py\n")
+
+
 @pytest.fixture(scope="module")
 def service() -> Iterator[Path]:
     """A running service whose two fingers are down."""
@@ -60,3 +64,41 @@ def test_an_example_runs_on_the_simulated_plate(name: str, service: Path, capsys
     printed = capsys.readouterr()
     assert printed.err == ""
     assert re.search(EXPECTED[name], printed.out, re.MULTILINE), printed.out
+
+
+@pytest.mark.timeout(180)
+def test_the_documented_example_of_the_button_clicks(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        example("button").main(["--help"])
+    documented = EXAMPLE.search(capsys.readouterr().out)
+    assert documented is not None
+    with rehearsal(documented["scenario"]) as running:
+        with Client(running.runtime_dir, timeout_s=PATIENCE_S) as client:
+            next(state for state in client.states(PATIENCE_S) if state.fingers)
+        example("button").main(["--endpoint", str(running.runtime_dir), "--seconds", "5"])
+    assert re.search(r"^finger \d+: click 2$", capsys.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.timeout(180)
+def test_a_programs_finger_clicks_the_button_by_pressing_and_is_where_it_was_moved() -> None:
+    button = example("button")
+    with rehearsal("hands") as running, Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate:
+        with Finger(plate) as finger:
+            button.lay(plate, 0.35, 2.0)
+            events = plate.events(PATIENCE_S)
+            finger.land(0, 0)
+            light = seen(plate, lambda state: state.pressure_frac > 0.1)
+            finger.press(0.6)
+            clicked = next(event for event in events if event.kind == "begun" and event.effect == "click")
+            hard = seen(plate, lambda state: state.pressure_frac > 0.59)
+            finger.press(0.2)
+            finger.move((25, -10), speed_mm_s=200)
+            moved = seen(plate, lambda state: abs(state.x_mm - 25) < 0.5 and abs(state.y_mm + 10) < 0.5)
+        next(state for state in plate.states(PATIENCE_S) if not state.fingers)
+    assert {light.id, clicked.finger, hard.id, moved.id} == {light.id}
+    assert hard.area_mm2 > 1.5 * light.area_mm2
+
+
+def seen(plate: Client, is_there: Callable[[FingerState], bool]) -> FingerState:
+    """Wait for the state of a finger."""
+    return next(finger for state in plate.states(PATIENCE_S) for finger in state.fingers if is_there(finger))

@@ -23,11 +23,12 @@ REFRESHER = "hapticd-refresher"  # its thread
 
 
 class Refresher:
-    """Send one payload on the `targets` socket repeatedly, until `stop`."""
+    """Send one payload on the endpoint's socket of this name repeatedly, until `stop`."""
 
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint, name: str = "targets") -> None:
         self._context = context
         self._endpoint = endpoint
+        self._name = name
         self._changed = threading.Condition()
         self._payload = b""
         self._period_s = math.inf
@@ -63,7 +64,7 @@ class Refresher:
         socket.linger = LINGER_MS
         socket.immediate = True
         socket.sndhwm = 2
-        self._endpoint.connect(socket, "targets")
+        self._endpoint.connect(socket, self._name)
         with self._changed:
             while True:
                 left_s = self._t_due_s - time.monotonic()

@@ -46,5 +46,9 @@ class Fingertip:
         size = 1.0 + self.swell_frac * np.sin(2.0 * np.pi * self.swell_hz * t_s)
         return np.asarray(size[:, None, None] * (0.5 * (still + still.T)))
 
+    def pressure_frac(self, t_s: FloatArray) -> FloatArray:
+        """Return NaN (T,): the pressure is the pad's own draw."""
+        return np.full(len(t_s), np.nan)
+
 
 USUAL = Fingertip()

@@ -1,8 +1,8 @@
 """A user's fingers on the simulated plate: received positions become paths, like those of a scenario.
 
 A pointing device reports some 60 times a second, the pad scans 89 times and the control loop runs 2000 times. So a
-finger moves to a received position at constant speed within `GLIDE_S` instead of jumping. Not modelled: the dynamics
-and pressure of a fingertip.
+finger moves to a received position at constant speed within `GLIDE_S` instead of jumping, and its pressure and contact
+with it. Not modelled: the dynamics of a fingertip.
 """
 
 from __future__ import annotations
@@ -11,53 +11,59 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
 
-from hapticd_contract.base import Contract, Name, Place, problem_of_name
+from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch, SimulatedTouches
 
 from ...values import FloatArray
 from ...wire.client import read, unpack
 from .paths import Path
+from .pressing import form_of, matrices
 
-MAX_HANDS = 5  # one hand
 GLIDE_S = 0.03  # two reports of a typical pointing device
 TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
 KEPT_S = 0.25  # of past positions, for a sensor that samples a little later
 
-PointMm = tuple[float, float]
+_Values = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's form
 
 
 class HeldFinger:
-    """One finger moved by a user: a growing polyline, NaN while lifted."""
+    """One finger moved by a user, and its tip: a growing polyline, NaN while lifted."""
 
     def __init__(self) -> None:
         self.t_up_s = -math.inf  # when it was lifted; inf while it is down
-        self._knots: deque[tuple[float, float, float]] = deque()
+        self._knots: deque[tuple[float, *_Values]] = deque()
 
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         """Return positions (T, 2) at recent times (T,); NaN where the finger is lifted."""
         t_s = np.asarray(t_s, dtype=np.float64)
         if not self._knots or self.t_up_s <= t_s[0]:
             return np.full((len(t_s), 2), np.nan)
-        knots = np.array(self._knots)
-        position = np.stack([np.interp(t_s, knots[:, 0], knots[:, axis]) for axis in (1, 2)], axis=1)
-        position[(t_s < knots[0, 0]) | (t_s >= self.t_up_s)] = np.nan
+        position = self._between(t_s, 1, 2)
+        position[(t_s < self._knots[0][0]) | (t_s >= self.t_up_s)] = np.nan
         return position
 
-    def land(self, t_s: float, point_mm: PointMm) -> None:
+    def pressure_frac(self, t_s: FloatArray) -> FloatArray:
+        """Return the pressure (T,), also where the finger is lifted, where it means nothing."""
+        return self._between(t_s, 3)[:, 0]
+
+    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+        """Return the symmetric matrices (T, 2, 2) that make the contact of the unit disc, as `pressure_frac`."""
+        return matrices(self._between(t_s, 4, 5, 6))
+
+    def land(self, t_s: float, touch: SimulatedTouch) -> None:
         """Land at `t_s`; the finger must be lifted."""
         self.t_up_s = math.inf
-        self._knots = deque([(t_s, *point_mm)])
+        self._knots = deque([(t_s, *_values(touch))])
 
-    def move(self, t_s: float, point_mm: PointMm) -> None:
-        """Start moving to a point at `t_s`, which must not precede that of the last call."""
-        x_mm, y_mm = self.position_mm(np.array([t_s]))[0].tolist()
+    def move(self, t_s: float, touch: SimulatedTouch) -> None:
+        """Start moving to a place at `t_s`, which must not precede that of the last call."""
+        x_mm, y_mm, pressure_frac, xx_mm, xy_mm, yy_mm = self._between(np.array([t_s]), *range(1, 7))[0].tolist()
         while self._knots and self._knots[-1][0] >= t_s:
             self._knots.pop()
-        self._knots += ((t_s, x_mm, y_mm), (t_s + GLIDE_S, *point_mm))
+        here = (t_s, x_mm, y_mm, pressure_frac, xx_mm, xy_mm, yy_mm)
+        self._knots += (here, (t_s + GLIDE_S, *_values(touch)))
         while len(self._knots) > 2 and self._knots[1][0] < t_s - KEPT_S:
             if len(self._knots) > 3 or self._knots[0][0] < t_s - KEPT_S:
                 self._knots.popleft()
@@ -66,32 +72,49 @@ class HeldFinger:
         """Lift at `t_s`."""
         self.t_up_s = t_s
 
+    def _between(self, t_s: FloatArray, *columns: int) -> FloatArray:
+        """Return columns of the knots (T, columns), straight between them; NaN without any."""
+        if not self._knots:
+            return np.full((len(t_s), len(columns)), np.nan)
+        knots = np.array(self._knots)
+        return np.stack([np.interp(t_s, knots[:, 0], knots[:, column]) for column in columns], axis=1)
+
+
+def _values(touch: SimulatedTouch) -> _Values:
+    return touch.x_mm, touch.y_mm, touch.pressure_frac, *form_of(touch)
+
 
 class Hands:
-    """All fingers of a user: `MAX_HANDS` paths, lifted until used.
+    """All fingers of users: `MAX_TOUCHES` paths, lifted until used.
 
     `t_taken_s` is the time of the first message, from which on the scenario's own fingers are lifted; `lifted_s` is the
     newest interval in which they lift on request.
     """
 
     def __init__(self) -> None:
-        self.fingers: tuple[HeldFinger, ...] = tuple(HeldFinger() for _ in range(MAX_HANDS))
+        self.fingers: tuple[HeldFinger, ...] = tuple(HeldFinger() for _ in range(MAX_TOUCHES))
         self.t_taken_s = math.inf
         self.lifted_s = (math.inf, -math.inf)
-        self._held: dict[str, HeldFinger] = {}
-        self._t_message_s = -math.inf
+        self._held: dict[tuple[str, str], HeldFinger] = {}  # by sender and name
+        self._t_message_s: dict[str, float] = {}  # of senders that hold some
 
-    def hold(self, points_mm: Mapping[str, PointMm], t_s: float) -> None:
-        """Set the fingers that are down from `t_s` on, by names of the sender's choice; all others lift."""
+    def hold(self, touches: Mapping[str, SimulatedTouch], t_s: float, sender: str = "") -> None:
+        """Set the fingers of one sender that are down from `t_s` on, by names of its choice; its others lift.
+
+        A finger for which the hand has no room is not there.
+        """
         self.t_taken_s = min(self.t_taken_s, t_s)
-        self._t_message_s = t_s
-        for name in [name for name in self._held if name not in points_mm]:
-            self._held.pop(name).lift(t_s)
-        for name, point_mm in points_mm.items():
-            if name in self._held:
-                self._held[name].move(t_s, point_mm)
+        for key in [key for key in self._held if key[0] == sender and key[1] not in touches]:
+            self._held.pop(key).lift(t_s)
+        self._t_message_s.pop(sender, None)
+        for name, touch in touches.items():
+            if (sender, name) in self._held:
+                self._held[sender, name].move(t_s, touch)
+            elif len(self._held) < MAX_TOUCHES:
+                self._take(sender, name).land(t_s, touch)
             else:
-                self._take(name).land(t_s, point_mm)
+                continue
+            self._t_message_s[sender] = t_s
 
     def lift_scripted(self, t_s: float) -> None:
         """Lift the scenario's own fingers from `t_s` on, until TIMEOUT_S after the last request."""
@@ -99,15 +122,16 @@ class Hands:
         self.lifted_s = (start_s if t_s <= end_s else t_s, t_s + TIMEOUT_S)
 
     def expire(self, t_s: float) -> None:
-        """Lift all fingers after TIMEOUT_S without a message."""
-        if self._held and t_s - self._t_message_s > TIMEOUT_S:
-            self.hold({}, t_s)
+        """Lift the fingers of each sender after TIMEOUT_S without its message."""
+        for sender, t_message_s in tuple(self._t_message_s.items()):
+            if t_s - t_message_s > TIMEOUT_S:
+                self.hold({}, t_s, sender)
 
-    def _take(self, name: str) -> HeldFinger:
+    def _take(self, sender: str, name: str) -> HeldFinger:
         """Assign the finger lifted for longest, so that the pad has sampled its lift."""
         free = [finger for finger in self.fingers if finger.t_up_s < math.inf]
-        self._held[name] = min(free, key=lambda finger: finger.t_up_s)
-        return self._held[name]
+        self._held[sender, name] = taken = min(free, key=lambda finger: finger.t_up_s)
+        return taken
 
 
 @dataclass(frozen=True)
@@ -126,16 +150,7 @@ class YieldingPath:
         return position
 
 
-class _Held(Contract, frozen=True):
-    """The fingers that are down, by name; nil: the scenario's fingers are to lift."""
-
-    fingers: Annotated[dict[Name, Place], Meta(max_length=MAX_HANDS)] | None
-
-    def problem(self) -> str:
-        return next(filter(None, [problem_of_name(name, ".fingers") for name in self.fingers or ()]), "")
-
-
-def decode_hands(payload: bytes) -> dict[str, PointMm] | None:
-    """Decode the fingers that are down, by name, or None: the scenario's fingers are to lift. Raises RequestError."""
-    held: _Held = read(unpack(payload), _Held)
-    return held.fingers
+def decode_hands(payload: bytes) -> SimulatedTouches:
+    """Decode the fingers that are down. Raises RequestError."""
+    touches: SimulatedTouches = read(unpack(payload), SimulatedTouches)
+    return touches

@@ -15,7 +15,7 @@ import numpy as np
 from ...values import FloatArray
 from .strokes import Strokes, require_positive, strokes_pair, tremor_mm
 
-__all__ = ["CirclePath", "Line", "Path", "ReachPath", "Rest", "Strokes", "Touch", "Touches", "strokes_pair"]
+__all__ = ["CirclePath", "Line", "Path", "ReachPath", "Rest", "Sampled", "Strokes", "Touch", "Touches", "strokes_pair"]
 
 _Point = tuple[float, float]
 
@@ -132,6 +132,18 @@ class Touch:
         t_s = np.asarray(t_s, dtype=np.float64)
         is_down = (self.down_s <= t_s) & (t_s < self.up_s)
         return np.where(is_down[:, np.newaxis], self.path.position_mm(t_s), np.nan)
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A path through samples: `at_s` (K,) rising, `at_mm` (K, 2), NaN where the finger is lifted."""
+
+    at_s: FloatArray
+    at_mm: FloatArray
+
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
+        lines = [np.interp(t_s, self.at_s, along_mm, left=np.nan, right=np.nan) for along_mm in self.at_mm.T]
+        return np.stack(lines, axis=-1)
 
 
 @dataclass(frozen=True)

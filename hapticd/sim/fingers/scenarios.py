@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from hapticd_contract.simulated import USUAL_PRESSURE_FRAC, SimulatedTouch
 from hapticd_contract.surfaces import VirtualPath
 
-from .fingertip import Fingertip
 from .paths import CirclePath, Line, Path, Rest, Strokes, Touch, Touches, strokes_pair
+from .pressing import RepeatedTip, SampledTip, Tip
 from .real_strokes import RealStrokes
 
 SLIPPERY_UM = 1.0  # the paper's W1
@@ -26,6 +27,7 @@ LIFT_S, LAND_AGAIN_S = 2.5, 3.0  # one finger of "swap" is lifted in between
 SWAP_S = 4.0  # when the fingers of "swap" exchange their targets
 SPEED_MM_S = 100.0  # the paper's 10 cm/s
 RING_MM = 38.0  # from the plate's centre: where three to five fingers circle
+PRESSED_FRAC = 0.6  # of the pad's highest: a resting finger presses with 0.1, a firm one beyond a third
 STEP_S = 1.0
 STEP_POINT_MM = (44.1, 0.0)  # the inner plate's strongest antinode of mode X on the node line of mode Y
 STEP_TARGET_UM = 0.518  # |phi_X| there, so that the mode's own amplitude steps to 1 um
@@ -42,7 +44,7 @@ class Actor:
     steps_um: tuple[tuple[float, float], ...]
     path: Path | None = None
     virtual: VirtualPath | None = None
-    fingertip: Fingertip | None = None
+    fingertip: Tip | None = None
 
     def target_um(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the target at each instant (T,); NaN before the first."""
@@ -214,6 +216,15 @@ def _mixed(slippery: int, fingers: int) -> Callable[[int, float], tuple[Actor, .
     return build
 
 
+def _press(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
+    """A finger rests in the middle, and presses harder for a third of each second."""
+    light, hard = (SimulatedTouch(0.0, 0.0, pressure_frac) for pressure_frac in (USUAL_PRESSURE_FRAC, PRESSED_FRAC))
+    at_s = np.array([0.0, 0.4, 0.5, 0.8, 0.9, 1.0])
+    touches = (light, light, hard, hard, light, light)
+    pressing = RepeatedTip(SampledTip.of(at_s, touches), period_s=1.0)
+    return (replace(_touching(Rest((0.0, 0.0)), SLIPPERY_UM), fingertip=pressing),)
+
+
 def _hands(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     return ()
 
@@ -238,6 +249,7 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("two-of-three", "three fingers on circles, two slippery, one sticky", 10.0, _mixed(2, 3)),
         Scenario("two-of-four", "four fingers on circles, two slippery, two sticky", 10.0, _mixed(2, 4)),
         Scenario("two-of-five", "five fingers on circles, two slippery, three sticky", 10.0, _mixed(2, 5)),
+        Scenario("press", "a finger in the middle that presses harder once a second", 5.0, _press),
         Scenario("hands", "no fingers until a user moves some in `hapticd view --sim`", 1.0, _hands),
     )
 }

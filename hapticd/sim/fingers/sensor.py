@@ -3,11 +3,13 @@
 Reports have the layouts of `wire.trackpad`, positions rounded to the pad's units, and the device's 21-bit millisecond
 stamp. A landing finger gets the lowest free contact id of 1..15. A contact ends as drivers describe (Magic Trackpad 2:
 state 7, then 0, then a frame without it). Without touch the pad sends nothing. The ellipse is that of the true contact,
-as a pad senses it (`pad_ellipse`); pressure and size are those of an index finger in public captures.
+as a pad senses it (`pad_ellipse`); pressure and size are those of an index finger in public captures, where the finger
+has none of its own.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -19,10 +21,10 @@ import numpy as np
 from ...values import AffineMap, FloatArray
 from ...wire.trackpad import DEFAULT_PAD, MAX_RECORDS, RECORD, STAMP_WRAP_MS, Pad
 from . import fingertip, pad_ellipse
-from .fingertip import Fingertip
 from .pad_ellipse import EllipseSensor, PadEllipse, Reported
 from .pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from .paths import Path
+from .pressing import Tip
 
 _TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
 _MT1_ORIENTATIONS, _MT2_ORIENTATIONS = 64, 8
@@ -30,6 +32,8 @@ BLOCK = 64  # frames whose positions are computed at once
 _OFF_PAD_MM = 3.0  # a finger's centre may lie this far beyond the declared range and still be sensed
 _MAX_RAW = 4095
 _PRESSURE_RISE = (0.4, 0.7, 1.0)  # of the first frames of a contact
+_MOST_PRESSURE, _MT1_MOST_SIZE = 253, 63  # of the decoder's `pressure_frac`
+_NOBODY: FloatArray = np.empty((BLOCK, 0))
 _CENTRED = AffineMap()
 _ELLIPSES = 11  # a stream of random numbers of its own: positions do not depend on ellipses
 
@@ -155,29 +159,23 @@ class SensorModel:
         self._pad_from_plate = np.linalg.inv(((affine.xx, affine.xy), (affine.yx, affine.yy)))  # or LinAlgError
         self._offset_mm = np.array((affine.offset_x_mm, affine.offset_y_mm))
 
-    def reports(
-        self, paths: Sequence[Path], t_end_s: float, fingertips: Sequence[Fingertip] | None = None
-    ) -> list[Report]:
+    def reports(self, paths: Sequence[Path], t_end_s: float, fingertips: Sequence[Tip] | None = None) -> list[Report]:
         """Return all reports sampled before `t_end_s`, in order of arrival."""
         return list(self.until(paths, t_end_s, fingertips))
 
-    def until(
-        self, paths: Sequence[Path], t_end_s: float, fingertips: Sequence[Fingertip] | None = None
-    ) -> Iterator[Report]:
+    def until(self, paths: Sequence[Path], t_end_s: float, fingertips: Sequence[Tip] | None = None) -> Iterator[Report]:
         """Return the same, computed as they are taken."""
         scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths, fingertips))
         return (report for scan in scans for report in scan.reports)
 
-    def scans(self, paths: Sequence[Path], fingertips: Sequence[Fingertip] | None = None) -> Iterator[_Scan]:
+    def scans(self, paths: Sequence[Path], fingertips: Sequence[Tip] | None = None) -> Iterator[_Scan]:
         """Return an endless stream of scans: without touch or when lost they have no report, when duplicated two."""
         if len(paths) > MAX_RECORDS:
             raise ValueError(f"a pad senses at most {MAX_RECORDS} fingers, not {len(paths)}")
-        tips = [fingertip.USUAL] * len(paths) if fingertips is None else fingertips
+        tips: Sequence[Tip] = [fingertip.USUAL] * len(paths) if fingertips is None else fingertips
         return self._scan(paths, tips, np.random.default_rng([self.seed, len(paths)]))
 
-    def _scan(
-        self, paths: Sequence[Path], fingertips: Sequence[Fingertip], rng: np.random.Generator
-    ) -> Iterator[_Scan]:
+    def _scan(self, paths: Sequence[Path], fingertips: Sequence[Tip], rng: np.random.Generator) -> Iterator[_Scan]:
         settings = self.settings
         is_mt1 = settings.pad.layout == "mt1"
         firmware = [Firmware(settings.noise) for _ in paths]
@@ -197,8 +195,10 @@ class SensorModel:
             stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, size) * settings.stamp_jitter_ms)
             points, copies = self._raw_points(paths, firmware, t_s, rng), self._copies(rng)
             forms = [self._ellipses(*each, t_s) for each in zip(points, ellipses, fingertips, strict=True)]
+            pressures_frac = np.stack([tip.pressure_frac(t_s) for tip in fingertips], axis=1) if fingertips else _NOBODY
             for i, t_sample_s in enumerate(t_s.tolist()):
-                records = contacts.scan([path_points[i] for path_points in points], [form[i] for form in forms])
+                felt = [path_points[i] for path_points in points], [form[i] for form in forms]
+                records = contacts.scan(*felt, pressures_frac[i].tolist())
                 if records is None:
                     yield _Scan(t_sample_s, ())
                     continue
@@ -222,7 +222,7 @@ class SensorModel:
         return points
 
     def _ellipses(
-        self, points: Sequence[tuple[int, int] | None], sensor: EllipseSensor, tip: Fingertip, t_s: FloatArray
+        self, points: Sequence[tuple[int, int] | None], sensor: EllipseSensor, tip: Tip, t_s: FloatArray
     ) -> Sequence[Reported | None]:
         """Return what is reported of a contact at each position in raw units."""
         if not any(points):
@@ -247,27 +247,31 @@ class _Contacts:
 
     def __init__(self, appearances: Sequence[PadRecord], *, is_mt1: bool) -> None:
         self._appearances = appearances
+        self._is_mt1 = is_mt1
         self._states = (_MT1_START, _TOUCHING) if is_mt1 else (_TOUCHING, _TOUCHING)
         self._down: dict[int, tuple[int, PadRecord]] = {}  # by path: frames down and the last record
         self._ending: list[PadRecord] = []
         self._was_silent = True
 
     def scan(
-        self, points: Sequence[tuple[int, int] | None], ellipses: Sequence[Reported | None]
+        self,
+        points: Sequence[tuple[int, int] | None],
+        ellipses: Sequence[Reported | None],
+        pressures_frac: Sequence[float],
     ) -> list[PadRecord] | None:
-        """Return the records of the next frame for the fingers' raw positions and what is reported of their contacts;
-        None if the pad sends nothing."""
+        """Return the records of the next frame for the fingers' raw positions, what is reported of their contacts, and
+        their pressures, NaN for the pad's own draw; None if the pad sends nothing."""
         self._ending = [record._replace(state=_NONE) for record in self._ending if record.state == _OUT_OF_RANGE]
         lifted = [self._down.pop(path)[1] for path in tuple(self._down) if points[path] is None]
         self._ending += [record._replace(state=_OUT_OF_RANGE, pressure=0) for record in lifted]
-        for path, (point, ellipse) in enumerate(zip(points, ellipses, strict=True)):
+        for path, (point, ellipse, press_frac) in enumerate(zip(points, ellipses, pressures_frac, strict=True)):
             if point is not None and ellipse is not None:
-                self._touch(path, *point, *ellipse)
+                self._touch(path, press_frac, *point, *ellipse)
         records = [record for _, record in self._down.values()] + self._ending
         is_silent, self._was_silent = self._was_silent and not records, not records
         return None if is_silent else records
 
-    def _touch(self, path: int, x: int, y: int, major: int, minor: int, orientation: int) -> None:
+    def _touch(self, path: int, press_frac: float, x: int, y: int, major: int, minor: int, orientation: int) -> None:
         age, record = self._down.get(path, (0, self._appearances[path]))
         if age == 0:
             taken = {other.contact_id for _, other in self._down.values()} | {r.contact_id for r in self._ending}
@@ -275,10 +279,20 @@ class _Contacts:
             if contact_id is None:
                 return  # every id is in use: the finger is sensed once one is free
             record = record._replace(contact_id=contact_id)
-        pressure = round(self._appearances[path].pressure * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
+        usual = self._pressed(path, press_frac)
+        pressure = round(usual.pressure * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
         state = self._states[min(age, 1)]
         record = record._replace(x=x, y=y, major=major, minor=minor, orientation=orientation)
-        self._down[path] = (age + 1, record._replace(state=state, pressure=pressure))
+        self._down[path] = (age + 1, record._replace(state=state, size=usual.size, pressure=pressure))
+
+    def _pressed(self, path: int, press_frac: float) -> PadRecord:
+        """Return the finger as it presses; the Magic Trackpad 1 has its contact's size in place of a pressure."""
+        usual = self._appearances[path]
+        if math.isnan(press_frac):
+            return usual
+        if self._is_mt1:
+            return usual._replace(size=round(press_frac * _MT1_MOST_SIZE))
+        return usual._replace(pressure=round(press_frac * _MOST_PRESSURE))
 
 
 def _appearance(rng: np.random.Generator, *, is_mt1: bool) -> PadRecord:

@@ -1,4 +1,4 @@
-"""Fingers of a file as a scenario: CSV with the columns t_s, finger, x_mm, y_mm, target_um (README of `sim/`)."""
+"""Fingers of a file as a scenario: CSV with the columns of `COLUMNS` and maybe `PRESSED` (README of `sim/`)."""
 
 from __future__ import annotations
 
@@ -10,32 +10,24 @@ from pathlib import Path as FilePath
 import numpy as np
 import numpy.typing as npt
 
+from hapticd_contract.simulated import MAX_TOUCHES, MOST_AXIS_MM, USUAL_PRESSURE_FRAC, SimulatedTouch
+
 from ...errors import UsageError, reason
 from ...regular_file import read_lines
 from ...wire.trackpad import MAX_RECORDS
-from .hands import MAX_HANDS
-from .paths import Path
+from .paths import Path, Sampled
+from .pressing import RepeatedTip, SampledTip
 from .scenarios import Actor, Scenario
 
 COLUMNS = ("t_s", "finger", "x_mm", "y_mm", "target_um")
+PRESSED = ("pressure_frac", "major_mm", "minor_mm", "angle_rad")  # more columns, of which the last ones may be missing
 MAX_LINES = 250_000  # 20 minutes of two fingers at 100 Hz
 MOST_FINGERS = 16
 MOST_UM = 1000.0  # the bound of a client's target
 MOST_S = 3600.0
-MOST_IN_REAL_TIME = MAX_RECORDS - MAX_HANDS
+MOST_IN_REAL_TIME = MAX_RECORDS - MAX_TOUCHES
 PAUSE_S = 1.0
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """A path through samples: `at_s` (K,) rising, `at_mm` (K, 2), NaN where the finger is lifted."""
-
-    at_s: npt.NDArray[np.float64]
-    at_mm: npt.NDArray[np.float64]
-
-    def position_mm(self, t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        lines = [np.interp(t_s, self.at_s, along_mm, left=np.nan, right=np.nan) for along_mm in self.at_mm.T]
-        return np.stack(lines, axis=-1)
+RECORDING_SUFFIX = ".mcap"
 
 
 def read(path: FilePath, size_mm: Sequence[float]) -> Scenario:
@@ -60,24 +52,38 @@ class Repeated:
 
 
 def read_repeated(path: FilePath, size_mm: Sequence[float]) -> tuple[Actor, ...]:
-    """Read a file of fingers for real time: they begin again PAUSE_S after the last has lifted, as nobody knows when a
-    client comes. Raises UsageError, also where the pad has no room for them beside a user's own."""
-    scenario = read(path, size_mm)
+    """Read a file of fingers, CSV or a recording, for real time: they begin again PAUSE_S after the last has lifted, as
+    nobody knows when a client comes.
+
+    Raises HapticdError, also where the pad has no room for them beside a user's own.
+    """
+    if path.suffix == RECORDING_SUFFIX:
+        from . import recorded  # with MCAP's library, which no CSV needs
+
+        scenario = recorded.read(path)
+    else:
+        scenario = read(path, size_mm)
     actors = scenario.build(0, 0.0)
     if len(actors) > MOST_IN_REAL_TIME:
         raise UsageError(f"{path}: has {len(actors)} fingers: in real time at most {MOST_IN_REAL_TIME} can be played.")
     period_s = scenario.seconds + PAUSE_S
-    return tuple(replace(actor, path=actor.path and Repeated(actor.path, period_s)) for actor in actors)
+    return tuple(_repeated(actor, period_s) for actor in actors)
+
+
+def _repeated(actor: Actor, period_s: float) -> Actor:
+    tip = actor.fingertip and RepeatedTip(actor.fingertip, period_s)
+    return replace(actor, path=actor.path and Repeated(actor.path, period_s), fingertip=tip)
 
 
 def _scenario(name: str, lines: Iterable[tuple[int, str]], size_mm: Sequence[float]) -> Scenario:
     rows = ((number, line.split(",")) for number, line in lines if line.strip() and not line.startswith("#"))
     _, header = next(rows, (0, []))
-    if tuple(cell.strip() for cell in header) != COLUMNS:
+    columns = tuple(cell.strip() for cell in header)
+    if columns[: len(COLUMNS)] != COLUMNS or columns[len(COLUMNS) :] not in (PRESSED[:number] for number in (0, 1, 4)):
         raise ValueError(f"does not begin with the header {','.join(COLUMNS)}: add it.")
     fingers: dict[int, list[tuple[float, ...]]] = {}
     for number, row in rows:
-        finger, sample = _parsed(row, size_mm, f"line {number}")
+        finger, sample = _parsed(row, columns, size_mm, f"line {number}")
         samples = fingers.setdefault(finger, [])
         if samples and sample[0] <= samples[-1][0]:
             late_s = samples[-1][0]
@@ -90,12 +96,14 @@ def _scenario(name: str, lines: Iterable[tuple[int, str]], size_mm: Sequence[flo
     return Scenario(name, "fingers of a file", seconds, lambda _seed, _speed_mm_s: actors)
 
 
-def _parsed(row: Sequence[str], size_mm: Sequence[float], where: str) -> tuple[int, tuple[float, ...]]:
-    """Return the finger and its t_s, x_mm, y_mm, target_um, NaN where a cell is empty."""
-    if len(row) != len(COLUMNS):
-        raise ValueError(f"{where}: has {len(row)} cells: give {', '.join(COLUMNS)}.")
-    values = [_value(cell, f"{where}: {name}") for name, cell in zip(COLUMNS, row, strict=True)]
-    t_s, finger, x_mm, y_mm, target_um = values
+def _parsed(
+    row: Sequence[str], columns: Sequence[str], size_mm: Sequence[float], where: str
+) -> tuple[int, tuple[float, ...]]:
+    """Return the finger and its t_s, x_mm, y_mm, target_um and what is in `PRESSED`, NaN where a cell is empty."""
+    if len(row) != len(columns):
+        raise ValueError(f"{where}: has {len(row)} cells: give {', '.join(columns)}.")
+    values = [_value(cell, f"{where}: {name}") for name, cell in zip(columns, row, strict=True)]
+    t_s, finger, x_mm, y_mm, target_um, *pressed = values
     if not 0.0 <= t_s <= MOST_S:
         raise ValueError(f"{where}: t_s is {t_s:g}: give 0 .. {MOST_S:g} s from the start of the run.")
     if not (finger.is_integer() and 1 <= finger <= MOST_FINGERS):
@@ -110,7 +118,17 @@ def _parsed(row: Sequence[str], size_mm: Sequence[float], where: str) -> tuple[i
         raise ValueError(f"{where}: has one of x_mm and y_mm: give both, or none for a lifted finger.")
     if not math.isnan(target_um) and not 0.0 <= target_um <= MOST_UM:
         raise ValueError(f"{where}: target_um is {target_um:g}: give 0 .. {MOST_UM:g} um.")
-    return int(finger), (t_s, x_mm, y_mm, target_um)
+    _check_pressed(pressed, where)
+    return int(finger), (t_s, x_mm, y_mm, target_um, *pressed)
+
+
+def _check_pressed(pressed: Sequence[float], where: str) -> None:
+    bounds = (1.0, MOST_AXIS_MM, MOST_AXIS_MM, 2.0 * math.pi)
+    for name, value, most in zip(PRESSED, pressed, bounds, strict=False):
+        if not math.isnan(value) and not (-most if name == "angle_rad" else 0.0) <= value <= most:
+            raise ValueError(f"{where}: {name} is {value:g}: give at most {most:.4g}.")
+    if len(pressed) > 1 and (pressed[1] > 0.0) != (pressed[2] > 0.0):
+        raise ValueError(f"{where}: has one of major_mm and minor_mm: give both, or none for a disc.")
 
 
 def _value(cell: str, where: str) -> float:
@@ -128,7 +146,16 @@ def _value(cell: str, where: str) -> float:
 def _actor(finger: int, samples: npt.NDArray[np.float64]) -> Actor:
     if np.isfinite(samples[:, 1]).sum() < 2:
         raise ValueError(f"finger {finger} has fewer than two positions: give one for each instant that it touches.")
-    steps_um = tuple((t_s, um) for t_s, _, _, um in samples.tolist() if not math.isnan(um))
+    steps_um = tuple((t_s, um) for t_s, _, _, um, *_ in samples.tolist() if not math.isnan(um))
     if not steps_um:
         raise ValueError(f"finger {finger} has no target_um: give one in its first line.")
-    return Actor(steps_um, path=Sampled(samples[:, 0], samples[:, 1:3]))
+    pressed = samples[:, len(COLUMNS) - 1 :]
+    tip = SampledTip.of(samples[:, 0], [_touch(row) for row in pressed.tolist()]) if pressed.size else None
+    return Actor(steps_um, path=Sampled(samples[:, 0], samples[:, 1:3]), fingertip=tip)
+
+
+def _touch(pressed: Sequence[float]) -> SimulatedTouch:
+    """Return how a finger presses: empty cells are a resting finger's pressure, and the disc that it makes."""
+    pressure_frac, *ellipse = pressed
+    contact = [0.0 if math.isnan(value) else value for value in ellipse]
+    return SimulatedTouch(0.0, 0.0, USUAL_PRESSURE_FRAC if math.isnan(pressure_frac) else pressure_frac, *contact)

@@ -37,8 +37,10 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import DeviceError, UsageError
+from ..fingers.fingertip import USUAL
 from ..fingers.hands import Hands, YieldingPath
 from ..fingers.paths import Path as FingerPath
+from ..fingers.pressing import Tip
 from ..fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Actor, paths_of, with_motion
 from ..fingers.sensor import Report, SensorModel, SensorSettings
 from ..fingers.trajectories import read_repeated
@@ -97,7 +99,8 @@ class Rig:
                 keep=keep,
                 chunk_ticks=CHUNK_TICKS,
             )
-        self._scans = SensorModel(SensorSettings(), seed, block=1).scans(paths)
+        tips: list[Tip] = [actor.fingertip or USUAL for actor in self.actors if actor.path is not None]
+        self._scans = SensorModel(SensorSettings(), seed, block=1).scans(paths, [*tips, *self.hands.fingers])
         self._sockets = RigSockets(directory)
         self._reports: deque[Report] = deque()
         self._t_scan_s = 0.0
@@ -177,11 +180,11 @@ class Rig:
     def _hold(self) -> None:
         """Apply the positions of a user's fingers, from the first time not yet computed."""
         t_s = self.world.t_ahead_s
-        for points_mm in self._sockets.held():
-            if points_mm is None:
+        for touches in self._sockets.held():
+            if touches.fingers is None:
                 self.hands.lift_scripted(t_s)
             else:
-                self.hands.hold(points_mm, t_s)
+                self.hands.hold(touches.fingers, t_s, touches.sender)
         self.hands.expire(t_s)
 
     def _publish_truth(self) -> None:

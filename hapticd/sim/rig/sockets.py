@@ -1,13 +1,14 @@
 """Sockets of the simulated rig for a viewer: two ZeroMQ sockets in its directory.
 
     truth     XPUB   the plate's ground truth, up to 100 times a second, while subscribed
-    fingers   PULL   a user's fingers that are down now; they replace the scenario's. Nil lifts the scenario's
+    fingers   PULL   a sender's fingers that are down now; they replace the scenario's. Nil lifts the scenario's
 
 Each message is one MessagePack map:
 
     truth     {"t_ns": .., "paths": .., "path": [.., ..], "fingers": [[x_mm, y_mm], ..], "modal_um": [[d, q], ..],
                "truth_um": [[d, q], ..]}
-    fingers   {"fingers": {"1": [x_mm, y_mm], ..}} or {"fingers": nil}
+    fingers   {"fingers": {"1": [x_mm, y_mm], ..}} or {"fingers": nil}, of `hapticd_contract.simulated`; a finger may
+              have its pressure and its contact behind its place, a message its "sender"
 
 `t_ns` is the host's monotonic clock; `fingers` are those that touch; `path` is the index of each of the rig's `paths`
 fingers, first the scenario's, then the user's; `modal_um` are all modes of the plate, driven ones first; `truth_um` is
@@ -25,8 +26,10 @@ import numpy as np
 import numpy.typing as npt
 import zmq
 
+from hapticd_contract.simulated import SimulatedTouches
+
 from ...errors import DeviceError, RequestError
-from ..fingers.hands import PointMm, decode_hands
+from ..fingers.hands import decode_hands
 from ..world import PlateInstant
 
 ENDPOINTS = ("truth", "fingers")
@@ -76,8 +79,8 @@ class RigSockets:
         }
         self._truth.send(msgpack.packb(message), zmq.NOBLOCK)
 
-    def held(self) -> Iterator[dict[str, PointMm] | None]:
-        """Yield the messages of fingers since the last call, None for nil; invalid ones are counted."""
+    def held(self) -> Iterator[SimulatedTouches]:
+        """Yield the messages of fingers since the last call; invalid ones are counted."""
         while True:
             try:
                 yield decode_hands(self._fingers.recv(zmq.NOBLOCK))

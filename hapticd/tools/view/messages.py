@@ -1,6 +1,6 @@
 """Messages between page and server over the websocket, as JSON. Pure.
 
-page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm], ..}}   all that are held on the simulated pad
+page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm, pressure_frac], ..}}   all held on the simulated pad
                  {"op": "set", "finger": 3, "amplitude_um": 1.0}         set a finger's target
                  {"op": "release", "finger": 3}                          release this page's target
                  {"op": "draw", "surface": {..}}      lay or move a surface of this viewer, as in a `targets` message
@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta
 
-from hapticd_contract.base import AmplitudeUm, Contract, Key, Name, Place, problem_of_name
+from hapticd_contract.base import AmplitudeUm, Contract, Key, Name
+from hapticd_contract.simulated import SimulatedTouch, problem_of_touches
 from hapticd_contract.states import Perceived
 from hapticd_contract.surfaces import Surface
 
@@ -50,13 +51,13 @@ class _Message(Contract, frozen=True, tag_field="op"):
     """A page's message."""
 
 
-class Hold(_Message, frozen=True, tag="fingers", rename={"points_mm": "fingers"}):
+class Hold(_Message, frozen=True, tag="fingers", rename={"touches": "fingers"}):
     """All fingers that this page holds on the simulated pad."""
 
-    points_mm: Annotated[dict[Name, Place], Meta(max_length=MAX_FINGERS)]
+    touches: Annotated[dict[Name, SimulatedTouch], Meta(max_length=MAX_FINGERS)]
 
     def problem(self) -> str:
-        return next(filter(None, [problem_of_name(name, ".fingers") for name in self.points_mm]), "")
+        return problem_of_touches(self.touches)
 
 
 class SetTarget(_Message, frozen=True, tag="set"):

@@ -10,8 +10,9 @@ from typing import Any
 
 import msgpack
 import zmq
+from msgspec.structs import astuple
 
-from ...sim.fingers.hands import PointMm
+from hapticd_contract.simulated import SimulatedTouch
 
 FRESH_NS = 100_000_000  # an older message is from a stopped rig
 
@@ -71,15 +72,15 @@ class PadSender:
         self._socket.sndhwm = 4
         self._socket.connect(f"ipc://{directory / 'fingers'}")
 
-    def hold(self, points_mm: Mapping[str, PointMm]) -> None:
+    def hold(self, touches: Mapping[str, SimulatedTouch]) -> None:
         """Send all fingers that are held now."""
-        self._send(dict(points_mm))
+        self._send({name: list(astuple(touch)) for name, touch in touches.items()})
 
     def lift_scripted(self) -> None:
         """Lift the scenario's fingers; to be repeated while they must not touch."""
         self._send(None)
 
-    def _send(self, fingers: dict[str, PointMm] | None) -> None:
+    def _send(self, fingers: dict[str, list[float]] | None) -> None:
         with contextlib.suppress(zmq.Again):
             self._socket.send(msgpack.packb({"fingers": fingers}), zmq.NOBLOCK)
 

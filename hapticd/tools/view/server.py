@@ -21,9 +21,9 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 import hapticd_client
 from hapticd_client.endpoint import find
+from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 
 from ...errors import RequestError
-from ...sim.fingers.hands import MAX_HANDS, PointMm
 from ..gateway.server import PATH, Gateway
 from ..web import connections, guard
 from . import layers, messages
@@ -47,7 +47,7 @@ class Page:
     def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
         self.socket = socket
         self.number = number
-        self.held: dict[str, PointMm] = {}
+        self.held: dict[str, SimulatedTouch] = {}
         self.targeted: dict[int | str, None] = {}  # the newest MAX_HELD, in their order
         self._waiting: dict[str, str] = {}  # the newest of each kind
         self._ready = asyncio.Event()
@@ -225,7 +225,7 @@ class Viewer:
             page.send("refused", messages.refused(str(error)))
             return
         if isinstance(message, Hold):
-            page.held = message.points_mm
+            page.held = message.touches
             self._hold()
         elif isinstance(message, SwitchPlate):
             self._switch(page, message)
@@ -276,8 +276,8 @@ class Viewer:
         """Send the fingers of all pages, with names that are unique per page."""
         if self._pad is None:
             return
-        held = {f"{page.number}-{name}"[:32]: place for page in self._pages for name, place in page.held.items()}
-        self._pad.hold(dict(list(held.items())[:MAX_HANDS]))
+        held = {f"{page.number}-{name}"[:32]: touch for page in self._pages for name, touch in page.held.items()}
+        self._pad.hold(dict(list(held.items())[:MAX_TOUCHES]))
 
     # --- messages of the client ---
 

@@ -27,6 +27,7 @@ from hapticd.sim.rig.process import RigProcess
 from hapticd.sim.rig.program import Rig
 from hapticd.wire import device
 from hapticd.wire.trackpad import Decoder
+from hapticd_contract.simulated import SimulatedTouch
 
 pytestmark = pytest.mark.long
 
@@ -181,7 +182,7 @@ def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None
     made = Rig(tmp_path, "hands", 1, keep=True)
     sensed: list[bytes] = []
     made._pad.send = sensed.append  # type: ignore[method-assign]
-    made.hands.hold({"1": (7.0, -3.0)}, 0.05)
+    made.hands.hold({"1": SimulatedTouch(7.0, -3.0, 0.5)}, 0.05)
     made._advance(0.4)
     made._sockets.close()
     decoder = Decoder("mt2-usb")
@@ -190,6 +191,7 @@ def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None
     made.save(tmp_path / "plate.npz")
     made.close()
     assert len(contacts) > 20
+    assert contacts[-1].pressure_frac == pytest.approx(0.5, abs=0.002)
     assert 0.01 < np.std(places_mm[:, 0]) < 0.1
     np.testing.assert_allclose(places_mm.mean(axis=0), (7.0, -3.0), atol=0.05)
     with np.load(tmp_path / "plate.npz") as arrays:

@@ -107,6 +107,30 @@ def test_the_keyboard_alone_lands_moves_chooses_and_lifts_a_finger(page: Page) -
     page.until(lambda: page["untouched"].is_displayed())
 
 
+def test_a_finger_that_stays_presses_harder_and_so_do_all_while_p_is_held(page: Page, service: DaemonProcess) -> None:
+    with Client(service.runtime_dir, timeout_s=PATIENCE_S) as client:
+
+        def until_pressed(pressure_frac: float) -> None:
+            states = client.states(PATIENCE_S)
+            next(s for s in states if [round(finger.pressure_frac, 1) for finger in s.fingers] == [pressure_frac])
+
+        ActionChains(page.browser).move_to_element(page["plate"]).click_and_hold().perform()
+        until_pressed(0.6)
+        ActionChains(page.browser).move_by_offset(40, 0).perform()
+        until_pressed(0.1)
+        ActionChains(page.browser).release().perform()
+        page.until(lambda: page["untouched"].is_displayed())
+        page.browser.execute_script("document.getElementById('plate').focus()")
+        page.keys(Keys.ENTER)
+        until_pressed(0.1)
+        ActionChains(page.browser).key_down("p").perform()
+        until_pressed(0.6)
+        ActionChains(page.browser).key_up("p").perform()
+        until_pressed(0.1)
+    page.keys(Keys.ENTER)
+    page.until(lambda: page["untouched"].is_displayed())
+
+
 def test_a_layer_shows_where_another_finger_could_reach_its_target(page: Page) -> None:
     page.lay("could be sticky")
     page.until(lambda: "No finger is slippery" in page["layer-text"].text)

@@ -21,6 +21,7 @@ from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
 from hapticd.tools.view.messages import ClearBoardFault, Hold, ReleaseTarget, SetTarget, SwitchPlate
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateEvent, PlateState
+from hapticd_contract.simulated import SimulatedTouch
 
 STATE = PlateState(
     instance=7,
@@ -45,7 +46,8 @@ LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as
 @pytest.mark.parametrize(
     ("sent", "decoded"),
     [
-        ({"op": "fingers", "fingers": {"mouse": [1, -2.5]}}, Hold({"mouse": (1.0, -2.5)})),
+        ({"op": "fingers", "fingers": {"mouse": [1, -2.5]}}, Hold({"mouse": SimulatedTouch(1.0, -2.5)})),
+        ({"op": "fingers", "fingers": {"mouse": [1, -2.5, 0.6]}}, Hold({"mouse": SimulatedTouch(1.0, -2.5, 0.6)})),
         ({"op": "fingers", "fingers": {}}, Hold({})),
         ({"op": "set", "finger": 3, "amplitude_um": 0}, SetTarget(3, 0.0)),
         ({"op": "set", "finger": "post", "amplitude_um": 1.5}, SetTarget("post", 1.5)),

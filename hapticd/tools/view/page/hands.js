@@ -6,6 +6,11 @@ const STEP_MM = 1;
 const LONG_STEP_MM = 6;
 const EDGE_MM = 3;
 const KEYS = "keys"; // the name of the finger that the keyboard moves
+const REST_FRAC = 0.11; // of the pad's highest pressure: a finger that rests
+const PRESS_FRAC = 0.6; // one that presses: all while P is held, and a pointer that stays for LONG_PRESS_MS
+const PRESS_KEY = "p";
+const LONG_PRESS_MS = 600;
+const STILL_MM = 1.5;
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
@@ -20,10 +25,14 @@ export class Hands {
     this.dragged = new Map(); // by pointer: the finger's name, and whether it stays after release
     this.pinned = 0;
     this.changed = false;
+    this.pressesAll = false;
+    this.pressed = new Set(); // names of pointers' fingers that press
     canvas.addEventListener("pointerdown", (event) => this.down(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
     for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => this.up(event));
     canvas.addEventListener("keydown", (event) => this.key(event));
+    canvas.addEventListener("keyup", (event) => event.key.toLowerCase() === PRESS_KEY && this.pressAll(false));
+    canvas.addEventListener("blur", () => this.pressAll(false));
     canvas.addEventListener("contextmenu", (event) => this.size_mm && event.preventDefault());
     setInterval(() => this.held.size > 0 && this.sendFingers(), REPEAT_MS);
   }
@@ -47,13 +56,39 @@ export class Hands {
 
   liftAll() {
     this.held.clear();
+    for (const drag of this.dragged.values()) this.letGo(drag);
     this.dragged.clear();
     this.changed = true;
   }
 
   sendFingers() {
     this.changed = false;
-    this.send({ op: "fingers", fingers: Object.fromEntries(this.held) });
+    const touches = [...this.held].map(([name, place_mm]) => [name, [...place_mm, this.pressure(name)]]);
+    this.send({ op: "fingers", fingers: Object.fromEntries(touches) });
+  }
+
+  pressure(name) {
+    return this.pressesAll || this.pressed.has(name) ? PRESS_FRAC : REST_FRAC;
+  }
+
+  pressAll(pressesAll) {
+    this.changed ||= this.pressesAll !== pressesAll;
+    this.pressesAll = pressesAll;
+  }
+
+  /** A pointer's finger presses once it has stayed where it is, until it moves on. */
+  watch(drag, place_mm) {
+    this.letGo(drag);
+    drag.from_mm = place_mm;
+    drag.timer = setTimeout(() => {
+      this.pressed.add(drag.name);
+      this.changed = true;
+    }, LONG_PRESS_MS);
+  }
+
+  letGo(drag) {
+    clearTimeout(drag.timer);
+    if (this.pressed.delete(drag.name)) this.changed = true;
   }
 
   place(event) {
@@ -92,7 +127,9 @@ export class Hands {
     const isTouch = event.pointerType === "touch";
     const name = there ?? (event.shiftKey ? `pin${++this.pinned}` : isTouch ? `touch${event.pointerId}` : "mouse");
     const stays = name.startsWith("pin") || name === KEYS;
-    this.dragged.set(event.pointerId, { name, stays });
+    const drag = { name, stays };
+    this.dragged.set(event.pointerId, drag);
+    this.watch(drag, place_mm);
     this.canvas.setPointerCapture(event.pointerId);
     this.put(name, place_mm);
   }
@@ -101,13 +138,17 @@ export class Hands {
     const drag = this.dragged.get(event.pointerId);
     if (!drag || !this.size_mm) return;
     const part = this.place(event);
-    this.put(drag.name, [part[0] * this.size_mm[0], part[1] * this.size_mm[1]]);
+    const place_mm = [part[0] * this.size_mm[0], part[1] * this.size_mm[1]];
+    if (Math.hypot(place_mm[0] - drag.from_mm[0], place_mm[1] - drag.from_mm[1]) > STILL_MM) this.watch(drag, place_mm);
+    this.put(drag.name, place_mm);
   }
 
   up(event) {
     const drag = this.dragged.get(event.pointerId);
     this.dragged.delete(event.pointerId);
-    if (drag && !drag.stays) this.lift(drag.name);
+    if (!drag) return;
+    this.letGo(drag);
+    if (!drag.stays) this.lift(drag.name);
   }
 
   key(event) {
@@ -115,6 +156,8 @@ export class Hands {
     if (event.key === "Enter") {
       if (this.held.has(KEYS)) this.lift(KEYS);
       else this.put(KEYS, [0, 0]);
+    } else if (event.key.toLowerCase() === PRESS_KEY) {
+      this.pressAll(true);
     } else if (event.key === "Escape") {
       this.liftAll();
     } else if (ARROWS[event.key] && this.held.has(KEYS)) {

@@ -22,7 +22,8 @@ const NEAR_MM = 10;
 const HINTS = {
   simulated:
     "Drag to touch. Shift-click leaves a finger lying there, and lifts it again; on a touch screen use several. " +
-    "Keys, on the plate: Enter lands and lifts a finger, arrows move it, Esc lifts all; anywhere: 0 makes the chosen " +
+    "A finger held still for 0.6 s presses harder. Keys, on the plate: Enter lands and lifts a finger, arrows move it, " +
+    "P presses harder while held, Esc lifts all; anywhere: 0 makes the chosen " +
     "finger sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
   real: "Click a finger to choose it. Keys: 0 makes it sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
 };

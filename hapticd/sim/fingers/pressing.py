@@ -1,0 +1,86 @@
+"""How hard a simulated finger presses, and the contact that it makes.
+
+A finger that presses harder covers more: by Hertz's law the radius grows with the third root of the force, which is
+what a fingertip does between 0.2 and 1 N (50 .. 150 mm2). A pad's pressure is taken for a force of unknown scale.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+
+from hapticd_contract.simulated import USUAL_PRESSURE_FRAC, SimulatedTouch
+
+from ...core.plate.contact import EllipseForm
+from ...values import FloatArray
+from ..score import CONTACT_RADIUS_MM, TrueContact
+
+LEAST_RADIUS_MM: Final = 3.0
+MOST_RADIUS_MM: Final = 8.0  # a finger pad is no larger, however hard it presses
+
+
+class Tip(TrueContact, Protocol):
+    """What touches the plate: a contact, and how hard it presses."""
+
+    def pressure_frac(self, t_s: FloatArray) -> FloatArray:
+        """Return the pressure (T,), as a share of the pad's highest; NaN: as the pad draws it for an index finger."""
+
+
+@dataclass(frozen=True)
+class SampledTip:
+    """A fingertip through samples: `at_s` (K,) rising, `pressures_frac` (K,), `forms` (K, 3), each a `EllipseForm`."""
+
+    at_s: FloatArray
+    pressures_frac: FloatArray
+    forms: FloatArray
+
+    @classmethod
+    def of(cls, at_s: FloatArray, touches: Sequence[SimulatedTouch]) -> SampledTip:
+        """Return the tip that presses so at each instant."""
+        pressures_frac = np.array([touch.pressure_frac for touch in touches])
+        return cls(at_s, pressures_frac, np.array([form_of(touch) for touch in touches]))
+
+    def pressure_frac(self, t_s: FloatArray) -> FloatArray:
+        return np.interp(t_s, self.at_s, self.pressures_frac)
+
+    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+        return matrices(np.stack([np.interp(t_s, self.at_s, part) for part in self.forms.T], axis=-1))
+
+
+@dataclass(frozen=True)
+class RepeatedTip:
+    """A fingertip that begins again every `period_s`."""
+
+    tip: Tip
+    period_s: float
+
+    def pressure_frac(self, t_s: FloatArray) -> FloatArray:
+        return self.tip.pressure_frac(np.mod(t_s, self.period_s))
+
+    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+        return self.tip.forms_mm(np.mod(t_s, self.period_s))
+
+
+def form_of(touch: SimulatedTouch) -> EllipseForm:
+    """Return the contact of a finger: its ellipse, or the disc that its pressure makes."""
+    if touch.major_mm > 0.0:
+        return ellipse(touch.major_mm, touch.minor_mm, touch.angle_rad)
+    radius_mm = CONTACT_RADIUS_MM * math.cbrt(touch.pressure_frac / USUAL_PRESSURE_FRAC)
+    radius_mm = min(max(radius_mm, LEAST_RADIUS_MM), MOST_RADIUS_MM)
+    return radius_mm, 0.0, radius_mm
+
+
+def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> EllipseForm:
+    """Return the form of a contact with these whole axes, the major one at `angle_rad` to x."""
+    mean_mm, half_mm = (major_mm + minor_mm) / 4.0, (major_mm - minor_mm) / 4.0
+    along_mm, across_mm = half_mm * math.cos(2.0 * angle_rad), half_mm * math.sin(2.0 * angle_rad)
+    return mean_mm + along_mm, across_mm, mean_mm - along_mm
+
+
+def matrices(forms: FloatArray) -> FloatArray:
+    """Return forms (T, 3) as matrices (T, 2, 2)."""
+    return np.asarray(forms[:, (0, 1, 1, 2)].reshape(-1, 2, 2))
