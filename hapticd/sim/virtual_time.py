@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import selectors
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
+from contextvars import Context
 from typing import Any, TypeVar
 
-# Of a turn of the loop: asyncio calls a timer up to 1 ns early, and who then waits for the rest would wait for ever.
-LEAST_S = 1e-9
+# Of a timer: asyncio calls one up to 1 ns early, and who then waits for the rest would wait for ever.
+LEAST_S = 2e-9
 
 _Result = TypeVar("_Result")
 
@@ -22,7 +23,7 @@ class JumpingSelector(selectors.DefaultSelector):
         events = super().select(0)
         if not events:
             assert timeout is not None, "nothing is left that could wake the loop"
-            self.t_s += max(timeout, LEAST_S) if timeout > 0.0 else 0.0
+            self.t_s += timeout
         return events
 
 
@@ -35,6 +36,12 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def time(self) -> float:
         return self.selector.t_s
+
+    def call_at(
+        self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        now_s = self.time()
+        return super().call_at(max(when, now_s + LEAST_S) if when > now_s else when, callback, *args, context=context)
 
 
 def in_virtual_time(what: Coroutine[Any, Any, _Result]) -> _Result:
