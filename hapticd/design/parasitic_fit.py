@@ -22,6 +22,8 @@ CLEAN: Final = 1e-3  # of the largest response: what is left below has no need o
 STARTS: Final = (-2.2, -1.4, 1.4, 2.2)  # half bands from the middle of the sweep
 FARTHEST: Final = 6.0  # half bands: a pole beyond, or as wide, is a background's shape and no mode
 ROUNDS: Final = 15
+BETTER: Final = 0.98  # of what is left at held-out frequencies: modes that explain more than noise does
+AS_GOOD: Final = 1.05  # times the best
 SPARE: Final = 3  # points more than unknowns of a response
 
 
@@ -47,8 +49,7 @@ NO_PARASITIC: Final = ParasiticPoles(np.zeros(0, np.complex128), np.zeros((0, 0,
 def find_parasitic(s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray) -> ParasiticPoles | None:
     """Return the modes beside the `driven` poles (M,) in responses y (n, sensors), lists with one entry per amplifier;
     None where a constant explains the rest, or they cannot be told."""
-    half_s, half_y = [at[::2] for at in s], [responses[::2] for responses in y]
-    test_s, test_y = [at[1::2] for at in s], [responses[1::2] for responses in y]
+    half_s, half_y, test_s, test_y = _halves(s, y)
     if min(map(len, half_s)) < len(driven) + MOST_PARASITIC + 1 + SPARE:
         return None
     none = np.zeros(0, np.complex128)
@@ -68,9 +69,43 @@ def find_parasitic(s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven:
     poles = _relocated(s, y, driven, best)
     if poles is None:
         return None
-    own = len(driven)
+    return _with_residues(s, y, poles, len(driven))
+
+
+def better_parasitic(
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, beside: ComplexArray
+) -> list[ParasiticPoles]:
+    """Return the modes beside the `driven` poles that were found, with more at assumed frequencies, which explain the
+    held-out half of the responses better: noise may hide where modes are, and still not that there are some."""
+    half_s, half_y, test_s, test_y = _halves(s, y)
+    found = np.concatenate([driven, beside])
+    if min(map(len, half_s)) < len(found) + MOST_PARASITIC + 1 + SPARE:
+        return []
+    starts = [start for count in range(1, MOST_PARASITIC + 1) for start in combinations(STARTS, count)]
+    assumed = [np.concatenate([found, _starting(driven, start)]) for start in starts]
+    left = [_left(half_s, half_y, test_s, test_y, poles) for poles in assumed]
+    believed = _left(half_s, half_y, test_s, test_y, found)
+    if believed < CLEAN or min(left) > BETTER * believed:
+        return []
+    return [
+        _with_residues(s, y, poles, len(driven))
+        for poles, one in zip(assumed, left, strict=True)
+        if one < AS_GOOD * min(left) and one < believed
+    ]
+
+
+def _with_residues(
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray, own: int
+) -> ParasiticPoles:
     residues = [np.linalg.lstsq(_basis(at, poles), one)[0][own:-1] for at, one in zip(s, y, strict=True)]
     return ParasiticPoles(poles[own:], np.array(residues).transpose(1, 2, 0))
+
+
+def _halves(
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray]
+) -> tuple[list[ComplexArray], list[ComplexArray], list[ComplexArray], list[ComplexArray]]:
+    """Return every other point of s and y, and the points between."""
+    return [at[::2] for at in s], [one[::2] for one in y], [at[1::2] for at in s], [one[1::2] for one in y]
 
 
 def _starting(driven: ComplexArray, start: Sequence[float]) -> ComplexArray:

@@ -13,6 +13,7 @@ A mode's amplitude is the root of the sum of squares over all sensors, positive 
 from __future__ import annotations
 
 import cmath
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ import numpy as np
 
 from ..board_values import ModeCalibration
 from ..values import ComplexArray, FloatArray
-from .parasitic_fit import NO_PARASITIC, ParasiticPoles, find_parasitic
+from .parasitic_fit import NO_PARASITIC, ParasiticPoles, better_parasitic, find_parasitic
 from .resonance import ITERATIONS, MIN_POINTS, Resonance
 
 HALF = 0.5  # of the largest: the first such wire gives a mode its sign
@@ -124,11 +125,54 @@ class MeasuredWiring:
         ]
 
 
+@dataclass(frozen=True, slots=True)
+class _Scaled:
+    """Sweeps in units of order 1: s = i (f - centre_hz) / half_hz and y = response / scale, an entry per amplifier."""
+
+    sweeps: Sequence[AmplifierSweep]
+    s: list[ComplexArray]
+    y: list[ComplexArray]
+    centre_hz: float
+    half_hz: float
+    scale: float
+
+
 def fit_wiring(sweeps: Sequence[AmplifierSweep]) -> MeasuredWiring:
     """Fit one mode per amplifier to a sweep of each.
 
     Raises ValueError for too few points, values that are not finite, or responses without as many resonances.
     """
+    scaled = _scaled(sweeps)
+    try:
+        poles, _ = _poles_and_senses(scaled.s, scaled.y)
+        beside = find_parasitic(scaled.s, scaled.y, poles)
+    except np.linalg.LinAlgError:
+        raise ValueError(NOT_ALIKE.format(len(sweeps))) from None
+    return _fitted(scaled, beside)
+
+
+def as_likely(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring) -> list[MeasuredWiring]:
+    """Return fits of the same sweeps, with parasitic modes at assumed frequencies, that foretell held-out points better
+    than `found` does: none where a constant explains all but noise."""
+    scaled = _scaled(sweeps)
+    turn_rad_s = 2.0 * math.pi * scaled.half_hz
+    driven = np.array(
+        [
+            math.pi
+            * complex(-fit.frequency_hz / fit.q_factor, 2.0 * (fit.frequency_hz - scaled.centre_hz))
+            / turn_rad_s
+            for fit in found.fits
+        ],
+        np.complex128,
+    )
+    others = []
+    for beside in better_parasitic(scaled.s, scaled.y, driven, np.asarray(found.parasitic.poles / turn_rad_s)):
+        with contextlib.suppress(ValueError):
+            others.append(_fitted(scaled, beside))
+    return others
+
+
+def _scaled(sweeps: Sequence[AmplifierSweep]) -> _Scaled:
     count = len(sweeps)
     for sweep in sweeps:
         if len(sweep.frequency_hz) < max(MIN_POINTS, 2 * count + 1):
@@ -142,12 +186,17 @@ def fit_wiring(sweeps: Sequence[AmplifierSweep]) -> MeasuredWiring:
         raise ValueError("The sweeps hold one frequency, or no vibration: repeat them with more voltage.")
     s = [np.asarray(1j * (sweep.frequency_hz - centre_hz) / half_hz, np.complex128) for sweep in sweeps]
     y = [np.asarray(sweep.response_um_per_v / scale, np.complex128) for sweep in sweeps]
+    return _Scaled(sweeps, s, y, centre_hz, half_hz, scale)
+
+
+def _fitted(scaled: _Scaled, beside: ParasiticPoles | None) -> MeasuredWiring:
+    """Fit what these parasitic modes leave. Raises ValueError for responses without as many resonances."""
+    sweeps, s, y, scale, count = scaled.sweeps, scaled.s, scaled.y, scaled.scale, len(scaled.s)
+    centre_hz, half_hz = scaled.centre_hz, scaled.half_hz
+    if beside is not None:
+        y = [responses - beside.response(at, k) for k, (at, responses) in enumerate(zip(s, y, strict=True))]
     try:
         poles, senses = _poles_and_senses(s, y)
-        beside = find_parasitic(s, y, poles)
-        if beside is not None:
-            y = [responses - beside.response(at, k) for k, (at, responses) in enumerate(zip(s, y, strict=True))]
-            poles, senses = _poles_and_senses(s, y)
         residues, background = _drives(s, y, poles, senses)
     except np.linalg.LinAlgError:
         raise ValueError(NOT_ALIKE.format(count)) from None

@@ -33,6 +33,7 @@ from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
 from ..progress import Progress
 from .step import Step, add_config
+from .trial import try_out
 from .verdict import PICTURE, Figure, Finding, FoundSettings, Outcome, Verdict, judge
 
 CALIBRATION_FILE = "calibration.toml"
@@ -53,13 +54,14 @@ TRIES = 8  # of a piece that the board ends
 
 @dataclass(frozen=True, slots=True)
 class MeasuredModes:
-    """Each mode as its strongest amplifier shows it, its calibration with the wires, a sentence per wrong wire, and the
-    frequencies of parasitic modes."""
+    """Each mode as its strongest amplifier shows it, its calibration with the wires, a sentence per wrong wire, the
+    frequencies of parasitic modes, and a sentence if all this was not tried against the loop."""
 
     sweeps: tuple[ModeSweep, ...]
     modes: tuple[ModeCalibration, ...]
     wrong_wires: tuple[str, ...] = ()
     parasitic_hz: tuple[float, ...] = ()
+    untried: str = ""
 
 
 def check(options: argparse.Namespace) -> None:
@@ -103,7 +105,8 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> MeasuredModes:
     if any(closer):
         points = [again or first for first, again in zip(points, closer, strict=True)]
         found = _fitted(points)
-    return measured_modes(found, points)
+    law = await board.ask(ControllerRequest(), BoardController)
+    return measured_modes(found, points, board.hello, law)
 
 
 async def _closer(board: Conversation, plan: Sweep, found: MeasuredWiring, amplifier: int) -> list[SweepPoint]:
@@ -143,17 +146,25 @@ def _responses(amplifier: int, points: Sequence[SweepPoint]) -> AmplifierSweep:
     )
 
 
-def measured_modes(found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]]) -> MeasuredModes:
-    """Return the calibrations, and each mode as its strongest amplifier shows it. Raises DeviceError."""
+def measured_modes(
+    found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]], hello: BoardHello, law: BoardController
+) -> MeasuredModes:
+    """Return the calibrations, tried against the loop, and each mode as its strongest amplifier shows it.
+
+    Raises DeviceError if the loop would not hold.
+    """
+    swept = [_responses(amplifier, one) for amplifier, one in enumerate(points)]
     sweeps = []
     for mode, fit in enumerate(found.fits):
-        swept = _responses(found.strongest(mode), points[found.strongest(mode)])
-        sweeps.append(ModeSweep(mode, swept.frequency_hz, found.modal(mode, swept), fit))
+        own = swept[found.strongest(mode)]
+        sweeps.append(ModeSweep(mode, own.frequency_hz, found.modal(mode, own), fit))
     try:
         modes = found.calibrations()
     except ValueError as error:
         raise DeviceError(str(error)) from None
-    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()), tuple(found.parasitic_hz()))
+    driven_hz = better_drive_hz(hello, modes) or hello.drive_hz
+    untried = try_out(swept, found, modes, hello, law, driven_hz)
+    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()), tuple(found.parasitic_hz()), untried)
 
 
 def pieces(plan: Sweep) -> list[Sweep]:
@@ -207,7 +218,7 @@ def verdict(hello: BoardHello, measured: MeasuredModes, settings: FoundSettings,
         Figure("largest voltage proposed", best_v, "V"),
     ]
     findings = [finding for one in sweeps for finding in _findings(one)]
-    warnings = [*measured.wrong_wires]
+    warnings = [*measured.wrong_wires, *([measured.untried] if measured.untried else [])]
     if best_v > ENOUGH * hello.v_limit_v:
         warnings.append(
             f"Full amplitude of all modes takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}."

@@ -9,17 +9,18 @@ from dataclasses import replace
 import numpy as np
 
 from ... import board_protocol as protocol
-from ...board_protocol import BoardState, Sweep
-from ...board_values import BoardCalibration, ModeCalibration
+from ...board_protocol import BoardState, ControllerRequest, Sweep
+from ...board_values import BoardCalibration, BoardController, ModeCalibration
 from ...design.commissioning import drive, plate
 from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
 from ...design.commissioning.rest import EMERGENCY_STOP
-from ...design.wiring import MeasuredWiring, fit_wiring
+from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from ...errors import DeviceError
 from ...files import calibration
 from ...values import FloatArray
 from ..calibrate import folder
 from ..calibrate import resonance as calibrate_resonance
+from ..calibrate.trial import try_out
 from ..calibrate.verdict import Outcome
 from ..firmware.conversation import Conversation
 from ..firmware.sweep import measured_again
@@ -38,35 +39,45 @@ SMALL_UM, LARGE_UM = 0.1, 1.0
 TOUCHED_UM = 0.5
 
 
-async def _fitted(board: Conversation, design: PlateDesign) -> tuple[MeasuredWiring, list[FloatArray]]:
+async def _fitted(
+    bench: Bench, board: Conversation, design: PlateDesign
+) -> tuple[MeasuredWiring, list[AmplifierSweep]]:
+    """Sweep all modes and fit them. Raises ValueError, DeviceError."""
     plan = measure.short_plan(design, measure.VOLTS_FRAC * design.v_limit_v)
-    sweeps = await measure.swept(board, replace(plan, points=max(POINTS, plan.points)))
-    own = [np.abs(sweep.response_um_per_v[:, sweep.amplifier]) * 1e3 for sweep in sweeps]
-    return fit_wiring(sweeps), [sweeps[0].frequency_hz, *own]
+    bench.sweeps = await measure.swept(board, replace(plan, points=max(POINTS, plan.points)))
+    bench.found = fit_wiring(bench.sweeps)
+    return bench.found, bench.sweeps
 
 
 async def _sweep(bench: Bench) -> PageResult:
     async with bench.board() as board:
-        design = await design_of(board)
         try:
-            found, (frequency_hz, *own) = await _fitted(board, design)
-            modes = tuple(found.calibrations())
+            found, sweeps = await _fitted(bench, board, await design_of(board))
+            bench.modes = tuple(found.calibrations())
         except ValueError as error:
             return PageResult(Judgement("", (Diagnosis(str(error)),)))
-    bench.modes, bench.found = modes, found
-    return PageResult(plate.judge_sweep(found), pictures.chart(frequency_hz, own, "nm/V, each mode by its own sensor"))
+    own = [np.abs(sweep.response_um_per_v[:, sweep.amplifier]) * 1e3 for sweep in sweeps]
+    chart = pictures.chart(sweeps[0].frequency_hz, own, "nm/V, each mode by its own sensor")
+    return PageResult(plate.judge_sweep(found), chart)
 
 
 async def _resonance(bench: Bench) -> PageResult:
     async with bench.board() as board:
         design = await design_of(board)
         try:
-            found = bench.found or (await _fitted(board, design))[0]
+            if bench.found is not None and bench.sweeps is not None:
+                found, sweeps = bench.found, bench.sweeps
+            else:
+                found, sweeps = await _fitted(bench, board, design)
             modes = tuple(found.calibrations())
         except ValueError as error:
             return PageResult(Judgement("", (Diagnosis(str(error)),)))
         judgement = plate.judge_resonance(modes, found.fits, design)
         drive_hz = calibrate_resonance.better_drive_hz(board.hello, modes)
+        if judgement.is_passed:
+            law = await board.ask(ControllerRequest(), BoardController)
+            untried = try_out(sweeps, found, modes, board.hello, law, drive_hz or board.hello.drive_hz)
+            judgement = replace(judgement, passed=f"{judgement.passed} {untried}".strip())
     bench.modes = modes
     if judgement.is_passed:
         path = bench.out / calibrate_resonance.CALIBRATION_FILE

@@ -1,0 +1,149 @@
+"""What was fitted, tried before it is written: the firmware's own loop, in simulation, on the plate as it was fitted.
+
+The plate has the fitted modes, the parasitic ones among them. Where noise hides modes beside the sweep, their share of
+the constant would be believed as feedthrough, and a fast loop swings by 2 nm/V of that: there the loop must also bear
+each plate that explains the sweeps better than the believed one.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from ...board_protocol import FAULTS, LogRequest
+from ...board_values import BoardController, BoardHello, BoardLog, ModeCalibration
+from ...design.wiring import AmplifierSweep, MeasuredWiring, as_likely
+from ...errors import DeviceError
+from ...sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, BoardTrace, PlateModel
+from ...values import Knot, LimitReason, SafeDrive
+from ...wire import device
+
+HELD_S: Final = 0.1  # of each of two references
+ASKED_FRAC: Final = 0.5  # of each mode's limit
+FRAME_S: Final = 0.02
+TRUSTED: Final = 3  # frames of a stream until a board follows them
+NOISE_UM: Final = 0.0006
+WIDER = "Sweep a wider band (--from, --to), with more voltage (--volts)."
+
+
+def try_out(
+    sweeps: Sequence[AmplifierSweep],
+    found: MeasuredWiring,
+    modes: Sequence[ModeCalibration],
+    hello: BoardHello,
+    law: BoardController,
+    drive_hz: float,
+) -> str:
+    """Try the fitted modes, driven at `drive_hz`; return a sentence if they could not be tried, "" if the loop holds.
+
+    Raises DeviceError if it does not.
+    """
+    others = as_likely(sweeps, found)
+    try:
+        fault = fault_on([found, *others], modes, hello, law, drive_hz)
+    except (DeviceError, ValueError) as error:
+        return f"What was fitted was not tried against the loop: {error}"
+    if not fault:
+        return ""
+    if others:
+        largest = 1e3 * max(abs(wire) for mode in modes for wire in mode.feedthrough_um_per_v)
+        raise DeviceError(
+            f"Nothing is written: the {largest:.2g} nm/V that look like feedthrough may be modes beside the sweep, and "
+            f"the loop would swing (fault {fault}): sweep a wider band, with more volts (`hapticd calibrate "
+            "resonance --from --to --volts`)."
+        )
+    near = ", ".join(f"{hz:.0f} Hz" for hz in found.parasitic_hz()) or "near those swept"
+    raise DeviceError(
+        f"Nothing is written: the loop would not hold the plate as it was fitted (fault {fault}): damp the modes that "
+        f"no amplifier is for ({near}), or move the sensors to where these are still."
+    )
+
+
+def fault_on(
+    plates: Sequence[MeasuredWiring],
+    modes: Sequence[ModeCalibration],
+    hello: BoardHello,
+    law: BoardController,
+    drive_hz: float,
+) -> int:
+    """Return the first fault in which a board with this calibration ends on one of the plates, 0 if it holds all.
+
+    Raises ValueError if the firmware refuses the calibration, DeviceError without its build for this host.
+    """
+    config = _board_config(modes, hello, law, drive_hz)
+    faults = (_fault(Board(fitted_plate(plate, drive_hz, hello.v_limit_v), config=config)) for plate in plates)
+    return next((fault for fault in faults if fault), 0)
+
+
+def fitted_plate(found: MeasuredWiring, drive_hz: float, v_limit_v: float) -> PlateModel:
+    """Return the plate as it was fitted; of parasitic modes as much as the simulated board's plate has room for."""
+    count = len(found.fits)
+    loops = np.exp(1j * np.array([fit.loop_phase_rad for fit in found.fits]))
+    poles = [
+        complex(-math.pi * fit.frequency_hz / fit.q_factor, 2.0 * math.pi * (fit.frequency_hz - drive_hz))
+        for fit in found.fits
+    ]
+    gains, seen = list((found.drives / (-1j * loops)[:, None]).real), list((found.senses * loops).T)
+    beside = found.parasitic
+    for pole, residue in zip(beside.poles, beside.residues, strict=True):
+        left, size, right = np.linalg.svd(np.vstack([residue.real, residue.imag]), full_matrices=False)
+        for part in range(min((PLATE_MODES_MAX - count) // len(beside.poles), count)):  # each with real gains
+            poles.append(complex(pole) + 2j * math.pi * (found.centre_hz - drive_hz))
+            gains.append(size[part] * right[part])
+            seen.append(1j * (left[:count, part] + 1j * left[count:, part]))
+    return PlateModel(
+        decay_1_s=-np.array(poles).real,
+        detuning_rad_s=np.array(poles).imag,
+        gain_um_per_v_s=np.array(gains),
+        sensor=np.array(seen).T,
+        noise_um=NOISE_UM,
+        amplifier_limit_v=v_limit_v,
+        through_um_per_v=found.background_um_per_v,
+    )
+
+
+def _board_config(
+    modes: Sequence[ModeCalibration], hello: BoardHello, law: BoardController, drive_hz: float
+) -> BoardConfig:
+    models = [mode.model(drive_hz) for mode in modes]
+    through = [mode.feedthrough_um_per_v for mode in modes]
+    return BoardConfig(
+        w_limit_um=hello.w_limit_um,
+        v_limit_v=hello.v_limit_v,
+        control_hz=hello.control_hz,
+        drive_hz=drive_hz,
+        decay_1_s=tuple(model.decay_1_s for model in models),
+        detuning_rad_s=tuple(model.detuning_rad_s for model in models),
+        gain_um_per_v_s=tuple(model.gain_um_per_v_s for model in models),
+        loop_phase_rad=tuple(cmath.phase(model.loop) for model in models),
+        drive=np.array([mode.drive for mode in modes]).T,
+        sense=np.array([mode.sense for mode in modes]),
+        feedthrough_um_per_v=np.array(through) if all(through) else None,
+        controller=law.law or "deadbeat",
+        bandwidth_1_s=law.bandwidth_1_s,
+        integral_time_s=law.integral_time_s,
+    )
+
+
+def _fault(board: Board) -> int:
+    """Drive all modes, with alternating signs, then turned by half: return the fault in which it ends, 0 without."""
+    config, plate = board.config, board.model
+    every = max(round(FRAME_S * config.control_hz), 1)
+    trace = BoardTrace(every, plate.modes, plate.plate_modes)
+    phi, decay_1_s = np.zeros((every, 0, plate.plate_modes)), np.zeros((every, 0))
+    frames, seq = round(2.0 * HELD_S / FRAME_S), 0
+    for frame in range(frames):
+        turn = 1.0 if 2 * frame < frames else -1.0
+        asked = tuple(turn * ASKED_FRAC * limit * (-1.0) ** k + 0j for k, limit in enumerate(config.w_limit_um))
+        for _ in range(1 if frame else TRUSTED):
+            board.receive(device.encode_reference(seq, SafeDrive(0, (Knot(0, asked),), LimitReason.NONE), board.t_us))
+            seq += 1
+        board.run(every, phi, decay_1_s, trace)
+        board.transmit()
+    board.receive(device.encode(LogRequest()))
+    logs = [said for said in device.Decoder().feed(board.transmit()) if isinstance(said, BoardLog)]
+    return next((entry.code for log in logs for entry in log.entries if entry.code in FAULTS), 0)

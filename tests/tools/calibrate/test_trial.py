@@ -1,0 +1,135 @@
+"""What was fitted is tried against the loop before it is written."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapticd.board_values import BoardController, BoardHello, ModeCalibration
+from hapticd.design import wiring
+from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, as_likely, fit_wiring
+from hapticd.errors import DeviceError
+from hapticd.sim.board.board import PLATE_MODES_MAX, BoardConfig, PlateModel
+from hapticd.tools.calibrate import trial
+from hapticd.tools.calibrate.trial import fault_on, fitted_plate, try_out
+
+OWN = BoardConfig()
+HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, OWN.drive_hz, 50, (4.0, 4.0), 150.0)
+LAW = BoardController("deadbeat", 0.0, 0.0, ())
+AWAY_HZ, COUPLING = (200.0, 250.0), 0.4  # an independent plate's
+NOISE_UM_PER_V = 4e-6  # of `hapticd calibrate resonance`; 100 times as much hides these modes
+NO_THROUGH = np.zeros((2, 2), np.complex128)
+
+
+def plate(away_hz: tuple[float, ...], through: np.ndarray = NO_THROUGH) -> PlateModel:
+    """The reference plate, and modes so far from the drive that every amplifier moves and every sensor sees."""
+    count = len(away_hz)
+    signs = np.where(np.arange(count)[:, None] > np.arange(2), -1.0, 1.0)
+    return PlateModel(
+        decay_1_s=np.array([*OWN.decay_1_s, *[OWN.decay_1_s[0]] * count]),
+        detuning_rad_s=np.array([*OWN.detuning_rad_s, *(2.0 * np.pi * np.array(away_hz))]),
+        gain_um_per_v_s=np.vstack([np.diag(OWN.gain_um_per_v_s), COUPLING * OWN.gain_um_per_v_s[0] * signs]),
+        sensor=np.hstack([np.eye(2), COUPLING * signs.T]),
+        noise_um=0.0006,
+        amplifier_limit_v=150.0,
+        through_um_per_v=through,
+    )
+
+
+def swept(model: PlateModel, noise: float, half_hz: float = 150.0, points: int = 41) -> list[AmplifierSweep]:
+    random, offset_hz = np.random.default_rng(1), np.linspace(-half_hz, half_hz, points)
+    follows_s = -1j / (model.decay_1_s - 1j * (model.detuning_rad_s - 2.0 * np.pi * offset_hz[:, None]))
+    through = NO_THROUGH if model.through_um_per_v is None else model.through_um_per_v
+    sweeps = []
+    for k in range(2):
+        parts = noise * NOISE_UM_PER_V * random.standard_normal((2, points, 2))
+        seen = (follows_s * model.gain_um_per_v_s[:, k]) @ model.sensor.T + through[:, k]
+        sweeps.append(AmplifierSweep(k, OWN.drive_hz + offset_hz, seen + parts[0] + 1j * parts[1]))
+    return sweeps
+
+
+def tried(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring, modes: Sequence[ModeCalibration]) -> str:
+    return try_out(sweeps, found, modes, HELLO, LAW, OWN.drive_hz)
+
+
+def ends(truth: PlateModel, modes: Sequence[ModeCalibration], monkeypatch: pytest.MonkeyPatch) -> int:
+    """The fault in which this calibration ends on the true plate."""
+    with monkeypatch.context() as patched:
+        patched.setattr(trial, "fitted_plate", lambda *_: truth)
+        return fault_on([fit_wiring(swept(plate(()), 1.0))], modes, HELLO, LAW, OWN.drive_hz)
+
+
+@pytest.mark.parametrize("is_fitted", [False, True], ids=["hidden by noise", "not fitted"])
+def test_modes_beside_the_sweep_that_look_like_feedthrough_are_not_written(
+    is_fitted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = plate(AWAY_HZ)
+    if is_fitted:
+        monkeypatch.setattr(wiring, "find_parasitic", lambda *_: None)
+    sweeps = swept(truth, 1.0 if is_fitted else 100.0)
+    found = fit_wiring(sweeps)
+    modes = found.calibrations()
+    assert found.parasitic_hz() == []
+    assert ends(truth, modes, monkeypatch) == 7
+    assert ends(truth, [replace(mode, feedthrough_um_per_v=()) for mode in modes], monkeypatch) == 0
+    with pytest.raises(DeviceError, match=r"Nothing is written: the 1\.6 nm/V that look like feedthrough"):
+        tried(sweeps, found, modes)
+
+
+def test_the_wider_sweep_that_is_asked_for_tells_them_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = plate(AWAY_HZ)
+    sweeps = swept(truth, 30.0, 400.0, 161)
+    found = fit_wiring(sweeps)
+    assert found.parasitic_hz() == pytest.approx([29405.0, 29455.0], abs=2.0)
+    assert tried(sweeps, found, found.calibrations()) == ""
+    assert ends(truth, found.calibrations(), monkeypatch) == 0
+
+
+@pytest.mark.parametrize("noise", [1.0, 30.0, 100.0, 300.0])
+@pytest.mark.parametrize("through", [0.0, 0.002, 0.02])
+def test_feedthrough_of_a_plate_with_noise_and_no_other_modes_is_written(
+    noise: float, through: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = plate((), through * np.array([[1.0, 0.1j], [0.0, 1.0 + 0.15j]]))
+    sweeps = swept(truth, noise)
+    found = fit_wiring(sweeps)
+    assert as_likely(sweeps, found) == []
+    assert tried(sweeps, found, found.calibrations()) == ""
+    assert ends(truth, found.calibrations(), monkeypatch) == 0
+
+
+def test_a_plate_that_the_loop_would_not_hold_is_refused_with_what_to_do() -> None:
+    sweeps = swept(plate(AWAY_HZ), 1.0)
+    found = fit_wiring(sweeps)
+    turned = [
+        replace(mode, loop_phase_rad=cmath.phase(1j * cmath.exp(1j * mode.loop_phase_rad)))
+        for mode in found.calibrations()
+    ]
+    with pytest.raises(DeviceError, match=r"would not hold the plate as it was fitted \(fault \d+\).*294\d\d Hz"):
+        tried(sweeps, found, turned)
+
+
+def test_what_cannot_be_tried_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    sweeps = swept(plate(()), 1.0)
+    found = fit_wiring(sweeps)
+
+    def missing(*_: object, **__: object) -> None:
+        raise DeviceError("There is no build.")
+
+    monkeypatch.setattr(trial, "Board", missing)
+    said = tried(sweeps, found, found.calibrations())
+    assert said == "What was fitted was not tried against the loop: There is no build."
+
+
+def test_the_fitted_plate_answers_as_the_sweeps_did() -> None:
+    truth = plate(AWAY_HZ, 0.002 * np.eye(2) + 0j)
+    found = fit_wiring(swept(truth, 0.0))
+    model = fitted_plate(found, OWN.drive_hz, 150.0)
+    assert model.plate_modes <= PLATE_MODES_MAX
+    for before, after in zip(swept(truth, 0.0), swept(model, 0.0), strict=True):
+        largest = np.abs(before.response_um_per_v).max()
+        np.testing.assert_allclose(after.response_um_per_v, before.response_um_per_v, atol=1e-3 * largest)
