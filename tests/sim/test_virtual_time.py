@@ -1,4 +1,4 @@
-"""A loop whose time jumps: what waits for a remainder that floating point left ends, and turns of the loop take no time."""
+"""A loop whose time jumps: a wait for what floating point left ends, and turns of the loop take no time."""
 
 from __future__ import annotations
 
