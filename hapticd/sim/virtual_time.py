@@ -6,12 +6,13 @@ import asyncio
 import selectors
 from collections.abc import Callable, Coroutine
 from contextvars import Context
-from typing import Any, TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
 # Of a timer: asyncio calls one up to 1 ns early, and who then waits for the rest would wait for ever.
 LEAST_S = 2e-9
 
 _Result = TypeVar("_Result")
+_Arguments = TypeVarTuple("_Arguments")
 
 
 class JumpingSelector(selectors.DefaultSelector):
@@ -38,7 +39,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return self.selector.t_s
 
     def call_at(
-        self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
+        self, when: float, callback: Callable[[*_Arguments], object], *args: *_Arguments, context: Context | None = None
     ) -> asyncio.TimerHandle:
         now_s = self.time()
         return super().call_at(max(when, now_s + LEAST_S) if when > now_s else when, callback, *args, context=context)
