@@ -70,12 +70,16 @@ version:
 	sed -i -E 's/^(#define HD_FIRMWARE_VERSION ")[^"]*/\1$(VERSION)/' firmware/core/core.h
 
 # What installation compiles: the firmware for the simulated board, and the touch path.
-COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] hapticd/board_protocol.py hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*/*.py hapticd/core/*/*.c \
+COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] firmware/make_protocol.py hapticd/core/*.py hapticd/core/*/*.py hapticd/core/*/*/*.py hapticd/core/*/*.c \
     hapticd/wire/*.py hapticd/wire/*/*.py hapticd/compiled/*.py)
+
+# Installation makes it of firmware/core/protocol.h; this is for a checkout of another commit that was installed before.
+hapticd/board_protocol.py:
+	@! test -e $(HAPTICD) || $(PYTHON) firmware/make_protocol.py
 
 # Without pip's isolated build, which would download and unpack mypy and numpy a second time; and beside it, on the core
 # that mypyc leaves idle, what the demo and the viewer import.
-$(HAPTICD): pyproject.toml .lock/build.txt .lock/demo.txt $(COMPILED)
+$(HAPTICD): pyproject.toml .lock/build.txt .lock/demo.txt $(COMPILED) | hapticd/board_protocol.py
 	@$(PYTHON) hapticd/compiled/prerequisites.py
 	@echo "Everything goes into $(VENV). Compiling the touch path takes about half a minute."
 	$(PYTHON) -m venv $(VENV)

@@ -1,7 +1,8 @@
 """Make what follows from core/protocol.h: `make -C firmware protocol`.
 
 From the header's constants, enumerations, structures and comments it makes the host's module
-(hapticd/board_protocol.py), the tables of PROTOCOL.md between their marks, and the header's own hash.
+(hapticd/board_protocol.py, which installation makes too, so no commit has it), the tables of PROTOCOL.md between their
+marks, and the header's own hash.
 """
 
 from __future__ import annotations
@@ -360,6 +361,12 @@ def stale() -> dict[Path, str]:
         for path, content in made().items()
         if not path.exists() or path.read_text(encoding="utf-8") != content
     }
+
+
+def write_module() -> None:
+    """Write the host's module where it is not as the header makes it; what is committed stays."""
+    if MODULE in (content := stale()):
+        MODULE.write_text(content[MODULE], encoding="utf-8")
 
 
 def main() -> None:

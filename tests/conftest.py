@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import runpy
 import socket
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 sys.path.insert(0, str(Path(__file__).parent))
+if not (Path(__file__).parents[1] / "hapticd" / "board_protocol.py").exists():  # as in a checkout of another commit
+    runpy.run_path(str(Path(__file__).parents[1] / "firmware" / "make_protocol.py"))["write_module"]()
 
 # The same examples each time, so that a commit is judged the same everywhere; `make test-all` sets NEW_EXAMPLES. Each
 # setting is named, because hypothesis has other defaults where CI is set, and a deadline where it is not.

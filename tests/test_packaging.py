@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 PYPROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TOOL = PYPROJECT["tool"]
 NEEDED = ("pyproject.toml", "Makefile", "README.md", "LICENSE", "hapticd", "clients", "firmware", "systemd", ".lock")
-LEFT_OUT = shutil.ignore_patterns("*.so", "__pycache__", "build", "*.egg-info")
+LEFT_OUT = shutil.ignore_patterns("*.so", "__pycache__", "build", "*.egg-info", "board_protocol.py")
 
 
 def listed_paths() -> Iterator[str]:
@@ -155,7 +155,12 @@ def test_without_a_compiler_a_build_that_asks_for_python_leaves_the_simulated_pl
     with zipfile.ZipFile(wheel) as unpacked:
         names = {name.removeprefix(f"hapticd-{__version__}.data/purelib/") for name in unpacked.namelist()}
     assert not [name for name in names if name.endswith(".so")]
-    assert {"hapticd/core/pipeline.py", "hapticd_client/content/__init__.py", "hapticd_client/py.typed"} <= names
+    assert {
+        "hapticd/core/pipeline.py",
+        "hapticd/board_protocol.py",
+        "hapticd_client/content/__init__.py",
+        "hapticd_client/py.typed",
+    } <= names
 
 
 def test_a_compiler_without_pythons_header_is_named_with_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,8 +1,9 @@
 """Builds the C of the simulated board and, with mypyc, the touch path; used by setuptools alone.
 
 `pyproject.toml` lists what: the board's sources as an extension module, the touch path under [tool.hapticd.compiled].
-HAPTICD_PURE=1 leaves the touch path as Python; so does a build without mypy. Without a C compiler a build fails at
-once, and with HAPTICD_PURE=1 it leaves the board out. See hapticd/core/README.md.
+First it writes what protocol.h makes of the board's messages. HAPTICD_PURE=1 leaves the touch path as Python; so does a
+build without mypy. Without a C compiler a build fails at once, and with HAPTICD_PURE=1 it leaves the board out. See
+hapticd/core/README.md.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from setuptools.command import build_ext
 from setuptools.errors import PlatformError
 
 PREREQUISITES = runpy.run_path(str(Path(__file__).with_name("prerequisites.py")))  # setuptools loads no package for us
+MAKE_PROTOCOL = Path(__file__).parents[2] / "firmware" / "make_protocol.py"
 GROUP = "hapticd.core.compiled"
 # The same bits as the interpreter's; and calls within the group go straight, not by a table that another library could
 # change: half as many indirect calls, which a pass on a cold cache notices.
@@ -30,6 +32,9 @@ MORE_MODES = range(3, 9)  # than the board's two: up to hapticd.config.sections.
 SINE_TABLE = "firmware/core/sine.c"  # takes the compiler 3 s, and is the same for any number of modes
 BOARD = Lock()
 LISTING = {"egg_info", "dist_info", "sdist"}  # they build nothing, pip runs two of them first, and mypyc takes 10 s
+
+if MAKE_PROTOCOL.exists():  # an sdist has the module itself
+    runpy.run_path(str(MAKE_PROTOCOL))["write_module"]()  # before setuptools lists the modules
 
 
 class BuildExt(build_ext.build_ext):
