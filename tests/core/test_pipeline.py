@@ -134,19 +134,21 @@ def test_whatever_changes_ends_the_standing(change: str, bench: Bench) -> None:
     assert bench.report(*positions).drive is not None
 
 
-def test_two_moving_fingers_are_predicted_four_times_in_a_pass_also_when_their_last_reference_had_settled() -> None:
+def test_two_moving_fingers_are_predicted_four_times_in_a_pass_and_once_each_for_every_knot_solved_between() -> None:
+    """Also when their last reference had settled."""
     bench = Bench(make_predictor=CountedPredictor)
     bench.land({SLIPPERY: 1.0, STICKY: 0.0})
     counts = dict[tuple[int, bool], list[int]]()
-    for report in range(60):
+    for report in range(80):
         before, solves = CountedPredictor.predictions, bench.pipeline.counters.solves
-        moved_mm = max(report - 40, 0) ** 2 * 0.003
+        moved_mm = max(report - 40, 0) ** 2 * 0.01
         tick = bench.report(*((x_mm + moved_mm, y_mm) for x_mm, y_mm in (SLIPPERY, STICKY)))
         kind = bench.pipeline.counters.solves - solves, tick.drive is None
         counts.setdefault(kind, []).append(CountedPredictor.predictions - before)
-    assert set(counts[0, True]) == {4}  # they rest
-    assert set(counts[2, False]) == {4}
+    assert set(counts.pop((0, True))) == {4}  # they rest
     assert len(counts[2, False]) > 5
+    assert max(counts) > (2, False)
+    assert {kind: set(found) for kind, found in counts.items()} == {kind: {2 * kind[0]} for kind in counts}
 
 
 def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the_tolerance() -> None:
