@@ -245,7 +245,8 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
     ("libraries", "parts"),
     [
         ({"aiohttp"}, ("tools/gateway", "tools/study", "tools/view", "tools/web")),
-        ({"prometheus_client", "pylsl"}, ("tools/stream",)),
+        ({"prometheus_client"}, ("tools/stream",)),
+        ({"pylsl"}, ("tools/record/inlets",)),
         ({"mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaign",)),
         ({"scipy"}, ("bench", "tools/calibrate", "tools/study")),

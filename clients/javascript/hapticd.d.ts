@@ -362,6 +362,8 @@ export interface MarkerRequest {
   text: string;
   /** lets the board's sync output rise for 5 ms as the next reference takes effect, at most every 20 ms */
   pulse?: boolean;
+  /** the same as values by name, for programs: texts of up to 100 printable characters, finite numbers, true, false */
+  fields?: Record<string, boolean | number | number | string>;
 }
 
 /** Uploads a part of an asset, or asks how much of it is here. */
@@ -504,6 +506,8 @@ export interface Marker {
   t_ns: number;
   client: string;
   text: string;
+  /** the same as values by name; omitted if there are none */
+  fields?: Record<string, boolean | number | number | string>;
 }
 
 /** What happened to a finger or an effect; what it does not have is omitted. */
@@ -689,7 +693,7 @@ export declare class Plate {
   release(finger?: number | string): Promise<boolean>;
   remove(surface: string): Promise<void>;
   stop(effect: string): Promise<void>;
-  marker(text: string, options?: { pulse?: boolean }): Promise<number>;
+  marker(text: string, options?: { pulse?: boolean; fields?: MarkerRequest["fields"] }): Promise<number>;
   request(op: "hello"): Promise<Hello>;
   request(op: "capabilities"): Promise<Capabilities>;
   request(op: "plate"): Promise<Omit<PlateDescription, "shapes"> & { shapes: string }>;

@@ -143,9 +143,11 @@ export class Plate {
 
   // --- requests ---
 
-  /** Add a marker to recordings and to the next state; return its instant, `t_ns`. With `pulse` an output rises. */
-  async marker(text, { pulse = false } = {}) {
-    return (await this.request("marker", { client: this.name, text, ...(pulse ? { pulse } : {}) })).t_ns;
+  /** Add a marker to recordings and to the next state; return its instant, `t_ns`. With `pulse` an output rises;
+   * `fields` are values by name. */
+  async marker(text, { pulse = false, fields = {} } = {}) {
+    const more = { ...(pulse ? { pulse } : {}), ...(Object.keys(fields).length ? { fields } : {}) };
+    return (await this.request("marker", { client: this.name, text, ...more })).t_ns;
   }
 
   /** Return the body of the reply to any request of the protocol. Rejects with RefusedError or GoneError. */

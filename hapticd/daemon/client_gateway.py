@@ -187,9 +187,9 @@ class ClientGateway:
         self._client_registry.is_newest(request.client, user, None, 0, t_now_ns)
         if request.pulse:
             self._board.pulse(t_now_ns)
-        self._observed.put("marker", t_now_ns, request.client, request.text)
+        self._observed.put("marker", t_now_ns, request.client, request.text, request.fields)
         if len(self.markers) < MAX_MARKERS:
-            self.markers.append(Marker(t_now_ns, request.client, request.text))
+            self.markers.append(Marker(t_now_ns, request.client, request.text, request.fields))
         return Marked(t_now_ns)
 
     def _release(self, release: Release) -> bool:

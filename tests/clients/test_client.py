@@ -31,6 +31,8 @@ from hapticd_client import (
     RefusedError,
     refresher,
 )
+from hapticd_client.endpoint import Endpoint
+from hapticd_client.recording import Recording, marker_text
 from hapticd_client.target_set import TargetSet, stamp_now
 from hapticd_contract.targets import FingerTarget
 
@@ -496,6 +498,35 @@ def test_a_slow_reader_sees_the_newest_state_and_not_the_oldest(daemon: FakeDaem
         first = next(states)
         state_when(watch, lambda state: state.seq > first.seq + 40)
         assert next(states).seq > first.seq + 30
+
+
+def test_a_marker_may_be_a_map_which_an_older_daemon_refuses(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory, name="study") as client:
+        client.marker({"event": "begin", "trial": np.int64(7), "level_um": 0.5, "is_new": True})
+        with pytest.raises(RefusedError, match="fields: has 17 entries"):
+            client.marker({str(number): number for number in range(17)})
+    (marker,) = daemon.markers
+    assert marker.text == "event=begin trial=7 level_um=0.5 is_new=True"
+    assert marker.fields == {"event": "begin", "trial": 7, "level_um": 0.5, "is_new": True}
+    daemon.optional = tuple(one for one in daemon.optional if one != "marker_fields")
+    with Client(daemon.directory, name="old") as client, pytest.raises(RefusedError, match="a map as a marker: this"):
+        client.marker({"trial": 8})
+
+
+def test_a_markers_map_becomes_a_text_that_fits() -> None:
+    assert marker_text({"answer": "two\nlines"}) == "answer=two lines"
+    assert len(marker_text({"answer": "x" * 300})) == 100
+
+
+def test_what_cannot_be_recorded_is_one_sentence(daemon: FakeDaemon, tmp_path: Path) -> None:
+    (tmp_path / "taken.mcap").touch()
+    with Client(daemon.directory) as client:
+        with pytest.raises(HapticdError, match=r"taken\.mcap: exists already: give another name\."):
+            client.record(tmp_path / "taken.mcap")
+        with pytest.raises(HapticdError, match="No hapticd answers in"), client.record(tmp_path / "a.mcap"):
+            pass
+    with pytest.raises(HapticdError, match="this daemon is on another machine"):
+        Recording(Endpoint(host="10.0.0.1", port=7410), tmp_path / "b.mcap", (), replays=False)
 
 
 def test_a_marker_reaches_the_daemon_and_comes_back_with_its_instant(daemon: FakeDaemon) -> None:

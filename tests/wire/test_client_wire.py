@@ -590,6 +590,11 @@ def replied(payload: bytes) -> dict[str, Any]:
         ("release", {"client": "a"}, Release("a")),
         ("marker", {"client": "a", "text": "trial 1: begins"}, MarkerRequest("a", "trial 1: begins")),
         ("marker", {"client": "a", "text": "\U0001d11e" * 100}, MarkerRequest("a", "\U0001d11e" * 100)),
+        (
+            "marker",
+            {"client": "a", "text": "t", "fields": {"trial": 7, "is_new": True, "level_um": 1.5, "answer": "low"}},
+            MarkerRequest("a", "t", fields={"trial": 7, "is_new": True, "level_um": 1.5, "answer": "low"}),
+        ),
         ("reach", {"finger": 3}, ReachQuery(3)),
         ("reach", {"finger": "post"}, ReachQuery("post")),
         ("reach", {"x_mm": 10.0, "y_mm": -4}, ReachQuery(None, 10.0, -4.0)),
@@ -676,6 +681,11 @@ def test_a_part_of_an_asset_is_read_with_its_place_and_one_without_bytes_only_as
         ("marker", {"text": "a" * 200}, NO_MARKER),
         ("marker", {"text": "\U0001d11e" * 101}, NO_MARKER),
         ("marker", {"text": "two\nlines"}, NO_MARKER),
+        ("marker", {"text": "t", "fields": {"a": "two\nlines"}}, "body.fields: must have printable texts and finite"),
+        ("marker", {"text": "t", "fields": {"a\n": 1}}, "body.fields: must have printable texts and finite"),
+        ("marker", {"text": "t", "fields": {"a": math.inf}}, "body.fields: must have printable texts and finite"),
+        ("marker", {"text": "t", "fields": {"a": [1]}}, "body.fields.a: must be"),
+        ("marker", {"text": "t", "fields": {str(n): n for n in range(17)}}, "body.fields: has 17 entries, at most 16"),
     ],
 )
 def test_a_field_of_a_body_is_refused_by_its_name(op: str, body: dict[str, object], sentence: str) -> None:

@@ -25,6 +25,7 @@ from .checks import checked, finger_key, label, plain, shown
 from .connection import Connection
 from .endpoint import KeyFile
 from .errors import HapticdError, RefusedError
+from .recording import Recording, marker_text
 from .target_set import SceneKey, TargetSet
 from .targets import Asset, LevelRows, Map, content_fields
 
@@ -321,15 +322,32 @@ class Client:
         """Clear a latched fault. Raises RefusedError if its cause persists."""
         self._call("clear_fault")
 
-    def marker(self, text: str, *, pulse: bool = False) -> int:
+    def marker(self, what: str | Mapping[str, Any], *, pulse: bool = False) -> int:
         """Mark an instant of an experiment, such as "trial 7 begins", in the recording and in every client's states.
 
-        1 .. 100 printable characters. Returns the instant: nanoseconds on the daemon's monotonic clock. With `pulse`
-        the board's sync output, for an EEG amplifier or a camera, rises for 5 ms when the next reference takes effect,
-        at most every 20 ms. Raises RefusedError, also from an older daemon without markers, or for a board without the
-        output.
+        1 .. 100 printable characters; or a map of 1 .. 16 names to texts, numbers and truth values, such as
+        {"event": "begin", "trial": 7}, whose text is made of it. Returns the instant: nanoseconds on the daemon's
+        monotonic clock. With `pulse` the board's sync output, for an EEG amplifier or a camera, rises for 5 ms when the
+        next reference takes effect, at most every 20 ms. Raises RefusedError, also from an older daemon without markers
+        or maps in them, or for a board without the output.
         """
-        return int(self._call("marker", checked(MarkerRequest(self.name, text, bool(pulse))))["t_ns"])
+        if isinstance(what, Mapping):
+            self._link.check("marker_fields", "a map as a marker")
+            request = MarkerRequest(self.name, marker_text(what), bool(pulse), dict(what))
+        else:
+            request = MarkerRequest(self.name, what, bool(pulse))
+        return int(self._call("marker", checked(request))["t_ns"])
+
+    def record(self, path: str | os.PathLike[str], *, lsl: Sequence[str] = (), replays: bool = False) -> Recording:
+        """Return a context manager that records the daemon to an MCAP file while it is entered, as `hapticd record`.
+
+        `lsl` names streams of the Lab Streaming Layer that are recorded too. It begins at once; with `replays` it waits
+        until no finger touches and no target stands, and then `hapticd replay` repeats it bit for bit. Raises
+        HapticdError for a file that exists, a daemon on another machine, where hapticd itself is not installed, and,
+        when it is entered, if no recording begins.
+        """
+        self._check_open()
+        return Recording(self._link.endpoint, Path(path), lsl, replays=replays)
 
     # --- requests ---
 

@@ -44,7 +44,7 @@ class Connection:
         """Connect, and greet the daemon. Raises DaemonGoneError, HapticdError."""
         self.name = name
         self._timeout_s = timeout_s
-        place = find(endpoint, os.environ, server_key, own_key)
+        self.endpoint = place = find(endpoint, os.environ, server_key, own_key)
         self._context = zmq.Context()
         try:
             self._control = Control(self._context, place)

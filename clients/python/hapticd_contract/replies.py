@@ -22,7 +22,7 @@ from .targets import (
     MIN_TTL_S,
 )
 
-OPTIONAL = ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects", "priority")
+OPTIONAL = ("stamp", "surfaces", "surface_path", "friction_map", "assets", "effects", "priority", "marker_fields")
 
 
 class Capabilities(Struct, frozen=True):

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Final, Literal, get_args
 
-from msgspec import Meta
+from msgspec import Meta, field
 
 from .base import MAX_ID, MAX_PART_BYTES, Contract, Digest, Key, Mm, Name, Whole, problem_of_name
 from .targets import ClientTargets
 
 MAX_ASSET_BYTES: Final = 2**20
 MAX_MARKER_CHARACTERS: Final = 100
+MAX_MARKER_FIELDS: Final = 16
+MOST_EXACT: Final = 2**53  # beyond it JSON's readers round whole numbers
 UNREAD_REQUEST_ID: Final = 0  # in the reply to a request whose own id could not be read
 
 RequestId = Annotated[int, Meta(ge=1, le=MAX_ID)]
+MarkerValue = (
+    bool
+    | Annotated[int, Meta(ge=-MOST_EXACT, le=MOST_EXACT)]
+    | float
+    | Annotated[str, Meta(max_length=MAX_MARKER_CHARACTERS)]
+)
 
 # --- bodies -----------------------------------------------------------------------------------------------------
 
@@ -45,8 +54,14 @@ class MarkerRequest(Contract, frozen=True):
     text: Annotated[str, Meta(min_length=1, max_length=MAX_MARKER_CHARACTERS)]
     pulse: bool = False
     """lets the board's sync output rise for 5 ms as the next reference takes effect, at most every 20 ms"""
+    fields: Annotated[dict[Name, MarkerValue], Meta(max_length=MAX_MARKER_FIELDS)] = field(default_factory=dict)
+    """the same as values by name, for programs: texts of up to 100 printable characters, finite numbers, true, false"""
 
     def problem(self) -> str:
+        for name, value in self.fields.items():
+            is_sound = value.isprintable() if isinstance(value, str) else math.isfinite(value)
+            if not (name.isprintable() and is_sound):
+                return ".fields: must have printable texts and finite numbers."
         if not self.text.isprintable():
             return f".text: must have 1 .. {MAX_MARKER_CHARACTERS} printable characters."
         return problem_of_name(self.client, ".client")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from .base import PROTOCOL_VERSION
 
@@ -78,13 +78,15 @@ class FingerState(Perceived, frozen=True):
     """the client that owns it"""
 
 
-class Marker(Struct, frozen=True):
+class Marker(Struct, frozen=True, omit_defaults=True):
     """A client's label for an instant of its experiment."""
 
     t_ns: int
     """its arrival at the daemon"""
     client: str
     text: str
+    fields: dict[str, bool | int | float | str] = field(default_factory=dict)
+    """the same as values by name; omitted if there are none"""
 
 
 class EventKind(StrEnum):

@@ -195,6 +195,11 @@ def _event(event: PlateEvent) -> Fields:
     return {_EVENT_NAMES.get(name, name): value for name, value in values.items() if value is not None}
 
 
+def _marker(client: str, text: str, values: Mapping[str, object]) -> Fields:
+    made: Fields = {"client": client, "text": text}
+    return made | {"fields_json": json.dumps(values)} if values else made
+
+
 def _status(status: BoardStatus) -> Fields:
     return {
         **{name: getattr(status, name) for name in _COUNTERS},
@@ -254,6 +259,7 @@ _TRUE_FINGER: dict[str, _Form | Maybe] = {
     "plate_d_um": NUMBER,
     "plate_q_um": NUMBER,
 }
+_CHANNEL: dict[str, _Form | Maybe] = {"name": TEXT, "unit": TEXT}
 _MESSAGE: dict[str, _Form | Maybe] = {"payload": BYTES, "user": TEXT}
 
 _POINT_FORM: dict[str, _Form | Maybe] = {
@@ -314,7 +320,9 @@ KINDS: dict[str, Kind] = {
         _status,
     ),
     "ledger": _kind("/ledger", dict.fromkeys(LEDGER, WHOLE), _ledger),
-    "marker": _kind("/marker", {"client": TEXT, "text": TEXT}),
+    "marker": _kind("/marker", {"client": TEXT, "text": TEXT, "fields_json": Maybe(TEXT)}, _marker),
+    "stream": _kind("/measured/stream", {"stream": TEXT, "about": TEXT, "rate_hz": NUMBER, "channels": [_CHANNEL]}),
+    "samples": _kind("/measured/samples", {"stream": TEXT, "samples": [{"t_ns": WHOLE, "values": [NUMBER]}]}),
     "truth": _kind("/truth", {"fingers": [_TRUE_FINGER], "modal_um": AMPLITUDES}),
     "end": _kind("/end", {"reason": TEXT}),
     "event": _kind(

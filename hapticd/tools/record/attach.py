@@ -11,9 +11,10 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Protocol
 
 import msgpack
 import zmq
@@ -25,17 +26,29 @@ from ...files.recording.mcap_writer import RecordingFile, check_destination
 from ...io.clients.record_socket import NAME, NOW, SEND_HIGH_WATER, WAITS, WHOLE
 from ...io.clients.runtime_dir import endpoint_path, runtime_directory
 from ..view.rig import PadSender
+from .inlets import Inlets
 from .truth import RigTruth
 
 HEADER_WITHIN_S = 3.0
 SOON_S = 0.5  # an idle daemon begins within 0.1 s: no need to ask for hands off the plate
 POLL_MS = 100
+TAIL_NS = 500_000_000  # the longest wait for records from before the end
 SYNC_EVERY_S = 1.0  # that much is lost where this process is killed
 WAITING = "Hands off the plate, please: the recording begins without fingers and targets (--now: at once)."
 BEGUN = "The recording has begun."
 LATE = "Something is recorded already: this recording begins in mid-session, and so it cannot be replayed bit for bit."
 
 Notify = Callable[[str], None]
+
+
+class Others(Protocol):
+    """What is recorded besides the daemon's own records."""
+
+    def note(self, record: Record) -> None:
+        """Take a record of the daemon."""
+
+    def records(self, seq: int) -> Iterable[Record]:
+        """Return what came since the last call, under the number of the daemon's newest record."""
 
 
 @contextmanager
@@ -60,13 +73,14 @@ def record(
     wait_s: float = math.inf,
     notify: Notify = lambda text: print(text, flush=True),
     is_ended: Callable[[], bool] = lambda: False,
+    inlets: Inlets | None = None,
 ) -> str:
     """Record for `seconds`, until `is_ended` or KeyboardInterrupt, or until the daemon stops.
 
     Returns a sentence on the file.
 
-    `notify` is given what a person should know meanwhile. Raises HapticdError; RecordingError, before the daemon
-    is asked, if the file cannot be made.
+    `notify` is given what a person should know meanwhile; `inlets` are recorded too. Raises HapticdError;
+    RecordingError, before the daemon is asked, if the file cannot be made.
     """
     if seconds is not None and not 0.0 < seconds < math.inf:
         raise RecordingError(f"--seconds {seconds:g}: give a finite number above 0.")
@@ -88,7 +102,11 @@ def record(
             notify(LATE)
         file = RecordingFile(out, header, seq=opening.seq)
         with closing(RigTruth(context, header)) as truth:
-            return _record(socket, truth, opening, file, seconds, is_ended)
+            if inlets is not None:
+                inlets.drop()
+            others: tuple[Others, ...] = (truth,) if inlets is None else (truth, inlets)
+            said = _record(socket, others, opening, file, seconds, is_ended)
+            return said if inlets is None else said + inlets.summary()
     finally:
         socket.close()
         context.term()
@@ -96,7 +114,7 @@ def record(
 
 def _record(
     socket: zmq.Socket[bytes],
-    truth: RigTruth,
+    others: Sequence[Others],
     opening: Record,
     file: RecordingFile,
     seconds: float | None,
@@ -104,22 +122,32 @@ def _record(
 ) -> str:
     records, lost, next_seq = 0, 0, opening.seq
     begun_s = synced_s = time.monotonic()
+    newest_ns, t_end_ns = 0, math.inf
+
+    def is_over() -> bool:
+        """Return whether all that happened before the end has come: a marker may still be on its way."""
+        nonlocal t_end_ns
+        if t_end_ns == math.inf and is_ended():
+            t_end_ns = time.monotonic_ns()
+        return newest_ns > t_end_ns or time.monotonic_ns() > t_end_ns + TAIL_NS
+
     try:
         try:
-            for message in _messages(socket, math.inf if seconds is None else begun_s + seconds, is_ended):
+            for message in _messages(socket, math.inf if seconds is None else begun_s + seconds, is_over):
                 found = _decoded(message)
                 if found is not None and found.kind == HEADER:
                     if found.fields != opening.fields:
                         break  # of another daemon, which answers in place of one that was killed
                 elif found is not None:
                     file.add(found)
+                    newest_ns = found.t_ns
                     records, lost, next_seq = records + 1, lost + max(found.seq - next_seq, 0), found.seq + 1
-                    truth.note(found)
+                    for other in others:
+                        other.note(found)
                     if found.kind == "end":
                         break
-                if records:
-                    for one in truth.records(next_seq - 1):
-                        file.add(one)
+                for one in (one for other in others for one in other.records(next_seq - 1) if records):
+                    file.add(one)
                 if time.monotonic() - synced_s >= SYNC_EVERY_S:
                     synced_s = time.monotonic()
                     file.sync()

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import argparse
 import logging
+import select
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TextIO
 
 from ...errors import ConfigError, UsageError
 from .. import outputs
@@ -22,14 +25,40 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
         "--now", action="store_true", help="begin at once, in mid-session: such a file cannot be replayed"
     )
     parser.add_argument("--endpoint", type=Path, metavar="DIR", help="the daemon's runtime directory (default: found)")
+    parser.add_argument(
+        "--lsl",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="record this stream of the Lab Streaming Layer too, on the daemon's clock; may be given again",
+    )
+    parser.add_argument("--owned", action="store_true", help=argparse.SUPPRESS)  # ends with standard input too
     parser.set_defaults(command=_record)
 
 
 def _record(options: argparse.Namespace) -> None:
     from .attach import record, until_signal
+    from .inlets import Inlets
 
-    with until_signal() as is_ended:
-        print(record(options.out, options.endpoint, options.seconds, is_now=options.now, is_ended=is_ended))
+    with until_signal() as is_signalled, Inlets.opened(options.lsl) as inlets:
+
+        def is_ended() -> bool:
+            return is_signalled() or (options.owned and _is_closed(sys.stdin))
+
+        print(
+            record(
+                *(options.out, options.endpoint, options.seconds),
+                is_now=options.now,
+                is_ended=is_ended,
+                inlets=inlets,
+            )
+        )
+
+
+def _is_closed(pipe: TextIO) -> bool:
+    """Return whether the owner at the other end has gone, without waiting."""
+    ready, _, _ = select.select([pipe], [], [], 0)
+    return bool(ready) and not pipe.read(1)
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:

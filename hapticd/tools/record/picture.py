@@ -1,5 +1,5 @@
 """Picture of a recording like the paper's figures 9 to 12: positions of the fingers, reference and motion of each mode,
-target and amplitude of each finger; markers are vertical lines, their texts above."""
+target and amplitude of each finger, and what other devices measured; markers are vertical lines, their texts above."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ MODE_NAMES = "XYZ"
 MOST_LABELS = 9  # two rows, with the line style
 MOST_CHARS, MOST_LANES = 24, 6  # of the markers' texts
 CHARS_ACROSS, LANE_IN = 110, 0.17  # at their size, with a margin
+STREAM_IN = 1.9
+MOST_STREAMS, MOST_CHANNELS = 6, 8  # that are drawn
 LIFTED_S = 0.1  # without ground truth of a finger; it comes every 10 ms at least
 
 
@@ -38,10 +40,14 @@ def draw(
     part = _Part(start_s, end_s)
     markers = _markers(tables, part)
     strip_in = LANE_IN * _lanes(markers)
-    heights_in = [*([strip_in] if markers else []), 1.9, 1.9, 3.1, 3.1]
-    figure, grid = plotting.subplots(9.0, 10.0 + strip_in, len(heights_in), sharex=True, height_ratios=heights_in)
+    streams = _streams(tables)
+    heights_in = [*([strip_in] if markers else []), 1.9, 1.9, 3.1, 3.1, *[STREAM_IN] * len(streams)]
+    height_in = 10.0 + strip_in + STREAM_IN * len(streams)
+    figure, grid = plotting.subplots(9.0, height_in, len(heights_in), sharex=True, height_ratios=heights_in)
     figure.suptitle(plotting.plain(title), x=0.01, ha="left", fontsize="large")
-    axes = grid[-4:, 0]
+    axes = grid[len(heights_in) - len(streams) - 4 :, 0]
+    for axis, name in zip(axes[4:], streams, strict=True):
+        _draw_stream(axis, tables, name, part)
     _draw_positions(axes[0:2], tables, part)
     _draw_modes(axes[2], tables, part)
     _draw_fingers(axes[3], tables, part)
@@ -51,10 +57,10 @@ def draw(
             plotting.mark_empty(axis, "no finger touches")
     axes[0].plot([], [], ".", color="grey", ms=4, label="samples")
     axes[0].plot([], [], color="grey", lw=0.9, label="predicted")
-    for axis in (axes[0], *axes[2:4]):
+    for axis in (axes[0], *axes[2:]):
         _legend(axis)
     axes[3].set_xlim(start_s, end_s)
-    axes[3].set_xlabel("time, s")
+    axes[-1].set_xlabel("time, s")
     plotting.save(figure, path)
 
 
@@ -107,6 +113,26 @@ def _draw_positions(axes: Any, tables: Mapping[str, _Table], part: _Part) -> Non
                 if inside.any():
                     axis.plot(t_s[inside], seen[name][inside], ".", color=colour, ms=2.5)
         axis.set_ylabel(f"{name[0]}, mm")
+
+
+def _streams(tables: Mapping[str, _Table]) -> list[str]:
+    """Return the streams of other devices that are drawn."""
+    return list(dict.fromkeys(tables["measured"]["stream"].tolist()))[:MOST_STREAMS] if "measured" in tables else []
+
+
+def _draw_stream(axis: Any, tables: Mapping[str, _Table], name: str, part: _Part) -> None:
+    """One line for each channel of a stream."""
+    described = _of(tables.get("streams"), "stream", name)
+    measured = _of(tables["measured"], "stream", name)
+    channels = sorted(set(measured["channel"].tolist()))
+    units: list[str] = []
+    for channel in channels[:MOST_CHANNELS]:
+        found, about = _of(measured, "channel", channel), _of(described, "channel", channel)
+        label = about["name"][0] if about else ""
+        units += [about["unit"][0]] if about else []
+        part.draw(axis, found["t_s"], found["value"], label=plotting.plain(label or f"{name} {channel}"), lw=0.9)
+    unit = units[0] if len(set(units)) == 1 else ""
+    axis.set_ylabel(plotting.plain(", ".join(filter(None, (name, unit)))))
 
 
 def _draw_modes(axis: Any, tables: Mapping[str, _Table], part: _Part) -> None:

@@ -52,13 +52,15 @@ TABLES: dict[str, dict[str, type]] = {
     "board": {name: {WHOLE: _WHOLES, BOOL: _TRUTHS, TEXT: _TEXTS}[form] for name, form in _STATUS.items()},
     "modes": _wholes("mode") | _numbers("measured_d_um", "measured_q_um", "voltage_d_v", "voltage_q_v"),
     "ledger": _wholes(*LEDGER),
-    "markers": _texts("client", "text"),
+    "markers": _texts("client", "text", "fields_json"),
     "events": {
         **_wholes("number", "t_cause_ns", "t_device_ns"),  # 0 where there is none
         **_texts("kind", "finger_id"),
         **_numbers("x_mm", "y_mm"),
         **_texts("client", "surface", "effect"),
     },
+    "streams": {**_texts("stream", "about"), **_numbers("rate_hz"), **_wholes("channel"), **_texts("name", "unit")},
+    "measured": {**_texts("stream"), **_wholes("channel"), **_numbers("value")},  # of other devices, by `record --lsl`
     "messages": _texts("socket", "user", "message_json"),
     "links": {**_texts("device"), "is_up": _TRUTHS, **_texts("reason")},
     "truth": _wholes("path") | _texts("finger_id") | _numbers(*_TRUE),
@@ -70,8 +72,8 @@ def tables(recording: Recording) -> dict[str, dict[str, Column]]:
     """All tables that have rows, each as columns by name. Raises RecordingError."""
     rows: dict[str, list[_Row]] = {name: [] for name in TABLES}
     for record in recording.records():
-        for name, row in _rows(record):
-            rows[name].append((1e-9 * (record.t_ns - recording.header.t_start_ns), record.t_ns, *row))
+        for t_ns, name, row in _stamped(record):
+            rows[name].append((1e-9 * (t_ns - recording.header.t_start_ns), t_ns, *row))
     return {name: _columns(name, found) for name, found in rows.items() if found}
 
 
@@ -79,6 +81,16 @@ def _columns(name: str, rows: list[_Row]) -> dict[str, Column]:
     types = {"t_s": _NUMBERS, "t_ns": _WHOLES} | TABLES[name]
     columns = zip(*rows, strict=True)
     return {column: np.array(values, dtype=kind) for (column, kind), values in zip(types.items(), columns, strict=True)}
+
+
+def _stamped(record: Record) -> Iterator[tuple[int, str, _Row]]:
+    """The rows that one record adds, with their instants: those of samples are their own."""
+    if record.kind != "samples":
+        yield from ((record.t_ns, name, row) for name, row in _rows(record))
+        return
+    for sample in record.fields["samples"]:
+        for channel, value in enumerate(sample["values"], 1):
+            yield sample["t_ns"], "measured", (record.fields["stream"], channel, value)
 
 
 def _rows(record: Record) -> Iterator[tuple[str, _Row]]:
@@ -99,12 +111,16 @@ def _rows(record: Record) -> Iterator[tuple[str, _Row]]:
         case "ledger":
             yield "ledger", tuple(fields[name] for name in LEDGER)
         case "marker":
-            yield "markers", (fields["client"], fields["text"])
+            yield "markers", (fields["client"], fields["text"], fields.get("fields_json", ""))
         case "event":
             whole = (fields["number"], fields["t_cause_ns"], fields.get("t_device_ns", 0))
             place = (fields.get("x_mm", np.nan), fields.get("y_mm", np.nan))
             names = (fields["client"], fields["surface"], fields["effect"])
             yield "events", (*whole, fields["kind"], str(fields.get("finger_id", "")), *place, *names)
+        case "stream":
+            for number, channel in enumerate(fields["channels"], 1):
+                about = (fields["stream"], fields["about"], fields["rate_hz"])
+                yield "streams", (*about, number, channel["name"], channel["unit"])
         case "targets" | "request":
             socket = "control" if record.kind == "request" else "targets"
             yield "messages", (socket, fields["user"], _as_json(fields["payload"]))

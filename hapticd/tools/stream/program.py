@@ -83,13 +83,11 @@ def _prometheus(options: argparse.Namespace) -> None:
 
 
 def _lsl(options: argparse.Namespace) -> None:
-    try:
-        import pylsl
-    except (ImportError, RuntimeError, OSError) as error:  # the latter two if pylsl finds no liblsl
-        raise missing_library(f"The Lab Streaming Layer cannot be loaded ({_first_line(error)})", "lsl") from None
+    from ..record.inlets import pylsl
     from .lsl import run
 
-    _streaming(options.endpoint, lambda: run(pylsl, options.endpoint, options.fingers))
+    lsl = pylsl()
+    _streaming(options.endpoint, lambda: run(lsl, options.endpoint, options.fingers))
 
 
 def _streaming(endpoint: str | None, run: Callable[[], None]) -> None:

@@ -279,7 +279,7 @@ def test_the_simulated_fingers_are_lifted_while_the_core_cannot_restart(tmp_path
         recorder = threading.Thread(target=lambda: record(tmp_path / "a.mcap", tmp_path, 0.1, wait_s=0.5), daemon=True)
         recorder.start()
         while recorder.is_alive():
-            asked.extend(pad.held())
+            asked.extend(touches.fingers for touches in pad.held())
             recorder.join(STEP_S)
         pad.close()
 
