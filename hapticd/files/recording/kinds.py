@@ -16,7 +16,7 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, get_args, get_type_hints
 
 import msgpack
 
@@ -215,6 +215,11 @@ def _ledger(line: LedgerLine) -> Fields:
 
 
 _EVENT_NAMES = {"seq": "number", "t_ns": "t_cause_ns", "finger": "finger_id"}
+_FORMS: dict[Any, str] = {int: WHOLE, float: NUMBER, str: TEXT}
+_EVENT: dict[str, _Form | Maybe] = {  # each field of the contract's
+    _EVENT_NAMES.get(name, name): _FORMS[kind] if kind in _FORMS else Maybe(_FORMS[get_args(kind)[0]])
+    for name, kind in get_type_hints(PlateEvent).items()
+}
 _FINGER: dict[str, _Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
 _POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
 PERCEIVED = Perceived.__struct_fields__
@@ -325,22 +330,7 @@ KINDS: dict[str, Kind] = {
     "samples": _kind("/measured/samples", {"stream": TEXT, "samples": [{"t_ns": WHOLE, "values": [NUMBER]}]}),
     "truth": _kind("/truth", {"fingers": [_TRUE_FINGER], "modal_um": AMPLITUDES}),
     "end": _kind("/end", {"reason": TEXT}),
-    "event": _kind(
-        "/event",
-        {
-            "number": WHOLE,  # counts the events: a gap is one that was lost
-            "kind": TEXT,
-            "t_cause_ns": WHOLE,
-            "t_device_ns": Maybe(WHOLE),
-            "finger_id": Maybe(WHOLE),
-            "x_mm": Maybe(NUMBER),
-            "y_mm": Maybe(NUMBER),
-            "client": TEXT,
-            "surface": TEXT,
-            "effect": TEXT,
-        },
-        _event,
-    ),
+    "event": _kind("/event", _EVENT, _event),
 }
 INPUTS = tuple(name for name, kind in KINDS.items() if kind.topic.startswith("/input/"))
 
