@@ -111,6 +111,7 @@ def _try(
         speed_mm_s=stage.touch.speed_mm_s,
         limited_frac=stage.touch.limited_frac,
         felt_friction=stage.touch.felt_friction,
+        pressure_frac=stage.touch.pressure_frac,
         t_daemon_ns=stage.touch.t_daemon_ns,
     )
 

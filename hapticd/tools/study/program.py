@@ -101,11 +101,13 @@ def _add_report(actions: Any) -> None:
     )
     parser.add_argument("folder", type=Path, metavar="DIR", help="the --out of the sessions")
     outputs.add_json(parser)
+    parser.add_argument("--bids", type=Path, metavar="DIR", help="folder for all trials, under BIDS names")
+    outputs.add_file(parser, "--parquet", outputs.PARQUET, metavar="F.parquet", help="and to one Parquet file")
     parser.set_defaults(command=_report)
 
 
 def _report(options: argparse.Namespace) -> None:
-    report.write(options.folder, options.json, is_forced=options.force)
+    report.write(options.folder, options.json, bids=options.bids, parquet=options.parquet, is_forced=options.force)
 
 
 def rehearsal(scenario: str = SCENARIO, plate: SimConfig | None = None) -> DaemonProcess:

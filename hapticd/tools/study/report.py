@@ -19,9 +19,10 @@ from typing import Any
 from ...regular_file import opened
 from .. import plotting
 from ..outputs import check, has_mark, require_matplotlib, write_text
+from . import dataset
 from .analysis import Group, Result, analyse, analyse_group
 from .experiment import StudyError
-from .session import NUMBERS, SUFFIX, Session, read
+from .session import MEANS, NUMBERS, SUFFIX, Session, read
 from .thresholds import curves, rating_lines, threshold_lines
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
@@ -33,8 +34,17 @@ BAR_IN = 0.55  # a participant's share of the figure's width
 MAX_WIDTH_IN = 16.0
 
 
-def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False) -> None:
+def write(
+    folder: Path,
+    json_file: str | None = None,
+    *,
+    bids: Path | None = None,
+    parquet: Path | None = None,
+    is_forced: bool = False,
+) -> None:
     """Analyse the sessions in `folder`, print the report, and write its files there, over those of an earlier report.
+
+    `bids` is a folder and `parquet` a file for all trials (`dataset`).
 
     Raises HapticdError if no session is finished, a file is damaged, simulated sessions are among others, or an output
     cannot be written.
@@ -59,7 +69,8 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
     written = [TRIALS]
-    _write_rows(folder / TRIALS, trial_rows(finished), simulated)
+    table = trial_rows(finished)
+    _write_rows(folder / TRIALS, table, simulated)
     if group is not None:
         _write_rows(folder / RESULTS, result_rows(results, group), simulated)
         draw(results, group, folder / FIGURE, simulated)
@@ -68,7 +79,13 @@ def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False
     if json_file is not None:
         analysed = figures(results, group) if group is not None else {}
         plain = {"simulated": simulated or None, **analysed, "curves": [one.plain for one in fitted]}
+        plain["trials"] = dataset.rows_of(table, simulated)
         write_text(json.dumps(plain, indent=2) + "\n", json_file)
+    if bids is not None:
+        files = dataset.write_bids(dataset.rows_of(table, simulated), names.pop(), bids, is_forced=is_forced)
+        print(f"wrote {len(files)} files in {bids}", file=sys.stderr)
+    if parquet is not None:
+        dataset.write_parquet(dataset.rows_of(table, simulated), parquet)
 
 
 def _check_outputs(folder: Path, *, is_forced: bool) -> None:
@@ -164,7 +181,7 @@ def result_rows(results: Sequence[Result], group: Group) -> list[list[object]]:
 def trial_rows(sessions: Sequence[Session]) -> list[list[object]]:
     """Return a row for each trial of the finished sessions: its levels, the right answer and what was measured."""
     factors = list(dict.fromkeys(name for session in sessions for name in session.presented[0].levels))
-    measured = [*NUMBERS, "felt_friction", "t_daemon_ns"]
+    measured = [*NUMBERS, *MEANS, "t_daemon_ns"]
     rows: list[list[object]] = [["participant", "trial", *factors, "presented", "answer", "recognised", *measured]]
     for session in sessions:
         for answer, trial in zip(session.answers, session.presented, strict=False):

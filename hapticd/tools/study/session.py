@@ -37,9 +37,9 @@ class Answer:
     """One answer. `trial` counts from 1, `t_unix_s` is its time, `took_s` the time since the trial began.
 
     `touched_s` is the time of the finger on the plate, `speed_mm_s` its mean speed there, `limited_frac` the share of
-    that time in which the plate missed its targets, `felt_friction` the mean of what telemetry says of its first
-    finger, `t_daemon_ns` the last state of the trial on the daemon's monotonic clock, as recordings have it; None where
-    it is not known.
+    that time in which the plate missed its targets, `felt_friction` and `pressure_frac` the means of what telemetry
+    says of its first finger, `t_daemon_ns` the last state of the trial on the daemon's monotonic clock, as recordings
+    have it; None where it is not known.
     """
 
     trial: int
@@ -51,6 +51,7 @@ class Answer:
     limited_frac: float
     felt_friction: float | None = None
     t_daemon_ns: int | None = None
+    pressure_frac: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,20 +235,22 @@ def _with(session: Session, entry: dict[str, Any]) -> Session:
     if entry["kind"] != "answer" or session.is_complete or entry["trial"] != len(session.answers) + 1:
         raise ValueError("trials are answered in their order")
     numbers = {name: _finite(entry[name]) for name in NUMBERS}
-    felt, t_daemon_ns = entry.get("felt_friction"), entry.get("t_daemon_ns")
+    means = {name: _finite(entry[name]) for name in MEANS if entry.get(name) is not None}
+    t_daemon_ns = entry.get("t_daemon_ns")
     if entry["answer"] not in session.experiment.choices or not (t_daemon_ns is None or type(t_daemon_ns) is int):
         raise ValueError("an answer is one of the experiment's")
     answer = Answer(
         trial=len(session.answers) + 1,
         answer=entry["answer"],
         **numbers,
-        felt_friction=None if felt is None else _finite(felt),
+        **means,
         t_daemon_ns=t_daemon_ns,
     )
     return replace(session, answers=(*session.answers, answer))
 
 
 NUMBERS = ("t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac")
+MEANS = ("felt_friction", "pressure_frac")  # where they are known
 
 
 def _finite(value: Any) -> float:

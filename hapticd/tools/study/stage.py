@@ -31,6 +31,8 @@ class _Touch:
     limited_s: float = 0.0
     felt_s: float = 0.0  # of which telemetry told the friction
     friction_s: float = 0.0
+    pressed_s: float = 0.0  # of which telemetry told the pressure
+    pressure_s: float = 0.0
     t_daemon_ns: int | None = None  # of the last state
     recent: deque[tuple[float, float]] = field(default_factory=deque)  # (duration s, way mm), RECENT_S of them
 
@@ -55,8 +57,24 @@ class _Touch:
         """Mean friction over the time in which telemetry told it; None for none."""
         return self.friction_s / self.felt_s if self.felt_s > 0 else None
 
-    def add(self, step_s: float, path_mm: float, *, limited: bool, friction: float | None = None) -> None:
+    @property
+    def pressure_frac(self) -> float | None:
+        """Mean pressure over the time in which telemetry told it; None for none."""
+        return self.pressure_s / self.pressed_s if self.pressed_s > 0 else None
+
+    def add(
+        self,
+        step_s: float,
+        path_mm: float,
+        *,
+        limited: bool,
+        friction: float | None = None,
+        pressure_frac: float | None = None,
+    ) -> None:
         """Add one step between two states with the finger down."""
+        if pressure_frac is not None:
+            self.pressed_s += step_s
+            self.pressure_s += step_s * pressure_frac
         if friction is not None:
             self.felt_s += step_s
             self.friction_s += step_s * friction
@@ -130,6 +148,7 @@ class Stage:
             step_s = (state.t_ns - state_before.t_ns) * 1e-9
             if before.id == finger.id and 0 < step_s < MAX_STEP_S:
                 path_mm = math.hypot(finger.x_mm - before.x_mm, finger.y_mm - before.y_mm)
-                self.touch.add(step_s, path_mm, limited=state.limited, friction=finger.felt_friction)
+                felt = {"friction": finger.felt_friction, "pressure_frac": finger.pressure_frac}
+                self.touch.add(step_s, path_mm, limited=state.limited, **felt)
         self.touch.t_daemon_ns = state.t_ns
         self._last = finger, state

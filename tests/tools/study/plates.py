@@ -74,7 +74,8 @@ class FakeClient:
         places = [(name, 0.0, True) for name in self.paths] + ([(self.finger, x_mm, False)] if self.finger else [])
         places += [(key, 30.0, False) for key in self.more]
         fingers = tuple(
-            FingerState(key, x, 0.0, x, 0.0, None, None, virtual, felt_friction=0.25) for key, x, virtual in places
+            FingerState(key, x, 0.0, x, 0.0, None, None, virtual, felt_friction=0.25, pressure_frac=0.2)
+            for key, x, virtual in places
         )
         return PlateState(self.instance, t_ns, t_ns, "ACTIVE", fingers, (0.0, 0.0), self.limited, 10.0, 16.0)
 

@@ -231,3 +231,4 @@ def test_each_of_two_fingers_gets_its_own_target_in_the_order_in_which_they_land
     stage.step()
     assert [(one.finger, one.friction) for one in client.message.targets] == [(1, 0.5), (7, 1.0)]
     assert stage.touch.felt_friction == 0.25
+    assert stage.touch.pressure_frac == pytest.approx(0.2)

@@ -1,0 +1,118 @@
+"""Trials of a study as other programs take them: a folder named as BIDS has it, and Parquet.
+
+BIDS (bids.neuroimaging.io, behavioural experiments) has a table for each participant, `sub-P03_task-NAME_beh.tsv`, with
+the meanings of its columns in a JSON file. Its labels are letters and digits alone. Recordings of the same sessions
+belong beside them, as `sub-P03_task-NAME_physio.mcap`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from ... import __version__
+from ...errors import missing_library
+from ...regular_file import opened
+from .. import outputs
+from .experiment import StudyError
+
+BIDS_VERSION: Final = "1.9.0"
+DESCRIPTION: Final = "dataset_description.json"
+MEANINGS: Final[Mapping[str, str]] = {
+    "trial": "number of the trial, from 1",
+    "presented": "the right answer",
+    "answer": "the answer that was given",
+    "recognised": "1: the answer was right",
+    "t_unix_s": "time of day of the answer, seconds since 1970",
+    "took_s": "seconds from the beginning of the trial to the answer",
+    "touched_s": "seconds in which the finger was on the plate",
+    "speed_mm_s": "mean speed of the finger on the plate",
+    "limited_frac": "share of that time in which the plate missed its targets",
+    "felt_friction": "mean friction under the finger, 0 the most slippery, 1 bare glass",
+    "pressure_frac": "mean pressure of the finger, by the pad's own measure, 0 .. 1",
+    "t_daemon_ns": "the trial's end on the daemon's monotonic clock, as recordings have it",
+    "simulated": "what was simulated: plate, participant, or nothing",
+}
+_ABSENT: Final = "n/a"
+
+TrialRow = Mapping[str, Any]
+
+
+def rows_of(table: Sequence[Sequence[object]], simulated: str) -> list[dict[str, Any]]:
+    """Return a table with a head as one map for each row."""
+    head = [*map(str, table[0]), "simulated"]
+    return [dict(zip(head, [*row, simulated], strict=True)) for row in table[1:]]
+
+
+def write_bids(rows: Sequence[TrialRow], task: str, folder: Path, *, is_forced: bool = False) -> list[Path]:
+    """Write the folder, and return its files. Raises HapticdError for one that cannot be written, or is another's."""
+    texts = _files(rows, _label(task))
+    paths = {folder / name: text for name, text in texts.items()}
+    outputs.create_folder(folder)
+    if not is_forced and not (folder / DESCRIPTION).is_file() and any(folder.iterdir()):
+        raise StudyError(f"{folder}: holds other files: give an empty folder, or add --force.")
+    for path, text in paths.items():
+        outputs.create_folder(path.parent)
+        with opened(path) as file:
+            file.write(text.encode())
+    return list(paths)
+
+
+def write_parquet(rows: Sequence[TrialRow], path: Path) -> None:
+    """Write one table with all trials. Raises HapticdError without pyarrow."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise missing_library("Parquet needs pyarrow", "export") from None
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    for name, values in columns.items():
+        if len({type(value) for value in values if value is not None} - {int, float}) > 0:
+            columns[name] = [None if value is None else str(value) for value in values]
+    with opened(path) as file:
+        pyarrow.parquet.write_table(pyarrow.table(columns), file)
+
+
+def _files(rows: Sequence[TrialRow], task: str) -> dict[str, str]:
+    """Return the text of each file by its path in the folder."""
+    people = dict.fromkeys(str(row["participant"]) for row in rows)
+    labels = {person: _label(person) for person in people}
+    if len(set(labels.values())) < len(labels):
+        raise StudyError("BIDS names participants by letters and digits alone, and two would be alike: rename one.")
+    columns = [name for name in rows[0] if name != "participant"]
+    about = {name: {"Description": MEANINGS.get(name, "level of this factor")} for name in columns}
+    description = {
+        "Name": task,
+        "BIDSVersion": BIDS_VERSION,
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "hapticd study", "Version": __version__}],
+    }
+    found = {
+        DESCRIPTION: _json(description),
+        "participants.tsv": _tsv([["participant_id"], *[[f"sub-{label}"] for label in labels.values()]]),
+        f"task-{task}_beh.json": _json({"TaskName": task, **about}),
+    }
+    for person, label in labels.items():
+        own = [[row[name] for name in columns] for row in rows if str(row["participant"]) == person]
+        found[f"sub-{label}/beh/sub-{label}_task-{task}_beh.tsv"] = _tsv([columns, *own])
+    return found
+
+
+def _label(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]", "", name) or "study"
+
+
+def _json(value: Mapping[str, Any]) -> str:
+    return json.dumps(value, indent=2) + "\n"
+
+
+def _tsv(rows: Sequence[Sequence[object]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter="\t", lineterminator="\n")
+    writer.writerows([[_ABSENT if value is None or value == "" else value for value in row] for row in rows])
+    return text.getvalue()
