@@ -19,6 +19,7 @@ import numpy as np
 import zmq
 
 import hapticd_client
+from hapticd_contract.contents import GivenContent
 from hapticd_contract.surfaces import Surface
 
 from ...config import loader as config
@@ -28,7 +29,7 @@ from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
 from . import messages
 from .layers import LAYERS, LayerFinger
-from .messages import ClearBoardFault, DrawSurface, EraseSurface, ReleaseTarget, SetTarget
+from .messages import ClearBoardFault, DrawSurface, EraseSurface, PlayEffect, ReleaseTarget, SetTarget
 from .rig import TruthSubscriber
 from .surfaces import SurfacePainter
 
@@ -43,7 +44,7 @@ MAX_REQUESTS = 32  # queued, of different fingers: two for each that a client ma
 GRID = 101  # points of the page's shapes per side; the browser interpolates between them
 
 _Publish = Callable[[str, str, "PagePlate | None"], None]
-Action = SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearBoardFault
+Action = SetTarget | ReleaseTarget | DrawSurface | PlayEffect | EraseSurface | ClearBoardFault
 _Request = tuple[Action, Callable[[str], None]]
 TargetKey = tuple[str, int | str]
 
@@ -169,6 +170,8 @@ def _key(request: Action) -> TargetKey:
             return "finger", finger
         case DrawSurface(surface):
             return "surface", surface.name
+        case PlayEffect(effect):
+            return "effect", effect.name
         case EraseSurface(name):
             return "surface", name
         case ClearBoardFault():
@@ -183,6 +186,8 @@ def _send(client: hapticd_client.Client, request: Action) -> None:
             client.release(finger)
         case DrawSurface(surface):
             _draw(client, surface)
+        case PlayEffect(effect):
+            client.effect(effect.name, effect.form, on=effect.on, start=effect.start, loops=effect.loops)
         case EraseSurface(name):
             client.remove(name)
         case ClearBoardFault():
@@ -193,13 +198,26 @@ def _draw(client: hapticd_client.Client, surface: Surface) -> None:
     client.surface(
         surface.name,
         surface.shape,
-        amplitude_um=surface.amplitude_um,
-        friction=surface.friction,
         position_mm=surface.position_mm,
         angle_rad=surface.angle_rad,
         scale=surface.scale,
         z=surface.z,
+        **_content(surface),
     )
+
+
+def _content(surface: Surface) -> GivenContent:
+    """Return the one content as the library takes it, which has a class of its own for maps."""
+    if (levels := surface.map) is not None:
+        rows = [levels.levels[at : at + levels.width] for at in range(0, len(levels.levels), levels.width)]
+        return {"map": hapticd_client.Map(rows, levels.high_um, levels.low_um, levels.friction)}
+    return {
+        "amplitude_um": surface.amplitude_um,
+        "friction": surface.friction,
+        "grating": surface.grating,
+        "gradient": surface.gradient,
+        "noise": surface.noise,
+    }
 
 
 def _friction_curve(body: Mapping[str, Any]) -> FrictionCurve:

@@ -5,10 +5,13 @@ page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm, pressure_frac],
                  {"op": "release", "finger": 3}                          release this page's target
                  {"op": "draw", "surface": {..}}      lay or move a surface of this viewer, as in a `targets` message
                  {"op": "erase", "surface": "name"}   remove it
+                 {"op": "play", "effect": {..}}       an effect of this viewer, as in a `targets` message
+                 {"op": "record", "is_on": true}      record to a file of the viewer's, until false
                  {"op": "clear_fault"}
                  {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5}   restart on another plate
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
                  {"kind": "surfaces", ..}
+                 {"kind": "recording", "is_on": true, "file": "..", "sentence": ""}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
                  {"kind": "starting", "plate": "fingertip", "modes": 4}   the service of a simulated plate (re)starts
                  {"kind": "choices", "plates": {"reference": {"modes": [2, 3, 4], "own_modes": 2}, ..}, ..}
@@ -17,6 +20,8 @@ server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", 
 
 from __future__ import annotations
 
+import base64
+import contextlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,6 +31,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msgspec import Meta
 
 from hapticd_contract.base import AmplitudeUm, Contract, Key, Name
+from hapticd_contract.effects import Effect
 from hapticd_contract.simulated import SimulatedTouch, problem_of_touches
 from hapticd_contract.states import Perceived
 from hapticd_contract.surfaces import Surface
@@ -81,14 +87,29 @@ class DrawSurface(_Message, frozen=True, tag="draw"):
     def problem(self) -> str:
         if problem := self.surface.problem():
             return f".surface{problem}"
-        has_number = self.surface.amplitude_um is not None or self.surface.friction is not None
-        if has_number and self.surface.shape is not None:
-            return ""
-        return ".surface: a page draws a shape with an amplitude or a friction."
+        if self.surface.shape is None:
+            return ".surface: a page draws a shape."
+        return ".surface.map: needs levels." if self.surface.map is not None and not self.surface.map.levels else ""
+
+
+class PlayEffect(_Message, frozen=True, tag="play"):
+    """Play an effect, or replace the one of that name; with the surface that it names it ends."""
+
+    effect: Effect
+
+    def problem(self) -> str:
+        problem = self.effect.problem()
+        return f".effect{problem}" if problem else ""
+
+
+class RecordPage(_Message, frozen=True, tag="record"):
+    """Begin to record, or end it."""
+
+    is_on: bool
 
 
 class EraseSurface(_Message, frozen=True, tag="erase"):
-    """Remove a surface."""
+    """Remove a surface, and the effects on it."""
 
     surface: Name
 
@@ -113,7 +134,8 @@ class PlateChoice:
     own_modes: int
 
 
-Message = Hold | SetTarget | ReleaseTarget | DrawSurface | EraseSurface | ClearBoardFault | SwitchPlate
+_Layer = DrawSurface | PlayEffect | EraseSurface
+Message = Hold | SetTarget | ReleaseTarget | _Layer | RecordPage | ClearBoardFault | SwitchPlate
 
 
 def decode(text: str) -> Message:
@@ -122,8 +144,17 @@ def decode(text: str) -> Message:
         fields = json.loads(text)
     except (ValueError, RecursionError):
         raise RequestError("The page's message is not JSON.") from None
+    _unpack_levels(fields)
     message: Message = read(fields, Message)
     return message
+
+
+def _unpack_levels(fields: Any) -> None:
+    """Bytes of a picture come in base64, as JSON has none; what is not that stays, and is refused as no bytes."""
+    match fields:
+        case {"surface": {"map": {"levels": str(levels)} as picture}}:
+            with contextlib.suppress(ValueError):
+                picture["levels"] = base64.b64decode(levels, validate=True)
 
 
 def mover(text: str) -> int | str | None:
@@ -243,6 +274,11 @@ def starting(plate: str, modes: int) -> str:
 def gone(sentence: str) -> str:
     """Return the message that no daemon answers."""
     return _text({"kind": "gone", "sentence": sentence})
+
+
+def recording(file: str, *, is_on: bool, sentence: str = "") -> str:
+    """Return the message that a recording to this file has begun, or how it ended."""
+    return _text({"kind": "recording", "is_on": is_on, "file": file, "sentence": sentence})
 
 
 def refused(sentence: str) -> str:

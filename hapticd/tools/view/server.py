@@ -28,7 +28,8 @@ from ..gateway.server import PATH, Gateway
 from ..web import connections, guard
 from . import layers, messages
 from .client import Action, PagePlate, PlateClient
-from .messages import Hold, ReleaseTarget, SetTarget, SwitchPlate
+from .messages import Hold, RecordPage, ReleaseTarget, SetTarget, SwitchPlate
+from .recording import PageRecording
 from .rig import PadSender
 from .simulated import SimulatedService
 
@@ -58,13 +59,17 @@ class Page:
         self._waiting[kind] = text
         self._ready.set()
 
-    def remember(self, request: SetTarget | ReleaseTarget) -> None:
-        """Note a finger whose target is released when this page closes."""
+    def remember(self, request: SetTarget | ReleaseTarget) -> int | str | None:
+        """Note a finger whose target is released when this page closes. Returns one whose target must go now, as a
+        client holds no more: the finger of long ago, which may have left the plate."""
         self.targeted.pop(request.finger, None)
         if isinstance(request, SetTarget):
             self.targeted[request.finger] = None
-        if len(self.targeted) > MAX_HELD:
-            del self.targeted[next(iter(self.targeted))]
+        if len(self.targeted) <= MAX_HELD:
+            return None
+        oldest = next(iter(self.targeted))
+        del self.targeted[oldest]
+        return oldest
 
     async def write(self) -> None:
         """Send queued messages until cancelled or the page is closed."""
@@ -94,7 +99,9 @@ class Viewer:
         self._context = zmq.Context()
         self._pad: PadSender | None = None
         self._closing: set[asyncio.Task[None]] = set()
+        self._recorded = ""  # the last message of a recording
         self._switching: asyncio.Task[None] | None = None
+        self._recording = PageRecording(endpoint, self._publish_recording)
         self._layering = asyncio.Lock()  # one layer at a time, while frames go on
 
     def app(self) -> web.Application:
@@ -187,6 +194,8 @@ class Viewer:
             page.send("choices", messages.choices(self._simulated.choices))
         for kind, text in self._last.items():
             page.send(kind, text)
+        if self._recording.is_on:
+            page.send("recording", self._recorded)
         self._pages.append(page)
         if self._client is None and not self._is_switching:
             self._connect()
@@ -229,6 +238,8 @@ class Viewer:
             self._hold()
         elif isinstance(message, SwitchPlate):
             self._switch(page, message)
+        elif isinstance(message, RecordPage):
+            self._recording.request(is_on=message.is_on)
         else:
             self._request(page, message)
 
@@ -254,6 +265,7 @@ class Viewer:
             page.send("starting", text)
         if client is not None:
             await asyncio.to_thread(client.close)
+        self._recording.request(is_on=False)  # of the service that ends
         try:
             await service.switch(to)
         finally:
@@ -261,10 +273,12 @@ class Viewer:
                 self._connect()
 
     def _request(self, page: Page, request: Action) -> None:
-        if isinstance(request, SetTarget | ReleaseTarget):
-            page.remember(request)
         if self._client is None:
             return
+        if isinstance(request, SetTarget | ReleaseTarget):
+            oldest = page.remember(request)
+            if oldest is not None:
+                self._client.request(ReleaseTarget(oldest), lambda _: None)
         loop = asyncio.get_running_loop()
 
         def refuse(text: str) -> None:
@@ -278,6 +292,11 @@ class Viewer:
             return
         held = {f"{page.number}-{name}"[:32]: touch for page in self._pages for name, touch in page.held.items()}
         self._pad.hold(dict(list(held.items())[:MAX_TOUCHES]))
+
+    def _publish_recording(self, text: str) -> None:
+        self._recorded = text
+        for page in self._pages:
+            page.send("recording", text)
 
     # --- messages of the client ---
 
@@ -309,6 +328,7 @@ class Viewer:
     async def _close(self, _: web.Application) -> None:
         for page in tuple(self._pages):
             await page.socket.close()
+        await self._recording.close()
         if self._switching is not None:
             await asyncio.wait((self._switching,))
         client, self._client = self._client, None

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from browserpage import PATIENCE_S, Page, drag
+from PIL import Image
 from selenium.webdriver import ActionChains, Chrome, Keys
+from selenium.webdriver.common.by import By
 from test_browser import SETTINGS
 from viewprocess import View, first
 
+from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.daemon_process import DaemonProcess
 from hapticd_client import Circle, Client, Grating, Modulation
@@ -43,16 +47,16 @@ class Drawn:
         actions.release().perform()
 
     def use(self, tool: str) -> None:
-        self.page.choose("tool", tool)
+        self.page.browser.find_element(By.CSS_SELECTOR, f"[data-tool={tool}]").click()
 
 
 @pytest.fixture
-def drawn(browser: Chrome) -> Iterator[Drawn]:
+def drawn(browser: Chrome, tmp_path: Path) -> Iterator[Drawn]:
     with RigProcess("hands", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"', SETTINGS) as running:
         for process in (rig.process, running.process):
             first(process)
         with Client(running.runtime_dir, name="study", timeout_s=PATIENCE_S) as client:
-            viewer = View("--endpoint", str(running.runtime_dir))
+            viewer = View("--endpoint", str(running.runtime_dir), cwd=tmp_path)
             browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
             browser.get(viewer.address)
             page = Page(browser)
@@ -69,13 +73,13 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     page.until(lambda: page["surfaces"].text == "patch (study): grating, z 0")
     page.until(lambda: page.brightness() > dark + 3)
 
-    drawn.use("draws a rectangle")
+    drawn.use("rectangle")
     drawn.stroke((-50.0, 40.0), (-30.0, 30.0), (-20.0, 20.0))
     page.until(lambda: "drawn 1" in drawn.layers())
-    drawn.use("draws a circle")
+    drawn.use("circle")
     drawn.stroke((-30.0, -30.0), (-20.0, -30.0))
     page.until(lambda: "drawn 2" in drawn.layers())
-    drawn.use("draws a polygon")
+    drawn.use("polygon")
     for corner_mm in ((20.0, -20.0), (40.0, -20.0), (30.0, -45.0)):
         drawn.stroke(corner_mm)
     page["plate"].send_keys(Keys.ENTER)
@@ -85,9 +89,9 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     assert layers["drawn 1"]["polygon_mm"][2] == pytest.approx([15.0, 10.0], abs=0.5)
     assert layers["drawn 2"]["circle_mm"] == pytest.approx(10.0, abs=0.5)
     assert len(layers["drawn 3"]["polygon_mm"]) == 3
-    assert {layers[f"drawn {number}"]["amplitude_um"] for number in (1, 2, 3)} == {1.5}
+    assert [layers[f"drawn {number}"]["friction"] for number in (1, 2, 3)] == [0.2] * 3
 
-    drawn.use("moves what was drawn")
+    drawn.use("move")
     page.until(lambda: "drawn 3" in page["surfaces"].text)
     drawn.stroke((-35.0, 30.0), (-20.0, 25.0), (-5.0, 10.0))
     drawn.stroke((35.0, 35.0), (0.0, 0.0))  # the other client's: not ours to move
@@ -99,7 +103,7 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     page["erase"].click()
     page.until(lambda: "drawn 2" not in drawn.layers())
 
-    drawn.use("touches")
+    drawn.use("touch")
     drag(page, 10)
     page.until(lambda: any(re.search(r"feels \d\.\d\d \(.*\), asked", row) for row in page.fingers()))
     assert "no owner" in page.fingers()[0]  # it feels what lies there
@@ -110,3 +114,46 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     page.until(lambda: "hum" not in page["surfaces"].text)
     ActionChains(page.browser).release().perform()
     assert page.complaints() == []
+
+
+def test_a_layer_has_a_texture_a_picture_or_an_effect(drawn: Drawn, tmp_path: Path) -> None:
+    page = drawn.page
+    drawn.client.surface("patch", Circle(5.0), friction=0.5, position_mm=(60.0, 60.0))  # as the other test leaves it
+    drawn.use("rectangle")
+    page.choose("content", "texture")
+    drawn.stroke((-60.0, 60.0), (-50.0, 50.0), (-40.0, 40.0))
+    page.until(lambda: "drawn 1" in drawn.layers())
+    assert drawn.layers()["drawn 1"]["grating"]["period_mm"] == 6.0
+
+    image = tmp_path / "white.png"
+    Image.new("L", (60, 40), 255).save(image)
+    page["file-input"].send_keys(str(image))
+    page.choose("content", "picture")
+    page.until(lambda: page["file"].text == "white.png")
+    drawn.stroke((-60.0, 0.0), (-50.0, -10.0), (-40.0, -20.0))
+    page.until(lambda: "drawn 2" in drawn.layers())
+    assert drawn.layers()["drawn 2"]["map"]["high_um"] == 1.5
+
+    page.choose("content", "hum")
+    drawn.stroke((-30.0, 30.0), (0.0, 0.0), (40.0, -40.0))
+    page.until(lambda: "drawn 3" in drawn.layers())
+    drawn.use("touch")
+    drag(page, 10)
+    page.until(lambda: re.search(r"drawn 3 \(view-\d+\) plays on finger", page["surfaces"].text))
+    page["plate"].send_keys(Keys.ESCAPE)
+    ActionChains(page.browser).release().perform()
+    assert page.complaints() == []
+
+
+def test_the_record_button_writes_a_recording_where_the_viewer_runs(drawn: Drawn, tmp_path: Path) -> None:
+    page = drawn.page
+    drawn.client.surface("patch", Circle(5.0), friction=0.5)
+    page["record"].click()
+    page.until(lambda: page["record"].get_attribute("aria-pressed") == "true")
+    page.until(lambda: re.fullmatch(r"0:0[2-9]|0:[1-9]\d", page["record"].text.strip()))
+    page["record"].click()
+    page.until(lambda: re.search(r"plate-\d{8}-\d{6}\.mcap", page["notice"].text))
+    assert "mild" in page["notice"].get_attribute("class").split()  # it is news, no alarm
+    (file,) = tmp_path.glob("plate-*.mcap")
+    records = {record.kind for record in open_recording(file).records()}
+    assert "pass" in records

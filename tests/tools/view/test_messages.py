@@ -18,11 +18,24 @@ from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.rig.files import write_measured
 from hapticd.tools.view import messages
 from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
-from hapticd.tools.view.messages import ClearBoardFault, Hold, ReleaseTarget, SetTarget, SwitchPlate
+from hapticd.tools.view.messages import (
+    ClearBoardFault,
+    DrawSurface,
+    Hold,
+    PlayEffect,
+    RecordPage,
+    ReleaseTarget,
+    SetTarget,
+    SwitchPlate,
+)
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateEvent, PlateState
+from hapticd_contract.contents import LevelMap
+from hapticd_contract.effects import Effect, Modulation
 from hapticd_contract.simulated import SimulatedTouch
+from hapticd_contract.surfaces import Surface
 
+PICTURE = {"width": 2, "height": 1, "high_um": 1.5}
 STATE = PlateState(
     instance=7,
     seq=1,
@@ -53,6 +66,18 @@ LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as
         ({"op": "set", "finger": "post", "amplitude_um": 1.5}, SetTarget("post", 1.5)),
         ({"op": "release", "finger": 3}, ReleaseTarget(3)),
         ({"op": "clear_fault"}, ClearBoardFault()),
+        ({"op": "record", "is_on": True}, RecordPage(True)),
+        (
+            {"op": "play", "effect": {"name": "hum", "surface": "tile", "modulation": {"frequency_hz": 60}}},
+            PlayEffect(Effect(name="hum", surface="tile", modulation=Modulation(60.0))),
+        ),
+        (
+            {
+                "op": "draw",
+                "surface": {"name": "a", "circle_mm": 5, "map": PICTURE | {"levels": "AP8="}},
+            },
+            DrawSurface(Surface(name="a", circle_mm=5.0, map=LevelMap(2, 1, bytes((0, 255)), high_um=1.5))),
+        ),
         (
             {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5},
             SwitchPlate("fingertip", 4, 5.0),
@@ -80,6 +105,8 @@ def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> N
         '{"op": "fingers", "fingers": {"a": [1, Infinity]}}',
         '{"op": "fingers", "fingers": [1, 2]}',
         '{"op": "clear_fault", "more": 1}',
+        '{"op": "record"}',
+        '{"op": "play", "effect": {"name": "hum", "modulation": {"frequency_hz": 60}, "finger": 1, "surface": "a"}}',
         '{"op": "switch", "plate": "fingertip", "modes": 4}',
         '{"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": NaN}',
         '{"op": "switch", "plate": ["fingertip"], "modes": 4, "contact_radius_mm": 5}',

@@ -65,7 +65,8 @@ def test_a_drawn_surface_is_decoded_and_removed_by_its_name() -> None:
         {**TILE, "amplitude_um": 1e9},
         {**TILE, "more": 1},
         {"name": "all", "amplitude_um": 1.0},
-        {"name": "map", "grating": {"period_mm": 4.0, "high_um": 1.0}, "circle_mm": 8.0},
+        {"name": "map", "map": {"width": 2, "height": 1, "levels": "no base64", "high_um": 1.0}, "circle_mm": 8.0},
+        {"name": "effect", "pulse": {"height_um": 1.0, "length_s": 0.02}, "circle_mm": 8.0},
     ],
 )
 def test_what_a_page_cannot_draw_is_refused_in_a_sentence(surface: object) -> None:

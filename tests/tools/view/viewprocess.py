@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 
@@ -18,9 +19,9 @@ def first(process: subprocess.Popen[Any]) -> None:
 class View:
     """`hapticd view` as a process; `address` is what it printed."""
 
-    def __init__(self, *arguments: str) -> None:
+    def __init__(self, *arguments: str, cwd: Path | None = None) -> None:
         command = [sys.executable, "-m", "hapticd", "view", "--no-browser", "--port", "0", *arguments]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=cwd)
         first(self.process)
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().partition(": ")[2].strip()

@@ -4,8 +4,7 @@ import { LEVELS, PIXELS, prepared } from "./colours.js";
 import { brightness } from "./field.js";
 import { SPAN_S } from "./history.js";
 
-const NAMES = ["X", "Y", "Z"];
-const SPANS = { age: "sample's age", compute: "compute", link: "link", horizon: "horizon" };
+const SPANS = { age: "age of a touch", compute: "computing", link: "way to the board", horizon: "predicted ahead" };
 const FULL_UM = 2;
 const GAP_S = 0.5;
 const NARROW = 90; // pixels of a mode's cell
@@ -43,7 +42,7 @@ export function drawModes(canvas, modes, limits_um, colours) {
   const rows = limits_um.length > IN_A_ROW ? 2 : 1;
   const columns = Math.ceil(limits_um.length / rows);
   const [cell, tall] = [width / columns, height / rows];
-  const radius = Math.min(cell / 2 - 12, tall / 2 - (rows === 1 ? 13 : 4));
+  const radius = Math.max(Math.min(cell / 2 - (rows === 1 ? 12 : 16), tall / 2 - (rows === 1 ? 13 : 4)), 1); // not laid out yet
   context.font = "12px system-ui, sans-serif";
   for (let mode = 0; mode < limits_um.length; mode++) {
     const [column, row] = [mode % columns, Math.floor(mode / columns)];
@@ -63,7 +62,7 @@ export function drawModes(canvas, modes, limits_um, colours) {
     context.lineTo(x, y + radius);
     context.stroke();
     context.fillStyle = colours.quiet;
-    const [name, limit] = [`W${limits_um.length > NAMES.length ? mode + 1 : NAMES[mode]}`, `${Number(limits_um[mode].toFixed(2))} µm`];
+    const [name, limit] = [`${mode + 1}`, `${Number(limits_um[mode].toFixed(2))} µm`];
     if (rows > 1) {
       context.textAlign = "left";
       context.fillText(name, cell * column + 2, y - 3);
@@ -107,7 +106,7 @@ export function drawLatency(canvas, histograms, colours) {
     return;
   }
   const full_ms = Math.max(...names.map((name) => Math.min(1.25 * histograms[name].p99_ms, 3 * histograms[name].p50_ms)));
-  const [left, right, row] = [86, 92, (height - 16) / names.length];
+  const [left, right, row] = [104, 76, (height - 16) / names.length];
   const to = (ms) => left + (Math.min(ms, full_ms) / full_ms) * (width - left - right);
   names.forEach((name, index) => {
     const { buckets, p50_ms, p99_ms } = histograms[name];
@@ -134,56 +133,6 @@ export function drawLatency(canvas, histograms, colours) {
   context.textAlign = "right";
   context.fillText(`${full_ms.toFixed(0)} ms`, width - right, height - 3);
   context.textAlign = "left";
-  context.fillText("p50 / p99", width - right + 10, height - 3);
+  context.fillText("half / 99 %", width - right + 10, height - 3);
 }
 
-/** Draw each finger's amplitude over the last 30 s, and the instant shown. */
-export function drawStrip(canvas, history, colours) {
-  const { context, width, height } = prepared(canvas);
-  const left = 34;
-  const newest = history.newest;
-  const floor = height - 6;
-  const up = (um) => floor - (Math.min(um, FULL_UM) / FULL_UM) * (height - 14);
-  context.font = "12px system-ui, sans-serif";
-  context.textBaseline = "middle";
-  for (const um of [0, 1, 2]) {
-    context.fillStyle = colours.line;
-    context.fillRect(left, up(um), width - left, 1);
-    context.fillStyle = colours.quiet;
-    context.fillText(um === 2 ? "2 µm" : `${um}`, 0, Math.max(up(um), 7));
-  }
-  context.textBaseline = "alphabetic";
-  if (!newest) return;
-  const along = (t_s) => left + (1 + (t_s - newest.t_s) / SPAN_S) * (width - left);
-  const lines = new Map();
-  let last_x = -1;
-  for (const frame of history.frames) {
-    const x = along(frame.t_s);
-    if (x - last_x < 0.7 && frame !== newest) continue;
-    last_x = x;
-    for (const { id, target_um, gets_um } of frame.fingers) {
-      if (gets_um === null) continue;
-      const colour = target_um === null ? colours.alone : target_um === 0 ? colours.stick : colours.slip;
-      const line = lines.get(id);
-      const goesOn = line && line.colour === colour && frame.t_s - line.t_s < GAP_S;
-      const path = goesOn ? line.path : new Path2D();
-      if (goesOn) path.lineTo(x, up(gets_um));
-      else path.moveTo(x, up(gets_um));
-      if (line && !goesOn) stroke(context, line);
-      lines.set(id, { path, colour, t_s: frame.t_s });
-    }
-  }
-  for (const line of lines.values()) stroke(context, line);
-  if (history.paused) {
-    const x = along(newest.t_s - history.back_s);
-    context.fillStyle = colours.ink;
-    context.fillRect(Math.min(x, width - 2), 0, 2, height);
-  }
-}
-
-function stroke(context, { path, colour }) {
-  context.strokeStyle = colour;
-  context.lineWidth = 1.5;
-  context.lineJoin = "round";
-  context.stroke(path);
-}

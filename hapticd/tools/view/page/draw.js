@@ -7,7 +7,7 @@ const SEND_MS = 50; // while a layer is dragged
 const Z = 100; // over the layers of most clients
 
 export class Drawing {
-  /** `content` returns the amplitude of a new layer in um, `now` the instant shown. */
+  /** `content` returns content and effect of a new layer by its name, or null; `now` the instant shown. */
   constructor(canvas, tool, surfaces, { send, content, now }) {
     Object.assign(this, { canvas, tool, surfaces, send, content, now });
     this.size_mm = null;
@@ -17,6 +17,7 @@ export class Drawing {
     this.from_mm = null; // where the pointer went down
     this.dragged = null;
     this.drawn = 0;
+    this.contents = new Map(); // of the layers that this page drew, by name
     this.t_sent_ms = 0;
     const on = (type, handle) => canvas.addEventListener(type, (event) => this.handle(event, handle), { capture: true });
     on("pointerdown", (event) => this.down(event));
@@ -78,7 +79,7 @@ export class Drawing {
   // --- layers of ours ---
 
   grab() {
-    const layer = this.surfaces.oursAt(this.from_mm, this.now());
+    const layer = this.surfaces.oursAt(this.from_mm, this.now(), (name) => this.contents.has(name));
     this.chosen = layer?.name ?? null;
     this.dragged = layer ? { layer, from_mm: layer.position_mm } : null;
   }
@@ -97,9 +98,9 @@ export class Drawing {
     this.chosen = null;
   }
 
-  lay({ name, amplitude_um, shape, position_mm, z }) {
+  lay({ name, shape, position_mm, z }) {
     const outline = shape.radius_mm ? { circle_mm: shape.radius_mm } : { polygon_mm: shape.corners_mm };
-    this.send({ op: "draw", surface: { name, amplitude_um, ...outline, position_mm, z } });
+    this.send({ op: "draw", surface: { name, ...this.contents.get(name), ...outline, position_mm, z } });
   }
 
   // --- new ones ---
@@ -135,8 +136,13 @@ export class Drawing {
     const size_mm = radius_mm ?? Math.min(...[0, 1].map((axis) => spread(corners_mm.map((corner) => corner[axis]))));
     if (size_mm < LEAST_MM) return;
     this.drawn = Math.max(this.drawn, ...this.surfaces.layers.filter(({ isOurs }) => isOurs).map(({ name }) => number(name))) + 1;
-    this.chosen = `drawn ${this.drawn}`;
-    this.lay({ name: this.chosen, amplitude_um: this.content(), z: Z, ...figure });
+    const name = `drawn ${this.drawn}`;
+    const made = this.content(name);
+    if (!made) return;
+    this.chosen = name;
+    this.contents.set(name, made.content);
+    this.lay({ name, z: Z, ...figure });
+    if (made.effect) this.send({ op: "play", effect: made.effect });
   }
 
   /** Draw what is not laid yet. */

@@ -47,7 +47,7 @@ export class FingerList {
     const slippery = this.choice("Slippery", { op: "set", finger: id, amplitude_um: SLIPPERY_UM });
     const release = this.choice("Release", { op: "release", finger: id });
     choices.append(sticky, slippery, release);
-    box.append(name, made("span"), amounts, slider, choices, owner);
+    box.append(name, amounts, slider, choices, owner);
     this.list.append(box);
     return { box, name, amounts, owner, slider, sticky, slippery, release };
   }
@@ -84,8 +84,14 @@ export class FingerList {
 function frictionText(finger) {
   const { felt_friction, felt_friction_low, felt_friction_high, error_jnd, asked_friction: asked } = finger;
   if (felt_friction === null) return "";
-  const wanted = asked === null ? "" : `, asked ${asked.toFixed(2)} (${Math.abs(error_jnd).toFixed(1)} JND)`;
+  const wanted = asked === null ? "" : `, asked ${asked.toFixed(2)}${noticed(error_jnd)}`;
   return `feels ${felt_friction.toFixed(2)}${intervalText(felt_friction_low, felt_friction_high)}${wanted}`;
+}
+
+/** Whether a person notices the difference, which is given in just noticeable ones. */
+function noticed(error_jnd) {
+  const times = Math.abs(error_jnd);
+  return times > 1 ? ` · off by ${times.toFixed(1)} × what is noticed` : " ✓";
 }
 
 /** Where a value lies in nine of ten cases; nothing of an older daemon. */

@@ -21,13 +21,13 @@ export class Flags {
     this.isFaulty = isLive && frame?.state === "FAULT";
     const isSilent = board.ready === false;
     const flags = [
-      ["limit met", frame?.limited && "is",
-        "A mode is at its largest amplitude, so that not all targets can be met here: normal at many places; move a finger."],
+      ["at its limit", frame?.limited && "is",
+        "A mode, a way in which the glass vibrates, is at its largest amplitude, so not all targets can be met here: normal at many places; move a finger."],
       ["target missed", frame?.misses_target && "is",
         "Some finger gets less than 0.9 of its target, or feels a difference to it: its line in the list says how much."],
-      ["saturated", board.saturated === true && "is",
+      ["amplifier full", board.saturated === true && "is",
         "An amplifier is at its largest voltage, as in each fast change: normal; if it stays, ask for less amplitude."],
-      [isSilent ? "board is silent" : "board answers", isSilent && "bad",
+      [isSilent ? "board silent" : "board answers", isSilent && "bad",
         isSilent ? "The board sends no status, and nothing is driven: check its cable and power; `hapticd doctor` tells more."
           : "The board sends its status: nothing to do."],
       [this.isFaulty ? `fault ${board.fault_code ?? ""}` : "no fault", this.isFaulty && "bad",
@@ -37,8 +37,8 @@ export class Flags {
         `How often the board got no frame for 50 ms and went to zero, since the start; it goes on by itself. If it grows, ${BUSY}.`],
       [...this.count("late frames", status?.late_frames, "is"),
         "Frames that took effect over 1 ms late, since the start: normal without real-time priority; a moving finger gets a little less exact vibration."],
-      [...this.count("missed ticks", status?.missed_ticks, "bad"),
-        `Passes of the daemon that came too late and were left out, since the start. If it grows, ${BUSY}.`],
+      [...this.count("skipped", status?.missed_ticks, "bad"),
+        `Passes of the daemon, a thousand a second at most, that came too late and were left out, since the start. If it grows, ${BUSY}.`],
     ];
     flags.forEach(([text, how, sentence], index) => {
       const [flag, tip] = (this.list.children[index] ?? this.made(index)).children;

@@ -1,6 +1,6 @@
 // The page: messages of the server go into the history, and each picture shows one of its frames.
 
-import { drawLatency, drawModes, drawScale, drawStrip } from "./charts.js";
+import { drawLatency, drawModes, drawScale } from "./charts.js";
 import { theme } from "./colours.js";
 import { Drawing } from "./draw.js";
 import { Effects, ringSpan_s } from "./effects.js";
@@ -13,21 +13,33 @@ import { History, judge, motion } from "./history.js";
 import { LayerMenu } from "./layers.js";
 import { Link } from "./link.js";
 import { PlatePicture } from "./plate.js";
+import { backAt, drawStrip } from "./strip.js";
 import { Surfaces } from "./surfaces.js";
 import { SwitchMenu, shortName } from "./switch.js";
+import { LayerContent, RecordButton, Tools, openHelp } from "./toolbar.js";
 
 const SLOW_MS = 120; // texts change no faster than they can be read
 const STEP_UM = 0.2; // of the number keys
 const NEAR_MM = 10;
 const HINTS = {
   simulated:
-    "Drag to touch. Shift-click leaves a finger lying there, and lifts it again; on a touch screen use several. " +
-    "A finger held still for 0.6 s presses harder. Keys, on the plate: Enter lands and lifts a finger, arrows move it, " +
-    "P presses harder while held, Esc lifts all; anywhere: 0 makes the chosen " +
-    "finger sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
+    "Drag on the plate to touch it. Shift-click leaves a finger lying there, and lifts it again. A finger held still for 0.6 s " +
+    "presses harder. Keys, on the plate: Enter lands and lifts a finger, arrows move it, P presses harder while held, Esc lifts all; " +
+    "anywhere: 0 makes the chosen finger sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses. Drag on the strip to look back.",
   real: "Click a finger to choose it. Keys: 0 makes it sticky, 1 … 9 give it 0.2 … 1.8 µm, R releases it, space pauses.",
 };
+const TOUCH_HINTS = {
+  simulated: "Touch the plate with one finger or several: the first becomes slippery, the second sticky. Hold one still and it presses " +
+    "harder. The list below has the controls of each while it lies there. Draw along the strip to look back.",
+  real: "Tap a finger on the plate, or its name, to choose it; its controls are in the list below. Draw along the strip to look back.",
+};
+const TIPS = {
+  mouse: "Shift-click leaves a finger lying. All keys: press ?",
+  touch: "Touch with several fingers at once; ? tells more.",
+};
 const INVITATION = "Drag here to touch the plate";
+const TOUCH_INVITATION = "Touch the plate here";
+const isTouch = () => matchMedia("(pointer: coarse)").matches;
 const ENDED = "The viewer has ended: start `hapticd view` again, and open the address it prints.";
 const FIELDS = {
   true: "as the simulated plate truly moves",
@@ -70,7 +82,7 @@ const link = new Link({
     const contacts = has_contacts ? `, contacts of ${contact_radius_mm} mm` : "";
     write($("what"), `${shortName(name)} plate, ${modes} modes${contacts}`.trim());
     hands.allow(message.simulated ? message.size_mm : null);
-    write($("hint"), HINTS[message.simulated ? "simulated" : "real"]);
+    writeHints();
     $("new-box").hidden = !message.simulated;
     layers.offer(message.layers);
     switches.show(message);
@@ -90,8 +102,9 @@ const link = new Link({
     if (!drawing.dragged) surfaces.take(message.surfaces, plate?.client);
   },
   choices: (message) => switches.offer(message),
+  recording: (message) => record.take(message),
   starting: ({ plate: name, modes }) => {
-    starting = `Starting: ${shortName(name)}, ${modes} modes …`;
+    starting = `Starting: ${shortName(name)} plate, ${modes} modes …`;
     stopped(starting, "");
     switches.show({ name, modes });
   },
@@ -99,16 +112,19 @@ const link = new Link({
     starting = "";
     stopped("No daemon", message.sentence);
   },
-  refused: (message) => notice(message.sentence, 6000),
+  refused: (message) => notice(message.sentence, 6000, true),
   lost: (why) => {
     starting = "";
     stopped("Not connected", why || ENDED);
   },
 });
 const send = (request) => link.send(request);
-const drawing = new Drawing($("plate"), $("tool"), surfaces, {
+const [tools, record] = [new Tools($("tool")), new RecordButton($("record"), send, notice)];
+const content = new LayerContent({ kind: $("content"), amount: $("amount"), text: $("amount-text"), button: $("file"), file: $("file-input") },
+  notice);
+const drawing = new Drawing($("plate"), tools, surfaces, {
   send,
-  content: () => Number($("draw-um").value),
+  content: (name) => content.of(name),
   now: () => history.newest?.t_s ?? 0,
 });
 const hands = new Hands($("plate"), send, pointedAt);
@@ -127,11 +143,20 @@ function stopped(state, sentence) {
   notice(sentence);
 }
 
+/** What a person can do here, by whether there is a mouse or a touch screen. */
+function writeHints() {
+  write($("hint"), (isTouch() ? TOUCH_HINTS : HINTS)[plate?.simulated ? "simulated" : "real"]);
+  write($("tip"), plate?.simulated ? TIPS[isTouch() ? "touch" : "mouse"] : "");
+}
+matchMedia("(pointer: coarse)").addEventListener("change", writeHints);
+
 let t_notice = 0;
-function notice(sentence, for_ms = 0) {
+/** Show a sentence, for a while or until another; a mild one is no failure. */
+function notice(sentence, for_ms = 0, isMild = false) {
   clearTimeout(t_notice);
   write($("notice"), sentence);
   $("notice").hidden = sentence === "";
+  $("notice").classList.toggle("mild", isMild);
   if (for_ms > 0) t_notice = setTimeout(() => notice(""), for_ms);
 }
 
@@ -161,7 +186,7 @@ function requestForChosen(request) {
   const finger = history.newest?.fingers.find(({ id }) => id === chosen);
   if (!finger) return;
   if (finger.owner !== null && finger.owner !== plate?.client) {
-    notice(`Finger ${finger.id} is held by '${finger.owner}': only that client can change it.`, 6000);
+    notice(`Finger ${finger.id} is held by '${finger.owner}': only that client can change it.`, 6000, true);
     return;
   }
   send({ ...request, finger: chosen });
@@ -197,13 +222,23 @@ function pause(paused) {
   $("when").value = -history.back_s;
 }
 
-$("draw-um").addEventListener("input", () => write($("draw-text"), `${Number($("draw-um").value).toFixed(1)} µm`));
 $("erase").addEventListener("click", () => drawing.erase());
 $("pause").addEventListener("click", () => pause(!history.paused));
 $("when").addEventListener("input", () => {
   if (!history.paused) pause(true);
   history.back_s = -Number($("when").value);
 });
+/** Dragging along the strip pauses and looks back. */
+function lookBack(event) {
+  if (event.buttons === 0 || !history.newest) return;
+  if (!history.paused) pause(true);
+  $("strip").setPointerCapture(event.pointerId);
+  history.back_s = backAt(event.offsetX, $("strip").clientWidth);
+  $("when").value = -history.back_s;
+}
+$("strip").addEventListener("pointerdown", lookBack);
+$("strip").addEventListener("pointermove", lookBack);
+openHelp($("help"), $("help-box"));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
   if (event.key === " " && !(event.target instanceof HTMLButtonElement)) {
@@ -225,7 +260,8 @@ function draw(t_ms) {
   const frame = history.current;
   const present = history.paused ? {} : { layer: layers.canvas, surfaces };
   const isUntouched = frame?.fingers.length === 0 && surfaces.layers.length === 0;
-  const invitation = plate?.simulated && isLive && isUntouched ? INVITATION : starting;
+  const isInviting = plate?.simulated && isLive && isUntouched && tools.value === "touch";
+  const invitation = isInviting ? (isTouch() ? TOUCH_INVITATION : INVITATION) : starting;
   picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s),
     nextPlace: isLive && status?.next_place, ...present });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
@@ -251,25 +287,25 @@ function writeTexts(frame) {
   const is = motion(frame);
   const fingers = frame.fingers.length;
   if (isLive) write($("state"), `${frame.state.toLowerCase()} · ${fingers === 1 ? "1 finger" : `${fingers} fingers`}`);
-  write($("field-of"), `|W| ${FIELDS[is.of]}`);
+  write($("field-of"), FIELDS[is.of]);
   const isLayered = !history.paused && layers.canvas !== null;
   if (picture.field) drawScale($("scale"), isLayered ? null : picture.field.full_um, colours);
-  write($("scale-text"), isLayered ? "share of the target that is reached" : "|W|, µm peak to peak");
-  write($("modes-text"), `Grey: asked. Blue: ${is.of}. Ring: limit, µm. ${drive()}.`);
+  write($("scale-text"), isLayered ? "share of the target that is reached" : "vibration, µm peak to peak");
+  write($("modes-text"), `${drive()} · grey: asked, blue: ${is.of}`);
   const horizon = frame.horizon_ms?.toFixed(1) ?? "–";
   const rate = status?.frames_hz ? `, ${status.frames_hz.toFixed(0)} frames/s` : "";
-  write($("latency-text"), `Now predicted ${horizon} ms ahead${rate}.`);
+  write($("latency-text"), `now ${horizon} ms ahead${rate}`);
   const { leak_um, off_um, felt_frac } = history.leak();
   const labelled = (um, what) => (um === null ? "" : `${what} ${um.toFixed(3)} µm`);
-  const felt = felt_frac === null ? "" : `all feel what was asked ${Math.round(100 * felt_frac)} % of the time`;
-  write($("leak"), [felt, labelled(leak_um, "leak at the sticky"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
-    + (leak_um === null && off_um === null ? "" : " (RMS, 2 s)"));
+  const felt = felt_frac === null ? "" : `as asked ${Math.round(100 * felt_frac)} %`;
+  write($("leak"), [felt, labelled(leak_um, "leak"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
+    + (leak_um === null && off_um === null ? "" : " (last 2 s)"));
   write($("surfaces"), [...surfaces.texts(), ...effects.texts()].join("\n"));
   write($("calibration"), status?.calibration ?? "");
   $("erase").disabled = drawing.chosen === null || !isLive;
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
 }
 
-const drive = () => (plate?.drive_hz ? `${(plate.drive_hz / 1000).toFixed(3)} kHz` : "The board has not answered");
+const drive = () => (plate?.drive_hz ? `${(plate.drive_hz / 1000).toFixed(3)} kHz` : "the board has not answered");
 
 requestAnimationFrame(draw);

@@ -39,9 +39,10 @@ export class Surfaces {
     }
   }
 
-  /** The topmost layer of this page's client at a place, or undefined. */
-  oursAt(place_mm, t_s) {
-    return this.layers.find((layer) => layer.isOurs && layer.shape && holds(layer, local(layer, place_mm, t_s)));
+  /** The topmost layer of this page's client at a place, of those that `isKnown` names, or undefined. */
+  oursAt(place_mm, t_s, isKnown) {
+    return this.layers.find((layer) =>
+      layer.isOurs && layer.shape && isKnown(layer.name) && holds(layer, local(layer, place_mm, t_s)));
   }
 
   /** One line of text for each layer. */
