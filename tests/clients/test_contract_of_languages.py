@@ -1,8 +1,9 @@
-"""The same calls in Python, JavaScript and C are the same to the daemon."""
+"""The same calls in Python, JavaScript, C and C# are the same to the daemon."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,6 +25,7 @@ from hapticd_contract.targets import ClientTargets
 REFUSAL = "friction: 1.5 is out of bounds, it must be 0 .. 1."
 FINGERS = {1: (-20.5, 4.0), 2: (9.0, 0.25)}
 CALLS = ["hello", *4 * ["set"], "marker", "release", "set", "release"]
+CSHARP = Path(__file__).parents[2] / "clients/csharp/Hapticd.cs"
 PRINTED = "fingers: 1 -20.5 4 1 2 9 0.25 1"
 JAVASCRIPT = """
 const plate = await hapticd.connect(process.argv[2], { name: "javascript", timeoutS: 30 });
@@ -100,6 +102,20 @@ def by_c(daemon: Witness, folder: Path) -> str:
     return done.stdout
 
 
+def by_csharp(daemon: Witness, folder: Path) -> str:
+    compiler, runtime = shutil.which("mcs"), shutil.which("mono")
+    if compiler is None or runtime is None:
+        pytest.skip("mcs and mono are not installed (Debian: mono-mcs, mono-runtime)")
+    program = folder / "script.exe"
+    sources = [str(CSHARP), str(Path(__file__).with_name("ContractScript.cs"))]
+    flags = ["-langversion:7", "-warn:4", "-warnaserror", "-r:System.dll", "-r:System.Core.dll", f"-out:{program}"]
+    subprocess.run([compiler, *flags, *sources], check=True, timeout=PATIENCE_S * 4)
+    with gateway_process(daemon.directory) as address:
+        done = subprocess.run([runtime, program, address], capture_output=True, text=True, timeout=PATIENCE_S * 4)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def seen(language: Callable[[Witness, Path], str], folder: Path) -> Witness:
     daemon = Witness(folder)
     daemon.start()
@@ -122,7 +138,7 @@ def steps(daemon: Witness) -> list[str]:
     return [one for index, one in enumerate(asked) if index == 0 or one != asked[index - 1]]
 
 
-@pytest.mark.parametrize("language", [by_javascript, by_c])
+@pytest.mark.parametrize("language", [by_javascript, by_c, by_csharp])
 def test_the_same_script_of_calls_is_the_same_to_the_daemon(
     language: Callable[[Witness, Path], str], tmp_path: Path
 ) -> None:
