@@ -4,7 +4,6 @@ The same trajectories, noise and plate for all; the firmware's C and the plate's
 is that of the whole way from report to frame, without the board.
 
     run        a sticky and a slippery finger: hapticd, its choices, the paper's scheme, perfect knowledge
-    both_slip  two slippery fingers: phase continuation, sign changes alone, the paper's scheme
     contact    the vibration over whole contacts, on three plates with two to eight modes, and with calibrated sensors
 """
 
@@ -14,14 +13,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.scenarios import REAL
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
-from ..sim.score import CONTACT_RADIUS_MM, Score, settled
+from ..sim.score import CONTACT_RADIUS_MM, Score
 from ..sim.settings import Settings, paper_settings
 from ..values import WEBER_FRAC
 from .baselines import PREDICTORS
@@ -44,8 +41,6 @@ from .tables import Table, finite_rows
 PERFECT = "perfect knowledge"
 PAPER = "the paper's scheme"
 WHITE = "white noise of 0.05 mm"
-BOTH_SLIP = "both-slip"
-SIGNS_ALONE = "signs alone"
 CALIBRATED = "calibrated"
 BY_CONTRAST = "by contrast"
 CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5), (WIDE, 8))  # and modes
@@ -58,7 +53,6 @@ PERCEIVED_NOTES = (
     "friction_change: mean relative change of friction over the contact against the target's, still or slipping",
     f"weber: share of time in which it is beyond {WEBER_FRAC}, the least change that is felt",
 )
-_DIP_FRAC = 0.5  # of its target: a finger feels less as a catch
 
 
 def alternatives() -> dict[str, Alternative]:
@@ -97,21 +91,6 @@ def run(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS, names: Sequen
         "leak: RMS at the finger that should be still; slip: mean share that the other gets of its 1 um",
         *PERCEIVED_NOTES,
         "time: a pass from report to frame",
-    )
-
-
-def both_slip(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
-    """Compare ways past singular positions with two slippery fingers."""
-    ours = Settings(motion=REAL)
-    signs = replace(ours, config=changed(ours.config, {"solver": {"phase_rotation": False}}))
-    chosen = {DEFAULT: Alternative(ours), SIGNS_ALONE: Alternative(signs), PAPER: Alternative(paper_settings(ours))}
-    return _table(
-        "both_slip",
-        f"{BOTH_SLIP}, real hands, seeds {', '.join(map(str, seeds))}",
-        compared(chosen, _smoothness, seeds=seeds, seconds=seconds, scenario=BOTH_SLIP),
-        ("time_us", "slip_error_um", "dip_frac"),
-        "dip: share of the time in which a finger has less than half of its 1 um",
-        "step: 99.9 % of the reference's changes from tick to tick are smaller",
     )
 
 
@@ -190,15 +169,3 @@ def _table(
 
 def _picked(score: Score, names: Sequence[str]) -> Figures:
     return {name: getattr(score, name) for name in names}
-
-
-def _smoothness(finished: FinishedRun) -> Figures:
-    run = finished.run
-    counts = settled(run.t_s, run.target_um)
-    steps_um = np.abs(np.diff(run.reference_um, axis=0)).max(axis=1)
-    return {
-        "slip_error_um": run.score.slip_error_um,
-        "slip_frac": run.score.slip_frac,
-        "dip_frac": float(np.mean((np.abs(run.truth_um) < _DIP_FRAC * run.target_um)[counts])),
-        "step_um": float(np.quantile(steps_um, 0.999)),
-    }

@@ -57,7 +57,7 @@ PARTS: dict[str, _Runner] = {
     "prediction": lambda extent: _predictions(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(), leak.both_slip(), leak.contact(), felt_asked.run(), contact_forms.run()),
+    "leak": lambda _: (leak.run(), leak.contact(), felt_asked.run(), contact_forms.run()),
     "telemetry": lambda _: (telemetry.run(),),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds, campaign=extent.campaign),
     "firmware": lambda _: firmware.run(),

@@ -29,7 +29,6 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "firmware": lambda: firmware.run(repeats=1, ticks=20),
     "solver": lambda: (solver.run(problems=120, repeats=1, timed=5), felt.run(problems=6, repeats=1, starts=3)),
     "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=(leak.PAPER, "predictor hold", "a single knot")),),
-    "both_slip": lambda: (leak.both_slip(seeds=(1,), seconds=4.0),),
     "leak_contact": lambda: (leak.contact(seeds=(1,), seconds=2.0),),
     "felt_asked": lambda: (felt_asked.run(cases=ASKED, seeds=(1,), seconds=2.0),),
     "contact_forms": lambda: (contact_forms.run(plates=((FINGERTIP, 4),), seeds=(1,), seconds=2.0),),
@@ -136,12 +135,6 @@ def test_ours_leaks_less_than_the_paper_s_scheme_and_more_than_perfect_knowledge
     assert figure(points, "predictor hold", "leak_um") > 2 * ours_um
     assert figure(points, leak.PAPER, "leak_um") > 2.5 * ours_um
     assert figure(points, "a single knot", "leak_um") > ours_um
-
-
-def test_free_phases_pass_singular_positions_without_the_catch_of_signs_alone() -> None:
-    (both_slip,) = part("both_slip")
-    for name in ("slip_error_um", "dip_frac", "step_um"):
-        assert figure(both_slip, leak.DEFAULT, name) < figure(both_slip, leak.SIGNS_ALONE, name)
 
 
 def test_the_more_modes_the_more_is_felt_as_asked_and_less_so_by_contrast() -> None:
