@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         from psychopy import core, data, event, visual
     except ImportError:
-        parser.exit(1, "This example needs PsychoPy: pip install psychopy.\n")
+        parser.exit(1, "This example needs PsychoPy in this Python: install it (psychopy.org).\n")
 
     window = visual.Window(fullscr=False, color="black")
     text = visual.TextStim(window, wrapWidth=1.6)

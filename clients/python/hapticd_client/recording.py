@@ -27,7 +27,7 @@ class Recording:
         if endpoint.directory is None:
             raise HapticdError("record: this daemon is on another machine: run `hapticd record` there.")
         if importlib.util.find_spec(PROGRAM) is None:
-            raise HapticdError("record: needs hapticd itself in this Python: pip install hapticd.")
+            raise HapticdError("record: needs hapticd itself, not its client alone: install it in this Python.")
         if path.exists():
             raise HapticdError(f"{path}: exists already: give another name.")
         self.path = path

@@ -7,6 +7,7 @@ directory can be moved as a whole.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from .step import steps as all_steps
 from .verdict import FoundSettings, Outcome, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE = "hapticd.toml"
+PARTICIPANTS = "participants"  # folder of those who have results of their own, each in a folder of its name
 MAX_BYTES = 1 << 20  # of a result
 HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps: copy it before you change it.\n"
 
@@ -50,6 +52,13 @@ def prepare(
         check(files, inputs=given, is_forced=is_forced or step in done)
     if steps:
         check([directory / CONFIG_FILE], is_forced=is_forced or has_mark(directory / CONFIG_FILE, HEADER.encode()))
+
+
+def of_participant(directory: Path, name: str) -> Path:
+    """Return the folder of a participant's own results. Raises CalibrationError for another name."""
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name):
+        raise CalibrationError(f"--participant {name[:40]!r}: give letters, digits, - and _, such as P03.")
+    return directory / PARTICIPANTS / name
 
 
 def load(directory: Path) -> dict[str, Verdict]:

@@ -67,14 +67,27 @@ def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
     if options.sim:
         return
+    if options.lsl is not None:
+        if options.readings is not None:
+            raise CalibrationError("--lsl measures readings of its own: it cannot be combined with --readings.")
+        return
     if options.readings is None:
-        raise CalibrationError("No readings are given: add --readings F.csv with amplitude_um,friction, or --sim.")
+        raise CalibrationError(
+            "No readings are given: add --readings F.csv with amplitude_um,friction, --lsl with a sensor, or --sim."
+        )
     read(options.readings)
 
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    readings = _Readings(*simulated.friction_readings(options.seed)) if options.sim else read(options.readings)
+    if options.sim:
+        readings = _Readings(*simulated.friction_readings(options.seed))
+    elif options.lsl is not None:
+        from . import friction_live  # with the client library and recordings
+
+        readings = _Readings(*friction_live.measure(options.endpoint, options.lsl))
+    else:
+        readings = read(options.readings)
     found = fit_friction(*readings)
     draw(found, options.out / PICTURE_FILE, source=simulated.source(options))
     return verdict(found, is_simulated=options.sim)
@@ -257,6 +270,15 @@ def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
 def _add_readings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction, and optionally speed_mm_s"
+    )
+    parser.add_argument(
+        "--lsl",
+        metavar="NAME",
+        help="measure them now, on the running service: a force sensor's stream of the Lab Streaming Layer",
+    )
+    parser.add_argument("--endpoint", type=Path, metavar="DIR", help="the service's runtime directory, for --lsl")
+    parser.add_argument(
+        "--participant", metavar="NAME", help="of whose finger they are: for `hapticd study run --calibration DIR`"
     )
 
 

@@ -50,6 +50,7 @@ def _step(steps: Any, name: str, summary: str, example: str, *, is_sim_asked: bo
 
 def _run(options: argparse.Namespace) -> int:
     """Run one step, all steps, or print the overview; 1 if a step failed."""
+    from ...errors import CalibrationError
     from ..outputs import require_matplotlib
     from . import folder
     from .step import in_order, steps
@@ -59,6 +60,10 @@ def _run(options: argparse.Namespace) -> int:
         print(folder.overview(options.out))
         return 0
     require_matplotlib()
+    if getattr(options, "participant", None) is not None:
+        if options.step == "all":
+            raise CalibrationError("--participant is for the friction alone: hapticd calibrate friction --participant.")
+        options.out = folder.of_participant(options.out, options.participant)
     chosen = [steps()[name] for name in (in_order() if options.step == "all" else [options.step])]
     for step in chosen:
         if step.is_simulated is not None:  # its inputs are of one plate or the other

@@ -25,7 +25,7 @@ from .. import glass, outputs
 from ..arguments import PORT_NUMBER, add_command, number, whole
 from ..daemon_process import PATIENT, DaemonProcess
 from ..progress import Progress
-from . import report
+from . import own_curve, report
 from .browser import Browser
 from .conduct import conduct
 from .experiment import PAPER, StudyError, load, parse, participant_name
@@ -67,6 +67,12 @@ def _add_run(actions: Any) -> None:
         type=Path,
         metavar="TOML",
         help="the experiment (default: the paper's, hapticd/tools/study/paper.toml)",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="DIR",
+        help="use this participant's friction curve, of `hapticd calibrate friction --participant`",
     )
     parser.add_argument("--trials", type=int, metavar="N", help="another number than the experiment's")
     parser.add_argument(
@@ -140,6 +146,8 @@ def _progress(session: Session) -> str:
 def _check(options: argparse.Namespace) -> None:
     if not options.simulate and (options.scheme is not None or options.speed is not None):
         raise StudyError("--scheme and --speed need a simulated participant: give --simulate as well.")
+    if options.simulate and options.calibration is not None:
+        raise StudyError("--simulate has a finger of its own: it cannot be combined with --calibration.")
     if options.simulate and (options.browser or options.endpoint is not None):
         raise StudyError(
             "--simulate uses neither service nor page: it cannot be combined with --browser or --endpoint."
@@ -157,6 +165,8 @@ def _given(options: argparse.Namespace) -> Session:
     if options.trials is not None:
         experiment = parse({**to_builtins(experiment), "trials": options.trials})
     about: dict[str, object] = {"hapticd": __version__, "begun": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+    if options.calibration is not None:
+        about[own_curve.KEY] = own_curve.measured(options.calibration, participant_name(options.participant))
     if options.simulate:
         speed_mm_s = DEFAULT_SPEED_MM_S if options.speed is None else options.speed
         about |= {"simulated": "participant", "scheme": options.scheme or "hapticd", "speed_mm_s": speed_mm_s}
@@ -206,7 +216,7 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
         try:
             client = held.enter_context(_client(options, simulated))
             file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))
-            stage = Stage(client, file.session.experiment)
+            stage = Stage(client, file.session.experiment, own_curve.of_session(file.session.about))
             if not options.browser:
                 conduct(file, stage, held.enter_context(Keyboard(sys.stdout)), time)
                 return

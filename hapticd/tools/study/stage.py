@@ -12,6 +12,8 @@ import msgspec
 
 from hapticd_contract.targets import ClientTargets, FingerTarget
 
+from ...core.friction import FrictionCurve
+from . import own_curve
 from .experiment import Experiment, Levels
 
 if TYPE_CHECKING:
@@ -90,11 +92,12 @@ class Stage:
     """One daemon's plate. `present` sets the stimulus; call `step` continuously: it sets the targets of landed fingers.
 
     The participant's first finger is the one that has been down longest; fingers for which the experiment has no target
-    get none. Raises the client library's errors.
+    get none. `curve` is the participant's own, None for the service's. Raises the client library's errors.
     """
 
-    def __init__(self, client: Client, experiment: Experiment) -> None:
+    def __init__(self, client: Client, experiment: Experiment, curve: FrictionCurve | None = None) -> None:
         self._client = client
+        self._curve = curve
         self._experiment = experiment
         self._scene: ClientTargets | None = None
         self._own: dict[int, FingerTarget] = {}
@@ -108,7 +111,8 @@ class Stage:
 
     def present(self, levels: Levels) -> None:
         """Lay the scene of a trial with these levels; virtual fingers start from their paths' beginning."""
-        self._scene = self._experiment.targets(levels)
+        scene = self._experiment.targets(levels)
+        self._scene = scene if self._curve is None else own_curve.felt_by(self._curve, scene)
         self._own = {one.finger: one for one in self._scene.targets if isinstance(one.finger, int)}
         self._fingers, self._last, self.touch = None, None, _Touch()
         self._client.put(self._with_fingers(()))

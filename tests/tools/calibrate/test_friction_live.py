@@ -1,0 +1,108 @@
+"""Friction from a force sensor: what of a recording is a reading, and the curve that readings give."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.errors import CalibrationError
+from hapticd.tools.calibrate import friction_live
+from hapticd.tools.calibrate.friction import fit_friction
+
+LEVELS_UM = np.linspace(0.0, 3.0, 8)
+NORMAL_N = 0.5
+SPEED_MM_S = 80.0
+
+
+def coefficient(amplitude_um: np.ndarray) -> np.ndarray:
+    return np.asarray(0.2 + 0.6 * np.exp(-amplitude_um / 0.7))
+
+
+def recorded(channels: tuple[str, ...], *, fingers: int = 1, speed_mm_s: float = SPEED_MM_S) -> dict[str, Any]:
+    """Tables of a sweep: a finger strokes to and fro, and a sensor stands under the plate."""
+    at_s = np.arange(0.0, 2 * len(LEVELS_UM) * friction_live.HELD_S, 0.01)
+    steps = (at_s // friction_live.HELD_S).astype(int)
+    amplitude_um = np.concatenate([LEVELS_UM, LEVELS_UM[::-1]])[steps]
+    friction = coefficient(amplitude_um)
+    forces = {
+        "Fx": NORMAL_N * friction * 0.8 * np.where(np.sin(at_s * 5.0) < 0.0, -1.0, 1.0),
+        "Fy": NORMAL_N * friction * 0.6,
+        "Fz": np.full(len(at_s), -NORMAL_N),
+    }
+    x_mm = 40.0 - np.abs((speed_mm_s * at_s) % 160.0 - 80.0)
+    ids = [np.full(len(at_s), number) for number in range(fingers)]
+    order = np.argsort(np.tile(at_s, fingers), kind="stable")
+    names = np.array(channels, dtype=object)
+    return {
+        "fingers": {
+            "t_s": np.tile(at_s, fingers)[order],
+            "finger_id": np.concatenate(ids)[order],
+            "x_mm": np.tile(x_mm, fingers)[order],
+            "y_mm": np.zeros(fingers * len(at_s)),
+        },
+        "targets": {"t_s": at_s, "target_um": amplitude_um, "achieved_um": amplitude_um.copy()},
+        "streams": {
+            "stream": np.array(["force"] * len(names), dtype=object),
+            "channel": np.arange(1, len(names) + 1),
+            "name": names,
+        },
+        "measured": {
+            "t_s": np.repeat(at_s, len(names)),
+            "stream": np.array(["force"] * len(names) * len(at_s), dtype=object),
+            "channel": np.tile(np.arange(1, len(names) + 1), len(at_s)),
+            "value": np.stack([forces[name] for name in channels], axis=1).ravel(),
+        },
+    }
+
+
+@pytest.mark.parametrize(
+    ("channels", "share"), [(("Fx", "Fy", "Fz"), 1.0), (("Fx", "Fy"), NORMAL_N), (("Fy",), 0.6 * NORMAL_N)]
+)
+def test_a_sweep_gives_the_friction_of_each_amplitude(channels: tuple[str, ...], share: float) -> None:
+    amplitude_um, friction, speed_mm_s = friction_live.readings(recorded(channels), "force")
+    assert set(amplitude_um) == set(LEVELS_UM)
+    np.testing.assert_allclose(friction, share * coefficient(amplitude_um), rtol=1e-6)
+    assert np.median(speed_mm_s) == pytest.approx(SPEED_MM_S, rel=0.02)
+    found = fit_friction(amplitude_um, friction, speed_mm_s)
+    assert found.bare == pytest.approx(0.8 * share, rel=0.01)
+
+
+def test_places_that_could_not_get_the_amplitude_are_no_readings() -> None:
+    found = recorded(("Fx", "Fy", "Fz"))
+    starved = found["targets"]["t_s"] < 24.0
+    found["targets"]["achieved_um"][starved] *= 0.5
+    amplitude_um, _, _ = friction_live.readings(found, "force")
+    everywhere, _, _ = friction_live.readings(recorded(("Fx", "Fy", "Fz")), "force")
+    assert 0.4 < len(amplitude_um) / len(everywhere) < 0.65
+
+
+@pytest.mark.parametrize(
+    ("found", "sentence"),
+    [
+        ({}, "The stream force sent no samples"),
+        ({"measured": recorded(("Fx",))["measured"]}, "No finger touched the plate"),
+        (recorded(("Fx",), fingers=2), "No finger slid over the plate alone"),
+        (recorded(("Fx",), speed_mm_s=1.0), "No finger slid over the plate alone"),
+    ],
+)
+def test_a_recording_without_readings_is_one_sentence(found: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(CalibrationError, match=sentence):
+        friction_live.readings(found, "force")
+
+
+def test_the_amplitude_rises_and_falls_over_the_whole_plate_and_is_removed() -> None:
+    done: list[object] = []
+
+    class Plate:
+        def surface(self, name: str, *, amplitude_um: float) -> None:
+            done.append((name, amplitude_um))
+
+        def remove(self, name: str) -> None:
+            done.append(name)
+
+    friction_live.sweep(Plate(), [0.0, 1.5], done.append)  # type: ignore[arg-type]
+    held = friction_live.HELD_S
+    steps = [(friction_live.SURFACE, um) for um in (0.0, 1.5, 1.5, 0.0)]
+    assert done == [part for step in steps for part in (step, held)] + [friction_live.SURFACE]
