@@ -2,9 +2,11 @@
 
 endurance  the firmware on random plates, with fingers and textures
 daemon     the daemon and the firmware amid faults; and while it calibrates itself
+walk       the solver for friction as asked, step after step
 
 `python tests/soak endurance --hours 100` plays so many hours of virtual time, `daemon` and `daemon --calibrating` too.
-Endurance is a campaign: on all cores, or with --cluster, whose workers need `tests` in their PYTHONPATH.
+`walk --steps 10000000` takes so many steps of the solver. It and endurance are campaigns: on all cores, or with
+--cluster, whose workers need `tests` in their PYTHONPATH.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from soak import daemon as soak_daemon
-from soak import endurance, worlds
+from soak import endurance, walk, worlds
 from soak import harness as soak
 from soak.faults import KINDS, Kind
 from soak.harness import ALL, Findings
@@ -145,3 +145,29 @@ def test_a_daemon_that_calibrates_itself_keeps_to_the_limits_amid_faults(monkeyp
     assert 0.0 < figures["leak_last_um"] <= figures["leak_most_um"] < 0.5
     monkeypatch.setattr(soak_daemon, "STEP_FACTOR", -1.0)
     assert [one for one in soak_daemon.play_calibrating(1, 6.0).failures if "while adopting" in one]
+
+
+# --- the solver ---
+
+
+def test_a_walk_over_the_edge_and_on_top_of_each_other_breaks_nothing() -> None:
+    ways = np.array(walk.closed_ways(3, (220.0, 220.0)))
+    assert ways.shape == (walk.AROUND_STEPS, 4, 3)
+    assert np.abs(ways[:, :, :2]).max() > 110.0
+    assert np.any(np.all(ways[:, 1, :2] == ways[:, 2, :2], axis=1))
+    found = walk.walked(walk.Walk(seed=3, modes=5, steps=2 * walk.AROUND_STEPS))
+    assert found.failures == []
+    figures = found.rows["5 modes"]
+    assert 0.5 < figures["peak_limit_frac"] <= 1.0
+    assert 0.5 < figures["longest_step_um"] <= walk.MOST_STEP_UM
+    assert figures["drift_jnd"] == 0.0  # once around after the first
+
+
+def test_a_step_too_long_and_a_limit_passed_are_failures_with_their_walk(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walk, "MOST_STEP_UM", 0.1)
+    monkeypatch.setattr(walk, "WALK_STEPS", 10)
+    with pytest.raises(HapticdError, match=r"walk 0 on 2 modes, step 0: a step of [\d.]+ um is longer than the slew"):
+        walk.run(1)
+    walker = walk._Walker(walk.Walk(seed=0, modes=2, steps=200))
+    walker._limits_um = tuple(limit_um / 2.0 for limit_um in walker._limits_um)
+    assert any("beyond its limit" in sentence for step in range(200) for sentence in walker.step(step))
