@@ -217,7 +217,7 @@ class Pipeline:
         self.estimated_ns += solves * allotted.solve_ns
         if solves >= allotted.solves:
             self.counters.left_out_knots += max(self.max_knots - len(knots), 0)
-        drive = gate(Drive(t_apply_ns, tuple(knots)), self._settings.w_limit_um)
+        drive = gate(tuple.__new__(Drive, (t_apply_ns, tuple(knots))), self._settings.w_limit_um)
 
         limited = first.limited or last.limited
         self.counters.knots += len(knots)
@@ -305,4 +305,5 @@ class Pipeline:
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool
     ) -> Tick:
         t_sample_ns = self._fingers.t_sample_ns if self._fingers.down else t_now_ns
-        return Tick(t_now_ns, t_now_ns - t_sample_ns, t_plate_ns - t_sample_ns, drive, points, limited)
+        age_ns, horizon_ns = t_now_ns - t_sample_ns, t_plate_ns - t_sample_ns
+        return tuple.__new__(Tick, (t_now_ns, age_ns, horizon_ns, drive, points, limited))

@@ -316,7 +316,8 @@ class BoardGateway:
         for command in commands:
             line = FRESH_START + encode(command)
             t_written_ns = self.write(line)
-            self._observed.put("written", t_now_ns, line, t_written_ns is not None)
+            if self._observed.observer is not None:
+                self._observed.put("written", t_now_ns, line, t_written_ns is not None)
             if t_written_ns is None:
                 self.unsent += 1
                 self._resend()  # the board may hold another reference than expected

@@ -187,7 +187,8 @@ class Machine:
 
         Returns when the port took the pass's reference, None if it sent none.
         """
-        self._observed.put("reports", t_now_ns, batch)
+        if self._observed.observer is not None:
+            self._observed.put("reports", t_now_ns, batch)
         self._t_reports_ns = t_now_ns
         t_written_ns = self._pass(t_now_ns, batch)
         if t_now_ns - self._t_tended_ns >= TEND_AFTER_NS:
@@ -232,7 +233,7 @@ class Machine:
         reference when it wakes. `hapticd replay --set` puts recorded values in its place."""
         session = self.session
         is_followed = session.is_resting or session.holds(t_now_ns)
-        return Aim(session.latency.link_ns, self.supervisor.may_drive, is_followed)
+        return tuple.__new__(Aim, (session.latency.link_ns, self.supervisor.may_drive, is_followed))
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,

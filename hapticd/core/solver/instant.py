@@ -12,7 +12,7 @@ from typing import Final
 
 from ...values import FingerKey, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from ..phasors import Row, magnitude, re_im
+from ..phasors import Row, magnitude
 from ..plate.contact import Disc, EllipseForm, Shapes, contact_gram, disc_points, grown
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
@@ -162,7 +162,7 @@ class InstantSolver:
             modal_um = self._derated(places, phi, targets_um, modal_um, limited)
         if self._parasitic_modes is not None:
             modal_um = self._parasitic_modes.silenced(places, phi, modal_um, self._w_limit_um)
-        return ModalSolution(places, [_amplitude_um(row, modal_um) for row in phi], modal_um, limited)
+        return ModalSolution(places, _amplitudes_um(phi, modal_um), modal_um, limited)
 
     def _solve_contacts(
         self,
@@ -264,7 +264,7 @@ class InstantSolver:
         """Derate the amplitudes; slopes are evaluated only where they could matter."""
         if not limited and not self._is_near_node(phi, targets_um, modal_um):
             return modal_um
-        share = least_share([_amplitude_um(row, modal_um) for row in phi], targets_um) if limited else 1.0
+        share = least_share(_amplitudes_um(phi, modal_um), targets_um) if limited else 1.0
         return derated(modal_um, share, slopes_at(self._modes, places), self._derating_mm2_um2, limited=limited)
 
     def _is_near_node(self, phi: tuple[tuple[float, ...], ...], targets_um: tuple[float, ...], modal_um: Row) -> bool:
@@ -286,11 +286,14 @@ def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution)
     return tuple(found)
 
 
-def _amplitude_um(row: Sequence[float], modal_um: Row) -> float:
-    """A finger's amplitude |w_i|."""
-    w_d_um = w_q_um = 0.0
-    for mode in range(len(row)):
-        mode_d_um, mode_q_um = re_im(modal_um[mode])
-        w_d_um += row[mode] * mode_d_um
-        w_q_um += row[mode] * mode_q_um
-    return magnitude(w_d_um, w_q_um)
+def _amplitudes_um(phi: ModeRows, modal_um: Row) -> list[float]:
+    """Each finger's amplitude |w_i|."""
+    modal_d_um, modal_q_um = components(modal_um)  # once for all fingers
+    amplitudes_um: list[float] = []
+    for row in phi:
+        w_d_um = w_q_um = 0.0
+        for mode in range(len(row)):
+            w_d_um += row[mode] * modal_d_um[mode]
+            w_q_um += row[mode] * modal_q_um[mode]
+        amplitudes_um.append(magnitude(w_d_um, w_q_um))
+    return amplitudes_um

@@ -206,7 +206,7 @@ class Tracker:
             unclaimed = sorted(contacts.keys() - self._tracks.keys())
             fingers += [self._begin(contacts[contact_id]) for contact_id in unclaimed]
         self._unreported = ()
-        return FingerFrame(t_ns, tuple(fingers), lifted)
+        return tuple.__new__(FingerFrame, (t_ns, tuple(fingers), lifted))
 
     def _begin(self, contact: Contact) -> Finger:
         track = self._tracks[contact.contact_id] = _Track(self._next_id, contact)
@@ -216,4 +216,5 @@ class Tracker:
 
 def _finger(track: _Track, *, is_new: bool) -> Finger:
     contact_id, x_mm, y_mm, major_mm, minor_mm, angle_rad, pressure_frac, _, _, _, _ = track.contact
-    return Finger(track.finger_id, contact_id, x_mm, y_mm, is_new, pressure_frac, major_mm, minor_mm, angle_rad)
+    fields = (track.finger_id, contact_id, x_mm, y_mm, is_new, pressure_frac, major_mm, minor_mm, angle_rad)
+    return tuple.__new__(Finger, fields)

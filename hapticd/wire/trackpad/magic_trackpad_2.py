@@ -43,7 +43,8 @@ class MagicTrackpad2(Layout):
         contacts = tuple([self._contact(record) for record in raw_records])
         require_distinct_ids(contacts)
         stamp_ms = report[start + 1] >> 3 | report[start + 2] << 5 | report[start + 3] << 13
-        return (TouchFrame(self._clock.unwrap(stamp_ms, t_host_ns), contacts, report[1] & 1 == 1),)
+        t_ns, is_pressed = self._clock.unwrap(stamp_ms, t_host_ns), report[1] & 1 == 1
+        return (tuple.__new__(TouchFrame, (t_ns, contacts, is_pressed)),)
 
     def _contact(self, record: tuple[int, ...]) -> Contact:
         word, major, minor, _size, pressure, last = record
