@@ -18,6 +18,7 @@ from hapticd.core.perception import ContactPerception
 from hapticd.core.solver.instant import CONTRAST, FELT, InstantSolver
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.settings import friction_curve
+from hapticd.design.felt_places import settle_felt, touches_at
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
 from hapticd.tools.view import client
@@ -82,6 +83,17 @@ def test_telemetry_and_score_judge_by_it() -> None:
     fingers_mm = np.array(PLACES_MM)[None]
     _, judged = felt(fingers_mm, plate_um / 2.0, TRUTH.shapes, CURVE.frictions)
     assert judged == pytest.approx(felt(fingers_mm, plate_um, TRUTH.shapes)[1])
+
+
+def test_the_design_of_plates_follows_it() -> None:
+    found = touches_at(TRUTH.true_mode_map(), np.array(PLACES_MM)[None], 5.0)
+    limits_um = np.array(TRUTH.w_limit_um)
+    (half_um, half_jnd), (whole_um, whole_jnd) = (
+        settle_felt(found, (scale, 0.0), scale * limits_um, curve=curve)
+        for curve, scale in ((CURVE, 0.5), (DEFAULT_FRICTION_CURVE, 1.0))
+    )
+    assert half_jnd == pytest.approx(whole_jnd, abs=0.1)
+    assert np.abs(half_um).max() < 0.6 * np.abs(whole_um).max()
 
 
 def test_the_service_and_the_view_have_it() -> None:

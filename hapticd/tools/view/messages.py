@@ -37,6 +37,7 @@ from hapticd_contract.states import Perceived
 from hapticd_contract.surfaces import Surface
 
 from ...config.sections import MOST_MODES, SolverConfig
+from ...core.friction import DEFAULT_FRICTION_CURVE
 from ...daemon.settings import LEAST_CONTACT_MODES
 from ...errors import RequestError
 from ...wire.client import read
@@ -220,9 +221,14 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
             "has_contacts": contact_radius_mm > 0.0,
             "simulated": simulated is not None,
             "name": simulated or "",
-            "friction_curve": body.get("friction_curve"),
+            "friction_curve": body.get("friction_curve") or _built_in_knots(),
         }
     )
+
+
+def _built_in_knots() -> list[tuple[float, float]]:
+    """Return rising amplitudes, each with its friction, as an older daemon has them, which sends none."""
+    return [(um, DEFAULT_FRICTION_CURVE.friction(um)) for _, um in reversed(DEFAULT_FRICTION_CURVE.knots)]
 
 
 def surfaces(layers: Sequence[Mapping[str, object]]) -> str:

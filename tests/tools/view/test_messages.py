@@ -192,3 +192,13 @@ def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
     grid = np.frombuffer(picture_grid(modes_of(body), (137.5, 137.5)), "<f4").reshape(2, GRID, GRID)
     np.testing.assert_allclose(grid[:, 0, 0], modes.at(-68.75, 68.75), atol=1e-5)
     np.testing.assert_allclose(grid[:, 50, 75], modes.at(34.375, 0.0), atol=1e-5)
+
+
+def test_the_page_of_a_daemon_that_sends_no_friction_curve_has_the_built_in_one() -> None:
+    body = {"size_mm": [200.0, 200.0], "w_limit_um": [4.0, 4.0], "drive_hz": 29205.0, "modes": 2}
+    without, measured = (
+        json.loads(messages.plate({**body, **more}, "view", (), None))["friction_curve"]
+        for more in ({}, {"friction_curve": [[0.0, 1.0], [1.5, 0.2]]})
+    )
+    assert measured == [[0.0, 1.0], [1.5, 0.2]]
+    assert without == [[0.0, 1.0], [2.0, pytest.approx(0.0574, abs=1e-4)]]

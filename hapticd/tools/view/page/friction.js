@@ -1,13 +1,11 @@
 // Friction against amplitude, by the daemon's curve. On the page it is counted as targets are: 0 is the most slippery, 1
 // bare glass.
 
-const BUILT_IN = [[0, 1], [2, Math.exp(-2 / 0.7)]]; // where an older daemon sends none
-
 export class FrictionCurve {
   /** `knots` are rising amplitudes in um, each with its friction relative to bare glass, whose logarithm is straight
    * between them. */
   constructor(knots) {
-    this.knots = knots ?? BUILT_IN;
+    this.knots = knots;
     this.floor = this.knots.at(-1)[1];
   }
 
