@@ -89,6 +89,7 @@ const link = new Link({
     notice("");
   },
   frame: (message) => {
+    if (!plate) return; // one of before this page knew its plate
     isLive = true;
     effects.take(message.events);
     history.add(judge(message, picture.field, curve, plate));
