@@ -76,7 +76,14 @@ async def _resonance(bench: Bench) -> PageResult:
         drive_hz = calibrate_resonance.better_drive_hz(board.hello, modes)
         if judgement.is_passed:
             law = await board.ask(ControllerRequest(), BoardController)
-            untried = try_out(sweeps, found, modes, board.hello, law, drive_hz or board.hello.drive_hz)
+            try:
+                untried = try_out(sweeps, found, modes, board.hello, law, drive_hz or board.hello.drive_hz)
+            except DeviceError:
+                # A chain that clips bends the resonances as modes beside the sweep do.
+                clipped = await _straight(board, design, modes)
+                if clipped.is_passed:
+                    raise
+                return PageResult(clipped)
             judgement = replace(judgement, passed=f"{judgement.passed} {untried}".strip())
     bench.modes = modes
     if judgement.is_passed:
@@ -99,12 +106,16 @@ def _calibrated(bench: Bench, board: Conversation) -> tuple[ModeCalibration, ...
 async def _limits(bench: Bench) -> PageResult:
     async with bench.board() as board:
         design = await design_of(board)
-        modes = _calibrated(bench, board)
-        least, most = [await _around(board, design, modes, frac) for frac in (0.1, 1.0)]
+        return PageResult(await _straight(board, design, _calibrated(bench, board)))
+
+
+async def _straight(board: Conversation, design: PlateDesign, modes: Sequence[ModeCalibration]) -> Judgement:
+    """Judge whether a tenth and all of the most volts that a tool may have move the plate in proportion."""
+    least, most = [await _around(board, design, modes, frac) for frac in (0.1, 1.0)]
     volts = protocol.RAW_LIMIT_FRAC * design.v_limit_v
     seen = np.abs(least) * 0.1 * volts
     straight = np.where(seen > SEEN_UM, np.abs(most) / np.maximum(np.abs(least), 1e-12), np.nan)
-    return PageResult(plate.judge_limits(straight, volts * np.abs(most).diagonal(), design))
+    return plate.judge_limits(straight, volts * np.abs(most).diagonal(), design)
 
 
 async def _around(
