@@ -32,6 +32,7 @@ from .. import glass, plotting
 from ..progress import Progress
 from . import simulated
 from .step import Step
+from .universal_file import SUFFIXES, read_universal
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 MODES_FILE = "modes.npz"
@@ -93,9 +94,9 @@ def _size_mm(options: argparse.Namespace) -> tuple[float, float]:
 
 def _read(path: Path | None) -> Scan:
     if path is None:
-        raise CalibrationError("No scan is given: add --scan with the vibrometer's CSV or NPZ, or --sim.")
+        raise CalibrationError("No scan is given: add --scan with the vibrometer's CSV, NPZ or UFF, or --sim.")
     try:
-        return read_scan(path)
+        return read_universal(path) if path.suffix.lower() in SUFFIXES else read_scan(path)
     except ModesError as error:
         raise CalibrationError(f"--scan: {error}") from None
 
@@ -307,7 +308,7 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
 
 
 def _add_scan(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scan", type=Path, metavar="FILE", help="the vibrometer's readings, CSV or NPZ")
+    parser.add_argument("--scan", type=Path, metavar="FILE", help="the vibrometer's readings: CSV, NPZ or UFF")
     parser.add_argument("--size", metavar="MMxMM", help="of the plate (default 137.5x137.5, or the simulated plate's)")
     parser.add_argument(
         "--own-scale", action="store_true", help="the readings are divided by the modal amplitude: keep their scale"

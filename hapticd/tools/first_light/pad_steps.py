@@ -16,9 +16,7 @@ from .bench import Bench
 from .page import PageResult, StepPage
 
 MARKS_MM = ((-50.0, -40.0), (50.0, -40.0), (50.0, 40.0), (-50.0, 40.0))
-NO_SCAN = (
-    "There is no scan yet: measure the modes on a grid (a vibrometer's CSV or NPZ), and start again with --scan FILE."
-)
+NO_SCAN = "There is no scan yet: scan the modes (a vibrometer's CSV, NPZ or UFF), and start again with --scan FILE."
 
 
 async def _map(bench: Bench) -> PageResult:

@@ -42,7 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     board.add_argument("--config", type=Path, help="the service's configuration, which names port and speed")
     scan = parser.add_argument_group("the map of modes")
     scan.add_argument(
-        "--scan", type=Path, metavar="F", help="a vibrometer's scan, CSV or NPZ, as `hapticd calibrate modes` takes it"
+        "--scan",
+        type=Path,
+        metavar="F",
+        help="a vibrometer's scan (CSV, NPZ, UFF) for `hapticd calibrate modes`",
     )
     scan.add_argument("--size", metavar="WxD", help="of the plate in mm (default 137.5x137.5)")
     pads.add_choice(parser)

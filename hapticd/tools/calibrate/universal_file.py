@@ -1,0 +1,111 @@
+"""Scans as vibrometers export them: a universal file (UFF) with nodes (15 or 2411), units (164), and functions (58).
+
+Each driven mode is a reference of its own (record 6 of dataset 58: load case, reference node and direction), as when
+one amplifier after the other drives; where a reference comes again at a point, as in exports that were joined to one
+file, it is the next mode. A mode is read at the frequency where all its functions together are largest. Positions are
+metres without units. Only responses normal to the plate count: +Z, -Z (whose sign is turned), or without a direction.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import ModesError, missing_library
+from ...formats.mode_map import MAX_LINES, MAX_POSITION_MM, Scan
+from ...regular_file import read_bounded
+from ...values import ComplexArray, FloatArray
+
+SUFFIXES = (".uff", ".unv")
+MAX_BYTES = 1 << 26  # a spectrum at each point, twice
+MAX_SETS = 1 << 16
+NODES, UNITS, FUNCTION = (15, 2411), 164, 58
+NORMAL = {0: 1.0, 3: 1.0, -3: -1.0}  # response direction: sign
+
+_Set = Mapping[str, Any]
+_Reference = tuple[int, int, int, int]  # how often it was there, load case, node, direction
+
+
+def read_universal(path: Path) -> Scan:
+    """Read a scan from a UFF. Raises ModesError for bytes that are none, HapticdError without pyuff."""
+    try:
+        import pyuff
+    except ModuleNotFoundError:
+        raise missing_library("A universal file (UFF) needs pyuff", "uff") from None
+    try:
+        data = read_bounded(path, MAX_BYTES)
+    except OSError as error:
+        raise ModesError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from None
+    with tempfile.NamedTemporaryFile(suffix=".uff") as copy:  # of a regular file within bounds: pyuff opens a name
+        copy.write(data)
+        copy.flush()
+        try:
+            file = pyuff.UFF(copy.name)
+            wanted = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (*NODES, UNITS, FUNCTION)]
+            sets = [file.read_sets(k) for k in wanted[:MAX_SETS]]
+            return scan_of(sets)
+        except ModesError as error:
+            raise ModesError(f"{path}: {error}") from None
+        except Exception as error:  # pyuff raises whatever Python does for a damaged file
+            raise ModesError(f"{path}: is no readable universal file ({error}); export it again.") from None
+
+
+def scan_of(sets: Sequence[_Set]) -> Scan:
+    """Return the scan that these datasets hold, as pyuff reads them. Raises ModesError."""
+    positions_mm = _positions_mm(sets)
+    functions = [one for one in sets if one["type"] == FUNCTION and int(one["rsp_dir"]) in NORMAL]
+    own: dict[_Reference, dict[int, _Set]] = {}
+    for one in functions:
+        node, times = int(one["rsp_node"]), 0
+        while node in own.setdefault(key := (times, *_driven_by(one)), {}):
+            times += 1
+        own[key][node] = one
+    if not (positions_mm and functions):
+        raise ModesError("holds no nodes (dataset 15 or 2411) or no functions normal to the plate (58); export both.")
+    nodes = sorted({int(one["rsp_node"]) for one in functions})
+    unknown = next((node for node in nodes if node not in positions_mm), None)
+    if unknown is not None:
+        raise ModesError(f"has no position of node {unknown}; export the geometry too.")
+    if len(nodes) > MAX_LINES**2:
+        raise ModesError(f"has more than {MAX_LINES**2} points; measure on a coarser grid.")
+    place = {node: k for k, node in enumerate(nodes)}
+    readings = np.full((len(nodes), len(own)), np.nan, np.complex128)
+    for mode, key in enumerate(sorted(own)):
+        readings[[place[node] for node in own[key]], mode] = _at_peak([*own[key].values()])
+    is_real = not np.nan_to_num(readings.imag).any()
+    return Scan(np.array([positions_mm[node] for node in nodes]), readings.real if is_real else readings)
+
+
+def _positions_mm(sets: Sequence[_Set]) -> dict[int, FloatArray]:
+    """Return x and y of each node in mm. Raises ModesError."""
+    per_metre = next((float(one["length"]) for one in sets if one["type"] == UNITS), 1.0)
+    if not (np.isfinite(per_metre) and per_metre > 0.0):
+        raise ModesError("has no usable unit of length (dataset 164); export it in metres or millimetres.")
+    found = {}
+    for one in sets:
+        if one["type"] in NODES:
+            at_mm = np.column_stack([one["x"], one["y"]]).astype(np.float64) * 1e3 / per_metre
+            found.update({int(number): position for number, position in zip(one["node_nums"], at_mm, strict=True)})
+    if not all(np.abs(position).max() <= MAX_POSITION_MM for position in found.values()):
+        raise ModesError("has a node without a usable position; export the geometry again.")
+    return found
+
+
+def _driven_by(one: _Set) -> tuple[int, int, int]:
+    return int(one["load_case_id"]), int(one["ref_node"]), int(one["ref_dir"])
+
+
+def _at_peak(functions: Sequence[_Set]) -> ComplexArray:
+    """Return each function's value at the frequency where all of them together are largest. Raises ModesError."""
+    lengths = {len(one["data"]) for one in functions}
+    if len(lengths) != 1 or not min(lengths):
+        raise ModesError("has functions of different lengths, or without values; export one band for all points.")
+    values = np.array([one["data"] for one in functions], np.complex128)
+    values *= np.array([NORMAL[int(one["rsp_dir"])] for one in functions])[:, None]
+    with np.errstate(over="ignore"):  # of damaged values: the fit judges them
+        power = np.nansum(np.abs(values) ** 2, axis=0)
+    return values[:, int(power.argmax())]
