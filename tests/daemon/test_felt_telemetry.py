@@ -33,7 +33,7 @@ def test_on_an_ideal_plate_telemetry_says_what_fingers_feel() -> None:
 @pytest.mark.parametrize(
     ("plate", "modes", "scenario", "seeds"),
     [
-        (FINGERTIP, 4, "strokes", (1, 2)),
+        (FINGERTIP, 4, "strokes", (1, 2, 3, 4, 5, 6)),
         (FINGERTIP, 4, "two-of-five", (1, 2)),
         (WIDE, 8, "strokes", (1,)),  # half a minute each
         (REFERENCE, 2, "strokes", (1, 2, 3)),
@@ -49,4 +49,4 @@ def test_in_laboratories_what_is_felt_is_in_the_interval_that_telemetry_says(
     of_all = table.rows[-1].figures
     assert of_all["within_frac"] >= 0.85  # of few laboratories; of many 0.9 (`hapticd bench telemetry`)
     assert of_all["friction_frac"] >= 0.85
-    assert of_all["found_frac"] > of_all["limited_frac"] + 0.1  # what `limited` does not say
+    assert of_all["found_frac"] > of_all["limited_frac"] + 0.05  # what `limited` does not say
