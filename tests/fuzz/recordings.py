@@ -101,7 +101,7 @@ def seeds() -> dict[str, bytes]:
         "written": (b"\0\x01", True),
         "truth": ([finger], {"d": [1.0], "q": [0.0]}),
         "board_link": (True, "here"),
-        "marker": ("study", "begin"),
+        "marker": ("study", "begin", {"trial": 3, "is_left": True}),
         "event": (PlateEvent(3, EventKind.BEGUN, 9, 8, 1, (1.0, -2.0), "study", "", "click"),),
     }
     messages = {kind: encode(kind, record_of(kind, 0, 7, values).fields) for kind, values in events.items()}

@@ -104,8 +104,8 @@ def test_a_rig_is_started_with_the_configured_plate(
     started: list[tuple[str, int, str]] = []
 
     class NoRig:
-        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int, wiring: str) -> None:
-            del scenario, seed
+        def __init__(self, scenario: str, seed: int, *, fingers: str, plate: str, modes: int, wiring: str) -> None:
+            del scenario, seed, fingers
             started.append((plate, modes, wiring))
             self.directory = tmp_path
 
@@ -232,8 +232,8 @@ async def test_a_rig_that_is_killed_ends_the_service_with_a_sentence(
     class IdleRig(service.RigProcess):
         """A process in the rig's place, with a directory that has a map and no devices."""
 
-        def __init__(self, scenario: str, seed: int, *, plate: str, modes: int, wiring: str) -> None:
-            del scenario, seed, plate, modes, wiring
+        def __init__(self, scenario: str, seed: int, *, fingers: str, plate: str, modes: int, wiring: str) -> None:
+            del scenario, seed, fingers, plate, modes, wiring
             self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
             self.directory = Path(self._directory.name)
             PLATE.save(self.directory / MODES_FILE)
