@@ -54,14 +54,13 @@ for x_mm in (-20.0, 0.0, 20.0):
             break
 print(f"4. Left of the ridge, on it and right of it the finger is asked {', '.join(asked)} um.")
 
-# 5. An effect plays when something happens: a click whenever a finger enters the ridge. States tell that it began.
+# 5. An effect plays when something happens: a click whenever a finger enters the ridge. States are the newest only; no
+# event is left out, so listen before what brings it.
 plate.effect("click", Pulse(1.0, 0.02, 0.002), on="ridge", start=OnEntering("ridge"))
+events = plate.events(timeout_s=30.0)
 hand.move((0.0, 10.0))
-for state in plate.states(timeout_s=30.0):
-    begun = [event for event in state.events if event.kind == "begun" and event.effect == "click"]
-    if begun:
-        print(f"5. The click began when finger {begun[0].finger} entered.")
-        break
+begun = next(event for event in events if event.kind == "begun" and event.effect == "click")
+print(f"5. The click began when finger {begun.finger} entered.")
 
 # 6. A marker is an instant of your experiment, on the daemon's clock: in every state, and in recordings.
 t_ns = plate.marker("tutorial ends")
