@@ -66,7 +66,7 @@ VERSION ?= $(error usage: make version VERSION=1.2.3)
 version:
 	sed -i -E 's/^(__version__ = ")[^"]*/\1$(VERSION)/' hapticd/__init__.py
 	sed -i -E 's/^(version = ")[^"]*/\1$(VERSION)/' clients/python/pyproject.toml
-	sed -i -E 's/^(version: ).*/\1$(VERSION)/' CITATION.cff
+	sed -i -E 's/^(version: ).*/\1$(VERSION)/' .github/CITATION.cff
 	sed -i -E 's/^(#define HD_FIRMWARE_VERSION ")[^"]*/\1$(VERSION)/' firmware/core/core.h
 
 # What installation compiles: the firmware for the simulated board, and the touch path.

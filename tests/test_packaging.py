@@ -54,7 +54,7 @@ def test_all_is_every_extra_that_people_use() -> None:
     ("path", "pattern"),
     [
         ("clients/python/pyproject.toml", r'(?m)^version = "(.*)"$'),
-        ("CITATION.cff", r"(?m)^version: (.*)$"),
+        (".github/CITATION.cff", r"(?m)^version: (.*)$"),
         ("firmware/core/core.h", r'(?m)^#define HD_FIRMWARE_VERSION "(.*)"$'),
     ],
 )

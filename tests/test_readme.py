@@ -76,7 +76,7 @@ def test_the_make_targets_that_are_named_exist() -> None:
 
 
 def test_the_citation_is_of_this_version_and_of_the_paper_that_the_front_page_links() -> None:
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    citation = (ROOT / ".github/CITATION.cff").read_text(encoding="utf-8")
     (paper,) = re.findall(r"^\[paper\]: (.*)$", README, flags=re.MULTILINE)
     assert re.findall(r"^version: (.*)$", citation, flags=re.MULTILINE) == [__version__]
     assert re.findall(r'^    url: "(.*)"$', citation, flags=re.MULTILINE) == [paper]

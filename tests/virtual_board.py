@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from typing import Any
 
 import numpy as np
 from asynchronous import VirtualTimeLoop
 
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.sim.board.virtual_link import VirtualLink
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.world import World
 
 STEP_TICKS = 4  # 2 ms
-LINK_S = 0.002
 
 
-class BoardLink:
-    """What `SerialLink` is to a conversation, with the firmware's C behind it."""
+class BoardLink(VirtualLink):
+    """The line to the firmware's C."""
 
     def __init__(self, *, mute: bool = False, refuses: str = "", config: BoardConfig | None = None) -> None:
         config = BoardConfig() if config is None else config
@@ -31,7 +31,6 @@ class BoardLink:
         self.peak_v = 0.0
         self.voltage_v = np.zeros(len(gain), dtype=np.complex128)
         self.says: Callable[[bytes], bytes] = lambda data: data
-        self._open = False
 
     def start(
         self,
@@ -39,35 +38,19 @@ class BoardLink:
         on_bytes: Callable[[bytes], None],
         on_link: Callable[[bool, str], None],
     ) -> None:
-        self._loop, self._on_bytes, self._on_link, self._open = loop, on_bytes, on_link, True
-        on_link(not self.refuses, self.refuses)
-        loop.call_soon(self._step)
+        super().start(loop, on_bytes, lambda up, reason: on_link(up and not self.refuses, reason or self.refuses))
 
-    def write(self, data: bytes) -> bool:
-        self._loop.call_later(LINK_S, self.board.receive, data)
-        return True
+    def receive(self, data: bytes) -> None:
+        self.board.receive(data)
 
-    def pull(self) -> None:
-        self._open = False
-        self._on_link(False, "board lost: end of file")
-
-    async def drained(self, within_s: float) -> None:
-        await asyncio.sleep(within_s)
-
-    def close(self) -> None:
-        self._open = False
-
-    def _step(self) -> None:
-        if not self._open:
-            return
+    def advance(self) -> Iterator[bytes]:
         modes = len(self.voltage_v)
         trace = BoardTrace(STEP_TICKS, modes, modes)
         self.board.run(STEP_TICKS, np.zeros((STEP_TICKS, 0, modes)), np.zeros((STEP_TICKS, 0)), trace)
         self.voltage_v = trace.voltage_v[-1]
         self.peak_v = max(self.peak_v, float(np.abs(trace.voltage_v).max()))
         while (said := self.board.transmit()) and not self.mute:
-            self._loop.call_later(LINK_S, self._on_bytes, self.says(said))
-        self._loop.call_later(STEP_TICKS * 0.0005, self._step)
+            yield self.says(said)
 
 
 def in_virtual_time(what: Coroutine[Any, Any, Any]) -> Any:
@@ -75,21 +58,16 @@ def in_virtual_time(what: Coroutine[Any, Any, Any]) -> Any:
         return runner.run(what)
 
 
-class PlateLink(BoardLink):
+class PlateLink(VirtualLink):
     """The same before the simulated plate's whole truth: neighbouring modes, crosstalk, noise."""
 
     def __init__(self, plate: GroundTruth) -> None:
-        super().__init__()
         self.world = World((), plate, w_limit_um=plate.w_limit_um, seed=1, boot_id=7, keep=False)
 
-    def write(self, data: bytes) -> bool:
-        self._loop.call_later(LINK_S, lambda: self.world.receive(data, self.world.t_s))
-        return True
+    def receive(self, data: bytes) -> None:
+        self.world.receive(data, self.world.t_s)
 
-    def _step(self) -> None:
-        if not self._open:
-            return
-        t_end_s = self.world.t_s + STEP_TICKS * 0.0005
+    def advance(self) -> Iterator[bytes]:
+        t_end_s = self.world.t_s + self.step_s
         while said := self.world.advance(t_end_s):
-            self._loop.call_later(LINK_S, self._on_bytes, said)
-        self._loop.call_later(STEP_TICKS * 0.0005, self._step)
+            yield said

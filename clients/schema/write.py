@@ -1,4 +1,4 @@
-"""Writes what follows from the contract: the JSON schemas beside this file, the tables of `clients/PROTOCOL.md`, and
+"""Writes what follows from the contract: the JSON schemas in this folder, the tables of `clients/PROTOCOL.md`, and
 the types of the JavaScript client (`typescript.py`).
 
 `python clients/schema/write.py`; tests compare them. Meanings are the docstrings behind the fields of

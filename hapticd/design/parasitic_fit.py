@@ -47,8 +47,8 @@ NO_PARASITIC: Final = ParasiticPoles(np.zeros(0, np.complex128), np.zeros((0, 0,
 
 
 def find_parasitic(s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray) -> ParasiticPoles | None:
-    """Return the modes beside the `driven` poles (M,) in responses y (n, sensors), lists with one entry per amplifier;
-    None where a constant explains the rest, or they cannot be told."""
+    """Return the modes other than the `driven` poles (M,) in responses y (n, sensors), lists per amplifier;
+    None where a constant explains the rest, or they are not to be distinguished from it."""
     half_s, half_y, test_s, test_y = _halves(s, y)
     if min(map(len, half_s)) < len(driven) + MOST_PARASITIC + 1 + SPARE:
         return None
@@ -73,12 +73,12 @@ def find_parasitic(s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven:
 
 
 def better_parasitic(
-    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, beside: ComplexArray
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, outside: ComplexArray
 ) -> list[ParasiticPoles]:
-    """Return the modes beside the `driven` poles that were found, with more at assumed frequencies, which explain the
-    held-out half of the responses better: noise may hide where modes are, and still not that there are some."""
+    """Return the modes other than the `driven` poles that were found, with more at assumed frequencies, which explain
+    the held-out half of the responses better: noise may hide where modes are, and still not that there are some."""
     half_s, half_y, test_s, test_y = _halves(s, y)
-    found = np.concatenate([driven, beside])
+    found = np.concatenate([driven, outside])
     if min(map(len, half_s)) < len(found) + MOST_PARASITIC + 1 + SPARE:
         return []
     starts = [start for count in range(1, MOST_PARASITIC + 1) for start in combinations(STARTS, count)]
@@ -132,10 +132,10 @@ def _left(
 
 
 def _relocated(
-    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, beside: ComplexArray
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, outside: ComplexArray
 ) -> ComplexArray | None:
-    """Return the driven poles, then those beside them, where they fit best; None if these are no modes."""
-    poles = np.concatenate([driven, beside])
+    """Return the driven poles, then the others, where they fit best; None if these are no modes."""
+    poles = np.concatenate([driven, outside])
     for _ in range(ROUNDS):
         lefts, sides = [], []
         for at, responses in zip(s, y, strict=True):

@@ -5,7 +5,7 @@ all amplifiers: its eigenvalues are the plate's poles, its eigenvectors what the
 is a weighted linear fit (Sanathanan and Koerner, 1963). Sensors thus tell modes apart that lie far closer than their
 width, such as two of eight modes 1 Hz from each other, of which one denominator for all responses shows one. What the
 amplifiers do to each mode, and the feedthrough, electrical and of modes far away, is then linear. Parasitic modes
-beside the sweep are subtracted first (`parasitic_fit`), so that feedthrough is only what is constant.
+outside the sweep are subtracted first (`parasitic_fit`), so that feedthrough is only what is constant.
 
 A mode's amplitude is the root of the sum of squares over all sensors, positive in the first that sees half of it.
 """
@@ -110,18 +110,18 @@ class MeasuredWiring:
         together = (self.senses @ unit).real
         sizes = np.abs(together)
         partner, largest = sizes.argmax(axis=0), sizes.max(axis=0)
-        is_told = np.sum(sizes > OWN * largest, axis=0) == 1
+        has_own = np.sum(sizes > OWN * largest, axis=0) == 1
         if np.diag(sizes).min() < OWN * sizes.max():
             return [
                 f"Amplifiers {a} and {partner[a]}, or their sensors, are swapped: "
                 f"amplifier {a} moves sensor {partner[a]}."
                 for a in range(count)
-                if partner[a] > a and is_told[a]
+                if partner[a] > a and has_own[a]
             ]
         return [
             f"Amplifier {k} or sensor {k} is inverted: the sensor moves against the amplifier."
             for k in range(count)
-            if together[k, k] < 0.0 and is_told[k]
+            if together[k, k] < 0.0 and has_own[k]
         ]
 
 
@@ -145,14 +145,14 @@ def fit_wiring(sweeps: Sequence[AmplifierSweep]) -> MeasuredWiring:
     scaled = _scaled(sweeps)
     try:
         poles, _ = _poles_and_senses(scaled.s, scaled.y)
-        beside = find_parasitic(scaled.s, scaled.y, poles)
+        outside = find_parasitic(scaled.s, scaled.y, poles)
     except np.linalg.LinAlgError:
         raise ValueError(NOT_ALIKE.format(len(sweeps))) from None
-    return _fitted(scaled, beside)
+    return _fitted(scaled, outside)
 
 
 def as_likely(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring) -> list[MeasuredWiring]:
-    """Return fits of the same sweeps, with parasitic modes at assumed frequencies, that foretell held-out points better
+    """Return fits of the same sweeps, with parasitic modes at assumed frequencies, that predict held-out points better
     than `found` does: none where a constant explains all but noise."""
     scaled = _scaled(sweeps)
     turn_rad_s = 2.0 * math.pi * scaled.half_hz
@@ -166,9 +166,9 @@ def as_likely(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring) -> list[M
         np.complex128,
     )
     others = []
-    for beside in better_parasitic(scaled.s, scaled.y, driven, np.asarray(found.parasitic.poles / turn_rad_s)):
+    for outside in better_parasitic(scaled.s, scaled.y, driven, np.asarray(found.parasitic.poles / turn_rad_s)):
         with contextlib.suppress(ValueError):
-            others.append(_fitted(scaled, beside))
+            others.append(_fitted(scaled, outside))
     return others
 
 
@@ -189,12 +189,12 @@ def _scaled(sweeps: Sequence[AmplifierSweep]) -> _Scaled:
     return _Scaled(sweeps, s, y, centre_hz, half_hz, scale)
 
 
-def _fitted(scaled: _Scaled, beside: ParasiticPoles | None) -> MeasuredWiring:
+def _fitted(scaled: _Scaled, outside: ParasiticPoles | None) -> MeasuredWiring:
     """Fit what these parasitic modes leave. Raises ValueError for responses without as many resonances."""
     sweeps, s, y, scale, count = scaled.sweeps, scaled.s, scaled.y, scaled.scale, len(scaled.s)
     centre_hz, half_hz = scaled.centre_hz, scaled.half_hz
-    if beside is not None:
-        y = [responses - beside.response(at, k) for k, (at, responses) in enumerate(zip(s, y, strict=True))]
+    if outside is not None:
+        y = [responses - outside.response(at, k) for k, (at, responses) in enumerate(zip(s, y, strict=True))]
     try:
         poles, senses = _poles_and_senses(s, y)
         residues, background = _drives(s, y, poles, senses)
@@ -225,11 +225,11 @@ def _fitted(scaled: _Scaled, beside: ParasiticPoles | None) -> MeasuredWiring:
             background_um_per_v=complex(sense[mode] @ (scale * background[:, amplifier])),
             residual_frac=0.0,
         )
-        shown = sweeps[amplifier].response_um_per_v if beside is None else scale * y[amplifier]
+        shown = sweeps[amplifier].response_um_per_v if outside is None else scale * y[amplifier]
         measured = shown @ sense[mode]
         left = np.sqrt(np.mean(np.abs(fit.response(sweeps[amplifier].frequency_hz) - measured) ** 2))
         fits.append(replace(fit, residual_frac=float(left / np.abs(measured).max())))
-    parasitic = NO_PARASITIC if beside is None else beside.scaled(2.0 * math.pi * half_hz, scale)
+    parasitic = NO_PARASITIC if outside is None else outside.scaled(2.0 * math.pi * half_hz, scale)
     return MeasuredWiring(tuple(fits), drives, senses, scale * background, parasitic, centre_hz)
 
 

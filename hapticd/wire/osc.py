@@ -47,7 +47,7 @@ def messages(data: bytes) -> list[OscMessage]:
         at += _LENGTH.size
         if size > len(data) - at:
             raise OscError("length", "The OSC bundle ends within a message.")
-        found.append(decoded(data[at : at + size]))  # a bundle in a bundle is no message: nobody here has one
+        found.append(decoded(data[at : at + size]))  # a bundle in a bundle is no message here
         at += size
     return found
 

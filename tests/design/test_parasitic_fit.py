@@ -1,4 +1,4 @@
-"""Parasitic modes beside a sweep: they are fitted as modes, and feedthrough is what is constant."""
+"""Parasitic modes outside a sweep: they are fitted as modes, and feedthrough is what is constant."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ SWEEP_NOISE_UM_PER_V = 4e-6  # of `hapticd calibrate resonance`
 
 def plate(away_hz: tuple[float, ...] = AWAY_HZ, through: ComplexArray = NO_THROUGH) -> PlateModel:
     """The reference plate with modes so far above the drive, which every amplifier moves and every sensor sees."""
-    beside = len(away_hz)
-    signs = np.where(np.arange(beside)[:, None] > np.arange(2), -1.0, 1.0)
+    outside = len(away_hz)
+    signs = np.where(np.arange(outside)[:, None] > np.arange(2), -1.0, 1.0)
     return PlateModel(
-        decay_1_s=np.array([*OWN.decay_1_s, *[OWN.decay_1_s[0]] * beside]),
+        decay_1_s=np.array([*OWN.decay_1_s, *[OWN.decay_1_s[0]] * outside]),
         detuning_rad_s=np.array([*OWN.detuning_rad_s, *(2.0 * np.pi * np.array(away_hz))]),
         gain_um_per_v_s=np.vstack([np.diag(OWN.gain_um_per_v_s), COUPLING * OWN.gain_um_per_v_s[0] * signs]),
         sensor=np.hstack([np.eye(2), COUPLING * signs.T]),

@@ -76,7 +76,7 @@ class Finger:
             self._context.destroy()
 
     def land(self, x_mm: float, y_mm: float, *, pressure_frac: float = USUAL_PRESSURE_FRAC) -> None:
-        """Land at a place on the plate. Raises RefusedError for one beside it, or for a finger that is down."""
+        """Land at a place on the plate. Raises RefusedError for one outside it, or for a finger that is down."""
         if self._touch is not None:
             raise RefusedError("land: this finger is down: move it, or lift it first.")
         self._go(self._checked("land", x_mm, y_mm, pressure_frac))

@@ -1,8 +1,8 @@
 """Any Linux multitouch device: its input events, read on the loop, grabbed so that no pointer moves.
 
-Reports are the kernel's own bytes, one for each SYN_REPORT, so recordings hold what the kernel said. What the kernel
-does not send again is told in the same form: all slots, after it dropped events and when the device was opened; and of
-fingers that lie still the last report, repeated.
+Reports are the kernel's own bytes, one for each SYN_REPORT, so recordings hold what the kernel said. What it does not
+send again is reported in the same form: all slots, after it dropped events and when the device was opened; and the last
+report repeated, of fingers that lie still.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ...errors import TrackpadError
 from ...values import RawReport
 from ...wire.trackpad import Pad, StillContacts, evdev
 from .input_nodes import FOLDER, InputNode, describe, find_nodes, packed
+from .repeats import RepeatedReports
 from .trackpad_source import BATCH, OnLink, OnReports
 
 _NATIVE = struct.Struct("@llHHi")  # as this kernel writes it; reports are of a 64-bit one
@@ -44,12 +45,13 @@ class EvdevTrackpad:
         self._clock_ns = clock_ns
         self._node: InputNode | None = None
         self._timer: asyncio.Handle | None = None
-        self._repeat: asyncio.TimerHandle | None = None
         self._still = StillContacts()
+        self._repeats = RepeatedReports(self._still, _repeated, clock_ns)
         self._last_link: tuple[Pad | None, str] | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
-        self._loop, self._on_reports, self._on_link = loop, on_reports, on_link
+        self._loop, self._on_link = loop, on_link
+        self._repeats.start(loop, on_reports)
         self._timer = loop.call_soon(self._connect)
 
     def request_enable(self) -> None:
@@ -88,7 +90,7 @@ class EvdevTrackpad:
         self._events: list[_Event] = []
         self._still.reset()
         self._report_link(pad, f"{pad.name} at {self._node.path}")
-        self._deliver([self._told()])
+        self._repeats.pass_on([self._all_slots()])
         self._loop.add_reader(self._node.fd, self._on_readable)
 
     def _lost(self, why: str) -> None:
@@ -98,8 +100,7 @@ class EvdevTrackpad:
         self._retry(f"{path} was lost ({why}): searching for it")
 
     def _disconnect(self) -> None:
-        if self._repeat is not None:
-            self._repeat.cancel()
+        self._repeats.stop()
         if self._node is not None:
             self._loop.remove_reader(self._node.fd)
             self._node.close()
@@ -127,12 +128,12 @@ class EvdevTrackpad:
             self._lost(str(error.strerror))
             return
         if batch:
-            self._deliver(batch)
+            self._repeats.pass_on(batch)
         elif not data:
             self._lost("end of file")
 
     def _reports(self, data: bytes) -> Iterator[RawReport]:
-        """Split what was read into reports; after what the kernel dropped all slots are told."""
+        """Split what was read into reports; after what the kernel dropped, all slots are reported."""
         for second_s, microsecond_us, kind, code, value in _NATIVE.iter_unpack(data):
             is_end = (kind, code) == _END[:2]
             if is_end or len(self._events) < evdev.MAX_EVENTS - 1:  # no device has so many axes
@@ -145,7 +146,7 @@ class EvdevTrackpad:
                 self._events.clear()
                 yield RawReport(t_now_ns, whole)
                 if self._was_dropped:
-                    yield self._told()
+                    yield self._all_slots()
 
     def _note(self, t_ns: int, events: Sequence[_Event]) -> None:
         """Take note of which contacts are there after a report."""
@@ -160,7 +161,7 @@ class EvdevTrackpad:
                 self._down.discard(self._slot)
         self._still.took(t_ns, are_down=self._slot_count > 0 and len(self._down) > 0)
 
-    def _told(self) -> RawReport:
+    def _all_slots(self) -> RawReport:
         """Return a report of all slots as they are now. Raises OSError if the device is gone."""
         assert self._node is not None
         t_ns = self._clock_ns()
@@ -170,26 +171,13 @@ class EvdevTrackpad:
             for index in range(min(self._slot_count, evdev.MAX_CONTACTS)):
                 events.append((evdev.EV_ABS, evdev.SLOT, index))
                 is_there = values[evdev.TRACKING_ID][index] >= 0
-                told = values if is_there else (evdev.TRACKING_ID,)
-                events += [(evdev.EV_ABS, code, values[code][index]) for code in told]
+                known = values if is_there else (evdev.TRACKING_ID,)
+                events += [(evdev.EV_ABS, code, values[code][index]) for code in known]
             slot = self._node.axis(evdev.SLOT)
             events.append((evdev.EV_ABS, evdev.SLOT, slot.present if slot is not None else 0))
         self._note(t_ns, events)
         return RawReport(t_ns, packed(t_ns, [*events, _END]))
 
-    def _deliver(self, batch: list[RawReport]) -> None:
-        self._on_reports(batch)
-        self._arm()
 
-    def _arm(self) -> None:
-        """Set when the last report is repeated."""
-        if self._repeat is not None:
-            self._repeat.cancel()
-            self._repeat = None
-        due_ns = self._still.due_ns
-        if due_ns is not None:
-            self._repeat = self._loop.call_later((due_ns - self._clock_ns()) * 1e-9, self._repeat_last)
-
-    def _repeat_last(self) -> None:
-        t_now_ns = self._clock_ns()
-        self._deliver([RawReport(t_now_ns, packed(self._still.repeat(t_now_ns), [_END]))])
+def _repeated(t_ns: int) -> bytes:
+    return packed(t_ns, [_END])

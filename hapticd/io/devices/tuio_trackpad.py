@@ -10,6 +10,7 @@ from typing import Final
 
 from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad, StillContacts, tuio
+from .repeats import RepeatedReports
 from .trackpad_source import BATCH, REPORT_BYTES, OnLink, OnReports
 
 MOST_HZ: Final = 1200  # datagrams that are looked at: a tracker of 1 kHz, and one that hurries
@@ -41,25 +42,26 @@ class TuioTrackpad:
         self._clock_ns = clock_ns
         self._decoder = Decoder(pad)
         self._still = StillContacts(_LONGEST_REST_NS)
+        self._repeats = RepeatedReports(self._still, lambda _: tuio.REPEAT, clock_ns)
         self._socket: socket.socket | None = None
         self._timer: asyncio.Handle | None = None
-        self._repeat: asyncio.TimerHandle | None = None
         self._t_allowance_ns = 0
         self._allowance = 0.0
         self._is_reported = False
         self.left_out = 0  # datagrams beyond MOST_HZ
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
-        self._loop, self._on_reports, self._on_link = loop, on_reports, on_link
+        self._loop, self._on_link = loop, on_link
+        self._repeats.start(loop, on_reports)
         self._timer = loop.call_soon(self._bind)
 
     def request_enable(self) -> None:
         """Does nothing: a tracker has no mode to enable."""
 
     async def close(self) -> None:
-        for timer in (self._timer, self._repeat):
-            if timer is not None:
-                timer.cancel()
+        self._repeats.stop()
+        if self._timer is not None:
+            self._timer.cancel()
         if self._socket is not None:
             self._loop.remove_reader(self._socket)
             self._socket.close()
@@ -82,7 +84,7 @@ class TuioTrackpad:
         for _ in range(BATCH):
             try:
                 data = endpoint.recv(REPORT_BYTES)
-            except OSError:  # nothing waits; an error of an earlier datagram is nobody's here
+            except OSError:  # nothing waits; an error is of an earlier datagram
                 break
             t_now_ns = self._clock_ns()
             if not self._may(t_now_ns):
@@ -91,7 +93,7 @@ class TuioTrackpad:
                 self._still.took(t_now_ns, are_down=len(frames[-1].contacts) > 0)
                 batch.append(RawReport(t_now_ns, data))
         if batch:
-            self._deliver(batch)
+            self._repeats.pass_on(batch)
 
     def _may(self, t_now_ns: int) -> bool:
         """Whether a datagram is looked at: MOST_HZ of them, and a burst of BATCH."""
@@ -102,15 +104,3 @@ class TuioTrackpad:
             return False
         self._allowance -= 1.0
         return True
-
-    def _deliver(self, batch: list[RawReport]) -> None:
-        self._on_reports(batch)
-        if self._repeat is not None:
-            self._repeat.cancel()
-            self._repeat = None
-        due_ns = self._still.due_ns
-        if due_ns is not None:
-            self._repeat = self._loop.call_later((due_ns - self._clock_ns()) * 1e-9, self._repeat_last)
-
-    def _repeat_last(self) -> None:
-        self._deliver([RawReport(self._still.repeat(self._clock_ns()), tuio.REPEAT)])

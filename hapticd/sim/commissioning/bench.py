@@ -2,65 +2,34 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ...design.commissioning.findings import Diagnosis
+from ..board.virtual_link import VirtualLink
 from .rig import FaultyRig
 
-LINK_S = 0.002
 METER_FRAC = 0.003  # of a reading, as a cheap meter has it
 SCOPE_FRAC = 0.03
 TREMBLE_MM = 0.3  # of a finger on its mark
 AWAY_S = 0.5  # of a pulled cable
-PULLED = "the cable was pulled"
 
 
-class RigLink:
-    """What `SerialLink` is to a conversation; `pull` is the cable in a hand. Time passes while it is open."""
+class RigLink(VirtualLink):
+    """The line to a rig's board."""
 
     def __init__(self, rig: FaultyRig) -> None:
         self._rig = rig
-        self._is_open = False
+        self.step_s = rig.step_s
 
-    def start(
-        self,
-        loop: asyncio.AbstractEventLoop,
-        on_bytes: Callable[[bytes], None],
-        on_link: Callable[[bool, str], None],
-    ) -> None:
-        self._loop, self._on_bytes, self._on_link, self._is_open = loop, on_bytes, on_link, True
-        on_link(True, "")
-        loop.call_soon(self._step)
+    def receive(self, data: bytes) -> None:
+        self._rig.board.receive(data)
 
-    def write(self, data: bytes) -> bool:
-        if self._is_open:
-            self._loop.call_later(LINK_S, self._rig.board.receive, data)
-        return self._is_open
-
-    def pull(self) -> None:
-        self._is_open = False
-        self._on_link(False, PULLED)
-
-    async def drained(self, within_s: float) -> None:
-        await asyncio.sleep(within_s)
-
-    def close(self) -> None:
-        self._is_open = False
-
-    def _step(self) -> None:
-        if not self._is_open:
-            return
+    def advance(self) -> Iterator[bytes]:
         self._rig.run()
         while said := self._rig.board.transmit():
-            self._loop.call_later(LINK_S, self._deliver, said)
-        self._loop.call_later(self._rig.step_s, self._step)
-
-    def _deliver(self, said: bytes) -> None:
-        if self._is_open:
-            self._on_bytes(said)
+            yield said
 
 
 class SimulatedTechnician:

@@ -53,9 +53,9 @@ class Repeated:
 
 def read_repeated(path: FilePath, size_mm: Sequence[float]) -> tuple[Actor, ...]:
     """Read a file of fingers, CSV or a recording, for real time: they begin again PAUSE_S after the last has lifted, as
-    nobody knows when a client comes.
+    a client may come at any time.
 
-    Raises HapticdError, also where the pad has no room for them beside a user's own.
+    Raises HapticdError, also where the pad has no room for them and a user's own.
     """
     if path.suffix == RECORDING_SUFFIX:
         from . import recorded  # with MCAP's library, which no CSV needs

@@ -1,6 +1,6 @@
 """What was fitted, tried before it is written: the firmware's own loop, in simulation, on the plate as it was fitted.
 
-The plate has the fitted modes, the parasitic ones among them. Where noise hides modes beside the sweep, their share of
+The plate has the fitted modes, the parasitic ones among them. Where noise hides modes outside the sweep, their share of
 the constant would be believed as feedthrough, and a fast loop swings by 2 nm/V of that: there the loop must also bear
 each plate that explains the sweeps better than the believed one.
 """
@@ -52,8 +52,8 @@ def try_out(
     if others:
         largest = 1e3 * max(abs(wire) for mode in modes for wire in mode.feedthrough_um_per_v)
         raise DeviceError(
-            f"Nothing is written: the {largest:.2g} nm/V that look like feedthrough may be modes beside the sweep, and "
-            f"the loop would swing (fault {fault}): sweep a wider band, with more volts (`hapticd calibrate "
+            f"Nothing is written: the {largest:.2g} nm/V that look like feedthrough may be modes outside the sweep, "
+            f"and the loop would swing (fault {fault}): sweep a wider band, with more volts (`hapticd calibrate "
             "resonance --from --to --volts`)."
         )
     near = ", ".join(f"{hz:.0f} Hz" for hz in found.parasitic_hz()) or "near those swept"
@@ -88,10 +88,10 @@ def fitted_plate(found: MeasuredWiring, drive_hz: float, v_limit_v: float) -> Pl
         for fit in found.fits
     ]
     gains, seen = list((found.drives / (-1j * loops)[:, None]).real), list((found.senses * loops).T)
-    beside = found.parasitic
-    for pole, residue in zip(beside.poles, beside.residues, strict=True):
+    outside = found.parasitic
+    for pole, residue in zip(outside.poles, outside.residues, strict=True):
         left, size, right = np.linalg.svd(np.vstack([residue.real, residue.imag]), full_matrices=False)
-        for part in range(min((PLATE_MODES_MAX - count) // len(beside.poles), count)):  # each with real gains
+        for part in range(min((PLATE_MODES_MAX - count) // len(outside.poles), count)):  # each with real gains
             poles.append(complex(pole) + 2j * math.pi * (found.centre_hz - drive_hz))
             gains.append(size[part] * right[part])
             seen.append(1j * (left[:count, part] + 1j * left[count:, part]))

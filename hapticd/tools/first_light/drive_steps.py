@@ -79,7 +79,7 @@ async def _resonance(bench: Bench) -> PageResult:
             try:
                 untried = try_out(sweeps, found, modes, board.hello, law, drive_hz or board.hello.drive_hz)
             except DeviceError:
-                # A chain that clips bends the resonances as modes beside the sweep do.
+                # A chain that clips bends the resonances as modes outside the sweep do.
                 clipped = await _straight(board, design, modes)
                 if clipped.is_passed:
                     raise

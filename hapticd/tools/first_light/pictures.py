@@ -18,7 +18,7 @@ SUPPLY = """\
    ground    ----o                -24 V o---+---o drive
 """
 REST = """\
-   plate   |~~~~~~ nothing drives it, nobody touches it
+   plate   |~~~~~~ nothing drives it, no finger touches it
    sensor k --coax--> front end --> ADC:  noise? hum?
 """
 ANSWER = """\

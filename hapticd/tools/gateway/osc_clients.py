@@ -77,7 +77,7 @@ class OscClients(asyncio.DatagramProtocol):
         self._is_closed.set()
 
     async def close(self) -> None:
-        """Hear nobody any more; what is set ends by itself."""
+        """Close; what was set ends by itself."""
         self._feed.leave(id(self))
         if self._transport is not None:
             self._transport.abort()

@@ -125,7 +125,7 @@ def _feel_both(
     shown: StudyPanel,
     clock: Clock,
 ) -> bool:
-    """Present both intervals, each until it was touched long enough; return whether nobody paused."""
+    """Present both intervals, each until it was touched long enough; return whether no one paused."""
     standard = {**trial.levels, intervals.of: intervals.standard}
     order = (standard, trial.levels) if trial.is_standard_first else (trial.levels, standard)
     for which, levels in zip(session.experiment.choices, order, strict=True):

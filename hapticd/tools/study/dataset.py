@@ -2,7 +2,7 @@
 
 BIDS (bids.neuroimaging.io, behavioural experiments) has a table for each participant, `sub-P03_task-NAME_beh.tsv`, with
 the meanings of its columns in a JSON file. Its labels are letters and digits alone. Recordings of the same sessions
-belong beside them, as `sub-P03_task-NAME_physio.mcap`.
+belong next to them, as `sub-P03_task-NAME_physio.mcap`.
 """
 
 from __future__ import annotations

@@ -191,7 +191,7 @@ def parse(table: Any) -> Experiment:
 
 
 def _extremes(made: Experiment) -> Iterator[Levels]:
-    """Yield what `targets` is tried with beside the conditions."""
+    """Yield what `targets` is tried with in addition to the conditions."""
     adaptive = made.adaptive
     if isinstance(adaptive, Staircase):
         yield from ({LEVEL: adaptive.lowest}, {LEVEL: adaptive.highest})

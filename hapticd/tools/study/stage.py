@@ -31,9 +31,9 @@ class _Touch:
     touched_s: float = 0.0
     path_mm: float = 0.0
     limited_s: float = 0.0
-    felt_s: float = 0.0  # of which telemetry told the friction
+    felt_s: float = 0.0  # of which telemetry has the friction
     friction_s: float = 0.0
-    pressed_s: float = 0.0  # of which telemetry told the pressure
+    pressed_s: float = 0.0  # of which telemetry has the pressure
     pressure_s: float = 0.0
     t_daemon_ns: int | None = None  # of the last state
     recent: deque[tuple[float, float]] = field(default_factory=deque)  # (duration s, way mm), RECENT_S of them
@@ -56,12 +56,12 @@ class _Touch:
 
     @property
     def felt_friction(self) -> float | None:
-        """Mean friction over the time in which telemetry told it; None for none."""
+        """Mean friction over the time in which telemetry has it; None for none."""
         return self.friction_s / self.felt_s if self.felt_s > 0 else None
 
     @property
     def pressure_frac(self) -> float | None:
-        """Mean pressure over the time in which telemetry told it; None for none."""
+        """Mean pressure over the time in which telemetry has it; None for none."""
         return self.pressure_s / self.pressed_s if self.pressed_s > 0 else None
 
     def add(

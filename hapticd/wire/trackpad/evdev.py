@@ -13,8 +13,8 @@ from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
 from .event_clock import EventClock
-from .geometry import PlateMap
-from .pad import Family, Layout, PadGeometry
+from .geometry import PadGeometry
+from .pad import Family, Layout
 from .records import RefusedError
 from .renumbering import ContactNumbers
 
@@ -39,18 +39,14 @@ class InputEvents(Layout):
     """Decoder of a device's input events. Keeps its slots, at most MAX_CONTACTS; those beyond are not seen."""
 
     def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap) -> None:
-        self._geometry = geometry
+        super().__init__(geometry, plate_from_pad)
         self._clock = EventClock()
         self._numbers = ContactNumbers(geometry)
-        self.place(plate_from_pad)
         self.reset()
 
     @property
     def clock_steps(self) -> int:
         return self._clock.steps
-
-    def place(self, plate_from_pad: AffineMap) -> None:
-        self._plate_map = PlateMap(self._geometry, plate_from_pad, orientations=1)
 
     def reset(self) -> None:
         self._slots: dict[int, _Axes] = {}  # of protocol B, with TRACKING_ID while the contact is there

@@ -1,11 +1,38 @@
-"""The map from a pad's raw units to plate millimetres."""
+"""A pad's range of positions, and the map from its raw units to plate millimetres."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from ...values import AffineMap
-from .pad import PadGeometry
+
+
+@dataclass(frozen=True, slots=True)
+class PadGeometry:
+    """The range of positions a pad declares (raw units, y up) and the size in mm that the kernel gives it.
+
+    Of a device whose layout does not say it: the highest pressure, and the orientation of an ellipse along x; 0: none.
+    """
+
+    x_min_raw: int
+    x_max_raw: int
+    y_min_raw: int
+    y_max_raw: int
+    width_mm: float
+    height_mm: float
+    pressure_max_raw: int = 0
+    quarter_turn_raw: int = 0
+
+    @property
+    def units_per_mm(self) -> tuple[float, float]:
+        """Raw units per mm along x and y."""
+        return (self.x_max_raw - self.x_min_raw) / self.width_mm, (self.y_max_raw - self.y_min_raw) / self.height_mm
+
+    @property
+    def centre_raw(self) -> tuple[float, float]:
+        """The raw position of pad (0, 0) mm: the middle of the declared range."""
+        return (self.x_min_raw + self.x_max_raw) / 2, (self.y_min_raw + self.y_max_raw) / 2
 
 
 class PlateMap:

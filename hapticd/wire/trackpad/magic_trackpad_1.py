@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
-from .geometry import PlateMap
-from .pad import BLUETOOTH, Family, HidIds, Layout, Pad, PadGeometry
+from .geometry import PadGeometry
+from .pad import BLUETOOTH, Family, HidIds, Layout, Pad
 from .records import records, require_distinct_ids
 
 _SINGLE, _PAIR = 0x28, 0xF7
@@ -18,16 +18,12 @@ class MagicTrackpad1(Layout):
     """Decoder of this model's reports. Keeps the contacts: only state 0, or a timeout, ends one."""
 
     def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap) -> None:
-        self._geometry = geometry
-        self.place(plate_from_pad)
+        super().__init__(geometry, plate_from_pad, orientations=64)
         self._down: dict[int, tuple[Contact, int]] = {}  # by id: the contact and the host time of its last record
 
     @property
     def clock_steps(self) -> int:
         return 0  # its stamp is not understood
-
-    def place(self, plate_from_pad: AffineMap) -> None:
-        self._plate_map = PlateMap(self._geometry, plate_from_pad, orientations=64)
 
     def reset(self) -> None:
         self._down.clear()

@@ -8,8 +8,8 @@ from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
 from .device_clock import DeviceClock
-from .geometry import PlateMap
-from .pad import BLUETOOTH, USB, Family, HidIds, Layout, Pad, PadGeometry
+from .geometry import PadGeometry
+from .pad import BLUETOOTH, USB, Family, HidIds, Layout, Pad
 from .records import RefusedError, records, require_distinct_ids
 
 _USB, _BLUETOOTH = 0x02, 0x31
@@ -19,8 +19,7 @@ class MagicTrackpad2(Layout):
     """Decoder of these models' reports. Its only state is the device's clock."""
 
     def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap, *, usb: bool) -> None:
-        self._geometry = geometry
-        self.place(plate_from_pad)
+        super().__init__(geometry, plate_from_pad, orientations=8)
         self._start = 8 if usb else 0
         self._report_id = _USB if usb else _BLUETOOTH
         self._clock = DeviceClock()
@@ -28,9 +27,6 @@ class MagicTrackpad2(Layout):
     @property
     def clock_steps(self) -> int:
         return self._clock.steps
-
-    def place(self, plate_from_pad: AffineMap) -> None:
-        self._plate_map = PlateMap(self._geometry, plate_from_pad, orientations=8)
 
     def reset(self) -> None:
         self._clock.reset()

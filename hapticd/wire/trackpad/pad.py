@@ -12,35 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ...values import AffineMap, TouchFrame
+from .geometry import PadGeometry, PlateMap
 
 USB, BLUETOOTH = 1, 2  # hidapi's bus_type
-
-
-@dataclass(frozen=True, slots=True)
-class PadGeometry:
-    """The range of positions a pad declares (raw units, y up) and the size in mm that the kernel gives it.
-
-    Of a device whose layout does not say it: the highest pressure, and the orientation of an ellipse along x; 0: none.
-    """
-
-    x_min_raw: int
-    x_max_raw: int
-    y_min_raw: int
-    y_max_raw: int
-    width_mm: float
-    height_mm: float
-    pressure_max_raw: int = 0
-    quarter_turn_raw: int = 0
-
-    @property
-    def units_per_mm(self) -> tuple[float, float]:
-        """Raw units per mm along x and y."""
-        return (self.x_max_raw - self.x_min_raw) / self.width_mm, (self.y_max_raw - self.y_min_raw) / self.height_mm
-
-    @property
-    def centre_raw(self) -> tuple[float, float]:
-        """The raw position of pad (0, 0) mm: the middle of the declared range."""
-        return (self.x_min_raw + self.x_max_raw) / 2, (self.y_min_raw + self.y_max_raw) / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +47,11 @@ class Pad:
 
 
 class Layout(ABC):
-    """The decoder of one pad's reports."""
+    """The decoder of one pad's reports, which count `orientations` angles in half a turn."""
+
+    def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap, orientations: int = 1) -> None:
+        self._geometry, self._orientations = geometry, orientations
+        self.place(plate_from_pad)
 
     @property
     @abstractmethod
@@ -84,9 +62,9 @@ class Layout(ABC):
     def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
         """Return the report's frames on the plate. Raises `records.RefusedError` and no other."""
 
-    @abstractmethod
     def place(self, plate_from_pad: AffineMap) -> None:
         """Take the pad to lie elsewhere from the next report on."""
+        self._plate_map = PlateMap(self._geometry, plate_from_pad, orientations=self._orientations)
 
     @abstractmethod
     def reset(self) -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from .pad import PadGeometry
+from .geometry import PadGeometry
 
 _FARTHEST_MM: Final = 40.0  # between reports: 60 Hz at 2.4 m/s
 _NUMBERS: Final = 1 << 16

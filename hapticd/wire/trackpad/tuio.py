@@ -12,8 +12,8 @@ from typing import Final
 from ...values import AffineMap, Contact, TouchFrame
 from .. import osc
 from .event_clock import EventClock
-from .geometry import PlateMap
-from .pad import Family, Layout, Pad, PadGeometry
+from .geometry import PadGeometry
+from .pad import Family, Layout, Pad
 from .records import RefusedError
 
 MAX_CONTACTS: Final = 16
@@ -32,17 +32,13 @@ class Tuio(Layout):
     """Decoder of one tracker's datagrams; those of other sources and frames that come late are refused."""
 
     def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap) -> None:
-        self._geometry = geometry
+        super().__init__(geometry, plate_from_pad)
         self._clock = EventClock()
-        self.place(plate_from_pad)
         self.reset()
 
     @property
     def clock_steps(self) -> int:
         return self._clock.steps
-
-    def place(self, plate_from_pad: AffineMap) -> None:
-        self._plate_map = PlateMap(self._geometry, plate_from_pad, orientations=1)
 
     def reset(self) -> None:
         self._places: dict[int, _Place] = {}  # by session id
@@ -57,7 +53,7 @@ class Tuio(Layout):
         except osc.OscError as error:
             raise RefusedError(error.reason) from None
         if not spoken:
-            return (self._told(t_host_ns),)
+            return (self._touch_frame(t_host_ns),)
         places, alive = dict(self._places), list[int]()
         source, frame, stamp_ns = "", -1, 0
         is_whole = False
@@ -87,7 +83,7 @@ class Tuio(Layout):
         self._accept(source, frame, t_host_ns)
         self._places = {number: places[number] for number in alive[:MAX_CONTACTS] if number in places}
         t_ns = self._clock.instant_ns(stamp_ns, None, t_host_ns) if stamp_ns > 1_000_000_000 else t_host_ns
-        return (self._told(t_ns),)
+        return (self._touch_frame(t_ns),)
 
     def _accept(self, source: str, frame: int, t_host_ns: int) -> None:
         """Raise RefusedError for a frame of another source, or one that came late or twice."""
@@ -101,7 +97,7 @@ class Tuio(Layout):
         if frame >= 0:
             self._frame = frame
 
-    def _told(self, t_ns: int) -> TouchFrame:
+    def _touch_frame(self, t_ns: int) -> TouchFrame:
         return TouchFrame(t_ns, tuple([self._contact(number, place) for number, place in self._places.items()]), False)
 
     def _contact(self, number: int, place: _Place) -> Contact:

@@ -120,7 +120,7 @@ async def test_a_finger_that_lies_still_is_reported_again_and_a_lifted_one_is_no
     assert contacts(listener, pad)[1:] == [{1: (0.0, 0.0)}] * (len(listener.reports) - 1)
     node.say(*lifted(0), END, t_ns=t_ns)
     await listener.until(lambda: contacts(listener, pad)[-1] == {})
-    assert source._repeat is None
+    assert source._repeats._timer is None
     await source.close()
 
 

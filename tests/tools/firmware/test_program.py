@@ -256,7 +256,7 @@ def test_a_plug_that_is_pulled_ends_the_conversation(link: BoardLink) -> None:
         while await board.receive(1.0) is not None:
             pass
 
-    with pytest.raises(DeviceError, match="The board disconnected: board lost"):
+    with pytest.raises(DeviceError, match="The board disconnected: the cable was pulled"):
         converse(link, pulled)
 
 
