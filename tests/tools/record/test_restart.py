@@ -36,6 +36,7 @@ from hapticd.tools.record.tracks import tracks
 from hapticd.tools.service import ConfigLoader
 from hapticd.tools.view.rig import PadSender
 from hapticd_client import Client
+from hapticd_contract.simulated import SimulatedTouch
 
 pytestmark = pytest.mark.long
 
@@ -72,7 +73,8 @@ def hands(rig_dir: Path) -> Iterator[None]:
             while not lifted.wait(BEAT_S):
                 turn = 6.0 * time.monotonic()
                 x_mm, y_mm = 15.0 * math.cos(turn), 15.0 * math.sin(turn)
-                hand.hold({"left": (x_mm - 30.0, y_mm), "right": (30.0 + x_mm, y_mm - 5.0)})
+                right = SimulatedTouch(30.0 + x_mm, y_mm - 5.0)
+                hand.hold({"left": SimulatedTouch(x_mm - 30.0, y_mm), "right": right})
             hand.hold({})
             lifted.wait(BEAT_S)
             hand.close()
