@@ -99,7 +99,10 @@ class Conversation:
     async def receive(self, within_s: float) -> _Message | None:
         """Return the next message from the board, None after `within_s` without one."""
         try:
-            received = await asyncio.wait_for(self._received.get(), within_s)
+            async with asyncio.timeout(
+                within_s
+            ):  # Python 3.11's wait_for loses a cancellation that comes with a message
+                received = await self._received.get()
         except TimeoutError:
             return None
         if isinstance(received, DeviceError):

@@ -27,7 +27,7 @@ from ..firmware.sweep import measured_again
 from . import measure, pictures
 from .bench import Bench, design_of
 from .loop import Loop
-from .page import PageResult, StepPage
+from .step import PageResult, StepPage
 
 POINTS = 25
 NEAR_HZ = 10.0  # to either side of a resonance, where limits are measured

@@ -13,7 +13,7 @@ from ..calibrate.marks import fit_affine, placement
 from ..calibrate.verdict import Outcome, Verdict, as_text
 from . import pictures
 from .bench import Bench
-from .page import PageResult, StepPage
+from .step import PageResult, StepPage
 
 MARKS_MM = ((-50.0, -40.0), (50.0, -40.0), (50.0, 40.0), (-50.0, 40.0))
 NO_SCAN = "There is no scan yet: scan the modes (a vibrometer's CSV, NPZ or UFF), and start again with --scan FILE."

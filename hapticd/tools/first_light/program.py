@@ -5,26 +5,30 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import importlib.util
+import signal
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...errors import UsageError
+from ...errors import UsageError, missing_library
 from .. import glass, pads
-from ..arguments import whole
+from ..arguments import PORT_NUMBER, whole
 from ..outputs import has_mark
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .bench import Bench
-    from .page import PageResult, StepPage
+    from .commission import NewBench
+    from .front import Front
     from .state import Commissioning
 
     LoopFactory = Callable[[], asyncio.AbstractEventLoop]
 
 DEFAULT_OUT = Path("first-light")
 MOST_RIGS, MOST_MISTAKES = 10_000, 6
-WIDTH = 78
+HOST, PAGE_PORT = "127.0.0.1", 8018
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,6 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default first-light)")
     parser.add_argument("--again", action="store_true", help="begin with the first step again")
     parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
+    page = parser.add_argument_group("the page")
+    page.add_argument("--view", action="store_true", help="the same steps in the browser, with buttons")
+    page.add_argument(
+        "--page-port", type=PORT_NUMBER, default=PAGE_PORT, help=f"on this computer, 0: any (default {PAGE_PORT})"
+    )
+    page.add_argument("--no-browser", action="store_true", help="print the page's address without opening it")
     board = parser.add_argument_group("the board")
     board.add_argument("--port", help="serial port, such as /dev/ttyACM0")
     board.add_argument("--baud", type=int, help="serial speed (default 921600)")
@@ -75,6 +85,11 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--sim cannot be combined with --port, --config or --scan: its rig has a board and a scan.")
     if options.wiring not in (None, "identity"):
         raise UsageError("--wiring: first-light knows plates with an amplifier and a sensor for each mode only.")
+    if options.view:
+        if options.rigs:
+            raise UsageError("--rigs commissions by itself: it cannot be combined with --view.")
+        if importlib.util.find_spec("aiohttp") is None:
+            raise missing_library("The page needs aiohttp", "view")
     return _rigs(options) if options.rigs else _commission(options)
 
 
@@ -101,54 +116,33 @@ def _rigs(options: argparse.Namespace) -> int:
 def _commission(options: argparse.Namespace) -> int:
     from ..calibrate import folder
     from . import state as states
-    from .walk import STEPS, place_of, walk
+    from .commission import Kept, at_the_terminal, in_the_browser, summary
 
     known = ("resonance", "modes", "trackpad")
     is_ours = has_mark(options.out / states.STATE_FILE, b"{")
     folder.prepare(options.out, known, [options.scan], is_simulated=options.sim, is_forced=options.force or is_ours)
     state = states.Commissioning(options.sim) if options.again else states.load(options.out, is_simulated=options.sim)
-    first = next((place for place, step in enumerate(STEPS) if step.name not in state.passed), len(STEPS))
-
-    def on_page(step: StepPage) -> None:
-        print(_page(step, STEPS.index(step) + 1, len(STEPS)), flush=True)
-
-    def on_result(step: StepPage, result: PageResult) -> None:
-        print(_verdict(result), flush=True)
-        if result.judgement.is_passed:
-            state.passed[step.name] = result.judgement.sentence
-        else:
-            for one in STEPS[place_of(step, STEPS) :]:
-                state.passed.pop(one.name, None)
-        state.outputs_v = bench.outputs_v
-        state.save(options.out)
-
+    kept = Kept(state, options.out)
     with contextlib.ExitStack() as stack:
-        bench, runner = _simulated(options, state) if options.sim else _real(options, stack)
-        bench.outputs_v = state.outputs_v
-        with asyncio.Runner(loop_factory=runner) as loop:
-            is_done = loop.run(walk(bench, STEPS, on_page, on_result, first))
-    if not is_done:
-        print(f"\nIt ends here: nothing was found where the verdict points. Go on with the same --out ({options.out}).")
-        return 1
-    print(f"\nAll steps have passed: hapticd run --config {options.out / folder.CONFIG_FILE}")
-    return 0
+        new_bench, new_loop = _simulated(options, state) if options.sim else _real(options, stack)
+        with asyncio.Runner(loop_factory=new_loop) as runner:
+            if options.view:
+                listener = stack.enter_context(_listener(options))
+                is_done = runner.run(in_the_browser(kept, new_bench, listener, opens=not options.no_browser))
+            else:
+                is_done = runner.run(at_the_terminal(kept, new_bench))
+    print(f"\n{summary(kept, is_done=is_done)}")
+    return 0 if is_done else 1
 
 
-def _page(step: StepPage, place: int, count: int) -> str:
-    head = f" {place} of {count}: {step.title} "
-    return f"\n{head:=^{WIDTH}}\n{step.todo}\n\n{step.picture}"
+def _listener(options: argparse.Namespace) -> socket.socket:
+    from ..web.listener import bound
+
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # what drives is stopped, as by Ctrl-C
+    return bound(HOST, options.page_port, "--page-port")
 
 
-def _verdict(result: PageResult) -> str:
-    judgement = result.judgement
-    width = max((len(name) for name, _ in judgement.figures), default=0)
-    lines = [*result.chart.splitlines(), *(f"  {name:<{width}}  {value}" for name, value in judgement.figures)]
-    if judgement.is_passed:
-        return "\n".join([*lines, f"PASS: {judgement.sentence}"])
-    return "\n".join([*lines, *(f"FAIL: {finding.sentence}" for finding in judgement.findings)])
-
-
-def _simulated(options: argparse.Namespace, state: Commissioning) -> tuple[Bench, LoopFactory]:
+def _simulated(options: argparse.Namespace, state: Commissioning) -> tuple[NewBench, LoopFactory]:
     from ...sim.commissioning.mistakes import random_mistakes
     from ...sim.commissioning.rig import FaultyRig
     from ...sim.plate.ground_truth import PlateSettings
@@ -163,12 +157,15 @@ def _simulated(options: argparse.Namespace, state: Commissioning) -> tuple[Bench
             random_mistakes(options.seed, settings.driven_modes, options.mistakes) if options.mistakes else ()
         )
     rig = FaultyRig(settings, state.mistakes, options.seed)
-    technician = ShownTechnician(rig, options.seed, lambda left: setattr(state, "mistakes", left))
-    bench = Bench(technician, technician.new_link, "the simulated rig", options.out, True, plate=plate)
-    return bench, VirtualTimeLoop
+
+    def new_bench(front: Front) -> Bench:
+        technician = ShownTechnician(rig, options.seed, front, lambda left: setattr(state, "mistakes", left))
+        return Bench(technician, technician.new_link, "the simulated rig", options.out, True, plate=plate)
+
+    return new_bench, VirtualTimeLoop
 
 
-def _real(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[Bench, LoopFactory | None]:
+def _real(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[NewBench, LoopFactory | None]:
     from ...io.devices.serial_link import SerialLink
     from ..firmware.program import named_port
     from .bench import Bench
@@ -176,7 +173,12 @@ def _real(options: argparse.Namespace, stack: contextlib.ExitStack) -> tuple[Ben
 
     port, baud = named_port(options, stack)
     where = f"{port} at {baud} baud"
-    bench = Bench(AtTheBench(pads.chosen(options)), lambda: SerialLink(port, baud), where, options.out, False)
-    bench.device, bench.press_s, bench.touch_s = {"port": port, "baud": baud}, PRESS_S, TOUCH_S
-    bench.scan, bench.size = options.scan, options.size
-    return bench, None
+
+    def new_bench(front: Front) -> Bench:
+        person = AtTheBench(front, pads.chosen(options))
+        bench = Bench(person, lambda: SerialLink(port, baud), where, options.out, False)
+        bench.device, bench.press_s, bench.touch_s = {"port": port, "baud": baud}, PRESS_S, TOUCH_S
+        bench.scan, bench.size = options.scan, options.size
+        return bench
+
+    return new_bench, None

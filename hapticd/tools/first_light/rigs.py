@@ -17,8 +17,9 @@ from ...sim.commissioning.rig import FaultyRig
 from ...sim.plate.ground_truth import PlateSettings
 from ...sim.virtual_time import in_virtual_time
 from .bench import Bench
+from .front import Unguided
 from .pad_steps import MAP
-from .page import PageResult, StepPage
+from .step import PageResult, StepPage
 from .walk import STEPS, walk
 
 MOST_MISTAKES: Final = 3
@@ -65,13 +66,8 @@ def play(seed: int, mistakes: Sequence[Mistake], plate: SimConfig, *, has_scope:
 
     with tempfile.TemporaryDirectory(prefix="hapticd-first-light-") as folder:
         bench = Bench(technician, technician.new_link, "the simulated rig", Path(folder), True, plate=plate)
-        is_done = in_virtual_time(walk(bench, PLAYED, _no_page, on_result))
+        is_done = in_virtual_time(walk(bench, PLAYED, Unguided(), on_result))
     return PlayedRig(tuple(mistakes), tuple(named), tuple(misled), is_done and rig.was_driven, rig.is_driven_in_danger)
-
-
-def _no_page(step: StepPage) -> None:
-    """Show nothing."""
-    del step
 
 
 def drawn(seed: int, modes: int) -> tuple[Mistake, ...]:

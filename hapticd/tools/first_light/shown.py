@@ -8,14 +8,15 @@ from ...design.commissioning.findings import Diagnosis
 from ...sim.commissioning.bench import SimulatedTechnician
 from ...sim.commissioning.mistakes import Mistake
 from ...sim.commissioning.rig import FaultyRig
+from .front import Front
 
 
 class ShownTechnician(SimulatedTechnician):
-    """Prints each mistake that was mended; `on_left` gets the remaining ones."""
+    """Reports each mistake that was mended to the front end; `on_left` gets the remaining ones."""
 
-    def __init__(self, rig: FaultyRig, seed: int, on_left: Callable[[tuple[Mistake, ...]], None]) -> None:
+    def __init__(self, rig: FaultyRig, seed: int, front: Front, on_left: Callable[[tuple[Mistake, ...]], None]) -> None:
         super().__init__(rig, seed)
-        self._on_left = on_left
+        self._front, self._on_left = front, on_left
 
     async def mend(self, findings: Sequence[Diagnosis]) -> bool:
         """Look where the verdict points; return whether something was wrong there, and is mended."""
@@ -24,8 +25,8 @@ class ShownTechnician(SimulatedTechnician):
         for one in before:
             if one not in self.rig.mistakes:
                 where = f" ({', '.join(map(str, one.wires))})" if one.wires else ""
-                print(f"      Found and mended: {one.cause.value}{where}.", flush=True)
+                self._front.tell(f"Found and mended: {one.cause.value}{where}.")
         if not found:
-            print("      Nothing is wrong there.", flush=True)
+            self._front.tell("Nothing is wrong there.")
         self._on_left(tuple(self.rig.mistakes))
         return found

@@ -10,8 +10,9 @@ from ...errors import DeviceError
 from .bench import Bench
 from .drive_steps import STEPS as DRIVE_STEPS
 from .drive_steps import TOUCH
+from .front import StepGuide
 from .pad_steps import MAP, PAD
-from .page import PageResult, StepPage
+from .step import PageResult, StepPage
 from .wire_steps import STEPS as WIRE_STEPS
 
 STEPS: Final = (*WIRE_STEPS, *DRIVE_STEPS, MAP, PAD, TOUCH)
@@ -21,7 +22,7 @@ MOST_FUTILE: Final = 3  # runs of a step in which nothing was found where the ve
 async def walk(
     bench: Bench,
     steps: Sequence[StepPage],
-    on_page: Callable[[StepPage], None],
+    guide: StepGuide,
     on_result: Callable[[StepPage, PageResult], None],
     first: int = 0,
 ) -> bool:
@@ -29,11 +30,14 @@ async def walk(
     place, futile = first, 0
     while place < len(steps):
         step = steps[place]
-        on_page(step)
+        await guide.ready(step)
         result = await _run(step, bench)
         on_result(step, result)
+        is_again = await guide.ended(step, result)
         if result.judgement.is_passed:
-            place, futile = place + 1, 0
+            if is_again:
+                bench.forget()
+            place, futile = place + (not is_again), 0
             continue
         is_mended = await bench.person.mend(result.judgement.findings)
         bench.forget()

@@ -9,7 +9,7 @@ from ...design.commissioning.findings import Diagnosis, Judgement
 from ...design.wiring import AmplifierSweep, fit_wiring
 from . import measure, pictures
 from .bench import Bench, design_of
-from .page import PageResult, StepPage
+from .step import PageResult, StepPage
 
 CONFIG_FAULT = 6  # the board refuses its own configuration
 SILENT_V_FRAC = 0.1  # of the voltage limit: for what shows nothing at a volt

@@ -6,11 +6,9 @@ must have this server's Origin. Nothing is loaded from other hosts.
 
 from __future__ import annotations
 
-import asyncio
 import queue
 import secrets
 import socket
-import threading
 from collections.abc import Awaitable, Callable
 from importlib import resources
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
 ADDRESS = "127.0.0.1"
 MAX_PRESS_BYTES = 256
 ScreenNumber = Annotated[int, Meta(ge=0, le=2**31 - 1)]  # of a screen
-START_WITHIN_S = 10.0
 TYPES = {"page.html": "text/html", "page.css": "text/css", "page.js": "text/javascript"}
 
 _Handler = Callable[["web.Request"], Awaitable["web.StreamResponse"]]
@@ -49,8 +46,6 @@ class Browser:
         self._shown = (0, Screen("One moment", "The session is about to begin."))
         self._note = ""
         self._presses: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="study page")
 
     @property
     def url(self) -> str:
@@ -58,17 +53,19 @@ class Browser:
         return f"http://{ADDRESS}:{self._port}/{self._secret}/"
 
     def __enter__(self) -> Browser:
-        self._thread.start()
+        from ..web.thread import ServingThread
+
         try:
-            asyncio.run_coroutine_threadsafe(self._start(), self._loop).result(START_WITHIN_S)
+            listener = socket.create_server((ADDRESS, self._port))
         except OSError as error:
-            self._end()
             raise StudyError(f"port {self._port}: cannot be bound ({error.strerror}): choose another.") from None
+        self._port = listener.getsockname()[1]
+        self._serving = ServingThread(self._runner(), listener, "study page")
+        self._serving.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        asyncio.run_coroutine_threadsafe(self._runner.cleanup(), self._loop).result(START_WITHIN_S)
-        self._end()
+        self._serving.__exit__()
 
     def show(self, screen: Screen) -> None:
         number, before = self._shown
@@ -86,7 +83,7 @@ class Browser:
                 return key
         return None
 
-    async def _start(self) -> None:
+    def _runner(self) -> web.AppRunner:
         from ..web import connections
 
         application = self._web.Application(client_max_size=MAX_PRESS_BYTES)
@@ -95,16 +92,8 @@ class Browser:
         application.router.add_get(f"{root}/{{name}}", self._guarded(self._page))
         application.router.add_get(f"{root}/now/screen", self._guarded(self._now))
         application.router.add_post(f"{root}/press", self._guarded(self._press))
-        self._runner = self._web.AppRunner(application, access_log=None, logger=connections.logger())
-        listener = socket.create_server((ADDRESS, self._port))
-        await self._runner.setup()
-        await connections.Site(self._runner, listener).start()
-        self._port = listener.getsockname()[1]
-
-    def _end(self) -> None:
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
+        runner: web.AppRunner = self._web.AppRunner(application, access_log=None, logger=connections.logger())
+        return runner
 
     def _guarded(self, handler: _Handler) -> _Handler:
         """Return the handler, restricted to requests of this server's own page."""

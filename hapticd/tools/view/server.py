@@ -11,10 +11,7 @@ from __future__ import annotations
 import asyncio
 import os
 import secrets
-from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from functools import partial
-from importlib import resources
 
 import zmq
 from aiohttp import WSCloseCode, WSMsgType, web
@@ -25,7 +22,7 @@ from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 
 from ...errors import RequestError
 from ..gateway.server import PATH, Gateway
-from ..web import connections, guard
+from ..web import connections, pages
 from . import layers, messages
 from .client import Action, PagePlate, PlateClient
 from .messages import Hold, RecordPage, ReleaseTarget, SetTarget, SwitchPlate
@@ -33,13 +30,10 @@ from .recording import PageRecording
 from .rig import PadSender
 from .simulated import SimulatedService
 
-TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 KEYED = ("/", "/shapes", "/layer", "/socket", PATH)  # all but the page's own files
 END_WITHIN_S = 1.0
 MAX_PAGES = 8
 MAX_HELD = 16  # fingers that a client may hold
-
-_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Page:
@@ -107,13 +101,10 @@ class Viewer:
     def app(self) -> web.Application:
         """The web application; `port` must be set before it is served."""
         app = web.Application(middlewares=[self._guarded])
-        app.router.add_get("/", partial(_file, "index.html"))
+        pages.add_page(app, __package__)
         app.router.add_get("/shapes", self._shapes)
         app.router.add_get("/layer", self._layer)
         app.router.add_get("/socket", self._socket)
-        for entry in resources.files(__package__).joinpath("page").iterdir():
-            if entry.name != "index.html" and entry.name.rpartition(".")[2] in TYPES:
-                app.router.add_get(f"/{entry.name}", partial(_file, entry.name))
         app.on_shutdown.append(self._close)
         with suppress(hapticd_client.HapticdError):  # the page says it when it connects
             Gateway(find(self._endpoint, os.environ), self.key).add_to(app)
@@ -126,23 +117,9 @@ class Viewer:
     # --- responses ---
 
     @web.middleware
-    async def _guarded(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
-        why = guard.refusal(self.port, request.headers, needs_origin=request.path == "/socket")
-        if not why and request.path in KEYED:
-            is_known = guard.has_key(request.query.get("key", ""), self.key)
-            if is_known:
-                connections.know(request)
-            why = "" if is_known else "Open the address that `hapticd view` printed: it ends with a key."
-        if why:
-            return web.Response(status=403, text=why + "\n", headers=guard.headers(self.port))
-        try:
-            response = await handler(request)
-        except web.HTTPException as error:
-            error.headers.update(guard.headers(self.port))
-            raise
-        if not response.prepared:
-            response.headers.update(guard.headers(self.port))
-        return response
+    async def _guarded(self, request: web.Request, handler: pages.Handler) -> web.StreamResponse:
+        key = self.key if request.path in KEYED else None
+        return await pages.admitted(request, handler, self.port, key, "view")
 
     async def _shapes(self, _: web.Request) -> web.StreamResponse:
         return web.Response(body=self._described_plate().grid, content_type="application/octet-stream")
@@ -337,8 +314,3 @@ class Viewer:
         if self._closing:
             await asyncio.gather(*self._closing)
         self._context.destroy(linger=0)
-
-
-async def _file(name: str, _: web.Request) -> web.StreamResponse:
-    data = resources.files(__package__).joinpath("page", name).read_bytes()
-    return web.Response(body=data, content_type=TYPES[name.rpartition(".")[2]], charset="utf-8")

@@ -9,11 +9,12 @@ import pytest
 
 from hapticd.errors import HapticdError
 from hapticd.tools.first_light.person import AtTheBench
+from hapticd.tools.first_light.terminal import Terminal
 
 
 def answers(monkeypatch: pytest.MonkeyPatch, text: str) -> AtTheBench:
     monkeypatch.setattr("sys.stdin", io.StringIO(text))
-    return AtTheBench()
+    return AtTheBench(Terminal())
 
 
 def test_a_reading_is_a_number_with_a_point_or_a_comma(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,6 +20,7 @@ from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.virtual_time import in_virtual_time
 from hapticd.tools.first_light import state
 from hapticd.tools.first_light.bench import Bench
+from hapticd.tools.first_light.front import Unguided
 from hapticd.tools.first_light.rigs import PLAYED, Named, PlayedRig, drawn, play, table
 from hapticd.tools.first_light.walk import place_of, walk
 
@@ -88,7 +89,7 @@ def test_the_loop_stays_open_as_long_as_a_dangerous_mistake_is_there(tmp_path: P
         rig = FaultyRig(PlateSettings.of("reference"), [random_mistake(cause, 2, np.random.default_rng(3))], 1)
         technician = Idle(rig, 1, has_scope=False)
         bench = Bench(technician, technician.new_link, "the rig", tmp_path, True)
-        assert not in_virtual_time(walk(bench, PLAYED, nothing, nothing)), cause
+        assert not in_virtual_time(walk(bench, PLAYED, Unguided(), nothing)), cause
         assert not rig.was_driven
 
 
