@@ -52,11 +52,22 @@ static void show_sync(void)
     }
 }
 
+/* (Inlined, it would have every chunk save more registers.) */
+static __attribute__((noinline)) void watch_carrier(void)
+{
+    if (!hd_carrier_intact(&carrier)) {
+        hd_lose_memory(&core, HD_DAMAGE_CARRIER, board_now_us());
+    }
+}
+
 /* One tick in three parts: the first and the last work on the carrier, the middle one on the core. */
 static inline void measure(hd_phasor_t measured_um[HD_MODES])
 {
     hd_carrier_measure(&carrier, measured_um);
     core.clips = hd_carrier_clips(&carrier, core.control.turn, measured_um[core.control.turn]);
+    if (hd_sweeps_carrier(&core.sweep)) {
+        watch_carrier();
+    }
 }
 
 static inline void compute(uint32_t t_us, const hd_phasor_t measured_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])

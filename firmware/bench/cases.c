@@ -15,6 +15,7 @@
 #include "carrier.h"
 #include "codec.h"
 #include "core.h"
+#include "flips.h"
 
 #define TURN_RAD 6.283185307179586
 #define W_LIMIT_UM 4.0
@@ -26,8 +27,10 @@
 #define PARASITIC 3
 #define LOOK_US 10
 
-static const char *const NAMES[AN_FAULTS] = {
-    "sound", "floating", "gain", "clipped", "slow", "intermittent", "inverted", "swapped",
+#define FLIPPED AN_FAULTS /* a bit of the memory, and every lead is sound */
+
+static const char *const NAMES[AN_FAULTS + 1] = {
+    "sound", "floating", "gain", "clipped", "slow", "intermittent", "inverted", "swapped", "flipped",
 };
 static const double MODE_HZ[] = {-10.0, 10.0, 25.0, -30.0, 60.0, -75.0, 120.0, -140.0};
 
@@ -42,6 +45,9 @@ typedef struct {
     uint16_t seq;
     uint16_t playing[HD_CHUNK][HD_MODES], next[HD_CHUNK][HD_MODES], sampled[HD_CHUNK][HD_MODES];
     double peak_um, last_drive_us;
+    an_flip_t flip;
+    bool flipped;
+    double over_v, over_us, longest_over_us; /* the highest voltage, and how long without a pause one was above the limit */
 } case_t;
 
 /* Sums and differences of neighbours, as on the paper's rig; or a wire for each. */
@@ -185,6 +191,19 @@ static void play_chunk(case_t *c)
     memcpy(c->playing, c->next, sizeof c->playing);
 }
 
+/* What a chunk plays, against the limit: a wave's crests are at most half a step and a sample from its amplitude. */
+static void watch_voltage(case_t *c)
+{
+    double most_v = 0.0;
+    for (int i = 0; i < HD_CHUNK * HD_MODES; i++) {
+        double lsb = (c->next[i / HD_MODES][i % HD_MODES] >> 4) - AN_RAIL_LSB;
+        most_v = fmax(most_v, fabs(lsb) * c->plate.v_per_lsb);
+    }
+    c->over_v = fmax(c->over_v, most_v);
+    c->over_us = most_v > V_LIMIT_V + c->plate.v_per_lsb ? c->over_us + HD_CHUNK : 0.0;
+    c->longest_over_us = fmax(c->longest_over_us, c->over_us);
+}
+
 /* As main.c has it. */
 static void control(case_t *c)
 {
@@ -193,6 +212,9 @@ static void control(case_t *c)
         hd_carrier_measure(&c->carrier, measured_um);
         int judged = c->core.control.turn;
         c->core.clips = hd_carrier_clips(&c->carrier, judged, measured_um[judged]);
+        if (hd_sweeps_carrier(&c->core.sweep) && !hd_carrier_intact(&c->carrier)) {
+            hd_lose_memory(&c->core, HD_DAMAGE_CARRIER, (uint32_t)c->plate.t_us);
+        }
         hd_tick(&c->core, (uint32_t)c->plate.t_us, measured_um, voltage_v);
         hd_carrier_tune(&c->carrier, c->core.drive_hz);
         hd_carrier_drive(&c->carrier, voltage_v);
@@ -201,6 +223,15 @@ static void control(case_t *c)
         }
     }
     hd_carrier_speak(&c->carrier, c->next);
+    watch_voltage(c);
+}
+
+static void flip_when_due(case_t *c)
+{
+    if (c->flip.byte != NULL && !c->flipped && (double)c->plate.t_us >= c->plate.t_fault_us) {
+        an_turn_over(&c->flip);
+        c->flipped = true;
+    }
 }
 
 static void play(case_t *c)
@@ -219,6 +250,7 @@ static void play(case_t *c)
             }
         }
         play_chunk(c);
+        flip_when_due(c);
         control(c);
         if (c->core.state == HD_STATE_FAULT && (double)c->plate.t_us > c->last_drive_us + 20e3) {
             break;
@@ -237,9 +269,16 @@ static void play_case(enum an_fault fault, unsigned seed)
     c.damping = exp(an_uniform(&random, log(0.5), log(3.0)));
     c.paper = an_below(&random, 2) == 1;
     double control_hz = an_below(&random, 2) == 0 ? 2000.0 : 5000.0;
-    draw_plate(&c, &random, fault);
-    draw_leads(&c, &random, fault);
-    draw_references(&c, &random, fault);
+    enum an_fault drawn = fault == FLIPPED ? AN_SOUND : fault;
+    draw_plate(&c, &random, drawn);
+    draw_leads(&c, &random, drawn);
+    draw_references(&c, &random, drawn);
+    if (fault == FLIPPED) {
+        c.flip = an_draw_flip(&random, &c.core, &c.carrier);
+        c.plate.t_fault_us = an_uniform(&random, 60e3, 100e3);
+        c.plate.v_limit_v = 2.0 * V_LIMIT_V; /* the amplifiers' own limit saves nothing here */
+        c.seconds = 0.5;
+    }
     c.plate.random.state = random.state | 1u;
     an_prepare(&c.plate);
     configure(&c, control_hz);
@@ -250,19 +289,24 @@ static void play_case(enum an_fault fault, unsigned seed)
     }
     double quiet_ms = 1e-3 * (c.last_drive_us - c.plate.t_fault_us);
     bool quiet = c.core.state == HD_STATE_FAULT;
-    printf("%u %s %s %.0f %.3f %.1f %.3f %.1f %.4f %d\n", seed, NAMES[fault], c.paper ? "paper" : "own", control_hz, c.damping,
+    printf("%u %s %s %.0f %.3f %.1f %.3f %.1f %.4f %d", seed, NAMES[fault], c.paper ? "paper" : "own", control_hz, c.damping,
            c.texture_hz, most_um, quiet ? fmax(quiet_ms, 0.0) : -1.0, c.peak_um / W_LIMIT_UM, c.core.fault);
+    if (c.flipped) {
+        printf(" %s %td %.1f %.2f", c.flip.what, c.flip.at, c.over_v, 1e-3 * c.longest_over_us);
+        an_mend(&c.flip);
+    }
+    putchar('\n');
 }
 
 int main(int count, char **words)
 {
     int fault = 0;
     setvbuf(stdout, NULL, _IOLBF, 0);
-    while (count >= 3 && fault < AN_FAULTS && strcmp(words[1], NAMES[fault]) != 0) {
+    while (count >= 3 && fault <= FLIPPED && strcmp(words[1], NAMES[fault]) != 0) {
         fault++;
     }
-    if (count < 3 || fault == AN_FAULTS) {
-        fprintf(stderr, "usage: cases sound|floating|gain|clipped|slow|intermittent|inverted|swapped COUNT [SEED]\n");
+    if (count < 3 || fault > FLIPPED) {
+        fprintf(stderr, "usage: cases sound|floating|gain|clipped|slow|intermittent|inverted|swapped|flipped COUNT [SEED]\n");
         return 2;
     }
     unsigned cases = (unsigned)strtoul(words[2], NULL, 10), seed = count > 3 ? (unsigned)strtoul(words[3], NULL, 10) : 0u;

@@ -1,9 +1,11 @@
 #include "carrier.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "dsp.h"
 #include "limiter.h"
+#include "memory.h"
 #include "sine.h"
 
 #define LEVELS_PER_LSB 16.0f
@@ -80,6 +82,27 @@ static void advance(hd_oscillation_t *oscillation)
     oscillation->phase += HD_CHUNK * oscillation->step;
 }
 
+#define WORDS(begin, end) ((uint32_t)(((end) - (begin)) / sizeof(uint32_t)))
+
+/* Of scales, least squares and balance, and of the numbers between them that do not run. */
+static inline uint32_t sum_of_settled(const hd_carrier_t *carrier)
+{
+    return hd_sum_words(carrier->converters.um_per_lsb, HD_MODES)
+        + hd_sum_words(carrier->levels_per_v, WORDS(offsetof(hd_carrier_t, levels_per_v), sizeof *carrier))
+        + carrier->tick_chunks + carrier->spoken.step;
+}
+
+/* Of what another drive changes. */
+static uint32_t sum_of_tuned(const hd_carrier_t *carrier)
+{
+    return hd_sum_words(&carrier->least_squares, sizeof carrier->least_squares / sizeof(uint32_t)) + carrier->spoken.step;
+}
+
+bool hd_carrier_intact(const hd_carrier_t *carrier)
+{
+    return sum_of_settled(carrier) == 0u;
+}
+
 bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
 {
     memset(carrier, 0, sizeof *carrier);
@@ -97,6 +120,7 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
         carrier->spoken.phase = carrier->played[1].phase;
         advance(&carrier->spoken);
         carrier->least_squares = least_squares(carrier->tick_chunks, step);
+        carrier->balance = 0u - sum_of_settled(carrier);
     }
     return valid;
 }
@@ -104,9 +128,11 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
 void hd_carrier_tune(hd_carrier_t *carrier, float drive_hz)
 {
     if (drive_hz != carrier->converters.drive_hz && drive_valid(drive_hz)) {
+        carrier->balance += sum_of_tuned(carrier); /* what was damaged before stays so */
         carrier->converters.drive_hz = drive_hz;
         carrier->spoken.step = hd_oscillator_step(drive_hz);
         carrier->least_squares = least_squares(carrier->tick_chunks, carrier->spoken.step);
+        carrier->balance -= sum_of_tuned(carrier);
     }
 }
 

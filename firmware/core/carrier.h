@@ -84,6 +84,7 @@ typedef struct {
     hd_sums_t sums[HD_PAIRED_MODES];
     float levels_per_v[HD_MODES];
     hd_least_squares_t least_squares;
+    uint32_t balance; /* brings the sum of all that is settled until the next other drive to 0 (memory.h) */
 } hd_carrier_t;
 
 /* Returns false if the converters make no sense: scales are positive, the drive is in its range, and a tick is a whole
@@ -103,6 +104,9 @@ static inline bool hd_carrier_clips(const hd_carrier_t *carrier, int k, hd_phaso
     float room_lsb = HD_RAIL_LSB - carrier->least_squares.per_sample * fabsf(carrier->sums[k].plain);
     return !(room_lsb > 0.0f && hd_within(measured_um, room_lsb * carrier->converters.um_per_lsb[k]));
 }
+
+/* False if a bit of scales, least squares or step has turned over since they were set. */
+bool hd_carrier_intact(const hd_carrier_t *carrier);
 
 /* Another frequency from the next chunk on; the phase goes on without a jump. Out of range, the old one stays. The tick
  * in which the change arrives is measured as if it had the new frequency throughout. */

@@ -43,6 +43,7 @@ static void take_set_controller(hd_core_t *core, const uint8_t *payload, uint32_
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_NOT_QUIET);
     } else {
         hd_control_adopt(&core->control, &core->heard.design); /* one law's integral is another law's error */
+        hd_memory_restart(core);
         core->ramp = 0;
         answer(core, HD_MSG_SET_CONTROLLER, HD_VERDICT_DONE);
     }
@@ -98,6 +99,7 @@ static bool take_plant(hd_core_t *core, enum hd_message request)
     bool taken = core->heard.in_range && quiet;
     if (taken) {
         hd_control_adopt(&core->control, &core->heard.design);
+        hd_memory_restart(core);
     }
     answer(core, request, taken ? HD_VERDICT_DONE : core->heard.in_range ? HD_VERDICT_NOT_QUIET : HD_VERDICT_OUT_OF_RANGE);
     return taken;

@@ -3,6 +3,7 @@
 #include "control_laws.h"
 #include "coupling.h"
 #include "exponential.h"
+#include "memory.h"
 
 /* Found on the simulated plate over Q 200..1000, damping x0.5..x1.5 and detuning +-20 Hz (`hapticd bench firmware`).
  * The paper's law settles in the paper's 10 ms at Q 500. The second has 39 degrees of phase margin or more, counting a
@@ -114,6 +115,8 @@ void hd_control_design(hd_design_t *design)
     for (int k = 0; k < HD_MODES; k++) {
         design->shown_um_per_v[k] = shown_um_per_v(design, k);
     }
+    design->balance = 0u;
+    design->balance = 0u - hd_sum_words(design, sizeof *design / sizeof(uint32_t));
 }
 
 #define TRIAL_TICKS 200

@@ -54,6 +54,7 @@ typedef struct {
     float coupling_memory_frac; /* of the couplings' least squares, that a tick leaves */
     hd_wires_t wires;
     hd_observer_design_t observer[HD_MODES];
+    uint32_t balance; /* brings the sum of its words to 0 (memory.h) */
 } hd_design_t;
 
 typedef struct {

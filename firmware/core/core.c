@@ -63,6 +63,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     hd_control_design(design);
     hd_control_adopt(&core->control, design);
     hd_tool_init(&core->tool, config->control_hz, config->drive_hz, config->v_limit_v);
+    hd_memory_init(core);
     hd_silence(core);
     return true;
 }
@@ -176,6 +177,30 @@ static void watch_plate(hd_core_t *core, uint32_t now_us)
     }
 }
 
+void hd_lose_memory(hd_core_t *core, enum hd_damage damage, uint32_t now_us)
+{
+    fail(core, HD_FAULT_MEMORY, ALL_MODES, (float)damage, now_us);
+}
+
+/* Before anything drives. */
+static void watch_memory(hd_core_t *core, uint32_t now_us)
+{
+    int k = core->control.turn;
+    hd_phasor_t reference_um = core->reference_um[k];
+    enum hd_damage damage = HD_DAMAGE_NONE;
+    if (hd_inverted(core->config.v_limit_v) != core->settled.v_limit_inverted) {
+        damage = HD_DAMAGE_VOLTAGE_LIMIT;
+    } else if (!(hd_dot(reference_um, reference_um) <= core->settled.w_limit_um2[k])) {
+        damage = HD_DAMAGE_REFERENCE;
+    } else if (hd_sweeps_core(&core->sweep)) {
+        damage = hd_memory_sweep(core);
+    }
+    core->sweep.ticks++;
+    if (damage != HD_DAMAGE_NONE) {
+        hd_lose_memory(core, damage, now_us);
+    }
+}
+
 /* Mean of an amplifier's voltage over the tick just ended: the last one held for all but the board's delay. */
 static hd_phasor_t mean_voltage_v(const hd_core_t *core, int k)
 {
@@ -262,6 +287,9 @@ static void follow_timeline(hd_core_t *core, uint32_t now_us)
 
 static float ramp_frac(hd_core_t *core)
 {
+    if (core->ramp > core->ramp_ticks) { /* a turned bit */
+        core->ramp = core->ramp_ticks;
+    }
     if (core->state == HD_STATE_LIVE && core->ramp < core->ramp_ticks) {
         core->ramp++;
     } else if (core->state != HD_STATE_LIVE && core->ramp > 0) {
@@ -354,7 +382,7 @@ static void sample_telemetry(hd_core_t *core, uint32_t now_us)
 /* The last gate: nothing but this writes what goes to the amplifiers. */
 static void gate(hd_core_t *core, uint32_t now_us, hd_phasor_t voltage_v[HD_MODES])
 {
-    float limit_v = core->state == HD_STATE_TOOL ? core->tool.limit_v : core->config.v_limit_v;
+    float limit_v = core->state == HD_STATE_TOOL ? HD_RAW_LIMIT_FRAC * core->config.v_limit_v : core->config.v_limit_v;
     if (hd_limit_voltages(core->voltage_v, limit_v) == HD_LIMIT_NOT_FINITE) {
         fail(core, HD_FAULT_CONTROL_NOT_FINITE, ALL_MODES, 0.0f, now_us);
     }
@@ -364,10 +392,14 @@ static void gate(hd_core_t *core, uint32_t now_us, hd_phasor_t voltage_v[HD_MODE
 void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MODES], hd_phasor_t voltage_v[HD_MODES])
 {
     bool saturated = false;
+    if (core->control.turn >= HD_MODES) { /* a turned bit: it is an index */
+        core->control.turn = 0;
+    }
     watch_host(core, now_us);
     sense(core, sensor_um, now_us);
     watch_plate(core, now_us);
     follow_timeline(core, now_us);
+    watch_memory(core, now_us);
     if (core->state == HD_STATE_TOOL) {
         use_tool(core, now_us);
     } else {

@@ -16,6 +16,7 @@
 #include "deadman.h"
 #include "follow.h"
 #include "log.h"
+#include "memory.h"
 #include "phasor.h"
 #include "protocol.h"
 #include "reference.h"
@@ -106,11 +107,6 @@ typedef struct {
     uint8_t fault; /* enum hd_fault */
     bool tripped;
     uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
-    uint16_t ramp_ticks;
-    uint16_t distrust_turns;
-    uint16_t swing_turns;
-    float recent_frac;    /* of the recent sums, that a turn leaves */
-    float least_swing_v2;
     hd_doubts_t doubts[HD_MODES];
     hd_phasor_t previous_v[HD_MODES];
 
@@ -121,6 +117,7 @@ typedef struct {
     hd_phasor_t sensor_um[HD_MODES];    /* finite */
     hd_phasor_t measured_um[HD_MODES];  /* of the modes */
     hd_phasor_t voltage_v[HD_MODES];    /* of the amplifiers */
+    hd_sweep_t sweep;
     uint8_t tick_flags;
     uint8_t status_flags; /* all that happened since the last STATUS */
     uint16_t pulse_ticks; /* until the sync output may rise again */
@@ -145,6 +142,12 @@ typedef struct {
     uint32_t verdicts;            /* commands with a pending verdict, one bit per message type */
     uint8_t verdict[HD_COMMANDS]; /* enum hd_verdict, by message type */
 
+    hd_settled_t settled; /* from here to the configuration's log nothing changes once hd_init is through: memory.h */
+    uint16_t ramp_ticks;
+    uint16_t distrust_turns;
+    uint16_t swing_turns;
+    float recent_frac;    /* of the recent sums, that a turn leaves */
+    float least_swing_v2;
     hd_config_t config;
     hd_deadman_t deadman;
     hd_follower_t follower;
@@ -200,6 +203,18 @@ bool hd_at_rest(const hd_core_t *core);
 
 /* Starts the prepared tool on the quiet plate. */
 void hd_begin_tool(hd_core_t *core, uint32_t now_us);
+
+/* Once what is settled is: its sums. */
+void hd_memory_init(hd_core_t *core);
+
+/* Another design: its sum begins anew. */
+void hd_memory_restart(hd_core_t *core);
+
+/* The next piece: what of the memory is not as it was given, if that ends a sum. */
+enum hd_damage hd_memory_sweep(hd_core_t *core);
+
+/* The fault that it is; the carrier's from the board, which looks before those ticks for which hd_sweeps_carrier. */
+void hd_lose_memory(hd_core_t *core, enum hd_damage damage, uint32_t now_us);
 
 /* What `pending` holds, the most urgent first. A newer message of a kind replaces the older, but for the two streams at
  * the end: those have rings, and wait for all others. */

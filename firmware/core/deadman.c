@@ -2,10 +2,10 @@
 
 static void forget_oldest_trip(hd_deadman_t *deadman)
 {
-    for (int i = 1; i < deadman->recent_trips; i++) {
+    for (int i = 1; i < HD_REPEATED_TRIPS; i++) {
         deadman->t_trip_us[i - 1] = deadman->t_trip_us[i];
     }
-    deadman->recent_trips--;
+    deadman->recent_trips = (uint8_t)((deadman->recent_trips < HD_REPEATED_TRIPS ? deadman->recent_trips : HD_REPEATED_TRIPS) - 1);
 }
 
 static void feed(hd_deadman_t *deadman, uint32_t now_us)
@@ -53,7 +53,7 @@ void hd_deadman_trip(hd_deadman_t *deadman, uint32_t now_us)
 {
     hd_deadman_reset(deadman);
     deadman->trips++;
-    if (deadman->recent_trips == HD_REPEATED_TRIPS) {
+    if (deadman->recent_trips >= HD_REPEATED_TRIPS) {
         forget_oldest_trip(deadman);
     }
     deadman->t_trip_us[deadman->recent_trips++] = now_us;

@@ -18,7 +18,7 @@
 
 #define HD_PROTOCOL_VERSION 2
 /* CRC-32 of this file without comments, this line and space. */
-#define HD_PROTOCOL_HASH 0x5b0a791eu
+#define HD_PROTOCOL_HASH 0xe9978b6fu
 
 #ifndef HD_MODES
 #define HD_MODES 2
@@ -148,6 +148,9 @@ enum hd_fault {
     HD_FAULT_SATURATED = 10,
         /* the amplifiers were at their limit for 100 s without reaching the reference. No tick at which the voltage
          * limit sufficed for it */
+    HD_FAULT_MEMORY = 11,
+        /* a bit of the board's memory changed by itself: reset the board. It cannot be cleared. `value` in the log is
+         * 1 a limit, 2 a reference, 3 the controller's design or the configuration, 4 the sine table, 5 the carrier */
 };
 
 enum hd_event {

@@ -175,7 +175,7 @@ void hd_take_clear_fault(hd_core_t *core, const uint8_t *payload, uint32_t now_u
 {
     (void)payload;
     (void)now_us;
-    if (core->state == HD_STATE_FAULT && core->fault != HD_FAULT_CONFIG) {
+    if (core->state == HD_STATE_FAULT && core->fault != HD_FAULT_CONFIG && core->fault != HD_FAULT_MEMORY) {
         core->state = HD_STATE_QUIET;
         core->fault = HD_FAULT_NONE;
         core->tripped = false;

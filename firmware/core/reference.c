@@ -73,7 +73,7 @@ static void follow(hd_timeline_t *timeline, const hd_polyline_t *line, uint32_t 
     while (timeline->segment < last && elapsed_us >= line->knot[timeline->segment + 1].offset_us) {
         timeline->segment++;
     }
-    if (timeline->segment == last) {
+    if (timeline->segment >= last) {
         hold(&line->knot[last], modal_um);
     } else {
         interpolate(&line->knot[timeline->segment], &line->knot[timeline->segment + 1], elapsed_us, modal_um);

@@ -287,6 +287,9 @@ static void carrier_tick(hd_board_t *board, const hd_contact_t *contact)
     hd_carrier_loop_listen(board->carrier, contact, measured_um);
     int judged = board->core.control.turn;
     board->core.clips = hd_carrier_clips(&board->carrier->carrier, judged, measured_um[judged]);
+    if (hd_sweeps_carrier(&board->core.sweep) && !hd_carrier_intact(&board->carrier->carrier)) {
+        hd_lose_memory(&board->core, HD_DAMAGE_CARRIER, (uint32_t)hd_board_t_us(board));
+    }
     for (int k = 0; k < HD_MODES; k++) {
         board->measured_um[k] = complex_of(measured_um[k]);
     }
