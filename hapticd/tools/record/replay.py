@@ -15,6 +15,7 @@ from ...files.recording.kinds import INPUTS, KINDS, Record, pad_of
 from ...files.recording.mcap_reader import Recording
 from ...values import RawReport
 from ...wire.framing import FrameSplitter
+from .streams import StreamList
 
 LONGEST_LINE_BYTES = 4096  # what is written to the board in one piece is far shorter
 NAMES = {
@@ -45,6 +46,7 @@ class _Outcome:
     references: int = 0
     difference: Difference | None = None
     lost_seq: int | None = None
+    streams: StreamList = field(default_factory=StreamList)
 
     @property
     def is_identical(self) -> bool:
@@ -103,7 +105,7 @@ def replay(recording: Recording) -> _Outcome:
     outcome = _Outcome()
     board = _Board(outcome)
     machine = machine_of(recording, recording.header.config, board.write)
-    for step in steps(recording.records()):
+    for step in steps(outcome.streams.watched(recording.records())):
         if recording.losses.any:
             outcome.lost_seq = recording.losses.first_seq
             break
@@ -184,7 +186,11 @@ def described(line: bytes) -> str:
 
 
 def report(recording: Recording, outcome: _Outcome) -> str:
-    """The outcome of a replay, for a person."""
+    """The outcome of a replay, for a person; streams are listed as far as it was read."""
+    return "\n".join([_compared(recording, outcome), *outcome.streams.lines(recording.header.t_start_ns)])
+
+
+def _compared(recording: Recording, outcome: _Outcome) -> str:
     compared = f"{outcome.references} references, {outcome.lines} lines to the board"
     if outcome.difference is not None:
         t_ns, seq, recorded, replayed = outcome.difference
