@@ -10,7 +10,7 @@ TESTS := $(VENV)/.tests
 LINT := $(VENV)/.lint
 DOCS := $(VENV)/.docs
 
-.PHONY: demo test test-all coverage fuzz lint bench firmware docs lock version clean
+.PHONY: demo test test-all coverage fuzz lint bench firmware docs view-picture lock version clean
 
 demo: $(HAPTICD)
 	$(BIN)/hapticd demo --force
@@ -55,6 +55,10 @@ bench: $(TESTS)
 
 firmware:
 	$(MAKE) -C firmware
+
+# The README's picture of the page, by chromium.
+view-picture: $(TESTS)
+	$(BIN)/python .github/view.py .github/view.png
 
 # The reference of the library and of the daemon's rooms, from their docstrings: build/docs/index.html.
 docs: $(DOCS)

@@ -96,3 +96,34 @@ def test_fingers_that_lie_on_the_plate_lie_on_the_next_one_with_the_same_targets
     page.until(lambda: sorted(row.count("of 0.00") for row in page.fingers()) == [0, 1])
     page.choose("switch-plate", "fingertip")
     page.until(lambda: page["what"].text == FINGERTIP and "0 fingers" not in page["state"].text)
+
+
+def test_a_toolbar_that_goes_on_beyond_an_edge_fades_there(browser: Chrome, view: View) -> None:
+    page = page_of(browser, view, "telephone")
+    page.until(lambda: page["bar"].get_attribute("class") == "behind")
+    browser.execute_script("document.getElementById('bar').scrollLeft = 60")
+    page.until(lambda: page["bar"].get_attribute("class") == "behind before")
+    browser.execute_script("document.getElementById('bar').scrollLeft = 10000")
+    page.until(lambda: page["bar"].get_attribute("class") == "before")
+    page = page_of(browser, view, "laptop")
+    page.until(lambda: page["what"].text == FINGERTIP)
+    assert page["bar"].get_attribute("class") == ""
+
+
+FLAG = """
+const [isReady, done] = arguments;
+import('/flags.js').then(({ Flags }) => {
+  const list = document.createElement('ul'), flags = new Flags(list, () => {});
+  for (const count of [3, 4])
+    flags.show({}, { board: { ready: isReady, deadman_trips: count }, missed_ticks: count }, true);
+  done([5, 7].map((place) => list.children[place].firstChild.className));
+})
+"""
+
+
+@pytest.mark.parametrize(("is_ready", "dead_man"), [(True, "flag warn"), (False, "flag bad")])
+def test_late_frames_of_a_board_that_goes_on_are_amber_and_of_a_silent_one_red(
+    browser: Chrome, view: View, is_ready: bool, dead_man: str
+) -> None:
+    page_of(browser, view, "laptop")
+    assert browser.execute_async_script(FLAG, is_ready) == [dead_man, "flag warn"]

@@ -33,11 +33,11 @@ export class Flags {
       [this.isFaulty ? `fault ${board.fault_code ?? ""}` : "no fault", this.isFaulty && "bad",
         this.isFaulty ? "The board has switched its output off: mend the cause, which `hapticd firmware log` names; then press here."
           : "The board has found no fault since it started or was cleared: nothing to do."],
-      [...this.count("dead-man", board.deadman_trips, "bad"),
-        `How often the board got no frame for 50 ms and went to zero, since the start; it goes on by itself. If it grows, ${BUSY}.`],
+      [...this.count("dead-man", board.deadman_trips, isSilent ? "bad" : "warn"),
+        `How often the board got no frame for 50 ms and went to zero, since the start. While it is amber, frames came late, and the board has gone on with the next ones. If it grows, ${BUSY}.`],
       [...this.count("late frames", status?.late_frames, "is"),
         "Frames that took effect over 1 ms late, since the start: normal without real-time priority; a moving finger gets a little less exact vibration."],
-      [...this.count("skipped", status?.missed_ticks, "bad"),
+      [...this.count("skipped", status?.missed_ticks, "warn"),
         `Passes of the daemon, a thousand a second at most, that came too late and were left out, since the start. If it grows, ${BUSY}.`],
     ];
     flags.forEach(([text, how, sentence], index) => {

@@ -16,7 +16,7 @@ import { PlatePicture } from "./plate.js";
 import { backAt, drawStrip } from "./strip.js";
 import { Surfaces } from "./surfaces.js";
 import { SwitchMenu, shortName } from "./switch.js";
-import { LayerContent, RecordButton, Tools, openHelp } from "./toolbar.js";
+import { LayerContent, RecordButton, Tools, fadeEdges, openHelp } from "./toolbar.js";
 
 const SLOW_MS = 120; // texts change no faster than they can be read
 const STEP_UM = 0.2; // of the number keys
@@ -240,6 +240,7 @@ function lookBack(event) {
 $("strip").addEventListener("pointerdown", lookBack);
 $("strip").addEventListener("pointermove", lookBack);
 openHelp($("help"), $("help-box"));
+fadeEdges($("bar"));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
   if (event.key === " " && !(event.target instanceof HTMLButtonElement)) {

@@ -146,3 +146,14 @@ export function openHelp(button, box) {
   });
   document.addEventListener("keydown", (event) => event.key === "Escape" && show(false));
 }
+
+/** Let a row that is drawn sideways fade at each edge beyond which it goes on. */
+export function fadeEdges(row) {
+  const show = () => {
+    row.classList.toggle("before", row.scrollLeft > 1);
+    row.classList.toggle("behind", row.scrollLeft + row.clientWidth < row.scrollWidth - 1);
+  };
+  row.addEventListener("scroll", show, { passive: true });
+  new ResizeObserver(show).observe(row);
+  for (const group of row.children) new ResizeObserver(show).observe(group);
+}
