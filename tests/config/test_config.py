@@ -244,3 +244,16 @@ def test_a_board_with_a_calibration_tests_itself_unless_it_says_otherwise(
     assert not config.simulated(config.load(file)).device.self_test, "the simulated board has the firmware's models"
     file.write_text(f"[device]\n{said}\n")
     assert config.load(file).device.self_test is (said == "self_test = true")
+
+
+def test_the_friction_of_another_file_takes_the_place_of_the_plates(tmp_path: Path) -> None:
+    configured = Config(plate=PlateConfig(friction_speed_mm_s=300.0, friction_curve=(0.0, 2.0)))
+    own = tmp_path / "P03.toml"
+    own.write_text("[plate]\nfriction_curve = [0.0, 0.4, 1.5]\nfriction_floor_frac = 0.1\n", encoding="utf-8")
+    plate = config.with_friction(configured, own).plate
+    assert (plate.friction_curve, plate.friction_floor_frac, plate.friction_speed_mm_s) == ((0.0, 0.4, 1.5), 0.1, 300.0)
+    own.write_text("[plate]\nfriction_curve = [0.0, 1.5]\nfriction_speed_mm_s = 80\n", encoding="utf-8")
+    assert config.with_friction(configured, own).plate.friction_speed_mm_s == 80.0
+    own.write_text("[plate]\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="holds no friction curve: measure it"):
+        config.with_friction(configured, own)

@@ -9,6 +9,7 @@ import secrets
 import signal
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from hapticd_client import Client
 
 from ... import __version__
 from ...config.sections import SimConfig
+from ...core.friction import FrictionCurve
 from ...errors import HapticdError
 from .. import glass, outputs
 from ..arguments import PORT_NUMBER, add_command, number, whole
@@ -38,6 +40,7 @@ DAEMON_WITHIN_S = 2.0
 REHEARSAL_WITHIN_S = 20.0
 DEFAULT_SPEED_MM_S, MAX_SPEED_MM_S = 100.0, 1000.0  # of a simulated finger
 LAST_SCREEN_S = 0.5  # for the page to show its last screen
+MOST_PARTS = 1000  # recordings of one participant
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,6 +76,9 @@ def _add_run(actions: Any) -> None:
         type=Path,
         metavar="DIR",
         help="use this participant's friction curve, of `hapticd calibrate friction --participant`",
+    )
+    parser.add_argument(
+        "--record", action="store_true", help="record the service beside the answers, as `hapticd record --now`"
     )
     parser.add_argument("--trials", type=int, metavar="N", help="another number than the experiment's")
     parser.add_argument(
@@ -116,9 +122,10 @@ def _report(options: argparse.Namespace) -> None:
     report.write(options.folder, options.json, bids=options.bids, parquet=options.parquet, is_forced=options.force)
 
 
-def rehearsal(scenario: str = SCENARIO, plate: SimConfig | None = None) -> DaemonProcess:
-    """Return a service on a simulated plate, which logs only errors to the study's terminal."""
-    return DaemonProcess(f'scenario = "{scenario}"\n{glass.lines(plate or SimConfig())}', PATIENT, log_level="error")
+def rehearsal(scenario: str = SCENARIO, plate: SimConfig | None = None, settings: str = "") -> DaemonProcess:
+    """Return a service on a simulated plate with these settings, which logs only errors to the study's terminal."""
+    sim = f'scenario = "{scenario}"\n{glass.lines(plate or SimConfig())}'
+    return DaemonProcess(sim, PATIENT + settings, log_level="error")
 
 
 def run_session(options: argparse.Namespace) -> None:
@@ -152,6 +159,8 @@ def _check(options: argparse.Namespace) -> None:
         raise StudyError(
             "--simulate uses neither service nor page: it cannot be combined with --browser or --endpoint."
         )
+    if options.simulate and options.record:
+        raise StudyError("--simulate has no service to record: omit --record.")
     if options.page_port != 0 and not options.browser:
         raise StudyError("--page-port needs the page: give --browser as well.")
     glass.chosen(options, is_simulated=options.sim)
@@ -212,11 +221,16 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
     """Run the session with a person, on the plate."""
     with contextlib.ExitStack() as held:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
-        simulated = held.enter_context(rehearsal(plate=glass.chosen(options))) if options.sim else None
+        about, simulated = file.session.about, None
+        if options.sim:
+            simulated = held.enter_context(rehearsal(plate=glass.chosen(options), settings=own_curve.settings(about)))
         try:
             client = held.enter_context(_client(options, simulated))
-            file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))
-            stage = Stage(client, file.session.experiment, own_curve.of_session(file.session.about))
+            plate = client.plate()
+            file.mark_simulated_plate(path, is_simulated=bool(plate.get("simulated")))
+            stage = Stage(client, file.session.experiment, _converting(options, file.session, plate))
+            if options.record:
+                held.enter_context(client.record(_recording(path)))
             if not options.browser:
                 conduct(file, stage, held.enter_context(Keyboard(sys.stdout)), time)
                 return
@@ -226,6 +240,22 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
             time.sleep(LAST_SCREEN_S)
         except hapticd_client.HapticdError as error:
             raise HapticdError(f"{error} The answers are kept: continue with the same command.") from None
+
+
+def _converting(options: argparse.Namespace, session: Session, plate: Mapping[str, Any]) -> FrictionCurve | None:
+    """Return the participant's curve where the service has another one, and say so."""
+    curve = own_curve.of_session(session.about)
+    if curve is None or own_curve.is_served(curve, plate):
+        return None
+    path = own_curve.path_of(options.calibration or Path("DIR"), session.participant)
+    print(own_curve.ANOTHER.format(participant=session.participant, path=path), file=sys.stderr, flush=True)
+    return curve
+
+
+def _recording(path: Path) -> Path:
+    """Return a new recording's path beside the session's file: one for each part of an interrupted session."""
+    names = (path.with_suffix(".mcap"), *(path.with_suffix(f".{number}.mcap") for number in range(2, MOST_PARTS)))
+    return next((one for one in names if not one.exists()), names[-1])
 
 
 def _client(options: argparse.Namespace, simulated: DaemonProcess | None) -> Client:

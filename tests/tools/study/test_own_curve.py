@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
+from hapticd.config.loader import load, with_friction
+from hapticd.config.sections import Config
 from hapticd.core.friction import FrictionCurve
+from hapticd.daemon.settings import friction_curve
 from hapticd.tools.study import own_curve
 from hapticd.tools.study.experiment import StudyError
 from hapticd_contract.surfaces import Surface
@@ -56,6 +59,28 @@ def test_a_participant_without_a_curve_is_told_how_to_measure_it(tmp_path: Path)
     assert own_curve.of_session({}) is None
     with pytest.raises(StudyError, match="is no friction curve"):
         own_curve.of_session({own_curve.KEY: {"amplitude_um": [1.0, 0.5], "floor_frac": 0.1}})
+
+
+def test_a_service_that_was_started_with_the_curve_has_it_and_another_has_not(tmp_path: Path) -> None:
+    out = tmp_path / "calibration"
+    command = ["calibrate", "friction", "--readings", str(readings(tmp_path, 0.4)), "--out", str(out)]
+    assert main([*command, "--participant", "P03"]) == 0
+    about = {own_curve.KEY: own_curve.measured(out, "P03")}
+    curve = own_curve.of_session(about)
+    assert curve is not None
+
+    def served(configured: Config) -> dict[str, object]:
+        law = friction_curve(configured)
+        return {"friction_curve": [[um, law.friction(um)] for _, um in reversed(law.knots)]}
+
+    started = with_friction(Config(), own_curve.path_of(out, "P03"))
+    assert own_curve.is_served(curve, served(started))
+    assert not own_curve.is_served(curve, served(Config()))
+    assert not own_curve.is_served(curve, {})
+    rehearsed = tmp_path / "rehearsal.toml"
+    rehearsed.write_text(own_curve.settings(about), encoding="utf-8")
+    assert load(rehearsed).plate == started.plate
+    assert own_curve.settings({}) == ""
 
 
 def test_a_name_that_is_no_participants_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

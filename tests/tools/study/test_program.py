@@ -17,7 +17,8 @@ from fake_daemon import FakeDaemon
 from msgspec import Struct
 
 from hapticd.config.sections import SimConfig
-from hapticd.tools.study import program
+from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.tools.study import own_curve, program
 from hapticd.tools.study.session import read
 from hapticd_contract.requests import PlateRequest, Request
 
@@ -122,3 +123,41 @@ def test_a_rehearsal_is_on_the_plate_and_the_wiring_that_were_chosen(monkeypatch
     monkeypatch.setattr(program, "DaemonProcess", lambda sim, *_, **__: tables.append(sim))
     program.rehearsal(plate=SimConfig(plate="fingertip", modes=5, wiring="inverted"))
     assert tables[0].splitlines()[1:] == ['plate = "fingertip"', "modes = 5", 'wiring = "inverted"']
+
+
+def test_each_part_of_a_session_has_a_recording_of_its_own(tmp_path: Path) -> None:
+    session = tmp_path / "P1.jsonl"
+    assert program._recording(session) == tmp_path / "P1.mcap"
+    (tmp_path / "P1.mcap").touch()
+    assert program._recording(session) == tmp_path / "P1.2.mcap"
+
+
+@pytest.mark.timeout(120)
+def test_a_rehearsal_is_by_the_participants_curve_and_recorded(tmp_path: Path) -> None:
+    calibration, answers = tmp_path / "calibration", tmp_path / "answers"
+    own = own_curve.path_of(calibration, "P1")
+    own.parent.mkdir(parents=True)
+    own.write_text("[plate]\nfriction_curve = [0.0, 0.4, 1.5]\n", encoding="utf-8")
+    command = [sys.executable, "-m", "hapticd", "study", "run", "--sim", "--record", "--participant", "P1"]
+    command += ["--out", str(answers), "--calibration", str(calibration)]
+    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True, cwd=ROOT) as process:
+        assert process.stdout is not None
+        assert any("Training" in line for line in process.stdout)
+        process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=PATIENCE_S)
+    assert "another friction curve" not in complaint
+    recording = open_recording(answers / "P1.mcap")
+    assert recording.header.config.plate.friction_curve == (0.0, 0.4, 1.5)
+    assert recording.has_end or any(recording.records())
+
+
+def test_a_service_with_another_curve_is_named(daemon: FakeDaemon, tmp_path: Path) -> None:
+    own = own_curve.path_of(tmp_path / "calibration", "P1")
+    own.parent.mkdir(parents=True)
+    own.write_text("[plate]\nfriction_curve = [0.0, 0.4, 1.5]\n", encoding="utf-8")
+    with study(daemon, tmp_path / "answers", "--calibration", str(tmp_path / "calibration")) as process:
+        assert process.stdout is not None
+        assert any("Training" in line for line in process.stdout)
+        process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=PATIENCE_S)
+    assert f"start `hapticd run --friction {own}`" in complaint
