@@ -46,6 +46,9 @@ enum hd_board_event {
     HD_EVENT_EMERGENCY_STOP = 100,
         /* emergency stop: PB15, on the STM32G474 PC7, is open. A bench without such a contact has a wire from there to
          * ground */
+    HD_EVENT_REFERENCE = 101,
+        /* the converters' supply VDDA is not 3.3 V: the board does not drive. `value` is what the chip's internal reference
+         * shows, in V; 3 % are allowed, as it scales voltages and amplitudes together */
 };
 
 /* Enables or disables the amplifiers, at every control tick. */

@@ -31,7 +31,7 @@ from .m4.peripherals import Peripherals
 
 pytestmark = [pytest.mark.long, needs_compiler]
 
-IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP = range(96, 101)
+IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP, REFERENCE = range(96, 102)
 DEADMAN_TRIP, MISSED_CHUNK, SLOW_CLOCK = 64, 66, 67
 SYNC = 1 << 10
 SUPPLY_INTERRUPT = 16 + 1
@@ -62,6 +62,15 @@ def on_a_weak_supply(board: Board) -> Peripherals:
     return registers
 
 
+def on_converters_of(supply_v: float) -> Callable[[Board], Peripherals]:
+    def made(board: Board) -> Peripherals:
+        registers = board.registers()
+        registers.supply_v = supply_v
+        return registers
+
+    return made
+
+
 @every_board
 @pytest.mark.parametrize(
     ("made", "reason"),
@@ -69,11 +78,29 @@ def on_a_weak_supply(board: Board) -> Peripherals:
         (lambda board: board.registers(crystal=False), SLOW_CLOCK),
         (without_brown_out_reset, BROWN_OUT_OFF),
         (on_a_weak_supply, SUPPLY),
+        (on_converters_of(3.0), REFERENCE),
+        (on_converters_of(3.42), REFERENCE),
     ],
-    ids=["crystal", "brown-out", "supply"],
+    ids=["crystal", "brown-out", "supply", "VDDA low", "VDDA high"],
 )
 def test_a_board_that_must_not_drive_says_why(board: Board, made: Callable[[Board], Peripherals], reason: int) -> None:
     expect_no_drive(Bench(board, registers=made(board)), reason)
+
+
+@every_board
+@pytest.mark.parametrize("supply_v", [3.22, 3.38])
+def test_converters_that_are_within_three_percent_drive(board: Board, supply_v: float) -> None:
+    bench = Bench(board, registers=on_converters_of(supply_v)(board))
+    drive(bench)
+    assert bench.amplifiers
+
+
+@every_board
+def test_the_log_has_the_voltage_that_the_internal_reference_showed(board: Board) -> None:
+    """DS8626, DS12288: the factory's word is a reading at 3.3 and 3.0 V."""
+    bench = Bench(board, registers=on_converters_of(3.0)(board))
+    (entry,) = (entry for entry in bench.log().entries if entry.code == REFERENCE)
+    assert entry.value == pytest.approx(3.0, abs=0.005)
 
 
 def expect_no_drive(bench: Bench, reason: int) -> None:
@@ -264,7 +291,7 @@ def test_a_clock_in_place_of_the_crystal_bypasses_its_oscillator(board: Board, b
 def test_the_boards_events_have_sentences() -> None:
     header = (image.FIRMWARE / "board.h").read_text()
     codes = {int(code) for code in re.findall(r"HD_EVENT_\w+ = (\d+),", header)}
-    assert codes == {IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP} == set(protocol.BOARD_EVENTS)
+    assert codes == set(range(IMAGE, REFERENCE + 1)) == set(protocol.BOARD_EVENTS)
 
 
 def test_no_two_registers_of_the_models_share_an_address() -> None:

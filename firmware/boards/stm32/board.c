@@ -125,10 +125,10 @@ static uint32_t crc_of_image(void)
 }
 
 /* The core refuses a plate without gain, and reports it to the host; the log has the reason. */
-static void require(bool condition, uint8_t event, hd_config_t *config)
+static void require(bool condition, uint8_t event, float value, hd_config_t *config)
 {
     if (!condition) {
-        kept_add(event, 0.0f, 0);
+        kept_add(event, value, 0);
         config->model[0].gain_um_per_v_s = 0.0f;
     }
 }
@@ -158,11 +158,13 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     if (source == CLOCK_NONE) {
         crash(HD_EVENT_CRASH, 0);
     }
-    require(source == CLOCK_CRYSTAL, HD_EVENT_SLOW_CLOCK, config);
+    require(source == CLOCK_CRYSTAL, HD_EVENT_SLOW_CLOCK, 0.0f, config);
     config->image_crc = crc_of_image();
-    require(config->image_crc == *(const volatile uint32_t *)image_crc, HD_EVENT_IMAGE, config);
-    require(chip_guards_brown_out(), HD_EVENT_BROWN_OUT_OFF, config);
-    require(watch_supply(), HD_EVENT_SUPPLY, config);
+    require(config->image_crc == *(const volatile uint32_t *)image_crc, HD_EVENT_IMAGE, 0.0f, config);
+    require(chip_guards_brown_out(), HD_EVENT_BROWN_OUT_OFF, 0.0f, config);
+    float supply_v = chip_supply_v();
+    require(fabsf(supply_v - REFERENCE_V) <= REFERENCE_TOLERANCE * REFERENCE_V, HD_EVENT_REFERENCE, supply_v, config);
+    require(watch_supply(), HD_EVENT_SUPPLY, 0.0f, config);
     config->log = kept.log;
     link_start();
 }

@@ -52,6 +52,7 @@
 /* The converters' reference, and from their pins to the plate. With its buffer on, the DAC is linear to 0.2 V from
  * either rail: 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
 #define REFERENCE_V 3.3f
+#define REFERENCE_TOLERANCE 0.03f /* of it: farther off by the internal reference, and the board does not drive */
 #define DAC_STEPS 1800.0f
 #define AMPLIFIER_V_PER_V EACH_MODE(110.0f)
 #define SENSOR_UM_PER_V EACH_MODE(4.85f)

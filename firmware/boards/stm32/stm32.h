@@ -103,6 +103,10 @@ typedef struct {
 #define USART_DMAR (1u << 6)
 #define USART_DMAT (1u << 7)
 
+/* What the factory read of the internal reference, in 12 bits, and VDDA meanwhile: VREFINT_CALIBRATION in a chip's registers.h */
+#define REFERENCE_READINGS 8
+#define REFERENCE_TURNS 1000 /* of at least 4 cycles: 23 us, for the reference and the ADC to start */
+
 #define IWDG_KEY_START 0xCCCCu
 #define IWDG_KEY_WRITE 0x5555u
 #define IWDG_KEY_FEED 0xAAAAu

@@ -137,15 +137,20 @@ static void calibrate(adc_t *adc)
     }
 }
 
+static void enable(adc_t *adc)
+{
+    adc->ISR = ADC_ADRDY;
+    adc->CR = ADC_ADVREGEN | ADC_ADEN;
+    (void)reaches(&adc->ISR, ADC_ADRDY, ADC_ADRDY);
+}
+
 static void start_adc(adc_t *adc, uint32_t channel)
 {
     calibrate(adc);
     adc->CFGR = ADC_DMA_CIRCULAR | ADC_EXTSEL_TIM2_TRGO | ADC_EXTEN_FALLING | ADC_ALIGN_LEFT;
     adc->SMPR[channel / 10] = ADC_SAMPLE_6_5(channel);
     adc->SQR[0] = ADC_SEQUENCE(channel);
-    adc->ISR = ADC_ADRDY;
-    adc->CR = ADC_ADVREGEN | ADC_ADEN;
-    (void)reaches(&adc->ISR, ADC_ADRDY, ADC_ADRDY);
+    enable(adc);
     adc->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
 }
 
@@ -165,6 +170,34 @@ static void start_adcs(void)
         start_stream(&DMA1->STREAM[k], &lane[k].adc->DR, sampled[k], interrupts);
         start_adc(lane[k].adc, lane[k].channel);
     }
+}
+
+static float reference_reading(void)
+{
+    ADC1->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
+    return reaches(&ADC1->ISR, ADC_EOC, ADC_EOC) ? (float)ADC1->DR : 0.0f; /* which clears the flag */
+}
+
+float chip_supply_v(void)
+{
+    RCC->AHB2ENR |= AHB2_ADCS;
+    (void)RCC->AHB2ENR;
+    ADC12_CCR = ADC_CKMODE_DIV4 | ADC_VREFEN;
+    ADC1->CR = 0; /* out of deep power-down */
+    ADC1->CR = ADC_ADVREGEN;
+    for (volatile int turn = 0; turn < REFERENCE_TURNS; turn++) {
+    }
+    calibrate(ADC1);
+    ADC1->SMPR[1] = ADC_SAMPLE_640_5;
+    ADC1->SQR[0] = ADC_SEQUENCE(ADC_VREFINT);
+    enable(ADC1);
+    float sum = 0.0f;
+    for (int i = 0; i < REFERENCE_READINGS; i++) {
+        sum += reference_reading();
+    }
+    RCC->AHB2RSTR = AHB2_ADCS; /* as they were */
+    RCC->AHB2RSTR = 0;
+    return sum > 0.0f ? VREFINT_CALIBRATED_V * REFERENCE_READINGS * (float)VREFINT_CALIBRATION / sum : 0.0f;
 }
 
 void converters_start(void)

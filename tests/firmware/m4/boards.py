@@ -20,6 +20,7 @@ class Board:
     name: str
     modes: int
     identity_at: int
+    reference_at: int  # the factory's calibration word of the internal reference
     registers: type[Peripherals]
     wires: type[Wiring]
     core_hz: float
@@ -44,6 +45,7 @@ F405 = Board(
     "stm32f405",
     2,
     0x1FFF7A10,
+    0x1FFF7A2A,  # DS8626: read at 3.3 V
     stm32f405.Registers,
     stm32f405.Wires,
     168e6,
@@ -59,6 +61,7 @@ G474 = Board(
     "stm32g474",
     4,
     0x1FFF7590,
+    0x1FFF75AA,  # DS12288: read at 3.0 V
     stm32g474.Registers,
     stm32g474.Wires,
     170e6,

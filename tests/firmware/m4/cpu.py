@@ -36,6 +36,7 @@ class Cpu:
             self._uc.mem_map(base, size)
         self._uc.mem_map(board.identity_at & ~0xFFF, 0x1000)
         self._uc.mem_write(board.identity_at, bytes(range(1, 13)))
+        self._uc.mem_write(board.reference_at, board.registers.REFERENCE_WORD.to_bytes(2, "little"))
         for base, size in _PERIPHERALS:
             self._map_peripherals(base, size, read or (lambda *_: 0), write or (lambda *_: None))
         self.load()

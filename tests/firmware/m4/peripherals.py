@@ -62,6 +62,8 @@ class Peripherals:
     PLL_FROM_CRYSTAL: ClassVar[tuple[int, int]]  # mask and value in PLLCFGR
     FORGET_RESET_FLAGS: ClassVar[int]
     CHUNK_FLAGS: ClassVar[str]
+    REFERENCE_WORD: ClassVar[int]  # what the factory's ADC read of the internal reference
+    REFERENCE_V: ClassVar[float]  # VDDA meanwhile
 
     def __init_subclass__(cls) -> None:
         cls.BLOCKS = COMMON | cls.BLOCKS
@@ -80,6 +82,7 @@ class Peripherals:
         self.t_fed_us: int | None = None  # None while the watchdog is not started
         self.t_window_us: int | None = None  # the same of the window watchdog
         self.t_pulse_us: int | None = None  # the last rising edge of PB12
+        self.supply_v = 3.3  # VDDA
         self.fed_early = False  # before its reload was taken on
         self.reset_requested = False
         self.on_reset: Callable[[], None] = lambda: None
@@ -179,6 +182,10 @@ class Peripherals:
     def _watchdog_reload(self, value: int) -> None:
         self.registers["IWDG.RLR"] = value
         self._updating = _UPDATE_READS
+
+    def reference_reading(self) -> int:
+        """What the ADC reads of the internal reference."""
+        return round(self.REFERENCE_WORD * self.REFERENCE_V / self.supply_v)
 
     def _window_watchdog(self, value: int) -> None:
         self.registers["WWDG.CR"] = value

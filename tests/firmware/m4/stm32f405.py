@@ -10,7 +10,7 @@ from . import peripherals
 from .peripherals import Effect, Peripherals
 from .wiring import INTERNAL_HZ, Lane, Sampling, Stream, Wiring
 
-_ADC = {"SR": 0x00, "CR1": 0x04, "CR2": 0x08, "SMPR2": 0x10, "SQR1": 0x2C, "SQR3": 0x34}
+_ADC = {"SR": 0x00, "CR1": 0x04, "CR2": 0x08, "SMPR1": 0x0C, "SMPR2": 0x10, "SQR1": 0x2C, "SQR3": 0x34, "DR": 0x4C}
 _STREAM = {"CR": 0x00, "NDTR": 0x04, "PAR": 0x08, "M0AR": 0x0C, "FCR": 0x14}
 _DMA = {"LISR": 0x00, "HISR": 0x04, "LIFCR": 0x08, "HIFCR": 0x0C}
 _RCC = {"CR": 0x00, "PLLCFGR": 0x04, "CFGR": 0x08, "APB1RSTR": 0x20, "APB2RSTR": 0x24, "AHB1ENR": 0x30}
@@ -63,6 +63,8 @@ class Registers(Peripherals):
     PLL_FROM_CRYSTAL: ClassVar = (1 << 22, 1 << 22)
     FORGET_RESET_FLAGS: ClassVar = 1 << 24
     CHUNK_FLAGS: ClassVar = "DMA2.LISR"
+    REFERENCE_WORD: ClassVar = 1501  # 1.21 V of 3.3
+    REFERENCE_V: ClassVar = 3.3
     _overrun_seen = False
 
     def was_read(self, name: str) -> None:
@@ -72,11 +74,25 @@ class Registers(Peripherals):
         elif name == "USART1.DR" and self._overrun_seen:
             self.registers["USART1.SR"] &= ~(1 << 3)
             self._overrun_seen = False
+        elif name == "ADC1.DR":
+            self.registers["ADC1.SR"] &= ~2
+
+    def _convert(self, value: int) -> None:
+        """RM0090, 13: SWSTART converts one channel. The internal reference needs 10 us of sampling (DS8626)."""
+        self.registers["ADC1.CR2"] = value & ~(1 << 30)
+        if value & 1 << 30:
+            assert value & 1, "started before it was switched on"
+            assert self.registers["ADC1.SQR3"] == 17
+            assert self.field("ADC.CCR", 23, 1), "the reference is not connected"
+            assert self.field("ADC1.SMPR1", 21, 3) == 7, "480 cycles"
+            self.registers["ADC1.DR"] = self.reference_reading()
+            self.registers["ADC1.SR"] |= 2
 
     def own_effects(self) -> dict[str, Effect]:
         return {
             "RCC.APB1RSTR": lambda value: self.reset_blocks(value, {0: ["TIM2"], 29: ["DAC"]}),
             "RCC.APB2RSTR": lambda value: self.reset_blocks(value, {8: ["ADC1", "ADC2", "ADC"]}),
+            "ADC1.CR2": self._convert,
             "DMA2.LIFCR": lambda value: self.clear("DMA2.LISR", value),
             "DMA2.HIFCR": lambda value: self.clear("DMA2.HISR", value),
             "DMA1.HIFCR": lambda value: self.clear("DMA1.HISR", value),

@@ -102,6 +102,13 @@ class Registers(Peripherals):
     PLL_FROM_CRYSTAL: ClassVar = (3, 3)
     FORGET_RESET_FLAGS: ClassVar = 1 << 23
     CHUNK_FLAGS: ClassVar = "DMA1.ISR"
+    REFERENCE_WORD: ClassVar = 1654  # 1.212 V of 3.0
+    REFERENCE_V: ClassVar = 3.0
+
+    def was_read(self, name: str) -> None:
+        """RM0440, 21: a read of the data clears EOC."""
+        if name == "ADC1.DR":
+            self.registers["ADC1.ISR"] &= ~4
 
     def own_effects(self) -> dict[str, Effect]:
         converters = {13: ["ADC1", "ADC2", "ADC12"], 14: ["ADC3", "ADC4", "ADC5", "ADC345"]}
@@ -129,8 +136,20 @@ class Registers(Peripherals):
                 self.registers[f"{name}.ISR"] |= 1
             assert not value & 4 or before & 1, "started before it was enabled"
             self.registers[f"{name}.CR"] = value & ~(1 << 31)
+            if value & 4 and self.field(f"{name}.SQR1", 6, 5) == 18:
+                self._convert_reference(name)
 
         return write
+
+    def _convert_reference(self, name: str) -> None:
+        """Once, by software: 4 us of sampling are needed (DS12288)."""
+        assert name == "ADC1"
+        assert self.field("ADC12.CCR", 22, 1), "the reference is off"
+        assert self.field("ADC1.SMPR2", 24, 3) == 7, "640.5 cycles"
+        assert self.field("ADC1.CFGR", 10, 2) == 0, "started by a trigger"
+        self.registers["ADC1.DR"] = self.reference_reading()
+        self.registers["ADC1.ISR"] |= 4
+        self.registers["ADC1.CR"] &= ~4
 
 
 class Wires(Wiring):
