@@ -163,8 +163,7 @@ class BoardHello:
     commands: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class BoardStatus:
+class BoardStatus(NamedTuple):
     """The board's report after each reference frame, and ten times a second otherwise.
 
     Times are wrapped board times. `seq` is the last accepted frame, `t_received_us` its arrival, `t_applied_us` when

@@ -119,7 +119,7 @@ def interpolated_um(drive: SafeDrive, t_ns: int) -> Row:
     for after_ns, after_um in drive.knots[1:]:
         if since_ns < after_ns:
             share = max((since_ns - before_ns) / (after_ns - before_ns), 0.0)
-            return tuple([before + (after - before) * share for before, after in zip(before_um, after_um, strict=True)])
+            return tuple([before_um[n] + (after_um[n] - before_um[n]) * share for n in range(len(before_um))])
         before_ns, before_um = after_ns, after_um
     return before_um
 
@@ -128,7 +128,7 @@ def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
     """Time from which a polyline is within the tolerance of its last knot: its start or its end."""
     last_ns, last_um = drive.knots[-1]
     for _, modal_um in drive.knots[:-1]:
-        for w_um, end_um in zip(modal_um, last_um, strict=True):
-            if not abs(w_um - end_um) <= tolerance_um:
+        for mode in range(len(last_um)):
+            if not abs(modal_um[mode] - last_um[mode]) <= tolerance_um:
                 return drive.t_apply_ns + last_ns
     return drive.t_apply_ns

@@ -294,9 +294,8 @@ class BoardGateway:
 
     def _tune_line(self) -> None:
         """Give the port the speed that the session has come to."""
-        baud = self.session.line.baud or self._first_baud
-        if self._set_baud is not None and baud != self.baud:
-            self.baud = baud
+        if self._set_baud is not None:
+            self.baud = baud = self.session.line.baud or self._first_baud
             self._set_baud(baud)
             log.info("board: the line goes on at %d baud", baud)
 
@@ -312,7 +311,8 @@ class BoardGateway:
     def _send(self, commands: Sequence[BoardCommand], t_now_ns: int) -> int | None:
         """Write commands; return when the port took the last one, None where it did not."""
         t_written_ns = None
-        self._tune_line()
+        if (self.session.line.baud or self._first_baud) != self.baud:
+            self._tune_line()
         for command in commands:
             line = FRESH_START + encode(command)
             t_written_ns = self.write(line)

@@ -148,7 +148,8 @@ def measure(config: Config, seconds: float) -> MeasuredLatency:
 async def _watch(daemon: Daemon, seconds: float) -> MeasuredLatency:
     """Set targets for all fingers and copy the ledger, for `seconds`."""
     await asyncio.sleep(0)  # let it start
-    machine, lines = daemon.machine, list[LedgerLine]()
+    machine, lines, counted = daemon.machine, list[LedgerLine](), 0
+    ledger = machine.session.ledger
     t_end_ns = now_ns() + round(seconds * 1e9)
     t_from_ns, computed_ns = now_ns(), time.process_time_ns()
     with Progress("measuring") as progress:
@@ -157,8 +158,8 @@ async def _watch(daemon: Daemon, seconds: float) -> MeasuredLatency:
             if not lines:
                 t_from_ns, computed_ns = now_ns(), time.process_time_ns()
             machine.want(_targets(machine), now_ns())
-            t_last_ns = lines[-1].t_sent_ns if lines else -1
-            lines += [line for line in machine.session.ledger if line.t_sent_ns > t_last_ns]
+            counted, before = ledger.age.count, counted  # only the new ones: this process measures itself, too
+            lines += [ledger[n] for n in range(-min(counted - before, len(ledger)), 0)]
             await asyncio.sleep(POLL_EVERY_S)
     share = (time.process_time_ns() - computed_ns) / max(now_ns() - t_from_ns, 1)
     return replace(gather(machine, lines), processor_percent=100.0 * share)

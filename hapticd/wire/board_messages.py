@@ -47,8 +47,8 @@ class BoardDecoder:
 
     def feed(self, data: bytes) -> tuple[BoardMessage, ...]:
         """Return the messages completed by `data`, in order."""
-        messages = map(self._message, self._splitter.feed(data))
-        return tuple(message for message in messages if message is not None)
+        messages = [self._message(frame) for frame in self._splitter.feed(data)]
+        return tuple([message for message in messages if message is not None])
 
     def _message(self, frame: bytes) -> BoardMessage | None:
         read = _READERS.get(frame[0])
@@ -104,27 +104,39 @@ _NUMBERED: Final = _ENDS_OF_STATUS[protocol.MORE_STATUS_FIELDS.index("number") +
 
 
 def _read_status(payload: bytes) -> BoardStatus | None:
-    fields = dict(zip(protocol.STATUS_FIELDS, protocol.STATUS.unpack_from(payload), strict=True))
-    state, flags, modes = (fields.pop(name) for name in ("state", "flags", "modes"))
+    numbers = protocol.STATUS.unpack_from(payload)  # by position: one comes for each report
+    t_us, state, flags, fault_code, modes, seq, t_received_us, t_applied_us, trips, bad_frames, late_frames = numbers
     values = struct.unpack_from(f"<{4 * modes}f", payload, protocol.STATUS.size)
     more = payload[protocol.STATUS.size + protocol.MODE.size * modes :]  # which grows, as that of HELLO
     is_numbered = len(more) >= _NUMBERED
-    if len(more) < protocol.MORE_STATUS.size and len(more) not in _ENDS_OF_STATUS:
-        return None
-    more = more.ljust(protocol.MORE_STATUS.size, b"\0")
-    fields |= zip(protocol.MORE_STATUS_FIELDS, protocol.MORE_STATUS.unpack_from(more), strict=True)
-    if not (state in STATES and flags <= 15 and modes >= 1 and all(map(isfinite, (*values, fields["drive_hz"])))):
+    if len(more) < protocol.MORE_STATUS.size:
+        if len(more) not in _ENDS_OF_STATUS:
+            return None
+        more = more.ljust(protocol.MORE_STATUS.size, b"\0")
+    drive_hz, number, refused_seq, refusal = protocol.MORE_STATUS.unpack_from(more)
+    if not (state in STATES and flags <= 15 and modes >= 1 and isfinite(sum(values) + drive_hz)):
         return None
     phasors = _phasors(values)
     return BoardStatus(
-        **fields | ({} if is_numbered else {"number": None}),
-        state=STATES[state],
-        applied=bool(flags & protocol.STATUS_APPLIED),
-        saturated=bool(flags & protocol.STATUS_SATURATED),
-        limited=bool(flags & protocol.STATUS_LIMITED),
-        pulsed=bool(flags & protocol.STATUS_PULSED),
+        t_us,
+        STATES[state],
+        seq,
+        t_received_us,
+        t_applied_us,
+        applied=flags & protocol.STATUS_APPLIED != 0,
+        saturated=flags & protocol.STATUS_SATURATED != 0,
+        limited=flags & protocol.STATUS_LIMITED != 0,
+        fault_code=fault_code,
+        deadman_trips=trips,
+        bad_frames=bad_frames,
+        late_frames=late_frames,
         measured_um=tuple(phasors[::2]),
         voltage_v=tuple(phasors[1::2]),
+        drive_hz=drive_hz,
+        pulsed=flags & protocol.STATUS_PULSED != 0,
+        number=number if is_numbered else None,
+        refused_seq=refused_seq,
+        refusal=refusal,
     )
 
 

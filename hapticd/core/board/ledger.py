@@ -7,17 +7,17 @@ loop that carries the touch. A histogram costs one shift and one addition a valu
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import overload
+from typing import Final
 
-LEDGER_LENGTH = 512
-PAUSE_NS = 1_000_000  # of Python's collector: longer ones are counted
-LATE_NS = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
-_SUB_BITS = 4  # sixteen buckets an octave: a bucket's middle is within 3.2 % of what fell into it
-_LONGEST_NS = (1 << 40) - 1  # 18 minutes: all that is longer is one bucket
-_FULL = 1 << _SUB_BITS
-_BUCKETS = ((40 - _SUB_BITS) << _SUB_BITS) + _FULL
+LEDGER_LENGTH: Final = 512
+PAUSE_NS: Final = 1_000_000  # of Python's collector: longer ones are counted
+LATE_NS: Final = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
+_SUB_BITS: Final = 4  # sixteen buckets an octave: a bucket's middle is within 3.2 % of what fell into it
+_LONGEST_NS: Final = (1 << 40) - 1  # 18 minutes: all that is longer is one bucket
+_FULL: Final = 1 << _SUB_BITS
+_BUCKETS: Final = ((40 - _SUB_BITS) << _SUB_BITS) + _FULL
 
 
 class Histogram:
@@ -92,7 +92,7 @@ class LedgerLine:
     late_ns: int
 
 
-class Ledger(Sequence[LedgerLine]):
+class Ledger:
     """The newest frames, oldest first, and histograms of all since the start."""
 
     def __init__(self) -> None:
@@ -116,12 +116,8 @@ class Ledger(Sequence[LedgerLine]):
     def __iter__(self) -> Iterator[LedgerLine]:
         return iter(self._lines)
 
-    @overload
-    def __getitem__(self, index: int) -> LedgerLine: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[LedgerLine]: ...
-    def __getitem__(self, index: int | slice) -> LedgerLine | list[LedgerLine]:
-        return list(self._lines)[index] if isinstance(index, slice) else self._lines[index]
+    def __getitem__(self, index: int) -> LedgerLine:
+        return self._lines[index]
 
 
 @dataclass(slots=True)

@@ -94,7 +94,7 @@ class ParasiticModes:
         places (N): x_mm, y_mm, target_um; phi (N, M): the driven shapes there. All modes are scaled together where one
         would exceed its limit.
         """
-        still = [index for index, (_, _, target_um) in enumerate(places) if target_um == 0.0]
+        still = [n for n in range(len(places)) if places[n][2] == 0.0]
         if not still or len(still) == len(places):
             return modal_um
         shapes = [self.modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places]
@@ -275,4 +275,6 @@ def _within(changed_um: _Parts, w_limit_um: tuple[float, ...]) -> Row:
         amplitude_um, bound_um = magnitude(modal_d_um[mode], modal_q_um[mode]), w_limit_um[mode] * WIRE_FRAC
         if amplitude_um * scale > bound_um:
             scale = bound_um / amplitude_um
-    return tuple([complex(modal_d_um[mode] * scale, modal_q_um[mode] * scale) for mode in range(len(modal_d_um))])
+    if scale < 1.0:
+        modal_d_um, modal_q_um = [w_um * scale for w_um in modal_d_um], [w_um * scale for w_um in modal_q_um]
+    return tuple(map(complex, modal_d_um, modal_q_um))

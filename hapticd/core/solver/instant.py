@@ -142,11 +142,12 @@ class InstantSolver:
         friction as asked the fingers' `priorities`, without them equal; the contacts' `forms`, None for discs."""
         if len(self._disc) > 0:
             return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches, priorities, forms)
-        phi = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
-        targets_um = tuple([target_um for _, _, target_um in places])
-        still = 0
-        for _, _, target_um in places:
+        rows, targets, still = list[tuple[float, ...]](), list[float](), 0
+        for x_mm, y_mm, target_um in places:  # once: each time around makes floats of all three
+            rows.append(self._modes.at(x_mm, y_mm))
+            targets.append(target_um)
             still += target_um == 0.0
+        phi, targets_um = tuple(rows), tuple(targets)
         modal_um: Row
         if self._turns(len(places) - still, previous_um):
             turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)
@@ -277,12 +278,11 @@ class InstantSolver:
 
 def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
     """The fingers at a frame's first knot, with the amplitude that each gets there."""
-    found = []
-    for key, (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _), achieved_um in zip(
-        keys, first.places, last.places, first.achieved_um, strict=True
-    ):
-        point = tuple.__new__(TouchPoint, (key, x_mm, y_mm, target_um, achieved_um, end_x_mm, end_y_mm))
-        found.append(point)
+    found: list[TouchPoint] = []
+    for n in range(len(first.places)):
+        (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _) = first.places[n], last.places[n]
+        point = (keys[n], x_mm, y_mm, target_um, first.achieved_um[n], end_x_mm, end_y_mm)
+        found.append(tuple.__new__(TouchPoint, point))
     return tuple(found)
 
 

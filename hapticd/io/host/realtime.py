@@ -138,6 +138,7 @@ class PeriodicTimer:
         self._on_due = on_due
         self._clock_ns = clock_ns
         self._fd = _timerfd()
+        self._times = (ctypes.c_long * 4)()  # struct itimerspec: period and first instant, each in seconds and ns
         self._handle: asyncio.TimerHandle | None = None
         if self._fd is not None:
             loop.add_reader(self._fd, self._readable)
@@ -148,7 +149,11 @@ class PeriodicTimer:
         self.period_ns = period_ns
         self._t_due_ns = self._clock_ns() + (period_ns if first_ns is None else first_ns)
         if self._fd is not None:
-            _set_timerfd(self._fd, self._t_due_ns, period_ns)
+            times = self._times
+            times[0], times[1] = divmod(period_ns, 1_000_000_000)
+            times[2], times[3] = divmod(self._t_due_ns, 1_000_000_000)
+            if _libc().timerfd_settime(self._fd, _TIMER_ABSTIME, times, None) != 0:
+                raise OSError(ctypes.get_errno(), "timerfd_settime")
         else:
             self._call_later()
 
@@ -197,10 +202,3 @@ def _timerfd() -> int | None:
         return None
     fd: int = _libc().timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
     return fd if fd >= 0 else None
-
-
-def _set_timerfd(fd: int, t_first_ns: int, period_ns: int) -> None:
-    """Arm the timer. struct itimerspec: period, then first instant, each as seconds and nanoseconds (C long)."""
-    times = struct.pack("@4l", *divmod(period_ns, 1_000_000_000), *divmod(t_first_ns, 1_000_000_000))
-    if _libc().timerfd_settime(fd, _TIMER_ABSTIME, times, None) != 0:
-        raise OSError(ctypes.get_errno(), "timerfd_settime")

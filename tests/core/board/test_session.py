@@ -78,7 +78,7 @@ class Bench:
         self.session.receive_time(BoardTime(request.t_host_ns, t_us, t_us), self.t_ns)
 
     def say(self, state: BoardState = BoardState.LIVE, **fields: object) -> None:
-        self.session.receive_status(replace(STATUS, state=state, **fields), self.t_ns)
+        self.session.receive_status(STATUS._replace(state=state, **fields), self.t_ns)
 
     def met(self, hello: BoardHello = HELLO) -> Bench:
         """Link, greeting, clock, first status."""
@@ -257,12 +257,12 @@ def test_a_board_that_rebooted_has_another_clock_however_that_was_noticed(silent
 @pytest.mark.parametrize("before_us", [3_000_000, 2**31, 2**32 - 3_000_000])
 def test_a_status_of_another_clock_means_a_reset_behind_an_open_port(before_us: int, bench: Bench) -> None:
     bench.session.status = None  # whose clock this bench does not care for
-    said = replace(STATUS, t_board_us=before_us)
-    later = replace(said, t_board_us=(before_us + 1_900_000) % 2**32)  # to a host that stalled
+    said = STATUS._replace(t_board_us=before_us)
+    later = said._replace(t_board_us=(before_us + 1_900_000) % 2**32)  # to a host that stalled
     for status in (said, later, said):  # and one that was overtaken
         bench.session.receive_status(status, bench.t_ns)
     assert bench.session.ready
-    bench.session.receive_status(replace(said, t_board_us=40_000), bench.t_ns)
+    bench.session.receive_status(said._replace(t_board_us=40_000), bench.t_ns)
     assert (bench.session.hello, bench.session.status, bench.session.ready) == (None, None, False)
     assert bench.session.timer(bench.t_ns + 250 * MS) == [HelloRequest()]
 
@@ -431,5 +431,5 @@ def test_statuses_that_the_line_loses_are_counted() -> None:
         before = session.lost_statuses
         session.receive_hello(HELLO, START_NS)  # whatever came before it was another session's
         for number in numbers:
-            session.receive_status(replace(STATUS, number=number), START_NS)
+            session.receive_status(STATUS._replace(number=number), START_NS)
         assert session.lost_statuses - before == lost
