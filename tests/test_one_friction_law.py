@@ -21,7 +21,7 @@ from hapticd.daemon.settings import friction_curve
 from hapticd.design.felt_places import settle_felt, touches_at
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
-from hapticd.tools.view import client
+from hapticd.tools.served_friction import served_curve
 
 AMPLITUDES_UM = tuple(DEFAULT_FRICTION_CURVE.amplitude_um(1.0 - index / 16) for index in range(17))
 HALF = Config(
@@ -100,4 +100,4 @@ def test_the_service_and_the_view_have_it() -> None:
     machine = Machine(HALF, TRUTH.true_mode_map(), write_board=lambda data: len(data))
     assert machine.scene.friction_curve.knots == CURVE.knots
     described = msgspec.to_builtins(machine.status.plate(), builtin_types=(bytes,))
-    assert client._friction_curve(described).amplitude_um(0.5) == pytest.approx(CURVE.amplitude_um(0.5))
+    assert served_curve(described).amplitude_um(0.5) == pytest.approx(CURVE.amplitude_um(0.5))

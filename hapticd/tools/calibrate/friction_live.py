@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -19,12 +20,16 @@ from ...errors import CalibrationError, HapticdError
 from ...files.recording.mcap_reader import open_recording
 from ...values import FloatArray
 from ..record.tables import tables
+from ..served_friction import served_curve
 
 if TYPE_CHECKING:
     from hapticd_client import Client
 
 LEVELS: Final = 8  # from bare glass to the highest amplitude
 MOST_UM: Final = 3.0
+LEAST_TOP_UM: Final = 0.3
+NEAR_FLOOR: Final = 0.02  # of the frictions 0 .. 1
+PLACES, PLACES_FRAC = 4, 0.7  # along each side, and of it, where `reach` is asked for
 HELD_S: Final = 3.0  # at each level, twice
 WINDOW_S: Final = 0.1
 SETTLED_S: Final = 0.3  # after a step
@@ -48,15 +53,45 @@ def measure(endpoint: Path | None, stream: str, say: Callable[[str], None] = pri
             tempfile.TemporaryDirectory(prefix="hapticd-friction-") as folder,
             hapticd_client.Client(endpoint) as plate,
         ):
-            limits_um = plate.plate()["w_limit_um"]
+            top_um = highest_um(plate)
             path = Path(folder, "friction.mcap")
             with plate.record(path, lsl=[stream]):
                 say(ADVICE)
-                sweep(plate, np.linspace(0.0, min(MOST_UM, *limits_um), LEVELS).tolist(), time.sleep)
+                sweep(plate, np.linspace(0.0, top_um, LEVELS).tolist(), time.sleep)
                 say("Enough.")
             return readings(tables(open_recording(path)), stream)
     except hapticd_client.HapticdError as error:
         raise HapticdError(str(error)) from None
+
+
+def highest_um(plate: Client) -> float:
+    """Return the highest level of the sweep: what half of the places can get at least, as `reach` says.
+
+    Where that is all that the service's curve knows of, it is the curve's end, or a mode's limit beyond it; on a plate
+    that is driven for points the modes' limit; MOST_UM at most. Raises CalibrationError for a plate that gives next to nothing, and the client library's errors.
+    """
+    import hapticd_client
+
+    body = plate.plate()
+    curve, limit_um = served_curve(body), min(MOST_UM, *map(float, body["w_limit_um"]))
+    half_mm = [size_mm * PLACES_FRAC / 2.0 for size_mm in body["size_mm"]]
+    lowest: list[float] = []
+    try:
+        for x_mm, y_mm in product(*(np.linspace(-size_mm, size_mm, PLACES).tolist() for size_mm in half_mm)):
+            found = plate.reach(x_mm=x_mm, y_mm=y_mm)
+            lowest.append(1.0 if found is None else found[0])
+    except hapticd_client.RefusedError:
+        return limit_um
+    friction = float(np.median(lowest))
+    if friction <= NEAR_FLOOR:
+        return min(max(curve.full_um, limit_um), MOST_UM)
+    top_um = min(curve.amplitude_um(friction), MOST_UM)
+    if top_um < LEAST_TOP_UM:
+        raise CalibrationError(
+            f"Half of the plate gets {top_um:.2f} um at most, too little for a curve: release other clients' targets, "
+            "and see `hapticd map`."
+        )
+    return top_um
 
 
 def sweep(plate: Client, levels_um: Sequence[float], wait: Callable[[float], None]) -> None:

@@ -23,10 +23,10 @@ from hapticd_contract.contents import GivenContent
 from hapticd_contract.surfaces import Surface
 
 from ...config import loader as config
-from ...core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ...core.plate.mode_shapes import ModeShapes
 from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
+from ..served_friction import served_curve
 from . import messages
 from .layers import LAYERS, LayerFinger
 from .messages import ClearBoardFault, DrawSurface, EraseSurface, PlayEffect, ReleaseTarget, SetTarget
@@ -60,7 +60,7 @@ class PagePlate:
         self.reference_limit_um = tuple(map(float, body["reference_limit_um"]))
         self.grid = picture_grid(self.modes, self.size_mm)
         self.fingers: tuple[LayerFinger, ...] = ()  # those that have a target
-        self.painter = SurfacePainter(_friction_curve(body), self.size_mm, max(map(float, body["w_limit_um"])))
+        self.painter = SurfacePainter(served_curve(body), self.size_mm, max(map(float, body["w_limit_um"])))
         self.text = messages.plate(body, client, sorted(LAYERS), _name(self.rig_dir))
 
 
@@ -218,18 +218,6 @@ def _content(surface: Surface) -> GivenContent:
         "gradient": surface.gradient,
         "noise": surface.noise,
     }
-
-
-def _friction_curve(body: Mapping[str, Any]) -> FrictionCurve:
-    """Return the curve of the reply to `plate`; an older daemon sends none."""
-    knots = body.get("friction_curve")
-    if not knots:
-        return DEFAULT_FRICTION_CURVE
-    floor = float(knots[-1][1])
-    shares = [(float(friction) - floor) / (1.0 - floor) for _, friction in knots]
-    amplitudes_um = [float(amplitude_um) for amplitude_um, _ in knots]
-    inner = list(zip(shares[1:-1], amplitudes_um[1:-1], strict=True))[::-1]
-    return FrictionCurve(((0.0, amplitudes_um[-1]), *inner, (1.0, 0.0)), floor)
 
 
 def _name(rig_dir: Path | None) -> str | None:

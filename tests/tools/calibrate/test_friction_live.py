@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.errors import CalibrationError
 from hapticd.tools.calibrate import friction_live
 from hapticd.tools.calibrate.friction import fit_friction
+from hapticd_client import RefusedError
 
 LEVELS_UM = np.linspace(0.0, 3.0, 8)
 NORMAL_N = 0.5
@@ -106,3 +108,40 @@ def test_the_amplitude_rises_and_falls_over_the_whole_plate_and_is_removed() -> 
     held = friction_live.HELD_S
     steps = [(friction_live.SURFACE, um) for um in (0.0, 1.5, 1.5, 0.0)]
     assert done == [part for step in steps for part in (step, held)] + [friction_live.SURFACE]
+
+
+class Reached:
+    """A plate of which the right half reaches no friction below `right`, the left one none below `left`."""
+
+    def __init__(self, left: float | None, right: float | None, *, refuses: bool = False) -> None:
+        self._lowest, self._refuses = (left, right), refuses
+
+    def plate(self) -> dict[str, Any]:
+        return {"size_mm": [200.0, 100.0], "w_limit_um": [5.0, 2.5], "friction_curve": None}
+
+    def reach(self, *, x_mm: float, y_mm: float) -> tuple[float, float] | None:
+        if self._refuses:
+            raise RefusedError("reach: this plate is driven for points.")
+        assert abs(x_mm) <= 70.0
+        assert abs(y_mm) <= 35.0
+        lowest = self._lowest[x_mm > 0.0]
+        return None if lowest is None else (lowest, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("plate", "top_um"),
+    [
+        (Reached(0.25, 0.25), DEFAULT_FRICTION_CURVE.amplitude_um(0.25)),
+        (Reached(0.2, 0.4), DEFAULT_FRICTION_CURVE.amplitude_um(0.3)),
+        (Reached(0.0, 0.01), 2.5),  # the curve knows no more: within the limits
+        (Reached(0.5, 0.5, refuses=True), 2.5),
+    ],
+)
+def test_the_sweep_rises_to_what_half_of_the_places_reach(plate: Reached, top_um: float) -> None:
+    assert friction_live.highest_um(plate) == pytest.approx(top_um)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("lowest", [None, 0.95])
+def test_a_plate_that_gives_next_to_nothing_is_one_sentence(lowest: float | None) -> None:
+    with pytest.raises(CalibrationError, match="too little for a curve: release other clients' targets"):
+        friction_live.highest_um(Reached(lowest, lowest))  # type: ignore[arg-type]

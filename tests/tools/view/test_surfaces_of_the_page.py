@@ -10,7 +10,8 @@ import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.errors import RequestError
-from hapticd.tools.view import client, messages
+from hapticd.tools.served_friction import served_curve
+from hapticd.tools.view import messages
 from hapticd.tools.view.messages import DrawSurface, EraseSurface
 from hapticd.tools.view.surfaces import SIDE, SurfacePainter
 from hapticd_contract.contents import Amplitude
@@ -77,8 +78,8 @@ def test_what_a_page_cannot_draw_is_refused_in_a_sentence(surface: object) -> No
 def test_the_daemon_s_friction_curve_is_the_one_that_paints() -> None:
     curve = FrictionCurve.from_amplitudes((0.0, 0.4, 0.9, 2.0), floor_frac=0.2)
     knots = [[um, curve.friction(um)] for um in (0.0, 0.4, 0.9, 2.0)]
-    same = client._friction_curve({"friction_curve": knots})
+    same = served_curve({"friction_curve": knots})
     assert [same.amplitude_um(share) for share in (0.0, 0.2, 0.7)] == pytest.approx(
         [curve.amplitude_um(share) for share in (0.0, 0.2, 0.7)]
     )
-    assert client._friction_curve({}) is DEFAULT_FRICTION_CURVE
+    assert served_curve({}) is DEFAULT_FRICTION_CURVE
