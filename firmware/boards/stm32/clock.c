@@ -44,7 +44,7 @@ static clock_source_t lock_any(void)
 static void count_microseconds(void)
 {
     RCC->APB1ENR |= APB1_TIM5;
-    (void)RCC->APB1ENR; /* the clock needs two cycles to arrive */
+    (void)RCC->APB1ENR; /* the clock needs two cycles to arrive: ES0182, "Delay after an RCC peripheral clock enabling" */
     TIM5->PSC = TIMER_HZ / 1000000 - 1;
     TIM5->ARR = 0xFFFFFFFFu;
     TIM5->EGR = TIM_UG;

@@ -138,7 +138,7 @@ void sampling_on_chunk(void)
         event = 0;
     }
     /* The other half's event now would mean that the DACs play what was just being filled. */
-    if (event == 0 || (CHUNK_FLAGS & (CHUNK_HALF | CHUNK_COMPLETE)) != 0) {
+    if (event == 0 || tick_overtaken() || (CHUNK_FLAGS & (CHUNK_HALF | CHUNK_COMPLETE)) != 0) {
         restart();
     }
     WWDG->CR = WWDG_START | UNITS_LEFT;

@@ -2,17 +2,15 @@
 
 #if TICK_CHUNKS_LATE > 0
 
-#include "sampling.h"
-
 static volatile bool under_way; /* from tick_begin to the end of the handler */
 static bool is_void;            /* samples were lost meanwhile */
+static bool overtaken;          /* by the next, which was not begun */
 static int due_chunks;          /* until its voltages take effect; 0: they have */
 
-/* A tick that is not over when the next one begins is a chunk lost. */
 void tick_begin(void)
 {
     if (under_way) {
-        sampling_on_transfer_error();
+        overtaken = true;
         return;
     }
     hd_take_measurement();
@@ -32,9 +30,15 @@ void tick_give(void)
     }
 }
 
+bool tick_overtaken(void)
+{
+    return overtaken;
+}
+
 void tick_lose_samples(void)
 {
     due_chunks = 0;
+    overtaken = false;
     if (under_way) {
         is_void = true;
         hd_silence_output();
@@ -43,7 +47,7 @@ void tick_lose_samples(void)
     }
 }
 
-void sampling_on_tick(void)
+void tick_handler(void)
 {
     hd_on_measurement();
     board_lock();

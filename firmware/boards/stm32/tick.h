@@ -10,10 +10,13 @@
 
 #if TICK_CHUNKS_LATE > 0
 
-#define VECTOR_TICK [14] = sampling_on_tick,
+#define VECTOR_TICK [14] = tick_handler,
 
 /* In the chunks' interrupt: the samples of a tick are complete. */
 void tick_begin(void);
+
+/* A tick was not over when the next should have begun: that is a chunk lost. */
+bool tick_overtaken(void);
 
 /* In the chunks' interrupt, before tick_begin: hands on the voltages that are due. */
 void tick_give(void);
@@ -22,7 +25,7 @@ void tick_give(void);
 void tick_lose_samples(void);
 
 /* The handler of PendSV. */
-void sampling_on_tick(void);
+void tick_handler(void);
 
 #else
 
@@ -31,6 +34,11 @@ void sampling_on_tick(void);
 static inline void tick_begin(void)
 {
     hd_on_tick();
+}
+
+static inline bool tick_overtaken(void)
+{
+    return false;
 }
 
 static inline void tick_give(void)

@@ -141,6 +141,7 @@ void converters_exchange(int half)
     hd_on_chunk((const uint16_t(*)[HD_MODES])sampled[half], (uint16_t(*)[HD_MODES])played[half]);
 }
 
+/* PA9 is also VBUS of the chip's USB: a board that has a capacitor there (STM32F4DISCOVERY, UM1472: 4.7 uF) ends the line. */
 void serial_start(void)
 {
     RCC->AHB1ENR |= GPIO_A | AHB1_DMA2;

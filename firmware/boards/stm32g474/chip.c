@@ -154,7 +154,8 @@ static void start_adc(adc_t *adc, uint32_t channel)
     adc->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
 }
 
-/* 42.5 MHz, 6.5 cycles to sample and 12.5 to convert: 0.45 us, over before the DACs move again. */
+/* 42.5 MHz, 6.5 cycles to sample and 12.5 to convert: 0.45 us, over before the DACs move again. 0.15 us are as short as on the
+ * STM32F405: a capacitor of some nF at the pin has to hold the sample, and what does not settle is a constant gain. */
 static void start_adcs(void)
 {
     ADC12_CCR = ADC345_CCR = ADC_CKMODE_DIV4;
