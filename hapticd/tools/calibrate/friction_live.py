@@ -68,7 +68,8 @@ def highest_um(plate: Client) -> float:
     """Return the highest level of the sweep: what half of the places can get at least, as `reach` says.
 
     Where that is all that the service's curve knows of, it is the curve's end, or a mode's limit beyond it; on a plate
-    that is driven for points the modes' limit; MOST_UM at most. Raises CalibrationError for a plate that gives next to nothing, and the client library's errors.
+    that is driven for points the modes' limit; MOST_UM at most. Raises CalibrationError for a plate that gives next to
+    nothing, and the client library's errors.
     """
     import hapticd_client
 
