@@ -103,6 +103,28 @@ def test_of_several_devices_the_first_with_touches_is_played(tmp_path: Path) -> 
     assert (pad.name, pad.geometry.width_mm, len(reports)) == ("my screen", 344.0, 4)
 
 
+@each_program
+def test_lifts_of_slots_that_held_nothing_and_a_touch_from_before_the_recording_are_no_contacts(
+    tmp_path: Path, text_of: Writer
+) -> None:
+    lifts: list[Event] = [(0, 3, 0x2F, 1), (0, 3, 0x39, -1), (0, 3, 0x2F, 0), (0, 3, 0x39, -1), (0, 0, 0, 0)]
+    before: list[Event] = [(4, 3, 0x2F, 2), (4, 3, 0x35, 100), (4, 0, 0, 0), (6, 3, 0x2F, 0), (6, 0, 0, 0)]
+    stroke: list[Event] = [(ms + 8, *what) for ms, *what in STROKE]  # type: ignore[misc]
+    seen = frames(written(tmp_path, text_of(SCREEN, [*lifts, *before, *stroke])))
+    assert [len(frame.contacts) for frame in seen] == [0, 0, 0, 1, 1, 1, 0]
+    assert [frame.contacts[0].x_mm for frame in seen if frame.contacts] == [0.0, 1.0, 2.0]
+
+
+def test_what_libinput_record_adds_between_events_is_passed_over(tmp_path: Path) -> None:
+    whole = libinput(node(SCREEN, STROKE))
+    begin, events = whole.split("  - evdev:\n")
+    hid = "  hid: [\n    0x05, 0x0d, 0x09, 0x04,\n    0xa1, 0x01\n  ]\n  quirks:\n  - AttrSizeHint=344x97\n"
+    hidraw = "  - hidraw:\n      hidraw0: [\n        01, 02, 03, 04, 05\n      ]\n"
+    neutral = "                                     # Touch device in neutral state\n  # Current time is 12:35:00\n"
+    path = written(tmp_path, begin.replace("  quirks:\n", hid) + hidraw + "  - evdev:\n" + events + neutral + hidraw)
+    assert [len(frame.contacts) for frame in frames(path)] == [1, 1, 1, 0]
+
+
 def test_evemu_files_without_a_version_and_without_resolutions_are_read_too(tmp_path: Path) -> None:
     bare = evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE, version="")
     bare = bare.removeprefix('# Input device name: "screen"\n').replace(" 0 0 0\n", " 0 0\n")
