@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.friction import DEFAULT_FRICTION_CURVE, FLOOR_FRAC, FrictionCurve
 from ..values import FloatArray
 from .campaign import TaskRunner, one_by_one
 from .contact_pairs import ShapeMaps, surfaces
@@ -53,13 +54,23 @@ Measure = Callable[[Sequence[ModeShape]], ShapeMaps]  # from a plate's modes to 
 
 @dataclass(frozen=True, slots=True)
 class FeltTask:
-    """What is asked of the fingers, all at the same time, and of the modes."""
+    """What is asked of the fingers, all at the same time, and of the modes; `curve_um`: the amplitudes at which these
+    fingers feel equally spaced frictions 1 .. 0, where they were measured."""
 
     targets_um: tuple[float, ...] = (1.0, 0.0)
     q_factor: float = Q_FACTOR
     radius_mm: float = RADIUS_MM
     farthest_hz: float = FARTHEST_HZ
     seed: int = SEED
+    curve_um: tuple[float, ...] = ()
+    floor_frac: float = FLOOR_FRAC
+
+    @property
+    def curve(self) -> FrictionCurve:
+        """The friction that these fingers feel, at rest."""
+        return (
+            FrictionCurve.from_amplitudes(self.curve_um, self.floor_frac) if self.curve_um else DEFAULT_FRICTION_CURVE
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +166,8 @@ class GluedModes:
         decay_1_s = math.pi * frequency_hz / self.task.q_factor
         limits_um = USUAL_UM * decay_1_s / np.hypot(decay_1_s, 2.0 * math.pi * (frequency_hz - drive_hz))
         few = self._touches.of(chosen, SEARCH_PLACES)
-        _, error_jnd = settle_felt(few, self.task.targets_um, np.minimum(limits_um, MOST_UM), starts=1)
+        task = self.task
+        _, error_jnd = settle_felt(few, task.targets_um, np.minimum(limits_um, MOST_UM), starts=1, curve=task.curve)
         return float(np.mean(_is_felt(error_jnd)))
 
     def of(self, chosen: Sequence[int]) -> list[tuple[float, ModeShape]]:
@@ -165,7 +177,7 @@ class GluedModes:
     def judge(self, chosen: Sequence[int], patches: Sequence[Patch], drive_hz: float | None = None) -> FeltDesign:
         """Return the plate's figures with these modes driven by these patches, without `drive_hz` at the drive that
         takes least volts."""
-        plate, task, targets_um = self.plate, self.task, self.task.targets_um
+        plate, task, targets_um, curve = self.plate, self.task, self.task.targets_um, self.task.curve
         driven = patch_drive(plate.thickness_mm, plate.material, patches, self.of(chosen), task.q_factor)
         drive_hz = _least_volts_hz(driven, task.farthest_hz) if drive_hz is None else drive_hz
         order = np.argsort(np.abs(driven.frequency_hz - drive_hz))
@@ -175,7 +187,8 @@ class GluedModes:
         few, found = self._touches.of(chosen, SEARCH_PLACES), self._touches.of(chosen)
 
         def share_felt(share: float) -> float:
-            modal_um, error_jnd = settle_felt(few, targets_um, np.minimum(share * reach_um, MOST_UM), starts=1)
+            most_um = np.minimum(share * reach_um, MOST_UM)
+            modal_um, error_jnd = settle_felt(few, targets_um, most_um, starts=1, curve=curve)
             patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T
             return float(np.mean(_is_felt(error_jnd) & _fits(patch_v, driven)))
 
@@ -183,7 +196,7 @@ class GluedModes:
         enough = max(felt_by_share.values()) - ALIKE_FRAC
         share = min(share for share, felt_frac in felt_by_share.items() if felt_frac >= enough)
         limits_um = np.minimum(share * reach_um, MOST_UM)
-        modal_um, error_jnd = settle_felt(found, targets_um, limits_um)
+        modal_um, error_jnd = settle_felt(found, targets_um, limits_um, curve=curve)
         patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T
         fits = _fits(patch_v, driven)
         others_hz = [abs(hz - drive_hz) for at, (hz, _) in enumerate(self.modes) if at not in chosen]

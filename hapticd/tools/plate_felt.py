@@ -7,12 +7,15 @@ import json
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core.friction import DEFAULT_FRICTION_CURVE
+from ..config import loader
+from ..config.sections import PlateConfig
+from ..core.friction import FrictionCurve
 from ..design.felt_search import (
     FARTHEST_HZ,
     MOST_UM,
@@ -49,7 +52,7 @@ MOST_TARGET_UM = 20.0
 TOML = (".toml",)
 _BELONGING = (
     *("modes", "drive", "config", "glass", "tolerances", "seed"),
-    *("q", "radius", "farthest", "patch", "place"),
+    *("q", "radius", "farthest", "patch", "place", "friction"),
     *runner.OPTIONS,
 )
 
@@ -95,6 +98,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 0.2 mm, "
         "patches 0.5 mm",
     )
+    group.add_argument(
+        "--friction",
+        type=Path,
+        metavar="F.toml",
+        help="a configuration whose plate.friction_curve is what these fingers feel, as `calibrate friction` measures "
+        "it (default: the usual finger's)",
+    )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random places and plates ({SEED})")
     runner.add_arguments(group)
     outputs.add_file(
@@ -130,12 +140,15 @@ def run(options: argparse.Namespace) -> FeltDesign:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
     if options.glass is not None and options.q is not None:
         raise UsageError(f"--glass: a simulated plate has a quality of {Q_FACTOR:g}: omit --q.")
-    task = FeltTask(
-        _targets_um(options.felt),
-        Q_FACTOR if options.q is None else options.q,
-        RADIUS_MM if options.radius is None else options.radius,
-        FARTHEST_HZ if options.farthest is None else options.farthest,
-        SEED if options.seed is None else options.seed,
+    person = PlateConfig() if options.friction is None else _person(options.friction)
+    task = FeltTask((), curve_um=person.friction_curve, floor_frac=person.friction_floor_frac)
+    task = replace(
+        task,
+        targets_um=_targets_um(options.felt, task.curve),
+        q_factor=Q_FACTOR if options.q is None else options.q,
+        radius_mm=RADIUS_MM if options.radius is None else options.radius,
+        farthest_hz=FARTHEST_HZ if options.farthest is None else options.farthest,
+        seed=SEED if options.seed is None else options.seed,
     )
     with runner.of(options) as campaign:
         designs = _searched(options, task, campaign)
@@ -144,7 +157,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
         study = None if count is None else felt_tolerances(best, task, count, campaign)
     try:
         with Progress("fingers in motion on the best plate") as progress:
-            motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, progress)
+            motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, person, progress)
     except ValueError as error:
         motion = str(error).rstrip(".")
     asked = bounds(best, task.q_factor)
@@ -185,15 +198,23 @@ def _searched(options: argparse.Namespace, task: FeltTask, campaign: Campaign) -
     return designs
 
 
-def _targets_um(text: str) -> tuple[float, ...]:
-    """Return the amplitudes asked; a number without a unit is a friction. Raises UsageError."""
+def _person(path: Path) -> PlateConfig:
+    """Return what a configuration says of fingers on the plate. Raises HapticdError."""
+    plate = loader.load(path).plate
+    if not plate.friction_curve:
+        raise UsageError(f"--friction: {path} has no plate.friction_curve: `hapticd calibrate friction` measures one.")
+    return plate
+
+
+def _targets_um(text: str, curve: FrictionCurve) -> tuple[float, ...]:
+    """Return the amplitudes asked; a number without a unit is a friction by the curve. Raises UsageError."""
     found = []
     try:
         for part in text.split(","):
             if part.endswith("um"):
                 found.append(number(0.0, MOST_TARGET_UM)(part.removesuffix("um")))
             else:
-                found.append(DEFAULT_FRICTION_CURVE.amplitude_um(number(0.0, 1.0)(part)))
+                found.append(curve.amplitude_um(number(0.0, 1.0)(part)))
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"--felt: {error}: write frictions such as 0.2,1 or amplitudes such as 1um,0um.") from None
     if not 2 <= len(found) <= MOST_FINGERS or max(found) <= 0.0:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..config.sections import FELT, Config, SolverConfig
+from ..config.sections import FELT, Config, PlateConfig, SolverConfig
 from ..design.felt_search import FeltDesign, FeltTask
 from ..design.glued_plate import GluedPlate
 from ..design.materials import MATERIALS
@@ -46,9 +46,11 @@ class FeltMotion(NamedTuple):
     still_um: float
 
 
-def simulate_felt(design: FeltDesign, task: FeltTask, progress: Callable[[float], None]) -> FeltMotion:
-    """Return what two fingers feel in the closed loop. Raises ValueError with the reason why this cannot be
-    simulated."""
+def simulate_felt(
+    design: FeltDesign, task: FeltTask, person: PlateConfig, progress: Callable[[float], None]
+) -> FeltMotion:
+    """Return what two fingers with this person's friction feel in the closed loop. Raises ValueError with the reason
+    why this cannot be simulated."""
     from ..sim import lockstep
     from ..sim.fingers.scenarios import SCENARIOS, strokes
 
@@ -56,7 +58,7 @@ def simulate_felt(design: FeltDesign, task: FeltTask, progress: Callable[[float]
         raise ValueError("simulated strokes have two fingers")
     played = replace(SCENARIOS[SCENARIO], build=partial(strokes, targets_um=task.targets_um))
     with _file_of(design, task.radius_mm, design.reach_um) as path:
-        settings = _settings(path, task.q_factor)
+        settings = _settings(path, task.q_factor, person)
         run = lockstep.run(played, settings=settings, seed=SEED, progress=progress)
     rates_um_s = np.gradient(run.modal_um, run.t_s, axis=0)
     patch_v = design.driven.patch_volts_v(run.modal_um.T, design.drive_hz, rates_um_s.T)
@@ -81,12 +83,17 @@ def _file_of(design: FeltDesign, radius_mm: float, reach_um: tuple[float, ...]) 
         yield path
 
 
-def _settings(path: Path, q_factor: float) -> Settings:
+def _settings(path: Path, q_factor: float, person: PlateConfig) -> Settings:
     from ..sim.plate.ground_truth import PlateSettings
     from ..sim.settings import Settings
 
     plate = replace(PlateSettings.of(str(path)), q_factor=q_factor)
-    return Settings(plate=plate, config=Config(solver=replace(SolverConfig(), objective=FELT)))
+    felt = PlateConfig(
+        friction_curve=person.friction_curve,
+        friction_floor_frac=person.friction_floor_frac,
+        friction_speed_mm_s=person.friction_speed_mm_s,
+    )
+    return Settings(plate=plate, config=Config(plate=felt, solver=replace(SolverConfig(), objective=FELT)))
 
 
 def felt_verdict(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.design import ModeShape, free_plate_modes
 from hapticd.design.contact_pairs import random_fingers, surfaces
 from hapticd.design.felt_places import settle_felt, touches
@@ -80,6 +81,17 @@ def test_the_best_plate_comes_first_and_has_a_patch_for_each_mode(designs: list[
         assert np.all(one.modal_um <= np.array(one.limits_um) * (1.0 + 1e-12))
         assert one.felt_frac <= min(*one.each_frac, one.fits_frac)
         assert one.fits_frac == np.mean((one.patch_v <= one.driven.most_v).all(axis=1))
+
+
+def test_fingers_that_feel_half_an_amplitude_as_the_whole_are_served_by_half(designs: list[FeltDesign]) -> None:
+    plate, drive_hz = designs[0].plate, designs[0].drive_hz
+    curve_um = tuple(DEFAULT_FRICTION_CURVE.amplitude_um(friction) / 2.0 for friction in np.linspace(1.0, 0.0, 201))
+    person = replace(TASK, targets_um=(0.5, 0.0), curve_um=curve_um, floor_frac=DEFAULT_FRICTION_CURVE.floor_frac)
+    usual, halved = (GluedModes(plate, (drive_hz - 250.0, drive_hz + 250.0), task, 100) for task in (TASK, person))
+    chosen = usual.sets(3)[0]
+    one, other = (modes.judge(chosen, plate.patches, drive_hz) for modes in (usual, halved))
+    assert other.felt_frac >= one.felt_frac - 0.05
+    assert np.quantile(other.modal_um, 0.5) < np.quantile(one.modal_um, 0.5)
 
 
 def test_places_beyond_the_patches_volts_do_not_count(designs: list[FeltDesign]) -> None:

@@ -11,6 +11,9 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.config import loader
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
+from hapticd.design.felt_search import FeltTask
+from hapticd.errors import UsageError
 from hapticd.sim.plate.glasses import find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import plate_felt
@@ -103,16 +106,28 @@ def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys
 
 
 def test_targets_are_frictions_or_amplitudes() -> None:
-    assert plate_felt._targets_um("1um,0um") == (1.0, 0.0)
-    assert plate_felt._targets_um("0,1") == (2.0, 0.0)
-    slippery_um, half_um, sticky_um = plate_felt._targets_um("0.2,0.5um,1")
+    usual = DEFAULT_FRICTION_CURVE
+    assert plate_felt._targets_um("1um,0um", usual) == (1.0, 0.0)
+    assert plate_felt._targets_um("0,1", usual) == (2.0, 0.0)
+    slippery_um, half_um, sticky_um = plate_felt._targets_um("0.2,0.5um,1", usual)
     assert (half_um, sticky_um) == (0.5, 0.0)
     assert 0.5 < slippery_um < 2.0
+
+
+def test_a_person_s_friction_decides_what_is_asked(tmp_path: Path) -> None:
+    file = tmp_path / "person.toml"
+    file.write_text("[plate]\nfriction_curve = [0.0, 0.25, 1.0]\n")
+    person = plate_felt._person(file)
+    assert plate_felt._targets_um("0,0.5", FeltTask(curve_um=person.friction_curve).curve) == (1.0, 0.25)
+    file.write_text("")
+    with pytest.raises(UsageError, match=r"has no plate\.friction_curve: `hapticd calibrate friction` measures one"):
+        plate_felt._person(file)
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["--friction", "x.toml"], "--friction: belongs to --felt: add it."),
         (["--felt", "2,0"], "--felt: 2 is out of bounds, it must be 0 .. 1: write frictions"),
         (["--felt", "0um,1"], "--felt: '0um,1' must be of 2 to 5 fingers, one of which slips."),
         (["--felt", "1um"], "must be of 2 to 5 fingers"),
