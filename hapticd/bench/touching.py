@@ -13,7 +13,15 @@ from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import T_START_NS, Simulation
 from ..sim.plate.ground_truth import GroundTruth
 from ..sim.settings import Measured, Settings
-from ..tools.touch_correction import calibration_of, has_sensors, learned_load, mode_map, pad_settings, windows_of
+from ..tools.touch_correction import (
+    calibration_of,
+    has_sensors,
+    learned_load,
+    mode_map,
+    pad_settings,
+    sensors_frac,
+    windows_of,
+)
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 
 TELEMETRY_HZ = 500
@@ -80,4 +88,6 @@ def corrected(settings: Settings, before: Measured, found: Touched, judged: Judg
     )
     calibration = calibration_of(found, judged) if has_sensors(found) else before.calibration
     modes = before.modes if judged.waves is None else mode_map(before.modes, judged)
-    return replace(settings, config=replace(config, trackpad=trackpad)), Measured(modes, calibration, load_1_s)
+    known = replace(config.uncertainty, sensors_frac=sensors_frac(found, judged))
+    settled = replace(config, trackpad=trackpad, uncertainty=known)
+    return replace(settings, config=settled), Measured(modes, calibration, load_1_s)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..board_values import BoardCalibration
+from ..config.sections import UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import Correction, configured_pad
 from ..design import finger_load
@@ -74,6 +75,23 @@ def has_sensors(touched: Touched) -> bool:
     The fit has rates and gains too, but too small ones where fingers move slowly: no board gets models of them.
     """
     return len(touched.header.calibration.modes) == touched.header.modes.M
+
+
+def sensors_frac(touched: Touched, judged: Judged) -> float:
+    """Return one sigma of what is not known of the sensors with what is adopted, never more than the recording's.
+
+    Loads take a gain that all sensors share, so that touches do not tell it: it counts as in any laboratory, by the
+    mode of the largest limit (`Config.reference_limit_um`). Without the map its errors pass for the sensors', and
+    nothing is known better.
+    """
+    config = touched.header.config
+    before = config.uncertainty.sensors_frac
+    if judged.waves is None or not has_sensors(touched):
+        return before
+    sigma = judged.sigma.sense.ravel()[1:]
+    limits_um = config.limits.w_limit_um
+    shared = UncertaintyConfig().sensors_frac * max(limits_um) / math.hypot(*limits_um)
+    return min(before, math.hypot(float(np.sqrt(np.mean(np.abs(sigma) ** 2))), shared))
 
 
 def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:

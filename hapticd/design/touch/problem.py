@@ -19,7 +19,6 @@ from .model import (
     stepped,
 )
 
-MAP_PRIOR = 0.015  # RMS of what the map may lack, as a share of its peak: 4 % of its own RMS
 _LOOSE = 1e6  # sigma of what has no prior
 
 
@@ -48,7 +47,7 @@ class TouchProblem:
         own = np.where(np.arange(self.model.splines.shape[-1]) == 0, _LOOSE, DRIFT_PRIOR_1_S)
         rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
         pad, sense, waves, _, _ = self.sizes
-        lacking = np.zeros(0) if self.model.waves is None else MAP_PRIOR * np.tile(self.model.waves.prior, modes)
+        lacking = np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()
         linear = np.tile(own, 2 * modes), np.tile(rate, 2 * modes)
         return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], *linear))
 

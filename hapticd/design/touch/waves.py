@@ -1,7 +1,8 @@
-"""What a mode map may lack: smooth surfaces, the most likely first (Karhunen-Loeve).
+"""What a mode map may lack: smooth surfaces, the most likely first (Karhunen-Loeve), and the shapes of other modes.
 
-They are the eigenvectors of a Gaussian process: waves of the map's own length, which a noisy scan gets wrong, and
-whatever glue, wires and supports do, whose scale is a quarter of that wave.
+The surfaces are the eigenvectors of a Gaussian process: waves of the map's own length, which a noisy scan gets wrong,
+and whatever glue, wires and supports do, whose scale is a quarter of that wave. Modes that have turned into each other
+since the scan lack some of each other's shapes, over the whole plate.
 
 Source: C. Rasmussen and C. Williams, Gaussian Processes for Machine Learning (2006), 4.2 and 4.3.2.
 """
@@ -14,7 +15,11 @@ from ...core.plate.bicubic import BicubicSurfaces
 from ...core.plate.mode_shapes import ModeShapes
 from ...values import FloatArray
 
-MOST = 400  # surfaces of all modes: 200 hold 0.86 of the variance on a plate of five waves
+MAP_PRIOR = 0.021  # RMS of what smooth surfaces add to a map, as a share of its peak: 5 % of its own RMS
+TURNED_PRIOR = 0.06  # of another driven mode's shape in one: they are tens of Hz apart, and turn by some degrees
+BESIDE_PRIOR = 0.015  # of a parasitic mode's, which are farther apart
+_OWN_PRIOR = 1e-4  # of its own: touches do not tell a map's scale from the fingers' loads
+MOST = 600  # surfaces of all modes, which a fit takes the square of in time
 _POINTS_A_WAVE = 6.5
 _MOST_POINTS = 41  # along an axis
 _OWN_SHARE = 0.3  # of the variance: waves of the map's own length
@@ -23,9 +28,12 @@ _DIRECTIONS = 48
 
 
 class Waves:
-    """K surfaces of mean square 1 over the plate, and how far each may be from 0: `prior` (K,), of sum of squares 1."""
+    """K surfaces over the plate, and how far each may be from 0 in each of M modes: `prior` (M, K).
 
-    def __init__(self, modes: ModeShapes, wave_rad_mm: float) -> None:
+    First are smooth ones of mean square 1, then the shapes of `modes`, then those of the modes `beside` them, if known.
+    """
+
+    def __init__(self, modes: ModeShapes, wave_rad_mm: float, beside: ModeShapes | None = None) -> None:
         wave_mm = 2.0 * np.pi / wave_rad_mm
         x_mm, y_mm = (
             np.linspace(axis[0], axis[-1], min(round(_POINTS_A_WAVE * (axis[-1] - axis[0]) / wave_mm), _MOST_POINTS))
@@ -38,19 +46,43 @@ class Waves:
         kept = slice(-1, -1 - min(MOST // modes.M, len(points)), -1)
         surfaces = np.sqrt(len(points)) * vectors[:, kept].T
         self._surfaces = BicubicSurfaces(x_mm, y_mm, surfaces.reshape(-1, len(y_mm), len(x_mm)))
-        self.prior: FloatArray = np.sqrt(np.maximum(variance[kept], 1e-12) / len(points))
+        self._knots_mm = x_mm, y_mm
+        self._shapes = (modes,) if beside is None else (modes, beside)
+        self.smooth = len(surfaces)
+        smooth = MAP_PRIOR * np.sqrt(np.maximum(variance[kept], 1e-12) / len(points))
+        turned = np.where(np.eye(modes.M, dtype=bool), _OWN_PRIOR, TURNED_PRIOR)
+        aside = np.full((modes.M, 0 if beside is None else beside.M), BESIDE_PRIOR)
+        self.prior: FloatArray = np.concatenate((np.tile(smooth, (modes.M, 1)), turned, aside), axis=1)
 
     def __len__(self) -> int:
-        return len(self.prior)
+        return int(self.prior.shape[1])
 
     def at(self, points_mm: FloatArray) -> FloatArray:
         """Return all surfaces at points (N, 2): (N, K)."""
-        return self._surfaces.evaluate(points_mm)
+        shapes = [one.evaluate(points_mm) for one in self._shapes]
+        return np.concatenate((self._surfaces.evaluate(points_mm), *shapes), axis=1)
 
     def on_grid(self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
         """Return the sums of `coefficients` (M, K) on a grid: (M, ny, nx)."""
         points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
         return np.asarray((self.at(points) @ coefficients.T).T.reshape(-1, len(y_mm), len(x_mm)), np.float64)
+
+    def rms(self, coefficients: FloatArray) -> FloatArray:
+        """Return the RMS (M,) of the sums of `coefficients` (M, K) over the plate."""
+        return np.asarray(np.sqrt((self.on_grid(coefficients, *self._knots_mm) ** 2).mean(axis=(1, 2))), np.float64)
+
+    def of_scale(self, coefficients: FloatArray) -> FloatArray:
+        """Return coefficients (M, K) that leave the map's scale, which touches do not tell, and change its form alike.
+
+        The scale is that of all modes together, by regression over the map's grid.
+        """
+        modes = self._shapes[0]
+        change = self.on_grid(coefficients, modes.x_mm, modes.y_mm)
+        scale = 1.0 + float(np.vdot(modes.shapes, change) / np.vdot(modes.shapes, modes.shapes))
+        scaled = coefficients / scale
+        each = np.arange(modes.M)
+        scaled[each, self.smooth + each] += 1.0 / scale - 1.0
+        return np.asarray(scaled, np.float64)
 
 
 def _ring(wave_rad_mm: float, far_mm: FloatArray) -> FloatArray:

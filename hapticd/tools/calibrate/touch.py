@@ -29,6 +29,7 @@ from ..touch_correction import (
     learned_load,
     mode_map,
     pad_settings,
+    sensors_frac,
     windows_of,
 )
 from ..touch_recording import Touched, read
@@ -96,6 +97,7 @@ def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory:
     if judged.waves is not None:
         mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
         settings.setdefault("plate", {})["modes_file"] = MODES_FILE
+        settings["uncertainty"] = {"sensors_frac": round(sensors_frac(touched, judged), 4)}
     return settings
 
 
@@ -110,7 +112,7 @@ def verdict(
     figures += _moved("centroid's shift", judged.fitted.pad[CENTROID], judged.sigma.pad[CENTROID], 1.0, "mm")
     figures += _sense_figures(judged)
     if judged.waves is not None:
-        change = np.sqrt((judged.calibration.waves**2).sum(axis=1))
+        change = judged.waves.rms(judged.calibration.waves)
         figures += [Figure(f"map of mode {mode}, change RMS", float(rms), "") for mode, rms in enumerate(change)]
     figures.append(Figure("held-out residual falls by", 100.0 * judged.gain_frac, "%"))
     figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.design.touch.waves import Waves
+from hapticd.design.touch.waves import BESIDE_PRIOR, MAP_PRIOR, TURNED_PRIOR, Waves
 
 from .synthetic import WAVE_RAD_MM, mode_map
 
@@ -15,10 +15,48 @@ def waves() -> Waves:
     return Waves(mode_map(), WAVE_RAD_MM)
 
 
-def test_two_modes_get_two_hundred_surfaces_that_hold_most_of_the_variance(waves: Waves) -> None:
-    assert len(waves) == 200
-    assert 0.8 < float((waves.prior**2).sum()) <= 1.0
-    assert np.all(np.diff(waves.prior) <= 0.0)
+def test_two_modes_get_three_hundred_smooth_surfaces_that_hold_most_of_the_variance(waves: Waves) -> None:
+    smooth = waves.prior[:, : waves.smooth]
+    assert waves.smooth == 300
+    assert 0.8 < float((smooth[0] ** 2).sum()) / MAP_PRIOR**2 <= 1.0
+    assert np.all(np.diff(smooth) <= 0.0)
+
+
+def test_modes_may_have_turned_into_each_other_and_into_those_beside_them(waves: Waves) -> None:
+    beside = Waves(mode_map(), WAVE_RAD_MM, mode_map())
+    assert (len(waves), len(beside)) == (302, 304)
+    assert beside.prior[0, 301] == beside.prior[1, 300] == TURNED_PRIOR
+    assert np.all(beside.prior[:, 302:] == BESIDE_PRIOR)
+    coefficients = np.zeros((2, len(beside)))
+    coefficients[0, 301], coefficients[1, 302] = 0.1, -0.02
+    points = np.array([(40.0, 60.0), (-3.0, 11.0)])
+    shapes = mode_map().evaluate(points)
+    expected = np.stack((0.1 * shapes[:, 1], -0.02 * shapes[:, 0]), axis=-1)
+    assert beside.at(points) @ coefficients.T == pytest.approx(expected)
+
+
+def test_a_change_that_only_scales_the_map_is_none_since_loads_pass_for_it(waves: Waves) -> None:
+    coefficients = np.zeros((2, len(waves)))
+    coefficients[0, 300] = coefficients[1, 301] = 0.05
+    assert waves.of_scale(coefficients) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_change_of_form_stays_and_the_map_keeps_its_scale(waves: Waves) -> None:
+    modes = mode_map()
+    coefficients = np.random.default_rng(2).normal(0.0, 0.02, (2, len(waves))) * (waves.prior > 1e-3)
+    coefficients[0, 300] += 0.03
+    before, after = (
+        modes.shapes + waves.on_grid(one, modes.x_mm, modes.y_mm)
+        for one in (coefficients, waves.of_scale(coefficients))
+    )
+    assert np.vdot(modes.shapes, after) == pytest.approx(np.vdot(modes.shapes, modes.shapes))
+    assert after / after[0, 40, 40] == pytest.approx(before / before[0, 40, 40])
+
+
+def test_what_a_change_is_on_the_whole_is_its_rms(waves: Waves) -> None:
+    coefficients = np.zeros((2, len(waves)))
+    coefficients[1, 3] = -0.02
+    assert waves.rms(coefficients) == pytest.approx((0.0, 0.02), rel=1e-6)
 
 
 def test_a_grid_has_the_values_of_its_points(waves: Waves) -> None:

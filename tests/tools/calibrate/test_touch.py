@@ -32,6 +32,7 @@ from hapticd.sim.world_errors import FingerLoad, WorldErrors
 from hapticd.tools.calibrate import folder, touch
 from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.record import simulated
+from hapticd.tools.touch_correction import sensors_frac
 from hapticd.tools.touch_recording import Collected, read
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire.reference import encode_reference
@@ -104,6 +105,29 @@ def judged(found: Calibration, waves: Waves | None = None) -> Judged:
     return Judged(found, found, nothing, 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
 
 
+def test_sensors_are_known_better_with_the_map_but_for_the_gain_that_all_share(recorded: Recorded) -> None:
+    touched = read(recorded(TrackpadConfig(), 500, 2.5))
+    config = touched.header.config
+    modes = tuple(ModeCalibration(mode, 29195.0, 500.0, 7.5, 0.1) for mode in range(2))
+
+    def left(before: float, sigma: float, waves: Waves | None) -> float:
+        header = replace(
+            touched.header,
+            config=replace(config, uncertainty=replace(config.uncertainty, sensors_frac=before)),
+            calibration=BoardCalibration(modes),
+        )
+        sure = Calibration(np.zeros(7), np.full((2, 2), sigma + 0j), np.zeros((2, 0)))
+        found = replace(judged(Calibration.nominal(2), waves), sigma=sure)
+        return sensors_frac(touched._replace(header=header), found)
+
+    waves = Waves(touched.header.modes, 0.23)
+    assert left(0.02, 0.0, waves) == pytest.approx(0.02 / np.sqrt(2.0))
+    assert left(0.02, 0.01, waves) == pytest.approx(np.hypot(0.01, 0.02 / np.sqrt(2.0)))
+    assert left(0.02, 0.05, waves) == 0.02
+    assert left(0.003, 0.0, waves) == 0.003
+    assert left(0.02, 0.0, None) == 0.02
+
+
 def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, tmp_path: Path) -> None:
     turned = TrackpadConfig(offset_mm=(2.0, -1.0), rotation_deg=90.0, scale=(1.01, 0.99), latency_ms=12.0)
     touched = read(recorded(turned, 500, 2.5))
@@ -125,6 +149,7 @@ def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, 
     moved_mm = matrix @ plate_from_pad(Config(trackpad=turned)).apply(30.0, -20.0) + offset_mm
     assert plate_from_pad(config).apply(30.0, -20.0) == pytest.approx(moved_mm, abs=1e-3)
     assert config.trackpad.latency_ms == pytest.approx(13.5)
+    assert config.uncertainty.sensors_frac == pytest.approx(sensors_frac(touched, found), abs=1e-4)
     loaded = calibration_file.load(tmp_path / "touch-calibration.toml", 2)
     assert loaded.drive_hz == 29211.5
     weights = np.array([one.sense for one in loaded.modes])
