@@ -41,11 +41,11 @@ enum hd_board_event {
         /* the chip's brown-out reset is off: the board does not drive; run `make -C firmware protect` */
     HD_EVENT_SUPPLY = 98,          /* the supply fell below 2.9 V */
     HD_EVENT_AMPLIFIER_FAULT = 99,
-        /* an amplifier reported a fault: PB14, on the STM32G474 PC6, is open. A bench without such a contact has a wire from
-         * there to ground */
+        /* an amplifier reported a fault: PB14, on the STM32G474 and the STM32H743 PC6, is open. A bench without such a contact
+         * has a wire from there to ground */
     HD_EVENT_EMERGENCY_STOP = 100,
-        /* emergency stop: PB15, on the STM32G474 PC7, is open. A bench without such a contact has a wire from there to
-         * ground */
+        /* emergency stop: PB15, on the STM32G474 and the STM32H743 PC7, is open. A bench without such a contact has a wire from
+         * there to ground */
     HD_EVENT_REFERENCE = 101,
         /* the converters' supply VDDA is not 3.3 V: the board does not drive. `value` is what the chip's internal reference
          * shows, in V; 3 % are allowed, as it scales voltages and amplitudes together */

@@ -14,6 +14,7 @@
 #define SAMPLE_MASK 0xFFF0FFF0u
 #define MID_RAIL_TWICE 0x10001000u /* of two samples of both modes, in steps */
 #define SINE_SHIFT 14                        /* HD_SINE_ONE */
+#define STEP_DIVISOR (HD_SAMPLE_HZ / 64u)
 
 /* A synthesised sample before the shift: mid-rail and half a step, for the nearest one. Never below 0 or above 2^30. */
 #define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL + (1u << (LSB_SHIFT - 1))) << SINE_SHIFT))
@@ -21,6 +22,7 @@
 _Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
 _Static_assert((int64_t)HD_CHUNK * 2048 * HD_SINE_ONE <= INT32_MAX, "a chunk's sums fit 32 bits");
 _Static_assert(HD_CHUNK % 2 == 0, "neighbouring samples are added in pairs");
+_Static_assert(HD_SAMPLE_HZ == 20000 * HD_CHUNK && HD_SAMPLE_HZ % 64 == 0 && HD_SAMPLE_HZ <= 1000000, "of a chunk, of a step");
 
 static bool positive(float value)
 {
@@ -46,12 +48,12 @@ static uint16_t chunks_per_tick(float control_hz)
 
 uint32_t hd_oscillator_step(float drive_hz)
 {
-    /* 2^32 / 10^6 = 2^26 / 15625. In 1/1024 Hz a float32 of the permitted range is a whole number below 2^28, and the
-     * long division by 15625 in digits of 2^16 stays within 32 bits. */
+    /* At 1 MHz 2^32 / 10^6 = 2^26 / 15625. In 1/1024 Hz a float32 of the permitted range is a whole number below 2^28, and
+     * the long division by 15625 in digits of 2^16 stays within 32 bits. */
     uint32_t frequency = (uint32_t)(drive_hz * 1024.0f);
-    uint32_t whole = frequency / 15625u;
-    uint32_t rest = frequency % 15625u;
-    return (whole << 16) + ((rest << 16) + 7812u) / 15625u;
+    uint32_t whole = frequency / STEP_DIVISOR;
+    uint32_t rest = frequency % STEP_DIVISOR;
+    return (whole << 16) + ((rest << 16) + STEP_DIVISOR / 2u) / STEP_DIVISOR;
 }
 
 /* sum of cos over n instants a step apart, centred on 0: sin(n step/2) / sin(step/2). */

@@ -2,7 +2,7 @@
  *
  * One oscillator serves both directions. Output: v(t) = V_d cos(wt) - V_q sin(wt) around mid-rail, per mode. Input: the
  * least squares of the same three functions (cos, -sin, 1) over a control tick. Pairs of samples are added before they
- * are multiplied: half the products, for 1 - cos(w / 2 MHz) of the signal in the noise, 0.4 % at 29 kHz. Samples are
+ * are multiplied: half the products, for 1 - cos(w / 2 MHz) of the signal in the noise, 0.4 % at 29 kHz (4 % at 320 kHz). Samples are
  * integers; sums over a chunk are exact, and what follows is float32 in a fixed order: every machine gives the same bits.
  *
  * A board moves chunks of HD_CHUNK samples. When one has been sampled, its interrupt calls
@@ -31,8 +31,12 @@
 #include "phasor.h"
 #include "protocol.h"
 
+/* Of the converters, by the board (firmware/Makefile): chunks take 50 us, so that both 2 kHz and 5 kHz ticks are whole numbers
+ * of them. */
+#ifndef HD_SAMPLE_HZ
 #define HD_SAMPLE_HZ 1000000
-#define HD_CHUNK 50           /* samples, in pairs; both 2 kHz and 5 kHz ticks are whole numbers of chunks */
+#endif
+#define HD_CHUNK (HD_SAMPLE_HZ / 20000) /* samples, in pairs */
 #define HD_TICK_CHUNKS_MAX 40 /* 500 Hz, the slowest control */
 #define HD_MID_RAIL 0x8000u   /* what stands for 0 in the converters */
 #define HD_RAIL_LSB 2047.0f   /* from mid-rail, on its shorter side */
@@ -41,7 +45,7 @@
 /* A turn within a chunk at least: with fewer, amplitude and offset are indistinguishable. Eight samples to
  * a turn at least: neighbouring samples that are added must not have opposite signs. */
 #define HD_DRIVE_MIN_HZ 20000.0f
-#define HD_DRIVE_MAX_HZ 125000.0f
+#define HD_DRIVE_MAX_HZ ((float)HD_SAMPLE_HZ / 8.0f)
 
 /* The converters: 12 bits, left-aligned in 16 and followed by zeros, as the STM32's DAC and ADC take and give them. */
 typedef struct {

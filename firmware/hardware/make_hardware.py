@@ -60,10 +60,10 @@ def measures(values: dict[str, float]) -> str:
 
 def board_pins(board: str) -> str:
     """Return the table of a board's pins."""
-    has_headers = board == "stm32g474"
-    rows = ["| pin | on the NUCLEO-64 | what |", "|---|---|---|"] if has_headers else ["| pin | what |", "|---|---|"]
+    name, headers = pins.HEADERS.get(board, ("", {}))
+    rows = [f"| pin | on the {name} | what |", "|---|---|---|"] if headers else ["| pin | what |", "|---|---|"]
     for pin in pins.pins(board):
-        place = f" {pins.HEADERS[pin.name]} |" if has_headers else ""
+        place = f" {headers[pin.name]} |" if headers else ""
         rows.append(f"| {pin.name} |{place} {pin.purpose} |")
     return "\n".join(rows)
 

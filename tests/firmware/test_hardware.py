@@ -146,11 +146,14 @@ def test_a_line_without_an_order_and_a_box_with_a_missing_pin_are_refused(hardwa
 
 def test_each_mode_of_an_image_has_a_drive_and_a_sensor(hardware: SimpleNamespace) -> None:
     makefile = (FIRMWARE / "Makefile").read_text(encoding="utf-8")
-    more, most, usual = re.findall(r"BOARD_MODES = \$\(if \$\(filter (\w+),\$\*\),(\d),(\d)\)", makefile)[0]
-    for board in hardware.pins.boards():
+    modes = {board: int(n) for board, n in re.findall(r"^modes_of_(\w+) := (\d)$", makefile, re.MULTILINE)}
+    assert set(modes) == set(hardware.pins.boards())
+    for board, n in modes.items():
         purposes = [pin.purpose for pin in hardware.pins.pins(board)]
-        for word in ("drive of mode", "sensor of mode"):
-            assert sum(word in purpose for purpose in purposes) >= int(most if board == more else usual), board
+        assert sum("sensor of mode" in purpose for purpose in purposes) >= n, board
+        drives = sum("drive of mode" in purpose for purpose in purposes)
+        chips = sum(re.match("DIN of the DACs of modes . to", purpose) is not None for purpose in purposes)
+        assert drives + 4 * chips >= n, board
 
 
 def test_links_lead_somewhere(text: str) -> None:

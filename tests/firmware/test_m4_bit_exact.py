@@ -27,8 +27,8 @@ from .m4.cpu import SCRATCH, Cpu
 pytestmark = [pytest.mark.long, needs_compiler]
 
 TICK_US = 500
-CONFIG_SIZE, OBJECT_SIZE, LINE_SIZE = 512, 32768, 2048
-CONFIG, CONVERTERS, OBJECT, IN, OUT = (SCRATCH + 0x8000 * i for i in range(5))
+CONFIG_SIZE, OBJECT_SIZE, LINE_SIZE = 4096, 0xC000, 2048
+CONFIG, CONVERTERS, OBJECT, IN, OUT = (SCRATCH + 0x10000 * i for i in range(5))
 CHUNK = 50
 
 

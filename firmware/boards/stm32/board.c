@@ -11,11 +11,10 @@
 
 #define STEPS 4096.0f
 #define PI 3.14159265f
-#define CONVERTER_LAG_S 1.0e-6f /* sampling.c: half a sample late, and half a sample because it is held for one */
-#define CONVERTER_LAG (2.0f * PI * DRIVE_HZ * CONVERTER_LAG_S)
 
-/* The unit phasor of a loop with an additional phase lag of `rad`. */
-#define LAG(rad) {__builtin_cosf((rad) + CONVERTER_LAG), -__builtin_sinf((rad) + CONVERTER_LAG)}
+/* The unit phasor of a loop with a phase lag of `rad`, and what a mode's converters add to it. */
+#define LAG(rad) {__builtin_cosf(rad), -__builtin_sinf(rad)}
+#define CONVERTER_LAG(mode) LAG(2.0f * PI * DRIVE_HZ * CONVERTER_LAG_S(mode))
 
 /* LSI / 4 / (80 + 1): 10 ms, 7 to 19 over the oscillator's tolerance of 17 to 47 kHz. */
 #define WATCHDOG_RELOAD 80
@@ -24,8 +23,8 @@ static bool sampling; /* what wakes the main loop */
 
 static enum hd_reset_cause reset_cause(void)
 {
-    uint32_t flags = RCC->CSR;
-    RCC->CSR |= CSR_RMVF;
+    uint32_t flags = RESET_FLAGS;
+    RESET_FLAGS |= CSR_RMVF;
     /* Whatever resets the chip also pulls the pin, and power-up sets the brown-out's flag too. */
     if (flags & CSR_LPWRRSTF) {
         return HD_RESET_LOW_POWER;
@@ -75,12 +74,12 @@ static void describe_converters(hd_converters_t *converters)
 static void describe_mode(hd_mode_model_t *model, int k)
 {
     static const float mode_hz[HD_MODES] = MODE_HZ, quality[HD_MODES] = QUALITY, held_um[HD_MODES] = HELD_UM;
-    static const hd_phasor_t loop[HD_MODES] = LOOP;
+    static const hd_phasor_t loop[HD_MODES] = LOOP, converters[HD_MODES] = MODES_OF(CONVERTER_LAG);
     hd_phasor_t decay = {PI * mode_hz[k] / quality[k], 2.0f * PI * (mode_hz[k] - DRIVE_HZ)};
     model->decay_1_s = decay.d;
     model->detuning_rad_s = decay.q;
     model->gain_um_per_v_s = held_um[k] / V_LIMIT_V * hd_magnitude(decay);
-    model->loop = loop[k];
+    model->loop = hd_mul(loop[k], converters[k]);
 }
 
 static void describe_board(hd_config_t *config, const hd_converters_t *converters)
@@ -115,8 +114,7 @@ extern const uint32_t image_begin[], image_crc[];
 /* CRC-32, as in ISO 3309, of what was flashed: make appends it to the image. */
 static uint32_t crc_of_image(void)
 {
-    RCC->AHB1ENR |= AHB1_CRC;
-    (void)RCC->AHB1ENR;
+    clock_on(CRC_CLOCK);
     CRC->CR = CRC_RESET;
     for (const uint32_t *word = image_begin; word < image_crc; word++) {
         CRC->DR = reversed(*word); /* the unit takes the highest bit first */
@@ -135,8 +133,7 @@ static void require(bool condition, uint8_t event, float value, hd_config_t *con
 
 static bool watch_supply(void)
 {
-    RCC->APB1ENR |= APB1_PWR;
-    (void)RCC->APB1ENR;
+    clock_on(PWR_CLOCK);
     (void)chip_watch_supply(); /* while it starts, the detector may report anything */
     EXTI->RTSR |= EXTI_PVD;
     EXTI->PR = EXTI_PVD;
@@ -173,7 +170,7 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
  * debugger freezes them when it attaches, so this is said again and again. */
 static void keep_watchdogs_running(void)
 {
-    DBGMCU_APB1_FZ = DBG_TIM2_STOP; /* and not IWDG, WWDG or any other */
+    STOP_SAMPLES_ON_HALT;
 }
 
 void board_run(void)
@@ -186,8 +183,7 @@ void board_run(void)
     (void)reaches(&IWDG->SR, IWDG_UPDATING, 0); /* fed earlier, it would start from the longest time */
     IWDG->KR = IWDG_KEY_FEED;
     sampling = true;
-    RCC->APB1ENR |= APB1_WWDG;
-    (void)RCC->APB1ENR;
+    clock_on(WWDG_CLOCK);
     WWDG->CFR = WWDG_UNIT;
     sampling_run();
 }

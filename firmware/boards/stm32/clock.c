@@ -3,8 +3,6 @@
 #include "chip.h"
 #include "setup.h"
 
-#define INTERNAL_HZ 16000000
-
 /* Turns of a loop that takes at least 4 cycles at 16 MHz: 5 ms, twice what a crystal needs. */
 #define WAIT_TURNS 20000
 
@@ -24,14 +22,14 @@ static bool lock_pll(uint32_t config)
     if (!reaches(&RCC->CR, CR_PLLRDY, 0)) {
         return false;
     }
-    RCC->PLLCFGR = config;
+    SET_PLL(config);
     RCC->CR |= CR_PLLON;
     return reaches(&RCC->CR, CR_PLLRDY, CR_PLLRDY);
 }
 
 static clock_source_t lock_any(void)
 {
-    RCC->CR |= CLOCK_AT_OSC_IN ? CR_HSEBYP : 0; /* before it is switched on: RM0090, 7.3.1; RM0440, 7.4.1 */
+    RCC->CR |= CLOCK_AT_OSC_IN ? CR_HSEBYP : 0; /* before it is switched on: RM0090, 7.3.1; RM0440, 7.4.1; RM0433, RCC_CR */
     RCC->CR |= CR_HSEON;
     if (reaches(&RCC->CR, CR_HSERDY, CR_HSERDY) && lock_pll(PLL_CONFIG(CRYSTAL_HZ, PLL_CRYSTAL))) {
         RCC->CR |= CR_CSSON; /* from now on a crystal that stops is a fault, not a slow drift */
@@ -43,8 +41,7 @@ static clock_source_t lock_any(void)
 
 static void count_microseconds(void)
 {
-    RCC->APB1ENR |= APB1_TIM5;
-    (void)RCC->APB1ENR; /* the clock needs two cycles to arrive: ES0182, "Delay after an RCC peripheral clock enabling" */
+    clock_on(&RCC->APB1ENR, APB1_TIM5);
     TIM5->PSC = TIMER_HZ / 1000000 - 1;
     TIM5->ARR = 0xFFFFFFFFu;
     TIM5->EGR = TIM_UG;

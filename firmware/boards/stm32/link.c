@@ -12,9 +12,9 @@
 #define RING 1024  /* 3.4 ms at 3 Mbaud; the main loop comes round every 50 us */
 #define BUFFER 512
 
-static volatile uint8_t ring[RING];
+STREAMED static volatile uint8_t ring[RING];
 static uint32_t ring_read;
-static uint8_t sent[BUFFER];
+STREAMED static uint8_t sent[BUFFER];
 
 static void receive(void)
 {

@@ -1,10 +1,10 @@
-/* TIM2 is a square wave of 1 MHz. Its rising edge moves the DACs, its falling edge starts the ADCs, so that the two never
- * drift, and samples are taken half a period after the outputs moved. All words travel by DMA; the ADCs' half and full
- * transfer is the interrupt of the program.
+/* TIM2 is a square wave of 1 MHz (STM32H743: 320 kHz, and its words go their own way). Its rising edge moves the DACs, its
+ * falling edge starts the ADCs, so that the two never drift, and samples are taken half a period after the outputs moved. All
+ * words travel by DMA; the ADCs' half and full transfer is the interrupt of the program.
  *
  * A trigger outputs what a DAC holds and only then requests the next word: a word appears one period after that of its
  * index was requested, half a period after the sample of the same index, and is held for a period.
- * CONVERTER_LAG_S in board.c accounts for it.
+ * CONVERTER_LAG_S accounts for it.
  */
 #include "sampling.h"
 
@@ -17,7 +17,6 @@
 #define CHUNK_PRIORITY 0x10 /* below the faults and the supply */
 #define TICK_PRIORITY 0x20  /* below the chunks, where ticks have an interrupt of their own */
 #define SETTLE_TURNS 200 /* of at least 4 cycles: 4 us, where the ADCs need 3 */
-#define PERIOD (TIMER_HZ / HD_SAMPLE_HZ)
 
 #define SYNC 10       /* PB10, the sync output */
 #define AMPLIFIERS 12 /* PB12, changing with every tick to enable, or high (ENABLE_BY_PULSES) */
@@ -51,8 +50,7 @@ uint8_t board_interlock(void)
 /* An opening circuit interrupts at once, and each tick looks besides. */
 static void watch_interlocks(void)
 {
-    RCC->APB2ENR |= APB2_SYSCFG;
-    (void)RCC->APB2ENR;
+    clock_on(SYSCFG_CLOCK);
     SYSCFG->EXTICR[EMERGENCY_STOP / 4] = INTERLOCK_EXTICR(AMPLIFIER_FAULT) | INTERLOCK_EXTICR(EMERGENCY_STOP);
     EXTI->RTSR |= INTERLOCKS;
     EXTI->PR = INTERLOCKS;
@@ -62,8 +60,7 @@ static void watch_interlocks(void)
 void sampling_silence(void)
 {
     GPIO_ENR |= GPIO_PORTS;
-    RCC->APB1ENR |= APB1_TIM2 | APB1_DAC;
-    (void)RCC->APB1ENR; /* the clocks need two cycles to arrive */
+    clock_on(&RCC->APB1ENR, APB1_TIM2 | APB1_DAC);
     board_enable_amplifiers(false);
     INTERLOCK_PORT->PUPDR |= PULL_UP(AMPLIFIER_FAULT) | PULL_UP(EMERGENCY_STOP);
     INTERLOCK_PORT->MODER &= ~(ANALOGUE(AMPLIFIER_FAULT) | ANALOGUE(EMERGENCY_STOP));
@@ -73,12 +70,12 @@ void sampling_silence(void)
     converters_silence();
 }
 
-/* High for the first half of a period. It begins at the end of one, low, so that the DACs' edge is the first. */
+/* High for the first part of a period. It begins at the end of one, low, so that the DACs' edge is the first. */
 static void start_timer(void)
 {
     TIM2->PSC = 0;
     TIM2->ARR = PERIOD - 1;
-    TIM2->CCR[0] = PERIOD / 2;
+    TIM2->CCR[0] = SAMPLES_AT;
     TIM2->CNT = PERIOD - 1;
     TIM2->CCMR[0] = TIM_OC1M_PWM1;
     TIM2->CR2 = TIM_MMS_OC1REF;

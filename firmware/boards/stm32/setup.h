@@ -8,15 +8,18 @@
 #define HD_STM32_SETUP_H
 
 #if HD_MODES == 2
-#define PER_MODE(a, b, c, d, e) {a, b}
+#define PER_MODE(a, b, c, d, e, f, g, h) {a, b}
 #elif HD_MODES == 3
-#define PER_MODE(a, b, c, d, e) {a, b, c}
+#define PER_MODE(a, b, c, d, e, f, g, h) {a, b, c}
 #elif HD_MODES == 4
-#define PER_MODE(a, b, c, d, e) {a, b, c, d}
+#define PER_MODE(a, b, c, d, e, f, g, h) {a, b, c, d}
+#elif HD_MODES == 5
+#define PER_MODE(a, b, c, d, e, f, g, h) {a, b, c, d, e}
 #else
-#define PER_MODE(a, b, c, d, e) {a, b, c, d, e}
+#define PER_MODE(a, b, c, d, e, f, g, h) {a, b, c, d, e, f, g, h}
 #endif
-#define EACH_MODE(x) PER_MODE(x, x, x, x, x)
+#define EACH_MODE(x) PER_MODE(x, x, x, x, x, x, x, x)
+#define MODES_OF(of) PER_MODE(of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7))
 
 #define LINK_BAUD 921600       /* at the start */
 #define LINK_BAUD_MAX 3000000  /* that a host may ask for */
@@ -34,13 +37,14 @@
 #define W_LIMIT_UM EACH_MODE(4.0f)
 
 /* The plate: each mode's resonance, its quality factor, and what V_LIMIT_V hold at the drive frequency. */
-#define MODE_HZ PER_MODE(29195.0f, 29215.0f, 29205.0f, 29255.0f, 29155.0f)
+#define MODE_HZ PER_MODE(29195.0f, 29215.0f, 29205.0f, 29255.0f, 29155.0f, 29105.0f, 29305.0f, 29375.0f)
 #define QUALITY EACH_MODE(500.0f)
 #define HELD_UM EACH_MODE(4.0f)
 
 /* By how much amplifier, electrodes and sensor turn the phase back at the drive frequency, in rad. A sweep shows minus
- * the phase of the whole loop: take off the 0.184 rad (10.5 degrees) of the converters, which LAG adds by itself. */
-#define LOOP PER_MODE(LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f))
+ * the phase of the whole loop: take off the 0.184 rad (10.5 degrees) of the converters, which board.c adds by itself; on the
+ * STM32H743 0.634, 0.519 or 0.404 rad, as CONVERTER_LAG_S has it. */
+#define LOOP PER_MODE(LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f), LAG(0.0f))
 
 /* The wires, in SET_WIRING's words: rows of drive are amplifiers, of sense (real, imaginary) and feedthrough (um per V)
  * modes. Empty: amplifier and sensor k belong to mode k. Two amplifiers for sum and difference of two modes, as in the paper:
@@ -50,7 +54,7 @@
 #endif
 
 /* The converters' reference, and from their pins to the plate. With its buffer on, the DAC is linear to 0.2 V from
- * either rail: 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
+ * either rail (the STM32H743's AD5624 on 5 V to both): 1800 steps to each side of mid-rail. Gains are positive: what inverts is half a turn in LOOP. */
 #define REFERENCE_V 3.3f
 #define REFERENCE_TOLERANCE 0.03f /* of it: farther off by the internal reference, and the board does not drive */
 #define DAC_STEPS 1800.0f
@@ -58,7 +62,8 @@
 #define SENSOR_UM_PER_V EACH_MODE(4.85f)
 
 /* Between board and amplifiers. PB14 (no amplifier has a fault) and PB15 (the emergency stop is not pushed), on the
- * STM32G474 PC6 and PC7, are closed circuits to ground: a bench without such a contact has a wire bridge there, or the board does not drive. */
+ * STM32G474 and the STM32H743 PC6 and PC7, are closed circuits to ground: a bench without such a contact has a wire bridge
+ * there, or the board does not drive. */
 #ifndef ENABLE_BY_PULSES
 #define ENABLE_BY_PULSES true /* PB12 changes with every tick, for a retriggerable monostable; false: it is high to enable */
 #endif

@@ -1,5 +1,5 @@
-/* The registers that these chips have in the same place: PM0214 for the core's own, RM0090 rev 18 and RM0440 for the
- * others. What differs is in the registers.h of a chip. */
+/* The registers that these chips have in the same place: PM0214 and PM0253 for the core's own, RM0090 rev 18, RM0440 and RM0433
+ * for the others. What differs is in the registers.h of a chip, and in f4_g4.h. */
 #ifndef HD_STM32_H
 #define HD_STM32_H
 
@@ -16,10 +16,6 @@ typedef struct {
 } timer_t;
 
 typedef struct {
-    reg_t CR, SWTRIGR, DHR12R1, DHR12L1, DHR8R1, DHR12R2, DHR12L2, DHR8R2, DHR12RD, DHR12LD, DHR8RD, DOR1, DOR2, SR, CCR, MCR;
-} dac_t;
-
-typedef struct {
     reg_t KR, PR, RLR, SR;
 } watchdog_t;
 
@@ -28,23 +24,11 @@ typedef struct {
 } window_watchdog_t;
 
 typedef struct {
-    reg_t MEMRMP, CFGR, EXTICR[4];
-} syscfg_t;
-
-typedef struct {
-    reg_t IMR, EMR, RTSR, FTSR, SWIER, PR;
-} exti_t;
-
-typedef struct {
     reg_t DR, IDR, CR;
 } crc_t;
 
 #define TIM2 ((timer_t *)0x40000000)
 #define TIM5 ((timer_t *)0x40000C00)
-#define WWDG ((window_watchdog_t *)0x40002C00)
-#define IWDG ((watchdog_t *)0x40003000)
-#define CRC ((crc_t *)0x40023000)
-#define DBGMCU_APB1_FZ (*(reg_t *)0xE0042008)
 
 #define NVIC_ISER ((reg_t *)0xE000E100)
 #define NVIC_ICPR ((reg_t *)0xE000E280)
@@ -65,21 +49,11 @@ typedef struct {
 #define CR_CSSON (1u << 19)
 #define CR_PLLON (1u << 24)
 #define CR_PLLRDY (1u << 25)
-#define CFGR_SWS (3u << 2)
 #define APB1_TIM2 (1u << 0)
 #define APB1_TIM5 (1u << 3)
-#define APB1_WWDG (1u << 11)
-#define APB1_PWR (1u << 28)
-#define AHB1_CRC (1u << 12)
 #define GPIO_A (1u << 0)
 #define GPIO_B (1u << 1)
 #define GPIO_C (1u << 2)
-#define CSR_PINRSTF (1u << 26)
-#define CSR_POWER_UP (1u << 27) /* of the STM32G474: or a brown-out */
-#define CSR_SFTRSTF (1u << 28)
-#define CSR_IWDGRSTF (1u << 29)
-#define CSR_WWDGRSTF (1u << 30)
-#define CSR_LPWRRSTF (1u << 31)
 
 /* GPIO: the two bits of a pin in MODER and PUPDR, the four in AFR */
 #define OUTPUT(pin) (1u << 2 * (pin))
@@ -88,15 +62,18 @@ typedef struct {
 #define PULL_UP(pin) (1u << 2 * (pin))
 #define FUNCTION(pin, f) ((uint32_t)(f) << 4 * ((pin) % 8))
 
+/* Switches a peripheral's clock on; it needs two cycles to arrive (ES0182, "Delay after an RCC peripheral clock enabling"). */
+static inline void clock_on(reg_t *enable, uint32_t bits)
+{
+    *enable |= bits;
+    (void)*enable;
+}
+
+#define PERIOD (TIMER_HZ / HD_SAMPLE_HZ) /* of TIM2, in ticks: that of the samples */
 #define TIM_CEN (1u << 0)
 #define TIM_UG (1u << 0)
 #define TIM_MMS_OC1REF (4u << 4)
 #define TIM_OC1M_PWM1 (6u << 4)
-
-/* DAC; channel 2's bits are 16 higher */
-#define DAC_EN (1u << 0)
-#define DAC_DMAEN (1u << 12)
-#define DAC_UNDERRUNS (1u << 13 | 1u << 29)
 
 #define USART_RE (1u << 2)
 #define USART_TE (1u << 3)
@@ -111,7 +88,6 @@ typedef struct {
 #define IWDG_KEY_WRITE 0x5555u
 #define IWDG_KEY_FEED 0xAAAAu
 #define IWDG_UPDATING 3u /* SR: prescaler and reload are on their way to the slow clock */
-#define DBG_TIM2_STOP (1u << 0)
 #define WWDG_START (1u << 7 | 1u << 6) /* of CR, with what is left to count; below bit 6 it resets the chip */
 #define AIRCR_RESET (0x05FAu << 16 | 1u << 2)
 #define CPACR_FPU (0xFu << 20)

@@ -2,7 +2,7 @@
 #ifndef HD_F405_REGISTERS_H
 #define HD_F405_REGISTERS_H
 
-#include "stm32.h"
+#include "f4_g4.h"
 
 #define CRYSTAL_HZ 8000000
 #define CORE_HZ 168000000

@@ -4,7 +4,7 @@
 #ifndef HD_G474_REGISTERS_H
 #define HD_G474_REGISTERS_H
 
-#include "stm32.h"
+#include "f4_g4.h"
 
 #define CRYSTAL_HZ 24000000
 #define CORE_HZ 170000000

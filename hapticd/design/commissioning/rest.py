@@ -55,7 +55,7 @@ def judge_supply(
     if interlock == EMERGENCY_STOP:
         findings.append(
             Diagnosis(
-                "The board reads the emergency stop as pushed: PB15 (STM32G474: PC7) is open. "
+                "The board reads the emergency stop as pushed: PB15 (STM32G474 and STM32H743: PC7) is open. "
                 "Wire it through the stop's closed contact to ground.",
                 (Flaw.STOP_LINE,),
             )
@@ -63,7 +63,7 @@ def judge_supply(
     elif interlock is not None:
         findings.append(
             Diagnosis(
-                "The board reads an amplifier's fault: PB14 (STM32G474: PC6) is open. "
+                "The board reads an amplifier's fault: PB14 (STM32G474 and STM32H743: PC6) is open. "
                 "The contact must be closed while all is well: a normally open one is the wrong way round.",
                 (Flaw.FAULT_LINE,),
             )

@@ -35,7 +35,7 @@ DEADMAN = """\
                  50 ms later ramps to zero
 """
 STOP = """\
-   (( STOP ))  pole 1: rails   pole 2: enable   pole 3: PB15 (STM32G474: PC7)
+   (( STOP ))  pole 1: rails   pole 2: enable   pole 3: PB15 (G474, H743: PC7)
 """
 LOOP = """\
    reference --> [ law ] --> amplifier --> plate --> sensor --+

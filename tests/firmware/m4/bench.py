@@ -64,6 +64,7 @@ class Bench:
         self.sampling = self.wires.sampling()
         self.ring = self.wires.streams()["RX"]
         self.chunk = self.sampling.samples // 2
+        self.plate.sample_s = 1 / self.sampling.sample_hz
         self.chunk_us = round(1e6 * self.chunk / self.sampling.sample_hz)
         self.chunks = 0
         self._ring_at = 0
@@ -140,19 +141,22 @@ class Bench:
         """One chunk of the converters and of the line; its interrupt is pending then."""
         half = self.chunks % 2
         words = np.stack([self._lane(lane.played_at, lane.stride, half) for lane in self.sampling.lanes], axis=1)
-        sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=self.sampling.delay_frac)
+        delays = [
+            self.sampling.delay_frac if lane.delay_frac is None else lane.delay_frac for lane in self.sampling.lanes
+        ]
+        sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=delays)
         for lane, column in zip(self.sampling.lanes, sampled.T, strict=True):
-            self._fill_lane(lane.sampled_at, lane.stride, half, column)
+            self._fill_lane(lane.sampled_at, lane.sampled_stride or lane.stride, half, column)
         self.motion_um.append(motion_um)
         self.played.append(words)
         self.chunks += 1
         self.registers.now_us += self.chunk_us
         self.registers[self.sampling.flags] |= (self.sampling.half, self.sampling.complete)[half]
-        left = self.chunk if half == 0 else self.sampling.samples
+        left, items = self.chunk if half == 0 else self.sampling.samples, self.sampling.items
         for name in self.sampling.sampling:
-            self.registers[f"{name}.NDTR"] = left
+            self.registers[f"{name}.NDTR"] = left * items.get(name, 1)
         for name in self.sampling.playing:  # one word ahead
-            self.registers[f"{name}.NDTR"] = left - 1
+            self.registers[f"{name}.NDTR"] = left * items.get(name, 1) - 1
         self._move_line()
 
     def _lane(self, at: int, stride: int, half: int) -> npt.NDArray[np.uint16]:

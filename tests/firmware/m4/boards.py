@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from . import image, stm32f405, stm32g474
+from . import image, stm32f405, stm32g474, stm32h743
 from .image import Image
 from .peripherals import Peripherals
 from .wiring import Wiring
@@ -31,9 +31,17 @@ class Board:
     stop_pin: int
     interlock_irq: int
     wait_states: int  # of the flash, as they are counted; 0: they are left out
+    core: str = "M4"
+    memories: tuple[tuple[int, int], ...] = ((0x08000000, 1 << 20), (0x10000000, 64 << 10), (0x20000000, 128 << 10))
+    peripherals: tuple[tuple[int, int], ...] = ()  # address and size, beyond those of all
+    flash_cache: tuple[int, int] = (128, 8)  # lines and their bytes
+    bus_cycles: tuple[int, int] = (
+        0,
+        0,
+    )  # for each word read, and written, beyond the core's memories, as they are counted
 
     def image(self, control_hz: int = 2000, setup: str = "") -> Image:
-        return image.build(self.name, self.modes, control_hz, setup)
+        return image.build(self.name, self.modes, control_hz, setup, self.core.lower())
 
     def __str__(self) -> str:
         return self.name
@@ -74,5 +82,27 @@ G474 = Board(
     4,
 )
 BOARDS = (F405, G474)
+_H7_PIN = 1 << 22
+H743 = Board(  # of its own tests: no other has an M7, an SPI or 320 kHz
+    "stm32h743",
+    8,
+    0x1FF1E800,
+    0x1FF1E860,  # DS12110: read at 3.3 V, in 16 bits
+    stm32h743.Registers,
+    stm32h743.Wires,
+    384e6,
+    0.60,
+    (1 << 23 | 1 << 21 | _H7_PIN, _H7_PIN, 1 << 24 | _H7_PIN, 1 << 26 | _H7_PIN, 1 << 21 | _H7_PIN, 1 << 30 | _H7_PIN),
+    "GPIOC",
+    6,
+    7,
+    23,
+    40,
+    "M7",
+    ((0x00000000, 64 << 10), (0x08000000, 2 << 20), (0x20000000, 128 << 10), (0x30000000, 288 << 10)),
+    ((0x52000000, 0x3000), (0x58000000, 0x30000), (0x5C000000, 0x2000)),
+    (512, 32),  # the core's cache of instructions; it has none of data
+    (40, 12),  # assumed: no manual says it
+)
 every_board = pytest.mark.parametrize("board", BOARDS, ids=str)
 needs_compiler = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))

@@ -1,4 +1,4 @@
-"""A Cortex-M4 with the board's memories: calls functions of an image, and stops at a given address."""
+"""A Cortex-M4 or M7 with the board's memories: calls functions of an image, and stops at a given address."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from .image import Image
 unicorn = pytest.importorskip("unicorn", reason="unicorn is not installed")
 arm = unicorn.arm_const
 
-SCRATCH = 0x30000000  # memory that the board does not have, for the test's own arguments
+SCRATCH = 0x70000000  # memory that the board does not have, for the test's own arguments
 RETURN = SCRATCH + 0xFFFF0  # a function that comes back there stops the emulator
-_MEMORIES = ((0x08000000, 1 << 20), (0x10000000, 64 << 10), (0x20000000, 128 << 10), (SCRATCH, 1 << 20))
-_FLASH, _FLASH_SIZE = 0x08000000, 1 << 20
-_PERIPHERALS = ((0x40000000, 0x80000), (0x48000000, 0x2000), (0x50000000, 0x2000), (0xE0000000, 0x100000))
+_FLASH = 0x08000000
+_PERIPHERALS = ((0x40000000, 0x80000), (0x48000000, 0x2000), (0x50000000, 0x4000), (0xE0000000, 0x100000))
 _INSTRUCTIONS_MAX = 20_000_000  # a loop that never ends fails its test instead of hanging it
 
 Read = Callable[[int, int], int]  # address, size in bytes -> value
@@ -31,13 +30,14 @@ class Cpu:
         self.image = image
         self.damaged: int | None = None  # a byte of the flash that is not what was written
         self._uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
-        self._uc.ctl_set_cpu_model(arm.UC_CPU_ARM_CORTEX_M4)
-        for base, size in _MEMORIES:
+        self._uc.ctl_set_cpu_model(getattr(arm, f"UC_CPU_ARM_CORTEX_{board.core}"))
+        for base, size in (*board.memories, (SCRATCH, 1 << 20)):
             self._uc.mem_map(base, size)
+        self._flash_size = dict(board.memories)[_FLASH]
         self._uc.mem_map(board.identity_at & ~0xFFF, 0x1000)
         self._uc.mem_write(board.identity_at, bytes(range(1, 13)))
         self._uc.mem_write(board.reference_at, board.registers.REFERENCE_WORD.to_bytes(2, "little"))
-        for base, size in _PERIPHERALS:
+        for base, size in (*_PERIPHERALS, *board.peripherals):
             self._map_peripherals(base, size, read or (lambda *_: 0), write or (lambda *_: None))
         self.load()
 
@@ -53,7 +53,7 @@ class Cpu:
 
     def load(self) -> None:
         """Flashes the image and stands at its reset vector; the RAM stays as it is."""
-        self._uc.mem_write(_FLASH, b"\xff" * _FLASH_SIZE)
+        self._uc.mem_write(_FLASH, b"\xff" * self._flash_size)
         for address, data in self.image.segments:
             self._uc.mem_write(address, data)
         if self.damaged is not None:
@@ -154,7 +154,17 @@ class Cpu:
             unicorn.UC_HOOK_MEM_READ,
             lambda _uc, _access, address, _size, _value, _: callback(address),
             begin=_FLASH,
-            end=_FLASH + _FLASH_SIZE - 1,
+            end=_FLASH + self._flash_size - 1,
+        )
+        return lambda: self._uc.hook_del(hook)
+
+    def on_bus_access(self, callback: Callable[[bool], None]) -> Callable[[], None]:
+        """`callback` hears of every access between 0x30000000 and 0x5FFFFFFF, memory behind buses: True for a write."""
+        hook = self._uc.hook_add(
+            unicorn.UC_HOOK_MEM_READ | unicorn.UC_HOOK_MEM_WRITE,
+            lambda _uc, access, _address, _size, _value, _: callback(access == unicorn.UC_MEM_WRITE),
+            begin=0x30000000,
+            end=0x5FFFFFFF,
         )
         return lambda: self._uc.hook_del(hook)
 

@@ -18,7 +18,7 @@ MISSING = None if shutil.which(f"{CROSS}gcc") else "arm-none-eabi-gcc is not ins
 
 _LOAD_SEGMENT = 1
 _SYMBOL = re.compile(r"^([0-9a-f]{8}) . (\S+)$", re.MULTILINE)
-_INSTRUCTION = re.compile(r"^ *([0-9a-f]{7,8}):\t((?:[0-9a-f]{4} ?)+) *\t(\S+)(?:\t([^;@\n]*))?", re.MULTILINE)
+_INSTRUCTION = re.compile(r"^ *([0-9a-f]{1,8}):\t((?:[0-9a-f]{4} ?)+) *\t(\S+)(?:\t([^;@\n]*))?", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,25 +67,26 @@ def _make(*arguments: str | Path) -> None:
 
 
 @cache
-def build(board: str, modes: int, control_hz: int = 2000, setup: str = "") -> Image:
+def build(board: str, modes: int, control_hz: int = 2000, setup: str = "", core: str = "m4") -> Image:
     """The image of a board for this number of modes, at this control rate, built in a directory of its own.
 
     The core is that of `make firmware`: no setup changes it, and compiling it takes three quarters of the time.
     """
-    return _built(f"{board}.elf", modes, f"BOARD_MODES={modes}", f"SETUP=-DCONTROL_HZ={control_hz} {setup}")
+    asked = (f"BOARD_MODES={modes}", f"SETUP=-DCONTROL_HZ={control_hz} {setup}")
+    return _built(f"{board}.elf", f"{core}-{modes}modes", *asked)
 
 
 @cache
 def build_core(modes: int) -> Image:
     """The core alone, with a stack and nothing to start it."""
-    image = _built(f"core-{modes}modes.elf", modes)
+    image = _built(f"core-{modes}modes.elf", f"m4-{modes}modes")
     return replace(image, segments=((0x08000000, struct.pack("<II", 0x20018000, 0)), *image.segments))
 
 
-def _built(name: str, modes: int, *variables: str) -> Image:
+def _built(name: str, core_name: str, *variables: str) -> Image:
     folder = Path(tempfile.mkdtemp(prefix="hapticd-m4-"))
     target = folder / name
-    core = FIRMWARE / f"build/libhapticd-m4-{modes}modes.a"
+    core = FIRMWARE / f"build/libhapticd-{core_name}.a"
     with (FIRMWARE / "Makefile").open() as makefile:
         fcntl.flock(makefile, fcntl.LOCK_EX)  # one of all test processes builds it
         _make(core.relative_to(FIRMWARE))

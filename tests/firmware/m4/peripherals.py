@@ -1,8 +1,9 @@
 """The registers of an STM32: what is the same on every chip here, and how they live.
 
 Registers keep what is written to them; those with a life of their own are `Peripherals`' methods. An address that is
-not in the tables raises: the firmware has no business there. The chips' tables are in `stm32f405` and `stm32g474`,
-written down from the reference manuals (RM0090 rev 18, RM0440) apart from the firmware's own headers.
+not in the tables raises: the firmware has no business there. The chips' tables are in `stm32f405`, `stm32g474` and
+`stm32h743`, written down from the reference manuals (RM0090 rev 18, RM0440; RM0433's by the CMSIS header) apart from
+the firmware's own headers.
 """
 
 from __future__ import annotations
@@ -10,7 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-GPIO = {"MODER": 0x00, "PUPDR": 0x0C, "IDR": 0x10, "ODR": 0x14, "BSRR": 0x18, "AFRL": 0x20, "AFRH": 0x24}
+GPIO = {
+    "MODER": 0x00,
+    "OSPEEDR": 0x08,
+    "PUPDR": 0x0C,
+    "IDR": 0x10,
+    "ODR": 0x14,
+    "BSRR": 0x18,
+    "AFRL": 0x20,
+    "AFRH": 0x24,
+}
 DAC = {"CR": 0x00, "DHR12L1": 0x0C, "DHR12L2": 0x18, "DHR12LD": 0x24, "SR": 0x34, "MCR": 0x3C}
 EXTI = {"IMR": 0x00, "RTSR": 0x08, "PR": 0x14}
 _TIMER = {"CR1": 0x00, "CR2": 0x04, "EGR": 0x14, "CCMR1": 0x18, "CNT": 0x24, "PSC": 0x28, "ARR": 0x2C, "CCR1": 0x34}
@@ -58,8 +68,10 @@ class Peripherals:
     ADDRESS: ClassVar[dict[str, int]]
     NAME: ClassVar[dict[int, str]]
     POWER_ON: ClassVar[int] = 0x0E000000  # RCC_CSR: pin, power and brown-out together
+    RESET_FLAGS: ClassVar[str] = "RCC.CSR"
     HSI_READY: ClassVar[int]
-    PLL_FROM_CRYSTAL: ClassVar[tuple[int, int]]  # mask and value in PLLCFGR
+    PLL_SOURCE: ClassVar[str] = "RCC.PLLCFGR"
+    PLL_FROM_CRYSTAL: ClassVar[tuple[int, int]]  # mask and value in it
     FORGET_RESET_FLAGS: ClassVar[int]
     CHUNK_FLAGS: ClassVar[str]
     REFERENCE_WORD: ClassVar[int]  # what the factory's ADC read of the internal reference
@@ -75,7 +87,7 @@ class Peripherals:
 
     def __init__(self, *, crystal: bool = True, pll: bool = True, reset_flags: int | None = None) -> None:
         flags = self.POWER_ON if reset_flags is None else reset_flags
-        self.registers = dict.fromkeys(self.ADDRESS, 0) | self.RESET | {"RCC.CSR": flags}
+        self.registers = dict.fromkeys(self.ADDRESS, 0) | self.RESET | {self.RESET_FLAGS: flags}
         self.trace: list[tuple[str, int]] = []
         self.reads = 0
         self.now_us = 0
@@ -96,7 +108,7 @@ class Peripherals:
         self._effects: dict[str, Effect] = {
             "RCC.CR": self._clock_control,
             "RCC.CFGR": self._clock_switch,
-            "RCC.CSR": self._reset_flags,
+            self.RESET_FLAGS: self._reset_flags,
             "IWDG.KR": self._watchdog_key,
             "IWDG.RLR": self._watchdog_reload,
             "WWDG.CR": self._window_watchdog,
@@ -104,7 +116,7 @@ class Peripherals:
             "SCB.ICSR": self._pend_tick,
             "CRC.CR": lambda _: self.registers.__setitem__("CRC.DR", 0xFFFFFFFF),
             "CRC.DR": self._crc,
-            "GPIOA.BSRR": lambda value: self._pins("GPIOA.ODR", value),
+            "GPIOA.BSRR": lambda value: self.move_pins("GPIOA.ODR", value),
             "GPIOB.BSRR": self._port_b,
             **{f"NVIC.ISER{i}": self._enable_interrupts(i) for i in range(4)},
             **{f"NVIC.ICPR{i}": self._forget_interrupt for i in range(4)},
@@ -152,7 +164,7 @@ class Peripherals:
     def _clock_control(self, value: int) -> None:
         mask, crystal = self.PLL_FROM_CRYSTAL
         ready = self.HSI_READY | (1 << 17 if value & 1 << 16 and self._crystal else 0)
-        source_runs = self._crystal or self.registers["RCC.PLLCFGR"] & mask != crystal
+        source_runs = self._crystal or self.registers[self.PLL_SOURCE] & mask != crystal
         ready |= 1 << 25 if value & 1 << 24 and self._pll and source_runs else 0
         self.registers["RCC.CR"] = value & ~(self.HSI_READY | 1 << 17 | 1 << 25) | ready
 
@@ -160,7 +172,7 @@ class Peripherals:
         self.registers["RCC.CFGR"] = value & ~0xC | (value & 3) << 2
 
     def _reset_flags(self, value: int) -> None:
-        self.registers["RCC.CSR"] = 0 if value & self.FORGET_RESET_FLAGS else value
+        self.registers[self.RESET_FLAGS] = 0 if value & self.FORGET_RESET_FLAGS else value
 
     def reset_blocks(self, value: int, blocks: dict[int, list[str]]) -> None:
         for bit, names in blocks.items():
@@ -215,7 +227,7 @@ class Peripherals:
     def _port_b(self, value: int) -> None:
         if value & ~self.registers["GPIOB.ODR"] & 1 << 12:
             self.t_pulse_us = self.now_us
-        self._pins("GPIOB.ODR", value)
+        self.move_pins("GPIOB.ODR", value)
 
-    def _pins(self, output: str, value: int) -> None:
+    def move_pins(self, output: str, value: int) -> None:
         self.registers[output] = self.registers[output] & ~(value >> 16) | value & 0xFFFF

@@ -1,4 +1,4 @@
-"""Instructions and cycles of a piece of program, by the tables of the Cortex-M4's manual.
+"""Instructions and cycles of a piece of program, by the tables of the Cortex-M4's manual, on an M7 too, which has none.
 
 ARM DDI 0439B, table 3-1 with its notes 3.3.2 and 3.3.3, and table 7-1: a load takes 2 cycles and 1 right after another
 load or store, a store with an immediate offset 1, an address made by the instruction before one more, a floating-point
@@ -116,9 +116,10 @@ class Flash:
 
 
 class Meter:
-    """Counts what the processor executes between `start` and `stop`; `watch` calls back where a function begins."""
+    """Counts what the processor executes between `start` and `stop`; `watch` calls back where a function begins. A word
+    that it reads beyond its buses takes the first of `bus_cycles` more, one that it writes there the second."""
 
-    def __init__(self, cpu: Cpu, flash: Flash | None = None) -> None:
+    def __init__(self, cpu: Cpu, flash: Flash | None = None, *, bus_cycles: tuple[int, int] = (0, 0)) -> None:
         self._cpu = cpu
         self._flash = flash
         self._blocks: dict[tuple[int, int], tuple[Count, int]] = {}
@@ -128,6 +129,9 @@ class Meter:
         self._removes = [cpu.on_block(self._enter)]
         if flash is not None:
             self._removes.append(cpu.on_flash_read(self._wait_for_datum))
+        self._bus_cycles = bus_cycles
+        if any(bus_cycles):
+            self._removes.append(cpu.on_bus_access(self._wait_for_bus))
 
     def measure(self, action: Callable[[], object]) -> Count:
         self.start()
@@ -151,6 +155,9 @@ class Meter:
     def _wait_for_datum(self, _address: int) -> None:
         assert self._flash is not None
         self._count.cycles += self._flash.wait_states
+
+    def _wait_for_bus(self, is_write: bool) -> None:
+        self._count.cycles += self._bus_cycles[is_write]
 
     def _enter(self, address: int, size: int) -> None:
         if address in self._watched:

@@ -1,12 +1,13 @@
 """What the registers mean: rates, routes and addresses, derived from nothing but what the firmware wrote.
 
-`Wiring` is what the chips share; `stm32f405` and `stm32g474` add their manuals' channels, triggers and dividers.
+`Wiring` is what the chips share; `stm32f405`, `stm32g474` and `stm32h743` add their manuals' channels, triggers and
+dividers.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from .peripherals import Peripherals
@@ -32,11 +33,14 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """A mode's samples: addresses of the first of `samples`, and from one to the next, in bytes."""
+    """A mode's samples: addresses of the first of `samples`, and from one to the next, in bytes; to its sensor's next
+    it may be another way. `delay_frac`: if not that of all."""
 
     played_at: int
     sampled_at: int
     stride: int
+    sampled_stride: int | None = None
+    delay_frac: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,7 @@ class Sampling:
     complete: int
     sampling: tuple[str, ...]  # streams
     playing: tuple[str, ...]
+    items: dict[str, int] = field(default_factory=dict)  # of a stream's for each sample, if not 1
 
 
 class Wiring(ABC):
