@@ -236,6 +236,7 @@ class Daemon:
             await self._self_test.close()
         if self._machine is not None:
             self._machine.stop(now_ns())
+            self._log_missed()
         await self._trackpad.close()
         await self._link.drained(QUIET_WITHIN_S)
         if self._machine is not None and self._machine.session.hello is not None:
@@ -354,7 +355,7 @@ class Daemon:
 
     def _log_missed(self) -> None:
         loop, ledger, touch = self.machine.status.loop, self.machine.session.ledger, self.machine.pipeline.counters
-        missed = loop.missed_ticks + ledger.late_frames + ledger.unanswered + touch.left_out_fingers
+        missed = loop.missed_ticks + loop.breaths + ledger.late_frames + ledger.unanswered + touch.left_out_fingers
         if missed > self._logged_missed:
             self._logged_missed = missed
             log.warning(
