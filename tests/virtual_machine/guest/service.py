@@ -28,6 +28,7 @@ from steps import step
 from hapticd_client import Client, PlateState
 
 HERE = Path(__file__).parent
+LASTS_NS = 20_000_000  # of a plate at rest; references that pass through zero are shorter
 PROGRAM = "/opt/hapticd/bin/hapticd"
 CONFIG = Path("/etc/hapticd/hapticd.toml")
 RUNTIME = Path("/run/hapticd")
@@ -211,7 +212,14 @@ def _motion_since(t_ns: int) -> dict[str, float | None]:
     """From the plate itself: after how long it was quiet, and after how long it moved again; None if it did not."""
     lines = (line.split() for line in TRACE.read_text(encoding="ascii").splitlines()[:-1])
     rows = [(int(t), float(um)) for t, um in lines]
-    t_quiet_ns = next((t for t, um in rows if t > t_ns and um < RESTS_UM), None)
+    t_quiet_ns = None
+    for t, um in rows:
+        if t > t_ns and um >= RESTS_UM:
+            t_quiet_ns = None  # it only passed through zero
+        elif t > t_ns and t_quiet_ns is None:
+            t_quiet_ns = t
+        elif t_quiet_ns is not None and t - t_quiet_ns >= LASTS_NS:
+            break
     t_again_ns = next((t for t, um in rows if t_quiet_ns is not None and t > t_quiet_ns and um > MOVES_UM), None)
     instants = {"quiet_after_ms": t_quiet_ns, "driven_after_ms": t_again_ns}
     return {name: None if t is None else (t - t_ns) * 1e-6 for name, t in instants.items()}
