@@ -207,7 +207,7 @@ void hd_begin_tool(hd_core_t *core, uint32_t now_us);
 /* Once what is settled is: its sums. */
 void hd_memory_init(hd_core_t *core);
 
-/* Another design: its sum begins anew. */
+/* Another design: its sum starts from nothing. */
 void hd_memory_restart(hd_core_t *core);
 
 /* The next piece: what of the memory is not as it was given, if that ends a sum. */

@@ -277,7 +277,7 @@ void converters_stop(void)
 {
     for (int i = 0; i < 3; i++) {
         DMA2->STREAM[i].CR = 0;
-        DMA1->STREAM[i].CR = 0; /* the third is nobody's */
+        DMA1->STREAM[i].CR = 0; /* the third is not used */
     }
     for (int i = 0; i < 3; i++) {
         (void)reaches(&DMA2->STREAM[i].CR, DMA_EN, 0); /* the word under way is finished first */

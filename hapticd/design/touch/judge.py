@@ -228,8 +228,8 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     """Fit and judge the map from where pad and sensors are."""
     if judged.refusal not in ("", NO_CHANGE):
         return replace(judged, map_refusal=judged.refusal)
-    beside = None if fitter.parasitic_modes is None else fitter.parasitic_modes.modes
-    waves = Waves(fitter.modes, wave_number(fitter.modes), beside)
+    parasitic = None if fitter.parasitic_modes is None else fitter.parasitic_modes.modes
+    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic)
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)

@@ -17,7 +17,7 @@ from ...values import FloatArray
 
 MAP_PRIOR = 0.021  # RMS of what smooth surfaces add to a map, as a share of its peak: 5 % of its own RMS
 TURNED_PRIOR = 0.06  # of another driven mode's shape in one: they are tens of Hz apart, and turn by some degrees
-BESIDE_PRIOR = 0.015  # of a parasitic mode's, which are farther apart
+PARASITIC_PRIOR = 0.015  # of a parasitic mode's, which are farther apart
 _OWN_PRIOR = 1e-4  # of its own: touches do not tell a map's scale from the fingers' loads
 MOST = 600  # surfaces of all modes, which a fit takes the square of in time
 _POINTS_A_WAVE = 6.5
@@ -30,10 +30,10 @@ _DIRECTIONS = 48
 class Waves:
     """K surfaces over the plate, and how far each may be from 0 in each of M modes: `prior` (M, K).
 
-    First are smooth ones of mean square 1, then the shapes of `modes`, then those of the modes `beside` them, if known.
+    First are smooth ones of mean square 1, then the shapes of `modes`, then those of the `parasitic` modes, if known.
     """
 
-    def __init__(self, modes: ModeShapes, wave_rad_mm: float, beside: ModeShapes | None = None) -> None:
+    def __init__(self, modes: ModeShapes, wave_rad_mm: float, parasitic: ModeShapes | None = None) -> None:
         wave_mm = 2.0 * np.pi / wave_rad_mm
         x_mm, y_mm = (
             np.linspace(axis[0], axis[-1], min(round(_POINTS_A_WAVE * (axis[-1] - axis[0]) / wave_mm), _MOST_POINTS))
@@ -47,11 +47,11 @@ class Waves:
         surfaces = np.sqrt(len(points)) * vectors[:, kept].T
         self._surfaces = BicubicSurfaces(x_mm, y_mm, surfaces.reshape(-1, len(y_mm), len(x_mm)))
         self._knots_mm = x_mm, y_mm
-        self._shapes = (modes,) if beside is None else (modes, beside)
+        self._shapes = (modes,) if parasitic is None else (modes, parasitic)
         self.smooth = len(surfaces)
         smooth = MAP_PRIOR * np.sqrt(np.maximum(variance[kept], 1e-12) / len(points))
         turned = np.where(np.eye(modes.M, dtype=bool), _OWN_PRIOR, TURNED_PRIOR)
-        aside = np.full((modes.M, 0 if beside is None else beside.M), BESIDE_PRIOR)
+        aside = np.full((modes.M, 0 if parasitic is None else parasitic.M), PARASITIC_PRIOR)
         self.prior: FloatArray = np.concatenate((np.tile(smooth, (modes.M, 1)), turned, aside), axis=1)
 
     def __len__(self) -> int:

@@ -83,7 +83,7 @@ class PageCommissioning:
             self._loop.call_soon_threadsafe(self._press, press)
 
     def on_gone(self) -> None:
-        """Stop the running step: nobody sees it."""
+        """Stop the running step: it is out of sight."""
         self._loop.call_soon_threadsafe(self._stop, GONE)
 
     async def run(self, new_bench: NewBench, publish: Callable[[str], None]) -> None:

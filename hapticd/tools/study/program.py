@@ -253,7 +253,7 @@ def _converting(options: argparse.Namespace, session: Session, plate: Mapping[st
 
 
 def _recording(path: Path) -> Path:
-    """Return a new recording's path beside the session's file: one for each part of an interrupted session."""
+    """Return a new recording's path next to the session's file: one for each part of an interrupted session."""
     names = (path.with_suffix(".mcap"), *(path.with_suffix(f".{number}.mcap") for number in range(2, MOST_PARTS)))
     return next((one for one in names if not one.exists()), names[-1])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.design.touch.waves import BESIDE_PRIOR, MAP_PRIOR, TURNED_PRIOR, Waves
+from hapticd.design.touch.waves import MAP_PRIOR, PARASITIC_PRIOR, TURNED_PRIOR, Waves
 
 from .synthetic import WAVE_RAD_MM, mode_map
 
@@ -23,16 +23,16 @@ def test_two_modes_get_three_hundred_smooth_surfaces_that_hold_most_of_the_varia
 
 
 def test_modes_may_have_turned_into_each_other_and_into_those_beside_them(waves: Waves) -> None:
-    beside = Waves(mode_map(), WAVE_RAD_MM, mode_map())
-    assert (len(waves), len(beside)) == (302, 304)
-    assert beside.prior[0, 301] == beside.prior[1, 300] == TURNED_PRIOR
-    assert np.all(beside.prior[:, 302:] == BESIDE_PRIOR)
-    coefficients = np.zeros((2, len(beside)))
+    turned = Waves(mode_map(), WAVE_RAD_MM, mode_map())
+    assert (len(waves), len(turned)) == (302, 304)
+    assert turned.prior[0, 301] == turned.prior[1, 300] == TURNED_PRIOR
+    assert np.all(turned.prior[:, 302:] == PARASITIC_PRIOR)
+    coefficients = np.zeros((2, len(turned)))
     coefficients[0, 301], coefficients[1, 302] = 0.1, -0.02
     points = np.array([(40.0, 60.0), (-3.0, 11.0)])
     shapes = mode_map().evaluate(points)
     expected = np.stack((0.1 * shapes[:, 1], -0.02 * shapes[:, 0]), axis=-1)
-    assert beside.at(points) @ coefficients.T == pytest.approx(expected)
+    assert turned.at(points) @ coefficients.T == pytest.approx(expected)
 
 
 def test_a_change_that_only_scales_the_map_is_none_since_loads_pass_for_it(waves: Waves) -> None:
