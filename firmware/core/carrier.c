@@ -3,6 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "chunk.h"
 #include "dsp.h"
 #include "limiter.h"
 #include "memory.h"
@@ -10,16 +11,10 @@
 
 #define LEVELS_PER_LSB 16.0f
 #define LEVEL_MAX (2047.0f * LEVELS_PER_LSB) /* around mid-rail the converter has 2047 steps on its shorter side */
-#define LSB_SHIFT 4                          /* samples are left-aligned */
 #define SAMPLE_MASK 0xFFF0FFF0u
 #define MID_RAIL_TWICE 0x10001000u /* of two samples of both modes, in steps */
-#define SINE_SHIFT 14                        /* HD_SINE_ONE */
 #define STEP_DIVISOR (HD_SAMPLE_HZ / 64u)
 
-/* A synthesised sample before the shift: mid-rail and half a step, for the nearest one. Never below 0 or above 2^30. */
-#define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL + (1u << (LSB_SHIFT - 1))) << SINE_SHIFT))
-
-_Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
 _Static_assert((int64_t)HD_CHUNK * 2048 * HD_SINE_ONE <= INT32_MAX, "a chunk's sums fit 32 bits");
 _Static_assert(HD_CHUNK % 2 == 0, "neighbouring samples are added in pairs");
 _Static_assert(HD_SAMPLE_HZ == 20000 * HD_CHUNK && HD_SAMPLE_HZ % 64 == 0 && HD_SAMPLE_HZ <= 1000000, "of a chunk, of a step");
@@ -79,11 +74,6 @@ static hd_least_squares_t least_squares(uint16_t chunks, uint32_t step)
     };
 }
 
-static void advance(hd_oscillation_t *oscillation)
-{
-    oscillation->phase += HD_CHUNK * oscillation->step;
-}
-
 #define WORDS(begin, end) ((uint32_t)(((end) - (begin)) / sizeof(uint32_t)))
 
 /* Of scales, least squares and balance, and of the numbers between them that do not run. */
@@ -118,9 +108,9 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
     if (valid) {
         uint32_t step = hd_oscillator_step(converters->drive_hz);
         carrier->played[0] = carrier->played[1] = carrier->spoken = (hd_oscillation_t){0u, step};
-        advance(&carrier->played[1]);
+        hd_chunk_advance(&carrier->played[1]);
         carrier->spoken.phase = carrier->played[1].phase;
-        advance(&carrier->spoken);
+        hd_chunk_advance(&carrier->spoken);
         carrier->least_squares = least_squares(carrier->tick_chunks, step);
         carrier->balance = 0u - sum_of_settled(carrier);
     }
@@ -192,15 +182,7 @@ void hd_carrier_speak(hd_carrier_t *carrier, uint16_t out[HD_CHUNK][HD_MODES])
     for (int k = 0; k < HD_MODES; k += 2) {
         synthesise_pair(carrier->spoken, carrier->level + k, k, out);
     }
-    carrier->played[1] = carrier->spoken;
-    advance(&carrier->spoken);
-}
-
-static void add_sums(hd_sums_t *sums, int32_t cosine, int32_t minus_sine, int32_t plain)
-{
-    hd_phasor_t product = {(float)cosine, (float)minus_sine};
-    sums->product = hd_add(sums->product, hd_scale(1.0f / HD_SINE_ONE, product));
-    sums->plain += (float)plain;
+    hd_chunk_spoken(carrier);
 }
 
 static void demodulate_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16_t in[HD_CHUNK][HD_MODES], int k)
@@ -221,25 +203,17 @@ static void demodulate_pair(hd_sums_t sums[2], hd_oscillation_t at, const uint16
         high_plain += hd_high_half(x);
         phase += 2u * at.step;
     }
-    add_sums(&sums[0], low_cosine, low_minus_sine, low_plain);
-    add_sums(&sums[1], high_cosine, high_minus_sine, high_plain);
+    hd_chunk_add(&sums[0], low_cosine, low_minus_sine, low_plain);
+    hd_chunk_add(&sums[1], high_cosine, high_minus_sine, high_plain);
 }
 
 bool hd_carrier_listen(hd_carrier_t *carrier, const uint16_t in[HD_CHUNK][HD_MODES])
 {
-    if (carrier->chunks == carrier->tick_chunks) {
-        carrier->chunks = 0;
-        memset(carrier->sums, 0, sizeof carrier->sums);
-    }
-    if (carrier->chunks == 0) {
-        carrier->tick_phase = carrier->played[0].phase;
-    }
+    hd_chunk_begin(carrier);
     for (int k = 0; k < HD_MODES; k += 2) {
         demodulate_pair(carrier->sums + k, carrier->played[0], in, k);
     }
-    carrier->played[0] = carrier->played[1];
-    carrier->chunks++;
-    return carrier->chunks == carrier->tick_chunks;
+    return hd_chunk_end(carrier);
 }
 
 /* Turns the product to the tick's middle, takes out the offset, solves, turns back. */

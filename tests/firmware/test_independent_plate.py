@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
-FIRMWARE = Path(__file__).parents[2] / "firmware"
+from .built import built
+
 W_LIMIT_UM = 4.0
 QUIET_WITHIN_MS = 120.0
 
@@ -27,12 +27,7 @@ class Case(NamedTuple):
 
 @pytest.fixture(scope="module", params=[2, 4])
 def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if shutil.which("cc") is None:
-        pytest.skip("cc is not installed")
-    build = tmp_path_factory.mktemp("cases")
-    built = build / f"cases-{request.param}modes"
-    subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"BUILD={build}", str(built)], check=True)
-    return built
+    return built(f"cases-{request.param}modes", tmp_path_factory)
 
 
 def cases(program: Path, fault: str, count: int) -> list[Case]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +10,8 @@ import pytest
 
 from hapticd.board_protocol import FAULTS
 
-FIRMWARE = Path(__file__).parents[2] / "firmware"
+from .built import built
+
 MEMORY_FAULT = 11
 CHECKED_TICKS = 8  # the carrier's scales, within so many (firmware/core/memory.h)
 CHUNK_MS = 0.05
@@ -30,12 +30,7 @@ class Case(NamedTuple):
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if shutil.which("cc") is None:
-        pytest.skip("cc is not installed")
-    build = tmp_path_factory.mktemp("cases")
-    built = build / "cases-2modes"
-    subprocess.run(["make", "-s", "-C", str(FIRMWARE), f"BUILD={build}", str(built)], check=True)
-    return built
+    return built("cases-2modes", tmp_path_factory)
 
 
 def cases(program: Path, count: int) -> list[Case]:

@@ -131,6 +131,18 @@ static void require(bool condition, uint8_t event, float value, hd_config_t *con
     }
 }
 
+/* VDDA as the internal reference shows it; 0 if that cannot be measured. */
+static float measured_supply_v(void)
+{
+    float sum = 0.0f;
+    reference_start();
+    for (int i = 0; i < REFERENCE_READINGS; i++) {
+        sum += reference_reading();
+    }
+    reference_stop();
+    return sum > 0.0f ? VREFINT_CALIBRATED_V * REFERENCE_READINGS * (float)VREFINT_CALIBRATION / sum : 0.0f;
+}
+
 static bool watch_supply(void)
 {
     clock_on(PWR_CLOCK);
@@ -159,7 +171,7 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     config->image_crc = crc_of_image();
     require(config->image_crc == *(const volatile uint32_t *)image_crc, HD_EVENT_IMAGE, 0.0f, config);
     require(chip_guards_brown_out(), HD_EVENT_BROWN_OUT_OFF, 0.0f, config);
-    float supply_v = chip_supply_v();
+    float supply_v = measured_supply_v();
     require(fabsf(supply_v - REFERENCE_V) <= REFERENCE_TOLERANCE * REFERENCE_V, HD_EVENT_REFERENCE, supply_v, config);
     require(watch_supply(), HD_EVENT_SUPPLY, 0.0f, config);
     config->log = kept.log;

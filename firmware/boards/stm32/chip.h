@@ -27,8 +27,11 @@ bool converters_in_step(void);
 /* Hands the half that was sampled and the half to be played next to hd_on_chunk. */
 void converters_exchange(int half);
 
-/* VDDA as the internal reference shows it, in V; 0 if that cannot be measured. Before converters_start, for ADC1 is its. */
-float chip_supply_v(void);
+/* Readings of the internal reference, as VREFINT_CALIBRATION is one, 0 if none comes: between start and stop, and before
+ * converters_start, whose ADC it takes. */
+void reference_start(void);
+float reference_reading(void);
+void reference_stop(void);
 
 /* Pins, baud rate and stream routes of the host's line; link.c starts the streams. */
 void serial_start(void);

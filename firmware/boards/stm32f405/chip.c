@@ -92,13 +92,13 @@ void converters_start(void)
     start_adcs();
 }
 
-static float reference_reading(void)
+float reference_reading(void)
 {
     ADC1->CR2 = ADC_ADON | ADC_SWSTART;
     return reaches(&ADC1->SR, ADC_SR_EOC, ADC_SR_EOC) ? (float)ADC1->DR : 0.0f;
 }
 
-float chip_supply_v(void)
+void reference_start(void)
 {
     RCC->APB2ENR |= APB2_ADC1;
     (void)RCC->APB2ENR;
@@ -108,13 +108,12 @@ float chip_supply_v(void)
     ADC1->CR2 = ADC_ADON;
     for (volatile int turn = 0; turn < REFERENCE_TURNS; turn++) {
     }
-    float sum = 0.0f;
-    for (int i = 0; i < REFERENCE_READINGS; i++) {
-        sum += reference_reading();
-    }
+}
+
+void reference_stop(void)
+{
     RCC->APB2RSTR = APB2_ADC1; /* as they were */
     RCC->APB2RSTR = 0;
-    return sum > 0.0f ? VREFINT_CALIBRATED_V * REFERENCE_READINGS * (float)VREFINT_CALIBRATION / sum : 0.0f;
 }
 
 void converters_stop(void)

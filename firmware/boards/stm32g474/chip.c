@@ -173,13 +173,13 @@ static void start_adcs(void)
     }
 }
 
-static float reference_reading(void)
+float reference_reading(void)
 {
     ADC1->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
     return reaches(&ADC1->ISR, ADC_EOC, ADC_EOC) ? (float)ADC1->DR : 0.0f; /* which clears the flag */
 }
 
-float chip_supply_v(void)
+void reference_start(void)
 {
     RCC->AHB2ENR |= AHB2_ADCS;
     (void)RCC->AHB2ENR;
@@ -192,13 +192,12 @@ float chip_supply_v(void)
     ADC1->SMPR[1] = ADC_SAMPLE_640_5;
     ADC1->SQR[0] = ADC_SEQUENCE(ADC_VREFINT);
     enable(ADC1);
-    float sum = 0.0f;
-    for (int i = 0; i < REFERENCE_READINGS; i++) {
-        sum += reference_reading();
-    }
+}
+
+void reference_stop(void)
+{
     RCC->AHB2RSTR = AHB2_ADCS; /* as they were */
     RCC->AHB2RSTR = 0;
-    return sum > 0.0f ? VREFINT_CALIBRATED_V * REFERENCE_READINGS * (float)VREFINT_CALIBRATION / sum : 0.0f;
 }
 
 void converters_start(void)

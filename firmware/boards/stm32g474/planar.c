@@ -2,17 +2,14 @@
 
 #include <string.h>
 
+#include "chunk.h"
 #include "dsp.h"
 #include "sine.h"
 
-#define LSB_SHIFT 4
-#define SINE_SHIFT 14
 #define SAMPLE_MASK 0xFFF0FFF0u
 #define MID_RAIL_PAIR 0x08000800u
 #define ONES 0x00010001u
-#define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL + (1u << (LSB_SHIFT - 1))) << SINE_SHIFT))
 
-_Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
 
 typedef struct {
     int32_t cosine, minus_sine, plain;
@@ -41,25 +38,15 @@ static void demodulate(hd_sums_t sums[HD_MODES], hd_oscillation_t at, const uint
         phase += 2u * at.step;
     }
     for (int k = 0; k < HD_MODES; k++) {
-        hd_phasor_t product = {(float)chunk[k].cosine, (float)chunk[k].minus_sine};
-        sums[k].product = hd_add(sums[k].product, hd_scale(1.0f / HD_SINE_ONE, product));
-        sums[k].plain += (float)chunk[k].plain;
+        hd_chunk_add(&sums[k], chunk[k].cosine, chunk[k].minus_sine, chunk[k].plain);
     }
 }
 
 bool planar_listen(hd_carrier_t *carrier, const uint16_t in[])
 {
-    if (carrier->chunks == carrier->tick_chunks) {
-        carrier->chunks = 0;
-        memset(carrier->sums, 0, sizeof carrier->sums);
-    }
-    if (carrier->chunks == 0) {
-        carrier->tick_phase = carrier->played[0].phase;
-    }
+    hd_chunk_begin(carrier);
     demodulate(carrier->sums, carrier->played[0], in);
-    carrier->played[0] = carrier->played[1];
-    carrier->chunks++;
-    return carrier->chunks == carrier->tick_chunks;
+    return hd_chunk_end(carrier);
 }
 
 void planar_speak(hd_carrier_t *carrier, uint16_t out[])
@@ -77,6 +64,5 @@ void planar_speak(hd_carrier_t *carrier, uint16_t out[])
         }
         phase += 2u * step;
     }
-    carrier->played[1] = carrier->spoken;
-    carrier->spoken.phase += HD_CHUNK * step;
+    hd_chunk_spoken(carrier);
 }

@@ -234,13 +234,13 @@ static void start_adcs(void)
     start_adc(ADC3, sensors_3, sizeof sensors_3);
 }
 
-static float reference_reading(void)
+float reference_reading(void)
 {
     ADC3->CR = ADC_ADVREGEN | ADC_BOOST_25_MHZ | ADC_ADEN | ADC_ADSTART;
     return reaches(&ADC3->ISR, ADC_EOC, ADC_EOC) ? (float)ADC3->DR : 0.0f; /* which clears the flag */
 }
 
-float chip_supply_v(void)
+void reference_start(void)
 {
     clock_on(&RCC->AHB4ENR, AHB4_ADC3);
     ADC3_CCR = ADC_CKMODE_DIV4 | ADC_VREFEN;
@@ -252,13 +252,12 @@ float chip_supply_v(void)
     ADC3->SMPR[1] = ADC_SAMPLE_810_5;
     ADC3->SQR[0] = ADC_VREFINT << 6;
     enable(ADC3);
-    float sum = 0.0f;
-    for (int i = 0; i < REFERENCE_READINGS; i++) {
-        sum += reference_reading();
-    }
+}
+
+void reference_stop(void)
+{
     RCC->AHB4RSTR = AHB4_ADC3; /* as it was */
     RCC->AHB4RSTR = 0;
-    return sum > 0.0f ? VREFINT_CALIBRATED_V * REFERENCE_READINGS * (float)VREFINT_CALIBRATION / sum : 0.0f;
 }
 
 void converters_start(void)

@@ -2,17 +2,14 @@
 
 #include <string.h>
 
+#include "chunk.h"
 #include "dsp.h"
 #include "sine.h"
 
-#define LSB_SHIFT 4
-#define SINE_SHIFT 14
 #define LEVEL_MASK 0xFFF0u
 #define MID_RAIL_TWICE 4096
-#define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL + (1u << (LSB_SHIFT - 1))) << SINE_SHIFT))
 
 _Static_assert(HD_MODES == 2 * CHIP_MODES && HD_MODES == 6 + SENSORS_3, "two chips of four DACs; three, three and two sensors");
-_Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
 
 typedef struct {
     int32_t cosine, minus_sine, plain;
@@ -43,25 +40,15 @@ static void demodulate(hd_sums_t sums[HD_MODES], hd_oscillation_t at, const samp
         phase += 2u * at.step;
     }
     for (int k = 0; k < HD_MODES; k++) {
-        hd_phasor_t product = {(float)chunk[k].cosine, (float)chunk[k].minus_sine};
-        sums[k].product = hd_add(sums[k].product, hd_scale(1.0f / HD_SINE_ONE, product));
-        sums[k].plain += (float)chunk[k].plain;
+        hd_chunk_add(&sums[k], chunk[k].cosine, chunk[k].minus_sine, chunk[k].plain);
     }
 }
 
 bool framed_listen(hd_carrier_t *carrier, const sampled_t *in)
 {
-    if (carrier->chunks == carrier->tick_chunks) {
-        carrier->chunks = 0;
-        memset(carrier->sums, 0, sizeof carrier->sums);
-    }
-    if (carrier->chunks == 0) {
-        carrier->tick_phase = carrier->played[0].phase;
-    }
+    hd_chunk_begin(carrier);
     demodulate(carrier->sums, carrier->played[0], in);
-    carrier->played[0] = carrier->played[1];
-    carrier->chunks++;
-    return carrier->chunks == carrier->tick_chunks;
+    return hd_chunk_end(carrier);
 }
 
 static inline uint32_t level_at(uint32_t level, uint32_t sine)
@@ -83,6 +70,5 @@ void framed_speak(hd_carrier_t *carrier, words_t *out[2])
         }
         phase += step;
     }
-    carrier->played[1] = carrier->spoken;
-    carrier->spoken.phase += HD_CHUNK * step;
+    hd_chunk_spoken(carrier);
 }

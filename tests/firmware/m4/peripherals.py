@@ -195,6 +195,27 @@ class Peripherals:
         self.registers["IWDG.RLR"] = value
         self._updating = _UPDATE_READS
 
+    def adc_control(self, name: str, reference: int, other_bits: int, convert: Callable[[str], None]) -> Effect:
+        """Of the ADCs of the G4 and the H7. Calibration ends at once. One is ready if its regulator ran, and it was
+        calibrated. `convert` is called when it starts on the channel of the internal reference."""
+        calibrated = False
+
+        def write(value: int) -> None:
+            nonlocal calibrated
+            before = self.registers[f"{name}.CR"]
+            if value & 1 << 31:
+                assert before & ~other_bits == 1 << 28, "calibrated without its regulator, or while enabled"
+                calibrated = True
+            if value & 1 and not before & 1:
+                assert calibrated, "enabled before it was calibrated"
+                self.registers[f"{name}.ISR"] |= 1
+            assert not value & 4 or before & 1, "started before it was enabled"
+            self.registers[f"{name}.CR"] = value & ~(1 << 31)
+            if value & 4 and self.field(f"{name}.SQR1", 6, 5) == reference:
+                convert(name)
+
+        return write
+
     def reference_reading(self) -> int:
         """What the ADC reads of the internal reference."""
         return round(self.REFERENCE_WORD * self.REFERENCE_V / self.supply_v)

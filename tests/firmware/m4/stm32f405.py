@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 
 from . import peripherals
 from .peripherals import Effect, Peripherals
-from .wiring import INTERNAL_HZ, Lane, Sampling, Stream, Wiring
+from .wiring import INTERNAL_HZ, Lane, Sampling, Stream, Wiring, stream_of
 
 _ADC = {"SR": 0x00, "CR1": 0x04, "CR2": 0x08, "SMPR1": 0x0C, "SMPR2": 0x10, "SQR1": 0x2C, "SQR3": 0x34, "DR": 0x4C}
 _STREAM = {"CR": 0x00, "NDTR": 0x04, "PAR": 0x08, "M0AR": 0x0C, "FCR": 0x14}
@@ -137,21 +137,9 @@ class Wires(Wiring):
         return found
 
     def _stream(self, name: str, control: int) -> Stream:
-        assert control >> 10 & 1, f"{name} stays at one address"
-        memory, items = self.p[f"{name}.M0AR"], self.p[f"{name}.NDTR"]
+        memory = self.p[f"{name}.M0AR"]
         assert 0x20000000 <= memory < 0x20020000, f"{name} cannot reach {memory:#x}"
-        enabled = {"error": 2, "half": 3, "complete": 4}
-        return Stream(
-            name,
-            self.p[f"{name}.PAR"],
-            memory,
-            items,
-            1 << (control >> 13 & 3),
-            1 << (control >> 11 & 3),
-            bool(control >> 6 & 1),
-            bool(control >> 8 & 1),
-            frozenset(what for what, bit in enabled.items() if control >> bit & 1),
-        )
+        return stream_of(name, control, self.p[f"{name}.PAR"], memory, self.p[f"{name}.NDTR"])
 
     def sampling(self) -> Sampling:
         p = self.p

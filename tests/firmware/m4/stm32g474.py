@@ -118,28 +118,8 @@ class Registers(Peripherals):
             "RCC.AHB2RSTR": lambda value: self.reset_blocks(value, converters),
             "DMA1.IFCR": lambda value: self.clear("DMA1.ISR", value),
             "DMA2.IFCR": lambda value: self.clear("DMA2.ISR", value),
-            **{f"ADC{i}.CR": self._adc_control(f"ADC{i}") for i in range(1, 6)},
+            **{f"ADC{i}.CR": self.adc_control(f"ADC{i}", 18, 0, self._convert_reference) for i in range(1, 6)},
         }
-
-    def _adc_control(self, name: str) -> Effect:
-        """Calibration ends at once. An ADC is ready if its regulator ran, and it was calibrated."""
-        calibrated = False
-
-        def write(value: int) -> None:
-            nonlocal calibrated
-            before = self.registers[f"{name}.CR"]
-            if value & 1 << 31:
-                assert before == 1 << 28, "calibrated without its regulator, or while enabled"
-                calibrated = True
-            if value & 1 and not before & 1:
-                assert calibrated, "enabled before it was calibrated"
-                self.registers[f"{name}.ISR"] |= 1
-            assert not value & 4 or before & 1, "started before it was enabled"
-            self.registers[f"{name}.CR"] = value & ~(1 << 31)
-            if value & 4 and self.field(f"{name}.SQR1", 6, 5) == 18:
-                self._convert_reference(name)
-
-        return write
 
     def _convert_reference(self, name: str) -> None:
         """Once, by software: 4 us of sampling are needed (DS12288)."""

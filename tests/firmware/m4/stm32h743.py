@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 
 from . import peripherals
 from .peripherals import Effect, Peripherals
-from .wiring import Lane, Sampling, Stream, Wiring
+from .wiring import Lane, Sampling, Stream, Wiring, stream_of
 
 _ADC = {"ISR": 0x00, "CR": 0x08, "CFGR": 0x0C, "CFGR2": 0x10, "SMPR1": 0x14, "SMPR2": 0x18, "PCSEL": 0x1C} | {
     "SQR1": 0x30,
@@ -196,7 +196,7 @@ class Registers(Peripherals):
             "DMA2.HIFCR": lambda value: self.clear("DMA2.HISR", value),
             "GPIOA.BSRR": self._moves("GPIOA"),
             "GPIOC.BSRR": self._moves("GPIOC"),
-            **{f"ADC{i}.CR": self._adc_control(f"ADC{i}") for i in (1, 2, 3)},
+            **{f"ADC{i}.CR": self.adc_control(f"ADC{i}", 19, 3 << 8, self._convert_reference) for i in (1, 2, 3)},
             **{f"ADC{i}.ISR": self._adc_flags(f"ADC{i}") for i in (1, 2, 3)},
         }
 
@@ -217,26 +217,6 @@ class Registers(Peripherals):
         """Of an output, what the program puts there; any other pin is low."""
         is_output = self.field(f"{port}.MODER", 2 * pin, 2) == 1
         return self.field(f"{port}.ODR", pin, 1) if is_output else 0
-
-    def _adc_control(self, name: str) -> Effect:
-        """Calibration ends at once. An ADC is ready if its regulator ran, and it was calibrated."""
-        calibrated = False
-
-        def write(value: int) -> None:
-            nonlocal calibrated
-            before = self.registers[f"{name}.CR"]
-            if value & 1 << 31:
-                assert before & ~(3 << 8) == 1 << 28, "calibrated without its regulator, or while enabled"
-                calibrated = True
-            if value & 1:
-                assert calibrated, "enabled before it was calibrated"
-                self.registers[f"{name}.ISR"] |= 1
-            assert not value & 4 or before & 1, "started before it was enabled"
-            self.registers[f"{name}.CR"] = value & ~(1 << 31)
-            if value & 4 and self.field(f"{name}.SQR1", 6, 5) == 19:
-                self._convert_reference(name)
-
-        return write
 
     def _convert_reference(self, name: str) -> None:
         """Once, by software, in 16 bits: 4.3 us of sampling are needed (DS12110)."""
@@ -314,24 +294,12 @@ class Wires(Wiring):
         return found
 
     def _stream(self, name: str, control: int, request: str) -> Stream:
-        assert control >> 10 & 1, f"{name} stays at one address"
         assert self.p[f"{name}.FCR"] == 0, "direct mode"
         assert bool(control >> 20 & 1) == (request in ("RX", "TX")), "TRBUFF is for the USARTs (ES0392)"
         memory = self.p[f"{name}.M0AR"]
         assert 0x30000000 <= memory < 0x30040000, f"{name} cannot reach {memory:#x}, or only by way of another domain"
         assert memory % (1 << (control >> 13 & 3)) == 0
-        enabled = {"error": 2, "half": 3, "complete": 4}
-        return Stream(
-            name,
-            self.p[f"{name}.PAR"],
-            memory,
-            self.p[f"{name}.NDTR"],
-            1 << (control >> 13 & 3),
-            1 << (control >> 11 & 3),
-            bool(control >> 6 & 1),
-            bool(control >> 8 & 1),
-            frozenset(what for what, bit in enabled.items() if control >> bit & 1),
-        )
+        return stream_of(name, control, self.p[f"{name}.PAR"], memory, self.p[f"{name}.NDTR"])
 
     def sampling(self) -> Sampling:
         p = self.p

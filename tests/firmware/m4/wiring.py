@@ -31,6 +31,23 @@ class Stream:
     interrupts: frozenset[str]  # of "half", "complete", "error"
 
 
+def stream_of(name: str, control: int, peripheral: int, memory: int, items: int) -> Stream:
+    """A stream of the DMA that the F4 and the H7 have, by its control register."""
+    assert control >> 10 & 1, f"{name} stays at one address"
+    enabled = {"error": 2, "half": 3, "complete": 4}
+    return Stream(
+        name,
+        peripheral,
+        memory,
+        items,
+        1 << (control >> 13 & 3),
+        1 << (control >> 11 & 3),
+        bool(control >> 6 & 1),
+        bool(control >> 8 & 1),
+        frozenset(what for what, bit in enabled.items() if control >> bit & 1),
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Lane:
     """A mode's samples: addresses of the first of `samples`, and from one to the next, in bytes; to its sensor's next

@@ -1,0 +1,59 @@
+/* What listening to a chunk and speaking one have in common, however a board lays its samples out (carrier.c, and planar.c
+ * and framed.c of the boards). */
+#ifndef HD_CHUNK_H
+#define HD_CHUNK_H
+
+#include <string.h>
+
+#include "carrier.h"
+#include "sine.h"
+
+#define LSB_SHIFT 4   /* samples are left-aligned */
+#define SINE_SHIFT 14 /* HD_SINE_ONE */
+
+/* A synthesised sample before the shift: mid-rail and half a step, for the nearest one. Never below 0 or above 2^30. */
+#define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL + (1u << (LSB_SHIFT - 1))) << SINE_SHIFT))
+
+_Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
+
+/* Before the samples of a chunk. */
+static inline void hd_chunk_begin(hd_carrier_t *carrier)
+{
+    if (carrier->chunks == carrier->tick_chunks) {
+        carrier->chunks = 0;
+        memset(carrier->sums, 0, sizeof carrier->sums);
+    }
+    if (carrier->chunks == 0) {
+        carrier->tick_phase = carrier->played[0].phase;
+    }
+}
+
+/* The sums of a mode over a chunk, of x cos, of -x sin and of x, to those of the tick. */
+static inline void hd_chunk_add(hd_sums_t *sums, int32_t cosine, int32_t minus_sine, int32_t plain)
+{
+    hd_phasor_t product = {(float)cosine, (float)minus_sine};
+    sums->product = hd_add(sums->product, hd_scale(1.0f / HD_SINE_ONE, product));
+    sums->plain += (float)plain;
+}
+
+/* After them; true if the chunk completes a tick. */
+static inline bool hd_chunk_end(hd_carrier_t *carrier)
+{
+    carrier->played[0] = carrier->played[1];
+    carrier->chunks++;
+    return carrier->chunks == carrier->tick_chunks;
+}
+
+static inline void hd_chunk_advance(hd_oscillation_t *oscillation)
+{
+    oscillation->phase += HD_CHUNK * oscillation->step;
+}
+
+/* The next chunk is filled. */
+static inline void hd_chunk_spoken(hd_carrier_t *carrier)
+{
+    carrier->played[1] = carrier->spoken;
+    hd_chunk_advance(&carrier->spoken);
+}
+
+#endif
