@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hapticd.wire.trackpad import PadGeometry
-from hapticd.wire.trackpad.renumbering import ContactNumbers
+from hapticd.wire.trackpad.evdev import ContactNumbers
 
 PAD = PadGeometry(x_min_raw=0, x_max_raw=1000, y_min_raw=0, y_max_raw=1000, width_mm=100.0, height_mm=100.0)
 

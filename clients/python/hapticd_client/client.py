@@ -15,7 +15,7 @@ from typing import Any, Unpack
 
 from hapticd_contract.contents import GivenContent
 from hapticd_contract.effects import NOW, Effect, Form, Now, Start
-from hapticd_contract.requests import MarkerRequest, ReachQuery, Release
+from hapticd_contract.requests import MarkerRequest, ReachQuery
 from hapticd_contract.states import FingerState, PlateEvent, PlateState
 from hapticd_contract.surfaces import Blend, Shape, Surface, VirtualFinger, shape_field
 from hapticd_contract.targets import DEFAULT_TTL_S, ClientTargets, FingerTarget, TtlS
@@ -25,6 +25,7 @@ from .checks import checked, finger_key, label, plain, shown
 from .connection import Connection
 from .endpoint import KeyFile
 from .errors import HapticdError, RefusedError
+from .held_targets import HeldTargets
 from .recording import Recording, marker_text
 from .target_set import SceneKey, TargetSet
 from .targets import Asset, LevelRows, Map, content_fields
@@ -52,11 +53,8 @@ class Client:
         own_key: KeyFile | None = None,
     ) -> None:
         self.name = label("name", _generated_name() if name is None else name)
-        self._targets = TargetSet()
-        self._assets: dict[bytes, Asset] = {}  # that maps of the targets may use
-        self._down: set[SceneKey] = set()
-        self._instance: int | None = None
         self._link = Connection(self.name, endpoint, server_key, own_key, timeout_s)
+        self._held = HeldTargets(self._link)
         self.hello = self._link.hello
         self._finalizer = weakref.finalize(self, self._link.close)
 
@@ -95,7 +93,7 @@ class Client:
         target = checked(FingerTarget(finger_key("finger", finger), priority, **fields))
         self._link.check_content(target)
         self._use_asset(content.get("map"), wait)
-        self._request(self._targets.with_target(target, plain("ttl_s", ttl_s, TtlS)), wait)
+        self._request(self._held.targets.with_target(target, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def virtual(
         self,
@@ -118,7 +116,7 @@ class Client:
             raise RefusedError("virtual: give exactly one of position_mm and path.")
         points: Any = path
         virtual = checked(VirtualFinger(points, speed_mm_s, bool(loop), name=name))
-        self._request(self._targets.with_virtual(virtual, plain("ttl_s", ttl_s, TtlS)), wait)
+        self._request(self._held.targets.with_virtual(virtual, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def surface(
         self,
@@ -176,7 +174,7 @@ class Client:
         )
         self._link.check_content(surface)
         self._use_asset(content.get("map"), wait)
-        self._request(self._targets.with_surface(surface, plain("ttl_s", ttl_s, TtlS)), wait)
+        self._request(self._held.targets.with_surface(surface, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def put(self, message: ClientTargets | Mapping[str, Any], *, wait: bool = True) -> None:
         """Replace all targets, virtual fingers, surfaces and effects of this client by those of a message of the
@@ -234,26 +232,22 @@ class Client:
             start = Now(time.monotonic_ns())  # each call starts it once more
         where = on if on is None or isinstance(on, str) else finger_key("on", on)
         effect = checked(Effect.of(form, where, start, name=name, loops=bool(loops)))
-        self._request(self._targets.with_effect(effect, plain("ttl_s", ttl_s, TtlS)), wait)
+        self._request(self._held.targets.with_effect(effect, plain("ttl_s", ttl_s, TtlS)), wait)
 
     def stop(self, effect: str) -> None:
         """End one effect and do not start it again; one that there is not is no error."""
-        self._request(self._targets.without_effect(label("effect", effect)), wait=True)
+        self._request(self._held.targets.without_effect(label("effect", effect)), wait=True)
 
     def remove(self, surface: str) -> None:
         """Remove one surface and the effects that name it; one that there is not is no error."""
-        self._request(self._targets.without_surface(label("surface", surface)), wait=True)
+        self._request(self._held.targets.without_surface(label("surface", surface)), wait=True)
 
     def release(self, finger: FingerState | SceneKey | None = None) -> None:
         """Release one finger, or a virtual finger by its name; without an argument, all, and remove all surfaces and
         effects."""
         key = None if finger is None else finger_key("finger", finger)
-        stamp = self._link.stamp()
-        targets = TargetSet() if key is None else self._targets.without(key)
-        try:
-            self._call("release", Release(self.name, key, stamp))
-        finally:
-            self._keep(targets, stamp, is_sent=True)
+        self._check_open()
+        self._held.release(key)
 
     # --- state ---
 
@@ -261,7 +255,7 @@ class Client:
         """Return the fingers on the plate, oldest first. Raises DaemonGoneError after the timeout."""
         self._check_open()
         state = self._link.telemetry.current(timeout_s)
-        self._drop_lifted(state)
+        self._held.drop_lifted(state)
         return [finger for finger in state.fingers if not finger.virtual]
 
     def states(self, timeout_s: float = 2.0) -> Iterator[PlateState]:
@@ -269,7 +263,7 @@ class Client:
         while True:
             self._check_open()
             state = self._link.telemetry.next(timeout_s)
-            self._drop_lifted(state)
+            self._held.drop_lifted(state)
             yield state
 
     def events(self, seconds: float = math.inf, timeout_s: float = 2.0) -> Iterator[PlateEvent]:
@@ -353,57 +347,19 @@ class Client:
 
     def _request(self, targets: TargetSet, wait: bool) -> None:
         self._check_open()
-        stamp = self._link.stamp()
-        if not wait:
-            self._keep(targets, stamp)
-            return
-        targets.payload(self.name, stamp)  # refuses too many bytes before the request
-        try:
-            self._call("set", targets.message(self.name, stamp))
-        except HapticdError:
-            self._keep(self._targets, self._link.stamp())  # the daemon may have accepted the other targets
-            raise
-        self._keep(targets, stamp, is_sent=True)
+        self._held.request(targets, wait=wait)
+
+    def _use_asset(self, image: Map | None, wait: bool) -> None:
+        self._check_open()
+        self._held.use_asset(image, wait=wait)
 
     def _call(self, op: str, body: object = None) -> dict[str, Any]:
         self._check_open()
         return self._link.request(op, body)
 
-    def _use_asset(self, image: Map | None, wait: bool) -> None:
-        """Keep a map's asset; upload it if the daemon has dropped it, or with `wait` False let the keeper do that."""
-        if image is None or not isinstance(image.rows, Asset):
-            return
-        self._assets[image.rows.digest] = image.rows
-        if wait:
-            self._check_open()
-            self._link.upload(image.rows)
-
     def _check_open(self) -> None:
         if not self._finalizer.alive:
             raise HapticdError("This client is closed: create a new one.")
-
-    def _keep(self, targets: TargetSet, stamp: int | None, *, is_sent: bool = False) -> None:
-        """Refresh these targets from now on; send them at once unless a request did."""
-        payload = targets.payload(self.name, stamp)
-        ttl_s = math.inf if targets.is_empty else targets.ttl_s
-        self._targets = targets
-        if self._assets:
-            self._assets = {digest: self._assets[digest] for digest in targets.assets}
-            self._link.keeper.keep(tuple(self._assets.values()))
-        if is_sent:
-            self._link.refresher.keep(payload, ttl_s)
-        else:
-            self._link.refresher.send(payload, ttl_s)
-
-    def _drop_lifted(self, state: PlateState) -> None:
-        """Drop the targets of lifted fingers, whose ids are never used again."""
-        if state.instance != self._instance:  # a restarted daemon counts its fingers from 1
-            self._instance, self._down = state.instance, set()
-        down: set[SceneKey] = {finger.id for finger in state.fingers if not finger.virtual}
-        lifted = (self._down - down) & self._targets.fingers
-        self._down = down
-        if lifted:
-            self._keep(self._targets.without(*lifted), self._link.stamp())
 
 
 def _generated_name() -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
@@ -16,7 +17,6 @@ from .event_clock import EventClock
 from .geometry import PadGeometry
 from .pad import Family, Layout
 from .records import RefusedError
-from .renumbering import ContactNumbers
 
 EVENT: Final = struct.Struct("<qqHHi")  # seconds, microseconds, type, code, value
 MAX_EVENTS: Final = 170  # of one report: ten axes of all contacts
@@ -32,7 +32,10 @@ AXES: Final = (POSITION_X, POSITION_Y, TOUCH_MAJOR, TOUCH_MINOR, ORIENTATION, PR
 _COUNTER = 1 << 32  # MSC_TIMESTAMP counts microseconds so far
 _MOST_S = 1 << 33
 _HOVERS, _TOUCHES = 0, 1  # a contact's `state`
+_FARTHEST_MM: Final = 40.0  # between reports, of a contact without a number: 60 Hz at 2.4 m/s
+_NUMBERS: Final = 1 << 16
 _Axes = dict[int, int]
+_RawPlace = tuple[int, int]
 
 
 class InputEvents(Layout):
@@ -141,6 +144,47 @@ class InputEvents(Layout):
             number, x_mm, y_mm, major_raw * major_mm, minor_raw * minor_mm, angle_rad,
             pressure_frac, is_touching, _TOUCHES if is_touching else _HOVERS, raw_x, raw_y,
         )  # fmt: skip
+
+
+class ContactNumbers:
+    """Numbers for contacts of a device that gives none: each keeps that of the nearest one of the report before.
+
+    `core.touch.tracking` judges by how fingers move whether a number can be right.
+    """
+
+    def __init__(self, geometry: PadGeometry) -> None:
+        self._units_x, self._units_y = geometry.units_per_mm
+        self.reset()
+
+    def reset(self) -> None:
+        self._last: dict[int, _RawPlace] = {}
+        self._next = 0
+
+    def of(self, places: Sequence[_RawPlace]) -> list[int]:
+        """Return a number for each place (raw units)."""
+        distances = sorted(
+            (distance_mm, number, index)
+            for number, before in self._last.items()
+            for index, place in enumerate(places)
+            if (distance_mm := self._distance_mm(before, place)) <= _FARTHEST_MM
+        )
+        found: dict[int, int] = {}
+        for _, number, index in distances:
+            if index not in found and number not in found.values():
+                found[index] = number
+        for index in range(len(places)):
+            if index not in found:
+                found[index] = self._unused()
+        self._last = {found[index]: place for index, place in enumerate(places)}
+        return [found[index] for index in range(len(places))]
+
+    def _unused(self) -> int:
+        """Return a number that no contact has had for long: there are many more numbers than contacts."""
+        self._next = (self._next + 1) % _NUMBERS
+        return self._next
+
+    def _distance_mm(self, one: _RawPlace, other: _RawPlace) -> float:
+        return math.hypot((one[0] - other[0]) / self._units_x, (one[1] - other[1]) / self._units_y)
 
 
 FAMILY: Final[Family] = Family((), {"evdev": InputEvents})

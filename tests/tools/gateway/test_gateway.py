@@ -11,7 +11,7 @@ from asynchronous import asynchronous, until
 from clients.fake_daemon import FakeDaemon
 from webclients import KEY, ORIGIN, gateway, programs
 
-from hapticd.tools.gateway import outbox, peer
+from hapticd.tools.gateway import peer
 from hapticd.tools.gateway.peer import Names
 from hapticd.tools.gateway.server import MAX_PEERS
 from hapticd_client import Client, RefusedError
@@ -160,8 +160,8 @@ async def test_more_connections_than_the_daemon_grants_are_told_so(tmp_path: Pat
 
 @asynchronous
 async def test_a_reader_who_leaves_replies_unread_is_to_be_disconnected() -> None:
-    box = outbox.Outbox()
-    box.reply("x" * outbox.MAX_UNREAD_BYTES)
+    box = peer.Outbox()
+    box.reply("x" * peer.MAX_UNREAD_BYTES)
     assert not box.is_overfull
     box.reply("x")
     assert box.is_overfull
@@ -182,8 +182,8 @@ class Sent:
 @pytest.mark.parametrize("newest", [True, False])
 @asynchronous
 async def test_a_slow_reader_has_a_bounded_number_of_states_waiting(newest: bool) -> None:
-    box, socket = outbox.Outbox(), Sent()
-    numbers = [str(number) for number in range(outbox.STATES + 5)]
+    box, socket = peer.Outbox(), Sent()
+    numbers = [str(number) for number in range(peer.STATES + 5)]
     for number in numbers:
         box.state(number, newest=newest)
     box.reply("reply")
