@@ -4,8 +4,7 @@
 
 #include "limiter.h"
 #include "plausibility.h"
-
-#define ALL_MODES 255 /* in the log: no single one is concerned */
+#include "states.h"
 
 /* A limit in V or um, or a frequency: its square, and that of a hundredth of it, neither overflow nor underflow. */
 static bool sensible(float value)
@@ -87,99 +86,12 @@ void hd_silence(hd_core_t *core)
     }
 }
 
-static void enter(hd_core_t *core, enum hd_state state)
-{
-    if (core->state != state) {
-        core->state = (uint8_t)state;
-        core->pending |= HD_PENDING_STATUS; /* the host should not wait a tenth of a second to learn it */
-    }
-}
-
-static void note(hd_core_t *core, uint8_t code, int mode, float value, uint32_t now_us)
-{
-    hd_wire_log_entry_t entry = {
-        .t_board_us = now_us,
-        .boot_id = core->config.boot_id,
-        .code = code,
-        .mode = (uint8_t)mode,
-        .value = value,
-    };
-    hd_log_add(&core->config.log, &entry);
-}
-
-/* `value` is the measurement, where there is one; `mode` may be ALL_MODES. */
-static void fail(hd_core_t *core, enum hd_fault fault, int mode, float value, uint32_t now_us)
-{
-    if (core->state != HD_STATE_FAULT) {
-        core->fault = (uint8_t)fault;
-        note(core, (uint8_t)fault, mode, value, now_us);
-        enter(core, HD_STATE_FAULT);
-        hd_deadman_reset(&core->deadman);
-    }
-    hd_silence(core);
-}
-
-static void trip(hd_core_t *core, uint32_t now_us)
-{
-    core->tripped = true;
-    hd_deadman_trip(&core->deadman, now_us);
-    note(core, HD_EVENT_DEADMAN_TRIP, ALL_MODES, 0.0f, now_us);
-    hd_timeline_clear(&core->timeline); /* earlier references must not become active again */
-    enter(core, HD_STATE_QUIET);
-    if (core->config.latch_repeated_trips && hd_deadman_repeated(&core->deadman)) {
-        fail(core, HD_FAULT_REPEATED_DEADMAN, ALL_MODES, 0.0f, now_us);
-    }
-}
-
-void hd_lose_samples(hd_core_t *core, uint32_t now_us)
-{
-    note(core, HD_EVENT_MISSED_CHUNK, ALL_MODES, (float)++core->missed_chunks, now_us);
-    hd_silence(core);
-    if (core->state == HD_STATE_LIVE) {
-        trip(core, now_us);
-    } else if (core->state == HD_STATE_TOOL) {
-        enter(core, HD_STATE_QUIET);
-    }
-    hd_deadman_reset(&core->deadman);
-}
-
-static void watch_host(hd_core_t *core, uint32_t now_us)
-{
-    hd_deadman_tick(&core->deadman, now_us);
-    if (core->state == HD_STATE_LIVE && core->deadman.starving) {
-        trip(core, now_us);
-    } else if (core->state == HD_STATE_TOOL && core->deadman.starving && !core->tool.stopping) {
-        note(core, HD_EVENT_TOOL_STOPPED, core->tool.mode, hd_magnitude(core->tool.voltage_v), now_us);
-        hd_tool_stop(&core->tool);
-    } else if (hd_at_rest(core) && core->state == HD_STATE_QUIET && hd_deadman_armed(&core->deadman)) {
-        core->tripped = false;
-        enter(core, HD_STATE_LIVE);
-    }
-}
-
-bool hd_at_rest(const hd_core_t *core)
-{
-    return core->state != HD_STATE_LIVE && core->state != HD_STATE_TOOL && core->ramp == 0;
-}
-
-void hd_begin_tool(hd_core_t *core, uint32_t now_us)
-{
-    enter(core, HD_STATE_TOOL);
-    hd_deadman_reset(&core->deadman);
-    hd_deadman_good_keepalive(&core->deadman, now_us); /* the command itself is a sign of life */
-}
-
 static void watch_plate(hd_core_t *core, uint32_t now_us)
 {
     enum hd_fault fault = hd_implausible(core);
     if (fault != HD_FAULT_NONE) {
-        fail(core, fault, core->control.turn, hd_magnitude(core->measured_um[core->control.turn]), now_us);
+        hd_fail(core, fault, core->control.turn, hd_magnitude(core->measured_um[core->control.turn]), now_us);
     }
-}
-
-void hd_lose_memory(hd_core_t *core, enum hd_damage damage, uint32_t now_us)
-{
-    fail(core, HD_FAULT_MEMORY, ALL_MODES, (float)damage, now_us);
 }
 
 /* Before anything drives. */
@@ -214,7 +126,7 @@ static hd_phasor_t believed_um(hd_core_t *core, int k, hd_phasor_t value_um, uin
     if (hd_finite(value_um)) {
         return value_um;
     }
-    fail(core, HD_FAULT_MEASUREMENT_NOT_FINITE, k, 0.0f, now_us);
+    hd_fail(core, HD_FAULT_MEASUREMENT_NOT_FINITE, k, 0.0f, now_us);
     return (hd_phasor_t){0.0f, 0.0f};
 }
 
@@ -312,7 +224,7 @@ static bool drive(hd_core_t *core, float ramp, uint32_t now_us)
     }
     if (ramp == 1.0f && hd_follow_due(&core->follower)) {
         if (now_us - core->t_reached_us >= HD_SATURATED_US) {
-            fail(core, HD_FAULT_SATURATED, ALL_MODES, core->config.v_limit_v, now_us);
+            hd_fail(core, HD_FAULT_SATURATED, HD_ALL_MODES, core->config.v_limit_v, now_us);
             return false;
         }
         hd_follow_step(&core->follower, &core->control);
@@ -327,7 +239,7 @@ static void use_tool(hd_core_t *core, uint32_t now_us)
 {
     if (!hd_tool_step(&core->tool, now_us, core->sensor_um, core->voltage_v)) {
         hd_deadman_reset(&core->deadman);
-        enter(core, HD_STATE_QUIET);
+        hd_enter(core, HD_STATE_QUIET);
     }
     core->drive_hz = hd_tool_drive_hz(&core->tool, core->follower.drive_hz);
     core->pending |= core->tool.count > 0 ? HD_PENDING_SWEEP_POINT : 0;
@@ -384,7 +296,7 @@ static void gate(hd_core_t *core, uint32_t now_us, hd_phasor_t voltage_v[HD_MODE
 {
     float limit_v = core->state == HD_STATE_TOOL ? HD_RAW_LIMIT_FRAC * core->config.v_limit_v : core->config.v_limit_v;
     if (hd_limit_voltages(core->voltage_v, limit_v) == HD_LIMIT_NOT_FINITE) {
-        fail(core, HD_FAULT_CONTROL_NOT_FINITE, ALL_MODES, 0.0f, now_us);
+        hd_fail(core, HD_FAULT_CONTROL_NOT_FINITE, HD_ALL_MODES, 0.0f, now_us);
     }
     memcpy(voltage_v, core->voltage_v, sizeof core->voltage_v);
 }
@@ -395,7 +307,7 @@ void hd_tick(hd_core_t *core, uint32_t now_us, const hd_phasor_t sensor_um[HD_MO
     if (core->control.turn >= HD_MODES) { /* a turned bit: it is an index */
         core->control.turn = 0;
     }
-    watch_host(core, now_us);
+    hd_watch_host(core, now_us);
     sense(core, sensor_um, now_us);
     watch_plate(core, now_us);
     follow_timeline(core, now_us);

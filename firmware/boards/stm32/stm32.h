@@ -1,5 +1,5 @@
 /* The registers that these chips have in the same place: PM0214 and PM0253 for the core's own, RM0090 rev 18, RM0440 and RM0433
- * for the others. What differs is in the registers.h of a chip, and in f4_g4.h. */
+ * for the others. What differs is in the registers.h of a chip, in f4_g4.h and in f4_h7.h. */
 #ifndef HD_STM32_H
 #define HD_STM32_H
 

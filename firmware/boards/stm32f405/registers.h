@@ -3,6 +3,7 @@
 #define HD_F405_REGISTERS_H
 
 #include "f4_g4.h"
+#include "f4_h7.h"
 
 #define CRYSTAL_HZ 8000000
 #define CORE_HZ 168000000
@@ -29,15 +30,6 @@ typedef struct {
 typedef struct {
     reg_t CSR, CCR, CDR;
 } adc_common_t;
-
-typedef struct {
-    reg_t CR, NDTR, PAR, M0AR, M1AR, FCR;
-} dma_stream_t;
-
-typedef struct {
-    reg_t LISR, HISR, LIFCR, HIFCR;
-    dma_stream_t STREAM[8];
-} dma_t;
 
 typedef struct {
     reg_t SR, DR, BRR, CR1, CR2, CR3;
@@ -110,17 +102,7 @@ typedef struct {
 #define ADC_PRE_DIV4 (1u << 16)
 
 /* DMA */
-#define DMA_EN (1u << 0)
-#define DMA_TEIE (1u << 2)
-#define DMA_HTIE (1u << 3)
-#define DMA_TCIE (1u << 4)
-#define DMA_TO_PERIPHERAL (1u << 6)
-#define DMA_CIRC (1u << 8)
-#define DMA_MINC (1u << 10)
-#define DMA_WORDS (2u << 11 | 2u << 13) /* PSIZE, MSIZE; 0 is bytes */
-#define DMA_PRIORITY(p) ((uint32_t)(p) << 16)
 #define DMA_CHANNEL(c) ((uint32_t)(c) << 25)
-#define DMA_ALL 0x3Du
 
 /* ADC1 requests of DMA2 stream 0, DAC1 of DMA1 stream 5, USART1 of DMA2 streams 2 and 7 */
 #define CHUNK_FLAGS DMA2->LISR

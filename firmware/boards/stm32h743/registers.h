@@ -4,7 +4,7 @@
 #ifndef HD_H743_REGISTERS_H
 #define HD_H743_REGISTERS_H
 
-#include "stm32.h"
+#include "f4_h7.h"
 
 #define CRYSTAL_HZ 8000000 /* the ST-LINK's clock at OSC_IN (UM2407): CLOCK_AT_OSC_IN */
 #define INTERNAL_HZ 64000000
@@ -41,15 +41,6 @@ typedef struct {
 typedef struct {
     reg_t ISR, IER, CR, CFGR, CFGR2, SMPR[2], PCSEL, _0[4], SQR[4], DR;
 } adc_t;
-
-typedef struct {
-    reg_t CR, NDTR, PAR, M0AR, M1AR, FCR;
-} dma_stream_t;
-
-typedef struct {
-    reg_t LISR, HISR, LIFCR, HIFCR;
-    dma_stream_t STREAM[8];
-} dma_t;
 
 typedef struct {
     reg_t CR1, CR2, CR3, BRR, GTPR, RTOR, RQR, ISR, ICR, RDR, TDR, PRESC;
@@ -152,18 +143,8 @@ typedef struct {
 #define STOP_SAMPLES_ON_HALT (DBGMCU_APB1_FZ = 1u << 0 | 1u << 1, DBGMCU_APB3_FZ = 0, DBGMCU_APB4_FZ = 0)
 
 /* DMA */
-#define DMA_EN (1u << 0)
-#define DMA_TEIE (1u << 2)
-#define DMA_HTIE (1u << 3)
-#define DMA_TCIE (1u << 4)
-#define DMA_TO_PERIPHERAL (1u << 6)
-#define DMA_CIRC (1u << 8)
-#define DMA_MINC (1u << 10)
-#define DMA_HALFWORDS (1u << 11 | 1u << 13) /* PSIZE, MSIZE; 0 is bytes */
-#define DMA_WORDS (2u << 11 | 2u << 13)
-#define DMA_PRIORITY(p) ((uint32_t)(p) << 16)
+#define DMA_HALFWORDS (1u << 11 | 1u << 13) /* PSIZE, MSIZE */
 #define DMA_TRBUFF (1u << 20) /* ES0392: without it a stream of a USART may lock */
-#define DMA_ALL 0x3Du
 
 enum { REQUEST_ADC1 = 9, REQUEST_ADC2, REQUEST_TIM3_CH1 = 23, REQUEST_TIM3_CH3 = 25, REQUEST_USART3_RX = 45, REQUEST_USART3_TX,
        REQUEST_ADC3 = 115 };
