@@ -529,6 +529,23 @@ def test_what_cannot_be_recorded_is_one_sentence(daemon: FakeDaemon, tmp_path: P
         Recording(Endpoint(host="10.0.0.1", port=7410), tmp_path / "b.mcap", (), replays=False)
 
 
+def test_a_program_whose_python_lacks_hapticd_records_by_the_command_in_its_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapticd_client.recording.find_spec", lambda _name: None)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(HapticdError, match="install it in this Python, or put its folder into PATH"):
+        Recording(Endpoint(tmp_path), tmp_path / "a.mcap", (), replays=False)
+    command = tmp_path / "hapticd"
+    command.write_text('#!/bin/sh\necho "asked: $1 $2"\n')
+    command.chmod(0o755)
+    with (
+        pytest.raises(HapticdError, match=f"asked: record {tmp_path}/a.mcap"),
+        Recording(Endpoint(tmp_path), tmp_path / "a.mcap", (), replays=False),
+    ):
+        pass
+
+
 def test_a_marker_reaches_the_daemon_and_comes_back_with_its_instant(daemon: FakeDaemon) -> None:
     with Client(daemon.directory, "study") as client:
         t_ns = client.marker("trial 7 begins")

@@ -70,7 +70,8 @@ def run(
     if answer is None:
         return None
     t_ns = plate.marker({"event": "answer", "level": level, "answer": answer, "is_right": answer == right})
-    return {"answer": answer, "is_right": answer == right, "response_s": took_s, "t_daemon_ns": t_ns}
+    t_daemon_ns = str(t_ns)  # PsychoPy writes a number with seven digits, and text as it is
+    return {"answer": answer, "is_right": answer == right, "response_s": took_s, "t_daemon_ns": t_daemon_ns}
 
 
 def show(window: Any, text: Any, words: str) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -26,13 +27,12 @@ class Recording:
     def __init__(self, endpoint: Endpoint, path: Path, lsl: Sequence[str], *, replays: bool) -> None:
         if endpoint.directory is None:
             raise HapticdError("record: this daemon is on another machine: run `hapticd record` there.")
-        if importlib.util.find_spec(PROGRAM) is None:
-            raise HapticdError("record: needs hapticd itself, not its client alone: install it in this Python.")
+        program = _program()
         if path.exists():
             raise HapticdError(f"{path}: exists already: give another name.")
         self.path = path
         self.summary = ""
-        self._command = [sys.executable, "-m", PROGRAM, "record", str(path), "--endpoint", str(endpoint.directory)]
+        self._command = [*program, "record", str(path), "--endpoint", str(endpoint.directory)]
         self._command += ["--owned", *([] if replays else ["--now"])]
         for name in lsl:
             self._command += ["--lsl", name]
@@ -67,6 +67,18 @@ class Recording:
         self.summary = said.strip().rpartition("\n")[2]
         if process.returncode != 0 and error is None:
             raise HapticdError(self.summary.removeprefix("hapticd: ") or f"{self.path}: the recording was lost.")
+
+
+def _program() -> list[str]:
+    """Return the command `hapticd`: of this Python, or of another whose folder is in PATH. Raises HapticdError."""
+    if find_spec(PROGRAM) is not None:
+        return [sys.executable, "-m", PROGRAM]
+    found = shutil.which(PROGRAM)
+    if found is None:
+        raise HapticdError(
+            "record: needs hapticd, not its client alone: install it in this Python, or put its folder into PATH."
+        )
+    return [found]
 
 
 def marker_text(fields: Mapping[str, Any]) -> str:

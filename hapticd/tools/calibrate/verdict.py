@@ -60,15 +60,15 @@ def judge(found: Iterable[Finding], passed: str) -> Finding:
 def as_text(verdict: Verdict) -> str:
     """Return one line per figure, then the verdict."""
     width = max((len(figure.name) for figure in verdict.figures), default=0)
-    rows = [
-        f"  {figure.name:<{width}}  {_formatted(figure.value)} {figure.unit}".rstrip() for figure in verdict.figures
-    ]
+    rows = [f"  {figure.name:<{width}}  {value_of(figure)}" for figure in verdict.figures]
     return "\n".join([*rows, f"{verdict.step}: {verdict.outcome.name}: {verdict.sentence}"])
 
 
-def _formatted(value: float) -> str:
-    """Format with four digits, and from 1000 on with hundredths, as frequencies need."""
-    return f"{value:.2f}".rstrip("0").rstrip(".") if 1e3 <= abs(value) < 1e9 else f"{value:.4g}"
+def value_of(figure: Figure) -> str:
+    """Return the value with its unit: four digits, and from 1000 on hundredths, as frequencies need."""
+    value = figure.value
+    number = f"{value:.2f}".rstrip("0").rstrip(".") if 1e3 <= abs(value) < 1e9 else f"{value:.4g}"
+    return f"{number} {figure.unit}".rstrip()
 
 
 def to_json(verdict: Verdict) -> str:

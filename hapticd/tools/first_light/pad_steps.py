@@ -10,7 +10,7 @@ from ...errors import HapticdError
 from .. import pads
 from ..calibrate import folder, modes, trackpad
 from ..calibrate.marks import fit_affine, placement
-from ..calibrate.verdict import Outcome, Verdict, as_text
+from ..calibrate.verdict import Outcome, Verdict, value_of
 from . import pictures
 from .bench import Bench
 from .step import PageResult, StepPage
@@ -38,14 +38,14 @@ async def _map(bench: Bench) -> PageResult:
         found = folder.accepted(modes.run(options))
     except HapticdError as error:
         return PageResult(Judgement("", (Diagnosis(str(error)),)))
-    return PageResult(_kept(bench, found), as_text(found))
+    return PageResult(_kept(bench, found))
 
 
 def _kept(bench: Bench, found: Verdict) -> Judgement:
     """Save a verdict of `hapticd calibrate`, and return it as a judgement: what failed is a finding."""
     folder.save(bench.out, found)
     failed = (Diagnosis(found.sentence),) if found.outcome is Outcome.FAIL else ()
-    return Judgement(found.sentence, failed)
+    return Judgement(found.sentence, failed, tuple((one.name, value_of(one)) for one in found.figures))
 
 
 async def _pad(bench: Bench) -> PageResult:

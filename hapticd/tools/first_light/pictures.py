@@ -9,45 +9,70 @@ import numpy as np
 from ...values import FloatArray
 from ..calibrate.verdict import FoundSettings
 
-WIDTH, HEIGHT = 61, 8
+WIDTH, HEIGHT = 61, 8  # of a chart; drawings have at most 48 columns, which a telephone shows in a readable size
 SHADES = " .:-=+*#%@"
 
 SUPPLY = """\
-   3.3 V pin ----o meter          +24 V o---+---o drive     PB14 (PC6) o--[thermostat]--o ground
-   ADC pin k ----o meter, DC        0 V o---+               PB15 (PC7) o--[stop, closed]-o ground
-   ground    ----o                -24 V o---+---o drive
+   3.3 V pin ----o meter     +24 V o---+---o drive
+   ADC pin k ----o meter, DC   0 V o---+
+   ground    ----o           -24 V o---+---o drive
+
+   PB14 (PC6) o--[thermostat]----o ground
+   PB15 (PC7) o--[stop, closed]--o ground
 """
 REST = """\
-   plate   |~~~~~~ nothing drives it, no finger touches it
-   sensor k --coax--> front end --> ADC:  noise? hum?
+   plate  |~~~~~~  no drive, no finger on it
+
+   sensor k --coax--> front end --> ADC k
+                                    noise? hum?
 """
 ANSWER = """\
-   DAC k --> amplifier k --> patch k ==plate==> sensor k --> ADC k
-                   |
-                scope: 1 V peak at the patch, and its sign against the DAC's pin
+   DAC k --> amplifier k --+--> patch k ==+
+                           |              | plate
+                         scope            |
+   ADC k <-------------------- sensor k ==+
+
+   scope: 1 V peak at the patch, and its sign
+          against the DAC's pin
 """
 POLARITY = """\
-   drive   / \\ / \\          sensor  / \\ / \\   right: at resonance it lags by a quarter
-              \\ /                      \\ /    inverted: it leads
+   drive    /\\    /\\    /
+           /  \\  /  \\  /
+          /    \\/    \\/
+
+   sensor     /\\    /\\     right: at resonance it
+             /  \\  /  \\           lags by a quarter
+            /    \\/    \\    inverted: it leads
 """
 DEADMAN = """\
-   computer ===X=== board --> amplifiers      the cable is pulled while a voltage stands:
-                 50 ms later ramps to zero
+   computer ===X=== board --> amplifiers
+
+   the cable is pulled while a voltage stands:
+   50 ms later it ramps to zero
 """
 STOP = """\
-   (( STOP ))  pole 1: rails   pole 2: enable   pole 3: PB15 (G474, H743: PC7)
+   (( STOP ))---- pole 1: rails
+             +--- pole 2: enable
+             +--- pole 3: PB15 (G474, H743: PC7)
 """
 LOOP = """\
-   reference --> [ law ] --> amplifier --> plate --> sensor --+
-                    ^------------------------------------------+
+   reference --> [ law ] --> amplifier --> plate
+                    ^                        |
+                    +-------- sensor <-------+
 """
 MAP = """\
-   vibrometer or microphone  |  scan of the plate: x, y and a reading for each mode
+   vibrometer or microphone
+          |
+          v
+    . . . . . . . .   a scan of the plate:
+    . . . . . . . .   x, y and a reading
+    . . . . . . . .   for each mode
 """
 PAD = """\
-   4 +-----------+ 3      y away from you
-     |   plate   |        x to the right
-   1 +-----------+ 2      rest a finger on 1, 2, 3, 4 in turn
+   4 +-----------+ 3  y away from you
+     |   plate   |    x to the right
+   1 +-----------+ 2  rest a finger on 1, 2, 3, 4
+                      in turn
 """
 TOUCH = """\
         finger

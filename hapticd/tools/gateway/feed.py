@@ -14,7 +14,7 @@ from hapticd_client.endpoint import Endpoint
 
 from .messages import text_of
 
-QUEUE: Final = 256  # states; events are in one each
+STATES: Final = 4096  # that wait for a reader of every one: some 40 s of touching, as the Python client has it
 
 Take = Callable[[str], None]
 
@@ -43,7 +43,7 @@ class Feed:
     async def _read(self) -> None:
         socket = self._context.socket(zmq.SUB)
         try:
-            socket.rcvhwm = QUEUE
+            socket.rcvhwm = STATES
             socket.subscribe(b"")
             self._endpoint.connect(socket, "telemetry")
             while True:

@@ -19,7 +19,7 @@ from hapticd_contract.web import Follow
 from ...io.clients.senders import BURST, RATE_HZ
 from ..web.connections import Pace
 from . import messages
-from .feed import Feed
+from .feed import STATES, Feed
 from .messages import RefusedMessage
 
 MAX_REQUESTS: Final = 8  # that wait, as at the daemon
@@ -27,7 +27,6 @@ ANSWER_S: Final = 2.0  # within which a daemon takes a request
 FLUSH_MS: Final = 200  # for what a closing peer sent last
 SHARE: Final = 0.9  # of the daemon's rate limit, which counts a process and not its WebSockets
 MAX_UNREAD_BYTES: Final = 256 * 1024  # of replies, as the daemon has it
-STATES: Final = 256  # that wait for a reader of every one: three seconds of touching
 
 
 class Turns:

@@ -18,14 +18,22 @@ from hapticd.sim.commissioning.mistakes import KINDS, Mistake, random_mistake
 from hapticd.sim.commissioning.rig import FaultyRig
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.virtual_time import in_virtual_time
-from hapticd.tools.first_light import state
+from hapticd.tools.first_light import pictures, state
 from hapticd.tools.first_light.bench import Bench
 from hapticd.tools.first_light.front import Unguided
 from hapticd.tools.first_light.rigs import PLAYED, Named, PlayedRig, drawn, play, table
-from hapticd.tools.first_light.walk import place_of, walk
+from hapticd.tools.first_light.walk import STEPS, place_of, walk
 
 PLATE = SimConfig()
+MARGIN = 3  # of each drawing, which the page leaves out
 BAD = Mistake(Flaw.SENSOR_INVERTED, (0,))
+
+
+def test_drawings_and_charts_fit_a_telephone() -> None:
+    columns = {step.name: max(len(line) for line in step.picture.splitlines()) - MARGIN for step in STEPS}
+    assert max(columns.values()) <= 48, columns
+    chart = pictures.chart(np.linspace(2.9e4, 2.94e4, 50), [np.linspace(0.0, 1.0, 50)], "nm/V")
+    assert max(len(line) for line in chart.splitlines()) - MARGIN <= 62
 
 
 def test_twenty_kinds_and_more_are_made_each_of_them_in_turn() -> None:

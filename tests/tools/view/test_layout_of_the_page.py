@@ -127,3 +127,22 @@ def test_late_frames_of_a_board_that_goes_on_are_amber_and_of_a_silent_one_red(
 ) -> None:
     page_of(browser, view, "laptop")
     assert browser.execute_async_script(FLAG, is_ready) == [dead_man, "flag warn"]
+
+
+FAULT = """
+const [state, done] = arguments;
+import('/flags.js').then(({ Flags }) => {
+  const list = document.createElement('ul'), pressed = [];
+  const flags = new Flags(list, () => pressed.push(place));
+  flags.show({ state }, { board: { ready: true, fault_code: 7 } }, true);
+  let place = 0;
+  for (const item of list.children) { item.firstChild.click(); place++; }
+  done(pressed.map((place) => list.children[place].firstChild.textContent));
+})
+"""
+
+
+@pytest.mark.parametrize(("state", "clearing"), [("FAULT", ["fault 7"]), ("ACTIVE", [])])
+def test_the_flag_of_a_fault_alone_clears_it(browser: Chrome, view: View, state: str, clearing: list[str]) -> None:
+    page_of(browser, view, "laptop")
+    assert browser.execute_async_script(FAULT, state) == clearing

@@ -42,11 +42,12 @@ export function drawModes(canvas, modes, limits_um, colours) {
   const rows = limits_um.length > IN_A_ROW ? 2 : 1;
   const columns = Math.ceil(limits_um.length / rows);
   const [cell, tall] = [width / columns, height / rows];
-  const radius = Math.max(Math.min(cell / 2 - (rows === 1 ? 12 : 16), tall / 2 - (rows === 1 ? 13 : 4)), 1); // not laid out yet
+  const [beside, above] = rows > 1 ? [16, 4] : [12, cell < NARROW ? 20 : 13]; // of a ring, for its names
+  const radius = Math.max(Math.min(cell / 2 - beside, tall / 2 - above), 1); // not laid out yet
   context.font = "12px system-ui, sans-serif";
   for (let mode = 0; mode < limits_um.length; mode++) {
     const [column, row] = [mode % columns, Math.floor(mode / columns)];
-    const [x, y] = rows === 1 ? [cell * (column + 0.5), tall / 2 + 8] : [cell * (column + 1) - radius - 4, tall * (row + 0.5)];
+    const [x, y] = rows === 1 ? [cell * (column + 0.5), tall / 2 + (cell < NARROW ? 1 : 8)] : [cell * (column + 1) - radius - 4, tall * (row + 0.5)];
     const scale = radius / limits_um[mode];
     context.lineWidth = 1;
     context.strokeStyle = colours.line;
@@ -70,7 +71,7 @@ export function drawModes(canvas, modes, limits_um, colours) {
     } else if (cell < NARROW) {
       context.textAlign = "center";
       context.fillText(name, x, y - radius - 6);
-      context.fillText(limit, x, y + radius + 15);
+      context.fillText(limit, x, y + radius + 14);
     } else {
       context.textAlign = "left";
       context.fillText(name, cell * column + 4, 12);

@@ -94,9 +94,10 @@ function noticed(error_jnd) {
   return times > 1 ? ` · off by ${times.toFixed(1)} × what is noticed` : " ✓";
 }
 
-/** Where a value lies in nine of ten cases; nothing of an older daemon. */
+/** Where a value lies in nine of ten cases; nothing where it is sure, or of an older daemon. */
 function intervalText(low, high) {
-  return (low ?? null) === null ? "" : ` (${low.toFixed(2)} … ${high.toFixed(2)})`;
+  const [from, to] = [low?.toFixed(2), high?.toFixed(2)];
+  return from === to ? "" : ` (${from} … ${to})`;
 }
 
 /** Write a text only if it differs, which avoids a new layout. */

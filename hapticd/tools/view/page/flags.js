@@ -2,6 +2,7 @@
 
 import { write } from "./fingers.js";
 
+const FAULT = 4; // its place in the list
 const NEW_MS = 5000; // a counter that grew stands out this long
 const BUSY = "the computer was too busy: close other programs; on a real plate `hapticd doctor` names what to set";
 
@@ -54,7 +55,7 @@ export class Flags {
     tip.id = `flag-${index}`;
     tip.setAttribute("role", "tooltip");
     flag.setAttribute("aria-describedby", tip.id);
-    flag.addEventListener("click", () => index === 3 && this.isFaulty && this.clearFault());
+    flag.addEventListener("click", () => index === FAULT && this.isFaulty && this.clearFault());
     item.append(flag, tip);
     return this.list.appendChild(item);
   }
