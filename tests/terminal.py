@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
+import struct
+import termios
 import tty
 
 
@@ -22,6 +25,12 @@ class Terminal:
             return os.read(self.master, 1 << 16)
         except BlockingIOError:
             return b""
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes the program could read: a pseudo-terminal hands them over in its own time."""
+        (count,) = struct.unpack("i", fcntl.ioctl(self.slave, termios.FIONREAD, bytes(4)))
+        return int(count)
 
     def close(self) -> None:
         os.close(self.master)

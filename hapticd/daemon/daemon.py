@@ -43,6 +43,7 @@ log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # for the last frame to leave
 AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
+KEEP_EVERY_NS = 50_000_000  # what needs no better time than that: a pass ends sooner without it
 SWEEP_EVERY_NS = 100_000_000  # sockets are read to their end at each wake-up; this covers a lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
 LOG_MISSED_EVERY_NS = 10_000_000_000
@@ -85,7 +86,7 @@ class Daemon:
         self._programs = programs
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
-        self._t_collected_ns = self._t_logged_ns = self._t_swept_ns = 0
+        self._t_collected_ns = self._t_logged_ns = self._t_swept_ns = self._t_kept_ns = 0
         self._t_awake_ns: int | None = None
         self._logged_missed = 0
         self._slowness = Slowness()
@@ -176,6 +177,7 @@ class Daemon:
             self._on_pad_link(*self._pad_link)
         if self._board_link is not None:
             self._on_board_link(*self._board_link)
+        self._set_pace()
 
     def _on_pad_link(self, pad: Pad | None, reason: str) -> None:
         self._pad_link = pad, reason
@@ -252,6 +254,7 @@ class Daemon:
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
         self._notice_stall(now_ns())
+        self._link.read_what_waits()
         self._update_subscription()
         machine, t_begin_ns = self.machine, now_ns()
         begin_ran_ns = time.thread_time_ns()
@@ -288,8 +291,7 @@ class Daemon:
     def _on_timer(self, late_ns: int, missed: int) -> None:
         self._notice_stall(now_ns())
         self._update_subscription()
-        if self.machine.session.is_resting:
-            self._link.read()
+        self._link.read_what_waits()
         machine, t_now_ns = self.machine, now_ns()
         machine.status.loop.ticked(late_ns, missed)
         begin_ran_ns = time.thread_time_ns()
@@ -324,10 +326,13 @@ class Daemon:
         assert self._recorders is not None
         if self._calibration_task is not None:
             self._calibration_task.step(self.machine, t_now_ns)
-        if not self.machine.is_failing:
-            self._notifier.feed_watchdog(t_now_ns)
         if self._awake is not None:
             self._awake.look(not self.machine.is_idle, t_now_ns)
+        if t_now_ns - self._t_kept_ns < KEEP_EVERY_NS:
+            return
+        self._t_kept_ns = t_now_ns
+        if not self.machine.is_failing:
+            self._notifier.feed_watchdog(t_now_ns)
         if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
             self._t_swept_ns = t_now_ns
             self._server.sweep()
@@ -344,7 +349,7 @@ class Daemon:
     def _set_pace(self, *, after_reports: bool = False) -> None:
         """Set the timer to what the machine needs: while reports arrive they replace the ticks. A resting board is read
         as rarely."""
-        self._link.rest(self.machine.session.is_resting)
+        self._link.wait(self.machine.session.can_wait)
         if self._timer is None:
             return
         period_ns = self.machine.timer_period_ns

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import struct
 from collections.abc import Callable, Sequence
+from functools import cache
 from math import isfinite
 from typing import Any, Final, get_args
 
@@ -106,7 +107,7 @@ _NUMBERED: Final = _ENDS_OF_STATUS[protocol.MORE_STATUS_FIELDS.index("number") +
 def _read_status(payload: bytes) -> BoardStatus | None:
     numbers = protocol.STATUS.unpack_from(payload)  # by position: one comes for each report
     t_us, state, flags, fault_code, modes, seq, t_received_us, t_applied_us, trips, bad_frames, late_frames = numbers
-    values = struct.unpack_from(f"<{4 * modes}f", payload, protocol.STATUS.size)
+    values = _float_layout(4 * modes).unpack_from(payload, protocol.STATUS.size)
     more = payload[protocol.STATUS.size + protocol.MODE.size * modes :]  # which grows, as that of HELLO
     is_numbered = len(more) >= _NUMBERED
     if len(more) < protocol.MORE_STATUS.size:
@@ -117,27 +118,28 @@ def _read_status(payload: bytes) -> BoardStatus | None:
     if not (state in STATES and flags <= 15 and modes >= 1 and isfinite(sum(values) + drive_hz)):
         return None
     phasors = _phasors(values)
-    return BoardStatus(
+    # As `hapticd.values` says: one comes for each report.
+    return tuple.__new__(BoardStatus, (
         t_us,
         STATES[state],
         seq,
         t_received_us,
         t_applied_us,
-        applied=flags & protocol.STATUS_APPLIED != 0,
-        saturated=flags & protocol.STATUS_SATURATED != 0,
-        limited=flags & protocol.STATUS_LIMITED != 0,
-        fault_code=fault_code,
-        deadman_trips=trips,
-        bad_frames=bad_frames,
-        late_frames=late_frames,
-        measured_um=tuple(phasors[::2]),
-        voltage_v=tuple(phasors[1::2]),
-        drive_hz=drive_hz,
-        pulsed=flags & protocol.STATUS_PULSED != 0,
-        number=number if is_numbered else None,
-        refused_seq=refused_seq,
-        refusal=refusal,
-    )
+        flags & protocol.STATUS_APPLIED != 0,
+        flags & protocol.STATUS_SATURATED != 0,
+        flags & protocol.STATUS_LIMITED != 0,
+        fault_code,
+        trips,
+        bad_frames,
+        late_frames,
+        tuple(phasors[::2]),
+        tuple(phasors[1::2]),
+        drive_hz,
+        flags & protocol.STATUS_PULSED != 0,
+        number if is_numbered else None,
+        refused_seq,
+        refusal,
+    ))  # fmt: skip
 
 
 def _read_controller(payload: bytes) -> BoardController | None:
@@ -196,6 +198,11 @@ def _read_log(payload: bytes) -> BoardLog | None:
 def _floats(payload: bytes, start: int, count: int) -> tuple[float, ...]:
     """Unpack the `count` floats after the fixed part. Raises struct.error unless the payload ends with them."""
     return struct.unpack(f"<{count}f", payload[start:])
+
+
+@cache
+def _float_layout(count: int) -> struct.Struct:
+    return struct.Struct(f"<{count}f")
 
 
 def _phasors(re_im: Sequence[float]) -> list[complex]:

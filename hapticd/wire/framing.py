@@ -85,14 +85,17 @@ class FrameSplitter:
 
 def _cobs_decoded(encoded: bytes) -> bytes | None:
     """Decode a COBS frame; None if it is invalid."""
-    blocks: list[bytes] = []
-    at = 0
-    while at < len(encoded):
-        end = at + encoded[at]
+    decoded = bytearray(encoded)  # each block's length stands where the zero before the block was
+    full: list[int] = []  # where no zero was: after a full block
+    at, end = 0, 0
+    while end < len(encoded):
+        at, length = end, encoded[end]
+        end = at + length
         if end > len(encoded):
             return None
-        blocks.append(encoded[at + 1 : end])
-        if encoded[at] <= _BLOCK_MAX and end < len(encoded):
-            blocks.append(b"\0")
-        at = end
-    return b"".join(blocks)
+        decoded[at] = 0
+        if length > _BLOCK_MAX and end < len(encoded):
+            full.append(end)
+    for end in reversed(full):
+        del decoded[end]
+    return bytes(decoded[1:])

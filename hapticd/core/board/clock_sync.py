@@ -48,6 +48,7 @@ class BoardClock:
     def __init__(self) -> None:
         self.ignored = 0
         self.relocks = 0
+        self.is_asked = False  # a reply is under way, whose instant counts
         self.senseless = 0  # replies in a row whose own times contradict the round trip
         self._pending: deque[int] | None = None
         self._exchanges: deque[Exchange] = deque(maxlen=self._WINDOW)
@@ -60,6 +61,7 @@ class BoardClock:
         if self._pending is None:
             self._pending = deque(maxlen=self._MOST_PENDING)
         self._pending.append(t_host_ns)
+        self.is_asked = True
         return t_host_ns
 
     def update(self, reply: BoardTime, t_host_received_ns: int) -> bool:
@@ -80,6 +82,7 @@ class BoardClock:
     def reset(self) -> None:
         """Reset: the board was replaced; drop its clock and the pending requests."""
         self.senseless = 0
+        self.is_asked = False
         self._exchanges.clear()
         if self._pending is not None:
             self._pending.clear()
@@ -121,6 +124,7 @@ class BoardClock:
             if sent_ns not in self._pending:
                 return None
             self._pending.remove(sent_ns)
+            self.is_asked = False
         held_us = (reply.t_sent_us - reply.t_received_us) % _WRAP_US
         rtt_ns = t_received_ns - sent_ns - held_us * 1000
         self.senseless = self.senseless + 1 if rtt_ns < -_SENSELESS_NS else 0

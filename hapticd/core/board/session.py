@@ -136,6 +136,15 @@ class BoardSession:
         """The drive that the board was set to, from which it follows the plate; 0 before its hello."""
         return 0.0 if self.hello is None else self._settings.drive_hz(self.hello)
 
+    @property
+    def can_wait(self) -> bool:
+        """Whether what the board sends may be read just before the next pass or timer: it rests or follows references,
+        and no answer is awaited."""
+        if self.is_resting or self.status is None:
+            return self.is_resting and not self.clock.is_asked
+        is_followed = self.status.state is _LIVE and self._held is None and self.setting is None
+        return is_followed and not (self.clock.is_asked or self._is_leaving)
+
     def follows(self, t_now_ns: int) -> bool:
         """Whether the board follows references and has the last one, or may still acknowledge it."""
         if self.status is None or self.status.state is not _LIVE or self._held is not None:

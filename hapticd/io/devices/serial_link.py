@@ -4,7 +4,8 @@ pyserial configures the port and opens it exclusively. The descriptor is then no
 which halves the cost of a write. A write that the port does not accept at once is dropped and the output flushed, so
 that a stalled board never receives a queue of stale frames.
 
-An idle board sends a status ten times a second. To let the loop sleep, bytes then wait for the next `read` or `write`.
+A board in steady use sends a status per reference, an idle one ten a second. So that none of them wakes the loop, bytes
+then wait for the next `read`, which the daemon makes with each pass.
 """
 
 from __future__ import annotations
@@ -35,7 +36,6 @@ class SerialLink:
         self._is_reported_missing = False
         self._is_torn = False
         self._is_watched = False
-        self._is_resting = False
 
     def start(
         self,
@@ -51,7 +51,6 @@ class SerialLink:
         """Write `data` whole or drop it; returns whether it was written."""
         if self._serial is None:
             return False
-        self._watch(True)
         if self._is_torn:
             data = FRAME_END + data  # ends the partial frame that a dropped write left
         try:
@@ -79,15 +78,19 @@ class SerialLink:
         except (OSError, ValueError, termios.error) as error:
             self._lost(f"it cannot be set to {baud} baud: {_cause(error)}")
 
-    def rest(self, is_resting: bool) -> None:
-        """Set whether received bytes may wait for the next `read`."""
-        self._is_resting = is_resting
-        self._watch(not is_resting)
+    def wait(self, may_wait: bool) -> None:
+        """Set whether received bytes wait for the next `read`."""
+        self._watch(not may_wait)
 
     def read(self) -> None:
         """Read what has arrived, if anything."""
         if self._serial is not None:
             self._readable()
+
+    def read_what_waits(self) -> None:
+        """Read what has arrived, unless the loop does so by itself."""
+        if not self._is_watched:
+            self.read()
 
     async def drained(self, within_s: float) -> None:
         """Wait until the port has sent all written bytes, at most `within_s`."""
@@ -137,8 +140,6 @@ class SerialLink:
         if not data:
             self._lost("end of file")
             return
-        if self._is_resting:
-            self._watch(False)
         self._on_bytes(data)
 
     def _watch(self, is_watched: bool) -> None:

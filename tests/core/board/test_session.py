@@ -192,6 +192,30 @@ def test_a_board_that_is_a_persons_tool_is_neither_armed_nor_kept_alive(bench: B
     assert any(isinstance(command, ReferenceFrame) for _, command in bench.run(60 * MS))
 
 
+def test_what_the_board_sends_may_wait_for_a_pass_while_it_follows_or_rests_and_owes_no_answer(bench: Bench) -> None:
+    session = bench.session
+    assert session.can_wait
+    asked: list[TimeRequest] = []
+    while not asked:
+        bench.say()
+        asked = [command for _, command in bench.run(10 * MS) if isinstance(command, TimeRequest)]
+        assert session.can_wait is (asked == [])
+    bench.time_answer(asked[0])
+    assert session.can_wait
+    for state in (BoardState.QUIET, BoardState.TOOL, BoardState.FAULT):
+        bench.say(state)
+        assert not session.can_wait
+    bench.say()
+    assert session.can_wait
+    session.rest(bench.t_ns)
+    assert not session.can_wait
+    session.receive_hello(HELLO, bench.t_ns)
+    assert session.is_resting
+    assert session.can_wait
+    session.link_down()
+    assert not session.can_wait
+
+
 @pytest.mark.parametrize("phase_ms", range(10))
 def test_while_a_reference_stands_the_board_hears_something_every_twenty_milliseconds(phase_ms: int) -> None:
     bench = Bench().met()

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import fcntl
 import functools
 import os
-import struct
 import termios
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -54,12 +52,6 @@ class Port:
     def speed(self) -> int:
         found: int = termios.tcgetattr(self.terminal.slave)[5]
         return found
-
-    @property
-    def lying(self) -> int:
-        """How many bytes the link could read: a pseudo-terminal hands them over in its own time."""
-        (count,) = struct.unpack("i", fcntl.ioctl(self.terminal.slave, termios.FIONREAD, bytes(4)))
-        return int(count)
 
     def taken(self) -> bytes:
         """What another program reads in the link's place."""
@@ -226,24 +218,25 @@ async def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port
 
 
 @played
-async def test_bytes_of_an_idle_board_wait_for_a_read_or_write(bench: Bench) -> None:
+async def test_bytes_that_may_wait_do_so_until_they_are_read(bench: Bench) -> None:
     bench.open()
-    bench.link.rest(True)
+    bench.link.wait(True)
     for data in (b"one", b"two"):
         bench.port.say(data)
-    await until(lambda: bench.port.lying == len(b"onetwo"))
+    await until(lambda: bench.port.terminal.waiting == len(b"onetwo"))
     for _ in range(3):
         await asyncio.sleep(0)  # the loop looks at its descriptors each time
     assert bench.data == b""
-    bench.link.read()
+    bench.link.read_what_waits()
     assert bench.data == b"onetwo"
-    bench.link.read()  # there is nothing
-    bench.link.write(b"what time is it?")
+    bench.link.read_what_waits()  # there is nothing
     bench.port.say(b"late")
+    await until(lambda: bench.port.terminal.waiting == len(b"late"))
+    assert bench.data == b"onetwo"
+    bench.link.wait(False)
+    bench.link.read_what_waits()  # the loop does
+    assert bench.data == b"onetwo"
     await until(lambda: bench.data == b"onetwolate")
-    bench.port.say(b"!")
-    bench.link.rest(False)
-    await until(lambda: bench.data == b"onetwolate!")
 
 
 @played
