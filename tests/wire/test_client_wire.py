@@ -17,7 +17,7 @@ from hapticd.errors import RequestError
 from hapticd.wire import client
 from hapticd_contract import base, requests, surfaces, targets
 from hapticd_contract.base import MAX_MESSAGE_BYTES
-from hapticd_contract.contents import Amplitude, Friction, Gradient, Grating, LevelMap, Noise
+from hapticd_contract.contents import CONTENTS, Amplitude, Friction, Gradient, Grating, LevelMap, Noise
 from hapticd_contract.effects import (
     At,
     Effect,
@@ -350,7 +350,7 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
         (with_target(priority=1), "targets[0]: needs exactly one of amplitude_um, friction,"),
         (with_surface(friction=0.5, priority=1), "surfaces[0].priority: unknown field"),
         (with_target(finger="phantom", friction=0.5), "this message defines no virtual finger 'phantom'"),
-        (with_target(), "targets[0]: needs exactly one of amplitude_um, friction, grating, map, gradient, noise."),
+        (with_target(), f"targets[0]: needs exactly one of {', '.join(CONTENTS)}."),
         (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
         (with_map(asset=bytes(32), high_um=1), "targets[0].map.levels: a map with an asset has none."),
         (with_map(), "targets[0].map.high_um: is missing."),
@@ -378,7 +378,7 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is listed twice."),
         (packed(surfaces=[{"name": "a", "friction": 1}] * 2), "surfaces[1].name: 'a' is listed twice."),
         (packed(surfaces=[{"name": str(n), "friction": 1} for n in range(17)]), "surfaces: has 17 items, at most 16"),
-        (with_surface(), "surfaces[0]: needs exactly one of amplitude_um, friction, grating, map, gradient, noise."),
+        (with_surface(), f"surfaces[0]: needs exactly one of {', '.join(CONTENTS)}."),
         (with_surface(friction=1, hue=1), "surfaces[0].hue: unknown field"),
         (with_surface(friction=1, circle_mm=5, rectangle_mm=[1, 1]), "surfaces[0]: has at most one of circle_mm, "),
         (with_surface(friction=1, circle_mm=0), "surfaces[0].circle_mm: 0 is out of bounds, it must be 0.1 .. 1000."),
