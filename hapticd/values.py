@@ -218,3 +218,18 @@ class Tick(NamedTuple):
     drive: SafeDrive | None
     points: tuple[TouchPoint, ...]
     limited: bool
+
+
+class LedgerLine(NamedTuple):
+    """One reference frame's life: when the report it was made from was sampled, that sample's age when the pass
+    began, the horizon it aimed at, the way over the link, when the board applied it, and by how much that was later
+    than intended."""
+
+    seq: int
+    t_sample_ns: int
+    t_sent_ns: int
+    t_applied_ns: int
+    age_ns: int
+    horizon_ns: int
+    link_ns: int
+    late_ns: int

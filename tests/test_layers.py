@@ -39,7 +39,6 @@ ALLOWED: dict[str, set[str]] = {
         "formats",
         "config",
         "core.plate",
-        "core.board.ledger",
         "wire",
         "__version__",
     },

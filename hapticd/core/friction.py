@@ -114,10 +114,6 @@ class FrictionCurve:
         falling = np.exp(-(at_um - np.array(self._origins_um)[piece]) / np.array(self._decays_um)[piece])
         return np.asarray(np.where(at_um < self.full_um, falling, self.floor_frac) + 0.0 * at_um)
 
-    def decays_um(self, amplitude_um: FloatArray) -> FloatArray:
-        """`decay_um` of an array."""
-        return np.asarray(np.array(self._decays_um)[self._pieces(amplitude_um)])
-
     def _piece(self, at_um: float) -> int:
         piece = 0
         while piece + 1 < len(self._starts_um) and at_um >= self._starts_um[piece + 1]:

@@ -16,12 +16,12 @@ from hapticd_contract.states import FingerState, Perceived, PlateEvent, PlateSta
 
 from .. import board_protocol as protocol
 from ..config.sections import Config
-from ..core.board.ledger import Histogram, LedgerLine, LoopTiming
+from ..core.board.ledger import Histogram, LoopTiming
 from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.targets.scene import Scene
-from ..values import Tick, TouchPoint
+from ..values import LedgerLine, Tick, TouchPoint
 from ..wire.client import encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway

@@ -79,8 +79,8 @@ class FeltDesign:
 
     `limits_um` (M,) are at the drive, `reach_um` what they are at each mode's resonance; `share` is theirs of the reach
     alone. `felt_frac` is the share of places where all contacts are felt as asked within the patches' volts,
-    `each_frac` (N,) that of each contact; `fits_frac` of places within the volts. `volts_frac` is the largest share of
-    a patch's volts that 95 % of the places need. `next_hz` is the nearest other mode's distance from the drive.
+    `each_frac` (N,) that of each contact; `fits_frac` of places within the volts. `next_hz` is the nearest other mode's
+    distance from the drive.
     """
 
     plate: GluedPlate
@@ -93,7 +93,6 @@ class FeltDesign:
     felt_frac: float
     each_frac: tuple[float, ...]
     fits_frac: float
-    volts_frac: float
     modal_um: FloatArray  # |W| at the places, (P, M)
     patch_v: FloatArray  # at the places, (P, M patches)
 
@@ -211,7 +210,6 @@ class GluedModes:
             float(np.mean(_is_felt(error_jnd) & fits)),
             tuple(np.mean(np.abs(error_jnd) <= ENOUGH_JND, axis=0).tolist()),
             float(np.mean(fits)),
-            float(np.quantile((patch_v / driven.most_v).max(axis=1), 0.95)),
             np.abs(modal_um),
             patch_v,
         )

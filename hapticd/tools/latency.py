@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -27,7 +27,7 @@ from hapticd_contract.contents import Amplitude, Content
 from hapticd_contract.targets import ClientTargets
 
 from ..config.sections import Config
-from ..core.board.ledger import Histogram, LedgerLine
+from ..core.board.ledger import Histogram
 from ..daemon.daemon import Daemon, now_ns
 from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
@@ -35,7 +35,7 @@ from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
 from ..regular_file import opened
 from ..sim import landing
-from ..values import FloatArray
+from ..values import FloatArray, LedgerLine
 from . import outputs, plotting
 from .arguments import POSITIVE
 from .progress import Progress
@@ -236,8 +236,8 @@ def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
     """Write one CSV line per frame; the columns are the fields of `LedgerLine`. Raises HapticdError."""
     with opened(path) as file, io.TextIOWrapper(file, "ascii", newline="") as text:
         writer = csv.writer(text)
-        writer.writerow([field.name for field in fields(LedgerLine)])
-        writer.writerows(map(astuple, lines))
+        writer.writerow(LedgerLine._fields)
+        writer.writerows(lines)
 
 
 def verdict(measured: MeasuredLatency) -> str:

@@ -76,5 +76,3 @@ def test_the_curve_of_arrays_is_the_curve() -> None:
     amplitudes_um, sliding_mm_s = np.linspace(0.0, 3.0, 31), np.linspace(0.0, 200.0, 31)
     exact = [curve.friction(*one) for one in zip(amplitudes_um.tolist(), sliding_mm_s.tolist(), strict=True)]
     np.testing.assert_allclose(curve.frictions(amplitudes_um, sliding_mm_s), exact, rtol=1e-12)
-    decays_um = [curve.decay_um(amplitude_um) for amplitude_um in amplitudes_um.tolist()]
-    np.testing.assert_array_equal(curve.decays_um(amplitudes_um), decays_um)

@@ -34,7 +34,7 @@ def design(sine: ModeShape) -> FeltDesign:
     modes = ((29000.0, sine),)
     driven = patch_drive(3.0, GLASS, plate.patches, modes, 500.0)
     um, volts = np.full((10, 1), 4.0), np.full((10, 1), 80.0)
-    return FeltDesign(plate, 29000.0, modes, 300.0, driven, 1.0, (5.0,), 1.0, (1.0,), 1.0, 0.9, um, volts)
+    return FeltDesign(plate, 29000.0, modes, 300.0, driven, 1.0, (5.0,), 1.0, (1.0,), 1.0, um, volts)
 
 
 def test_stress_is_that_of_the_bending_moment_of_a_sinusoidal_mode(sine: ModeShape, design: FeltDesign) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,9 @@ from machine_bench import MS, SLIPPERY, STICKY, Bench
 from pictures import faults
 
 from hapticd.config.sections import Config
-from hapticd.core.board.ledger import LedgerLine
 from hapticd.tools import latency
 from hapticd.tools.latency import STAGES, MeasuredLatency, draw, figures, gather, print_table, write_ledger
+from hapticd.values import LedgerLine
 
 
 def test_each_frame_has_its_report_and_the_instant_at_which_the_board_applied_it(measured: MeasuredLatency) -> None:
@@ -61,7 +60,7 @@ def test_the_ledger_s_file_and_the_figures_say_the_same_as_the_run(measured: Mea
     write_ledger(measured.lines, tmp_path / "frames.csv")
     with (tmp_path / "frames.csv").open() as file:
         rows = list(csv.DictReader(file))
-    names = [field.name for field in fields(LedgerLine)]
+    names = list(LedgerLine._fields)
     assert [tuple(int(row[name]) for name in names) for row in rows] == [
         tuple(getattr(line, name) for name in names) for line in measured.lines
     ]

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+from ...values import LedgerLine
+
 LEDGER_LENGTH: Final = 512
 PAUSE_NS: Final = 1_000_000  # of Python's collector: longer ones are counted
 LATE_NS: Final = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
@@ -74,22 +76,6 @@ def _edges_ns(bucket: int) -> tuple[int, int]:
     octave = max((bucket >> _SUB_BITS) - 1, 0)
     low = bucket - (octave << _SUB_BITS)
     return low << octave, (low + 1) << octave
-
-
-@dataclass(frozen=True, slots=True)
-class LedgerLine:
-    """One reference frame's life: when the report it was made from was sampled, that sample's age when the pass
-    began, the horizon it aimed at, the way over the link, when the board applied it, and by how much that was later
-    than intended."""
-
-    seq: int
-    t_sample_ns: int
-    t_sent_ns: int
-    t_applied_ns: int
-    age_ns: int
-    horizon_ns: int
-    link_ns: int
-    late_ns: int
 
 
 class Ledger:

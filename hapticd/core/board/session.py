@@ -26,10 +26,10 @@ from ...board_values import (
     BoardStatus,
     ReferenceFrame,
 )
-from ...values import SafeDrive, Tick
+from ...values import LedgerLine, SafeDrive, Tick
 from ..trajectory.gate import silence
 from .clock_sync import BoardClock, LinkLatency
-from .ledger import Ledger, LedgerLine
+from .ledger import Ledger
 from .line_speed import FAILED, LineSpeed
 from .periodic_timer import PolledTimer
 from .send_window import SendWindow

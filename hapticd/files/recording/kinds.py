@@ -24,16 +24,14 @@ from hapticd_contract.states import Perceived, PlateEvent
 from hapticd_contract.targets import ClientTargets
 
 from ...board_values import BoardStatus
-from ...core.board.ledger import LedgerLine
 from ...errors import RecordingError
-from ...values import Finger, RawReport, Tick
+from ...values import Finger, LedgerLine, RawReport, Tick
 from ...wire.client import encode_targets
 from ...wire.trackpad import Pad, from_fields, to_fields
 
 MAX_WHOLE = 1 << 61  # 73 years in ns: sums of three still have 64 bits
 MAX_MESSAGE_BYTES = 1 << 20
 MAX_HEADER_BYTES = 1 << 22  # the header holds the mode map: at most 250 000 values of 8 bytes
-LEDGER = ("seq", "t_sample_ns", "t_sent_ns", "t_applied_ns", "age_ns", "horizon_ns", "link_ns", "late_ns")
 HEADER = "header"
 MAX_CONTAINERS = 10_000  # of a message of more than SMALL_BYTES: an empty one takes seventy times its byte
 SMALL_BYTES = 1 << 16
@@ -210,10 +208,6 @@ def _status(status: BoardStatus) -> Fields:
     }
 
 
-def _ledger(line: LedgerLine) -> Fields:
-    return {name: getattr(line, name) for name in LEDGER}
-
-
 _EVENT_NAMES = {"seq": "number", "t_ns": "t_cause_ns", "finger": "finger_id"}
 _FORMS: dict[Any, str] = {int: WHOLE, float: NUMBER, str: TEXT}
 _EVENT: dict[str, _Form | Maybe] = {  # each field of the contract's
@@ -324,7 +318,7 @@ KINDS: dict[str, Kind] = {
         },
         _status,
     ),
-    "ledger": _kind("/ledger", dict.fromkeys(LEDGER, WHOLE), _ledger),
+    "ledger": _kind("/ledger", dict.fromkeys(LedgerLine._fields, WHOLE), LedgerLine._asdict),
     "marker": _kind("/marker", {"client": TEXT, "text": TEXT, "fields_json": Maybe(TEXT)}, _marker),
     "stream": _kind("/measured/stream", {"stream": TEXT, "about": TEXT, "rate_hz": NUMBER, "channels": [_CHANNEL]}),
     "samples": _kind("/measured/samples", {"stream": TEXT, "samples": [{"t_ns": WHOLE, "values": [NUMBER]}]}),

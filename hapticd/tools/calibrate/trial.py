@@ -27,7 +27,6 @@ ASKED_FRAC: Final = 0.5  # of each mode's limit
 FRAME_S: Final = 0.02
 TRUSTED: Final = 3  # frames of a stream until a board follows them
 NOISE_UM: Final = 0.0006
-WIDER = "Sweep a wider band (--from, --to), with more voltage (--volts)."
 
 
 def try_out(

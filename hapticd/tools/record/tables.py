@@ -13,8 +13,9 @@ import msgpack
 import numpy as np
 import numpy.typing as npt
 
-from ...files.recording.kinds import BOOL, KINDS, LEDGER, PERCEIVED, TEXT, WHOLE, Fields, Record, key_of
+from ...files.recording.kinds import BOOL, KINDS, PERCEIVED, TEXT, WHOLE, Fields, Record, key_of
 from ...files.recording.mcap_reader import Recording
+from ...values import LedgerLine
 
 _Row = tuple[Any, ...]
 Column = npt.NDArray[Any]
@@ -51,7 +52,7 @@ TABLES: dict[str, dict[str, type]] = {
     },
     "board": {name: {WHOLE: _WHOLES, BOOL: _TRUTHS, TEXT: _TEXTS}[form] for name, form in _STATUS.items()},
     "modes": _wholes("mode") | _numbers("measured_d_um", "measured_q_um", "voltage_d_v", "voltage_q_v"),
-    "ledger": _wholes(*LEDGER),
+    "ledger": _wholes(*LedgerLine._fields),
     "markers": _texts("client", "text", "fields_json"),
     "events": {
         **_wholes("number", "t_cause_ns", "t_device_ns"),  # 0 where there is none
@@ -109,7 +110,7 @@ def _rows(record: Record) -> Iterator[tuple[str, _Row]]:
             for mode, row in enumerate(zip(*columns, strict=False)):
                 yield "modes", (mode, *row)
         case "ledger":
-            yield "ledger", tuple(fields[name] for name in LEDGER)
+            yield "ledger", tuple(fields[name] for name in LedgerLine._fields)
         case "marker":
             yield "markers", (fields["client"], fields["text"], fields.get("fields_json", ""))
         case "event":

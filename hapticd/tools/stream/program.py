@@ -101,7 +101,3 @@ def _streaming(endpoint: str | None, run: Callable[[], None]) -> None:
         run()
     except hapticd_client.HapticdError as error:
         raise HapticdError(str(error)) from None
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or ["no reason given"])[0].rstrip(".")

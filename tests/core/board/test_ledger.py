@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.board.ledger import LATE_NS, Histogram, Ledger, LedgerLine, LoopTiming
+from hapticd.core.board.ledger import LATE_NS, Histogram, Ledger, LoopTiming
+from hapticd.values import LedgerLine
 
 MS = 1_000_000
 spans = st.integers(-(2**62), 2**62) | st.integers(-10, 5000) | st.integers(0, 2**40).map(lambda span: span | 1)
