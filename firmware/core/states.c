@@ -1,5 +1,26 @@
 #include "states.h"
 
+#include <string.h>
+
+void hd_silence(hd_core_t *core)
+{
+    core->ramp = 0;
+    core->drive_hz = core->follower.drive_hz;
+    hd_tool_abort(&core->tool);
+    hd_timeline_clear(&core->timeline);
+    hd_control_reset(&core->control);
+    memset(core->reference_um, 0, sizeof core->reference_um);
+    memset(core->asked_um, 0, sizeof core->asked_um);
+    memset(core->voltage_v, 0, sizeof core->voltage_v);
+    memset(core->previous_v, 0, sizeof core->previous_v);
+    for (int k = 0; k < HD_MODES; k++) {
+        hd_doubts_t *doubts = &core->doubts[k]; /* one by one, as a call takes longer */
+        doubts->over_amplitude = doubts->dead = doubts->backwards = doubts->clipped = doubts->swings = 0;
+        doubts->answer_um_v = doubts->asked_um = doubts->spare_um2_s = (hd_phasor_t){0.0f, 0.0f};
+        doubts->planned_v2 = doubts->w_um2 = 0.0f;
+    }
+}
+
 void hd_enter(hd_core_t *core, enum hd_state state)
 {
     if (core->state != state) {
