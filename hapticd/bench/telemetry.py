@@ -17,7 +17,7 @@ from ..sim.fingers.scenarios import SCENARIOS
 from ..sim.lockstep import T_START_NS, Run, Simulation
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from ..sim.plate.ground_truth import PlateSettings
-from ..sim.score import felt, forms_mm, settled, speeds_mm_s
+from ..sim.score import felt, forms_mm, rms, settled, speeds_mm_s
 from ..sim.settings import Measured, Settings, in_world
 from ..sim.world_tolerances import draw
 from ..values import WEBER_FRAC, FloatArray
@@ -166,8 +166,8 @@ def figures(found: FeltReport) -> dict[str, float]:
     friction = found.true_friction
     misses = found.truly_misses
     return {
-        "contact_um": _rms(found.contact_um),
-        "true_um": _rms(found.true_um),
+        "contact_um": rms(found.contact_um),
+        "true_um": rms(found.true_um),
         "ratio": float(np.median(found.contact_um / found.true_um)) if len(within) else float("nan"),
         "within_frac": _share(within),
         "friction_frac": _share((found.felt_friction_low <= friction) & (friction <= found.felt_friction_high)),
@@ -176,10 +176,6 @@ def figures(found: FeltReport) -> dict[str, float]:
         "false_frac": _share(found.misses_target[~misses]),
         "limited_frac": _share(found.is_limited[misses]),
     }
-
-
-def _rms(values_um: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values_um**2))) if len(values_um) else float("nan")
 
 
 def _share(are: npt.NDArray[np.bool_]) -> float:

@@ -11,7 +11,7 @@ Left out: the patch's own stiffness and mass in the shapes (`glued_plate` has th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ from .free_plate import ModeShape
 from .glued_plate import Patch
 
 BoolArray = npt.NDArray[np.bool_]
+_Indices = npt.NDArray[np.intp]
 
 STEP_MM = 2.5  # between candidates along an edge
 _GAUSS_POINTS = 8  # per side of a patch, which is shorter than a wave
@@ -115,23 +116,18 @@ def places_for_reach(per_volt_um: FloatArray, overlaps: BoolArray) -> list[int]:
     u = A^-1 c, row i becomes row i less u_i / u_j of row j (J. Sherman and W. J. Morrison, Ann. Math. Stat. 21 (1950)
     124), so all candidates are compared by products of rows.
     """
-    chosen = _greedy(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps)
-    for _ in range(_ROUNDS):
-        before = list(chosen)
-        for place in range(len(chosen)):
-            others = chosen[:place] + chosen[place + 1 :]
-            tried = np.flatnonzero(~overlaps[others].any(axis=0))
-            volts_per_um = np.linalg.inv(per_volt_um[:, chosen])
-            squares = volts_per_um @ volts_per_um.T
-            u = volts_per_um @ per_volt_um[:, tried]
-            u_j = np.where(np.abs(u[place]) < _SINGULAR, _SINGULAR, u[place])
-            share = u / u_j
-            rows = np.diag(squares)[:, None] + share * (share * squares[place, place] - 2.0 * squares[place][:, None])
-            rows[place] = squares[place, place] / u_j**2
-            chosen[place] = int(tried[np.argmin(np.round(np.log(rows.max(axis=0)), 9))])
-        if chosen == before:
-            break
-    return chosen
+
+    def best(chosen: list[int], place: int, tried: _Indices) -> int:
+        volts_per_um = np.linalg.inv(per_volt_um[:, chosen])
+        squares = volts_per_um @ volts_per_um.T
+        u = volts_per_um @ per_volt_um[:, tried]
+        u_j = np.where(np.abs(u[place]) < _SINGULAR, _SINGULAR, u[place])
+        share = u / u_j
+        rows = np.diag(squares)[:, None] + share * (share * squares[place, place] - 2.0 * squares[place][:, None])
+        rows[place] = squares[place, place] / u_j**2
+        return int(np.argmin(np.round(np.log(rows.max(axis=0)), 9)))
+
+    return _exchanged(per_volt_um / np.linalg.norm(per_volt_um, axis=1, keepdims=True), overlaps, best)
 
 
 def overlapping(places_mm: FloatArray, patch_mm: FloatArray) -> BoolArray:
@@ -141,16 +137,26 @@ def overlapping(places_mm: FloatArray, patch_mm: FloatArray) -> BoolArray:
 
 
 def _chosen(coupling: FloatArray, overlaps: BoolArray) -> list[int]:
-    """Return one candidate per mode: those of `_greedy`, then exchanges while one helps."""
+    """Return a candidate for each mode: those by which the weakest combination of modes is driven most."""
+
+    def best(chosen: list[int], place: int, tried: _Indices) -> int:
+        matrices = np.repeat(coupling[:, chosen].T[None], len(tried), axis=0)
+        matrices[:, place] = coupling[:, tried].T
+        return int(np.argmax(np.round(np.linalg.svd(matrices, compute_uv=False)[:, -1], 9)))
+
+    return _exchanged(coupling, overlaps, best)
+
+
+def _exchanged(coupling: FloatArray, overlaps: BoolArray, best: Callable[[list[int], int, _Indices], int]) -> list[int]:
+    """Return one candidate per mode: those of `_greedy`, then exchanges while one helps; `best` returns which of those
+    tried for a place is the best one there."""
     chosen = _greedy(coupling, overlaps)
     for _ in range(_ROUNDS):
         before = list(chosen)
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
             tried = np.flatnonzero(~overlaps[others].any(axis=0))
-            matrices = np.repeat(coupling[:, chosen].T[None], len(tried), axis=0)
-            matrices[:, place] = coupling[:, tried].T
-            chosen[place] = int(tried[np.argmax(np.round(np.linalg.svd(matrices, compute_uv=False)[:, -1], 9))])
+            chosen[place] = int(tried[best(chosen, place, tried)])
         if chosen == before:
             break
     return chosen

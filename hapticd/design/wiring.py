@@ -21,7 +21,7 @@ from itertools import permutations
 
 import numpy as np
 
-from ..board_values import ModeCalibration
+from ..board_values import ModeCalibration, SweepPoint
 from ..values import ComplexArray, FloatArray
 from .parasitic_fit import NO_PARASITIC, ParasiticPoles, better_parasitic, find_parasitic
 from .resonance import ITERATIONS, MIN_POINTS, Resonance
@@ -39,6 +39,14 @@ class AmplifierSweep:
     amplifier: int
     frequency_hz: FloatArray
     response_um_per_v: ComplexArray
+
+    @classmethod
+    def of(cls, amplifier: int, points: Sequence[SweepPoint]) -> AmplifierSweep:
+        """The responses per volt that a sweep's points hold."""
+        response_um_per_v = np.array([point.measured_um for point in points]) / np.array(
+            [[point.voltage_v] for point in points]
+        )
+        return cls(amplifier, np.array([point.frequency_hz for point in points]), response_um_per_v)
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,6 +63,11 @@ def add_command(commands: Any, name: str, summary: str, example: str, descriptio
     return parser
 
 
+def add_endpoint(parser: argparse.ArgumentParser, **options: Any) -> None:
+    """Add --endpoint; `options` as `add_argument`."""
+    parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)", **options)
+
+
 def suggestion(word: str, valid: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown word: the nearest valid one, if any is near."""
     close = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.6)

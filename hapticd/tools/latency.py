@@ -11,9 +11,7 @@ import argparse
 import asyncio
 import csv
 import io
-import json
 import math
-import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -109,9 +107,9 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
     Raises HapticdError if the board applied no frame.
     """
     measured = measure(config, seconds)
-    print_table(measured, sys.stderr if json_file == "-" else sys.stdout)
+    print_table(measured, outputs.beside(json_file))
     if json_file is not None:
-        outputs.write_text(json.dumps(figures(measured), indent=2) + "\n", json_file)
+        outputs.write_json(figures(measured), json_file)
     if ledger is not None:
         write_ledger(measured.lines, ledger)
     if plot is not None:
@@ -122,7 +120,7 @@ def run_landings(landings: int = landing.LANDINGS, *, json_file: str | None) -> 
     """Measure landings on the simulated rig, print a row for each way, and write figures as JSON."""
     with Progress("measuring") as progress:
         found = landing.measure(landings, progress=progress)
-    out = sys.stderr if json_file == "-" else sys.stdout
+    out = outputs.beside(json_file)
     what = f"landing to {landing.REACHED_FRAC:.0%} of {landing.TARGET_UM:g} um, ms"
     print(f"{what:<34}{'p50':>8}{'p95':>8}{'max':>8}  of {landings} landings, in virtual time", file=out)
     for way, spans_ms in found.items():
@@ -130,7 +128,7 @@ def run_landings(landings: int = landing.LANDINGS, *, json_file: str | None) -> 
         print(f"{way:<34}{row}", file=out)
     if json_file is not None:
         plain = {way: landing.percentiles_ms(spans_ms) for way, spans_ms in found.items()}
-        outputs.write_text(json.dumps(plain, indent=2) + "\n", json_file)
+        outputs.write_json(plain, json_file)
 
 
 def measure(config: Config, seconds: float) -> MeasuredLatency:

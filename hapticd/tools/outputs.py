@@ -8,12 +8,13 @@ Devices and pipes (/dev/stdout, a shell's `>(gzip)`) are written as they are; "-
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from ..errors import UsageError, missing_library, reason
 from ..regular_file import is_special, open_regular, opened
@@ -112,6 +113,16 @@ def write_text(text: str, file: Path | str) -> None:
         return
     with opened(Path(file)) as output:
         output.write(text.encode())
+
+
+def write_json(value: object, file: Path | str) -> None:
+    """Write plain data as JSON, as `write_text` does."""
+    write_text(json.dumps(value, indent=2) + "\n", file)
+
+
+def beside(json_file: str | None) -> TextIO:
+    """Return where tables go: standard output, or standard error where that is taken by the JSON."""
+    return sys.stderr if json_file == STDOUT else sys.stdout
 
 
 def _paths(values: Iterable[Any]) -> Iterator[Path]:

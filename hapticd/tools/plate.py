@@ -8,9 +8,7 @@ differ by some per cent: measure its modes with `hapticd calibrate modes`. The m
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -103,7 +101,7 @@ def run(options: argparse.Namespace) -> None:
     pair = pairs[options.pair - 1]
     nodes = common_nodes(pair.shapes, options.stamp_mm)
     chosen = four_stamps(nodes, size_mm)
-    out = sys.stderr if options.json == "-" else sys.stdout
+    out = outputs.beside(options.json)
     print(_pair_table(pairs, options.pair), file=out)
     print(_stamp_table(pair, nodes, chosen, options), file=out)
     if options.json is not None:
@@ -175,7 +173,7 @@ def _write_json(pairs: Sequence[ModePair], pair: ModePair, nodes: Sequence[Stamp
         "taken": pairs.index(pair) + 1,
         "stamps": [stamp._asdict() for stamp in nodes],
     }
-    outputs.write_text(json.dumps(table, indent=2) + "\n", file)
+    outputs.write_json(table, file)
 
 
 def _write_map(shapes: Sequence[ModeShape], size_mm: tuple[float, float], path: Path) -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -163,7 +161,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
     asked = bounds(best, task.q_factor)
     judged = plate_verdict.felt_verdict(best, asked, motion, study)
     placement = plate_places.place(best)
-    out = sys.stderr if options.json == outputs.STDOUT else sys.stdout
+    out = outputs.beside(options.json)
     print(_table(designs), _patch_table(best), file=out, sep="\n")
     print(plate_places.table(placement, best), _mode_table(best), *judged, sep="\n", file=out)
     if options.json is not None:
@@ -335,7 +333,7 @@ def _write_json(
     }
     if study is not None:
         table["tolerances"] = {"plates": len(study), "felt_frac": study.tolist()}
-    outputs.write_text(json.dumps(table, indent=2) + "\n", file)
+    outputs.write_json(table, file)
 
 
 def _as_json(design: FeltDesign) -> dict[str, Any]:

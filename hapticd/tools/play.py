@@ -19,7 +19,7 @@ from hapticd_client.content import Score
 
 from ..errors import HapticdError, UsageError
 from . import glass
-from .arguments import POSITIVE, number
+from .arguments import POSITIVE, add_endpoint, number
 from .daemon_process import PATIENT, DaemonProcess
 
 DEFAULT_UM = 1.5
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--sim", action="store_true", help="on a simulated plate, which two simulated fingers stroke")
     glass.add_arguments(parser)
-    parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
+    add_endpoint(parser)
     parser.set_defaults(command=run)
 
 

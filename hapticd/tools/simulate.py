@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import sys
 import time
 from dataclasses import asdict, replace
@@ -150,7 +149,7 @@ def _simulate(options: argparse.Namespace) -> None:
     print(report.table(figures), file=sys.stderr)
     print(f"{result.t_s[-1]:.1f} s of virtual time in {took_s:.2f} s", file=sys.stderr)
     if options.json is not None:
-        outputs.write_text(json.dumps(figures, indent=2) + "\n", options.json)
+        outputs.write_json(figures, options.json)
     if options.out is not None:
         report.save(result, options.out, compared)
     if options.plot is not None:

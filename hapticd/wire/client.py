@@ -120,7 +120,7 @@ def unpack(payload: bytes) -> object:
     if len(payload) > MAX_MESSAGE_BYTES:
         raise RequestError(f"The message has {len(payload)} bytes, the limit is {MAX_MESSAGE_BYTES}.")
     try:
-        return msgpack.unpackb(payload, raw=False, strict_map_key=True, object_pairs_hook=_distinct, max_ext_len=0)
+        return msgpack.unpackb(payload, raw=False, strict_map_key=True, object_pairs_hook=distinct, max_ext_len=0)
     except RequestError:
         raise
     except _NOT_PACKED as error:
@@ -143,8 +143,8 @@ def peek_whole(payload: bytes, name: str) -> int | None:
     return None
 
 
-def _distinct(pairs: list[tuple[object, object]]) -> dict[object, object]:
-    """Build a map; refuse duplicate keys, which two readers may resolve differently."""
+def distinct(pairs: list[tuple[object, object]]) -> dict[object, object]:
+    """Build a map; refuse duplicate keys, which two readers may resolve differently. Raises RequestError."""
     table = dict(pairs)
     if len(table) != len(pairs):
         raise RequestError("The message contains a map with the same key twice.")

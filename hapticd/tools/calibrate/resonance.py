@@ -133,17 +133,9 @@ async def _sweep(board: Conversation, plan: Sweep) -> list[SweepPoint]:
 def _fitted(points: Sequence[Sequence[SweepPoint]]) -> MeasuredWiring:
     """Fit the sweeps of all amplifiers. Raises DeviceError if they do not show their modes."""
     try:
-        return fit_wiring([_responses(amplifier, swept) for amplifier, swept in enumerate(points)])
+        return fit_wiring([AmplifierSweep.of(amplifier, swept) for amplifier, swept in enumerate(points)])
     except ValueError as error:
         raise DeviceError(str(error)) from None
-
-
-def _responses(amplifier: int, points: Sequence[SweepPoint]) -> AmplifierSweep:
-    return AmplifierSweep(
-        amplifier,
-        np.array([point.frequency_hz for point in points]),
-        np.array([point.measured_um for point in points]) / np.array([[point.voltage_v] for point in points]),
-    )
 
 
 def measured_modes(
@@ -153,7 +145,7 @@ def measured_modes(
 
     Raises DeviceError if the loop would not hold.
     """
-    swept = [_responses(amplifier, one) for amplifier, one in enumerate(points)]
+    swept = [AmplifierSweep.of(amplifier, one) for amplifier, one in enumerate(points)]
     sweeps = []
     for mode, fit in enumerate(found.fits):
         own = swept[found.strongest(mode)]

@@ -128,7 +128,7 @@ async def _around(
     for amplifier in range(design.modes):
         own_hz = modes[amplifier].frequency_hz
         plan = Sweep(amplifier, own_hz - NEAR_HZ, own_hz + NEAR_HZ, 3, 60, volts)
-        swept = measure.responses(amplifier, await measured_again(board, plan, measure.TRIES))
+        swept = AmplifierSweep.of(amplifier, await measured_again(board, plan, measure.TRIES))
         columns.append(np.abs(swept.response_um_per_v).max(axis=0))
     return np.array(columns).T
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 
 import numpy as np
 
 from ... import board_protocol as protocol
 from ...board_protocol import BoardState, BoardTime, LogRequest, RawVoltage, SetTelemetry, Stop, Sweep, TimeRequest
-from ...board_values import BoardLog, BoardStatus, SweepPoint, TelemetrySample
+from ...board_values import BoardLog, BoardStatus, TelemetrySample
 from ...design.commissioning.findings import PlateDesign
 from ...design.wiring import AmplifierSweep
 from ...errors import DeviceError
@@ -78,17 +78,8 @@ async def swept(board: Conversation, plan: Sweep) -> list[AmplifierSweep]:
     found = []
     for amplifier in range(board.hello.modes):
         one = Sweep(amplifier, plan.start_hz, plan.stop_hz, plan.points, plan.dwell_ms, plan.voltage_v)
-        found.append(responses(amplifier, await measured_again(board, one, TRIES)))
+        found.append(AmplifierSweep.of(amplifier, await measured_again(board, one, TRIES)))
     return found
-
-
-def responses(amplifier: int, points: Sequence[SweepPoint]) -> AmplifierSweep:
-    """Return the responses per volt that a sweep's points hold."""
-    return AmplifierSweep(
-        amplifier,
-        np.array([point.frequency_hz for point in points]),
-        np.array([point.measured_um for point in points]) / np.array([[point.voltage_v] for point in points]),
-    )
 
 
 @contextlib.asynccontextmanager

@@ -25,7 +25,7 @@ from hapticd_contract.targets import TargetsMessage
 from hapticd_contract.web import Follow
 
 from ...errors import RequestError
-from ...wire.client import read_message
+from ...wire.client import distinct, read_message
 
 MAX_TEXT_BYTES: Final = 2 * MAX_MESSAGE_BYTES  # JSON is longer than MessagePack
 
@@ -46,7 +46,7 @@ def decode(text: str) -> Received:
     """Decode a text of a peer. Raises RefusedMessage."""
     request_id = UNREAD_REQUEST_ID
     try:
-        value = json.loads(text, object_pairs_hook=_distinct, parse_constant=_not_finite)
+        value = json.loads(text, object_pairs_hook=distinct, parse_constant=_not_finite)
         request_id = _id_of(value)
         message: Received = read_message(_with_bytes(value), _kind_of(value))
     except RequestError as error:
@@ -131,13 +131,6 @@ def byte_fields() -> frozenset[str]:
 
     walk(types.type_info(Request))  # `set` holds all of a `targets` message
     return frozenset(found)
-
-
-def _distinct(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    table = dict(pairs)
-    if len(table) != len(pairs):
-        raise RequestError("The message contains a map with the same key twice.")
-    return table
 
 
 def _not_finite(name: str) -> NoReturn:

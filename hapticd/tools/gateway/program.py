@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import HapticdError, UsageError, missing_library
 from ...regular_file import opened, read_bounded
-from ..arguments import PORT_NUMBER
+from ..arguments import PORT_NUMBER, add_endpoint
 from ..web.guard import HOSTS
 from ..web.listener import bound
 
@@ -28,7 +28,7 @@ ORIGIN = re.compile(r"null|https?://[A-Za-z0-9.\-]+(:\d{1,5})?")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
+    add_endpoint(parser)
     parser.add_argument("--port", type=PORT_NUMBER, default=PORT, help=f"to listen on, 0: any (default {PORT})")
     parser.add_argument(
         "--origin",

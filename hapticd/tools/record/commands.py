@@ -12,7 +12,7 @@ from typing import TextIO
 
 from ...errors import ConfigError, UsageError
 from .. import outputs
-from ..arguments import POSITIVE
+from ..arguments import POSITIVE, add_endpoint
 from ..progress import Progress
 
 
@@ -24,7 +24,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--now", action="store_true", help="begin at once, in mid-session: such a file cannot be replayed"
     )
-    parser.add_argument("--endpoint", type=Path, metavar="DIR", help="the daemon's runtime directory (default: found)")
+    add_endpoint(parser, type=Path)
     parser.add_argument(
         "--lsl",
         action="append",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 
 from ...errors import missing_library
 from ...regular_file import opened
-from ..outputs import write_text
+from ..outputs import write_json
 from .tables import Column
 
 HEADER = "header.json"
@@ -47,7 +46,7 @@ def to_csv(tables: Tables, texts: Mapping[str, str], folder: Path) -> None:
             lines = csv.writer(text)
             lines.writerow(table)
             lines.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-    write_text(json.dumps(dict(texts), indent=2) + "\n", folder / HEADER)
+    write_json(dict(texts), folder / HEADER)
 
 
 def to_parquet(tables: Tables, texts: Mapping[str, str], folder: Path) -> None:

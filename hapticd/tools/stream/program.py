@@ -14,7 +14,7 @@ import hapticd_client
 from hapticd_client.endpoint import find
 
 from ...errors import HapticdError, UsageError, missing_library
-from ..arguments import PORT_NUMBER, add_command, whole
+from ..arguments import PORT_NUMBER, add_command, add_endpoint, whole
 
 PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
 PROMETHEUS_PORT = 9873
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _action(actions: Any, name: str, summary: str, example: str) -> argparse.ArgumentParser:
     parser = add_command(actions, name, summary, example)
-    parser.add_argument("--endpoint", metavar="DIR", help="the daemon's runtime directory (default: found)")
+    add_endpoint(parser)
     return parser
 
 

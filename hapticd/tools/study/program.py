@@ -24,7 +24,7 @@ from ...config.sections import SimConfig
 from ...core.friction import FrictionCurve
 from ...errors import HapticdError
 from .. import glass, outputs
-from ..arguments import PORT_NUMBER, add_command, number, whole
+from ..arguments import PORT_NUMBER, add_command, add_endpoint, number, whole
 from ..daemon_process import PATIENT, DaemonProcess
 from ..progress import Progress
 from . import own_curve, report
@@ -90,7 +90,7 @@ def _add_run(actions: Any) -> None:
     parser.add_argument(
         "--page-port", type=PORT_NUMBER, default=0, metavar="PORT", help="of that page (default: any free one)"
     )
-    parser.add_argument("--endpoint", help="the daemon's runtime directory")
+    add_endpoint(parser)
     parser.add_argument("--sim", action="store_true", help="rehearse on a simulated plate with a scripted finger")
     glass.add_arguments(parser)
     simulated = parser.add_argument_group("a simulated participant")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
@@ -18,7 +17,7 @@ from typing import Any
 
 from ...regular_file import opened
 from .. import plotting
-from ..outputs import check, has_mark, require_matplotlib, write_text
+from ..outputs import beside, check, has_mark, require_matplotlib, write_json
 from . import dataset
 from .analysis import Group, Result, analyse, analyse_group
 from .experiment import StudyError
@@ -65,7 +64,7 @@ def write(
     fitted = curves(finished)
     said = [text(results, group, simulated)] if group is not None else []
     said += [*threshold_lines(fitted), *rating_lines(finished)]
-    print("\n".join(said), file=sys.stderr if json_file == "-" else sys.stdout)
+    print("\n".join(said), file=beside(json_file))
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
     written = [TRIALS]
@@ -80,7 +79,7 @@ def write(
         analysed = figures(results, group) if group is not None else {}
         plain = {"simulated": simulated or None, **analysed, "curves": [one.plain for one in fitted]}
         plain["trials"] = dataset.rows_of(table, simulated)
-        write_text(json.dumps(plain, indent=2) + "\n", json_file)
+        write_json(plain, json_file)
     if bids is not None:
         files = dataset.write_bids(dataset.rows_of(table, simulated), names.pop(), bids, is_forced=is_forced)
         print(f"wrote {len(files)} files in {bids}", file=sys.stderr)

@@ -19,7 +19,7 @@ from pathlib import Path
 from ...config.sections import SimConfig
 from ...errors import HapticdError, UsageError, missing_library
 from .. import glass, simulated_fingers
-from ..arguments import PORT_NUMBER, whole
+from ..arguments import PORT_NUMBER, add_endpoint, whole
 from ..web.listener import bound
 from .simulated import SimulatedService
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=whole(0, 2**31 - 1), default=1, help="of its fingers, noise and mode map (default 1)"
     )
     glass.add_arguments(parser, glass.SHOWN)
-    parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)")
+    add_endpoint(parser)
     parser.add_argument(
         "--port", type=PORT_NUMBER, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})"
     )
