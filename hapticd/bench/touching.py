@@ -15,6 +15,7 @@ from ..sim.plate.ground_truth import GroundTruth
 from ..sim.settings import Measured, Settings
 from ..tools.touch_correction import (
     calibration_of,
+    contact_settings,
     has_sensors,
     learned_load,
     mode_map,
@@ -79,10 +80,16 @@ def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> To
 def corrected(settings: Settings, before: Measured, found: Touched, judged: Judged) -> tuple[Settings, Measured]:
     """Return settings and measurements with what is adopted."""
     load_1_s = learned_load(found, windows_of(found), judged)
-    if judged.refusal:
-        return settings, before._replace(load_1_s=load_1_s)
-    pad = pad_settings(found, judged.calibration)
+    contacts = contact_settings(found, judged)
     config = settings.config
+    config = replace(
+        config,
+        solver=replace(config.solver, **contacts.get("solver", {})),
+        trackpad=replace(config.trackpad, **contacts.get("trackpad", {})),
+    )
+    if judged.refusal:
+        return replace(settings, config=config), before._replace(load_1_s=load_1_s)
+    pad = pad_settings(found, judged.calibration)
     trackpad = replace(
         config.trackpad, matrix=tuple(pad["matrix"]), offset_mm=tuple(pad["offset_mm"]), latency_ms=pad["latency_ms"]
     )

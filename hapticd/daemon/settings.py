@@ -35,7 +35,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     link carries in LONGEST_FRAME_S.
     """
     prediction, solver = config.prediction, config.solver
-    has_contacts = _has_contacts(config)
+    are_contacts = has_contacts(config)
     return PipelineSettings(
         w_limit_um=config.reference_limit_um,
         make_predictor=partial(
@@ -46,7 +46,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         ),
         derating_mm2_um2=solver.derating_mm2_um2,
         phase_rotation=solver.phase_rotation,
-        contact_radius_mm=solver.contact_radius_mm if has_contacts else 0.0,
+        contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
         objective=solver.objective,
@@ -63,7 +63,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
 def max_knots(config: Config, baud: int) -> int:
     """Return the most knots of a frame on a link of this speed."""
     most, modes = config.solver.max_knots, len(config.limits.w_limit_um)
-    return min(most, knots_in(LONGEST_FRAME_S, baud, modes)) if _has_contacts(config) else most
+    return min(most, knots_in(LONGEST_FRAME_S, baud, modes)) if has_contacts(config) else most
 
 
 def effect_knots(config: Config, baud: int) -> int:
@@ -77,7 +77,8 @@ def telemetry_hz(config: Config) -> int:
     return max(config.record.telemetry_hz, CALIBRATION_HZ if config.trackpad.correct_while_touched else 0)
 
 
-def _has_contacts(config: Config) -> bool:
+def has_contacts(config: Config) -> bool:
+    """Whether amplitudes count over contacts, not at points."""
     return len(config.limits.w_limit_um) >= LEAST_CONTACT_MODES and config.solver.contact_radius_mm > 0.0
 
 

@@ -144,6 +144,7 @@ class Simulation:
             seed=seed,
             boot_id=seed + 1,
             board_start_us=BOARD_START_US,
+            fingertips=self._tips(),
         )
         self.modes = plate.measured_mode_map(seed) if measured is None else measured.modes
         self._calibration = UNCALIBRATED if measured is None else measured.calibration
@@ -195,11 +196,14 @@ class Simulation:
         while self.world.advance(seconds):
             pass  # the board's output after the end is not used
 
+    def _tips(self) -> list[Tip]:
+        """Return the contacts of the fingers that move along paths."""
+        return [tip for actor, tip in zip(self.actors, self.fingertips, strict=True) if actor.path is not None]
+
     def _feed(self, seconds: float) -> Iterator[int]:
         """Push the run's reports and timers some time ahead; yields the instant up to which that is done."""
         paths = sensed_paths(paths_of(self.actors), self.settings.plate.world, self.settings.session)
-        tips = [tip for actor, tip in zip(self.actors, self.fingertips, strict=True) if actor.path is not None]
-        reports = self._sensor.until(paths, seconds, tips)
+        reports = self._sensor.until(paths, seconds, self._tips())
         timers = iter(range(T_START_NS, T_START_NS + round(seconds * 1e9), TIMER_NS))
         report, t_timer_ns, t_fed_ns = next(reports, None), next(timers, None), T_START_NS
         while report is not None or t_timer_ns is not None:

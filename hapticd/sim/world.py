@@ -12,8 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..core.plate.contact import disc_points
+from ..values import FloatArray
 from .board.board import Board, BoardConfig, BoardTrace, PlateModel
 from .fingers.paths import Path
+from .fingers.pressing import Tip
 from .plate.ground_truth import GroundTruth
 
 CHUNK_TICKS = 500
@@ -70,7 +73,8 @@ def board_config(plate: GroundTruth, w_limit_um: tuple[float, ...]) -> BoardConf
 class World:
     """One plate with its fingers and board; t = 0 is its start. With `keep` everything is recorded.
 
-    `paths` are its F fingers, whose positions are computed `chunk_ticks` ahead.
+    `paths` are its F fingers, whose positions are computed `chunk_ticks` ahead. Where the world spreads
+    their load, it is over the contacts of their `fingertips`.
     """
 
     def __init__(
@@ -84,6 +88,7 @@ class World:
         board_start_us: int = 0,
         keep: bool = True,
         chunk_ticks: int = CHUNK_TICKS,
+        fingertips: Sequence[Tip] = (),
     ) -> None:
         self.plate = plate
         self.board = Board(
@@ -96,6 +101,7 @@ class World:
         self.ticks = 0
         self._board_start_us = board_start_us
         self._paths = paths
+        self._fingertips = fingertips
         self._keep = keep
         self._chunk_ticks = chunk_ticks
         self._kept: list[tuple[npt.NDArray[np.float64], BoardTrace]] = []
@@ -167,6 +173,19 @@ class World:
         fingers_mm, trace = self._kept[-1]
         return PlateInstant(fingers_mm[tick], trace.plate_um[tick])
 
+    def _loaded(
+        self, t_s: FloatArray, fingers_mm: FloatArray, fingers: npt.NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the points (T, F Q, 2) where these F fingers load the plate, and the share of each (Q,)."""
+        places_mm = fingers_mm[:, fingers]
+        spread_frac = self.plate.settings.world.finger_load.spread_frac
+        if not (spread_frac and self._fingertips and len(fingers)):
+            return places_mm, np.ones(1)
+        dx, dy, shares = np.array(disc_points(spread_frac)).T
+        forms_mm = np.stack([self._fingertips[finger].forms_mm(t_s) for finger in fingers.tolist()], axis=1)
+        away_mm = np.einsum("tfij,qj->tfqi", forms_mm, np.stack((dx, dy), axis=1))
+        return (places_mm[:, :, None] + away_mm).reshape(len(t_s), -1, 2), shares
+
     def _finger_loads(
         self, t_s: npt.NDArray[np.float64], fingers: npt.NDArray[np.intp], touching: npt.NDArray[np.bool_]
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]:
@@ -185,8 +204,11 @@ class World:
             fingers_mm[:, index] = path.position_mm(t_s)
         touching = np.isfinite(fingers_mm[..., 0])
         kept = np.flatnonzero(touching.any(axis=0))  # lifted fingers have no effect
-        self._phi = np.ascontiguousarray(self.plate.shapes(fingers_mm[:, kept]))
-        self._decay_1_s, self._detuning_rad_s = self._finger_loads(t_s, kept, touching)
+        points_mm, shares = self._loaded(t_s, fingers_mm, kept)
+        self._phi = np.ascontiguousarray(self.plate.shapes(points_mm))
+        decay_1_s, detuning_rad_s = self._finger_loads(t_s, kept, touching)
+        self._decay_1_s = _shared(decay_1_s, shares)
+        self._detuning_rad_s = None if detuning_rad_s is None else _shared(detuning_rad_s, shares)
         if self.plate.drifts:
             self.board.detune(self.plate.drifted_rad_s(self.t_s))
         self._trace = BoardTrace(ticks, len(self.plate.sensor), len(self.plate.decay_1_s))
@@ -194,3 +216,8 @@ class World:
         if not self._keep:
             self._kept.clear()
         self._kept.append((fingers_mm, self._trace))
+
+
+def _shared(loads: FloatArray, shares: FloatArray) -> FloatArray:
+    """Divide loads (T, F) by shares (Q,): (T, F Q)."""
+    return np.ascontiguousarray((loads[..., None] * shares).reshape(len(loads), -1), np.float64)

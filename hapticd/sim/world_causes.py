@@ -15,10 +15,11 @@ import numpy as np
 from ..values import AffineMap
 from .fingers.centroids import CentroidPath
 from .fingers.fingertip import Fingertip
+from .fingers.pad_ellipse import PadEllipse
 from .fingers.paths import Path, Strokes, Touch, Touches
 from .fingers.scenarios import Actor
 from .fingers.sensor import SensorSettings
-from .world_errors import NEUTRAL, PadPose, WorldErrors
+from .world_errors import NEUTRAL, EllipseErrors, PadPose, WorldErrors
 
 _LINK_STREAM, _CONTACT_STREAM = 7, 25
 
@@ -40,7 +41,12 @@ def sensor_settings(world: WorldErrors, **usual: Any) -> SensorSettings:
         noise=settings.noise if world.noise is None else world.noise,
         period_s=settings.period_s if world.report_period_ms is None else 1e-3 * world.report_period_ms,
         lost_frac=world.lost_frac,
+        ellipse=_ellipse(settings.ellipse, world.ellipses),
     )
+
+
+def _ellipse(usual: PadEllipse, errors: EllipseErrors) -> PadEllipse:
+    return replace(usual, scale=usual.scale * (1.0 + errors.scale_frac), offset_mm=usual.offset_mm + errors.offset_mm)
 
 
 def sensed_paths(paths: Sequence[Path], world: WorldErrors, session: int = 0) -> list[Path]:

@@ -59,12 +59,14 @@ class FingerLoad:
     """What fingers do to the plate in addition to their usual damping.
 
     `damping_factor` multiplies that; `detuning_hz` is added to a mode's frequency per square of its shape under a
-    finger; both rise and fall by `force_frac` with the finger's force, at about 1 Hz.
+    finger; both rise and fall by `force_frac` with the finger's force, at about 1 Hz. Both act over the contact's disc
+    of `spread_frac` of its size: 0 is its centre, 1 the whole.
     """
 
     damping_factor: float = 1.0
     detuning_hz: float = 0.0
     force_frac: float = 0.0
+    spread_frac: float = 0.0
 
     def force(self, seed: int, finger: int, t_s: FloatArray) -> FloatArray:
         """Return a finger's force (T,), relative to its mean."""
@@ -113,6 +115,14 @@ class ContactSizes:
 
 
 @dataclass(frozen=True, slots=True)
+class EllipseErrors:
+    """How the pad's law of ellipses differs from that of `pad_ellipse.USUAL`: scale over its less 1, and its offset."""
+
+    scale_frac: float = 0.0
+    offset_mm: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class WorldErrors:
     """Everything that a laboratory may have wrong. The default is a world without errors.
 
@@ -157,6 +167,7 @@ class WorldErrors:
     drift_hz_per_min: float = 0.0
     contacts: ContactSizes | None = None
     friction_factor: float = 1.0
+    ellipses: EllipseErrors = field(default_factory=EllipseErrors)
     seed: int = 0
     map_step_mm: float | None = None
     report_period_ms: float | None = None
@@ -175,8 +186,9 @@ class WorldErrors:
         for name, share in (("force_frac", self.finger_load.force_frac), ("lost_frac", self.lost_frac)):
             if share >= 1.0:
                 raise SimulationError(f"the world's {name} is {share}: give less than 1.")
-        if self.pad_pose.scale_frac <= -1.0:
-            raise SimulationError(f"the world's pad_pose.scale_frac is {self.pad_pose.scale_frac}: give more than -1.")
+        for name, scale_frac in (("pad_pose", self.pad_pose.scale_frac), ("ellipses", self.ellipses.scale_frac)):
+            if scale_frac <= -1.0:
+                raise SimulationError(f"the world's {name}.scale_frac is {scale_frac}: give more than -1.")
 
     def without(self, cause: str) -> WorldErrors:
         """Return this world with perfect knowledge of one of `CAUSES`."""
@@ -197,7 +209,7 @@ class WorldErrors:
 
 _NOT_NEGATIVE: Final = {
     *("stamp_jitter_ms", "link_jitter_ms", "waves_frac", "local_frac"),
-    *("map_noise_frac", "glue_frac", "force_frac", "seed", "lost_frac"),
+    *("map_noise_frac", "glue_frac", "force_frac", "spread_frac", "seed", "lost_frac"),
     *("finger_mm", "posture_mm", "wander_mm", "pressure_mm", "pad_warp_mm", "chip_mm", "supports_hz"),
 }
 _POSITIVE: Final = {
@@ -227,6 +239,7 @@ _NESTED: Final = {
     "finger_load": FingerLoad,
     "centroids": CentroidErrors,
     "contacts": ContactSizes,
+    "ellipses": EllipseErrors,
 }
 
 

@@ -12,7 +12,16 @@ from ..config.sections import MOST_MODES  # of a plate: errors are drawn for all
 from ..errors import SimulationError
 from .fingers.pad_noise import PadNoise
 from .score import CONTACT_RADIUS_MM
-from .world_errors import CentroidErrors, ContactSizes, FingerLoad, MapChange, PadPose, SensorErrors, WorldErrors
+from .world_errors import (
+    CentroidErrors,
+    ContactSizes,
+    EllipseErrors,
+    FingerLoad,
+    MapChange,
+    PadPose,
+    SensorErrors,
+    WorldErrors,
+)
 
 
 class Tolerance(NamedTuple):
@@ -63,6 +72,8 @@ TOLERANCES: Final[dict[str, Tolerance]] = {
     "contact_larger": Tolerance(0.5, 2.0, 2.0, "mm", "the same"),
     "contact_aspect": Tolerance(1.2, 1.4, 1.6, "", "prints of flat fingers: 1.2 .. 1.6"),
     "person": Tolerance(1.15, 1.4, 2.0, "times", "the decay of friction with amplitude, person to person"),
+    "ellipse_scale": Tolerance(0.05, 0.15, 0.3, "", "no maker says what a pad's ellipses are"),
+    "ellipse_offset": Tolerance(0.3, 0.8, 1.5, "mm", "the same"),
 }
 LEVELS: Final = ("mild", "laboratory", "worst")
 
@@ -111,6 +122,7 @@ def draw(level: str, seed: int) -> WorldErrors:
             bounds["finger_damping"] ** drawn.within(1.0, "finger_damping"),
             drawn.signed("finger_detuning"),
             drawn.size("finger_force"),
+            spread_frac=1.0,  # skin touches glass all over its contact
         ),
         drift_hz=tuple(drawn.signed("drift", mode) for mode in range(MOST_MODES)),
         mistuning_hz=drawn.signed("mistuning"),
@@ -128,6 +140,7 @@ def draw(level: str, seed: int) -> WorldErrors:
             bounds["contact_aspect"],
         ),
         friction_factor=bounds["person"] ** drawn.within(1.0, "person"),
+        ellipses=EllipseErrors(drawn.signed("ellipse_scale"), drawn.signed("ellipse_offset")),
         stop_ramp_s=_USUAL_RAMP_S - (_USUAL_RAMP_S - bounds["stop_ramp"]) * drawn.share("stop_ramp"),
         seed=seed,
     )

@@ -11,8 +11,11 @@ import numpy as np
 from ..board_values import BoardCalibration
 from ..config.sections import UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
+from ..core.touch.contact_form import LEAST_MM, MOST_MM
 from ..daemon.adoption import Correction, configured_pad
+from ..daemon.settings import has_contacts
 from ..design import finger_load
+from ..design.touch.contacts import KNOWN_MM, contact_sizes, ellipse_law
 from ..design.touch.judge import NO_CHANGE, Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import Windows, in_windows
@@ -57,6 +60,23 @@ def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
         "offset_mm": [round(value, 4) for value in (pad.offset_x_mm, pad.offset_y_mm)],
         "latency_ms": round(1e-6 * latency_ns, 3),
     }
+
+
+def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, Any]]:
+    """Return what touches tell of the fingers' size, where contacts count: the law of the pad's ellipses, if it reports
+    any, and the mean radius, which stands for fingers without one."""
+    config, modes = touched.header.config, touched.header.modes
+    if judged.fit is None or judged.refusal not in ("", NO_CHANGE) or not has_contacts(config):
+        return {}
+    sizes = contact_sizes(judged.fit, modes)
+    radius_mm, sigma_mm = sizes.mean_mm()
+    if sigma_mm > KNOWN_MM or not LEAST_MM < radius_mm < MOST_MM:
+        return {}
+    found = {"solver": {"contact_radius_mm": round(radius_mm, 2)}}
+    law = ellipse_law(sizes, np.array([track.axis_mm for track in touched.tracks]))
+    if law is not None:
+        found["trackpad"] = {"ellipse_scale": round(law.scale, 4), "ellipse_offset_mm": round(law.offset_mm, 4)}
+    return found
 
 
 def calibration_of(touched: Touched, judged: Judged) -> BoardCalibration:

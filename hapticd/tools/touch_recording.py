@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,7 +75,7 @@ class Collected:
     drives: list[tuple[int, float]] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
     starts: list[tuple[int, int]] = field(default_factory=list)  # of frames, on the board's clock and the host's
-    fingers: dict[int, list[tuple[int, float, float]]] = field(default_factory=dict)
+    fingers: dict[int, list[tuple[int, float, float, float]]] = field(default_factory=dict)  # instant, place, axis
     positions: int = 0  # of all fingers
     _decoder: BoardDecoder = field(default_factory=BoardDecoder)
     _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(_FRAME_BYTES))
@@ -164,8 +165,14 @@ class Collected:
             if t_sample_ns > self._t_raw_ns.get(finger_id, -1):
                 self._t_raw_ns[finger_id] = t_sample_ns
                 place_mm = moved_mm(self.now, self.pad, finger["x_mm"], finger["y_mm"])
-                self.fingers.setdefault(finger_id, []).append((t_sample_ns + late_ns, *place_mm))
+                self.fingers.setdefault(finger_id, []).append((t_sample_ns + late_ns, *place_mm, _axis_mm(finger)))
                 self.positions += 1
+
+
+def _axis_mm(finger: Mapping[str, float]) -> float:
+    """Return the axis of the disc of the ellipse that the pad reports, NaN where it reports none."""
+    area_mm2 = finger.get("major_mm", 0.0) * finger.get("minor_mm", 0.0)
+    return math.sqrt(area_mm2) if 0.0 < area_mm2 < math.inf else math.nan
 
 
 def moved_mm(now: AdoptedPad, other: AdoptedPad, x_mm: float, y_mm: float) -> tuple[float, float]:
@@ -208,14 +215,14 @@ def touched(collected: Collected, header: Header, source: str) -> Touched:
     return Touched(header, collected.drive_hz, _ticks(collected, header.t_start_ns), tracks)
 
 
-def _tracks(fingers: Iterable[list[tuple[int, float, float]]], t_start_ns: int) -> Iterable[Track]:
+def _tracks(fingers: Iterable[list[tuple[int, float, float, float]]], t_start_ns: int) -> Iterable[Track]:
     """Smooth the samples of each touch, in pieces without a pause."""
     for samples in fingers:
-        t_s = np.array([1e-9 * (t_ns - t_start_ns) for t_ns, _, _ in samples])
-        xy_mm = np.array([place for _, *place in samples])
+        t_s = np.array([1e-9 * (t_ns - t_start_ns) for t_ns, *_ in samples])
+        places = np.array([place for _, *place in samples])
         for part in np.split(np.arange(len(t_s)), np.flatnonzero(np.diff(t_s) > _PAUSE_S) + 1):
             if len(part) >= _FEWEST_REPORTS:
-                yield Track.of(t_s[part], xy_mm[part])
+                yield Track.of(t_s[part], places[part, :2], float(places[part, 2].mean()))
 
 
 def _ticks(collected: Collected, t_start_ns: int) -> Ticks:

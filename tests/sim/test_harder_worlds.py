@@ -10,13 +10,14 @@ import pytest
 
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.centroids import CentroidPath, warp
+from hapticd.sim.fingers.pad_ellipse import USUAL
 from hapticd.sim.fingers.paths import Rest
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import Run
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.settings import Settings, in_world
-from hapticd.sim.world_causes import played_actors, sensed_paths
-from hapticd.sim.world_errors import CentroidErrors, ContactSizes, FingerLoad, WorldErrors
+from hapticd.sim.world_causes import played_actors, sensed_paths, sensor_settings
+from hapticd.sim.world_errors import CentroidErrors, ContactSizes, EllipseErrors, FingerLoad, WorldErrors
 from hapticd.sim.world_tolerances import TOLERANCES, draw
 
 T_S = np.arange(0.0, 60.0, 0.05)
@@ -56,6 +57,8 @@ def test_a_drawn_world_has_some_of_each_kind() -> None:
             assert bounds["mixing"] / 2 <= world.mixing_deg <= bounds["mixing"]
             assert 1 / bounds["person"] <= world.friction_factor <= bounds["person"]
             assert abs(world.drift_hz_per_min) <= bounds["drift_rate"]
+            assert world.finger_load.spread_frac == 1.0
+            assert abs(world.ellipses.scale_frac) <= bounds["ellipse_scale"]
             assert world.contacts is not None
             assert 4.0 <= world.contacts.least_mm < 5.0 < world.contacts.most_mm <= 7.0
 
@@ -133,6 +136,21 @@ def test_contacts_differ_from_finger_to_finger_within_their_bounds() -> None:
         assert 4.0 <= math.sqrt(tip.major_mm * tip.minor_mm) <= 7.0
         assert 1.0 <= tip.major_mm / tip.minor_mm <= 1.4
     assert len(set(tips)) == len(tips)
+
+
+def test_a_finger_loads_the_plate_over_its_contact_and_a_contact_without_size_at_its_centre() -> None:
+    centre, hardly, whole = (
+        played(WorldErrors(finger_load=FingerLoad(spread_frac=frac), seed=1)).plate_um for frac in (0.0, 1e-6, 1.0)
+    )
+    assert np.allclose(hardly, centre, atol=1e-6)
+    assert not np.allclose(whole, centre, atol=1e-3)
+
+
+def test_a_pad_reports_ellipses_by_a_law_of_its_own() -> None:
+    ellipse = sensor_settings(WorldErrors(ellipses=EllipseErrors(0.1, -0.5))).ellipse
+    assert ellipse.scale == pytest.approx(1.1 * USUAL.scale)
+    assert ellipse.offset_mm == pytest.approx(USUAL.offset_mm - 0.5)
+    assert sensor_settings(WorldErrors()).ellipse == USUAL
 
 
 def test_another_person_feels_something_else_on_the_same_plate() -> None:

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import io
 import json
+import math
 import os
 import resource
 import signal
@@ -138,12 +139,14 @@ def test_fingers_are_kept_as_the_configured_pad_would_have_them() -> None:
     collected.take(passing(0))
     collected.take(adopting((0.0, -1.0, 1.0, 0.0, 3.0, 4.0), 12_000_000))
     collected.take(passing(0))  # of the report that was taken before: the pad was where it was configured to be
-    finger = {"finger_id": 1, "x_mm": 3.0 - 7.0, "y_mm": 4.0 + 5.0}  # at 5, 7 on the pad
+    finger = {"finger_id": 1, "x_mm": 3.0 - 7.0, "y_mm": 4.0 + 5.0, "major_mm": 9.0, "minor_mm": 4.0}  # at 5, 7 on it
     collected.take(Record("pass", 2, T_START_NS + 10_000_000, {"age_ns": 0, "fingers": [finger]}))
-    (t_first_ns, *first_mm), (t_second_ns, *second_mm) = collected.fingers[1]
+    (t_first_ns, *first_mm, first_axis_mm), (t_second_ns, *second_mm, second_axis_mm) = collected.fingers[1]
     assert first_mm == [1.0, 2.0]
     assert second_mm == pytest.approx([5.4, 6.7])
     assert t_second_ns - t_first_ns == 10_000_000 - 1_000_000
+    assert math.isnan(first_axis_mm)  # no ellipse was reported
+    assert second_axis_mm == 6.0  # of the disc
 
 
 @pytest.mark.usefixtures("soon")
@@ -182,7 +185,7 @@ def test_a_touch_that_lasts_beyond_a_verdict_goes_on_in_the_next(at_rest: Touchi
     both = first.followed_by(accumulator._collected)
     assert both.live_us == first.live_us + accumulator._collected.live_us
     for samples in both.fingers.values():
-        instants_ns = [t_ns for t_ns, _, _ in samples]
+        instants_ns = [t_ns for t_ns, *_ in samples]
         assert instants_ns == sorted(set(instants_ns))
 
 

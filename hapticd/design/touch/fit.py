@@ -23,6 +23,8 @@ from .problem import TouchProblem, complex_of
 from .waves import Waves
 
 _START_LOAD_1_S = 200.0
+_SETTLING_STEPS = 6
+_LOOSE_STEPS = 2  # loads and spreads are products: until both are near, none of the loads is a prior
 _MOST_STEPS = 12
 _MOST_DAMPING = 1e3
 _MOST_WITH_WAVES = 3  # they start near, and are linear; eight are better on 60 s of touching, worse on 48 s
@@ -45,6 +47,8 @@ class Fit:
     noise_um_s: FloatArray
     drift_hz: FloatArray
     loads: ComplexArray
+    spread_mm2: FloatArray
+    spread_sigma_mm2: FloatArray
 
 
 def fit(
@@ -62,12 +66,8 @@ def fit(
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
     problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start)
-    state = FitState(
-        start,
-        np.zeros((len(start.sense), problem.model.terms.shape[-1]), np.complex128),
-        np.zeros((len(start.sense), problem.model.splines.shape[-1]), np.complex128),
-        np.zeros(windows.track.shape, np.complex128),
-    )
+    terms, splines = problem.model.terms.shape[-1], problem.model.splines.shape[-1]
+    state = FitState.start(start, terms, splines, windows)
     settled = _settled(replace(problem, free=Free()), state)
     found, covariance = _descended(problem, settled) if any(free) else (settled, np.zeros((sum(problem.sizes),) * 2))
     state, noise = found.state, found.noise
@@ -80,6 +80,8 @@ def fit(
         noise,
         np.ptp((problem.model.splines @ state.own.T).imag, axis=(0, 1)) / (2.0 * np.pi),
         state.loads,
+        state.spread_mm2,
+        np.sqrt(np.diag(covariance))[len(covariance) - len(state.spread_mm2) :],
     )
 
 
@@ -95,11 +97,12 @@ class _Settled(NamedTuple):
 def _settled(problem: TouchProblem, state: FitState) -> _Settled:
     """Solve for loads and rates: linear, but for the outliers."""
     found = _Settled(state, _noise(problem.model, state), np.zeros_like(state.loads), _START_LOAD_1_S)
-    for _ in range(4):
+    for step in range(_SETTLING_STEPS):
         problem.model.settle(state)
         normal = normal_of(problem, *found)
         state = _stepped(problem, state, normal)
-        found = _Settled(state, _noise(problem.model, state), *_load_prior(problem.model.windows, state, normal))
+        known = _load_prior(problem.model.windows, state, normal) if step >= _LOOSE_STEPS else found[2:]
+        found = _Settled(state, _noise(problem.model, state), *known)
     return found
 
 
@@ -172,7 +175,7 @@ def _load_prior(windows: Windows, state: FitState, normal: Normal) -> tuple[Comp
 
 
 def _sigma(problem: TouchProblem, sigma: FloatArray) -> Calibration:
-    pad, sense, waves, _, _ = np.split(sigma, np.cumsum(problem.sizes)[:-1])
+    pad, sense, waves, *_ = np.split(sigma, np.cumsum(problem.sizes)[:-1])
     modes = len(problem.start.sense)
     flat = np.concatenate(((0.0,), complex_of(sense))) if sense.size else np.zeros(modes * modes)
     return Calibration(

@@ -282,4 +282,11 @@ def _mean(one: Fit, other: Fit) -> Fit:
     a, b = one.sigma, other.sigma
     sense = np.hypot(a.sense.real, b.sense.real) / 2.0 + 1j * np.hypot(a.sense.imag, b.sense.imag) / 2.0
     sigma = Calibration(np.hypot(a.pad, b.pad) / 2.0, sense, np.hypot(a.waves, b.waves) / 2.0)
-    return replace(one, calibration=mean, sigma=sigma, covariance=(one.covariance + other.covariance) / 4.0)
+    return replace(
+        one,
+        calibration=mean,
+        sigma=sigma,
+        covariance=(one.covariance + other.covariance) / 4.0,
+        spread_mm2=(one.spread_mm2 + other.spread_mm2) / 2.0,
+        spread_sigma_mm2=np.hypot(one.spread_sigma_mm2, other.spread_sigma_mm2) / 2.0,
+    )

@@ -2,8 +2,11 @@
 
 In coordinates of what the sensors report, y with W = C y, the plate follows (design/README.md)
 
-    dy/dt = C^-1 D C y + A y + B V - sum_i load_i (C^-1 phi_i) (phi_i^T C y),      phi_i = phi(P_i)
+    dy/dt = C^-1 D C y + A y + B V - sum_i load_i C^-1 G_i C y,      G_i = phi phi^T + r_i grad phi . grad phi^T at P_i
 
+G_i is what a finger is: not a point but a disc of radius a, over which a wave of k rad/mm has, to second order, the
+mean (1 - a^2 k^2 / 4) phi phi^T + a^2 / 4 grad phi . grad phi^T; the load takes the first factor, and r_i (mm2) tells
+the size.
 D, each mode's own rate, drifts smoothly with the temperature; it is diagonal in the plate's modes, so that modes of
 different frequencies show what of each a sensor sees. A is small. B and what the control law does within a tick are
 free and linear, as are the loads in each window. What is sought is where P_i is (pad), C (sensors) and phi (map). C is
@@ -16,11 +19,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import ComplexArray, FloatArray
 from .observations import Windows
+from .terms import own_rates, regressors, shapes_at, with_slope
 from .waves import Waves
 
 PAD = ("x_mm", "y_mm", "rotation_rad", "scale_x", "scale_y", "latency_s", "centroid_mm")
@@ -29,11 +34,12 @@ LATENCY, CENTROID = PAD.index("latency_s"), PAD.index("centroid_mm")
 PAD_PRIOR = np.array((1.0, 1.0, 0.02, 0.005, 0.005, 0.004, 0.3))
 SENSE_PRIOR = 0.03
 CENTROID_MM_S = 20.0  # speed at which a contact's centroid has moved by 0.7 of its shift
-DRIFT_EVERY_S = 4.0  # knots of the modes' own rates: splines, as a plate warms up smoothly
-MOST_SPANS = 24  # between them: a longer recording gets longer ones
 DRIFT_PRIOR_1_S = 150.0  # 25 Hz
 COUPLING_PRIOR_1_S = 3.0  # of modes to each other, fingers apart: by supports and damping
 LOAD_PRIOR_FRAC = 0.15  # by which a window's load differs from that of the touch at the time
+SPREAD_MM2 = 9.0  # r of a disc of 5.2 mm; 4 mm have 4.7, 7 mm 23, on waves of 32 mm
+SPREAD_PRIOR_MM2 = 7.0
+_APART_MM = 0.05  # of two gradients that give a curvature: it only steers the search
 FORCE_S = 0.15  # in which a finger's force changes
 
 
@@ -68,39 +74,27 @@ class Free(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class FitState:
     """A calibration and all else that is free: `rates` (M, L) of the regressors, `own` (M, K) of the splines in each
-    mode's own rate, `loads` (B, N)."""
+    mode's own rate, `loads` (B, N), `spread_mm2` (T,) of the contact of each of T touches."""
 
     calibration: Calibration
     rates: ComplexArray
     own: ComplexArray
     loads: ComplexArray
+    spread_mm2: FloatArray
 
-
-def regressors(windows: Windows) -> ComplexArray:
-    """Return what is linear in all modes' rows (B, S, L): amplitudes, voltages, corrections."""
-    return np.concatenate((windows.measured_um, windows.voltage_v, windows.behind_um_s), axis=-1)
-
-
-def own_rates(windows: Windows) -> FloatArray:
-    """Return the splines in time (B, S, K) of which the modes' own rates are made: 1, and others of mean 0."""
-    start_s, end_s = float(windows.t_s.min()), float(windows.t_s.max())
-    spans = min(max(1, round((end_s - start_s) / DRIFT_EVERY_S)), MOST_SPANS)
-    place = (windows.t_s - start_s) / max(end_s - start_s, 1e-9) * spans
-    splines = _cubic(place[..., None] - np.arange(-1, spans + 2))
-    return np.concatenate((np.ones_like(splines[..., :1]), splines - splines.mean(axis=(0, 1))), axis=-1)
-
-
-def _cubic(place: FloatArray) -> FloatArray:
-    """The cubic B-spline over (-2, 2)."""
-    far, near = np.maximum(2.0 - np.abs(place), 0.0), np.maximum(1.0 - np.abs(place), 0.0)
-    return np.asarray((far**3 - 4.0 * near**3) / 6.0, np.float64)
+    @classmethod
+    def start(cls, calibration: Calibration, terms: int, splines: int, windows: Windows) -> FitState:
+        """Return that of a plate which nobody loads."""
+        modes = len(calibration.sense)
+        zero = [np.zeros(shape, np.complex128) for shape in ((modes, terms), (modes, splines), windows.track.shape)]
+        return cls(calibration, zero[0], zero[1], zero[2], np.full(len(windows.tracks), SPREAD_MM2))
 
 
 @dataclass(frozen=True, slots=True)
 class ModelPoint:
     """The model at one state: residual (B, S, M) in um/s and its derivatives (B, S, M, ..).
 
-    They are by the pad's 7, the elements of `sense` without the first, M waves, M own rates, and N loads.
+    They are by the pad's 7, the elements of `sense` without the first, M waves, M own rates, N loads, and T spreads.
     """
 
     residual: ComplexArray
@@ -109,13 +103,15 @@ class ModelPoint:
     by_waves: ComplexArray
     by_own: ComplexArray
     by_loads: ComplexArray
+    by_spread: ComplexArray
 
 
 class Placed(NamedTuple):
     """Fingers of all windows as a calibration has them: what it makes of positions and velocities (B, S, N, 2).
 
-    `drawn` is the direction in which a centroid is drawn, `phi` (B, S, N, M) the shapes, `seen_um` (B, S, M) what the
-    sensors saw, `under_um` (B, S, N) what the driven modes do under a finger.
+    `drawn` is the direction in which a centroid is drawn, `phi` (B, S, N, 3, M) the shapes and their derivatives along
+    x and y, `seen_um` (B, S, M) what the sensors saw, `under_um` (B, S, N, 3) what the driven modes make of each
+    under a finger.
     """
 
     position: FloatArray
@@ -147,17 +143,19 @@ class Model:
         parasitic_modes: ParasiticModes | None = None,
     ) -> None:
         self.windows, self.modes, self.waves, self._parasitic = windows, modes, waves, parasitic_modes
-        self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1]), np.complex128)
+        self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1], 3), np.complex128)
         self.terms = regressors(windows)
         self.splines = own_rates(windows)
         self._placed: tuple[Calibration, Placed] | None = None
         self._beside: tuple[Placed, FloatArray, ComplexArray] | None = None  # parasitic shapes, and how they yield
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
         points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
-        self._shapes = np.zeros((*points.shape[:-1], 0 if waves is None else len(waves)))
+        self._touches = (windows.track[..., None] == np.arange(len(windows.tracks))).astype(np.float64)  # (B, N, T)
+        # Of a minute of touching by far the largest array.
+        self._shapes = np.zeros((*points.shape[:-1], 3, 0 if waves is None else len(waves)), np.float32)
         if waves is not None:
             is_down = np.isfinite(points).all(axis=-1)
-            self._shapes[is_down] = waves.at(points[is_down])
+            self._shapes[is_down] = with_slope(waves.at(points[is_down]), waves.slope(points[is_down]))
 
     def _place(self, found: Calibration) -> Placed:
         """Return where a calibration has the fingers; kept for the next call, since most have the same one."""
@@ -166,7 +164,7 @@ class Model:
             points, drawn = _moved(found, position, velocity)
             phi = self._phi(points, found)
             seen_um = self.windows.measured_um @ found.sense.T
-            under_um = np.asarray(np.einsum("bsnk,bsk->bsn", phi, seen_um), np.complex128)
+            under_um = np.asarray(np.einsum("bsnqk,bsk->bsnq", phi, seen_um), np.complex128)
             self._placed = found, Placed(position, velocity, points, drawn, phi, seen_um, under_um)
         return self._placed[1]
 
@@ -174,8 +172,7 @@ class Model:
         """Return the residual alone, of all windows (B, S, M)."""
         placed = self._place(state.calibration)
         out = placed.phi @ np.linalg.inv(state.calibration.sense).T
-        under_um = placed.under_um + self._beside_um
-        force = np.einsum("bsnk,bsn->bsk", out, under_um * state.loads[:, None, :])
+        force = np.einsum("bsnqk,bsnq->bsk", out, (placed.under_um + self._beside_um) * self._shared(state))
         moving = (self.splines @ state.own.T * placed.seen_um) @ np.linalg.inv(state.calibration.sense).T
         return np.asarray(self._known + self.terms @ state.rates.T + moving + force, np.complex128)
 
@@ -186,26 +183,32 @@ class Model:
             return
         placed = self._place(state.calibration)
         if self._beside is None or self._beside[0] is not placed:
-            points = placed.points
-            phi = parasitic.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
+            phi = shapes_at(parasitic.modes, placed.points)
             own = np.array(parasitic.decay_1_s) - 1j * np.array(parasitic.detuning_rad_s)
             yielding = np.asarray(1.0 / (own + 1j * self.windows.turning_rad_s[..., None]), np.complex128)
             self._beside = placed, phi, yielding
         _, phi, yielding = self._beside
-        under_um = state.loads[:, None, :] * (placed.under_um + self._beside_um)
-        moved_um = -np.einsum("bsnp,bsn->bsp", phi, under_um) * yielding
-        self._beside_um = np.einsum("bsnp,bsp->bsn", phi, moved_um)
+        under_um = self._shared(state) * (placed.under_um + self._beside_um)
+        moved_um = -np.einsum("bsnqp,bsnq->bsp", phi, under_um) * yielding
+        self._beside_um = np.einsum("bsnqp,bsp->bsnq", phi, moved_um)
+
+    def _shared(self, state: FitState, rows: slice = slice(None)) -> ComplexArray:
+        """Return the load (B, 1, N, 3) on the shape under a finger and on its derivatives."""
+        touch = self.windows.track[rows]
+        spread_mm2 = np.where(touch >= 0, state.spread_mm2[touch], 0.0)
+        shares = np.stack((np.ones_like(spread_mm2), spread_mm2, spread_mm2), axis=-1)
+        return np.asarray((state.loads[rows][..., None] * shares)[:, None], np.complex128)
 
     def at(self, state: FitState, rows: slice, free: Free) -> ModelPoint:
         """Return the model at `state` for some windows, with derivatives by what is free."""
         found = state.calibration
         placed = self._place(found).part(rows)
-        phi, loads = placed.phi, state.loads[rows][:, None, :]
+        phi, loads = placed.phi, self._shared(state, rows)
         inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
         out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
         under_um = np.asarray(placed.under_um + self._beside_um[rows], np.complex128)
-        by_loads = out * under_um[..., None]
-        force = np.einsum("bsnk,bn->bsk", by_loads, state.loads[rows])
+        pushed = out * under_um[..., None]
+        force = np.einsum("bsnqk,bznq->bsk", pushed, loads)
         own = self.splines[rows] @ state.own.T
         moving = (own * placed.seen_um) @ inverse.T
         residual = self._known[rows] + self.terms[rows] @ state.rates.T + moving + force
@@ -214,31 +217,42 @@ class Model:
         if free.pad or free.waves:
             # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
             by_phi = loads[..., None, None] * (
-                inverse * under_um[..., None, None] + out[..., :, None] * placed.seen_um[:, :, None, None, :]
+                inverse * under_um[..., None, None] + out[..., :, None] * placed.seen_um[:, :, None, None, None, :]
             )
         if free.pad:
-            slope = self._slope(placed.points) @ _by_pad(placed, found)
-            by_pad = np.einsum("bsnkm,bsnmp->bskp", by_phi, slope)
+            slope = self._slope(placed.points) @ _by_pad(placed, found)[..., None, :, :]
+            by_pad = np.einsum("bsnqkm,bsnqmp->bskp", by_phi, slope, optimize=True)
         if free.sense:
-            turned = moving + np.einsum("bsn,bsnk->bsk", loads * under_um, out)
-            scaled = np.einsum("bsnk,bsnm->bskm", loads[..., None] * out, phi) + inverse * own[..., None, :]
+            turned = moving + np.einsum("bznq,bsnqk->bsk", loads, pushed)
+            scaled = np.einsum("bsnqk,bsnqm->bskm", loads[..., None] * out, phi) + inverse * own[..., None, :]
             by_sense = _by_sense(self.windows.measured_um[rows], turned, scaled, inverse)
         if free.waves:
-            by_waves = np.einsum("bsnkm,bsnw->bskmw", by_phi, self._shapes[rows]).reshape(*residual.shape, -1)
+            by_waves = _by_waves(by_phi, self._shapes[rows])
         by_own = by_own.reshape(*residual.shape, -1)
-        return ModelPoint(residual, by_pad, by_sense, by_waves, by_own, np.moveaxis(by_loads, 2, 3))
+        ones = self._shared(replace(state, loads=np.ones_like(state.loads)), rows)
+        by_loads = np.einsum("bsnqk,bznq->bskn", pushed, ones)
+        by_spread = np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows]) @ self._touches[rows][:, None]
+        return ModelPoint(residual, by_pad, by_sense, by_waves, by_own, by_loads, by_spread)
 
     def _phi(self, points: FloatArray, found: Calibration) -> FloatArray:
-        """Return the shapes (B, S, N, M), zero where there is no finger."""
-        phi = self.modes.evaluate(points.reshape(-1, 2)).reshape(*points.shape[:-1], -1)
-        return phi + self._shapes @ found.waves.T if self.waves is not None else phi
+        """Return the shapes and their derivatives (B, S, N, 3, M), zero where there is no finger."""
+        phi = shapes_at(self.modes, points)
+        return phi + self._shapes @ found.waves.T.astype(np.float32) if self.waves is not None else phi
 
     def _slope(self, points: FloatArray) -> FloatArray:
-        """Return the gradient of the map (B, S, N, M, 2), zero where there is no finger."""
-        is_down = np.isfinite(points).all(axis=-1)
-        slope = np.zeros((*points.shape[:-1], self.modes.M, 2))
-        slope[is_down] = self.modes.gradient(points[is_down])
-        return slope
+        """Return the gradient of the same of the map (B, S, N, 3, M, 2), zero where there is no finger."""
+        steps = np.eye(2) * _APART_MM
+        ahead, behind = ([shapes_at(self.modes, points + sign * step) for step in steps] for sign in (1.0, -1.0))
+        slope = (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)) / (2.0 * _APART_MM)
+        return np.asarray(slope, np.float64)
+
+
+def _by_waves(by_phi: ComplexArray, shapes: npt.NDArray[np.float32]) -> ComplexArray:
+    """By the waves: of each finger's shapes and their derivatives, summed (B, S, M, M K)."""
+    windows, ticks, fingers, parts, modes, _ = by_phi.shape
+    flat = by_phi.reshape(windows * ticks, fingers * parts, modes * modes).swapaxes(1, 2)
+    by_waves = flat @ shapes.reshape(windows * ticks, fingers * parts, -1)
+    return np.asarray(by_waves.reshape(windows, ticks, modes, -1), np.complex128)
 
 
 def _moved(found: Calibration, position: FloatArray, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:

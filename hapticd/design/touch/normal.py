@@ -85,7 +85,7 @@ def _columns(point: ModelPoint, terms: ComplexArray) -> ComplexArray:
     for mode in range(modes):
         rates[:, :, mode, mode] = terms
     flat = rates.reshape(*point.residual.shape, -1)
-    return np.concatenate((*parts, flat, 1j * flat), axis=-1)
+    return np.concatenate((*parts, flat, 1j * flat, point.by_spread), axis=-1)
 
 
 def _weights(

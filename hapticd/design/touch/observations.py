@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -20,14 +21,16 @@ _SMOOTHED = 3  # samples of a finger to either side of each, through which a cub
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One touch: reported instants (n,), smoothed positions (n, 2) and velocities (n, 2), n at least 7."""
+    """One touch: reported instants (n,), smoothed positions (n, 2) and velocities (n, 2), n at least 7; `axis_mm` is
+    the mean axis of the ellipse that the pad reported, NaN without one."""
 
     t_s: FloatArray
     xy_mm: FloatArray
     velocity_mm_s: FloatArray
+    axis_mm: float = math.nan
 
     @classmethod
-    def of(cls, t_s: FloatArray, xy_mm: FloatArray) -> Track:
+    def of(cls, t_s: FloatArray, xy_mm: FloatArray, axis_mm: float = math.nan) -> Track:
         """Smooth reported positions by a cubic through each sample and its six neighbours."""
         count, width = len(t_s), 2 * _SMOOTHED + 1
         if count < width:
@@ -37,7 +40,7 @@ class Track:
         scale_s = 1e-2  # keeps the powers near 1
         powers = ((t_s[near] - t_s[:, None]) / scale_s)[..., None] ** np.arange(4)
         cubic = np.linalg.pinv(powers)[:, :2] @ xy_mm[near]
-        return cls(t_s, cubic[:, 0], cubic[:, 1] / scale_s)
+        return cls(t_s, cubic[:, 0], cubic[:, 1] / scale_s, axis_mm)
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return positions (..., 2) and velocities (..., 2) by cubic Hermite interpolation; NaN outside the touch."""

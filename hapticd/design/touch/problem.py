@@ -12,6 +12,8 @@ from .model import (
     DRIFT_PRIOR_1_S,
     PAD_PRIOR,
     SENSE_PRIOR,
+    SPREAD_MM2,
+    SPREAD_PRIOR_MM2,
     Calibration,
     FitState,
     Free,
@@ -29,26 +31,27 @@ class TouchProblem:
     start: Calibration
 
     @property
-    def sizes(self) -> tuple[int, int, int, int, int]:
-        """Real parameters: pad, sense, waves, own rates, rates."""
+    def sizes(self) -> tuple[int, int, int, int, int, int]:
+        """Real parameters: pad, sense, waves, own rates, rates, spreads."""
         modes, waves = self.start.waves.shape
         pad = len(PAD_PRIOR) if self.free.pad else 0
         sense = 2 * (modes * modes - 1) if self.free.sense else 0
         return pad, sense, modes * waves if self.free.waves else 0, *self._linear
 
     @property
-    def _linear(self) -> tuple[int, int]:
-        modes = len(self.start.sense)
-        return 2 * modes * self.model.splines.shape[-1], 2 * modes * self.model.terms.shape[-1]
+    def _linear(self) -> tuple[int, int, int]:
+        modes, model = len(self.start.sense), self.model
+        own, rates = (2 * modes * each.shape[-1] for each in (model.splines, model.terms))
+        return own, rates, len(model.windows.tracks)
 
     def priors(self) -> FloatArray:
         """One sigma of each parameter."""
         modes = len(self.start.sense)
         own = np.where(np.arange(self.model.splines.shape[-1]) == 0, _LOOSE, DRIFT_PRIOR_1_S)
         rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
-        pad, sense, waves, _, _ = self.sizes
+        pad, sense, waves, _, _, touches = self.sizes
         lacking = np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()
-        linear = np.tile(own, 2 * modes), np.tile(rate, 2 * modes)
+        linear = np.tile(own, 2 * modes), np.tile(rate, 2 * modes), np.full(touches, SPREAD_PRIOR_MM2)
         return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], *linear))
 
     def offsets(self, state: FitState) -> FloatArray:
@@ -61,12 +64,13 @@ class TouchProblem:
             np.concatenate((sense.real, sense.imag)) if self.free.sense else np.zeros(0),
             found.waves.ravel() if self.free.waves else np.zeros(0),
             *(part.ravel() for linear in (state.own, state.rates) for part in (linear.real, linear.imag)),
+            state.spread_mm2 - SPREAD_MM2,
         ]
         return np.concatenate(parts)
 
     def stepped(self, state: FitState, step: FloatArray, loads: ComplexArray) -> FitState:
         """Return the state after a step of all parameters (P,) and loads (B, N)."""
-        pad, sense, waves, own, rates = np.split(step, np.cumsum(self.sizes)[:-1])
+        pad, sense, waves, own, rates, spread = np.split(step, np.cumsum(self.sizes)[:-1])
         found = state.calibration
         if any(self.free):
             found = stepped(found, pad if pad.size else np.zeros(len(PAD_PRIOR)), complex_of(sense), waves)
@@ -75,6 +79,7 @@ class TouchProblem:
             state.rates + complex_of(rates).reshape(state.rates.shape),
             state.own + complex_of(own).reshape(state.own.shape),
             state.loads + loads,
+            np.maximum(state.spread_mm2 + spread, 0.0),
         )
 
 

@@ -62,6 +62,11 @@ class Waves:
         shapes = [one.evaluate(points_mm) for one in self._shapes]
         return np.concatenate((self._surfaces.evaluate(points_mm), *shapes), axis=1)
 
+    def slope(self, points_mm: FloatArray) -> FloatArray:
+        """Return the gradients of all surfaces at points (N, 2): (N, K, 2)."""
+        shapes = [one.gradient(points_mm) for one in self._shapes]
+        return np.concatenate((self._surfaces.gradient(points_mm), *shapes), axis=1)
+
     def on_grid(self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
         """Return the sums of `coefficients` (M, K) on a grid: (M, ny, nx)."""
         points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)

@@ -169,7 +169,7 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
         "horizon_ns": tick.horizon_ns,
         "state": state,
         "is_limited": tick.limited,
-        "fingers": [{name: getattr(finger, name) for name in _FINGER} for finger in fingers],
+        "fingers": [_finger(finger) for finger in fingers],
         "points": [
             {"virtual" if isinstance(key, str) else "finger_id": key}
             | dict(zip(_POINT, numbers, strict=True))
@@ -182,6 +182,12 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
         fields["gate_reasons"] = int(tick.drive.reasons)
         fields["knots"] = [{"dt_ns": knot.dt_ns, "modal_um": amplitudes(knot.modal_um)} for knot in tick.drive.knots]
     return fields
+
+
+def _finger(finger: Finger) -> Fields:
+    """A finger, with the axes that its pad reports, if it reports any."""
+    names = _FINGER if finger.major_mm > 0.0 else _FINGER.keys() - _REPORTED_AXES
+    return {name: getattr(finger, name) for name in _FINGER if name in names}
 
 
 def _known(perceived: Perceived) -> Fields:
@@ -214,7 +220,15 @@ _EVENT: dict[str, _Form | Maybe] = {  # each field of the contract's
     _EVENT_NAMES.get(name, name): _FORMS[kind] if kind in _FORMS else Maybe(_FORMS[get_args(kind)[0]])
     for name, kind in get_type_hints(PlateEvent).items()
 }
-_FINGER: dict[str, _Form | Maybe] = {"finger_id": WHOLE, "contact_id": WHOLE, "x_mm": NUMBER, "y_mm": NUMBER}
+_REPORTED_AXES = {"major_mm", "minor_mm"}
+_FINGER: dict[str, _Form | Maybe] = {
+    "finger_id": WHOLE,
+    "contact_id": WHOLE,
+    "x_mm": NUMBER,
+    "y_mm": NUMBER,
+    "major_mm": Maybe(NUMBER),
+    "minor_mm": Maybe(NUMBER),
+}
 _POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
 PERCEIVED = Perceived.__struct_fields__
 MISSES = "misses_target"  # the only one that is no number

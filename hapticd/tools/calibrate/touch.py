@@ -24,6 +24,7 @@ from .. import plotting
 from ..arguments import whole
 from ..touch_correction import (
     calibration_of,
+    contact_settings,
     has_sensors,
     judged_by,
     learned_load,
@@ -47,6 +48,12 @@ _POSE = (  # name, unit's size, unit
     ("scale along y", 100.0, "%"),
 )
 LOAD = "the fingers' load"
+CONTACTS = "the contacts' size"
+_CONTACTS = (  # section, key, figure, unit
+    ("solver", "contact_radius_mm", "radius of a contact, mean", "mm"),
+    ("trackpad", "ellipse_scale", "scale of the pad's ellipses", ""),
+    ("trackpad", "ellipse_offset_mm", "offset of their axes", "mm"),
+)
 _DRAWN = 0.8  # of the map's extent
 _ENLARGED = 20.0  # magnification of moved positions in the picture
 
@@ -84,13 +91,13 @@ def run(options: argparse.Namespace) -> Verdict:
 
 def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory: Path) -> FoundSettings:
     """Write what changes of calibration and map, and return the settings that go with it. Raises HapticdError."""
-    settings: dict[str, dict[str, Any]] = {}
+    settings = contact_settings(touched, judged)
     if load_1_s is not None:
         detuning_hz = round(-load_1_s.imag / (2.0 * math.pi), 2)
         settings["plate"] = {"finger_decay_1_s": round(load_1_s.real, 2), "finger_detuning_hz": detuning_hz}
     if judged.refusal:
         return settings
-    settings["trackpad"] = pad_settings(touched, judged.calibration)
+    settings["trackpad"] = settings.get("trackpad", {}) | pad_settings(touched, judged.calibration)
     if has_sensors(touched):
         calibration_file.save(directory / CALIBRATION_FILE, calibration_of(touched, judged))
         settings["device"] = {"calibration_file": CALIBRATION_FILE}
@@ -119,15 +126,19 @@ def verdict(
     if load_1_s is not None:
         figures.append(Figure("a finger's damping", load_1_s.real, "1/s"))
         figures.append(Figure("a finger's detuning", -load_1_s.imag / (2.0 * math.pi), "Hz"))
+    found = ((text, settings.get(section, {}).get(key), unit) for section, key, text, unit in _CONTACTS)
+    figures += [Figure(text, value, unit) for text, value, unit in found if value is not None]
+    beside = [CONTACTS] if "solver" in settings else []
+    beside += [LOAD] if load_1_s is not None else []
     if judged.refusal:
-        outcome = Outcome.FAIL if load_1_s is None else Outcome.PASS
-        adopted_alone = "Nothing is adopted." if load_1_s is None else f"Adopted: {LOAD}."
+        outcome = Outcome.PASS if beside else Outcome.FAIL
+        adopted_alone = f"Adopted: {', '.join(beside)}." if beside else "Nothing is adopted."
         return Verdict("touch", outcome, f"{adopted_alone} {judged.refusal}", tuple(figures), settings, is_simulated)
     is_sense_moved = not np.array_equal(judged.calibration.sense, np.eye(len(judged.calibration.sense)))
     adopted = ["pad"]
     adopted += ["sensors"] if has_sensors and is_sense_moved else []
     adopted += ["map"] if judged.waves is not None else []
-    adopted += [LOAD] if load_1_s is not None else []
+    adopted += beside
     lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
     sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
     return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)

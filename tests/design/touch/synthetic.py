@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hapticd.core.plate.contact import disc_points
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design.touch.model import CENTROID, LATENCY, Calibration
 from hapticd.design.touch.observations import Ticks, Track, Windows, in_windows
@@ -34,7 +35,8 @@ def mode_map() -> ModeShapes:
 
 @dataclass(frozen=True)
 class Touching:
-    """What is true of a synthetic touching; `at_rest` fingers lie still, `fingers` of them."""
+    """What is true of a synthetic touching; `at_rest` fingers lie still, `fingers` of them, each a disc of its radius,
+    or all points."""
 
     truth: Calibration
     seconds: float = 12.0
@@ -44,6 +46,7 @@ class Touching:
     load_1_s: complex = 100.0
     noise_um_s: float = 1.0
     noise_mm: float = 0.02
+    radii_mm: tuple[float, ...] = ()
 
     def path_mm(self, t_s: FloatArray) -> FloatArray:
         """Return true positions (T, N, 2)."""
@@ -79,10 +82,13 @@ class Touching:
         angle = turning_rad_s * t_s[:, None] + np.array((0.0, 1.0))
         modal_um: ComplexArray = 2.0 * np.exp(1j * angle) + 1.0
         modal_slope = 2j * turning_rad_s * np.exp(1j * angle)
-        phi = shapes_at(self.path_mm(t_s))
+        radii_mm = np.array(self.radii_mm or (0.0,) * self.fingers)
+        dx, dy, shares = np.array(disc_points(1.0)).T
+        away_mm = radii_mm[:, None, None] * np.stack((dx, dy), axis=1)
+        phi = shapes_at(self.path_mm(t_s)[:, :, None] + away_mm)
         swing = 1.0 + 0.3 * np.sin(2.0 * np.pi * 0.8 * t_s)[:, None] * np.ones(self.fingers)
-        felt = self.load_1_s * swing * np.einsum("tnm,tm->tn", phi, modal_um)
-        pushed = modal_slope + (DECAY_1_S - 1j * DETUNING_RAD_S) * modal_um + np.einsum("tn,tnm->tm", felt, phi)
+        felt = self.load_1_s * swing[..., None] * shares * np.einsum("tnqm,tm->tnq", phi, modal_um)
+        pushed = modal_slope + (DECAY_1_S - 1j * DETUNING_RAD_S) * modal_um + np.einsum("tnq,tnqm->tm", felt, phi)
         noise = rng.standard_normal((2, *pushed.shape)) * self.noise_um_s
         voltage_v = 1j * (pushed + noise[0] + 1j * noise[1]) / GAIN_UM_PER_V_S
         inverse = np.linalg.inv(self.truth.sense)

@@ -48,6 +48,13 @@ def test_loads_that_change_with_the_force_are_followed() -> None:
     assert np.median(np.abs(found.loads[:, 0] - expected)) < 6.0
 
 
+def test_a_finger_that_is_no_point_passes_for_no_error_of_the_sensors() -> None:
+    windows = Touching(WRONG, noise_um_s=0.3, radii_mm=(4.0, 6.0)).windows()
+    found = fit(windows, mode_map(), Free(pad=True, sense=True), NOMINAL).calibration
+    assert np.abs(found.sense - WRONG.sense).max() < 0.02
+    assert np.abs(found.pad - WRONG.pad)[:2].max() < 0.06
+
+
 @pytest.fixture(scope="module")
 def linearised() -> tuple[Model, FitState]:
     modes = mode_map()
@@ -59,7 +66,7 @@ def linearised() -> tuple[Model, FitState]:
     loads = 100.0 + 10.0 * rng.standard_normal(windows.track.shape) + 5j
     rates = np.zeros((2, model.terms.shape[-1]), np.complex128)
     own = np.asarray(50.0 * (rng.standard_normal((2, model.splines.shape[-1])) + 1j), np.complex128)
-    return model, FitState(replace(WRONG, waves=lacking), rates, own, loads)
+    return model, FitState(replace(WRONG, waves=lacking), rates, own, loads, np.array((8.0, 12.0)))
 
 
 def slope_along(model: Model, state: FitState, pad: FloatArray, sense: ComplexArray, waves: FloatArray) -> ComplexArray:
@@ -82,7 +89,7 @@ def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Mode
     numeric = slope_along(model, state, step, np.zeros(0, np.complex128), np.zeros(0)) / 1e-5
     scale = np.abs(numeric).max()
     # The latency's is by the smoothed velocity, which is not quite the slope of the interpolated positions.
-    assert np.abs(numeric - point.by_pad[..., place]).max() < (0.02 if place == LATENCY else 1e-4) * scale
+    assert np.abs(numeric - point.by_pad[..., place]).max() < (0.02 if place == LATENCY else 1e-3) * scale
 
 
 def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tuple[Model, FitState]) -> None:

@@ -17,6 +17,8 @@ from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.daemon.settings import plate_from_pad
+from hapticd.design.touch.contacts import spreads_of
+from hapticd.design.touch.fit import Fit
 from hapticd.design.touch.judge import Judged
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.waves import Waves
@@ -32,8 +34,8 @@ from hapticd.sim.world_errors import FingerLoad, WorldErrors
 from hapticd.tools.calibrate import folder, touch
 from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.record import simulated
-from hapticd.tools.touch_correction import sensors_frac
-from hapticd.tools.touch_recording import Collected, read
+from hapticd.tools.touch_correction import contact_settings, sensors_frac
+from hapticd.tools.touch_recording import Collected, Touched, read
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire.reference import encode_reference
 
@@ -158,6 +160,52 @@ def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, 
     change = ModeShapes.load(tmp_path / "touch-modes.npz").shapes - touched.header.modes.shapes
     assert not change[0].any()
     assert np.sqrt(np.mean(change[1] ** 2)) == pytest.approx(0.02, rel=0.2)
+
+
+def with_contacts(touched: Touched) -> Touched:
+    """The same as if it were of a plate of four modes, whose fingers are contacts."""
+    config = touched.header.config
+    limits = replace(config.limits, w_limit_um=(4.0,) * 4)
+    return touched._replace(header=replace(touched.header, config=replace(config, limits=limits)))
+
+
+def of_size(touched: Touched, radius_mm: float, sigma_mm2: float = 0.1) -> Judged:
+    """A verdict on touches that all have this size."""
+    found, count = Calibration.nominal(2), len(touched.tracks)
+    spread_mm2 = np.repeat(spreads_of(np.array((radius_mm,)), touched.header.modes), count)
+    nothing = np.zeros(0)
+    fit = Fit(
+        *(found, found, np.zeros((7, 7)), nothing, nothing, nothing, np.zeros(0, complex), spread_mm2),
+        np.full(count, sigma_mm2),
+    )
+    return replace(judged(found), fit=fit)
+
+
+def test_the_size_of_contacts_is_adopted_with_the_law_of_the_pads_ellipses(recorded: Recorded, tmp_path: Path) -> None:
+    touched = read(recorded(TrackpadConfig(), 500, 2.5))
+    assert contact_settings(touched, of_size(touched, 5.5)) == {}  # on two modes fingers are points
+    touched = with_contacts(touched)
+    found = of_size(touched, 5.5)
+    settings = touch.saved(touched, found, None, tmp_path)
+    (tmp_path / "hapticd.toml").write_text(folder.as_toml(settings))
+    config = config_loader.load(tmp_path / "hapticd.toml")
+    assert config.solver.contact_radius_mm == pytest.approx(5.5, abs=0.02)
+    axis_mm = np.mean([track.axis_mm for track in touched.tracks])
+    law = config.trackpad
+    assert law.ellipse_scale * axis_mm + law.ellipse_offset_mm == pytest.approx(11.0, abs=0.1)
+    verdict = touch.verdict(found, settings, None, has_sensors=True, is_simulated=False)
+    assert verdict.sentence == "Adopted: pad, the contacts' size."
+    assert ("radius of a contact, mean", 5.5) in [(figure.name, round(figure.value, 1)) for figure in verdict.figures]
+
+
+def test_a_size_that_no_finger_has_or_that_is_not_known_is_not_adopted(recorded: Recorded) -> None:
+    touched = with_contacts(read(recorded(TrackpadConfig(), 500, 2.5)))
+    assert contact_settings(touched, of_size(touched, 1.5)) == {}
+    assert contact_settings(touched, of_size(touched, 5.5, sigma_mm2=20.0)) == {}
+    unknown = replace(of_size(touched, 5.5), refusal="The touches do not tell where the pad lies.")
+    assert contact_settings(touched, unknown) == {}
+    without = touched._replace(tracks=tuple(replace(track, axis_mm=np.nan) for track in touched.tracks))
+    assert set(contact_settings(without, of_size(touched, 5.5))) == {"solver"}
 
 
 def test_without_a_calibration_of_the_modes_no_board_gets_one(recorded: Recorded, tmp_path: Path) -> None:
