@@ -63,9 +63,11 @@ async def serve(
         daemon.ready()
         return await asked
     finally:
-        for task in rereading:
+        ended = tuple(rereading)
+        for task in ended:
             task.cancel()
         await daemon.stop()
+        await asyncio.gather(*ended, return_exceptions=True)
 
 
 async def while_served(daemon: Daemon, modes: ModeShapes, watch: Coroutine[Any, Any, Found]) -> Found | None:

@@ -189,6 +189,7 @@ async def _check_elsewhere(command: Sequence[str]) -> None:
     finally:
         if judge.returncode is None:
             judge.kill()
+            await judge.wait()
     if judge.returncode != 0:
         lines = output.decode(errors="replace").strip().splitlines()
         reason = lines[-1].removeprefix("hapticd: ") if lines else "Configuration check failed without a message."

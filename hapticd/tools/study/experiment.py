@@ -211,8 +211,10 @@ def _problems(made: Experiment) -> Iterator[str]:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9-]{0,31}", made.name):
         yield ".name: must have letters, digits and - only."
     for name in (*made.factors, *made.answers):
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", name) or name == LEVEL:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}", name):
             yield f".{name}: is no name for a factor or an answer: use letters, digits, - and _."
+        if name == LEVEL:
+            yield f".{name}: is the name of what an adaptive method chooses: give the factor or answer another one."
     if made.intervals is None and not 2 <= len(made.answers) <= MAX_ANSWERS:
         yield f".answers: must be 2 .. {MAX_ANSWERS}, each with its label."
     if made.intervals is not None and (made.answers or made.correct):

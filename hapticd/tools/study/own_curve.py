@@ -28,7 +28,8 @@ KEY = "friction_curve"  # of the session's first line
 ANOTHER = (
     "The service has another friction curve than {participant}: frictions of targets and surfaces become amplitudes; "
     "maps, textures, sliding and felt_friction are by the service's. "
-    "For all of it, start `hapticd run --friction {path}`."
+    "For all of it, start `hapticd run --friction {path}`, or copy that file over the one that the service was started "
+    "with and reload it (SIGHUP)."
 )
 _Target = TypeVar("_Target", FingerTarget, Surface)
 

@@ -83,6 +83,7 @@ def test_an_adaptive_method_and_two_intervals_have_their_own_answers_and_absciss
         (SPOT, {"blocks": "period_mm", "trials": 5}, "trials: must be a multiple of the number of blocks."),
         (SPOT, {"factors": {"kind": ["smooth", "rough"]}}, "plate: '$period_mm' is neither a factor nor an entry"),
         (SPOT, {"factors": {"a b": [1]}}, "a b: is no name for a factor"),
+        (SPOT, {"factors": {"level": [1]}}, "level: is the name of what an adaptive method chooses"),
         (SPOT, {"plate": {"targets": [{"finger": 1, "friction": 2.0}]}}, "plate.targets[0].friction: 2 is out of"),
         (SPOT, {"plate": {"targets": [{"finger": 1}]}}, "plate.targets[0]: needs exactly one of"),
         (SPOT, {"correct": "", "feedback": True}, "practice: its feedback needs right and wrong answers"),

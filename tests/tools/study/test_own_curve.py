@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from hapticd.config.loader import load, with_friction
 from hapticd.config.sections import Config
 from hapticd.core.friction import FrictionCurve
 from hapticd.daemon.settings import friction_curve
+from hapticd.tools import run
 from hapticd.tools.study import own_curve
 from hapticd.tools.study.experiment import StudyError
 from hapticd_contract.surfaces import Surface
@@ -81,6 +84,20 @@ def test_a_service_that_was_started_with_the_curve_has_it_and_another_has_not(tm
     rehearsed.write_text(own_curve.settings(about), encoding="utf-8")
     assert load(rehearsed).plate == started.plate
     assert own_curve.settings({}) == ""
+
+
+def test_a_running_service_reads_the_next_participants_curve_at_its_reload(tmp_path: Path) -> None:
+    out, now = tmp_path / "calibration", tmp_path / "now.toml"
+    parser = argparse.ArgumentParser()
+    run.add_arguments(parser)
+    options, served = parser.parse_args(["--sim", "--friction", str(now)]), []
+    for name, scale_um in (("P03", 0.4), ("P04", 0.8)):
+        command = ["calibrate", "friction", "--readings", str(readings(tmp_path, scale_um)), "--out", str(out)]
+        assert main([*command, "--participant", name]) == 0
+        shutil.copyfile(own_curve.path_of(out, name), now)
+        served.append(run._configuration(options).plate)
+    assert served == [with_friction(Config(), own_curve.path_of(out, name)).plate for name in ("P03", "P04")]
+    assert served[0] != served[1]
 
 
 def test_a_name_that_is_no_participants_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
