@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -113,6 +114,25 @@ def test_lifts_of_slots_that_held_nothing_and_a_touch_from_before_the_recording_
     seen = frames(written(tmp_path, text_of(SCREEN, [*lifts, *before, *stroke])))
     assert [len(frame.contacts) for frame in seen] == [0, 0, 0, 1, 1, 1, 0]
     assert [frame.contacts[0].x_mm for frame in seen if frame.contacts] == [0.0, 1.0, 2.0]
+
+
+def test_values_padded_as_evemu_pads_them_of_a_panel_that_reports_only_what_changes(tmp_path: Path) -> None:
+    panel = {0x2F: (0, 4, 0), 0x35: (0, 1279, 0), 0x36: (0, 767, 0), 0x39: (0, 65535, 0)}  # as an EP0430M09 declares
+    changes: list[Event] = [
+        *((0, 3, 0x39, 1), (0, 3, 0x35, 400), (0, 3, 0x36, 384), (0, 3, 0x2F, 1), (0, 3, 0x39, 2)),
+        *((0, 3, 0x35, 930), (0, 3, 0x36, 384), (0, 1, 330, 1), (0, 3, 0, 400), (0, 3, 1, 384), (0, 0, 0, 0)),
+        *((119, 3, 0x36, 96), (119, 0, 0, 0)),
+        *((126, 3, 0x35, 934), (126, 3, 0x2F, 0), (126, 3, 0x39, -1), (126, 3, 0, 934), (126, 0, 0, 0)),
+        *((140, 3, 0x2F, 1), (140, 3, 0x39, -1), (140, 1, 330, 0), (140, 0, 0, 0)),
+    ]
+    plain = evemu(panel, changes)
+    padded = re.sub(r"(?m)(-?)(\d+)\t#", lambda found: f"{found[1]}{int(found[2]):0{4 - len(found[1])}d}\t#", plain)
+    assert "0039 -001\t" in padded
+    seen = [
+        {one.contact_id: (round(one.x_mm), round(one.y_mm)) for one in frame.contacts}
+        for frame in frames(written(tmp_path, padded), (127.9, 76.7))
+    ]
+    assert seen == [{1: (-24, 0), 2: (29, 0)}, {1: (-24, 0), 2: (29, 29)}, {2: (29, 29)}, {}]
 
 
 def test_what_libinput_record_adds_between_events_is_passed_over(tmp_path: Path) -> None:
