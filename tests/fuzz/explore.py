@@ -32,6 +32,7 @@ INSTRUMENTED = [
     "hapticd.io.devices.replay",
     "hapticd.files.recording",
     "hapticd.formats.toml_file",
+    "hapticd.tools.gateway",
     "hapticd.wire",
     "hapticd_client.messages",
     "hapticd_contract",
