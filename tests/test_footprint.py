@@ -33,6 +33,12 @@ NOT_NEEDED = (
     ),
     *("email", "http", "xml", "unittest", "sqlite3", "multiprocessing", "ssl", "_ssl", "_hashlib"),
     *("mcap", "lz4", "zstandard"),  # of a recording, where one is configured
+    *(
+        "hapticd.io.devices.evdev_trackpad",
+        "hapticd.io.devices.tuio_trackpad",
+        "hapticd.io.devices.replay",
+    ),  # of a pad that is another
+    *("statistics", "fractions", "aiohttp", "pylsl", "hapticd.tools.gateway", "hapticd.tools.study"),
 )
 
 

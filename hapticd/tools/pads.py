@@ -1,4 +1,7 @@
-"""The touch device that a configuration names: its source, and the choice of one on the command line."""
+"""The touch device that a configuration names: its source, and the choice of one on the command line.
+
+Each source loads its modules where it is the one: a service carries no other.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,28 @@ from typing import Final
 
 from ..config.sections import TrackpadConfig
 from ..errors import CalibrationError
-from ..io.devices.evdev_trackpad import EvdevTrackpad
 from ..io.devices.hid_trackpad import HidTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
-from ..io.devices.tuio_trackpad import TuioTrackpad
 from ..wire.trackpad import PADS
 from ..wire.trackpad.tuio import surface
 
+
+def _evdev(config: TrackpadConfig) -> TrackpadSource:
+    from ..io.devices.evdev_trackpad import EvdevTrackpad
+
+    return EvdevTrackpad(config.device, config.size_mm)
+
+
+def _tuio(config: TrackpadConfig) -> TrackpadSource:
+    from ..io.devices.tuio_trackpad import TuioTrackpad
+
+    return TuioTrackpad(config.tuio_address, surface(*config.size_mm))
+
+
 SOURCES: Final[dict[str, Callable[[TrackpadConfig], TrackpadSource]]] = {
     "hid": lambda config: HidTrackpad(config.model),
-    "evdev": lambda config: EvdevTrackpad(config.device, config.size_mm),
-    "tuio": lambda config: TuioTrackpad(config.tuio_address, surface(*config.size_mm)),
+    "evdev": _evdev,
+    "tuio": _tuio,
 }
 LIE_ANYHOW: Final = frozenset(SOURCES) - {"hid"}  # rotated, mirrored, or of a size that they do not know
 

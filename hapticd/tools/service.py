@@ -32,7 +32,6 @@ from ..formats.mode_map import require_usable
 from ..io.clients import gate, keys
 from ..io.clients.server import runtime_directory
 from ..io.clients.sockets import Remote
-from ..io.devices.replay import ReplayTrackpad
 from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
 from ..io.host.limits import require_descriptors, require_threads
@@ -307,6 +306,8 @@ def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
     if config.trackpad.source in pads.SOURCES:
         return pads.connected(config.trackpad)
     if config.trackpad.source == "replay":
+        from ..io.devices.replay import ReplayTrackpad
+
         try:
             return ReplayTrackpad(config.trackpad.replay_file, config.trackpad.size_mm)
         except TrackpadError as error:

@@ -7,7 +7,6 @@ last report has to be repeated, at the device's own rate: else predictors would 
 from __future__ import annotations
 
 from collections import deque
-from statistics import median
 from typing import Final
 
 LONGEST_REST_NS: Final = 10_000_000_000  # a finger so still is lost: what it feels comes from sliding anyway
@@ -34,7 +33,9 @@ class StillContacts:
     @property
     def period_ns(self) -> int:
         """The median of the last gaps between reports, from 1 ms to 20 ms."""
-        usual_ns = round(median(self._gaps_ns)) if self._gaps_ns else _USUAL_NS
+        gaps_ns = sorted(self._gaps_ns) or [_USUAL_NS]
+        middle = len(gaps_ns) // 2
+        usual_ns = round((gaps_ns[middle] + gaps_ns[~middle]) / 2)
         return min(max(usual_ns, _FASTEST_NS), _SLOWEST_NS)
 
     def took(self, t_ns: int, *, are_down: bool) -> None:
