@@ -11,7 +11,7 @@ cross validation, so it falls where a plate does not obey the equation.
 
 The alternative is a fit by a dozen free-plate modes (`free_fit`), which also finds the rotation and shift of the scan
 on the plate. It has less noise on a plate that follows theory. Where a plate does not, as glued actuators add mass and
-stiffness, what the modes lack is added to it (`lacking`). The fit with the smaller cross-validated error is taken for
+stiffness, what the modes lack is added to it. The fit with the smaller cross-validated error is taken for
 all modes. Points that it misses by far more than the noise are removed as outliers, and the rest is fitted again.
 
 Source of the equation: A. W. Leissa, Vibration of Plates (NASA SP-160), ch. 1.
@@ -32,10 +32,9 @@ from hapticd.values import FloatArray
 
 from .checks import MIN_LINES, require_grid, require_scan, require_size, require_step
 from .free_fit import FreeFit, FreePlateModes
-from .lacking import CorrectedModes, corrected
 from .pose import NOMINAL, Pose
 from .readings import InPhase, Readings, in_phase, numbers, outliers
-from .smoothing import PlateBasis, Smoothed
+from .smoothing import PlateBasis, ScatteredData, Smoothed, third_derivatives
 from .wave_number import FitStart, plate_wave, scattered, wave_number
 from .wave_number import start as _start
 
@@ -48,6 +47,7 @@ _MOST_THEORY_RAD = (
 _FINER = 4  # the peak is searched in steps this much smaller than the map's: 0.1 % at worst
 _MORE_THAN_NOISE = 1.01
 _MOST_ROUNDS = 5  # of outlier removal; two usually suffice
+_LEAST_FALL = 2e-3  # of the prediction error: less is what noise gives
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,11 +173,24 @@ def _fitted(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _CorrectedModes:
+    """Free-plate modes, and polynomials for what they lack; coefficients (modes + products, M) have both."""
+
+    free: FreePlateModes
+    basis: PlateBasis
+
+    def on_grid(self, coefficients: FloatArray, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+        """Return the surfaces on a grid: (M, ny, nx)."""
+        of_free, lacking = np.split(coefficients, [len(self.free)])
+        return self.free.on_grid(of_free, x_mm, y_mm) + self.basis.on_grid(lacking, x_mm, y_mm)
+
+
 class _Best(NamedTuple):
     """The selected fit, the basis of its coefficients, the wave number, the scan's pose, and the residual (M,) before
     what free-plate modes lack was added, NaN where nothing was."""
 
-    surfaces: PlateBasis | FreePlateModes | CorrectedModes
+    surfaces: PlateBasis | FreePlateModes | _CorrectedModes
     fit: Smoothed
     wave_rad_mm: float
     pose: Pose
@@ -211,7 +224,7 @@ def _fit(start: FitStart, points_mm: FloatArray, values: FloatArray, by: str) ->
     if by != "plate_equation" and (free := _free_plate_modes(basis, wave_rad_mm, len(values))) is not None:
         fit = free.fit(points_mm, values)
         found.append(_Best(free, fit.fit, wave_rad_mm, fit.pose, nothing))
-        if _is_lacking(fit, noise_rms) and (more := corrected(basis, wave_rad_mm, free, fit, points_mm)) is not None:
+        if _is_lacking(fit, noise_rms) and (more := _corrected(basis, wave_rad_mm, free, fit, points_mm)) is not None:
             found.append(_Best(*more, wave_rad_mm, fit.pose, fit.fit.residual_rms))
     if not found:
         raise ModesError("theory has no usable free-plate modes for this scan; fit it by the plate equation.")
@@ -221,6 +234,30 @@ def _fit(start: FitStart, points_mm: FloatArray, values: FloatArray, by: str) ->
 def _is_lacking(found: FreeFit, noise_rms: FloatArray | None) -> bool:
     """Whether free-plate modes may lack something: they leave more than the noise, if that is known."""
     return noise_rms is None or bool((found.fit.noise_rms**2).sum() > _MORE_THAN_NOISE**2 * (noise_rms**2).sum())
+
+
+def _corrected(
+    basis: PlateBasis, wave_rad_mm: float, modes: FreePlateModes, found: FreeFit, points_mm: FloatArray
+) -> tuple[_CorrectedModes, Smoothed] | None:
+    """Return the fit with what the free-plate modes lack at `points_mm` (N, 2); None if cross validation finds nothing.
+
+    Glue, patches and supports add waves that a free plate has not. The residual is smoothed by polynomials over the
+    plate, with a penalty on their mean square and on third derivatives in units of the plate's own wave number: waves
+    of about its length are what mass and stiffness at some places excite. Cross validation weighs it for each mode
+    alone, and takes nothing where there is only noise. The correction of each mode has the parameters that its data
+    determine, in addition to those of the free plate.
+    """
+    penalty = basis.energy((0, 0), (0, 0)) + third_derivatives(basis, wave_rad_mm)
+    x_mm, y_mm = found.pose.on_plate(points_mm).T
+    scan = ScatteredData(basis, x_mm, y_mm, found.fit.residual)
+    try:
+        lacking = scan.smooth(penalty)
+    except np.linalg.LinAlgError:  # waves much longer than the polynomials resolve: rounding hides all but the penalty
+        return None
+    coefficients = np.concatenate((found.fit.coefficients, lacking.coefficients))
+    both = Smoothed(coefficients, found.fit.freedom + lacking.freedom, lacking.residual)
+    before, after = (float((one.prediction_rms**2).sum()) for one in (found.fit, both))
+    return (_CorrectedModes(modes, basis), both) if after < (1.0 - _LEAST_FALL) ** 2 * before else None
 
 
 def _free_plate_modes(basis: PlateBasis, wave_rad_mm: float, points: int) -> FreePlateModes | None:
