@@ -6,7 +6,7 @@
  *   import HapticdTrial from "./jspsych-hapticd.js";
  *   const plate = await connect("ws://127.0.0.1:8018/client?key=...", { ttlS: 2 });
  *   const trial = {
- *     type: HapticdTrial, plate,
+ *     type: HapticdTrial, plate: () => plate, // as a function, because version 7 copies objects
  *     surfaces: { left: { friction: 0.1, rectangle_mm: [40, 80], position_mm: [-30, 0] } },
  *     prompt: "Which side is more slippery?", choices: ["left", "right"],
  *   };
