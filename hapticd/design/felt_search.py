@@ -8,6 +8,9 @@ judged as it then is, with the reach that follows from its patches, within the v
 
 A mode's limit is a share of its reach alone, the same for all modes of a plate: modes move together, and share the
 patches. The share that leaves most places within the volts is taken.
+
+Of modes that nearly have one frequency any support or flaw makes others, which no map has: plates whose closest modes
+turn by more than MOST_TURN_DEG come after all others.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +49,8 @@ SEARCH_PLACES, JUDGE_PLACES = 60, 500
 FINALISTS = 3  # for each number of modes, that get patches
 USUAL_UM = 12.0  # reach at resonance of eight 10 x 10 mm patches: by it bare plates are compared
 GLUE_HZ = 250.0  # by which patches move modes, at most
+COUPLED_HZ = 2.0  # of two modes by what touches the plate since its scan: soft supports, a chip of 1 mm
+MOST_TURN_DEG = 10.0  # by 32 a laboratory's contrast falls from 5.9 to 1.3, by 7 not at all
 ROUNDS, MORE_ROUNDS = 2, 12  # of placing patches on the shapes that they make; of the best
 
 Kit = tuple[float, float, float]  # a patch's width, depth and thickness in mm
@@ -116,6 +122,21 @@ class FeltDesign:
     def farthest_hz(self) -> float:
         """The distance of the farthest driven mode from the drive."""
         return max(abs(hz - self.drive_hz) for hz in self.frequency_hz)
+
+    @property
+    def closest_hz(self) -> float:
+        """The least distance between two driven modes."""
+        return min((above - below for below, above in pairwise(sorted(self.frequency_hz))), default=math.inf)
+
+    @property
+    def turn_deg(self) -> float:
+        """The angle by which the closest two turn into each other where COUPLED_HZ couple them."""
+        return math.degrees(math.atan2(2.0 * COUPLED_HZ, self.closest_hz) / 2.0)
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Of two designs the better one has more: friction as asked on modes that stay, then friction as asked."""
+        return self.turn_deg <= MOST_TURN_DEG and self.felt_frac > 0.0, self.felt_frac
 
 
 class GluedModes:
@@ -247,7 +268,7 @@ def search(
     bare = [BareTask(plate, tuple(counts), drive_hz, task) for plate in plates]
     if any(plate.patches for plate in plates):
         found = campaign("plates", _as_they_are, bare)
-        return sorted((one for each in found for one in each), key=lambda one: -one.felt_frac)
+        return sorted((one for each in found for one in each), key=lambda one: one.rank, reverse=True)
     ranked: list[list[tuple[float, GluedPlate, Modes]]] = [[] for _ in counts]
     for plate, of_plate in zip(plates, campaign("plates", _ranked, bare), strict=True):
         for sets, of_count in zip(ranked, of_plate, strict=True):
@@ -255,7 +276,7 @@ def search(
     finalists = [one for sets in ranked for one in sorted(sets, key=lambda each: -each[0])[:FINALISTS]]
     jobs = [GlueTask(plate, modes, kit, task, ROUNDS) for _, plate, modes in finalists for kit in kits]
     made = [(job, one) for job, one in zip(jobs, campaign("patches", _glued, jobs), strict=True) if one is not None]
-    made.sort(key=lambda each: -each[1].felt_frac)
+    made.sort(key=lambda each: each[1].rank, reverse=True)
     designs = [one for _, one in made]
     if designs:
         (better,) = campaign("more places", _glued, [made[0][0]._replace(rounds=MORE_ROUNDS)])
@@ -291,7 +312,7 @@ def glue(plate: GluedPlate, modes: Modes, kit: Kit, task: FeltTask, rounds: int)
     for number in range(rounds):
         patches = place(plate, modes if best is None else best.modes, task, kit, random if number else None)
         found = judge_near(replace(plate, patches=patches), drive_hz, len(modes), task)
-        if found is not None and (best is None or found.felt_frac > best.felt_frac):
+        if found is not None and (best is None or found.rank > best.rank):
             best = found
     return best
 
@@ -313,7 +334,7 @@ def judge_best(
     for chosen in glued.sets(count):
         with suppress(UndrivenError):
             found.append(glued.judge(chosen, plate.patches))
-    return max(found, key=lambda one: one.felt_frac, default=None)
+    return max(found, key=lambda one: one.rank, default=None)
 
 
 def judge_within(design: FeltDesign, task: FeltTask, around_hz: float) -> FeltDesign:

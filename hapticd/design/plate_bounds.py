@@ -13,7 +13,7 @@ import numpy as np
 
 from ..values import FloatArray
 from . import legendre
-from .felt_search import FeltDesign
+from .felt_search import COUPLED_HZ, MOST_TURN_DEG, FeltDesign
 from .free_plate import ModeShape, wave_speed_m2_s
 from .materials import Material
 from .patch_load import TAN_DELTA, capacitance_f
@@ -91,6 +91,13 @@ def bounds(design: FeltDesign, q_factor: float) -> tuple[Bound, ...]:
             AMPLIFIER_MA,
             "mA",
             f"computed, {1e9 * farads.max():.2g} nF, at small fields; affordable amplifiers",
+        ),
+        Bound(
+            f"turn of the closest modes, {design.closest_hz:.3g} Hz apart, into each other",
+            design.turn_deg,
+            MOST_TURN_DEG,
+            "degrees",
+            f"computed, where supports or a chip couple them by {COUPLED_HZ:g} Hz after the scan",
         ),
         Bound(
             f"airborne sound at {EAR_MM / 1e3:g} m",

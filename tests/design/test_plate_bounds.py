@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,3 +69,19 @@ def test_a_bound_says_whether_it_is_kept(design: FeltDesign) -> None:
     assert ", within 70 (" in str(stress)
     assert not sound.is_kept
     assert ", BEYOND 100 (" in str(sound)
+
+
+def test_modes_of_nearly_one_frequency_turn_into_each_other(design: FeltDesign, sine: ModeShape) -> None:
+    def with_gap(gap_hz: float) -> FeltDesign:
+        modes = tuple((hz, sine) for hz in (29000.0, 29100.0, 29100.0 + gap_hz))
+        return replace(design, modes=modes, limits_um=(5.0,) * 3, modal_um=np.full((10, 3), 4.0))
+
+    near, far = with_gap(2.0), with_gap(20.0)
+    turn = bounds(near, 500.0)[3]
+    assert turn.value == pytest.approx(math.degrees(math.atan(2.0 * 2.0 / 2.0) / 2.0))
+    assert not turn.is_kept
+    assert "2 Hz apart" in str(turn)
+    assert bounds(far, 500.0)[3].is_kept
+    assert far.rank > replace(near, felt_frac=1.0).rank
+    assert far.rank < replace(far, felt_frac=1.1).rank
+    assert replace(far, felt_frac=0.0).rank < near.rank

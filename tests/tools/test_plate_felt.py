@@ -36,7 +36,7 @@ def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: 
     assert found["targets_um"] == [1.0, 0.0]
     assert "not simulated, as simulated strokes need a plate of 116 x 116 mm or more" in printed
     assert "tolerances: of 1 plates the median has" in printed
-    assert [one["unit"].split()[0] for one in found["bounds"]] == ["MPa", "Hz", "mA", "dB"]
+    assert [one["unit"].split()[0] for one in found["bounds"]] == ["MPa", "Hz", "mA", "degrees", "dB"]
     assert [load["volts_v"] for load in best["loads"]] == [90.0, 90.0]  # 300 V/mm
     assert "1.98  3.31" in printed  # nF of 8 x 8 x 0.3 mm, glued and free
     assert len(best["moving_ma"]) == 2
