@@ -14,7 +14,7 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from .fit import Fit, fit
-from .model import Calibration, Free
+from .model import LEAST_SIZED_MODES, Calibration, Free
 from .observations import Windows
 
 TURN_S = 1.0
@@ -67,10 +67,16 @@ def gained(
     """Return what the calibration in force gains on touches that came after it; None for too few of them."""
     if len(np.unique(np.floor(windows.start_s / TURN_S))) < FEWEST_TURNS:
         return None
-    before = fit(windows, configured.modes, Free(), configured.calibration, parasitic_modes=parasitic_modes)
+    are_points = configured.modes.M < LEAST_SIZED_MODES
+    before = fit(
+        *(windows, configured.modes, Free(), configured.calibration),
+        parasitic_modes=parasitic_modes,
+        are_points=are_points,
+    )
     after = fit(
         *(windows, in_force.modes, Free(), in_force.calibration),
         judged_by_um_s=before.noise_um_s,
         parasitic_modes=parasitic_modes,
+        are_points=are_points,
     )
     return gain_of(windows, before, after)

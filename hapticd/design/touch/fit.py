@@ -60,14 +60,16 @@ def fit(
     *,
     judged_by_um_s: FloatArray | None = None,
     parasitic_modes: ParasiticModes | None = None,
+    are_points: bool = False,
 ) -> Fit:
     """Fit what is `free` from `start` on; everything else of it stays. Loads and rates are always free.
 
+    With `are_points` fingers act where their centres are, not all over their contacts.
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
-    problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start)
+    problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start, are_points)
     terms, splines = problem.model.terms.shape[-1], problem.model.splines.shape[-1]
-    state = FitState.start(start, terms, splines, windows)
+    state = FitState.start(start, terms, splines, windows, problem.spread_mm2)
     settled = _settled(replace(problem, free=Free()), state)
     found, covariance = _descended(problem, settled) if any(free) else (settled, np.zeros((sum(problem.sizes),) * 2))
     state, noise = found.state, found.noise

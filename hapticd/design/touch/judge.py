@@ -17,7 +17,7 @@ from ...values import FloatArray
 from .coverage import Ninth, where_next
 from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of
 from .fit import Fit, fit
-from .model import CENTROID, CENTROID_MM_S, LATENCY, PAD_PRIOR, Calibration, Free
+from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Calibration, Free
 from .observations import WINDOW_S, Windows
 from .waves import Waves, wave_number
 
@@ -32,6 +32,8 @@ NO_CHANGE = "The held-out touches confirm no change: the calibration is as good 
 # RMS length of what passes for the pad's place, by laboratories of `sim` on two modes: what the centroids of a
 # posture's fingers have in common, and errors of the map. Shifts found there have an RMS of 0.63 mm, the pads' of 0.39.
 SHARED_BIAS_MM = 0.5
+FEW_WINDOWS = 500  # by which that is seen
+POINT_MM2 = 3.0  # of spread: a disc of 3.4 mm, smaller than any finger's; a pad off by 1 mm passes for 1 mm2
 MOST_SIGMAS = 4.0  # of the pad's prior: what is farther off needs another step first
 MOST_CROSSTALK = 0.2  # of sensors, and of modes that turned into each other since the scan: by 6 degrees, 0.1
 MOST_DRIFT_HZ = 200.0  # of a mode in a recording: 20 kelvin and more
@@ -69,12 +71,14 @@ class _Fitter:
     modes: ModeShapes
     parasitic_modes: ParasiticModes | None
     waves: Waves | None = None
+    are_points: bool = False
 
     def fit(self, windows: Windows, free: Free, start: Calibration, judged_by_um_s: FloatArray | None = None) -> Fit:
         return fit(
             *(windows, self.modes, free, start, self.waves),
             judged_by_um_s=judged_by_um_s,
             parasitic_modes=self.parasitic_modes,
+            are_points=self.are_points,
         )
 
     def gain(self, held_out: Windows, before: Calibration, after: Calibration) -> HeldOutGain:
@@ -105,9 +109,11 @@ def calibrate(
         return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
     few = _evenly(windows, MOST_WINDOWS)
     free = Free(pad=True, sense=True)
-    fitter = _Fitter(modes, parasitic_modes)
+    fitter = _Fitter(modes, parasitic_modes, are_points=True)
+    near = fitter.fit(_evenly(windows, FEW_WINDOWS), free, before).calibration
+    fitter = replace(fitter, are_points=_are_points(_evenly(windows, FEW_WINDOWS), fitter, near))
     first, second = _halves(few)
-    one = fitter.fit(first, free, before)
+    one = fitter.fit(first, free, near)
     other = fitter.fit(second, free, one.calibration)
     gains = [fitter.gain(part, before, found.calibration) for part, found in ((second, one), (first, other))]
     found = fitter.fit(few, free, other.calibration)
@@ -133,6 +139,15 @@ def calibrate(
     )
     judged = _with_map(_without_gains(judged, before), _evenly(windows, MOST_FOR_MAP), fitter)
     return judged if judged.refusal else _without_bias(judged)
+
+
+def _are_points(windows: Windows, fitter: _Fitter, near: Calibration) -> bool:
+    """Whether touches act like points, smaller than skin does, or modes are too few to tell: a pad out of place would
+    pass for a size then. `near` is where a fit of points has pad and sensors."""
+    if fitter.modes.M < LEAST_SIZED_MODES:
+        return True
+    found = replace(fitter, are_points=False).fit(windows, Free(), near)
+    return float(found.spread_mm2[windows.track[windows.track >= 0]].mean()) < POINT_MM2
 
 
 def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:

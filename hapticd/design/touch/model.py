@@ -39,6 +39,8 @@ COUPLING_PRIOR_1_S = 3.0  # of modes to each other, fingers apart: by supports a
 LOAD_PRIOR_FRAC = 0.15  # by which a window's load differs from that of the touch at the time
 SPREAD_MM2 = 9.0  # r of a disc of 5.2 mm; 4 mm have 4.7, 7 mm 23, on waves of 32 mm
 SPREAD_PRIOR_MM2 = 7.0
+LEAST_SIZED_MODES = 4  # that tell a touch's size and its place apart
+MOST_SPREAD_MM2 = 30.0  # no finger is larger than that of 9 mm
 _APART_MM = 0.05  # of two gradients that give a curvature: it only steers the search
 FORCE_S = 0.15  # in which a finger's force changes
 
@@ -83,11 +85,11 @@ class FitState:
     spread_mm2: FloatArray
 
     @classmethod
-    def start(cls, calibration: Calibration, terms: int, splines: int, windows: Windows) -> FitState:
+    def start(cls, calibration: Calibration, terms: int, splines: int, windows: Windows, spread_mm2: float) -> FitState:
         """Return that of a plate which nobody loads."""
         modes = len(calibration.sense)
         zero = [np.zeros(shape, np.complex128) for shape in ((modes, terms), (modes, splines), windows.track.shape)]
-        return cls(calibration, zero[0], zero[1], zero[2], np.full(len(windows.tracks), SPREAD_MM2))
+        return cls(calibration, zero[0], zero[1], zero[2], np.full(len(windows.tracks), spread_mm2))
 
 
 @dataclass(frozen=True, slots=True)

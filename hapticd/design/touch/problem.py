@@ -10,6 +10,7 @@ from ...values import ComplexArray, FloatArray
 from .model import (
     COUPLING_PRIOR_1_S,
     DRIFT_PRIOR_1_S,
+    MOST_SPREAD_MM2,
     PAD_PRIOR,
     SENSE_PRIOR,
     SPREAD_MM2,
@@ -21,7 +22,7 @@ from .model import (
     stepped,
 )
 
-_LOOSE = 1e6  # sigma of what has no prior
+_LOOSE, _FIXED = 1e6, 1e-6  # sigma of what has no prior, and of what is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class TouchProblem:
     model: Model
     free: Free
     start: Calibration
+    are_points: bool = False  # fingers act where their centre is
 
     @property
     def sizes(self) -> tuple[int, int, int, int, int, int]:
@@ -44,6 +46,16 @@ class TouchProblem:
         own, rates = (2 * modes * each.shape[-1] for each in (model.splines, model.terms))
         return own, rates, len(model.windows.tracks)
 
+    @property
+    def spread_mm2(self) -> float:
+        """What the spread of a touch is taken to be."""
+        return 0.0 if self.are_points else SPREAD_MM2
+
+    @property
+    def spread_prior_mm2(self) -> float:
+        """One sigma of it."""
+        return _FIXED if self.are_points else SPREAD_PRIOR_MM2
+
     def priors(self) -> FloatArray:
         """One sigma of each parameter."""
         modes = len(self.start.sense)
@@ -51,7 +63,7 @@ class TouchProblem:
         rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
         pad, sense, waves, _, _, touches = self.sizes
         lacking = np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()
-        linear = np.tile(own, 2 * modes), np.tile(rate, 2 * modes), np.full(touches, SPREAD_PRIOR_MM2)
+        linear = np.tile(own, 2 * modes), np.tile(rate, 2 * modes), np.full(touches, self.spread_prior_mm2)
         return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], *linear))
 
     def offsets(self, state: FitState) -> FloatArray:
@@ -64,7 +76,7 @@ class TouchProblem:
             np.concatenate((sense.real, sense.imag)) if self.free.sense else np.zeros(0),
             found.waves.ravel() if self.free.waves else np.zeros(0),
             *(part.ravel() for linear in (state.own, state.rates) for part in (linear.real, linear.imag)),
-            state.spread_mm2 - SPREAD_MM2,
+            state.spread_mm2 - self.spread_mm2,
         ]
         return np.concatenate(parts)
 
@@ -79,7 +91,7 @@ class TouchProblem:
             state.rates + complex_of(rates).reshape(state.rates.shape),
             state.own + complex_of(own).reshape(state.own.shape),
             state.loads + loads,
-            np.maximum(state.spread_mm2 + spread, 0.0),
+            np.clip(state.spread_mm2 + spread, 0.0, MOST_SPREAD_MM2),
         )
 
 
