@@ -94,7 +94,7 @@ def calibrate(
     *,
     before: Calibration | None = None,
 ) -> Judged:
-    """Fit and judge, the map last. Processor time for 60 s of touching: 23 s on four modes, minutes on eight.
+    """Fit and judge, the map last. Processor time for 60 s of touching: 25 s on four modes, minutes on eight.
 
     `before` is the calibration in force, which a found one has to surpass; without, the nominal one. What is found is
     relative to the nominal one all the same.
