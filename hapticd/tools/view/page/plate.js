@@ -40,9 +40,12 @@ export class PlatePicture {
     if (nextPlace) ninth(context, nextPlace, width, height);
     surfaces?.draw(context, to, scale, frame.t_s, drawing.chosen);
     for (const place of this.lonely(frame)) this.ring(context, to(place), this.contact(null, scale), false);
+    const labels = []; // where those of this frame are: [left, top, right]
     for (const finger of frame.fingers) {
       if (finger.seen_mm[0] === null) continue;
-      this.finger(context, finger, to, scale, finger.id === chosen, width);
+      this.finger(context, finger, to, scale, finger.id === chosen);
+      const centre = to(finger.true_mm ?? finger.seen_mm);
+      this.label(context, finger, centre, this.contact(finger, scale).long, width, height, labels);
     }
     effects.draw(context, to, scale, frame, recent);
     drawing.draw(context, to, scale);
@@ -57,7 +60,7 @@ export class PlatePicture {
     return frame.truth.fingers_mm.filter((place) => !seen.has(place));
   }
 
-  finger(context, finger, to, scale, isChosen, width) {
+  finger(context, finger, to, scale, isChosen) {
     const contact = this.contact(finger, scale);
     const centre = to(finger.true_mm ?? finger.seen_mm);
     const asked = finger.asked_friction;
@@ -80,7 +83,6 @@ export class PlatePicture {
         }
       }, "stroke");
     }
-    this.label(context, finger, centre, contact.long, width);
   }
 
   /** A finger's contact on the canvas, whose y points down: an ellipse where the pad's are used, else a disc. */
@@ -101,13 +103,18 @@ export class PlatePicture {
     return `rgb(${mixed.join(" ")})`;
   }
 
-  label(context, finger, [x, y], radius, width) {
+  /** Write what a finger feels above its contact, or below it where that is off the plate or on another label. */
+  label(context, finger, [x, y], radius, width, height, others) {
     const text = `${finger.id}: ${labelOf(finger)}`;
     context.font = "600 13px system-ui, sans-serif";
     context.textBaseline = "middle";
     const room = context.measureText(text).width + 14;
     const left = Math.min(Math.max(x - room / 2, 4), width - room - 4);
-    const top = y - radius - 26 < 4 ? y + radius + 6 : y - radius - 26;
+    const tops = [y - radius - 26, y + radius + 6, y - radius - 50, y + radius + 30];
+    const isFree = (top) => top >= 4 && top + 24 <= height && !others.some(([from, other, to]) =>
+      Math.abs(top - other) < 22 && left < to + 2 && from < left + room + 2);
+    const top = tops.find(isFree) ?? tops[y < height / 2 ? 1 : 0];
+    others.push([left, top, left + room]);
     context.fillStyle = "rgb(12 16 20 / .78)";
     context.beginPath();
     context.roundRect(left, top, room, 20, 5);
