@@ -114,6 +114,8 @@ void hd_control_design(hd_design_t *design)
     hd_wiring_design(&design->wires, &plant->wiring, loop);
     for (int k = 0; k < HD_MODES; k++) {
         design->shown_um_per_v[k] = shown_um_per_v(design, k);
+        hd_reach_design(&design->reach[k], &design->observer[k], design->wires.back[k],
+                        plant->wiring.sense[k], plant->tick_s);
     }
     design->balance = 0u;
     design->balance = 0u - hd_sum_words(design, sizeof *design / sizeof(uint32_t));

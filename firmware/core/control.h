@@ -21,6 +21,7 @@
 #include "phasor.h"
 #include "plant.h"
 #include "protocol.h"
+#include "reach.h"
 
 /* A mode's decay and detuning as learned from its vibration; the model's own values while nothing better is known. */
 typedef struct {
@@ -54,6 +55,7 @@ typedef struct {
     float coupling_memory_frac; /* of the couplings' least squares, that a tick leaves */
     hd_wires_t wires;
     hd_observer_design_t observer[HD_MODES];
+    hd_reach_design_t reach[HD_MODES];
     uint32_t balance; /* brings the sum of its words to 0 (memory.h) */
 } hd_design_t;
 
@@ -61,6 +63,8 @@ typedef struct {
     hd_design_t design;
     hd_loop_t loop[HD_MODES];
     float coupling_um2;      /* sum of |W|^2 that the couplings were learned from */
+    bool probes;             /* adds to what a law asks of the modes, so that their sensors have something to show (reach.h): */
+    float probe_v[HD_MODES];
     uint8_t turn;            /* the mode and sensor that this tick judges */
 } hd_control_t;
 

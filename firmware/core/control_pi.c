@@ -1,3 +1,5 @@
+#include <string.h>
+
 #include "control_laws.h"
 #include "governor.h"
 
@@ -21,8 +23,12 @@ static bool drive_modes(hd_control_t *control, const hd_phasor_t error_um[HD_MOD
 {
     hd_phasor_t targets_v[HD_MODES];
     for (int k = 0; k < HD_MODES; k++) {
-        u_v[k] = targets_v[k] = target_v(control, k, error_um[k], ahead_v[k]);
+        targets_v[k] = target_v(control, k, error_um[k], ahead_v[k]);
     }
+    if (control->probes) {
+        hd_probe(control, targets_v);
+    }
+    memcpy(u_v, targets_v, sizeof targets_v);
     bool reduced = hd_wiring_drive(&control->design.wires, u_v, v_limit_v, voltage_v);
     for (int k = 0; k < HD_MODES; k++) {
         const hd_design_t *design = &control->design;

@@ -4,6 +4,7 @@
 
 #include "limiter.h"
 #include "plausibility.h"
+#include "reach_watch.h"
 #include "states.h"
 
 /* A limit in V or um, or a frequency: its square, and that of a hundredth of it, neither overflow nor underflow. */
@@ -53,6 +54,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
     hd_follow_init(&core->follower, config->drive_hz, config->control_hz);
     core->ramp_ticks = (uint16_t)(config->control_hz * (float)HD_RAMP_US * 1e-6f);
     hd_plausibility_init(core);
+    hd_reach_init(core);
     hd_design_t *design = &core->heard.design;
     design->gains = core->config.gains;
     design->plant.tick_s = 1.0f / config->control_hz;
@@ -69,6 +71,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
 
 static void watch_plate(hd_core_t *core, uint32_t now_us)
 {
+    hd_reach_watch(core);
     enum hd_fault fault = hd_implausible(core);
     if (fault != HD_FAULT_NONE) {
         hd_fail(core, fault, core->control.turn, hd_magnitude(core->measured_um[core->control.turn]), now_us);
@@ -211,7 +214,7 @@ static bool drive(hd_core_t *core, float ramp, uint32_t now_us)
         hd_follow_step(&core->follower, &core->control);
         core->drive_hz = core->follower.drive_hz;
     }
-    float v_limit_v = ramp * core->config.v_limit_v;
+    float v_limit_v = hd_smaller(ramp * core->config.v_limit_v, core->allowed_v);
     return hd_control_step(&core->control, core->asked_um, core->measured_um, v_limit_v, core->voltage_v);
 }
 

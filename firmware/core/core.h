@@ -109,7 +109,6 @@ typedef struct {
     uint16_t ramp; /* 0 is no drive, ramp_ticks full drive */
     hd_doubts_t doubts[HD_MODES];
     hd_phasor_t previous_v[HD_MODES];
-
     hd_phasor_t reference_um[HD_MODES]; /* last one followed; start of a ramp down */
     hd_phasor_t asked_um[HD_MODES];     /* the same after the ramp: input of the control law */
     bool clips;                         /* the sensor whose turn it is met a rail of its converter: from the board */
@@ -120,6 +119,12 @@ typedef struct {
     hd_sweep_t sweep;
     uint8_t tick_flags;
     uint8_t status_flags; /* all that happened since the last STATUS */
+    hd_reach_t reach[HD_MODES];
+    float allowed_v;      /* of an amplifier, by reach_watch.h */
+    bool asks;            /* the sensors, by small probes on the voltages */
+    uint8_t trusted, due; /* sensors, one bit each: trusted; to be judged, anew before the trust ends */
+    uint16_t follow_ticks; /* for which what the voltage does is still followed */
+    uint32_t probes;      /* a shift register, by which signs */
     uint16_t pulse_ticks; /* until the sync output may rise again */
 
     bool has_seq;
@@ -146,6 +151,10 @@ typedef struct {
     uint16_t ramp_ticks;
     uint16_t distrust_turns;
     uint16_t swing_turns;
+    uint16_t trust_turns, renew_turns, settling_turns, followed_ticks;
+    float surprise_um2[HD_MODES];
+    float ask_um[HD_MODES], probe_um[HD_MODES]; /* from where on a mode's sensors are asked, and what a probe moves it by */
+    float missed_frac;    /* of the sums that trust comes from, that a tick leaves */
     float recent_frac;    /* of the recent sums, that a turn leaves */
     float least_swing_v2;
     hd_config_t config;

@@ -70,6 +70,8 @@ void hd_observer_design(hd_observer_design_t *design, const hd_mode_model_t *mod
     float state_pole = hd_decay(-STATE_BANDWIDTHS * bandwidth_1_s * tick_s);
     float disturbance_pole = hd_decay(-tick_s / integral_time_s);
     place_poles(design, state_pole, disturbance_pole);
+    design->poles_sum = state_pole + disturbance_pole;
+    design->poles_product = state_pole * disturbance_pole;
     float newest = hd_smaller(1.0f, NEWEST * (1.0f - state_pole) * (1.0f - disturbance_pole));
     design->newest_v_per_um = newest * design->v_per_um_s / tick_s;
     float absurd_v_per_um = ABSURD_PER_TICK * design->v_per_um_s / tick_s;

@@ -29,6 +29,7 @@ typedef struct {
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */
     hd_phasor_t state_gain;
     hd_phasor_t disturbance_gain_v_per_um;
+    float poles_sum, poles_product; /* of the error's two poles: what reach.h expects innovations by */
     float newest_v_per_um; /* times an innovation: what of it is likely to be d (coupling.c) */
     float absurd_v2_per_um2; /* the square of a disturbance per amplitude that no finger causes */
     float memory_frac; /* of the least squares, that one step leaves: a mode learns when its turn comes */

@@ -124,11 +124,11 @@ static bool gives_back(hd_core_t *core, int k)
     return less && (core->control.design.wires.has_own_sensors || !is_explained_by_feedthrough(core, k));
 }
 
-/* Whether an amplifier that drives the mode is above half its limit. */
+/* Whether an amplifier that drives the mode is above half its limit, or would be if reach.h let it. */
 static bool driven_hard(const hd_core_t *core, int k)
 {
     uint32_t shares = core->control.design.wires.shares[k];
-    bool hard = false;
+    bool hard = core->allowed_v < core->config.v_limit_v;
     for (int n = 0; n < HD_MODES; n++) {
         hard = hard || ((shares & 1u << n) != 0 && !hd_within(core->voltage_v[n], WATCHED_VOLTAGE * core->config.v_limit_v));
     }

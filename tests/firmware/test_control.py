@@ -164,19 +164,33 @@ def test_the_loop_is_stable_on_every_plate_of_the_grid(
     assert (trace.flags & FLAG_LIVE).all()  # no fault
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.8])
+def crossed(law: Law, share: float, quality: float, wanted_um: ComplexArray) -> ComplexArray:
+    """Each amplifier also drives the other mode by `share` of its own, and nobody has told the board."""
+    gain = gain_um_per_v_s(quality) * np.array([[1.0, share], [share, 1.0]])
+    config = BoardConfig(
+        controller=law.controller,
+        control_hz=law.control_hz,
+        decay_1_s=decay_1_s(quality),
+        gain_um_per_v_s=(gain[0, 0],) * 2,
+    )
+    board = Board(nominal_plate(config, gain_um_per_v_s=gain), config=config)
+    return step(board, np.zeros(2, complex), wanted_um)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6])
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
 def test_amplifiers_that_drive_both_modes_are_sorted_out(law: Law, share: float) -> None:
-    """Each amplifier also drives the other mode by `share` of its own, and nobody has found the board."""
+    wanted_um: ComplexArray = np.array([1.0 + 0j, -0.5])
     for quality in (200.0, 1000.0):
-        gain = gain_um_per_v_s(quality) * np.array([[1.0, share], [share, 1.0]])
-        config = BoardConfig(
-            controller=law.controller,
-            control_hz=law.control_hz,
-            decay_1_s=decay_1_s(quality),
-            gain_um_per_v_s=(gain[0, 0],) * 2,
-        )
-        board = Board(nominal_plate(config, gain_um_per_v_s=gain), config=config)
-        wanted_um: ComplexArray = np.array([1.0 + 0j, -0.5])
-        w_um = step(board, np.zeros(2, complex), wanted_um)
+        w_um = crossed(law, share, quality, wanted_um)
         assert np.abs(w_um[-20:] - wanted_um).max() < 0.002
+
+
+@pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
+def test_amplifiers_that_need_many_times_the_voltage_for_it_are_held_back(law: Law) -> None:
+    """1 um takes the voltage of 4 um: by what the board knows, a sensor that tells less than that may be broken."""
+    wanted_um: ComplexArray = np.array([1.0 + 0j, -0.5])
+    for quality in (200.0, 1000.0):
+        w_um = crossed(law, 0.8, quality, wanted_um)
+        assert (np.abs(w_um[-20:]) <= np.abs(wanted_um) + 0.01).all()
+        assert np.abs(w_um[-20:] - wanted_um).max() < 0.5

@@ -42,6 +42,11 @@ def test_a_sound_plate_does_what_is_asked_and_is_not_judged_faulty(program: Path
         assert case.texture_hz > 0.0 or 0.9 <= case.peak_um / case.asked_um <= 1.35, case
 
 
+def test_a_floating_lead_moves_no_plate_far_beyond_its_limit(program: Path) -> None:
+    """Half the damping at full voltage would be twice the limit, on the paper's wiring four times."""
+    assert max(case.peak_um for case in cases(program, "floating", 30)) <= 1.5 * W_LIMIT_UM
+
+
 def test_an_inverted_sensor_quietens_the_plate(program: Path) -> None:
     assert all(0.0 <= case.quiet_ms <= QUIET_WITHIN_MS for case in cases(program, "inverted", 20))
 

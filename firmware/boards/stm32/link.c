@@ -25,6 +25,12 @@ static void receive(void)
     LINK_RX->CR = LINK_RX_ROUTE | DMA_MINC | DMA_CIRC | DMA_PRIORITY(1) | DMA_EN;
 }
 
+static __attribute__((noinline)) void start_anew(void)
+{
+    LINK_RX_CLEAR = LINK_RX_FLAGS;
+    receive();
+}
+
 void link_start(void)
 {
     serial_start();
@@ -33,23 +39,25 @@ void link_start(void)
     LINK_TX->M0AR = (uint32_t)(uintptr_t)sent;
 }
 
-size_t board_read(uint8_t *bytes, size_t capacity)
+static __attribute__((noinline)) size_t take(uint8_t *bytes, size_t capacity, uint32_t written)
 {
-    if ((LINK_RX->CR & DMA_EN) == 0) { /* a transfer error ends the stream, and would leave a board that is deaf */
-        LINK_RX_CLEAR = LINK_RX_FLAGS;
-        receive();
-    }
-    uint32_t written = RING - LINK_RX->NDTR;
     size_t n = 0;
-    if (ring_read == written % RING) {
-        return 0;
-    }
     __asm volatile(".rept 8\n\tnop\n\t.endr"); /* counted when it was read from the line: on its way to memory yet */
-    while (n < capacity && ring_read != written % RING) {
+    while (n < capacity && ring_read != written) {
         bytes[n++] = ring[ring_read];
         ring_read = (ring_read + 1) % RING;
     }
     return n;
+}
+
+/* (Most turns of the main loop find nothing, and cost a register less to save for each that is not used.) */
+size_t board_read(uint8_t *bytes, size_t capacity)
+{
+    if ((LINK_RX->CR & DMA_EN) == 0) { /* a transfer error ends the stream, and would leave a board that is deaf */
+        start_anew();
+    }
+    uint32_t written = (RING - LINK_RX->NDTR) % RING;
+    return ring_read == written ? 0 : take(bytes, capacity, written);
 }
 
 size_t board_write_room(void)

@@ -131,8 +131,8 @@ void converters_stop(void)
 /* The DACs' stream is one or two words ahead: it has fetched what the next trigger will put out. */
 bool converters_in_step(void)
 {
-    uint32_t lead = (ADCS->NDTR - DACS->NDTR + WORDS) % WORDS;
-    return lead <= 2 && (DAC->SR & DAC_UNDERRUNS) == 0 && ((ADC1->SR | ADC2->SR) & ADC_SR_OVR) == 0;
+    uint32_t lead = ADCS->NDTR - DACS->NDTR;
+    return (lead <= 2 || lead + WORDS <= 2) && (DAC->SR & DAC_UNDERRUNS) == 0 && ((ADC1->SR | ADC2->SR) & ADC_SR_OVR) == 0;
 }
 
 void converters_exchange(int half)

@@ -73,7 +73,7 @@ G474 = Board(
     stm32g474.Registers,
     stm32g474.Wires,
     170e6,
-    0.50,
+    0.51,
     (0x0C000000, *_FLAGS, None, 1 << 31 | _PIN),
     "GPIOC",
     6,

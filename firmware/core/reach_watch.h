@@ -1,0 +1,16 @@
+/* The core's part of reach.h: which voltage is allowed, and the probes that ask the sensors. */
+#ifndef HD_REACH_WATCH_H
+#define HD_REACH_WATCH_H
+
+#include "core.h"
+
+/* For a valid configuration. */
+void hd_reach_init(hd_core_t *core);
+
+/* Each tick, before the control law: what it and the observers last did, into `allowed_v` and the probes. */
+void hd_reach_watch(hd_core_t *core);
+
+/* Trusts no sensor. R stays, as the plate does. */
+void hd_reach_doubt(hd_core_t *core);
+
+#endif
