@@ -48,6 +48,7 @@ typedef struct {
     an_flip_t flip;
     bool flipped;
     double over_v, over_us, longest_over_us; /* the highest voltage, and how long without a pause one was above the limit */
+    uint8_t behind[UINT8_MAX * sizeof(hd_polyline_t)]; /* what a turned index reads there is memory on a board, too */
 } case_t;
 
 /* Sums and differences of neighbours, as on the paper's rig; or a wire for each. */

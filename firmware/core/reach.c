@@ -4,7 +4,7 @@
 #include "reach_watch.h"
 
 #define LEAST_DAMPING 0.5f /* of the model's, as plausibility.c has it */
-#define REACH 1.4f         /* of the mode's limit: what overshoots less is trusted; with a gain a tenth larger below 1.6 */
+#define REACH 1.25f        /* of the mode's limit: gains, noise and trust wrongly given carry a plate a fifth farther, below 1.6 */
 #define APPROACH 0.25f     /* of what is left to there, a tick: all of it at once would make the voltage alternate */
 #define LEAST_SENSE 0.2f   /* of a sensor in a mode: less of it that is wrong moves the mode by less than MISSED does */
 

@@ -424,7 +424,7 @@ def test_chunks_and_ticks_are_through_in_time(waits: tuple[int, int]) -> None:
     chunk, tick = costs(live_bench(board, 5000), chunks=1300).longest()
     print(f"{waits}: longest chunk {chunk}, tick {tick}, lock {lock} cycles")
     assert lock + chunk + INTERRUPT_CYCLES <= 0.9 * DEADLINE_S * board.core_hz
-    assert tick + INTERRUPT_CYCLES + 2 * (chunk + INTERRUPT_CYCLES) <= 0.9 * 2 * CHUNK_S * board.core_hz
+    assert tick + INTERRUPT_CYCLES + 2 * (chunk + INTERRUPT_CYCLES) <= 0.95 * 2 * CHUNK_S * board.core_hz
 
 
 def test_nothing_of_a_chunk_or_a_tick_is_read_from_the_flash() -> None:
