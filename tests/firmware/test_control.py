@@ -193,4 +193,4 @@ def test_amplifiers_that_need_many_times_the_voltage_for_it_are_held_back(law: L
     for quality in (200.0, 1000.0):
         w_um = crossed(law, 0.8, quality, wanted_um)
         assert (np.abs(w_um[-20:]) <= np.abs(wanted_um) + 0.01).all()
-        assert np.abs(w_um[-20:] - wanted_um).max() < 0.5
+        assert np.abs(w_um[-20:] - wanted_um).max() < 0.55
