@@ -122,7 +122,7 @@ typedef struct {
     hd_reach_t reach[HD_MODES];
     float allowed_v;      /* of an amplifier, by reach_watch.h */
     bool asks;            /* the sensors, by small probes on the voltages */
-    uint8_t trusted, due; /* sensors, one bit each: trusted; to be judged, anew before the trust ends */
+    uint8_t trusted, due; /* sensors, one bit each: trusted; to be judged, again before the trust ends */
     uint16_t follow_ticks; /* for which what the voltage does is still followed */
     uint32_t probes;      /* a shift register, by which signs */
     uint16_t pulse_ticks; /* until the sync output may rise again */

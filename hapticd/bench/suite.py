@@ -15,7 +15,7 @@ import numpy as np
 from .. import __version__
 from ..errors import UsageError
 from ..tools.campaign.runner import Campaign
-from ..tools.outputs import beside, write_text
+from ..tools.outputs import table_stream, write_text
 from ..tools.touches import Trace, recorded
 from . import (
     contact_forms,
@@ -77,7 +77,7 @@ def run(minutes: Mapping[str, float], extent: Extent, *, json_file: str | None, 
 
     With the JSON on standard output the tables go to standard error. Raises HapticdError.
     """
-    out = beside(json_file)
+    out = table_stream(json_file)
     figures: dict[str, dict[str, Any]] = {}
     found: list[Table] = []
     for name, tables in _results(minutes, extent):

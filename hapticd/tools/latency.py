@@ -107,7 +107,7 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
     Raises HapticdError if the board applied no frame.
     """
     measured = measure(config, seconds)
-    print_table(measured, outputs.beside(json_file))
+    print_table(measured, outputs.table_stream(json_file))
     if json_file is not None:
         outputs.write_json(figures(measured), json_file)
     if ledger is not None:
@@ -120,7 +120,7 @@ def run_landings(landings: int = landing.LANDINGS, *, json_file: str | None) -> 
     """Measure landings on the simulated rig, print a row for each way, and write figures as JSON."""
     with Progress("measuring") as progress:
         found = landing.measure(landings, progress=progress)
-    out = outputs.beside(json_file)
+    out = outputs.table_stream(json_file)
     what = f"landing to {landing.REACHED_FRAC:.0%} of {landing.TARGET_UM:g} um, ms"
     print(f"{what:<34}{'p50':>8}{'p95':>8}{'max':>8}  of {landings} landings, in virtual time", file=out)
     for way, spans_ms in found.items():

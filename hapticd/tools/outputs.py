@@ -120,7 +120,7 @@ def write_json(value: object, file: Path | str) -> None:
     write_text(json.dumps(value, indent=2) + "\n", file)
 
 
-def beside(json_file: str | None) -> TextIO:
+def table_stream(json_file: str | None) -> TextIO:
     """Return where tables go: standard output, or standard error where that is taken by the JSON."""
     return sys.stderr if json_file == STDOUT else sys.stdout
 

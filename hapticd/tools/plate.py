@@ -101,7 +101,7 @@ def run(options: argparse.Namespace) -> None:
     pair = pairs[options.pair - 1]
     nodes = common_nodes(pair.shapes, options.stamp_mm)
     chosen = four_stamps(nodes, size_mm)
-    out = outputs.beside(options.json)
+    out = outputs.table_stream(options.json)
     print(_pair_table(pairs, options.pair), file=out)
     print(_stamp_table(pair, nodes, chosen, options), file=out)
     if options.json is not None:

@@ -152,7 +152,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
     asked = bounds(best, task.q_factor)
     judged = plate_verdict.felt_verdict(best, asked, motion, study)
     placement = plate_places.place(best)
-    out = outputs.beside(options.json)
+    out = outputs.table_stream(options.json)
     print(plate_tables.designs_table(designs), plate_tables.patch_table(best), file=out, sep="\n")
     print(plate_places.table(placement, best), plate_tables.mode_table(best), *judged, sep="\n", file=out)
     if options.json is not None:

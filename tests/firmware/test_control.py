@@ -165,7 +165,7 @@ def test_the_loop_is_stable_on_every_plate_of_the_grid(
 
 
 def crossed(law: Law, share: float, quality: float, wanted_um: ComplexArray) -> ComplexArray:
-    """Each amplifier also drives the other mode by `share` of its own, and nobody has told the board."""
+    """Each amplifier also drives the other mode by `share` of its own, which SET_WIRING does not name."""
     gain = gain_um_per_v_s(quality) * np.array([[1.0, share], [share, 1.0]])
     config = BoardConfig(
         controller=law.controller,

@@ -86,7 +86,7 @@ class FitState:
 
     @classmethod
     def start(cls, calibration: Calibration, terms: int, splines: int, windows: Windows, spread_mm2: float) -> FitState:
-        """Return that of a plate which nobody loads."""
+        """Return that of a plate without fingers on it."""
         modes = len(calibration.sense)
         zero = [np.zeros(shape, np.complex128) for shape in ((modes, terms), (modes, splines), windows.track.shape)]
         return cls(calibration, zero[0], zero[1], zero[2], np.full(len(windows.tracks), spread_mm2))

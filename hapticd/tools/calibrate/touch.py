@@ -128,17 +128,17 @@ def verdict(
         figures.append(Figure("a finger's detuning", -load_1_s.imag / (2.0 * math.pi), "Hz"))
     found = ((text, settings.get(section, {}).get(key), unit) for section, key, text, unit in _CONTACTS)
     figures += [Figure(text, value, unit) for text, value, unit in found if value is not None]
-    beside = [CONTACTS] if "solver" in settings else []
-    beside += [LOAD] if load_1_s is not None else []
+    independent = [CONTACTS] if "solver" in settings else []
+    independent += [LOAD] if load_1_s is not None else []
     if judged.refusal:
-        outcome = Outcome.PASS if beside else Outcome.FAIL
-        adopted_alone = f"Adopted: {', '.join(beside)}." if beside else "Nothing is adopted."
+        outcome = Outcome.PASS if independent else Outcome.FAIL
+        adopted_alone = f"Adopted: {', '.join(independent)}." if independent else "Nothing is adopted."
         return Verdict("touch", outcome, f"{adopted_alone} {judged.refusal}", tuple(figures), settings, is_simulated)
     is_sense_moved = not np.array_equal(judged.calibration.sense, np.eye(len(judged.calibration.sense)))
     adopted = ["pad"]
     adopted += ["sensors"] if has_sensors and is_sense_moved else []
     adopted += ["map"] if judged.waves is not None else []
-    adopted += beside
+    adopted += independent
     lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
     sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
     return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)

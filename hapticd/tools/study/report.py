@@ -17,7 +17,7 @@ from typing import Any
 
 from ...regular_file import opened
 from .. import plotting
-from ..outputs import beside, check, has_mark, require_matplotlib, write_json
+from ..outputs import check, has_mark, require_matplotlib, table_stream, write_json
 from . import dataset
 from .analysis import Group, Result, analyse, analyse_group
 from .experiment import StudyError
@@ -64,7 +64,7 @@ def write(
     fitted = curves(finished)
     said = [text(results, group, simulated)] if group is not None else []
     said += [*threshold_lines(fitted), *rating_lines(finished)]
-    print("\n".join(said), file=beside(json_file))
+    print("\n".join(said), file=table_stream(json_file))
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
     written = [TRIALS]

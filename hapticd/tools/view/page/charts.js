@@ -42,8 +42,8 @@ export function drawModes(canvas, modes, limits_um, colours) {
   const rows = limits_um.length > IN_A_ROW ? 2 : 1;
   const columns = Math.ceil(limits_um.length / rows);
   const [cell, tall] = [width / columns, height / rows];
-  const [beside, above] = rows > 1 ? [16, 4] : [12, cell < NARROW ? 20 : 13]; // of a ring, for its names
-  const radius = Math.max(Math.min(cell / 2 - beside, tall / 2 - above), 1); // not laid out yet
+  const [margin, above] = rows > 1 ? [16, 4] : [12, cell < NARROW ? 20 : 13]; // of a ring, for its names
+  const radius = Math.max(Math.min(cell / 2 - margin, tall / 2 - above), 1); // not laid out yet
   context.font = "12px system-ui, sans-serif";
   for (let mode = 0; mode < limits_um.length; mode++) {
     const [column, row] = [mode % columns, Math.floor(mode / columns)];
