@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import zmq
 from fake_daemon import FakeDaemon
+from PIL import Image
 
 from hapticd.errors import HapticdError as DaemonError
 from hapticd.io.clients import keys
@@ -19,6 +23,31 @@ from hapticd_client import Client, DaemonGoneError, HapticdError, RefusedError
 
 REFUSED_S = 0.3  # longer than a successful handshake, which takes milliseconds
 ALLOWED = ("ann", "bob")
+
+
+# What Windows lacks is taken out of Python; not its name, by which pathlib would look for drives.
+ELSEWHERE = """
+import os, sys
+import msgspec, numpy, zmq
+for name in ("fcntl", "termios", "resource", "pwd", "grp", "tty", "pty"):
+    sys.modules[name] = None
+for name in ("O_CLOEXEC", "O_NONBLOCK", "getuid", "geteuid", "fork", "sched_getaffinity"):
+    delattr(os, name)
+os.name = "other"
+from hapticd_client import Client, HapticdError
+address, server_key, own_key, picture = sys.argv[1:]
+with Client(address, timeout_s=20.0, server_key=server_key, own_key=own_key) as far:
+    (finger,) = far.fingers(timeout_s=20.0)
+    far.set(finger, friction=0.2)
+    far.surface("disc", amplitude_um=0.5)
+    far.asset(picture)
+    far.marker({"trial": 1})
+    print(next(state.fingers[0].target_um > 0 for state in far.states(20.0) if state.fingers[0].target_um is not None))
+try:
+    Client()
+except HapticdError as error:
+    print(error)
+"""
 
 
 def free_ports() -> int:
@@ -73,6 +102,22 @@ def test_a_client_with_an_allowed_key_sets_and_reads_over_tcp(remote: FakeDaemon
         (finger,) = far.fingers(timeout_s=5.0)
         far.set(finger, amplitude_um=1.5)
         assert next(state for state in far.states() if state.fingers[0].target_um == 1.5)
+
+
+def test_the_client_needs_nothing_that_windows_lacks(remote: FakeDaemon, key_files: Path, tmp_path: Path) -> None:
+    remote.fingers = {1: (3.0, 4.0)}
+    picture, own_key = tmp_path / "grey.png", tmp_path / "ann.key_secret"
+    Image.new("L", (8, 8), 99).save(picture)
+    shutil.copy(key_files / "ann.key_secret", own_key)
+    own_key.chmod(0o666)  # as each file of Windows seems
+    arguments = [address(remote), str(key_files / "hapticd.key"), str(own_key), str(picture)]
+    done = subprocess.run([sys.executable, "-c", ELSEWHERE, *arguments], capture_output=True, text=True, timeout=100)
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == [
+        "True",
+        "No daemon runs on this system: give the tcp:// endpoint of one, with two keys.",
+    ]
+    assert [one.fields for one in remote.markers] == [{"trial": 1}]
 
 
 def test_a_client_on_the_same_machine_needs_no_key_while_tcp_is_served(remote: FakeDaemon) -> None:

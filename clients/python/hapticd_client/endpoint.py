@@ -24,6 +24,7 @@ MAX_BYTES = 1 << 16  # of a certificate, which has 400
 _KEY = re.compile(rb"""^[ \t]*(public|secret)-key[ \t]*=[ \t]*["']?([^"'\s]*)""", re.MULTILINE)  # of a certificate
 
 KeyFile = str | os.PathLike[str]
+IS_POSIX = os.name == "posix"  # Windows has no users as numbers, and no permissions in a file's mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,8 @@ def find(
     if text is None or not text.startswith("tcp://"):
         if server_key is not None or own_key is not None:
             raise HapticdError("Keys need a tcp:// endpoint: give one, or omit the keys.")
+        if not IS_POSIX:
+            raise HapticdError("No daemon runs on this system: give the tcp:// endpoint of one, with two keys.")
         return Endpoint(directory(endpoint, environ))
     host, _, port = text.removeprefix("tcp://").rpartition(":")
     if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= 65533):
@@ -132,7 +135,7 @@ def _own_pair(path: Path) -> tuple[bytes, bytes]:
     public, secret = _certificate(path)
     if secret is None:
         raise HapticdError(f"{path}: contains no secret key: own_key is your .key_secret file.")
-    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+    if IS_POSIX and path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise HapticdError(f"{path}: other users may read this secret: run `chmod 600` on it, or make a new one.")
     return public, secret
 
