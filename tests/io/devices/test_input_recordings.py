@@ -69,6 +69,7 @@ def libinput_screen(axes: dict[int, tuple[int, int, int]], events: list[Event]) 
 
 
 each_program = pytest.mark.parametrize("text_of", [evemu, libinput_screen])
+DATA = Path(__file__).parents[2] / "data"  # as the programs themselves wrote them in the emulated machine
 Writer = Callable[[dict[int, tuple[int, int, int]], list[Event]], str]
 
 
@@ -95,6 +96,17 @@ def test_a_recording_has_the_device_and_each_report_with_its_time(tmp_path: Path
         [(one.contact_id, one.x_mm, one.y_mm, one.pressure_frac) for one in frame.contacts] for frame in frames(path)
     ]
     assert seen == [[(7, 0.0, 0.0, 0.2)], [(7, 1.0, 0.0, 0.2)], [(7, 2.0, 0.0, 0.2)], []]
+
+
+def test_what_libinput_1_22_and_evemu_2_7_recorded_of_the_same_strokes_are_the_same_contacts() -> None:
+    written_by = [frames(DATA / name) for name in ("touchscreen-libinput-1.22.yml", "touchscreen-evemu-2.7.txt")]
+    places = [[[(one.raw_x, one.raw_y) for one in frame.contacts] for frame in each] for each in written_by]
+    assert places[0] == places[1]
+    assert [len(there) for there in places[0]] == [1, 2, *[3] * 21, 2, 1, 0]
+    assert places[0][2] == [(974, -1213), (2229, -267), (1515, -1875)]
+    pad, reports = read_recording(DATA / "touchscreen-libinput-1.22.yml")
+    assert (pad.name, pad.geometry.width_mm, pad.geometry.height_mm) == ("virtual touchscreen", 344.0, 97.0)
+    assert reports[-1].t_host_ns - reports[0].t_host_ns == 1_302_349_000
 
 
 def test_of_several_devices_the_first_with_touches_is_played(tmp_path: Path) -> None:
