@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from datagrams import tuio1
 from input_events import END, SCREEN, lifted, packed, placed
 from virtual_board import in_virtual_time
 
@@ -28,7 +29,7 @@ from hapticd.tools.calibrate.simulated import touch_reports
 from hapticd.tools.calibrate.trackpad import parse_marks
 from hapticd.tools.calibrate.verdict import Outcome, Verdict
 from hapticd.values import AffineMap, RawReport
-from hapticd.wire.trackpad import DEFAULT_PAD, Decoder, Pad
+from hapticd.wire.trackpad import DEFAULT_PAD, Decoder, Pad, tuio
 
 MARKS = parse_marks("-50,-40 50,-40 50,40 -50,40")
 
@@ -233,6 +234,7 @@ def test_prints_that_are_none_are_refused(text: str) -> None:
         parse_prints(text, len(MARKS))
 
 
+@pytest.mark.parametrize("pad", [SCREEN, tuio.surface(400.0, 200.0)])
 @pytest.mark.parametrize(
     "truth",
     [
@@ -241,16 +243,17 @@ def test_prints_that_are_none_are_refused(text: str) -> None:
         AffineMap.from_placement((5.0, 1.0), -30.0, (1.4, -0.7)),
     ],
 )
-def test_a_touchscreen_that_lies_anyhow_is_placed_by_four_marks(truth: AffineMap) -> None:
-    reports = screen_touches(truth, MARKS)
-    pad, touched = SCREEN, TouchedMarks()
+def test_a_touchscreen_or_tracker_that_lies_anyhow_is_placed_by_four_marks(truth: AffineMap, pad: Pad) -> None:
+    reports, touched = screen_touches(truth, MARKS, pad), TouchedMarks()
     decoder = Decoder(pad)
     for t_ns, data in reports:
         for frame in decoder.decode(data, t_ns):
             touched.update(frame)
-    verdict = trackpad.verdict(fit_affine(touched.rests_mm, MARKS), {"source": "evdev"}, is_simulated=False)
+    verdict = trackpad.verdict(fit_affine(touched.rests_mm, MARKS), {"source": pad.source}, is_simulated=False)
     assert verdict.outcome is Outcome.PASS
-    config = from_table({"trackpad": verdict.settings["trackpad"]}, where="test", folder=None)
+    config = from_table(
+        {"trackpad": {**verdict.settings["trackpad"], "size_mm": [400, 200]}}, where="test", folder=None
+    )
     placed_at = Decoder(pad, plate_from_pad(config))
     seen = [
         (frame.contacts[0].x_mm, frame.contacts[0].y_mm)
@@ -261,19 +264,22 @@ def test_a_touchscreen_that_lies_anyhow_is_placed_by_four_marks(truth: AffineMap
     assert all(min(math.dist(one, mark) for mark in MARKS) < 0.1 for one in seen)
 
 
-def screen_touches(truth: AffineMap, marks_mm: Sequence[tuple[float, float]]) -> list[tuple[int, bytes]]:
-    """A finger rests on each mark for 0.6 s, in the units of a screen that lies so on the plate."""
+def screen_touches(truth: AffineMap, marks_mm: Sequence[tuple[float, float]], pad: Pad) -> list[tuple[int, bytes]]:
+    """A finger rests on each mark for 0.6 s, in the units of a device that lies so on the plate."""
     matrix = np.linalg.inv([[truth.xx, truth.xy], [truth.yx, truth.yy]])
     t_ns, found = 0, []
     for number, mark in enumerate(marks_mm):
         x_mm, y_mm = matrix @ (np.array(mark) - (truth.offset_x_mm, truth.offset_y_mm))
-        x, y = round(2000 + 10 * x_mm), round(2000 - 20 * y_mm)
-        for index in range(72):
-            events = placed(0, x, y, number) if index == 0 else []
-            found.append((t_ns, packed(t_ns, *events, END)))
+        for index in range(73):
+            is_there = index < 72
+            if pad.source == "tuio":
+                place = (0.5 + x_mm / 400.0, 0.5 - y_mm / 200.0)
+                data = tuio1(len(found) + 1, {number: place} if is_there else {})
+            else:
+                first = placed(0, round(2000 + 10 * x_mm), round(2000 - 20 * y_mm), number)
+                data = packed(t_ns, *(lifted(0) if not is_there else [] if index else first), END)
+            found.append((t_ns, data))
             t_ns += 8_333_333
-        found.append((t_ns, packed(t_ns, *lifted(0), END)))
-        t_ns += 8_333_333
     return found
 
 
