@@ -513,6 +513,19 @@ def test_a_marker_may_be_a_map_which_an_older_daemon_refuses(daemon: FakeDaemon)
         client.marker({"trial": 8})
 
 
+def test_a_trial_has_its_levels_at_its_begin_and_its_result_at_its_end(daemon: FakeDaemon) -> None:
+    with Client(daemon.directory, name="study") as client:
+        with client.trial(7, level=0.3) as result:
+            result["answer"] = "left"
+        with pytest.raises(KeyError), client.trial(8):
+            raise KeyError
+    assert [one.fields for one in daemon.markers] == [
+        {"event": "begin", "trial": 7, "level": 0.3},
+        {"event": "end", "trial": 7, "answer": "left"},
+        {"event": "begin", "trial": 8},
+    ]
+
+
 def test_a_markers_map_becomes_a_text_that_fits() -> None:
     assert marker_text({"answer": "two\nlines"}) == "answer=two lines"
     assert len(marker_text({"answer": "x" * 300})) == 100

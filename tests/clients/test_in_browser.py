@@ -34,13 +34,13 @@ import("/hapticd.js").then(async (hapticd) => {
 }).catch((error) => done({ error: String(error) }));
 """
 TRIAL = """
-const [address, done] = [arguments[0], arguments[1]];
+const [address, answer, done] = arguments;
 Promise.all([import("/hapticd.js"), import("/examples/jspsych-hapticd.js")]).then(async ([hapticd, plugin]) => {
   const plate = await hapticd.connect(address, { ttlS: 2, timeoutS: 30 });
   const trial = { plate, surfaces: { left: { friction: 0.1 } }, effects: {}, prompt: "Which?", choices: ["a", "b"],
                   marker: "trial 1" };
   const display = document.body.appendChild(document.createElement("div"));
-  const shown = setInterval(() => display.querySelectorAll("button")[1]?.click(), 20);
+  const shown = setInterval(() => display.querySelectorAll("button")[1] && eval(answer), 20);
   const finished = new Promise((resolve) => new plugin.default({ finishTrial: resolve }).trial(display, trial));
   const data = await finished;
   clearInterval(shown);
@@ -56,10 +56,10 @@ def origin() -> Iterator[str]:
         yield served
 
 
-def ran(browser: Chrome, origin: str, address: str, script: str) -> object:  # noqa: F811
+def ran(browser: Chrome, origin: str, script: str, *given: str) -> object:  # noqa: F811
     browser.set_script_timeout(PATIENCE_S * 2)
     browser.get(f"{origin}/README.md")
-    return browser.execute_async_script(script, address)
+    return browser.execute_async_script(script, *given)
 
 
 def test_a_page_holds_two_fingers_beside_a_python_client_and_misses_no_state(
@@ -79,7 +79,7 @@ def test_a_page_holds_two_fingers_beside_a_python_client_and_misses_no_state(
     beside.start()
     try:
         with gateway_process(daemon.directory, origin) as address:
-            assert ran(browser, origin, address, HOLD) == {"held": True, "lost": 0}
+            assert ran(browser, origin, HOLD, address) == {"held": True, "lost": 0}
     finally:
         ended.set()
         beside.join()
@@ -88,7 +88,7 @@ def test_a_page_holds_two_fingers_beside_a_python_client_and_misses_no_state(
 
 def test_a_page_of_another_origin_is_refused_with_a_sentence(browser: Chrome, origin: str, daemon: FakeDaemon) -> None:  # noqa: F811
     with gateway_process(daemon.directory) as address:
-        answer = ran(browser, origin, address, HOLD)
+        answer = ran(browser, origin, HOLD, address)
     assert isinstance(answer, dict)
     assert "give it the origin of this page" in answer["error"]
 
@@ -111,12 +111,20 @@ def test_a_page_paints_what_fingers_feel(browser: Chrome, origin: str, daemon: F
         assert daemon.felt_um(0.0) == 0.0
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [
+        'display.querySelectorAll("button")[1].click()',
+        '["x", "3", "2"].forEach((key) => document.dispatchEvent(new KeyboardEvent("keydown", { key })))',
+    ],
+)
 def test_a_jspsych_trial_lays_surfaces_marks_and_has_the_answer(
     browser: Chrome,  # noqa: F811
     origin: str,
     daemon: FakeDaemon,
+    answer: str,
 ) -> None:
     with gateway_process(daemon.directory, origin) as address:
-        assert ran(browser, origin, address, TRIAL) == {"response": "b", "whole": True}
+        assert ran(browser, origin, TRIAL, address, answer) == {"response": "b", "whole": True}
     assert [one.text for one in daemon.markers] == ["trial 1 begins", "trial 1 ends: b"]
     assert daemon.felt_um(0.0) == 0.0

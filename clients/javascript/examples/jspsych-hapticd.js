@@ -1,6 +1,7 @@
 /**
  * A jsPsych plug-in (version 7 or 8): lays surfaces while a trial lasts, marks its begin and end in the daemon's
- * recording, and ends with a button or a key. jsPsych itself is not here.
+ * recording, and ends with a button, or with the key of its number, for the other hand is on the plate. jsPsych itself is
+ * not here.
  *
  *   import { connect } from "../hapticd.js";
  *   import HapticdTrial from "./jspsych-hapticd.js";
@@ -45,17 +46,23 @@ export default class HapticdTrial {
   }
 }
 
-/** Show prompt and buttons; resolve with what was chosen and after how many milliseconds. */
+/** Show prompt and buttons; resolve with what was chosen and after how many milliseconds. The keys 1 .. 9 choose, too. */
 function answered(display, { prompt, choices }) {
   const begun = performance.now();
   return new Promise((resolve) => {
+    const choose = (choice) => {
+      document.removeEventListener("keydown", pressed);
+      resolve({ response: choice, rt: performance.now() - begun });
+    };
+    const pressed = ({ key }) => /^[1-9]$/.test(key) && choices[key - 1] !== undefined && choose(choices[key - 1]);
+    document.addEventListener("keydown", pressed);
     const text = document.createElement("p");
     text.textContent = prompt;
     const buttons = choices.map((choice) => {
       const button = document.createElement("button");
       button.className = "jspsych-btn";
       button.textContent = choice;
-      button.onclick = () => resolve({ response: choice, rt: performance.now() - begun });
+      button.onclick = () => choose(choice);
       return button;
     });
     display.replaceChildren(text, ...buttons);

@@ -9,6 +9,7 @@ import sys
 import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Unpack
@@ -331,6 +332,21 @@ class Client:
         else:
             request = MarkerRequest(self.name, what, bool(pulse))
         return int(self._call("marker", checked(request))["t_ns"])
+
+    @contextmanager
+    def trial(self, number: int, **levels: str | float) -> Iterator[dict[str, str | float]]:
+        """Mark a trial: its begin, with `levels` by name, and its end, with what its block put into the map it gets.
+
+            with plate.trial(7, level=0.3) as result:
+                result["answer"] = ask()
+
+        The markers are {"event": "begin", "trial": 7, "level": 0.3} and {"event": "end", "trial": 7, "answer": ...}. A
+        block that raises has no end. Raises as `marker` does.
+        """
+        self.marker({"event": "begin", "trial": number, **levels})
+        result: dict[str, str | float] = {}
+        yield result
+        self.marker({"event": "end", "trial": number, **result})
 
     def record(self, path: str | os.PathLike[str], *, lsl: Sequence[str] = (), replays: bool = False) -> Recording:
         """Return a context manager that records the daemon to an MCAP file while it is entered, as `hapticd record`.

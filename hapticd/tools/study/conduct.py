@@ -128,10 +128,12 @@ def _feel_both(
     """Present both intervals, each until it was touched long enough; return whether no one paused."""
     standard = {**trial.levels, intervals.of: intervals.standard}
     order = (standard, trial.levels) if trial.is_standard_first else (trial.levels, standard)
+    what = heading.partition(" of ")[0].lower()  # "trial 3", or "practice 1"
     for which, levels in zip(session.experiment.choices, order, strict=True):
         if which == "second":
             _rest(stage, shown, panel.between(heading), clock, intervals.pause_s)
         stage.present(levels)
+        stage.mark(f"study {session.participant} {what} interval {which}")
         shown.show(panel.interval(heading, which))
         while stage.touch.touched_s < intervals.touched_s:
             if shown.pressed() == PAUSE:

@@ -13,6 +13,7 @@ from pathlib import Path
 from . import messages
 
 END_WITHIN_S = 5.0  # for the file's last chunk and index
+MIDWAY = "It began while the service ran: draw and export it; `hapticd record` makes one that replays bit for bit."
 
 
 class PageRecording:
@@ -56,9 +57,10 @@ class PageRecording:
         if not self._is_wanted:  # pressed again meanwhile
             self.request(is_on=False)
         said, _ = await self._process.communicate()
-        self._process = None
+        is_made, self._process = self._process.returncode == 0, None
         lines = said.decode(errors="replace").strip().splitlines()
-        self._publish(messages.recording(file.name, is_on=False, sentence=lines[-1] if lines else ""))
+        sentence = ". ".join([*lines[-1:], *([MIDWAY] if is_made else [])])
+        self._publish(messages.recording(file.name, is_on=False, sentence=sentence))
 
 
 def file_of(now: datetime) -> Path:

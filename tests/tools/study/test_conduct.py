@@ -218,6 +218,9 @@ def test_two_intervals_are_felt_in_turn_then_the_answer_is_asked_and_graded(tmp_
     assert texts.count("Wrong.") == sum(t.correct == "second" for t in held.presented) + (texts[5] == "Wrong.")
     assert sum(text.startswith("The plate is at rest. You can") for text in texts) == 1  # the break
     assert [len({trial.levels["level"] for trial in held.presented})] != [1]
+    both = ["interval first", "interval second"]
+    assert client.markers[:2] == [f"study P1 practice 1 {what}" for what in both]
+    assert client.markers[3:6] == [f"study P1 trial 1 {what}" for what in ("start", *both)]
 
 
 def test_each_of_two_fingers_gets_its_own_target_in_the_order_in_which_they_landed() -> None:

@@ -154,6 +154,7 @@ def test_the_record_button_writes_a_recording_where_the_viewer_runs(drawn: Drawn
     page["record"].click()
     page.until(lambda: re.search(r"plate-\d{8}-\d{6}\.mcap", page["notice"].text))
     assert "mild" in page["notice"].get_attribute("class").split()  # it is news, no alarm
+    assert "It began while the service ran" in page["notice"].text
     (file,) = tmp_path.glob("plate-*.mcap")
     records = {record.kind for record in open_recording(file).records()}
     assert "pass" in records
