@@ -24,7 +24,7 @@ MAX_MESSAGE_BYTES = 65536  # ZeroMQ disconnects the sender of a larger one
 MAX_SUBSCRIPTION_BYTES = 1024  # a subscription is one byte; the handshake has a key
 HANDSHAKE_MS = 2000  # for a complete handshake; a connection without one is closed
 RECEIVE_HIGH_WATER = 32  # messages per client; the rest waits in the client's buffers
-SEND_HIGH_WATER = 16  # states for a slow subscriber, which misses the next
+SEND_HIGH_WATER = 128  # states, over a second, for a slow subscriber, which misses the next
 # Pending replies to one client. ZeroMQ learns late how many were read and silently drops replies beyond the mark:
 # with 16, a client that waits for each reply missed one in a few dozen.
 REPLY_HIGH_WATER = 256
