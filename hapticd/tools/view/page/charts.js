@@ -96,6 +96,9 @@ export function drawModes(canvas, modes, limits_um, colours) {
   context.textAlign = "left";
 }
 
+/** Three digits or so: there is no room for more. */
+const short = (ms) => ms.toFixed(ms < 99.95 ? 1 : 0);
+
 /** Draw a histogram of each delay, all on one axis in milliseconds. */
 export function drawLatency(canvas, histograms, colours) {
   const { context, width, height } = prepared(canvas);
@@ -115,7 +118,7 @@ export function drawLatency(canvas, histograms, colours) {
     context.fillStyle = colours.quiet;
     context.fillText(SPANS[name], 0, floor - 2);
     context.fillStyle = colours.ink;
-    context.fillText(`${p50_ms.toFixed(1)} / ${p99_ms.toFixed(1)}`, width - right + 10, floor - 2);
+    context.fillText(`${short(p50_ms)} / ${short(p99_ms)}`, width - right + 10, floor - 2);
     let below_ms = 0;
     const most = Math.max(...buckets.map(([above, count], i) => count / (above - (buckets[i - 1]?.[0] ?? 0) || 1)));
     context.fillStyle = colours.bar;

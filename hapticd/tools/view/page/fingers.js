@@ -91,7 +91,7 @@ function frictionText(finger) {
 /** Whether a person notices the difference, which is given in just noticeable ones. */
 function noticed(error_jnd) {
   const times = Math.abs(error_jnd);
-  return times > 1 ? ` · off by ${times.toFixed(1)} × what is noticed` : " ✓";
+  return times > 1 ? ` · off by ${times.toFixed(times < 9.95 ? 1 : 0)} × what is noticed` : " ✓";
 }
 
 /** Where a value lies in nine of ten cases; nothing where it is sure, or of an older daemon. */

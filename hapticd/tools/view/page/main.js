@@ -240,7 +240,7 @@ function lookBack(event) {
 $("strip").addEventListener("pointerdown", lookBack);
 $("strip").addEventListener("pointermove", lookBack);
 openHelp($("help"), $("help-box"));
-fadeEdges($("bar"));
+fadeEdges($("drawn-sideways"));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
   if (event.key === " " && !(event.target instanceof HTMLButtonElement)) {
