@@ -68,8 +68,7 @@ def fit(
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
     problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start, are_points)
-    terms, splines = problem.model.terms.shape[-1], problem.model.splines.shape[-1]
-    state = FitState.start(start, terms, splines, windows, problem.spread_mm2)
+    state = FitState.start(start, problem.model, problem.spread_mm2)
     settled = _settled(replace(problem, free=Free()), state)
     found, covariance = _descended(problem, settled) if any(free) else (settled, np.zeros((sum(problem.sizes),) * 2))
     state, noise = found.state, found.noise
@@ -155,7 +154,7 @@ def _window_cost(model: Model, state: FitState, noise: FloatArray) -> FloatArray
 
 def _cost(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> float:
     data = float(_window_cost(problem.model, state, noise).sum())
-    known = float(((problem.offsets(state) / problem.priors()) ** 2).sum())
+    known = float(((problem.offsets(state) / problem.priors(state)) ** 2).sum())
     return data + known + float((np.abs(state.loads - mean) ** 2).sum()) / spread**2
 
 

@@ -36,6 +36,8 @@ SENSE_PRIOR = 0.03
 CENTROID_MM_S = 20.0  # speed at which a contact's centroid has moved by 0.7 of its shift
 DRIFT_PRIOR_1_S = 150.0  # 25 Hz
 COUPLING_PRIOR_1_S = 3.0  # of modes to each other, fingers apart: by supports and damping
+APART_PRIOR_MM = 0.35  # of a touch's centroid on each axis: its finger, its posture, its pressure
+APART_WEIGHT = 8.0  # numbers that this prior counts as, where touches say how far apart they are
 LOAD_PRIOR_FRAC = 0.15  # by which a window's load differs from that of the touch at the time
 SPREAD_MM2 = 9.0  # r of a disc of 5.2 mm; 4 mm have 4.7, 7 mm 23, on waves of 32 mm
 SPREAD_PRIOR_MM2 = 7.0
@@ -66,37 +68,43 @@ class Calibration:
 
 
 class Free(NamedTuple):
-    """Which parts of the calibration are sought."""
+    """Which parts of the calibration are sought; `apart`: touches have centroids of their own, with the pad."""
 
     pad: bool = False
     sense: bool = False
     waves: bool = False
+    apart: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class FitState:
     """A calibration and all else that is free: `rates` (M, L) of the regressors, `own` (M, K) of the splines in each
-    mode's own rate, `loads` (B, N), `spread_mm2` (T,) of the contact of each of T touches."""
+    mode's own rate, `loads` (B, N), `spread_mm2` (T,) of the contact of each of T touches, and `apart_mm` (R, 2), by
+    which their centroids differ (`Model.contrasts`)."""
 
     calibration: Calibration
     rates: ComplexArray
     own: ComplexArray
     loads: ComplexArray
     spread_mm2: FloatArray
+    apart_mm: FloatArray
 
     @classmethod
-    def start(cls, calibration: Calibration, terms: int, splines: int, windows: Windows, spread_mm2: float) -> FitState:
+    def start(cls, calibration: Calibration, model: Model, spread_mm2: float) -> FitState:
         """Return that of a plate without fingers on it."""
-        modes = len(calibration.sense)
-        zero = [np.zeros(shape, np.complex128) for shape in ((modes, terms), (modes, splines), windows.track.shape)]
-        return cls(calibration, zero[0], zero[1], zero[2], np.full(len(windows.tracks), spread_mm2))
+        modes, windows = len(calibration.sense), model.windows
+        shapes = (modes, model.terms.shape[-1]), (modes, model.splines.shape[-1]), windows.track.shape
+        zero = [np.zeros(shape, np.complex128) for shape in shapes]
+        spreads_mm2 = np.full(len(windows.tracks), spread_mm2)
+        return cls(calibration, zero[0], zero[1], zero[2], spreads_mm2, np.zeros((model.contrasts.shape[1], 2)))
 
 
 @dataclass(frozen=True, slots=True)
 class ModelPoint:
     """The model at one state: residual (B, S, M) in um/s and its derivatives (B, S, M, ..).
 
-    They are by the pad's 7, the elements of `sense` without the first, M waves, M own rates, N loads, and T spreads.
+    They are by the pad's 7, the elements of `sense` without the first, M waves, M own rates, N loads, R contrasts of
+    touches along x and y, and T spreads.
     """
 
     residual: ComplexArray
@@ -105,6 +113,7 @@ class ModelPoint:
     by_waves: ComplexArray
     by_own: ComplexArray
     by_loads: ComplexArray
+    by_apart: ComplexArray
     by_spread: ComplexArray
 
 
@@ -148,31 +157,34 @@ class Model:
         self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1], 3), np.complex128)
         self.terms = regressors(windows)
         self.splines = own_rates(windows)
-        self._placed: tuple[Calibration, Placed] | None = None
+        self._placed: tuple[Calibration, FloatArray, Placed] | None = None
         self._beside: tuple[Placed, FloatArray, ComplexArray] | None = None  # parasitic shapes, and how they yield
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
         points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
         self._touches = (windows.track[..., None] == np.arange(len(windows.tracks))).astype(np.float64)  # (B, N, T)
+        self.contrasts = _contrasts(self._touches.sum(axis=(0, 1)))  # (T, R)
         # Of a minute of touching by far the largest array.
         self._shapes = np.zeros((*points.shape[:-1], 3, 0 if waves is None else len(waves)), np.float32)
         if waves is not None:
             is_down = np.isfinite(points).all(axis=-1)
             self._shapes[is_down] = with_slope(waves.at(points[is_down]), waves.slope(points[is_down]))
 
-    def _place(self, found: Calibration) -> Placed:
-        """Return where a calibration has the fingers; kept for the next call, since most have the same one."""
-        if self._placed is None or self._placed[0] is not found:
+    def _place(self, state: FitState) -> Placed:
+        """Return where a state has the fingers; kept for the next call, since most have the same places."""
+        found, apart_mm = state.calibration, state.apart_mm
+        if self._placed is None or self._placed[0] is not found or self._placed[1] is not apart_mm:
             position, velocity = self.windows.fingers_mm(float(found.pad[LATENCY]))
             points, drawn = _moved(found, position, velocity)
+            points = points + (self._touches @ self.contrasts @ apart_mm)[:, None]
             phi = self._phi(points, found)
             seen_um = self.windows.measured_um @ found.sense.T
             under_um = np.asarray(np.einsum("bsnqk,bsk->bsnq", phi, seen_um), np.complex128)
-            self._placed = found, Placed(position, velocity, points, drawn, phi, seen_um, under_um)
-        return self._placed[1]
+            self._placed = found, apart_mm, Placed(position, velocity, points, drawn, phi, seen_um, under_um)
+        return self._placed[2]
 
     def residual(self, state: FitState) -> ComplexArray:
         """Return the residual alone, of all windows (B, S, M)."""
-        placed = self._place(state.calibration)
+        placed = self._place(state)
         out = placed.phi @ np.linalg.inv(state.calibration.sense).T
         force = np.einsum("bsnqk,bsnq->bsk", out, (placed.under_um + self._beside_um) * self._shared(state))
         moving = (self.splines @ state.own.T * placed.seen_um) @ np.linalg.inv(state.calibration.sense).T
@@ -183,7 +195,7 @@ class Model:
         parasitic = self._parasitic
         if parasitic is None:
             return
-        placed = self._place(state.calibration)
+        placed = self._place(state)
         if self._beside is None or self._beside[0] is not placed:
             phi = shapes_at(parasitic.modes, placed.points)
             own = np.array(parasitic.decay_1_s) - 1j * np.array(parasitic.detuning_rad_s)
@@ -204,7 +216,7 @@ class Model:
     def at(self, state: FitState, rows: slice, free: Free) -> ModelPoint:
         """Return the model at `state` for some windows, with derivatives by what is free."""
         found = state.calibration
-        placed = self._place(found).part(rows)
+        placed = self._place(state).part(rows)
         phi, loads = placed.phi, self._shared(state, rows)
         inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
         out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
@@ -215,15 +227,19 @@ class Model:
         moving = (own * placed.seen_um) @ inverse.T
         residual = self._known[rows] + self.terms[rows] @ state.rates.T + moving + force
         by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[rows])
-        by_pad = by_sense = by_waves = np.zeros((*residual.shape, 0), np.complex128)
-        if free.pad or free.waves:
+        by_pad = by_apart = by_sense = by_waves = np.zeros((*residual.shape, 0), np.complex128)
+        if free.pad or free.waves or free.apart:
             # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
             by_phi = loads[..., None, None] * (
                 inverse * under_um[..., None, None] + out[..., :, None] * placed.seen_um[:, :, None, None, None, :]
             )
+        if free.pad or free.apart:
+            by_place = np.einsum("bsnqkm,bsnqmd->bsnkd", by_phi, self._slope(placed.points), optimize=True)
         if free.pad:
-            slope = self._slope(placed.points) @ _by_pad(placed, found)[..., None, :, :]
-            by_pad = np.einsum("bsnqkm,bsnqmp->bskp", by_phi, slope, optimize=True)
+            by_pad = np.einsum("bsnkd,bsndp->bskp", by_place, _by_pad(placed, found), optimize=True)
+        if free.apart:
+            by_apart = np.einsum("bsnkd,bnr->bskrd", by_place, self._touches[rows] @ self.contrasts, optimize=True)
+            by_apart = by_apart.reshape(*residual.shape, -1)
         if free.sense:
             turned = moving + np.einsum("bznq,bsnqk->bsk", loads, pushed)
             scaled = np.einsum("bsnqk,bsnqm->bskm", loads[..., None] * out, phi) + inverse * own[..., None, :]
@@ -234,7 +250,7 @@ class Model:
         ones = self._shared(replace(state, loads=np.ones_like(state.loads)), rows)
         by_loads = np.einsum("bsnqk,bznq->bskn", pushed, ones)
         by_spread = np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows]) @ self._touches[rows][:, None]
-        return ModelPoint(residual, by_pad, by_sense, by_waves, by_own, by_loads, by_spread)
+        return ModelPoint(residual, by_pad, by_sense, by_waves, by_own, by_loads, by_apart, by_spread)
 
     def _phi(self, points: FloatArray, found: Calibration) -> FloatArray:
         """Return the shapes and their derivatives (B, S, N, 3, M), zero where there is no finger."""
@@ -247,6 +263,18 @@ class Model:
         ahead, behind = ([shapes_at(self.modes, points + sign * step) for step in steps] for sign in (1.0, -1.0))
         slope = (np.stack(ahead, axis=-1) - np.stack(behind, axis=-1)) / (2.0 * _APART_MM)
         return np.asarray(slope, np.float64)
+
+
+def _contrasts(windows: FloatArray) -> FloatArray:
+    """Return R ways (T, R) in which touches of so many windows (T,) differ: orthonormal, and 0 on their mean, which is
+    the pad's place."""
+    seen = np.flatnonzero(windows)
+    if len(seen) == 0:
+        return np.zeros((len(windows), 0))
+    basis = np.linalg.qr(np.column_stack((windows[seen], np.eye(len(seen))[:, 1:])))[0]
+    found = np.zeros((len(windows), len(seen) - 1))
+    found[seen] = basis[:, 1:]
+    return found
 
 
 def _by_waves(by_phi: ComplexArray, shapes: npt.NDArray[np.float32]) -> ComplexArray:

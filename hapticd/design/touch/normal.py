@@ -29,7 +29,7 @@ class Normal(NamedTuple):
 
 
 def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> Normal:
-    prior = problem.priors()
+    prior = problem.priors(state)
     matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
     fingers = state.loads.shape[1]
     windows = len(state.loads)
@@ -85,7 +85,7 @@ def _columns(point: ModelPoint, terms: ComplexArray) -> ComplexArray:
     for mode in range(modes):
         rates[:, :, mode, mode] = terms
     flat = rates.reshape(*point.residual.shape, -1)
-    return np.concatenate((*parts, flat, 1j * flat, point.by_spread), axis=-1)
+    return np.concatenate((*parts, flat, 1j * flat, point.by_apart, point.by_spread), axis=-1)
 
 
 def _weights(

@@ -55,6 +55,17 @@ def test_a_finger_that_is_no_point_passes_for_no_error_of_the_sensors() -> None:
     assert np.abs(found.pad - WRONG.pad)[:2].max() < 0.06
 
 
+def test_fingers_that_each_keep_to_their_side_turn_and_stretch_no_pad() -> None:
+    windows = Touching(WRONG, seconds=8.0, seed=3).windows()
+    biases_mm = np.array(((0.5, -0.2), (-0.5, 0.2)))
+    tracks = tuple(replace(one, xy_mm=one.xy_mm + mm) for one, mm in zip(windows.tracks, biases_mm, strict=True))
+    biased = replace(windows, tracks=tracks)
+    alike, apart = (fit(biased, mode_map(), Free(True, True, apart=each), NOMINAL) for each in (False, True))
+    assert np.abs(alike.calibration.pad - WRONG.pad)[2:5].max() > 5e-3
+    assert np.abs(apart.calibration.pad - WRONG.pad)[:2].max() < 0.03  # mm
+    assert np.abs(apart.calibration.pad - WRONG.pad)[2:5].max() < 1.5e-3
+
+
 @pytest.fixture(scope="module")
 def linearised() -> tuple[Model, FitState]:
     modes = mode_map()
@@ -66,7 +77,8 @@ def linearised() -> tuple[Model, FitState]:
     loads = 100.0 + 10.0 * rng.standard_normal(windows.track.shape) + 5j
     rates = np.zeros((2, model.terms.shape[-1]), np.complex128)
     own = np.asarray(50.0 * (rng.standard_normal((2, model.splines.shape[-1])) + 1j), np.complex128)
-    return model, FitState(replace(WRONG, waves=lacking), rates, own, loads, np.array((8.0, 12.0)))
+    spread_mm2, apart_mm = np.array((8.0, 12.0)), np.array(((0.3, -0.2),))
+    return model, FitState(replace(WRONG, waves=lacking), rates, own, loads, spread_mm2, apart_mm)
 
 
 def slope_along(model: Model, state: FitState, pad: FloatArray, sense: ComplexArray, waves: FloatArray) -> ComplexArray:
@@ -90,6 +102,16 @@ def test_derivatives_by_the_pad_are_those_of_the_residual(linearised: tuple[Mode
     scale = np.abs(numeric).max()
     # The latency's is by the smoothed velocity, which is not quite the slope of the interpolated positions.
     assert np.abs(numeric - point.by_pad[..., place]).max() < (0.02 if place == LATENCY else 1e-3) * scale
+
+
+def test_derivatives_by_how_far_touches_are_apart_are_those_of_the_residual(linearised: tuple[Model, FitState]) -> None:
+    model, state = linearised
+    state = replace(state, calibration=replace(state.calibration, waves=np.zeros_like(state.calibration.waves)))
+    step = np.array(((1e-5, -2e-5),))
+    ends = [model.residual(replace(state, apart_mm=state.apart_mm + sign * step)) for sign in (1.0, -1.0)]
+    numeric = (ends[0] - ends[1]) / 2.0
+    analytic = model.at(state, slice(None), Free(apart=True)).by_apart @ step.ravel()
+    assert np.abs(numeric - analytic).max() < 1e-3 * np.abs(numeric).max()
 
 
 def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tuple[Model, FitState]) -> None:
