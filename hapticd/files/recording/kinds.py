@@ -185,7 +185,7 @@ def _pass(tick: Tick, state: str, fingers: Sequence[Finger], perceived: Mapping[
 
 
 def _finger(finger: Finger) -> Fields:
-    """A finger, with the axes that its pad reports, if it reports any."""
+    """A finger, with the ellipse that its pad reports, if it reports any."""
     names = _FINGER if finger.major_mm > 0.0 else _FINGER.keys() - _REPORTED_AXES
     return {name: getattr(finger, name) for name in _FINGER if name in names}
 
@@ -220,14 +220,16 @@ _EVENT: dict[str, _Form | Maybe] = {  # each field of the contract's
     _EVENT_NAMES.get(name, name): _FORMS[kind] if kind in _FORMS else Maybe(_FORMS[get_args(kind)[0]])
     for name, kind in get_type_hints(PlateEvent).items()
 }
-_REPORTED_AXES = {"major_mm", "minor_mm"}
+_REPORTED_AXES = {"major_mm", "minor_mm", "angle_rad"}
 _FINGER: dict[str, _Form | Maybe] = {
     "finger_id": WHOLE,
     "contact_id": WHOLE,
     "x_mm": NUMBER,
     "y_mm": NUMBER,
+    "pressure_frac": Maybe(NUMBER),
     "major_mm": Maybe(NUMBER),
     "minor_mm": Maybe(NUMBER),
+    "angle_rad": Maybe(NUMBER),
 }
 _POINT = ("x_mm", "y_mm", "target_um", "achieved_um", "end_x_mm", "end_y_mm")  # as in TouchPoint, behind its key
 PERCEIVED = Perceived.__struct_fields__

@@ -22,6 +22,7 @@ Column = npt.NDArray[Any]
 _STATUS = {name: form for name, form in KINDS["status"].form.items() if isinstance(form, str)}
 _NUMBERS, _WHOLES, _TRUTHS = np.float64, np.int64, np.bool_
 _TRUE = ("x_mm", "y_mm", "target_um", "plate_d_um", "plate_q_um")
+_PRESSED = ("pressure_frac", "major_mm", "minor_mm", "angle_rad")  # by the pad; of earlier recordings in part
 _TEXTS = np.object_  # of any length: one long message must not make all others as long
 
 
@@ -40,7 +41,7 @@ def _texts(*names: str) -> dict[str, type]:
 # Column names and their types, after `t_s` and `t_ns`.
 TABLES: dict[str, dict[str, type]] = {
     "reports": _wholes("t_host_ns") | _texts("data_hex"),
-    "fingers": _wholes("t_sample_ns", "finger_id", "contact_id") | _numbers("x_mm", "y_mm"),
+    "fingers": _wholes("t_sample_ns", "finger_id", "contact_id") | _numbers("x_mm", "y_mm", *_PRESSED, "area_mm2"),
     "predictions": _wholes("t_plate_ns") | _texts("finger_id") | _numbers("x_mm", "y_mm", "end_x_mm", "end_y_mm"),
     "targets": _texts("finger_id") | _numbers("target_um", "achieved_um", *PERCEIVED),
     "references": _wholes("t_knot_ns", "knot", "mode") | _numbers("reference_d_um", "reference_q_um"),
@@ -141,7 +142,9 @@ def _pass_rows(t_ns: int, fields: Fields) -> Iterator[tuple[str, _Row]]:
     reasons = fields.get("gate_reasons", 0)
     yield "passes", (*spans_ms, fields["state"], fields["is_limited"], len(fingers), len(knots), reasons)
     for finger in fingers:
-        yield "fingers", (t_sample_ns, *(finger[name] for name in ("finger_id", "contact_id", "x_mm", "y_mm")))
+        found = (finger[name] for name in ("finger_id", "contact_id", "x_mm", "y_mm"))
+        pressed = [finger.get(name, np.nan) for name in _PRESSED]
+        yield "fingers", (t_sample_ns, *found, *pressed, 0.25 * np.pi * pressed[1] * pressed[2])
     for point in fields["points"]:
         key = str(key_of(point))
         places = (point[name] for name in ("x_mm", "y_mm", "end_x_mm", "end_y_mm"))

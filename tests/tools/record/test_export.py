@@ -16,7 +16,8 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.tools.record import export
+from hapticd.sim.settings import Settings
+from hapticd.tools.record import export, simulated
 from hapticd.tools.record.tables import TABLES, tables
 
 pytestmark = pytest.mark.long
@@ -43,6 +44,16 @@ def test_the_tables_hold_what_the_records_do(strokes: Path) -> None:
     for name, table in found.items():
         assert list(table) == ["t_s", "t_ns", *TABLES[name]]
         np.testing.assert_allclose(table["t_s"], (table["t_ns"] - recording.header.t_start_ns) * 1e-9)
+
+
+def test_a_finger_without_a_target_has_its_pressure_and_its_contact(tmp_path: Path) -> None:
+    path = tmp_path / "press.mcap"
+    simulated.run("press", path, settings=Settings(), seed=3, seconds=1.5)
+    found = tables(open_recording(path))["fingers"]
+    pressure_frac, area_mm2 = found["pressure_frac"], found["area_mm2"]
+    assert 0.0 < pressure_frac.min() < 0.2 < 0.5 < pressure_frac.max()
+    assert area_mm2[pressure_frac > 0.5].min() > 1.5 * area_mm2[pressure_frac < 0.2].max()
+    assert area_mm2 == pytest.approx(np.pi / 4 * found["major_mm"] * found["minor_mm"])
 
 
 def test_pandas_reads_the_csv(tmp_path: Path, eventful: Path, capsys: pytest.CaptureFixture[str]) -> None:
