@@ -290,7 +290,23 @@ class SelfCalibration:
             "last_refusal": self._last,
             "last_map_refusal": self._last_of_map,
             "next_place": self._next_place,
+            "sentence": self._sentence(),
         }
+
+    def _sentence(self) -> str:
+        """Say what is adopted of what touches showed, and why no more; "" before the first verdict."""
+        moved_mm = self._adoption.now.distance_mm(self._adoption.configured)
+        part = "half of " if self._trust.share < 1.0 else ""
+        known = (
+            (f"the pad, by {moved_mm:.2f} mm", moved_mm > 0.0),
+            (f"{part}map and sensors", self._trust.change is not None and not self._is_due),
+            ("a finger's load", self._loads > 0),
+        )
+        adopted = ", ".join(name for name, is_adopted in known if is_adopted)
+        why = " ".join(dict.fromkeys(one for one in (self._last, self._last_of_map) if one))
+        if not self._verdicts:
+            return ""
+        return f"{f'Adopted: {adopted}.' if adopted else 'Nothing is adopted.'} {why}".strip()
 
     def close(self) -> None:
         """End the process."""

@@ -252,6 +252,19 @@ def test_the_ninth_to_touch_next_is_reported_until_another_verdict_names_none(ca
     assert calibration.report()["next_place"] is None
 
 
+def test_a_sentence_says_what_is_adopted_and_why_no_more(at_rest: Touching, calibration: SelfCalibration) -> None:
+    assert calibration.report()["sentence"] == ""
+    kept = "The map stays as it is."
+    assert calibration.take_verdict(json.dumps({"refusal": kept, "map_refusal": kept}).encode())
+    assert calibration.report()["sentence"] == f"Nothing is adopted. {kept}"
+    modes = at_rest.header.modes
+    machine = Machine(Config(), modes, write_board=lambda _: T_START_NS)
+    assert calibration.take_verdict(json.dumps(changed(1.02, modes)).encode())
+    assert "map" not in str(calibration.report()["sentence"])
+    assert calibration.step(machine, T_START_NS)
+    assert calibration.report()["sentence"] == "Adopted: half of map and sensors."
+
+
 def test_a_latency_beyond_all_bounds_is_a_refusal(calibration: SelfCalibration) -> None:
     assert calibration.take_verdict(json.dumps(RIGHT | {"latency_s": 1e300}).encode())
     assert "far from the configured one" in str(calibration.report()["last_refusal"])

@@ -255,7 +255,7 @@ def status(body: Mapping[str, Any]) -> str:
             "late_frames": timing["late_frames"],
             "frames_hz": body["latency_ms"].get("frames_hz"),
             "next_place": calibration.get("next_place"),
-            "calibration": calibration.get("last_map_refusal", ""),
+            "calibration": calibration.get("sentence", ""),
         }
     )
 
