@@ -36,6 +36,7 @@ SPOT = {
 }
 STAIRS = {"method": "staircase", "start": 1.0, "step": 0.1, "lowest": 0.0, "highest": 1.0}
 QUEST = {"method": "quest+", "levels": [0.0, 0.5, 1.0], "spreads": [0.1, 0.2]}
+RATED = {"question": "How alike?", "answers": {"1": "", "2": ""}, "trials": 2}
 PAIR = {"of": "level", "standard": 0.5}
 BARE: dict[str, Any] = {
     "question": "Which is more slippery?",
@@ -104,11 +105,14 @@ def test_a_mistake_is_one_sentence_with_its_place(base: dict[str, Any], change: 
     assert str(refused.value).count(".\n") == 0
 
 
-def test_the_readme_s_experiment_is_one() -> None:
+def test_the_readme_s_experiment_is_one_and_its_two_hands_are_a_part_of_one() -> None:
     text = PAPER.with_name("README.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    made = parse(tomllib.loads(block))
+    whole, part = (tomllib.loads(block) for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL))
+    made = parse(whole)
     assert (made.abscissa, made.trials) == ("level", 60)
+    hands = parse({**RATED, "factors": {"left": [0.2, 1.0]}, **part})
+    (surface,) = hands.targets({"left": 0.2}).surfaces
+    assert (surface.name, surface.friction, surface.position_mm) == ("left", 0.2, (-50.0, 0.0))
 
 
 @pytest.mark.parametrize("text", [b"\xff", b"a = ", b"name = 1"])
