@@ -116,8 +116,9 @@ class PassBudget:
         return Allotment(allotted, solves, fixed_ns, solve_ns)
 
     def solves_of_request(self, fingers: int) -> int:
-        """Return how many solves for so many fingers a client's request may take: as long as a pass."""
-        return int(BUDGET_NS / self.slowness / self._solver.cost_ns(fingers))
+        """Return how many solves for so many fingers a client's request may take: as long as a pass. What each
+        gives is judged too, which takes half as long."""
+        return int(BUDGET_NS / self.slowness / (1.5 * self._solver.cost_ns(fingers)))
 
     def _way_ns(self, key: FingerKey) -> float:
         """Return what the edges on a finger's way cost: those of surfaces, where it has no target of its own."""

@@ -11,13 +11,9 @@ from typing import Final, NamedTuple
 
 from .friction import FrictionCurve
 from .phasors import re_im
-from .plate.contact import Disc, EllipseForm, disc_points
+from .plate.contact import Disc, EllipseForm, disc_points, many_points
 from .plate.mode_shapes import ModeShapes
 from .uncertainty import CERTAIN, Uncertainty, interval_um
-
-RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
-WEIGHTS: Final = (0.1739274226, 0.3260725774, 0.3260725774, 0.1739274226)
-SPOKES: Final = 12
 
 
 class ExpectedAmplitude(NamedTuple):
@@ -45,7 +41,7 @@ class ContactPerception:
         self.curve: Final = curve
         self.uncertainty: Final = uncertainty
         self._radius_mm: Final = radius_mm
-        self._many: Final = _disc()
+        self._many: Final = many_points()
         self._few: Final = disc_points(1.0)
 
     def felt(
@@ -137,14 +133,3 @@ class ContactPerception:
             unsure_um2 += 4.0 * place_mm2 / size_mm2 * max(varies_um2, 0.0)
         low_um, high_um = interval_um(max(known_um2 + errors_um2 - unsure_um2, 0.0), unsure_um2)
         return friction, ExpectedAmplitude(math.sqrt(known_um2 + errors_um2), low_um, high_um)
-
-
-def _disc() -> Disc:
-    """Return points (u, v, weight) of the unit disc, its rings turned against each other."""
-    points = []
-    for ring in range(len(WEIGHTS)):
-        reach = math.sqrt(RINGS_FRAC[ring])
-        for spoke in range(SPOKES):
-            turn_rad = 2.0 * math.pi * (spoke + 0.5 * (ring % 2)) / SPOKES
-            points.append((reach * math.cos(turn_rad), reach * math.sin(turn_rad), WEIGHTS[ring] / SPOKES))
-    return points

@@ -157,6 +157,6 @@ def test_a_plate_has_the_reach_of_each_mode_and_the_modes_that_its_patches_make(
             at_resonance_um * plate.nominal_decay_1_s, rel=1e-3
         )
     assert np.abs(glued.frequency_hz - bare.frequency_hz).max() > 5.0
-    assert most_driven(find_glass(path)) == 2
+    assert most_driven(path) == 2
     with pytest.raises(SimulationError, match="give 2 to 2"):
         driven_modes(path, 3)

@@ -15,7 +15,6 @@ from hapticd.core.plate.contact import contact_grams
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
 from hapticd.design import free_plate_modes
-from hapticd.sim.plate.glasses import GLASSES
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
@@ -66,7 +65,7 @@ def four_modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     axis_mm = np.linspace(-100.0, 100.0, 81)
     shapes = [shape.on_grid(axis_mm, axis_mm) for _, shape in free_plate_modes((200.0, 200.0), 3.0)]
     names = [shape.name for _, shape in free_plate_modes((200.0, 200.0), 3.0)]
-    driven = [shapes[names.index(name)] for name in GLASSES["fingertip"].modes[:4]]
+    driven = [shapes[names.index(name)] for name in ("13x1-1x13", "10x8-8x10", "13x0", "0x13")]
     ModeShapes.from_grid(axis_mm, axis_mm, np.stack(driven)).save(path)
     return path
 
@@ -90,7 +89,7 @@ def test_with_four_modes_the_contrast_between_whole_contacts_is_mapped_too(
         grams = contact_grams(modes, places_mm, 5.0)
         solved = solve(modes.evaluate(places_mm), [1.0, 0.0], [3.9, 1.6, 1.4, 1.4], gram=grams)
         differences_um.append(np.subtract([slip_um[row, column], still_um[row, column]], solved.achieved_um))
-    assert np.median(np.abs(differences_um), axis=0) == pytest.approx([0.0, 0.0], abs=0.002)
+    assert np.median(np.abs(differences_um), axis=0) == pytest.approx([0.0, 0.0], abs=0.01)
     with Image.open(picture) as drawn:
         assert drawn.width > 1000  # two panels, where one alone takes 600
 

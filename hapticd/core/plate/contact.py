@@ -32,6 +32,9 @@ CENTRE_WEIGHT: Final = 0.25
 RIM_WEIGHT: Final = 0.125
 RIM_FRAC: Final = math.sqrt(2.0 / 3.0)
 RIM_POINTS: Final = 6
+RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
+RING_WEIGHTS: Final = (0.1739274226, 0.3260725774, 0.3260725774, 0.1739274226)
+SPOKES: Final = 12
 MOST_STRETCH: Final = 1.5  # a finger whose place is less certain than that is better served as it was
 
 
@@ -41,6 +44,18 @@ def disc_points(radius_mm: float) -> Disc:
     turns_rad = [2.0 * math.pi * index / RIM_POINTS for index in range(RIM_POINTS)]
     rim = [(reach_mm * math.cos(turn), reach_mm * math.sin(turn), RIM_WEIGHT) for turn in turns_rad]
     return [(0.0, 0.0, CENTRE_WEIGHT), *rim]
+
+
+def many_points() -> Disc:
+    """Return points (u, v, weight) of the unit disc by which friction is judged, its rings turned against each other:
+    it has a cusp wherever the amplitude is 0."""
+    points = []
+    for ring in range(len(RING_WEIGHTS)):
+        reach = math.sqrt(RINGS_FRAC[ring])
+        for spoke in range(SPOKES):
+            turn_rad = 2.0 * math.pi * (spoke + 0.5 * (ring % 2)) / SPOKES
+            points.append((reach * math.cos(turn_rad), reach * math.sin(turn_rad), RING_WEIGHTS[ring] / SPOKES))
+    return points
 
 
 def stretch(variance_mm2: float, radius_mm: float) -> float:

@@ -10,8 +10,8 @@ expected     r_i^2 = W^H G_i W + UNCERTAIN_FRAC^2 sum_k G_i,kk |W_k|^2: each mod
 importance   the error of a finger that should stick counts STILL_IMPORTANCE times, that of one at FULL_UM and above
              once; targets between pass from one to the other without a step. What is asked of the plate sets it: the
              slippery finger keeps 0.75 um on the fingertip plate with four modes, and the sticky one gets the rest.
-             By Weber's law, in differences that are just felt, the slippery one's error would count 4 times; perfect
-             knowledge then has a contrast of 4.4, and of 8.7 where both count alike (`hapticd bench leak`).
+             By Weber's law, in differences that are just felt, the slippery one's error would count 4 times: a contrast
+             of 4.4 for perfect knowledge on the bare plate, and of 8.7 where both count alike (decision 10).
 JUST_FELT    the least change that is felt (Weber) where friction is lowest: smaller errors count by their squares.
 stay         keeps the reference from turning faster than the plate follows, where directions are nearly equal.
 
@@ -40,7 +40,7 @@ from .points.arithmetic import SAFE, ModeRow
 
 FULL_UM: Final = 1.0  # beyond this friction is nearly as low as it gets: its slope stays, so that more is still more
 FULL_FRAC: Final = 0.5  # of the amplitude at which the curve ends, where that is less than FULL_UM
-STILL_IMPORTANCE: Final = 2.2  # what leaves the other finger 0.75 um
+STILL_IMPORTANCE: Final = 4.5  # what leaves the other finger 0.75 um
 NEAR_UM: Final = 1e-6  # of a target: the difference of frictions is rounding there
 UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
 STAY_FRAC: Final = 0.03  # of the mean curvature; 0.1 costs 3 % of the slipping finger's share, 0.01 doubles the steps

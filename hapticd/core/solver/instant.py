@@ -13,7 +13,7 @@ from typing import Final
 from ...values import FingerKey, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import Row, magnitude
-from ..plate.contact import Disc, EllipseForm, Shapes, contact_gram, disc_points, grown
+from ..plate.contact import Disc, EllipseForm, Shapes, contact_gram, disc_points, grown, many_points
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
@@ -182,7 +182,7 @@ class InstantSolver:
         targets_um = tuple([target_um for _, _, target_um in places])
         contacts = grown(self._contact_radius_mm, variances_mm2, forms)
         if self._feels:
-            shapes = self._contact_shapes(places, contacts)
+            shapes = self._contact_shapes(self._disc, places, contacts)
             if len(self._log_weights) != len(places):
                 self._log_weights = [0.0] * len(places)
             ranks = [0] * len(places) if priorities is None else priorities
@@ -207,13 +207,13 @@ class InstantSolver:
                 achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
         return ModalSolution(places, achieved_um, phasors(d_um, q_um), limited)
 
-    def _contact_shapes(self, places: list[AskedPlace], contacts: list[EllipseForm]) -> Shapes:
+    def _contact_shapes(self, disc: Disc, places: list[AskedPlace], contacts: list[EllipseForm]) -> Shapes:
         radius_mm = self._contact_radius_mm
         ellipses = [
             (x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm)
             for (x_mm, y_mm, _), (xx, xy, yy) in zip(places, contacts, strict=True)
         ]
-        return contact_shapes(self._modes, self._disc, ellipses)
+        return contact_shapes(self._modes, disc, ellipses)
 
     @property
     def feels(self) -> bool:
@@ -233,8 +233,18 @@ class InstantSolver:
         of the solver; None if it can feel none as asked."""
         contacts = grown(self._contact_radius_mm, variances_mm2, forms)
         targets_um = [target_um for _, _, target_um in places[:-1]]
-        shapes, limits_um = self._contact_shapes(places, contacts), self._contact_limit_um
-        problem = ReachProblem(shapes, self._disc_weights, self._curve, targets_um, limits_um, stretches, priorities)
+        judging = many_points()
+        problem = ReachProblem(
+            self._contact_shapes(self._disc, places, contacts),
+            self._disc_weights,
+            self._contact_shapes(judging, places, contacts),
+            [weight for _, _, weight in judging],
+            self._curve,
+            targets_um,
+            self._contact_limit_um,
+            stretches,
+            priorities,
+        )
         return reach(problem, calls)
 
     def _turns(self, slipping: int, previous_um: Row) -> bool:

@@ -3,8 +3,9 @@
 A friction is in reach if the solver for friction (`felt`) finds amplitudes with which this finger feels it, within a
 just noticeable difference, and every other finger what it asked for, within one, or as well as without this finger.
 From bare glass to the most slippery, each of a few frictions is solved for from the solution of the one before; then
-both ends of the longest run in reach are bisected. A solve may be cut off before it has converged, because its time is
-limited: what is said to be in reach is, and a little more may be.
+both ends of the longest run in reach are bisected. What is felt is judged by more points of the contacts than the
+solver's: where large amplitudes cancel, these miss up to a just noticeable difference. A solve may be cut off before
+it has converged, because its time is limited: what is said to be in reach is, and a little more may be.
 """
 
 from __future__ import annotations
@@ -27,14 +28,27 @@ SLACK_JND: Final = 0.02  # by which another finger may miss more than without th
 
 class ReachProblem:
     """The other fingers and this one, the last: shapes at the points of each contact (N, Q, M), of these `weights`
-    (Q,), targets (N - 1,) and how much more amplitude each needs as it slides, and its priority (N,)."""
+    (Q,), and at those by which it is judged; targets (N - 1,) and how much more amplitude each needs as it slides, and
+    its priority (N,)."""
 
-    __slots__ = ("curve", "limits_um", "priorities", "shapes", "stretches", "targets_um", "weights")
+    __slots__ = (
+        "curve",
+        "judged_shapes",
+        "judged_weights",
+        "limits_um",
+        "priorities",
+        "shapes",
+        "stretches",
+        "targets_um",
+        "weights",
+    )
 
     def __init__(
         self,
         shapes: Shapes,
         weights: list[float],
+        judged_shapes: Shapes,
+        judged_weights: list[float],
         curve: FrictionCurve,
         targets_um: list[float],
         limits_um: tuple[float, ...],
@@ -43,6 +57,8 @@ class ReachProblem:
     ) -> None:
         self.shapes: Final = shapes
         self.weights: Final = weights
+        self.judged_shapes: Final = judged_shapes
+        self.judged_weights: Final = judged_weights
         self.curve: Final = curve
         self.targets_um: Final = targets_um
         self.limits_um: Final = limits_um
@@ -103,7 +119,7 @@ def _is_felt(problem: ReachProblem, friction_frac: float, state: _State, allowed
     feel what they may."""
     own_um = problem.curve.amplitude_um(friction_frac) * problem.stretches[-1]
     for _ in range(calls):
-        errors_jnd = _solved(problem, [*problem.targets_um, own_um], problem.shapes, state)
+        errors_jnd = _solved(problem, [*problem.targets_um, own_um], state)
         is_felt = True
         for finger in range(len(errors_jnd)):
             is_felt = is_felt and abs(errors_jnd[finger]) <= allowed_jnd[finger]
@@ -117,8 +133,7 @@ def _allowed_jnd(problem: ReachProblem) -> list[float]:
     others = len(problem.targets_um)
     if others == 0:
         return [MISSED_JND]
-    shapes = problem.shapes[: others * len(problem.shapes) // len(problem.stretches)]
-    errors_jnd = _solved(problem, problem.targets_um, shapes, _at_rest(problem, others))
+    errors_jnd = _solved(problem, problem.targets_um, _at_rest(problem, others))
     return [*[max(MISSED_JND, abs(error_jnd) + SLACK_JND) for error_jnd in errors_jnd], MISSED_JND]
 
 
@@ -127,17 +142,18 @@ def _at_rest(problem: ReachProblem, fingers: int) -> _State:
     return _State([0.0] * modes, [0.0] * modes, [0.0] * fingers)
 
 
-def _solved(problem: ReachProblem, targets_um: list[float], shapes: Shapes, state: _State) -> list[float]:
-    """Move the state by one call; return the fingers' errors there."""
-    curve, stretches = problem.curve, problem.stretches[: len(targets_um)]
-    priorities = problem.priorities[: len(targets_um)]
+def _solved(problem: ReachProblem, targets_um: list[float], state: _State) -> list[float]:
+    """Move the state by one call for the first fingers, which have these targets; return their errors there."""
+    count, fingers = len(targets_um), len(problem.stretches)
+    curve, stretches, priorities = problem.curve, problem.stretches[:count], problem.priorities[:count]
+    shapes = problem.shapes[: count * len(problem.shapes) // fingers]
     targets, weights, limits_um = tuple(targets_um), problem.weights, problem.limits_um
     solve_felt(shapes, weights, curve, targets, limits_um, state.d_um, state.q_um, state.logs, stretches, priorities)
     frictions = [curve.friction(targets[n] / stretches[n]) for n in range(len(targets))]
     there, floor = state.copy(), (curve.full_um, curve.floor_frac)
     errors_jnd, _ = descend(
-        shapes,
-        weights,
+        problem.judged_shapes[: count * len(problem.judged_shapes) // fingers],
+        problem.judged_weights,
         frictions,
         counted_jnd(frictions, priorities),
         stretches,

@@ -1,11 +1,14 @@
 """Glass plates of the simulation: dimensions, drive, and the modes near it in the order of their amplifiers.
 
 reference   the paper's plate: 137.5 x 137.5 x 2 mm. Its X and Y are driven; the next pair is 84 Hz above them.
-fingertip   200 x 200 x 3 mm, designed for contacts: longer waves, and four modes of different families within
-            81 Hz of the drive, so that a whole fingertip can be still (`hapticd plate`).
+fingertip   200 x 200 x 3 mm, longer waves: four modes of different families within 80 Hz of the drive, so that a whole
+            fingertip can be still, by four patches of 20 x 10 x 0.5 mm; for five and six modes by six, which make other
+            modes of it, within 157 Hz of the drive.
 wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two hands: eight modes within 162 Hz of the
-            drive, the next one 506 Hz away. Eight patches of 15 x 15 x 0.5 mm are glued along its edges: the modes are
-            those with their mass and stiffness, and the reach is theirs at 150 V (`hapticd plate --felt`).
+            drive, the next one 506 Hz away, by eight patches of 15 x 15 x 0.5 mm.
+
+Patches are glued along the edges: modes are those with their mass and stiffness, and the reach is theirs, at 150 V
+(`hapticd plate --felt`).
 
 Another is read from a TOML file, as `hapticd plate --felt --glass F.toml` writes it: the keys of
 `FILE_KEYS`, and `patches` where some are glued on.
@@ -84,11 +87,15 @@ GLASSES = {
     FINGERTIP: Glass(
         size_mm=(200.0, 200.0),
         thickness_mm=3.0,
-        band_hz=(28000.0, 30500.0),
-        drive_hz=29375.0,
-        modes=("13x1-1x13", "10x8-8x10", "13x0", "0x13", "10x8+8x10", "13x1+1x13", "9x9", "5x12"),
+        band_hz=(29325.3 - FARTHEST_HZ, 29325.3 + FARTHEST_HZ),
+        drive_hz=29325.3,
+        modes=("13x0", "0x13", "8x10", "1x13", "10x8", "9x9", "13x1", "12x5"),
         driven=4,
-        reach_um=4.23,
+        reach_um=(6.025, 7.232, 6.834, 16.489),
+        patches=(
+            *((x_mm, -90.0, 10.0, 20.0, 0.5) for x_mm in (-75.0, 52.5, 72.5)),
+            (-40.0, 90.0, 10.0, 20.0, 0.5),
+        ),
     ),
     WIDE: Glass(
         size_mm=(220.0, 220.0),
@@ -105,19 +112,43 @@ GLASSES = {
         ),
     ),
 }
+_FINGERTIP_OF_SIX = "fingertip with six patches"
+_FOR_MORE_MODES = {
+    _FINGERTIP_OF_SIX: Glass(
+        size_mm=(200.0, 200.0),
+        thickness_mm=3.0,
+        band_hz=(29430.0 - FARTHEST_HZ, 29430.0 + FARTHEST_HZ),
+        drive_hz=29430.0,
+        modes=("1x13", "13x0", "0x13", "13x1", "10x8", "10x8#2", "9x9", "5x12", "12x5", "2x13"),
+        driven=6,
+        reach_um=(7.478, 9.609, 11.338, 31.001, 13.551, 9.66),
+        patches=(
+            *((x_mm, y_mm, 20.0, 10.0, 0.5) for x_mm, y_mm in ((-90.0, -45.0), (-90.0, -55.0), (90.0, 75.0))),
+            *((x_mm, y_mm, 10.0, 20.0, 0.5) for x_mm, y_mm in ((22.5, 90.0), (50.0, 90.0), (87.5, -90.0))),
+        ),
+    ),
+}
+
+
+def as_built(plate: str, driven: int) -> str:
+    """Return the name by which `find_glass` has a plate with the patches for this many driven modes."""
+    return _FINGERTIP_OF_SIX if plate == FINGERTIP and driven > GLASSES[FINGERTIP].driven else plate
 
 
 def find_glass(name: str) -> Glass:
     """Return one of GLASSES, or the plate of a file. Raises SimulationError, a ValueError."""
     if name in GLASSES:
         return GLASSES[name]
+    if name in _FOR_MORE_MODES:
+        return _FOR_MORE_MODES[name]
     if not name.endswith(SUFFIX):
         raise SimulationError(f"there is no plate {shown(name)}: give {', '.join(GLASSES)}, or a file; {WRITES}.")
     return _of_file(name)
 
 
-def most_driven(glass: Glass) -> int:
-    """Return how many modes of a plate may have an amplifier."""
+def most_driven(plate: str) -> int:
+    """Return how many modes of a plate may have an amplifier. Raises SimulationError, a ValueError."""
+    glass = find_glass(as_built(plate, MOST_MODES))
     reached = len(glass.reach_um) if isinstance(glass.reach_um, tuple) else MOST_MODES
     return min(len(glass.modes) - LEAST_PARASITIC, reached)
 
@@ -127,7 +158,7 @@ def driven_modes(plate: str, count: int = 0) -> int:
     glass = find_glass(plate)
     if count == 0:
         return glass.driven
-    most = most_driven(glass)
+    most = most_driven(plate)
     if not LEAST_MODES <= count <= most:
         raise SimulationError(f"{count} modes cannot be driven on the {plate} plate: give {LEAST_MODES} to {most}.")
     return count

@@ -31,7 +31,7 @@ from hapticd.core.plate.parasitic_modes import ParasiticModes
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
 from .coupled_modes import Coupling
-from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, find_glass, most_driven
+from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, as_built, find_glass, most_driven
 from .shape_tables import Disturbed, ModeScan, coupled, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .wirings import IDENTITY, wiring
@@ -98,8 +98,8 @@ class PlateSettings:
         """Return the settings of a plate (`find_glass`) with this many amplifiers. Raises ValueError."""
         if plate == REFERENCE:
             return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes, wiring=wiring)
-        glass = find_glass(plate)
-        driven = glass.driven if driven_modes is None else driven_modes
+        driven = find_glass(plate).driven if driven_modes is None else driven_modes
+        glass = find_glass(as_built(plate, driven))
         return cls(
             plate=plate,
             drive_hz=glass.drive_hz,
@@ -110,8 +110,13 @@ class PlateSettings:
             wiring=wiring,
         )
 
+    @property
+    def glass(self) -> str:
+        """The name of the plate with the patches for these modes, for `find_glass`."""
+        return as_built(self.plate, self.driven_modes)
+
     def __post_init__(self) -> None:
-        most = most_driven(find_glass(self.plate))
+        most = most_driven(self.plate)
         if not LEAST_MODES <= self.driven_modes <= most:
             raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give {LEAST_MODES} to {most}.")
         wiring(self.wiring, self.driven_modes)
@@ -149,13 +154,13 @@ class GroundTruth:
         built_hz = _built_hz(settings)
         driven_hz = built_hz[: settings.driven_modes]
         world = settings.world
-        names = find_glass(settings.plate).modes[: len(built_hz)]
+        names = find_glass(settings.glass).modes[: len(built_hz)]
         joined = Coupling(world.chip_mm, world.supports_hz, world.mixing_deg, world.seed)
         disturbed = Disturbed(world.glue_frac, world.map_change.waves_frac, world.map_change.local_frac, world.seed)
         risen_hz = np.zeros(len(built_hz))
         if joined != Coupling(seed=world.seed):
             disturbed = disturbed._replace(coupling=joined, frequency_hz=tuple(built_hz.tolist()))
-            risen_hz = coupled(settings.plate, names, joined, disturbed.frequency_hz)[1]
+            risen_hz = coupled(settings.glass, names, joined, disturbed.frequency_hz)[1]
         self.frequency_hz = _read_only(built_hz + settings.detune_hz + world.mistuning_hz + risen_hz)
         self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor * settings.damping_factor)
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
@@ -174,8 +179,8 @@ class GroundTruth:
         mass_ratio = settings.finger_decay_1_s / FINGER_DECAY_1_S  # a finger changes a heavier plate less
         self.finger_detuning_rad_s = 2.0 * math.pi * world.finger_load.detuning_hz * mass_ratio
         self._names = names
-        self._grid = true_grid(settings.plate, self._names, disturbed)
-        self._surfaces = true_surfaces(settings.plate, self._names, disturbed)
+        self._grid = true_grid(settings.glass, self._names, disturbed)
+        self._surfaces = true_surfaces(settings.glass, self._names, disturbed)
 
     @property
     def uncertainty(self) -> UncertaintyConfig:
@@ -237,14 +242,14 @@ class GroundTruth:
         glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed)
         step_mm = settings.map_step_mm if world.map_step_mm is None else world.map_step_mm
         scan = ModeScan(step_mm, noise_frac, seed, first=chosen.start)
-        return mode_map(settings.plate, self._names[chosen], scan, glued)
+        return mode_map(settings.glass, self._names[chosen], scan, glued)
 
 
 def _built_hz(settings: PlateSettings) -> FloatArray:
     """Return the frequencies of all modes as built, before drift."""
     count = _LEAST_ALL if settings.driven_modes <= _SIZED_EACH else settings.driven_modes + LEAST_PARASITIC
-    names = find_glass(settings.plate).modes[:count]
-    theory_hz = np.array([theory(name, settings.plate)[0] for name in names])
+    names = find_glass(settings.glass).modes[:count]
+    theory_hz = np.array([theory(name, settings.glass)[0] for name in names])
     if settings.plate != REFERENCE:
         is_pair = np.isclose(theory_hz[:, None], theory_hz, rtol=1e-9)
         is_first = is_pair.argmax(axis=1) == np.arange(len(names))

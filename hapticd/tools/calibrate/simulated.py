@@ -19,7 +19,7 @@ from ...design import sample_scan
 from ...sim.fingers.fingertip import Fingertip
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
-from ...sim.plate.glasses import driven_modes, find_glass
+from ...sim.plate.glasses import as_built, driven_modes, find_glass
 from ...sim.plate.shapes import theory
 from ...values import FloatArray
 
@@ -42,9 +42,11 @@ def source(options: argparse.Namespace) -> str:
 
 def scan(seed: int, plate: SimConfig) -> tuple[FloatArray, npt.NDArray[np.complex128]]:
     """Return points (N, 2) and complex readings (N, M) of the driven modes."""
-    names = find_glass(plate.plate).modes[: driven_modes(plate.plate, plate.modes)]
+    driven = driven_modes(plate.plate, plate.modes)
+    glass = as_built(plate.plate, driven)
+    names = find_glass(glass).modes[:driven]
     return sample_scan(
-        [theory(name, plate.plate)[1] for name in names],
+        [theory(name, glass)[1] for name in names],
         noise_frac=SCAN_NOISE_FRAC,
         seed=seed,
         missing_frac=SCAN_MISSING_FRAC,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ...config.keys import toml
 from ...config.sections import LEAST_MODES, PLATE_NAMES, SimConfig
-from ...sim.plate.glasses import driven_modes, find_glass, most_driven
+from ...sim.plate.glasses import driven_modes, most_driven
 from ...sim.rig.process import watch
 from ..daemon_process import PATIENT, DaemonProcess
 from .messages import PlateChoice, SwitchPlate
@@ -47,4 +47,4 @@ class SimulatedService(DaemonProcess):
 
 
 def _choice(plate: str) -> PlateChoice:
-    return PlateChoice(tuple(range(LEAST_MODES, most_driven(find_glass(plate)) + 1)), driven_modes(plate))
+    return PlateChoice(tuple(range(LEAST_MODES, most_driven(plate) + 1)), driven_modes(plate))

@@ -98,7 +98,7 @@ def test_both_fingers_feel_what_was_asked_far_more_often_than_by_contrast(
 
 
 def test_where_not_both_can_be_had_the_sticky_finger_is_as_asked(plate: ModeShapes) -> None:
-    weak_um = tuple(limit_um / 4.0 for limit_um in LIMITS_UM)
+    weak_um = tuple(limit_um / 6.0 for limit_um in LIMITS_UM)
     errors = np.array(
         [errors_jnd(pair, (1.0, 0.0), settled(plate, pair, (1.0, 0.0), weak_um)) for pair in pairs(4, 30)]
     )
@@ -147,12 +147,12 @@ def test_one_finger_gets_any_friction(plate: ModeShapes, friction: float) -> Non
 def test_a_finger_that_slides_where_friction_depends_on_speed_gets_more_amplitude(plate: ModeShapes) -> None:
     got_um = []
     for target_um, stretch in ((0.4, 1.0), (0.8, 2.0)):
-        one, modal_um = solver(plate), (0j,) * 4
+        one, modal_um = solver(plate, (10.0,) * 4), (0j,) * 4
         for _ in range(40):
             solution = one.solve(places(PAIR_MM, (target_um, 0.0)), modal_um, 100 * MS, None, [stretch, stretch])
             modal_um = solution.modal_um
         got_um.append(solution.achieved_um[0])
-    assert got_um[1] == pytest.approx(2.0 * got_um[0], rel=0.03)
+    assert got_um[1] == pytest.approx(2.0 * got_um[0], rel=0.003)
 
 
 def test_amplitudes_follow_the_fingers_without_a_jump(plate: ModeShapes) -> None:

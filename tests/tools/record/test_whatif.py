@@ -51,16 +51,18 @@ def test_the_ideal_loop_is_near_what_the_plate_did(strokes: Path) -> None:
 def test_contacts_are_judged_by_the_recorded_ellipses(tmp_path: Path) -> None:
     path, tip = tmp_path / "ellipses.mcap", Fingertip(6.0, 3.8, 0.7)
     settings = Settings(plate=PlateSettings.of(FINGERTIP), fingertip=tip, config=calibrated(Config()))
-    played = simulated.run("strokes", path, settings=settings, seed=3, seconds=1.0)
+    simulated.run("strokes", path, settings=settings, seed=3, seconds=1.0)
     recording = open_recording(path)
     fingers, (judged,) = compare(recording, [])
-    by_discs = _judge(recording, replace(fingers, contacts=None), _recorded(list(recording.records())))
-
     assert fingers.contacts is not None
     for contact in fingers.contacts:
         assert contact.forms_mm(np.array([0.5])) == pytest.approx(tip.forms_mm(np.array([0.5])), abs=0.4)
-    leak_um = played.score.contact_leak_um
-    assert abs(judged.score.contact_leak_um - leak_um) < 0.5 * abs(by_discs.contact_leak_um - leak_um)
+
+    made = _recorded(list(recording.records()))
+    by_discs, by_truth = (
+        _judge(recording, replace(fingers, contacts=contacts), made).contact_leak_um for contacts in (None, [tip, tip])
+    )
+    assert abs(judged.score.contact_leak_um - by_truth) < 0.5 * abs(by_discs - by_truth)
 
 
 def test_a_column_has_the_contact_of_the_finger_that_is_in_it() -> None:
