@@ -1,7 +1,7 @@
 """Readings of friction from a force sensor under the plate, while a finger strokes and the amplitude steps.
 
 The sensor is a stream of the Lab Streaming Layer. What the service does and what the sensor measures are in one
-recording, on one clock; readings are means over WINDOW_S in which one finger slides and gets what it should.
+recording, on one clock; readings are means over WINDOW_S in which one finger slides and gets much the same amplitude.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ HELD_S: Final = 3.0  # at each level, twice
 WINDOW_S: Final = 0.1
 SETTLED_S: Final = 0.3  # after a step
 LEAST_SPEED_MM_S: Final = 10.0
-MOST_OFF_FRAC: Final = 0.05  # of an amplitude that a place could not get
+STEP_UM: Final = 0.1  # readings whose amplitudes differ by less are of one
+MOST_SPREAD_UM: Final = 0.15  # of what a finger gets within a window, as a standard deviation
 FEWEST_SAMPLES: Final = 3  # in a window, of the sensor and of the pad
 NORMAL: Final = "fz"  # names of channels, in any case
 LATERAL: Final = ("fx", "fy")
@@ -150,23 +151,27 @@ def _channels(found: _Tables, stream: str) -> dict[str, int]:
 
 
 def _window(found: _Tables, at_s: FloatArray, force: FloatArray, t_s: float) -> tuple[float, float, float] | None:
-    """Return amplitude, friction and speed of one window; None where it is no reading."""
+    """Return amplitude, friction and speed of one window; None where it is no reading.
+
+    The amplitude is what the finger got: a sliding one seldom gets what was asked all along.
+    """
     fingers, targets = found["fingers"], found["targets"]
     touching, given = _within(fingers["t_s"], t_s), _within(targets["t_s"], t_s, SETTLED_S)
+    got = _within(targets["t_s"], t_s)
     ids = np.unique(fingers["finger_id"][touching])
     target_um = np.asarray(targets["target_um"][given], float)
-    has_samples = touching.stop - touching.start >= FEWEST_SAMPLES and len(target_um) > 0
+    has_samples = min(touching.stop - touching.start, got.stop - got.start) >= FEWEST_SAMPLES
     if len(ids) != 1 or not has_samples or np.ptp(target_um) > 0.0:
         return None
-    achieved_um = np.asarray(targets["achieved_um"][given], float)
-    if np.abs(achieved_um - target_um).max() > MOST_OFF_FRAC * max(float(target_um[0]), 1.0):
+    achieved_um = np.asarray(targets["achieved_um"][got], float)
+    if achieved_um.std() > MOST_SPREAD_UM:
         return None
     x_mm, y_mm, sampled_s = (np.asarray(fingers[name][touching], float) for name in ("x_mm", "y_mm", "t_s"))
     way_mm, span_s = float(np.hypot(np.diff(x_mm), np.diff(y_mm)).sum()), float(np.ptp(sampled_s))
     felt = force[_within(at_s, t_s)]
     if span_s <= 0.0 or way_mm < LEAST_SPEED_MM_S * span_s or np.isfinite(felt).sum() < FEWEST_SAMPLES:
         return None
-    return float(target_um[0]), float(np.nanmean(felt)), way_mm / span_s
+    return round(float(achieved_um.mean()) / STEP_UM) * STEP_UM, float(np.nanmean(felt)), way_mm / span_s
 
 
 def _within(at_s: npt.NDArray[np.generic], t_s: float, before_s: float = 0.0) -> slice:

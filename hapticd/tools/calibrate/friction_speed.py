@@ -83,7 +83,7 @@ def _of_bare(amplitude_um: FloatArray, friction: FloatArray, speed_mm_s: FloatAr
     is_good = (amplitude_um <= BARE_UM) & (friction > 0.0)
     if is_good.sum() < LEAST_BARE:
         return np.ones(len(friction))
-    slope = np.polynomial.Polynomial.fit(ratio[is_good], np.log(friction[is_good]), 1).convert().coef[1]
+    slope = np.polynomial.Polynomial.fit(ratio[is_good], np.log(friction[is_good]), 1).deriv()(0.0)
     return np.asarray(np.exp(slope * ratio))
 
 

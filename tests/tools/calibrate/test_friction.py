@@ -152,6 +152,12 @@ def test_readings_that_show_no_effect_of_speed_give_none(seed: int) -> None:
     assert found.about_speed.startswith("Speed changes nothing that the readings show, from 2")
 
 
+def test_bare_glass_that_is_the_same_at_every_speed_is_no_failure() -> None:
+    amplitude_um, _, speed_mm_s = sliding(np.inf, 1)
+    found = fit_friction(amplitude_um, np.exp(-amplitude_um), speed_mm_s)  # as a sensor without noise has it
+    assert (found.speed_mm_s, found.bare) == (np.inf, pytest.approx(1.0))
+
+
 def test_readings_that_cannot_show_an_effect_of_speed_say_so() -> None:
     amplitude_um, value, speed_mm_s = sliding(100.0, 1)
     at_one_speed = np.where(amplitude_um > 0.0, speed_mm_s, 100.0)
