@@ -2,7 +2,7 @@
 
 BIDS (bids.neuroimaging.io, behavioural experiments) has a table for each participant, `sub-P03_task-NAME_beh.tsv`, with
 the meanings of its columns in a JSON file. Its labels are letters and digits alone. Recordings of the same sessions
-belong next to them, as `sub-P03_task-NAME_physio.mcap`.
+lie next to them, as `sub-P03_task-NAME_physio.mcap`, several as `sub-P03_task-NAME_run-1_physio.mcap`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import re
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -39,6 +41,7 @@ MEANINGS: Final[Mapping[str, str]] = {
     "simulated": "what was simulated: plate, participant, or nothing",
 }
 _ABSENT: Final = "n/a"
+_MOST_PARTS: Final = 100  # recordings of a session that was interrupted
 
 TrialRow = Mapping[str, Any]
 
@@ -49,8 +52,11 @@ def rows_of(table: Sequence[Sequence[object]], simulated: str) -> list[dict[str,
     return [dict(zip(head, [*row, simulated], strict=True)) for row in table[1:]]
 
 
-def write_bids(rows: Sequence[TrialRow], task: str, folder: Path, *, is_forced: bool = False) -> list[Path]:
-    """Write the folder, and return its files. Raises HapticdError for one that cannot be written, or is another's."""
+def write_bids(
+    rows: Sequence[TrialRow], task: str, folder: Path, sessions: Path | None = None, *, is_forced: bool = False
+) -> list[Path]:
+    """Write the folder, with the recordings that lie in `sessions`, and return its files. Raises HapticdError for one
+    that cannot be written, or is another's."""
     texts = _files(rows, _label(task))
     paths = {folder / name: text for name, text in texts.items()}
     outputs.create_folder(folder)
@@ -60,7 +66,10 @@ def write_bids(rows: Sequence[TrialRow], task: str, folder: Path, *, is_forced: 
         outputs.create_folder(path.parent)
         with opened(path) as file:
             file.write(text.encode())
-    return list(paths)
+    recorded = {} if sessions is None else _recordings(rows, _label(task), sessions)
+    for name, path in recorded.items():
+        _put(path, folder / name)
+    return [*paths, *(folder / name for name in recorded)]
 
 
 def write_parquet(rows: Sequence[TrialRow], path: Path) -> None:
@@ -101,6 +110,31 @@ def _files(rows: Sequence[TrialRow], task: str) -> dict[str, str]:
         own = [[row[name] for name in columns] for row in rows if str(row["participant"]) == person]
         found[f"sub-{label}/beh/sub-{label}_task-{task}_beh.tsv"] = _tsv([columns, *own])
     return found
+
+
+def _recordings(rows: Sequence[TrialRow], task: str, sessions: Path) -> dict[str, Path]:
+    """Return the recordings of each participant's session by their paths in the folder."""
+    found: dict[str, Path] = {}
+    for person in dict.fromkeys(str(row["participant"]) for row in rows):
+        named = [sessions / f"{person}{part}.mcap" for part in ("", *(f".{n}" for n in range(2, _MOST_PARTS)))]
+        parts = [path for path in named if path.is_file()]
+        label = _label(person)
+        for number, path in enumerate(parts, 1):
+            run = f"_run-{number}" if len(parts) > 1 else ""
+            found[f"sub-{label}/beh/sub-{label}_task-{task}{run}_physio.mcap"] = path
+    return found
+
+
+def _put(path: Path, there: Path) -> None:
+    """Give a file a second name, or copy it to another disk. Raises StudyError."""
+    try:
+        there.unlink(missing_ok=True)
+        try:
+            os.link(path, there)
+        except OSError:
+            shutil.copyfile(path, there)
+    except OSError as error:
+        raise StudyError(f"{there}: cannot be written ({error.strerror}): choose another place.") from None
 
 
 def _label(name: str) -> str:

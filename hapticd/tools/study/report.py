@@ -81,7 +81,7 @@ def write(
         plain["trials"] = dataset.rows_of(table, simulated)
         write_json(plain, json_file)
     if bids is not None:
-        files = dataset.write_bids(dataset.rows_of(table, simulated), names.pop(), bids, is_forced=is_forced)
+        files = dataset.write_bids(dataset.rows_of(table, simulated), names.pop(), bids, folder, is_forced=is_forced)
         print(f"wrote {len(files)} files in {bids}", file=sys.stderr)
     if parquet is not None:
         dataset.write_parquet(dataset.rows_of(table, simulated), parquet)

@@ -43,6 +43,19 @@ def test_each_participant_has_a_table_under_a_name_of_bids(tmp_path: Path) -> No
     dataset.write_bids(rows, "my-task", tmp_path / "out")  # over those of an earlier report
 
 
+def test_recordings_of_the_sessions_lie_next_to_their_tables(tmp_path: Path) -> None:
+    for name in ("P-03.mcap", "P-03.2.mcap", "P4.mcap", "P5.mcap"):
+        (tmp_path / name).write_text(name)
+    for _ in range(2):  # the second over those of the first
+        written = dataset.write_bids(dataset.rows_of(TABLE, ""), "my-task", tmp_path / "out", tmp_path)
+    recorded = {path.name: path.read_text() for path in written if path.suffix == ".mcap"}
+    assert recorded == {
+        "sub-P03_task-mytask_run-1_physio.mcap": "P-03.mcap",
+        "sub-P03_task-mytask_run-2_physio.mcap": "P-03.2.mcap",
+        "sub-P4_task-mytask_physio.mcap": "P4.mcap",
+    }
+
+
 def test_a_folder_of_other_files_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(StudyError, match="holds other files: give an empty folder, or add --force"):
