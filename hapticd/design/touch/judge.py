@@ -35,6 +35,7 @@ USUAL = np.array((0.28, 0.28, 0.003, 0.0017, 0.0017))
 PASSING = np.array((0.3, 0.3, 0.0017, 0.003, 0.003))
 CAUTION = 2.0 / 3.0  # of the best share: nine tenths of what it gains on average, and less harm where it is wrong
 POSE_SHARE = CAUTION * USUAL**2 / (USUAL**2 + PASSING**2)
+MOVED_MM = 0.85  # of a shift, twice what is found usually: a pad that is farther off was moved
 FEW_WINDOWS = 500  # by which that is seen
 POINT_MM2 = 3.0  # of spread: a disc of 3.4 mm, smaller than any finger's; a pad off by 1 mm passes for 1 mm2
 MOST_SIGMAS = 4.0  # of the pad's prior: what is farther off needs another step first
@@ -175,9 +176,12 @@ def _effective(found: Calibration, latency_s: float) -> Calibration:
 
 
 def _without_bias(judged: Judged) -> Judged:
-    """Return the share of the pad's pose that is its own; another session, with another posture, shows the rest."""
+    """Return the share of the pad's pose that is its own; another session, with another posture, shows the rest. Of a
+    pad that was moved it is as far as the shift is above MOVED_MM (James and Stein)."""
     pad = judged.calibration.pad.copy()
-    pad[: len(USUAL)] *= POSE_SHARE
+    moved = 1.0 - MOVED_MM**2 / max(float(pad[:2] @ pad[:2]), 1e-12)
+    pad[:2] *= max(POSE_SHARE[0], moved)
+    pad[2 : len(USUAL)] *= POSE_SHARE[2:]
     return replace(judged, calibration=replace(judged.calibration, pad=pad))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from hapticd.design.touch import judge
 from hapticd.design.touch.fit import Fit
-from hapticd.design.touch.judge import POSE_SHARE, calibrate
+from hapticd.design.touch.judge import MOVED_MM, POSE_SHARE, calibrate
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.observations import in_windows
 
@@ -32,6 +32,13 @@ def test_what_held_out_touches_confirm_is_adopted() -> None:
     assert judged.latency_s == pytest.approx(3e-3, abs=0.3e-3)
     assert judged.gain_frac > 0.1
     assert "touch there next" in judged.map_refusal
+
+
+def test_a_pad_that_was_moved_is_followed() -> None:
+    moved = replace(WRONG, pad=WRONG.pad * (4.0, 4.0, 1.0, 1.0, 1.0, 1.0, 1.0))  # by 2 mm
+    judged = calibrate(Touching(moved, seconds=8.0).windows(), mode_map())
+    assert judged.refusal == ""
+    assert np.abs(judged.calibration.pad[:2] - (1.0 - MOVED_MM**2 / 4.0) * moved.pad[:2]).max() < 0.05
 
 
 def test_modes_that_turned_into_each_other_are_no_mistake_but_sensors_that_were_swapped_are() -> None:
