@@ -162,7 +162,8 @@ class Model:
         self._known = windows.slope_um_s + 1j * windows.turning_rad_s[..., None] * windows.measured_um
         points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
         self._touches = (windows.track[..., None] == np.arange(len(windows.tracks))).astype(np.float64)  # (B, N, T)
-        self.contrasts = _contrasts(self._touches.sum(axis=(0, 1)))  # (T, R)
+        moved_um = np.einsum("bsnm,bsm->bsn", shapes_at(modes, points)[..., 0, :], windows.measured_um @ start.sense.T)
+        self.contrasts = _contrasts(np.einsum("bsn,bnt->t", np.abs(moved_um) ** 2, self._touches))  # (T, R)
         # Of a minute of touching by far the largest array.
         self._shapes = np.zeros((*points.shape[:-1], 3, 0 if waves is None else len(waves)), np.float32)
         if waves is not None:
@@ -265,14 +266,14 @@ class Model:
         return np.asarray(slope, np.float64)
 
 
-def _contrasts(windows: FloatArray) -> FloatArray:
-    """Return R ways (T, R) in which touches of so many windows (T,) differ: orthonormal, and 0 on their mean, which is
-    the pad's place."""
-    seen = np.flatnonzero(windows)
+def _contrasts(weights: FloatArray) -> FloatArray:
+    """Return R ways (T, R) in which touches differ: orthonormal, and 0 on their mean by these weights (T,), the
+    pad's place. A finger shows its place as far as it moves the plate: what a still one hides does not blur the mean."""
+    seen = np.flatnonzero(weights)
     if len(seen) == 0:
-        return np.zeros((len(windows), 0))
-    basis = np.linalg.qr(np.column_stack((windows[seen], np.eye(len(seen))[:, 1:])))[0]
-    found = np.zeros((len(windows), len(seen) - 1))
+        return np.zeros((len(weights), 0))
+    basis = np.linalg.qr(np.column_stack((weights[seen], np.eye(len(seen))[:, 1:])))[0]
+    found = np.zeros((len(weights), len(seen) - 1))
     found[seen] = basis[:, 1:]
     return found
 
