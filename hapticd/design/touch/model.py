@@ -268,7 +268,7 @@ class Model:
 
 def _contrasts(weights: FloatArray) -> FloatArray:
     """Return R ways (T, R) in which touches differ: orthonormal, and 0 on their mean by these weights (T,), the
-    pad's place. A finger shows its place as far as it moves the plate: what a still one hides does not blur the mean."""
+    pad's place. A finger shows its place as far as it moves the plate: what a still one hides blurs no mean."""
     seen = np.flatnonzero(weights)
     if len(seen) == 0:
         return np.zeros((len(weights), 0))
