@@ -1,7 +1,8 @@
 """Open Sound Control 1.0: messages with whole numbers, numbers, texts and time tags. Nothing is kept.
 
 Lengths are checked before anything is cut out; an argument whose type is not known ends the message, not the decoder.
-The `python-osc` package (1.10) is not used: 40 kB of bundles in bundles exhaust its recursion, and any sender may send them.
+The `python-osc` package (1.10) is not used: 40 kB of bundles in bundles, which any sender may send, exhaust its
+recursion.
 """
 
 from __future__ import annotations
