@@ -202,6 +202,17 @@ static bool decide(hd_control_t *control, const hd_phasor_t reference_um[HD_MODE
     }
 }
 
+/* As large as the law left room for. */
+static __attribute__((noinline)) void probe(const hd_control_t *control, hd_phasor_t u_v[HD_MODES], float v_limit_v,
+                                            hd_phasor_t voltage_v[HD_MODES])
+{
+    #pragma GCC unroll 1
+    for (int k = 0; k < HD_MODES; k++) {
+        u_v[k].d += control->probe_v[k];
+    }
+    hd_wiring_drive(&control->design.wires, u_v, v_limit_v, voltage_v);
+}
+
 bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES],
                      const hd_phasor_t measured_um[HD_MODES], float v_limit_v, hd_phasor_t voltage_v[HD_MODES])
 {
@@ -213,7 +224,11 @@ bool hd_control_step(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
     hd_phasor_t *own_v_per_um = &loop->coupling_v_per_um[control->turn];
     *own_v_per_um = hd_add(*own_v_per_um, hd_observer_learn(&loop->observer, &control->design.observer[control->turn]));
     hd_couple(control);
-    bool saturated = decide(control, reference_um, measured_um, v_limit_v, u_v, voltage_v);
+    float law_limit_v = v_limit_v - control->probe_frac * v_limit_v;
+    bool saturated = decide(control, reference_um, measured_um, law_limit_v, u_v, voltage_v);
+    if (control->probes) {
+        probe(control, u_v, v_limit_v, voltage_v);
+    }
     for (int k = 0; k < HD_MODES; k++) {
         hd_observer_drive(&control->loop[k].observer, u_v[k]);
     }

@@ -65,6 +65,7 @@ typedef struct {
     float coupling_um2;      /* sum of |W|^2 that the couplings were learned from */
     bool probes;             /* adds to what a law asks of the modes, so that their sensors have something to show (reach.h): */
     float probe_v[HD_MODES];
+    float probe_frac;        /* of the voltage limit, that they take from the law; 0 without */
     uint8_t turn;            /* the mode and sensor that this tick judges */
 } hd_control_t;
 

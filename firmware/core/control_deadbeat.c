@@ -40,8 +40,5 @@ bool hd_law_deadbeat(hd_control_t *control, const hd_phasor_t reference_um[HD_MO
         *x_um = hd_on_the_way(*x_um, goal_um[k], fraction);
         u_v[k] = hd_add(stay_v[k], hd_scale(fraction, move_v[k]));
     }
-    if (control->probes) {
-        hd_probe(control, u_v);
-    }
     return hd_wiring_drive(&control->design.wires, u_v, v_limit_v, voltage_v) || saturated;
 }

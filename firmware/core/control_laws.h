@@ -16,12 +16,4 @@ bool hd_law_pi_ff(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES
 bool hd_law_deadbeat(hd_control_t *control, const hd_phasor_t reference_um[HD_MODES], float v_limit_v,
                      hd_phasor_t u_v[HD_MODES], hd_phasor_t voltage_v[HD_MODES]);
 
-static inline void hd_probe(const hd_control_t *control, hd_phasor_t u_v[HD_MODES])
-{
-    #pragma GCC unroll 1
-    for (int k = 0; k < HD_MODES; k++) {
-        u_v[k].d += control->probe_v[k];
-    }
-}
-
 #endif

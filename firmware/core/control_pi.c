@@ -25,9 +25,6 @@ static bool drive_modes(hd_control_t *control, const hd_phasor_t error_um[HD_MOD
     for (int k = 0; k < HD_MODES; k++) {
         targets_v[k] = target_v(control, k, error_um[k], ahead_v[k]);
     }
-    if (control->probes) {
-        hd_probe(control, targets_v);
-    }
     memcpy(u_v, targets_v, sizeof targets_v);
     bool reduced = hd_wiring_drive(&control->design.wires, u_v, v_limit_v, voltage_v);
     for (int k = 0; k < HD_MODES; k++) {

@@ -71,7 +71,7 @@ bool hd_init(hd_core_t *core, const hd_config_t *config, uint32_t now_us)
 
 static void watch_plate(hd_core_t *core, uint32_t now_us)
 {
-    hd_reach_watch(core);
+    hd_reach_watch(core, now_us);
     enum hd_fault fault = hd_implausible(core);
     if (fault != HD_FAULT_NONE) {
         hd_fail(core, fault, core->control.turn, hd_magnitude(core->measured_um[core->control.turn]), now_us);

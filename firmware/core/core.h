@@ -123,6 +123,8 @@ typedef struct {
     float allowed_v;      /* of an amplifier, by reach_watch.h */
     bool asks;            /* the sensors, by small probes on the voltages */
     uint8_t trusted, due; /* sensors, one bit each: trusted; to be judged, again before the trust ends */
+    uint8_t suspect;       /* sensors that have shown nothing since the start, or something else than they should */
+    uint16_t suspect_ticks; /* for which a mode has moved that one hears */
     uint16_t follow_ticks; /* for which what the voltage does is still followed */
     uint32_t probes;      /* a shift register, by which signs */
     uint16_t pulse_ticks; /* until the sync output may rise again */
@@ -151,8 +153,9 @@ typedef struct {
     uint16_t ramp_ticks;
     uint16_t distrust_turns;
     uint16_t swing_turns;
-    uint16_t trust_turns, renew_turns, settling_turns, followed_ticks;
+    uint16_t trust_turns, renew_turns, settling_turns, followed_ticks, patience_ticks, acquitted_ticks;
     float surprise_um2[HD_MODES];
+    float suspect_um[HD_MODES], hurry_um[HD_MODES], sure_frac;
     float ask_um[HD_MODES], probe_um[HD_MODES]; /* from where on a mode's sensors are asked, and what a probe moves it by */
     float missed_frac;    /* of the sums that trust comes from, that a tick leaves */
     float recent_frac;    /* of the recent sums, that a turn leaves */

@@ -2,6 +2,7 @@
 
 #include "exponential.h"
 #include "reach_watch.h"
+#include "states.h"
 
 #define LEAST_DAMPING 0.5f /* of the model's, as plausibility.c has it */
 #define REACH 1.25f        /* of the mode's limit: gains, noise and trust wrongly given carry a plate a fifth farther, below 1.6 */
@@ -18,10 +19,19 @@
 #define SURPRISE_FRAC 0.01f /* of the limit: less moves no mode away */
 #define SETTLING_TICKS 5   /* for which the observer still follows what surprised it */
 
+#define CONTRARY 0.5f      /* of what probes do: a sensor that shows surely less is broken; damped and drifted plates show more */
+#define SURE2 10.0f        /* the square of how many standard deviations are sure */
+#define ENOUGH 24          /* ticks of probes, before */
+#define SURE_S 0.06f       /* memory of those sums */
+#define PATIENCE_S 0.065f  /* in which what is asked shows a sensor to be sound, or wrong wires and loops are named, before probes decide */
+#define ACQUITTED_S 0.14f  /* and no longer than to here: fingers that hold a mode, and wires that mix, never show what is expected */
+#define HURRY_1_S 40.0f    /* of the limit, that these probes move a mode by in a second of one sign */
+
 #define RENEW_S 0.04f      /* before the trust ends: long enough for an answer, so that nothing sound is ever held back */
 #define ASK_FRAC 0.8f      /* of REACH: nearer the limit there is no time left for an answer */
 #define PROBE_FRAC 0.0015f /* of the mode's limit, that a probe moves it by in a tick: seven times the converters' noise */
-#define PROBE_TAPS 0x80200003U /* of a shift register of 32 bits that comes round after 2^32 - 1 steps */
+#define SUSPECT_FRAC 0.02f /* of the mode's limit: a bound below needs no proof */
+#define PROBES_MOST 0.5f   /* of the voltage */
 #define PROBE_APART 3      /* bits from one mode's to the next's */
 
 #define ALL_SENSORS ((1u << HD_MODES) - 1u)
@@ -48,18 +58,29 @@ void hd_reach_design(hd_reach_design_t *design, const hd_observer_design_t *mode
 void hd_reach_init(hd_core_t *core)
 {
     float turns_hz = core->config.control_hz / (float)HD_MODES;
-    core->probes = 1;
+    core->probes = 0xB5297A4DU;
     core->trust_turns = (uint16_t)(1.0f + TRUST_S * turns_hz);
     core->renew_turns = (uint16_t)(1.0f + RENEW_S * turns_hz);
     core->settling_turns = (uint16_t)((SETTLING_TICKS + HD_MODES - 1) / HD_MODES);
     core->followed_ticks = (uint16_t)(1.0f + FOLLOWED_S * core->config.control_hz);
+    core->patience_ticks = (uint16_t)(1.0f + PATIENCE_S * core->config.control_hz);
+    core->acquitted_ticks = (uint16_t)(ACQUITTED_S * core->config.control_hz);
+    core->sure_frac = hd_decay(-1.0f / (SURE_S * core->config.control_hz));
     core->missed_frac = hd_decay(-1.0f / (MEMORY_S * core->config.control_hz));
     for (int k = 0; k < HD_MODES; k++) {
+        core->suspect_um[k] = SUSPECT_FRAC * core->config.w_limit_um[k];
         core->ask_um[k] = ASK_FRAC * REACH * core->config.w_limit_um[k];
         core->surprise_um2[k] = SURPRISE_FRAC * SURPRISE_FRAC * core->config.w_limit_um[k] * core->config.w_limit_um[k];
+        core->hurry_um[k] = HURRY_1_S / core->config.control_hz * core->config.w_limit_um[k];
         core->probe_um[k] = PROBE_FRAC * core->config.w_limit_um[k];
     }
     hd_reach_doubt(core);
+}
+
+static void forget_answers(hd_reach_t *reach)
+{
+    reach->answers = 0;
+    reach->contrary_um = reach->contrary_um2 = 0.0f;
 }
 
 static void doubt(hd_core_t *core, int s)
@@ -68,13 +89,15 @@ static void doubt(hd_core_t *core, int s)
     reach->trusted_turns = 0;
     reach->settling_turns = (uint8_t)core->settling_turns;
     reach->missed_um2 = reach->expected_um2 = 0.0f;
+    forget_answers(reach);
+    core->suspect = (uint8_t)(core->suspect | 1u << s);
 }
 
 void hd_reach_doubt(hd_core_t *core)
 {
     core->trusted = 0;
     core->due = (uint8_t)ALL_SENSORS;
-    core->follow_ticks = 0;
+    core->follow_ticks = core->suspect_ticks = 0;
     #pragma GCC unroll 1
     for (int k = 0; k < HD_MODES; k++) {
         doubt(core, k);
@@ -111,11 +134,38 @@ static hd_phasor_t expect(hd_core_t *core, int k)
     return last_um;
 }
 
+/* Of the probes in the tick whose innovation is known, which saw two of them: -1 to 1. */
+static float probed(const hd_core_t *core, int k)
+{
+    uint32_t bits = core->probes >> PROBE_APART * k;
+    return (float)(int32_t)((bits & 1u) + (bits >> 1 & 1u)) - 1.0f;
+}
+
+/* What sensor s showed of the probes, against what they did. */
+static inline void weigh(hd_core_t *core, int s, hd_phasor_t missed_um, hd_phasor_t expected_um)
+{
+    const hd_wires_t *wires = &core->control.design.wires;
+    hd_reach_t *reach = &core->reach[s];
+    hd_phasor_t sign = {probed(core, s), 0.0f};
+    if (!wires->has_own_sensors) {
+        sign = ZERO;
+        #pragma GCC unroll 1
+        for (int k = 0; k < HD_MODES; k++) {
+            sign = hd_add(sign, hd_scale(probed(core, k), wires->sees[s][k]));
+        }
+    }
+    float probed_um = hd_dot(sign, expected_um), shown_um = probed_um + hd_dot(sign, missed_um);
+    reach->contrary_um = core->sure_frac * reach->contrary_um + CONTRARY * probed_um - shown_um;
+    reach->contrary_um2 = core->sure_frac * reach->contrary_um2 + shown_um * shown_um;
+    reach->answers = (uint8_t)(reach->answers + (reach->answers < ENOUGH ? 1 : 0));
+}
+
 /* By sensors that may each see several modes. */
 static __attribute__((noinline)) void add_up(hd_core_t *core)
 {
     const hd_wires_t *wires = &core->control.design.wires;
     float kept = core->missed_frac;
+    uint32_t weighed = core->suspect_ticks > core->patience_ticks ? core->suspect : 0u;
     hd_phasor_t missed_um[HD_MODES], expected_um[HD_MODES];
     #pragma GCC unroll 1
     for (int k = 0; k < HD_MODES; k++) {
@@ -134,6 +184,9 @@ static __attribute__((noinline)) void add_up(hd_core_t *core)
                 e_um = hd_add(e_um, hd_mul(wires->sees[s][k], expected_um[k]));
             }
         }
+        if ((weighed & 1u << s) != 0) {
+            weigh(core, s, i_um, e_um);
+        }
         reach->missed_um2 = kept * reach->missed_um2 + hd_dot(i_um, i_um);
         reach->expected_um2 = kept * reach->expected_um2 + hd_dot(e_um, e_um);
     }
@@ -148,10 +201,19 @@ static bool shows(hd_core_t *core, int s)
     }
     reach->trusted_turns = core->trust_turns;
     reach->missed_um2 = reach->expected_um2 = 0.0f;
+    forget_answers(reach);
+    core->suspect = (uint8_t)(core->suspect & ~(1u << s));
     core->trusted = (uint8_t)(core->trusted | 1u << s);
     core->due = (uint8_t)(core->due & ~(1u << s));
     core->follow_ticks = core->due != 0 ? core->follow_ticks : 0;
     return true;
+}
+
+/* Whether probes surely moved the plate, and a sensor surely does not show it. */
+static bool is_contrary(const hd_reach_t *reach)
+{
+    float contrary_um = reach->contrary_um;
+    return reach->answers >= ENOUGH && contrary_um > 0.0f && contrary_um * contrary_um > SURE2 * reach->contrary_um2;
 }
 
 /* Whether the sensor's trust begins, goes on, or ends. */
@@ -165,6 +227,7 @@ static __attribute__((noinline)) void judge(hd_core_t *core, int s)
         if (reach->settling_turns > 0) {
             reach->settling_turns--;
             reach->missed_um2 = reach->expected_um2 = 0.0f;
+            forget_answers(reach);
         }
         shows(core, s);
         return;
@@ -196,11 +259,24 @@ static __attribute__((noinline)) hd_phasor_t mixed_innovation_um(const hd_core_t
 }
 
 /* Nothing is expected: what comes is a surprise. */
-static inline void listen(hd_core_t *core, int s)
+static inline bool listen(hd_core_t *core, int s)
 {
     bool own = core->control.design.wires.has_own_sensors; /* (inlined, the other would have every tick save registers) */
     hd_phasor_t i_um = own ? core->control.loop[s].observer.innovation_um : mixed_innovation_um(core, s);
     core->reach[s].missed_um2 = core->missed_frac * core->reach[s].missed_um2 + hd_dot(i_um, i_um);
+    return !(core->reach[s].missed_um2 <= core->surprise_um2[s]);
+}
+
+/* To each sensor at every second tick at least: the observer follows a surprise within three. */
+static inline bool listen_around(hd_core_t *core, int turn)
+{
+    bool surprised = listen(core, turn);
+    #pragma GCC unroll 1
+    for (int n = 2; n < HD_MODES; n += 2) {
+        int s = turn + n < HD_MODES ? turn + n : turn + n - HD_MODES;
+        surprised = listen(core, s) || surprised;
+    }
+    return surprised;
 }
 
 /* At least the magnitude, and at most 1.09 times that. */
@@ -237,12 +313,19 @@ static __attribute__((noinline)) void probe(hd_core_t *core)
 {
     uint32_t bits = core->probes;
     core->control.probes = core->asks;
-    core->probes = bits >> 1 ^ ((bits & 1u) != 0 ? PROBE_TAPS : 0u);
+    core->probes = bits >> 1 | (bits ^ bits >> 10 ^ bits >> 30 ^ bits >> 31) << 31; /* comes round after 2^32 - 1 steps */
+    const float *probe_um = core->suspect_ticks > core->patience_ticks ? core->hurry_um : core->probe_um;
+    float most_v = 0.0f, sum_v = 0.0f;
     #pragma GCC unroll 1
     for (int k = 0; k < HD_MODES; k++) {
-        float probe_v = core->probe_um[k] * core->control.design.reach[k].v_per_um;
-        core->control.probe_v[k] = (bits >> PROBE_APART * k & 1u) != 0 ? probe_v : -probe_v;
+        float probe_v = probe_um[k] * core->control.design.reach[k].v_per_um;
+        core->control.probe_v[k] = (bits >> PROBE_APART * (k + 1) & 1u) != 0 ? probe_v : -probe_v;
+        sum_v += probe_v;
+        most_v = probe_v > most_v ? probe_v : most_v;
     }
+    most_v = core->control.design.wires.has_own_amplifiers ? most_v : sum_v;
+    float most_frac = most_v < PROBES_MOST * core->allowed_v ? most_v / core->allowed_v : PROBES_MOST;
+    core->control.probe_frac = core->asks ? most_frac : 0.0f;
 }
 
 /* Whether a voltage changes enough for a sensor to show it. */
@@ -271,7 +354,7 @@ static void follow(hd_core_t *core)
 /* R, asks and limits, while a sensor is due. */
 static __attribute__((noinline)) void bound(hd_core_t *core, int turn)
 {
-    bool asked = core->asks;
+    bool asked = core->asks, suspect = false;
     float most_v = core->config.v_limit_v;
     core->asks = false;
     #pragma GCC unroll 1
@@ -283,10 +366,17 @@ static __attribute__((noinline)) void bound(hd_core_t *core, int turn)
         }
         reach_um += design->push_um_per_v * at_least(core->control.loop[k].observer.new_v);
         core->reach[k].reach_um = reach_um;
+        suspect = suspect || (reach_um > core->suspect_um[k] && (design->hears & core->suspect) != 0);
         if (reach_um > core->ask_um[k]) {
             most_v = hd_smaller(most_v, allowed_v(core, k));
         }
     }
+    core->suspect_ticks = suspect ? (uint16_t)(core->suspect_ticks + 1) : 0;
+    if (core->suspect_ticks > core->acquitted_ticks) {
+        core->suspect = 0;
+        core->suspect_ticks = 0;
+    }
+    core->asks = core->asks || core->suspect_ticks > core->patience_ticks;
     if (core->due == 0) { /* the last of them has just shown it */
         most_v = core->config.v_limit_v;
         core->asks = false;
@@ -301,7 +391,12 @@ static __attribute__((noinline)) void bound(hd_core_t *core, int turn)
 /* Every sensor was trusted, and R not followed: what they read bounds it; what no longer shows it may have gone to its limit. */
 static __attribute__((noinline)) void begin_to_bound(hd_core_t *core)
 {
-    judge(core, core->control.turn);
+    #pragma GCC unroll 1
+    for (int s = 0; s < HD_MODES; s++) {
+        if (s == core->control.turn || !(core->reach[s].missed_um2 <= core->surprise_um2[s])) {
+            judge(core, s);
+        }
+    }
     #pragma GCC unroll 1
     for (int k = 0; k < HD_MODES; k++) {
         float um = at_least(core->measured_um[k]), limit_um = core->config.w_limit_um[k];
@@ -310,25 +405,35 @@ static __attribute__((noinline)) void begin_to_bound(hd_core_t *core)
     }
 }
 
-void hd_reach_watch(hd_core_t *core)
+/* While a sensor is due. */
+static __attribute__((noinline)) void prove(hd_core_t *core, uint32_t now_us)
 {
     int turn = core->control.turn;
-    hd_reach_t *reach = &core->reach[turn];
-    if (core->due == 0) {
-        listen(core, turn);
-        uint32_t left = reach->trusted_turns;
-        reach->trusted_turns = (uint16_t)(left - 1u);
-        if (left <= core->renew_turns || !(reach->missed_um2 <= core->surprise_um2[turn])) {
-            begin_to_bound(core);
-        }
-        return;
-    }
     if (core->follow_ticks > 0) {
         core->follow_ticks--;
         add_up(core);
     } else {
-        listen(core, turn);
+        listen_around(core, turn);
     }
     judge(core, turn);
     bound(core, turn);
+    if (core->suspect_ticks > core->patience_ticks && is_contrary(&core->reach[turn])) {
+        hd_fail(core, HD_FAULT_NO_RESPONSE, turn, hd_magnitude(core->sensor_um[turn]), now_us);
+    }
+}
+
+void hd_reach_watch(hd_core_t *core, uint32_t now_us)
+{
+    if (core->due != 0) {
+        prove(core, now_us);
+        return;
+    }
+    int turn = core->control.turn;
+    bool surprised = listen_around(core, turn);
+    hd_reach_t *reach = &core->reach[turn];
+    uint32_t left = reach->trusted_turns;
+    reach->trusted_turns = (uint16_t)(left - 1u);
+    if (left <= core->renew_turns || surprised) {
+        begin_to_bound(core);
+    }
 }

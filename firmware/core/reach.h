@@ -39,7 +39,9 @@ typedef struct {
     hd_phasor_t shown_um;           /* v_old; it and E only while a change of the voltage is being followed */
     hd_phasor_t expected_um[2];     /* E_old, E_older */
     float missed_um2, expected_um2; /* recent sums of |i|^2, and of |E|^2 while the sensor is due */
+    float contrary_um, contrary_um2; /* recent sum of what a sensor showed against the probes, and of its squares */
     uint16_t trusted_turns;         /* for which the sensor is still trusted */
+    uint8_t answers;                /* that these sums are of */
     uint8_t settling_turns;         /* until its sums begin */
 } hd_reach_t;
 

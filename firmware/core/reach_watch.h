@@ -7,8 +7,8 @@
 /* For a valid configuration. */
 void hd_reach_init(hd_core_t *core);
 
-/* Each tick, before the control law: what it and the observers last did, into `allowed_v` and the probes. */
-void hd_reach_watch(hd_core_t *core);
+/* Each tick, before the control law: what it and the observers last did, into `allowed_v` and the probes; or a fault. */
+void hd_reach_watch(hd_core_t *core, uint32_t now_us);
 
 /* Trusts no sensor. R stays, as the plate does. */
 void hd_reach_doubt(hd_core_t *core);

@@ -12,10 +12,12 @@ from hapticd.bench.closed_loop import (
     NOISE_UM,
     Law,
     LoopPlate,
+    follow,
     measure,
     settling_ms,
     step,
     step_trace,
+    stepped,
     straight_bound_ms,
 )
 from hapticd.bench.firmware import FAR_HZ, worst_response
@@ -165,7 +167,10 @@ def test_the_loop_is_stable_on_every_plate_of_the_grid(
 
 
 def crossed(law: Law, share: float, quality: float, wanted_um: ComplexArray) -> ComplexArray:
-    """Each amplifier also drives the other mode by `share` of its own, which SET_WIRING does not name."""
+    """Each amplifier also drives the other mode by `share` of its own, which SET_WIRING does not name.
+
+    Until the board has probed the sensors that do not show what it expects.
+    """
     gain = gain_um_per_v_s(quality) * np.array([[1.0, share], [share, 1.0]])
     config = BoardConfig(
         controller=law.controller,
@@ -174,16 +179,18 @@ def crossed(law: Law, share: float, quality: float, wanted_um: ComplexArray) -> 
         gain_um_per_v_s=(gain[0, 0],) * 2,
     )
     board = Board(nominal_plate(config, gain_um_per_v_s=gain), config=config)
-    return step(board, np.zeros(2, complex), wanted_um)
+    ticks = round(0.4 * law.control_hz)
+    return follow(board, stepped(np.zeros(2, complex), wanted_um), ticks, ticks // 40).plate_um
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6])
+@pytest.mark.parametrize(("share", "error_um"), [(0.3, 0.002), (0.6, 0.03)])
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
-def test_amplifiers_that_drive_both_modes_are_sorted_out(law: Law, share: float) -> None:
+def test_amplifiers_that_drive_both_modes_are_sorted_out(law: Law, share: float, error_um: float) -> None:
+    """But for small probes where they take so much voltage that sensors have to show what it does."""
     wanted_um: ComplexArray = np.array([1.0 + 0j, -0.5])
     for quality in (200.0, 1000.0):
         w_um = crossed(law, share, quality, wanted_um)
-        assert np.abs(w_um[-20:] - wanted_um).max() < 0.002
+        assert np.abs(w_um[-20:] - wanted_um).max() < error_um
 
 
 @pytest.mark.parametrize("law", [DEADBEAT, FAST], ids=str)
@@ -192,5 +199,5 @@ def test_amplifiers_that_need_many_times_the_voltage_for_it_are_held_back(law: L
     wanted_um: ComplexArray = np.array([1.0 + 0j, -0.5])
     for quality in (200.0, 1000.0):
         w_um = crossed(law, 0.8, quality, wanted_um)
-        assert (np.abs(w_um[-20:]) <= np.abs(wanted_um) + 0.01).all()
-        assert np.abs(w_um[-20:] - wanted_um).max() < 0.55
+        assert (np.abs(w_um[-20:]) <= np.abs(wanted_um) + 0.02).all()
+        assert np.abs(w_um[-20:] - wanted_um).max() < 0.6
