@@ -22,6 +22,6 @@ def test_gains_are_taken_exactly_where_the_plate_comes_to_rest(law: str, control
             driven = Bench(control_hz=control_hz, controller=law, **gains).board
             ticks = round(0.2 * control_hz)
             trace = follow(driven, constantly(0.3, -0.1), ticks, ticks // 20)
-            held_v = trace.voltage_v[ticks // 2 :]
+            held_v = trace.voltage_v[3 * ticks // 4 :]  # probes of sensors that little is asked of end within 0.14 s
             swings = not held_v.any() or bool(np.abs(np.diff(held_v, axis=0)).max() > 1.0)
             assert (verdict is CommandResult.DONE) is not swings, gains
