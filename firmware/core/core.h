@@ -154,7 +154,7 @@ typedef struct {
     uint16_t distrust_turns;
     uint16_t swing_turns;
     uint16_t trust_turns, renew_turns, settling_turns, followed_ticks, patience_ticks, acquitted_ticks;
-    float surprise_um2[HD_MODES];
+    float surprise_um2;
     float suspect_um[HD_MODES], hurry_um[HD_MODES], sure_frac;
     float ask_um[HD_MODES], probe_um[HD_MODES]; /* from where on a mode's sensors are asked, and what a probe moves it by */
     float missed_frac;    /* of the sums that trust comes from, that a tick leaves */

@@ -16,7 +16,7 @@
 #define MARGIN 1.15f       /* by which a trusted mode may be farther than it reads, as gains are known to a tenth */
 #define TRUST_S 0.5f       /* a sensor that slowly loses its signal loses 2 % meanwhile */
 #define SURPRISE2 0.5f     /* of what changes of the voltage do: more was no change of theirs, and ends the trust */
-#define SURPRISE_FRAC 0.01f /* of the limit: less moves no mode away */
+#define SURPRISE_FRAC 0.01f /* of the largest limit: a sensor sees as much of other modes; less moves no mode away */
 #define SETTLING_TICKS 5   /* for which the observer still follows what surprised it */
 
 #define CONTRARY 0.5f      /* of what probes do: a sensor that shows surely less is broken; damped and drifted plates show more */
@@ -67,10 +67,14 @@ void hd_reach_init(hd_core_t *core)
     core->acquitted_ticks = (uint16_t)(ACQUITTED_S * core->config.control_hz);
     core->sure_frac = hd_decay(-1.0f / (SURE_S * core->config.control_hz));
     core->missed_frac = hd_decay(-1.0f / (MEMORY_S * core->config.control_hz));
+    float surprise_um = 0.0f;
+    for (int k = 0; k < HD_MODES; k++) {
+        surprise_um = fmaxf(surprise_um, SURPRISE_FRAC * core->config.w_limit_um[k]);
+    }
+    core->surprise_um2 = surprise_um * surprise_um;
     for (int k = 0; k < HD_MODES; k++) {
         core->suspect_um[k] = SUSPECT_FRAC * core->config.w_limit_um[k];
         core->ask_um[k] = ASK_FRAC * REACH * core->config.w_limit_um[k];
-        core->surprise_um2[k] = SURPRISE_FRAC * SURPRISE_FRAC * core->config.w_limit_um[k] * core->config.w_limit_um[k];
         core->hurry_um[k] = HURRY_1_S / core->config.control_hz * core->config.w_limit_um[k];
         core->probe_um[k] = PROBE_FRAC * core->config.w_limit_um[k];
     }
@@ -239,7 +243,7 @@ static __attribute__((noinline)) void judge(hd_core_t *core, int s)
             return;
         }
     }
-    if (!(reach->missed_um2 <= SURPRISE2 * reach->expected_um2 + core->surprise_um2[s])) {
+    if (!(reach->missed_um2 <= SURPRISE2 * reach->expected_um2 + core->surprise_um2)) {
         doubt(core, s);
         core->trusted = (uint8_t)(core->trusted & ~bit);
         core->due = (uint8_t)(core->due | bit);
@@ -264,7 +268,7 @@ static inline bool listen(hd_core_t *core, int s)
     bool own = core->control.design.wires.has_own_sensors; /* (inlined, the other would have every tick save registers) */
     hd_phasor_t i_um = own ? core->control.loop[s].observer.innovation_um : mixed_innovation_um(core, s);
     core->reach[s].missed_um2 = core->missed_frac * core->reach[s].missed_um2 + hd_dot(i_um, i_um);
-    return !(core->reach[s].missed_um2 <= core->surprise_um2[s]);
+    return !(core->reach[s].missed_um2 <= core->surprise_um2);
 }
 
 /* To each sensor at every second tick at least: the observer follows a surprise within three. */
@@ -393,7 +397,7 @@ static __attribute__((noinline)) void begin_to_bound(hd_core_t *core)
 {
     #pragma GCC unroll 1
     for (int s = 0; s < HD_MODES; s++) {
-        if (s == core->control.turn || !(core->reach[s].missed_um2 <= core->surprise_um2[s])) {
+        if (s == core->control.turn || !(core->reach[s].missed_um2 <= core->surprise_um2)) {
             judge(core, s);
         }
     }
