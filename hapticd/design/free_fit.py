@@ -9,6 +9,7 @@ smoothing fit, which needs no free, flat and homogeneous plate.
 from __future__ import annotations
 
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,8 @@ def nearest_free_modes(
     modes: ModeShapes, wavelength_mm: float, size_mm: tuple[float, float]
 ) -> tuple[tuple[str, float], ...]:
     """Return for each mode the most similar free-plate mode near its wavelength: name and squared correlation over the
-    map, 1 for the same shape. () where theory has none.
+    map, 1 for the same shape, or for any mixture with the same mode turned, as patches make them on a square plate. ()
+    where theory has none.
 
     Source of the measure: R. J. Allemang and D. L. Brown, Proc. 1st Int. Modal Analysis Conf. (1982) 110.
     """
@@ -47,7 +49,15 @@ def nearest_free_modes(
     theory, measured = free.at(points), modes.shapes.reshape(modes.M, -1)
     sizes = np.outer((measured**2).sum(axis=1), (theory**2).sum(axis=0))
     correlation = (measured @ theory) ** 2 / np.maximum(sizes, np.finfo(float).tiny)
-    return tuple((free.names[int(np.argmax(row))], float(row.max())) for row in correlation)
+    turned = [_family(name) if size_mm[0] == size_mm[1] else name for name in free.names]
+    together = correlation @ np.equal.outer(turned, turned)
+    likest = correlation.argmax(axis=1)
+    return tuple((free.names[index], float(row[index])) for index, row in zip(likest, together, strict=True))
+
+
+def _family(name: str) -> str:
+    """Return one name for a mode and the same mode turned, and for their sum and difference: 8x10 of "10x8-8x10"."""
+    return "x".join(sorted(re.split(r"[-+]", name)[0].split("x")))
 
 
 class FreeFit(NamedTuple):
