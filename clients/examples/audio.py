@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate, tempfile.TemporaryDirectory() as folder:
+        with Client(options.endpoint) as plate, tempfile.TemporaryDirectory() as folder:
             score = content.load(options.sound or heart(Path(folder, "heart.wav")), high_um=options.high_um)
             print(f"{score.title}, again and again: stroke the plate", flush=True)
             score.play(plate, options.seconds, loops=True)

@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if len(word) > MOST or not set(word) <= LETTERS.keys():
         parser.error(f"word: must have at most {MOST} letters a .. z.")
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             plate.surface("word", map=Map(plate.asset(levels(word)), HIGH_UM))
             print(f"{word}: {' '.join(''.join(sorted(LETTERS[one])) or '-' for one in word)}", flush=True)
             time.sleep(min(options.seconds, 1e6))

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             lay(plate, options.threshold, options.high_um)
             print(f"A button of {2 * RADIUS_MM:g} mm in the middle of the plate: press it", flush=True)
             count(plate, options.seconds)

@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             lay(plate, options.notch_mm)
             serve(plate, time.monotonic() + options.seconds)
     except KeyboardInterrupt:

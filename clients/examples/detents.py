@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     try:
         slider = slider_map(options.detents, options.friction)
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             serve(plate, slider, options.detents, time.monotonic() + options.seconds)
     except KeyboardInterrupt:
         pass

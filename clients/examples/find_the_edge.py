@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"--apart-mm: {options.apart_mm:g} is out of bounds, give 0 .. {MAX_APART_MM:g}.")
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             play(plate, options.apart_mm, options.friction, random.Random(options.seed), options.seconds)
     except KeyboardInterrupt:
         pass

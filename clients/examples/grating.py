@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     grating = Grating(options.period_mm, options.high_um, 0.0, math.radians(options.angle_deg), options.duty)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             serve(plate, grating, time.monotonic() + options.seconds)
     except KeyboardInterrupt:
         pass

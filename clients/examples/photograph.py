@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             picture = Map(ball(), frictions=frictions)
         else:
             picture = Map.from_image(options.picture, frictions=frictions)
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             serve(plate, picture, time.monotonic() + options.seconds)
     except KeyboardInterrupt:
         pass

@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             end_s = time.monotonic() + options.seconds
             while time.monotonic() < end_s:
                 for finger in plate.fingers():

@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             lay(plate, options.detents, options.friction)
             print(f"{options.detents} detents on a track of {TRACK_MM:g} mm: stroke along it", flush=True)
             time.sleep(min(options.seconds, 1e6))

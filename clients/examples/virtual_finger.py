@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     user, virtual = (STICKY, SLIPPERY) if options.swap else (SLIPPERY, STICKY)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             plate.virtual("walker", path=[(-40, 20), (40, 20)], speed_mm_s=options.speed)
             plate.set("walker", friction=virtual)
             serve(plate, user, time.monotonic() + options.seconds)

@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
 
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate:
+        with Client(options.endpoint) as plate:
             picture = camera(options.camera) or light
             print(f"the picture of {'a light' if picture is light else 'the camera'}, 10 a second", flush=True)
             begin_s = time.monotonic()

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -67,7 +68,7 @@ def test_without_a_daemon_an_example_ends_with_one_sentence(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = example(name)
-    monkeypatch.setattr(program, "Client", lambda endpoint, **_: Client(endpoint, timeout_s=0.05))
+    monkeypatch.setattr(program, "Client", partial(Client, timeout_s=0.05))
     with pytest.raises(SystemExit) as left:
         program.main(["--endpoint", str(tmp_path)])
     assert left.value.code == 1

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     trials = data.TrialHandler([{"level": level} for level in LEVELS], options.repeats, method="random")
     name = f"sub-{options.participant}_task-twointervals"
     try:
-        with Client(options.endpoint, timeout_s=10.0) as plate, plate.record(f"{name}_physio.mcap"):
+        with Client(options.endpoint) as plate, plate.record(f"{name}_physio.mcap"):
             for trial in trials:
                 answered = run(plate, trial["level"], options.touched_s, core, event, window, text)
                 if answered is None:
