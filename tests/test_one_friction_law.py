@@ -18,6 +18,7 @@ from hapticd.core.perception import ContactPerception
 from hapticd.core.solver.instant import CONTRAST, FELT, InstantSolver
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.settings import friction_curve
+from hapticd.design.contact_pairs import grams, settle
 from hapticd.design.felt_places import settle_felt, touches_at
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
@@ -85,7 +86,7 @@ def test_telemetry_and_score_judge_by_it() -> None:
     assert judged == pytest.approx(felt(fingers_mm, plate_um, TRUTH.shapes)[1])
 
 
-def test_the_design_of_plates_follows_it() -> None:
+def test_the_design_of_plates_and_the_map_of_contrast_follow_it() -> None:
     found = touches_at(TRUTH.true_mode_map(), np.array(PLACES_MM)[None], 5.0)
     limits_um = np.array(TRUTH.w_limit_um)
     (half_um, half_jnd), (whole_um, whole_jnd) = (
@@ -94,6 +95,12 @@ def test_the_design_of_plates_follows_it() -> None:
     )
     assert half_jnd == pytest.approx(whole_jnd, abs=0.1)
     assert np.abs(half_um).max() < 0.6 * np.abs(whole_um).max()
+    slippery, sticky = (grams(TRUTH.true_mode_map(), np.array([place_mm]), 5.0) for place_mm in PLACES_MM)
+    half_um, whole_um = (
+        settle(slippery, [sticky], scale, scale * limits_um, curve)
+        for curve, scale in ((CURVE, 0.5), (DEFAULT_FRICTION_CURVE, 1.0))
+    )
+    assert 2.0 * half_um == pytest.approx(whole_um, abs=1e-3)
 
 
 def test_the_service_and_the_view_have_it() -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hapticd.core.friction import FrictionCurve
+
 from ..values import FloatArray, OnProgress
 from .achievability import cell_centres
 from .contact_pairs import ShapeMaps, contact_rms_um, grams, settle
@@ -38,6 +40,7 @@ def contact_map(
     still_mm: Sequence[tuple[float, float]],
     target_um: float,
     limits_um: Sequence[float],
+    curve: FrictionCurve,
     *,
     radius_mm: float,
     size_mm: tuple[float, float],
@@ -52,7 +55,7 @@ def contact_map(
         progress(done / len(blocks))
         slipping = grams(shapes, places_mm, radius_mm)
         each_still = [np.repeat(one[:, :, None], len(places_mm), axis=2) for one in np.moveaxis(held, 2, 0)]
-        w_um = settle(slipping, each_still, target_um, limits_um)
+        w_um = settle(slipping, each_still, target_um, limits_um, curve)
         still_um = np.max([contact_rms_um(still, w_um) for still in each_still], axis=0)
         solved.append(np.stack((contact_rms_um(slipping, w_um), still_um)))
     slip_um, still_um = np.concatenate(solved, axis=1).reshape(2, cells, cells)

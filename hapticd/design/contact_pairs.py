@@ -11,8 +11,9 @@ from typing import Protocol
 
 import numpy as np
 
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.bicubic import BicubicSurfaces
-from hapticd.core.solver.contacts import solve_contacts
+from hapticd.core.solver.contacts import FeltError, solve_contacts
 from hapticd.values import ComplexArray, FloatArray
 
 from .free_plate import ModeShape
@@ -79,14 +80,18 @@ def grams(shapes: ShapeMaps, points_mm: FloatArray, radius_mm: float) -> FloatAr
 
 
 def settle(
-    slipping: FloatArray, still: Sequence[FloatArray], target_um: float, limits_um: Sequence[float]
+    slipping: FloatArray,
+    still: Sequence[FloatArray],
+    target_um: float,
+    limits_um: Sequence[float],
+    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
 ) -> ComplexArray:
     """Return the modal amplitudes (M, P) of `solve_contacts` from rest, by the Gram matrices (M, M, P) of P slipping
     contacts and of the still ones."""
-    targets_um, limits, modal_um = (target_um, *[0.0] * len(still)), tuple(limits_um), []
+    felt, targets_um, limits, modal_um = FeltError(curve), (target_um, *[0.0] * len(still)), tuple(limits_um), []
     for contacts in zip(*(np.moveaxis(gram, 2, 0).tolist() for gram in (slipping, *still)), strict=True):
         d_um, q_um = [0.0] * len(limits), [0.0] * len(limits)
-        solve_contacts(list(contacts), targets_um, limits, d_um, q_um)
+        solve_contacts(list(contacts), targets_um, limits, d_um, q_um, felt)
         modal_um.append(np.array(d_um) + 1j * np.array(q_um))
     return np.array(modal_um).T
 

@@ -16,7 +16,7 @@ from ...values import FloatArray
 from .. import outputs
 from ..arguments import number, whole
 from ..progress import Progress
-from .arguments import FELT_CELLS, FELT_PAIR_CELLS, MOST_UM, finger, plate
+from .arguments import FELT_CELLS, FELT_PAIR_CELLS, MOST_UM, MappedPlate, finger, plate
 from .results import plate_line, save
 
 if TYPE_CHECKING:
@@ -93,7 +93,8 @@ def _map(options: argparse.Namespace) -> None:
 
         map_frictions(options)
         return
-    modes, size_mm, limit_um, radius_mm, _ = plate(options)
+    mapped = plate(options)
+    modes, size_mm, limit_um = mapped.modes, mapped.size_mm, mapped.limit_um
     target_um = _target_um(options)
     if not options.finger:
         if options.still or options.slip:
@@ -113,10 +114,10 @@ def _map(options: argparse.Namespace) -> None:
             result = achievability_map(
                 modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells, progress=progress
             )
-        contacts = None
-        if modes.M >= CONTACT_MODES and radius_mm > 0.0 and not any(finger.target_um > 0.0 for finger in fingers):
+        contacts, are_still = None, all(finger.target_um == 0.0 for finger in fingers)
+        if modes.M >= CONTACT_MODES and mapped.radius_mm > 0.0 and are_still:
             cells = CONTACT_CELLS if options.cells is None else options.cells
-            contacts = _contacts(modes, fingers, other_um, limit_um, radius_mm, size_mm, cells)
+            contacts = _contacts(mapped, fingers, other_um, cells)
         panels.append(Panel(_title(other_um), tuple(fingers), result, contacts))
     if not panels:
         raise UsageError("--still: no finger slips: give a --finger an amplitude above 0.")
@@ -127,22 +128,22 @@ def _map(options: argparse.Namespace) -> None:
         _write(panels, limit_um, options.out)
 
 
-def _contacts(
-    modes: ModeShapes,
-    fingers: Sequence[MapFinger],
-    target_um: float,
-    limit_um: Sequence[float],
-    radius_mm: float,
-    size_mm: tuple[float, float],
-    cells: int,
-) -> ContactMap:
+def _contacts(mapped: MappedPlate, fingers: Sequence[MapFinger], target_um: float, cells: int) -> ContactMap:
     """Return the contrast between contacts: the given fingers still, the other slipping."""
     from ...design.contact_map import contact_map
 
     still_mm = [(finger.x_mm, finger.y_mm) for finger in fingers]
-    with Progress(f"contacts of {radius_mm:g} mm radius") as progress:
+    with Progress(f"contacts of {mapped.radius_mm:g} mm radius") as progress:
         return contact_map(
-            modes, still_mm, target_um, limit_um, radius_mm=radius_mm, size_mm=size_mm, cells=cells, progress=progress
+            mapped.modes,
+            still_mm,
+            target_um,
+            mapped.limit_um,
+            mapped.curve,
+            radius_mm=mapped.radius_mm,
+            size_mm=mapped.size_mm,
+            cells=cells,
+            progress=progress,
         )
 
 
