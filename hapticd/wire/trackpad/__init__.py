@@ -8,9 +8,8 @@ the kernel's input events (`evdev`), or as datagrams of a tracker (`tuio`).
 
 from . import evdev, tuio
 from .decoder import Decoder
-from .device_clock import STAMP_WRAP_MS
-from .geometry import PadGeometry
-from .pad import HidIds, Pad
+from .magic_trackpad_2 import STAMP_WRAP_MS
+from .pad import HidIds, Pad, PadGeometry
 from .pads import DEFAULT_PAD, PADS, from_fields, to_fields
 from .records import MAX_RECORDS, RECORD
 from .still_contacts import StillContacts

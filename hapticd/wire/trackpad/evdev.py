@@ -14,8 +14,7 @@ from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
 from .event_clock import EventClock
-from .geometry import PadGeometry
-from .pad import Family, Layout
+from .pad import Family, Layout, PadGeometry
 from .records import RefusedError
 
 EVENT: Final = struct.Struct("<qqHHi")  # seconds, microseconds, type, code, value

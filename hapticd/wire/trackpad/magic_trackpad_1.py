@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
-from .geometry import PadGeometry
-from .pad import BLUETOOTH, Family, HidIds, Layout, Pad
+from .pad import BLUETOOTH, Family, HidIds, Layout, Pad, PadGeometry
 from .records import records, require_distinct_ids
 
 _SINGLE, _PAIR = 0x28, 0xF7

@@ -6,13 +6,13 @@ known when it is opened gets its record then: its source makes it with `dataclas
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from ...values import AffineMap, TouchFrame
-from .geometry import PadGeometry, PlateMap
 
 USB, BLUETOOTH = 1, 2  # hidapi's bus_type
 
@@ -25,6 +25,33 @@ class HidIds:
     vendor_id: int
     product_id: int
     interface: int = -1  # hidapi's for a device that has one
+
+
+@dataclass(frozen=True, slots=True)
+class PadGeometry:
+    """The range of positions a pad declares (raw units, y up) and the size in mm that the kernel gives it.
+
+    Of a device whose layout does not say it: the highest pressure, and the orientation of an ellipse along x; 0: none.
+    """
+
+    x_min_raw: int
+    x_max_raw: int
+    y_min_raw: int
+    y_max_raw: int
+    width_mm: float
+    height_mm: float
+    pressure_max_raw: int = 0
+    quarter_turn_raw: int = 0
+
+    @property
+    def units_per_mm(self) -> tuple[float, float]:
+        """Raw units per mm along x and y."""
+        return (self.x_max_raw - self.x_min_raw) / self.width_mm, (self.y_max_raw - self.y_min_raw) / self.height_mm
+
+    @property
+    def centre_raw(self) -> tuple[float, float]:
+        """The raw position of pad (0, 0) mm: the middle of the declared range."""
+        return (self.x_min_raw + self.x_max_raw) / 2, (self.y_min_raw + self.y_max_raw) / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +71,59 @@ class Pad:
     source: str = "hid"
     ids: HidIds | None = None
     enable: bytes = b""
+
+
+class PlateMap:
+    """Raw units to plate mm in one step, and for each orientation code the ellipse's angle and mm per raw count.
+
+    The driver's orientation (its codes negated) turns clockwise from +y by 180 degrees over all codes; anticlockwise
+    from +x that is code x 180 degrees / codes. Under a map that shears, the ellipse is taken along the mapped axis.
+    """
+
+    def __init__(self, geometry: PadGeometry, affine: AffineMap, *, orientations: int) -> None:
+        (units_x, units_y), (centre_x, centre_y) = geometry.units_per_mm, geometry.centre_raw
+        self._x_x, self._x_y = affine.xx / units_x, affine.xy / units_y
+        self._y_x, self._y_y = affine.yx / units_x, affine.yy / units_y
+        self._x_0 = affine.offset_x_mm - self._x_x * centre_x - self._x_y * centre_y
+        self._y_0 = affine.offset_y_mm - self._y_x * centre_x - self._y_y * centre_y
+        self._affine, self._mm_per_unit = affine, 2 / (units_x + units_y)
+        mm_per_count = 4 / ((units_x + units_y) / 2)
+        angles_rad = (code * math.pi / orientations for code in range(orientations))
+        self.axes = tuple(_mapped_axis(affine, angle_rad, mm_per_count) for angle_rad in angles_rad)
+
+    def position(self, word: int) -> tuple[float, float, int, int]:
+        """Decode a record's first word, two 13-bit two's complement numbers: plate x, y in mm, and both raw."""
+        raw_x, raw_y = ((word & 0x1FFF) ^ 0x1000) - 0x1000, ((word >> 13 & 0x1FFF) ^ 0x1000) - 0x1000
+        return (
+            self._x_x * raw_x + self._x_y * raw_y + self._x_0,
+            self._y_x * raw_x + self._y_y * raw_y + self._y_0,
+            raw_x,
+            raw_y,
+        )
+
+    def at(self, raw_x: float, raw_y: float) -> tuple[float, float]:
+        """Plate x, y in mm of a raw position, y up."""
+        return (
+            self._x_x * raw_x + self._x_y * raw_y + self._x_0,
+            self._y_x * raw_x + self._y_y * raw_y + self._y_0,
+        )
+
+    def axis(self, angle_rad: float) -> tuple[float, float, float]:
+        """Angle on the plate of an axis at `angle_rad` on the pad, and mm per raw unit along it and across."""
+        return _mapped_axis(self._affine, angle_rad, self._mm_per_unit)
+
+
+def _mapped_axis(affine: AffineMap, angle_rad: float, mm_per_count: float) -> tuple[float, float, float]:
+    """Angle on the plate, and mm per raw count along the major axis and along the minor."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    major_x, major_y = affine.xx * cos + affine.xy * sin, affine.yx * cos + affine.yy * sin
+    minor_x, minor_y = affine.xy * cos - affine.xx * sin, affine.yy * cos - affine.yx * sin
+    folded = math.atan2(major_y, major_x) % math.pi
+    return (
+        folded if folded < math.pi else 0.0,  # a tiny negative angle rounds up to pi itself
+        math.hypot(major_x, major_y) * mm_per_count,
+        math.hypot(minor_x, minor_y) * mm_per_count,
+    )
 
 
 class Layout(ABC):

@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 from . import evdev, magic_trackpad_1, magic_trackpad_2, tuio
-from .geometry import PadGeometry
-from .pad import Family, Pad
+from .pad import Family, Pad, PadGeometry
 
 FAMILIES: Final[tuple[Family, ...]] = (magic_trackpad_2.FAMILY, magic_trackpad_1.FAMILY, evdev.FAMILY, tuio.FAMILY)
 

@@ -12,8 +12,7 @@ from typing import Final
 from ...values import AffineMap, Contact, TouchFrame
 from .. import osc
 from .event_clock import EventClock
-from .geometry import PadGeometry
-from .pad import Family, Layout, Pad
+from .pad import Family, Layout, Pad, PadGeometry
 from .records import RefusedError
 
 MAX_CONTACTS: Final = 16
