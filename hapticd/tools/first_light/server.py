@@ -17,7 +17,7 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from ..web import connections, pages
-from ..web.thread import ServingThread
+from ..web.serving import ServingThread
 from .page_front import Press
 
 KEYED = ("/", "/socket")

@@ -53,7 +53,7 @@ class Browser:
         return f"http://{ADDRESS}:{self._port}/{self._secret}/"
 
     def __enter__(self) -> Browser:
-        from ..web.thread import ServingThread
+        from ..web.serving import ServingThread
 
         try:
             listener = socket.create_server((ADDRESS, self._port))
