@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+import msgspec
+
 FoundSettings = Mapping[str, Mapping[str, Any]]  # of the service: section, key, value
 
 PICTURE = {"dpi": 80, "colours": 64}  # of all steps: small enough for a mail
@@ -73,34 +75,16 @@ def value_of(figure: Figure) -> str:
 
 def to_json(verdict: Verdict) -> str:
     """Return JSON that `from_json` reads back; a figure that is not finite is null."""
-    table = {
-        "step": verdict.step,
-        "outcome": verdict.outcome.value,
-        "sentence": verdict.sentence,
-        "is_simulated": verdict.is_simulated,
-        "figures": [
-            {"name": one.name, "value": one.value if math.isfinite(one.value) else None, "unit": one.unit}
-            for one in verdict.figures
-        ],
-        "settings": {section: dict(keys) for section, keys in verdict.settings.items()},
-    }
-    return json.dumps(table, indent=2, ensure_ascii=False) + "\n"
+    return msgspec.json.format(msgspec.json.encode(verdict, enc_hook=float), indent=2).decode() + "\n"
 
 
 def from_json(text: str) -> Verdict:
     """Parse the text of `to_json`. Raises ValueError for any other."""
     try:
         table = json.loads(text)
-        figures = tuple(Figure(str(one["name"]), _number(one["value"]), str(one["unit"])) for one in table["figures"])
-        settings = {str(section): dict(keys) for section, keys in table["settings"].items()}
-        is_simulated = table["is_simulated"]
-        if not isinstance(is_simulated, bool):
-            raise TypeError(is_simulated)
-        outcome = Outcome(table["outcome"])
-        return Verdict(str(table["step"]), outcome, str(table["sentence"]), figures, settings, is_simulated)
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        for figure in table["figures"]:
+            figure["value"] = math.nan if figure["value"] is None else figure["value"]
+        verdict: Verdict = msgspec.convert(table, Verdict)
+    except (msgspec.ValidationError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(f"not a verdict ({error})") from None
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
+    return verdict

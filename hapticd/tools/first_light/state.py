@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Literal
+
+import msgspec
 
 from ...design.commissioning.findings import Flaw
 from ...errors import CalibrationError, reason
@@ -15,8 +15,17 @@ from ...sim.commissioning.mistakes import Mistake
 from ..outputs import write_text
 
 STATE_FILE = "first-light.json"
-VERSION = 1
 MAX_BYTES = 1 << 16
+
+
+class _Document(msgspec.Struct, kw_only=True):
+    """The file; a mistake is its cause, wires and size."""
+
+    version: Literal[1] = 1
+    is_simulated: bool
+    passed: dict[str, str]
+    outputs_v: tuple[float | None, ...]
+    mistakes: tuple[tuple[Flaw, tuple[int, ...], float], ...] | None
 
 
 @dataclass(slots=True)
@@ -30,16 +39,12 @@ class Commissioning:
 
     def save(self, folder: Path) -> None:
         """Write the file. Raises HapticdError."""
-        document = {
-            "version": VERSION,
-            "is_simulated": self.is_simulated,
-            "passed": self.passed,
-            "outputs_v": self.outputs_v,
-            "mistakes": None
-            if self.mistakes is None
-            else [[one.cause.value, list(one.wires), one.size] for one in self.mistakes],
-        }
-        write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", folder / STATE_FILE)
+        left = None if self.mistakes is None else tuple((one.cause, one.wires, one.size) for one in self.mistakes)
+        document = _Document(
+            is_simulated=self.is_simulated, passed=self.passed, outputs_v=self.outputs_v, mistakes=left
+        )
+        text = msgspec.json.format(msgspec.json.encode(document), indent=1).decode()
+        write_text(text + "\n", folder / STATE_FILE)
 
 
 def load(folder: Path, *, is_simulated: bool) -> Commissioning:
@@ -48,27 +53,11 @@ def load(folder: Path, *, is_simulated: bool) -> Commissioning:
     if not path.exists():
         return Commissioning(is_simulated)
     try:
-        found = _read(json.loads(read_bounded(path, MAX_BYTES)))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        found = msgspec.json.decode(read_bounded(path, MAX_BYTES), type=_Document)
+    except (OSError, msgspec.DecodeError, RecursionError) as error:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): delete it to begin again.") from None
     if found.is_simulated != is_simulated:
         plate = "a simulated rig" if found.is_simulated else "a real rig"
         raise CalibrationError(f"{path}: is of {plate}: choose another --out.")
-    return found
-
-
-def _read(document: Any) -> Commissioning:
-    if document["version"] != VERSION:
-        raise ValueError(f"version {document['version']!r} is not {VERSION}")
-    mistakes = document["mistakes"]
-    outputs_v = tuple(None if value is None else float(value) for value in document["outputs_v"])
-    if not all(value is None or math.isfinite(value) for value in outputs_v):
-        raise ValueError("an output is not finite")
-    return Commissioning(
-        bool(document["is_simulated"]),
-        {str(name): str(sentence) for name, sentence in dict(document["passed"]).items()},
-        outputs_v,
-        None
-        if mistakes is None
-        else tuple(Mistake(Flaw(cause), tuple(map(int, wires)), float(size)) for cause, wires, size in mistakes),
-    )
+    mistakes = None if found.mistakes is None else tuple(Mistake(*one) for one in found.mistakes)
+    return Commissioning(found.is_simulated, found.passed, found.outputs_v, mistakes)

@@ -21,7 +21,7 @@ from ..outputs import check, has_mark, require_matplotlib, table_stream, write_j
 from . import dataset
 from .analysis import Group, Result, analyse, analyse_group
 from .experiment import StudyError
-from .session import MEANS, NUMBERS, SUFFIX, Session, read
+from .session import SUFFIX, Session, read
 from .thresholds import curves, rating_lines, threshold_lines
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
@@ -180,7 +180,8 @@ def result_rows(results: Sequence[Result], group: Group) -> list[list[object]]:
 def trial_rows(sessions: Sequence[Session]) -> list[list[object]]:
     """Return a row for each trial of the finished sessions: its levels, the right answer and what was measured."""
     factors = list(dict.fromkeys(name for session in sessions for name in session.presented[0].levels))
-    measured = [*NUMBERS, *MEANS, "t_daemon_ns"]
+    measured = ["t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac"]
+    measured += ["felt_friction", "pressure_frac", "t_daemon_ns"]
     rows: list[list[object]] = [["participant", "trial", *factors, "presented", "answer", "recognised", *measured]]
     for session in sessions:
         for answer, trial in zip(session.answers, session.presented, strict=False):

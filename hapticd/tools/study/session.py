@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import fcntl
 import json
-import math
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
 import msgspec
 
@@ -30,6 +30,8 @@ SUFFIX = ".jsonl"
 BEGIN = b'{"kind": "session", '  # of every session file: others are not overwritten
 MAX_SEED = 2**63 - 1
 MAX_BYTES = 1 << 20  # of a file, which has some 10 kB
+
+_Finite = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +46,14 @@ class Answer:
 
     trial: int
     answer: str
-    t_unix_s: float
-    took_s: float
-    touched_s: float
-    speed_mm_s: float
-    limited_frac: float
-    felt_friction: float | None = None
+    t_unix_s: _Finite
+    took_s: _Finite
+    touched_s: _Finite
+    speed_mm_s: _Finite
+    limited_frac: _Finite
+    felt_friction: _Finite | None = None
     t_daemon_ns: int | None = None
-    pressure_frac: float | None = None
+    pressure_frac: _Finite | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +189,7 @@ def decode(data: bytes, where: str) -> Session:
             session = _started(entry) if session is None else _with(session, entry)
         except StudyError as error:
             raise StudyError(f"{where}: line {number}: {error}") from None
-        except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
+        except (msgspec.ValidationError, ValueError, KeyError, TypeError, RecursionError):
             raise StudyError(
                 f"{where}: line {number} is not of a session: check that this is a file of hapticd study."
             ) from None
@@ -234,30 +236,10 @@ def _with(session: Session, entry: dict[str, Any]) -> Session:
         return replace(session, is_over=True)
     if entry["kind"] != "answer" or session.is_complete or entry["trial"] != len(session.answers) + 1:
         raise ValueError("trials are answered in their order")
-    numbers = {name: _finite(entry[name]) for name in NUMBERS}
-    means = {name: _finite(entry[name]) for name in MEANS if entry.get(name) is not None}
-    t_daemon_ns = entry.get("t_daemon_ns")
-    if entry["answer"] not in session.experiment.choices or not (t_daemon_ns is None or type(t_daemon_ns) is int):
+    answer = msgspec.convert(entry, Answer)
+    if answer.answer not in session.experiment.choices:
         raise ValueError("an answer is one of the experiment's")
-    answer = Answer(
-        trial=len(session.answers) + 1,
-        answer=entry["answer"],
-        **numbers,
-        **means,
-        t_daemon_ns=t_daemon_ns,
-    )
     return replace(session, answers=(*session.answers, answer))
-
-
-NUMBERS = ("t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac")
-MEANS = ("felt_friction", "pressure_frac")  # where they are known
-
-
-def _finite(value: Any) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError("a number is finite")
-    return number
 
 
 def _known(entry: Mapping[str, Any]) -> dict[str, Any]:
