@@ -2,8 +2,9 @@
 
     python tests/hand_fit.py F.npz GROUP    prints the touches' statistics, the hand that fits, and its own
 
-F.npz is a file of `hapticd.bench.traces`, GROUP the kind of its devices. The search is random around the best hand so
-far: each parameter changes by a factor, and a change stays where the differences of the statistics become less.
+F.npz is a file of `hapticd bench prediction --traces`, GROUP the kind of its devices. The search is random around the
+best hand so far: each parameter changes by a factor, and a change stays where the differences of the statistics become
+less.
 """
 
 from __future__ import annotations
@@ -16,9 +17,8 @@ from typing import Final
 
 import numpy as np
 
-from hapticd.bench import traces
 from hapticd.bench.motions import sense
-from hapticd.bench.prediction_traces import DEFAULT, compared, rms_mm
+from hapticd.bench.prediction_traces import DEFAULT, compared, load, rms_mm
 from hapticd.sim.fingers.pad_noise import FILTERED_NOISE
 from hapticd.sim.fingers.paths import Path
 from hapticd.sim.fingers.real_strokes import HAND, Hand, RealStrokes
@@ -145,7 +145,7 @@ def _bounded(name: str, value: float) -> float:
 
 def main(path: str, group: str) -> None:
     """Fit, and print."""
-    wanted = statistics([one for one in traces.load(FilePath(path)) if one.group == group])
+    wanted = statistics([one for one in load(FilePath(path)) if one.group == group])
     print(f"touches  {_shown(wanted)}")
     hand = fit(wanted | {"ahead_15ms_mm": max(wanted["ahead_15ms_mm"], HARDEST_MM)})
     print(f"{hand}\nhand     {_shown(statistics(played(hand, range(1, 21), _SECONDS)))}")

@@ -29,7 +29,6 @@ from . import (
     solver,
     telemetry,
     tick,
-    traces,
     worlds,
 )
 from .tables import Table, plain, render
@@ -67,7 +66,7 @@ PARTS: dict[str, _Runner] = {
 def touches(traces_file: Path | None, recording: Path | None) -> list[Trace] | None:
     """Return the recorded touches of one of the files, if one is given. Raises HapticdError."""
     if traces_file is not None:
-        return traces.load(traces_file)
+        return prediction_traces.load(traces_file)
     return None if recording is None else recorded(recording)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapticd.__main__ import main
-from hapticd.bench import prediction_traces, traces
+from hapticd.bench import prediction_traces
 from hapticd.errors import UsageError
 from hapticd.sim.fingers.paths import Strokes
 from hapticd.tools.touches import Trace
@@ -45,12 +45,12 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_a_file_is_read_as_it_was_written_one_device_after_the_other(file: Path) -> None:
-    found = traces.load(file)
+    found = prediction_traces.load(file)
     assert [trace.device for trace in found] == ["hid/maker_0001_0002", "kind/one", "kind/one"]
     assert [trace.group for trace in found] == ["maker", "kind", "kind"]
     assert [trace.kind for trace in found] == ["hid", "kind", "kind"]
     assert np.array_equal(found[0].xy_mm, STROKED[2].xy_mm)
-    assert {name: len(some) for name, some in traces.by_device(found).items()} == {
+    assert {name: len(some) for name, some in prediction_traces.by_device(found).items()} == {
         "hid/maker_0001_0002": 1,
         "kind/one": 2,
     }
@@ -77,7 +77,7 @@ def test_a_file_of_another_form_is_refused_with_what_is_wrong(
     path = tmp_path / "wrong.npz"
     np.savez(path, **held)
     with pytest.raises(UsageError, match=problem):
-        traces.load(path)
+        prediction_traces.load(path)
 
 
 def test_the_table_has_every_group_and_the_default_wins_on_a_filtering_pad() -> None:
