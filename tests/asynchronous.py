@@ -1,9 +1,10 @@
-"""Test functions that are coroutines, in real or in virtual time, and a bounded wait for what they bring about."""
+"""Test functions that are coroutines, in real or in virtual time, and bounded waits for what comes about."""
 
 from __future__ import annotations
 
 import asyncio
 import functools
+import time
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -33,3 +34,11 @@ async def until(condition: Callable[[], bool], meanwhile: Callable[[], None] = l
         while not condition():
             await asyncio.sleep(0.002)
             meanwhile()
+
+
+def wait_for(condition: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
+    """Poll until it holds, where no loop runs."""
+    t_end_s = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < t_end_s, "it did not come about"
+        time.sleep(0.01)

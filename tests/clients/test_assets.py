@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asynchronous import wait_for
 from fake_daemon import FakeDaemon
 from PIL import Image
 
@@ -52,9 +53,7 @@ def test_a_restarted_daemon_gets_the_assets_in_use_again(daemon: FakeDaemon, mon
         client.asset([[1, 2, 3]])
         daemon.stop()
         daemon.start()
-        deadline_s = time.monotonic() + 5.0
-        while not daemon.scene.surfaces.layers and time.monotonic() < deadline_s:
-            time.sleep(0.005)
+        wait_for(lambda: len(daemon.scene.surfaces.layers) > 0)
         assert felt_um(daemon, 1023) == pytest.approx(2.0)
         assert daemon.scene.assets.report()["count"] == 1  # what no map uses is not uploaded again
 

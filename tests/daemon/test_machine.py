@@ -7,7 +7,7 @@ import logging
 import weakref
 
 import pytest
-from machine_bench import SLIPPERY, STICKY, Bench, lines
+from machine_bench import SLIPPERY, STICKY, Bench
 
 from hapticd.core.board.supervisor import State
 from hapticd.files.recording.kinds import Record, record_of
@@ -17,24 +17,6 @@ from hapticd.values import RawReport
 @pytest.fixture(autouse=True)
 def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "hapticd")
-
-
-def test_a_pulled_pad_is_one_line_and_a_zero_frame_at_once(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    lines(caplog)
-    bench.pad_speaks = False
-    bench.machine.trackpad_link(False, "the pad was pulled", bench.t_ns)
-    assert bench.board.peak_um == 0.0
-    assert bench.state is State.IDLE
-    bench.run(300)
-    assert lines(caplog) == ["trackpad: the pad was pulled"]
-    bench.machine.trackpad_link(True, "the pad is back", bench.t_ns)
-    bench.pad_speaks = True
-    bench.run(50)
-    bench.want({3: 1.0, 4: 0.0})  # fingers on a new pad are new fingers
-    bench.run(60)
-    assert bench.state is State.ACTIVE
-    assert bench.board.peak_um > 0.5
 
 
 def test_a_machine_that_another_replaces_is_gone_at_once() -> None:

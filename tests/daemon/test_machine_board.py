@@ -54,19 +54,6 @@ def test_a_board_of_another_protocol_is_refused_once_and_hears_nothing_but_greet
     assert "protocol hash" in bench.ask("status")["body"]["board"]["refused"]
 
 
-def test_a_rebooted_board_is_greeted_again_and_gets_the_reference_again() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    bench.board.mute = True
-    bench.run(1100)
-    bench.board.boot_id, bench.board.mute = 8, False
-    heard = bench.run(600)
-    assert heard[0].name == "hello"
-    assert [each.name for each in heard].count("controller") == 1
-    assert bench.board.peak_um > 0.5
-    assert bench.board.state == LIVE
-    assert bench.machine.session.reboots == 1
-
-
 def test_after_a_dead_man_trip_still_fingers_are_driven_again() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(500)
@@ -271,22 +258,6 @@ def test_clearing_where_there_is_no_fault_is_harmless() -> None:
     assert bench.ask("clear_fault")["ok"]
     assert "clear fault" not in {each.name for each in bench.run(100)}
     assert bench.state is State.ACTIVE
-
-
-def test_a_pulled_board_is_one_line_and_is_driven_again_when_it_is_back(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    lines(caplog)
-    bench.board.plugged = False
-    bench.machine.board_link(False, "the port is lost", bench.t_ns)
-    assert bench.run(500) == []
-    assert bench.state is State.IDLE
-    assert lines(caplog) == ["board: the port is lost"]
-    bench.board.plugged, bench.board.boot_id = True, 12
-    bench.machine.board_link(True, "open", bench.t_ns)
-    bench.run(500)
-    assert bench.state is State.ACTIVE
-    assert bench.board.peak_um > 0.5
-    assert lines(caplog) == ["board: open", "board: firmware 9.9, boot 0000000c, 2 modes"]
 
 
 def test_a_board_is_left_with_a_greeting_and_one_that_never_answered_with_nothing() -> None:

@@ -45,18 +45,6 @@ def test_a_board_at_rest_is_woken_by_an_effect_and_rests_when_it_has_gone() -> N
     assert bench.machine.session.is_resting
 
 
-def test_an_effect_ends_with_its_client_s_time_to_live() -> None:
-    bench = Bench(SLIPPERY)
-    bench.run(600)
-    publish(bench, {"name": "hum", "modulation": {"frequency_hz": 40, "depth": 1}}, ttl_s=0.1, surfaces=[
-        {"name": "plate", "amplitude_um": 1.0}
-    ])  # fmt: skip
-    assert max(peaks_um(bench, 90)) > 0.5
-    bench.run(60)
-    assert bench.machine.scene.effects.playing == []
-    assert peaks_um(bench, 60)[-1:] in ([], [0.0])
-
-
 def test_events_are_each_in_one_state_and_carry_the_instant_of_their_cause() -> None:
     bench = Bench(SLIPPERY)
     published: list[bytes] = []

@@ -9,7 +9,6 @@ import msgpack
 import pytest
 from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
 
-from hapticd.core.board.supervisor import State
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.layer import Layer
 from hapticd.daemon import client_gateway, layers
@@ -27,16 +26,6 @@ def landing(bench: Bench) -> int:
     return bench.t_ns
 
 
-def test_the_first_report_of_a_finger_is_answered_with_its_amplitude() -> None:
-    bench = Bench(SLIPPERY)
-    publish(bench, {"name": "plate", "amplitude_um": 1.0})
-    t_landed_ns = landing(bench)
-    heard = references(bench.board.heard)[-1]
-    assert heard.t_ns == t_landed_ns
-    assert heard.peak_um > 0.5
-    assert bench.state is State.ACTIVE
-
-
 def test_a_board_stays_armed_while_a_surface_lies_on_the_plate_and_rests_when_it_has_gone() -> None:
     bench = Bench()
     publish(bench, {"name": "plate", "amplitude_um": 1.0})
@@ -44,15 +33,6 @@ def test_a_board_stays_armed_while_a_surface_lies_on_the_plate_and_rests_when_it
     assert (bench.machine.session.is_resting, bench.board.state) == (False, LIVE)
     bench.run(5000)
     assert bench.machine.session.is_resting
-
-
-def test_a_surface_s_end_leaves_its_finger_still() -> None:
-    bench = Bench(SLIPPERY)
-    bench.run(400)
-    publish(bench, {"name": "plate", "amplitude_um": 1.0}, ttl_s=0.1)
-    assert references(bench.run(90))[-1].peak_um > 0.5
-    assert references(bench.run(60))[-1].peak_um == 0.0
-    assert [point.target_um for point in bench.machine.last_tick.points] == [0.0]  # type: ignore[union-attr]
 
 
 def test_status_lists_all_surfaces_topmost_first_with_their_owners() -> None:

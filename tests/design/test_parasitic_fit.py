@@ -4,46 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from parasitic_plate import NO_THROUGH, OWN, plate, swept
 
-from hapticd.bench.closed_loop import NOISE_UM, follow
+from hapticd.bench.closed_loop import follow
 from hapticd.design import wiring
 from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from hapticd.sim.board.board import Board, BoardConfig, PlateModel
-from hapticd.values import ComplexArray, FloatArray
+from hapticd.values import FloatArray
 
-OWN = BoardConfig()
-AWAY_HZ, COUPLING = (200.0, 250.0), 0.4  # an independent plate's
-NO_THROUGH = np.zeros((2, 2), np.complex128)
 FALSE_UM_PER_V = 0.0015  # of feedthrough that these modes look like, where no pole is fitted to them
-SWEEP_NOISE_UM_PER_V = 4e-6  # of `hapticd calibrate resonance`
-
-
-def plate(away_hz: tuple[float, ...] = AWAY_HZ, through: ComplexArray = NO_THROUGH) -> PlateModel:
-    """The reference plate with modes so far above the drive, which every amplifier moves and every sensor sees."""
-    outside = len(away_hz)
-    signs = np.where(np.arange(outside)[:, None] > np.arange(2), -1.0, 1.0)
-    return PlateModel(
-        decay_1_s=np.array([*OWN.decay_1_s, *[OWN.decay_1_s[0]] * outside]),
-        detuning_rad_s=np.array([*OWN.detuning_rad_s, *(2.0 * np.pi * np.array(away_hz))]),
-        gain_um_per_v_s=np.vstack([np.diag(OWN.gain_um_per_v_s), COUPLING * OWN.gain_um_per_v_s[0] * signs]),
-        sensor=np.hstack([np.eye(2), COUPLING * signs.T]),
-        noise_um=NOISE_UM,
-        amplifier_limit_v=150.0,
-        through_um_per_v=through,
-    )
-
-
-def swept(model: PlateModel, *, noise: float = SWEEP_NOISE_UM_PER_V, band_hz: float = 150.0) -> list[AmplifierSweep]:
-    random, offset_hz = np.random.default_rng(1), np.linspace(-band_hz, band_hz, 41)
-    away_rad_s = model.detuning_rad_s - 2.0 * np.pi * offset_hz[:, None]
-    follows_s = -1j / (model.decay_1_s - 1j * away_rad_s)
-    through = NO_THROUGH if model.through_um_per_v is None else model.through_um_per_v
-    sweeps = []
-    for k in range(2):
-        parts = noise * random.standard_normal((2, 41, 2))
-        seen = (follows_s * model.gain_um_per_v_s[:, k]) @ model.sensor.T + through[:, k]
-        sweeps.append(AmplifierSweep(k, OWN.drive_hz + offset_hz, seen + parts[0] + 1j * parts[1]))
-    return sweeps
 
 
 def calibrated(model: PlateModel, found: MeasuredWiring) -> Board:
@@ -90,12 +59,12 @@ def test_what_is_constant_stays_feedthrough_beside_them(away_hz: tuple[float, ..
     assert not swings(calibrated(plate(away_hz, through), found))
 
 
-@pytest.mark.parametrize("noise", [0.0, SWEEP_NOISE_UM_PER_V, 100.0 * SWEEP_NOISE_UM_PER_V])
+@pytest.mark.parametrize("noise", [0.0, 1.0, 100.0])
 @pytest.mark.parametrize("through", [NO_THROUGH, 0.02 * np.eye(2)])
 def test_a_plate_without_them_is_fitted_as_ever(
     noise: float, through: FloatArray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sweeps = swept(plate((), through.astype(complex)), noise=noise)
+    sweeps = swept(plate((), through.astype(complex)), noise)
     found = fit_wiring(sweeps)
     assert found.parasitic_hz() == []
     monkeypatch.setattr(wiring, "find_parasitic", lambda *_: None)

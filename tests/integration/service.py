@@ -11,9 +11,11 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import asynchronous
 import numpy as np
 import numpy.typing as npt
 
@@ -23,6 +25,7 @@ from hapticd.wire import device
 from hapticd_client import Client, PlateState
 
 PATIENCE_S = 45.0
+wait_for = partial(asynchronous.wait_for, patience_s=PATIENCE_S)
 PIPE = subprocess.PIPE
 ROOT = Path(__file__).parents[2]
 
@@ -181,14 +184,6 @@ def wait_state(client: Client, condition: Callable[[PlateState], bool]) -> Plate
             return state
         assert time.monotonic() < t_end_s, f"still {state}"
     raise AssertionError("the states ended")
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Poll until it holds."""
-    t_end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < t_end_s, "it did not come about"
-        time.sleep(0.01)
 
 
 def wait_board(rig_dir: Path, state: BoardState, statuses: int) -> BoardStatus:

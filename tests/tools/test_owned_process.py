@@ -6,11 +6,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from asynchronous import wait_for
 
 from hapticd.tools.daemon_process import DaemonProcess
 
@@ -26,13 +26,6 @@ with RigProcess("rest", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"')
     print(daemon.process.pid, rig.process.pid, flush=True)
     signal.pause()
 """
-
-
-def until(holds: Callable[[], bool]) -> None:
-    t_end_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < t_end_s
-        time.sleep(0.05)
 
 
 def is_gone(pid: int) -> bool:
@@ -64,12 +57,12 @@ def test_a_service_and_its_rig_end_with_their_owner_however_that_dies(
     owner: subprocess.Popen[str], sign: signal.Signals, tmp_path: Path
 ) -> None:
     pids = owned(owner)
-    until(lambda: any(tmp_path.glob("hapticd-run-*/run/control")))  # at work, or on its way there
+    wait_for(lambda: any(tmp_path.glob("hapticd-run-*/run/control")), PATIENCE_S)  # at work, or on its way there
 
     owner.send_signal(sign)
 
     assert owner.wait(PATIENCE_S) == -sign
-    until(lambda: all(is_gone(pid) for pid in pids))
+    wait_for(lambda: all(is_gone(pid) for pid in pids), PATIENCE_S)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -78,7 +71,7 @@ def test_a_service_that_is_only_beginning_ends_with_its_owner_too(owner: subproc
 
     owner.kill()
 
-    until(lambda: all(is_gone(pid) for pid in pids))
+    wait_for(lambda: all(is_gone(pid) for pid in pids), PATIENCE_S)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -87,7 +80,7 @@ def test_a_service_that_its_owner_ends_says_nothing_and_leaves_nothing(
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with DaemonProcess('scenario = "rest"') as running:
-        until(lambda: (running.runtime_dir / "control").exists())
+        wait_for(lambda: (running.runtime_dir / "control").exists(), PATIENCE_S)
     assert running.process.returncode == 0
     assert capfd.readouterr().err == ""
     assert [path.name for path in tmp_path.iterdir()] == []

@@ -18,6 +18,7 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
+from asynchronous import wait_for
 
 from hapticd.board_protocol import HelloRequest
 from hapticd.board_values import BoardHello, BoardMessage
@@ -80,16 +81,6 @@ def receive_message(fd: int, is_expected: Callable[[BoardMessage], bool]) -> Boa
     raise AssertionError("the expected message did not arrive")
 
 
-def until(condition: Callable[[], bool]) -> None:
-    """Poll for up to PATIENCE_S."""
-    waker = threading.Event()
-    for _ in range(round(PATIENCE_S / 0.005)):
-        if condition():
-            return
-        waker.wait(0.005)
-    raise AssertionError("it did not come about")
-
-
 def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
     with opened(rig[1]) as fd:
         os.write(fd, device.encode(HelloRequest()))
@@ -110,13 +101,13 @@ def test_the_boards_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) -> No
     made, directory = rig
     with opened(directory) as fd:
         made.replug_board()
-        until(lambda: not (directory / "board").is_symlink())
+        wait_for(lambda: not (directory / "board").is_symlink())
         while os.read(fd, 4096):
             pass
         with pytest.raises(OSError, match="Input/output error"):
             os.write(fd, b"too late")
     made.replug_board()
-    until(lambda: (directory / "board").exists())
+    wait_for(lambda: (directory / "board").exists())
     with opened(directory) as fd:
         receive_message(fd, lambda _: True)
 
@@ -128,9 +119,9 @@ def test_the_trackpads_plug_can_be_pulled_and_put_back(rig: tuple[Rig, Path]) ->
         made.replug_trackpad()
         while pad.recv(512):
             pass
-    until(lambda: not (directory / "trackpad").exists())
+    wait_for(lambda: not (directory / "trackpad").exists())
     made.replug_trackpad()
-    until(lambda: (directory / "trackpad").exists())
+    wait_for(lambda: (directory / "trackpad").exists())
     with connected(directory) as pad:
         assert pad.recv(512)
 
@@ -165,7 +156,7 @@ def test_the_truth_is_published_to_subscribers(rig: tuple[Rig, Path]) -> None:
     assert second["t_ns"] - first["t_ns"] >= 0.9 * rigsockets.PERIOD_S * 1e9
     assert np.shape(first["modal_um"]) == (4, 2)
     assert np.shape(first["truth_um"]) == (2, 2)
-    until(lambda: not made._sockets._is_subscribed)
+    wait_for(lambda: not made._sockets._is_subscribed)
 
 
 def test_a_users_fingers_replace_the_scenarios_until_they_lift() -> None:
@@ -223,7 +214,7 @@ def test_a_rig_ends_with_its_owner_however_that_dies(tmp_path: Path) -> None:
     )
     assert owner_run.returncode == -9
     pid, directory = owner_run.stdout.split()
-    until(lambda: not Path(f"/proc/{pid}").exists() or not Path(directory).exists())
+    wait_for(lambda: not Path(f"/proc/{pid}").exists() or not Path(directory).exists())
 
 
 def test_a_ctrl_c_while_a_rig_starts_leaves_nothing_behind(

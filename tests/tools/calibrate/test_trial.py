@@ -8,48 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from parasitic_plate import AWAY_HZ, OWN, plate, swept
 
 from hapticd.board_values import BoardController, BoardHello, ModeCalibration
 from hapticd.design import wiring
 from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, as_likely, fit_wiring
 from hapticd.errors import DeviceError
-from hapticd.sim.board.board import PLATE_MODES_MAX, BoardConfig, PlateModel
+from hapticd.sim.board.board import PLATE_MODES_MAX, PlateModel
 from hapticd.tools.calibrate import trial
 from hapticd.tools.calibrate.trial import fault_on, fitted_plate, try_out
 
-OWN = BoardConfig()
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, OWN.drive_hz, 50, (4.0, 4.0), 150.0)
 LAW = BoardController("deadbeat", 0.0, 0.0, ())
-AWAY_HZ, COUPLING = (200.0, 250.0), 0.4  # an independent plate's
-NOISE_UM_PER_V = 4e-6  # of `hapticd calibrate resonance`; 100 times as much hides these modes
-NO_THROUGH = np.zeros((2, 2), np.complex128)
-
-
-def plate(away_hz: tuple[float, ...], through: np.ndarray = NO_THROUGH) -> PlateModel:
-    """The reference plate, and modes so far from the drive that every amplifier moves and every sensor sees."""
-    count = len(away_hz)
-    signs = np.where(np.arange(count)[:, None] > np.arange(2), -1.0, 1.0)
-    return PlateModel(
-        decay_1_s=np.array([*OWN.decay_1_s, *[OWN.decay_1_s[0]] * count]),
-        detuning_rad_s=np.array([*OWN.detuning_rad_s, *(2.0 * np.pi * np.array(away_hz))]),
-        gain_um_per_v_s=np.vstack([np.diag(OWN.gain_um_per_v_s), COUPLING * OWN.gain_um_per_v_s[0] * signs]),
-        sensor=np.hstack([np.eye(2), COUPLING * signs.T]),
-        noise_um=0.0006,
-        amplifier_limit_v=150.0,
-        through_um_per_v=through,
-    )
-
-
-def swept(model: PlateModel, noise: float, half_hz: float = 150.0, points: int = 41) -> list[AmplifierSweep]:
-    random, offset_hz = np.random.default_rng(1), np.linspace(-half_hz, half_hz, points)
-    follows_s = -1j / (model.decay_1_s - 1j * (model.detuning_rad_s - 2.0 * np.pi * offset_hz[:, None]))
-    through = NO_THROUGH if model.through_um_per_v is None else model.through_um_per_v
-    sweeps = []
-    for k in range(2):
-        parts = noise * NOISE_UM_PER_V * random.standard_normal((2, points, 2))
-        seen = (follows_s * model.gain_um_per_v_s[:, k]) @ model.sensor.T + through[:, k]
-        sweeps.append(AmplifierSweep(k, OWN.drive_hz + offset_hz, seen + parts[0] + 1j * parts[1]))
-    return sweeps
 
 
 def tried(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring, modes: Sequence[ModeCalibration]) -> str:

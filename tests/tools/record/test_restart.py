@@ -23,6 +23,7 @@ from typing import Any
 
 import pytest
 import zmq
+from asynchronous import PATIENCE_S, until
 
 from hapticd.config.sections import Config
 from hapticd.daemon import recorder as recorders
@@ -40,7 +41,6 @@ from hapticd_contract.simulated import SimulatedTouch
 
 pytestmark = pytest.mark.long
 
-PATIENCE_S = 20.0
 BEAT_S = 0.015
 STATES = 120  # more than a second of touching
 
@@ -122,12 +122,6 @@ class Recorder(threading.Thread):
 
     def run(self) -> None:
         self.notes.append(record(*self._arguments, notify=self.notes.append))
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():
-            await asyncio.sleep(0.005)
 
 
 def run(config: Config, story: Callable[[], Any], reread: Callable[[], Config] | None = None) -> None:

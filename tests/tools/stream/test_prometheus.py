@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 import urllib.request
-from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from asynchronous import PATIENCE_S
+from asynchronous import PATIENCE_S, wait_for
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
@@ -55,13 +53,6 @@ def test_idle_connections_are_bounded_and_keep_no_scrape_out(capsys: pytest.Capt
         thread.join()
     wait_for(lambda: threading.active_count() <= threads)
     assert capsys.readouterr().err == ""
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    t_end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < t_end_s, "it did not come about"
-        time.sleep(0.01)
 
 
 def test_the_status_is_exported_in_base_units(reported: Any) -> None:

@@ -7,11 +7,11 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from asynchronous import wait_for
 
 from hapticd.__main__ import main
 
@@ -50,13 +50,6 @@ def test_a_missing_library_is_named_with_its_command(
     assert f"run `{sys.executable} -m pip install 'aiohttp>=" in capsys.readouterr().err
 
 
-def until(holds: Callable[[], bool]) -> None:
-    t_end_s = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < t_end_s
-        time.sleep(0.05)
-
-
 def children_of(pid: int) -> list[int]:
     return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
@@ -79,7 +72,7 @@ def simulated_view(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 def test_a_viewer_whose_simulated_plate_is_killed_ends_with_a_sentence(
     depth: int, simulated_view: subprocess.Popen[str], tmp_path: Path
 ) -> None:
-    until(lambda: any(tmp_path.glob("hapticd-run-*/run/control")))
+    wait_for(lambda: any(tmp_path.glob("hapticd-run-*/run/control")), PATIENCE_S)
     pid = simulated_view.pid
     for _ in range(depth):
         (pid,) = children_of(pid)
