@@ -127,7 +127,7 @@ def felt_verdict(
     lines += map(str, asked)
     judged = f"not enough friction as asked ({'; '.join(lacks)})" if lacks else "enough friction as asked"
     beyond = [one.name.partition(",")[0] for one in asked if not one.is_kept]
-    judged += f", but beyond its bound: {', '.join(beyond)}" if beyond else ""
+    judged += f", {'and' if lacks else 'but'} beyond its bound: {', '.join(beyond)}" if beyond else ""
     lines.append(f"{_plate_name(design.plate)}, driven at {design.drive_hz:.0f} Hz: {judged}.")
     return lines
 

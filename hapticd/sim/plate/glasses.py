@@ -113,21 +113,19 @@ GLASSES = {
     ),
 }
 _FINGERTIP_OF_SIX = "fingertip with six patches"
-_FOR_MORE_MODES = {
-    _FINGERTIP_OF_SIX: Glass(
-        size_mm=(200.0, 200.0),
-        thickness_mm=3.0,
-        band_hz=(29430.0 - FARTHEST_HZ, 29430.0 + FARTHEST_HZ),
-        drive_hz=29430.0,
-        modes=("1x13", "13x0", "0x13", "13x1", "10x8", "10x8#2", "9x9", "5x12", "12x5", "2x13"),
-        driven=6,
-        reach_um=(7.478, 9.609, 11.338, 31.001, 13.551, 9.66),
-        patches=(
-            *((x_mm, y_mm, 20.0, 10.0, 0.5) for x_mm, y_mm in ((-90.0, -45.0), (-90.0, -55.0), (90.0, 75.0))),
-            *((x_mm, y_mm, 10.0, 20.0, 0.5) for x_mm, y_mm in ((22.5, 90.0), (50.0, 90.0), (87.5, -90.0))),
-        ),
+_SIX_PATCHES = Glass(
+    size_mm=(200.0, 200.0),
+    thickness_mm=3.0,
+    band_hz=(29430.0 - FARTHEST_HZ, 29430.0 + FARTHEST_HZ),
+    drive_hz=29430.0,
+    modes=("1x13", "13x0", "0x13", "13x1", "10x8", "10x8#2", "9x9", "5x12", "12x5", "2x13"),
+    driven=6,
+    reach_um=(7.478, 9.609, 11.338, 31.001, 13.551, 9.66),
+    patches=(
+        *((x_mm, y_mm, 20.0, 10.0, 0.5) for x_mm, y_mm in ((-90.0, -45.0), (-90.0, -55.0), (90.0, 75.0))),
+        *((x_mm, y_mm, 10.0, 20.0, 0.5) for x_mm, y_mm in ((22.5, 90.0), (50.0, 90.0), (87.5, -90.0))),
     ),
-}
+)
 
 
 def as_built(plate: str, driven: int) -> str:
@@ -139,8 +137,8 @@ def find_glass(name: str) -> Glass:
     """Return one of GLASSES, or the plate of a file. Raises SimulationError, a ValueError."""
     if name in GLASSES:
         return GLASSES[name]
-    if name in _FOR_MORE_MODES:
-        return _FOR_MORE_MODES[name]
+    if name == _FINGERTIP_OF_SIX:
+        return _SIX_PATCHES
     if not name.endswith(SUFFIX):
         raise SimulationError(f"there is no plate {shown(name)}: give {', '.join(GLASSES)}, or a file; {WRITES}.")
     return _of_file(name)
