@@ -1,4 +1,4 @@
-"""Print target and achieved amplitude of each finger; `!` marks lines where a mode reached its limit."""
+"""Print target and achieved amplitude of each finger; `!` marks lines where a finger misses what was asked."""
 
 from __future__ import annotations
 

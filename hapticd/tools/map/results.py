@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def plate_line(modes: ModeShapes, size_mm: tuple[float, float], limit_um: Sequence[float]) -> str:
     """Return the plate in words."""
-    limits = ", ".join(f"{limit:g}" for limit in limit_um)
+    limits = ", ".join(f"{limit:.3g}" for limit in limit_um)
     named = "1 mode" if modes.M == 1 else f"{modes.M} modes"
     return f"a plate of {size_mm[0]:g} x {size_mm[1]:g} mm, {named} of at most {limits} um"
 
