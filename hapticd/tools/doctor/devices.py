@@ -37,7 +37,7 @@ IDLER = "reduce the host's load, which slows the simulated pad: see `top`"
 def trackpad(system: System) -> CheckResult:
     """Check for a connected pad."""
     if not system.has_pad:
-        return CheckResult(PASS, "trackpad", f"{system.config.trackpad.source} is configured")
+        return CheckResult(PASS, f"{system.config.trackpad.source} is configured")
     return _CHECKS[system.config.trackpad.source](system)
 
 
@@ -45,15 +45,15 @@ def _hid(system: System) -> CheckResult:
     try:
         found = list(find_pads(load_hid(), system.config.trackpad.model))
     except (HapticdError, OSError) as error:
-        return CheckResult(FAIL, "trackpad", str(error), pip_install("hidapi"))
+        return CheckResult(FAIL, str(error), pip_install("hidapi"))
     if not found:
         remedy = "plug it in, or bluetoothctl connect ADDRESS, and wake it"
-        return CheckResult(FAIL, "trackpad", "none is connected", remedy)
+        return CheckResult(FAIL, "none is connected", remedy)
     pad, path = found[0]
     node = os.fsdecode(path)
     if node.startswith("/dev/") and not is_accessible(Path(node)) and system.status is None:
-        return CheckResult(FAIL, "trackpad", f"{node} cannot be opened by this user", f"{INSTALL}, then replug it")
-    return CheckResult(PASS, "trackpad", f"{pad.model} at {node}")
+        return CheckResult(FAIL, f"{node} cannot be opened by this user", f"{INSTALL}, then replug it")
+    return CheckResult(PASS, f"{pad.model} at {node}")
 
 
 def _evdev(system: System) -> CheckResult:
@@ -62,24 +62,22 @@ def _evdev(system: System) -> CheckResult:
     try:
         node = next(input_nodes.find_nodes(configured.device), None)
     except OSError as error:
-        return CheckResult(FAIL, "trackpad", f"{configured.device} cannot be opened ({error.strerror})", TO_INPUT)
+        return CheckResult(FAIL, f"{configured.device} cannot be opened ({error.strerror})", TO_INPUT)
     if node is None:
         if not all(is_readable(path) for path in nodes):
-            return CheckResult(FAIL, "trackpad", "none that this user may read is connected", TO_INPUT)
+            return CheckResult(FAIL, "none that this user may read is connected", TO_INPUT)
         wanted = f"named {configured.device!r}" if configured.device else "that reports contacts"
-        return CheckResult(
-            FAIL, "trackpad", f"no device {wanted} is connected", "plug it in: see /proc/bus/input/devices"
-        )
+        return CheckResult(FAIL, f"no device {wanted} is connected", "plug it in: see /proc/bus/input/devices")
     try:
         pad = input_nodes.describe(node, configured.size_mm)
         slots, path = node.slot_count(), node.path
     except (HapticdError, OSError) as error:
-        return CheckResult(FAIL, "trackpad", str(error), "set trackpad.size_mm, or trackpad.device to another device")
+        return CheckResult(FAIL, str(error), "set trackpad.size_mm, or trackpad.device to another device")
     finally:
         node.close()
     size = f"{pad.geometry.width_mm:.0f} x {pad.geometry.height_mm:.0f} mm"
     kind = f"{slots} contacts" if slots else "contacts without numbers (protocol A)"
-    return CheckResult(PASS, "trackpad", f"{pad.name} at {path}: {size}, {kind}")
+    return CheckResult(PASS, f"{pad.name} at {path}: {size}, {kind}")
 
 
 def _tuio(system: System) -> CheckResult:
@@ -88,11 +86,9 @@ def _tuio(system: System) -> CheckResult:
         tuio_trackpad.bound(address).close()
     except OSError as error:
         if system.status is not None:
-            return CheckResult(PASS, "trackpad", f"a TUIO tracker's datagrams are awaited at {address}")
-        return CheckResult(
-            FAIL, "trackpad", f"{address} cannot be bound ({error.strerror})", "set trackpad.tuio_address"
-        )
-    return CheckResult(PASS, "trackpad", f"{address} is free for a TUIO tracker")
+            return CheckResult(PASS, f"a TUIO tracker's datagrams are awaited at {address}")
+        return CheckResult(FAIL, f"{address} cannot be bound ({error.strerror})", "set trackpad.tuio_address")
+    return CheckResult(PASS, f"{address} is free for a TUIO tracker")
 
 
 def is_readable(path: Path) -> bool:
@@ -111,16 +107,16 @@ def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckRes
         try:
             measured_hz = listen(pads.connected(system.config.trackpad), LISTEN_S)
         except HapticdError as error:
-            return CheckResult(WARN, "report rate", str(error), "see trackpad above")
+            return CheckResult(WARN, str(error), "see trackpad above")
     else:
-        return CheckResult(PASS, "report rate", "no daemon answers, and no pad is configured")
+        return CheckResult(PASS, "no daemon answers, and no pad is configured")
     if measured_hz is None:
-        return CheckResult(WARN, "report rate", f"no touch within {LISTEN_S:g} s", TOUCH)
+        return CheckResult(WARN, f"no touch within {LISTEN_S:g} s", TOUCH)
     expected_hz = 1e3 / system.config.prediction.period_ms
     text = f"{measured_hz:.1f} Hz, the configuration expects {expected_hz:.1f}"
     if measured_hz < SLOW_FRAC * expected_hz:
-        return CheckResult(WARN, "report rate", text, FASTER if system.has_pad else IDLER)
-    return CheckResult(PASS, "report rate", text)
+        return CheckResult(WARN, text, FASTER if system.has_pad else IDLER)
+    return CheckResult(PASS, text)
 
 
 def _counted_rate_hz(system: System, wait: Callable[[float], None]) -> float | None:
@@ -184,27 +180,25 @@ def drive(system: System) -> CheckResult:
     """Check how far the drive has gone after the plate."""
     drive_hz, moved_hz = system.reported("board", "drive_hz"), system.reported("board", "drive_moved_hz")
     if not (isinstance(drive_hz, float) and isinstance(moved_hz, float)):
-        return CheckResult(PASS, "drive", "unknown: no daemon has a status of the board")
+        return CheckResult(PASS, "unknown: no daemon has a status of the board")
     text = f"{drive_hz:.1f} Hz, {moved_hz:+.1f} Hz from where it was set"
     if abs(moved_hz) < FAR_HZ:
-        return CheckResult(PASS, "drive", text)
+        return CheckResult(PASS, text)
     port = system.config.device.port
-    return CheckResult(
-        WARN, "drive", text, f"measure the plate again: hapticd calibrate resonance --port {port} --out DIR"
-    )
+    return CheckResult(WARN, text, f"measure the plate again: hapticd calibrate resonance --port {port} --out DIR")
 
 
 def board(system: System) -> CheckResult:
     """Check the serial port."""
     port = system.config.device.port
     if not system.has_board:
-        return CheckResult(PASS, "board", "simulated")
+        return CheckResult(PASS, "simulated")
     if not Path(port).exists():
-        return CheckResult(FAIL, "board", f"{port} does not exist", "plug the board in; ls /dev/ttyACM* /dev/ttyUSB*")
+        return CheckResult(FAIL, f"{port} does not exist", "plug the board in; ls /dev/ttyACM* /dev/ttyUSB*")
     if not is_accessible(Path(port)) and system.status is None:
         remedy = f"sudo usermod -aG {_group(Path(port))} $USER, then log in again"
-        return CheckResult(FAIL, "board", f"{port} cannot be opened by this user", remedy)
-    return CheckResult(PASS, "board", f"{port} can be opened" if system.status is None else f"{port} exists")
+        return CheckResult(FAIL, f"{port} cannot be opened by this user", remedy)
+    return CheckResult(PASS, f"{port} can be opened" if system.status is None else f"{port} exists")
 
 
 def _group(path: Path) -> str:
@@ -221,27 +215,27 @@ def firmware(system: System) -> CheckResult:
     if system.status is not None:
         refused, version = system.reported("board", "refused"), system.reported("board", "firmware")
         if refused and refused == system.reported("board", "self_test", "text"):
-            return CheckResult(WARN, "firmware", "not driven after its self-test", "see calibration above")
+            return CheckResult(WARN, "not driven after its self-test", "see calibration above")
         if refused:
-            return CheckResult(FAIL, "firmware", str(refused), "make -C firmware flash")
+            return CheckResult(FAIL, str(refused), "make -C firmware flash")
         if version is None or not system.reported("board", "ready"):
             lacking = system.reported("board", "lacking") or "the board does not answer the daemon"
-            return CheckResult(WARN, "firmware", str(lacking), "journalctl -u hapticd -n 20")
+            return CheckResult(WARN, str(lacking), "journalctl -u hapticd -n 20")
         crc, baud = system.reported("board", "image_crc"), system.reported("board", "baud")
         image = f", image {crc}" if crc else ""
         line = f", at {baud} baud" if isinstance(baud, int) else ""
-        return CheckResult(PASS, "firmware", f"version {version}{image}{line}, reported to the daemon")
+        return CheckResult(PASS, f"version {version}{image}{line}, reported to the daemon")
     port = system.config.device.port
     if not system.has_board:
-        return CheckResult(PASS, "firmware", "that of the simulated board, from this package")
+        return CheckResult(PASS, "that of the simulated board, from this package")
     if not (Path(port).exists() and is_accessible(Path(port))):
-        return CheckResult(WARN, "firmware", "not checked: the port cannot be opened", "see board above")
+        return CheckResult(WARN, "not checked: the port cannot be opened", "see board above")
     try:
         baud = system.config.device.baud
         version = asyncio.run(firmware_version(SerialLink(port, baud), f"{port} at {baud} baud"))
     except DeviceError as error:
-        return CheckResult(FAIL, "firmware", str(error), f"hapticd firmware info --port {port}")
-    return CheckResult(PASS, "firmware", f"version {version}, of this protocol")
+        return CheckResult(FAIL, str(error), f"hapticd firmware info --port {port}")
+    return CheckResult(PASS, f"version {version}, of this protocol")
 
 
 async def firmware_version(link: SerialLink, where: str) -> str:

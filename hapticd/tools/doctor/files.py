@@ -22,18 +22,18 @@ def modes(system: System) -> CheckResult:
         try:
             simulated = driven_modes(sim.plate, sim.modes)
         except ValueError as error:
-            return CheckResult(FAIL, "mode shapes", f"sim.modes: {error}", "set sim.modes to 0 for the plate's own")
+            return CheckResult(FAIL, f"sim.modes: {error}", "set sim.modes to 0 for the plate's own")
         if len(limits_um) == simulated or limits_um == LimitsConfig().w_limit_um:
-            return CheckResult(PASS, "mode shapes", "computed for the simulated plate")
+            return CheckResult(PASS, "computed for the simulated plate")
         text = f"limits.w_limit_um has {len(limits_um)} limits, the simulated plate {simulated} modes"
-        return CheckResult(FAIL, "mode shapes", text, "give one limit for each mode, or plate.modes_file")
+        return CheckResult(FAIL, text, "give one limit for each mode, or plate.modes_file")
     from ..service import load_modes
 
     try:
         found = load_modes(system.config)
     except HapticdError as error:
-        return CheckResult(FAIL, "mode shapes", str(error), "measure again: hapticd calibrate modes --help")
-    return CheckResult(PASS, "mode shapes", f"{found.M} modes from {path}")
+        return CheckResult(FAIL, str(error), "measure again: hapticd calibrate modes --help")
+    return CheckResult(PASS, f"{found.M} modes from {path}")
 
 
 def calibrated(system: System) -> CheckResult:
@@ -42,14 +42,13 @@ def calibrated(system: System) -> CheckResult:
     outcome, tested = (system.reported("board", "self_test", name) for name in ("outcome", "text"))
     if outcome in (MOVED, UNSAFE, UNKNOWN):
         verdict = FAIL if outcome == UNSAFE else WARN
-        return CheckResult(verdict, "calibration", f"self-test: {tested}", _selftest_command(config.device))
+        return CheckResult(verdict, f"self-test: {tested}", _selftest_command(config.device))
     path = config.device.calibration_file
     if not path:
         if not system.has_board:
-            return CheckResult(PASS, "calibration", "not needed by the simulated board")
+            return CheckResult(PASS, "not needed by the simulated board")
         return CheckResult(
             WARN,
-            "calibration",
             "none: the board drives your plate by the reference plate's figures",
             f"hapticd calibrate resonance --port {config.device.port} --out DIR, and device.calibration_file in the "
             "configuration",
@@ -57,15 +56,15 @@ def calibrated(system: System) -> CheckResult:
     try:
         found = calibration.load(Path(path), len(config.limits.w_limit_um))
     except HapticdError as error:
-        return CheckResult(FAIL, "calibration", str(error), "measure again: hapticd calibrate resonance --help")
+        return CheckResult(FAIL, str(error), "measure again: hapticd calibrate resonance --help")
     missing = len(config.limits.w_limit_um) - len(found.modes)
     if missing > 0:
         text = f"{path} has {len(found.modes)} of {len(config.limits.w_limit_um)} modes"
-        return CheckResult(WARN, "calibration", text, f"hapticd firmware sweep --mode N --save {path}")
+        return CheckResult(WARN, text, f"hapticd firmware sweep --mode N --save {path}")
     hz = ", ".join(f"{one.frequency_hz:.1f}" for one in found.modes)
     drive = "" if found.drive_hz is None else f", a drive of {found.drive_hz:.1f} Hz"
     test = f"; self-test: {tested}" if tested else ""
-    return CheckResult(PASS, "calibration", f"{path}: modes at {hz} Hz{drive}{test}")
+    return CheckResult(PASS, f"{path}: modes at {hz} Hz{drive}{test}")
 
 
 def _selftest_command(device: DeviceConfig) -> str:
@@ -78,32 +77,30 @@ def key_ring(system: System) -> CheckResult:
     """Check the keys of clients over TCP."""
     config = system.config
     if not config.client.tcp:
-        return CheckResult(PASS, "TCP", "not configured: clients are local")
+        return CheckResult(PASS, "not configured: clients are local")
     try:
         ring = keys.load(Path(config.client.keys_dir))
     except HapticdError as error:
-        return CheckResult(FAIL, "TCP", str(error), f"hapticd keys make {config.client.keys_dir or 'DIR'}")
-    return CheckResult(PASS, "TCP", f"{config.client.tcp}, for {', '.join(ring.clients.values())}")
+        return CheckResult(FAIL, str(error), f"hapticd keys make {config.client.keys_dir or 'DIR'}")
+    return CheckResult(PASS, f"{config.client.tcp}, for {', '.join(ring.clients.values())}")
 
 
 def recordings(system: System) -> CheckResult:
     """Check folder and space for recordings."""
     record = system.config.record
     if not record.file:
-        return CheckResult(PASS, "recordings", "not configured")
+        return CheckResult(PASS, "not configured")
     folder = Path(record.file).absolute().parent
     try:
         free_mb = shutil.disk_usage(folder).free / 1e6
     except FileNotFoundError:
-        return CheckResult(FAIL, "recordings", f"folder {folder} does not exist", f"mkdir -p {folder}")
+        return CheckResult(FAIL, f"folder {folder} does not exist", f"mkdir -p {folder}")
     except OSError as error:
-        return CheckResult(WARN, "recordings", f"{folder} cannot be read ({error.strerror})", f"ls -ld {folder}")
+        return CheckResult(WARN, f"{folder} cannot be read ({error.strerror})", f"ls -ld {folder}")
     if system.status is None and not os.access(folder, os.W_OK | os.X_OK):
-        return CheckResult(
-            WARN, "recordings", f"{folder} is not writable by this user", f"chown hapticd: {folder}, for the service"
-        )
+        return CheckResult(WARN, f"{folder} is not writable by this user", f"chown hapticd: {folder}, for the service")
     needed_mb = record.max_mb * record.max_files
     text = f"{free_mb / 1e3:.1f} GB free in {folder}, recordings take up to {needed_mb / 1e3:.1f} GB"
     if free_mb < needed_mb:
-        return CheckResult(WARN, "recordings", text, "free disk space, or lower record.max_mb and record.max_files")
-    return CheckResult(PASS, "recordings", text)
+        return CheckResult(WARN, text, "free disk space, or lower record.max_mb and record.max_files")
+    return CheckResult(PASS, text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,10 @@ PASS, WARN, FAIL = "pass", "warn", "FAIL"
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Result of one `check`; `text` is its result, `remedy` the fix, empty if none is needed."""
+    """What a check found; `text` is its result, `remedy` the fix, empty if none is needed; the program names it."""
 
     verdict: str
-    check: str
+    check: str = field(default="", kw_only=True)
     text: str
     remedy: str = ""
 

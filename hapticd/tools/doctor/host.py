@@ -30,21 +30,21 @@ def rules(system: System) -> CheckResult:
     found = next((folder for folder in RULE_FOLDERS if system.root.joinpath(folder, RULES).is_file()), None)
     if found is None:
         if not (system.has_pad or system.has_board):
-            return CheckResult(PASS, "udev rules", "not installed, and not needed for the simulated plate")
-        return CheckResult(WARN, "udev rules", f"{RULES} is not installed", INSTALL)
+            return CheckResult(PASS, "not installed, and not needed for the simulated plate")
+        return CheckResult(WARN, f"{RULES} is not installed", INSTALL)
     try:
         ours = next(file.text for file in service_files() if file.name == RULES)
     except HapticdError as error:
-        return CheckResult(WARN, "udev rules", str(error))
+        return CheckResult(WARN, str(error))
     if system.text(found, RULES) != ours.strip():
-        return CheckResult(WARN, "udev rules", f"/{found}/{RULES} is not this version's", INSTALL)
-    return CheckResult(PASS, "udev rules", f"/{found}/{RULES}")
+        return CheckResult(WARN, f"/{found}/{RULES} is not this version's", INSTALL)
+    return CheckResult(PASS, f"/{found}/{RULES}")
 
 
 def groups(system: System) -> CheckResult:
     """Check that this user is in the groups of sockets and devices."""
     if os.geteuid() == 0:
-        return CheckResult(PASS, "groups", "root needs none")
+        return CheckResult(PASS, "root needs none")
     user = _user_name()
     needed = [CLIENT_GROUP] if system.root.joinpath("run/hapticd").is_dir() else []
     needed += [DEVICE_GROUP] if system.has_pad or system.has_board else []
@@ -52,16 +52,14 @@ def groups(system: System) -> CheckResult:
         try:
             group = grp.getgrnam(name)
         except KeyError:
-            return CheckResult(
-                WARN, "groups", f"group {name} does not exist", "sudo systemd-sysusers, after install-service"
-            )
+            return CheckResult(WARN, f"group {name} does not exist", "sudo systemd-sysusers, after install-service")
         if group.gr_gid in os.getgroups():
             continue
         if user in group.gr_mem:
-            return CheckResult(WARN, "groups", f"{user} is in {name}, but not in this session", "log out and in again")
+            return CheckResult(WARN, f"{user} is in {name}, but not in this session", "log out and in again")
         text = f"{user} is not in {name}, which only the user logged in at the screen does not need"
-        return CheckResult(WARN, "groups", text, f"sudo usermod -aG {name} {user}, then log in again")
-    return CheckResult(PASS, "groups", f"{user} is in {', '.join(needed)}" if needed else "none is needed")
+        return CheckResult(WARN, text, f"sudo usermod -aG {name} {user}, then log in again")
+    return CheckResult(PASS, f"{user} is in {', '.join(needed)}" if needed else "none is needed")
 
 
 def _user_name() -> str:
@@ -78,35 +76,31 @@ def real_time(system: System) -> CheckResult:
     if granted is not None:
         refused = system.reported("real_time", "refused") or ()
         if refused:
-            return CheckResult(
-                WARN, "real time", f"the system refused the daemon: {'; '.join(refused)}", "systemctl cat hapticd"
-            )
-        return CheckResult(PASS, "real time", f"the daemon runs at priority {granted}, with all it requested")
+            return CheckResult(WARN, f"the system refused the daemon: {'; '.join(refused)}", "systemctl cat hapticd")
+        return CheckResult(PASS, f"the daemon runs at priority {granted}, with all it requested")
     if requested.fifo_priority == 0 and not (requested.lock_memory or requested.stay_awake):
-        return CheckResult(PASS, "real time", "not configured")
+        return CheckResult(PASS, "not configured")
     allowed = _limit(resource.RLIMIT_RTPRIO)
     if requested.fifo_priority > allowed and not _can(system, CAP_SYS_NICE):
         return CheckResult(
             WARN,
-            "real time",
             f"this user is limited to priority {allowed:g}, the configuration requests {requested.fifo_priority}",
             "run it as the service, whose unit grants 20: sudo systemctl start hapticd",
         )
     if requested.lock_memory and _limit(resource.RLIMIT_MEMLOCK) < MEMLOCK_BYTES and not _can(system, CAP_IPC_LOCK):
         return CheckResult(
             WARN,
-            "real time",
             f"this user may lock {_limit(resource.RLIMIT_MEMLOCK) / 2**20:g} MiB of memory, not enough for all of it",
             "run it as the service, whose unit grants 512 MiB: sudo systemctl start hapticd",
         )
     latency_file = system.root / LATENCY_FILE.relative_to("/")
     if requested.stay_awake and not os.access(latency_file, os.W_OK):
         text = f"this user may not write to {LATENCY_FILE}, so processors enter sleep states"
-        return CheckResult(WARN, "real time", text, INSTALL)
+        return CheckResult(WARN, text, INSTALL)
     parts = [f"priority {requested.fifo_priority}"] if requested.fifo_priority > 0 else []
     parts += ["locked memory"] if requested.lock_memory else []
     parts += ["processors kept out of sleep states"] if requested.stay_awake else []
-    return CheckResult(PASS, "real time", f"{' and '.join(parts)} within this user's limits")
+    return CheckResult(PASS, f"{' and '.join(parts)} within this user's limits")
 
 
 def _limit(which: int) -> float:
@@ -126,13 +120,13 @@ def clock(system: System) -> CheckResult:
     folder = "sys/devices/system/clocksource/clocksource0"
     source = system.text(folder, "current_clocksource")
     if source is None:
-        return CheckResult(PASS, "clock", "its source is not reported by this system")
+        return CheckResult(PASS, "its source is not reported by this system")
     if source in FAST_CLOCKS:
-        return CheckResult(PASS, "clock", source)
+        return CheckResult(PASS, source)
     offered = (system.text(folder, "available_clocksource") or "").split()
     fast = next((one for one in FAST_CLOCKS if one in offered), None)
     remedy = f"echo {fast} | sudo tee /{folder}/current_clocksource" if fast else "journalctl -k --grep clocksource"
-    return CheckResult(WARN, "clock", f"{source} is slow to read", remedy)
+    return CheckResult(WARN, f"{source} is slow to read", remedy)
 
 
 def governor(system: System) -> CheckResult:
@@ -141,20 +135,17 @@ def governor(system: System) -> CheckResult:
     names = {system.text(str(path)) for path in folder.glob("cpu*/cpufreq/scaling_governor")}
     found = {name for name in names if name is not None}
     if not found:
-        return CheckResult(PASS, "processor", "no frequency governor")
+        return CheckResult(PASS, "no frequency governor")
     if found == {"performance"}:
-        return CheckResult(PASS, "processor", "governor performance")
+        return CheckResult(PASS, "governor performance")
     text = f"governor {', '.join(sorted(found))}: passes after a pause take longer"
-    return CheckResult(WARN, "processor", text, "sudo cpupower frequency-set -g performance")
+    return CheckResult(WARN, text, "sudo cpupower frequency-set -g performance")
 
 
 def built(_: System) -> CheckResult:
     """Check the simulated board's firmware."""
     if importlib.util.find_spec("hapticd.sim.board._firmware") is None:
         return CheckResult(
-            WARN,
-            "simulated board",
-            "its firmware is not built",
-            f"sudo apt install build-essential python3-dev, then {rebuild()}",
+            WARN, "its firmware is not built", f"sudo apt install build-essential python3-dev, then {rebuild()}"
         )
-    return CheckResult(PASS, "simulated board", "its firmware is built")
+    return CheckResult(PASS, "its firmware is built")

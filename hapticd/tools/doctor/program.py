@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from ...config import loader as configuration
@@ -16,26 +17,27 @@ from . import bundle as bundles
 from . import devices, files, host, service
 from .finding import FAIL, PASS, WARN, CheckResult, System, as_document, has_failed
 
-CHECKS: tuple[Callable[[System], CheckResult], ...] = (
-    files.modes,
-    files.calibrated,
-    files.recordings,
-    files.key_ring,
-    host.built,
-    service.daemon,
-    service.health,
-    service.alone,
-    host.rules,
-    host.groups,
-    devices.trackpad,
-    devices.rate,
-    devices.board,
-    devices.firmware,
-    devices.drive,
-    host.real_time,
-    host.clock,
-    host.governor,
-)
+CHECKS: dict[str, Callable[[System], CheckResult]] = {
+    "mode shapes": files.modes,
+    "calibration": files.calibrated,
+    "recordings": files.recordings,
+    "TCP": files.key_ring,
+    "simulated board": host.built,
+    "daemon": service.daemon,
+    "state": service.health,
+    "other daemons": service.alone,
+    "udev rules": host.rules,
+    "groups": host.groups,
+    "trackpad": devices.trackpad,
+    "report rate": devices.rate,
+    "board": devices.board,
+    "firmware": devices.firmware,
+    "drive": devices.drive,
+    "real time": host.real_time,
+    "clock": host.clock,
+    "processor": host.governor,
+}
+CONFIGURATION = "configuration"  # the check before all others: without a valid one there is no other
 SERVICE_CONFIG = Path("etc/hapticd/hapticd.toml")
 SHOW_KEYS = "hapticd run --print-config shows every key; correct the file"
 
@@ -78,21 +80,21 @@ def examine(config_path: Path | None, *, as_json: bool = False, bundle: Path | N
 def configured(config_path: Path | None, root: Path) -> CheckResult:
     """Report which valid configuration is checked, and whether the service has another."""
     if config_path is not None:
-        return CheckResult(PASS, "configuration", f"{config_path} is valid")
+        return CheckResult(PASS, f"{config_path} is valid")
     of_service = root / SERVICE_CONFIG
     if of_service.exists():
         text = f"the built-in one, while the service uses {of_service}"
-        return CheckResult(WARN, "configuration", text, f"hapticd doctor --config {of_service}")
-    return CheckResult(PASS, "configuration", "the built-in one is valid")
+        return CheckResult(WARN, text, f"hapticd doctor --config {of_service}")
+    return CheckResult(PASS, "the built-in one is valid")
 
 
 def _findings(config_path: Path | None) -> Iterator[tuple[CheckResult, System | None]]:
     try:
         config = configuration.load(config_path) if config_path is not None else Config()
     except HapticdError as error:
-        yield CheckResult(FAIL, "configuration", str(error), SHOW_KEYS), None
+        yield CheckResult(FAIL, str(error), SHOW_KEYS, check=CONFIGURATION), None
         return
     system = service.find(config, os.environ)
-    yield configured(config_path, system.root), system
-    for check in CHECKS:
-        yield check(system), system
+    yield replace(configured(config_path, system.root), check=CONFIGURATION), system
+    for name, check in CHECKS.items():
+        yield replace(check(system), check=name), system

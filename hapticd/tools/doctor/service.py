@@ -80,48 +80,46 @@ def daemon(system: System) -> CheckResult:
     try:
         control = endpoint_path(directory, "control")
     except HapticdError as error:
-        return CheckResult(FAIL, "daemon", str(error), "export HAPTICD_RUNTIME_DIR=/tmp/hapticd")
+        return CheckResult(FAIL, str(error), "export HAPTICD_RUNTIME_DIR=/tmp/hapticd")
     distrust = _distrust(directory)
     if distrust:
-        return CheckResult(FAIL, "daemon", distrust, f"rm -r {directory}, or set HAPTICD_RUNTIME_DIR")
+        return CheckResult(FAIL, distrust, f"rm -r {directory}, or set HAPTICD_RUNTIME_DIR")
     if system.status is not None:
         if system.version != __version__:
             text = f"version {system.version} in {directory}, this program is {__version__}"
-            return CheckResult(WARN, "daemon", text, RESTART)
-        return CheckResult(PASS, "daemon", f"version {system.version} answers in {directory}")
+            return CheckResult(WARN, text, RESTART)
+        return CheckResult(PASS, f"version {system.version} answers in {directory}")
     if is_closed(directory) or (_is_socket(control) and not is_accessible(control)):
         text = f"{directory} is not accessible to this user"
-        return CheckResult(FAIL, "daemon", text, "sudo usermod -aG hapticd $USER, then log in again")
+        return CheckResult(FAIL, text, "sudo usermod -aG hapticd $USER, then log in again")
     if is_locked(directory):
         text = f"one holds {directory / 'lock'}, but does not answer"
-        return CheckResult(FAIL, "daemon", text, f"fuser -v {directory / 'lock'} shows it; {RESTART}")
+        return CheckResult(FAIL, text, f"fuser -v {directory / 'lock'} shows it; {RESTART}")
     left = " (the socket there is stale, which is harmless)" if _is_socket(control) else ""
-    return CheckResult(WARN, "daemon", f"none runs in {directory}{left}", START)
+    return CheckResult(WARN, f"none runs in {directory}{left}", START)
 
 
 def health(system: System) -> CheckResult:
     """Check the daemon's state."""
     if system.status is None:
-        return CheckResult(PASS, "state", "unknown: no daemon answers")
+        return CheckResult(PASS, "unknown: no daemon answers")
     state = str(system.reported("state"))
     changes = system.reported("state_changes") or ()
     why = f": {changes[0].get('why')}" if changes and isinstance(changes[0], dict) else ""
     if state == "FAULT":
-        return CheckResult(
-            FAIL, "state", f"{state}{why}", "hapticd firmware info shows the cause; then Client.clear_fault()"
-        )
+        return CheckResult(FAIL, f"{state}{why}", "hapticd firmware info shows the cause; then Client.clear_fault()")
     if state == "IDLE":
-        return CheckResult(WARN, "state", f"{state}{why}", "see trackpad and board below")
-    return CheckResult(PASS, "state", f"{state}{why}")
+        return CheckResult(WARN, f"{state}{why}", "see trackpad and board below")
+    return CheckResult(PASS, f"{state}{why}")
 
 
 def alone(system: System, environ: Mapping[str, str] = os.environ) -> CheckResult:
     """Check for other daemons on this host, which clients could find instead."""
     others = [place for place in directories(environ) if place != system.directory and is_locked(place)]
     if not others:
-        return CheckResult(PASS, "other daemons", "none")
+        return CheckResult(PASS, "none")
     text = f"one runs in {', '.join(map(str, others))} as well; clients connect to the first they find"
-    return CheckResult(WARN, "other daemons", text, f"fuser -k -TERM {others[0] / 'lock'}, or set HAPTICD_RUNTIME_DIR")
+    return CheckResult(WARN, text, f"fuser -k -TERM {others[0] / 'lock'}, or set HAPTICD_RUNTIME_DIR")
 
 
 def _distrust(directory: Path) -> str:

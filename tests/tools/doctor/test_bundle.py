@@ -17,7 +17,7 @@ from hapticd.io.clients import keys
 from hapticd.tools.doctor.bundle import collect, versions
 from hapticd.tools.doctor.finding import PASS, CheckResult, System
 
-FOUND = [CheckResult(PASS, "board", "simulated")]
+FOUND = [CheckResult(PASS, "simulated", check="board")]
 
 
 def members(path: Path) -> dict[str, bytes]:

@@ -191,7 +191,7 @@ def test_a_daemon_that_answers_is_asked_for_its_status(
         assert fake_daemon.answer({"protocol": 1, "version": __version__, "instance": 7}) == "hello"
         assert fake_daemon.answer(reported) == "status"
         found = asked.result()
-    assert service.daemon(found) == CheckResult(PASS, "daemon", f"version {__version__} answers in {tmp_path}")
+    assert service.daemon(found) == CheckResult(PASS, f"version {__version__} answers in {tmp_path}")
     assert service.health(found).text == "ACTIVE: touched"
     assert devices.firmware(found).text == "version 9.9, at 921600 baud, reported to the daemon"
 
@@ -290,7 +290,9 @@ class Pad:
 SCREEN = {**REAL, "trackpad": {"source": "evdev"}}
 
 
-def evdev_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: object = None, **trackpad: object) -> object:
+def evdev_found(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: object = None, **trackpad: object
+) -> CheckResult:
     """The check of the touch device, where this is what the search finds."""
 
     def find(*_: object) -> Iterator[object]:
@@ -304,7 +306,7 @@ def evdev_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: object =
 
 def test_a_touchscreen_is_reported_with_its_size_and_contacts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found = evdev_found(monkeypatch, tmp_path, FakeNode())
-    assert str(found) == "pass  trackpad: screen at /dev/input/event7: 400 x 200 mm, 10 contacts"
+    assert (found.verdict, found.text) == (PASS, "screen at /dev/input/event7: 400 x 200 mm, 10 contacts")
     without_slots = {code: AXES[code] for code in (POSITION_X, POSITION_Y)}
     assert "without numbers (protocol A)" in str(evdev_found(monkeypatch, tmp_path, FakeNode(without_slots)))
 
@@ -462,7 +464,7 @@ def test_groups_are_asked_for_only_where_something_belongs_to_them(
 
 @pytest.mark.usefixtures("impatient")
 def test_every_finding_that_is_no_pass_has_a_fix(tmp_path: Path) -> None:
-    found = [check(system(tmp_path, **REAL, realtime={"fifo_priority": 50})) for check in CHECKS]
-    found += [check(System(Config(), tmp_path, {"state": "FAULT"}, "0")) for check in CHECKS]
+    found = [check(system(tmp_path, **REAL, realtime={"fifo_priority": 50})) for check in CHECKS.values()]
+    found += [check(System(Config(), tmp_path, {"state": "FAULT"}, "0")) for check in CHECKS.values()]
     assert all(one.remedy for one in found if one.verdict != PASS)
     assert not any(one.remedy for one in found if one.verdict == PASS)
