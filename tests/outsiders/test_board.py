@@ -310,8 +310,6 @@ SENSELESS_HELLO = "board refused: The board's HELLO makes no sense"
             "board refused: The board drives 3 modes, the mode map has 2: use a matching map and firmware.",
         ),
         (hello_with(control_hz=0.0), f"{SENSELESS_HELLO}: control_hz is 0, not within 500..50000: {FLASH}."),
-        (hello_with(drive_hz=0.0), f"{SENSELESS_HELLO}: drive_hz is 0, not within 1..1e+06: {FLASH}."),
-        (hello_with(deadman_ms=0), f"{SENSELESS_HELLO}: deadman_ms is 0, not within 50..50: {FLASH}."),
         (
             only(outsider.VERDICT),
             f"board: not driven: it sends no VERDICT on its controller and models: {FLASH}",
