@@ -50,7 +50,9 @@ class Proposal(NamedTuple):
     """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case.
 
     `map_refusal` says why the map stays as it is, `next_place` which ninth of the plate to touch next: column from the
-    left and row from below, 0 .. 2. `evidence` is what the newest touches say of what was adopted before.
+    left and row from below, 0 .. 2. `map_sigma` is one sigma of the map found in each ninth, from the lower left on,
+    rows along x, and `map_known` says where it is known best and least. `evidence` is what the newest touches say of
+    what was adopted before.
     """
 
     refusal: str
@@ -60,6 +62,8 @@ class Proposal(NamedTuple):
     map_refusal: str = ""
     next_place: tuple[int, int] | None = None
     evidence: Evidence = Evidence.NONE
+    map_sigma: tuple[tuple[float, ...], ...] | None = None
+    map_known: str = ""
 
 
 class SelfCalibration:
@@ -85,6 +89,8 @@ class SelfCalibration:
         self._taken_back = 0
         self._last = self._last_of_map = ""
         self._next_place: tuple[int, int] | None = None
+        self._map_sigma: tuple[tuple[float, ...], ...] | None = None  # of the last map that was found
+        self._map_known = ""
 
     def start(self, loop: asyncio.AbstractEventLoop, command: Sequence[str], header: Header) -> None:
         """Start the process that `command` names; one that cannot be started is a warning."""
@@ -184,6 +190,8 @@ class SelfCalibration:
             proposal = _verdict(line)
             self._last, self._last_of_map = self._request(proposal), proposal.map_refusal
             self._next_place = proposal.next_place
+            if proposal.map_sigma is not None:
+                self._map_sigma, self._map_known = proposal.map_sigma, proposal.map_known
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             self._refuse(line)
             return False
@@ -290,6 +298,7 @@ class SelfCalibration:
             "last_refusal": self._last,
             "last_map_refusal": self._last_of_map,
             "next_place": self._next_place,
+            "map_sigma": self._map_sigma,
             "sentence": self._sentence(),
         }
 
@@ -303,7 +312,8 @@ class SelfCalibration:
             ("a finger's load", self._loads > 0),
         )
         adopted = ", ".join(name for name, is_adopted in known if is_adopted)
-        why = " ".join(dict.fromkeys(one for one in (self._last, self._last_of_map) if one))
+        known_too = self._map_known if self._trust.change is not None and not self._is_due else ""
+        why = " ".join(dict.fromkeys(one for one in (known_too, self._last, self._last_of_map) if one))
         if not self._verdicts:
             return ""
         return f"{f'Adopted: {adopted}.' if adopted else 'Nothing is adopted.'} {why}".strip()
@@ -350,4 +360,14 @@ def _verdict(line: bytes) -> Proposal:
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
     correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
-    return Proposal("", correction, change, load_1_s, map_refusal, next_place, evidence)
+    sigma = None if "map_sigma" not in found else _ninths(found["map_sigma"])
+    known = str(found.get("map_known", ""))[:_MOST_REFUSAL_CHARACTERS]
+    return Proposal("", correction, change, load_1_s, map_refusal, next_place, evidence, sigma, known)
+
+
+def _ninths(rows: object) -> tuple[tuple[float, ...], ...]:
+    """Return finite numbers of three rows and columns. Raises ValueError or TypeError for anything else."""
+    first, second, third = (tuple(map(float, row)) for row in rows)  # type: ignore[attr-defined]
+    if {len(first), len(second), len(third)} != {3} or not all(map(math.isfinite, first + second + third)):
+        raise ValueError("a sigma for each ninth is finite")
+    return first, second, third

@@ -30,6 +30,7 @@ import numpy as np
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.adoption import shapes_of
 from ..daemon.settings import CALIBRATION_HZ
+from ..design.touch.coverage import known_sentence
 from ..design.touch.evidence import Taken, gained
 from ..design.touch.judge import Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
@@ -172,7 +173,10 @@ class Accumulator:
             "offset_mm": offset_mm.tolist(),
             "latency_s": float(judged.calibration.pad[LATENCY]),
         }
-        return found if judged.waves is None else found | self._plate(judged)
+        if judged.waves is None or judged.map_sigma is None:
+            return found
+        known = {"map_sigma": judged.map_sigma.tolist(), "map_known": known_sentence(judged.map_sigma)}
+        return found | known | self._plate(judged)
 
     def _plate(self, judged: Judged) -> dict[str, Any]:
         """Return map and sensors, which are found together alone: without the map its errors pass for the sensors'."""

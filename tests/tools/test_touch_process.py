@@ -232,6 +232,9 @@ NO_VERDICTS = {
     "not finite": json.dumps(RIGHT | {"latency_s": float("nan")}).encode(),
     "too large": json.dumps(RIGHT | {"offset_mm": [10**400, 0]}).encode(),
     "deep": b"[" * 60_000,
+    "two rows of sigmas": json.dumps(RIGHT | {"map_sigma": [[0.01] * 3] * 2}).encode(),
+    "a sigma that is no number": json.dumps(RIGHT | {"map_sigma": [[0.01] * 3, [math.nan] * 3, [0.01] * 3]}).encode(),
+    "a row of two sigmas": json.dumps(RIGHT | {"map_sigma": [[0.01] * 3, [0.01] * 2, [0.01] * 3]}).encode(),
     "no sensors": json.dumps(RIGHT | {"shapes": "AAAA", "steepest_1_mm": 1.0}).encode(),
     "no base 64": json.dumps(RIGHT | SENSORS | {"shapes": "?"}).encode(),
     "another grid": json.dumps(RIGHT | SENSORS | {"shapes": "AAAAAA=="}).encode(),
@@ -259,10 +262,12 @@ def test_a_sentence_says_what_is_adopted_and_why_no_more(at_rest: Touching, cali
     assert calibration.report()["sentence"] == f"Nothing is adopted. {kept}"
     modes = at_rest.header.modes
     machine = Machine(Config(), modes, write_board=lambda _: T_START_NS)
-    assert calibration.take_verdict(json.dumps(changed(1.02, modes)).encode())
+    known = {"map_sigma": [[0.01, 0.02, 0.01]] * 3, "map_known": "The map found errs by 1 %."}
+    assert calibration.take_verdict(json.dumps(changed(1.02, modes) | known).encode())
     assert "map" not in str(calibration.report()["sentence"])
     assert calibration.step(machine, T_START_NS)
-    assert calibration.report()["sentence"] == "Adopted: half of map and sensors."
+    assert calibration.report()["sentence"] == "Adopted: half of map and sensors. The map found errs by 1 %."
+    assert calibration.report()["map_sigma"] == ((0.01, 0.02, 0.01),) * 3
 
 
 def test_a_latency_beyond_all_bounds_is_a_refusal(calibration: SelfCalibration) -> None:

@@ -17,7 +17,7 @@ from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import ComplexArray, FloatArray
 from .model import FORCE_S, LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, FitState, Free, Model
-from .normal import OUTLIER, Normal, covariance_of, normal_of
+from .normal import OUTLIER, Normal, covariance_of, normal_of, precision_of
 from .observations import WINDOW_S, Windows
 from .problem import TouchProblem, complex_of
 from .waves import Waves
@@ -37,7 +37,7 @@ class Fit:
     """A fitted calibration with one sigma of each part, and the `covariance` (7, 7) of the pad's.
 
     `cost` (B,) of each window, in units of the noise (M,) of either part of the residual; `drift_hz` (M,) is how far
-    each mode's frequency moved.
+    each mode's frequency moved. `waves_precision` (M K, M K) is the inverse of the waves' covariance.
     """
 
     calibration: Calibration
@@ -49,6 +49,7 @@ class Fit:
     loads: ComplexArray
     spread_mm2: FloatArray
     spread_sigma_mm2: FloatArray
+    waves_precision: FloatArray
 
 
 def fit(
@@ -70,9 +71,13 @@ def fit(
     problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start, are_points)
     state = FitState.start(start, problem.model, problem.spread_mm2)
     settled = _settled(replace(problem, free=Free()), state)
-    found, covariance = _descended(problem, settled) if any(free) else (settled, np.zeros((sum(problem.sizes),) * 2))
+    pad, sense, lacking = problem.sizes[:3]
+    found, covariance, precision = settled, np.zeros((sum(problem.sizes),) * 2), np.zeros((lacking, lacking))
+    if any(free):
+        found, normal = _descended(problem, settled)
+        covariance = covariance_of(normal, windows)
+        precision = precision_of(normal, slice(pad + sense, pad + sense + lacking))
     state, noise = found.state, found.noise
-    pad = problem.sizes[0]
     return Fit(
         state.calibration,
         _sigma(problem, np.sqrt(np.diag(covariance))),
@@ -83,6 +88,7 @@ def fit(
         state.loads,
         state.spread_mm2,
         np.sqrt(np.diag(covariance))[len(covariance) - len(state.spread_mm2) :],
+        precision,
     )
 
 
@@ -107,10 +113,10 @@ def _settled(problem: TouchProblem, state: FitState) -> _Settled:
     return found
 
 
-def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, FloatArray]:
+def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, Normal]:
     """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little.
 
-    Returns the parameters' covariance (P, P) too.
+    Returns the normal equations of the last one, too.
     """
     left = _MOST_WITH_WAVES if problem.free.waves else _MOST_STEPS
     cost, damping, normal = _cost(problem, *found), 0.0, normal_of(problem, *found)
@@ -123,11 +129,11 @@ def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, FloatA
         found = _Settled(state, _noise(problem.model, state), *_load_prior(problem.model.windows, state, normal))
         left -= 1
         if left == 0 or (gain < _LEAST_GAIN and damping == 0.0):
-            break  # the covariance of a step before is as good
+            break  # the normal equations of a step before are as good
         del normal  # two at a time would be the most memory of all
         cost, normal = _cost(problem, *found), normal_of(problem, *found)
         damping = damping / 10.0 if damping > 1e-3 else 0.0
-    return found, covariance_of(normal, problem.model.windows)
+    return found, normal
 
 
 def _stepped(problem: TouchProblem, state: FitState, normal: Normal, damping: float = 0.0) -> FitState:

@@ -14,7 +14,7 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import FloatArray
-from .coverage import Ninth, where_next
+from .coverage import Ninth, map_sigma, touched_box, where_next
 from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Calibration, Free
@@ -50,7 +50,8 @@ class Judged:
 
     `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
     `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none, and
-    `next_place` where more touching would help then.
+    `next_place` where more touching would help then. `map_sigma` (3, 3) is one sigma of the changed map by ninths
+    (`coverage`).
     """
 
     calibration: Calibration
@@ -66,6 +67,7 @@ class Judged:
     waves: Waves | None = None
     fit: Fit | None = None
     next_place: Ninth | None = None
+    map_sigma: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +254,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     if judged.refusal not in ("", NO_CHANGE):
         return replace(judged, map_refusal=judged.refusal)
     parasitic = None if fitter.parasitic_modes is None else fitter.parasitic_modes.modes
-    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic)
+    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic, touched_box(windows, fitter.modes))
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)
@@ -269,6 +271,8 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         sentence = place.sentence(len(windows) * WINDOW_S)
         return replace(judged, map_refusal=f"The map stays as it is. {sentence}", next_place=place)
     found = _mean(*fits)
+    # Both halves know the priors, which count once.
+    precision = fits[0].waves_precision + fits[1].waves_precision - np.diag(waves.prior.ravel() ** -2.0)
     latency_s, latency_sigma_s = effective_latency(windows, found)
     adopted = _effective(found.calibration, latency_s)
     return replace(
@@ -281,6 +285,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         refusal="",
         waves=waves,
         fit=found,
+        map_sigma=map_sigma(waves, precision, fitter.modes),
     )
 
 

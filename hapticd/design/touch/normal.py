@@ -111,6 +111,15 @@ def covariance_of(normal: Normal, windows: Windows) -> FloatArray:
     return np.asarray(robust * np.outer(larger, larger), np.float64)
 
 
+def precision_of(normal: Normal, part: slice) -> FloatArray:
+    """Return the inverse of the covariance of some parameters, whatever the others are (Schur complement)."""
+    if part.start == part.stop:
+        return np.zeros((0, 0))
+    matrix, rest = normal.matrix, np.delete(np.arange(len(normal.matrix)), part)
+    across = matrix[rest, part]
+    return np.asarray(matrix[part, part] - across.T @ np.linalg.solve(matrix[np.ix_(rest, rest)], across), np.float64)
+
+
 def _stacked(columns: ComplexArray) -> FloatArray:
     """Real rows of each window: (B, S, M, P) to (B, 2 S M, P)."""
     flat = columns.reshape(len(columns), -1, columns.shape[-1])

@@ -25,31 +25,46 @@ _MOST_POINTS = 41  # along an axis
 _OWN_SHARE = 0.3  # of the variance: waves of the map's own length
 _SCALE = 0.26  # of a wave
 _DIRECTIONS = 48
+_MARGIN = 0.25  # of a wave: a contact reaches that far beyond its centre
 
 
 class Waves:
     """K surfaces over the plate, and how far each may be from 0 in each of M modes: `prior` (M, K).
 
-    First are smooth ones of mean square 1, then the shapes of `modes`, then those of the `parasitic` modes, if known.
+    First are smooth ones, of mean square 1 in the box that is `touched_mm` (2, 2), its least and largest x and y: the
+    likeliest there, finer than as many for the whole plate, which they are for without a box. Then come the shapes of
+    `modes`, then those of the `parasitic` modes, if known.
     """
 
-    def __init__(self, modes: ModeShapes, wave_rad_mm: float, parasitic: ModeShapes | None = None) -> None:
+    def __init__(
+        self,
+        modes: ModeShapes,
+        wave_rad_mm: float,
+        parasitic: ModeShapes | None = None,
+        touched_mm: FloatArray | None = None,
+    ) -> None:
         wave_mm = 2.0 * np.pi / wave_rad_mm
         x_mm, y_mm = (
             np.linspace(axis[0], axis[-1], min(round(_POINTS_A_WAVE * (axis[-1] - axis[0]) / wave_mm), _MOST_POINTS))
             for axis in (modes.x_mm, modes.y_mm)
         )
         points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-        far_mm = np.sqrt(((points[:, None] - points) ** 2).sum(axis=-1))
+        is_near = np.ones(len(points), np.bool_)
+        if touched_mm is not None:
+            margin_mm = _MARGIN * wave_mm
+            is_near = ((points > touched_mm[0] - margin_mm) & (points < touched_mm[1] + margin_mm)).all(axis=1)
+        count = int(is_near.sum())
+        far_mm = np.sqrt(((points[:, None] - points[is_near]) ** 2).sum(axis=-1))
         covariance = _OWN_SHARE * _ring(wave_rad_mm, far_mm) + (1.0 - _OWN_SHARE) * _matern(far_mm, _SCALE * wave_mm)
-        variance, vectors = np.linalg.eigh(covariance)
-        kept = slice(-1, -1 - min(MOST // modes.M, len(points)), -1)
-        surfaces = np.sqrt(len(points)) * vectors[:, kept].T
+        variance, vectors = np.linalg.eigh(covariance[is_near])
+        kept = slice(-1, -1 - min(MOST // modes.M, count), -1)
+        # Elsewhere on the plate they are what is most likely by the touched part (Nystroem).
+        surfaces = np.sqrt(count) * (covariance @ vectors[:, kept] / np.maximum(variance[kept], 1e-12)).T
         self._surfaces = BicubicSurfaces(x_mm, y_mm, surfaces.reshape(-1, len(y_mm), len(x_mm)))
         self._knots_mm = x_mm, y_mm
         self._shapes = (modes,) if parasitic is None else (modes, parasitic)
         self.smooth = len(surfaces)
-        smooth = MAP_PRIOR * np.sqrt(np.maximum(variance[kept], 1e-12) / len(points))
+        smooth = MAP_PRIOR * np.sqrt(np.maximum(variance[kept], 1e-12) / count)
         turned = np.where(np.eye(modes.M, dtype=bool), _OWN_PRIOR, TURNED_PRIOR)
         aside = np.full((modes.M, 0 if parasitic is None else parasitic.M), PARASITIC_PRIOR)
         self.prior: FloatArray = np.concatenate((np.tile(smooth, (modes.M, 1)), turned, aside), axis=1)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...config.sections import SIMULATED
 from ...core.plate.mode_shapes import ModeShapes
+from ...design.touch.coverage import known_sentence, place_name
 from ...design.touch.judge import Judged
 from ...design.touch.model import CENTROID
 from ...errors import CalibrationError
@@ -121,6 +122,9 @@ def verdict(
     if judged.waves is not None:
         change = judged.waves.rms(judged.calibration.waves)
         figures += [Figure(f"map of mode {mode}, change RMS", float(rms), "") for mode, rms in enumerate(change)]
+    if judged.map_sigma is not None:
+        for (row, column), sigma in np.ndenumerate(judged.map_sigma):
+            figures.append(Figure(f"map, one sigma, {place_name(row, column)}", 100.0 * float(sigma), "% of the peak"))
     figures.append(Figure("held-out residual falls by", 100.0 * judged.gain_frac, "%"))
     figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))
     if load_1_s is not None:
@@ -140,7 +144,8 @@ def verdict(
     adopted += ["map"] if judged.waves is not None else []
     adopted += independent
     lacking = "" if has_sensors else " The sensors' weights need `hapticd calibrate resonance` before the recording."
-    sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}"
+    known = "" if judged.map_sigma is None else known_sentence(judged.map_sigma)
+    sentence = f"Adopted: {', '.join(adopted)}.{lacking} {judged.map_refusal}{known}"
     return Verdict("touch", Outcome.PASS, sentence.strip(), tuple(figures), settings, is_simulated)
 
 

@@ -9,6 +9,8 @@ from hapticd.design.touch.waves import MAP_PRIOR, PARASITIC_PRIOR, TURNED_PRIOR,
 
 from .synthetic import WAVE_RAD_MM, mode_map
 
+BOX_MM = np.linspace(22.0, 58.0, 9)
+
 
 @pytest.fixture(scope="module")
 def waves() -> Waves:
@@ -65,3 +67,12 @@ def test_a_grid_has_the_values_of_its_points(waves: Waves) -> None:
     grid = waves.on_grid(coefficients, x_mm, y_mm)
     assert grid.shape == (2, 2, 3)
     assert grid[:, 1, 2] == pytest.approx(waves.at(np.array([(40.0, 60.0)]))[0] @ coefficients.T)
+
+
+def test_surfaces_of_a_touched_box_are_finer_there_and_fade_away_from_it(waves: Waves) -> None:
+    near = Waves(mode_map(), WAVE_RAD_MM, touched_mm=np.array(((20.0, 20.0), (60.0, 60.0))))
+    inside, far = (np.stack(np.meshgrid(each, each), axis=-1).reshape(-1, 2) for each in (BOX_MM, -BOX_MM))
+    variance = [one.at(inside)[:, : one.smooth] ** 2 @ one.prior[0, : one.smooth] ** 2 for one in (near, waves)]
+    assert variance[0].mean() > 1.02 * variance[1].mean()  # of the prior's
+    assert variance[0].max() < 1.1 * MAP_PRIOR**2
+    assert (near.at(far)[:, : near.smooth] ** 2 @ near.prior[0, : near.smooth] ** 2).max() < 0.5 * MAP_PRIOR**2

@@ -177,6 +177,7 @@ def of_size(touched: Touched, radius_mm: float, sigma_mm2: float = 0.1) -> Judge
     fit = Fit(
         *(found, found, np.zeros((7, 7)), nothing, nothing, nothing, np.zeros(0, complex), spread_mm2),
         np.full(count, sigma_mm2),
+        np.zeros((0, 0)),
     )
     return replace(judged(found), fit=fit)
 
@@ -195,6 +196,11 @@ def test_the_size_of_contacts_is_adopted_with_the_law_of_the_pads_ellipses(recor
     assert law.ellipse_scale * axis_mm + law.ellipse_offset_mm == pytest.approx(11.0, abs=0.1)
     verdict = touch.verdict(found, settings, None, has_sensors=True, is_simulated=False)
     assert verdict.sentence == "Adopted: pad, the contacts' size."
+    known = replace(found, map_sigma=np.array(((0.02, 0.02, 0.02), (0.02, 0.01, 0.02), (0.02, 0.02, 0.03))))
+    with_map = touch.verdict(known, settings, None, has_sensors=True, is_simulated=False)
+    assert "by 1.0 % of its peak in the middle of the plate, by 3.0 % in the upper right" in with_map.sentence
+    places = [figure.name for figure in with_map.figures if figure.name.startswith("map, one sigma")]
+    assert (len(places), places[0]) == (9, "map, one sigma, lower left")
     assert ("radius of a contact, mean", 5.5) in [(figure.name, round(figure.value, 1)) for figure in verdict.figures]
 
 
