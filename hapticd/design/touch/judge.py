@@ -254,7 +254,10 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     if judged.refusal not in ("", NO_CHANGE):
         return replace(judged, map_refusal=judged.refusal)
     parasitic = None if fitter.parasitic_modes is None else fitter.parasitic_modes.modes
-    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic, touched_box(windows, fitter.modes))
+    # On fewer modes, whose fingers are points, finer surfaces take up what contacts do: in one laboratory of four it
+    # cost 3 % of the leak.
+    box_mm = touched_box(windows, fitter.modes) if fitter.modes.M >= LEAST_SIZED_MODES else None
+    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic, box_mm)
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)
