@@ -52,6 +52,7 @@ MAX_FINGERS = 16
 MAX_RADIUS_MM = 15.0
 CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
+BOARD_FIELDS = ("ready", "state", "fault_code", "saturated", "limited", "deadman_trips", "late_frames", "drive_hz")
 
 
 class _Message(Contract, frozen=True, tag_field="op"):
@@ -213,7 +214,6 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
             "kind": "plate",
             "size_mm": body["size_mm"],
             "w_limit_um": body["w_limit_um"],
-            "drive_hz": body["drive_hz"],
             "modes": body["modes"],
             "client": client,
             "layers": list(layers),
@@ -244,10 +244,7 @@ def status(body: Mapping[str, Any]) -> str:
         {
             "kind": "status",
             "latency": {name: histograms[name] for name in LATENCIES if name in histograms},
-            "board": {
-                name: board.get(name)
-                for name in ("ready", "state", "fault_code", "saturated", "limited", "deadman_trips", "late_frames")
-            },
+            "board": {name: board.get(name) for name in BOARD_FIELDS},
             "refused": board.get("refused"),
             "why": body["state_changes"][0]["why"] if body["state_changes"] else "",
             "missed_ticks": timing["missed_ticks"],

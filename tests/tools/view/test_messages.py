@@ -195,10 +195,21 @@ def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
 
 
 def test_the_page_of_a_daemon_that_sends_no_friction_curve_has_the_built_in_one() -> None:
-    body = {"size_mm": [200.0, 200.0], "w_limit_um": [4.0, 4.0], "drive_hz": 29205.0, "modes": 2}
+    body = {"size_mm": [200.0, 200.0], "w_limit_um": [4.0, 4.0], "modes": 2}
     without, measured = (
         json.loads(messages.plate({**body, **more}, "view", (), None))["friction_curve"]
         for more in ({}, {"friction_curve": [[0.0, 1.0], [1.5, 0.2]]})
     )
     assert measured == [[0.0, 1.0], [1.5, 0.2]]
     assert without == [[0.0, 1.0], [2.0, pytest.approx(0.0574, abs=1e-4)]]
+
+
+def test_a_board_that_answers_after_the_page_has_opened_tells_its_drive() -> None:
+    timing = {"histograms": {}, "missed_ticks": 0, "late_frames": 0}
+    drives_hz = [
+        json.loads(messages.status({"timing": timing, "board": board, "state_changes": [], "latency_ms": {}}))["board"][
+            "drive_hz"
+        ]
+        for board in ({"ready": False}, {"ready": True, "drive_hz": 29205.0})
+    ]
+    assert drives_hz == [None, 29205.0]

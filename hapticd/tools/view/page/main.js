@@ -308,6 +308,10 @@ function writeTexts(frame) {
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
 }
 
-const drive = () => (plate?.drive_hz ? `${(plate.drive_hz / 1000).toFixed(3)} kHz` : "the board has not answered");
+/** The board may answer, and follow the plate with its drive, long after the page knows the plate. */
+function drive() {
+  const drive_hz = status?.board.drive_hz;
+  return drive_hz ? `${(drive_hz / 1000).toFixed(3)} kHz` : "the board has not answered";
+}
 
 requestAnimationFrame(draw);
