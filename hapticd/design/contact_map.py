@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hapticd.core.friction import FrictionCurve
-
+from ..core.friction import FrictionCurve
 from ..values import FloatArray, OnProgress
 from .achievability import cell_centres
 from .contact_pairs import ShapeMaps, contact_rms_um, grams, settle
