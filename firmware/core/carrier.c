@@ -99,8 +99,9 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
 {
     memset(carrier, 0, sizeof *carrier);
     carrier->converters = *converters;
-    carrier->tick_chunks = chunks_per_tick(converters->control_hz);
-    bool valid = carrier->tick_chunks > 0 && drive_valid(converters->drive_hz);
+    uint16_t chunks = chunks_per_tick(converters->control_hz);
+    carrier->tick_chunks = chunks | (uint32_t)chunks << 16;
+    bool valid = chunks > 0 && drive_valid(converters->drive_hz);
     for (int k = 0; k < HD_MODES; k++) {
         valid = valid && positive(converters->volts_per_lsb[k]) && positive(converters->um_per_lsb[k]);
         carrier->levels_per_v[k] = LEVELS_PER_LSB / converters->volts_per_lsb[k];
@@ -111,7 +112,7 @@ bool hd_carrier_init(hd_carrier_t *carrier, const hd_converters_t *converters)
         hd_chunk_advance(&carrier->played[1]);
         carrier->spoken.phase = carrier->played[1].phase;
         hd_chunk_advance(&carrier->spoken);
-        carrier->least_squares = least_squares(carrier->tick_chunks, step);
+        carrier->least_squares = least_squares(chunks, step);
         carrier->balance = 0u - sum_of_settled(carrier);
     }
     return valid;
@@ -123,7 +124,7 @@ void hd_carrier_tune(hd_carrier_t *carrier, float drive_hz)
         carrier->balance += sum_of_tuned(carrier); /* what was damaged before stays so */
         carrier->converters.drive_hz = drive_hz;
         carrier->spoken.step = hd_oscillator_step(drive_hz);
-        carrier->least_squares = least_squares(carrier->tick_chunks, carrier->spoken.step);
+        carrier->least_squares = least_squares((uint16_t)carrier->tick_chunks, carrier->spoken.step);
         carrier->balance -= sum_of_tuned(carrier);
     }
 }

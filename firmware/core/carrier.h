@@ -82,8 +82,8 @@ typedef struct {
     hd_oscillation_t played[2];      /* of the chunk being sampled, and of the next */
     uint32_t level[HD_PAIRED_MODES]; /* V_d and V_q as hd_pair, in 1/16 of a step of the converter */
 
-    uint16_t tick_chunks;
-    uint16_t chunks;     /* of this tick, so far */
+    uint32_t tick_chunks; /* in either half: with a longer tick the voltage would stand, so that a bit set in one counts for nothing */
+    uint32_t chunks;      /* of this tick, so far */
     uint32_t tick_phase; /* of its first sample */
     hd_sums_t sums[HD_PAIRED_MODES];
     float levels_per_v[HD_MODES];

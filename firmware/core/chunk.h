@@ -19,11 +19,8 @@ _Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a sh
 /* Before the samples of a chunk. */
 static inline void hd_chunk_begin(hd_carrier_t *carrier)
 {
-    if (carrier->chunks == carrier->tick_chunks) {
-        carrier->chunks = 0;
-        memset(carrier->sums, 0, sizeof carrier->sums);
-    }
     if (carrier->chunks == 0) {
+        memset(carrier->sums, 0, sizeof carrier->sums);
         carrier->tick_phase = carrier->played[0].phase;
     }
 }
@@ -40,8 +37,10 @@ static inline void hd_chunk_add(hd_sums_t *sums, int32_t cosine, int32_t minus_s
 static inline bool hd_chunk_end(hd_carrier_t *carrier)
 {
     carrier->played[0] = carrier->played[1];
-    carrier->chunks++;
-    return carrier->chunks == carrier->tick_chunks;
+    uint32_t chunks = carrier->chunks + 1u;
+    bool complete = chunks >= (carrier->tick_chunks & carrier->tick_chunks >> 16);
+    carrier->chunks = complete ? 0u : chunks;
+    return complete;
 }
 
 static inline void hd_chunk_advance(hd_oscillation_t *oscillation)

@@ -91,6 +91,11 @@ typedef struct {
     float planned_v2;        /* recent sum of what the changes of voltage may be for other reasons, squared */
 } hd_doubts_t;
 
+/* Turns in a row in which a mode was driven hard and its sensor showed little, and the tick of the last. */
+typedef struct {
+    uint32_t turns, tick;
+} hd_unheard_t;
+
 enum hd_tick_flag {
     HD_TICK_SATURATED = 0x01, /* the reference needs more voltage than the limit */
     HD_TICK_LIMITED = 0x02,   /* the running reference was above the amplitude limit and scaled */
@@ -168,6 +173,7 @@ typedef struct {
     hd_timeline_t timeline;
     hd_receiver_t receiver;
     hd_heard_t heard;
+    hd_unheard_t unheard[HD_MODES];
 } hd_core_t;
 
 /* Returns false, with the output disabled permanently, if the configuration is invalid. */

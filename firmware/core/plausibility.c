@@ -1,6 +1,7 @@
 #include "plausibility.h"
 
 #include "exponential.h"
+#include "reach_watch.h"
 
 #define OVER_AMPLITUDE 1.5f /* of the limit: no controller worth its gains overshoots that far */
 #define OVER_AMPLITUDE_TURNS ((8 + HD_MODES - 1) / HD_MODES)
@@ -17,6 +18,7 @@
 #define DEAD_NOISE 0.001f  /* of the limit */
 #define DEAD_ALONE 0.1f    /* of the limit: less of the other modes holds no mode still against half the voltage */
 #define DISTRUST_S 0.05f
+#define UNHEARD 0.04f      /* of the limit: fingers that hold a mode leave more of it */
 
 #define PHASE_RAD 0.2f     /* by which a loop may be off: so much of the power that only goes to and fro may be missing */
 #define FINGERS_1_S 1500.0f /* the most that fingers add to a mode's decay; one moist, pressing fingertip adds 345 */
@@ -135,9 +137,23 @@ static bool driven_hard(const hd_core_t *core, int k)
     return hard;
 }
 
-/* Whether a sensor reads nothing of what is asked. While others read much, fingers may hold a mode nearly still. */
-static bool is_dead(const hd_core_t *core, int k)
+/* A lead that broke while next to nothing was asked surprises nobody: the voltage slowly grows. (A step's beginning is over.) */
+static inline void ask_the_unheard(hd_core_t *core, int k)
 {
+    hd_unheard_t *unheard = &core->unheard[k];
+    uint32_t tick = core->sweep.ticks, turns = unheard->turns + 1u;
+    turns = tick - unheard->tick == HD_MODES ? turns : 0u;
+    unheard->tick = tick;
+    unheard->turns = turns;
+    if (turns == core->renew_turns / HD_HURRY && hd_within(core->sensor_um[k], UNHEARD * core->config.w_limit_um[k])) {
+        hd_reach_ask(core, k);
+    }
+}
+
+/* Whether a sensor reads nothing of what is asked. While others read much, fingers may hold a mode nearly still. */
+static bool is_dead(hd_core_t *core, int k)
+{
+    ask_the_unheard(core, k);
     float limit_um = core->config.w_limit_um[k];
     const hd_wires_t *wires = &core->control.design.wires;
     float expected = hd_magnitude(wires->has_own_sensors ? core->asked_um[k] : hd_row(wires->sees[k], core->asked_um));

@@ -24,6 +24,7 @@
 #define ENOUGH 24          /* ticks of probes, before */
 #define SURE_S 0.06f       /* memory of those sums */
 #define PATIENCE_S 0.065f  /* in which what is asked shows a sensor to be sound, or wrong wires and loops are named, before probes decide */
+#define BROKEN_PROMISES 3u /* a trust that ends as soon as it began counts as a third of that */
 #define ACQUITTED_S 0.14f  /* and no longer than to here: fingers that hold a mode, and wires that mix, never show what is expected */
 #define HURRY_1_S 40.0f    /* of the limit, that these probes move a mode by in a second of one sign */
 
@@ -200,7 +201,8 @@ static __attribute__((noinline)) void add_up(hd_core_t *core)
 static bool shows(hd_core_t *core, int s)
 {
     hd_reach_t *reach = &core->reach[s];
-    if (!(reach->expected_um2 >= LEAST_UM * LEAST_UM && reach->missed_um2 <= MISSED2 * reach->expected_um2)) {
+    bool settled = reach->settling_turns == 0;
+    if (!(settled && reach->expected_um2 >= LEAST_UM * LEAST_UM && reach->missed_um2 <= MISSED2 * reach->expected_um2)) {
         return false;
     }
     reach->trusted_turns = core->trust_turns;
@@ -230,6 +232,7 @@ static __attribute__((noinline)) void judge(hd_core_t *core, int s)
         core->due = (uint8_t)(core->due | bit);
         if (reach->settling_turns > 0) {
             reach->settling_turns--;
+            reach->expected_um[0] = reach->expected_um[1] = ZERO; /* what is left of before, the couplings explain */
             reach->missed_um2 = reach->expected_um2 = 0.0f;
             forget_answers(reach);
         }
@@ -244,6 +247,9 @@ static __attribute__((noinline)) void judge(hd_core_t *core, int s)
         }
     }
     if (!(reach->missed_um2 <= SURPRISE2 * reach->expected_um2 + core->surprise_um2)) {
+        if (2u * reach->trusted_turns > core->trust_turns && core->suspect_ticks < core->patience_ticks) {
+            core->suspect_ticks = (uint16_t)(core->suspect_ticks + core->patience_ticks / BROKEN_PROMISES);
+        }
         doubt(core, s);
         core->trusted = (uint8_t)(core->trusted & ~bit);
         core->due = (uint8_t)(core->due | bit);
@@ -392,7 +398,18 @@ static __attribute__((noinline)) void bound(hd_core_t *core, int turn)
     }
 }
 
-/* Every sensor was trusted, and R not followed: what they read bounds it; what no longer shows it may have gone to its limit. */
+/* R was not followed: what sensors read bounds it, but modes that hear a doubted one may have gone to their limit. */
+static __attribute__((noinline)) void bound_from_now(hd_core_t *core, uint32_t doubted)
+{
+    #pragma GCC unroll 1
+    for (int k = 0; k < HD_MODES; k++) {
+        float um = at_least(core->measured_um[k]), limit_um = core->config.w_limit_um[k];
+        bool gone = (core->control.design.reach[k].hears & doubted) != 0 && um < limit_um;
+        core->reach[k].reach_um = MARGIN * (gone ? limit_um : um);
+    }
+}
+
+/* Every sensor was trusted. */
 static __attribute__((noinline)) void begin_to_bound(hd_core_t *core)
 {
     #pragma GCC unroll 1
@@ -401,12 +418,18 @@ static __attribute__((noinline)) void begin_to_bound(hd_core_t *core)
             judge(core, s);
         }
     }
-    #pragma GCC unroll 1
-    for (int k = 0; k < HD_MODES; k++) {
-        float um = at_least(core->measured_um[k]), limit_um = core->config.w_limit_um[k];
-        bool doubted = (core->control.design.reach[k].hears & ~(uint32_t)core->trusted) != 0;
-        core->reach[k].reach_um = MARGIN * (doubted && um < limit_um ? limit_um : um);
+    bound_from_now(core, ~(uint32_t)core->trusted);
+}
+
+void hd_reach_ask(hd_core_t *core, int s)
+{
+    uint32_t bit = 1u << s;
+    if (core->due == 0) {
+        bound_from_now(core, bit);
     }
+    core->due = (uint8_t)(core->due | bit);
+    uint16_t left = core->renew_turns / HD_HURRY, *turns = &core->reach[s].trusted_turns;
+    *turns = *turns < left ? *turns : left;
 }
 
 /* While a sensor is due. */

@@ -30,8 +30,9 @@ def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return built(f"cases-{request.param}modes", tmp_path_factory)
 
 
-def cases(program: Path, fault: str, count: int) -> list[Case]:
-    lines = subprocess.run([program, fault, str(count)], check=True, capture_output=True, text=True).stdout.splitlines()
+def cases(program: Path, fault: str, count: int, seed: int = 0) -> list[Case]:
+    ran = subprocess.run([program, fault, str(count), str(seed)], check=True, capture_output=True, text=True)
+    lines = ran.stdout.splitlines()
     words = [line.split() for line in lines]
     return [Case(int(w[0]), float(w[5]), float(w[6]), float(w[7]), float(w[8]) * W_LIMIT_UM, int(w[9])) for w in words]
 
@@ -47,8 +48,14 @@ def test_a_floating_lead_moves_no_plate_far_beyond_its_limit(program: Path) -> N
     assert max(case.peak_um for case in cases(program, "floating", 30)) <= 1.5 * W_LIMIT_UM
 
 
+@pytest.mark.parametrize("seed", [1798, 2623, 2953])
+def test_a_lead_that_breaks_while_next_to_nothing_is_asked_does_not_either(program: Path, seed: int) -> None:
+    """No surprise ends its sensor's trust: two of these passed 1.6 times the limit before such sensors were asked."""
+    assert cases(program, "floating", 1, seed)[0].peak_um <= 1.6 * W_LIMIT_UM
+
+
 def test_a_floating_lead_quietens_the_plate(program: Path) -> None:
-    """Of 3000, 99.2 % with two modes and 98.7 % with four; the rest is bounded by 1.75 times the limit."""
+    """Of 3000, 99.1 % with two modes and 98.8 % with four; the rest is bounded by 1.56 times the limit."""
     found = cases(program, "floating", 60)
     assert sum(0.0 <= case.quiet_ms <= 150.0 for case in found) >= 0.92 * len(found)
 
