@@ -150,7 +150,8 @@ static inline void ask_the_unheard(hd_core_t *core, int k)
     }
 }
 
-/* Whether a sensor reads nothing of what is asked. While others read much, fingers may hold a mode nearly still. */
+/* Whether a sensor, whose mode is driven hard, reads nothing of what is asked; one that reads little for long is asked here, too.
+ * While others read much, fingers may hold a mode nearly still. */
 static bool is_dead(hd_core_t *core, int k)
 {
     ask_the_unheard(core, k);
