@@ -1,4 +1,4 @@
-"""A plate with modes beside the sweep that every amplifier moves and every sensor sees, and what sweeps of it give."""
+"""A plate with modes outside the sweep that every amplifier moves and every sensor sees, and what sweeps of it give."""
 
 from __future__ import annotations
 

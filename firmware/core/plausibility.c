@@ -137,7 +137,8 @@ static bool driven_hard(const hd_core_t *core, int k)
     return hard;
 }
 
-/* A lead that broke while next to nothing was asked surprises nobody: the voltage slowly grows. (A step's beginning is over.) */
+/* A lead that broke while next to nothing was asked contradicts no expectation: the voltage slowly grows.
+ * (A step's beginning is over.) */
 static inline void ask_the_unheard(hd_core_t *core, int k)
 {
     hd_unheard_t *unheard = &core->unheard[k];

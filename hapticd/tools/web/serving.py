@@ -1,4 +1,4 @@
-"""Serving an application within the bounds of `Site`: until the process is told to end, or from a thread of its own."""
+"""Serving an application within the bounds of `Site`: until a signal ends the process, or from a thread of its own."""
 
 from __future__ import annotations
 
