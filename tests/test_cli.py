@@ -218,15 +218,6 @@ def test_contacts_of_a_world_are_its_own(capsys: pytest.CaptureFixture[str]) -> 
     assert (code, complaint) == (2, "hapticd: --contact: the fingers of that --world have contacts of their own.\n")
 
 
-def test_an_image_is_refused_without_its_board_or_its_file(capsys: pytest.CaptureFixture[str]) -> None:
-    code, _, complaint = outcome(capsys, "demo", "--image", "hapticd-board")
-    assert code == 2
-    assert complaint.endswith("give --board host as well.\n")
-    code, _, complaint = outcome(capsys, "demo", "--board", "host", "--image", "no-such-image")
-    assert code == 2
-    assert "no-such-image: there is no such firmware image" in complaint
-
-
 def test_the_service_imports_no_other_command() -> None:
     program = "import sys; from hapticd.__main__ import parser; parser('run'); print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()

@@ -99,7 +99,6 @@ def test_a_wrong_value_is_one_sentence_with_the_name_that_was_typed(
         "calibrate modes --scan none.csv",
         "calibrate friction --readings none.csv",
         "keys allow . none.key",
-        "demo --board host --image none",
         # a value that cannot be
         "simulate strokes --speed nan",
         "simulate dance",

@@ -1,20 +1,96 @@
-"""A host that drives an emulated board in the board's own time: the daemon's session and encoders, without a daemon."""
+"""The whole firmware as a process that contains its plate (`firmware/boards/host`), and a host that drives it in the
+board's own time: the daemon's session and encoders, without a daemon."""
 
 from __future__ import annotations
 
+import selectors
+import socket
+import struct
+import subprocess
 from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from hapticd.board_protocol import BoardTime, BoardVerdict
 from hapticd.board_values import BoardCommand, BoardHello, BoardMessage, BoardStatus
 from hapticd.core.board.session import BoardSession
-from hapticd.sim.board.emulator import CHUNK_US, BenchReport, Emulator
 from hapticd.values import Knot, LimitReason, SafeDrive, Tick
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 
 STEP_US = 2500
+CHUNK_US = 50
+ANSWER_WITHIN_S = 30.0
+READ_SIZE = 1 << 16
+STEP = struct.Struct("<IH")
+REPORT = struct.Struct("<IIH4f")
+
+
+class BenchReport(NamedTuple):
+    """The plate's ground truth at `t_us` of the board's clock, and how many bytes and steps the board has done."""
+
+    t_us: int
+    line_bytes: int
+    steps: int
+    plate_um: tuple[complex, complex]
+
+
+class Emulator:
+    """A board that runs by `step` alone, so that it is deterministic."""
+
+    def __init__(self, program: Path, *, boot_id: int, t_start_us: int) -> None:
+        self._line, line_end = socket.socketpair()
+        self._bench, bench_end = socket.socketpair()
+        ends = (line_end.fileno(), bench_end.fileno())
+        command = [str(program), "--stepped", "--line", str(ends[0]), "--bench", str(ends[1])]
+        command += ["--boot-id", str(boot_id), "--start-us", str(t_start_us)]
+        with line_end, bench_end:
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=ends)
+        self._steps = self._sent = self._received = 0
+        self._partial_report = self._bench.recv(READ_SIZE)  # the first marks the ports as open; earlier bytes are lost
+
+    def __enter__(self) -> Emulator:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        self._line.close()
+        self._bench.close()
+
+    def step(self, data: bytes, chunks: int) -> tuple[list[BenchReport], bytes]:
+        """Send `data` and run for `chunks` of 50 us; returns bench reports and output."""
+        self._line.sendall(data)
+        self._sent += len(data)
+        self._steps += 1
+        self._bench.sendall(STEP.pack(self._sent, chunks))
+        reports: list[BenchReport] = []
+        output = b""
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._line, selectors.EVENT_READ)
+            selector.register(self._bench, selectors.EVENT_READ)
+            while not reports or (reports[-1].steps, reports[-1].line_bytes) != (self._steps & 0xFFFF, self._received):
+                ready = selector.select(ANSWER_WITHIN_S)
+                assert ready, "the emulated board does not answer"
+                for key, _ in ready:
+                    if key.fileobj is self._bench:
+                        reports += self._reports()
+                    else:
+                        said = self._line.recv(READ_SIZE)
+                        output += said
+                        self._received += len(said)
+        return reports, output
+
+    def _reports(self) -> list[BenchReport]:
+        data = self._partial_report + self._bench.recv(READ_SIZE)
+        whole = len(data) - len(data) % REPORT.size
+        self._partial_report = data[whole:]
+        return [
+            BenchReport(t_us, line_bytes, steps, (complex(*parts[:2]), complex(*parts[2:])))
+            for t_us, line_bytes, steps, *parts in REPORT.iter_unpack(data[:whole])
+        ]
 
 
 class Host:

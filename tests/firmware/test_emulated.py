@@ -5,34 +5,25 @@ Steps of the bench hold its time, so nothing here depends on how fast this compu
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from threading import Thread
 
 import numpy as np
 import pytest
 
 from hapticd.board_protocol import BoardState, ClearFault
-from hapticd.board_values import BoardHello, BoardStatus
-from hapticd.core.board.session import BoardSession
+from hapticd.board_values import BoardHello
 from hapticd.core.solver.public import solve
-from hapticd.errors import DeviceError, UsageError
-from hapticd.io.devices.serial_link import SerialLink
-from hapticd.sim.board import emulator
-from hapticd.sim.board.emulator import Emulator, find_program
 from hapticd.sim.plate.ground_truth import GroundTruth
-from hapticd.sim.rig.program import Rig
 from hapticd.wire import device
 
-from .emulated import STEP_US, Host, answer, encoded
+from .emulated import STEP_US, Emulator, Host
 
 pytestmark = pytest.mark.long
 WRAPS_SOON_US = (1 << 32) - 300_000  # the board's clock, in the middle of a run
 TARGET_UM = np.array((1.0, 0.0))
 W_LIM_UM = 4.0
-PATIENCE_S = 60.0
 
 
 @pytest.fixture
@@ -40,7 +31,7 @@ def start(program: Path) -> Iterator[Callable[..., Host]]:
     with ExitStack() as stack:
 
         def started(t_start_us: int = 0) -> Host:
-            running = Emulator(program, boot_id=0x1234, t_start_us=t_start_us, stepped=True)
+            running = Emulator(program, boot_id=0x1234, t_start_us=t_start_us)
             return Host(stack.enter_context(running), t_start_us=t_start_us)
 
         yield started
@@ -153,76 +144,3 @@ def test_the_same_bytes_in_give_the_same_bytes_out(start: Callable[..., Host]) -
         runs.append((host.line, host.reports))
     assert len(runs[0][0]) > 500
     assert runs[0] == runs[1]
-
-
-def test_the_daemons_link_arms_the_board_in_real_time(program: Path, tmp_path: Path) -> None:
-    """Through the rig's pseudo-terminal: SerialLink, Decoder and BoardSession, until the board is live."""
-    rig = Rig(tmp_path, "rest", 1, keep=True, program=program)
-    thread = Thread(target=rig.serve)
-    thread.start()
-    try:
-        status = asyncio.run(asyncio.wait_for(armed(str(tmp_path / "board")), PATIENCE_S))
-    finally:
-        rig.stop()
-        thread.join()
-        rig.close()
-    assert status.state is BoardState.LIVE
-    rig.save(tmp_path / "plate.npz")
-    with np.load(tmp_path / "plate.npz") as arrays:
-        assert len(arrays["t_s"]) > 0
-        assert arrays["modal_um"].shape == arrays["reference_um"].shape == (len(arrays["t_s"]), 2)
-
-
-async def armed(port: str) -> BoardStatus:
-    """Talk to the board until it follows references."""
-    loop = asyncio.get_running_loop()
-    live: asyncio.Future[BoardStatus] = loop.create_future()
-    link, session = SerialLink(port, 921600), BoardSession(link_start_ns=5_000_000, controller="pi_ff")
-    decoder = device.Decoder()
-
-    def now_ns() -> int:
-        return round(loop.time() * 1e9)
-
-    def hear(data: bytes) -> None:
-        for message in decoder.feed(data):
-            link.write(answer(session, message, now_ns()))
-            if isinstance(message, BoardStatus) and message.state is BoardState.LIVE and not live.done():
-                live.set_result(message)
-
-    def tick() -> None:
-        nonlocal timer
-        link.write(encoded(session.timer(now_ns())))
-        timer = loop.call_later(0.01, tick)
-
-    link.start(loop, hear, lambda up, _: link.write(encoded(session.link_up(now_ns()))) if up else None)
-    timer = loop.call_soon(tick)
-    try:
-        return await live
-    finally:
-        timer.cancel()
-        link.close()
-
-
-def test_a_missing_program_says_how_to_build_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(emulator, "_PROGRAM", tmp_path / "hapticd-board")
-    with pytest.raises(DeviceError, match=r"with gcc installed, run `make -C firmware`\.$"):
-        find_program()
-    with pytest.raises(UsageError, match="no-image: there is no such firmware image"):
-        find_program(tmp_path / "no-image")
-
-
-@pytest.mark.parametrize("given", ["firmware.bin", "README.md"])
-def test_a_file_that_is_no_program_is_named_in_one_sentence(tmp_path: Path, given: str) -> None:
-    image = tmp_path / given
-    image.write_bytes(b"not a program")
-    image.chmod(0o755 if given.endswith("bin") else 0o644)
-    with pytest.raises(DeviceError, match=rf"{given}: cannot be run \(.+\): name what `make -C firmware` built\.$"):
-        Emulator(find_program(image))
-
-
-def test_a_board_that_dies_is_one_sentence(program: Path) -> None:
-    with Emulator(program, stepped=True) as board:
-        board.process.kill()
-        board.process.wait()
-        with pytest.raises(DeviceError, match="emulated board ended"):
-            board.step(b"", 1)

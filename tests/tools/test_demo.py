@@ -50,13 +50,13 @@ WIDE = "hapticd, wide plate, 8 modes"
 def test_the_live_column_takes_the_place_of_its_plate_and_the_papers_scheme_is_compared(
     sim: SimConfig, titles: list[str]
 ) -> None:
-    assert [column.title for column in columns(live_column(sim, is_bare=False), is_bare=False)] == titles
+    assert [column.title for column in columns(live_column(sim))] == titles
 
 
 def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
-    live = live_column(SimConfig(), is_bare=False)
+    live = live_column(SimConfig())
     run = lockstep.run("strokes", seconds=1.0)
-    films = dict.fromkeys(columns(live, is_bare=False), Film.of(run, live.title))
+    films = dict.fromkeys(columns(live), Film.of(run, live.title))
     rows = {line[:26].strip(): line[26:].split() for line in summary(films, live, STATUS).splitlines()}
     assert rows["plate"] == ["reference", "reference", "wide"]
     assert rows["both felt as asked"] == [f"{run.score.felt_frac:.0%}"] * 3
@@ -87,7 +87,7 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
 
 @pytest.mark.long
 def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
-    column: DemoColumn = live_column(SimConfig(), is_bare=False)
+    column: DemoColumn = live_column(SimConfig())
     virtual = VirtualRun(column, "strokes", 1)
     virtual.play(0.5, 1.0)
     film = virtual.film()

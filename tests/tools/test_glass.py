@@ -16,7 +16,6 @@ from hapticd.errors import DeviceError, SimulationError
 from hapticd.sim.plate.glasses import driven_modes, find_glass, most_driven
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import glass, run
-from hapticd.tools.demo import program as demo_program
 from hapticd.tools.view import program as view_program
 
 
@@ -59,8 +58,7 @@ def test_a_newcomer_is_shown_the_plate_for_whole_fingertips(monkeypatch: pytest.
         SimConfig(scenario="hands", plate="fingertip", modes=6),
         SimConfig(scenario="hands", plate="reference", modes=2),
     ]
-    assert demo_program._simulated(parsed("demo")) == SimConfig(plate="fingertip")
-    assert demo_program._simulated(parsed("demo", "--board", "host")) == SimConfig()  # its board has two modes
+    assert glass.chosen(parsed("demo"), glass.SHOWN) == SimConfig(plate="fingertip")
 
 
 def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked() -> None:

@@ -71,7 +71,7 @@ def test_what_was_measured_of_the_rig_s_neighbouring_modes_is_taken_to_the_last_
     config_loader: ConfigLoader, configuration: Config, tmp_path: Path
 ) -> None:
     plate = GroundTruth()
-    files = write_measured(plate, 3, tmp_path, with_parasitic_modes=True)
+    files = write_measured(plate, 3, tmp_path)
     prepared = config_loader.prepare(configuration)
     known, loaded = plate.parasitic_modes(3), prepared.parasitic_modes
     assert loaded is not None
@@ -88,7 +88,7 @@ def test_a_simulated_plate_brings_its_size_and_limits_with_its_map(
     config_loader: ConfigLoader, configuration: Config, tmp_path: Path
 ) -> None:
     plate = GroundTruth(PlateSettings.of("fingertip"))
-    write_measured(plate, 1, tmp_path, with_parasitic_modes=True)
+    write_measured(plate, 1, tmp_path)
     lower = replace(configuration, limits=replace(configuration.limits, w_limit_um=(1.0, 1.0, 1.0, 1.0)))
     prepared, limited = config_loader.prepare(configuration), config_loader.prepare(lower)
     assert prepared.modes.M == 4
@@ -121,13 +121,6 @@ def test_a_rig_is_started_with_the_configured_plate(
     with pytest.raises(ConfigError, match=r"sim.wiring: the paper's wiring has two amplifiers .* drives 4: choose"):
         config_loader.prepare(replace(configuration, sim=replace(own, wiring="paper")))
     assert started == [("fingertip", 4, "identity"), ("fingertip", 5, "identity")]
-
-
-def test_a_rig_whose_plate_has_no_such_modes_tells_of_none(
-    config_loader: ConfigLoader, configuration: Config, tmp_path: Path
-) -> None:
-    write_measured(GroundTruth(), 3, tmp_path, with_parasitic_modes=False)
-    assert config_loader.prepare(configuration).parasitic_modes is None
 
 
 @pytest.mark.parametrize(

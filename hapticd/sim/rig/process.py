@@ -58,8 +58,8 @@ class RigProcess:
     `motion` is that of strokes, one of `scenarios.MOTIONS`; `fingers` a CSV that is played in place of the scenario.
     `plate` is one of `glasses.GLASSES` or a file, `modes` the number of those that are driven, 0 for its own,
     `wiring` one of `wirings.WIRINGS`.
-    `program` puts another process behind the board's terminal (`emulator.find_program`). With `record`, `history` are
-    the recorded arrays after `close`; until then they lie in `directory`, which the rig deletes if its owner dies.
+    With `record`, `history` are the recorded arrays after `close`; until then they lie in `directory`, which the rig
+    deletes if its owner dies.
     """
 
     def __init__(
@@ -73,7 +73,6 @@ class RigProcess:
         modes: int = 0,
         wiring: str = IDENTITY,
         record: bool = False,
-        program: Path | None = None,
     ) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
         self.directory = Path(self._directory.name)
@@ -85,8 +84,6 @@ class RigProcess:
             command += ["--fingers", fingers]
         if record:
             command += ["--record", str(self.directory / HISTORY_FILE)]
-        if program is not None:
-            command += ["--program", str(program)]
         # Its own session, so that a Ctrl-C does not stop the rig before the daemon. The pipe to its input closes with
         # this process, however that ends, and stops the rig.
         self.process = subprocess.Popen(

@@ -1,12 +1,11 @@
 """The simulated rig in real time: a process that simulates the hardware.
 
     python -m hapticd.sim.rig.program DIRECTORY [--scenario NAME] [--fingers FILE] [--seed N] [--plate NAME]
-        [--modes N] [--record FILE] [--program FILE]
+        [--modes N] [--record FILE]
 
 Files in DIRECTORY:
 
-    board                        link to a pseudo-terminal: the firmware's C with the simulated plate, in this process
-                                 or with `--program` in another one (`sim/board/emulator.py`)
+    board                        link to a pseudo-terminal: the firmware's C with the simulated plate
     trackpad                     unix SOCK_SEQPACKET endpoint: raw reports of the scenario's fingers (`plugs.py`)
     modes.npz                    measured mode map of this plate
     plate.toml, neighbours.npz   its size and limits, and measurements of its parasitic modes
@@ -16,9 +15,7 @@ Bytes to and from the board are delayed by 5 ms, reports by the sensor's 10 ms. 
 be opened; T is its time zero on the host's monotonic clock. SIGTERM stops it and writes the recording, if requested;
 SIGUSR1 unplugs the board or plugs it in, SIGUSR2 the trackpad.
 
-Not modelled: the serial line's speed beyond the constant delay, and the detuning of the plate by fingers. With
-`--program` also the damping by fingers, the parasitic modes and the sensors' noise; the link's delay then varies by up
-to 2 ms with this process's polling.
+Not modelled: the serial line's speed beyond the constant delay, and the detuning of the plate by fingers.
 """
 
 from __future__ import annotations
@@ -49,7 +46,6 @@ from ..plate.ground_truth import GroundTruth, PlateSettings
 from ..plate.wirings import IDENTITY, WIRINGS
 from ..world import World
 from .files import write_measured
-from .outboard import Outboard
 from .plugs import READ_SIZE, BoardPlug, TrackpadPlug
 from .sockets import RigSockets
 
@@ -71,7 +67,6 @@ class Rig:
         motion: str = SMOOTH,
         fingers: Path | None = None,
         plate: PlateSettings | None = None,
-        program: Path | None = None,
     ) -> None:
         self.plate = GroundTruth(plate)
         self.actors: tuple[Actor, ...] = (
@@ -80,25 +75,20 @@ class Rig:
             else read_repeated(fingers, find_glass(self.plate.settings.plate).size_mm)
         )
         self.hands = Hands()
-        self._files = write_measured(self.plate, seed, directory, with_parasitic_modes=program is None)
-        boot_id = os.getpid() & 0x7FFFFFFF
+        self._files = write_measured(self.plate, seed, directory)
         paths: list[FingerPath] = [
             *(YieldingPath(path, self.hands) for path in paths_of(self.actors)),
             *self.hands.fingers,
         ]
-        self.world: World | Outboard
-        if program is not None:
-            self.world = Outboard(paths, program, boot_id=boot_id, keep=keep)
-        else:
-            self.world = World(
-                paths,
-                self.plate,
-                w_limit_um=self.plate.w_limit_um,
-                seed=seed,
-                boot_id=boot_id,
-                keep=keep,
-                chunk_ticks=CHUNK_TICKS,
-            )
+        self.world = World(
+            paths,
+            self.plate,
+            w_limit_um=self.plate.w_limit_um,
+            seed=seed,
+            boot_id=os.getpid() & 0x7FFFFFFF,
+            keep=keep,
+            chunk_ticks=CHUNK_TICKS,
+        )
         tips: list[Tip] = [actor.fingertip or USUAL for actor in self.actors if actor.path is not None]
         self._scans = SensorModel(SensorSettings(), seed, block=1).scans(paths, [*tips, *self.hands.fingers])
         self._sockets = RigSockets(directory)
@@ -138,15 +128,13 @@ class Rig:
             self._advance(self._now_s())
 
     def close(self) -> None:
-        """Close all endpoints, and stop a board in another process."""
+        """Close all endpoints."""
         self._board.close()
         self._pad.close()
         self._selector.close()
         self._sockets.close()
         for file in self._files:
             file.unlink(missing_ok=True)
-        if isinstance(self.world, Outboard):
-            self.world.close()
 
     def _check_owner(self, owner: int) -> None:
         if not os.read(owner, READ_SIZE):
@@ -155,7 +143,7 @@ class Rig:
 
     def _now_s(self) -> float:
         now_s = time.monotonic() - self.t_start_s
-        if now_s - self.world.t_s > MAX_BEHIND_S and isinstance(self.world, World):
+        if now_s - self.world.t_s > MAX_BEHIND_S:
             self.t_start_s += now_s - self.world.t_s
             now_s = self.world.t_s
         return now_s
@@ -244,7 +232,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--modes", type=int, default=0, help="those that are driven; 0: the plate's own")
     parser.add_argument("--wiring", default=IDENTITY, choices=WIRINGS)
     parser.add_argument("--record", type=Path, help="write the history (NPZ) at the end")
-    parser.add_argument("--program", type=Path, help="run the board in another process: this firmware image")
     parser.add_argument(
         "--owned", action="store_true", help="stop at the end of standard input too, and delete the directory"
     )
@@ -264,7 +251,6 @@ def _run(options: argparse.Namespace) -> None:
         motion=options.motion,
         fingers=options.fingers,
         plate=PlateSettings.of(options.plate, driven_modes(options.plate, options.modes), options.wiring),
-        program=options.program,
     )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: rig.stop())

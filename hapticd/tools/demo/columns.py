@@ -8,7 +8,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 
@@ -49,37 +49,22 @@ class DemoColumn:
         return "the paper's" if self.plate.wiring == SHARED else self.plate.wiring
 
 
-def live_column(sim: SimConfig, *, is_bare: bool) -> DemoColumn:
+def live_column(sim: SimConfig) -> DemoColumn:
     """Return hapticd on the chosen plate."""
-    return DemoColumn(HAPTICD, _plate(sim.plate, sim.modes, sim.wiring, is_bare=is_bare))
+    return DemoColumn(HAPTICD, PlateSettings.of(sim.plate, sim.modes or None, sim.wiring))
 
 
-def columns(live: DemoColumn, *, is_bare: bool) -> list[DemoColumn]:
+def columns(live: DemoColumn) -> list[DemoColumn]:
     """Return the paper's scheme on its plate, and hapticd on four and eight modes, `live` in the place of its plate.
 
     On the paper's wires the paper's scheme runs too; wrong ones are the live column's alone.
     """
     wires = live.plate.wiring if live.plate.wiring == SHARED and live.plate.plate == REFERENCE else IDENTITY
-    paper = DemoColumn(PAPER, _plate(REFERENCE, 0, wires, is_bare=is_bare))
-    ours = [DemoColumn(HAPTICD, _plate(name, 0, IDENTITY, is_bare=is_bare)) for name in (FINGERTIP, WIDE)]
+    paper = DemoColumn(PAPER, PlateSettings.of(REFERENCE, None, wires))
+    ours = [DemoColumn(HAPTICD, PlateSettings.of(name, None, IDENTITY)) for name in (FINGERTIP, WIDE)]
     if all(column.plate.plate != live.plate.plate for column in ours):
         return [paper, live, ours[-1]]
     return [paper, *[live if column.plate.plate == live.plate.plate else column for column in ours]]
-
-
-def _plate(name: str, modes: int, wiring: str, *, is_bare: bool) -> PlateSettings:
-    """Return a plate; a bare one, as inside the board in another process, has no fingers, parasitic modes and noise."""
-    plate = PlateSettings.of(name, modes or None, wiring)
-    if not is_bare:
-        return plate
-    return replace(
-        plate,
-        finger_decay_1_s=0.0,
-        parasitic_coupling=0.0,
-        parasitic_pickup=0.0,
-        sensor_crosstalk=0.0,
-        sensor_noise_um=0.0,
-    )
 
 
 class VirtualRun:

@@ -4,8 +4,7 @@
 
 The client sets a slippery and a sticky finger on the fingertip plate, a live view shows their amplitudes, and at the
 end the plate's true motion is scored, and the same fingers in virtual time: the paper's scheme on its plate, and
-hapticd on the wide plate with eight modes. The board is the firmware's core in the rig, or its whole program in a
-process, with a simpler reference plate inside; the others then get such a plate too.
+hapticd on the wide plate with eight modes.
 """
 
 from __future__ import annotations
@@ -26,8 +25,7 @@ import hapticd_client
 from hapticd_client import Client, PlateState
 
 from ...config.sections import SimConfig
-from ...errors import HapticdError, UsageError
-from ...sim.board.emulator import find_program
+from ...errors import HapticdError
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, with_motion
 from ...sim.fingers.scripted import ScriptedClient
 from ...sim.plate.ground_truth import GroundTruth
@@ -62,39 +60,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--details", action="store_true", help="draw the modes' amplitudes and all three runs, as the paper does"
     )
-    parser.add_argument(
-        "--board",
-        choices=("library", "host"),
-        default="library",
-        help="the firmware's core in the rig (default), or its whole program as a process",
-    )
-    parser.add_argument("--image", type=Path, metavar="FILE", help="that program (default: built by make -C firmware)")
     parser.add_argument("--view", action="store_true", help="open the plate's page in the browser meanwhile")
     parser.set_defaults(command=run)
 
 
 def run(options: argparse.Namespace) -> None:
     """Run the demo, print the summary and write the picture; the page of `hapticd view` is served meanwhile."""
-    if options.board == "library" and options.image is not None:
-        raise UsageError("--image needs a board in another process: give --board host as well.")
-    _simulated(options)
-    program = None if options.board == "library" else find_program(options.image)
+    sim = glass.chosen(options, glass.SHOWN)
     out = _picture_file(options)
     try:
-        _play(options, program, out)
+        _play(options, sim, out)
     except hapticd_client.HapticdError as error:
         raise HapticdError(f"The demo's client: {error}") from None
-
-
-def _simulated(options: argparse.Namespace) -> SimConfig:
-    """Return the live plate. Raises UsageError."""
-    if options.board != "host":
-        return glass.chosen(options, glass.SHOWN)
-    if (sim := glass.chosen(options)) != SimConfig():
-        raise UsageError(
-            "--plate, --modes and --wiring: the board in another process has the reference plate with two modes."
-        )
-    return sim
 
 
 def _picture_file(options: argparse.Namespace) -> Path | None:
@@ -111,11 +88,9 @@ def _picture_file(options: argparse.Namespace) -> Path | None:
     return DEFAULT_OUT
 
 
-def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -> None:
-    board, seed, sim = options.board, options.seed, _simulated(options)
-    is_bare = board == "host"
-    live = live_column(sim, is_bare=is_bare)
-    compared = columns(live, is_bare=is_bare)
+def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None:
+    seed, live = options.seed, live_column(sim)
+    compared = columns(live)
     runs = {column: VirtualRun(column, SCENARIO, seed) for column in compared if column != live}
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     for ending in (signal.SIGTERM, signal.SIGHUP):
@@ -127,7 +102,6 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
         modes=sim.modes,
         wiring=sim.wiring,
         record=True,
-        program=program,
     )
     with (
         rig,
@@ -153,12 +127,7 @@ def _play(options: argparse.Namespace, program: Path | None, out: Path | None) -
         else:
             draw(shown, out, seconds=PICTURE_S, source=source)
     print(summary(films, live, status))
-    if board == "library":
-        print(
-            "All have a noisy map of the driven modes; hapticd also one of the parasitic modes, which fingers excite."
-        )
-    else:
-        print("Without damping by fingers and parasitic modes, these figures are optimistic for all schemes.")
+    print("All have a noisy map of the driven modes; hapticd also one of the parasitic modes, which fingers excite.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
     if out is not None:

@@ -162,7 +162,7 @@ def test_a_frame_has_the_events_since_the_one_before() -> None:
 def test_the_name_of_a_simulated_plate_is_that_in_its_rig_s_directory(tmp_path: Path) -> None:
     assert _name(None) is None
     assert _name(tmp_path) == ""
-    write_measured(GroundTruth(PlateSettings.of("fingertip")), 1, tmp_path, with_parasitic_modes=False)
+    write_measured(GroundTruth(PlateSettings.of("fingertip")), 1, tmp_path)
     assert _name(tmp_path) == "fingertip"
 
 
