@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 import re
 from typing import Any
 
@@ -308,8 +307,6 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
         (packed(v=0), "update the client"),
         (packed(v="1"), "v: must be 1."),
         (packed(client=""), "client: must have 1 .. 32 printable characters."),
-        (packed(client="a" * 33), "client: must have 1 .. 32"),
-        (packed(client="a\nb"), "client: must have 1 .. 32"),
         (packed(client=7), "client: must be a text, not a whole number."),
         (packed(ttl_s=0.019), "ttl_s: 0.019 is out of bounds, it must be 0.02 .. 5."),
         (packed(ttl_s=True), "ttl_s: must be a number, not a truth value."),
@@ -327,7 +324,6 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
             with_map(friction=[0, 1], high_um=1),
             "targets[0].map.friction: a map of frictions has no low_um and no high_um.",
         ),
-        (with_target(gradient={"length_mm": 0, "to_um": 1}), "targets[0].gradient.length_mm: 0 is out of bounds"),
         (
             with_target(noise={"shortest_mm": 2, "longest_mm": 1, "mean_um": 1, "rms_um": 1}),
             "targets[0].noise.longest_mm: 1 is out of bounds, it must be 2 .. 1000.",
@@ -344,78 +340,38 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
         (with_target(finger=0, friction=0.5), "targets[0].finger: 0 is out of bounds"),
         (with_target(finger=1.5, friction=0.5), "targets[0].finger: must be a whole number or a text, not a number."),
         (with_target(friction=0.5, priority=4), "targets[0].priority: 4 is out of bounds, it must be 0 .. 3."),
-        (with_target(friction=0.5, priority=-1), "targets[0].priority: -1 is out of bounds, it must be 0 .. 3."),
         (with_target(friction=0.5, priority=1.0), "targets[0].priority: must be a whole number, not a number."),
-        (with_target(friction=0.5, priority=True), "targets[0].priority: must be a whole number, not a truth value."),
         (with_target(priority=1), "targets[0]: needs exactly one of amplitude_um, friction,"),
-        (with_surface(friction=0.5, priority=1), "surfaces[0].priority: unknown field"),
         (with_target(finger="phantom", friction=0.5), "this message defines no virtual finger 'phantom'"),
         (with_target(), f"targets[0]: needs exactly one of {', '.join(CONTENTS)}."),
-        (with_target(friction=0.5, amplitude_um=1), "targets[0]: needs exactly one of"),
         (with_map(asset=bytes(32), high_um=1), "targets[0].map.levels: a map with an asset has none."),
         (with_map(), "targets[0].map.high_um: is missing."),
-        (packed(virtuals=[{"name": "a\nb", "path_mm": [[0, 0]]}]), "virtuals[0].name: must have 1 .. 32"),
         (with_target(friction=0.5, fiction=1), "targets[0].fiction: unknown field"),
-        (with_target(friction=1.01), "targets[0].friction: 1.01 is out of bounds, it must be 0 .. 1."),
-        (with_target(amplitude_um=-1e-9), "targets[0].amplitude_um: -1e-09 is out of bounds"),
         (with_target(amplitude_um=math.nan), "targets[0].amplitude_um: nan is out of bounds"),
-        (with_target(amplitude_um=math.inf), "targets[0].amplitude_um: inf is out of bounds"),
-        (with_target(grating={"period_mm": 0, "high_um": 1}), "targets[0].grating.period_mm: 0 is out of bounds"),
-        (with_target(grating={"period_mm": 5}), "targets[0].grating.high_um: is missing."),
-        (with_target(grating={"period_mm": 5, "high_um": 1, "hue": 2}), "targets[0].grating.hue: unknown field"),
         (with_map(width=2, height=2, levels=b"abc", high_um=1), "levels: has 3 bytes, it must have 4"),
         (with_map(levels="x", high_um=1), "levels: must be bytes, not a text."),
         (packed(virtuals=[{"name": "a", "path_mm": []}]), "virtuals[0].path_mm: has 0 items, it must have at least 1."),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 65}]), "path_mm: has 65 items, at most 64 are allowed."),
-        (
-            packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 999}]),
-            "path_mm: has 999 items, at most 64 are allowed.",
-        ),
-        (packed(virtuals=[{"name": "a", "path_mm": [[0]]}]), "virtuals[0].path_mm[0]: has 1 items, it must have 2."),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 1001]]}]), "virtuals[0].path_mm[0][1]: 1001 is out of bounds"),
-        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "speed_mm_s": 2001}]), "speed_mm_s: 2001 is out of"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "loop": 1}]), "loop: must be true or false"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is listed twice."),
         (packed(surfaces=[{"name": "a", "friction": 1}] * 2), "surfaces[1].name: 'a' is listed twice."),
-        (packed(surfaces=[{"name": str(n), "friction": 1} for n in range(17)]), "surfaces: has 17 items, at most 16"),
         (with_surface(), f"surfaces[0]: needs exactly one of {', '.join(CONTENTS)}."),
-        (with_surface(friction=1, hue=1), "surfaces[0].hue: unknown field"),
         (with_surface(friction=1, circle_mm=5, rectangle_mm=[1, 1]), "surfaces[0]: has at most one of circle_mm, "),
-        (with_surface(friction=1, circle_mm=0), "surfaces[0].circle_mm: 0 is out of bounds, it must be 0.1 .. 1000."),
-        (with_surface(friction=1, rectangle_mm=[0, 5]), "rectangle_mm[0]: 0 is out of bounds, it must be 0.1 .. 1000."),
-        (with_surface(friction=1, rectangle_mm=[5]), "rectangle_mm: has 1 items, it must have 2."),
-        (with_surface(friction=1, polygon_mm=[[0, 0], [1, 1]]), "polygon_mm: has 2 items, it must have at least 3."),
         (with_surface(friction=1, polygon_mm=[[0, 0], [1, 1], [2, 2]]), "polygon_mm: encloses less than 0.01 mm^2."),
         (with_surface(friction=1, polygon_mm=[[0, 0], [9, 9], [9, 0], [0, 9]]), "encloses less than 0.01 mm^2."),
-        (with_surface(friction=1, polygon_mm=[[0, 0]] * 17), "polygon_mm: has 17 items, at most 16 are allowed."),
-        (with_surface(friction=1, polygon_mm=[[0, 0]] * 999), "polygon_mm: has 999 items, at most 16 are allowed."),
-        (with_surface(friction=1, polygon_mm=[[0, 0], [1e9, 0], [0, 1]]), "polygon_mm[1][0]: 1e+09 is out of bounds"),
-        (with_surface(friction=1, scale=1e6), "surfaces[0].scale: 1e+06 is out of bounds, it must be 0.01 .. 100."),
-        (with_surface(friction=1, velocity_mm_s=[0, 2001]), "surfaces[0].velocity_mm_s[1]: 2001 is out of bounds"),
-        (with_surface(friction=1, z=0.5), "surfaces[0].z: must be a whole number, not a number."),
         (with_surface(friction=1, blend="multiply"), "surfaces[0].blend: must be one of add, max, replace."),
-        (packed(effects=[{"name": str(n), "pulse": CLICK} for n in range(17)]), "effects: has 17 items, at most 16"),
         (packed(effects=[{"name": "a", "pulse": CLICK}] * 2), "effects[1].name: 'a' is listed twice."),
         (packed(effects=[{"name": "a"}]), "effects[0]: needs exactly one of pulse, envelope, modulation."),
         (with_effect(pulse=CLICK, modulation=HUM), "effects[0]: needs exactly one of pulse, envelope, modulation."),
-        (with_effect(pulse=CLICK | {"hue": 1}), "effects[0].pulse.hue: unknown field"),
-        (with_effect(volume=1), "effects[0].volume: unknown field"),
-        (with_effect(loops=1), "effects[0].loops: must be true or false"),
-        (with_effect(pulse=CLICK | {"length_s": 0}), "pulse.length_s: 0 is out of bounds, it must be 0.001 .. 60."),
-        (with_effect(pulse=CLICK | {"height_um": math.nan}), "pulse.height_um: nan is out of bounds"),
         (with_effect(pulse=CLICK | {"rise_s": 0.006}), "pulse.rise_s: 0.006 is out of bounds, it must be 0 .. 0.005."),
-        (with_envelope(), "envelope.points: has 0 items, it must have at least 2."),
         (with_envelope([0, 1], [0, 2]), "envelope.points: must begin at 0 s and last 0.001 s or more."),
         (with_envelope([0.1, 1], [1, 2]), "envelope.points: must begin at 0 s"),
         (with_envelope([0, 1], [1, 2], [0.9, 1]), "envelope.points[2]: is earlier than the point before it."),
-        (with_envelope([0, 1], [1, math.inf]), "envelope.points[1][1]: inf is out of bounds"),
-        (with_envelope([0, 1], [1]), "envelope.points[1]: has 1 items, it must have 2."),
         (
             with_envelope([0, 1], [1, -1], is_factor=True),
             "envelope.points[1]: -1 is out of bounds, it must be 0 .. 10.",
         ),
-        (with_envelope(*[[n, 0] for n in range(257)]), "envelope.points: has 257 items, at most 256 are allowed."),
-        (packed(client="c" * 200), "client: must have 1 .. 32 printable characters."),
         (packed(virtuals=[{"name": "\U0001d11e" * 40, "path_mm": [[0, 0]]}]), "virtuals[0].name: must have 1 .. 32"),
         (with_effect(**{"x" * 200: 1}), f"effects[0].{'x' * 32}: unknown field"),
         (with_target(**{str(number): 1 for number in range(300)}), "targets[0].0: unknown field"),
@@ -424,20 +380,13 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
             packed(effects=[{"name": f"{n}", "envelope": {"points": [[0, 1]] * 205 + [[1, 1]]}} for n in range(5)]),
             "effects[4].envelope: more than 1024 points in one message.",
         ),
-        (with_modulation(frequency_hz=0), "frequency_hz: 0 is out of bounds, it must be 1 .. 300"),
-        (with_modulation(frequency_hz=301), "modulation.frequency_hz: 301 is out of bounds"),
-        (with_modulation(depth=1.1), "modulation.depth: 1.1 is out of bounds"),
-        (with_modulation(shape="saw"), "shape: must be one of sine, square."),
         (with_effect(finger=1, surface="all"), "effects[0]: is on a finger or on a surface, not on both."),
         (with_effect(finger="ghost"), "effects[0].finger: must be a whole number, not a text."),
         (with_effect(surface="none"), "effects[0].surface: this message defines no surface 'none'."),
-        (with_effect(start="now"), "effects[0].start: must be a map, not a text."),
         (with_start(cause="sneezing"), "start.cause: must be one of now, at, landing, lifting, entering, "),
-        (with_start(cause="now", id=-1), "start.id: -1 is out of bounds"),
         (with_start(cause="at"), "effects[0].start.t_ns: is missing."),
         (with_start(cause="landing", t_ns=1), "effects[0].start.t_ns: unknown field"),
         (with_start(cause="leaving", surface="none"), "defines no surface 'none'."),
-        (with_start(cause="pressure", threshold=0), "threshold: 0 is out of bounds, it must be 0.01 .. 1."),
         (
             with_start(cause="pressure", threshold=0.5, release=0.5),
             "effects[0].start.release: must be below the threshold.",
@@ -496,45 +445,37 @@ def test_hostile_bytes_end_in_one_short_printable_sentence(payload: bytes) -> No
     assert len(sentence) < 250
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_no_field_takes_a_number_that_is_not_finite(bad: float) -> None:
-    def spoilt(value: object) -> list[object]:
-        """The message with each of its numbers replaced in turn."""
-        if isinstance(value, dict):
-            return [{**value, key: other} for key in value for other in spoilt(value[key])]
-        if isinstance(value, list):
-            return [[*value[:i], other, *value[i + 1 :]] for i in range(len(value)) for other in spoilt(value[i])]
-        return [bad] if isinstance(value, int | float) and not isinstance(value, bool) else []
+def spoilt(value: object, bad: float) -> list[object]:
+    """The value with each of its numbers replaced in turn."""
+    if isinstance(value, dict):
+        return [{**value, key: other} for key in value for other in spoilt(value[key], bad)]
+    if isinstance(value, list):
+        return [[*value[:i], other, *value[i + 1 :]] for i in range(len(value)) for other in spoilt(value[i], bad)]
+    return [bad] if isinstance(value, int | float) and not isinstance(value, bool) else []
 
-    messages = spoilt(FULL)
+
+def grown(value: object) -> list[object]:
+    """The value with one more field in each of its maps in turn."""
+    if isinstance(value, list):
+        return [[*value[:i], other, *value[i + 1 :]] for i in range(len(value)) for other in grown(value[i])]
+    if not isinstance(value, dict):
+        return []
+    return [{**value, "hue": 1}, *({**value, key: other} for key in value for other in grown(value[key]))]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, -1e300])
+def test_no_field_takes_a_number_that_is_not_finite_or_beyond_all_bounds(bad: float) -> None:
+    messages = spoilt(FULL, bad)
     assert len(messages) > 15
     for message in messages:
         refusal(bytes(msgpack.packb(message)))
 
 
-@given(st.binary(max_size=200))
-@settings(max_examples=300)
-def test_random_bytes_never_raise_anything_else(payload: bytes) -> None:
-    for decode in (client.decode_targets, client.decode_request):
-        with pytest.raises(RequestError):
-            decode(payload)
-
-
-@given(st.integers(0, 2**32), st.integers(1, 6))
-@settings(max_examples=400)
-def test_a_damaged_message_is_refused_or_is_within_all_bounds(seed: int, damages: int) -> None:
-    rng = random.Random(seed)
-    payload = bytearray(packed())
-    for _ in range(damages):
-        payload[rng.randrange(len(payload))] = rng.randrange(256)
-    try:
-        message = client.decode_targets(bytes(payload))
-    except RequestError:
-        return
-    assert 20_000_000 <= message.ttl_ns <= 5_000_000_000
-    for target in [one.content for one in message.targets]:
-        for name in ("amplitude_um", "friction", "low_um", "high_um", "period_mm"):
-            assert 0 <= (getattr(target, name, 0.0) or 0.0) <= 1000
+def test_no_map_takes_an_unknown_field() -> None:
+    messages = grown(FULL)
+    assert len(messages) > 15
+    for message in messages:
+        assert ".hue: unknown field" in "." + refusal(bytes(msgpack.packb(message)))
 
 
 plain = st.recursive(

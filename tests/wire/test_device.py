@@ -226,15 +226,6 @@ def test_a_sound_frame_with_senseless_contents_is_counted_by_reason(kind: int, p
 
 
 @settings(max_examples=200)
-@given(st.lists(st.one_of(st.binary(max_size=80), st.sampled_from([frame(*m) for m in TO_HOST.items()])), max_size=8))
-def test_no_bytes_make_the_decoder_raise(pieces: list[bytes]) -> None:
-    bytewise, whole = device.Decoder(), device.Decoder()
-    line = b"".join(pieces)
-    assert [m for byte in line for m in bytewise.feed(bytes((byte,)))] == list(whole.feed(line))
-    assert bytewise.counters == whole.counters
-
-
-@settings(max_examples=200)
 @given(st.sampled_from(sorted(TO_HOST)), st.binary(max_size=100))
 def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload: bytes) -> None:
     decoder = device.Decoder()

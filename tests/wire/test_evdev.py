@@ -6,8 +6,6 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from input_events import BARE_SCREEN, END, SCREEN, axis, lifted, packed, placed
 
 from hapticd.values import AffineMap, Contact, TouchFrame
@@ -248,21 +246,6 @@ def test_what_is_not_some_whole_events_is_refused(data: bytes) -> None:
     decoder = Decoder(SCREEN)
     assert decoder.decode(data, 0) == ()
     assert decoder.counters["length"] == 1
-
-
-events_ = st.tuples(
-    st.integers(0, 4), st.one_of(st.integers(0, 0x3F), st.just(BTN_LEFT)), st.integers(-(1 << 31), (1 << 31) - 1)
-)
-
-
-@given(st.lists(st.lists(events_, max_size=30), max_size=8), st.integers(-(1 << 60), 1 << 60))
-def test_any_events_give_sound_frames(reports: list[list[tuple[int, int, int]]], t_ns: int) -> None:
-    decoder = Decoder(SCREEN)
-    for events in reports:
-        data = b"".join(evdev.EVENT.pack(t_ns % (1 << 62), t_ns % (1 << 40), *event) for event in [*events, END])
-        for frame in decoder.decode(data, t_ns):
-            assert len(places(frame)) == len(frame.contacts) <= MAX_CONTACTS
-            assert all(math.isfinite(value) for contact in frame.contacts for value in contact)
 
 
 # --- contacts that lie still ---

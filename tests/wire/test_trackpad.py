@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd.values import AffineMap, Contact, TouchFrame
+from hapticd.values import AffineMap, Contact
 from hapticd.wire.trackpad import PADS, Decoder, Pad, PadGeometry, from_fields, to_fields
 
 WRAP_MS = 1 << 21
@@ -280,40 +280,6 @@ def test_a_pad_is_itself_again_from_its_fields(pad: Pad) -> None:
 def test_what_is_no_pad_is_one_sentence(change: dict[str, object], why: str) -> None:
     with pytest.raises(ValueError, match=why):
         from_fields(to_fields(OPENED) | change)
-
-
-REPORT_LIKE = st.one_of(
-    st.binary(max_size=400),
-    st.builds(
-        lambda head, count, body, cut: (head + (body * 150)[: 9 * count])[: len(head) + 9 * count - cut],
-        st.sampled_from([b"\x31\0\0\0", b"\x28\0\0\0", b"\x02\0\0\0\0\0\0\1\x31\0\0\0", b"\xf7\x0d\x28\0\0\0"]),
-        st.integers(0, 16),
-        st.binary(min_size=1, max_size=40),
-        st.sampled_from([0, 0, 0, 1, 8]),
-    ),
-)
-
-
-@given(st.sampled_from(list(PADS)), st.lists(st.tuples(REPORT_LIKE, st.integers(-(10**18), 10**18)), max_size=20))
-@settings(max_examples=120)
-def test_no_bytes_raise_and_every_report_is_a_frame_or_counted(model: str, reports: list[tuple[bytes, int]]) -> None:
-    decoder = Decoder(model)
-    frames: list[TouchFrame] = []
-    taken = 0
-    for report, t_host_ns in reports:
-        given_frames = decoder.decode(report, t_host_ns)
-        frames.extend(given_frames)
-        taken += bool(given_frames)
-    counters = decoder.counters
-    assert counters["frames"] == len(frames)
-    refused = sum(counters[reason] for reason in ("foreign", "length", "duplicate_id", "mouse"))
-    assert taken + refused == len(reports)
-    for contact in (c for f in frames for c in f.contacts):
-        assert abs(contact.x_mm) < 100
-        assert abs(contact.y_mm) < 100
-        assert 0 <= contact.pressure_frac <= 1
-        assert 0 <= contact.angle_rad < math.pi
-    assert all(len({c.contact_id for c in f.contacts}) == len(f.contacts) for f in frames)
 
 
 # --- the device's clock -------------------------------------------------------------------------------------------

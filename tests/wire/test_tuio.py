@@ -6,8 +6,6 @@ import math
 
 import pytest
 from datagrams import bundle, message, tuio1, tuio2
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hapticd.values import AffineMap, TouchFrame
 from hapticd.wire.trackpad import Decoder, from_fields, to_fields, tuio
@@ -126,16 +124,6 @@ def test_what_is_no_frame_is_refused(data: bytes) -> None:
 
 def test_one_message_alone_may_be_a_frame() -> None:
     assert len(heard(Decoder(PAD), message("/tuio/2Dcur", "fseq", 1))) == 1
-
-
-@given(st.lists(st.one_of(st.binary(max_size=80), st.integers(0, 90)), max_size=6))
-def test_any_bytes_give_sound_frames_or_none(parts: list[bytes | int]) -> None:
-    decoder, whole = Decoder(PAD), tuio1(3, {1: (0.5, 0.5), 2: (0.1, 0.9)})
-    for index, part in enumerate(parts):
-        data = part if isinstance(part, bytes) else whole[:part] + b"\xff" + whole[part + 1 :]
-        for frame in decoder.decode(data, index * MS):
-            assert len(frame.contacts) <= tuio.MAX_CONTACTS
-            assert all(math.isfinite(value) for contact in frame.contacts for value in contact)
 
 
 def test_the_surface_is_known_from_a_file() -> None:
