@@ -7,7 +7,6 @@ import ctypes
 import math
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -80,14 +79,3 @@ def test_what_the_host_let_through_the_board_leaves_alone(values: list[float], x
     _, safe_um = limited_by_python(values, (x_um, y_um))
     sent = [float(np.float32(part)) for w in safe_um for part in (w.real, w.imag)]
     assert limited_by_c(sent, (x_um, y_um))[0] is LimitReason.NONE
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("place", range(4))
-def test_one_part_that_is_not_finite_silences_all_modes_on_both_sides(bad: float, place: int) -> None:
-    values = [1.0, -1.0, 0.5, 2.0]
-    values[place] = bad
-    for limited in (limited_by_c, limited_by_python):
-        reason, out_um = limited(values, (4.0, 4.0))
-        assert reason is LimitReason.NOT_FINITE
-        assert out_um == [0, 0]
