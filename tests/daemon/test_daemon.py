@@ -290,8 +290,9 @@ async def test_after_a_stall_of_the_process_the_log_names_it_and_the_board_is_re
 async def test_a_second_daemon_is_refused_in_its_own_words_and_opens_no_device(hardware: Hardware) -> None:
     async with hardware.started():
         hardware.terminal.heard()
-        with pytest.raises(AlreadyRunningError):
+        with pytest.raises(AlreadyRunningError) as refused:
             await serve(hardware.daemon(), PLATE)
+        assert refused.value.exit_code == 75
         assert hardware.terminal.heard() == b""
         assert (hardware.folder / "run" / "control").is_socket()
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import msgpack
-import numpy as np
 import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, STICKY, Bench, lines, references
 
@@ -36,22 +35,6 @@ def test_touching_drives_the_board_and_lifting_leaves_it_a_zero() -> None:
     bench.pad_speaks = False
     bench.run(60)
     assert bench.state is State.ARMED
-
-
-def test_a_board_of_another_protocol_is_refused_once_and_hears_nothing_but_greetings(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    bench = Bench(SLIPPERY, STICKY, protocol_hash=protocol.PROTOCOL_HASH ^ 1)
-    bench.run(400)
-    bench.want({1: 1.0, 2: 0.0})
-    bench.run(1600)
-    assert {each.name for each in bench.board.heard} == {"hello"}
-    assert len(bench.board.heard) == 9  # at once, then each 250 ms
-    assert bench.state is State.IDLE
-    refusals = [line for line in lines(caplog) if "refused" in line]
-    assert len(refusals) == 1
-    assert "flash the firmware that came with this hapticd" in refusals[0]
-    assert "protocol hash" in bench.ask("status")["body"]["board"]["refused"]
 
 
 def test_after_a_dead_man_trip_still_fingers_are_driven_again() -> None:
@@ -270,17 +253,6 @@ def test_a_board_is_left_with_a_greeting_and_one_that_never_answered_with_nothin
     assert (zero.name, zero.peak_um, leave.name) == ("reference", 0.0, "hello")
 
 
-def test_hostile_bytes_from_the_board_change_nothing() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    noise = np.random.default_rng(3).bytes(20_000)
-    for at in range(0, len(noise), 100):
-        bench.machine.board_bytes(noise[at : at + 100], bench.t_ns)
-    bench.machine.board_bytes(b"\0", bench.t_ns)
-    bench.run(500)
-    assert bench.state is State.ACTIVE
-    assert sum(bench.ask("status")["body"]["board"]["dropped"].values()) > 0
-
-
 def test_a_refused_board_s_fault_is_none_of_ours() -> None:
     bench = Bench(SLIPPERY, protocol_hash=1)
     bench.board.state, bench.board.fault_code = FAULT, 3
@@ -333,13 +305,6 @@ def test_a_board_that_wakes_sends_telemetry_again() -> None:
     bench.board.heard.clear()
     bench.machine.board.wake(bench.t_ns)
     assert [each.name for each in bench.board.heard].count("telemetry") == 1
-
-
-def test_a_board_that_drives_far_from_its_calibration_is_refused(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench(SLIPPERY, calibration=BoardCalibration((ModeCalibration(0, 40_000.0, 500.0, 5.0, 0.0),)))
-    bench.run(500)
-    assert bench.state is State.IDLE
-    assert any("Mode 0 is calibrated at 40000 Hz but the board drives at 29205 Hz" in line for line in lines(caplog))
 
 
 def test_while_reports_come_no_timer_is_needed() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
+from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench
 
 from hapticd_client.messages import decode_state
 from hapticd_contract.states import PlateEvent
@@ -17,21 +17,8 @@ def publish(bench: Bench, *effects: dict[str, Any], ttl_s: float = 5.0, **more: 
     bench.send(ttl_s=ttl_s, effects=effects, **more)
 
 
-def peaks_um(bench: Bench, milliseconds: int) -> list[float]:
-    return [heard.peak_um for heard in references(bench.run(milliseconds))]
-
-
 def events(published: list[bytes]) -> list[PlateEvent]:
     return [event for state in map(decode_state, published) for event in state.events]
-
-
-def test_a_finger_without_a_target_feels_an_effect_and_then_glass() -> None:
-    bench = Bench(SLIPPERY)
-    bench.run(600)
-    publish(bench, CLICK)
-    assert max(peaks_um(bench, 30)) > 0.5
-    bench.run(60)
-    assert peaks_um(bench, 30)[-1:] in ([], [0.0])
 
 
 def test_a_board_at_rest_is_woken_by_an_effect_and_rests_when_it_has_gone() -> None:
@@ -100,19 +87,3 @@ def test_an_effect_on_a_finger_that_has_not_touched_is_refused() -> None:
     reply = bench.ask("set", client="a", effects=[CLICK | {"finger": 1}, CLICK | {"name": "more", "finger": 9}])
     assert reply["error"] == "finger 9 has not touched the plate: use an id from the newest state."
     assert [held.name for held in bench.machine.scene.effects.held] == ["click"]
-
-
-@pytest.mark.parametrize("op", ["hello", "capabilities"])
-def test_effects_are_announced_as_optional_with_their_bounds(op: str) -> None:
-    body = Bench().ask(op)["body"]
-    assert "effects" in body["optional"]
-    assert body["effects"] == ["pulse", "envelope", "modulation"]
-    assert (body["max_effects"], body["max_envelope_points"]) == (16, 256)
-
-
-def test_a_faster_line_carries_faster_sines() -> None:
-    bench = Bench(SLIPPERY)
-    for effect_knots, refused in ((12, 1), (24, 1)):
-        bench.machine.pipeline.fit(8, effect_knots)
-        publish(bench, {"name": "hum", "modulation": {"frequency_hz": 200, "depth": 1}})
-        assert bench.machine.clients.refused == refused

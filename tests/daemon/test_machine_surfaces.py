@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import msgpack
 import pytest
-from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench, references
+from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench
 
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.layer import Layer
@@ -65,23 +65,6 @@ def test_an_asset_is_uploaded_in_parts_felt_and_counted_and_a_name_has_one_user(
     bench.send()
     bench.run(12_000)
     assert bench.ask("status")["body"]["assets"] == {"count": 0, "uploads": 0, "bytes": 0}
-
-
-@pytest.mark.parametrize("op", ["hello", "capabilities"])
-def test_surfaces_are_announced_as_optional_with_their_bounds(op: str) -> None:
-    body = Bench().ask(op)["body"]
-    assert "surfaces" in body["optional"]
-    assert (body["max_surfaces"], body["max_polygon_points"]) == (16, 16)
-
-
-def test_a_finger_on_a_surface_has_no_owner_and_may_be_taken_by_another_client() -> None:
-    bench = Bench(SLIPPERY)
-    publish(bench, {"name": "plate", "amplitude_um": 1.0}, client="surfaces")
-    landing(bench)
-    assert bench.machine.scene.owner_of(1) is None
-    bench.want({1: 0.0})
-    bench.run(30)
-    assert references(bench.board.heard)[-1].peak_um == 0.0
 
 
 def version(bench: Bench) -> int:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import stat
 import time
 
 import numpy as np
 import pytest
-from service import PATIENCE_S, Bench, drive, is_driven, wait_board, wait_for, wait_state
+from service import PATIENCE_S, Bench, wait_board, wait_state
 
 from hapticd.board_protocol import BoardState
 from hapticd_client import DaemonGoneError
@@ -47,15 +46,6 @@ def test_a_killed_daemon_leaves_the_board_to_its_dead_man(bench: Bench) -> None:
             pass
 
 
-def test_a_daemon_that_comes_after_a_killed_one_serves_in_the_same_place(bench: Bench) -> None:
-    _, first, client, state = bench.driven()
-    first.process.kill()
-    first.process.wait(PATIENCE_S)
-    bench.service()
-    wait_state(client, lambda later: later.instance != state.instance)
-    drive(client)
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_in_a_quiet_plate(bench: Bench, number: signal.Signals) -> None:
     rig, service, client, state = bench.driven(record=True)
@@ -78,40 +68,3 @@ def test_a_signal_while_nothing_is_there_ends_as_well(bench: Bench) -> None:
     assert service.end(signal.SIGTERM) == 0
     assert len(service.lines_with("WARNING", "board")) == 1
     assert len(service.lines_with("WARNING", "trackpad")) == 1
-
-
-def test_a_second_daemon_exits_without_effect_on_the_first(bench: Bench) -> None:
-    _, _, client, state = bench.driven()
-    second = bench.service()
-    assert second.process.wait(PATIENCE_S) == 75
-    log = (bench.folder / "log-2").read_text()
-    assert log == (
-        f"hapticd: Another hapticd serves {bench.runtime_dir}: stop it, or set HAPTICD_RUNTIME_DIR to another "
-        "directory.\n"
-    )
-    later = wait_state(client, lambda later: later.seq > state.seq + 20)
-    assert later.instance == state.instance
-    assert is_driven(later)
-    board = client.status()["board"]
-    assert board["state"] == "LIVE"
-    assert board["reboots"] == 0
-    assert os.listdir(bench.runtime_dir)
-
-
-def test_an_owned_rig_ends_with_its_daemon(bench: Bench) -> None:
-    bench.config.write_text(f'[client]\nruntime_dir = "{bench.runtime_dir}"\n', encoding="utf-8")
-    service = bench.service()
-    bench.client()
-    children = f"/proc/{service.process.pid}/task/{service.process.pid}/children"
-    with open(children) as file:
-        (rig,) = file.read().split()
-    service.process.kill()
-    wait_for(lambda: not _lives(rig))
-
-
-def _lives(pid: str) -> bool:
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False

@@ -13,9 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from service import PATIENCE_S, PIPE, ROOT, Bench, first, is_driven, wait_for, wait_state
-
-EXAMPLES = ROOT / "clients" / "examples"
+from service import PATIENCE_S, PIPE, Bench, first
 
 
 @pytest.mark.alone  # its picture and its live lines need a rig that is on time
@@ -65,15 +63,6 @@ def live_demo(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGHUP])
-def test_a_demo_that_is_killed_leaves_no_folder_and_no_process(tmp_path: Path, sign: signal.Signals) -> None:
-    with live_demo(tmp_path) as (process, _):
-        process.send_signal(sign)
-        process.wait(PATIENCE_S)
-    wait_for(lambda: not any(tmp_path.iterdir()))
-
-
-@pytest.mark.long
 def test_a_demo_whose_rig_is_killed_ends_with_a_sentence(tmp_path: Path) -> None:
     with live_demo(tmp_path) as (process, _):
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
@@ -83,38 +72,3 @@ def test_a_demo_whose_rig_is_killed_ends_with_a_sentence(tmp_path: Path) -> None
     assert process.returncode == 1
     assert complaints.splitlines()[-1] == "hapticd: The simulated rig has ended: start this command again."
     assert [path.name for path in tmp_path.iterdir()] == []
-
-
-@pytest.mark.long
-def test_the_papers_environment_drives_the_plate_and_achieved_amplitudes_are_printed(bench: Bench) -> None:
-    bench.rig("rest")
-    bench.service()
-    client = bench.client()
-    environment = bench.program(str(EXAMPLES / "paper_environment.py"), "--endpoint", str(bench.runtime_dir))
-    wait_state(client, is_driven)
-    printed = bench.program(
-        str(EXAMPLES / "print_achieved.py"), "--endpoint", str(bench.runtime_dir), "--seconds", "0.3", "--every", "0.05"
-    )
-    output, complaints = printed.communicate(timeout=PATIENCE_S)
-    assert (printed.returncode, complaints) == (0, "")
-    assert re.search(r"ACTIVE  +\d: 0\.(00|98) -> \d\.\d\d um   \d: 0\.(00|98) -> \d\.\d\d um", output)
-    environment.send_signal(signal.SIGINT)
-    output, complaints = environment.communicate(timeout=PATIENCE_S)
-    assert (environment.returncode, complaints) == (0, "")
-    assert sorted(line.rpartition(": ")[2] for line in output.splitlines()) == ["friction 0.2", "friction 1"]
-    wait_state(client, lambda state: not any(finger.target_um for finger in state.fingers))
-
-
-def test_the_papers_study_gives_the_user_and_a_virtual_finger_opposite_friction(bench: Bench) -> None:
-    bench.rig("strokes")
-    bench.service()
-    client = bench.client()
-    study = bench.program(str(EXAMPLES / "virtual_finger.py"), "--endpoint", str(bench.runtime_dir), "--swap")
-    state = wait_state(client, lambda state: sum(finger.target_um is not None for finger in state.fingers) == 3)
-    assert {finger.id: finger.target_um for finger in state.fingers if finger.virtual} == {
-        "walker": pytest.approx(0.982, abs=1e-3)
-    }
-    assert [finger.target_um for finger in state.fingers if not finger.virtual] == [0.0, 0.0]
-    study.send_signal(signal.SIGTERM)
-    study.communicate(timeout=PATIENCE_S)
-    wait_state(client, lambda state: not any(finger.virtual for finger in state.fingers))

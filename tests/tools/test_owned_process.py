@@ -66,15 +66,6 @@ def test_a_service_and_its_rig_end_with_their_owner_however_that_dies(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_service_that_is_only_beginning_ends_with_its_owner_too(owner: subprocess.Popen[str], tmp_path: Path) -> None:
-    pids = owned(owner)
-
-    owner.kill()
-
-    wait_for(lambda: all(is_gone(pid) for pid in pids), PATIENCE_S)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_service_that_its_owner_ends_says_nothing_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
