@@ -17,7 +17,6 @@ from ..tools.campaign.runner import Campaign
 from ..tools.outputs import table_stream, write_text
 from ..tools.touches import Trace, recorded
 from . import (
-    contact_forms,
     felt,
     felt_asked,
     firmware,
@@ -53,7 +52,7 @@ PARTS: dict[str, _Runner] = {
     "prediction": lambda extent: _predictions(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
-    "leak": lambda _: (leak.run(), leak.contact(), felt_asked.run(), contact_forms.run()),
+    "leak": lambda _: (leak.run(), leak.contact(), felt_asked.run()),
     "telemetry": lambda _: (telemetry.run(),),
     "worlds": lambda extent: worlds.run(worlds=extent.worlds, campaign=extent.campaign),
     "firmware": lambda _: firmware.run(),

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import contact_forms, felt, felt_asked, firmware, leak, prediction, solver, tick
+from hapticd.bench import felt, felt_asked, firmware, leak, prediction, solver, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
@@ -30,7 +30,6 @@ PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
     "leak": lambda: (leak.run(seeds=(1,), seconds=2.0, names=(leak.PAPER, "predictor hold", "a single knot")),),
     "leak_contact": lambda: (leak.contact(seeds=(1,), seconds=2.0),),
     "felt_asked": lambda: (felt_asked.run(cases=ASKED, seeds=(1,), seconds=2.0),),
-    "contact_forms": lambda: (contact_forms.run(plates=((FINGERTIP, 4),), seeds=(1,), seconds=2.0),),
 }
 
 
@@ -168,10 +167,3 @@ def test_what_is_asked_is_felt_more_often_the_less_is_asked_and_the_more_modes_t
     assert felt_frac[weak] < felt_frac[eight] - 0.1
     assert all(felt_frac[name] <= perfect_frac[name] + 0.05 for name in felt_frac)
     assert max(paper_frac.values()) < 0.2
-
-
-def test_larger_contacts_feel_what_was_asked_more_often_as_the_pad_reports_them_than_as_discs_of_5_mm() -> None:
-    (table,) = part("contact_forms")
-    name = f"{FINGERTIP} plate, 4 modes, discs of 6 mm radius"
-    assert figure(table, name, "felt_frac") > figure(table, name, "disc_frac")
-    assert figure(table, table.default, "felt_frac") > figure(table, table.default, "disc_frac") - 0.03
