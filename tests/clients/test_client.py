@@ -123,12 +123,6 @@ def test_a_message_that_is_none_is_refused_with_its_place_and_changes_nothing(
     assert daemon.scene.owner_of(1) == client.name
 
 
-def test_a_map_may_be_an_array(daemon: FakeDaemon, client: Client) -> None:
-    client.set(1, map=Map(np.array([[0, 51], [102, 255]], dtype=np.uint8), high_um=2.55))
-    assert daemon.scene.amplitude_um(1, 68.75, 68.75) == pytest.approx(0.51)
-    assert daemon.scene.amplitude_um(1, 68.75, -68.75) == pytest.approx(2.55)
-
-
 def test_streaming_ends_with_the_newest(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
     for n in range(1000):
@@ -214,16 +208,6 @@ def test_a_priority_is_sent_with_its_target_until_the_next_one(daemon: FakeDaemo
     assert daemon.scene.priorities([1, 2, "ghost"]) == [2, 0, 3]
     client.set(1, friction=0.4)
     assert daemon.scene.priorities([1, "ghost"]) == [0, 3]
-
-
-def test_a_second_client_learns_who_holds_the_finger(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory, name="first") as first, Client(daemon.directory) as second:
-        first.set(1, friction=0.5)
-        with pytest.raises(RefusedError, match="held by 'first'"):
-            second.set(1, friction=0.2)
-        second.set(2, friction=0.2)
-        first.release(1)
-        second.set(1, friction=0.2)
 
 
 @pytest.mark.parametrize(

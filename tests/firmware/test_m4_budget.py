@@ -16,7 +16,7 @@ from hapticd.wire.commands import encode
 
 from .m4 import image
 from .m4.bench import Bench
-from .m4.boards import F405, G474, Board, every_board, needs_compiler
+from .m4.boards import F405, G474, H743, Board, every_board, needs_compiler
 from .m4.core import CoreBench
 from .m4.costs import CHUNK_S, COMMANDS, DEADLINE_S, Costs, costs, live_bench, locked_costs, longest_lock
 from .m4.timing import INTERRUPT_CYCLES, cycles
@@ -85,12 +85,12 @@ def test_chunks_and_ticks_of_the_stm32g474_are_through_in_time_with_the_wait_sta
         assert tick + INTERRUPT_CYCLES + before <= late_chunks * CHUNK_S * board.core_hz
 
 
-def test_nothing_of_a_chunk_or_a_tick_is_read_from_the_flash() -> None:
+@pytest.mark.parametrize("board", [G474, H743], ids=str)
+def test_nothing_of_a_chunk_or_a_tick_is_read_from_the_flash(board: Board) -> None:
     """Neither instructions nor constants: what waits for them would be counted as cycles, and more than one mode's."""
     for law in ("deadbeat", "pi_ff"):
-        bench = live_bench(G474, 5000, law)
-        with_waits = costs(bench, chunks=40)
-        plain = costs(live_bench(replace(G474, wait_states=0), 5000, law), chunks=40)
+        with_waits = costs(live_bench(board, 5000, law), chunks=40)
+        plain = costs(live_bench(replace(board, wait_states=0), 5000, law), chunks=40)
         assert [c.cycles for c in with_waits.chunk] == [c.cycles for c in plain.chunk]
         assert [c.cycles for c in with_waits.tick] == [c.cycles for c in plain.tick]
         assert sum(c.cycles for c in with_waits.main) > sum(c.cycles for c in plain.main)

@@ -15,7 +15,7 @@ from hapticd.design.resonance import fit_resonance
 from hapticd.wire import device
 
 from .m4.bench import TICK, Bench
-from .m4.boards import BOARDS, G474, Board, needs_compiler
+from .m4.boards import BOARDS, G474, Board, every_chip, needs_compiler
 from .m4.cpu import Cpu
 from .m4.peripherals import Peripherals
 from .m4.plate import Plate
@@ -93,8 +93,8 @@ def test_the_board_of_four_modes_is_built_for_others_as_well(modes: int, control
     assert bench.amplitudes_um(1) == pytest.approx(np.tile((1.5, 0.8, 0.3, 0.6, 0.4)[:modes], (1000, 1)), abs=0.02)
 
 
-def run_with_ticks_interrupted(bench: Bench, chunks: int, rng: np.random.Generator) -> int:
-    """Each tick is interrupted by its next chunk after a random number of instructions. Returns how many were."""
+def run_with_ticks_interrupted(bench: Bench, chunks: int, rng: np.random.Generator, most: int = 2500) -> int:
+    """Each tick is interrupted by its next chunk after some of `most` instructions. Returns how many were."""
     interrupted = 0
     for _ in range(chunks):
         bench.convert()
@@ -103,7 +103,7 @@ def run_with_ticks_interrupted(bench: Bench, chunks: int, rng: np.random.Generat
             bench.registers.tick_pending = False
             bench.convert()
             next_chunk = partial(bench.cpu.interrupt, bench.sampling.irq)
-            bench.cpu.interrupt(TICK, amid=next_chunk, instructions=int(rng.integers(1, 2500)))
+            bench.cpu.interrupt(TICK, amid=next_chunk, instructions=int(rng.integers(1, most)))
             interrupted += 1
         bench.come_round()
     return interrupted
@@ -190,6 +190,7 @@ def test_the_board_measures_what_the_plate_does(bench: Bench) -> None:
     assert measured_um == pytest.approx(asked_um, abs=0.01)
 
 
+@every_chip
 def test_a_silent_host_ends_in_mid_rail_with_the_amplifiers_off(bench: Bench) -> None:
     bench.arm(2.0, 1.0)
     bench.to_board += device.encode(Keepalive(bench.seq))
@@ -380,6 +381,7 @@ def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(b
     assert (found.entries[-1].code, found.entries[-1].value) == (CRASH, crash_place(bench.cpu.address("hd_tick")))
 
 
+@every_chip
 def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> None:
     identities, causes = set(), []
     known = {cause: flags for cause, flags in enumerate(bench.board.reset_flags, start=1) if flags is not None}

@@ -26,7 +26,7 @@ from hapticd.wire.commands import encode
 
 from .m4 import image
 from .m4.bench import Bench
-from .m4.boards import BOARDS, F405, Board, every_board, needs_compiler
+from .m4.boards import BOARDS, F405, G474, H743, Board, every_board, every_chip, needs_compiler
 from .m4.peripherals import Peripherals
 
 pytestmark = [pytest.mark.long, needs_compiler]
@@ -50,15 +50,19 @@ def drive(bench: Bench) -> None:
 def without_brown_out_reset(board: Board) -> Peripherals:
     """The option bytes as the chips are delivered."""
     registers = board.registers()
-    name, value = ("FLASH.OPTCR", 0x0FFFAAED) if board is F405 else ("FLASH.OPTR", 0xFFEFF8AA)
+    name, value = {
+        F405: ("FLASH.OPTCR", 0x0FFFAAED),
+        G474: ("FLASH.OPTR", 0xFFEFF8AA),
+        H743: ("FLASH.OPTSR_CUR", 0x0406AAF0),
+    }[board]
     registers[name] = value
     return registers
 
 
 def on_a_weak_supply(board: Board) -> Peripherals:
     registers = board.registers()
-    name, bit = ("PWR.CSR", 2) if board is F405 else ("PWR.SR2", 11)
-    registers[name] = 1 << bit
+    name, value = {F405: ("PWR.CSR", 1 << 2), G474: ("PWR.SR2", 1 << 11), H743: ("PWR.CSR1", 0x2010)}[board]
+    registers[name] = value
     return registers
 
 
@@ -71,7 +75,7 @@ def on_converters_of(supply_v: float) -> Callable[[Board], Peripherals]:
     return made
 
 
-@every_board
+@every_chip
 @pytest.mark.parametrize(
     ("made", "reason"),
     [
@@ -87,7 +91,7 @@ def test_a_board_that_must_not_drive_says_why(board: Board, made: Callable[[Boar
     expect_no_drive(Bench(board, registers=made(board)), reason)
 
 
-@every_board
+@every_chip
 @pytest.mark.parametrize("supply_v", [3.22, 3.38])
 def test_converters_that_are_within_three_percent_drive(board: Board, supply_v: float) -> None:
     bench = Bench(board, registers=on_converters_of(supply_v)(board))
@@ -95,9 +99,9 @@ def test_converters_that_are_within_three_percent_drive(board: Board, supply_v: 
     assert bench.amplifiers
 
 
-@every_board
+@every_chip
 def test_the_log_has_the_voltage_that_the_internal_reference_showed(board: Board) -> None:
-    """DS8626, DS12288: the factory's word is a reading at 3.3 and 3.0 V."""
+    """DS8626, DS12288, DS12110: the factory's word is a reading at 3.3, 3.0 and 3.3 V."""
     bench = Bench(board, registers=on_converters_of(3.0)(board))
     (entry,) = (entry for entry in bench.log().entries if entry.code == REFERENCE)
     assert entry.value == pytest.approx(3.0, abs=0.005)
@@ -116,7 +120,7 @@ def expect_no_drive(bench: Bench, reason: int) -> None:
     assert logged(bench)[-1] == reason
 
 
-@every_board
+@every_chip
 def test_one_changed_bit_of_the_program_is_found_at_the_next_start(board: Board) -> None:
     bench = Bench(board)
     drive(bench)

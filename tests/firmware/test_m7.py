@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticd.board_protocol import BoardState, HelloRequest, Keepalive, Sweep
-from hapticd.board_values import BoardHello, BoardStatus, SweepPoint
+from hapticd.board_protocol import BoardState, Keepalive, Sweep
+from hapticd.board_values import BoardStatus, SweepPoint
 from hapticd.design.resonance import fit_resonance
 from hapticd.wire import device
 
-from .m4.bench import TICK, Bench
+from .m4.bench import Bench
 from .m4.boards import H743, needs_compiler
 from .m4.costs import CHUNK_S, DEADLINE_S, costs, live_bench, longest_lock
 from .m4.cpu import SCRATCH, Cpu
@@ -28,6 +28,7 @@ from .m4.plate import Plate
 from .m4.stm32h743 import Dac
 from .m4.timing import INTERRUPT_CYCLES
 from .test_m4_bit_exact import CONFIG, Twins, polyline
+from .test_m4_pil import run_with_ticks_interrupted
 
 pytestmark = [pytest.mark.long, needs_compiler]
 
@@ -159,16 +160,6 @@ def test_each_sample_is_four_words_to_each_chip_and_the_last_moves_all_four(benc
     assert np.ptp(played.astype(int), axis=0).min() > 16, "all eight are driven"
 
 
-def test_a_silent_host_ends_in_mid_rail_with_the_amplifiers_off(bench: Bench) -> None:
-    live(bench)
-    bench.to_board += device.encode(Keepalive(bench.seq))
-    bench.run(49)
-    assert bench.amplifiers
-    bench.run(13)
-    assert bench.at_mid_rail
-    assert not bench.amplifiers
-
-
 def test_a_program_that_hangs_and_a_debugger_that_halts_it_end_in_a_reset(bench: Bench) -> None:
     """RM0433, WWDG and DBGMCU: both watchdogs count on while the core is halted, TIM2 and TIM3 do not."""
     bench.arm(2.0)
@@ -229,23 +220,10 @@ def test_lost_samples_end_in_silence_until_the_host_arms_anew(
 
 def test_chunks_interrupt_a_tick_at_any_instruction_and_the_plate_goes_on_as_asked(bench: Bench) -> None:
     bench.arm(*ASKED_UM)
-    rng = np.random.default_rng(3)
-    interrupted = 0
-    for _ in range(1200):
-        if interrupted % 18 == 0:
-            bench.to_board += device.encode(Keepalive(bench.seq))
-        bench.convert()
-        bench.cpu.interrupt(bench.sampling.irq)
-        if bench.registers.tick_pending:
-            bench.registers.tick_pending = False
-            bench.convert()
-            bench.cpu.interrupt(
-                TICK,
-                amid=lambda: bench.cpu.interrupt(bench.sampling.irq),
-                instructions=int(rng.integers(1, 6000)),
-            )
-            interrupted += 1
-        bench.come_round()
+    rng, interrupted = np.random.default_rng(3), 0
+    for _ in range(8):
+        bench.to_board += device.encode(Keepalive(bench.seq))
+        interrupted += run_with_ticks_interrupted(bench, 150, rng, most=6000)
     assert interrupted >= 120
     assert bench.amplitudes_um(1) == pytest.approx(np.tile(np.abs(ASKED_UM), (320, 1)), abs=0.02)
     assert not bench.log().entries
@@ -297,49 +275,6 @@ def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(b
     assert found.reset_cause == 3
     place = at - 0x08000000 if at >= 0x08000000 else 0x800000 + at
     assert (found.entries[-1].code, found.entries[-1].value) == (CRASH, place)
-
-
-def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> None:
-    identities, causes = set(), []
-    for flags in H743.reset_flags:
-        bench.boot(H743.registers(reset_flags=flags))
-        bench.to_board += device.encode(HelloRequest())
-        causes.append(bench.log().reset_cause)
-        identities.add([message for message in bench.messages if isinstance(message, BoardHello)][-1].boot_id)
-    assert len(identities) == len(H743.reset_flags)
-    assert causes == [1, 2, 3, 4, 5, 6]
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "event"), [("FLASH.OPTSR_CUR", 0x0406AAF0, BROWN_OUT_OFF), ("PWR.CSR1", 0x2010, SUPPLY)]
-)
-def test_a_chip_that_is_not_protected_talks_and_does_not_drive(name: str, value: int, event: int) -> None:
-    registers = H743.registers()
-    registers[name] = value
-    bench = Bench(H743, registers=registers)
-    bench.arm(2.0)
-    assert not bench.amplifiers
-    assert event in [entry.code for entry in bench.log().entries]
-
-
-@pytest.mark.parametrize(("supply_v", "drives"), [(3.0, False), (3.22, True), (3.38, True), (3.42, False)])
-def test_converters_on_a_supply_that_is_off_by_three_percent_do_not_drive(supply_v: float, drives: bool) -> None:
-    """DS12110: the factory's word is a reading at 3.3 V."""
-    registers = H743.registers()
-    registers.supply_v = supply_v
-    bench = Bench(H743, registers=registers)
-    bench.arm(2.0)
-    assert bench.amplifiers == drives
-    shown_v = [entry.value for entry in bench.log().entries if entry.code == REFERENCE]
-    assert shown_v == ([] if drives else [pytest.approx(supply_v, abs=0.005)])
-
-
-def test_an_image_with_a_changed_bit_talks_and_does_not_drive(bench: Bench) -> None:
-    bench.cpu.damaged = bench.cpu.address("hd_law_pi") + 8
-    bench.boot(H743.registers())
-    bench.arm(2.0)
-    assert not bench.amplifiers
-    assert IMAGE in [entry.code for entry in bench.log().entries]
 
 
 def test_without_the_st_links_clock_the_board_runs_from_the_internal_oscillator() -> None:
@@ -425,11 +360,3 @@ def test_chunks_and_ticks_are_through_in_time(waits: tuple[int, int]) -> None:
     print(f"{waits}: longest chunk {chunk}, tick {tick}, lock {lock} cycles")
     assert lock + chunk + INTERRUPT_CYCLES <= 0.9 * DEADLINE_S * board.core_hz
     assert tick + INTERRUPT_CYCLES + 2 * (chunk + INTERRUPT_CYCLES) <= 0.95 * 2 * CHUNK_S * board.core_hz
-
-
-def test_nothing_of_a_chunk_or_a_tick_is_read_from_the_flash() -> None:
-    with_waits = costs(live_bench(H743, 5000), chunks=40)
-    plain = costs(live_bench(replace(H743, wait_states=0), 5000), chunks=40)
-    assert [c.cycles for c in with_waits.chunk] == [c.cycles for c in plain.chunk]
-    assert [c.cycles for c in with_waits.tick] == [c.cycles for c in plain.tick]
-    assert sum(c.cycles for c in with_waits.main) > sum(c.cycles for c in plain.main)

@@ -83,7 +83,7 @@ G474 = Board(
 )
 BOARDS = (F405, G474)
 _H7_PIN = 1 << 22
-H743 = Board(  # of its own tests: no other has an M7, an SPI or 320 kHz
+H743 = Board(  # mostly of its own tests: no other has an M7, an SPI or 320 kHz
     "stm32h743",
     8,
     0x1FF1E800,
@@ -105,4 +105,5 @@ H743 = Board(  # of its own tests: no other has an M7, an SPI or 320 kHz
     (40, 12),  # assumed: no manual says it
 )
 every_board = pytest.mark.parametrize("board", BOARDS, ids=str)
+every_chip = pytest.mark.parametrize("board", [*BOARDS, H743], ids=str)
 needs_compiler = pytest.mark.skipif(image.MISSING is not None, reason=str(image.MISSING))

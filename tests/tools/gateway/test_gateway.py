@@ -14,7 +14,6 @@ from webclients import KEY, ORIGIN, gateway, programs
 from hapticd.tools.gateway import peer
 from hapticd.tools.gateway.peer import Names
 from hapticd.tools.gateway.server import MAX_PEERS
-from hapticd_client import Client, RefusedError
 
 TARGET = {"finger": 1, "friction": 0.2}
 VIRTUALS = [{"name": "a", "path_mm": [[0, 0]]}]
@@ -78,23 +77,6 @@ async def test_a_page_that_goes_without_a_word_releases_by_its_ttl_and_keeps_no_
         first.socket._response.close()  # as a killed browser leaves it
         await until(lambda: daemon.released == [1])
         assert (await second.ask("release", client="page"))["ok"]
-
-
-@asynchronous
-async def test_a_finger_belongs_to_one_of_pages_and_programs_alike(daemon: FakeDaemon) -> None:
-    daemon.fingers = {1: (0.0, 0.0)}
-    async with programs(daemon.directory, 2) as (first, second):
-        assert (await first.ask("set", client="first", ttl_s=5.0, targets=[TARGET]))["ok"]
-        assert "held by 'first'" in (await second.ask("set", client="second", targets=[TARGET]))["error"]
-
-        def by_zeromq() -> None:
-            with (
-                Client(daemon.directory, name="python") as client,
-                pytest.raises(RefusedError, match="held by 'first'"),
-            ):
-                client.set(1, friction=0.5)
-
-        await asyncio.to_thread(by_zeromq)
 
 
 @asynchronous
