@@ -104,50 +104,6 @@ def test_the_printed_configuration_is_a_file_that_means_the_same(
     assert config.from_table(table, where="printed", folder=tmp_path) == config.load(given)
 
 
-@pytest.mark.parametrize("command", ["run", "doctor"])
-def test_an_unknown_key_is_one_sentence_that_names_file_and_nearest_key(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text("[trackpad]\nrotation = 90\n", encoding="utf-8")
-    code, output, complaint = outcome(capsys, command, "--config", str(path))
-    sentence = output + complaint
-    assert code == (78 if command == "run" else 1)
-    assert str(path) in sentence
-    assert "did you mean rotation_deg?" in sentence
-    if command == "run":
-        assert complaint.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("[sim]\nscenario = 'dance'\n", "'dance' is not one of strokes"),
-        ("[limits]\nw_limit_um = [4.0, 4.0, 4.0]\n", "has 3 limits for a plate of 2 modes"),
-        ("[trackpad\n", "not valid TOML"),
-    ],
-)
-def test_a_configuration_that_cannot_run_is_one_sentence(
-    text: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "bad.toml"
-    path.write_text(text + f'[client]\nruntime_dir = "{tmp_path}/run"\n', encoding="utf-8")
-    code, output, complaint = outcome(capsys, "run", "--config", str(path))
-    assert (code, output) == (78, "")
-    assert word in complaint
-    assert complaint.count("\n") == 1
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(("name", "why"), [("none.toml", "No such file or directory"), ("", "Is a directory")])
-def test_a_missing_configuration_is_one_sentence(
-    name: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / name
-    sentence = f"hapticd: {path}: cannot be read ({why}): check the path given to --config.\n"
-    assert outcome(capsys, "run", "--config", str(path)) == (78, "", sentence)
-
-
 def test_a_played_scenario_gives_figures_and_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "run.npz"
     arguments = ("simulate", "strokes", "--seconds", "0.8", "--alone", "--json", "-", "--out", str(out))
@@ -263,7 +219,7 @@ def test_a_demo_without_matplotlib_says_so_at_its_start_and_goes_on(
 ) -> None:
     played: list[Path | None] = []
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.setattr(demo, "_play", lambda _options, _program, out: played.append(out))
+    monkeypatch.setattr(demo, "_play", lambda _options, _sim, out: played.append(out))
     code, output, _ = outcome(capsys, "demo")
     assert (code, played) == (0, [None])
     assert output.startswith(f"without a picture: A picture needs matplotlib: run `{sys.executable} -m pip install ")
@@ -275,7 +231,7 @@ def test_a_demo_keeps_an_earlier_picture_unless_it_is_forced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     played: list[Path | None] = []
-    monkeypatch.setattr(demo, "_play", lambda _options, _program, out: played.append(out))
+    monkeypatch.setattr(demo, "_play", lambda _options, _sim, out: played.append(out))
     monkeypatch.chdir(tmp_path)
     Path("demo.png").write_text("a day's work", encoding="utf-8")
     assert outcome(capsys, "demo")[0] == 2

@@ -3,23 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from service import Bench, drive, is_quiet, wait_for, wait_state
+from service import Bench, is_quiet, wait_for, wait_state
 
 pytestmark = pytest.mark.long
-
-
-def test_a_rig_that_dies_is_two_lines_and_the_next_one_is_driven(bench: Bench) -> None:
-    rig, service, client, _ = bench.driven()
-    rig.kill()
-    state = wait_state(client, lambda state: state.state == "IDLE" and is_quiet(state))
-    assert state.fingers == ()
-    wait_for(lambda: len(service.lines_with("WARNING")) == 2)
-    bench.rig()
-    drive(client)  # fingers of the new rig are new fingers
-    assert len(service.lines_with("WARNING", "board:", "lost")) == 1
-    assert len(service.lines_with("WARNING", "trackpad:", "lost")) == 1
-    assert len(service.lines_with("WARNING")) == 2
-    assert len(service.lines_with("INFO board:", "open")) == 2
 
 
 def test_a_board_that_is_pulled_alone_falls_quiet_by_itself_and_is_driven_again(bench: Bench) -> None:
