@@ -54,36 +54,6 @@ def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) ->
         assert table.default in render(table)
 
 
-def test_on_no_motion_does_another_predictor_err_less_by_a_twentieth() -> None:
-    for table in part("prediction")[:2]:
-        for name in table.columns():
-            if name.endswith("_mm"):
-                # "hold" does not extrapolate: its overshoot is noise alone. The bank, a part of the default, is tuned
-                # to these motions and their white noise: on them it may be better, and on real pads it is not.
-                rivals = set(prediction.alternatives()) - {"bank"} - ({"hold"} if name == "overshoot_mm" else set())
-                least_mm = min(figure(table, rival, name) for rival in rivals)
-                assert figure(table, "default", name) <= 1.05 * least_mm, name
-
-
-def test_on_a_pad_whose_firmware_filters_the_default_errs_less_than_its_bank_and_the_simple_ones() -> None:
-    *_, filtered = part("prediction")
-    ours = filtered.row("default").figures
-    for name in ("strokes_mm", "fast_strokes_mm", "slide_mm", "straight_mm"):
-        assert ours[name] < min(figure(filtered, rival, name) for rival in ("bank", "linear", "kalman_cv"))
-
-
-def test_the_default_law_settles_soonest_and_the_paper_s_last() -> None:
-    step, tracking = part("firmware")
-    for name in ("large_ms", "worst_ms"):
-        bound, default = figure(step, firmware.BOUND, name), figure(step, "deadbeat", name)
-        assert bound < default <= figure(step, "pi_ff", name) < figure(step, "pi", name)
-    assert figure(step, "deadbeat", "landing_ms") < figure(step, "pi_ff", "landing_ms")
-    assert figure(tracking, "pi", "sinusoid_delay_ms") > 0.5 > figure(tracking, "deadbeat", "sinusoid_delay_ms")
-    assert figure(tracking, "deadbeat", "leak_um") < figure(tracking, "pi", "leak_um")
-    for row in tracking.rows:
-        assert row.figures["residual_um"] <= 1.01 * row.figures["error_um"]  # which counts the ends too
-
-
 def test_what_a_scene_does_not_need_is_skipped() -> None:
     situations, messages = part("tick")
     assert all(0.0 < row.figures["hot_us"] < 1e4 for row in messages.rows)
@@ -111,15 +81,6 @@ def test_the_solvers_agree_and_never_break_a_limit() -> None:
         ours, bound = figure(contacts, name, "felt_frac"), figure(contacts, f"{name}, bound", "felt_frac")
         assert ours >= bound - 0.34, name  # two of six problems
         assert ours >= figure(contacts, f"{name}, by contrast", "felt_frac")
-
-
-def test_ours_leaks_less_than_the_paper_s_scheme_and_more_than_perfect_knowledge() -> None:
-    (points,) = part("leak")
-    ours_um = figure(points, leak.DEFAULT, "leak_um")
-    assert figure(points, leak.PERFECT, "leak_um") < leak.NOTHING_UM < ours_um
-    assert figure(points, "predictor hold", "leak_um") > 2 * ours_um
-    assert figure(points, leak.PAPER, "leak_um") > 2.5 * ours_um
-    assert figure(points, "a single knot", "leak_um") > ours_um
 
 
 def test_the_more_modes_the_more_is_felt_as_asked_and_less_so_by_contrast() -> None:

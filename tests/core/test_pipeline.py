@@ -221,14 +221,6 @@ def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
     assert largest["ours"] < largest["paper"] / 3
 
 
-def test_positions_off_the_plate_or_not_finite_never_break_the_limit(bench: Bench) -> None:
-    bench.land({SLIPPERY: 4.0, STICKY: 0.0})
-    for x_mm in (500.0, -1e9, math.nan, math.inf, 12.0):
-        tick = bench.report((x_mm, 3.0), STICKY)
-        for knot in tick.drive.knots if tick.drive is not None else ():
-            assert all(abs(w_um) <= 4.0 for w_um in knot.modal_um)
-
-
 def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers(bench: Bench) -> None:
     bench.hold(3, SLIPPERY)
     assert not bench.pipeline.sensor_is_silent(bench.t_ns + 40 * MS)

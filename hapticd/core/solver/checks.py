@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import FloatArray
-from .points.arithmetic import ModeRow, ModeRows, Phasors
+from .points.arithmetic import ModeRow, ModeRows
 
 
 def checked_shapes(phi: npt.ArrayLike) -> tuple[ModeRows, int]:
@@ -63,32 +63,11 @@ def checked_previous(previous_um: npt.ArrayLike | None, modes: int) -> ModeRow |
     return None if previous_um is None else tuple(_row("previous_um", previous_um, modes))
 
 
-def checked_phasors(previous_um: npt.ArrayLike | None, modes: int) -> Phasors | None:
-    """previous_um (M,) complex, or None."""
-    if previous_um is None:
-        return None
-    try:
-        array = np.asarray(previous_um, dtype=np.complex128)
-    except (TypeError, ValueError):
-        raise ValueError("previous_um: must be an array of complex numbers.") from None
-    _check_shape("previous_um", array, (modes,))
-    phasors: list[complex] = array.tolist()
-    for phasor in phasors:
-        _check_finite("previous_um", [phasor.real, phasor.imag])
-    return tuple(phasors)
-
-
 def checked_grams(gram: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """gram, of this shape."""
     array = _numbers("gram", gram, len(shape))
     _check_shape("gram", array, shape)
     return array
-
-
-def check_turn(turn_rad: float) -> None:
-    """turn_rad is a finite number, 0 or more."""
-    if not 0.0 <= turn_rad < math.inf:
-        raise ValueError(f"turn_rad: {turn_rad!r} must be a finite number, 0 or more.")
 
 
 def _row(name: str, values: npt.ArrayLike, count: int) -> list[float]:

@@ -6,7 +6,7 @@ with target 0 get 0; (3) the others' sum (|w_i| - a_i)^2 is least, their signs b
 amplitudes therefore stay where they are, where the inverse of Phi flips from limit to limit; at exactly coincident
 fingers W = 0.
 
-With `gram` fingers are contacts, under other rules (`contacts`). `solve_phased` frees the phases (`phase`).
+With `gram` fingers are contacts, under other rules (`contacts`).
 """
 
 from __future__ import annotations
@@ -18,10 +18,8 @@ import numpy.typing as npt
 
 from ...values import FloatArray, Solution
 from .checks import (
-    check_turn,
     checked_grams,
     checked_limits,
-    checked_phasors,
     checked_previous,
     checked_shapes,
     checked_target_track,
@@ -32,12 +30,11 @@ from .contacts import COLD_TURN_RAD, solve_contacts
 from .points.arithmetic import ModeRow, ModeRows, amplitudes, clamped
 from .points.general import solve_exactly
 from .points.pair import condition
-from .points.phase import TURN_RAD, solve_phased_fast
 
 _SIZELESS = 1e-12  # a contact of no size is a point
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere
 
-__all__ = ["solve", "solve_batch", "solve_phased"]
+__all__ = ["solve", "solve_batch"]
 
 
 def solve(
@@ -88,27 +85,6 @@ def solve_batch(
         previous, _ = solve_exactly(rows, tuple(wanted), limits, previous)
         modal_um.append(previous)
     return np.array(modal_um).reshape(count, modes)
-
-
-def solve_phased(
-    phi: npt.ArrayLike,
-    target_um: npt.ArrayLike,
-    limit_um: npt.ArrayLike,
-    *,
-    previous_um: npt.ArrayLike | None = None,
-    turn_rad: float = TURN_RAD,
-) -> npt.NDArray[np.complex128]:
-    """Complex modal amplitudes (M,) for one instant, with the fingers' phases free.
-
-    phi, target_um, limit_um as in `solve`; previous_um (M,) complex or None; `turn_rad`: how far the phase
-    between fingers may turn from that of `previous_um`, where their amplitudes leave the choice.
-    Raises ValueError as `solve` does.
-    """
-    rows, modes = checked_shapes(phi)
-    targets = checked_targets(target_um, len(rows))
-    limits, previous = checked_limits(limit_um, modes), checked_phasors(previous_um, modes)
-    check_turn(turn_rad)
-    return np.array(solve_phased_fast(rows, targets, limits, previous, turn_rad)[0])
 
 
 def _solved_contacts(
