@@ -13,19 +13,21 @@ from ..tools.campaign import runner
 
 
 class Part(NamedTuple):
-    """One part: what it compares, and how long that takes on two cores."""
+    """One part: what it compares, how long that takes on two cores, and whether it has error over run time."""
 
     summary: str
     minutes: float
+    has_picture: bool = True
 
 
 PARTS = {
+    "modes": Part("ways to interpolate a measured mode map", 0.1),
     "prediction": Part("predictions 15 ms ahead on 15 motions", 1.5),
     "solver": Part("solvers against general optimisers", 0.8),
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
     "leak": Part("what fingers get in the closed loop, by which choice", 7.0),
-    "telemetry": Part("what telemetry says that fingers feel, against what they do", 4.0),
-    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0),
+    "telemetry": Part("what telemetry says that fingers feel, against what they do", 4.0, has_picture=False),
+    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
 }
 APART = ("worlds",)  # not part of `all`, for it takes longer than all
@@ -56,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     runner.add_arguments(parser, "worlds: ")
     outputs.add_json(parser)
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="plot error against run time")
     parser.set_defaults(command=_bench)
 
 
@@ -63,11 +66,15 @@ def _bench(options: argparse.Namespace) -> None:
     if options.part is None:
         print(listing())
         return
+    if options.plot is not None and options.part != ALL and not PARTS[options.part].has_picture:
+        raise UsageError(f"--plot: {options.part} has no table of error over run time: leave the option out.")
     touches = options.traces or options.recording
     if touches is not None and options.part != "prediction":
         raise UsageError("--traces and --recording belong to one part: write hapticd bench prediction.")
     if options.traces is not None and options.recording is not None:
         raise UsageError("--traces and --recording exclude each other: give one.")
+    if touches is not None and options.plot is not None:
+        raise UsageError("--plot: recorded touches have no table of error over run time: leave the option out.")
     for name in runner.OPTIONS:
         if getattr(options, name) is not None and options.part != "worlds":
             raise UsageError(f"--{name}: belongs to one part: write hapticd bench worlds.")
@@ -81,7 +88,7 @@ def _bench(options: argparse.Namespace) -> None:
             worlds=options.worlds,
             campaign=campaign,
         )
-        suite.run({name: _minutes(name, options) for name in names}, extent, json_file=options.json)
+        suite.run({name: _minutes(name, options) for name in names}, extent, json_file=options.json, plot=options.plot)
 
 
 def _minutes(name: str, options: argparse.Namespace) -> float:

@@ -76,6 +76,7 @@ def _steps(repeats: int, ticks: int) -> Table:
         default=DEFAULT,
         rows=finite_rows([*rows, (BOUND, bounds)]),
         compared=("large_ms", "worst_ms"),
+        time="host_tick_us",
         error="large_ms",
         notes=(
             "from the instant of asking, a tick before the board receives the step; 2 kHz unless named",

@@ -160,6 +160,7 @@ def _table(
         default=rows[0][0],
         rows=finite_rows(rows),
         compared=compared_,
+        time="time_us" if has_time else "",
         error=compared_[has_time],
         floor=NOTHING_UM,
         notes=notes,

@@ -84,6 +84,7 @@ def _table(
         default=DEFAULT,
         rows=finite_rows([(row, {figure: figures[figure] for figure in shown}) for row, figures in rows]),
         compared=("time_us", error),
+        time="time_us",
         error=error,
         notes=("time: one update and one prediction of one finger", note),
     )

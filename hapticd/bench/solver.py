@@ -21,6 +21,7 @@ from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from ..sim.score import rms
 from ..values import ComplexArray, FloatArray
 from .baselines.solver import POLICIES, solve_rows
+from .modes import HALF_SIZE_MM, W_LIMIT_UM
 from .tables import Table, finite_rows
 from .timing import REPEATS, compare, optional
 
@@ -28,8 +29,6 @@ Solver = Callable[[FloatArray, tuple[float, float]], FloatArray | ComplexArray] 
 
 ONE_STILL, BOTH_SLIP = (1.0, 0.0), (1.0, 0.6)
 DEFAULT = "solve_fast"
-W_LIMIT_UM = (4.0, 4.0)
-HALF_SIZE_MM = 58.0  # the area that fingers reach
 NOTHING_UM = 1e-9  # leaks below are rounding
 _RIDGE = 1e-9  # a quadratic programme's matrix must be definite
 
@@ -69,6 +68,7 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
         default=DEFAULT,
         rows=finite_rows(rows),
         compared=("time_us", "slip_error_um"),
+        time="time_us",
         error="leak_um",
         floor=NOTHING_UM,
         skipped={} if daqp is not None else {"daqp": "daqp is not installed"},

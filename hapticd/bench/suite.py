@@ -1,4 +1,4 @@
-"""Parts of `hapticd bench`, and where their figures go: tables and JSON."""
+"""Parts of `hapticd bench`, and where their figures go: tables, JSON, a picture."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import __version__
+from ..errors import UsageError
 from ..tools.campaign.runner import Campaign
 from ..tools.outputs import table_stream, write_text
 from ..tools.touches import Trace, recorded
@@ -21,6 +22,7 @@ from . import (
     felt_asked,
     firmware,
     leak,
+    modes,
     prediction,
     prediction_traces,
     solver,
@@ -49,6 +51,7 @@ def _predictions(recorded_touches: list[Trace] | None) -> tuple[Table, ...]:
 
 
 PARTS: dict[str, _Runner] = {
+    "modes": lambda _: (modes.run(),),
     "prediction": lambda extent: _predictions(extent.touches),
     "solver": lambda _: (solver.run(), felt.run()),
     "tick": lambda extent: tick.run(seconds=extent.seconds),
@@ -66,19 +69,35 @@ def touches(traces_file: Path | None, recording: Path | None) -> list[Trace] | N
     return None if recording is None else recorded(recording)
 
 
-def run(minutes: Mapping[str, float], extent: Extent, *, json_file: str | None) -> None:
-    """Run the parts named by `minutes`, which says how long each takes: print each table, then write JSON if requested.
+def run(minutes: Mapping[str, float], extent: Extent, *, json_file: str | None, plot: Path | None) -> None:
+    """Run the parts named by `minutes`, which says how long each takes: print each table, then write JSON and the
+    picture if requested.
 
     With the JSON on standard output the tables go to standard error. Raises HapticdError.
     """
     out = table_stream(json_file)
     figures: dict[str, dict[str, Any]] = {}
+    found: list[Table] = []
     for name, tables in _results(minutes, extent):
         figures[name] = {table.name: plain(table) for table in tables}
+        found += tables
         for table in tables:
             print(render(table), end="\n\n", file=out, flush=True)
     if json_file is not None:
         write_text(json.dumps({"machine": _machine(), "parts": figures}, indent=2, allow_nan=False) + "\n", json_file)
+    drawn = [table for table in found if _is_drawn(table)]
+    if plot is not None and not drawn:
+        raise UsageError(f"--plot: {', '.join(minutes)} has no table of error over run time; leave the option out.")
+    if plot is not None:
+        from .plot import draw
+
+        draw(drawn, plot)
+        print(f"picture: {plot}", file=out)
+
+
+def _is_drawn(table: Table) -> bool:
+    """A picture shows error over run time, or the run times of passes."""
+    return bool(table.time or "hot_us" in table.compared)
 
 
 def _results(minutes: Mapping[str, float], extent: Extent) -> Iterator[tuple[str, tuple[Table, ...]]]:

@@ -43,8 +43,8 @@ class _Row:
 class Table:
     """Alternatives compared in one run.
 
-    `compared` names the figures whose ratios to the row `default` are given. Figures `error` below `floor` count as
-    zero. `skipped` has the reason for each missing alternative.
+    `compared` names the figures whose ratios to the row `default` are given. A picture shows the figure `error` over
+    `time`; error figures below `floor` count as zero. `skipped` has the reason for each missing alternative.
     """
 
     name: str
@@ -52,6 +52,7 @@ class Table:
     default: str
     rows: tuple[_Row, ...]
     compared: tuple[str, ...]
+    time: str = ""
     error: str = ""
     floor: float = 0.0
     skipped: Mapping[str, str] = field(default_factory=dict)

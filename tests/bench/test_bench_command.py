@@ -1,4 +1,4 @@
-"""`hapticd bench` on the command line: tables, JSON, and refused arguments."""
+"""`hapticd bench` on the command line: tables, JSON, the picture, and refused arguments."""
 
 from __future__ import annotations
 
@@ -44,18 +44,31 @@ def test_without_a_part_the_parts_are_listed_with_the_time_they_take_and_nothing
 
 
 @pytest.mark.usefixtures("quick")
-def test_all_parts_give_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    figures = tmp_path / "bench.json"
-    assert main(["bench", "all", "--json", str(figures)]) == 0
+def test_all_parts_give_tables_json_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figures, picture = tmp_path / "bench.json", tmp_path / "bench.png"
+    assert main(["bench", "all", "--json", str(figures), "--plot", str(picture)]) == 0
     written = json.loads(figures.read_text(encoding="utf-8"))
     assert {part: list(tables) for part, tables in written["parts"].items()} == {
         "solver": ["solver"],
         "firmware": ["step", "tracking"],
     }
     assert written["machine"]["cpu_count"] >= 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
     out = capsys.readouterr().out
     assert "solve_fast" in out
     assert "pi_ff" in out
+    assert str(picture) in out
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_picture_of_tables_without_run_times_is_refused_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(suite.PARTS, "worlds", lambda _: pytest.fail("it is measured first"))
+    monkeypatch.setitem(bench.PARTS, "worlds", bench.Part("laboratories", 1.0, has_picture=False))
+    assert main(["bench", "worlds", "--plot", str(tmp_path / "bench.png")]) == 2
+    assert "worlds has no table of error over run time" in capsys.readouterr().err
+    assert not (tmp_path / "bench.png").exists()
 
 
 @pytest.mark.usefixtures("quick")
@@ -69,7 +82,7 @@ def test_json_on_standard_output_is_all_of_it(capsys: pytest.CaptureFixture[str]
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(
     "arguments",
-    [["--json", "nowhere/bench.json"], ["--seconds", "nan"]],
+    [["--plot", "nowhere/bench.png"], ["--json", "nowhere/bench.json"], ["--seconds", "nan"]],
 )
 def test_a_wrong_argument_is_one_sentence_before_anything_runs(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import pytest
 
-from hapticd.bench import felt, felt_asked, firmware, leak, prediction, solver, tick
+from hapticd.bench import felt, felt_asked, firmware, leak, modes, prediction, solver, tick
 from hapticd.bench.recording import LANDED_NS, new_machine, play, record
 from hapticd.bench.tables import UNITS, Table, plain, render
 from hapticd.config.sections import Config
@@ -23,6 +23,7 @@ pytestmark = pytest.mark.long
 ASKED = ((FINGERTIP, 4, 1.0, 1.0), (FINGERTIP, 4, 0.5, 1.0), (WIDE, 8, 1.0, 1.0), (WIDE, 8, 1.0, 0.3))
 # Tables that take long are each their own: each test has a limit of time.
 PARTS: dict[str, Callable[[], tuple[Table, ...]]] = {
+    "modes": lambda: (modes.run(pairs=200, seeds=(1,), repeats=1, timed=20),),
     "prediction": lambda: prediction.run(seeds=(1, 2), repeats=1),
     "tick": lambda: tick.run(seconds=0.1, repeats=1, passes=8, wait_until=lambda _: None),
     "firmware": lambda: firmware.run(repeats=1, ticks=20),
@@ -52,6 +53,19 @@ def test_every_figure_is_a_finite_number_with_its_unit_in_the_name(name: str) ->
                 assert math.isfinite(value), key
                 assert key.endswith((*UNITS, "_ratio", "_change", "contrast", "contrast_median")), key
         assert table.default in render(table)
+
+
+def test_a_map_is_limited_by_its_noise_and_not_by_its_interpolation() -> None:
+    (table,) = part("modes")
+    leaks = {row.name: row.figures["leak_um_per_um"] for row in table.rows}
+    assert 0.003 < leaks["bicubic"] < 0.03
+    assert leaks["bicubic"] < leaks["bilinear"]
+    assert leaks["bicubic"] == pytest.approx(leaks["RectBivariateSpline"], rel=1e-3)
+    assert (
+        figure(table, "bicubic", "interpolation_um_per_um")
+        < 1e-4
+        < figure(table, "bilinear", "interpolation_um_per_um")
+    )
 
 
 def test_what_a_scene_does_not_need_is_skipped() -> None:

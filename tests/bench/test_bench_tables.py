@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from hapticd.bench.plot import draw
 from hapticd.bench.tables import Table, finite_rows, number, plain, render
 from hapticd.bench.timing import compare, least, least_by_pass
 
@@ -28,6 +30,7 @@ def table(**changes: object) -> Table:
         default="ours",
         rows=rows,
         compared=("time_us", "leak_um"),
+        time="time_us",
         error="leak_um",
         floor=1e-9,
         skipped=SKIPPED,
@@ -79,3 +82,11 @@ def test_alternatives_are_timed_per_operation_and_by_their_least() -> None:
     assert all(timing.best_us > 0.0 and timing.spread_us >= 0.0 for timing in times.values())
     assert least([5.0, 3.0, 4.0]) == (3.0, 2.0)
     assert least_by_pass([[1.0, 6.0], [3.0, 4.0]]) == (2.5, 1.0)
+
+
+def test_every_kind_of_panel_can_be_drawn(tmp_path: Path) -> None:
+    bars = finite_rows([("whole", {"hot_us": 9.0, "paced_us": 20.0}), ("part", {"hot_us": 4.0})])
+    tables = [table(), table(default="whole", rows=bars, time="", error="", compared=("hot_us",))]
+    picture = tmp_path / "bench.png"
+    draw(tables, picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")

@@ -106,6 +106,7 @@ def test_the_command_prints_both_tables_and_their_figures(
     [
         (["tick", "--traces", "F"], "belong to one part"),
         (["prediction", "--traces", "F", "--recording", "G"], "exclude each other"),
+        (["prediction", "--traces", "F", "--plot", "p.png"], "leave the option out"),
         (["prediction", "--traces", "F"], "cannot be read"),
     ],
 )

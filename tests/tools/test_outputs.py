@@ -36,6 +36,7 @@ OUTPUTS = [
     (("latency", "--sim", "--ledger"), "f.csv", "f.mcap"),
     (("latency", "--sim", "--plot"), "f.PNG", "f.toml"),
     (("bench", "tick", "--json"), "f.json", "f.png"),
+    (("bench", "tick", "--plot"), "f.png", "f.json"),
     (("firmware", "sweep", "--plot"), "f.png", "f.toml"),
     (("doctor", "--bundle"), "f.tar.gz", "f.tar"),
     (("study", "report", ".", "--json"), "f.json", "f.png"),

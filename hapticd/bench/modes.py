@@ -1,0 +1,98 @@
+"""The mode matrix of two fingers: what ways to interpolate a measured map cost, and what their errors leak.
+
+The leak is that of the whole path if all else were perfect: two random positions, one finger at 1 um and one still,
+modal amplitudes from the map, and the plate's true shapes under the still finger. Maps are fitted to noisy scans of the
+reference plate; `interpolation` is the leak of a map without noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..core.plate.mode_shapes import ModeShapes
+from ..core.solver.points.general import solve_fast
+from ..design import free_plate_modes
+from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
+from ..values import FloatArray
+from .tables import Table, finite_rows
+from .timing import REPEATS, compare, optional
+
+_Shapes = Callable[[float, float], Sequence[float]]  # of all modes at one position, in mm
+
+DEFAULT = "bicubic"
+W_LIMIT_UM = (4.0, 4.0)
+HALF_SIZE_MM = 58.0  # the area that fingers reach
+
+
+def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3), repeats: int = REPEATS, timed: int = 200) -> Table:
+    """Compare interpolators on `pairs` of random positions over the maps of `seeds`; `timed` pairs are timed."""
+    plate, scipy = GroundTruth(), optional("scipy.interpolate")
+    points_mm = np.random.default_rng(7).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (pairs, 2, 2))
+    theory = {shape.name: shape for _, shape in free_plate_modes()}
+    flat = [theory[name].evaluate(points_mm.reshape(-1, 2)) for name in DRIVEN_MODES]
+    true_phi = np.stack(flat, axis=-1).reshape(pairs, 2, -1)
+    of_maps = [_ways(plate.measured_mode_map(seed), scipy) for seed in seeds]
+    of_truth = _ways(plate.true_mode_map(), scipy)
+    times = compare({name: (partial(_all, way, points_mm[:timed]), timed) for name, way in of_maps[0].items()}, repeats)
+    rows = [
+        (
+            name,
+            {
+                **times[name].figures(),
+                "leak_um_per_um": _leak_um_per_um([_all(ways[name], points_mm) for ways in of_maps], true_phi),
+                "interpolation_um_per_um": _leak_um_per_um([_all(of_truth[name], points_mm)], true_phi),
+            },
+        )
+        for name in of_truth
+    ]
+    return Table(
+        name="modes",
+        title="modes: the mode matrix of 2 fingers and 2 modes; um leaked at the still finger per um at the other",
+        default=DEFAULT,
+        rows=finite_rows(rows),
+        compared=("time_us", "leak_um_per_um"),
+        time="time_us",
+        error="leak_um_per_um",
+        skipped={} if scipy is not None else {"RectBivariateSpline": "scipy is not installed"},
+        notes=("interpolation: the leak of a map without noise",),
+    )
+
+
+def _ways(modes: ModeShapes, scipy: Any | None) -> dict[str, _Shapes]:
+    ways: dict[str, _Shapes] = {DEFAULT: modes.at, "bilinear": partial(_bilinear, modes, modes.shapes.tolist())}
+    if scipy is not None:
+        surfaces = [scipy.RectBivariateSpline(modes.y_mm, modes.x_mm, shape) for shape in modes.shapes]
+        ways["RectBivariateSpline"] = lambda x_mm, y_mm: [float(one.ev(y_mm, x_mm)) for one in surfaces]
+    return ways
+
+
+def _bilinear(modes: ModeShapes, values: list[list[list[float]]], x_mm: float, y_mm: float) -> list[float]:
+    """On the map's even grid, on plain floats."""
+    rows, columns = modes.shapes.shape[1:]
+    x = (x_mm - modes.x_mm.item(0)) / (modes.x_mm.item(-1) - modes.x_mm.item(0)) * (columns - 1)
+    y = (y_mm - modes.y_mm.item(0)) / (modes.y_mm.item(-1) - modes.y_mm.item(0)) * (rows - 1)
+    i, j = min(int(x), columns - 2), min(int(y), rows - 2)
+    u, v = x - i, y - j
+    below = [(1.0 - u) * one[j][i] + u * one[j][i + 1] for one in values]
+    above = [(1.0 - u) * one[j + 1][i] + u * one[j + 1][i + 1] for one in values]
+    return [(1.0 - v) * low + v * high for low, high in zip(below, above, strict=True)]
+
+
+def _all(shapes: _Shapes, points_mm: FloatArray) -> FloatArray:
+    """Return the mode matrices (pairs, 2, M)."""
+    return np.array([[shapes(x_mm, y_mm) for x_mm, y_mm in pair] for pair in points_mm.tolist()])
+
+
+def _leak_um_per_um(of_maps: Sequence[FloatArray], true_phi: FloatArray) -> float:
+    """Return the RMS amplitude at the still finger over that at the other, by the true shapes."""
+    modal_um = [
+        [solve_fast((tuple(rows[0]), tuple(rows[1])), (1.0, 0.0), W_LIMIT_UM)[0] for rows in phi.tolist()]
+        for phi in of_maps
+    ]
+    got_um = np.einsum("pnm,spm->spn", true_phi, np.array(modal_um))
+    slipping_um, still_um = np.sqrt(np.mean(got_um**2, axis=(0, 1)))
+    return float(still_um / slipping_um)
