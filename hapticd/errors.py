@@ -97,14 +97,23 @@ def requirements(extra: str = "") -> list[str]:
 
     The libraries and not `hapticd[extra]`, for which pip would look on an index, and replace a checkout.
     """
-    from importlib.metadata import PackageNotFoundError, requires  # not at the start of every command
+    import platform  # not at the start of every command
+    from importlib.metadata import PackageNotFoundError, requires
 
     try:
         split = [requirement.partition(";") for requirement in requires("hapticd") or ()]
     except PackageNotFoundError:
         return []
-    named = f"extra=={extra}" if extra else ""
-    return [library.strip() for library, _, marker in split if re.sub(r"[\s\"']", "", marker) == named]
+    here = {"extra": extra, "sys_platform": sys.platform, "platform_machine": platform.machine()}
+    return [
+        library.strip()
+        for library, _, marker in split
+        if ("extra" in marker) == bool(extra)
+        and all(
+            (here.get(name) == value) == (sign == "==")
+            for name, sign, value in re.findall(r"(\w+) *([!=]=) *[\"']([^\"']*)", marker)
+        )
+    ]
 
 
 def pip_install(*arguments: str) -> str:

@@ -48,6 +48,9 @@ class FakeNode(InputNode):
             for code in (TRACKING_ID, POSITION_X, POSITION_Y)
         }
 
+    def close(self) -> None:
+        os.close(self.fd)
+
     def say(self, *events: tuple[int, int, int], t_ns: int = 0) -> None:
         os.write(self._end, packed(t_ns, *events))
 

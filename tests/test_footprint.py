@@ -38,7 +38,16 @@ NOT_NEEDED = (
         "hapticd.io.devices.tuio_trackpad",
         "hapticd.io.devices.replay",
     ),  # of a pad that is another
-    *("statistics", "fractions", "aiohttp", "pylsl", "hapticd.tools.gateway", "hapticd.tools.study"),
+    *(
+        "statistics",
+        "fractions",
+        "aiohttp",
+        "evdev",
+        "pylsl",
+        "pythonosc",
+        "hapticd.tools.gateway",
+        "hapticd.tools.study",
+    ),
 )
 
 

@@ -51,7 +51,8 @@ def used(top: str) -> set[str]:
 def test_a_missing_library_is_installed_by_its_name_into_this_python(extra: str) -> None:
     command = command_in(errors.missing_library("It needs it", extra))
     assert command[:4] == [sys.executable, "-m", "pip", "install"]
-    assert [Requirement(one) for one in command[4:]] == [Requirement(one) for one in EXTRAS[extra]]
+    here = [one for one in map(Requirement, EXTRAS[extra]) if one.marker is None or one.marker.evaluate()]
+    assert command[4:] == [str(one).partition(";")[0] for one in here] != []
     assert "hapticd" not in " ".join(command[4:])
 
 

@@ -249,6 +249,8 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
         ({"mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaign",)),
         ({"scipy"}, ("bench", "tools/calibrate", "tools/study")),
+        ({"evdev"}, ("io/devices/input_nodes",)),
+        ({"pythonosc"}, ("wire/osc",)),
         ({"questplus"}, ("tools/study",)),
     ],
 )

@@ -116,7 +116,6 @@ READ_ELSEWHERE = {
     "formats/npz.py": "an archive in memory",
     "tools/plotting.py": "a picture in memory",
     "files/recording/mcap_writer.py": "writes",
-    "io/devices/input_nodes.py": "the kernel's devices",
     "io/devices/replay.py": "writes",
     "io/clients/runtime_dir.py": "its own lock",
     "io/host/cpu_latency.py": "the kernel's device",

@@ -1,23 +1,28 @@
 """Open Sound Control 1.0: messages with whole numbers, numbers, texts and time tags. Nothing is kept.
 
-Lengths are checked before anything is cut out; an argument whose type is not known ends the message, not the decoder.
-The `python-osc` package (1.10) is not used: 40 kB of bundles in bundles, which any sender may send, exhaust its
-recursion.
+By the `python-osc` package, an extra (`osc`), which is imported where a datagram is read or written. It is given single
+messages alone, and of these what `_HEAD` matches: in a bundle (1.10) a negative length never ends and 40 kB of bundles
+in bundles exhaust its recursion; it logs each type that it does not know, and reads 0 where a number is cut off.
 """
 
 from __future__ import annotations
 
+import re
 import struct
+from datetime import datetime, timedelta
+from importlib.util import find_spec
 from typing import Final, NamedTuple
+
+from ..errors import missing_library
 
 Argument = int | float | str
 
 BUNDLE: Final = b"#bundle\0"
 MAX_MESSAGES: Final = 128  # of one datagram: what two TUIO frames of sixteen contacts need
-MAX_ARGUMENTS: Final = 32
-MAX_TEXT_BYTES: Final = 1024
-_INT, _FLOAT, _LENGTH, _TIME = struct.Struct(">i"), struct.Struct(">f"), struct.Struct(">I"), struct.Struct(">II")
-_HEAD: Final = 16  # of a bundle: its name and its time
+_START: Final = 16  # of a bundle's messages, after its name and its time
+_LENGTH: Final = struct.Struct(">I")
+_HEAD: Final = re.compile(rb"/[^\0]{0,1023}\0{1,4}(,[ifst]{0,32})\0")
+_EPOCH: Final = datetime(1900, 1, 1)
 
 
 class OscError(Exception):
@@ -29,18 +34,24 @@ class OscError(Exception):
 
 
 class OscMessage(NamedTuple):
-    """One message. A time tag is a whole number, in ns since 1900; what is not UTF-8 of a text is U+FFFD."""
+    """One message. A time tag is a whole number, in ns since 1900."""
 
     address: str
     arguments: list[Argument]
+
+
+def require_package() -> None:
+    """Raise HapticdError where the `python-osc` package is missing."""
+    if find_spec("pythonosc") is None:
+        raise missing_library("TUIO and OSC need python-osc", "osc")
 
 
 def messages(data: bytes) -> list[OscMessage]:
     """Return the messages of a datagram: one, or those of a bundle. Raises OscError."""
     if not data.startswith(BUNDLE):
         return [decoded(data)]
-    found, at = list[OscMessage](), _HEAD
-    if len(data) < _HEAD:
+    found, at = list[OscMessage](), _START
+    if len(data) < _START:
         raise OscError("length", "The OSC bundle ends before its time.")
     while at < len(data):
         if len(data) - at < _LENGTH.size or len(found) == MAX_MESSAGES:
@@ -56,53 +67,30 @@ def messages(data: bytes) -> list[OscMessage]:
 
 def decoded(data: bytes) -> OscMessage:
     """Return the message that `data` is. Raises OscError, for a bundle too."""
-    address, at = _text(data, 0)
-    if not address.startswith("/"):
-        raise OscError("foreign", "The datagram is no OSC message: its address must begin with a slash.")
-    types, at = _text(data, at)
-    if not types.startswith(",") or len(types) > MAX_ARGUMENTS + 1:
-        raise OscError("foreign", f"The OSC message has no types, or more than {MAX_ARGUMENTS} arguments.")
-    arguments: list[Argument] = []
-    for kind in types[1:]:
-        if kind == "s":
-            text, at = _text(data, at)
-            arguments.append(text)
-            continue
-        if kind not in "ift":
-            raise OscError("foreign", "The OSC message has an argument that is not of type i, f, s or t.")
-        if at + (8 if kind == "t" else 4) > len(data):
-            raise OscError("length", "The OSC message ends too early for its arguments.")
-        if kind == "t":
-            seconds_s, fraction = _TIME.unpack_from(data, at)
-            arguments.append(seconds_s * 1_000_000_000 + (fraction * 1_000_000_000 >> 32))
-            at += 8
-        else:
-            arguments.append(_INT.unpack_from(data, at)[0] if kind == "i" else _FLOAT.unpack_from(data, at)[0])
-            at += 4
-    return OscMessage(address, arguments)
+    from pythonosc.osc_message import OscMessage as Parsed
+
+    head = _HEAD.match(data)
+    if head is None or head.start(1) % 4 != 0:
+        raise OscError("foreign", "The datagram is no OSC message of an address and at most 32 types of i, f, s and t.")
+    if len(data) - -(-head.end() // 4) * 4 < 4 * (head.end(1) - head.start(1) - 1):
+        raise OscError("length", "The OSC message ends too early for its arguments.")
+    try:
+        parsed = Parsed(data)
+    except Exception as error:  # whatever the package makes of bytes
+        raise OscError("length", f"The OSC message ends within an argument, or is not UTF-8 ({error}).") from None
+    return OscMessage(parsed.address, [_time_ns(*one) if isinstance(one, tuple) else one for one in parsed.params])
 
 
 def encoded(address: str, *arguments: Argument) -> bytes:
     """Return a message; whole numbers have 32 bits."""
-    types, data = ",", b""
+    from pythonosc.osc_message_builder import OscMessageBuilder
+
+    builder = OscMessageBuilder(address)
     for one in arguments:
-        if isinstance(one, str):
-            types, data = types + "s", data + _padded(one)
-        elif isinstance(one, int):
-            types, data = types + "i", data + _INT.pack(one)
-        else:
-            types, data = types + "f", data + _FLOAT.pack(one)
-    return _padded(address) + _padded(types) + data
+        builder.add_arg(one)
+    return builder.build().dgram
 
 
-def _padded(text: str) -> bytes:
-    data = text.encode() + b"\0"
-    return data + bytes(-len(data) % 4)
-
-
-def _text(data: bytes, at: int) -> tuple[str, int]:
-    """Return a text that ends in a zero, and where the next value begins: at a multiple of four bytes."""
-    end = data.find(b"\0", at, at + MAX_TEXT_BYTES)
-    if end < 0:
-        raise OscError("length", "The OSC message ends within a text.")
-    return data[at:end].decode(errors="replace"), at + ((end - at) // 4 + 1) * 4
+def _time_ns(second: datetime, fraction: int) -> int:
+    """Return the time that the package makes of a time tag, its fraction in 2^-32 s, in ns since 1900."""
+    return (second - _EPOCH) // timedelta(seconds=1) * 1_000_000_000 + (fraction * 1_000_000_000 >> 32)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import random
 import struct
+import sys
 from contextlib import suppress
 
 import pytest
 from datagrams import bundle, message, text
 
+from hapticd.errors import HapticdError
 from hapticd.wire import osc
 from hapticd.wire.osc import OscError, OscMessage, decoded, encoded, messages
+from hapticd.wire.trackpad import Decoder, tuio
 
 
 def test_a_message_is_laid_out_as_osc_1_has_it() -> None:
@@ -27,30 +30,40 @@ def test_a_bundle_is_its_messages_and_a_message_alone_is_one() -> None:
     assert messages(bundle()) == []
 
 
-def test_a_time_is_in_ns_and_a_text_that_is_not_utf_8_stays_readable() -> None:
-    assert decoded(message("/a", 1_500_000_000, times=(0,))).arguments == [1_500_000_000]
-    assert decoded(b"/a\0\0,s\0\0caf\xe9\0\0\0\0").arguments == ["caf\ufffd"]
+def test_a_time_is_in_ns_to_the_last_one() -> None:
+    for t_ns in (1_500_000_001, (1 << 32) * 1_000_000_000 - 1):
+        assert decoded(message("/a", t_ns, times=(0,))).arguments == [t_ns]
+
+
+def test_without_the_package_a_tracker_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pythonosc", None)
+    with pytest.raises(HapticdError, match="TUIO and OSC need python-osc: run `"):
+        Decoder(tuio.surface(400.0, 200.0))
 
 
 @pytest.mark.parametrize(
     ("datagram", "reason", "sentence"),
     [
-        (b"", "length", "ends within a text"),
-        (b"/a", "length", "ends within a text"),
-        (b"/a\0\0", "length", "ends within a text"),
-        (b"/" * 2000 + b"\0", "length", "ends within a text"),
-        (text("a") + text(","), "foreign", "must begin with a slash"),
-        (b"/a\0\0i\0\0\0", "foreign", "has no types"),
-        (text("/a") + text("," + "i" * 33) + bytes(132), "foreign", "more than 32 arguments"),
-        (b"/a\0\0,b\0\0\0\0\0\0", "foreign", "not of type i, f, s or t"),
-        (b"/a\0\0,i\0\0\0\0", "length", "ends too early"),
-        (b"/a\0\0,t\0\0" + bytes(4), "length", "ends too early"),
-        (b"/a\0\0,s\0\0abc", "length", "ends within a text"),
+        (b"", "foreign", "is no OSC message"),
+        (b"/a", "foreign", "is no OSC message"),
+        (b"/" * 2000 + b"\0", "foreign", "is no OSC message"),
+        (text("a") + text(","), "foreign", "is no OSC message"),
+        (b"/a\0\0i\0\0\0", "foreign", "is no OSC message"),
+        (b"/\0,\0,bbb\0\0\0\0", "foreign", "is no OSC message"),  # types where the package reads none
+        (text("/a") + text("," + "i" * 33) + bytes(132), "foreign", "at most 32 types"),
+        (b"/a\0\0,b\0\0\0\0", "foreign", "is no OSC message"),
+        (b"/a\0\0,[\0\0\0\0", "foreign", "is no OSC message"),
+        (b"/a\0\0,i\0\0\0\0", "length", "too early for its arguments"),
+        (b"/a\0\0,f\0\0", "length", "too early for its arguments"),
+        (b"/a\0\0,t\0\0" + bytes(4), "length", "ends within an argument"),
+        (b"/a\0\0,s\0\0abcd", "length", "ends within an argument"),
+        (b"/a\0\0,s\0\0caf\xe9\0\0\0\0", "length", "is not UTF-8"),
         (osc.BUNDLE, "length", "before its time"),
         (bundle() + b"\0\0", "length", "ends within one"),
         (bundle(*[encoded("/a")] * 129), "length", "more than 128 messages"),
         (bundle() + struct.pack(">I", 1 << 31) + b"/a", "length", "ends within a message"),
-        (bundle(bundle()), "foreign", "must begin with a slash"),
+        (bundle(bundle()), "foreign", "is no OSC message"),
+        (bundle() + struct.pack(">i", -4) + b"/a\0\0", "length", "ends within a message"),
     ],
 )
 def test_another_datagram_is_refused_in_a_sentence(datagram: bytes, reason: str, sentence: str) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from ...errors import TrackpadError
 from ...values import RawReport
 from ...wire.trackpad import Pad, StillContacts, evdev
-from .input_nodes import FOLDER, InputNode, describe, find_nodes, packed
+from .input_nodes import FOLDER, InputNode, describe, find_nodes, packed, require_package
 from .repeats import RepeatedReports
 from .trackpad_source import BATCH, OnLink, OnReports
 
@@ -30,7 +30,8 @@ _END = (evdev.EV_SYN, evdev.SYN_REPORT, 0)
 class EvdevTrackpad:
     """A multitouch device by its path or name, or the first one found; searched for every second while none is there.
 
-    `size_mm` is the size of its range of positions, where it has no resolution.
+    `size_mm` is the size of its range of positions, where it has no resolution. Raises HapticdError without the `evdev`
+    package.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class EvdevTrackpad:
         folder: Path = FOLDER,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        require_package()
         self._device, self._size_mm, self._folder = device, size_mm, folder
         self._clock_ns = clock_ns
         self._node: InputNode | None = None

@@ -1,30 +1,37 @@
 """Linux input devices: which of them report touches, and what they declare of their axes.
 
-Six ioctls of the kernel's `include/uapi/linux/input.h`, by `fcntl`: the `evdev` package needs a compiler to install,
-and offers neither the stamps' clock nor the slots.
+By the `evdev` package, an extra (`touchscreen`), which only an open node needs; it lacks the stamps' clock and the
+slots, which are ioctls of the kernel's `include/uapi/linux/input.h`.
 """
 
 from __future__ import annotations
 
 import array
 import contextlib
+import errno
 import fcntl
 import os
 import struct
+import time
 from collections.abc import Iterable, Iterator, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-from ...errors import TrackpadError
+from ...errors import TrackpadError, missing_library
 from ...wire.trackpad import Pad, PadGeometry, evdev
 
 FOLDER = Path("/dev/input")
-_MONOTONIC = 1  # CLOCK_MONOTONIC
-_ABS_INFO = struct.Struct("6i")  # value, minimum, maximum, fuzz, flat, resolution
 _MOST_SLOTS = 64
 _OF_PAD = (evdev.POSITION_X, evdev.POSITION_Y, evdev.PRESSURE, evdev.ORIENTATION)
 _LONGEST_MM = 5000.0
 _UNKNOWN_NS = 8_333_333  # the period of most touchscreens, until stamps show it
+
+
+def require_package() -> None:
+    """Raise HapticdError where the `evdev` package is missing."""
+    if find_spec("evdev") is None:
+        raise missing_library("A touchscreen is read by the evdev package", "touchscreen")
 
 
 def _code(direction: int, number: int, size_bytes: int) -> int:
@@ -44,35 +51,36 @@ class InputNode:
     """One open node. Raises OSError where it cannot be opened, or was unplugged."""
 
     def __init__(self, path: Path) -> None:
+        from evdev import InputDevice
+
         self.path = path
-        self.fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self._device = InputDevice(str(path), readonly=True)
+        except UnicodeDecodeError:  # of its name
+            raise OSError(errno.EILSEQ, os.strerror(errno.EILSEQ)) from None
+        self.fd = self._device.fd
+        self._declared = self._device.capabilities(absinfo=False).get(evdev.EV_ABS, [])
 
     def close(self) -> None:
         with contextlib.suppress(OSError):
-            os.close(self.fd)
+            self._device.close()
 
     @property
     def name(self) -> str:
         """What the device calls itself."""
-        text = bytearray(256)
-        fcntl.ioctl(self.fd, _code(2, 0x06, len(text)), text)
-        return "".join(one for one in text.split(b"\0")[0].decode(errors="replace") if one.isprintable())
+        return "".join(one for one in self._device.name if one.isprintable())
 
     def axis(self, code: int) -> Axis | None:
         """Return an axis, None if the device has no such."""
-        declared = bytearray(8)
-        fcntl.ioctl(self.fd, _code(2, 0x20 + evdev.EV_ABS, len(declared)), declared)
-        if not declared[code // 8] >> code % 8 & 1:
+        if code not in self._declared:
             return None
-        info = bytearray(_ABS_INFO.size)
-        fcntl.ioctl(self.fd, _code(2, 0x40 + code, len(info)), info)
-        present, low, high, _, _, resolution = _ABS_INFO.unpack(info)
-        return Axis(present, low, high, resolution)
+        info = self._device.absinfo(code)
+        return Axis(info.value, info.min, info.max, info.resolution)
 
     def claim(self) -> None:
         """Take the device for this process alone, and have its events stamped by the monotonic clock."""
-        fcntl.ioctl(self.fd, _code(1, 0xA0, 4), struct.pack("i", _MONOTONIC))
-        fcntl.ioctl(self.fd, _code(1, 0x90, 4), 1)
+        fcntl.ioctl(self.fd, _code(1, 0xA0, 4), struct.pack("i", time.CLOCK_MONOTONIC))
+        self._device.grab()
 
     def slots(self, count: int) -> dict[int, list[int]]:
         """Return the present values of a contact's axes in each slot, by axis; those that the device has."""

@@ -11,12 +11,13 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
-from ...errors import DeviceError, HapticdError, pip_install
+from ...errors import DeviceError, HapticdError, pip_install, requirements
 from ...io.devices import input_nodes, tuio_trackpad
 from ...io.devices.hid_trackpad import find_pads, load_hid
 from ...io.devices.serial_link import SerialLink
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import RawReport
+from ...wire import osc
 from ...wire.trackpad import Decoder, Pad
 from .. import pads
 from ..firmware.conversation import Conversation
@@ -36,9 +37,16 @@ IDLER = "reduce the host's load, which slows the simulated pad: see `top`"
 
 def trackpad(system: System) -> CheckResult:
     """Check for a connected pad."""
+    source = system.config.trackpad.source
     if not system.has_pad:
-        return CheckResult(PASS, f"{system.config.trackpad.source} is configured")
-    return _CHECKS[system.config.trackpad.source](system)
+        return CheckResult(PASS, f"{source} is configured")
+    require, extra = _PACKAGES.get(source, (None, ""))
+    try:
+        if require is not None:
+            require()
+    except HapticdError:
+        return CheckResult(FAIL, f"{source} needs the extra {extra}", pip_install(*requirements(extra)))
+    return _CHECKS[source](system)
 
 
 def _hid(system: System) -> CheckResult:
@@ -97,6 +105,7 @@ def is_readable(path: Path) -> bool:
 
 
 _CHECKS: dict[str, Callable[[System], CheckResult]] = {"hid": _hid, "evdev": _evdev, "tuio": _tuio}
+_PACKAGES = {"evdev": (input_nodes.require_package, "touchscreen"), "tuio": (osc.require_package, "osc")}
 
 
 def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckResult:

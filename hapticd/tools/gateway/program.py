@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import HapticdError, UsageError, missing_library
 from ...regular_file import opened, read_bounded
+from ...wire.osc import require_package
 from ..arguments import PORT_NUMBER, add_endpoint
 from ..web.guard import HOSTS
 from ..web.listener import bound
@@ -62,6 +63,8 @@ def run(options: argparse.Namespace) -> None:
         import aiohttp  # noqa: F401
     except ImportError:
         raise missing_library("The gateway needs aiohttp", "gateway") from None
+    if options.osc is not None:
+        require_package()
     for origin in options.origin:
         if not ORIGIN.fullmatch(origin):
             raise UsageError(f"--origin: {origin!r} is none: give scheme, host and port, as http://localhost:8000.")

@@ -28,10 +28,14 @@ _Place = tuple[float, float, float]  # x, y, pressure
 
 
 class Tuio(Layout):
-    """Decoder of one tracker's datagrams; those of other sources and frames that come late are refused."""
+    """Decoder of one tracker's datagrams; those of other sources and frames that come late are refused.
+
+    Raises HapticdError without the package that reads OSC.
+    """
 
     def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap) -> None:
         super().__init__(geometry, plate_from_pad)
+        osc.require_package()
         self._clock = EventClock()
         self.reset()
 

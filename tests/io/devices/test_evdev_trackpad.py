@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import evdev
 import pytest
 from asynchronous import asynchronous
 from input_events import END, axis, lifted, packed, placed
 from input_node import AXES, FakeNode
 from listener import Listener
 
-from hapticd.errors import TrackpadError
+from hapticd.errors import HapticdError, TrackpadError
 from hapticd.io.devices import evdev_trackpad, input_nodes
 from hapticd.io.devices.evdev_trackpad import EvdevTrackpad
 from hapticd.io.devices.input_nodes import Axis, InputNode, describe, find_nodes
 from hapticd.wire.trackpad import Decoder, Pad
 from hapticd.wire.trackpad.evdev import (
+    EV_ABS,
     EV_SYN,
     POSITION_X,
     POSITION_Y,
@@ -212,10 +215,61 @@ def test_a_device_is_what_it_declares() -> None:
     assert FakeNode(bare).slot_count() == 0
 
 
+def test_without_the_evdev_package_the_source_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "evdev", None)
+    with pytest.raises(HapticdError, match=r"read by the evdev package: run `.* -m pip install '?evdev"):
+        EvdevTrackpad()
+
+
+def test_a_device_whose_name_is_no_text_is_passed_by_and_by_its_path_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opened(*_: object, **__: object) -> None:
+        b"\xff".decode()
+
+    (tmp_path / "event0").touch()
+    monkeypatch.setattr(evdev, "InputDevice", opened)
+    assert list(find_nodes("", tmp_path)) == []
+    with pytest.raises(OSError, match="multibyte"):
+        next(find_nodes(str(tmp_path / "event0")))
+
+
+def test_a_node_is_what_the_evdev_package_says_of_it_and_its_stamps_are_of_the_monotonic_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Device:
+        fd, name = 7, "a\tscreen"
+
+        def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
+            assert not absinfo
+            return {EV_ABS: [POSITION_X]}
+
+        def absinfo(self, code: int) -> evdev.AbsInfo:
+            return evdev.AbsInfo(value=code, min=-5, max=90, fuzz=1, flat=2, resolution=12)
+
+        def grab(self) -> None:
+            calls.append("grab")
+
+        def close(self) -> None:
+            calls.append("close")
+            raise OSError
+
+    calls: list[object] = []
+    monkeypatch.setattr(evdev, "InputDevice", lambda _, readonly: Device() if readonly else None)
+    monkeypatch.setattr(input_nodes.fcntl, "ioctl", lambda fd, *call: calls.append((fd, *call)))
+    node = InputNode(Path("/dev/input/event7"))
+    assert (node.fd, node.name) == (7, "ascreen")
+    assert (node.axis(POSITION_X), node.axis(POSITION_Y)) == (Axis(POSITION_X, -5, 90, 12), None)
+    node.claim()
+    node.close()
+    assert calls == [(7, 0x400445A0, b"\1\0\0\0"), "grab", "close"]
+
+
 def test_a_file_that_is_no_input_device_is_not_chosen(tmp_path: Path) -> None:
     (tmp_path / "event0").touch()
     assert list(find_nodes("", tmp_path)) == []
-    assert list(find_nodes(str(tmp_path / "event0"))) == []
+    with pytest.raises(OSError, match="Inappropriate ioctl"):
+        next(find_nodes(str(tmp_path / "event0")))
     with pytest.raises(OSError, match="No such file"):
         next(find_nodes(str(tmp_path / "event1")))
     assert list(find_nodes("a name", tmp_path / "missing")) == []

@@ -7,6 +7,7 @@ import fcntl
 import json
 import resource
 import socket
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -323,6 +324,19 @@ def test_what_is_wrong_with_a_touchscreen_is_said_with_its_fix(monkeypatch: pyte
     assert "none that this user may read" in str(evdev_found(monkeypatch, tmp_path))
     sizeless = AXES | {POSITION_X: AXES[POSITION_X]._replace(resolution=0)}
     assert "set trackpad.size_mm" in str(evdev_found(monkeypatch, tmp_path, FakeNode(sizeless)))
+
+
+@pytest.mark.parametrize(
+    ("source", "package", "library"), [("evdev", "evdev", "evdev"), ("tuio", "pythonosc", "python-osc>=1.10")]
+)
+def test_a_source_whose_package_is_missing_names_what_installs_it(
+    source: str, package: str, library: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    found = devices.trackpad(system(tmp_path, **{**REAL, "trackpad": {"source": source, "size_mm": [400.0, 200.0]}}))
+    assert found.verdict == FAIL
+    assert f"{source} needs the extra " in found.text
+    assert library in found.remedy
 
 
 def test_a_trackers_address_is_free_or_is_not(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ async def test_a_wrong_message_is_answered_with_a_sentence(
         (b"/" * 2000, "The datagram has 2000 bytes, the limit is 1024."),
         (bundle(encoded("/hapticd/release")), "is an OSC bundle: send its messages one by one."),
         (message("/hapticd/friction", 1 << 61, 0.5, times=(0,)), "finger: "),
-        (b"/a", "ends within a text"),
+        (b"/a", "is no OSC message of an address"),
     ],
 )
 @asynchronous
