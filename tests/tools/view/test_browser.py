@@ -160,6 +160,18 @@ def test_a_layer_shows_where_another_finger_could_reach_its_target(page: Page) -
     assert page.complaints() == []
 
 
+# What is written into the time strip from now on.
+WRITTEN = """
+window.written = [];
+const context = document.getElementById('strip').getContext('2d'), write = context.fillText;
+context.fillText = function (text, ...place) { window.written.push(text); write.call(this, text, ...place); };
+"""
+
+
+def written(page: Page) -> list[str]:
+    return list(page.browser.execute_script("return window.written"))
+
+
 def test_time_can_be_stopped_and_looked_back_at(page: Page) -> None:
     drag(page, 25)
     page.until(lambda: "1 finger" in page["state"].text)
@@ -177,6 +189,8 @@ def test_time_can_be_stopped_and_looked_back_at(page: Page) -> None:
 
     page.until(earlier)
     assert page["when-text"].text.startswith("-")
+    page.browser.execute_script(WRITTEN)
+    page.until(lambda: any(re.fullmatch(r"\d+: \d\.\d\d", text) for text in written(page)))
     page["pause"].click()
     page.until(lambda: "0 fingers" in page["state"].text)
     assert page["when-text"].text == "now"

@@ -6,7 +6,8 @@ import { SPAN_S } from "./history.js";
 const FULL_UM = 2;
 const GAP_S = 0.5; // a finger that was away for longer has another line
 const JND = 0.11; // a difference in friction that is just noticed
-const [LEFT, RIGHT, FLOOR, GAP] = [34, 10, 18, 16]; // pixels around the lanes, and between them
+const [LEFT, RIGHT, FLOOR, GAP] = [34, 18, 18, 16]; // pixels around the lanes, and between them
+const LETTERS = 12; // pixels of a line of text
 const EVERY_S = 5;
 const MARKS = { landed: "▾", lifted: "▴", begun: "◆" };
 
@@ -22,10 +23,12 @@ export function drawStrip(canvas, history, colours) {
   if (!newest) return;
   for (const lane of lanes) lines(context, lane, history.frames, along, colours);
   marks(context, history.frames, along, lanes, colours);
-  if (!history.paused) return;
   const x = Math.min(along(newest.t_s - history.back_s), width - 2);
-  context.fillStyle = colours.ink;
-  context.fillRect(x - 1, 0, 2, height - FLOOR + 4);
+  if (history.paused) {
+    context.fillStyle = colours.ink;
+    context.fillRect(x - 1, 0, 2, height - FLOOR + 4);
+  }
+  for (const lane of lanes) names(context, lane, history, x, colours);
 }
 
 /** How many seconds before the newest a place of the strip is, from its left. */
@@ -42,6 +45,30 @@ function lanesOf(hasFriction, height) {
     value: ({ felt_friction }) => felt_friction, asked: ({ asked_friction }) => asked_friction, near: JND };
   return [{ ...friction, top: GAP, bottom: part }, { ...um, top: part + GAP + 12, bottom: height - FLOOR }];
 }
+
+/** At the instant shown, which line is which finger's; its value too while paused. */
+function names(context, lane, { current, paused }, x, colours) {
+  const places = current.fingers
+    .filter((finger) => lane.value(finger) !== null && lane.value(finger) !== undefined)
+    .map((finger) => ({ finger, value: lane.value(finger), y: up(lane, lane.value(finger)) }))
+    .toSorted((one, other) => one.y - other.y);
+  context.textBaseline = "middle";
+  places.forEach((one, i) => (one.y = Math.max(one.y, i > 0 ? places[i - 1].y + LETTERS : -Infinity)));
+  let most = lane.bottom;
+  for (const { finger, value, y } of places.toReversed()) {
+    const text = paused ? `${finger.id}: ${value.toFixed(2)}` : `${finger.id}`;
+    const wide = context.measureText(text).width;
+    const [from, at] = [x + 5 + wide > context.canvas.clientWidth ? x - wide - 6 : x + 5, Math.min(y, most)];
+    context.fillStyle = colours.card; // legible over lines
+    context.fillRect(from - 2, at - LETTERS / 2, wide + 4, LETTERS);
+    context.fillStyle = colourOf(finger, colours);
+    context.fillText(text, from, at);
+    most = at - LETTERS;
+  }
+  context.textBaseline = "alphabetic";
+}
+
+const colourOf = ({ target_um }, { alone, stick, slip }) => (target_um === null ? alone : target_um === 0 ? stick : slip);
 
 const up = ({ top, bottom, full }, value) => bottom - (Math.min(value, full) / full) * (bottom - top);
 
@@ -85,7 +112,7 @@ function lines(context, lane, frames, along, colours) {
     for (const finger of frame.fingers) {
       const [value, asked] = [lane.value(finger), lane.asked(finger)];
       if (value === null) continue;
-      const colour = finger.target_um === null ? colours.alone : finger.target_um === 0 ? colours.stick : colours.slip;
+      const colour = colourOf(finger, colours);
       let line = open.get(finger.id);
       if (line && (line.colour !== colour || frame.t_s - line.t_s > GAP_S)) {
         stroke(context, lane, line);
