@@ -73,6 +73,8 @@ def test_an_unknown_word_gets_the_usage_of_its_own_command_and_the_nearest_word(
         ("view --port -1", "--port: -1 is out of bounds, it must be 0 .. 65535."),
         ("record a.mcap --seconds nan", "--seconds: nan is out of bounds, it must be above 0."),
         ("firmware raw --sim --volts nan", "--volts: 'nan' is not a finite number."),
+        ("firmware raw --sim --volts 5 --phase=inf", "--phase: 'inf' is not a finite number."),
+        ("firmware telemetry --sim --seconds=-3", "--seconds: -3 is out of bounds, it must be above 0."),
         ("firmware sweep --sim --points 1.5", "--points: '1.5' is not a whole number."),
         ("study run --participant P --out x --trials many", "--trials: 'many' is not a whole number."),
         ("play a.png --width-mm 0", "--width-mm: 0 is out of bounds, it must be 0.1 .. 1000."),

@@ -87,20 +87,6 @@ def test_bad_messages_are_counted_and_the_last_refusal_is_kept() -> None:
     assert "ttl_s" in clients["last_refusal"]
 
 
-def test_requests_are_answered_with_a_body_or_a_sentence() -> None:
-    bench = Bench(SLIPPERY, STICKY)
-    bench.run(400)
-    assert bench.ask("hello")["body"]["instance"] == 4
-    body = {"client": "test", "ttl_s": 1.0, "targets": [{"finger": 1, "amplitude_um": 99.0}], "virtuals": []}
-    assert "99" in bench.ask("set", **body)["error"]
-    body["targets"] = [{"finger": 1, "amplitude_um": 1.0}]
-    assert bench.ask("set", **body)["ok"]
-    assert bench.ask("release", client="test", finger=1)["body"] == {"released": True}
-    assert bench.ask("release", client="test", finger=1)["body"] == {"released": False}
-    assert bench.ask("release", client="test")["body"] == {"released": True}
-    assert not bench.ask("dance")["ok"]
-
-
 def test_a_pass_is_recorded_also_where_nobody_asks_what_fingers_perceive() -> None:
     records: list[Record] = []
     bench = Bench(SLIPPERY, STICKY)

@@ -30,12 +30,11 @@ from hapticd.board_protocol import (
 )
 from hapticd.board_values import BoardController, BoardHello, BoardLog, BoardStatus, ModeModel, SetController, SetModel
 from hapticd.sim.board import firmware
-from hapticd.sim.board.board import FLAG_LIVE
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import board_messages, commands, device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-from .bench import Bench, of_kind, untouched
+from .bench import Bench, of_kind
 
 EXAMPLE_DRIVE = SafeDrive(0, (Knot(0, (1 + 0j, -0.5 + 0j)), Knot(10_000_000, (1.25 + 0j, 0j))), LimitReason.NONE)
 TO_BOARD = {
@@ -125,28 +124,6 @@ def test_every_truncation_is_refused_by_the_board(bench: Bench, name: str) -> No
         assert bench.say(line[:n] + b"\0") == ()
     status = bench.status()
     assert (status.bad_frames, status.seq, status.t_received_us) == (len(line) - 2, 0, 0)
-
-
-@settings(max_examples=100)
-@given(
-    st.lists(
-        st.one_of(
-            st.binary(max_size=900),
-            st.tuples(st.integers(0, 14), st.binary(max_size=60)).map(lambda m: encode_frame(bytes((m[0],)) + m[1])),
-        ),
-        max_size=10,
-    )
-)
-def test_no_bytes_start_the_drive_or_stop_the_board_from_listening(pieces: list[bytes]) -> None:
-    board = Bench().board
-    for piece in pieces:
-        board.receive(piece)
-        board.transmit()
-    trace = untouched(board, 3)
-    assert not (trace.flags & FLAG_LIVE).any()
-    assert (np.abs(trace.voltage_v) <= protocol.RAW_LIMIT_FRAC * 150).all()  # a sweep may have been well-formed
-    board.receive(b"\0" + device.encode(HelloRequest()))
-    assert of_kind(BoardHello, device.Decoder().feed(board.transmit()))
 
 
 @settings(max_examples=40)
