@@ -116,7 +116,7 @@ static uint16_t converted(an_plate_t *plate, int s)
     plate->preamplified_lsb[s] += plate->preamplifier_share * (through_lead(plate, s) - plate->preamplified_lsb[s]);
     double lsb = plate->preamplified_lsb[s] + plate->lead[s].offset_lsb + bell(&plate->random);
     double code = fmin(fmax(floor(lsb + AN_RAIL_LSB + 0.5), 0.0), 4095.0);
-    return (uint16_t)((unsigned)code << 4);
+    return (uint16_t)code;
 }
 
 /* Half a microsecond with the DACs where they are. */
@@ -124,7 +124,7 @@ static void advance(an_plate_t *plate)
 {
     double rad_s = TURN_RAD * plate->drive_hz, touch = 0.0;
     for (int k = 0; k < HD_MODES; k++) {
-        double v = ((plate->playing[k] >> 4) - AN_RAIL_LSB) * plate->v_per_lsb;
+        double v = (plate->playing[k] - AN_RAIL_LSB) * plate->v_per_lsb;
         v = fmin(fmax(v, -plate->v_limit_v), plate->v_limit_v);
         plate->amplifier_v[k] += plate->amplifier_share * (v - plate->amplifier_v[k]);
     }

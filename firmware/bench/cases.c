@@ -197,7 +197,7 @@ static void watch_voltage(case_t *c)
 {
     double most_v = 0.0;
     for (int i = 0; i < HD_CHUNK * HD_MODES; i++) {
-        double lsb = (c->next[i / HD_MODES][i % HD_MODES] >> 4) - AN_RAIL_LSB;
+        double lsb = c->next[i / HD_MODES][i % HD_MODES] - AN_RAIL_LSB;
         most_v = fmax(most_v, fabs(lsb) * c->plate.v_per_lsb);
     }
     c->over_v = fmax(c->over_v, most_v);

@@ -11,7 +11,6 @@
 
 #define LEVELS_PER_LSB 16.0f
 #define LEVEL_MAX (2047.0f * LEVELS_PER_LSB) /* around mid-rail the converter has 2047 steps on its shorter side */
-#define SAMPLE_MASK 0xFFF0FFF0u
 #define MID_RAIL_TWICE 0x10001000u /* of two samples of both modes, in steps */
 #define STEP_DIVISOR (HD_SAMPLE_HZ / 64u)
 
@@ -146,7 +145,7 @@ void hd_carrier_drive(hd_carrier_t *carrier, const hd_phasor_t voltage_v[HD_MODE
  * number of modes has a partner with amplitude zero. */
 static inline uint32_t sample_pair(const uint16_t in[HD_MODES], int k)
 {
-    return (k + 1 < HD_MODES ? hd_load_pair(in + k) : in[k] | HD_MID_RAIL << 16) >> LSB_SHIFT;
+    return k + 1 < HD_MODES ? hd_load_pair(in + k) : in[k] | HD_MID_RAIL << 16;
 }
 
 static inline void put_sample_pair(uint16_t out[HD_MODES], int k, uint32_t pair)
@@ -162,7 +161,7 @@ static inline uint32_t sample_of(uint32_t low_level, uint32_t high_level, uint32
 {
     uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, low_level, sine);
     uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, high_level, sine);
-    return hd_pack(high << (16 - SINE_SHIFT), low, SINE_SHIFT) & SAMPLE_MASK;
+    return hd_pack(high >> (SAMPLE_SHIFT - 16), low, SAMPLE_SHIFT);
 }
 
 static void synthesise_pair(hd_oscillation_t at, const uint32_t level[2], int k, uint16_t out[HD_CHUNK][HD_MODES])

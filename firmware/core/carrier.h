@@ -38,7 +38,7 @@
 #endif
 #define HD_CHUNK (HD_SAMPLE_HZ / 20000) /* samples, in pairs */
 #define HD_TICK_CHUNKS_MAX 40 /* 500 Hz, the slowest control */
-#define HD_MID_RAIL 0x8000u   /* what stands for 0 in the converters */
+#define HD_MID_RAIL 0x800u    /* what stands for 0 in the converters */
 #define HD_RAIL_LSB 2047.0f   /* from mid-rail, on its shorter side */
 #define HD_PAIRED_MODES ((HD_MODES + 1) / 2 * 2)
 
@@ -47,7 +47,7 @@
 #define HD_DRIVE_MIN_HZ 20000.0f
 #define HD_DRIVE_MAX_HZ ((float)HD_SAMPLE_HZ / 8.0f)
 
-/* The converters: 12 bits, left-aligned in 16 and followed by zeros, as the STM32's DAC and ADC take and give them. */
+/* The converters: 12 bits, right-aligned in 16 as the STM32's DAC and ADC take and give them: no sample is shifted. */
 typedef struct {
     float drive_hz;
     float control_hz;

@@ -8,11 +8,12 @@
 #include "carrier.h"
 #include "sine.h"
 
-#define LSB_SHIFT 4   /* samples are left-aligned */
+#define LEVEL_SHIFT 4 /* levels are in 1/16 of a step */
 #define SINE_SHIFT 14 /* HD_SINE_ONE */
+#define SAMPLE_SHIFT (SINE_SHIFT + LEVEL_SHIFT)
 
 /* A synthesised sample before the shift: mid-rail and half a step, for the nearest one. Never below 0 or above 2^30. */
-#define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL + (1u << (LSB_SHIFT - 1))) << SINE_SHIFT))
+#define SAMPLE_BIAS ((int32_t)((HD_MID_RAIL << SAMPLE_SHIFT) + (1u << (SAMPLE_SHIFT - 1))))
 
 _Static_assert(HD_SINE_ONE == 1 << SINE_SHIFT, "products are scaled back by a shift");
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from hapticd.sim.board.firmware import load
 
 CHUNK: Final = 50
-MID_RAIL: Final = 0x8000
+MID_RAIL: Final = 0x800
 
 Samples = npt.NDArray[np.uint16]
 Phasors = npt.NDArray[np.complex64]
@@ -80,7 +80,7 @@ class SignalChain:
         self._library.hd_carrier_drive(ctypes.byref(self._carrier), ctypes.c_void_p(levels.ctypes.data))
 
     def synthesise(self) -> Samples:
-        """Return the next output chunk (50, M) of 12-bit samples, left-aligned in 16."""
+        """Return the next output chunk (50, M) of 12-bit samples, right-aligned in 16."""
         samples = np.empty((CHUNK, self.modes), dtype=np.uint16)
         self._library.hd_carrier_speak(ctypes.byref(self._carrier), ctypes.c_void_p(samples.ctypes.data))
         return samples

@@ -42,12 +42,12 @@ def phases(chain: SignalChain, start: int, samples: int) -> Integers:
 
 
 def sampled(steps: Floats) -> npt.NDArray[np.uint16]:
-    """What a 12-bit converter gives: nearest steps around mid-rail, left-aligned in 16 bits."""
-    return (np.clip(np.floor(steps + 2048.5), 0, 4095).astype(np.uint16)) << 4
+    """What a 12-bit converter gives: nearest steps around mid-rail, right-aligned in 16 bits."""
+    return np.clip(np.floor(steps + 2048.5), 0, 4095).astype(np.uint16)
 
 
 def steps(samples: npt.NDArray[np.uint16]) -> Integers:
-    return (samples.astype(np.int64) >> 4) - 2048
+    return samples.astype(np.int64) - MID_RAIL
 
 
 def least_squares(angles_rad: Floats, x: Floats) -> complex:
@@ -85,8 +85,8 @@ def synthesised(chain: SignalChain, phase: int, level_lsb: complex) -> npt.NDArr
         round(np.sign(part) * np.floor(np.float32(16 * abs(part)) + np.float32(0.5)))
         for part in (level_lsb.real, level_lsb.imag)
     )
-    total = d * cosine[index] + q * minus_sine[index] + (MID_RAIL + 8) * ONE
-    return (total // (16 * ONE) * 16).astype(np.uint16)
+    total = d * cosine[index] + q * minus_sine[index] + (16 * MID_RAIL + 8) * ONE
+    return (total // (16 * ONE)).astype(np.uint16)
 
 
 @given(PHASES, DRIVES_HZ, st.floats(0, LARGEST_LSB - 1), st.floats(-math.pi, math.pi))

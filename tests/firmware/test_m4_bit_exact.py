@@ -186,7 +186,7 @@ def chunks(rng: np.random.Generator, n: int, modes: int) -> list[bytes]:
     t = np.arange(n * CHUNK)
     steps = np.array([[1400.0], [600.0], [900.0], [500.0]])[:modes]
     wave = 2048 + steps * np.cos(2 * np.pi * 0.029205 * t + rng.uniform(0, 6, (modes, 1)))
-    words = (np.clip(np.rint(wave + rng.normal(0, 2, wave.shape)), 0, 4095).astype("<u2") << 4).T
+    words = (np.clip(np.rint(wave + rng.normal(0, 2, wave.shape)), 0, 4095).astype("<u2")).T
     edges = np.arange(0, len(words) + 1, CHUNK)
     return [words[a:b].tobytes() for a, b in pairwise(edges)]
 

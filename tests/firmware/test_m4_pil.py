@@ -57,7 +57,7 @@ def test_the_converters_are_at_mid_rail_before_anything_else(bench: Bench) -> No
     before = {"SCB.CPACR", "RCC.AHB1ENR", "RCC.AHB2ENR", "RCC.APB1ENR", "RCC.APB1ENR1", "TIM2.CR1"}
     before |= {"RCC.APB2ENR"} if bench.board.modes > 3 else set()  # of the amplifiers that follow DAC3
     assert {name for name, _ in silent if not name.startswith(("GPIO", "DAC"))} <= before
-    assert {value for name, value in silent if ".DHR" in name} <= {0x80008000, 0x8000}
+    assert {value for name, value in silent if ".DHR" in name} <= {0x08000800, 0x800}
     assert not bench.amplifiers
 
 
@@ -344,10 +344,10 @@ def test_without_any_clock_the_board_tries_again_in_silence(board: Board) -> Non
 
 def expect_mid_rail(registers: Peripherals) -> None:
     first = "DAC" if "DAC.CR" in registers.ADDRESS else "DAC1"
-    assert (registers[f"{first}.CR"], registers[f"{first}.DHR12LD"]) == (0x00010001, 0x80008000)
+    assert (registers[f"{first}.CR"], registers[f"{first}.DHR12RD"]) == (0x00010001, 0x08000800)
     if first == "DAC1":
-        assert (registers["DAC2.CR"], registers["DAC2.DHR12L1"]) == (1, 0x8000)
-        assert (registers["DAC3.CR"], registers["DAC3.DHR12LD"]) == (0x00010001, 0x80008000)
+        assert (registers["DAC2.CR"], registers["DAC2.DHR12R1"]) == (1, 0x800)
+        assert (registers["DAC3.CR"], registers["DAC3.DHR12RD"]) == (0x00010001, 0x08000800)
 
 
 def test_without_samples_the_main_loop_stays_awake_to_say_so(board: Board) -> None:

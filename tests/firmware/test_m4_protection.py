@@ -200,7 +200,7 @@ def test_a_circuit_that_opens_interrupts_and_the_outputs_are_at_mid_rail_before_
     registers[f"{board.port}.IDR"] |= 1 << board.stop_pin
     written = len(registers.trace)
     bench.cpu.interrupt(board.interlock_irq)
-    silenced = [name for name, value in registers.trace[written:] if ".DHR12LD" in name and value == 0x80008000]
+    silenced = [name for name, value in registers.trace[written:] if ".DHR12RD" in name and value == 0x08000800]
     assert silenced
     assert not bench.enable_line
     bench.restarted()

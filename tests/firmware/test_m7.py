@@ -312,7 +312,7 @@ def test_the_way_through_the_samples_is_the_cores_to_the_bit() -> None:
             cpu.write(samples, rng.normal(0, 12, 16).astype("<f4").tobytes())
             for carrier in (core, own):
                 cpu.call("hd_carrier_drive", carrier, samples)
-        words = (rng.integers(0, 4096, (CHUNK, 8)) << 4).astype("<u2")
+        words = rng.integers(0, 4096, (CHUNK, 8)).astype("<u2")
         cpu.write(samples, words.tobytes())
         ready = cpu.call("hd_carrier_listen", core, samples) & 0xFF
         cpu.write(
@@ -325,7 +325,7 @@ def test_the_way_through_the_samples_is_the_cores_to_the_bit() -> None:
         cpu.write(samples, struct.pack("<II", out, out + 16 * CHUNK))
         cpu.call("framed_speak", own, samples)
         spoken = np.frombuffer(cpu.read(out, 32 * CHUNK), "<u4").reshape(2, CHUNK, 4)
-        assert np.array_equal(np.hstack([*spoken]) & 0xFFFF, asked)
+        assert np.array_equal(np.hstack([*spoken]) & 0xFFFF, asked << 4)
         assert np.array_equal(spoken[0] >> 16, np.tile([0, 1, 2, 0x13], (CHUNK, 1)))
         assert cpu.read(core, 400) == cpu.read(own, 400)
         levels.update(asked.ravel().tolist())

@@ -90,7 +90,7 @@ static void sample(hd_carrier_loop_t *loop, uint16_t in[HD_MODES])
             double steps =
                 through_lead(loop, k + i, sensed_um[k + i]) + lead->offset_lsb + lead->noise_lsb * deviates[i];
             double code = fmin(fmax(floor(steps + 2048.5), 0.0), 4095.0);
-            in[k + i] = (uint16_t)((uint16_t)code << 4);
+            in[k + i] = (uint16_t)code;
         }
     }
     loop->samples++;
@@ -102,7 +102,7 @@ void hd_carrier_loop_play(hd_carrier_loop_t *loop)
         double voltage_v[HD_MODES];
         sample(loop, loop->sampled[i]);
         for (int k = 0; k < HD_MODES; k++) {
-            voltage_v[k] = ((loop->playing[i][k] >> 4) - 2048) * loop->converters.volts_per_lsb;
+            voltage_v[k] = (loop->playing[i][k] - 2048) * loop->converters.volts_per_lsb;
         }
         hd_carrier_plate_advance(&loop->plate, voltage_v);
         loop->played_v = 0.0;

@@ -1,4 +1,4 @@
-/* The STM32F405's clocks, converters and line. One 32-bit stream carries each pair: memory to DHR12LD for both DACs, CDR
+/* The STM32F405's clocks, converters and line. One 32-bit stream carries each pair: memory to DHR12RD for both DACs, CDR
  * to memory for both ADCs. */
 #include "chip.h"
 
@@ -41,7 +41,7 @@ bool chip_watch_supply(void)
 
 void converters_silence(void)
 {
-    DAC->DHR12LD = HD_MID_RAIL << 16 | HD_MID_RAIL;
+    DAC->DHR12RD = HD_MID_RAIL << 16 | HD_MID_RAIL;
     DAC->CR = DAC_BOTH(DAC_EN); /* no trigger: what was written is put out in the next cycle */
     GPIOA->MODER |= ANALOGUE(4) | ANALOGUE(5) | ANALOGUE(ADC1_PIN) | ANALOGUE(ADC2_PIN);
 }
@@ -65,7 +65,7 @@ static void start_dacs(void)
         }
     }
     DMA1->HIFCR = DMA_ALL << 6; /* stream 5 */
-    start_stream(DACS, &DAC->DHR12LD, played, DMA_CHANNEL(7) | DMA_TO_PERIPHERAL);
+    start_stream(DACS, &DAC->DHR12RD, played, DMA_CHANNEL(7) | DMA_TO_PERIPHERAL);
     DAC->CR = DAC_BOTH(DAC_EN | DAC_TEN | DAC_TSEL_TIM2) | DAC_DMAEN;
 }
 
@@ -77,8 +77,8 @@ static void start_adcs(void)
     ADC->CCR = ADC_PRE_DIV4 | ADC_DMA_PAIRS | ADC_DDS | ADC_MULTI_SIMULTANEOUS;
     ADC1->SQR3 = ADC1_PIN;
     ADC2->SQR3 = ADC2_PIN;
-    ADC2->CR2 = ADC_ALIGN_LEFT | ADC_ADON;
-    ADC1->CR2 = ADC_ALIGN_LEFT | ADC_EXTSEL_TIM2_TRGO | ADC_EXTEN_FALLING | ADC_ADON;
+    ADC2->CR2 = ADC_ADON;
+    ADC1->CR2 = ADC_EXTSEL_TIM2_TRGO | ADC_EXTEN_FALLING | ADC_ADON;
     DMA2->LIFCR = DMA_ALL; /* stream 0 */
     start_stream(ADCS, &ADC->CDR, sampled, DMA_CHANNEL(0) | DMA_HTIE | DMA_TCIE);
 }

@@ -89,7 +89,6 @@ typedef struct {
 #define ADC_SR_EOC (1u << 1)
 #define ADC_SR_OVR (1u << 5)
 #define ADC_ADON (1u << 0)
-#define ADC_ALIGN_LEFT (1u << 11)
 #define ADC_SWSTART (1u << 30)
 #define ADC_VREFINT 17              /* of ADC1 alone: RM0090, 13.3.3 */
 #define ADC_SAMPLE_480 (7u << 21)   /* of that channel: 22.9 us at 21 MHz, where it needs 10 (DS8626) */

@@ -25,11 +25,11 @@ typedef struct {
 } lane_t;
 
 static const lane_t lane[] = {
-    {ADC1, 1, REQUEST_ADC1, REQUEST_DAC1_1, &DAC1->DHR12L1},  /* PA0; PA4 */
-    {ADC2, 2, REQUEST_ADC2, REQUEST_DAC1_2, &DAC1->DHR12L2},  /* PA1; PA5 */
-    {ADC3, 12, REQUEST_ADC3, REQUEST_DAC2_1, &DAC2->DHR12L1}, /* PB0; PA6 */
-    {ADC4, 5, REQUEST_ADC4, REQUEST_DAC3_2, &DAC3->DHR12L2},  /* PB15; PB1 from OPAMP3 */
-    {ADC5, 2, REQUEST_ADC5, REQUEST_DAC3_1, &DAC3->DHR12L1},  /* PA9; PB11 from OPAMP6 */
+    {ADC1, 1, REQUEST_ADC1, REQUEST_DAC1_1, &DAC1->DHR12R1},  /* PA0; PA4 */
+    {ADC2, 2, REQUEST_ADC2, REQUEST_DAC1_2, &DAC1->DHR12R2},  /* PA1; PA5 */
+    {ADC3, 12, REQUEST_ADC3, REQUEST_DAC2_1, &DAC2->DHR12R1}, /* PB0; PA6 */
+    {ADC4, 5, REQUEST_ADC4, REQUEST_DAC3_2, &DAC3->DHR12R2},  /* PB15; PB1 from OPAMP3 */
+    {ADC5, 2, REQUEST_ADC5, REQUEST_DAC3_1, &DAC3->DHR12R1},  /* PA9; PB11 from OPAMP6 */
 };
 
 static _Alignas(uint32_t) uint16_t sampled[HD_MODES][2][HD_CHUNK];
@@ -72,7 +72,7 @@ static void silence_followers(void)
 {
     RCC->APB2ENR |= APB2_SYSCFG; /* the amplifiers' clock too */
     (void)RCC->APB2ENR;
-    DAC3->DHR12LD = HD_MID_RAIL << 16 | HD_MID_RAIL;
+    DAC3->DHR12RD = HD_MID_RAIL << 16 | HD_MID_RAIL;
     DAC3->MCR = DAC_HFSEL_160_MHZ | DAC_WITHIN;
     DAC3->CR = DAC_BOTH(DAC_EN);
     OPAMP[3 - 1] = OPAMP_FOLLOWS_DAC;
@@ -88,8 +88,8 @@ void converters_silence(void)
 {
     RCC->AHB2ENR |= AHB2_DACS;
     (void)RCC->AHB2ENR;
-    DAC1->DHR12LD = HD_MID_RAIL << 16 | HD_MID_RAIL;
-    DAC2->DHR12L1 = HD_MID_RAIL;
+    DAC1->DHR12RD = HD_MID_RAIL << 16 | HD_MID_RAIL;
+    DAC2->DHR12R1 = HD_MID_RAIL;
     DAC1->MCR = DAC2->MCR = DAC_HFSEL_160_MHZ;
     DAC1->CR = DAC_BOTH(DAC_EN); /* no trigger: what was written is put out within a few cycles */
     DAC2->CR = DAC_EN;
@@ -147,7 +147,7 @@ static void enable(adc_t *adc)
 static void start_adc(adc_t *adc, uint32_t channel)
 {
     calibrate(adc);
-    adc->CFGR = ADC_DMA_CIRCULAR | ADC_EXTSEL_TIM2_TRGO | ADC_EXTEN_FALLING | ADC_ALIGN_LEFT;
+    adc->CFGR = ADC_DMA_CIRCULAR | ADC_EXTSEL_TIM2_TRGO | ADC_EXTEN_FALLING;
     adc->SMPR[channel / 10] = ADC_SAMPLE_6_5(channel);
     adc->SQR[0] = ADC_SEQUENCE(channel);
     enable(adc);

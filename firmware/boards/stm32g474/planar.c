@@ -6,7 +6,6 @@
 #include "dsp.h"
 #include "sine.h"
 
-#define SAMPLE_MASK 0xFFF0FFF0u
 #define MID_RAIL_PAIR 0x08000800u
 #define ONES 0x00010001u
 
@@ -21,7 +20,7 @@ static inline void add_neighbours(sums_t sums[HD_MODES], const uint16_t in[], ui
     uint32_t cosines = hd_pair((int32_t)sine, (int32_t)sine);
     uint32_t minus_sines = hd_pack(sine, sine, 16);
     for (int k = 0; k < HD_MODES; k++) {
-        uint32_t x = hd_subtract_halves(hd_load_pair(in + k * PLANE) >> LSB_SHIFT, MID_RAIL_PAIR);
+        uint32_t x = hd_subtract_halves(hd_load_pair(in + k * PLANE), MID_RAIL_PAIR);
         sums[k].cosine = hd_add_products(sums[k].cosine, x, cosines);
         sums[k].minus_sine = hd_add_products(sums[k].minus_sine, x, minus_sines);
         sums[k].plain = hd_add_products(sums[k].plain, x, ONES);
@@ -60,7 +59,7 @@ void planar_speak(hd_carrier_t *carrier, uint16_t out[])
         for (int k = 0; k < HD_MODES; k++) {
             uint32_t low = (uint32_t)hd_add_products(SAMPLE_BIAS, level[k], first);
             uint32_t high = (uint32_t)hd_add_products(SAMPLE_BIAS, level[k], second);
-            hd_store_pair(out + k * PLANE + i, hd_pack(high << (16 - SINE_SHIFT), low, SINE_SHIFT) & SAMPLE_MASK);
+            hd_store_pair(out + k * PLANE + i, hd_pack(high >> (SAMPLE_SHIFT - 16), low, SAMPLE_SHIFT));
         }
         phase += 2u * step;
     }

@@ -117,7 +117,6 @@ typedef struct {
 #define ADC_DMA_CIRCULAR (3u << 0)
 #define ADC_EXTSEL_TIM2_TRGO (11u << 5)
 #define ADC_EXTEN_FALLING (2u << 10)
-#define ADC_ALIGN_LEFT (1u << 15)
 #define ADC_CKMODE_DIV4 (3u << 16)
 #define ADC_SAMPLE_6_5(channel) (1u << 3 * ((channel) % 10))
 #define ADC_SEQUENCE(channel) ((uint32_t)(channel) << 6)

@@ -108,7 +108,7 @@ void converters_silence(void)
     direct(GPIOA, ANALOGUE(FIRST_CLOCK) | ANALOGUE(SYNC_BOTH), OUTPUT(FIRST_CLOCK) | OUTPUT(SYNC_BOTH));
     direct(GPIOB, ANALOGUE(FIRST_DATA), OUTPUT(FIRST_DATA));
     direct(GPIOC, ANALOGUE(SECOND_CLOCK) | ANALOGUE(SECOND_DATA), OUTPUT(SECOND_CLOCK) | OUTPUT(SECOND_DATA));
-    send_to_both(WORD_MOVE_ALL | HD_MID_RAIL);
+    send_to_both(WORD_MOVE_ALL | WORD_MID_RAIL);
 }
 
 static void start_stream(dma_stream_t *stream, const volatile void *peripheral, void *memory, uint32_t items, uint32_t flags)
@@ -146,8 +146,8 @@ static void start_spi(spi_t *spi)
 
 static void start_dacs(void)
 {
-    static const uint32_t silence[CHIP_MODES] = {WORD_STORE(0) | HD_MID_RAIL, WORD_STORE(1) | HD_MID_RAIL,
-                                                 WORD_STORE(2) | HD_MID_RAIL, WORD_STORE_4TH_AND_MOVE | HD_MID_RAIL};
+    static const uint32_t silence[CHIP_MODES] = {WORD_STORE(0) | WORD_MID_RAIL, WORD_STORE(1) | WORD_MID_RAIL,
+                                                 WORD_STORE(2) | WORD_MID_RAIL, WORD_STORE_4TH_AND_MOVE | WORD_MID_RAIL};
     for (int i = 0; i < 2 * HD_CHUNK; i++) {
         memcpy(played_1[i / HD_CHUNK][i % HD_CHUNK], silence, sizeof silence);
         memcpy(played_3[i / HD_CHUNK][i % HD_CHUNK], silence, sizeof silence);
@@ -197,7 +197,6 @@ static void start_adc(adc_t *adc, const uint8_t channels[], uint32_t n)
 {
     calibrate(adc);
     adc->CFGR = ADC_JQDIS | ADC_DMA_CIRCULAR | ADC_12_BITS | ADC_EXTSEL_TIM2_TRGO | ADC_EXTEN_FALLING;
-    adc->CFGR2 = ADC_LEFT_BY_4;
     uint32_t selected = 0, sequence = n - 1, sampling[2] = {0, 0};
     for (uint32_t rank = 0; rank < n; rank++) {
         selected |= 1u << channels[rank];

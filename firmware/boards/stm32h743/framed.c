@@ -18,7 +18,7 @@ typedef struct {
 /* Two neighbouring samples, which share the sine half-way between them. */
 static inline void add_neighbours(sums_t *sums, uint32_t first, uint32_t second, uint32_t sine)
 {
-    uint32_t x = (uint32_t)((int32_t)(first >> LSB_SHIFT) + (int32_t)(second >> LSB_SHIFT) - MID_RAIL_TWICE);
+    uint32_t x = (uint32_t)((int32_t)first + (int32_t)second - MID_RAIL_TWICE);
     sums->cosine = hd_add_low_low(sums->cosine, x, sine);
     sums->minus_sine = hd_add_low_high(sums->minus_sine, x, sine);
     sums->plain += (int32_t)x;

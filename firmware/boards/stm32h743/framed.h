@@ -21,6 +21,7 @@ typedef uint32_t words_t[HD_CHUNK][CHIP_MODES];
 #define WORD_STORE(dac) ((uint32_t)(dac) << 16)
 #define WORD_STORE_4TH_AND_MOVE 0x130000u
 #define WORD_MOVE_ALL 0x1F0000u
+#define WORD_MID_RAIL (HD_MID_RAIL << 4)
 
 bool framed_listen(hd_carrier_t *carrier, const sampled_t *in);
 void framed_speak(hd_carrier_t *carrier, words_t *out[2]);

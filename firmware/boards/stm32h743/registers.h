@@ -163,7 +163,6 @@ enum { REQUEST_ADC1 = 9, REQUEST_ADC2, REQUEST_TIM3_CH1 = 23, REQUEST_TIM3_CH3 =
 #define ADC_EXTSEL_TIM2_TRGO (11u << 5)
 #define ADC_EXTEN_FALLING (2u << 10)
 #define ADC_JQDIS (1u << 31)
-#define ADC_LEFT_BY_4 (4u << 28) /* of CFGR2 */
 #define ADC_CKMODE_DIV4 (3u << 16)
 #define ADC_VREFEN (1u << 22)       /* of CCR */
 #define ADC_VREFINT 19              /* of ADC3 */

@@ -140,12 +140,15 @@ class Bench:
     def convert(self) -> None:
         """One chunk of the converters and of the line; its interrupt is pending then."""
         half = self.chunks % 2
-        words = np.stack([self._lane(lane.played_at, lane.stride, half) for lane in self.sampling.lanes], axis=1)
+        lanes = self.sampling.lanes
+        words = np.stack(
+            [self._lane(lane.played_at, lane.stride, half) >> lane.played_shift for lane in lanes], axis=1
+        )
         delays = [
-            self.sampling.delay_frac if lane.delay_frac is None else lane.delay_frac for lane in self.sampling.lanes
+            self.sampling.delay_frac if lane.delay_frac is None else lane.delay_frac for lane in lanes
         ]
         sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=delays)
-        for lane, column in zip(self.sampling.lanes, sampled.T, strict=True):
+        for lane, column in zip(lanes, sampled.T, strict=True):
             self._fill_lane(lane.sampled_at, lane.sampled_stride or lane.stride, half, column)
         self.motion_um.append(motion_um)
         self.played.append(words)
@@ -210,4 +213,4 @@ class Bench:
     @property
     def at_mid_rail(self) -> bool:
         """Whether the last chunk played was silence."""
-        return bool(np.all(self.played[-1] == 0x8000))
+        return bool(np.all(self.played[-1] == 0x800))

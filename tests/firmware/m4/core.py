@@ -53,7 +53,7 @@ class CoreBench:
         assert self.cpu.call("hd_init", CORE, IN, 0) & 0xFF
         self._meter = Meter(self.cpu)
         self._is_due = False
-        self._to_play = [np.full((CHUNK, self.modes), 0x8000, dtype="<u2")] * 2
+        self._to_play = [np.full((CHUNK, self.modes), 0x800, dtype="<u2")] * 2
 
     def _config(self, control_hz: int) -> bytes:
         """As `describe_board` of boards/stm32/board.c has it."""

@@ -21,7 +21,7 @@ GPIO = {
     "AFRL": 0x20,
     "AFRH": 0x24,
 }
-DAC = {"CR": 0x00, "DHR12L1": 0x0C, "DHR12L2": 0x18, "DHR12LD": 0x24, "SR": 0x34, "MCR": 0x3C}
+DAC = {"CR": 0x00, "DHR12R1": 0x08, "DHR12R2": 0x14, "DHR12RD": 0x20, "SR": 0x34, "MCR": 0x3C}
 EXTI = {"IMR": 0x00, "RTSR": 0x08, "PR": 0x14}
 _TIMER = {"CR1": 0x00, "CR2": 0x04, "EGR": 0x14, "CCMR1": 0x18, "CNT": 0x24, "PSC": 0x28, "ARR": 0x2C, "CCR1": 0x34}
 _NVIC = {f"{name}{i}": at + 4 * i for name, at in (("ISER", 0), ("ICPR", 0x180)) for i in range(4)}

@@ -41,7 +41,7 @@ class Plate:
 
     def __post_init__(self) -> None:
         self._state = [np.zeros(1, dtype=np.complex128) for _ in self.mode_hz]
-        self._held = np.full((1, len(self.mode_hz)), 0x8000, dtype=np.uint16)
+        self._held = np.full((1, len(self.mode_hz)), 0x800, dtype=np.uint16)
         self._random = np.random.default_rng(self.seed)
 
     def gain_um_per_v_s(self, k: int) -> float:
@@ -54,7 +54,7 @@ class Plate:
     def advance(
         self, words: npt.NDArray[np.uint16], *, connected: bool, delay_frac: float | Sequence[float]
     ) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.complex128]]:
-        """Plays `words` (n, modes), left-aligned, and samples: words (n, modes), and the motion (n, modes).
+        """Plays `words` (n, modes), right-aligned, and samples: words (n, modes), and the motion (n, modes).
 
         A trigger puts out the word that was fetched before it, so each is heard one sample later; the sample is taken
         `delay_frac` of a sample (each mode's) after the new value appears. The motion is Re: displacement in um,
@@ -68,11 +68,11 @@ class Plate:
         motion_um = np.zeros(words.shape, dtype=np.complex128)
         delays = np.broadcast_to(delay_frac, len(self.mode_hz))
         for k in range(len(self.mode_hz)):
-            asked_v = ((heard[:, k] >> 4).astype(np.float64) - STEPS / 2) * STEP_V * self.amplifier_v_per_v
+            asked_v = (heard[:, k].astype(np.float64) - STEPS / 2) * STEP_V * self.amplifier_v_per_v
             voltage_v = np.clip(asked_v, -self.amplifier_limit_v, self.amplifier_limit_v) if connected else np.zeros(n)
             motion_um[:, k] = self._resonator(k, voltage_v, float(delays[k]))
             steps = motion_um[:, k].real / (self.sensor_um_per_v * STEP_V) + self._random.normal(0, self.noise_steps, n)
-            sampled[:, k] = np.clip(np.rint(steps + STEPS / 2), 0, STEPS - 1).astype(np.uint16) << 4
+            sampled[:, k] = np.clip(np.rint(steps + STEPS / 2), 0, STEPS - 1).astype(np.uint16)
         return sampled, motion_um
 
     def _resonator(self, k: int, voltage_v: npt.NDArray[np.float64], delay_frac: float) -> npt.NDArray[np.complex128]:

@@ -149,7 +149,7 @@ class Wires(Wiring):
         running = self.streams()
         out, back = running["DAC1"], running["ADC1"]
         assert "DAC2" not in running, "one stream feeds both DACs"
-        assert (out.peripheral, back.peripheral) == (p.ADDRESS["DAC.DHR12LD"], p.ADDRESS["ADC.CDR"])
+        assert (out.peripheral, back.peripheral) == (p.ADDRESS["DAC.DHR12RD"], p.ADDRESS["ADC.CDR"])
         assert (out.to_peripheral, out.circular, out.memory_size, out.peripheral_size) == (True, True, 4, 4)
         assert (back.to_peripheral, back.circular, back.memory_size, back.peripheral_size) == (False, True, 4, 4)
         assert out.items == back.items
@@ -186,7 +186,7 @@ class Wires(Wiring):
         assert p.field("ADC.CCR", 13, 1), "requests end with the buffer's first round"
         for name in ("ADC1", "ADC2"):
             assert p.field(f"{name}.CR2", 0, 1), f"{name} is off"
-            assert p.field(f"{name}.CR2", 11, 1), f"{name} is not left-aligned"
+            assert not p.field(f"{name}.CR2", 11, 1), f"{name} is not right-aligned"
             assert p.field(f"{name}.SQR1", 20, 4) == 0, f"{name} converts more than one channel"
             assert p[f"{name}.SMPR2"] == 0, f"{name} samples for more than 3 cycles"
         assert p.field("ADC1.CR2", 24, 4) == _TRIGGER_TIM2_ADC

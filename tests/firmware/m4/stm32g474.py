@@ -38,11 +38,11 @@ _INPUTS: Final = {("ADC1", 1): ("GPIOA", 0), ("ADC2", 2): ("GPIOA", 1), ("ADC3",
 }
 # A mode's DAC: the register that its stream writes, its control register, the channel's first bit there, its pin.
 _OUTPUTS: Final = {
-    "DAC1_1": ("DAC1.DHR12L1", "DAC1", 0, ("GPIOA", 4)),
-    "DAC1_2": ("DAC1.DHR12L2", "DAC1", 16, ("GPIOA", 5)),
-    "DAC2_1": ("DAC2.DHR12L1", "DAC2", 0, ("GPIOA", 6)),
-    "DAC3_2": ("DAC3.DHR12L2", "DAC3", 16, ("GPIOB", 1)),
-    "DAC3_1": ("DAC3.DHR12L1", "DAC3", 0, ("GPIOB", 11)),
+    "DAC1_1": ("DAC1.DHR12R1", "DAC1", 0, ("GPIOA", 4)),
+    "DAC1_2": ("DAC1.DHR12R2", "DAC1", 16, ("GPIOA", 5)),
+    "DAC2_1": ("DAC2.DHR12R1", "DAC2", 0, ("GPIOA", 6)),
+    "DAC3_2": ("DAC3.DHR12R2", "DAC3", 16, ("GPIOB", 1)),
+    "DAC3_1": ("DAC3.DHR12R1", "DAC3", 0, ("GPIOB", 11)),
 }
 # The operational amplifier that a channel of DAC3 is VP_SEL 3 of.
 _FOLLOWERS: Final = {"DAC3_2": "OPAMP.CSR3", "DAC3_1": "OPAMP.CSR6"}
@@ -259,7 +259,7 @@ class Wires(Wiring):
         assert p.field(f"{name}.CFGR", 0, 2) == 3, "not circular by DMA"
         assert p.field(f"{name}.CFGR", 3, 2) == 0, "not 12 bits"
         assert (p.field(f"{name}.CFGR", 5, 5), p.field(f"{name}.CFGR", 10, 2)) == (_TRIGGER_TIM2_ADC, 2)
-        assert p.field(f"{name}.CFGR", 15, 1), f"{name} is not left-aligned"
+        assert not p.field(f"{name}.CFGR", 15, 1), f"{name} is not right-aligned"
         assert p.field(f"{name}.SQR1", 0, 4) == 0, f"{name} converts more than one channel"
         channel = p.field(f"{name}.SQR1", 6, 5)
         port, pin = _INPUTS[name, channel]

@@ -313,7 +313,8 @@ class Wires(Wiring):
         lanes = []
         for k, (at, stride, _, at_s) in enumerate(sensors):
             out = running["TIM3_CH1" if k < 4 else "TIM3_CH3"]
-            lanes.append(Lane(out.memory + 4 * (k % 4), at, 16, stride, (at_s + period_s - moved_s) / period_s))
+            delay_frac = (at_s + period_s - moved_s) / period_s
+            lanes.append(Lane(out.memory + 4 * (k % 4), at, 16, stride, delay_frac, played_shift=4))
         self._check_interrupts(running)
         per_sample = {running[f"ADC{i}"].name: n for i, n in ((1, 3), (2, 3), (3, 2))}
         per_sample |= {running[name].name: 4 for name in ("TIM3_CH1", "TIM3_CH3")}
@@ -401,7 +402,7 @@ class Wires(Wiring):
         assert p[f"{name}.CFGR"] == 1 << 31 | 2 << 10 | _TRIGGER_TIM2_ADC << 5 | 2 << 2 | 3, (
             "12 bits, circular, falling"
         )
-        assert p[f"{name}.CFGR2"] == 4 << 28, "left-aligned in 16"
+        assert p[f"{name}.CFGR2"] == 0, "right-aligned in 16"
         common = "ADC3C" if name == "ADC3" else "ADC12"
         assert p[f"{common}.CCR"] == 3 << 16, "independent, a quarter of the bus's clock"
         clock_hz = self.bus_hz() / 4 / 2

@@ -51,13 +51,14 @@ def stream_of(name: str, control: int, peripheral: int, memory: int, items: int)
 @dataclass(frozen=True, slots=True)
 class Lane:
     """A mode's samples: addresses of the first of `samples`, and from one to the next, in bytes; to its sensor's next
-    it may be another way. `delay_frac`: if not that of all."""
+    it may be another way. `delay_frac`: if not that of all. A word played is `played_shift` bits farther left."""
 
     played_at: int
     sampled_at: int
     stride: int
     sampled_stride: int | None = None
     delay_frac: float | None = None
+    played_shift: int = 0
 
 
 @dataclass(frozen=True, slots=True)
