@@ -34,6 +34,7 @@ static void describe_tick(hd_observer_design_t *design, const hd_mode_model_t *m
     hd_exponential_t back = hd_exponential(hd_scale(-back_frac * tick_s, rate_1_s));
 
     design->keep = whole.exp;
+    design->old_frac = delay_frac;
     design->push_um_per_v = hd_scale(gain * tick_s, whole.phi1);
     design->mean_of_state = hd_add(hd_scale(ahead_frac, ahead.phi1), hd_scale(back_frac, back.phi1));
     design->mean_of_new_um_per_v = hd_scale(gain * tick_s * ahead_frac * ahead_frac, ahead.phi2);
@@ -123,6 +124,7 @@ void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *de
     observer->disturbance_v = disturbance_v;
     observer->before_um = before_um;
 
-    observer->taken_um_v = hd_add(observer->taken_um_v, hd_mul(hd_conj(measured_um), observer->new_v));
+    hd_phasor_t mean_v = hd_add(observer->new_v, hd_scale(design->old_frac, hd_sub(observer->old_v, observer->new_v)));
+    observer->taken_um_v = hd_add(observer->taken_um_v, hd_mul(hd_conj(measured_um), mean_v));
     observer->w_um2 += hd_dot(measured_um, measured_um);
 }

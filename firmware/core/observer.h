@@ -27,6 +27,7 @@ typedef struct {
     hd_phasor_t mean_of_state;        /* c */
     hd_phasor_t mean_of_new_um_per_v; /* e0: the voltage that holds for most of the tick */
     hd_phasor_t mean_of_old_um_per_v; /* e1: the one before, until the new one is out */
+    float old_frac; /* of a tick, for which the voltage before is still out */
     hd_phasor_t state_gain;
     hd_phasor_t disturbance_gain_v_per_um;
     float poles_sum, poles_product; /* of the error's two poles: what reach.h expects innovations by */
@@ -42,7 +43,7 @@ typedef struct {
     hd_phasor_t disturbance_v;
     hd_phasor_t new_v, old_v; /* u of the last call, and of the one before */
     hd_phasor_t innovation_um; /* of the last tick */
-    hd_phasor_t taken_um_v;    /* sums of conj(W) u and |W|^2 as measured, of the ticks since they were last judged */
+    hd_phasor_t taken_um_v;    /* sums of conj(W) u, u the mean over a tick, and |W|^2 as measured, since they were last judged */
     float w_um2;
 
     hd_phasor_t moment_v_um; /* sum of conj(W) d */
