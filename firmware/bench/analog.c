@@ -2,19 +2,28 @@
 
 #include <complex.h>
 #include <math.h>
+#include <string.h>
 
 #define HALF_S 0.5e-6
 #define STEP_S 1e-6
 #define TURN_RAD 6.283185307179586
 #define HUM_HZ 50.0
+#define MULTIPLIER 6364136223846793005u
+#define INCREMENT 1442695040888963407u
+#define AHEAD (HD_MODES % 2 == 0 ? 8 : 4)
 
 /* PCG-XSH-RR (O'Neill, 2014). */
+static inline uint32_t bits_of(uint64_t old)
+{
+    uint32_t shifted = (uint32_t)(((old >> 18) ^ old) >> 27), turn = (uint32_t)(old >> 59);
+    return shifted >> turn | shifted << (-turn & 31u);
+}
+
 static uint32_t random_bits(an_random_t *random)
 {
     uint64_t old = random->state;
-    random->state = old * 6364136223846793005u + 1442695040888963407u;
-    uint32_t shifted = (uint32_t)(((old >> 18) ^ old) >> 27), turn = (uint32_t)(old >> 59);
-    return shifted >> turn | shifted << (-turn & 31u);
+    random->state = old * MULTIPLIER + INCREMENT;
+    return bits_of(old);
 }
 
 double an_uniform(an_random_t *random, double low, double high)
@@ -28,30 +37,80 @@ int an_below(an_random_t *random, int n)
 }
 
 /* A sum of four 16-bit numbers, scaled: a bell that ends at 3.5 standard deviations, which is enough for a converter. */
-static double bell(an_random_t *random)
+#define BELL (1.7320508075688772 / 65536.0)
+
+static inline int32_t halves_of(uint32_t bits)
 {
-    uint32_t a = random_bits(random), b = random_bits(random);
-    double sum = (double)((a & 0xFFFFu) + (a >> 16) + (b & 0xFFFFu) + (b >> 16));
-    return (sum - 2.0 * 65535.0) * (1.7320508075688772 / 65536.0);
+    return (int32_t)((bits & 0xFFFFu) + (bits >> 16)) - 65535;
 }
 
-/* x'' + 2 s x' + O^2 x = force, in closed form over half a microsecond of constant force. */
+static double bell(an_random_t *random)
+{
+    int32_t first = halves_of(random_bits(random));
+    return BELL * (first + halves_of(random_bits(random)));
+}
+
+_Static_assert(HD_CHUNK * HD_MODES % (AHEAD / 2) == 0, "a chunk's noise is whole steps");
+
+/* The same for `n` numbers of it: several steps of the generator at once, none of which waits for another. */
+static void bells(an_random_t *random, double out[], int n)
+{
+    uint64_t state[AHEAD], multiplier = 1u, increment = 0u;
+    for (int i = 0; i < AHEAD; i++) {
+        state[i] = random->state * multiplier + increment;
+        increment = increment * MULTIPLIER + INCREMENT;
+        multiplier *= MULTIPLIER;
+    }
+    for (int at = 0; at < n; at += AHEAD / 2) {
+        int32_t halves[AHEAD];
+        for (int i = 0; i < AHEAD; i++) {
+            halves[i] = halves_of(bits_of(state[i]));
+        }
+        for (int i = 0; i < AHEAD; i++) {
+            state[i] = state[i] * multiplier + increment;
+        }
+        for (int i = 0; i < AHEAD / 2; i++) {
+            out[at + i] = BELL * (halves[2 * i] + halves[2 * i + 1]);
+        }
+    }
+    random->state = state[0];
+}
+
+/* x'' + 2 s x' + O^2 x = force, in closed form over half a microsecond of constant force, and over two halves. */
 static void prepare_mode(an_plate_t *plate, int p)
 {
     double s = plate->decay_1_s[p], o = TURN_RAD * plate->hz[p], d = sqrt(o * o - s * s);
     double e = exp(-s * HALF_S), c = cos(d * HALF_S), n = sin(d * HALF_S) / d;
-    plate->half[p].xx = e * (c + s * n);
-    plate->half[p].xv = e * n;
-    plate->half[p].vx = -e * o * o * n;
-    plate->half[p].vv = e * (c - s * n);
-    plate->half[p].x_per_force = (1.0 - plate->half[p].xx) / (o * o);
-    plate->half[p].v_per_force = e * n;
+    double xx = e * (c + s * n), xv = e * n, vx = -e * o * o * n, vv = e * (c - s * n);
+    double x_force = (1.0 - xx) / (o * o), v_force = e * n, phi = plate->finger[p];
+    plate->xx[p] = xx * xx + xv * vx;
+    plate->xv[p] = xx * xv + xv * vv;
+    plate->vx[p] = vx * xx + vv * vx;
+    plate->vv[p] = vx * xv + vv * vv;
+    plate->x_first[p] = xx * x_force + xv * v_force;
+    plate->v_first[p] = vx * x_force + vv * v_force;
+    plate->x_second[p] = x_force;
+    plate->v_second[p] = v_force;
+    plate->phi[p] = phi;
+    plate->drag[p] = 2.0 * plate->finger_1_s * phi;
+    plate->halfway_x[p] = phi * vx;
+    plate->halfway_v[p] = phi * vv;
+    plate->halfway_force[p] = phi * v_force;
+    plate->halfway_drag += phi * v_force * plate->drag[p];
+    for (int k = 0; k < HD_MODES; k++) {
+        plate->push[k][p] = 2.0 * TURN_RAD * plate->drive_hz * plate->gain_um_per_v_s[p][k];
+        plate->hears_lsb_per_um[p][k] = plate->sees[k][p] / plate->um_per_lsb;
+    }
 }
 
 void an_prepare(an_plate_t *plate)
 {
+    plate->halfway_drag = 0.0;
     for (int p = 0; p < plate->modes; p++) {
         prepare_mode(plate, p);
+    }
+    for (int s = 0; s < HD_MODES; s++) {
+        plate->heard_lsb_per_v[s] = plate->lead[s].fault == AN_SOUND ? plate->lead[s].heard_lsb_per_v : 0.0;
     }
     plate->amplifier_share = 1.0 - exp(-TURN_RAD * plate->amplifier_hz * HALF_S);
     plate->preamplifier_share = 1.0 - exp(-TURN_RAD * plate->preamplifier_hz * STEP_S);
@@ -70,92 +129,165 @@ double an_loop_phase_rad(const an_plate_t *plate)
         + carg(filtered(plate->preamplifier_share, rad_s * STEP_S));
 }
 
-static double signal_lsb(const an_plate_t *plate, int s)
-{
-    double um = 0.0;
-    for (int p = 0; p < plate->modes; p++) {
-        um += plate->sees[s][p] * plate->x_um[p];
-    }
-    return um / plate->um_per_lsb;
-}
-
-static double through_lead(an_plate_t *plate, int s)
+/* What a sensor's lead makes of what all sensors show, once it is broken. */
+static double through_lead(an_plate_t *plate, int s, const double own_lsb[HD_MODES], double heard_lsb)
 {
     const an_lead_t *lead = &plate->lead[s];
-    double own_lsb = signal_lsb(plate, s);
-    double since_us = (double)plate->t_us - plate->t_fault_us;
-    enum an_fault fault = since_us >= 0.0 ? lead->fault : AN_SOUND;
-    bool open = fault == AN_FLOATING || (fault == AN_INTERMITTENT && fmod(since_us, 200e3) < 10e3);
-    double heard_lsb = 0.0;
-    for (int k = 0; k < HD_MODES; k++) {
-        heard_lsb += lead->heard_lsb_per_v * plate->amplifier_v[k];
+    double since_us = (double)plate->t_us - plate->t_fault_us, signal_lsb = own_lsb[s];
+    if (since_us < 0.0) {
+        return signal_lsb;
     }
-    if (open) {
-        double hum = sin(TURN_RAD * HUM_HZ * 1e-6 * (double)plate->t_us + s);
-        return heard_lsb + lead->heard * signal_lsb(plate, lead->other) + lead->hum_lsb * hum
+    if (lead->fault == AN_FLOATING || (lead->fault == AN_INTERMITTENT && fmod(since_us, 200e3) < 10e3)) {
+        double hum = lead->hum_lsb > 0.0 ? sin(TURN_RAD * HUM_HZ * 1e-6 * (double)plate->t_us + s) : 0.0;
+        return heard_lsb + lead->heard * own_lsb[lead->other] + lead->hum_lsb * hum
             + (lead->noise_lsb > 0.0 ? lead->noise_lsb * bell(&plate->random) : 0.0);
     }
-    switch (fault) {
+    switch (lead->fault) {
     case AN_GAIN:
-        return lead->kept * own_lsb;
+        return lead->kept * signal_lsb;
     case AN_CLIPPED:
-        return fmin(fmax(own_lsb, -lead->clip_lsb), lead->clip_lsb);
+        return fmin(fmax(signal_lsb, -lead->clip_lsb), lead->clip_lsb);
     case AN_SLOW:
-        return own_lsb * fmax(0.3, 1.0 - 0.7 * since_us / 10e6);
+        return signal_lsb * fmax(0.3, 1.0 - 0.7 * since_us / 10e6);
     case AN_INVERTED:
-        return -own_lsb;
+        return -signal_lsb;
     case AN_SWAPPED:
-        return signal_lsb(plate, lead->other);
+        return own_lsb[lead->other];
     default:
-        return own_lsb;
+        return signal_lsb;
     }
 }
 
-static uint16_t converted(an_plate_t *plate, int s)
+static uint16_t converted(double lsb)
 {
-    plate->preamplified_lsb[s] += plate->preamplifier_share * (through_lead(plate, s) - plate->preamplified_lsb[s]);
-    double lsb = plate->preamplified_lsb[s] + plate->lead[s].offset_lsb + bell(&plate->random);
-    double code = fmin(fmax(floor(lsb + AN_RAIL_LSB + 0.5), 0.0), 4095.0);
-    return (uint16_t)code;
+    int32_t steps = (int32_t)(lsb + AN_RAIL_LSB + 0.5);
+    return (uint16_t)(steps < 0 ? 0 : steps > 4095 ? 4095 : steps);
 }
 
-/* Half a microsecond with the DACs where they are. */
-static void advance(an_plate_t *plate)
+static inline double all_v(const an_plate_t *plate)
 {
-    double rad_s = TURN_RAD * plate->drive_hz, touch = 0.0;
+    double sum_v = 0.0;
     for (int k = 0; k < HD_MODES; k++) {
-        double v = (plate->playing[k] - AN_RAIL_LSB) * plate->v_per_lsb;
-        v = fmin(fmax(v, -plate->v_limit_v), plate->v_limit_v);
-        plate->amplifier_v[k] += plate->amplifier_share * (v - plate->amplifier_v[k]);
+        sum_v += plate->amplifier_v[k];
     }
-    for (int p = 0; plate->finger_1_s > 0.0 && p < plate->modes; p++) {
-        touch += plate->finger[p] * plate->v_um_s[p];
-    }
-    for (int p = 0; p < plate->modes; p++) {
-        double force = -2.0 * plate->finger_1_s * plate->finger[p] * touch;
-        for (int k = 0; k < HD_MODES; k++) {
-            force += 2.0 * rad_s * plate->gain_um_per_v_s[p][k] * plate->amplifier_v[k];
-        }
-        double x = plate->x_um[p], v = plate->v_um_s[p];
-        plate->x_um[p] = plate->half[p].xx * x + plate->half[p].xv * v + plate->half[p].x_per_force * force;
-        plate->v_um_s[p] = plate->half[p].vx * x + plate->half[p].vv * v + plate->half[p].v_per_force * force;
-    }
+    return sum_v;
 }
 
-void an_step(an_plate_t *plate, const uint16_t words[HD_MODES], uint16_t sampled[HD_MODES])
+/* What the sensors show, before their leads. */
+static inline void sense(const an_plate_t *plate, double own_lsb[AN_WIRE_LANES])
 {
+    an_wires_t signals_lsb = plate->heard_lsb_per_v * all_v(plate);
+    for (int p = 0; p < AN_MODES_MAX; p++) {
+        signals_lsb += plate->hears_lsb_per_um[p] * plate->x_um[p];
+    }
+    memcpy(own_lsb, &signals_lsb, sizeof signals_lsb);
+}
+
+/* And behind them; with the converters' noise, for an open lead takes its own of the same. */
+static void break_leads(an_plate_t *plate, double own_lsb[AN_WIRE_LANES], double noise_lsb[HD_MODES])
+{
+    double shown_lsb[HD_MODES];
     for (int s = 0; s < HD_MODES; s++) {
-        sampled[s] = converted(plate, s);
+        shown_lsb[s] = through_lead(plate, s, own_lsb, plate->lead[s].heard_lsb_per_v * all_v(plate));
+        noise_lsb[s] = bell(&plate->random);
     }
-    advance(plate);
-    for (int k = 0; k < HD_MODES; k++) {
-        plate->playing[k] = words[k];
-    }
-    advance(plate);
-    plate->t_us++;
+    memcpy(own_lsb, shown_lsb, sizeof shown_lsb);
 }
 
-double an_amplitude_um(const an_plate_t *plate, int mode)
+static inline double sum_of(const an_modes_t *values)
 {
-    return hypot(plate->x_um[mode], plate->v_um_s[mode] / (TURN_RAD * plate->drive_hz));
+    double sum = 0.0;
+    for (int p = 0; p < AN_MODES_MAX; p++) {
+        sum += (*values)[p];
+    }
+    return sum;
+}
+
+static inline void move(an_plate_t *plate, an_modes_t first, an_modes_t second)
+{
+    an_modes_t x = plate->x_um, v = plate->v_um_s;
+    if (plate->finger_1_s > 0.0) {
+        an_modes_t speed = plate->phi * v;
+        an_modes_t halfway = plate->halfway_x * x + plate->halfway_v * v + plate->halfway_force * first;
+        double touch = sum_of(&speed);
+        first -= plate->drag * touch;
+        second -= plate->drag * (sum_of(&halfway) - plate->halfway_drag * touch);
+    }
+    plate->x_um = plate->xx * x + plate->xv * v + (plate->x_first * first + plate->x_second * second);
+    plate->v_um_s = plate->vx * x + plate->vv * v + (plate->v_first * first + plate->v_second * second);
+}
+
+/* Half a microsecond with the DACs where they are, and half with them where the words put them. */
+static inline void advance(an_plate_t *plate, const uint16_t words[HD_MODES])
+{
+    an_modes_t first = {0}, second = {0};
+    for (int k = 0; k < HD_MODES; k++) {
+        double v = (words[k] - AN_RAIL_LSB) * plate->v_per_lsb, limit_v = plate->v_limit_v;
+        double next_v = v > limit_v ? limit_v : v < -limit_v ? -limit_v : v, amplifier_v = plate->amplifier_v[k];
+        amplifier_v += plate->amplifier_share * (plate->playing_v[k] - amplifier_v);
+        first += plate->push[k] * amplifier_v;
+        amplifier_v += plate->amplifier_share * (next_v - amplifier_v);
+        second += plate->push[k] * amplifier_v;
+        plate->amplifier_v[k] = amplifier_v;
+        plate->playing_v[k] = next_v;
+    }
+    move(plate, first, second);
+}
+
+/* The square of the largest amplitude among so many modes. */
+static inline double largest_um2(const an_plate_t *plate, int modes)
+{
+    double um_per_um_s = 1.0 / (TURN_RAD * plate->drive_hz), largest = 0.0;
+    for (int p = 0; p < modes; p++) {
+        double d_um = plate->x_um[p], q_um = um_per_um_s * plate->v_um_s[p], um2 = d_um * d_um + q_um * q_um;
+        largest = um2 > largest ? um2 : largest;
+    }
+    return largest;
+}
+
+double an_largest_amplitude_um(const an_plate_t *plate)
+{
+    return sqrt(largest_um2(plate, plate->modes));
+}
+
+/* Whether a lead is broken in the chunk that begins. */
+static bool is_broken(const an_plate_t *plate)
+{
+    bool any = false;
+    for (int s = 0; s < HD_MODES; s++) {
+        any = any || plate->lead[s].fault != AN_SOUND;
+    }
+    return any && (double)(plate->t_us + HD_CHUNK) > plate->t_fault_us;
+}
+
+static void convert(an_plate_t *plate, double lsb[HD_CHUNK][AN_WIRE_LANES], double noise_lsb[HD_CHUNK][HD_MODES],
+                    uint16_t sampled[HD_CHUNK][HD_MODES])
+{
+    for (int i = 0; i < HD_CHUNK; i++) {
+        for (int s = 0; s < HD_MODES; s++) {
+            plate->preamplified_lsb[s] += plate->preamplifier_share * (lsb[i][s] - plate->preamplified_lsb[s]);
+            sampled[i][s] = converted(plate->preamplified_lsb[s] + plate->lead[s].offset_lsb + noise_lsb[i][s]);
+        }
+    }
+}
+
+void an_play(an_plate_t *plate, const uint16_t words[HD_CHUNK][HD_MODES], uint16_t sampled[HD_CHUNK][HD_MODES])
+{
+    double lsb[HD_CHUNK][AN_WIRE_LANES], noise_lsb[HD_CHUNK][HD_MODES];
+    bool broken = is_broken(plate);
+    if (!broken) {
+        bells(&plate->random, noise_lsb[0], HD_CHUNK * HD_MODES);
+    }
+    for (int i = 0; i < HD_CHUNK; i++) {
+        sense(plate, lsb[i]);
+        if (broken) {
+            break_leads(plate, lsb[i], noise_lsb[i]);
+        }
+        advance(plate, words[i]);
+        if (plate->t_us % AN_LOOK_US == 0) {
+            plate->peak_um2 = fmax(plate->peak_um2, largest_um2(plate, HD_MODES));
+        }
+        plate->t_us++;
+    }
+    convert(plate, lsb, noise_lsb, sampled);
 }

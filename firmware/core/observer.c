@@ -110,6 +110,10 @@ hd_phasor_t hd_observer_learn(hd_observer_t *observer, const hd_observer_design_
 
 void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *design, hd_phasor_t measured_um)
 {
+    hd_phasor_t mean_v = hd_add(observer->new_v, hd_scale(design->old_frac, hd_sub(observer->old_v, observer->new_v)));
+    observer->taken_um_v = hd_add(observer->taken_um_v, hd_mul(hd_conj(measured_um), mean_v));
+    observer->w_um2 += hd_dot(measured_um, measured_um);
+
     hd_phasor_t disturbance_v = observer->disturbance_v;
     hd_phasor_t expected_um = hd_mul(design->mean_of_state, observer->w_um);
     expected_um = hd_add(expected_um, hd_mul(design->mean_of_new_um_per_v, hd_add(observer->new_v, disturbance_v)));
@@ -118,13 +122,9 @@ void hd_observer_correct(hd_observer_t *observer, const hd_observer_design_t *de
     observer->innovation_um = innovation_um;
 
     hd_phasor_t before_um = hd_add(observer->w_um, hd_mul(design->state_gain, innovation_um));
+    observer->before_um = before_um;
     disturbance_v = hd_add(disturbance_v, hd_mul(design->disturbance_gain_v_per_um, innovation_um));
+    observer->disturbance_v = disturbance_v;
     hd_phasor_t driven_v = hd_add(observer->new_v, disturbance_v);
     observer->w_um = hd_add(hd_mul(design->keep, before_um), hd_mul(design->push_um_per_v, driven_v));
-    observer->disturbance_v = disturbance_v;
-    observer->before_um = before_um;
-
-    hd_phasor_t mean_v = hd_add(observer->new_v, hd_scale(design->old_frac, hd_sub(observer->old_v, observer->new_v)));
-    observer->taken_um_v = hd_add(observer->taken_um_v, hd_mul(hd_conj(measured_um), mean_v));
-    observer->w_um2 += hd_dot(measured_um, measured_um);
 }

@@ -99,7 +99,7 @@ def _converters(board: str, chip: str) -> list[Pin]:
             Pin(ADC_PINS[board][adc, int(channel)], f"ADC{adc}: sensor of mode {at}")
             for at, (adc, channel) in enumerate(wired)
         ]
-    lanes = re.findall(r"\{ADC(\d), (\d+), \w+, \w+, &DAC(\d)->DHR12L(\d)\}", chip)
+    lanes = re.findall(r"\{ADC(\d), (\d+), \w+, \w+, &DAC(\d)->DHR12R(\d)\}", chip)
     if not lanes:  # a pair that one stream carries
         inputs = re.findall(r"#define ADC(\d)_PIN (\d+)", chip)
         lanes = [(adc, channel, "1", str(place)) for place, (adc, channel) in enumerate(inputs, 1)]

@@ -141,12 +141,8 @@ class Bench:
         """One chunk of the converters and of the line; its interrupt is pending then."""
         half = self.chunks % 2
         lanes = self.sampling.lanes
-        words = np.stack(
-            [self._lane(lane.played_at, lane.stride, half) >> lane.played_shift for lane in lanes], axis=1
-        )
-        delays = [
-            self.sampling.delay_frac if lane.delay_frac is None else lane.delay_frac for lane in lanes
-        ]
+        words = np.stack([self._lane(lane.played_at, lane.stride, half) >> lane.played_shift for lane in lanes], axis=1)
+        delays = [self.sampling.delay_frac if lane.delay_frac is None else lane.delay_frac for lane in lanes]
         sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=delays)
         for lane, column in zip(lanes, sampled.T, strict=True):
             self._fill_lane(lane.sampled_at, lane.sampled_stride or lane.stride, half, column)
