@@ -48,7 +48,8 @@ enum hd_board_event {
          * there to ground */
     HD_EVENT_REFERENCE = 101,
         /* the converters' supply VDDA is not 3.3 V: the board does not drive. `value` is what the chip's internal reference
-         * shows, in V; 3 % are allowed, as it scales voltages and amplitudes together */
+         * shows at the start, in V; 0: it drifted while the STM32G474 ran, which watches it. 3 % are allowed, as it scales
+         * voltages and amplitudes together */
 };
 
 /* Enables or disables the amplifiers, at every control tick. */

@@ -107,6 +107,30 @@ def test_the_log_has_the_voltage_that_the_internal_reference_showed(board: Board
     assert entry.value == pytest.approx(3.0, abs=0.005)
 
 
+@pytest.mark.parametrize("supply_v", [3.18, 3.42])
+def test_converters_that_drift_while_they_drive_end_the_drive_until_a_reset(supply_v: float) -> None:
+    """ADC5, which has no sensor with four modes, reads the internal reference; one reading that is off is not enough."""
+    bench = Bench(G474)
+    drive(bench)
+    bench.registers.supply_v = supply_v
+    bench.run(0.4)
+    assert bench.amplifiers
+    bench.registers.supply_v = 3.3
+    bench.hold(10)
+    assert bench.amplifiers
+    bench.registers.supply_v = supply_v
+    bench.hold(10)
+    assert not bench.amplifiers
+    assert bench.at_mid_rail
+    assert REFERENCE in logged(bench)
+    bench.registers.supply_v = 3.3
+    drive(bench)
+    assert not bench.amplifiers
+    bench.boot(G474.registers())
+    drive(bench)
+    assert bench.amplifiers
+
+
 def expect_no_drive(bench: Bench, reason: int) -> None:
     bench.to_board += device.encode(HelloRequest())
     bench.run(5)

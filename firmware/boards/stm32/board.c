@@ -143,6 +143,28 @@ static float measured_supply_v(void)
     return sum > 0.0f ? VREFINT_CALIBRATED_V * REFERENCE_READINGS * (float)VREFINT_CALIBRATION / sum : 0.0f;
 }
 
+/* VDDA while the board runs. What lies beyond these is farther off than REFERENCE_TOLERANCE. */
+static uint32_t least_reading, most_reading;
+
+static void prepare_reference_watch(void)
+{
+    float at_reference_v = VREFINT_CALIBRATED_V * (float)VREFINT_CALIBRATION / REFERENCE_V;
+    least_reading = (uint32_t)(at_reference_v / (1.0f + REFERENCE_TOLERANCE));
+    most_reading = (uint32_t)(at_reference_v / (1.0f - REFERENCE_TOLERANCE)) + 1u;
+}
+
+static inline void watch_reference(void)
+{
+    static uint8_t off;
+    uint32_t reading = reference_glance();
+    if (reading != 0) {
+        off = reading < least_reading || reading > most_reading ? (uint8_t)(off + 1) : 0;
+        if (off == REFERENCE_READINGS) {
+            sampling_forbid_drive();
+        }
+    }
+}
+
 static bool watch_supply(void)
 {
     clock_on(PWR_CLOCK);
@@ -173,6 +195,9 @@ void board_start(hd_config_t *config, hd_converters_t *converters)
     require(chip_guards_brown_out(), HD_EVENT_BROWN_OUT_OFF, 0.0f, config);
     float supply_v = measured_supply_v();
     require(fabsf(supply_v - REFERENCE_V) <= REFERENCE_TOLERANCE * REFERENCE_V, HD_EVENT_REFERENCE, supply_v, config);
+    if (REFERENCE_IS_WATCHED) {
+        prepare_reference_watch();
+    }
     require(watch_supply(), HD_EVENT_SUPPLY, 0.0f, config);
     config->log = kept.log;
     link_start();
@@ -217,6 +242,9 @@ void board_feed_watchdog(void)
     keep_watchdogs_running();
     LINK_RX_RECOVER; /* as often, for the main loop comes round too often to look each time */
     IWDG->KR = IWDG_KEY_FEED;
+    if (REFERENCE_IS_WATCHED) {
+        watch_reference();
+    }
 }
 
 void board_keep_log(const hd_log_t *log)

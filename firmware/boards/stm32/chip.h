@@ -33,6 +33,9 @@ void reference_start(void);
 float reference_reading(void);
 void reference_stop(void);
 
+/* One while the converters run, where REFERENCE_IS_WATCHED, and begins the next; 0 if none is through. */
+uint32_t reference_glance(void);
+
 /* Pins, baud rate and stream routes of the host's line; link.c starts the streams. */
 void serial_start(void);
 

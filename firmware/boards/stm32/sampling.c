@@ -38,8 +38,18 @@ void board_sync(bool high)
     GPIOB->BSRR = high ? 1u << SYNC : 1u << (SYNC + 16);
 }
 
+static volatile bool supply_is_off;
+
+void sampling_forbid_drive(void)
+{
+    supply_is_off = true;
+}
+
 uint8_t board_interlock(void)
 {
+    if (REFERENCE_IS_WATCHED && supply_is_off) {
+        return HD_EVENT_REFERENCE;
+    }
     uint32_t open = INTERLOCK_PORT->IDR & INTERLOCKS;
     if ((open & 1u << EMERGENCY_STOP) != 0) {
         return HD_EVENT_EMERGENCY_STOP;

@@ -10,6 +10,9 @@ void sampling_silence(void);
 /* Lets samples flow and the interrupts come. */
 void sampling_run(void);
 
+/* VDDA has left its range while the board runs: board_interlock says so until a reset. */
+void sampling_forbid_drive(void);
+
 /* Handlers: a chunk was sampled, a stream has stopped with an error, a circuit of board_interlock has opened. */
 void sampling_on_chunk(void);
 void sampling_on_transfer_error(void);

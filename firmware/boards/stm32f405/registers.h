@@ -52,6 +52,7 @@ typedef struct {
 #define UNIQUE_ID ((const reg_t *)0x1FFF7A10) /* 96 bits */
 #define VREFINT_CALIBRATION (*(const volatile uint16_t *)0x1FFF7A2A) /* DS8626, embedded internal reference: at 3.3 V, 30 C */
 #define VREFINT_CALIBRATED_V 3.3f
+#define REFERENCE_IS_WATCHED 0 /* the one ADC that reaches it has no time between its sensors' samples */
 
 /* RCC. VCO at 336 MHz from 1 MHz: 168 for the core, 48 for a USB that is not used. */
 #define PLL_CONFIG(input_hz, source) ((uint32_t)(input_hz) / 1000000 | 336u << 6 | (source) | 7u << 24)

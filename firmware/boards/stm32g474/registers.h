@@ -66,6 +66,7 @@ typedef struct {
 #define UNIQUE_ID ((const reg_t *)0x1FFF7590) /* 96 bits */
 #define VREFINT_CALIBRATION (*(const volatile uint16_t *)0x1FFF75AA) /* DS12288, embedded voltage reference: at 3.0 V, 30 C */
 #define VREFINT_CALIBRATED_V 3.0f
+#define REFERENCE_IS_WATCHED (HD_MODES < 5) /* ADC5 has no sensor */
 
 /* RCC. VCO at 340 MHz from 4 MHz: 170 for the core. */
 #define PLL_CONFIG(input_hz, source) (((uint32_t)(input_hz) / 4000000 - 1) << 4 | 85u << 8 | 1u << 24 | (source))
@@ -107,7 +108,7 @@ typedef struct {
 #define ADC_ADRDY (1u << 0)
 #define ADC_EOC (1u << 2)
 #define ADC_VREFEN (1u << 22)     /* of CCR */
-#define ADC_VREFINT 18            /* of ADC1 */
+#define ADC_VREFINT 18            /* of ADC1, ADC3, ADC4 and ADC5: RM0440, 21.4.11 */
 #define ADC_SAMPLE_640_5 (7u << 24) /* of that channel: 15 us at 42.5 MHz, where it needs 4 (DS12288) */
 #define ADC_OVR (1u << 4)
 #define ADC_ADEN (1u << 0)

@@ -84,6 +84,7 @@ typedef struct {
 #define UNIQUE_ID ((const reg_t *)0x1FF1E800) /* 96 bits */
 #define VREFINT_CALIBRATION (*(const volatile uint16_t *)0x1FF1E860) /* DS12110, embedded reference: at 3.3 V, 30 C, 16 bits */
 #define VREFINT_CALIBRATED_V 3.3f
+#define REFERENCE_IS_WATCHED 0 /* the one ADC that reaches it has no time between its sensors' samples */
 
 /* RCC. 8 MHz to the VCO, at 768: P for the core, Q for the SPIs. A `config` is what PLLCKSELR wants. */
 #define PLL_CONFIG(input_hz, source) (((uint32_t)(input_hz) / 8000000) << 4 | (source))

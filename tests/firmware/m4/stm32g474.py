@@ -107,8 +107,8 @@ class Registers(Peripherals):
 
     def was_read(self, name: str) -> None:
         """RM0440, 21: a read of the data clears EOC."""
-        if name == "ADC1.DR":
-            self.registers["ADC1.ISR"] &= ~4
+        if name in ("ADC1.DR", "ADC5.DR"):
+            self.registers[name.replace("DR", "ISR")] &= ~4
 
     def own_effects(self) -> dict[str, Effect]:
         converters = {13: ["ADC1", "ADC2", "ADC12"], 14: ["ADC3", "ADC4", "ADC5", "ADC345"]}
@@ -122,14 +122,14 @@ class Registers(Peripherals):
         }
 
     def _convert_reference(self, name: str) -> None:
-        """Once, by software: 4 us of sampling are needed (DS12288)."""
-        assert name == "ADC1"
-        assert self.field("ADC12.CCR", 22, 1), "the reference is off"
-        assert self.field("ADC1.SMPR2", 24, 3) == 7, "640.5 cycles"
-        assert self.field("ADC1.CFGR", 10, 2) == 0, "started by a trigger"
-        self.registers["ADC1.DR"] = self.reference_reading()
-        self.registers["ADC1.ISR"] |= 4
-        self.registers["ADC1.CR"] &= ~4
+        """Once, by software: 4 us of sampling are needed (DS12288). RM0440, 21.4.11: channel 18 of each but ADC2."""
+        assert name in ("ADC1", "ADC5")
+        assert self.field("ADC12.CCR" if name == "ADC1" else "ADC345.CCR", 22, 1), "the reference is off"
+        assert self.field(f"{name}.SMPR2", 24, 3) == 7, "640.5 cycles"
+        assert self.field(f"{name}.CFGR", 10, 2) == 0, "started by a trigger"
+        self.registers[f"{name}.DR"] = self.reference_reading()
+        self.registers[f"{name}.ISR"] |= 4
+        self.registers[f"{name}.CR"] &= ~4
 
 
 class Wires(Wiring):
@@ -265,7 +265,8 @@ class Wires(Wiring):
         port, pin = _INPUTS[name, channel]
         assert p.field(f"{port}.MODER", 2 * pin, 2) == 3, "an input is not analogue"
         common = "ADC12" if name in ("ADC1", "ADC2") else "ADC345"
-        assert p[f"{common}.CCR"] == 3 << 16, "independent, a quarter of the core's clock"
+        watched = common == "ADC345" and bool(p["ADC5.CR"]) and p.field("ADC5.SQR1", 6, 5) == 18
+        assert p[f"{common}.CCR"] == 3 << 16 | watched << 22, "independent, a quarter of the core's clock"
         clock_hz = self.core_hz() / 4
         assert clock_hz <= 52e6
         sample_cycles = _SAMPLE_CYCLES[p.field(f"{name}.SMPR{1 + channel // 10}", 3 * (channel % 10), 3)]
