@@ -43,6 +43,17 @@ def test_a_sound_plate_does_what_is_asked_and_is_not_judged_faulty(program: Path
         assert case.texture_hz > 0.0 or 0.9 <= case.peak_um / case.asked_um <= 1.35, case
 
 
+def test_a_texture_on_a_plate_of_half_the_damping_gives_no_power_back(program: Path) -> None:
+    """With four modes a false fault, while power was that of the voltage of the tick, which comes out 50 us late."""
+    assert cases(program, "sound", 1, 1217)[0].fault == 0
+
+
+def test_a_fault_of_a_plate_that_swings_by_itself_is_distinguished_from_a_false_one(program: Path) -> None:
+    """A mode that is not calibrated grows: unwatched and asked for nothing, the plate does not come to rest."""
+    ran = subprocess.run([program, "sound", "1", "1499"], check=True, capture_output=True, text=True)
+    assert ran.stdout.split()[9:] == ["7", "swings"]
+
+
 def test_a_floating_lead_moves_no_plate_far_beyond_its_limit(program: Path) -> None:
     """Half the damping at full voltage would be twice the limit, on the paper's wiring four times."""
     assert max(case.peak_um for case in cases(program, "floating", 30)) <= 1.5 * W_LIMIT_UM

@@ -65,7 +65,7 @@ def test_the_lock_never_makes_a_chunk_of_a_live_board_late(board: Board) -> None
     assert lock.cycles + chunk + INTERRUPT_CYCLES <= 0.85 * DEADLINE_S * board.core_hz
 
 
-@pytest.mark.parametrize(("modes", "late_chunks", "load_max"), [(2, 0, 0.28), (3, 0, 0.38), (4, 1, 0.48), (5, 2, 0.57)])
+@pytest.mark.parametrize(("modes", "late_chunks", "load_max"), [(2, 0, 0.27), (3, 0, 0.36), (4, 1, 0.46), (5, 2, 0.55)])
 def test_chunks_and_ticks_of_the_stm32g474_are_through_in_time_with_the_wait_states_of_its_flash(
     modes: int, late_chunks: int, load_max: float
 ) -> None:
@@ -147,7 +147,7 @@ def test_six_modes_would_be_through_in_time_too_had_the_chip_the_converters_and_
     chunk += more_of_chunk
     lock = live_core(6, 5000).obeyed(encode(SetController("pi_ff"))).cycles
     print(f"6 modes at 5000 Hz: {100 * load:.1f} %; chunk {chunk}, tick {tick}, lock {lock} cycles")
-    assert load <= 0.70
+    assert load <= 0.65
     assert lock + chunk + INTERRUPT_CYCLES <= DEADLINE_S * G474.core_hz
     assert tick + INTERRUPT_CYCLES + 2 * (chunk + INTERRUPT_CYCLES) <= 2 * CHUNK_S * G474.core_hz
 

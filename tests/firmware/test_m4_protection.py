@@ -109,7 +109,7 @@ def test_the_log_has_the_voltage_that_the_internal_reference_showed(board: Board
 
 @pytest.mark.parametrize("supply_v", [3.18, 3.42])
 def test_converters_that_drift_while_they_drive_end_the_drive_until_a_reset(supply_v: float) -> None:
-    """ADC5, which has no sensor with four modes, reads the internal reference; one reading that is off is not enough."""
+    """ADC5, which has no sensor with four modes, reads the internal reference; one that is off is not enough."""
     bench = Bench(G474)
     drive(bench)
     bench.registers.supply_v = supply_v
