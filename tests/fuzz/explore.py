@@ -37,6 +37,7 @@ INSTRUMENTED = [
     "hapticd_client.messages",
     "hapticd_contract",
     "mcap",
+    "pythonosc",
     "tomllib",
     "zipfile",
 ]

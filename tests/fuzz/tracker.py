@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import pythonosc.osc_message  # noqa: F401 - read where it is followed: hapticd imports it at the first datagram
 from datagrams import message, tuio1, tuio2
 
 from fuzz.target import Cost, Target
