@@ -89,7 +89,8 @@ def encoded(address: str, *arguments: Argument) -> bytes:
     builder = OscMessageBuilder(address)
     for one in arguments:
         builder.add_arg(one)
-    return builder.build().dgram
+    dgram: bytes = builder.build().dgram
+    return dgram
 
 
 def _time_ns(second: datetime, fraction: int) -> int:
