@@ -234,20 +234,20 @@ static inline void advance(an_plate_t *plate, const uint16_t words[HD_MODES])
     move(plate, first, second);
 }
 
-/* The square of the largest amplitude among so many modes. */
-static inline double largest_um2(const an_plate_t *plate, int modes)
+/* The square of the largest amplitude among these modes. */
+static inline double largest_um2(const an_plate_t *plate, int first, int end)
 {
     double um_per_um_s = 1.0 / (TURN_RAD * plate->drive_hz), largest = 0.0;
-    for (int p = 0; p < modes; p++) {
+    for (int p = first; p < end; p++) {
         double d_um = plate->x_um[p], q_um = um_per_um_s * plate->v_um_s[p], um2 = d_um * d_um + q_um * q_um;
         largest = um2 > largest ? um2 : largest;
     }
     return largest;
 }
 
-double an_largest_amplitude_um(const an_plate_t *plate)
+double an_parasitic_um(const an_plate_t *plate)
 {
-    return sqrt(largest_um2(plate, plate->modes));
+    return sqrt(largest_um2(plate, HD_MODES, plate->modes));
 }
 
 /* Whether a lead is broken in the chunk that begins. */
@@ -285,7 +285,7 @@ void an_play(an_plate_t *plate, const uint16_t words[HD_CHUNK][HD_MODES], uint16
         }
         advance(plate, words[i]);
         if (plate->t_us % AN_LOOK_US == 0) {
-            plate->peak_um2 = fmax(plate->peak_um2, largest_um2(plate, HD_MODES));
+            plate->peak_um2 = fmax(plate->peak_um2, largest_um2(plate, 0, HD_MODES));
         }
         plate->t_us++;
     }

@@ -93,8 +93,8 @@ void an_prepare(an_plate_t *plate);
 /* The constant phase that converters and filters add to the loop, in rad. */
 double an_loop_phase_rad(const an_plate_t *plate);
 
-/* Of any mode, with those that nothing is asked of. */
-double an_largest_amplitude_um(const an_plate_t *plate);
+/* The largest of the modes that nothing is asked of. */
+double an_parasitic_um(const an_plate_t *plate);
 
 /* A chunk: samples all sensors, then moves on by a microsecond, in whose middle the words appear at the DACs, and so on. */
 void an_play(an_plate_t *plate, const uint16_t words[HD_CHUNK][HD_MODES], uint16_t sampled[HD_CHUNK][HD_MODES]);

@@ -49,7 +49,7 @@ def test_a_texture_on_a_plate_of_half_the_damping_gives_no_power_back(program: P
 
 
 def test_a_fault_of_a_plate_that_swings_by_itself_is_distinguished_from_a_false_one(program: Path) -> None:
-    """A mode that is not calibrated grows: unwatched and asked for nothing, the plate does not come to rest."""
+    """A mode that is not calibrated goes farther, unwatched, than on a plate whose sensors do not see it."""
     ran = subprocess.run([program, "sound", "1", "1499"], check=True, capture_output=True, text=True)
     assert ran.stdout.split()[9:] == ["7", "swings"]
 
