@@ -147,13 +147,13 @@ def _stepped(problem: TouchProblem, state: FitState, normal: Normal, damping: fl
 
 def _noise(model: Model, state: FitState) -> FloatArray:
     """Return one sigma of either part of the residual (M,), by its median size."""
-    size = np.abs(model.residual(state))[model.windows.is_used]
+    size = (np.abs(model.residual(state)) / model.doubt)[model.windows.is_used]
     return np.asarray(np.median(size, axis=0) / np.sqrt(2.0 * np.log(2.0)) + 1e-9, np.float64)
 
 
 def _window_cost(model: Model, state: FitState, noise: FloatArray) -> FloatArray:
     """Huber's cost of each window (B,)."""
-    size = np.abs(model.residual(state)) / noise
+    size = np.abs(model.residual(state)) / (noise * model.doubt)
     cost = np.where(size < OUTLIER, size**2, 2.0 * OUTLIER * size - OUTLIER**2)
     return np.asarray((cost * model.windows.is_used[..., None]).sum(axis=(1, 2)), np.float64)
 

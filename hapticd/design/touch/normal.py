@@ -39,7 +39,7 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: C
     for start in range(0, windows, block):
         rows = slice(start, start + block)
         point = problem.model.at(state, rows, problem.free)
-        weight = _weights(point.residual, problem.model.windows.is_used[rows], noise)
+        weight = _weights(point.residual, problem.model.windows.is_used[rows], noise * problem.model.doubt[rows])
         columns = _columns(point, _regressors(problem, state, point, rows)) * weight[..., None]
         loads = point.by_loads * weight[..., None]
         left = _stacked(columns)

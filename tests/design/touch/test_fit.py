@@ -124,3 +124,17 @@ def test_derivatives_by_sensors_and_map_are_those_of_the_residual(linearised: tu
     analytic = point.by_sense @ sense + point.by_waves @ waves.ravel()
     # The model keeps surfaces in single precision, and the step is small.
     assert np.abs(numeric - analytic).max() < 3e-4 * np.abs(numeric).max()
+
+
+def test_a_tick_at_which_the_plate_does_not_follow_its_reference_counts_less() -> None:
+    """The slope of a transient is not the reference's."""
+    windows = Touching(WRONG, seconds=6.0).windows()
+    random = np.random.default_rng(7)
+    is_behind = (np.floor(windows.start_s / 0.1) % 4 == 0)[:, None, None]
+    off_um_s = 100.0 * is_behind * np.exp(2j * np.pi * random.random(windows.slope_um_s.shape))
+    turned = np.exp(2j * np.pi * random.random(windows.slope_um_s.shape))
+    transient = replace(
+        windows, behind_um_s=windows.behind_um_s + off_um_s, slope_um_s=windows.slope_um_s + 0.3 * off_um_s * turned
+    )
+    found = fit(transient, mode_map(), Free(pad=True, sense=True), NOMINAL).calibration
+    assert np.abs(found.pad - WRONG.pad)[:2].max() < 0.03  # 0.05 where all ticks count alike
