@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 from msgspec.structs import replace
@@ -22,18 +22,20 @@ from hapticd_client import Client
 from ... import __version__
 from ...config.sections import SimConfig
 from ...core.friction import FrictionCurve
-from ...errors import HapticdError
+from ...errors import HapticdError, missing_library
 from .. import glass, outputs
 from ..arguments import PORT_NUMBER, add_command, add_endpoint, number, whole
 from ..daemon_process import PATIENT, DaemonProcess
 from ..progress import Progress
 from . import own_curve, report
-from .browser import Browser
 from .conduct import conduct
 from .experiment import PAPER, StudyError, load, parse, participant_name
 from .keyboard import Keyboard
 from .session import MAX_SEED, SUFFIX, Session, SessionFile
 from .stage import Stage
+
+if TYPE_CHECKING:
+    from .browser import Browser
 
 SCENARIO = "virtual-finger"  # of a rehearsal: its finger explores in strokes; the virtual one is the client's own
 DAEMON_WITHIN_S = 2.0
@@ -234,12 +236,21 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
             if not options.browser:
                 conduct(file, stage, held.enter_context(Keyboard(sys.stdout)), time)
                 return
-            page = held.enter_context(Browser(options.page_port))
+            page = held.enter_context(_browser(options.page_port))
             print(f"open {page.url}", flush=True)
             conduct(file, stage, page, time)
             time.sleep(LAST_SCREEN_S)
         except hapticd_client.HapticdError as error:
             raise HapticdError(f"{error} The answers are kept: continue with the same command.") from None
+
+
+def _browser(port: int) -> Browser:
+    """Return the panel on a page. Raises HapticdError without aiohttp."""
+    try:
+        from .browser import Browser
+    except ImportError:
+        raise missing_library("The page needs aiohttp", "study") from None
+    return Browser(port)
 
 
 def _converting(options: argparse.Namespace, session: Session, plate: Mapping[str, Any]) -> FrictionCurve | None:

@@ -1,4 +1,4 @@
-"""A page's own files, and who may have them: what the servers of view and first-light share."""
+"""A page's own files, and who may have them: what the servers of view, first-light and study share."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ async def admitted(
     request: web.Request, handler: Handler, port: int, key: str | None, command: str
 ) -> web.StreamResponse:
     """Return the handler's response to a request that may have one; `key` is None for what needs none."""
-    why = guard.refusal(port, request.headers, needs_origin=request.path == "/socket")
+    why = guard.refusal(port, request.headers, needs_origin=request.path == "/socket" or request.method == "POST")
     if not why and key is not None:
         is_known = guard.has_key(request.query.get("key", ""), key)
         if is_known:

@@ -50,14 +50,16 @@ def study(daemon: FakeDaemon, folder: Path, *arguments: str) -> subprocess.Popen
 
 
 def look(url: str) -> dict[str, Any]:
-    with urllib.request.urlopen(f"{url}now/screen", timeout=PATIENCE_S) as response:
+    with urllib.request.urlopen(url.replace("?", "screen?"), timeout=PATIENCE_S) as response:
         return dict(json.load(response))
 
 
 def press(url: str, number: int, key: str) -> None:
-    origin = url[: url.index("/", len("http://"))]
+    origin, _, key_of_page = url.rpartition("/")
     body = json.dumps({"number": number, "key": key}).encode()
-    urllib.request.urlopen(urllib.request.Request(f"{url}press", body, {"Origin": origin}), timeout=PATIENCE_S).close()
+    urllib.request.urlopen(
+        urllib.request.Request(f"{origin}/press{key_of_page}", body, {"Origin": origin}), timeout=PATIENCE_S
+    ).close()
 
 
 def test_a_session_runs_in_the_browser(daemon: FakeDaemon, tmp_path: Path) -> None:

@@ -164,7 +164,7 @@ def test_idle_connections_do_not_keep_a_participant_from_the_studys_page(caplog:
         assert address.port is not None
         clients = idle(stack, address.port, 100)
         (own,) = idle(
-            stack, address.port, 1, sent=f"GET {address.path} HTTP/1.0\r\nHost: {address.netloc}\r\n\r\n".encode()
+            stack, address.port, 1, sent=f"GET /?{address.query} HTTP/1.0\r\nHost: {address.netloc}\r\n\r\n".encode()
         )
         assert own.recv(100).startswith(b"HTTP/1.0 200")
         assert all(ends(client) for client in clients[: 100 - connections.MAX_CONNECTIONS_PER_ADDRESS])

@@ -33,7 +33,7 @@ function draw(next) {
 
 async function look() {
   try {
-    draw(await (await fetch("now/screen")).json());
+    draw(await (await fetch("screen" + location.search)).json());
     isDone = heading.textContent === "Thank you";
   } catch {
     note.textContent = isDone ? "" : "hapticd study does not answer: is it still running?";
@@ -42,7 +42,7 @@ async function look() {
 }
 
 function press(key) {
-  fetch("press", { method: "POST", body: JSON.stringify({ number: screen.number, key }) }).catch(() => {});
+  fetch("press" + location.search, { method: "POST", body: JSON.stringify({ number: screen.number, key }) }).catch(() => {});
 }
 
 document.addEventListener("keydown", (event) => {
