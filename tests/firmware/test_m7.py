@@ -33,7 +33,7 @@ from .test_m4_pil import run_with_ticks_interrupted
 pytestmark = [pytest.mark.long, needs_compiler]
 
 DEADMAN_TRIP, MISSED_CHUNK, CRASH = 64, 66, 68
-IMAGE, BROWN_OUT_OFF, SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP, REFERENCE = range(96, 102)
+SUPPLY, AMPLIFIER_FAULT, EMERGENCY_STOP = 98, 99, 100
 SOFTWARE_RESET = 1 << 24 | 1 << 22
 HARD_FAULT, PVD = 3, 1
 MODES, CHUNK = 8, 16

@@ -116,12 +116,11 @@ def test_an_mt1_contact_ends_on_state_zero() -> None:
 
 
 def test_pressure_is_a_share_of_the_largest_raw_value() -> None:
-    (light,), (full,) = (
-        Decoder(model).decode(report, 0)[0].contacts
-        for model, report in (("mt2-bt", mt2_bt(mt2_record())), ("mt1", mt1(mt1_record()[:6] + b"\x7f\x00\x40")))
-    )
-    assert light.pressure_frac == pytest.approx(28 / 253)
-    assert full.pressure_frac == 1.0
+    light, hard = mt2_record(), mt2_record()[:7] + b"\xff" + mt2_record()[8:]  # 255 is beyond the scale
+    largest = mt1_record()[:6] + b"\x7f\x00\x40"
+    reports = (("mt2-bt", mt2_bt(light)), ("mt2-bt", mt2_bt(hard)), ("mt1", mt1(largest)))
+    fractions = [Decoder(model).decode(report, 0)[0].contacts[0].pressure_frac for model, report in reports]
+    assert fractions == [pytest.approx(28 / 253), 1.0, 1.0]
 
 
 def test_a_missing_mt1_contact_ends_after_100_ms() -> None:

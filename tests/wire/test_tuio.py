@@ -64,6 +64,15 @@ def test_tuio_2_has_pressure_and_the_trackers_own_time() -> None:
     assert frames[0].contacts[0].pressure_frac == 0.5
 
 
+def test_a_tuio_2_pointer_without_its_pressure_is_no_contact() -> None:
+    short = bundle(
+        message("/tuio2/frm", 1, 10 * MS, 640 << 16 | 480, "tracker", times=(1,)),
+        message("/tuio2/ptr", 1, 0, 0, 0.5, 0.5, 0.0, 0.0, 0.01),
+        message("/tuio2/alv", 1),
+    )
+    assert heard(Decoder(PAD), short)[0].contacts == ()
+
+
 def test_a_frame_that_comes_late_or_twice_is_refused_and_a_tracker_that_begins_again_is_not() -> None:
     decoder = Decoder(PAD)
     numbers = [500, 501, 501, 499, 502, 1, -1]
