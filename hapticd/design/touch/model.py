@@ -43,7 +43,7 @@ SPREAD_MM2 = 9.0  # r of a disc of 5.2 mm; 4 mm have 4.7, 7 mm 23, on waves of 3
 SPREAD_PRIOR_MM2 = 7.0
 LEAST_SIZED_MODES = 4  # that tell a touch's size and its place apart
 MOST_SPREAD_MM2 = 30.0  # no finger is larger than that of 9 mm
-FOLLOWED_UM_S = 7.5  # measured less reference, per tick: as far off, a mode's slope errs as by noise
+FOLLOWED_UM_S = 25.0  # measured less reference, per tick: as far off, a mode's slope errs as by noise
 _APART_MM = 0.05  # of two gradients that give a curvature: it only steers the search
 FORCE_S = 0.15  # in which a finger's force changes
 
