@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +20,63 @@ from ..design import finger_load
 from ..design.touch.contacts import KNOWN_MM, contact_sizes, ellipse_law
 from ..design.touch.judge import NO_CHANGE, Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
-from ..design.touch.observations import Windows, in_windows
-from .touch_recording import Touched
+from ..design.touch.observations import Ticks, Track, Windows, in_sessions, in_windows
+from ..errors import CalibrationError
+from ..files.recording.header import Header
+from ..values import ComplexArray
+from .touch_recording import Touched, moved_mm
 
 MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
+
+
+def joined(sessions: Mapping[Path, Touched]) -> Touched:
+    """Return recordings of several sessions as one, which pad, sensors and drive of the last would have shown.
+
+    Raises CalibrationError for recordings of plates of different modes.
+    """
+    paths = list(sessions)
+    last = sessions[paths[-1]]
+    for path, one in sessions.items():
+        if one.header.modes.M != last.header.modes.M:
+            raise CalibrationError(
+                f"{path}: is of a plate of {one.header.modes.M} modes, and {paths[-1]} of {last.header.modes.M}: give "
+                "recordings of one plate."
+            )
+    if len(paths) == 1:
+        return last
+    ticks, tracks = in_sessions([_as_by(last, one) for one in sessions.values()])
+    return last._replace(ticks=ticks, tracks=tracks)
+
+
+def _as_by(last: Touched, one: Touched) -> tuple[Ticks, list[Track]]:
+    now, pad = (configured_pad(each.header.config) for each in (one, last))
+    origin_mm = np.array(moved_mm(now, pad, 0.0, 0.0))
+    linear = np.column_stack([moved_mm(now, pad, *axis) - origin_mm for axis in ((1.0, 0.0), (0.0, 1.0))])
+    late_s = 1e-9 * (now.latency_ns - pad.latency_ns)
+    tracks = [
+        replace(
+            track,
+            t_s=track.t_s + late_s,
+            xy_mm=track.xy_mm @ linear.T + origin_mm,
+            velocity_mm_s=track.velocity_mm_s @ linear.T,
+        )
+        for track in one.tracks
+    ]
+    ticks, seen = one.ticks, (_sense_of(last.header) @ np.linalg.inv(_sense_of(one.header))).T
+    return replace(
+        ticks,
+        measured_um=ticks.measured_um @ seen,
+        slope_um_s=ticks.slope_um_s @ seen,
+        behind_um_s=ticks.behind_um_s @ seen,
+        turning_rad_s=ticks.turning_rad_s + 2.0 * np.pi * (one.drive_hz - last.drive_hz),
+    ), tracks
+
+
+def _sense_of(header: Header) -> ComplexArray:
+    """Return each sensor's weight in each mode (M, M); a mode that is not calibrated has its own alone."""
+    own = np.eye(header.modes.M)
+    known = {one.mode: one.sense for one in header.calibration.modes}
+    return np.array([known.get(mode) or own[mode] for mode in range(header.modes.M)], np.complex128)
 
 
 def windows_of(touched: Touched) -> Windows:
@@ -81,10 +136,8 @@ def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, An
 
 def calibration_of(touched: Touched, judged: Judged) -> BoardCalibration:
     """Return the recording's calibration with corrected sensors; a mode that it lacks cannot have any."""
-    modes = touched.header.modes.M
     known = {one.mode: one for one in touched.header.calibration.modes}
-    before = np.array([(known[mode].sense if mode in known else ()) or np.eye(modes)[mode] for mode in range(modes)])
-    sense = judged.calibration.sense @ before
+    sense = judged.calibration.sense @ _sense_of(touched.header)
     corrected = [replace(one, sense=tuple(map(complex, sense[mode]))) for mode, one in sorted(known.items())]
     return replace(touched.header.calibration, modes=tuple(corrected))
 

@@ -37,7 +37,8 @@ class Fit:
     """A fitted calibration with one sigma of each part, and the `covariance` (7, 7) of the pad's.
 
     `cost` (B,) of each window, in units of the noise (M,) of either part of the residual; `drift_hz` (M,) is how far
-    each mode's frequency moved. `waves_precision` (M K, M K) is the inverse of the waves' covariance.
+    each mode's frequency moved in a session. `waves_precision` (M K, M K) is the inverse of the waves' covariance.
+    `apart_mm` (T, 2) is by how much the centroid of each touch differs from the mean.
     """
 
     calibration: Calibration
@@ -50,6 +51,7 @@ class Fit:
     spread_mm2: FloatArray
     spread_sigma_mm2: FloatArray
     waves_precision: FloatArray
+    apart_mm: FloatArray
 
 
 def fit(
@@ -68,8 +70,9 @@ def fit(
     With `are_points` fingers act where their centres are, not all over their contacts.
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
-    problem = TouchProblem(Model(windows, modes, start, waves, parasitic_modes), free, start, are_points)
-    state = FitState.start(start, problem.model, problem.spread_mm2)
+    model = Model(windows, modes, start, waves, parasitic_modes, free.apart)
+    problem = TouchProblem(model, free, start, are_points)
+    state = FitState.start(start, model, problem.spread_mm2)
     settled = _settled(replace(problem, free=Free()), state)
     pad, sense, lacking = problem.sizes[:3]
     found, covariance, precision = settled, np.zeros((sum(problem.sizes),) * 2), np.zeros((lacking, lacking))
@@ -82,14 +85,20 @@ def fit(
         state.calibration,
         _sigma(problem, np.sqrt(np.diag(covariance))),
         covariance[:pad, :pad],
-        _window_cost(problem.model, state, noise if judged_by_um_s is None else judged_by_um_s),
+        _window_cost(model, state, noise if judged_by_um_s is None else judged_by_um_s),
         noise,
-        np.ptp((problem.model.splines @ state.own.T).imag, axis=(0, 1)) / (2.0 * np.pi),
+        _drift_hz(model, state),
         state.loads,
         state.spread_mm2,
         np.sqrt(np.diag(covariance))[len(covariance) - len(state.spread_mm2) :],
         precision,
+        np.asarray(model.contrasts @ state.apart_mm, np.float64),
     )
+
+
+def _drift_hz(model: Model, state: FitState) -> FloatArray:
+    own_hz = (model.splines @ state.own.T).imag / (2.0 * np.pi)
+    return np.asarray(np.max([np.ptp(own_hz[chosen], axis=(0, 1)) for chosen in model.windows.sessions], axis=0))
 
 
 class _Settled(NamedTuple):

@@ -1,8 +1,8 @@
 """Self-calibration with a verdict: what moved, and whether touches that taught nothing confirm it.
 
-The windows are divided by turns of a second (`evidence`). Each half is fitted, and judged on the other one: by how much
-the residual falls there against the calibration before, in units of what chance does. What is not confirmed on both is
-not adopted.
+The windows are divided by sessions, or those of one by turns of a second (`evidence`). Each half is fitted, and judged
+on the other one: by how much the residual falls there against the calibration before, in units of what chance does.
+What is not confirmed on both is not adopted.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...values import FloatArray
 from .coverage import Ninth, map_sigma, touched_box, where_next
 from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of
 from .fit import Fit, fit
-from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Calibration, Free
+from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Apart, Calibration, Free
 from .observations import WINDOW_S, Windows
 from .waves import Waves, wave_number
 
@@ -33,8 +33,8 @@ NO_CHANGE = "The held-out touches confirm no change: the calibration is as good 
 # session (laboratories of `sim` on two modes): the centroid that a posture's fingers share, and errors of the map.
 USUAL = np.array((0.28, 0.28, 0.003, 0.0017, 0.0017))
 PASSING = np.array((0.3, 0.3, 0.0017, 0.003, 0.003))
-CAUTION = 2.0 / 3.0  # of the best share: nine tenths of what it gains on average, and less harm where it is wrong
-POSE_SHARE = CAUTION * USUAL**2 / (USUAL**2 + PASSING**2)
+PASSING_WEIGHT = 8.0  # numbers that it counts as, where postures say how far apart they are
+CAUTION = 2.0 / 3.0  # of one session's best share: nine tenths of what it gains on average, less harm where it is wrong
 MOVED_MM = 0.85  # of a shift, twice what is found usually: a pad that is farther off was moved
 FEW_WINDOWS = 500  # by which that is seen
 POINT_MM2 = 3.0  # of spread: a disc of 3.4 mm, smaller than any finger's; a pad off by 1 mm passes for 1 mm2
@@ -118,18 +118,19 @@ def calibrate(
     fitter = _Fitter(modes, parasitic_modes, are_points=True)
     near = fitter.fit(_evenly(windows, FEW_WINDOWS), free, before).calibration
     fitter = replace(fitter, are_points=_are_points(_evenly(windows, FEW_WINDOWS), fitter, near))
-    free = free._replace(apart=modes.M >= LEAST_SIZED_MODES)  # on fewer, errors of the map pass for it
+    free = free._replace(apart=_apart_on(modes))
     first, second = _halves(few)
     one = fitter.fit(first, free, near)
     other = fitter.fit(second, free, one.calibration)
-    gains = [fitter.gain(part, before, found.calibration) for part, found in ((second, one), (first, other))]
+    lessons = ((second, _shared(windows, one.calibration)), (first, _shared(windows, other.calibration)))
+    gains = [fitter.gain(part, before, lesson) for part, lesson in lessons]
     found = fitter.fit(few, free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
     refusal = (
         _unknown(found.sigma, latency_sigma_s)
         or _implausible(found.calibration)
         or _adrift(found)
-        or _apart(one, other)
+        or _differ(one, other, len(windows.sessions))
         or _unconfirmed(gains)
     )
     adopted = before if refusal else _effective(found.calibration, latency_s)
@@ -145,7 +146,12 @@ def calibrate(
         fit=found,
     )
     judged = _with_map(_without_gains(judged, before), _evenly(windows, MOST_FOR_MAP), fitter)
-    return judged if judged.refusal else _without_bias(judged)
+    return judged if judged.refusal else _without_bias(judged, _postures_mm(few, found))
+
+
+def _apart_on(modes: ModeShapes) -> Apart:
+    """On few modes errors of the map pass for centroids of single touches."""
+    return Apart.TOUCHES if modes.M >= LEAST_SIZED_MODES else Apart.SESSIONS
 
 
 def _are_points(windows: Windows, fitter: _Fitter, near: Calibration) -> bool:
@@ -177,13 +183,39 @@ def _effective(found: Calibration, latency_s: float) -> Calibration:
     return replace(found, pad=pad)
 
 
-def _without_bias(judged: Judged) -> Judged:
-    """Return the share of the pad's pose that is its own; another session, with another posture, shows the rest. Of a
+def _postures_mm(windows: Windows, found: Fit) -> FloatArray:
+    """Return where the touches of each session are, the mean of all being 0 (K, 2)."""
+    touches = [np.unique(windows.track[chosen]) for chosen in windows.sessions]
+    return np.array([found.apart_mm[one[one >= 0]].mean(axis=0) for one in touches])
+
+
+def pose_share(postures_mm: FloatArray) -> FloatArray:
+    """Return which share of the pad's pose (5,) is its own. Postures (K, 2) that K sessions show are what passes for
+    it: the farther apart they are, the less is its own, and the more there are, the more."""
+    sessions = len(postures_mm)
+    passing = PASSING**2
+    learned = PASSING_WEIGHT * passing[:2] + ((postures_mm - postures_mm.mean(axis=0)) ** 2).sum(axis=0)
+    passing[:2] = learned / (PASSING_WEIGHT + sessions - 1)
+    return np.asarray((1.0 - (1.0 - CAUTION) / sessions) * USUAL**2 / (USUAL**2 + passing / sessions), np.float64)
+
+
+def _shared(windows: Windows, found: Calibration) -> Calibration:
+    """Return what of a half's fit is judged on the other: of other sessions, as much of the pose as is its own."""
+    if len(windows.sessions) == 1:
+        return found
+    pad = found.pad.copy()
+    pad[: len(USUAL)] *= pose_share(np.zeros((1, 2)))
+    return replace(found, pad=pad)
+
+
+def _without_bias(judged: Judged, postures_mm: FloatArray) -> Judged:
+    """Return the share of the pad's pose that is its own; other sessions, with other postures, show the rest. Of a
     pad that was moved it is as far as the shift is above MOVED_MM (James and Stein)."""
     pad = judged.calibration.pad.copy()
+    share = pose_share(postures_mm)
     moved = 1.0 - MOVED_MM**2 / max(float(pad[:2] @ pad[:2]), 1e-12)
-    pad[:2] *= max(POSE_SHARE[0], moved)
-    pad[2 : len(USUAL)] *= POSE_SHARE[2:]
+    pad[:2] *= np.maximum(share[:2], moved)
+    pad[2 : len(USUAL)] *= share[2:]
     return replace(judged, calibration=replace(judged.calibration, pad=pad))
 
 
@@ -193,7 +225,9 @@ def _evenly(windows: Windows, most: int) -> Windows:
 
 
 def _halves(windows: Windows) -> tuple[Windows, Windows]:
-    is_first = np.floor(windows.start_s / TURN_S) % 2 == 0
+    """Every second session, or turn of the only one, and the others: what one posture teaches is judged on others."""
+    sessions = windows.sessions
+    is_first = np.any(sessions[::2], axis=0) if len(sessions) > 1 else np.floor(windows.start_s / TURN_S) % 2 == 0
     return windows.part(is_first), windows.part(~is_first)
 
 
@@ -230,12 +264,13 @@ def _adrift(found: Fit) -> str:
     return ""
 
 
-def _apart(one: Fit, other: Fit) -> str:
+def _differ(one: Fit, other: Fit, sessions: int) -> str:
     size = len(UNKNOWN)
     away = np.abs(one.calibration.pad - other.calibration.pad)[:size]
-    allowed = APART * np.hypot(one.sigma.pad, other.sigma.pad)[:size] + UNKNOWN
+    posture = PASSING if sessions > 1 else np.zeros(size)
+    allowed = APART * np.hypot(np.hypot(one.sigma.pad, other.sigma.pad)[:size], posture) + UNKNOWN
     if (away > allowed).any():
-        return "The two halves of the recording disagree: something moved meanwhile, or the fit failed. Record again."
+        return "The two halves of the touches disagree: something moved meanwhile, or the fit failed. Record again."
     return ""
 
 
@@ -261,11 +296,14 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)
-    free = Free(pad=True, sense=True, waves=True, apart=fitter.modes.M >= LEAST_SIZED_MODES)
+    free = Free(pad=True, sense=True, waves=True, apart=_apart_on(fitter.modes))
     fits, gains = [], []
     for taught, held_out in (halves, halves[::-1]):
         fits.append(fitter.fit(taught, free, start))
-        gains.append(fitter.gain(held_out, start, fits[-1].calibration))
+        lesson = fits[-1].calibration
+        if len(windows.sessions) > 1:
+            lesson = replace(lesson, pad=start.pad)
+        gains.append(fitter.gain(held_out, start, lesson))
         if not _confirms(gains[-1]):
             break  # which the other half cannot mend
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))

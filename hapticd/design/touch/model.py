@@ -16,6 +16,7 @@ known up to a factor, which the loads take: C[0, 0] stays 1.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -68,13 +69,21 @@ class Calibration:
         return np.array(((1.0 + scale_x, -rotation_rad), (rotation_rad, 1.0 + scale_y))), np.array((x_mm, y_mm))
 
 
+class Apart(StrEnum):
+    """What has a centroid of its own, next to the pad's place: nothing, each session (its posture), or each touch."""
+
+    NOTHING = ""
+    SESSIONS = "sessions"
+    TOUCHES = "touches"
+
+
 class Free(NamedTuple):
-    """Which parts of the calibration are sought; `apart`: touches have centroids of their own, with the pad."""
+    """Which parts of the calibration are sought."""
 
     pad: bool = False
     sense: bool = False
     waves: bool = False
-    apart: bool = False
+    apart: Apart = Apart.NOTHING
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +162,7 @@ class Model:
         start: Calibration,
         waves: Waves | None = None,
         parasitic_modes: ParasiticModes | None = None,
+        apart: Apart = Apart.TOUCHES,
     ) -> None:
         self.windows, self.modes, self.waves, self._parasitic = windows, modes, waves, parasitic_modes
         self._beside_um = np.zeros((*windows.t_s.shape, windows.track.shape[1], 3), np.complex128)
@@ -165,7 +175,10 @@ class Model:
         points = _moved(start, *windows.fingers_mm(float(start.pad[LATENCY])))[0]
         self._touches = (windows.track[..., None] == np.arange(len(windows.tracks))).astype(np.float64)  # (B, N, T)
         moved_um = np.einsum("bsnm,bsm->bsn", shapes_at(modes, points)[..., 0, :], windows.measured_um @ start.sense.T)
-        self.contrasts = _contrasts(np.einsum("bsn,bnt->t", np.abs(moved_um) ** 2, self._touches))  # (T, R)
+        weights = np.einsum("bsn,bnt->t", np.abs(moved_um) ** 2, self._touches)
+        sessions = np.array([one.session for one in windows.tracks], np.int64)
+        group = sessions if apart is Apart.SESSIONS else np.arange(len(weights))
+        self.contrasts = _contrasts(np.bincount(group, weights))[group]  # (T, R)
         # Of a minute of touching by far the largest array.
         self._shapes = np.zeros((*points.shape[:-1], 3, 0 if waves is None else len(waves)), np.float32)
         if waves is not None:

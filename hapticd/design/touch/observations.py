@@ -16,18 +16,20 @@ WINDOW_S = 0.02  # loads are constant within it: real ones change within 10 to 2
 FEWEST_IN_WINDOW = 4  # samples, for the loads of two fingers to be determined
 MOST_FINGERS = 3  # down at once: loads of more take memory and time with each, and each tells less
 _AVERAGED = 3  # ticks: all costs fall with their number
+_SESSION_S = 1e5  # more than any recording lasts
 _SMOOTHED = 3  # samples of a finger to either side of each, through which a cubic is fitted
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
     """One touch: reported instants (n,), smoothed positions (n, 2) and velocities (n, 2), n at least 7; `axis_mm` is
-    the mean axis of the ellipse that the pad reported, NaN without one."""
+    the mean axis of the ellipse that the pad reported, NaN without one; `session` counts from 0."""
 
     t_s: FloatArray
     xy_mm: FloatArray
     velocity_mm_s: FloatArray
     axis_mm: float = math.nan
+    session: int = 0
 
     @classmethod
     def of(cls, t_s: FloatArray, xy_mm: FloatArray, axis_mm: float = math.nan) -> Track:
@@ -92,6 +94,13 @@ class Windows(Ticks):
         """The first instant of each window (B,)."""
         return self.t_s[:, 0]
 
+    @property
+    def sessions(self) -> list[npt.NDArray[np.bool_]]:
+        """Which windows (B,) are of each session."""
+        of_track = np.array([one.session for one in self.tracks], np.int64)
+        session = of_track[self.track[:, 0]]
+        return [session == one for one in np.unique(session)]
+
     def part(self, chosen: npt.NDArray[np.bool_] | npt.NDArray[np.int64] | slice) -> Windows:
         """Return the chosen windows alone, by a mask (B,) or their indices."""
         arrays = {one.name: getattr(self, one.name)[chosen] for one in fields(self) if one.name != "tracks"}
@@ -105,6 +114,20 @@ class Windows(Ticks):
             window, slot = np.nonzero(self.track == index)
             position[window, :, slot], velocity[window, :, slot] = track.at(self.t_s[window] + shift_s)
         return position, velocity
+
+
+def in_sessions(sessions: Sequence[tuple[Ticks, Sequence[Track]]]) -> tuple[Ticks, tuple[Track, ...]]:
+    """Return ticks and tracks of several sessions as one, each at a time of its own."""
+    arrays: dict[str, Any] = {
+        one.name: np.concatenate([getattr(ticks, one.name) for ticks, _ in sessions]) for one in fields(Ticks)
+    }
+    late_s = np.repeat(_SESSION_S * np.arange(len(sessions)), [len(ticks.t_s) for ticks, _ in sessions])
+    tracks = tuple(
+        replace(one, t_s=one.t_s + session * _SESSION_S, session=session)
+        for session, (_, touches) in enumerate(sessions)
+        for one in touches
+    )
+    return replace(Ticks(**arrays), t_s=arrays["t_s"] + late_s), tracks
 
 
 def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Windows:

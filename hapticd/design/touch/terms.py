@@ -9,7 +9,7 @@ from ...values import ComplexArray, FloatArray
 from .observations import Windows
 
 DRIFT_EVERY_S = 4.0  # knots of the modes' own rates: splines, as a plate warms up smoothly
-MOST_SPANS = 24  # between them: a longer recording gets longer ones
+MOST_SPANS = 24  # between them, of all sessions: a longer recording gets longer ones
 
 
 def regressors(windows: Windows) -> ComplexArray:
@@ -18,12 +18,19 @@ def regressors(windows: Windows) -> ComplexArray:
 
 
 def own_rates(windows: Windows) -> FloatArray:
-    """Return the splines in time (B, S, K) of which the modes' own rates are made: 1, and others of mean 0."""
-    start_s, end_s = float(windows.t_s.min()), float(windows.t_s.max())
-    spans = min(max(1, round((end_s - start_s) / DRIFT_EVERY_S)), MOST_SPANS)
-    place = (windows.t_s - start_s) / max(end_s - start_s, 1e-9) * spans
-    splines = _cubic(place[..., None] - np.arange(-1, spans + 2))
-    return np.concatenate((np.ones_like(splines[..., :1]), splines - splines.mean(axis=(0, 1))), axis=-1)
+    """Return the splines in time (B, S, K) of which the modes' own rates are made: 1, and others of mean 0, which each
+    session has for itself."""
+    blocks = [np.ones((*windows.t_s.shape, 1))]
+    sessions = windows.sessions
+    for chosen in sessions:
+        t_s = windows.t_s[chosen]
+        start_s, end_s = float(t_s.min()), float(t_s.max())
+        spans = min(max(1, round((end_s - start_s) / DRIFT_EVERY_S)), max(1, MOST_SPANS // len(sessions)))
+        place = (t_s - start_s) / max(end_s - start_s, 1e-9) * spans
+        splines = np.zeros((*windows.t_s.shape, spans + 3))
+        splines[chosen] = _cubic(place[..., None] - np.arange(-1, spans + 2))
+        blocks.append(splines - splines.mean(axis=(0, 1)))
+    return np.concatenate(blocks, axis=-1)
 
 
 def _cubic(place: FloatArray) -> FloatArray:

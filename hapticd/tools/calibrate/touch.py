@@ -27,6 +27,7 @@ from ..touch_correction import (
     calibration_of,
     contact_settings,
     has_sensors,
+    joined,
     judged_by,
     learned_load,
     mode_map,
@@ -61,12 +62,13 @@ _ENLARGED = 20.0  # magnification of moved positions in the picture
 
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
-    if options.guided != (options.recording is None):
+    if options.guided == bool(options.recordings):
         raise CalibrationError("Give either a RECORDING of touches or --guided.")
     if options.sim_guided and not options.guided:
         raise CalibrationError("--sim: only with --guided, since a recording says which plate it is of.")
-    if not options.guided and not options.recording.is_file():
-        raise CalibrationError(f"RECORDING: {options.recording} is not a file: give a recording (.mcap).")
+    for path in options.recordings:
+        if not path.is_file():
+            raise CalibrationError(f"RECORDING: {path} is not a file: give a recording (.mcap).")
 
 
 def is_simulated(path: Path) -> bool:
@@ -76,17 +78,18 @@ def is_simulated(path: Path) -> bool:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
-    recording = options.recording
+    recordings = options.recordings
     if options.guided:
-        recording = options.out / RECORDING_FILE
+        recordings = [recording := options.out / RECORDING_FILE]
         guided.record(recording, is_simulated=options.sim, seed=options.seed, endpoint=options.endpoint)
         if is_simulated(recording) and not options.sim:
             raise CalibrationError("The running service has a simulated plate: give --sim, which needs no service.")
-    touched = read(recording)
+    touched = joined({path: read(path) for path in recordings})
     judged = judged_by(touched)
     load_1_s = learned_load(touched, windows_of(touched), judged)
     settings = saved(touched, judged, load_1_s, options.out)
-    draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(recording.name))
+    names = ", ".join(path.name for path in recordings)
+    draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(names))
     return verdict(judged, settings, load_1_s, has_sensors=has_sensors(touched), is_simulated=options.sim)
 
 
@@ -209,7 +212,11 @@ def _draw_map(plot: Any, figure: Any, modes: ModeShapes, judged: Judged, mode: i
 
 def _add_recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "recording", type=Path, nargs="?", metavar="RECORDING", help="of touches, with record.telemetry_hz = 500"
+        "recordings",
+        type=Path,
+        nargs="*",
+        metavar="RECORDING",
+        help="of touches, with record.telemetry_hz = 500; of several sessions best, the newest last",
     )
     parser.add_argument(
         "--guided", action="store_true", help="record a minute on the running service, and say where to touch"
@@ -222,7 +229,7 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def _is_simulated(options: argparse.Namespace) -> bool:
-    return bool(options.sim_guided) if options.guided else is_simulated(options.recording)
+    return bool(options.sim_guided) if options.guided else any(map(is_simulated, options.recordings))
 
 
 STEP = Step(

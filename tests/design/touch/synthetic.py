@@ -66,6 +66,10 @@ class Touching:
         return np.asarray((ahead - offset_mm) @ np.linalg.inv(matrix).T, np.float64)
 
     def windows(self) -> Windows:
+        """Return what the touching shows."""
+        return in_windows(*self.shown(), 0.01)
+
+    def shown(self) -> tuple[Ticks, list[Track]]:
         """Return the ticks and tracks of the touching."""
         assert self.truth.pad[CENTROID] == 0.0
         rng = np.random.default_rng(self.seed + 100)
@@ -73,7 +77,7 @@ class Touching:
         reported_mm = self.reported_mm(t_report_s)
         reported_mm = reported_mm + self.noise_mm * rng.standard_normal(reported_mm.shape)
         tracks = [Track.of(t_report_s, reported_mm[:, finger]) for finger in range(self.fingers)]
-        return in_windows(self.ticks(rng), tracks, 0.01)
+        return self.ticks(rng), tracks
 
     def ticks(self, rng: np.random.Generator) -> Ticks:
         """Return what the board reports."""

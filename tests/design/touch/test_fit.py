@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticd.design.touch.fit import fit
-from hapticd.design.touch.model import LATENCY, Calibration, FitState, Free, Model, stepped
+from hapticd.design.touch.model import LATENCY, Apart, Calibration, FitState, Free, Model, stepped
 from hapticd.design.touch.waves import Waves
 from hapticd.values import ComplexArray, FloatArray
 
@@ -60,7 +60,9 @@ def test_fingers_that_each_keep_to_their_side_turn_and_stretch_no_pad() -> None:
     biases_mm = np.array(((0.5, -0.2), (-0.5, 0.2)))
     tracks = tuple(replace(one, xy_mm=one.xy_mm + mm) for one, mm in zip(windows.tracks, biases_mm, strict=True))
     biased = replace(windows, tracks=tracks)
-    alike, apart = (fit(biased, mode_map(), Free(True, True, apart=each), NOMINAL) for each in (False, True))
+    alike, apart = (
+        fit(biased, mode_map(), Free(True, True, apart=each), NOMINAL) for each in (Apart.NOTHING, Apart.TOUCHES)
+    )
     assert np.abs(alike.calibration.pad - WRONG.pad)[2:5].max() > 5e-3
     assert np.abs(apart.calibration.pad - WRONG.pad)[:2].max() < 0.03  # mm
     assert np.abs(apart.calibration.pad - WRONG.pad)[2:5].max() < 1.5e-3
@@ -110,7 +112,7 @@ def test_derivatives_by_how_far_touches_are_apart_are_those_of_the_residual(line
     step = np.array(((1e-5, -2e-5),))
     ends = [model.residual(replace(state, apart_mm=state.apart_mm + sign * step)) for sign in (1.0, -1.0)]
     numeric = (ends[0] - ends[1]) / 2.0
-    analytic = model.at(state, slice(None), Free(apart=True)).by_apart @ step.ravel()
+    analytic = model.at(state, slice(None), Free(apart=Apart.TOUCHES)).by_apart @ step.ravel()
     assert np.abs(numeric - analytic).max() < 1e-3 * np.abs(numeric).max()
 
 

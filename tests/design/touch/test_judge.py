@@ -10,9 +10,9 @@ import pytest
 
 from hapticd.design.touch import judge
 from hapticd.design.touch.fit import Fit
-from hapticd.design.touch.judge import MOVED_MM, POSE_SHARE, calibrate
+from hapticd.design.touch.judge import MOVED_MM, calibrate, pose_share
 from hapticd.design.touch.model import Calibration
-from hapticd.design.touch.observations import in_windows
+from hapticd.design.touch.observations import in_sessions, in_windows
 
 from .synthetic import Touching, mode_map
 from .test_fit import NOMINAL, WRONG
@@ -28,7 +28,7 @@ def test_what_held_out_touches_confirm_is_adopted() -> None:
     assert judged.refusal == ""
     assert np.abs(judged.fitted.pad - far_off.pad)[:2].max() < 0.03
     # The rest may be the fingers' posture, and the map's.
-    assert np.array_equal(judged.calibration.pad[:5], POSE_SHARE * judged.fitted.pad[:5])
+    assert np.array_equal(judged.calibration.pad[:5], pose_share(np.zeros((1, 2))) * judged.fitted.pad[:5])
     assert judged.latency_s == pytest.approx(3e-3, abs=0.3e-3)
     assert judged.gain_frac > 0.1
     assert "touch there next" in judged.map_refusal
@@ -39,6 +39,34 @@ def test_a_pad_that_was_moved_is_followed() -> None:
     judged = calibrate(Touching(moved, seconds=8.0).windows(), mode_map())
     assert judged.refusal == ""
     assert np.abs(judged.calibration.pad[:2] - (1.0 - MOVED_MM**2 / 4.0) * moved.pad[:2]).max() < 0.05
+
+
+def with_posture(x_mm: float, seed: int) -> Touching:
+    """A session whose fingers are all off by as much along x, of a pad that is off by 0.7 mm."""
+    pad = WRONG.pad.copy()
+    pad[0] = 0.7 + x_mm
+    return Touching(replace(WRONG, pad=pad), seconds=8.0, seed=seed)
+
+
+def test_what_the_fingers_of_each_session_share_is_not_the_pads_place() -> None:
+    sessions = [with_posture(x_mm, seed) for x_mm, seed in ((-0.3, 1), (0.3, 2))]
+    alone = calibrate(sessions[0].windows(), mode_map())
+    both = calibrate(in_windows(*in_sessions([one.shown() for one in sessions]), 0.01), mode_map())
+    assert alone.refusal == both.refusal == ""
+    assert alone.fitted.pad[0] == pytest.approx(0.4, abs=0.03)
+    assert both.fitted.pad[:2] == pytest.approx((0.7, WRONG.pad[1]), abs=0.03)
+    assert 0.7 > both.calibration.pad[0] > 0.7 * pose_share(np.zeros((1, 2)))[0]
+
+
+def test_the_more_sessions_agree_the_larger_is_the_pads_share_and_the_less_the_farther_they_are_apart() -> None:
+    one, two, five = (pose_share(np.zeros((sessions, 2))) for sessions in (1, 2, 5))
+    assert (one < two).all()
+    assert (two < five).all()
+    assert (five < 1.0).all()
+    apart = pose_share(np.array(((0.8, 0.0), (-0.8, 0.0))))
+    assert apart[0] < two[0]
+    assert np.array_equal(apart[2:], two[2:])
+    assert np.array_equal(pose_share(np.array(((0.8, 0.3),))), one)  # alone it is its own mean
 
 
 def test_modes_that_turned_into_each_other_are_no_mistake_but_sensors_that_were_swapped_are() -> None:

@@ -34,7 +34,7 @@ from hapticd.sim.world_errors import FingerLoad, WorldErrors
 from hapticd.tools.calibrate import folder, touch
 from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.record import simulated
-from hapticd.tools.touch_correction import contact_settings, sensors_frac
+from hapticd.tools.touch_correction import contact_settings, joined, sensors_frac
 from hapticd.tools.touch_recording import Collected, Touched, read
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire.reference import encode_reference
@@ -79,6 +79,27 @@ def test_a_recording_has_ticks_and_fingers_on_one_clock(recorded: Recorded) -> N
     assert np.all(np.diff(touched.ticks.t_s) > 0.0)
     # These ticks are away from the steps between references, so the plate is where they are.
     assert np.median(np.abs(touched.ticks.behind_um_s)) * 5e-4 < 0.01  # um
+
+
+def test_recordings_of_several_sessions_are_one_as_the_last_would_have_shown_them(recorded: Recorded) -> None:
+    misplaced, right = (read(recorded(pad, 500, 2.5)) for pad in (MISPLACED, TrackpadConfig()))
+    rows = ((2.0, 0.0), (0.0, 3.0))
+    seen = tuple(ModeCalibration(mode, 29195.0, 500.0, 7.5, 0.1, sense=row) for mode, row in enumerate(rows))
+    header = replace(right.header, calibration=BoardCalibration(seen))
+    right = right._replace(header=header, drive_hz=right.drive_hz - 1.0)
+    both = joined({Path("monday"): misplaced, Path("tuesday"): right})
+    assert [one.session for one in both.tracks] == [0, 0, 1, 1]
+    since_s = both.ticks.t_s[len(misplaced.ticks.t_s)] - right.ticks.t_s[0]
+    for monday, tuesday in zip(both.tracks[:2], both.tracks[2:], strict=True):
+        at_mm, _ = tuesday.at(monday.t_s[5:-5] + since_s)
+        assert np.abs(at_mm - monday.xy_mm[5:-5]).max() < 0.1
+    first = both.ticks.measured_um[: len(misplaced.ticks.t_s)]
+    assert first == pytest.approx(misplaced.ticks.measured_um * (2, 3))
+    assert both.ticks.turning_rad_s[0] - misplaced.ticks.turning_rad_s[0] == pytest.approx(2.0 * np.pi)
+    axis = np.linspace(-60.0, 60.0, 5)
+    other = replace(header, modes=ModeShapes(axis, axis, np.ones((3, 5, 5))))
+    with pytest.raises(CalibrationError, match=r"monday: is of a plate of 2 modes, and tuesday of 3: give"):
+        joined({Path("monday"): misplaced, Path("tuesday"): right._replace(header=other)})
 
 
 def test_a_recording_without_control_ticks_and_a_missing_one_are_refused(
@@ -177,7 +198,7 @@ def of_size(touched: Touched, radius_mm: float, sigma_mm2: float = 0.1) -> Judge
     fit = Fit(
         *(found, found, np.zeros((7, 7)), nothing, nothing, nothing, np.zeros(0, complex), spread_mm2),
         np.full(count, sigma_mm2),
-        np.zeros((0, 0)),
+        *(np.zeros((0, 0)), np.zeros((count, 2))),
     )
     return replace(judged(found), fit=fit)
 
