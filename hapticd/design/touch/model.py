@@ -178,7 +178,7 @@ class Model:
         weights = np.einsum("bsn,bnt->t", np.abs(moved_um) ** 2, self._touches)
         sessions = np.array([one.session for one in windows.tracks], np.int64)
         group = sessions if apart is Apart.SESSIONS else np.arange(len(weights))
-        self.contrasts = _contrasts(np.bincount(group, weights))[group]  # (T, R)
+        self.contrasts = _contrasts(np.bincount(group, weights).astype(np.float64))[group]  # (T, R)
         # Of a minute of touching by far the largest array.
         self._shapes = np.zeros((*points.shape[:-1], 3, 0 if waves is None else len(waves)), np.float32)
         if waves is not None:
