@@ -49,6 +49,7 @@ def joined(sessions: Mapping[Path, Touched]) -> Touched:
 
 
 def _as_by(last: Touched, one: Touched) -> tuple[Ticks, list[Track]]:
+    """Return what a session shows as if it had been recorded with the settings of the last."""
     now, pad = (configured_pad(each.header.config) for each in (one, last))
     origin_mm = np.array(moved_mm(now, pad, 0.0, 0.0))
     linear = np.column_stack([moved_mm(now, pad, *axis) - origin_mm for axis in ((1.0, 0.0), (0.0, 1.0))])

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import re
 import struct
-from datetime import datetime, timedelta
 from importlib.util import find_spec
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from ..errors import missing_library
 
@@ -23,7 +22,6 @@ MAX_MESSAGES: Final = 128  # of one datagram: what two TUIO frames of sixteen co
 _START: Final = 16  # of a bundle's messages, after its name and its time
 _LENGTH: Final = struct.Struct(">I")
 _HEAD: Final = re.compile(rb"/[^\0]{0,1023}\0{1,4}(,[ifst]{0,32})\0")
-_EPOCH: Final = datetime(1900, 1, 1)
 
 
 class OscError(Exception):
@@ -93,6 +91,8 @@ def encoded(address: str, *arguments: Argument) -> bytes:
     return dgram
 
 
-def _time_ns(second: datetime, fraction: int) -> int:
-    """Return the time that the package makes of a time tag, its fraction in 2^-32 s, in ns since 1900."""
-    return (second - _EPOCH) // timedelta(seconds=1) * 1_000_000_000 + (fraction * 1_000_000_000 >> 32)
+def _time_ns(second: Any, fraction: int) -> int:
+    """Return the date that the package makes of a time tag, and its fraction in 2^-32 s, in ns since 1900."""
+    since = second - second.replace(year=1900, month=1, day=1, hour=0, minute=0, second=0)
+    second_s: int = since.days * 86_400 + since.seconds
+    return second_s * 1_000_000_000 + (fraction * 1_000_000_000 >> 32)

@@ -34,8 +34,7 @@ DATED = (
     "tools/doctor/bundle.py",
     "tools/stream/plotjuggler.py",
     "tools/view/recording.py",
-    "wire/osc.py",
-)  # for people, for other programs, for names and the age of files; the time that a tracker says
+)  # for people, for other programs, for names and the age of files
 
 
 def test_a_daemon_that_is_stopped_for_two_seconds_leaves_a_quiet_plate_and_goes_on(

@@ -154,18 +154,16 @@ static void start_adc(adc_t *adc, uint32_t channel)
     adc->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
 }
 
-/* One after the other, by software: an interrupt that comes to it late loses nothing. */
-static void start_reference(void)
+static void prepare_reference(adc_t *adc)
 {
-    ADC5->CR = 0; /* out of deep power-down */
-    ADC5->CR = ADC_ADVREGEN;
-    for (volatile int turn = 0; turn < REGULATOR_TURNS; turn++) {
+    adc->CR = 0; /* out of deep power-down */
+    adc->CR = ADC_ADVREGEN;
+    for (volatile int turn = 0; turn < REFERENCE_TURNS; turn++) {
     }
-    calibrate(ADC5);
-    ADC5->SMPR[1] = ADC_SAMPLE_640_5;
-    ADC5->SQR[0] = ADC_SEQUENCE(ADC_VREFINT);
-    enable(ADC5);
-    ADC5->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
+    calibrate(adc);
+    adc->SMPR[1] = ADC_SAMPLE_640_5;
+    adc->SQR[0] = ADC_SEQUENCE(ADC_VREFINT);
+    enable(adc);
 }
 
 /* 42.5 MHz, 6.5 cycles to sample and 12.5 to convert: 0.45 us, over before the DACs move again. 0.15 us are as short as on the
@@ -186,8 +184,9 @@ static void start_adcs(void)
         start_stream(&DMA1->STREAM[k], &lane[k].adc->DR, sampled[k], interrupts);
         start_adc(lane[k].adc, lane[k].channel);
     }
-    if (REFERENCE_IS_WATCHED) {
-        start_reference();
+    if (REFERENCE_IS_WATCHED) { /* one reading after the other, by software: an interrupt that comes to it late loses nothing */
+        prepare_reference(ADC5);
+        ADC5->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
     }
 }
 
@@ -212,14 +211,7 @@ void reference_start(void)
     RCC->AHB2ENR |= AHB2_ADCS;
     (void)RCC->AHB2ENR;
     ADC12_CCR = ADC_CKMODE_DIV4 | ADC_VREFEN;
-    ADC1->CR = 0; /* out of deep power-down */
-    ADC1->CR = ADC_ADVREGEN;
-    for (volatile int turn = 0; turn < REFERENCE_TURNS; turn++) {
-    }
-    calibrate(ADC1);
-    ADC1->SMPR[1] = ADC_SAMPLE_640_5;
-    ADC1->SQR[0] = ADC_SEQUENCE(ADC_VREFINT);
-    enable(ADC1);
+    prepare_reference(ADC1);
 }
 
 void reference_stop(void)
