@@ -4,11 +4,14 @@ frames on the emulated UART, the program's own interrupts, converters at 1 MHz a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hapticd.board_protocol import BoardState
+from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict
+from hapticd.board_values import BoardCommand, BoardHello, BoardMessage, BoardStatus
 from hapticd.core.board.session import BoardSession
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.pipeline_settings import PipelineSettings
@@ -16,10 +19,10 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
 from hapticd.values import Aim, Contact, TouchFrame
+from hapticd.wire.commands import encode
 from hapticd_contract.contents import Amplitude
 from hapticd_contract.targets import ClientTargets
 
-from .emulated import answer, encoded
 from .m4.bench import Bench
 from .m4.boards import G474, needs_compiler
 
@@ -51,21 +54,32 @@ class Rig:
         self.bench = Bench(G474, G474.image(5000))
         self.session = BoardSession(link_start_ns=MS_NS, controller="deadbeat")
         self._heard = 0
-        self.say(encoded(self.session.link_up(self.now_ns)))
+        self.say(self.session.link_up(self.now_ns))
 
     @property
     def now_ns(self) -> int:
         return START_NS + 1000 * self.bench.registers.now_us
 
-    def say(self, line: bytes) -> None:
-        self.bench.to_board += line
+    def say(self, commands: Sequence[BoardCommand]) -> None:
+        self.bench.to_board += b"".join(map(encode, commands))
+
+    def hear(self, message: BoardMessage) -> None:
+        match message:
+            case BoardHello():
+                self.say(self.session.receive_hello(message, self.now_ns))
+            case BoardVerdict():
+                self.say(self.session.receive_answer(self.now_ns))
+            case BoardTime():
+                self.session.receive_time(message, self.now_ns)
+            case BoardStatus():
+                self.session.receive_status(message, self.now_ns)
 
     def run(self, ms: int) -> None:
         for _ in range(ms):
-            self.say(encoded(self.session.timer(self.now_ns)))
+            self.say(self.session.timer(self.now_ns))
             self.bench.run(1)
             for message in self.bench.messages[self._heard :]:
-                self.say(answer(self.session, message, self.now_ns))
+                self.hear(message)
             self._heard = len(self.bench.messages)
 
     def report(self, *positions_mm: tuple[float, float]) -> None:
@@ -76,7 +90,7 @@ class Rig:
         self.pipeline.touch(TouchFrame(self.now_ns - 10 * MS_NS, contacts, False), self.now_ns)
         tick = self.pipeline.drive(self.now_ns, Aim(5 * MS_NS, is_followed=self.session.holds(self.now_ns)))
         if tick.drive is not None:  # else the board has it
-            self.say(encoded(self.session.reference(tick.drive, tick, self.now_ns)))
+            self.say(self.session.reference(tick.drive, tick, self.now_ns))
         self.run(REPORT_MS)
 
     def felt_um(self, at_mm: tuple[float, float], ms: int) -> npt.NDArray[np.float64]:
