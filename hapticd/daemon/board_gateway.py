@@ -135,12 +135,12 @@ class BoardGateway:
 
     def _handle(self, message: BoardMessage, t_now_ns: int) -> None:
         match message:
+            case BoardStatus():  # first: one comes for each report
+                self._take_status(message, t_now_ns)
             case BoardTime():
                 self.session.receive_time(message, t_now_ns)
             case BoardHello():
                 self._check_hello(message, t_now_ns)
-            case BoardStatus():
-                self._take_status(message, t_now_ns)
             case BoardVerdict():
                 self._take_verdict(message, t_now_ns)
             case _:

@@ -43,8 +43,7 @@ log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # for the last frame to leave
 AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
-KEEP_EVERY_NS = 50_000_000  # what needs no better time than that: a pass ends sooner without it
-SWEEP_EVERY_NS = 100_000_000  # sockets are read to their end at each wake-up; this covers a lost wake-up
+KEEP_EVERY_NS = 100_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
 LOG_MISSED_EVERY_NS = 10_000_000_000
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
@@ -86,7 +85,7 @@ class Daemon:
         self._programs = programs
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
-        self._t_collected_ns = self._t_logged_ns = self._t_swept_ns = self._t_kept_ns = 0
+        self._t_collected_ns = self._t_logged_ns = self._t_kept_ns = 0
         self._t_awake_ns: int | None = None
         self._logged_missed = 0
         self._slowness = Slowness()
@@ -333,12 +332,10 @@ class Daemon:
         self._t_kept_ns = t_now_ns
         if not self.machine.is_failing:
             self._notifier.feed_watchdog(t_now_ns)
-        if t_now_ns - self._t_swept_ns >= SWEEP_EVERY_NS:
-            self._t_swept_ns = t_now_ns
-            self._server.sweep()
-            self._recorders.sweep()
-            if self._recorders.is_due(t_now_ns) and self.machine.is_unused:
-                self._restart_core(t_now_ns)
+        self._server.sweep()
+        self._recorders.sweep()
+        if self._recorders.is_due(t_now_ns) and self.machine.is_unused:
+            self._restart_core(t_now_ns)
         if self.machine.is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()

@@ -102,22 +102,27 @@ def _read_hello(payload: bytes) -> BoardHello | None:
 _MORE_STATUS: Final = protocol.MORE_STATUS.format
 _ENDS_OF_STATUS: Final = [struct.calcsize(_MORE_STATUS[: n + 1]) for n in range(len(_MORE_STATUS))]  # between fields
 _NUMBERED: Final = _ENDS_OF_STATUS[protocol.MORE_STATUS_FIELDS.index("number") + 1]
+# Looked up once: one status comes for each report, and finds caches cold.
+_STATUS_BYTES: Final[int] = protocol.STATUS.size
+_MODE_BYTES: Final[int] = protocol.MODE.size
+_MORE_BYTES: Final[int] = protocol.MORE_STATUS.size
+_unpack_status: Final = protocol.STATUS.unpack_from
+_unpack_more_status: Final = protocol.MORE_STATUS.unpack_from
 
 
 def _read_status(payload: bytes) -> BoardStatus | None:
-    numbers = protocol.STATUS.unpack_from(payload)  # by position: one comes for each report
+    numbers = _unpack_status(payload)  # by position
     t_us, state, flags, fault_code, modes, seq, t_received_us, t_applied_us, trips, bad_frames, late_frames = numbers
-    values = _float_layout(4 * modes).unpack_from(payload, protocol.STATUS.size)
-    more = payload[protocol.STATUS.size + protocol.MODE.size * modes :]  # which grows, as that of HELLO
-    is_numbered = len(more) >= _NUMBERED
-    if len(more) < protocol.MORE_STATUS.size:
-        if len(more) not in _ENDS_OF_STATUS:
+    values = _float_layout(4 * modes).unpack_from(payload, _STATUS_BYTES)
+    more_at = _STATUS_BYTES + _MODE_BYTES * modes  # what follows grows, as that of HELLO
+    more_bytes = len(payload) - more_at
+    if more_bytes < _MORE_BYTES:
+        if more_bytes not in _ENDS_OF_STATUS:
             return None
-        more = more.ljust(protocol.MORE_STATUS.size, b"\0")
-    drive_hz, number, refused_seq, refusal = protocol.MORE_STATUS.unpack_from(more)
+        payload = payload.ljust(more_at + _MORE_BYTES, b"\0")
+    drive_hz, number, refused_seq, refusal = _unpack_more_status(payload, more_at)
     if not (state in STATES and flags <= 15 and modes >= 1 and isfinite(sum(values) + drive_hz)):
         return None
-    phasors = _phasors(values)
     # As `hapticd.values` says: one comes for each report.
     return tuple.__new__(BoardStatus, (
         t_us,
@@ -132,11 +137,11 @@ def _read_status(payload: bytes) -> BoardStatus | None:
         trips,
         bad_frames,
         late_frames,
-        tuple(phasors[::2]),
-        tuple(phasors[1::2]),
+        tuple([complex(values[n], values[n + 1]) for n in range(0, 4 * modes, 4)]),
+        tuple([complex(values[n], values[n + 1]) for n in range(2, 4 * modes, 4)]),
         drive_hz,
         flags & protocol.STATUS_PULSED != 0,
-        number if is_numbered else None,
+        number if more_bytes >= _NUMBERED else None,
         refused_seq,
         refusal,
     ))  # fmt: skip

@@ -28,6 +28,7 @@ EMERGENCY_ALLOCATIONS = 50_000  # of the youngest generation: reached only if a 
 
 _LOCK_NOW_AND_LATER_ONCE_TOUCHED = 1 | 2 | 4  # MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT: unused stacks take no memory
 _TIMER_ABSTIME = 1
+_ITIMERSPEC = struct.Struct("4l")  # period and first instant, each in seconds and ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +139,10 @@ class PeriodicTimer:
         self._on_due = on_due
         self._clock_ns = clock_ns
         self._fd = _timerfd()
-        self._times = (ctypes.c_long * 4)()  # struct itimerspec: period and first instant, each in seconds and ns
+        self._times = ctypes.create_string_buffer(_ITIMERSPEC.size)
         self._handle: asyncio.TimerHandle | None = None
         if self._fd is not None:
+            self._settime = _libc().timerfd_settime
             loop.add_reader(self._fd, self._readable)
         self.set_period(period_ns)
 
@@ -149,10 +151,10 @@ class PeriodicTimer:
         self.period_ns = period_ns
         self._t_due_ns = self._clock_ns() + (period_ns if first_ns is None else first_ns)
         if self._fd is not None:
-            times = self._times
-            times[0], times[1] = divmod(period_ns, 1_000_000_000)
-            times[2], times[3] = divmod(self._t_due_ns, 1_000_000_000)
-            if _libc().timerfd_settime(self._fd, _TIMER_ABSTIME, times, None) != 0:
+            _ITIMERSPEC.pack_into(
+                self._times, 0, *divmod(period_ns, 1_000_000_000), *divmod(self._t_due_ns, 1_000_000_000)
+            )
+            if self._settime(self._fd, _TIMER_ABSTIME, self._times, None) != 0:
                 raise OSError(ctypes.get_errno(), "timerfd_settime")
         else:
             self._call_later()
