@@ -66,7 +66,9 @@ class FeltReport(NamedTuple):
 _SAID = FeltReport._fields[1:8]
 
 
-def reported(scenario: str, settings: Settings, seed: int, seconds: float, measured: Measured) -> FeltReport:
+def reported(
+    scenario: str, settings: Settings, seed: int, seconds: float, measured: Measured
+) -> tuple[Run, FeltReport]:
     """Play a scenario with a subscriber, and return each finger of each state whose target was constant for a while."""
     simulation = Simulation(SCENARIOS[scenario].build(seed, settings.speed_mm_s), settings, seed, measured)
     sent: list[bytes] = []
@@ -102,7 +104,7 @@ def reported(scenario: str, settings: Settings, seed: int, seconds: float, measu
             is_said = (finger["misses_target"], state["limited"])
             true = (float(rms_um[index, actor]), curve.friction_frac(friction), friction / asked - 1.0, misses)
             rows.append((target_um, *said, *is_said, *true))
-    return FeltReport(*map(np.array, zip(*rows, strict=True)))
+    return run, FeltReport(*map(np.array, zip(*rows, strict=True)))
 
 
 def _true(
@@ -134,7 +136,7 @@ def run(
         found = []
         for seed in seeds:
             settings = in_world(Settings(plate=PlateSettings.of(plate, modes)), draw(world, seed))
-            found.append(reported(scenario, settings, seed, seconds, touching.measured(settings, seed)))
+            found.append(reported(scenario, settings, seed, seconds, touching.measured(settings, seed))[1])
         both = joined(found)
         everything.append(both)
         for name, chosen in (("sticky", both.target_um == 0.0), ("others", both.target_um > 0.0)):

@@ -17,10 +17,10 @@ from ..tools.touch_correction import (
     calibration_of,
     contact_settings,
     has_sensors,
+    known_better,
     learned_load,
     mode_map,
     pad_settings,
-    sensors_frac,
     windows_of,
 )
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
@@ -95,6 +95,6 @@ def corrected(settings: Settings, before: Measured, found: Touched, judged: Judg
     )
     calibration = calibration_of(found, judged) if has_sensors(found) else before.calibration
     modes = before.modes if judged.waves is None else mode_map(before.modes, judged)
-    known = replace(config.uncertainty, sensors_frac=sensors_frac(found, judged))
+    known = replace(config.uncertainty, **known_better(found, judged))
     settled = replace(config, trackpad=trackpad, uncertainty=known)
     return replace(settings, config=settled), Measured(modes, calibration, load_1_s)

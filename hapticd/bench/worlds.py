@@ -10,6 +10,7 @@ too. A laboratory is one job for a process, since its runs share maps.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
@@ -18,6 +19,7 @@ import numpy as np
 
 from ..sim import lockstep
 from ..sim.fingers.scenarios import REAL
+from ..sim.lockstep import Run
 from ..sim.perfect import perfect
 from ..sim.plate.glasses import FINGERTIP, REFERENCE
 from ..sim.plate.ground_truth import PlateSettings
@@ -27,7 +29,7 @@ from ..sim.world_errors import CAUSES, NEUTRAL
 from ..sim.world_tolerances import LEVELS, draw
 from ..tools.campaign.runner import Campaign
 from ..tools.touch_correction import judged_by
-from . import touching
+from . import telemetry, touching
 from .tables import Table, finite_rows
 
 WORLDS = 50
@@ -38,11 +40,26 @@ HAPTICD, AFTER, PAPER = "hapticd", "hapticd after a minute of touching", "the pa
 PERFECT, NOTHING_WRONG = "perfect knowledge", "nothing wrong"
 FEW = 5  # of so many laboratories one is played with each cause made perfect, and one with nothing wrong
 _WORST_TENTH = 0.9
+_SAID_NOTE = (
+    "said: amplitude over contacts as telemetry says it over the true one, that of the still finger, and in which "
+    "share of a world's states the true one is within the interval; medians"
+)
 _PEAK_NOTE = "limit: the plate's true amplitude in a mode over its W_LIM, the most of all worlds"
 WORST = LEVELS[-1]
 _Key = tuple[str, str, int]  # plate, level and seed
 
-Scores = dict[str, Score]
+
+class Outcome(NamedTuple):
+    """The score of a scheme in one world; of amplitudes over contacts the median ratio of what telemetry said to what
+    is true, that of the still finger, and in which share the interval held: NaN where nothing subscribed."""
+
+    score: Score
+    said_ratio: float = math.nan
+    said_still_ratio: float = math.nan
+    said_within_frac: float = math.nan
+
+
+Scores = dict[str, Outcome]
 
 
 def play(job: Job) -> Scores:
@@ -51,19 +68,24 @@ def play(job: Job) -> Scores:
     run_as = partial(lockstep.run, SCENARIO, seed=job.seed, seconds=job.seconds)
     played = in_world(job.settings, world)
     before = touching.measured(played, job.seed)
-    ours = run_as(settings=played, measured=before)
+    ours, said = telemetry.reported(SCENARIO, played, job.seed, job.seconds, before)
     found = touching.touch(played, before, job.seed, job.touching_s)
     settled, after = touching.corrected(played, before, found, judged_by(found))
     scores = {
-        HAPTICD: ours.score,
-        AFTER: run_as(settings=settled, measured=after).score,
-        PAPER: run_as(settings=paper_settings(ours.settings)).score,
-        PERFECT: perfect(ours).score,
+        HAPTICD: _with_said(ours, said),
+        AFTER: _with_said(*telemetry.reported(SCENARIO, settled, job.seed, job.seconds, after)),
+        PAPER: Outcome(run_as(settings=paper_settings(ours.settings)).score),
+        PERFECT: Outcome(perfect(ours).score),
     }
     for cause in job.causes:
         without = in_world(job.settings, world.without(cause))
-        scores[cause] = run_as(settings=without, measured=touching.measured(without, job.seed)).score
+        scores[cause] = Outcome(run_as(settings=without, measured=touching.measured(without, job.seed)).score)
     return scores
+
+
+def _with_said(played: Run, said: telemetry.FeltReport) -> Outcome:
+    of_all, of_still = (telemetry.figures(said.of(chosen)) for chosen in (said.target_um >= 0.0, said.target_um == 0.0))
+    return Outcome(played.score, of_all["ratio"], of_still["ratio"], of_all["within_frac"])
 
 
 def run(
@@ -121,7 +143,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     rows = []
     for level, laboratories in by_level.items():
         for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
-            of = [scores[scheme] for scores in laboratories]
+            of = [scores[scheme].score for scores in laboratories]
             figures = _spread([score.leak_um for score in of], "leak")
             figures["slip_frac"] = _quantile([score.slip_frac for score in of], 0.5)
             if scheme != PERFECT:  # which leaks nothing at points
@@ -129,7 +151,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
                 figures["paper_ratio"] = _quantile(ratios, 0.5)
                 figures["paper_ratio_least"] = min(ratios, default=float("nan"))
             figures["before_ratio_most"] = max(_ratios(laboratories, scheme, HAPTICD), default=float("nan"))
-            rows.append((f"{level}: {scheme}", figures | _peak(of)))
+            rows.append((f"{level}: {scheme}", figures | _said(laboratories, scheme) | _peak(of)))
     return Table(
         name="worlds",
         title=f"worlds: {SCENARIO} in {len(by_level[LABORATORY])} random laboratories of each kind, at points",
@@ -141,6 +163,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
             "paper ratio: how many times more the paper's scheme leaks in the same laboratory, median; before ratio: "
             "leak over that of hapticd before touching, the most of all laboratories",
             f"{NOTHING_WRONG}: in {len(by_level[NOTHING_WRONG])} worlds as the daemon is configured for",
+            _SAID_NOTE,
             _PEAK_NOTE,
         ),
     )
@@ -148,23 +171,23 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
 
 def _ratios(laboratories: Sequence[Scores], over: str, under: str) -> list[float]:
     """Return the leak of one scheme over that of another in each laboratory."""
-    return [scores[over].leak_um / scores[under].leak_um for scores in laboratories]
+    return [scores[over].score.leak_um / scores[under].score.leak_um for scores in laboratories]
 
 
 def _contacts(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     rows = []
     for level, laboratories in by_level.items():
         for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
-            of = [scores[scheme] for scores in laboratories]
+            of = [scores[scheme].score for scores in laboratories]
             contrasts = [score.contrast for score in of]
             figures = {"felt_frac": _quantile([score.felt_frac for score in of], 0.5)}
             figures |= {"contact_slip_um": _quantile([score.contact_slip_um for score in of], 0.5)}
             figures |= _spread([score.contact_leak_um for score in of], "contact_leak")
             figures["contrast"] = _quantile(contrasts, 0.5)
             figures["contrast_worst_tenth"] = _quantile(contrasts, 1.0 - _WORST_TENTH)
-            before = [scores[HAPTICD].contrast / scores[scheme].contrast for scores in laboratories]
+            before = [scores[HAPTICD].score.contrast / scores[scheme].score.contrast for scores in laboratories]
             figures["before_ratio_most"] = max(before, default=float("nan"))
-            rows.append((f"{level}: {scheme}", figures | _peak(of)))
+            rows.append((f"{level}: {scheme}", figures | _said(laboratories, scheme) | _peak(of)))
     counts = ", ".join(f"{len(laboratories)} x {level}" for level, laboratories in by_level.items())
     return Table(
         name="worlds_contact",
@@ -175,9 +198,16 @@ def _contacts(by_level: Mapping[str, Sequence[Scores]]) -> Table:
         notes=(
             "medians over the worlds; worst tenth: a tenth of them has less contrast; before ratio: contrast of "
             "hapticd before touching over that of the row, the most of all worlds",
+            _SAID_NOTE,
             _PEAK_NOTE,
         ),
     )
+
+
+def _said(laboratories: Sequence[Scores], scheme: str) -> dict[str, float]:
+    """Return the medians of how well telemetry says what is felt; NaN where nothing subscribed."""
+    names = Outcome._fields[1:]
+    return {name: _quantile([getattr(scores[scheme], name) for scores in laboratories], 0.5) for name in names}
 
 
 def _peak(of: Sequence[Score]) -> dict[str, float]:
@@ -189,10 +219,10 @@ def _peak(of: Sequence[Score]) -> dict[str, float]:
 def _causes(name: str, where: str, laboratories: Sequence[Scores], leak_um: Callable[[Score], float]) -> Table:
     """Return the leak before touching with each cause made perfect, largest share first."""
     few = [scores for scores in laboratories if any(cause in scores for cause in CAUSES)]
-    all_um = [leak_um(scores[HAPTICD]) for scores in few]
+    all_um = [leak_um(scores[HAPTICD].score) for scores in few]
     rows = []
     for cause in (cause for cause in CAUSES if few and cause in few[0]):
-        known_um = [leak_um(scores[cause]) for scores in few]
+        known_um = [leak_um(scores[cause].score) for scores in few]
         share = 1.0 - np.mean(np.square(known_um)) / np.mean(np.square(all_um))
         rows.append((f"{cause} perfect", _spread(known_um, "leak") | {"share_frac": float(share)}))
     rows.sort(key=lambda row: -row[1]["share_frac"])

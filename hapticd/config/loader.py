@@ -132,6 +132,7 @@ def _check_together(config: Config, where: str) -> None:
         ("trackpad.scale", config.trackpad.scale, 2),
         ("trackpad.size_mm", config.trackpad.size_mm, 2 if config.trackpad.size_mm else 0),
         ("prediction.pad_weights", weights, 10 if weights else 0),
+        ("uncertainty.touched_mm", config.uncertainty.touched_mm, 4 if config.uncertainty.touched_mm else 0),
     ):
         if len(value) != length:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")

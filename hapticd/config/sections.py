@@ -242,7 +242,17 @@ class UncertaintyConfig:
         low=0,
         high=1,
     )
+    touched_map_frac: float = key(
+        0.02,
+        "the same in the part of the plate that `hapticd calibrate touch` has the map of",
+        low=0,
+        high=1,
+    )
+    touched_mm: tuple[float, ...] = key((), "least x, y and largest x, y of that part; empty: none", low=-500, high=500)
     sensors_frac: float = key(0.02, "of the board's sensors: gain, phase (rad) and crosstalk of each", low=0, high=1)
+    gain_frac: float = key(
+        0.0, "of each sensor's gain where the map makes up for it: only limits have room for it", low=0, high=1
+    )
     place_mm: float = key(
         0.9,
         "of a contact's centre on each axis: the pad's place and centroids, and what its size makes uncertain",
@@ -326,15 +336,16 @@ class Config:
     @property
     def reference_limit_um(self) -> tuple[float, ...]:
         """The largest amplitude of each mode in a reference: so much below its limit that the plate stays within, by
-        three sigmas, whatever share of all modes each sensor mistakes for its own; a quarter of the limit at least.
-        """
-        limits, sensors_frac = self.limits, self.uncertainty.sensors_frac
-        unseen_um = SIGMAS * sensors_frac * math.hypot(*limits.w_limit_um)
+        three sigmas, whatever share of all modes each sensor mistakes for its own, and whatever gain all share; a
+        quarter of the limit at least."""
+        limits, known = self.limits, self.uncertainty
+        unseen_um = SIGMAS * known.sensors_frac * math.hypot(*limits.w_limit_um)
         least_share, most_share = LEAST_REFERENCE_FRAC, 1.0 - limits.headroom_frac
         return tuple(
             [
-                limit_um * min(max(1.0 - OVERSHOOT_FRAC - unseen_um / limit_um, least_share), most_share)
+                limit_um * min(max(1.0 - OVERSHOOT_FRAC - unseen_frac, least_share), most_share)
                 for limit_um in limits.w_limit_um
+                for unseen_frac in (math.hypot(unseen_um / limit_um, SIGMAS * known.gain_frac),)
             ]
         )
 

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..config.sections import Config
+from ..config.sections import Config, UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..values import AffineMap
@@ -168,22 +168,51 @@ def _between(start: AdoptedPad, target: AdoptedPad, share: float) -> AdoptedPad:
     return AdoptedPad(moved, start.latency_ns + round(share * (target.latency_ns - start.latency_ns)))
 
 
+class Unknown(NamedTuple):
+    """One sigma of map, where it was touched, and sensors: arguments of `Machine.adopt_uncertainty`."""
+
+    touched_map_frac: float
+    touched_mm: tuple[float, ...]
+    sensors_frac: float
+
+    @classmethod
+    def configured(cls, uncertainty: UncertaintyConfig) -> Unknown:
+        """Return what is configured."""
+        return cls(uncertainty.touched_map_frac, uncertainty.touched_mm, uncertainty.sensors_frac)
+
+    def part(self, share: float, uncertainty: UncertaintyConfig) -> Unknown:
+        """Return the same with a share of the change that was found: the rest is as unknown as is configured."""
+        map_frac, sensors_frac = (
+            math.hypot(share * found, (1.0 - share) * before)
+            for found, before in (
+                (self.touched_map_frac, uncertainty.map_frac),
+                (self.sensors_frac, uncertainty.sensors_frac),
+            )
+        )
+        return Unknown(map_frac, self.touched_mm, sensors_frac)
+
+
 class PlateChange(NamedTuple):
-    """Shapes and sensors, which were found together: arguments of `Machine.adopt_map` and `adopt_readings`."""
+    """Shapes and sensors, which were found together: arguments of `Machine.adopt_map` and `adopt_readings`; and what is
+    not known of them."""
 
     shapes: bytes
     steepest_1_mm: float
     d: tuple[float, ...]
     q: tuple[float, ...]
+    unknown: Unknown
 
     @classmethod
-    def none(cls, scanned: ModeShapes) -> PlateChange:
+    def none(cls, scanned: ModeShapes, uncertainty: UncertaintyConfig) -> PlateChange:
         """Return the plate as it was scanned, with sensors as they were calibrated."""
         exact = np.eye(scanned.M).ravel()
         shapes = scanned.shapes.astype("<f4").tobytes()
-        return cls(shapes, scanned.steepest_1_mm(), tuple(exact.tolist()), (0.0,) * len(exact))
+        return cls(
+            *(shapes, scanned.steepest_1_mm(), tuple(exact.tolist()), (0.0,) * len(exact)),
+            Unknown.configured(uncertainty),
+        )
 
-    def part(self, share: float, scanned: ModeShapes) -> PlateChange:
+    def part(self, share: float, scanned: ModeShapes, uncertainty: UncertaintyConfig) -> PlateChange:
         """Return the plate so far on the way from the scanned one; it is at most as steep as is said."""
         shapes = scanned.shapes + share * (shapes_of(self.shapes, scanned) - scanned.shapes)
         steepest_1_mm = scanned.steepest_1_mm() + share * (self.steepest_1_mm - scanned.steepest_1_mm())
@@ -192,6 +221,7 @@ class PlateChange(NamedTuple):
         return PlateChange(
             *(shapes.astype("<f4").tobytes(), steepest_1_mm),
             *(tuple(readings.real.tolist()), tuple(readings.imag.tolist())),
+            self.unknown.part(share, uncertainty),
         )
 
     def is_near(self, scanned: ModeShapes) -> bool:

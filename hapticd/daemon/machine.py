@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import weakref
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 from hapticd_contract.replies import Plate
@@ -312,6 +313,20 @@ class Machine:
         self.modes = self.modes.with_shapes(shapes_of(shapes, self.modes), steepest_1_mm)
         self.pipeline.set_modes(self.modes)
         self.status.modes = self.modes
+
+    def adopt_uncertainty(
+        self, touched_map_frac: float, touched_mm: Sequence[float], sensors_frac: float, t_now_ns: int
+    ) -> None:
+        """Take so much not to be known of the map within `touched_mm`, and of the sensors, for telemetry: references
+        keep the room that is configured. Raises ValueError for what is no box."""
+        self._observed.put("adopt_uncertainty", t_now_ns, touched_map_frac, list(touched_mm), sensors_frac)
+        known = replace(
+            self.config.uncertainty,
+            touched_map_frac=touched_map_frac,
+            touched_mm=tuple(touched_mm),
+            sensors_frac=sensors_frac,
+        )
+        self._perception.expected = uncertainty(replace(self.config, uncertainty=known))
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last reference is zero."""

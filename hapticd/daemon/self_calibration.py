@@ -17,7 +17,7 @@ import math
 import os
 import subprocess
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
-from .adoption import Adoption, Correction, Evidence, PlateChange, Trust, configured_pad, is_load_near
+from .adoption import Adoption, Correction, Evidence, PlateChange, Trust, Unknown, configured_pad, is_load_near
 from .machine import Machine
 
 log = logging.getLogger("hapticd")
@@ -74,6 +74,8 @@ class SelfCalibration:
         self._adoption = Adoption.of(configured_pad(config))
         self._trust = Trust()
         self._scanned = scanned
+        self._uncertainty = config.uncertainty
+        self._unknown = Unknown.configured(config.uncertainty)  # in force
         self._parasitic_modes = parasitic_modes
         self._change: PlateChange | None = None  # the last that was found
         self._is_due = False  # it waits for the fingers to lift
@@ -230,9 +232,9 @@ class SelfCalibration:
             "the touches show the pad elsewhere by %s mm: adopting it", [round(mm, 3) for mm in trust.correction[1]]
         )
         if trust.change is not None:
-            self._change, self._is_due = trust.change.part(trust.share, self._scanned), True
+            self._change, self._is_due = trust.change.part(trust.share, self._scanned, self._uncertainty), True
         elif self._change is not None:
-            self._change, self._is_due = PlateChange.none(self._scanned), True
+            self._change, self._is_due = PlateChange.none(self._scanned, self._uncertainty), True
 
     def step(self, machine: Machine, t_now_ns: int) -> bool:
         """Take the next small step, if one is due; all else, if no finger is down and nothing is requested.
@@ -265,6 +267,8 @@ class SelfCalibration:
         if self._change is not None:
             machine.adopt_map(self._change.shapes, self._change.steepest_1_mm, t_now_ns)
             machine.adopt_readings(self._change.d, self._change.q, t_now_ns)
+            self._unknown = self._change.unknown
+            machine.adopt_uncertainty(*self._unknown, t_now_ns)
 
     def _give_load(self, machine: Machine, t_now_ns: int) -> None:
         if self._load_1_s is not None:
@@ -299,6 +303,7 @@ class SelfCalibration:
             "last_map_refusal": self._last_of_map,
             "next_place": self._next_place,
             "map_sigma": self._map_sigma,
+            "unknown": self._unknown._asdict(),
             "sentence": self._sentence(),
         }
 
@@ -356,13 +361,24 @@ def _verdict(line: bytes) -> Proposal:
     change = None
     if "shapes" in found:
         shapes, steepest_1_mm = base64.b64decode(found["shapes"], validate=True), float(found["steepest_1_mm"])
-        change = PlateChange(shapes, steepest_1_mm, tuple(map(float, found["d"])), tuple(map(float, found["q"])))
+        d, q = (tuple(map(float, found[part])) for part in "dq")
+        change = PlateChange(shapes, steepest_1_mm, d, q, _unknown(found))
     if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
         raise ValueError("a correction is finite")
     correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
     sigma = None if "map_sigma" not in found else _ninths(found["map_sigma"])
     known = str(found.get("map_known", ""))[:_MOST_REFUSAL_CHARACTERS]
     return Proposal("", correction, change, load_1_s, map_refusal, next_place, evidence, sigma, known)
+
+
+def _unknown(found: Mapping[str, Any]) -> Unknown:
+    """Return finite numbers. Raises ValueError, KeyError or TypeError for anything else."""
+    map_frac, sensors_frac = float(found["touched_map_frac"]), float(found["sensors_frac"])
+    left_mm, lower_mm, right_mm, upper_mm = map(float, found["touched_mm"])
+    touched_mm = left_mm, lower_mm, right_mm, upper_mm
+    if not all(map(math.isfinite, (map_frac, sensors_frac, *touched_mm))):
+        raise ValueError("what is not known is finite")
+    return Unknown(map_frac, touched_mm, sensors_frac)
 
 
 def _ninths(rows: object) -> tuple[tuple[float, ...], ...]:

@@ -102,7 +102,11 @@ def friction_curve(config: Config) -> FrictionCurve:
 def uncertainty(config: Config) -> Uncertainty:
     """Return what is not known of plate, sensors and pad."""
     of = config.uncertainty
-    return Uncertainty(of.map_frac, of.sensors_frac, of.place_mm, of.latency_ms * 1e-3)
+    known = Uncertainty(of.map_frac, of.sensors_frac, of.place_mm, of.latency_ms * 1e-3)
+    if not of.touched_mm:
+        return known
+    left_mm, lower_mm, right_mm, upper_mm = of.touched_mm
+    return known._replace(touched_map_frac=of.touched_map_frac, touched_mm=(left_mm, lower_mm, right_mm, upper_mm))
 
 
 def plate_from_pad(config: Config) -> AffineMap:

@@ -151,21 +151,30 @@ def has_sensors(touched: Touched) -> bool:
     return len(touched.header.calibration.modes) == touched.header.modes.M
 
 
-def sensors_frac(touched: Touched, judged: Judged) -> float:
-    """Return one sigma of what is not known of the sensors with what is adopted, never more than the recording's.
+def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
+    """Return what is not known of map and sensors with what is adopted, as settings, where that is less than the
+    recording's: without the map its errors pass for the sensors', and nothing is known better.
 
-    Loads take a gain that all sensors share, so that touches do not tell it: it counts as in any laboratory, by the
-    mode of the largest limit (`Config.reference_limit_um`). Without the map its errors pass for the sensors', and
-    nothing is known better.
+    The map makes up for the sensors' gains, which touches do not tell: they count apart, as in any laboratory, but
+    references do not get less room in the mode of the largest limit than they had.
     """
     config = touched.header.config
-    before = config.uncertainty.sensors_frac
-    if judged.waves is None or not has_sensors(touched):
-        return before
+    before, limits_um = config.uncertainty, config.limits.w_limit_um
+    if judged.touched_mm is None:
+        return {}
+    found: dict[str, Any] = {
+        "touched_map_frac": min(before.map_frac, round(judged.touched_sigma, 4)),
+        "touched_mm": tuple([round(value, 1) for value in judged.touched_mm.ravel().tolist()]),
+    }
+    if not has_sensors(touched):
+        return found
     sigma = judged.sigma.sense.ravel()[1:]
-    limits_um = config.limits.w_limit_um
-    shared = UncertaintyConfig().sensors_frac * max(limits_um) / math.hypot(*limits_um)
-    return min(before, math.hypot(float(np.sqrt(np.mean(np.abs(sigma) ** 2))), shared))
+    sensors_frac = min(before.sensors_frac, round(float(np.sqrt(np.mean(np.abs(sigma) ** 2))), 4))
+    modes = math.hypot(*limits_um) / max(limits_um)
+    before_frac = math.hypot(modes * before.sensors_frac, before.gain_frac)
+    shared_frac = math.sqrt(max(before_frac**2 - (modes * sensors_frac) ** 2, 0.0))
+    shared_frac = min(round(shared_frac, 4), UncertaintyConfig().sensors_frac)
+    return found | {"sensors_frac": sensors_frac, "gain_frac": shared_frac}
 
 
 def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:

@@ -38,8 +38,8 @@ from ..design.touch.observations import Windows
 from ..errors import HapticdError
 from ..files.recording.header import Header, header_from
 from ..files.recording.kinds import Record
-from .touch_correction import learned_load, mode_map, windows_of
-from .touch_recording import Collected, touched
+from .touch_correction import known_better, learned_load, mode_map, windows_of
+from .touch_recording import Collected, Touched, touched
 
 DUTY = 0.1  # of one processor
 FIT_S = 24.0  # of a plate that follows references, after which there is a verdict
@@ -138,7 +138,7 @@ class Accumulator:
             verdict["next_place"] = [judged.next_place.column, judged.next_place.row]
         if (load_1_s := learned_load(found, windows, judged)) is not None:
             verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
-        return verdict if judged.refusal else verdict | self._found(judged)
+        return verdict if judged.refusal else verdict | self._found(judged, found)
 
     def _evidence(self, newest: Windows) -> str:
         """What touches that came since the last verdict say of what is in force, if that is not as configured."""
@@ -166,7 +166,7 @@ class Accumulator:
         sense = np.asarray(np.linalg.inv(self._readings), np.complex128)
         return Calibration(place, sense, Calibration.nominal(self._modes.M).waves)
 
-    def _found(self, judged: Judged) -> dict[str, Any]:
+    def _found(self, judged: Judged, seen: Touched) -> dict[str, Any]:
         matrix, offset_mm = judged.calibration.affine
         found = {
             "matrix": matrix.ravel().tolist(),
@@ -176,7 +176,8 @@ class Accumulator:
         if judged.waves is None or judged.map_sigma is None:
             return found
         known = {"map_sigma": judged.map_sigma.tolist(), "map_known": known_sentence(judged.map_sigma)}
-        return found | known | self._plate(judged)
+        better = {"sensors_frac": self._header.config.uncertainty.sensors_frac} | known_better(seen, judged)
+        return found | known | better | self._plate(judged)
 
     def _plate(self, judged: Judged) -> dict[str, Any]:
         """Return map and sensors, which are found together alone: without the map its errors pass for the sensors'."""

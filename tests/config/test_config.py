@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import tomllib
 from dataclasses import replace
@@ -61,6 +62,10 @@ def test_references_leave_room_for_what_is_not_known_of_the_sensors(tmp_path: Pa
     usual = load("[limits]\nw_limit_um = [3, 4]\n[uncertainty]\nsensors_frac = 0.02", tmp_path)
     unseen_um = 3.0 * 0.02 * 5.0  # of both modes at their limits
     assert usual.reference_limit_um == pytest.approx((3.0 * 0.99 - unseen_um, 4.0 * 0.99 - unseen_um))
+    shared = "[limits]\nw_limit_um = [3, 4]\n[uncertainty]\nsensors_frac = 0.02\ngain_frac = 0.03"
+    unseen_um = [3.0 * math.hypot(0.02 * 5.0, 0.03 * limit_um) for limit_um in (3.0, 4.0)]  # a gain counts in its mode
+    left_um = (3.0 * 0.99 - unseen_um[0], 4.0 * 0.99 - unseen_um[1])
+    assert load(shared, tmp_path).reference_limit_um == pytest.approx(left_um)
     unknown = load("[limits]\nw_limit_um = [3, 4]\n[uncertainty]\nsensors_frac = 1", tmp_path)
     assert unknown.reference_limit_um == pytest.approx((0.75, 1.0))
 

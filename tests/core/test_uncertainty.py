@@ -49,6 +49,17 @@ def test_errors_of_map_and_sensors_add_in_quadrature() -> None:
     assert at_point.amplitude(PLATE, CREST_MM, 3.0, MODAL_UM, 0.0).rms_um == pytest.approx(expected_um, rel=1e-6)
 
 
+def test_the_map_errs_less_where_touches_have_shown_it() -> None:
+    expected = Uncertainty(map_frac=0.03, touched_map_frac=0.01, touched_mm=(-9.0, -2.0, NODE_MM, 2.0))
+    places_mm = ((NODE_MM, 0.0), (NODE_MM, -2.0), (NODE_MM, 2.1), (NODE_MM + 0.1, 0.0), (-9.1, 0.0))
+    assert [expected.map_frac_at(*place) for place in places_mm] == [0.01, 0.01, 0.03, 0.03, 0.03]
+    perception = ContactPerception(DEFAULT_FRICTION_CURVE, 5.0, expected)
+    for y_mm, frac in ((0.0, 0.01), (3.0, 0.03)):
+        alone = ContactPerception(DEFAULT_FRICTION_CURVE, 5.0, Uncertainty(map_frac=frac))
+        found, said = (one.felt(PLATE, NODE_MM, y_mm, MODAL_UM, 1.0) for one in (perception, alone))
+        assert found == said
+
+
 def test_a_place_that_is_not_known_is_expected_as_the_mean_over_all_places() -> None:
     place_mm, random = 0.5, np.random.default_rng(3)
     places_mm = random.normal((NODE_MM, 3.0), place_mm, (4000, 2))

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapticd.config.sections import UncertaintyConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.adoption import (
     FARTHEST_MM,
@@ -22,6 +23,7 @@ from hapticd.daemon.adoption import (
     Evidence,
     PlateChange,
     Trust,
+    Unknown,
     shapes_of,
 )
 from hapticd.values import AffineMap
@@ -89,6 +91,8 @@ SCANNED = ModeShapes(GRID_MM, GRID_MM, [np.sin(GRID_MM / 9.0)[None, :] * np.cos(
 
 
 RIGHT = (1.0, 0.0, 0.0, 1.0)
+CONFIGURED_UNKNOWN = UncertaintyConfig(map_frac=0.04, touched_map_frac=0.03, sensors_frac=0.02)
+KNOWN = Unknown(0.01, (-40.0, -40.0, 40.0, 40.0), 0.005)
 
 
 @pytest.mark.parametrize(
@@ -110,12 +114,15 @@ def test_only_a_plate_like_the_scanned_one_is_near(
     factor: float, steeper: float, d: tuple[float, ...], is_near: bool
 ) -> None:
     data = (factor * SCANNED.shapes).astype("<f4").tobytes()
-    assert PlateChange(data, steeper * SCANNED.steepest_1_mm(), d, (0.0,) * 4).is_near(SCANNED) is is_near
+    assert PlateChange(data, steeper * SCANNED.steepest_1_mm(), d, (0.0,) * 4, KNOWN).is_near(SCANNED) is is_near
 
 
 def test_a_map_on_another_grid_is_none_and_so_are_other_sensors() -> None:
     data = SCANNED.shapes.astype("<f4").tobytes()
-    for change in (PlateChange(bytes(40), 1.0, RIGHT, (0.0,) * 4), PlateChange(data, 1.0, (1.0,), (0.0,))):
+    for change in (
+        PlateChange(bytes(40), 1.0, RIGHT, (0.0,) * 4, KNOWN),
+        PlateChange(data, 1.0, (1.0,), (0.0,), KNOWN),
+    ):
         with pytest.raises(ValueError, match="reshape"):
             change.is_near(SCANNED)
 
@@ -123,16 +130,23 @@ def test_a_map_on_another_grid_is_none_and_so_are_other_sensors() -> None:
 def test_half_of_a_plate_is_half_way_from_the_scanned_one() -> None:
     exact = (1.0, 0.0, 0.0, 1.0)
     found = PlateChange(
-        (1.2 * SCANNED.shapes).astype("<f4").tobytes(), 1.2 * SCANNED.steepest_1_mm(), exact, (0.2,) * 4
+        (1.2 * SCANNED.shapes).astype("<f4").tobytes(), 1.2 * SCANNED.steepest_1_mm(), exact, (0.2,) * 4, KNOWN
     )
-    half = found.part(0.5, SCANNED)
+    half = found.part(0.5, SCANNED, CONFIGURED_UNKNOWN)
     assert shapes_of(half.shapes, SCANNED) == pytest.approx(1.1 * SCANNED.shapes, rel=1e-6)
     assert half.steepest_1_mm == pytest.approx(1.1 * SCANNED.steepest_1_mm())
     assert half.readings(2) == pytest.approx(np.eye(2) + 0.1j)
-    none = PlateChange.none(SCANNED)
+    none = PlateChange.none(SCANNED, CONFIGURED_UNKNOWN)
     assert shapes_of(none.shapes, SCANNED) == pytest.approx(SCANNED.shapes, rel=1e-6)
     assert none.readings(2) == pytest.approx(np.eye(2))
     assert none.is_near(SCANNED)
+    assert none.unknown == Unknown(0.03, (), 0.02)
+
+
+def test_what_is_not_adopted_of_a_change_stays_as_unknown_as_it_was() -> None:
+    assert KNOWN.part(1.0, CONFIGURED_UNKNOWN) == KNOWN
+    half = KNOWN.part(0.5, CONFIGURED_UNKNOWN)
+    assert half == (pytest.approx(math.hypot(0.005, 0.02)), KNOWN.touched_mm, pytest.approx(math.hypot(0.0025, 0.01)))
 
 
 def test_half_of_a_correction_moves_half_as_far() -> None:
@@ -141,7 +155,7 @@ def test_half_of_a_correction_moves_half_as_far() -> None:
 
 
 def test_half_is_adopted_until_later_touches_confirm_it_and_nothing_once_they_speak_against_it() -> None:
-    trust, change = Trust(), PlateChange.none(SCANNED)
+    trust, change = Trust(), PlateChange.none(SCANNED, CONFIGURED_UNKNOWN)
     assert not trust.take(Evidence.NONE, None, None)
     assert trust.take(Evidence.NONE, MISPLACED, change)
     assert (trust.share, trust.correction, trust.change) == (FIRST_SHARE, MISPLACED, change)

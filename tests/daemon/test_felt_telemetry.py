@@ -22,7 +22,7 @@ def test_on_an_ideal_plate_telemetry_says_what_fingers_feel() -> None:
     glass = replace(PlateSettings.of(FINGERTIP), **IDEAL)
     modes = GroundTruth(glass).true_mode_map()  # a scan without noise errs by 0.2 % where patches are
     known = [(seed, swept(glass, seed)._replace(modes=modes)) for seed in (1, 2)]
-    found = joined([reported("strokes", Settings(plate=glass), seed, 4.0, measured) for seed, measured in known])
+    found = joined([reported("strokes", Settings(plate=glass), seed, 4.0, measured)[1] for seed, measured in known])
     said, true = found.friction_change / WEBER_FRAC, found.true_change / WEBER_FRAC
     assert np.abs(true).max() > 1.0 > np.abs(true).min()  # at some places it is felt as asked, at others not
     frac = float(np.mean(np.abs(said - true) <= HONEST_JND))

@@ -32,6 +32,7 @@ from hapticd.daemon.machine import Machine
 from hapticd.daemon.observer import Observer
 from hapticd.daemon.recorder import header_of
 from hapticd.daemon.self_calibration import IN_FORCE, KINDS, SelfCalibration
+from hapticd.daemon.settings import uncertainty
 from hapticd.design import finger_load
 from hapticd.design.touch.evidence import HeldOutGain, Taken
 from hapticd.design.touch.judge import NO_CHANGE
@@ -213,7 +214,11 @@ def test_what_is_older_than_the_plate_stays_alike_is_not_fitted(
 
 
 RIGHT: dict[str, Any] = {"refusal": "", "matrix": [1, 0, 0, 1], "offset_mm": [0, 0], "latency_s": 0}
-SENSORS: dict[str, Any] = {"d": [1, 0.01, 0, 1], "q": [0, 0, 0, 0], "steepest_1_mm": 0.3}
+SENSORS: dict[str, Any] = {"d": [1, 0.01, 0, 1], "q": [0, 0, 0, 0], "steepest_1_mm": 0.3} | {
+    "touched_map_frac": 0.01,
+    "touched_mm": [-40.0, -40.0, 40.0, 40.0],
+    "sensors_frac": 0.005,
+}
 
 
 def changed(factor: float, modes: ModeShapes) -> dict[str, Any]:
@@ -235,6 +240,8 @@ NO_VERDICTS = {
     "two rows of sigmas": json.dumps(RIGHT | {"map_sigma": [[0.01] * 3] * 2}).encode(),
     "a sigma that is no number": json.dumps(RIGHT | {"map_sigma": [[0.01] * 3, [math.nan] * 3, [0.01] * 3]}).encode(),
     "a row of two sigmas": json.dumps(RIGHT | {"map_sigma": [[0.01] * 3, [0.01] * 2, [0.01] * 3]}).encode(),
+    "a box of three numbers": json.dumps(RIGHT | SENSORS | {"shapes": "", "touched_mm": [0.0] * 3}).encode(),
+    "a box that is no number": json.dumps(RIGHT | SENSORS | {"shapes": "", "touched_mm": [math.inf] * 4}).encode(),
     "no sensors": json.dumps(RIGHT | {"shapes": "AAAA", "steepest_1_mm": 1.0}).encode(),
     "no base 64": json.dumps(RIGHT | SENSORS | {"shapes": "?"}).encode(),
     "another grid": json.dumps(RIGHT | SENSORS | {"shapes": "AAAAAA=="}).encode(),
@@ -294,6 +301,10 @@ def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching, c
     assert machine.pipeline._modes is machine.status.modes is machine.modes
     assert machine.pipeline._readings == ((1.0, 0.005), (0.0, 1.0))
     assert calibration.report()["maps"] == 1
+    half = {"touched_map_frac": math.hypot(0.005, 0.01), "touched_mm": (-40.0, -40.0, 40.0, 40.0)}
+    assert calibration.report()["unknown"] == half | {"sensors_frac": math.hypot(0.0025, 0.01)}
+    assert machine._perception.expected.map_frac_at(0.0, 0.0) == half["touched_map_frac"]
+    assert machine._perception.expected.map_frac_at(50.0, 0.0) == 0.02
     assert calibration.take_verdict(json.dumps({"refusal": "no more", "in_force": "better"}).encode())
     assert calibration.step(machine, T_START_NS)
     assert machine.modes.shapes == pytest.approx(1.02 * modes.shapes, rel=1e-6)
@@ -301,6 +312,8 @@ def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching, c
     again = Machine(Config(), modes, write_board=lambda _: T_START_NS)
     calibration.resume(again, T_START_NS)
     assert (again.modes.shapes == machine.modes.shapes).all()
+    assert again._perception.expected == machine._perception.expected
+    assert again._perception.expected.map_frac_at(0.0, 0.0) == 0.01
     assert again.pipeline._readings == machine.pipeline._readings
 
 
@@ -321,6 +334,7 @@ def test_what_later_touches_are_fitted_worse_by_is_taken_back(at_rest: Touching,
     assert settled(found | {"in_force": "worse"}) == 0.0
     assert machine.modes.shapes == pytest.approx(modes.shapes, rel=1e-6)
     assert machine.pipeline._readings is None
+    assert machine._perception.expected == uncertainty(Config())
     report = calibration.report()
     assert "taken back" in str(report["last_refusal"])
     assert (report["adopted"], report["taken_back"]) == (2, 1)

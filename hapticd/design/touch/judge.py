@@ -14,7 +14,7 @@ import numpy as np
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.plate.parasitic_modes import ParasiticModes
 from ...values import FloatArray
-from .coverage import Ninth, map_sigma, touched_box, where_next
+from .coverage import Ninth, box_sigma, map_sigma, touched_box, where_next
 from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Apart, Calibration, Free
@@ -51,7 +51,7 @@ class Judged:
     `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
     `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none, and
     `next_place` where more touching would help then. `map_sigma` (3, 3) is one sigma of the changed map by ninths
-    (`coverage`).
+    (`coverage`), `touched_sigma` that in the box that was touched, `touched_mm` (2, 2), its least and largest x and y.
     """
 
     calibration: Calibration
@@ -68,6 +68,8 @@ class Judged:
     fit: Fit | None = None
     next_place: Ninth | None = None
     map_sigma: FloatArray | None = None
+    touched_mm: FloatArray | None = None
+    touched_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,8 +293,9 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     parasitic = None if fitter.parasitic_modes is None else fitter.parasitic_modes.modes
     # On fewer modes, whose fingers are points, finer surfaces take up what contacts do: in one laboratory of four it
     # cost 3 % of the leak.
-    box_mm = touched_box(windows, fitter.modes) if fitter.modes.M >= LEAST_SIZED_MODES else None
-    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic, box_mm)
+    box_mm = touched_box(windows, fitter.modes)
+    has_fine = fitter.modes.M >= LEAST_SIZED_MODES
+    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic, box_mm if has_fine else None)
     fitter = replace(fitter, waves=waves)
     start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
     halves = _halves(windows)
@@ -318,7 +321,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     adopted = _effective(found.calibration, latency_s)
     return replace(
         judged,
-        calibration=replace(adopted, waves=waves.of_scale(adopted.waves)),
+        calibration=_with_gains_in_map(replace(adopted, waves=waves.of_scale(adopted.waves)), waves),
         fitted=found.calibration,
         sigma=found.sigma,
         latency_s=latency_s,
@@ -327,7 +330,19 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         waves=waves,
         fit=found,
         map_sigma=map_sigma(waves, precision, fitter.modes),
+        touched_mm=box_mm,
+        touched_sigma=box_sigma(waves, precision, box_mm),
     )
+
+
+def _with_gains_in_map(found: Calibration, waves: Waves) -> Calibration:
+    """Return the same motion of the plate by a map that makes up for the sensors' gains, which stay as calibrated.
+
+    Touches tell the product of both alone, since the amplifiers' gains are free: a mode's limit is better kept by a
+    gain that was measured.
+    """
+    gains = np.abs(np.diag(found.sense))
+    return replace(found, sense=found.sense / gains[:, None], waves=waves.scaled(found.waves, gains))
 
 
 def _without_gains(judged: Judged, before: Calibration) -> Judged:

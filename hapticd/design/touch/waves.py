@@ -99,9 +99,13 @@ class Waves:
         modes = self._shapes[0]
         change = self.on_grid(coefficients, modes.x_mm, modes.y_mm)
         scale = 1.0 + float(np.vdot(modes.shapes, change) / np.vdot(modes.shapes, modes.shapes))
-        scaled = coefficients / scale
-        each = np.arange(modes.M)
-        scaled[each, self.smooth + each] += 1.0 / scale - 1.0
+        return self.scaled(coefficients, np.full(modes.M, 1.0 / scale))
+
+    def scaled(self, coefficients: FloatArray, factors: FloatArray) -> FloatArray:
+        """Return coefficients (M, K) by which each mode's shape is so many times (M,) as large."""
+        each = np.arange(len(factors))
+        scaled = factors[:, None] * coefficients
+        scaled[each, self.smooth + each] += factors - 1.0
         return np.asarray(scaled, np.float64)
 
 

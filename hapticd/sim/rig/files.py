@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict
 from pathlib import Path
 
+from ...config.keys import toml
 from ..plate.glasses import find_glass
 from ..plate.ground_truth import GroundTruth
 from .process import MODES_FILE, PARASITIC_MODES_FILE, PLATE_FILE
@@ -28,6 +29,6 @@ def write_measured(plate: GroundTruth, seed: int, directory: Path) -> tuple[Path
         f"parasitic_decay_1_s = {list(parasitic_modes.decay_1_s)}\n"
         f"finger_decay_1_s = {parasitic_modes.finger_decay_1_s}\n"
     )
-    lines += ["[uncertainty]\n", *(f"{name} = {value}\n" for name, value in asdict(plate.uncertainty).items())]
+    lines += ["[uncertainty]\n", *(f"{name} = {toml(value)}\n" for name, value in asdict(plate.uncertainty).items())]
     described.write_text("".join(lines), encoding="utf-8")
     return modes, shapes, described

@@ -29,10 +29,10 @@ from ..touch_correction import (
     has_sensors,
     joined,
     judged_by,
+    known_better,
     learned_load,
     mode_map,
     pad_settings,
-    sensors_frac,
     windows_of,
 )
 from ..touch_recording import Touched, read
@@ -108,7 +108,7 @@ def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory:
     if judged.waves is not None:
         mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
         settings.setdefault("plate", {})["modes_file"] = MODES_FILE
-        settings["uncertainty"] = {"sensors_frac": round(sensors_frac(touched, judged), 4)}
+        settings["uncertainty"] = known_better(touched, judged)
     return settings
 
 

@@ -13,8 +13,9 @@ from hapticd.design.touch.fit import Fit
 from hapticd.design.touch.judge import MOVED_MM, calibrate, pose_share
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.observations import in_sessions, in_windows
+from hapticd.design.touch.waves import Waves
 
-from .synthetic import Touching, mode_map
+from .synthetic import WAVE_RAD_MM, Touching, mode_map
 from .test_fit import NOMINAL, WRONG
 
 
@@ -128,3 +129,20 @@ def test_windows_hold_the_same_fingers_throughout() -> None:
     position, _ = cut.fingers_mm()
     down = np.isfinite(position[..., 0]).all(axis=1)
     assert np.array_equal(down, cut.track >= 0)
+
+
+def test_gains_stay_as_calibrated_and_the_map_moves_the_plate_as_found() -> None:
+    modes = mode_map()
+    waves = Waves(modes, WAVE_RAD_MM)
+    sense = np.array(((1.0, 0.01j), (0.02, 1.08 * np.exp(0.03j))))
+    found = replace(NOMINAL, sense=sense, waves=np.random.default_rng(3).normal(0.0, 0.01, (2, len(waves))))
+    kept = judge._with_gains_in_map(found, waves)
+    assert np.abs(np.diag(kept.sense)) == pytest.approx(1.0)
+    reading_um = np.array((0.3 - 1.0j, 2.0))
+    before_um, after_um = (
+        np.tensordot(
+            one.sense @ reading_um, modes.shapes + waves.on_grid(one.waves, modes.x_mm, modes.y_mm), axes=(0, 0)
+        )
+        for one in (found, kept)
+    )
+    assert after_um == pytest.approx(before_um)

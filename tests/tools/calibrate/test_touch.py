@@ -13,7 +13,7 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.config import loader as config_loader
-from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
+from hapticd.config.sections import Config, RecordConfig, TrackpadConfig, UncertaintyConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.daemon.settings import plate_from_pad
@@ -34,7 +34,7 @@ from hapticd.sim.world_errors import FingerLoad, WorldErrors
 from hapticd.tools.calibrate import folder, touch
 from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.record import simulated
-from hapticd.tools.touch_correction import contact_settings, joined, sensors_frac
+from hapticd.tools.touch_correction import contact_settings, joined, known_better
 from hapticd.tools.touch_recording import Collected, Touched, read
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire.reference import encode_reference
@@ -122,33 +122,51 @@ def test_a_short_recording_is_refused_and_changes_no_setting(
     assert folder.merged(folder.load(out).values()) == {}
 
 
+BOX_MM = np.array(((-40.0, -35.0), (41.0, 36.0)))
+
+
 def judged(found: Calibration, waves: Waves | None = None) -> Judged:
-    """A calibration that is adopted."""
+    """A calibration that is adopted; with a map it is known to 0.9 % where it was touched."""
     nothing = Calibration.nominal(2)
-    return Judged(found, found, nothing, 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
+    one = Judged(found, found, nothing, 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
+    return one if waves is None else replace(one, touched_mm=BOX_MM, touched_sigma=0.009)
 
 
-def test_sensors_are_known_better_with_the_map_but_for_the_gain_that_all_share(recorded: Recorded) -> None:
+def test_map_and_sensors_are_known_better_with_the_map_but_for_the_gain_that_all_sensors_share(
+    recorded: Recorded,
+) -> None:
     touched = read(recorded(TrackpadConfig(), 500, 2.5))
     config = touched.header.config
     modes = tuple(ModeCalibration(mode, 29195.0, 500.0, 7.5, 0.1) for mode in range(2))
+    waves = Waves(touched.header.modes, 0.23)
 
-    def left(before: float, sigma: float, waves: Waves | None) -> float:
-        header = replace(
-            touched.header,
-            config=replace(config, uncertainty=replace(config.uncertainty, sensors_frac=before)),
-            calibration=BoardCalibration(modes),
-        )
+    def left(before: UncertaintyConfig, sigma: float, *, has_sensors: bool = True) -> tuple[UncertaintyConfig, float]:
+        """What is not known after touching, and by how much the limit of a reference is nearer to the mode's."""
+        before_config = replace(config, uncertainty=before)
+        calibration = BoardCalibration(modes if has_sensors else ())
+        header = replace(touched.header, config=before_config, calibration=calibration)
         sure = Calibration(np.zeros(7), np.full((2, 2), sigma + 0j), np.zeros((2, 0)))
         found = replace(judged(Calibration.nominal(2), waves), sigma=sure)
-        return sensors_frac(touched._replace(header=header), found)
+        known = replace(before, **known_better(touched._replace(header=header), found))
+        after = replace(before_config, uncertainty=known).reference_limit_um
+        return known, after[0] - before_config.reference_limit_um[0]
 
-    waves = Waves(touched.header.modes, 0.23)
-    assert left(0.02, 0.0, waves) == pytest.approx(0.02 / np.sqrt(2.0))
-    assert left(0.02, 0.01, waves) == pytest.approx(np.hypot(0.01, 0.02 / np.sqrt(2.0)))
-    assert left(0.02, 0.05, waves) == 0.02
-    assert left(0.003, 0.0, waves) == 0.003
-    assert left(0.02, 0.0, None) == 0.02
+    usual = UncertaintyConfig()
+    known, nearer_um = left(usual, 0.004)
+    box_mm = (-40.0, -35.0, 41.0, 36.0)
+    assert known == replace(
+        usual, touched_map_frac=0.009, touched_mm=box_mm, sensors_frac=0.004, gain_frac=usual.sensors_frac
+    )
+    assert nearer_um > 0.05
+    again, nearer_um = left(known, 0.004)
+    assert again == known
+    assert nearer_um == 0.0
+    known, nearer_um = left(replace(usual, map_frac=0.003, sensors_frac=0.003), 0.002)
+    assert (known.touched_map_frac, known.sensors_frac) == (0.003, 0.002)
+    assert nearer_um >= 0.0
+    assert left(usual, 0.05)[0] == replace(usual, touched_map_frac=0.009, touched_mm=box_mm)
+    assert left(usual, 0.004, has_sensors=False)[0] == replace(usual, touched_map_frac=0.009, touched_mm=box_mm)
+    assert known_better(touched, judged(Calibration.nominal(2))) == {}
 
 
 def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, tmp_path: Path) -> None:
@@ -172,7 +190,7 @@ def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, 
     moved_mm = matrix @ plate_from_pad(Config(trackpad=turned)).apply(30.0, -20.0) + offset_mm
     assert plate_from_pad(config).apply(30.0, -20.0) == pytest.approx(moved_mm, abs=1e-3)
     assert config.trackpad.latency_ms == pytest.approx(13.5)
-    assert config.uncertainty.sensors_frac == pytest.approx(sensors_frac(touched, found), abs=1e-4)
+    assert config.uncertainty == replace(UncertaintyConfig(), **known_better(touched, found))
     loaded = calibration_file.load(tmp_path / "touch-calibration.toml", 2)
     assert loaded.drive_hz == 29211.5
     weights = np.array([one.sense for one in loaded.modes])
