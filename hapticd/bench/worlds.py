@@ -49,7 +49,7 @@ WORST = LEVELS[-1]
 _Key = tuple[str, str, int]  # plate, level and seed
 
 
-class Outcome(NamedTuple):
+class WorldScore(NamedTuple):
     """The score of a scheme in one world; of amplitudes over contacts the median ratio of what telemetry said to what
     is true, that of the still finger, and in which share the interval held: NaN where nothing subscribed."""
 
@@ -59,7 +59,7 @@ class Outcome(NamedTuple):
     said_within_frac: float = math.nan
 
 
-Scores = dict[str, Outcome]
+Scores = dict[str, WorldScore]
 
 
 def play(job: Job) -> Scores:
@@ -74,18 +74,18 @@ def play(job: Job) -> Scores:
     scores = {
         HAPTICD: _with_said(ours, said),
         AFTER: _with_said(*telemetry.reported(SCENARIO, settled, job.seed, job.seconds, after)),
-        PAPER: Outcome(run_as(settings=paper_settings(ours.settings)).score),
-        PERFECT: Outcome(perfect(ours).score),
+        PAPER: WorldScore(run_as(settings=paper_settings(ours.settings)).score),
+        PERFECT: WorldScore(perfect(ours).score),
     }
     for cause in job.causes:
         without = in_world(job.settings, world.without(cause))
-        scores[cause] = Outcome(run_as(settings=without, measured=touching.measured(without, job.seed)).score)
+        scores[cause] = WorldScore(run_as(settings=without, measured=touching.measured(without, job.seed)).score)
     return scores
 
 
-def _with_said(played: Run, said: telemetry.FeltReport) -> Outcome:
+def _with_said(played: Run, said: telemetry.FeltReport) -> WorldScore:
     of_all, of_still = (telemetry.figures(said.of(chosen)) for chosen in (said.target_um >= 0.0, said.target_um == 0.0))
-    return Outcome(played.score, of_all["ratio"], of_still["ratio"], of_all["within_frac"])
+    return WorldScore(played.score, of_all["ratio"], of_still["ratio"], of_all["within_frac"])
 
 
 def run(
@@ -206,7 +206,7 @@ def _contacts(by_level: Mapping[str, Sequence[Scores]]) -> Table:
 
 def _said(laboratories: Sequence[Scores], scheme: str) -> dict[str, float]:
     """Return the medians of how well telemetry says what is felt; NaN where nothing subscribed."""
-    names = Outcome._fields[1:]
+    names = WorldScore._fields[1:]
     return {name: _quantile([getattr(scores[scheme], name) for scores in laboratories], 0.5) for name in names}
 
 
