@@ -1,4 +1,4 @@
-/* The core's part of reach.h: which voltage is allowed, and the probes that ask the sensors. */
+/* The core's part of reach.h: which voltage is allowed. */
 #ifndef HD_REACH_WATCH_H
 #define HD_REACH_WATCH_H
 
@@ -14,8 +14,5 @@ void hd_reach_watch(hd_core_t *core, uint32_t now_us);
 
 /* A trusted sensor that does not answer small probes within that time is trusted no longer. */
 void hd_reach_ask(hd_core_t *core, int s);
-
-/* Trusts no sensor. R stays, as the plate does. */
-void hd_reach_doubt(hd_core_t *core);
 
 #endif

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "reach_watch.h"
+#include "trust.h"
 
 void hd_silence(hd_core_t *core)
 {
@@ -21,7 +21,7 @@ void hd_silence(hd_core_t *core)
         doubts->answer_um_v = doubts->asked_um = doubts->spare_um2_s = (hd_phasor_t){0.0f, 0.0f};
         doubts->planned_v2 = doubts->w_um2 = 0.0f;
     }
-    hd_reach_doubt(core);
+    hd_trust_none(core);
 }
 
 void hd_enter(hd_core_t *core, enum hd_state state)
