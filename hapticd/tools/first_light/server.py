@@ -31,15 +31,14 @@ class PageServer:
     """Context in which the page is served at `address`. The callbacks are called from its thread."""
 
     def __init__(self, listener: socket.socket, on_press: Callable[[Press], None], on_gone: Callable[[], None]) -> None:
-        host, self._port = listener.getsockname()
-        self._key = secrets.token_urlsafe(16)
+        host, port = listener.getsockname()
+        key = secrets.token_urlsafe(16)
         self._on_press, self._on_gone = on_press, on_gone
         self._newest = ""
         self._writing: set[asyncio.Task[None]] = set()
         self._page: web.WebSocketResponse | None = None
-        self.address = f"http://{host}:{self._port}/?key={self._key}"
-        app = web.Application(middlewares=[self._guarded])
-        pages.add_page(app, __package__)
+        self.address = f"http://{host}:{port}/?key={key}"
+        app = pages.application(__package__, "first-light", key, KEYED)
         app.router.add_get("/socket", self._socket)
         app.on_shutdown.append(self._close)
         runner = web.AppRunner(app, access_log=None, logger=connections.logger(), shutdown_timeout=END_WITHIN_S)
@@ -68,11 +67,6 @@ class PageServer:
             await page.send_str(text)
         except (ConnectionError, RuntimeError):  # it closes; its reader says so
             return
-
-    @web.middleware
-    async def _guarded(self, request: web.Request, handler: pages.Handler) -> web.StreamResponse:
-        key = self._key if request.path in KEYED else None
-        return await pages.admitted(request, handler, self._port, key, "first-light")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         page = web.WebSocketResponse(max_msg_size=MAX_MESSAGE_BYTES)

@@ -34,23 +34,17 @@ class Browser:
 
     def __init__(self, port: int = 0) -> None:
         listener = bound(ADDRESS, port, "--page-port")
-        self._port = listener.getsockname()[1]
-        self._key = secrets.token_urlsafe(12)
+        key = secrets.token_urlsafe(12)
+        self.url = f"http://{ADDRESS}:{listener.getsockname()[1]}/?key={key}"  # with its key
         # Screen and number, replaced together: a press on an earlier screen is ignored.
         self._shown = (0, Screen("One moment", "The session is about to begin."))
         self._note = ""
         self._presses: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
-        app = web.Application(client_max_size=MAX_PRESS_BYTES, middlewares=[self._guarded])
-        pages.add_page(app, __package__)
+        app = pages.application(__package__, "study", key, KEYED, max_bytes=MAX_PRESS_BYTES)
         app.router.add_get("/screen", self._screen)
         app.router.add_post("/press", self._press)
         runner = web.AppRunner(app, access_log=None, logger=connections.logger())
         self._serving = ServingThread(runner, listener, "study page")
-
-    @property
-    def url(self) -> str:
-        """The page's address, with its key."""
-        return f"http://{ADDRESS}:{self._port}/?key={self._key}"
 
     def __enter__(self) -> Browser:
         self._serving.__enter__()
@@ -74,11 +68,6 @@ class Browser:
             if pressed_on == number and key in [one.name for one in screen.keys]:
                 return key
         return None
-
-    @web.middleware
-    async def _guarded(self, request: web.Request, handler: pages.Handler) -> web.StreamResponse:
-        key = self._key if request.path in KEYED else None
-        return await pages.admitted(request, handler, self._port, key, "study")
 
     async def _screen(self, _: web.Request) -> web.StreamResponse:
         number, screen = self._shown

@@ -83,7 +83,6 @@ async def _serve(
     from .server import Viewer
 
     viewer = Viewer(endpoint, simulated=service)
-    viewer.port = listener.getsockname()[1]
     async with served(viewer.runner(), listener) as ended:
         has_service = True
 
@@ -94,7 +93,7 @@ async def _serve(
 
         if service is not None:
             service.watch(service_ended)
-        address = f"http://{HOST}:{viewer.port}/?key={viewer.key}"
+        address = f"http://{HOST}:{listener.getsockname()[1]}/?key={viewer.key}"
         print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
         with contextlib.ExitStack() as stack:
             if open_browser and has_screen():

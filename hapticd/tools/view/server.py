@@ -80,7 +80,6 @@ class Viewer:
 
     def __init__(self, endpoint: str | None, key: str | None = None, simulated: SimulatedService | None = None) -> None:
         self.key = secrets.token_urlsafe(16) if key is None else key
-        self.port = 0
         self._endpoint = endpoint
         self._simulated = simulated
         self._pages: list[Page] = []
@@ -99,9 +98,8 @@ class Viewer:
         self._layering = asyncio.Lock()  # one layer at a time, while frames go on
 
     def app(self) -> web.Application:
-        """The web application; `port` must be set before it is served."""
-        app = web.Application(middlewares=[self._guarded])
-        pages.add_page(app, __package__)
+        """The web application."""
+        app = pages.application(__package__, "view", self.key, KEYED)
         app.router.add_get("/shapes", self._shapes)
         app.router.add_get("/layer", self._layer)
         app.router.add_get("/socket", self._socket)
@@ -115,11 +113,6 @@ class Viewer:
         return web.AppRunner(self.app(), access_log=None, logger=connections.logger(), shutdown_timeout=END_WITHIN_S)
 
     # --- responses ---
-
-    @web.middleware
-    async def _guarded(self, request: web.Request, handler: pages.Handler) -> web.StreamResponse:
-        key = self.key if request.path in KEYED else None
-        return await pages.admitted(request, handler, self.port, key, "view")
 
     async def _shapes(self, _: web.Request) -> web.StreamResponse:
         return web.Response(body=self._described_plate().grid, content_type="application/octet-stream")

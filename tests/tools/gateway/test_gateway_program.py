@@ -75,11 +75,11 @@ def test_the_process_prints_an_address_that_works_and_ends_when_told_to(daemon: 
 async def test_the_viewer_is_a_gateway_too_for_programs_and_its_own_page(daemon: FakeDaemon) -> None:
     viewer = Viewer(str(daemon.directory), key=KEY)
     listener = socket.create_server(("127.0.0.1", 0))
-    viewer.port = listener.getsockname()[1]
+    port = listener.getsockname()[1]
     runner = viewer.runner()
     await runner.setup()
     await Site(runner, listener).start()
-    address = f"ws://127.0.0.1:{viewer.port}/client"
+    address = f"ws://127.0.0.1:{port}/client"
     try:
         async with ClientSession() as session:
             client = Program(await session.ws_connect(f"{address}?key={KEY}"))

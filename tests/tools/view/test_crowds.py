@@ -21,8 +21,7 @@ async def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
     runner = viewer.runner()
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", 0).start()
-    viewer.port = runner.addresses[0][1]
-    own = f"http://127.0.0.1:{viewer.port}"
+    own = f"http://127.0.0.1:{runner.addresses[0][1]}"
     try:
         async with ClientSession(headers={"Origin": own}) as session:
             pages = [await session.ws_connect(f"{own}/socket?key=key") for _ in range(MAX_PAGES + 1)]

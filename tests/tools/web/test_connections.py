@@ -33,12 +33,12 @@ async def served(folder: Path) -> AsyncIterator[tuple[Site, str]]:
     viewer = Viewer(str(folder), key="key")
     runner = viewer.runner()
     listener = socket.create_server(("127.0.0.1", 0))
-    viewer.port = listener.getsockname()[1]
+    port = listener.getsockname()[1]
     await runner.setup()
     site = Site(runner, listener)
     await site.start()
     try:
-        yield site, f"http://127.0.0.1:{viewer.port}"
+        yield site, f"http://127.0.0.1:{port}"
     finally:
         await runner.cleanup()
 
