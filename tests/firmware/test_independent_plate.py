@@ -54,6 +54,16 @@ def test_a_fault_of_a_plate_that_swings_by_itself_is_distinguished_from_a_false_
     assert ran.stdout.split()[9:] == ["7", "swings"]
 
 
+@pytest.mark.parametrize("seed", [1881, 3206])
+def test_a_loop_that_gains_known_to_a_tenth_leave_at_its_edge_is_not_sound(
+    seed: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """What probes move rings for longer than swings are watched: unstable with 1.21 and 1.02 times the gain."""
+    program = built("cases-6modes", tmp_path_factory)
+    ran = subprocess.run([program, "sound", "1", str(seed)], check=True, capture_output=True, text=True)
+    assert ran.stdout.split()[9:] == ["7", "swings"]
+
+
 def test_a_floating_lead_moves_no_plate_far_beyond_its_limit(program: Path) -> None:
     """Half the damping at full voltage would be twice the limit, on the paper's wiring four times."""
     assert max(case.peak_um for case in cases(program, "floating", 30)) <= 1.5 * W_LIMIT_UM
