@@ -97,7 +97,7 @@ def better_parasitic(
 def _with_residues(
     s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray, own: int
 ) -> ParasiticPoles:
-    residues = [np.linalg.lstsq(_basis(at, poles), one)[0][own:-1] for at, one in zip(s, y, strict=True)]
+    residues = [np.linalg.lstsq(basis(at, poles), one)[0][own:-1] for at, one in zip(s, y, strict=True)]
     return ParasiticPoles(poles[own:], np.array(residues).transpose(1, 2, 0))
 
 
@@ -112,7 +112,8 @@ def _starting(driven: ComplexArray, start: Sequence[float]) -> ComplexArray:
     return np.mean(driven.real) + 1j * np.asarray(start)
 
 
-def _basis(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
+def basis(s: ComplexArray, poles: ComplexArray) -> ComplexArray:
+    """Return the columns (n, P + 1) of these poles, and of a constant."""
     return np.column_stack([1.0 / (s[:, None] - poles), np.ones(len(s))])
 
 
@@ -125,30 +126,35 @@ def _left(
 ) -> float:
     """Return the RMS that responses fitted at `s` with these poles leave at `test_s`."""
     left = [
-        _basis(other, poles) @ np.linalg.lstsq(_basis(at, poles), responses)[0] - truth
+        basis(other, poles) @ np.linalg.lstsq(basis(at, poles), responses)[0] - truth
         for at, responses, other, truth in zip(s, y, test_s, test_y, strict=True)
     ]
     return float(np.sqrt(np.mean(np.abs(np.concatenate(left)) ** 2)))
 
 
-def _relocated(
-    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, outside: ComplexArray
-) -> ComplexArray | None:
-    """Return the driven poles, then the others, where they fit best; None if these are no modes."""
-    poles = np.concatenate([driven, outside])
+def relocated(s: Sequence[ComplexArray], y: Sequence[ComplexArray], poles: ComplexArray) -> ComplexArray:
+    """Return as many poles where they fit best, from these on."""
     for _ in range(ROUNDS):
         lefts, sides = [], []
         for at, responses in zip(s, y, strict=True):
-            basis = _basis(at, poles)
-            own = np.linalg.qr(basis)[0]
+            columns = basis(at, poles)
+            own = np.linalg.qr(columns)[0]
             for response in responses.T:
-                block = np.column_stack([-response[:, None] * basis[:, :-1], response])
+                block = np.column_stack([-response[:, None] * columns[:, :-1], response])
                 block = block - own @ (own.conj().T @ block)
                 lefts.append(block[:, :-1])
                 sides.append(block[:, -1])
         weights = np.linalg.lstsq(np.vstack(lefts), np.concatenate(sides))[0]
         poles = np.linalg.eigvals(np.diag(poles) - weights)
         poles = -np.abs(poles.real) + 1j * poles.imag
+    return poles
+
+
+def _relocated(
+    s: Sequence[ComplexArray], y: Sequence[ComplexArray], driven: ComplexArray, outside: ComplexArray
+) -> ComplexArray | None:
+    """Return the driven poles, then the others, where they fit best; None if these are no modes."""
+    poles = relocated(s, y, np.concatenate([driven, outside]))
     for place, pole in enumerate(driven):
         nearest = place + int(np.argmin(np.abs(poles[place:] - pole)))
         poles[[place, nearest]] = poles[[nearest, place]]

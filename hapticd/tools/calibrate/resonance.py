@@ -1,8 +1,8 @@
 """Step 1: sweep each amplifier of the board, fit all modes and wires, and propose a drive frequency.
 
-A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. `design.resonance`
-defines the criterion for the drive. One that is worth moving is written to the calibration file, by which the daemon
-sets it.
+A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. Last comes a wide and
+coarse sweep, for modes that the loop may make swing. `design.resonance` defines the criterion for the drive. One that
+is worth moving is written to the calibration file, by which the daemon sets it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
 from ..progress import Progress
 from .step import Step, add_config
-from .trial import try_out
+from .trial import NO_REMARK, Tried, try_out
 from .verdict import PICTURE, Figure, Finding, FoundSettings, Outcome, Verdict, judge
 
 CALIBRATION_FILE = "calibration.toml"
@@ -50,18 +50,19 @@ DWELL_DECAYS = 12.0  # time constants of the mode; the board discards the first 
 MOST_POINTS = 2001  # the board's limit
 PIECE_POINTS = 7  # of a sweep: lost when the board ends it
 TRIES = 8  # of a piece that the board ends
+WIDE_POINTS = 101  # of the widest sweep, for modes outside
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredModes:
     """Each mode as its strongest amplifier shows it, its calibration with the wires, a sentence per wrong wire, the
-    frequencies of parasitic modes, and a sentence if all this was not tried against the loop."""
+    frequencies of parasitic modes, and what the loop makes of all this."""
 
     sweeps: tuple[ModeSweep, ...]
     modes: tuple[ModeCalibration, ...]
     wrong_wires: tuple[str, ...] = ()
     parasitic_hz: tuple[float, ...] = ()
-    untried: str = ""
+    trial: Tried = NO_REMARK
 
 
 def check(options: argparse.Namespace) -> None:
@@ -81,7 +82,8 @@ def run(options: argparse.Namespace) -> Verdict:
     calibration.save(options.out / CALIBRATION_FILE, found)
     device = {} if options.sim else {"port": port, "baud": baud}
     simulated = glass.settings(glass.chosen(options)) if options.sim else {}
-    settings = {"device": {**device, "calibration_file": CALIBRATION_FILE}, **simulated}
+    law = {"controller": measured.trial.controller} if measured.trial.controller else {}
+    settings = {"device": {**device, **law, "calibration_file": CALIBRATION_FILE}, **simulated}
     return verdict(hello, measured, settings, is_simulated=options.sim)
 
 
@@ -105,8 +107,25 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> MeasuredModes:
     if any(closer):
         points = [again or first for first, again in zip(points, closer, strict=True)]
         found = _fitted(points)
+    wide = _wide(plan, found, board.hello)
+    around = [await _sweep(board, replace(wide, mode=amplifier)) for amplifier in range(board.hello.modes)]
     law = await board.ask(ControllerRequest(), BoardController)
-    return measured_modes(found, points, board.hello, law)
+    return measured_modes(found, points, around, board.hello, law)
+
+
+def _wide(plan: Sweep, found: MeasuredWiring, hello: BoardHello) -> Sweep:
+    """Return the widest sweep, in which the modes come to rest between points."""
+    dwell_ms = max(_dwell_ms(fit.frequency_hz / fit.q_factor) for fit in found.fits)
+    least_hz, most_hz = _bounds_hz(hello)
+    return replace(plan, start_hz=least_hz, stop_hz=most_hz, points=WIDE_POINTS, dwell_ms=dwell_ms)
+
+
+def _bounds_hz(hello: BoardHello) -> tuple[float, float]:
+    return hello.drive_hz - protocol.SWEEP_OFFSET_MAX_HZ, hello.drive_hz + protocol.SWEEP_OFFSET_MAX_HZ
+
+
+def _dwell_ms(width_hz: float) -> int:
+    return min(math.ceil(1e3 * DWELL_DECAYS / (math.pi * width_hz)), protocol.SWEEP_DWELL_MAX_MS)
 
 
 async def _closer(board: Conversation, plan: Sweep, found: MeasuredWiring, amplifier: int) -> list[SweepPoint]:
@@ -139,13 +158,17 @@ def _fitted(points: Sequence[Sequence[SweepPoint]]) -> MeasuredWiring:
 
 
 def measured_modes(
-    found: MeasuredWiring, points: Sequence[Sequence[SweepPoint]], hello: BoardHello, law: BoardController
+    found: MeasuredWiring,
+    points: Sequence[Sequence[SweepPoint]],
+    around: Sequence[Sequence[SweepPoint]],
+    hello: BoardHello,
+    law: BoardController,
 ) -> MeasuredModes:
     """Return the calibrations, tried against the loop, and each mode as its strongest amplifier shows it.
 
-    Raises DeviceError if the loop would not hold.
+    Raises DeviceError if no loop would hold.
     """
-    swept = [AmplifierSweep.of(amplifier, one) for amplifier, one in enumerate(points)]
+    swept, wide = ([AmplifierSweep.of(k, one) for k, one in enumerate(all_points)] for all_points in (points, around))
     sweeps = []
     for mode, fit in enumerate(found.fits):
         own = swept[found.strongest(mode)]
@@ -155,8 +178,8 @@ def measured_modes(
     except ValueError as error:
         raise DeviceError(str(error)) from None
     driven_hz = better_drive_hz(hello, modes) or hello.drive_hz
-    untried = try_out(swept, found, modes, hello, law, driven_hz)
-    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()), tuple(found.parasitic_hz()), untried)
+    trial = try_out(swept, found, modes, hello, law, driven_hz, wide)
+    return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()), tuple(found.parasitic_hz()), trial)
 
 
 def pieces(plan: Sweep) -> list[Sweep]:
@@ -177,15 +200,14 @@ def refined(plan: Sweep, found: Resonance, hello: BoardHello) -> Sweep | None:
     step_hz = abs(plan.stop_hz - plan.start_hz) / max(plan.points - 1, 1)
     low_hz, high_hz = sorted((plan.start_hz, plan.stop_hz))
     is_surrounded = low_hz + width_hz / 2 <= found.frequency_hz <= high_hz - width_hz / 2
-    dwell_ms = min(math.ceil(1e3 * DWELL_DECAYS / (math.pi * width_hz)), protocol.SWEEP_DWELL_MAX_MS)
-    if is_surrounded and step_hz * POINTS_IN_WIDTH <= width_hz and plan.dwell_ms >= dwell_ms:
+    if is_surrounded and step_hz * POINTS_IN_WIDTH <= width_hz and plan.dwell_ms >= _dwell_ms(width_hz):
         return None
-    least_hz, most_hz = (hello.drive_hz + sign * protocol.SWEEP_OFFSET_MAX_HZ for sign in (-1.0, 1.0))
+    least_hz, most_hz = _bounds_hz(hello)
     reach_hz = WIDTHS * width_hz
     start_hz, stop_hz = max(found.frequency_hz - reach_hz, least_hz), min(found.frequency_hz + reach_hz, most_hz)
     if not start_hz < stop_hz:
         return None
-    return replace(plan, start_hz=start_hz, stop_hz=stop_hz, dwell_ms=max(plan.dwell_ms, dwell_ms))
+    return replace(plan, start_hz=start_hz, stop_hz=stop_hz, dwell_ms=max(plan.dwell_ms, _dwell_ms(width_hz)))
 
 
 def better_drive_hz(hello: BoardHello, modes: Sequence[ModeCalibration]) -> float | None:
@@ -210,7 +232,7 @@ def verdict(hello: BoardHello, measured: MeasuredModes, settings: FoundSettings,
         Figure("largest voltage proposed", best_v, "V"),
     ]
     findings = [finding for one in sweeps for finding in _findings(one)]
-    warnings = [*measured.wrong_wires, *([measured.untried] if measured.untried else [])]
+    warnings = [*measured.wrong_wires, *([measured.trial.sentence] if measured.trial.sentence else [])]
     if best_v > ENOUGH * hello.v_limit_v:
         warnings.append(
             f"Full amplitude of all modes takes {best_v:.0f} V, and the amplifiers end at {hello.v_limit_v:.0f}."

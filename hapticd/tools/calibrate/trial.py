@@ -2,7 +2,8 @@
 
 The plate has the fitted modes, the parasitic ones among them. Where noise hides modes outside the sweep, their share of
 the constant would be believed as feedthrough, and a fast loop swings by 2 nm/V of that: there the loop must also bear
-each plate that explains the sweeps better than the believed one.
+each plate that explains the sweeps better than the believed one. A wide sweep shows modes up to 2 kHz away; where they
+make a fast loop swing, or would with gains a tenth larger, a slower law may hold.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from ...board_protocol import FAULTS, LogRequest
 from ...board_values import BoardController, BoardHello, BoardLog, ModeCalibration
+from ...design.far_modes import with_far_modes
 from ...design.wiring import AmplifierSweep, MeasuredWiring, as_likely
 from ...errors import DeviceError
 from ...sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, BoardTrace, PlateModel
@@ -27,6 +30,19 @@ ASKED_FRAC: Final = 0.5  # of each mode's limit
 FRAME_S: Final = 0.02
 TRUSTED: Final = 3  # frames of a stream until a board follows them
 NOISE_UM: Final = 0.0006
+MARGIN: Final = 1.21  # of far modes in the loop: amplifiers and sensors are known to a tenth each
+SLOWER: Final = {"deadbeat": ("pi_ff", "pi"), "pi_ff": ("pi",)}
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A sentence if what was fitted could not be tried, or does not bear the board's law, and the law that it bears."""
+
+    sentence: str = ""
+    controller: str = ""
+
+
+NO_REMARK: Final = Tried()
 
 
 def try_out(
@@ -36,18 +52,29 @@ def try_out(
     hello: BoardHello,
     law: BoardController,
     drive_hz: float,
-) -> str:
-    """Try the fitted modes, driven at `drive_hz`; return a sentence if they could not be tried, "" if the loop holds.
-
-    Raises DeviceError if it does not.
+    wide: Sequence[AmplifierSweep] = (),
+) -> Tried:
+    """Try the fitted modes, driven at `drive_hz`, with all that `wide` sweeps show. Raises DeviceError if no law holds
+    them: without wide sweeps, if the board's does not.
     """
     others = as_likely(sweeps, found)
+    tried = _with_margin(with_far_modes(found, [*sweeps, *wide], PLATE_MODES_MAX - len(modes))) if wide else found
     try:
-        fault = fault_on([found, *others], modes, hello, law, drive_hz)
+        own = fault_on([tried], modes, hello, law, drive_hz)
+        fault = own or fault_on(others, modes, hello, law, drive_hz)
     except (DeviceError, ValueError) as error:
-        return f"What was fitted was not tried against the loop: {error}"
+        return Tried(f"What was fitted was not tried against the loop: {error}")
     if not fault:
-        return ""
+        return NO_REMARK
+    near = ", ".join(f"{hz:.0f} Hz" for hz in tried.parasitic_hz()) or "near those swept"
+    for slower in SLOWER.get(law.law or "", ()) if wide and own else ():
+        if not fault_on([tried, *others], modes, hello, BoardController(slower, 0.0, 0.0, ()), drive_hz):
+            return Tried(
+                f"{law.law} would make the modes swing that no amplifier is for ({near}; fault {fault}), or nearly: "
+                f'controller = "{slower}" is set, which does not. Damp these modes, or move the sensors to where they '
+                f"are still, for {law.law}.",
+                slower,
+            )
     if others:
         largest = 1e3 * max(abs(wire) for mode in modes for wire in mode.feedthrough_um_per_v)
         raise DeviceError(
@@ -55,11 +82,14 @@ def try_out(
             f"and the loop would swing (fault {fault}): sweep a wider band, with more volts (`hapticd calibrate "
             "resonance --from --to --volts`)."
         )
-    near = ", ".join(f"{hz:.0f} Hz" for hz in found.parasitic_hz()) or "near those swept"
     raise DeviceError(
         f"Nothing is written: the loop would not hold the plate as it was fitted (fault {fault}): damp the modes that "
         f"no amplifier is for ({near}), or move the sensors to where these are still."
     )
+
+
+def _with_margin(found: MeasuredWiring) -> MeasuredWiring:
+    return replace(found, parasitic=found.parasitic.scaled(1.0, MARGIN))
 
 
 def fault_on(

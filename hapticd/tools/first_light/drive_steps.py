@@ -77,7 +77,7 @@ async def _resonance(bench: Bench) -> PageResult:
         if judgement.is_passed:
             law = await board.ask(ControllerRequest(), BoardController)
             try:
-                untried = try_out(sweeps, found, modes, board.hello, law, drive_hz or board.hello.drive_hz)
+                untried = try_out(sweeps, found, modes, board.hello, law, drive_hz or board.hello.drive_hz).sentence
             except DeviceError:
                 # A chain that clips bends the resonances as modes outside the sweep do.
                 clipped = await _straight(board, design, modes)

@@ -12,25 +12,35 @@ from parasitic_plate import AWAY_HZ, OWN, plate, swept
 
 from hapticd.board_values import BoardController, BoardHello, ModeCalibration
 from hapticd.design import wiring
+from hapticd.design.far_modes import with_far_modes
 from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, as_likely, fit_wiring
 from hapticd.errors import DeviceError
 from hapticd.sim.board.board import PLATE_MODES_MAX, PlateModel
 from hapticd.tools.calibrate import trial
-from hapticd.tools.calibrate.trial import fault_on, fitted_plate, try_out
+from hapticd.tools.calibrate.trial import NO_REMARK, fault_on, fitted_plate, try_out
 
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, OWN.drive_hz, 50, (4.0, 4.0), 150.0)
 LAW = BoardController("deadbeat", 0.0, 0.0, ())
 
 
+FAR_HZ = (600.0, -1800.0)
+
+
 def tried(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring, modes: Sequence[ModeCalibration]) -> str:
-    return try_out(sweeps, found, modes, HELLO, LAW, OWN.drive_hz)
+    return try_out(sweeps, found, modes, HELLO, LAW, OWN.drive_hz).sentence
 
 
-def ends(truth: PlateModel, modes: Sequence[ModeCalibration], monkeypatch: pytest.MonkeyPatch) -> int:
+def ends(
+    truth: PlateModel,
+    modes: Sequence[ModeCalibration],
+    monkeypatch: pytest.MonkeyPatch,
+    hello: BoardHello = HELLO,
+    law: BoardController = LAW,
+) -> int:
     """The fault in which this calibration ends on the true plate."""
     with monkeypatch.context() as patched:
         patched.setattr(trial, "fitted_plate", lambda *_: truth)
-        return fault_on([fit_wiring(swept(plate(()), 1.0))], modes, HELLO, LAW, OWN.drive_hz)
+        return fault_on([fit_wiring(swept(plate(()), 1.0))], modes, hello, law, OWN.drive_hz)
 
 
 @pytest.mark.parametrize("is_fitted", [False, True], ids=["hidden by noise", "not fitted"])
@@ -81,6 +91,34 @@ def test_a_plate_that_the_loop_would_not_hold_is_refused_with_what_to_do() -> No
     ]
     with pytest.raises(DeviceError, match=r"would not hold the plate as it was fitted \(fault \d+\).*294\d\d Hz"):
         tried(sweeps, found, turned)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 10.0])
+def test_modes_far_beyond_the_sweep_with_which_the_loop_swings_are_found_and_a_slower_law_is_set(
+    noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The narrow sweep does not show them, and the board is twice as fast as the plate bears."""
+    truth, hello = plate(FAR_HZ), replace(HELLO, control_hz=5000.0)
+    sweeps, wide = swept(truth, noise), swept(truth, noise, 2000.0, 101)
+    found = fit_wiring(sweeps)
+    modes = found.calibrations()
+    assert try_out(sweeps, found, modes, hello, LAW, OWN.drive_hz) == NO_REMARK
+    assert ends(truth, modes, monkeypatch, hello) == 7
+    assert with_far_modes(found, [*sweeps, *wide], 4).parasitic_hz() == pytest.approx([27405.0, 29805.0], abs=2.0)
+    said = try_out(sweeps, found, modes, hello, LAW, OWN.drive_hz, wide)
+    assert said.sentence.startswith("deadbeat would make the modes swing that no amplifier is for (27405 Hz, 29805 Hz;")
+    assert said.controller in ("pi_ff", "pi")
+    assert ends(truth, modes, monkeypatch, hello, BoardController(said.controller, 0.0, 0.0, ())) == 0
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 10.0])
+@pytest.mark.parametrize("away_hz", [(), FAR_HZ])
+def test_a_plate_that_bears_the_law_keeps_it(away_hz: tuple[float, ...], noise: float) -> None:
+    truth = replace(plate(away_hz), sensor=np.hstack([np.eye(2), 0.05 * np.ones((2, len(away_hz)))]))
+    sweeps, wide = swept(truth, noise), swept(truth, noise, 2000.0, 101)
+    found = fit_wiring(sweeps)
+    assert try_out(sweeps, found, found.calibrations(), HELLO, LAW, OWN.drive_hz, wide) == NO_REMARK
+    assert len(with_far_modes(found, [*sweeps, *wide], 4).parasitic_hz()) == len(away_hz)
 
 
 def test_what_cannot_be_tried_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
