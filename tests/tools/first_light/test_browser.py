@@ -115,6 +115,7 @@ def test_a_sound_rig_on_a_telephone_whose_page_is_closed_meanwhile_goes_on_where
         page.walk("2 of 15")
         page.until("begin")
         browser.execute_script(f"{PRESS}; setTimeout(() => location.replace('about:blank'), 50)", "begin")
+        WebDriverWait(browser, PATIENCE_S).until(lambda it: it.current_url == "about:blank")
         page = FirstLightPage(browser, address, "telephone")
         seen = page.until("begin", note=commission.GONE)
         assert (seen["heading"], seen["passed"]) == ("2 of 15: Sensors at rest", 1)
