@@ -1,6 +1,7 @@
-"""A minute of guided touching: where two fingers stroke next, so that they meet every ninth of the plate's middle.
+"""A minute of guided touching: which quarter of the plate's middle each of two fingers strokes next.
 
-A finger stays in a ninth for some seconds, while the other one strokes the opposite ninth.
+They are in opposite quarters, so that the plate moves differently under each. Smaller places teach less: strokes are
+shorter and slower there, and cross fewer waves.
 """
 
 from __future__ import annotations
@@ -9,15 +10,14 @@ from typing import NamedTuple
 
 from .coverage import Ninth
 
-EACH_S = 6.0  # in one pair of places
-CORNER = (-1, -1)
-# Of one finger, by columns and rows from the middle; the other's are opposite, and a corner where this one is central.
-_PLACES = (CORNER, (-1, 0), (-1, 1), (0, 1), (0, 0), (1, 1), (1, 0), (1, -1), (0, -1))
-GUIDED_S = EACH_S * (len(_PLACES) + 1)
+EACH_S = 5.0  # in one pair of places
+_PLACES = ((-1, -1), (-1, 1), (1, 1), (1, -1))  # of one finger, by column and row from the middle
+_ROUNDS = 3
+GUIDED_S = EACH_S * _ROUNDS * len(_PLACES)
 
 
 class GuidedPlaces(NamedTuple):
-    """Places (column, row) of two fingers from the middle, -1 .. 1 each, and how long they are to stay."""
+    """Quarters (column, row) of two fingers from the middle, -1 or 1 each, and how long they are to stay."""
 
     first: tuple[int, int]
     second: tuple[int, int]
@@ -26,14 +26,11 @@ class GuidedPlaces(NamedTuple):
     def sentence(self, of_s: float) -> str:
         """Return what to do, of `of_s` seconds that are left in all."""
         one, other = (Ninth(row + 1, column + 1, 0.0).name for column, row in (self.first, self.second))
-        return f"{of_s:3.0f} s left: stroke the {one} with one finger, the {other} with another"
+        return f"{of_s:3.0f} s left: stroke the {one} quarter with one finger, the {other} one with another"
 
 
 def places_at(t_s: float) -> GuidedPlaces:
     """Return where the fingers are to be `t_s` seconds after the start; at the last places after the end."""
-    step = min(int(t_s / EACH_S), len(_PLACES))
-    left_s = max((step + 1) * EACH_S - t_s, 0.0)
-    if step == len(_PLACES):
-        return GuidedPlaces(CORNER, (0, 0), left_s)
-    column, row = _PLACES[step]
-    return GuidedPlaces((column, row), CORNER if (column, row) == (0, 0) else (-column, -row), left_s)
+    step = min(int(t_s / EACH_S), _ROUNDS * len(_PLACES) - 1)
+    column, row = _PLACES[step % len(_PLACES)]
+    return GuidedPlaces((column, row), (-column, -row), max((step + 1) * EACH_S - t_s, 0.0))

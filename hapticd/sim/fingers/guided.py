@@ -10,8 +10,8 @@ from ...design.touch.guide import EACH_S, GUIDED_S, places_at
 from ...values import FloatArray
 from .real_strokes import RealStrokes
 
-APART_MM = 38.0  # of two places: a third of what a hand reaches on the pad
-HALF_SIZE_MM = 17.0  # of the strokes around a place
+APART_MM = 24.0  # of a quarter's middle from the plate's, along x and y
+HALF_SIZE_MM = 34.0  # of the strokes around it: quarters overlap, as with smaller ones less is learned
 _MOVE_S = 0.6  # from one place to the next, with least jerk
 
 

@@ -1,4 +1,4 @@
-"""The guide leads both fingers over all ninths, and never both to one."""
+"""The guide leads both fingers through all quarters, and never both to one."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from hapticd.design.touch.guide import EACH_S, GUIDED_S, places_at
 from hapticd.sim.fingers.scenarios import LAND_S, SCENARIOS
 
 
-def test_each_finger_meets_all_ninths_or_the_other_does_and_both_are_never_in_one() -> None:
+def test_each_finger_meets_all_quarters_and_the_other_is_opposite() -> None:
     steps = [places_at((step + 0.5) * EACH_S) for step in range(round(GUIDED_S / EACH_S))]
-    assert len({one.first for one in steps}) == 9
-    assert len({one.second for one in steps}) == 9
+    assert len({one.first for one in steps}) == len({one.second for one in steps}) == 4
     for one in steps:
-        assert max(abs(one.first[axis] - one.second[axis]) for axis in (0, 1)) >= 1
+        assert one.second == (-one.first[0], -one.first[1])
     assert places_at(GUIDED_S + 1.0).left_s == 0.0
 
 
 def test_a_sentence_names_both_places_and_the_time_left() -> None:
     assert places_at(0.0).sentence(60.0) == (
-        " 60 s left: stroke the lower left with one finger, the upper right with another"
+        " 60 s left: stroke the lower left quarter with one finger, the upper right one with another"
     )
 
 
@@ -28,8 +27,8 @@ def test_simulated_fingers_follow_it_apart_from_each_other() -> None:
     t_s = np.arange(LAND_S, LAND_S + GUIDED_S, 0.01)
     first, second = (actor.path.position_mm(t_s) for actor in SCENARIOS["guided"].build(3, 100.0) if actor.path)
     assert np.abs(np.concatenate((first, second))).max() < 58.0
-    assert np.hypot(*(first - second).T).min() > 5.0
+    assert np.mean(np.hypot(*(first - second).T) < 15.0) < 0.03  # where quarters overlap they pass each other
     settled = np.nonzero((t_s - LAND_S) % EACH_S > 1.0)[0]
     for index in settled[::50]:
         places = places_at(float(t_s[index] - LAND_S))
-        assert np.abs(first[index] - 38.0 * np.array(places.first)).max() < 18.0
+        assert np.abs(first[index] - 24.0 * np.array(places.first)).max() < 35.0

@@ -31,7 +31,7 @@ def test_it_says_where_to_touch_from_the_recording_s_start_on_and_ends() -> None
         t_s = 5.0 + 0.1 * tick
         ends.append(guide.is_ended())
     assert ends.index(True) == round(10 * GUIDED_S)
-    assert said[3] == " 60 s left: stroke the lower left with one finger, the upper right with another"
+    assert said[3] == " 60 s left: stroke the lower left quarter with one finger, the upper right one with another"
     assert 60 <= len(said) < 80
 
 
