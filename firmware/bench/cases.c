@@ -29,7 +29,7 @@
 #define BEGUN_US 50000
 #define SWING 0.01   /* of the limit: ten times the converters' noise */
 #define MARGIN 1.21  /* of the loop's gain, by which a sound plate is stable: amplifiers and sensors are known to a tenth each */
-#define OVER_UM 1e3  /* farther than any */
+#define REST_S 1.0   /* that references are zero for, in the end, of which ringing takes the first half */
 
 #define FLIPPED AN_FAULTS /* a bit of the memory, and every lead is sound */
 
@@ -44,8 +44,8 @@ typedef struct {
     hd_carrier_t carrier;
     hd_config_t config;
     bool paper;
-    double damping, texture_hz, seconds;
-    double parasitic_um; /* the farthest that a mode which is not calibrated went after BEGUN_US */
+    double damping, texture_hz, seconds, rests_s;
+    double parasitic_um, resting_um; /* the farthest that a mode which is not calibrated went after BEGUN_US, and at rest */
     double asked_um[HD_MODES];
     uint16_t seq;
     uint16_t playing[HD_CHUNK][HD_MODES], next[HD_CHUNK][HD_MODES], sampled[HD_CHUNK][HD_MODES];
@@ -176,7 +176,7 @@ static void ask(case_t *c, uint32_t now_us)
     } message = {{c->seq++, now_us, KNOTS, HD_MODES}, {{0}}};
     for (int n = 0; n < KNOTS; n++) {
         double t_s = 1e-6 * now_us + 1e-3 * n;
-        double share = c->texture_hz > 0.0 ? cos(TURN_RAD * c->texture_hz * t_s) : 1.0;
+        double share = t_s >= c->rests_s ? 0.0 : c->texture_hz > 0.0 ? cos(TURN_RAD * c->texture_hz * t_s) : 1.0;
         message.knot[n].offset = (uint16_t)(n * 1000 / HD_KNOT_UNIT_US);
         for (int k = 0; k < HD_MODES; k++) {
             message.knot[n].modal[k].d_um = (float)(share * c->asked_um[k]);
@@ -254,7 +254,10 @@ static void play(case_t *c)
         flip_when_due(c);
         control(c);
         if (c->plate.t_us > BEGUN_US) {
-            c->parasitic_um = fmax(c->parasitic_um, an_parasitic_um(&c->plate));
+            double um = an_parasitic_um(&c->plate);
+            bool rests = 1e-6 * (double)c->plate.t_us > c->rests_s + 0.5 * REST_S;
+            c->parasitic_um = fmax(c->parasitic_um, um);
+            c->resting_um = rests ? fmax(c->resting_um, um) : 0.0;
         }
         if (c->core.state == HD_STATE_FAULT && (double)c->plate.t_us > c->last_drive_us + 20e3) {
             break;
@@ -282,34 +285,39 @@ static void draw(case_t *c, enum an_fault fault, unsigned seed)
         c->plate.v_limit_v = 2.0 * V_LIMIT_V; /* the amplifiers' own limit saves nothing here */
         c->seconds = 0.5;
     }
+    c->rests_s = INFINITY;
     c->plate.random.state = random.state | 1u;
     an_prepare(&c->plate);
     configure(c, control_hz);
 }
 
-/* How far modes that are not calibrated go in a sound case that is not watched, once it began, if sensors see so many times of them. */
-static double unwatched_um(unsigned seed, double seen)
+/* A sound case that is not watched, and rests in the end; sensors see so many times of the modes that are not calibrated. */
+static const case_t *unwatched(case_t *c, unsigned seed, double seen)
 {
-    static case_t c;
-    draw(&c, AN_SOUND, seed);
-    c.core.swing_turns = c.core.distrust_turns = c.core.patience_ticks = UINT16_MAX;
-    hd_memory_init(&c.core); /* as if it had been so from the start */
-    for (int p = HD_MODES; p < c.plate.modes; p++) {
+    draw(c, AN_SOUND, seed);
+    c->rests_s = c->seconds;
+    c->seconds += REST_S;
+    c->core.swing_turns = c->core.distrust_turns = c->core.patience_ticks = UINT16_MAX;
+    hd_memory_init(&c->core); /* as if it had been so from the start */
+    for (int p = HD_MODES; p < c->plate.modes; p++) {
         for (int k = 0; k < HD_MODES; k++) {
-            c.plate.sees[k][p] *= seen;
+            c->plate.sees[k][p] *= seen;
         }
     }
-    an_prepare(&c.plate);
-    play(&c);
-    return c.core.fault == HD_FAULT_OVER_AMPLITUDE ? OVER_UM : c.parasitic_um;
+    an_prepare(&c->plate);
+    play(c);
+    return c;
 }
 
 /* Whether the plate of a sound case swings by itself: unwatched, a mode that is not calibrated goes farther in the loop, by
- * SWING of the limit, than it does on the plate whose sensors do not see it. In the loop with MARGIN: on its edge, what probes
- * move rings for longer than the board watches it. */
+ * SWING of the limit, than it does on the plate whose sensors do not see it, or does not come to rest. In the loop with MARGIN: on
+ * its edge, what probes move rings for longer than the board watches it. */
 static bool swings(unsigned seed)
 {
-    return unwatched_um(seed, MARGIN) > unwatched_um(seed, 0.0) + SWING * W_LIMIT_UM;
+    static case_t seeing, blind;
+    const case_t *seen = unwatched(&seeing, seed, MARGIN), *unseen = unwatched(&blind, seed, 0.0);
+    return seen->core.fault == HD_FAULT_OVER_AMPLITUDE || seen->resting_um > unseen->resting_um + SWING * W_LIMIT_UM
+        || seen->parasitic_um > unseen->parasitic_um + SWING * W_LIMIT_UM;
 }
 
 static void play_case(enum an_fault fault, unsigned seed)
