@@ -336,7 +336,7 @@ class Config:
     @property
     def reference_limit_um(self) -> tuple[float, ...]:
         """The largest amplitude of each mode in a reference: so much below its limit that the plate stays within, by
-        three sigmas, whatever share of all modes each sensor mistakes for its own, and whatever gain all share; a
+        three sigmas, whatever share of all modes each sensor mistakes for its own, and however far its gain is off; a
         quarter of the limit at least."""
         limits, known = self.limits, self.uncertainty
         unseen_um = SIGMAS * known.sensors_frac * math.hypot(*limits.w_limit_um)

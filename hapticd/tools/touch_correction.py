@@ -170,11 +170,11 @@ def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
         return found
     sigma = judged.sigma.sense.ravel()[1:]
     sensors_frac = min(before.sensors_frac, round(float(np.sqrt(np.mean(np.abs(sigma) ** 2))), 4))
-    modes = math.hypot(*limits_um) / max(limits_um)
-    before_frac = math.hypot(modes * before.sensors_frac, before.gain_frac)
-    shared_frac = math.sqrt(max(before_frac**2 - (modes * sensors_frac) ** 2, 0.0))
-    shared_frac = min(round(shared_frac, 4), UncertaintyConfig().sensors_frac)
-    return found | {"sensors_frac": sensors_frac, "gain_frac": shared_frac}
+    all_over_largest = math.hypot(*limits_um) / max(limits_um)
+    before_frac = math.hypot(all_over_largest * before.sensors_frac, before.gain_frac)
+    gain_frac = math.sqrt(max(before_frac**2 - (all_over_largest * sensors_frac) ** 2, 0.0))
+    gain_frac = min(round(gain_frac, 4), UncertaintyConfig().sensors_frac)
+    return found | {"sensors_frac": sensors_frac, "gain_frac": gain_frac}
 
 
 def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:

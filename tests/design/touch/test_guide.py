@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapticd.design.touch.guide import EACH_S, GUIDED_S, places_at
+from hapticd.sim.fingers.guided import APART_MM, HALF_SIZE_MM
 from hapticd.sim.fingers.scenarios import LAND_S, SCENARIOS
 
 
@@ -31,4 +32,4 @@ def test_simulated_fingers_follow_it_apart_from_each_other() -> None:
     settled = np.nonzero((t_s - LAND_S) % EACH_S > 1.0)[0]
     for index in settled[::50]:
         places = places_at(float(t_s[index] - LAND_S))
-        assert np.abs(first[index] - 24.0 * np.array(places.first)).max() < 35.0
+        assert np.abs(first[index] - APART_MM * np.array(places.first)).max() < HALF_SIZE_MM + 1.0
