@@ -79,7 +79,7 @@ def test_what_the_rule_names_is_compiled(name: str) -> None:
 
 def test_the_rule_takes_the_path_alone_and_nothing_that_could_not_run_as_python() -> None:
     assert {name.split(".")[1] for name in MODULES} == {*compiled.FOLDERS}
-    assert {"hapticd.core.pipeline", "hapticd.core.trajectory.gate", "hapticd.wire.reference"} <= set(MODULES)
+    assert {"hapticd.core.pipeline", "hapticd.core.trajectory.gate", "hapticd.wire.commands"} <= set(MODULES)
     assert not {"hapticd.core.targets.assets", "hapticd.wire.client", "hapticd.core.solver.felt_descent"} & set(MODULES)
 
 

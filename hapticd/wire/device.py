@@ -10,7 +10,7 @@ from ..errors import DeviceError
 from .board_messages import BoardDecoder
 from .commands import ALL_COMMANDS
 from .commands import encode as encode
-from .reference import encode_reference as encode_reference
+from .commands import encode_reference as encode_reference
 
 Decoder = BoardDecoder
 

@@ -22,9 +22,8 @@ from hapticd.sim.plate.glasses import WIDE
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.settings import Settings
 from hapticd.values import Drive, Knot
-from hapticd.wire.commands import encode
+from hapticd.wire.commands import encode, encode_reference
 from hapticd.wire.device import Decoder
-from hapticd.wire.reference import encode_reference
 
 MS = 1_000_000
 EIGHT_UM = (4.0,) * MOST_MODES

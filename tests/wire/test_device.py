@@ -28,7 +28,7 @@ from hapticd.board_values import (
 )
 from hapticd.errors import DeviceError
 from hapticd.values import Knot, LimitReason, SafeDrive
-from hapticd.wire import device, reference
+from hapticd.wire import commands, device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 HELLO = protocol.HELLO.pack(
@@ -101,7 +101,7 @@ def test_what_float32_can_hold_is_sent_as_it_is() -> None:
     assert decoded_knots(device.encode_reference(0, drive(Knot(0, values)), 0)) == [(0, list(values))]
 
 
-@given(st.lists(st.integers(0, reference.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
+@given(st.lists(st.integers(0, commands.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
 def test_knots_stay_in_order_and_within_two_microseconds_of_their_time(dt_ns: list[int]) -> None:
     spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= protocol.KNOT_UNIT_NS] or dt_ns[:1]
     line = device.encode_reference(0, drive(*(Knot(dt, (0j,)) for dt in spread)), 0)

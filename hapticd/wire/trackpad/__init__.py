@@ -9,9 +9,8 @@ the kernel's input events (`evdev`), or as datagrams of a tracker (`tuio`).
 from . import evdev, tuio
 from .decoder import Decoder
 from .magic_trackpad_2 import STAMP_WRAP_MS
-from .pad import HidIds, Pad, PadGeometry
+from .pad import MAX_RECORDS, RECORD, HidIds, Pad, PadGeometry
 from .pads import DEFAULT_PAD, PADS, from_fields, to_fields
-from .records import MAX_RECORDS, RECORD
 from .still_contacts import StillContacts
 
 __all__ = [

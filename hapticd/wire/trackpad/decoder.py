@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from ...values import AffineMap, TouchFrame
-from .pad import Pad
+from .pad import Pad, RefusedError
 from .pads import LAYOUTS, known
-from .records import RefusedError
 
 _MOUSE = 0x02
 _MOUSE_LENGTHS = range(3, 10)  # what a pad sends before the multitouch enable, or after losing it

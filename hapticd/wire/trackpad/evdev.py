@@ -14,8 +14,7 @@ from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
 from .event_clock import EventClock
-from .pad import Family, Layout, PadGeometry
-from .records import RefusedError
+from .pad import Family, Layout, PadGeometry, RefusedError
 
 EVENT: Final = struct.Struct("<qqHHi")  # seconds, microseconds, type, code, value
 MAX_EVENTS: Final = 170  # of one report: ten axes of all contacts

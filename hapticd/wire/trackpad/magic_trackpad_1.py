@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
-from .pad import BLUETOOTH, Family, HidIds, Layout, Pad, PadGeometry
-from .records import records, require_distinct_ids
+from .pad import BLUETOOTH, Family, HidIds, Layout, Pad, PadGeometry, records, require_distinct_ids
 
 _SINGLE, _PAIR = 0x28, 0xF7
 _TIMEOUT_NS = 100_000_000  # nine frames: a contact missing for so long has ended

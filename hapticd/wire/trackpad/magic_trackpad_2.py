@@ -7,8 +7,18 @@ from functools import partial
 from typing import Final
 
 from ...values import AffineMap, Contact, TouchFrame
-from .pad import BLUETOOTH, USB, Family, HidIds, Layout, Pad, PadGeometry
-from .records import RefusedError, records, require_distinct_ids
+from .pad import (
+    BLUETOOTH,
+    USB,
+    Family,
+    HidIds,
+    Layout,
+    Pad,
+    PadGeometry,
+    RefusedError,
+    records,
+    require_distinct_ids,
+)
 
 STAMP_WRAP_MS: Final = 1 << 21
 _USB, _BLUETOOTH = 0x02, 0x31

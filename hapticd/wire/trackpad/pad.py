@@ -7,14 +7,19 @@ known when it is opened gets its record then: its source makes it with `dataclas
 from __future__ import annotations
 
 import math
+import struct
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ...values import AffineMap, TouchFrame
+from ...values import AffineMap, Contact, TouchFrame
 
 USB, BLUETOOTH = 1, 2  # hidapi's bus_type
+# Apple's record of a contact: a word with x (13 bits, signed), y (13 bits, signed, up) and, not on the Magic Trackpad
+# 1, finger (3) and state (3); then major, minor, and three bytes that differ between the models.
+RECORD = struct.Struct("<I5B")
+MAX_RECORDS = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +131,14 @@ def _mapped_axis(affine: AffineMap, angle_rad: float, mm_per_count: float) -> tu
     )
 
 
+class RefusedError(Exception):
+    """A report is no touch report, for `reason`. Never leaves this package."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
 class Layout(ABC):
     """The decoder of one pad's reports, which count `orientations` angles in half a turn."""
 
@@ -140,7 +153,7 @@ class Layout(ABC):
 
     @abstractmethod
     def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
-        """Return the report's frames on the plate. Raises `records.RefusedError` and no other."""
+        """Return the report's frames on the plate. Raises RefusedError and no other."""
 
     def place(self, plate_from_pad: AffineMap) -> None:
         """Take the pad to lie elsewhere from the next report on."""
@@ -156,3 +169,19 @@ class Family(NamedTuple):
 
     pads: tuple[Pad, ...]
     layouts: dict[str, Callable[[PadGeometry, AffineMap], Layout]]
+
+
+def records(report: bytes, report_id: int, header_bytes: int) -> Iterator[tuple[int, ...]]:
+    """Split a report into its records. Raises RefusedError for another report id or a fraction of a record."""
+    if not report or report[0] != report_id:
+        raise RefusedError("foreign" if report else "length")
+    count, rest = divmod(len(report) - header_bytes, RECORD.size)
+    if rest != 0 or not 0 <= count <= MAX_RECORDS:
+        raise RefusedError("length")
+    return RECORD.iter_unpack(report[header_bytes:])
+
+
+def require_distinct_ids(contacts: tuple[Contact, ...]) -> None:
+    """Raise RefusedError for a repeated id: no pad sends one, so the report is torn."""
+    if len({contact.contact_id for contact in contacts}) != len(contacts):
+        raise RefusedError("duplicate_id")

@@ -12,8 +12,7 @@ from typing import Final
 from ...values import AffineMap, Contact, TouchFrame
 from .. import osc
 from .event_clock import EventClock
-from .pad import Family, Layout, Pad, PadGeometry
-from .records import RefusedError
+from .pad import Family, Layout, Pad, PadGeometry, RefusedError
 
 MAX_CONTACTS: Final = 16
 MODEL: Final = "tuio"

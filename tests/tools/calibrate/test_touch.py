@@ -37,7 +37,7 @@ from hapticd.tools.record import simulated
 from hapticd.tools.touch_correction import contact_settings, joined, known_better
 from hapticd.tools.touch_recording import Collected, Touched, read
 from hapticd.values import Knot, LimitReason, SafeDrive
-from hapticd.wire.reference import encode_reference
+from hapticd.wire.commands import encode_reference
 
 Recorded = Callable[[TrackpadConfig, int, float], Path]
 MISPLACED = TrackpadConfig(offset_mm=(0.8, -0.6), latency_ms=13.0)  # the simulated pad lies at 0, 0 and takes 10 ms
