@@ -1,7 +1,7 @@
 """Finger prediction: `make_predictor()` returns an object that takes samples and predicts positions.
 
 A predictor is an intake and a motion model. The intake refuses what is no sample, drops the stale duplicates that
-touchpads send, and filters the stamps (`core.touch.sample_clock`; in the touch path one filter serves all fingers). The
+touchpads send, and filters the stamps (`core.touch.sensor_clock`; in the touch path one filter serves all fingers). The
 model (`adaptive`) gets clean samples at true times and estimates the motion; `hapticd.bench.baselines` has others.
 
 Every difference of instants is taken in integers before it becomes a float: the result does not depend on where time
@@ -19,7 +19,7 @@ from numbers import Real
 from typing import Final
 
 from ..touch.fingers import FingerPredictor
-from ..touch.sample_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
+from ..touch.sensor_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
 from .adaptive import AdaptiveMotion
 from .motion import MotionModel, Sample, checked
 from .pad_memory import PadMemory

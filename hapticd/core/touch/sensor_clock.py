@@ -1,17 +1,177 @@
 """When the trackpad sampled: its stamps in host nanoseconds.
 
-The pad's clock is a slope near 1 and an offset, seen through delays that can only be late and cannot be measured.
-What arrives least late is nearest the truth: a low quantile of (arrival - stamp). Instants are integer nanoseconds, so
-nothing depends on the origin; floats only hold differences.
+A trackpad samples its glass on a regular clock, but its stamps are rounded to a millisecond, jitter with the bus, come
+in batches or, as a finger lands, lie off the sampling grid. Half a millisecond is 0.17 mm at 30 cm/s, more than the
+sensor's own noise, so the stamps are filtered before any motion is estimated.
+
+`SlotFilter` estimates the sampling time and the period for one assumed error of the stamps: a Kalman filter of a clock
+(Kalman 1960), where how many periods lie between two samples is unknown. Each likely number has a posterior, and their
+mixture is replaced by its mean and covariance after every stamp (generalised pseudo-Bayes: Ackerson and Fu 1970). So a
+doubtful number leaves a large variance, and the next stamps decide. `SampleClock` runs three, from a clock's rounding
+to stamps that are hardly worth anything, and follows the one under which the last stamps were most likely.
+
+`SensorClock` places what it gives on the host's axis. The pad's clock is a slope near 1 and an offset, seen through
+delays that can only be late and cannot be measured: what arrives least late is nearest the truth.
+
+Instants are integer nanoseconds and floats only hold differences, so nothing here depends on where time starts.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Final
 
 from ..rolling_quantile import RollingQuantile
-from .sample_clock import SampleClock
+
+_PHASE_WALK_VAR_S2: Final = 20e-6**2  # how far the true sampling instant strays in one period
+_PERIOD_WALK_VAR_S2: Final = 0.1e-6**2  # how far the period itself strays in one period
+_FIRST_PERIODS: Final = 0.3  # standard error of a train's first stamp: touch-downs of phones are up to 0.5 off the grid
+
+_LOST: Final = 0.03  # probability of one more lost sample
+_MOST_LOST: Final = 8.0  # more are as improbable as so many
+_REPEATED: Final = 0.003  # that there was one slot too many before: it is taken back
+_OUTLIER: Final = 1e-5  # likelihood of a stamp that no number of periods explains, relative to one that fits
+
+_WORSE_STAMPS_S: Final = (2e-3, 4.5e-3)  # errors that stamps may have instead of the expected one
+_DOUBT: Final = 8.0  # log likelihood that the next of them must gain before it is believed
+_FORGET: Final = 1.0 - 1.0 / 64.0  # of a log likelihood, a stamp
+
+SHORTEST_PERIODS: Final = 0.4  # the least interval, so that no speed is made of a burst of reports
+GAP_PERIODS: Final = 5.5  # five lost samples: what comes after is a new train
+_FASTEST, _SLOWEST = 1.0 / 16.0, 4.0  # period over the expected one
+
+
+class SlotFilter:
+    """The clock of a sampler whose stamps err by `stamp_error_s` (standard error): `lag_s`, `period_s`, and the log
+    likelihood of the last stamps."""
+
+    __slots__ = (
+        *("_cross", "_longest_s", "_period_var", "_phase_var", "_shortest_s", "_stamp_var"),
+        *("lag_s", "log_likelihood", "period_s"),
+    )
+
+    def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float, log_likelihood: float) -> None:
+        self.period_s = period_s
+        self.log_likelihood = log_likelihood
+        self._shortest_s, self._longest_s = _FASTEST * period_s, _SLOWEST * period_s
+        self._period_var = period_error_s * period_error_s
+        self._stamp_var = stamp_error_s * stamp_error_s
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a train of samples with the last stamp; the estimate of the period stays."""
+        self.lag_s = self._cross = 0.0
+        self._phase_var = self._stamp_var + (_FIRST_PERIODS * self.period_s) ** 2
+
+    def advance(self, elapsed_s: float) -> None:
+        """Take the next stamp, `elapsed_s` > 0 after the last."""
+        since_s = elapsed_s + self.lag_s
+        nearest = float(math.floor(since_s / self.period_s + 0.5))
+        periods = nearest - 1.0 if nearest > 1.0 else 0.0
+        weights = lag = change = lag_var = cross = period_var = 0.0
+        for _ in range(3):
+            walks = periods if periods > 1.0 else 1.0
+            error = since_s - periods * self.period_s
+            before = self._cross + periods * self._period_var  # covariance of phase and period, before the stamp
+            phase_var = self._phase_var + periods * (self._cross + before) + walks * _PHASE_WALK_VAR_S2
+            spread = phase_var + self._stamp_var
+            weight = _prior(periods) * (math.exp(-0.5 * error * error / spread) + _OUTLIER) / math.sqrt(spread)
+            untrusted = self._stamp_var / spread
+            gain = before / spread
+            lag_here, change_here = untrusted * error, gain * error
+            weights += weight
+            lag += weight * lag_here
+            change += weight * change_here
+            lag_var += weight * (untrusted * phase_var + lag_here * lag_here)
+            cross += weight * (untrusted * before - lag_here * change_here)
+            period_var += weight * (self._period_var - gain * before + change_here * change_here)
+            periods += 1.0
+        self.log_likelihood = _FORGET * self.log_likelihood + math.log(weights)
+        self.lag_s = lag = lag / weights
+        change /= weights
+        phase_var, period_var = lag_var / weights - lag * lag, period_var / weights - change * change
+        self._phase_var = phase_var if phase_var > 0.0 else 0.0
+        self._cross = cross / weights + lag * change
+        self._period_var = (period_var if period_var > 0.0 else 0.0) + _PERIOD_WALK_VAR_S2
+        period_s = self.period_s + change
+        self.period_s = (
+            self._shortest_s
+            if period_s < self._shortest_s
+            else self._longest_s
+            if period_s > self._longest_s
+            else period_s
+        )
+
+
+def _prior(periods: float) -> float:
+    """Return how probable it is that so many periods lie between two samples."""
+    if periods == 0.0:
+        return _REPEATED
+    if periods == 1.0:
+        return 1.0
+    lost = periods - 1.0
+    return math.pow(_LOST, lost if lost < _MOST_LOST else _MOST_LOST)
+
+
+class SampleClock:
+    """Sampling times from stamps. `period_s` is the estimated period, `lag_s` = last stamp - its sampling time.
+
+    All arguments in seconds: the expected period, the standard errors of that expectation and of one stamp. Stamps that
+    prove worse are trusted less. With a `stamp_error_s` of 0 every stamp is taken as it is.
+    """
+
+    __slots__ = ("_best", "_filters", "_t_stamp_ns", "_takes_stamps")
+
+    def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float) -> None:
+        worse_s = [error_s for error_s in _WORSE_STAMPS_S if error_s > stamp_error_s]
+        self._filters = [
+            SlotFilter(period_s, period_error_s, error_s, -_DOUBT * place)
+            for place, error_s in enumerate((stamp_error_s, *worse_s))
+        ]
+        self._best = self._filters[0]
+        self._takes_stamps = stamp_error_s == 0.0
+        self._t_stamp_ns: int | None = None
+
+    @property
+    def period_s(self) -> float:
+        """The sampler's period."""
+        return self._best.period_s
+
+    @property
+    def lag_s(self) -> float:
+        """The last stamp less its sampling time."""
+        return 0.0 if self._takes_stamps else self._best.lag_s
+
+    def filtered_ns(self, t_stamp_ns: int) -> int:
+        """Return when the sample stamped `t_stamp_ns` was taken, on the stamps' own axis; stamps in order.
+
+        Before the first stamp, after a gap of `GAP_PERIODS` and where stamps go back a new train of samples begins:
+        its first stamp is taken as it is, and trusted little. A repeated stamp changes nothing.
+        """
+        elapsed_s = -1.0 if self._t_stamp_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
+        if not 0.0 <= elapsed_s <= GAP_PERIODS * self.period_s:
+            self.restart()
+        elif elapsed_s > 0.0:
+            self.advance(elapsed_s)
+        self._t_stamp_ns = t_stamp_ns
+        return t_stamp_ns - round(self.lag_s * 1e9)
+
+    def restart(self) -> None:
+        """Begin a train of samples with the next stamp; the estimates of the period stay."""
+        self._t_stamp_ns = None
+        for each in self._filters:
+            each.restart()
+
+    def advance(self, elapsed_s: float) -> float:
+        """Take the next stamp, `elapsed_s` > 0 after the last; return the time between the two samplings, in s."""
+        since_s = elapsed_s + self.lag_s
+        for each in self._filters:
+            each.advance(elapsed_s)
+            if each.log_likelihood > self._best.log_likelihood or each is self._filters[0]:
+                self._best = each
+        return max(since_s - self.lag_s, SHORTEST_PERIODS * self.period_s)
+
 
 _WINDOW: Final = 128
 _LOW: Final = 1 / 16
@@ -30,7 +190,7 @@ class SensorClock:
     """The trackpad's stamps on the host's axis, less the pad's own latency.
 
     Report i arrives at t_host = t_device + offset + lateness, and its stamp may itself be off by a millisecond. The
-    pad samples regularly, so its stamps are filtered first (`sample_clock`): then only lateness has to be
+    pad samples regularly, so its stamps are filtered first: then only lateness has to be
     separated from the offset, and a low quantile of (t_host - t_device) does, where the minimum would chase the worst
     of what the filter leaves. A low quantile is itself off: too early by what the filter leaves, too late by an eighth
     of the lateness. How wide the differences spread tells which. A window of 128 reports (1.4 s) follows a drift of 200

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.core.touch.sample_clock import SampleClock
+from hapticd.core.touch.sensor_clock import SampleClock
 from hapticd.values import FloatArray
 
 KINDS = ("uniform", "two-step", "batched", "drifting")  # the second is too early or too late by the same amount
