@@ -31,9 +31,7 @@ from ..trajectory.gate import silence
 from .clock_sync import BoardClock, LinkLatency
 from .ledger import Ledger
 from .line_speed import FAILED, LineSpeed
-from .periodic_timer import PolledTimer
-from .send_window import SendWindow
-from .settings import BoardSettings
+from .outbox import BoardSettings, PolledTimer, SendWindow
 
 GREET_EVERY_NS: Final = 250_000_000
 SETTLE_TIME_EVERY_NS: Final = 20_000_000  # until the clock is known

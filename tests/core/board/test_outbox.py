@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapticd.core.board.send_window import (
+from hapticd.core.board.outbox import (
     BAD_FOR_NS,
     PATIENT_QUESTION_EVERY_NS,
     QUESTION_EVERY_NS,
