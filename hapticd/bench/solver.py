@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..compiled import why_interpreted
+from ..core.phasors import ModeRow, ModeRows
 from ..core.solver import solve, solve_batch
-from ..core.solver.points.arithmetic import ModeRow, ModeRows
 from ..core.solver.points.general import solve_fast
 from ..core.solver.points.phase import solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth

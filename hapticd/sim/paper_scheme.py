@@ -9,10 +9,10 @@ import math
 from dataclasses import replace
 
 from ..config import Config
+from ..core.phasors import ModeRow, ModeRows, within
 from ..core.pipeline_settings import PipelineSettings
 from ..core.prediction.motion import MotionModel, Sample
 from ..core.prediction.predictor import PredictorFactory
-from ..core.solver.points.arithmetic import ModeRow, ModeRows, within
 from ..core.solver.points.general import solve_exactly
 from ..daemon.settings import pipeline_settings
 

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ...core.phasors import ModeRow, ModeRows, clamped
 from ...core.solver import public
-from ...core.solver.points.arithmetic import ModeRow, ModeRows, clamped
 from ...core.solver.points.general import solve_fast
 from ...sim.paper_scheme import invert
 from ...values import Solution

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import FloatArray
-from .points.arithmetic import ModeRow, ModeRows
+from ..phasors import ModeRow, ModeRows
 
 
 def checked_shapes(phi: npt.ArrayLike) -> tuple[ModeRows, int]:

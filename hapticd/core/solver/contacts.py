@@ -35,8 +35,8 @@ from typing import Final
 
 from ...values import WEBER_FRAC
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
+from ..phasors import SAFE, ModeRow
 from ..plate.contact import Gram
-from .points.arithmetic import SAFE, ModeRow
 
 FULL_UM: Final = 1.0  # beyond this friction is nearly as low as it gets: its slope stays, so that more is still more
 FULL_FRAC: Final = 0.5  # of the amplitude at which the curve ends, where that is less than FULL_UM

@@ -34,10 +34,10 @@ import math
 from typing import Final
 
 from ..friction import FrictionCurve
+from ..phasors import ModeRow
 from ..plate.contact import Disc, Shapes
 from .contacts import is_any_slippery
 from .felt_descent import descend
-from .points.arithmetic import ModeRow
 
 ITERATIONS: Final = 7  # of a call
 COLD_ITERATIONS: Final = 60  # from rest

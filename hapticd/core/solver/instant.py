@@ -12,7 +12,7 @@ from typing import Final
 
 from ...values import FingerKey, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from ..phasors import Row, magnitude
+from ..phasors import ModeRows, Row, magnitude
 from ..plate.contact import Disc, EllipseForm, Shapes, contact_gram, disc_points, grown, many_points
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
@@ -21,7 +21,6 @@ from .contacts import COLD_CALLS, FeltError, contact_rms_um, is_any_slippery, so
 from .derating import derated, is_near_node, least_share, slopes_at
 from .felt import COLD_ITERATIONS, ITERATIONS, felt_points, solve_felt
 from .felt_descent import components, contact_shapes, contacts_rms_um, phasors
-from .points.arithmetic import ModeRows
 from .points.general import solve_fast
 from .points.phase import solve_phased_fast
 from .reach import ReachProblem, reach

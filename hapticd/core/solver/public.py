@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import FloatArray, Solution
+from ..phasors import ModeRow, ModeRows, amplitudes, clamped
 from .checks import (
     checked_grams,
     checked_limits,
@@ -27,7 +28,6 @@ from .checks import (
     checked_track,
 )
 from .contacts import COLD_TURN_RAD, solve_contacts
-from .points.arithmetic import ModeRow, ModeRows, amplitudes, clamped
 from .points.general import solve_exactly
 from .points.pair import condition
 

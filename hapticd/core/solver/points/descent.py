@@ -24,9 +24,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ...phasors import magnitude
+from ...phasors import NOISE, ModeRow, ModeRows, magnitude
 from ...small_matrices import Vector, complement_of_any, dot, dot_of_two, inverse
-from .arithmetic import NOISE, ModeRow, ModeRows
 
 STEPS: Final = 6  # of a call; 10 take 1 % off the error and turn modes faster
 COLD_STEPS: Final = 40  # from rest

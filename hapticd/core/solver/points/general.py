@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .arithmetic import SAFE, ModeRow, ModeRows, clamped, unscaled
+from ...phasors import SAFE, ModeRow, ModeRows, clamped, unscaled
 from .descent import serve_many
 from .line import solve_line
 from .pair import hold_still, serve_both, serve_one

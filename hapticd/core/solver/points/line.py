@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
+from ...phasors import MISSED, NOISE, SAFE, ModeRow, ModeRows, clamped
 from ...small_matrices import Vector, complement
-from .arithmetic import MISSED, NOISE, SAFE, ModeRow, ModeRows, clamped
 
 
 def solve_line(rows: ModeRows, targets: ModeRow, limits: ModeRow) -> tuple[ModeRow, bool] | None:

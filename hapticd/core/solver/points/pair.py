@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Pair, Shapes2, clamped, within
+from ...phasors import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, Pair, Shapes2, clamped, within
 
 Solved = tuple[float, float, bool]  # W of two modes, and whether a limit keeps a finger from its target
 _Answer = tuple[float, float, bool, bool]  # the same, and whether the closed form applies

@@ -29,8 +29,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from ...phasors import magnitude
-from .arithmetic import SAFE, ModeRow, ModeRows, Pair, Phasors, Shapes2, all_finite
+from ...phasors import SAFE, ModeRow, ModeRows, Pair, Phasors, Shapes2, all_finite, magnitude
 from .descent import serve_many
 from .general import solve_fast
 from .line import solve_line

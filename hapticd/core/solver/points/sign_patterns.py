@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ....values import FloatArray
-from .arithmetic import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, ModeRow, ModeRows, all_finite, clamped
+from ...phasors import EQUAL_ERROR, EQUAL_NORM, MISSED, NOISE, SAFE, ModeRow, ModeRows, all_finite, clamped
 from .polytope import RANK, Factored, least_norm_in_polytope
 
 _MOST_ENUMERATED: Final = 10  # slipping fingers: 512 patterns

@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ...phasors import magnitude
-from .arithmetic import ModeRow, Pair, Shapes2
+from ...phasors import ModeRow, Pair, Shapes2, magnitude
 
 Phasors2 = tuple[float, float, float, float]  # of two modes or two fingers: real, imaginary, real, imaginary
 Squares = tuple[float, float, float]  # X: |W_1|^2, |W_2|^2 and Re(W_1 W_2*)
