@@ -6,12 +6,11 @@ import math
 from typing import Final
 
 from ..values import SafeDrive, TouchPoint
-from .frame import NO_FINGERS, FramePlan, Participants
+from .frame import NO_FINGERS, FramePlan, Participants, Ways, moved_mm
 from .phasors import Row
 from .plate.contact import EllipseForm
 from .solver.instant import AskedPlace
 from .trajectory.gate import silence
-from .ways import Ways, moved_mm
 
 _KEPT: Final = 6  # of references: the one in force at the newest sample is up to three passes old
 

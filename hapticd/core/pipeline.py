@@ -18,7 +18,7 @@ from typing import Final
 from ..values import Aim, Drive, Finger, FingerFrame, FingerKey, SafeDrive, Tick, TouchFrame, TouchPoint
 from .active_reference import ActiveReference, Past
 from .budget import MOST_SLOWNESS, PassBudget
-from .frame import NO_FINGERS, FramePlan, FrameSolver, Participants
+from .frame import NO_FINGERS, FramePlan, FrameSolver, Participants, Ways
 from .phasors import Row
 from .pipeline_settings import PipelineCounters, PipelineSettings
 from .plate.mode_shapes import ModeShapes
@@ -31,7 +31,6 @@ from .touch.fingers import Fingers
 from .trajectory.gate import UNTOUCHED, gate, silence
 from .trajectory.readings import Matrix, as_read, as_they_are, read_um
 from .triggers import Triggers
-from .ways import Ways
 
 _COVER_STEP_NS: Final = 1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
 _LONGEST_COVER_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.events import MAX_CROSSINGS, Events
 from hapticd.core.targets.scene import Scene
 from hapticd.core.targets.shares import HOST, USER_SHARE, left
+from hapticd.core.triggers import MAX_CROSSINGS, Events
 from hapticd_contract.contents import Amplitude, Noise
 from hapticd_contract.effects import Effect, Modulation, OnLanding, Pulse
 from hapticd_contract.states import EventKind
