@@ -28,8 +28,7 @@ from .checks import (
     checked_track,
 )
 from .contacts import COLD_TURN_RAD, solve_contacts
-from .points.general import solve_exactly
-from .points.pair import condition
+from .points.general import condition, solve_exactly
 
 _SIZELESS = 1e-12  # a contact of no size is a point
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere

@@ -14,7 +14,7 @@ Two slipping fingers on two modes are solved exactly. With X = Re(W W^H), |w_i|^
 are linear, and every X >= 0 has a W, so rules (1) to (4) of `public` are a convex programme in X:
 * both fingers get their targets for an interval of cos tau, all |W_k|^2 being affine in it. The turn heads for its end
   of least |W|^2; with signs alone only tau = 0 and pi could serve.
-* where that interval is empty, at most one limit met means W real (`pair.serve_both`); both met, W =
+* where that interval is empty, at most one limit met means W real (`general.serve_both`); both met, W =
   (L1, L2 e^(j theta)), and the error is convex in cos theta. The best of these is the best of all.
 Free phases give up to sqrt(2) more amplitude than signs where two fingers see the modes unlike, and nothing near a
 singular position, where one of the signs is best anyway. What jumps there, the amplitude along what neither finger
@@ -31,9 +31,8 @@ from typing import Final
 
 from ...phasors import SAFE, ModeRow, ModeRows, Pair, Phasors, Shapes2, all_finite, magnitude
 from .descent import serve_many
-from .general import solve_fast
+from .general import amplitudes, excess_error, in_range, meeting, misses_either, serve_both, solve_fast
 from .line import solve_line
-from .pair import amplitudes, excess_error, in_range, meeting, misses_either, serve_both
 from .slew_limit import Phasors2, eased, given, nearer_hand
 
 Swing = tuple[float, float, float]  # middle and span of a |w|^2, and the |w| that is wanted
