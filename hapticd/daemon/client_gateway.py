@@ -7,29 +7,33 @@ client has overtaken. What only the machine can report or do is requested from i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from hapticd_contract import requests
+from hapticd_contract.contents import LevelMap
 from hapticd_contract.replies import Have, Hello, Marked, Plate, Reach, Released, Surfaces
 from hapticd_contract.requests import MarkerRequest, ReachQuery, Release, Request
 from hapticd_contract.states import Marker
-from hapticd_contract.surfaces import Surface
+from hapticd_contract.surfaces import Polygon, Surface
 from hapticd_contract.targets import ClientTargets
 
 from .. import __version__
 from ..core.pipeline import Pipeline
+from ..core.targets.assets import Assets
 from ..core.targets.client_registry import ClientRegistry
+from ..core.targets.layer import Layer
 from ..core.targets.scene import Scene
 from ..errors import RequestError
 from ..wire import client as client_wire
 from .board_gateway import BoardGateway
-from .layers import described
 from .observer import Observed
 
 MAX_MARKERS = 64  # in one state; more between two passes are dropped
+MAP_SIDE = 32  # of a described map: 64 surfaces of it are a reply of 80 KB
 
 
 class Host(Protocol):
@@ -197,3 +201,39 @@ class ClientGateway:
             self._scene.release_client(release.client)
             return True
         return self._scene.release(release.client, release.finger)
+
+
+def described(layer: Layer, assets: Assets) -> dict[str, object]:
+    """Return a layer as a client reads it: its owner and fields, its map small enough for a reply.
+
+    Its pose is that at `t_pose_ns`, a rectangle is a polygon.
+    """
+    surface: Surface = layer.surface
+    content, shape = assets.resolved(layer.content), surface.shape
+    changed: dict[str, object] = {"t_pose_ns": layer.t_pose_ns}
+    if isinstance(content, LevelMap):
+        changed["map"] = _small(content)
+    if isinstance(shape, Polygon):
+        changed |= {"rectangle_mm": None, "polygon_mm": shape.corners_mm}
+    left_out = ("position_mm", "velocity_mm_s") if surface.path_mm else ("speed_mm_s", "loop")
+    fields = _whole(replace(surface, **changed))
+    return {"client": layer.owner, **{name: value for name, value in fields.items() if name not in left_out}}
+
+
+def _whole(struct: Struct) -> dict[str, object]:
+    """Return all fields, those at their default too: only what there is not is left out."""
+    present = {name: value for name, value in asdict(struct).items() if value is not None}
+    return {name: _whole(value) if isinstance(value, Struct) else value for name, value in present.items()}
+
+
+def _small(content: LevelMap) -> LevelMap:
+    """Return a map with at most MAP_SIDE pixels per side, of those nearest."""
+    columns, rows = _spread(content.width), _spread(content.height)
+    pick = itemgetter(*columns) if len(columns) > 1 else bytes
+    levels = b"".join(bytes(pick(content.levels[row * content.width : (row + 1) * content.width])) for row in rows)
+    return replace(content, width=len(columns), height=len(rows), levels=levels, asset=None)
+
+
+def _spread(pixels: int) -> list[int]:
+    count = min(pixels, MAP_SIDE)
+    return [round(index * (pixels - 1) / max(count - 1, 1)) for index in range(count)]

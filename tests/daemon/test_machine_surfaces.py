@@ -11,7 +11,7 @@ from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench
 
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.layer import Layer
-from hapticd.daemon import client_gateway, layers
+from hapticd.daemon import client_gateway
 
 
 def publish(bench: Bench, *surfaces: dict[str, object], client: str = "test", ttl_s: float = 5.0) -> None:
@@ -119,10 +119,11 @@ def test_a_reader_gets_a_large_map_small() -> None:
 
 def test_a_reader_that_asks_again_costs_no_description_of_what_did_not_change(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
+    described = client_gateway.described
 
     def noted(layer: Layer, assets: Assets) -> dict[str, object]:
         made.append(layer.name)
-        return layers.described(layer, assets)
+        return described(layer, assets)
 
     monkeypatch.setattr(client_gateway, "described", noted)
     bench = Bench(SLIPPERY)
