@@ -56,8 +56,7 @@ def _plain(command: PlainCommand) -> bytes:
     for name, kind in _KINDS[type(command)].items():
         value = getattr(command, name)
         value = complex(value) if kind is complex else value.value if issubclass(kind, Enum) else value
-        if name in command.bounds:
-            _check(name, value, command.bounds[name])
+        _check(name, value, command.bounds[name])
         numbers += [value.real, value.imag] if kind is complex else [value]
     return command.layout.pack(*numbers)
 

@@ -7,10 +7,9 @@ the kernel's input events (`evdev`), or as datagrams of a tracker (`tuio`).
 """
 
 from . import evdev, tuio
-from .decoder import Decoder
 from .magic_trackpad_2 import STAMP_WRAP_MS
 from .pad import MAX_RECORDS, RECORD, HidIds, Pad, PadGeometry
-from .pads import DEFAULT_PAD, PADS, from_fields, to_fields
+from .pads import DEFAULT_PAD, PADS, Decoder, from_fields, to_fields
 from .still_contacts import StillContacts
 
 __all__ = [
