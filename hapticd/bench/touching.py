@@ -27,6 +27,7 @@ from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 
 TELEMETRY_HZ = 500
 TOUCHING_S = 60.0
+FREE, GUIDED = "strokes", "guided"  # scenarios to learn from
 _OTHER_STROKES = 1000  # added to a seed: what is learned on some strokes is judged on others,
 _SESSION = 1  # and in another session, with another posture
 
@@ -56,13 +57,13 @@ def measured(settings: Settings, seed: int) -> Measured:
     return Measured(plate.measured_mode_map(seed), BoardCalibration(tuple(modes)))
 
 
-def touch(settings: Settings, before: Measured, seed: int, seconds: float) -> Touched:
-    """Touch the plate in strokes other than those of `seed`; return what the daemon would record."""
+def touch(settings: Settings, before: Measured, seed: int, seconds: float, scenario: str = FREE) -> Touched:
+    """Touch the plate in strokes other than those of `seed`, free or guided; return what the daemon would record."""
     config = settings.config
     observed = replace(
         settings, session=_SESSION, config=replace(config, record=replace(config.record, telemetry_hz=TELEMETRY_HZ))
     )
-    actors = SCENARIOS["strokes"].build(seed + _OTHER_STROKES, settings.speed_mm_s)
+    actors = SCENARIOS[scenario].build(seed + _OTHER_STROKES, settings.speed_mm_s)
     simulation = Simulation(actors, observed, seed, before)
     machine = simulation.machine
     header = header_of(machine, t_ns=T_START_NS, utc="", is_whole=True)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..config.sections import FELT, Config, SolverConfig
 from ..sim import lockstep
 from ..sim.fingers.scenarios import REAL
 from ..sim.lockstep import Run
@@ -36,8 +37,10 @@ WORLDS = 50
 LABORATORY = "laboratory"
 SCENARIO = "strokes"
 SECONDS = 10.0
-HAPTICD, AFTER, PAPER = "hapticd", "hapticd after a minute of touching", "the paper's scheme"
+HAPTICD, AFTER = "hapticd", "hapticd after a minute of touching"
+GUIDED, PAPER = "hapticd after a guided minute", "the paper's scheme"
 PERFECT, NOTHING_WRONG = "perfect knowledge", "nothing wrong"
+TOUCHED = {AFTER: touching.FREE, GUIDED: touching.GUIDED}  # the scenario that each learns from
 FEW = 5  # of so many laboratories one is played with each cause made perfect, and one with nothing wrong
 _WORST_TENTH = 0.9
 _SAID_NOTE = (
@@ -69,14 +72,13 @@ def play(job: Job) -> Scores:
     played = in_world(job.settings, world)
     before = touching.measured(played, job.seed)
     ours, said = telemetry.reported(SCENARIO, played, job.seed, job.seconds, before)
-    found = touching.touch(played, before, job.seed, job.touching_s)
-    settled, after = touching.corrected(played, before, found, judged_by(found))
-    scores = {
-        HAPTICD: _with_said(ours, said),
-        AFTER: _with_said(*telemetry.reported(SCENARIO, settled, job.seed, job.seconds, after)),
-        PAPER: WorldScore(run_as(settings=paper_settings(ours.settings)).score),
-        PERFECT: WorldScore(perfect(ours).score),
-    }
+    scores = {HAPTICD: _with_said(ours, said)}
+    for scheme in job.touched:
+        found = touching.touch(played, before, job.seed, job.touching_s, TOUCHED[scheme])
+        settled, after = touching.corrected(played, before, found, judged_by(found))
+        scores[scheme] = _with_said(*telemetry.reported(SCENARIO, settled, job.seed, job.seconds, after))
+    scores[PAPER] = WorldScore(run_as(settings=paper_settings(ours.settings)).score)
+    scores[PERFECT] = WorldScore(perfect(ours).score)
     for cause in job.causes:
         without = in_world(job.settings, world.without(cause))
         scores[cause] = WorldScore(run_as(settings=without, measured=touching.measured(without, job.seed)).score)
@@ -91,18 +93,24 @@ def _with_said(played: Run, said: telemetry.FeltReport) -> WorldScore:
 def run(
     *,
     worlds: int = WORLDS,
+    objective: str = FELT,
     seconds: float = SECONDS,
     touching_s: float = touching.TOUCHING_S,
     causes: tuple[str, ...] = CAUSES,
     campaign: Campaign | None = None,
 ) -> tuple[Table, ...]:
-    """Compare the schemes in `worlds` laboratories of each level, and `causes` in those of the middle one."""
-    points, contacts = (Settings(motion=REAL, plate=PlateSettings.of(glass)) for glass in (REFERENCE, FINGERTIP))
+    """Compare the schemes in `worlds` laboratories of each level, and `causes` in those of the middle one; `objective`
+    is that of hapticd and of perfect knowledge."""
+    config = Config(solver=SolverConfig(objective=objective))
+    points, contacts = (
+        Settings(motion=REAL, plate=PlateSettings.of(glass), config=config) for glass in (REFERENCE, FINGERTIP)
+    )
     seeds, few = range(1, worlds + 1), range(1, worlds + 1, FEW)
 
     def job(settings: Settings, level: str, seed: int) -> Job:
         is_few = level == LABORATORY and seed in few
-        return Job(settings, level, seed, seconds, touching_s, causes if is_few else ())
+        touched = (AFTER, GUIDED) if settings is contacts else (AFTER,)
+        return Job(settings, level, seed, seconds, touching_s, causes if is_few else (), touched)
 
     played = [(points, level, seeds) for level in LEVELS] + [(points, NOTHING_WRONG, few)]
     played += [(contacts, LABORATORY, seeds), (contacts, NOTHING_WRONG, few), (contacts, WORST, few)]
@@ -110,26 +118,27 @@ def run(
         (settings.plate.plate, level, seed): job(settings, level, seed) for settings, level, of in played for seed in of
     }
     scores = (campaign or Campaign())("worlds", play, [*jobs.values()])
-    return tables(dict(zip(jobs, scores, strict=True)))
+    return tables(dict(zip(jobs, scores, strict=True)), objective)
 
 
-def tables(done: Mapping[_Key, Scores]) -> tuple[Table, ...]:
-    """Return the tables of what was played."""
+def tables(done: Mapping[_Key, Scores], objective: str) -> tuple[Table, ...]:
+    """Return the tables of what was played by an objective."""
     found: dict[str, dict[str, list[Scores]]] = {}
     for (plate, level, _), scores in done.items():
         found.setdefault(plate, {}).setdefault(level, []).append(scores)
     points, contacts = found[REFERENCE], found[FINGERTIP]
     where = "contacts on the fingertip plate"
     return (
-        _levels(points),
+        _levels(points, objective),
         _causes("worlds", "points", points[LABORATORY], lambda score: score.leak_um),
-        _contacts(contacts),
+        _contacts(contacts, objective),
         _causes("worlds_contact", where, contacts[LABORATORY], lambda score: score.contact_leak_um),
     )
 
 
 class Job(NamedTuple):
-    """One laboratory: of a level, touched for `touching_s`, played for `seconds`, and with each of `causes` perfect."""
+    """One laboratory: of a level, played for `seconds`, also after having been touched for `touching_s` as each scheme
+    of `touched` does it, and with each of `causes` perfect."""
 
     settings: Settings
     level: str
@@ -137,9 +146,10 @@ class Job(NamedTuple):
     seconds: float
     touching_s: float
     causes: tuple[str, ...]
+    touched: tuple[str, ...] = (AFTER,)
 
 
-def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
+def _levels(by_level: Mapping[str, Sequence[Scores]], objective: str) -> Table:
     rows = []
     for level, laboratories in by_level.items():
         for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
@@ -154,7 +164,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
             rows.append((f"{level}: {scheme}", figures | _said(laboratories, scheme) | _peak(of)))
     return Table(
         name="worlds",
-        title=f"worlds: {SCENARIO} in {len(by_level[LABORATORY])} random laboratories of each kind, at points",
+        title=f"worlds: {SCENARIO} in {len(by_level[LABORATORY])} laboratories of each kind, at points, by {objective}",
         default=f"{LABORATORY}: {HAPTICD}",
         rows=finite_rows(rows),
         compared=("leak_um", "leak_worst_tenth_um"),
@@ -174,10 +184,10 @@ def _ratios(laboratories: Sequence[Scores], over: str, under: str) -> list[float
     return [scores[over].score.leak_um / scores[under].score.leak_um for scores in laboratories]
 
 
-def _contacts(by_level: Mapping[str, Sequence[Scores]]) -> Table:
+def _contacts(by_level: Mapping[str, Sequence[Scores]], objective: str) -> Table:
     rows = []
     for level, laboratories in by_level.items():
-        for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
+        for scheme in (HAPTICD, *TOUCHED, PAPER, PERFECT):
             of = [scores[scheme].score for scores in laboratories]
             contrasts = [score.contrast for score in of]
             figures = {"felt_frac": _quantile([score.felt_frac for score in of], 0.5)}
@@ -191,7 +201,7 @@ def _contacts(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     counts = ", ".join(f"{len(laboratories)} x {level}" for level, laboratories in by_level.items())
     return Table(
         name="worlds_contact",
-        title=f"worlds: {SCENARIO} over contacts on the fingertip plate: {counts}",
+        title=f"worlds: {SCENARIO} over contacts on the fingertip plate, by {objective}: {counts}",
         default=f"{LABORATORY}: {HAPTICD}",
         rows=finite_rows(rows),
         compared=("contact_leak_um", "contrast"),

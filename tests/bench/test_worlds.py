@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn, cast
 
 import pytest
 
 from hapticd.bench import worlds
 from hapticd.bench.tables import Table
-from hapticd.config.sections import Config, PredictionConfig
+from hapticd.config.sections import OBJECTIVES, Config, PredictionConfig
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.settings import Settings
@@ -74,6 +74,24 @@ def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str,
         for row in tables[name].rows:
             if worlds.PAPER not in row.name:
                 assert row.figures.get("limit_frac_most", 0.0) <= 1.0, row.name
+
+
+def test_contacts_are_touched_freely_and_guided_points_freely(tables: dict[str, Table]) -> None:
+    free, guided = (tables["worlds_contact"].row(f"{worlds.LABORATORY}: {scheme}") for scheme in worlds.TOUCHED)
+    assert free.figures["contact_leak_um"] != guided.figures["contact_leak_um"] > 0.0
+    assert not any(worlds.GUIDED in row.name for row in tables["worlds"].rows)
+
+
+def test_the_objective_is_that_of_every_world_that_is_played() -> None:
+    class Asked(Exception):
+        pass
+
+    def asked(_what: str, _play: object, jobs: list[worlds.Job]) -> NoReturn:
+        raise Asked({job.settings.config.solver.objective for job in jobs})
+
+    for objective in OBJECTIVES:
+        with pytest.raises(Asked, match=rf"^{{'{objective}'}}$"):
+            worlds.run(worlds=1, objective=objective, campaign=cast("Campaign", asked))
 
 
 def test_processes_give_what_one_process_gives() -> None:
