@@ -87,6 +87,8 @@ typedef struct {
     hd_phasor_t spare_um2_s; /* recent sum of the power that the mode took, beyond what any plate damps; q only goes to and fro */
     float w_um2;             /* recent sum of |W|^2 */
     hd_phasor_t answer_um_v; /* recent sum of innovations times the conjugate changes of voltage that followed them */
+    float most_answer2;      /* of its magnitude, squared, since `swings` counts */
+    bool struck;             /* large probes played right before that */
     hd_phasor_t asked_um;    /* a turn ago */
     float planned_v2;        /* recent sum of what the changes of voltage may be for other reasons, squared */
 } hd_doubts_t;
@@ -131,6 +133,7 @@ typedef struct {
     uint8_t suspect;       /* sensors that have shown nothing since the start, or something else than they should */
     uint16_t suspect_ticks; /* for which a mode has moved that one hears */
     uint16_t follow_ticks; /* for which what the voltage does is still followed */
+    uint32_t struck_tick; /* when large probes last played; 0: never */
     uint32_t probes;      /* a shift register, by which signs */
     uint16_t pulse_ticks; /* until the sync output may rise again */
 
@@ -157,7 +160,7 @@ typedef struct {
     hd_settled_t settled; /* from here to the configuration's log nothing changes once hd_init is through: memory.h */
     uint16_t ramp_ticks;
     uint16_t distrust_turns;
-    uint16_t swing_turns;
+    uint16_t swing_turns, recent_ticks;
     uint16_t trust_turns, renew_turns, settling_turns, followed_ticks, patience_ticks, acquitted_ticks;
     float surprise_um2;
     float suspect_um[HD_MODES], hurry_um[HD_MODES], sure_frac;

@@ -28,6 +28,7 @@
 #define RECENT_S 0.01f
 #define SWINGS_S 0.04f
 #define LEAST_SWING 0.21f /* RMS of the changes of voltage, of its limit: noise and landing fingers cause as much */
+#define FADED2 0.25f      /* the square of a half: what probes only struck is below that of its most by the end of SWINGS_S */
 
 void hd_plausibility_init(hd_core_t *core)
 {
@@ -35,6 +36,7 @@ void hd_plausibility_init(hd_core_t *core)
     core->distrust_turns = (uint16_t)(1.0f + turns_hz * DISTRUST_S);
     core->swing_turns = (uint16_t)(1.0f + turns_hz * SWINGS_S);
     core->recent_frac = hd_decay(-1.0f / (turns_hz * RECENT_S));
+    core->recent_ticks = (uint16_t)(RECENT_S * core->config.control_hz);
     float least_v = LEAST_SWING * core->config.v_limit_v;
     core->least_swing_v2 = least_v * least_v;
 }
@@ -48,6 +50,22 @@ static bool lasts(bool condition, uint16_t *count, uint16_t limit)
     }
     *count = (uint16_t)(*count + 1);
     return *count >= limit;
+}
+
+/* Whether what swings has done so for long, and is no ringing that probes struck and that dies away. */
+static __attribute__((noinline)) bool goes_on(const hd_core_t *core, hd_doubts_t *doubts)
+{
+    float answer2 = hd_dot(doubts->answer_um_v, doubts->answer_um_v);
+    if (doubts->swings == 0) {
+        doubts->most_answer2 = 0.0f;
+        doubts->struck = core->struck_tick != 0 && core->sweep.ticks - core->struck_tick < core->recent_ticks;
+    }
+    doubts->most_answer2 = answer2 > doubts->most_answer2 ? answer2 : doubts->most_answer2;
+    if (!lasts(true, &doubts->swings, core->swing_turns)) {
+        return false;
+    }
+    doubts->swings = 0;
+    return !doubts->struck || answer2 > FADED2 * doubts->most_answer2;
 }
 
 static bool swings(hd_core_t *core, int k)
@@ -64,7 +82,10 @@ static bool swings(hd_core_t *core, int k)
     doubts->asked_um = core->asked_um[k];
     doubts->answer_um_v = answer_um_v;
     doubts->planned_v2 = planned_v2;
-    return lasts(own, &doubts->swings, core->swing_turns);
+    if (!own) {
+        doubts->swings = 0;
+    }
+    return own && goes_on(core, doubts);
 }
 
 static float surely_taken(hd_phasor_t power_um2_s)

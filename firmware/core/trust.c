@@ -260,7 +260,9 @@ void hd_trust_probe(hd_core_t *core)
     uint32_t bits = core->probes;
     core->control.probes = core->asks;
     core->probes = bits >> 1 | (bits ^ bits >> 10 ^ bits >> 30 ^ bits >> 31) << 31; /* comes round after 2^32 - 1 steps */
-    const float *probe_um = core->suspect_ticks > core->patience_ticks ? core->hurry_um : core->probe_um;
+    bool hurries = core->suspect_ticks > core->patience_ticks;
+    const float *probe_um = hurries ? core->hurry_um : core->probe_um;
+    core->struck_tick = hurries ? core->sweep.ticks : core->struck_tick;
     float most_v = 0.0f, sum_v = 0.0f;
     #pragma GCC unroll 1
     for (int k = 0; k < HD_MODES; k++) {

@@ -52,7 +52,7 @@ def test_strokes_that_ask_for_all_the_voltage_stay_within_it_too(board: Board) -
 def test_a_chunk_and_a_tick_stay_within_their_instructions() -> None:
     instructions = sorted(count.instructions for count in costs(live_bench(F405, 2000), chunks=40).chunk)
     assert instructions[0] <= 950, "19 per sample: 8 to listen, 9 to speak, 2 for the rest"
-    assert instructions[-1] - instructions[0] <= 925 * F405.modes
+    assert instructions[-1] - instructions[0] <= 930 * F405.modes
 
 
 @every_board
