@@ -82,8 +82,7 @@ def run(options: argparse.Namespace) -> Verdict:
     calibration.save(options.out / CALIBRATION_FILE, found)
     device = {} if options.sim else {"port": port, "baud": baud}
     simulated = glass.settings(glass.chosen(options)) if options.sim else {}
-    law = {"controller": measured.trial.controller} if measured.trial.controller else {}
-    settings = {"device": {**device, **law, "calibration_file": CALIBRATION_FILE}, **simulated}
+    settings = {"device": {**device, **measured.trial.settings(), "calibration_file": CALIBRATION_FILE}, **simulated}
     return verdict(hello, measured, settings, is_simulated=options.sim)
 
 
@@ -107,17 +106,21 @@ async def sweep_modes(board: Conversation, plan: Sweep) -> MeasuredModes:
     if any(closer):
         points = [again or first for first, again in zip(points, closer, strict=True)]
         found = _fitted(points)
-    wide = _wide(plan, found, board.hello)
-    around = [await _sweep(board, replace(wide, mode=amplifier)) for amplifier in range(board.hello.modes)]
-    law = await board.ask(ControllerRequest(), BoardController)
-    return measured_modes(found, points, around, board.hello, law)
+    around = await sweep_around(board, plan.voltage_v, found)
+    return measured_modes(found, points, around, board.hello)
 
 
-def _wide(plan: Sweep, found: MeasuredWiring, hello: BoardHello) -> Sweep:
-    """Return the widest sweep, in which the modes come to rest between points."""
+async def sweep_around(board: Conversation, volts: float, found: MeasuredWiring) -> list[list[SweepPoint]]:
+    """Sweep every amplifier as widely as the board can, for modes that the loop may make swing. Raises DeviceError."""
+    wide = _wide(volts, found, board.hello)
+    return [await _sweep(board, replace(wide, mode=amplifier)) for amplifier in range(board.hello.modes)]
+
+
+def _wide(volts: float, found: MeasuredWiring, hello: BoardHello) -> Sweep:
+    """Return the widest sweep, of amplifier 0, in which the modes come to rest between points."""
     dwell_ms = max(_dwell_ms(fit.frequency_hz / fit.q_factor) for fit in found.fits)
     least_hz, most_hz = _bounds_hz(hello)
-    return replace(plan, start_hz=least_hz, stop_hz=most_hz, points=WIDE_POINTS, dwell_ms=dwell_ms)
+    return Sweep(0, least_hz, most_hz, WIDE_POINTS, dwell_ms, volts)
 
 
 def _bounds_hz(hello: BoardHello) -> tuple[float, float]:
@@ -162,7 +165,6 @@ def measured_modes(
     points: Sequence[Sequence[SweepPoint]],
     around: Sequence[Sequence[SweepPoint]],
     hello: BoardHello,
-    law: BoardController,
 ) -> MeasuredModes:
     """Return the calibrations, tried against the loop, and each mode as its strongest amplifier shows it.
 
@@ -178,7 +180,7 @@ def measured_modes(
     except ValueError as error:
         raise DeviceError(str(error)) from None
     driven_hz = better_drive_hz(hello, modes) or hello.drive_hz
-    trial = try_out(swept, found, modes, hello, law, driven_hz, wide)
+    trial = try_out(swept, found, modes, hello, driven_hz, wide)
     return MeasuredModes(tuple(sweeps), tuple(modes), tuple(found.wrong_wires()), tuple(found.parasitic_hz()), trial)
 
 

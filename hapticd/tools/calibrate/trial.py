@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 
 from ...board_protocol import FAULTS, LogRequest
-from ...board_values import BoardController, BoardHello, BoardLog, ModeCalibration
+from ...board_values import BoardHello, BoardLog, ModeCalibration
+from ...config.sections import DeviceConfig
 from ...design.far_modes import with_far_modes
 from ...design.wiring import AmplifierSweep, MeasuredWiring, as_likely
 from ...errors import DeviceError
@@ -25,21 +26,26 @@ from ...sim.board.board import PLATE_MODES_MAX, Board, BoardConfig, BoardTrace, 
 from ...values import Knot, LimitReason, SafeDrive
 from ...wire import device
 
-HELD_S: Final = 0.1  # of each of two references
+HELD_S: Final = 0.5  # of each of two references: slow laws swing slowly
 ASKED_FRAC: Final = 0.5  # of each mode's limit
 FRAME_S: Final = 0.02
 TRUSTED: Final = 3  # frames of a stream until a board follows them
 NOISE_UM: Final = 0.0006
 MARGIN: Final = 1.21  # of far modes in the loop: amplifiers and sensors are known to a tenth each
-SLOWER: Final = {"deadbeat": ("pi_ff", "pi"), "pi_ff": ("pi",)}
+LAW: Final = DeviceConfig().controller  # what the service sets, unless its configuration names another
+SLOWER: Final = ("pi_ff", "pi")
 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A sentence if what was fitted could not be tried, or does not bear the board's law, and the law that it bears."""
+    """A sentence if what was fitted could not be tried, or does not bear the usual law, and the law that it bears."""
 
     sentence: str = ""
     controller: str = ""
+
+    def settings(self) -> dict[str, str]:
+        """Return what the configuration's section `device` needs for it."""
+        return {"controller": self.controller} if self.controller else {}
 
 
 NO_REMARK: Final = Tried()
@@ -50,32 +56,31 @@ def try_out(
     found: MeasuredWiring,
     modes: Sequence[ModeCalibration],
     hello: BoardHello,
-    law: BoardController,
     drive_hz: float,
     wide: Sequence[AmplifierSweep] = (),
 ) -> Tried:
     """Try the fitted modes, driven at `drive_hz`, with all that `wide` sweeps show. Raises DeviceError if no law holds
-    them: without wide sweeps, if the board's does not.
+    them: without wide sweeps, if the service's does not.
     """
     others = as_likely(sweeps, found)
     tried = _with_margin(with_far_modes(found, [*sweeps, *wide], PLATE_MODES_MAX - len(modes))) if wide else found
     try:
-        own = fault_on([tried], modes, hello, law, drive_hz)
-        fault = own or fault_on(others, modes, hello, law, drive_hz)
+        own = fault_on([tried], modes, hello, LAW, drive_hz)
+        fault = own or fault_on(others, modes, hello, LAW, drive_hz)
     except (DeviceError, ValueError) as error:
         return Tried(f"What was fitted was not tried against the loop: {error}")
     if not fault:
         return NO_REMARK
     near = ", ".join(f"{hz:.0f} Hz" for hz in tried.parasitic_hz()) or "near those swept"
-    for slower in SLOWER.get(law.law or "", ()) if wide and own else ():
-        if not fault_on([tried, *others], modes, hello, BoardController(slower, 0.0, 0.0, ()), drive_hz):
+    for slower in SLOWER if wide and own else ():
+        if not fault_on([tried, *others], modes, hello, slower, drive_hz):
             return Tried(
-                f"{law.law} would make the modes swing that no amplifier is for ({near}; fault {fault}), or nearly: "
+                f"{LAW} would make the modes swing that no amplifier is for ({near}; fault {fault}), or nearly: "
                 f'controller = "{slower}" is set, which does not. Damp these modes, or move the sensors to where they '
-                f"are still, for {law.law}.",
+                f"are still, for {LAW}.",
                 slower,
             )
-    if others:
+    if others and not own:
         largest = 1e3 * max(abs(wire) for mode in modes for wire in mode.feedthrough_um_per_v)
         raise DeviceError(
             f"Nothing is written: the {largest:.2g} nm/V that look like feedthrough may be modes outside the sweep, "
@@ -96,7 +101,7 @@ def fault_on(
     plates: Sequence[MeasuredWiring],
     modes: Sequence[ModeCalibration],
     hello: BoardHello,
-    law: BoardController,
+    law: str,
     drive_hz: float,
 ) -> int:
     """Return the first fault in which a board with this calibration ends on one of the plates, 0 if it holds all.
@@ -135,9 +140,7 @@ def fitted_plate(found: MeasuredWiring, drive_hz: float, v_limit_v: float) -> Pl
     )
 
 
-def _board_config(
-    modes: Sequence[ModeCalibration], hello: BoardHello, law: BoardController, drive_hz: float
-) -> BoardConfig:
+def _board_config(modes: Sequence[ModeCalibration], hello: BoardHello, law: str, drive_hz: float) -> BoardConfig:
     models = [mode.model(drive_hz) for mode in modes]
     through = [mode.feedthrough_um_per_v for mode in modes]
     return BoardConfig(
@@ -152,9 +155,7 @@ def _board_config(
         drive=np.array([mode.drive for mode in modes]).T,
         sense=np.array([mode.sense for mode in modes]),
         feedthrough_um_per_v=np.array(through) if all(through) else None,
-        controller=law.law or "deadbeat",
-        bandwidth_1_s=law.bandwidth_1_s,
-        integral_time_s=law.integral_time_s,
+        controller=law,
     )
 
 

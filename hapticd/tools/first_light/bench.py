@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ...board_protocol import ClearFault, ControllerRequest
-from ...board_values import BoardController, BoardStatus, ModeCalibration
+from ...board_values import BoardController, BoardStatus
 from ...config.sections import SimConfig
 from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
 from ...design.wiring import AmplifierSweep, MeasuredWiring
@@ -43,9 +43,9 @@ class Person(Protocol):
 
 @dataclass(slots=True)
 class Bench:
-    """A rig under commissioning. `outputs_v` are the amplifiers' outputs as they were read at `ASKED_V`, `modes` the
-    calibration as it was swept, `sweeps` and `found` the last sweeps and their fit, until something is mended;
-    a stop has `press_s` to be pressed, a finger `touch_s` to land and rest."""
+    """A rig under commissioning. `outputs_v` are the amplifiers' outputs as they were read at `ASKED_V`, `sweeps` and
+    `found` the last sweeps and their fit, until something is mended; a stop has `press_s` to be pressed, a finger
+    `touch_s` to land and rest."""
 
     person: Person
     new_link: Callable[[], Link]
@@ -53,7 +53,6 @@ class Bench:
     out: Path
     is_simulated: bool
     outputs_v: tuple[float | None, ...] = ()
-    modes: tuple[ModeCalibration, ...] = field(default=())
     device: dict[str, str | int] = field(default_factory=dict)
     sweeps: list[AmplifierSweep] | None = None
     found: MeasuredWiring | None = None

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from ... import board_protocol as protocol
-from ...board_protocol import BoardState, ControllerRequest, Sweep
-from ...board_values import BoardCalibration, BoardController, ModeCalibration
+from ...board_protocol import BoardState, Sweep
+from ...board_values import BoardCalibration, ModeCalibration
 from ...design.commissioning import drive, plate
 from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
 from ...design.commissioning.rest import EMERGENCY_STOP
@@ -20,7 +20,7 @@ from ...files import calibration
 from ...values import FloatArray
 from ..calibrate import folder
 from ..calibrate import resonance as calibrate_resonance
-from ..calibrate.trial import try_out
+from ..calibrate.trial import LAW, NO_REMARK, Tried, try_out
 from ..calibrate.verdict import Outcome
 from ..firmware.conversation import Conversation
 from ..firmware.sweep import measured_again
@@ -53,7 +53,7 @@ async def _sweep(bench: Bench) -> PageResult:
     async with bench.board() as board:
         try:
             found, sweeps = await _fitted(bench, board, await design_of(board))
-            bench.modes = tuple(found.calibrations())
+            found.calibrations()
         except ValueError as error:
             return PageResult(Judgement("", (Diagnosis(str(error)),)))
     own = [np.abs(sweep.response_um_per_v[:, sweep.amplifier]) * 1e3 for sweep in sweeps]
@@ -74,39 +74,56 @@ async def _resonance(bench: Bench) -> PageResult:
             return PageResult(Judgement("", (Diagnosis(str(error)),)))
         judgement = plate.judge_resonance(modes, found.fits, design)
         drive_hz = calibrate_resonance.better_drive_hz(board.hello, modes)
+        trial = NO_REMARK
         if judgement.is_passed:
-            law = await board.ask(ControllerRequest(), BoardController)
             try:
-                untried = try_out(sweeps, found, modes, board.hello, law, drive_hz or board.hello.drive_hz).sentence
+                trial = await _tried(board, sweeps, found, modes, drive_hz)
             except DeviceError:
                 # A chain that clips bends the resonances as modes outside the sweep do.
                 clipped = await _straight(board, design, modes)
                 if clipped.is_passed:
                     raise
                 return PageResult(clipped)
-            judgement = replace(judgement, passed=f"{judgement.passed} {untried}".strip())
-    bench.modes = modes
+            judgement = replace(judgement, passed=f"{judgement.passed} {trial.sentence}".strip())
     if judgement.is_passed:
-        path = bench.out / calibrate_resonance.CALIBRATION_FILE
-        calibration.save(path, BoardCalibration(modes, drive_hz))
-        folder.save(bench.out, bench.verdict("resonance", Outcome.PASS, judgement, _settings(bench)))
+        calibration.save(bench.out / calibrate_resonance.CALIBRATION_FILE, BoardCalibration(modes, drive_hz))
+        folder.save(bench.out, bench.verdict("resonance", Outcome.PASS, judgement, _settings(bench, trial)))
     return PageResult(judgement)
 
 
-def _settings(bench: Bench) -> dict[str, dict[str, str | int]]:
-    return {"device": {**bench.device, "calibration_file": calibrate_resonance.CALIBRATION_FILE}}
+async def _tried(
+    board: Conversation,
+    sweeps: Sequence[AmplifierSweep],
+    found: MeasuredWiring,
+    modes: Sequence[ModeCalibration],
+    drive_hz: float | None,
+) -> Tried:
+    """Try what was fitted against the loop, with all modes that a wide sweep shows. Raises DeviceError."""
+    points = await calibrate_resonance.sweep_around(board, measure.VOLTS_FRAC * board.hello.v_limit_v, found)
+    wide = [AmplifierSweep.of(amplifier, swept) for amplifier, swept in enumerate(points)]
+    return try_out(sweeps, found, modes, board.hello, drive_hz or board.hello.drive_hz, wide)
 
 
-def _calibrated(bench: Bench, board: Conversation) -> tuple[ModeCalibration, ...]:
-    """Return the modes as they were swept, by this run or by an earlier one. Raises HapticdError."""
-    path = bench.out / calibrate_resonance.CALIBRATION_FILE
-    return bench.modes or calibration.load(path, board.hello.modes).modes
+def _settings(bench: Bench, trial: Tried) -> dict[str, dict[str, str | int]]:
+    return {"device": {**bench.device, **trial.settings(), "calibration_file": calibrate_resonance.CALIBRATION_FILE}}
+
+
+def _calibrated(bench: Bench, board: Conversation) -> BoardCalibration:
+    """Return the calibration as it was written, by this run or by an earlier one. Raises HapticdError."""
+    return calibration.load(bench.out / calibrate_resonance.CALIBRATION_FILE, board.hello.modes)
+
+
+def _calibrated_loop(bench: Bench, board: Conversation) -> Loop:
+    """Return the loop as the service closes it: with the calibration, and the law that bears the plate. Raises
+    HapticdError."""
+    law = folder.merged(folder.load(bench.out).values()).get("device", {}).get("controller", LAW)
+    return Loop(board, _calibrated(bench, board), law)
 
 
 async def _limits(bench: Bench) -> PageResult:
     async with bench.board() as board:
         design = await design_of(board)
-        return PageResult(await _straight(board, design, _calibrated(bench, board)))
+        return PageResult(await _straight(board, design, _calibrated(bench, board).modes))
 
 
 async def _straight(board: Conversation, design: PlateDesign, modes: Sequence[ModeCalibration]) -> Judgement:
@@ -207,7 +224,7 @@ async def _ends(board: Conversation, within_s: float) -> bool:
 
 async def _loop(bench: Bench, amplitude_um: float) -> PageResult:
     async with bench.board() as board:
-        loop = Loop(board, _calibrated(bench, board))
+        loop = _calibrated_loop(bench, board)
         await loop.begin()
         held = [
             await loop.hold(mode, min(amplitude_um, board.hello.w_limit_um[mode])) for mode in range(board.hello.modes)
@@ -226,7 +243,7 @@ async def _large(bench: Bench) -> PageResult:
 
 async def _touch(bench: Bench) -> PageResult:
     async with bench.board() as board:
-        loop = Loop(board, _calibrated(bench, board))
+        loop = _calibrated_loop(bench, board)
         await loop.begin()
         still = await loop.hold(0, TOUCHED_UM)
         await bench.person.touch_plate(True)

@@ -12,20 +12,16 @@ from ...board_protocol import BoardTime, SetTelemetry, Stop, TimeRequest
 from ...board_values import (
     BoardCalibration,
     BoardStatus,
-    ModeCalibration,
     ReferenceFrame,
-    SetController,
-    SetModel,
-    SetWiring,
     TelemetrySample,
 )
+from ...core.board.outbox import BoardSettings
 from ...core.trajectory.gate import gate
 from ...design.commissioning.drive import HeldMode
 from ...design.resonance import voltage_v
 from ...values import Drive, Knot
 from ..firmware.conversation import Conversation
 
-LAW = "deadbeat"
 EVERY_S, AHEAD_US = 0.02, 10_000
 SETTLE_S, HELD_S = 0.15, 0.2
 TELEMETRY_HZ = 200
@@ -33,25 +29,24 @@ WRAP_US = 1 << 32
 
 
 class Loop:
-    """References for a board that has the calibration `modes`."""
+    """References for a board with this calibration and control law."""
 
-    def __init__(self, board: Conversation, modes: tuple[ModeCalibration, ...]) -> None:
-        self._board, self._modes, self._seq = board, modes, 0
+    def __init__(self, board: Conversation, calibration: BoardCalibration, law: str) -> None:
+        self._board, self._modes, self._seq = board, calibration.modes, 0
+        self._settings = BoardSettings(law, calibration, TELEMETRY_HZ)
+        self._drive_hz = self._settings.drive_hz(board.hello)
         self.fault = ""
 
     async def begin(self) -> None:
-        """Give the board its law, models and wires. Raises DeviceError."""
+        """Give the board all that the service gives it. Raises DeviceError."""
         board = self._board
-        await board.demand(SetController(LAW))
-        for one in self._modes:
-            await board.demand(SetModel(one.mode, one.model(board.hello.drive_hz)))
-        wires = SetWiring.of(BoardCalibration(self._modes), board.hello.modes)
-        if wires is not None:
-            await board.demand(wires)
+        self._settings.begin(board.hello, 0)
+        while (setting := self._settings.next) is not None:
+            await board.demand(setting)
+            self._settings.taken()
         asked = asyncio.get_running_loop().time()
         answer = await board.ask(TimeRequest(round(asked * 1e9)), BoardTime)
         self._ahead_us = answer.t_received_us - round(asyncio.get_running_loop().time() * 1e6)
-        await board.demand(SetTelemetry(TELEMETRY_HZ))
 
     async def hold(self, mode: int, amplitude_um: float, seconds: float = HELD_S) -> HeldMode:
         """Hold one mode and return what it did after it settled; `fault` has what ended it."""
@@ -94,5 +89,5 @@ class Loop:
             abs(mean),
             float(np.sqrt((np.abs(measured - mean) ** 2).mean())),
             abs(complex(volts.mean())),
-            max(voltage_v(one, self._board.hello.drive_hz, amplitude_um), math.ulp(1.0)),
+            max(voltage_v(one, self._drive_hz, amplitude_um), math.ulp(1.0)),
         )

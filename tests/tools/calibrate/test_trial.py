@@ -10,24 +10,23 @@ import numpy as np
 import pytest
 from parasitic_plate import AWAY_HZ, OWN, plate, swept
 
-from hapticd.board_values import BoardController, BoardHello, ModeCalibration
+from hapticd.board_values import BoardHello, ModeCalibration
 from hapticd.design import wiring
 from hapticd.design.far_modes import with_far_modes
 from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, as_likely, fit_wiring
 from hapticd.errors import DeviceError
 from hapticd.sim.board.board import PLATE_MODES_MAX, PlateModel
 from hapticd.tools.calibrate import trial
-from hapticd.tools.calibrate.trial import NO_REMARK, fault_on, fitted_plate, try_out
+from hapticd.tools.calibrate.trial import LAW, NO_REMARK, fault_on, fitted_plate, try_out
 
 HELLO = BoardHello(2, 0, "test", 1, 2, 2000.0, OWN.drive_hz, 50, (4.0, 4.0), 150.0)
-LAW = BoardController("deadbeat", 0.0, 0.0, ())
 
 
 FAR_HZ = (600.0, -1800.0)
 
 
 def tried(sweeps: Sequence[AmplifierSweep], found: MeasuredWiring, modes: Sequence[ModeCalibration]) -> str:
-    return try_out(sweeps, found, modes, HELLO, LAW, OWN.drive_hz).sentence
+    return try_out(sweeps, found, modes, HELLO, OWN.drive_hz).sentence
 
 
 def ends(
@@ -35,7 +34,7 @@ def ends(
     modes: Sequence[ModeCalibration],
     monkeypatch: pytest.MonkeyPatch,
     hello: BoardHello = HELLO,
-    law: BoardController = LAW,
+    law: str = LAW,
 ) -> int:
     """The fault in which this calibration ends on the true plate."""
     with monkeypatch.context() as patched:
@@ -102,13 +101,13 @@ def test_modes_far_beyond_the_sweep_with_which_the_loop_swings_are_found_and_a_s
     sweeps, wide = swept(truth, noise), swept(truth, noise, 2000.0, 101)
     found = fit_wiring(sweeps)
     modes = found.calibrations()
-    assert try_out(sweeps, found, modes, hello, LAW, OWN.drive_hz) == NO_REMARK
+    assert try_out(sweeps, found, modes, hello, OWN.drive_hz) == NO_REMARK
     assert ends(truth, modes, monkeypatch, hello) == 7
     assert with_far_modes(found, [*sweeps, *wide], 4).parasitic_hz() == pytest.approx([27405.0, 29805.0], abs=2.0)
-    said = try_out(sweeps, found, modes, hello, LAW, OWN.drive_hz, wide)
+    said = try_out(sweeps, found, modes, hello, OWN.drive_hz, wide)
     assert said.sentence.startswith("deadbeat would make the modes swing that no amplifier is for (27405 Hz, 29805 Hz;")
     assert said.controller in ("pi_ff", "pi")
-    assert ends(truth, modes, monkeypatch, hello, BoardController(said.controller, 0.0, 0.0, ())) == 0
+    assert ends(truth, modes, monkeypatch, hello, said.controller) == 0
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, 10.0])
@@ -117,7 +116,7 @@ def test_a_plate_that_bears_the_law_keeps_it(away_hz: tuple[float, ...], noise: 
     truth = replace(plate(away_hz), sensor=np.hstack([np.eye(2), 0.05 * np.ones((2, len(away_hz)))]))
     sweeps, wide = swept(truth, noise), swept(truth, noise, 2000.0, 101)
     found = fit_wiring(sweeps)
-    assert try_out(sweeps, found, found.calibrations(), HELLO, LAW, OWN.drive_hz, wide) == NO_REMARK
+    assert try_out(sweeps, found, found.calibrations(), HELLO, OWN.drive_hz, wide) == NO_REMARK
     assert len(with_far_modes(found, [*sweeps, *wide], 4).parasitic_hz()) == len(away_hz)
 
 

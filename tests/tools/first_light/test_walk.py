@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hapticd.__main__ import main
 from hapticd.config.sections import SimConfig
 from hapticd.design.commissioning.findings import DANGEROUS, Diagnosis, Flaw
 from hapticd.errors import CalibrationError
+from hapticd.sim.board.board import PlateModel
 from hapticd.sim.commissioning.bench import SimulatedTechnician
 from hapticd.sim.commissioning.mistakes import KINDS, Mistake, random_mistake
 from hapticd.sim.commissioning.rig import FaultyRig
@@ -99,6 +101,56 @@ def test_the_loop_stays_open_as_long_as_a_dangerous_mistake_is_there(tmp_path: P
         bench = Bench(technician, technician.new_link, "the rig", tmp_path, True)
         assert not in_virtual_time(walk(bench, PLAYED, Unguided(), nothing)), cause
         assert not rig.was_driven
+
+
+class Ringing(FaultyRig):
+    """A rig with two modes far beyond the sweep, which each amplifier drives and each sensor hears."""
+
+    FAR_HZ = (-1800.0, 600.0)  # from the drive
+
+    def __init__(self, driven_frac: float) -> None:
+        self._driven_frac = driven_frac
+        super().__init__(PlateSettings.of("reference"), (), 3)
+
+    def _model(self) -> PlateModel:
+        own, driven = super()._model(), slice(self.modes)
+        gains, far = np.asarray(own.gain_um_per_v_s)[driven], len(self.FAR_HZ)
+        return replace(
+            own,
+            decay_1_s=np.concatenate([own.decay_1_s[driven], [own.decay_1_s[0]] * far]),
+            detuning_rad_s=np.concatenate([own.detuning_rad_s[driven], 2.0 * np.pi * np.array(self.FAR_HZ)]),
+            gain_um_per_v_s=np.vstack([gains, np.tile(self._driven_frac * gains.diagonal(), (far, 1))]),
+            sensor=np.hstack([np.asarray(own.sensor)[:, driven], np.ones((self.modes, far))]),
+        )
+
+
+def commissioned(rig: FaultyRig, folder: Path) -> tuple[bool, dict[str, str]]:
+    """Return whether all steps have passed, and the last sentence of each step."""
+    technician, said = SimulatedTechnician(rig, 3, has_scope=False), dict[str, str]()
+    bench = Bench(technician, technician.new_link, "the rig", folder, True)
+    is_done = in_virtual_time(
+        walk(bench, PLAYED, Unguided(), lambda step, result: said.update({step.name: result.judgement.sentence}))
+    )
+    return is_done, said
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)  # on a loaded host
+def test_modes_far_beyond_the_sweep_get_a_slower_law_with_which_the_rig_is_driven(tmp_path: Path) -> None:
+    is_done, said = commissioned(Ringing(0.16), tmp_path)
+    assert is_done, said
+    assert "deadbeat would make the modes swing that no amplifier is for (27405 Hz, 29805 Hz" in said["resonance"]
+    assert 'controller = "pi"' in (tmp_path / "hapticd.toml").read_text()
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)  # on a loaded host
+def test_the_loop_stays_open_where_no_law_bears_modes_far_beyond_the_sweep(tmp_path: Path) -> None:
+    rig = Ringing(0.2)
+    is_done, said = commissioned(rig, tmp_path)
+    assert not is_done
+    assert not rig.was_driven
+    assert "damp the modes that no amplifier is for (27405 Hz, 29805 Hz)" in said["resonance"]
 
 
 def test_what_was_calibrated_before_a_mend_is_measured_again() -> None:
