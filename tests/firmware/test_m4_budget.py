@@ -69,7 +69,7 @@ def test_the_lock_never_makes_a_chunk_of_a_live_board_late(board: Board) -> None
 def test_chunks_and_ticks_of_the_stm32g474_are_through_in_time_with_the_wait_states_of_its_flash(
     modes: int, late_chunks: int, load_max: float
 ) -> None:
-    """RM0440, 3: 4 wait states at 170 MHz, lines of 64 bits as delivered (DBANK). The path runs from the CCM."""
+    """RM0440, 3.3.3: 4 wait states at 170 MHz, lines of 64 bits as delivered (DBANK). The path runs from the CCM."""
     board = replace(G474, modes=modes)
     bench = live_bench(board, 5000)
     lock = longest_lock(bench).cycles
@@ -154,7 +154,8 @@ def test_six_modes_would_be_through_in_time_too_had_the_chip_the_converters_and_
 
 @every_board
 def test_the_start_writes_these_registers_in_this_order(board: Board) -> None:
-    """Addresses of memory are the linker's business. To accept a change, write `text` to the file."""
+    """Sections: at the models' blocks. Addresses of memory are the linker's business. To accept a change, write `text`
+    to the file."""
     trace = Bench(board).registers.trace
     memory = ("M0AR", "MPU_RBAR")
     text = "".join(f"{name} {'memory' if name.endswith(memory) else f'{value:#010x}'}\n" for name, value in trace)

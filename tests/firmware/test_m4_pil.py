@@ -40,7 +40,8 @@ def bench(board: Board) -> Bench:
 
 
 def test_the_registers_make_one_clock_of_a_megahertz_for_both_directions(bench: Bench) -> None:
-    """And the ADCs sample half a period after the DACs move."""
+    """RM0090, 13.6 and 14.3.6; RM0440, 21.7.4 and 22.7.1: TIM2's trigger. The ADCs sample half a period after the DACs
+    move."""
     assert bench.sampling.sample_hz == 1e6
     assert bench.sampling.samples == 100
     assert bench.sampling.delay_frac == 0.5
@@ -51,6 +52,7 @@ def test_the_registers_make_one_clock_of_a_megahertz_for_both_directions(bench: 
 
 
 def test_the_converters_are_at_mid_rail_before_anything_else(bench: Bench) -> None:
+    """RM0090, 14.3.4; RM0440, 22.4.5: without a trigger a word is put out a cycle after it was written."""
     names = [name for name, _ in bench.registers.trace]
     dacs = [name for name in ("DAC.CR", "DAC1.CR", "DAC2.CR", "DAC3.CR") if name in names]
     silent = bench.registers.trace[: max(names.index(name) for name in dacs)]
@@ -84,7 +86,8 @@ def test_a_step_settles_and_stays(board: Board, control_hz: int, target_um: floa
 @pytest.mark.parametrize("control_hz", [2000, 5000])
 @pytest.mark.parametrize("modes", [2, 3, 5])
 def test_the_board_of_four_modes_is_built_for_others_as_well(modes: int, control_hz: int) -> None:
-    """RM0440 and DS12288: the fifth mode's sensor is ADC5_IN2 at PA9, its drive DAC3_1 by way of OPAMP6 at PB11."""
+    """RM0440, 21.4.4 and 25.5.6, and DS12288: the fifth mode's sensor is ADC5_IN2 at PA9, its drive DAC3_1 by way of
+    OPAMP6 at PB11."""
     board = replace(G474, modes=modes)
     bench = Bench(board, board.image(control_hz))
     assert bench.sampling.channels == (1, 2, 12, 5, 2)[:modes]
@@ -204,6 +207,7 @@ def test_a_silent_host_ends_in_mid_rail_with_the_amplifiers_off(bench: Bench) ->
 
 
 def test_the_watchdog_is_fed_only_while_both_main_loop_and_tick_live(bench: Bench) -> None:
+    """RM0090, 21.4; RM0440, 35.4."""
     bench.run(20)
     assert bench.starved_us <= 500
     bench.hold_main = True
@@ -214,7 +218,8 @@ def test_the_watchdog_is_fed_only_while_both_main_loop_and_tick_live(bench: Benc
 
 
 def test_a_program_that_hangs_repeats_its_last_samples_for_half_a_millisecond_at_most(bench: Bench) -> None:
-    """The window watchdog is fed by the chunks' interrupt alone, whatever the main loop and the ticks do."""
+    """RM0090, 22.6; RM0440, 36.5: the window watchdog is fed by the chunks' interrupt alone, whatever main loop and
+    ticks do."""
     bench.arm(2.0)
     bench.hold_main = True
     bench.run(5)
@@ -383,6 +388,7 @@ def test_a_fault_of_the_processor_silences_resets_and_is_in_the_log_afterwards(b
 
 @every_chip
 def test_every_boot_has_another_identity_and_knows_its_cause(bench: Bench) -> None:
+    """RM0090, 7.3.21; RM0440, 7.4.28: the flags of RCC_CSR."""
     identities, causes = set(), []
     known = {cause: flags for cause, flags in enumerate(bench.board.reset_flags, start=1) if flags is not None}
     for flags in known.values():

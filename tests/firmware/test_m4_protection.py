@@ -48,7 +48,7 @@ def drive(bench: Bench) -> None:
 
 
 def without_brown_out_reset(board: Board) -> Peripherals:
-    """The option bytes as the chips are delivered."""
+    """The option bytes as the chips are delivered: RM0090, 3.9.9; RM0440, 3.7.8; RM0433, 4.9, FLASH_OPTSR."""
     registers = board.registers()
     name, value = {
         F405: ("FLASH.OPTCR", 0x0FFFAAED),
@@ -169,6 +169,7 @@ def test_the_image_carries_its_crc_and_nothing_follows_it(board: Board) -> None:
 
 @every_board
 def test_a_falling_supply_disables_the_amplifiers_and_is_in_the_log_afterwards(board: Board) -> None:
+    """RM0090, 5.4; RM0440, 6.4.2: the detector at 2.9 V, on EXTI line 16."""
     bench = Bench(board)
     drive(bench)
     assert (
@@ -209,8 +210,8 @@ def test_an_open_circuit_of_fault_or_stop_ends_the_drive_within_a_tick_until_it_
 
 @every_board
 def test_a_circuit_that_opens_interrupts_and_the_outputs_are_at_mid_rail_before_the_next_chunk(board: Board) -> None:
-    """RM0090, 9.2.6 and 12.2.5; RM0440, SYSCFG_EXTICR2 and EXTI: lines 14, 15 are port B's, of the other chip 6, 7 port
-    C's, and rising edges interrupt."""
+    """RM0090, 9.2.6 and 12.2.5; RM0440, 10.2.4 and 15.5.3: lines 14, 15 are port B's, of the other chip 6, 7 port C's,
+    and rising edges interrupt."""
     bench = Bench(board)
     registers = bench.registers
     name, ports = ("SYSCFG.EXTICR4", 0x1100) if board is F405 else ("SYSCFG.EXTICR2", 0x2200)
@@ -289,7 +290,7 @@ def test_the_mpu_guards_the_end_of_the_stack(board: Board) -> None:
 
 @every_board
 def test_a_deaf_line_listens_again(board: Board) -> None:
-    """A transfer error ends its stream."""
+    """A transfer error ends its stream (RM0440, 12.4.7; RM0090, 10.5.5, EN)."""
     bench = Bench(board)
     bench.registers[f"{bench.ring.name}.CR"] &= ~1
     bench.run(0.05)
@@ -298,6 +299,7 @@ def test_a_deaf_line_listens_again(board: Board) -> None:
 
 @every_board
 def test_an_overrun_of_the_line_costs_what_is_on_it_and_no_more(board: Board) -> None:
+    """RM0090, 30.6.1: until SR and DR were read nothing is received; RM0440, 41.7.4: OVRDIS."""
     bench = Bench(board)
     bench.registers["USART1.SR" if board is F405 else "LPUART1.ISR"] |= 1 << 3
     bench.run(0.5)  # a tick ends it
@@ -309,6 +311,7 @@ def test_an_overrun_of_the_line_costs_what_is_on_it_and_no_more(board: Board) ->
 @every_board
 @pytest.mark.parametrize("bypassed", [False, True])
 def test_a_clock_in_place_of_the_crystal_bypasses_its_oscillator(board: Board, bypassed: bool) -> None:
+    """RM0090, 7.3.1; RM0440, 7.4.1: HSEBYP, before HSEON."""
     bench = Bench(board, board.image(2000, "-DCLOCK_AT_OSC_IN=true") if bypassed else None)
     controls = [value for name, value in bench.registers.trace if name == "RCC.CR"]
     started = next(value for value in controls if value & 1 << 16)

@@ -60,6 +60,7 @@ def at_mid_rail(bench: Bench) -> bool:
 
 
 def test_the_registers_make_one_clock_of_320_kilohertz_for_both_directions(bench: Bench) -> None:
+    """RM0433, 39.4: TIM2 and TIM3; 25: the ADCs' trigger."""
     assert bench.sampling.sample_hz == 320e3
     assert bench.sampling.samples == 2 * CHUNK
     assert bench.sampling.channels == (2, 6, 15, 2, 5, 10, 4, 6)
@@ -161,7 +162,7 @@ def test_each_sample_is_four_words_to_each_chip_and_the_last_moves_all_four(benc
 
 
 def test_a_program_that_hangs_and_a_debugger_that_halts_it_end_in_a_reset(bench: Bench) -> None:
-    """RM0433, WWDG and DBGMCU: both watchdogs count on while the core is halted, TIM2 and TIM3 do not."""
+    """RM0433, 44, 45 and 60 (DBGMCU): both watchdogs count on while the core is halted, TIM2 and TIM3 do not."""
     bench.arm(2.0)
     bench.hold_main = True
     bench.run(20)
@@ -231,7 +232,7 @@ def test_chunks_interrupt_a_tick_at_any_instruction_and_the_plate_goes_on_as_ask
 
 @pytest.mark.parametrize(("pin", "event"), [(6, AMPLIFIER_FAULT), (7, EMERGENCY_STOP)])
 def test_a_circuit_that_opens_ends_the_drive_at_mid_rail(bench: Bench, pin: int, event: int) -> None:
-    """PC6 and PC7 by EXTI lines 6 and 7, IRQ 23; closed to ground."""
+    """PC6 and PC7 by EXTI lines 6 and 7 (RM0433, 12, SYSCFG_EXTICR2, and 20), IRQ 23; closed to ground."""
     assert bench.registers["SYSCFG.EXTICR2"] == 0x2200
     assert bench.registers["EXTI.RTSR"] & 0xC0 == bench.registers["EXTI.IMR"] & 0xC0 == 0xC0
     assert bench.registers["GPIOC.PUPDR"] >> 12 & 0xF == 5
@@ -251,6 +252,7 @@ def test_a_circuit_that_opens_ends_the_drive_at_mid_rail(bench: Bench, pin: int,
 
 
 def test_a_supply_that_falls_silences_resets_and_is_in_the_log_afterwards(bench: Bench) -> None:
+    """RM0433, 6.8, PWR_CR1: the detector at 2.85 V."""
     live(bench)
     assert bench.registers["PWR.CR1"] == 6 << 5 | 1 << 4, "2.85 V"
     bench.cpu.fault(16 + PVD, at=bench.cpu.address("hd_tick"))

@@ -1,4 +1,4 @@
-/* What the STM32F405 and the STM32G474 have in the same place, and the STM32H743 elsewhere: RM0090 rev 18 and RM0440. */
+/* What the STM32F405 and the STM32G474 have in the same place, and the STM32H743 elsewhere: RM0090 rev 18 and RM0440 rev 9. */
 #ifndef HD_STM32_F4_G4_H
 #define HD_STM32_F4_G4_H
 

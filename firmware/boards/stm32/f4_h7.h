@@ -1,4 +1,4 @@
-/* The DMA with streams, as the STM32F405 and the STM32H743 have it: RM0090 rev 18, 10, and RM0433, 15. */
+/* The DMA with streams, as the STM32F405 and the STM32H743 have it: RM0090 rev 18, 10.5, and RM0433 rev 8, 15. */
 #ifndef HD_STM32_F4_H7_H
 #define HD_STM32_F4_H7_H
 

@@ -42,7 +42,7 @@ void link_start(void)
 static __attribute__((noinline)) size_t take(uint8_t *bytes, size_t capacity, uint32_t written)
 {
     size_t n = 0;
-    __asm volatile(".rept 8\n\tnop\n\t.endr"); /* counted when it was read from the line: on its way to memory yet */
+    __asm volatile(".rept 8\n\tnop\n\t.endr"); /* counted when read, on its way to memory yet (RM0440, 12.4.3: after that) */
     while (n < capacity && ring_read != written) {
         bytes[n++] = ring[ring_read];
         ring_read = (ring_read + 1) % RING;

@@ -23,7 +23,7 @@
 #define BUSY 13       /* PB13, high while the interrupt works: its duty cycle is the load */
 #define INTERLOCKS (1u << AMPLIFIER_FAULT | 1u << EMERGENCY_STOP) /* their EXTI lines too */
 
-/* Without chunks the DACs would play the last 100 us for ever: the window watchdog (RM0090, 22; RM0440, 43) resets a chip
+/* Without chunks the DACs would play the last 100 us for ever: the window watchdog (RM0090, 22; RM0440, 36) resets a chip
  * whose chunk interrupt does not end for 4 to 5 units of 96 or 98 us. Its clock is the core's, which CSS watches. */
 #define UNITS_LEFT 4
 

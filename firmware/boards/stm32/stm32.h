@@ -1,5 +1,5 @@
-/* The registers that these chips have in the same place: PM0214 and PM0253 for the core's own, RM0090 rev 18, RM0440 and RM0433
- * for the others. What differs is in the registers.h of a chip, in f4_g4.h and in f4_h7.h. */
+/* The registers that these chips have in the same place: PM0214 and PM0253 for the core's own, RM0090 rev 18, RM0440 rev 9 and
+ * RM0433 rev 8 for the others. What differs is in the registers.h of a chip, in f4_g4.h and in f4_h7.h. */
 #ifndef HD_STM32_H
 #define HD_STM32_H
 
@@ -62,7 +62,7 @@ typedef struct {
 #define PULL_UP(pin) (1u << 2 * (pin))
 #define FUNCTION(pin, f) ((uint32_t)(f) << 4 * ((pin) % 8))
 
-/* Switches a peripheral's clock on; it needs two cycles to arrive (ES0182, "Delay after an RCC peripheral clock enabling"). */
+/* Switches a peripheral's clock on; it needs two cycles to arrive (ES0182 rev 14, 2.2.13). */
 static inline void clock_on(reg_t *enable, uint32_t bits)
 {
     *enable |= bits;

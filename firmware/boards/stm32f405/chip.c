@@ -83,6 +83,7 @@ static void start_adcs(void)
     start_stream(ADCS, &ADC->CDR, sampled, DMA_CHANNEL(0) | DMA_HTIE | DMA_TCIE);
 }
 
+/* DMA2's streams read and write peripherals of APB2 alone, none of AHB (ES0182 rev 14, 2.2.19). */
 void converters_start(void)
 {
     RCC->AHB1ENR |= AHB1_DMA1 | AHB1_DMA2;

@@ -35,7 +35,7 @@ static const lane_t lane[] = {
 static _Alignas(uint32_t) uint16_t sampled[HD_MODES][2][HD_CHUNK];
 static _Alignas(uint32_t) uint16_t played[HD_MODES][2][HD_CHUNK];
 
-/* RM0440, "Increasing the system clock frequency": above 80 MHz by way of half of it, for a microsecond. */
+/* RM0440, 6.1.5: above 80 MHz by way of half of it, for a microsecond. */
 bool chip_use_pll(void)
 {
     RCC->APB1ENR |= APB1_PWR;

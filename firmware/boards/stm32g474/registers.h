@@ -1,4 +1,4 @@
-/* The registers that the STM32G474 has in its own way, and what of it drives how many modes. RM0440, by chapters: 3 flash
+/* The registers that the STM32G474 has in its own way, and what of it drives how many modes. RM0440 rev 9, by chapters: 3 flash
  * (its cache, DBANK), 7 RCC, 10 SYSCFG, 12 DMA, 13 DMAMUX (request inputs), 14 NVIC, 15 EXTI, 21 ADC (external triggers), 22
  * DAC (triggers, modes), 25 OPAMP; pins after DS12288. */
 #ifndef HD_G474_REGISTERS_H
@@ -101,7 +101,7 @@ typedef struct {
 #define DAC_HFSEL_160_MHZ (2u << 14) /* of MCR, whose zeros are: to the pin, with the buffer */
 #define DAC_WITHIN DAC_BOTH(3u)       /* of MCR: to what is on the chip, without the buffer */
 
-/* OPAMP: RM0440, OPAMPx_CSR. Follower, high speed (45 V/us), from the DAC that is its VP_SEL 3, to its pin. */
+/* OPAMP: RM0440, 25.5. Follower, high speed (45 V/us), from the DAC that is its VP_SEL 3, to its pin. */
 #define OPAMP_FOLLOWS_DAC (1u << 0 | 3u << 2 | 3u << 5 | 1u << 7)
 
 /* ADC */
@@ -185,7 +185,7 @@ typedef struct {
 
 #define USART_TC (1u << 6)
 #define USART_UE (1u << 0)
-#define USART_OVRDIS (1u << 12) /* RM0440, LPUART_CR3: otherwise nothing is received while an overrun stands */
+#define USART_OVRDIS (1u << 12) /* RM0440, 41.7.4: otherwise nothing is received while an overrun stands */
 
 enum { REQUEST_ADC1 = 5, REQUEST_DAC1_1, REQUEST_DAC1_2, REQUEST_LPUART1_RX = 34, REQUEST_LPUART1_TX, REQUEST_ADC2,
        REQUEST_ADC3, REQUEST_ADC4, REQUEST_ADC5, REQUEST_DAC2_1 = 41, REQUEST_DAC3_1 = 102, REQUEST_DAC3_2 };

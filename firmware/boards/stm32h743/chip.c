@@ -169,7 +169,7 @@ static void start_dacs(void)
     give_pins_to_spis();
 }
 
-/* As long as it is not ready, as an enable within 4 cycles after the calibration is lost (ES0392). */
+/* As long as it is not ready, as an enable within 4 cycles after the calibration is lost (RM0433, 25.4.9). */
 static void enable(adc_t *adc)
 {
     adc->ISR = ADC_ADRDY;

@@ -145,7 +145,7 @@ typedef struct {
 
 /* DMA */
 #define DMA_HALFWORDS (1u << 11 | 1u << 13) /* PSIZE, MSIZE */
-#define DMA_TRBUFF (1u << 20) /* ES0392: without it a stream of a USART may lock */
+#define DMA_TRBUFF (1u << 20) /* ES0392, 2.20.4: without it a stream of a USART may lock */
 
 enum { REQUEST_ADC1 = 9, REQUEST_ADC2, REQUEST_TIM3_CH1 = 23, REQUEST_TIM3_CH3 = 25, REQUEST_USART3_RX = 45, REQUEST_USART3_TX,
        REQUEST_ADC3 = 115 };

@@ -2,8 +2,10 @@
 
 Registers keep what is written to them; those with a life of their own are `Peripherals`' methods. An address that is
 not in the tables raises: the firmware has no business there. The chips' tables are in `stm32f405`, `stm32g474` and
-`stm32h743`, written down from the reference manuals (RM0090 rev 18, RM0440; RM0433's by the CMSIS header) apart from
-the firmware's own headers.
+`stm32h743`, written down from the reference manuals (RM0090 rev 18, RM0440 rev 9, RM0433 rev 8; the last's addresses
+and bits by the CMSIS header) apart from the firmware's own headers. Each block has its section, in this order where
+there are three. Those of RM0440 were compared with a transcription of that revision, the others' chapters with what
+public code cites; no copy of RM0090 and RM0433 was at hand.
 """
 
 from __future__ import annotations
@@ -28,14 +30,14 @@ _NVIC = {f"{name}{i}": at + 4 * i for name, at in (("ISER", 0), ("ICPR", 0x180))
 _MPU = {"MPU_CTRL": 0x94, "MPU_RNR": 0x98, "MPU_RBAR": 0x9C, "MPU_RASR": 0xA0}
 
 COMMON: dict[str, tuple[int, dict[str, int]]] = {
-    "TIM2": (0x40000000, _TIMER),
+    "TIM2": (0x40000000, _TIMER),  # 18.4; 30.5; 39.4
     "TIM5": (0x40000C00, _TIMER),
-    "WWDG": (0x40002C00, {"CR": 0x00, "CFR": 0x04}),
-    "IWDG": (0x40003000, {"KR": 0x00, "PR": 0x04, "RLR": 0x08, "SR": 0x0C}),
-    "CRC": (0x40023000, {"DR": 0x00, "CR": 0x08}),
-    "NVIC": (0xE000E100, _NVIC | {f"IPR{i}": 0x300 + i for i in range(102)}),
-    "SCB": (0xE000ED00, {"ICSR": 0x04, "AIRCR": 0x0C, "SHPR3": 0x20, "CPACR": 0x88} | _MPU),
-    "DBGMCU": (0xE0042000, {"APB1_FZ": 0x08}),
+    "WWDG": (0x40002C00, {"CR": 0x00, "CFR": 0x04}),  # 22.6; 36.5; 44
+    "IWDG": (0x40003000, {"KR": 0x00, "PR": 0x04, "RLR": 0x08, "SR": 0x0C}),  # 21.4; 35.4; 45
+    "CRC": (0x40023000, {"DR": 0x00, "CR": 0x08}),  # 4.4; 16.4; 21
+    "NVIC": (0xE000E100, _NVIC | {f"IPR{i}": 0x300 + i for i in range(102)}),  # PM0214, 4.3 (the M7's: PM0253, 4)
+    "SCB": (0xE000ED00, {"ICSR": 0x04, "AIRCR": 0x0C, "SHPR3": 0x20, "CPACR": 0x88} | _MPU),  # 4.4; CPACR 4.6, MPU 4.2
+    "DBGMCU": (0xE0042000, {"APB1_FZ": 0x08}),  # 38.16; 47.16; 60
 }
 _RESET = {"IWDG.RLR": 0xFFF, "TIM2.ARR": 0xFFFFFFFF, "TIM5.ARR": 0xFFFFFFFF, "CRC.DR": 0xFFFFFFFF} | {
     "GPIOA.PUPDR": 0x64000000,

@@ -1,5 +1,5 @@
-"""The STM32F405 as RM0090 (rev 18) has it: its memory map, its DMA request tables 42 and 43, the trigger tables of its
-DAC and ADC chapters, its clock tree.
+"""The STM32F405 as RM0090 (rev 18) has it: its memory map (2.3), its DMA request tables 42 and 43 (10.3.3), the
+triggers of its DAC (14.3.6) and ADCs (13.6), its clock tree (7.2). A section's number at a block is this manual's.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ _CLOCKED: Final = tuple(("APB1", bit) for bit in (0, 11, 29)) + tuple(("APB2", b
 
 class Registers(Peripherals):
     BLOCKS: ClassVar = {
-        "PWR": (0x40007000, {"CR": 0x00, "CSR": 0x04}),
-        "DAC": (0x40007400, peripherals.DAC),
-        "USART1": (0x40011000, {"SR": 0x00, "DR": 0x04, "BRR": 0x08, "CR1": 0x0C, "CR2": 0x10, "CR3": 0x14}),
-        "ADC1": (0x40012000, _ADC),
+        "PWR": (0x40007000, {"CR": 0x00, "CSR": 0x04}),  # 5.4
+        "DAC": (0x40007400, peripherals.DAC),  # 14.5
+        "USART1": (0x40011000, {"SR": 0x00, "DR": 0x04, "BRR": 0x08, "CR1": 0x0C, "CR2": 0x10, "CR3": 0x14}),  # 30.6
+        "ADC1": (0x40012000, _ADC),  # 13.13
         "ADC2": (0x40012100, _ADC),
         "ADC": (0x40012300, {"CCR": 0x04, "CDR": 0x08}),
-        "SYSCFG": (0x40013800, {"EXTICR4": 0x14}),
-        "EXTI": (0x40013C00, peripherals.EXTI),
-        "GPIOA": (0x40020000, peripherals.GPIO),
+        "SYSCFG": (0x40013800, {"EXTICR4": 0x14}),  # 9.2.6
+        "EXTI": (0x40013C00, peripherals.EXTI),  # 12.3
+        "GPIOA": (0x40020000, peripherals.GPIO),  # 8.4
         "GPIOB": (0x40020400, peripherals.GPIO),
-        "RCC": (0x40023800, _RCC | {"APB1ENR": 0x40, "APB2ENR": 0x44, "CSR": 0x74}),
-        "FLASH": (0x40023C00, {"ACR": 0x00, "OPTCR": 0x14}),
-        "DMA1": (0x40026000, _DMA),
+        "RCC": (0x40023800, _RCC | {"APB1ENR": 0x40, "APB2ENR": 0x44, "CSR": 0x74}),  # 7.3
+        "FLASH": (0x40023C00, {"ACR": 0x00, "OPTCR": 0x14}),  # 3.9
+        "DMA1": (0x40026000, _DMA),  # 10.5
         "DMA2": (0x40026400, _DMA),
         **{
             f"DMA{unit}_S{i}": (0x40026000 + 0x400 * (unit - 1) + 0x10 + 0x18 * i, _STREAM)
@@ -78,7 +78,8 @@ class Registers(Peripherals):
             self.registers["ADC1.SR"] &= ~2
 
     def _convert(self, value: int) -> None:
-        """RM0090, 13: SWSTART converts one channel. The internal reference needs 10 us of sampling (DS8626)."""
+        """RM0090, 13.13.3: SWSTART converts one channel; 13.13.16: TSVREFE connects the internal reference, which
+        needs 10 us of sampling (DS8626)."""
         self.registers["ADC1.CR2"] = value & ~(1 << 30)
         if value & 1 << 30:
             assert value & 1, "started before it was switched on"
@@ -117,6 +118,7 @@ class Wires(Wiring):
         return input_hz / (config & 0x3F) * (config >> 6 & 0x1FF) / (2 * (config >> 16 & 3) + 2)
 
     def apb_hz(self, bus: int) -> float:
+        """RM0090, 7.3.3."""
         return self.core_hz() / _divider(self.p.field("RCC.CFGR", 10 if bus == 1 else 13, 3))
 
     def timer_clock_hz(self) -> float:
@@ -171,6 +173,7 @@ class Wires(Wiring):
         )
 
     def _check_dacs(self) -> None:
+        """RM0090, 14.5.1: EN, TEN, TSEL, DMAEN; 14.3.6: TIM2's trigger."""
         for channel in (0, 16):
             assert self.p.field("DAC.CR", channel, 1), "a DAC is off"
             assert self.p.field("DAC.CR", channel + 2, 1), "a DAC is not triggered"
@@ -180,6 +183,7 @@ class Wires(Wiring):
         assert self.p.field("GPIOA.MODER", 8, 4) == 0xF, "PA4 and PA5 are not analogue"
 
     def _check_adcs(self) -> tuple[int, ...]:
+        """RM0090, 13.13.3 (CR2), 13.13.5 (SMPR2), 13.13.9 and 13.13.11 (SQR1, SQR3), 13.13.16 (CCR)."""
         p = self.p
         assert p.field("ADC.CCR", 0, 5) == 6, "not dual simultaneous"
         assert p.field("ADC.CCR", 14, 2) == 2, "not pairs by DMA"
@@ -199,15 +203,17 @@ class Wires(Wiring):
         return channels
 
     def window_watchdog_s(self) -> float:
+        """RM0090, 22.6.2."""
         return self._window_watchdog_s(self.apb_hz(1), self.p.field("WWDG.CFR", 7, 2))
 
     def baud(self) -> float:
+        """RM0090, 30.6.3."""
         return self.apb_hz(2) / self.p["USART1.BRR"]
 
     def deaf(self) -> bool:
         return bool(self.p.field("USART1.SR", 3, 1))
 
     def finish_sending(self) -> None:
-        """A stream that is not circular disables itself."""
+        """RM0090, 10.5.5, EN: a stream that is not circular disables itself."""
         self.p["DMA2_S7.CR"] &= ~1
         self.p["DMA2.HISR"] |= 1 << 27

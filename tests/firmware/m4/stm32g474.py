@@ -1,5 +1,6 @@
-"""The STM32G474 as RM0440 has it: its memory map, its DMAMUX request inputs, the trigger tables of its DAC and ADC
-chapters, its clock tree; pins after the datasheet DS12288.
+"""The STM32G474 as RM0440 (rev 9) has it: its memory map (2.2), its DMAMUX request inputs (13.3.2), the triggers of its
+DACs and ADCs (22.7.1, 21.7.4), its clock tree (7.2); pins after the datasheet DS12288. A section's number at a block is
+this manual's.
 """
 
 from __future__ import annotations
@@ -57,27 +58,27 @@ _CLOCKED: Final = {"AHB1ENR": (0, 1, 2), "AHB2ENR": (0, 1, 2, 13, 14, 16, 17), "
 
 class Registers(Peripherals):
     BLOCKS: ClassVar = {
-        "PWR": (0x40007000, {"CR2": 0x04, "SR2": 0x14, "CR5": 0x80}),
-        "LPUART1": (0x40008000, _LPUART),
-        "SYSCFG": (0x40010000, {"EXTICR2": 0x0C}),
-        "OPAMP": (0x40010300, {f"CSR{i}": 4 * (i - 1) for i in range(1, 7)}),
-        "EXTI": (0x40010400, peripherals.EXTI),
-        "DMA1": (0x40020000, {"ISR": 0x00, "IFCR": 0x04}),
+        "PWR": (0x40007000, {"CR2": 0x04, "SR2": 0x14, "CR5": 0x80}),  # 6.4
+        "LPUART1": (0x40008000, _LPUART),  # 41.7
+        "SYSCFG": (0x40010000, {"EXTICR2": 0x0C}),  # 10.2.4
+        "OPAMP": (0x40010300, {f"CSR{i}": 4 * (i - 1) for i in range(1, 7)}),  # 25.5
+        "EXTI": (0x40010400, peripherals.EXTI),  # 15.5
+        "DMA1": (0x40020000, {"ISR": 0x00, "IFCR": 0x04}),  # 12.6
         "DMA2": (0x40020400, {"ISR": 0x00, "IFCR": 0x04}),
-        "DMAMUX": (0x40020800, {f"C{i}CR": 4 * i for i in range(16)}),
-        "RCC": (0x40021000, _RCC | {"APB1ENR1": 0x58, "APB1ENR2": 0x5C, "APB2ENR": 0x60, "CSR": 0x94}),
-        "FLASH": (0x40022000, {"ACR": 0x00, "OPTR": 0x20}),
-        "GPIOA": (0x48000000, peripherals.GPIO),
+        "DMAMUX": (0x40020800, {f"C{i}CR": 4 * i for i in range(16)}),  # 13.6
+        "RCC": (0x40021000, _RCC | {"APB1ENR1": 0x58, "APB1ENR2": 0x5C, "APB2ENR": 0x60, "CSR": 0x94}),  # 7.4
+        "FLASH": (0x40022000, {"ACR": 0x00, "OPTR": 0x20}),  # 3.7
+        "GPIOA": (0x48000000, peripherals.GPIO),  # 9.4
         "GPIOB": (0x48000400, peripherals.GPIO),
         "GPIOC": (0x48000800, peripherals.GPIO),
-        "ADC1": (0x50000000, _ADC),
+        "ADC1": (0x50000000, _ADC),  # 21.7
         "ADC2": (0x50000100, _ADC),
-        "ADC12": (0x50000300, {"CCR": 0x08}),
+        "ADC12": (0x50000300, {"CCR": 0x08}),  # 21.8
         "ADC3": (0x50000400, _ADC),
         "ADC4": (0x50000500, _ADC),
         "ADC5": (0x50000600, _ADC),
         "ADC345": (0x50000700, {"CCR": 0x08}),
-        "DAC1": (0x50000800, peripherals.DAC),
+        "DAC1": (0x50000800, peripherals.DAC),  # 22.7
         "DAC2": (0x50000C00, peripherals.DAC),
         "DAC3": (0x50001000, peripherals.DAC),
         **{
@@ -106,7 +107,7 @@ class Registers(Peripherals):
     REFERENCE_V: ClassVar = 3.0
 
     def was_read(self, name: str) -> None:
-        """RM0440, 21: a read of the data clears EOC."""
+        """RM0440, 21.4.23: a read of the data clears EOC."""
         if name in ("ADC1.DR", "ADC5.DR"):
             self.registers[name.replace("DR", "ISR")] &= ~4
 
@@ -169,6 +170,7 @@ class Wires(Wiring):
         return found
 
     def _stream(self, name: str, control: int) -> Stream:
+        """RM0440, 12.6.3."""
         assert control >> 7 & 1, f"{name} stays at one address"
         assert not control >> 6 & 1, f"{name} walks through the peripherals"
         assert not control >> 14 & 1, f"{name} waits for no request"
@@ -218,7 +220,8 @@ class Wires(Wiring):
         )
 
     def _check_order(self, adcs: list[Stream], dacs: list[Stream]) -> None:
-        """The chunk's interrupt comes with the last word of an instant: the lowest priority of its controller."""
+        """The chunk's interrupt comes with the last word of an instant: the lowest priority of its controller (RM0440,
+        12.4.4). Numbers of interrupts: 14.3."""
         assert len({stream.items for stream in adcs + dacs}) == 1
         names = [stream.name for stream in adcs]
         assert names == sorted(names)
@@ -235,6 +238,7 @@ class Wires(Wiring):
         assert self.p["SCB.SHPR3"] == (0x20 << 16 if has_tick else 0), "PendSV is below the chunks (PM0214, 4.4.8)"
 
     def _check_dac(self, request: str, stream: Stream) -> None:
+        """RM0440, 22.7.1 (CR) and 22.7.16 (MCR: HFSEL, MODE)."""
         register, block, first, (port, pin) = _OUTPUTS[request]
         assert stream.peripheral == self.p.ADDRESS[register]
         assert (stream.to_peripheral, stream.circular) == (True, True)
@@ -250,10 +254,11 @@ class Wires(Wiring):
         )
         if within:
             assert self.p["RCC.AHB2ENR"] >> 18 & 1, "DAC3 runs without a clock"
-            assert self.p[_FOLLOWERS[request]] == _FOLLOWS, "RM0440, OPAMPx_CSR"
+            assert self.p[_FOLLOWERS[request]] == _FOLLOWS, "RM0440, 25.5.3 and 25.5.6"
         assert self.p.field(f"{port}.MODER", 2 * pin, 2) == 3, "an output is not analogue"
 
     def _check_adc(self, name: str) -> int:
+        """RM0440, 21.7.3 (CR), 21.7.4 (CFGR), 21.7.6 and 21.7.7 (SMPR1, SMPR2), 21.7.11 (SQR1), 21.8.2 (CCR)."""
         p = self.p
         assert p[f"{name}.CR"] == 1 << 28 | 1 << 2 | 1, f"{name} does not convert"
         assert p.field(f"{name}.CFGR", 0, 2) == 3, "not circular by DMA"
@@ -275,6 +280,7 @@ class Wires(Wiring):
         return channel
 
     def window_watchdog_s(self) -> float:
+        """RM0440, 36.5.2."""
         assert self.p.field("RCC.CFGR", 8, 3) < 4, "APB1 is divided"
         return self._window_watchdog_s(self.core_hz(), self.p.field("WWDG.CFR", 11, 3))
 
@@ -285,10 +291,10 @@ class Wires(Wiring):
         return 256 * self.core_hz() / p["LPUART1.BRR"]
 
     def deaf(self) -> bool:
-        """RM0440, LPUART_CR3: with OVRDIS an overrun loses its byte alone."""
+        """RM0440, 41.7.4: with OVRDIS an overrun loses its byte alone."""
         return bool(self.p.field("LPUART1.ISR", 3, 1)) and not self.p.field("LPUART1.CR3", 12, 1)
 
     def finish_sending(self) -> None:
-        """A channel that is not circular stays enabled, with nothing left."""
+        """RM0440, 12.6.3, EN: a channel that is not circular stays enabled, with nothing left."""
         self.p["DMA1_C8.NDTR"] = 0
         self.p["DMA1.ISR"] |= 2 << 28

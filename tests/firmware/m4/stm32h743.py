@@ -1,5 +1,6 @@
-"""The STM32H743, revision V, as RM0433 has it: its memory map, its DMAMUX request inputs, the fields of its ADCs, SPIs
-and timers, its clock tree; pins after DS12110. Addresses and bits are those of the public CMSIS header.
+"""The STM32H743, revision V, as RM0433 (rev 8) has it: its memory map (2.3), its DMAMUX request inputs (17.3), the
+fields of its ADCs (25), SPIs (50) and timers (39.4), its clock tree (8.5); pins after DS12110. Addresses and bits are
+those of the public CMSIS header. A section's number at a block is this manual's.
 
 Two AD5624 hang at its SPIs: `Registers.dacs` is what they would put out, where the firmware moves their pins by hand.
 """
@@ -120,24 +121,24 @@ class Dac:
 
 class Registers(Peripherals):
     BLOCKS: ClassVar = {
-        "TIM3": (0x40000400, _TIM3),
-        "SPI3": (0x40003C00, _SPI),
-        "USART3": (0x40004800, _USART),
+        "TIM3": (0x40000400, _TIM3),  # 39.4
+        "SPI3": (0x40003C00, _SPI),  # 50
+        "USART3": (0x40004800, _USART),  # 48.7
         "SPI1": (0x40013000, _SPI),
-        "DMA1": (0x40020000, {"LISR": 0x00, "LIFCR": 0x08}),
+        "DMA1": (0x40020000, {"LISR": 0x00, "LIFCR": 0x08}),  # 15
         "DMA2": (0x40020400, {"LISR": 0x00, "HISR": 0x04, "LIFCR": 0x08, "HIFCR": 0x0C}),
-        "DMAMUX": (0x40020800, {f"C{i}CR": 4 * i for i in range(16)}),
-        "ADC1": (0x40022000, _ADC),
+        "DMAMUX": (0x40020800, {f"C{i}CR": 4 * i for i in range(16)}),  # 17
+        "ADC1": (0x40022000, _ADC),  # 25
         "ADC2": (0x40022100, _ADC),
         "ADC12": (0x40022300, {"CCR": 0x08}),
         "WWDG": (0x50003000, {"CR": 0x00, "CFR": 0x04}),
-        "FLASH": (0x52002000, {"ACR": 0x00, "OPTSR_CUR": 0x1C}),
-        "EXTI": (0x58000000, {"RTSR": 0x00, "IMR": 0x80, "PR": 0x88}),
-        "SYSCFG": (0x58000400, {"EXTICR2": 0x0C}),
+        "FLASH": (0x52002000, {"ACR": 0x00, "OPTSR_CUR": 0x1C}),  # 4.9
+        "EXTI": (0x58000000, {"RTSR": 0x00, "IMR": 0x80, "PR": 0x88}),  # 20
+        "SYSCFG": (0x58000400, {"EXTICR2": 0x0C}),  # 12
         "IWDG": (0x58004800, {"KR": 0x00, "PR": 0x04, "RLR": 0x08, "SR": 0x0C}),
-        **{f"GPIO{port}": (0x58020000 + 0x400 * i, peripherals.GPIO) for i, port in enumerate("ABCDEF")},
-        "RCC": (0x58024400, _RCC),
-        "PWR": (0x58024800, {"CR1": 0x00, "CSR1": 0x04, "CR3": 0x0C, "D3CR": 0x18}),
+        **{f"GPIO{port}": (0x58020000 + 0x400 * i, peripherals.GPIO) for i, port in enumerate("ABCDEF")},  # 11.4
+        "RCC": (0x58024400, _RCC),  # 8.7
+        "PWR": (0x58024800, {"CR1": 0x00, "CSR1": 0x04, "CR3": 0x0C, "D3CR": 0x18}),  # 6.8
         "CRC": (0x58024C00, {"DR": 0x00, "CR": 0x08}),
         "ADC3": (0x58026000, _ADC),
         "ADC3C": (0x58026300, {"CCR": 0x08}),
@@ -178,7 +179,7 @@ class Registers(Peripherals):
     REFERENCE_V: ClassVar = 3.3
 
     def was_read(self, name: str) -> None:
-        """A read of the data clears EOC."""
+        """RM0433, 25.4: a read of the data clears EOC."""
         if name == "ADC3.DR":
             self.registers["ADC3.ISR"] &= ~4
 
@@ -251,7 +252,7 @@ class Wires(Wiring):
         return core_hz
 
     def _pll_hz(self, divider_at: int, enable: int) -> float:
-        """Of an output of PLL1; its VCO is wide."""
+        """Of an output of PLL1 (RM0433, 8.5.5); its VCO is wide."""
         p = self.p
         assert p.field("RCC.PLLCFGR", enable, 1), "an output of the PLL is off"
         source = p.field("RCC.PLLCKSELR", 0, 2)
@@ -295,7 +296,7 @@ class Wires(Wiring):
 
     def _stream(self, name: str, control: int, request: str) -> Stream:
         assert self.p[f"{name}.FCR"] == 0, "direct mode"
-        assert bool(control >> 20 & 1) == (request in ("RX", "TX")), "TRBUFF is for the USARTs (ES0392)"
+        assert bool(control >> 20 & 1) == (request in ("RX", "TX")), "TRBUFF is for the USARTs (ES0392, 2.20.4)"
         memory = self.p[f"{name}.M0AR"]
         assert 0x30000000 <= memory < 0x30040000, f"{name} cannot reach {memory:#x}, or only by way of another domain"
         assert memory % (1 << (control >> 13 & 3)) == 0
@@ -346,7 +347,7 @@ class Wires(Wiring):
         assert p["SCB.SHPR3"] == 32 << 16, "PendSV is below the chunks"
 
     def _check_dacs(self, running: dict[str, Stream]) -> float:
-        """When in a period of TIM2 the DACs move, in s after its rising edge."""
+        """When in a period of TIM2 the DACs move, in s after its rising edge. RM0433, 39.4: SMCR, CCMR, CCER, DIER."""
         p = self.p
         tick_s = 1 / self.timer_clock_hz()
         assert p["TIM3.PSC"] == 0
@@ -371,6 +372,7 @@ class Wires(Wiring):
         return 3 * part_s + sync_high_s + _START_S + word_s
 
     def _spi_hz(self) -> float:
+        """RM0433, 50: SPI_CFG1, SPI_CFG2, SPI_CR1."""
         p = self.p
         assert p.field("RCC.D2CCIP1R", 12, 3) == 0, "PLL1's output Q"
         for spi in ("SPI1", "SPI3"):
@@ -390,7 +392,8 @@ class Wires(Wiring):
             assert self.p.field(f"{port}.OSPEEDR", 2 * pin, 2) == 3, "48 MHz need a fast pin"
 
     def _check_adc(self, name: str, stream: Stream) -> list[tuple[int, int, int, float]]:
-        """Of each sensor: where its first sample goes, how far it is to the next, its channel, when it is sampled."""
+        """Of each sensor: where its first sample goes, how far it is to the next, its channel, when it is sampled.
+        RM0433, 25: ADC_CFGR, ADC_CR (BOOST), ADC_PCSEL, ADC_SMPR, ADC_SQR1."""
         p = self.p
         assert stream.peripheral == p.ADDRESS[f"{name}.DR"]
         assert (stream.to_peripheral, stream.circular, stream.memory_size, stream.peripheral_size) == (
@@ -433,10 +436,10 @@ class Wires(Wiring):
         return self.apb_hz() / p["USART3.BRR"]
 
     def deaf(self) -> bool:
-        """With OVRDIS an overrun loses its byte alone."""
+        """RM0433, 48.7, CR3: with OVRDIS an overrun loses its byte alone."""
         return bool(self.p.field("USART3.ISR", 3, 1)) and not self.p.field("USART3.CR3", 12, 1)
 
     def finish_sending(self) -> None:
-        """A stream that is not circular disables itself."""
+        """RM0433, 15, DMA_SxCR, EN: a stream that is not circular disables itself."""
         self.p["DMA2_S4.CR"] &= ~1
         self.p["DMA2.HISR"] |= 0x20
