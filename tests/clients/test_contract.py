@@ -19,6 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import asdict, replace
 
+import hapticd_client
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
 from hapticd.io.clients import gate, senders, server, sockets
@@ -26,6 +27,7 @@ from hapticd.wire import client as wire
 from hapticd_client import HapticdError, Map, RefusedError, endpoint, messages, target_set
 from hapticd_client.checks import checked
 from hapticd_client.endpoint import default_directory, directory
+from hapticd_contract import contents
 from hapticd_contract.contents import Grating, Noise
 from hapticd_contract.effects import FORMS, Effect, Envelope, Pulse, Start
 from hapticd_contract.replies import Capabilities
@@ -318,3 +320,9 @@ def test_what_a_daemon_says_cannot_command_the_terminal() -> None:
     with pytest.raises(RefusedError) as raised:
         messages.read_reply(reply, 1)
     assert str(raised.value) == r"no \x1b]0;owned\x07 \x1b[2J µ"
+
+
+def test_each_texture_has_its_name_in_the_client_library() -> None:
+    made_of_numbers = {contents.Amplitude, contents.Friction}  # given as such; a map is the library's own
+    textures = set(contents.NAMES) - made_of_numbers - {contents.LevelMap}
+    assert {getattr(hapticd_client, texture.__name__, None) for texture in textures} == textures

@@ -57,7 +57,7 @@ FINGERS: list[tuple[Callable[[Any], object], str]] = [
 SURFACES: list[tuple[Callable[[Any], object], str]] = [
     (
         lambda c: c.surface("a"),
-        "surface: give exactly one of amplitude_um, friction, grating, map, gradient, noise.",
+        "surface: give exactly one of amplitude_um, friction, grating, map, gradient, noise",
     ),
     (lambda c: c.surface(7, friction=1), "name: must be a text, not a whole number."),
     (

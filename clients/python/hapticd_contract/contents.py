@@ -8,6 +8,8 @@ from msgspec import Meta
 
 from .base import MAX_ID, AmplitudeUm, AngleRad, Contract, Digest, PeriodMm, Share
 
+__all__ = ["Gradient", "Grating", "Noise"]  # textures that the client library hands on as they are
+
 MAX_MAP_SIDE: Final = 128
 MAX_ASSET_SIDE: Final = 1024  # of a map whose levels are an asset
 
