@@ -119,14 +119,15 @@ def _outlet(lsl: Any, what: str, kind: str, channels: Sequence[Channel], source:
 
 
 def _unit(name: str) -> str:
-    return UNITS[_value(name).rpartition("_")[2]]
+    *_, over, end = ("", *_value(name).split("_"))
+    return f"{UNITS[over]}/second" if end == "s" and over in UNITS else UNITS.get(end, end)
 
 
 def _kind(name: str) -> str:
-    kinds = {"x_mm": "PositionX", "y_mm": "PositionY"}
+    kinds = {"x_mm": "PositionX", "y_mm": "PositionY", "um": "Amplitude"}
     kinds |= dict.fromkeys(("major_mm", "minor_mm", "angle_rad", "pressure_frac", "area_mm2"), "Contact")
     kinds |= dict.fromkeys(("change", "frac", "friction", "jnd", "misses_target"), "Friction")
-    return next((kind for end, kind in kinds.items() if _value(name).endswith(end)), "Amplitude")
+    return next((kind for end, kind in kinds.items() if _value(name).endswith(end)), "Misc")
 
 
 def _value(name: str) -> str:
