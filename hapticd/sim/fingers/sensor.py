@@ -134,7 +134,7 @@ def _position_word(record: PadRecord) -> int:
     return record.x & 0x1FFF | (record.y & 0x1FFF) << 13
 
 
-_ENCODERS: dict[str, Callable[[int, Sequence[PadRecord]], bytes]] = {  # by the layout of a pad's reports
+ENCODERS: dict[str, Callable[..., bytes]] = {  # by the layout of a pad's reports
     "mt1": encode_mt1,
     "mt2-usb": partial(encode_mt2, usb=True),
     "mt2-bt": partial(encode_mt2, usb=False),
@@ -150,8 +150,8 @@ class SensorModel:
     """
 
     def __init__(self, settings: SensorSettings = _DEFAULT, seed: int = 0, *, block: int = BLOCK) -> None:
-        if settings.pad.layout not in _ENCODERS:
-            raise ValueError(f"{settings.pad.name} is not simulated: use a pad that reports as {', '.join(_ENCODERS)}")
+        if settings.pad.layout not in ENCODERS:
+            raise ValueError(f"{settings.pad.name} is not simulated: use a pad that reports as {', '.join(ENCODERS)}")
         self.settings = settings
         self.seed = seed
         self._block = block
@@ -239,7 +239,7 @@ class SensorModel:
         return copies
 
     def _encode(self, stamp_ms: int, records: Sequence[PadRecord]) -> bytes:
-        return _ENCODERS[self.settings.pad.layout](stamp_ms, records)
+        return ENCODERS[self.settings.pad.layout](stamp_ms, records)
 
 
 class _Contacts:

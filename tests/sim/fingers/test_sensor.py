@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.fingers.paths import CirclePath, Path, Rest, Touch
-from hapticd.sim.fingers.sensor import PadRecord, Report, SensorModel, SensorSettings, encode_mt1, encode_mt2
+from hapticd.sim.fingers.sensor import ENCODERS, PadRecord, Report, SensorModel, SensorSettings, encode_mt1
 from hapticd.values import AffineMap, TouchFrame
 from hapticd.wire.trackpad import PADS, Decoder
 
@@ -50,10 +50,7 @@ RECORDS = st.lists(
 @given(st.sampled_from(list(PADS)), RECORDS, st.booleans(), st.integers(0, 2**22))
 @settings(deadline=None, max_examples=80)
 def test_what_is_encoded_is_decoded(model: str, records: list[PadRecord], button: bool, t_ms: int) -> None:
-    if model == "mt1":
-        report = encode_mt1(t_ms, records, button=button)
-    else:
-        report = encode_mt2(t_ms, records, usb=model.endswith("-usb"), button=button)
+    report = ENCODERS[PADS[model].layout](t_ms, records, button=button)
     (frame,) = Decoder(model).decode(report, 0)
     units = sum(PADS[model].geometry.units_per_mm) / 2
     orientations = 64 if model == "mt1" else 8
