@@ -85,6 +85,7 @@ def test_a_test_that_never_ends_is_ended(monkeypatch: pytest.MonkeyPatch) -> Non
             [RUNNING, UNKNOWN],
             3,
         ),  # comes and goes, lands, rests
+        ([(5, 1)] * 6, MOVED, [RUNNING, UNKNOWN], 3),  # rests from the start on
         (
             [(5, 1)] * 6 + [(5, 1), (5, 1), (5, 0), (5, 0), (5, 0), (5, 0)],
             UNSAFE,
@@ -110,6 +111,8 @@ async def test_a_test_of_a_touched_plate_is_made_again(
     await until(lambda: results[-1][0] != RUNNING)
     assert [result[0] for result in results] == outcomes
     assert made.result == results[-1]
+    if outcomes[-1] == UNKNOWN:
+        assert results[-1][1] == "the plate was touched in 3 tests, so that nothing is known: it is driven."
     looks = 3 if tests > self_test.TRIES else 0
     assert len(touches) - len(list(left)) == 2 * tests + looks
 
