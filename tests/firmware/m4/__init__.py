@@ -2,8 +2,9 @@
 
 `image` builds and reads the ELF, `cpu` runs it, `timing` counts its cycles, `peripherals` answers its registers,
 `wiring` derives what they mean, `stm32f405` and `stm32g474` hold a chip's manual for both, `boards` lists the boards,
-`bench` closes the loop with a `plate` and a host. What runs is the program that is
+`bench` closes the loop with a `plate` (`analog`: the independent one) and a host. What runs is the program that is
 flashed, to the last byte.
 
-What this leaves out: everything analogue, wait states and bus contention, the pipeline beyond the manual's table.
+What this leaves out: everything analogue but what the plates have, wait states and bus contention, the pipeline beyond
+the manual's table.
 """
