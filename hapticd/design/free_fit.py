@@ -24,7 +24,7 @@ from .pose import NOMINAL, Pose, find_pose
 from .smoothing import Order, Smoothed
 
 _EXACT = 1e-20  # share of the data's square: a smaller misfit is rounding, which no pose explains
-_BAND_FRAC = 0.08  # of the frequency: covers modes that the real plate mixes in, and the error of the wave number
+BAND_FRAC = 0.08  # of the frequency: covers modes that the real plate mixes in, and the error of the wave number
 
 # Frequencies of these only label the modes: any thin plate of the same Poisson's ratio has the same shapes.
 _THICKNESS_MM, _MATERIAL = 2.0, MATERIALS["glass"]
@@ -68,13 +68,15 @@ class FreeFit(NamedTuple):
 
 
 class FreePlateModes:
-    """Basis of the free-plate modes with wave numbers near `wave_rad_mm`, on a plate of `size_mm`."""
+    """Basis of the free-plate modes with wave numbers near `wave_rad_mm`, on a plate of `size_mm`: within `band_frac`
+    of the frequency. `frequencies_hz` are those of some plate of this size."""
 
-    def __init__(self, size_mm: tuple[float, float], wave_rad_mm: float) -> None:
+    def __init__(self, size_mm: tuple[float, float], wave_rad_mm: float, band_frac: float = BAND_FRAC) -> None:
         frequency_hz = wave_speed_m2_s(_THICKNESS_MM, _MATERIAL) * (wave_rad_mm * 1e3) ** 2 / (2.0 * math.pi)
-        band_hz = (frequency_hz * (1.0 - _BAND_FRAC), frequency_hz * (1.0 + _BAND_FRAC))
+        band_hz = (frequency_hz * (1.0 - band_frac), frequency_hz * (1.0 + band_frac))
         found = free_modes(size_mm, _THICKNESS_MM, _MATERIAL, band_hz)
         self._half_mm = np.array(size_mm) / 2.0
+        self.frequencies_hz = np.array([hz for hz, _ in found])
         self._shapes = [shape for _, shape in found]
         self.names = tuple(shape.name for shape in self._shapes)
 

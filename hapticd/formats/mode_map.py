@@ -1,7 +1,8 @@
 """Files of mode maps: NPZ and CSV, real maps on a grid and a vibrometer's scan of real or complex readings.
 
 CSV has a header and one line per point, in any order: `x_mm,y_mm`, then for each mode k from 1 `phi_k`, or `re_k,im_k`,
-or `abs_k,deg_k`. An empty value or `nan` is a missing one. Blank lines and lines that begin with # are skipped.
+or `abs_k,deg_k`, or `lowered_hz_k`, by how much a mass at the point lowers the mode's frequency. An empty value or
+`nan` is a missing one. Blank lines and lines that begin with # are skipped.
 NPZ holds a grid, `x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx), or `points_mm` (N, 2) and `readings` (N, M).
 
 A grid may lack points, which become NaN; positions within a micrometre of each other are one line of it. Files come
@@ -35,7 +36,7 @@ MAX_POSITION_MM = 1e6  # from the plate's centre: a larger value is a damaged fi
 
 _GRID, _POINTS = ("x_mm", "y_mm", "shapes"), ("points_mm", "readings")
 _PADDING = ' \t"'  # of cells
-_FORMS = (("phi",), ("re", "im"), ("abs", "deg"))
+_FORMS = (("phi",), ("re", "im"), ("abs", "deg"), ("lowered_hz",))
 _SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above the rounding of a printed position
 _BEYOND_MM = 5.0  # a map may be shifted, and reach this far beyond the plate
 _LEAST_COVER_FRAC = 0.5  # of the plate's edge: beyond a map the shapes of its edge are used
@@ -49,6 +50,12 @@ class Scan(NamedTuple):
 
     points_mm: FloatArray
     readings: npt.NDArray[Any]
+
+
+class LoweredScan(Scan):
+    """Its readings are by how many Hz a small mass at the point lowers each mode."""
+
+    __slots__ = ()
 
 
 def read_grid(path: MapPath) -> Grid:
@@ -98,7 +105,8 @@ def decode_grid(data: bytes, suffix: str) -> Grid:
         return _real(arrays["x_mm"]), _real(arrays["y_mm"]), _real(arrays["shapes"])
     form, numbers, table = _decode_csv(data)
     if form != ("phi",):
-        raise ModesError("holds complex readings; fit them with `hapticd calibrate modes --scan`.")
+        what = "frequencies" if form == ("lowered_hz",) else "complex readings"
+        raise ModesError(f"holds {what}; fit them with `hapticd calibrate modes --scan`.")
     return _lay_on_grid(numbers, table)
 
 
@@ -113,7 +121,7 @@ def decode_scan(data: bytes, suffix: str) -> Scan:
         return Scan(table[:, :2], parts[..., 0] + 1j * parts[..., 1])
     if form == ("abs", "deg"):
         return Scan(table[:, :2], parts[..., 0] * np.exp(1j * np.radians(parts[..., 1])))
-    return Scan(table[:, :2], parts[..., 0])
+    return (LoweredScan if form == ("lowered_hz",) else Scan)(table[:, :2], parts[..., 0])
 
 
 def encode_grid(grid: Grid, suffix: str) -> bytes:
@@ -241,7 +249,8 @@ def _form(header: Sequence[str]) -> tuple[str, ...]:
         if modes >= 1 and header == _header(form, modes):
             return form
     raise ModesError(
-        "does not begin with the header x_mm,y_mm and for each mode phi_1 or re_1,im_1 or abs_1,deg_1; add it."
+        "does not begin with the header x_mm,y_mm and for each mode phi_1 or re_1,im_1 or abs_1,deg_1 or lowered_hz_1; "
+        "add it."
     )
 
 

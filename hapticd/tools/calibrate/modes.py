@@ -1,4 +1,4 @@
-"""Step 2: fit of a vibrometer's scan to the mode map that the service solves with.
+"""Step 2: fit of a vibrometer's or microphone's scan, or of added masses, to the mode map that the service solves with.
 
 `design.cartography` aligns, denoises and fits twice, by the plate equation and by free-plate modes, with what glue and
 added mass make of them; the better fit is taken, the other one is the cross-check. The map's cross-validated error is
@@ -22,10 +22,11 @@ from ...core.plate.mode_shapes import ModeShapes
 from ...core.solver.public import solve_batch
 from ...daemon.settings import LEAST_CONTACT_MODES
 from ...design import CartographyFit, fit_scan, nearest_free_modes
+from ...design.added_mass import signed
 from ...design.cartography import REFERENCE_SIZE_MM
 from ...design.contact_pairs import grams, settle
 from ...errors import CalibrationError, ModesError
-from ...formats.mode_map import Scan, read_scan
+from ...formats.mode_map import LoweredScan, Scan, read_scan
 from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from .. import glass, plotting
@@ -105,6 +106,8 @@ def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     size_mm, plate = _size_mm(options), glass.chosen(options) if options.sim else None
     scan = _read(options.scan) if plate is None else Scan(*simulated.scan(options.seed, plate))
+    if isinstance(scan, LoweredScan):
+        scan = _with_signs(scan, size_mm)
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
     with Progress("fitting the scan twice") as progress:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
@@ -147,6 +150,13 @@ def fit_map(
         _beyond(best, scan),
         expected_leak(best.modes, best.map_error_rms.tolist()),
     )
+
+
+def _with_signs(scan: LoweredScan, size_mm: tuple[float, float]) -> Scan:
+    try:
+        return Scan(scan.points_mm, signed(scan.points_mm, scan.readings, size_mm))
+    except ModesError as error:
+        raise CalibrationError(f"The scan cannot be fitted: {error}") from None
 
 
 def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], simulated: SimConfig | None) -> Verdict:
@@ -308,7 +318,7 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
 
 
 def _add_scan(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scan", type=Path, metavar="FILE", help="the vibrometer's readings: CSV, NPZ or UFF")
+    parser.add_argument("--scan", type=Path, metavar="FILE", help="the readings: CSV, NPZ or UFF")
     parser.add_argument("--size", metavar="MMxMM", help="of the plate (default 137.5x137.5, or the simulated plate's)")
     parser.add_argument(
         "--own-scale", action="store_true", help="the readings are divided by the modal amplitude: keep their scale"

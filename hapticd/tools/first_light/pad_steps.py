@@ -16,7 +16,10 @@ from .bench import Bench
 from .step import PageResult, StepPage
 
 MARKS_MM = ((-50.0, -40.0), (50.0, -40.0), (50.0, 40.0), (-50.0, 40.0))
-NO_SCAN = "There is no scan yet: scan the modes (a vibrometer's CSV, NPZ or UFF), and start again with --scan FILE."
+NO_SCAN = (
+    "There is no scan yet: scan the modes by a vibrometer, a microphone or added mass (CSV, NPZ or UFF), and start "
+    "again with --scan FILE."
+)
 
 
 async def _map(bench: Bench) -> PageResult:
@@ -70,7 +73,8 @@ async def _pad(bench: Bench) -> PageResult:
 MAP = StepPage(
     "map",
     "Map of the modes",
-    "Scan the plate while each mode vibrates alone at 0.1 um, and give the file with --scan.",
+    "Scan the plate while each mode vibrates alone at 0.1 um, or lower its frequencies by a grain of wax, and give the "
+    "file with --scan.",
     pictures.MAP,
     _map,
 )

@@ -14,7 +14,7 @@ from hapticd.config.sections import SimConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.design import CartographyFit, Pose
 from hapticd.errors import CalibrationError
-from hapticd.formats.mode_map import Scan
+from hapticd.formats.mode_map import LoweredScan, Scan, read_scan
 from hapticd.sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from hapticd.tools.calibrate import folder, modes, simulated
 from hapticd.tools.calibrate.modes import TARGETS_UM, ExpectedLeak, expected_leak, finger_pairs_mm, fit_map, solved_um
@@ -48,6 +48,31 @@ def test_the_expected_leak_is_what_the_true_plate_gives_the_sticky_finger(found:
     true_um = float(np.sqrt((leaked_um**2).mean()))
     assert 0.4 * true_um < found.leak.rms_um < 2.5 * true_um
     assert found.leak.rms_um < found.leak.most_um
+
+
+def test_a_grain_of_wax_carried_over_the_plate_gives_the_map_with_its_signs(tmp_path: Path) -> None:
+    """50 mg lower a mode by 36 Hz at its largest; a sweep finds that to 0.2 Hz."""
+    points_mm, _ = simulated.scan(1, SimConfig())
+    phi = GroundTruth().shapes(points_mm)[:, :2]
+    lowered_hz = 36.0 * phi**2 + np.random.default_rng(3).normal(0.0, 0.2, phi.shape)
+    lowered_hz[7, 1] = np.nan
+    path = tmp_path / "wax.csv"
+    header = "x_mm,y_mm,lowered_hz_1,lowered_hz_2"
+    np.savetxt(path, np.hstack((points_mm, lowered_hz)), delimiter=",", header=header, comments="")
+    scan = read_scan(path)
+    assert isinstance(scan, LoweredScan)
+    fitted = fit_map(modes._with_signs(scan, SIZE_MM), SIZE_MM, normalise=True).fit.modes
+    truth = GroundTruth().shapes(POINTS_MM)[:, :2]
+    found = fitted.evaluate(POINTS_MM)
+    found *= (found * truth).sum(axis=0) / (found**2).sum(axis=0)
+    assert np.sqrt(((found - truth) ** 2).mean(axis=0)).max() < 0.01 * np.abs(truth).max()
+
+
+def test_lowered_frequencies_of_no_free_plate_s_mode_have_no_signs() -> None:
+    points_mm, _ = simulated.scan(1, SimConfig())
+    noise_hz = np.random.default_rng(3).uniform(0.0, 1.0, (len(points_mm), 1)) ** 8
+    with pytest.raises(CalibrationError, match="lowered_hz_1 is like no mode of a free plate"):
+        modes._with_signs(LoweredScan(points_mm, noise_hz), SIZE_MM)
 
 
 def test_a_map_twice_as_wrong_leaks_twice_as_much(found: modes.FittedMap) -> None:
