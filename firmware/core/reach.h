@@ -24,6 +24,8 @@
 
 #include "observer.h"
 
+#define HD_LEAST_UM 0.01f     /* that must have been expected, RMS over the sums: converters show a tenth of it */
+
 typedef struct {
     float kept;            /* of R, over a tick */
     float push_um_per_v;   /* b */

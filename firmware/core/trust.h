@@ -4,8 +4,6 @@
 
 #include "core.h"
 
-#define HD_LEAST_UM 0.01f     /* that must have been expected, RMS over the sums: converters show a tenth of it */
-
 /* For a valid configuration. */
 void hd_trust_init(hd_core_t *core);
 
