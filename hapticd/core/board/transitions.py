@@ -35,41 +35,25 @@ class Event(_Singleton):
     STOP = "stop"
 
 
-TRANSITIONS: dict[tuple[State, Event], State] = (
-    {
-        (State.IDLE, Event.LINK_UP): State.ARMED,
-        (State.IDLE, Event.LINK_DOWN): State.IDLE,
-        (State.IDLE, Event.SENSOR_UP): State.ARMED,
-        (State.IDLE, Event.SENSOR_DOWN): State.IDLE,
-        (State.IDLE, Event.TOUCHED): State.IDLE,
-        (State.IDLE, Event.RELEASED): State.IDLE,
-        (State.IDLE, Event.BOARD_FAULT): State.FAULT,
-        (State.IDLE, Event.CLEARED): State.IDLE,
-        (State.IDLE, Event.STOP): State.STOPPED,
-        (State.ARMED, Event.LINK_UP): State.ARMED,
-        (State.ARMED, Event.LINK_DOWN): State.IDLE,
-        (State.ARMED, Event.SENSOR_UP): State.ARMED,
-        (State.ARMED, Event.SENSOR_DOWN): State.IDLE,
-        (State.ARMED, Event.TOUCHED): State.ACTIVE,
-        (State.ARMED, Event.RELEASED): State.ARMED,
-        (State.ARMED, Event.BOARD_FAULT): State.FAULT,
-        (State.ARMED, Event.CLEARED): State.ARMED,
-        (State.ARMED, Event.STOP): State.STOPPED,
-        (State.ACTIVE, Event.LINK_UP): State.ACTIVE,
-        (State.ACTIVE, Event.LINK_DOWN): State.IDLE,
-        (State.ACTIVE, Event.SENSOR_UP): State.ACTIVE,
-        (State.ACTIVE, Event.SENSOR_DOWN): State.IDLE,
-        (State.ACTIVE, Event.TOUCHED): State.ACTIVE,
-        (State.ACTIVE, Event.RELEASED): State.ARMED,
-        (State.ACTIVE, Event.BOARD_FAULT): State.FAULT,
-        (State.ACTIVE, Event.CLEARED): State.ACTIVE,
-        (State.ACTIVE, Event.STOP): State.STOPPED,
-        (State.FAULT, Event.CLEARED): State.ARMED,
-        (State.FAULT, Event.STOP): State.STOPPED,
-    }
-    | {(State.FAULT, event): State.FAULT for event in Event if event not in (Event.CLEARED, Event.STOP)}
-    | {(State.STOPPED, event): State.STOPPED for event in Event}
-)
+# What is not in the second part changes nothing.
+TRANSITIONS: dict[tuple[State, Event], State] = {(state, event): state for state in State for event in Event} | {
+    (State.IDLE, Event.LINK_UP): State.ARMED,
+    (State.IDLE, Event.SENSOR_UP): State.ARMED,
+    (State.IDLE, Event.BOARD_FAULT): State.FAULT,
+    (State.IDLE, Event.STOP): State.STOPPED,
+    (State.ARMED, Event.LINK_DOWN): State.IDLE,
+    (State.ARMED, Event.SENSOR_DOWN): State.IDLE,
+    (State.ARMED, Event.TOUCHED): State.ACTIVE,
+    (State.ARMED, Event.BOARD_FAULT): State.FAULT,
+    (State.ARMED, Event.STOP): State.STOPPED,
+    (State.ACTIVE, Event.LINK_DOWN): State.IDLE,
+    (State.ACTIVE, Event.SENSOR_DOWN): State.IDLE,
+    (State.ACTIVE, Event.RELEASED): State.ARMED,
+    (State.ACTIVE, Event.BOARD_FAULT): State.FAULT,
+    (State.ACTIVE, Event.STOP): State.STOPPED,
+    (State.FAULT, Event.CLEARED): State.ARMED,
+    (State.FAULT, Event.STOP): State.STOPPED,
+}
 
 # The conditions that events set, and those that a state needs.
 CONDITIONS: dict[Event, tuple[str, bool]] = {
