@@ -211,6 +211,8 @@ class Machine:
             tick = self.pipeline.rest(t_now_ns, aim.ahead_ns)
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
+        if not self.is_failing:
+            self._supervise(TOUCHED if tick.points else RELEASED, "", t_now_ns)
         events = self.pipeline.events.take()
         observer = self._observed.observer
         is_perceived = self.status.publish is not None or (observer is not None and self.observer_perceives)
@@ -225,9 +227,7 @@ class Machine:
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, aim: Aim) -> Tick:
         decode = self.trackpad.decode
         frames = [(one, t_read_ns) for t_read_ns, data in batch for one in decode(data, t_read_ns)]
-        tick = self.pipeline.drive(t_now_ns, aim, frames)
-        self._supervise(TOUCHED if tick.points else RELEASED, "", t_now_ns)
-        return tick
+        return self.pipeline.drive(t_now_ns, aim, frames)
 
     def aim(self, t_now_ns: int) -> Aim:
         """What a pass takes from the board; its computing is in `ahead_ns`. A board that rests is given the last
