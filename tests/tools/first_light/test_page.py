@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import subprocess
+import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
@@ -32,6 +34,20 @@ from hapticd.tools.first_light.walk import STEPS
 from hapticd.tools.web.listener import bound
 
 SOUND = PageResult(Judgement("All is well.", (), (("sensor 0", "1.65 V"),)), "a chart")
+
+
+def test_a_page_that_a_shell_started_behind_an_ampersand_ends_by_sigterm(tmp_path: Path) -> None:
+    """Such a shell has its children ignore SIGINT."""
+    command = [sys.executable, "-m", "hapticd", "first-light", "--sim", "--view", "--page-port", "0", "--no-browser"]
+    behind = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", *command, "--out", str(tmp_path)]
+    with subprocess.Popen(behind, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert "http://" in process.stdout.readline()
+        process.terminate()
+        try:
+            assert process.wait(60.0) == 130
+        finally:
+            process.kill()
 
 
 class Documents(list[dict[str, Any]]):
