@@ -184,7 +184,10 @@ static void start_adcs(void)
         start_stream(&DMA1->STREAM[k], &lane[k].adc->DR, sampled[k], interrupts);
         start_adc(lane[k].adc, lane[k].channel);
     }
-    if (REFERENCE_IS_WATCHED) { /* one reading after the other, by software: an interrupt that comes to it late loses nothing */
+    /* One reading after the other, by software: an interrupt that comes to it late loses nothing. A reading more than 1 ms after
+     * the last may be wrong (ES0430, 2.7.7): ticks ask each 0.5 ms at least. It is out of step with the sensors' ADCs, which may
+     * disturb them (2.7.11, in rev 8 2.7.9). */
+    if (REFERENCE_IS_WATCHED) {
         prepare_reference(ADC5);
         ADC5->CR = ADC_ADVREGEN | ADC_ADEN | ADC_ADSTART;
     }
