@@ -23,6 +23,7 @@ from hapticd.sim.settings import Measured, Settings
 from hapticd.tools.touch_process import DUTY, Accumulator
 
 FIT_FRAC = 0.2  # of the touching that is fitted, of the processor's time: on four modes
+EVIDENCE_S = 0.5  # of the processor's time
 
 
 class InStep:
@@ -47,12 +48,19 @@ class InStep:
 
     def look(self, t_ns: int) -> None:
         """Fit if there is enough, and take the step that is due."""
-        if self._accumulator.is_full and self._spent_s <= DUTY * 1e-9 * (t_ns - self._t_begin_ns):
-            self.verdicts.append(self._accumulator.verdict())
-            self._spent_s += FIT_FRAC * self.verdicts[-1].get("touched_s", 0.0)
-            self.task.take_verdict(json.dumps(self.verdicts[-1]).encode())
+        if self._accumulator.is_enough:
+            self._judge(is_time=self._spent_s <= DUTY * 1e-9 * (t_ns - self._t_begin_ns))
         if self.task.step(self.machine, t_ns):
             self.t_stepped_ns.append(t_ns)
+
+    def _judge(self, *, is_time: bool) -> None:
+        if not (is_time or self._accumulator.is_full):
+            return
+        verdict = self._accumulator.verdict() if is_time else self._accumulator.evidence()
+        self._spent_s += EVIDENCE_S + FIT_FRAC * (verdict or {}).get("touched_s", 0.0)
+        if verdict is not None:
+            self.verdicts.append(verdict)
+            self.task.take_verdict(json.dumps(verdict).encode())
 
 
 class CalibratingSimulation(FaultySimulation):

@@ -40,7 +40,7 @@ class ContactPerception:
     def __init__(self, curve: FrictionCurve, radius_mm: float, uncertainty: Uncertainty = CERTAIN) -> None:
         self.curve: Final = curve
         self.uncertainty = uncertainty
-        self._radius_mm: Final = radius_mm
+        self.radius_mm = radius_mm
         self._many: Final = many_points()
         self._few: Final = disc_points(1.0)
 
@@ -95,7 +95,7 @@ class ContactPerception:
         form: EllipseForm | None,
     ) -> tuple[float, ExpectedAmplitude]:
         """Return the friction and the amplitude over a contact, at the points of a rule for the unit disc."""
-        xx_mm, xy_mm, yy_mm = (self._radius_mm, 0.0, self._radius_mm) if form is None else form
+        xx_mm, xy_mm, yy_mm = (self.radius_mm, 0.0, self.radius_mm) if form is None else form
         size_mm2 = xx_mm * yy_mm - xy_mm * xy_mm
         if place_mm2 > 0.0:  # the mean over all places where it may be
             if size_mm2 > 0.0:

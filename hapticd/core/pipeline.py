@@ -67,12 +67,11 @@ class Pipeline:
         )
         self._budget = PassBudget(scene, self._solver)
         self.estimated_ns = 0.0  # for what the last pass did
-        ellipses = EllipseScale(settings.ellipse_scale, settings.ellipse_offset_mm)
         self._fingers = Fingers(
             settings.make_predictor,
             sensor_latency_ns=settings.sensor_latency_ns,
             silence_ns=settings.silence_ns,
-            ellipse_scale=ellipses if settings.ellipse_scale > 0.0 else None,
+            ellipse_scale=_ellipse_scale(settings.ellipse_scale, settings.ellipse_offset_mm),
         )
         self._triggers = Triggers(scene, self._fingers, settings.cover_ns * 2 // 3)
         self.events = self._triggers.events
@@ -108,6 +107,11 @@ class Pipeline:
         return self._modes
 
     @property
+    def contact_radius_mm(self) -> float:
+        """That of contacts whose form is not known; 0 where fingers are points."""
+        return self._solver.contact_radius_mm
+
+    @property
     def newest_finger_id(self) -> int:
         """The largest finger id so far; 0 before the first finger."""
         return self._fingers.newest_id
@@ -136,6 +140,12 @@ class Pipeline:
         self._modes = modes
         self._solver.set_modes(modes)
         self._ways.steepness_1_mm = modes.steepest_1_mm()
+
+    def set_contacts(self, radius_mm: float, ellipse_scale: float, ellipse_offset_mm: float) -> None:
+        """Take contacts to be as large as `PipelineSettings` says, from the next pass on. Points stay points."""
+        if self._solver.has_contacts:
+            self._solver.set_contact_radius(radius_mm)
+        self._fingers.set_ellipse_scale(_ellipse_scale(ellipse_scale, ellipse_offset_mm))
 
     @property
     def slowness(self) -> float:
@@ -306,3 +316,7 @@ class Pipeline:
         t_sample_ns = self._fingers.t_sample_ns if self._fingers.down else t_now_ns
         age_ns, horizon_ns = t_now_ns - t_sample_ns, t_plate_ns - t_sample_ns
         return tuple.__new__(Tick, (t_now_ns, age_ns, horizon_ns, drive, points, limited))
+
+
+def _ellipse_scale(scale: float, offset_mm: float) -> EllipseScale | None:
+    return EllipseScale(scale, offset_mm) if scale > 0.0 else None

@@ -8,6 +8,7 @@ input passes the observer first. Decisions are made in `core`.
 from __future__ import annotations
 
 import logging
+import math
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -305,6 +306,15 @@ class Machine:
             raise ValueError("no parasitic modes are known, on which a finger's load acts.")
         self.parasitic_modes = self.parasitic_modes.with_load(complex(decay_1_s, -detuning_rad_s))
         self.pipeline.set_parasitic_modes(self.parasitic_modes)
+
+    def adopt_contacts(self, radius_mm: float, ellipse_scale: float, ellipse_offset_mm: float, t_now_ns: int) -> None:
+        """Take contacts to be discs of this radius, and the pad's ellipses to have this scale, 0 to use none, from the
+        next pass on. Where fingers are points only telemetry heeds it. Raises ValueError for what is no size."""
+        self._observed.put("adopt_contacts", t_now_ns, radius_mm, ellipse_scale, ellipse_offset_mm)
+        if not (radius_mm > 0.0 and all(map(math.isfinite, (radius_mm, ellipse_scale, ellipse_offset_mm)))):
+            raise ValueError("a contact has a radius above 0 mm.")
+        self.pipeline.set_contacts(radius_mm, ellipse_scale, ellipse_offset_mm)
+        self._perception.set_contact_radius(radius_mm)
 
     def adopt_map(self, shapes: bytes, steepest_1_mm: float, t_now_ns: int) -> None:
         """Take the plate to have these shapes from the next pass on: float32, on the grid of the present map, whose

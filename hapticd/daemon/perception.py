@@ -67,6 +67,12 @@ class Perception:
     def expected(self, uncertainty: Uncertainty) -> None:
         self._contacts.uncertainty = self._by_reference.uncertainty = uncertainty
 
+    def set_contact_radius(self, radius_mm: float) -> None:
+        """Take contacts to be discs of this radius where their forms are not known."""
+        judges = (self._contacts, self._by_reference) if self._has_contacts else (self._contacts,)
+        for one in judges:
+            one.radius_mm = radius_mm
+
     def judge(self, tick: Tick) -> tuple[Tick, dict[FingerKey, Perceived]]:
         """Return the pass with the amplitudes that are to be expected of it, and what is perceived at each finger that
         is down or takes part in it; its share of time is that since it came into the solve. A failure costs only that,

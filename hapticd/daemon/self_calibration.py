@@ -2,9 +2,9 @@
 
 What the machine's observer is given goes to the process through a pipe, after the event in which it happened; a pipe
 that is full loses records, never time. A verdict comes back as a line. A pad is adopted in small steps (`adoption`),
-map, sensors and a finger's load while no finger is down; each is an input of the machine. What is adopted is at first
-half of what was found, and is taken back if later touches speak against it. If the process ends, nothing more is
-adopted.
+map, sensors, a finger's load and the contacts' sizes while no finger is down; each is an input of the machine. What is
+adopted is at first half of what was found, and is taken back if later touches speak against it. If the process ends,
+nothing more is adopted.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
 from .adoption import Adoption, Correction, Evidence, PlateChange, Trust, Unknown, configured_pad, is_load_near
+from .contact_sizes import AdoptedSizes, SizesAdoption
 from .machine import Machine
 
 log = logging.getLogger("hapticd")
@@ -47,7 +48,8 @@ _FAR = "far from the configured one: run hapticd calibrate"
 
 
 class Proposal(NamedTuple):
-    """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` in any case.
+    """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` and `sizes` in any
+    case. With None for a refusal nothing was fitted: there is evidence alone.
 
     `map_refusal` says why the map stays as it is, `next_place` which ninth of the plate to touch next: column from the
     left and row from below, 0 .. 2. `map_sigma` is one sigma of the map found in each ninth, from the lower left on,
@@ -55,13 +57,14 @@ class Proposal(NamedTuple):
     what was adopted before.
     """
 
-    refusal: str
+    refusal: str | None
     correction: Correction | None = None
     change: PlateChange | None = None
     load_1_s: complex | None = None
     map_refusal: str = ""
     next_place: tuple[int, int] | None = None
     evidence: Evidence = Evidence.NONE
+    sizes: AdoptedSizes | None = None
     map_sigma: tuple[tuple[float, ...], ...] | None = None
     map_known: str = ""
 
@@ -81,6 +84,7 @@ class SelfCalibration:
         self._is_due = False  # it waits for the fingers to lift
         self._load_1_s: complex | None = None  # the last that was found
         self._is_load_due = False
+        self._sizes = SizesAdoption(config)
         self._waiting: deque[tuple[str, int, Sequence[Any]]] = deque()
         self.process: subprocess.Popen[bytes] | None = None
         self._out = bytearray()
@@ -190,35 +194,44 @@ class SelfCalibration:
         """Take one line of the process; one that is no verdict ends the process, and False is returned."""
         try:
             proposal = _verdict(line)
-            self._last, self._last_of_map = self._request(proposal), proposal.map_refusal
-            self._next_place = proposal.next_place
+            said = self._request(proposal)
+            if proposal.refusal is not None or said:
+                self._last = said
+            if proposal.refusal is not None:
+                self._verdicts += 1
+                self._last_of_map, self._next_place = proposal.map_refusal, proposal.next_place
             if proposal.map_sigma is not None:
                 self._map_sigma, self._map_known = proposal.map_sigma, proposal.map_known
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             self._refuse(line)
             return False
-        self._verdicts += 1
         return True
 
     def _request(self, verdict: Proposal) -> str:
         """Begin to adopt what was found, while nothing else is adopted; returns why it, or the load, is refused."""
-        correction, change = verdict.correction, verdict.change
+        refusal, correction, change = verdict.refusal or "", verdict.correction, verdict.change
         far = ""
         if verdict.load_1_s is not None:
             if is_load_near(verdict.load_1_s, self._parasitic_modes):
                 self._load_1_s, self._is_load_due = verdict.load_1_s, True
             else:
                 far = f"The finger's load found is {_FAR} touch."
+        if verdict.sizes is not None and verdict.evidence is not Evidence.WORSE:
+            if self._sizes.allows(verdict.sizes):
+                self._sizes.take(verdict.sizes)
+            else:
+                far = f"The contacts' size found is {_FAR} trackpad."
         if self._adoption.is_moving or self._is_due:
-            return verdict.refusal or far
+            return refusal or far
         if change is not None and not change.is_near(self._scanned):
             return f"The map found, or the sensors, is {_FAR} scan, and resonance."
         if correction is not None and not self._adoption.allows(correction):
             return f"The pad found is {_FAR} trackpad."
         if not self._trust.take(verdict.evidence, correction, change):
-            return verdict.refusal or far
+            return refusal or far
         self._move()
         if verdict.evidence is Evidence.WORSE:
+            self._sizes.take_back()
             self._taken_back += 1
             return _TAKEN_BACK
         self._adopted += 1
@@ -241,7 +254,7 @@ class SelfCalibration:
 
         Returns whether it did either.
         """
-        is_plate = (self._is_due or self._is_load_due) and machine.is_idle
+        is_plate = (self._is_due or self._is_load_due or self._sizes.is_due) and machine.is_idle
         if is_plate:
             self._adopt_plate(machine, t_now_ns)
         if not self._adoption.is_moving or t_now_ns - self._t_stepped_ns < STEP_EVERY_NS:
@@ -262,6 +275,9 @@ class SelfCalibration:
             self._is_load_due = False
             self._loads += 1
             self._give_load(machine, t_now_ns)
+        if self._sizes.is_due:
+            self._sizes.is_due = False
+            self._give_sizes(machine, t_now_ns)
 
     def _give_change(self, machine: Machine, t_now_ns: int) -> None:
         if self._change is not None:
@@ -274,6 +290,10 @@ class SelfCalibration:
         if self._load_1_s is not None:
             machine.adopt_load(self._load_1_s.real, -self._load_1_s.imag, t_now_ns)
 
+    def _give_sizes(self, machine: Machine, t_now_ns: int) -> None:
+        if self._sizes.now is not None:
+            machine.adopt_contacts(*self._sizes.now, t_now_ns)
+
     def resume(self, machine: Machine, t_now_ns: int) -> None:
         """Give a machine that begins what the one before had."""
         pad = self._adoption.now
@@ -283,6 +303,8 @@ class SelfCalibration:
             self._give_change(machine, t_now_ns)
         if not self._is_load_due:
             self._give_load(machine, t_now_ns)
+        if not self._sizes.is_due:
+            self._give_sizes(machine, t_now_ns)
 
     def report(self) -> dict[str, object]:
         """For `status`."""
@@ -303,6 +325,7 @@ class SelfCalibration:
             "last_map_refusal": self._last_of_map,
             "next_place": self._next_place,
             "map_sigma": self._map_sigma,
+            "contacts": self._sizes.report(),
             "unknown": self._unknown._asdict(),
             "sentence": self._sentence(),
         }
@@ -315,6 +338,7 @@ class SelfCalibration:
             (f"the pad, by {moved_mm:.2f} mm", moved_mm > 0.0),
             (f"{part}map and sensors", self._trust.change is not None and not self._is_due),
             ("a finger's load", self._loads > 0),
+            ("the contacts' size", self._sizes.report() is not None),
         )
         adopted = ", ".join(name for name, is_adopted in known if is_adopted)
         known_too = self._map_known if self._trust.change is not None and not self._is_due else ""
@@ -345,6 +369,8 @@ def _fields(kind: str, t_ns: int, values: Sequence[Any]) -> Fields:
 def _verdict(line: bytes) -> Proposal:
     """Raise ValueError, KeyError or TypeError for what is no verdict."""
     found = json.loads(line)
+    if "in_force" in found and "refusal" not in found:
+        return Proposal(None, evidence=Evidence(found["in_force"]))
     refusal = str(found["refusal"])[:_MOST_REFUSAL_CHARACTERS]
     map_refusal = str(found.get("map_refusal", ""))[:_MOST_REFUSAL_CHARACTERS]
     load_1_s = complex(*map(float, found["load_1_s"])) if "load_1_s" in found else None
@@ -353,8 +379,9 @@ def _verdict(line: bytes) -> Proposal:
         column, row = (min(max(int(place), 0), 2) for place in found["next_place"])
         next_place = column, row
     evidence = Evidence(found.get("in_force", ""))
+    sizes = AdoptedSizes(*map(float, found["contacts"])) if "contacts" in found else None
     if refusal:
-        return Proposal(refusal, None, None, load_1_s, map_refusal, next_place, evidence)
+        return Proposal(refusal, None, None, load_1_s, map_refusal, next_place, evidence, sizes)
     xx, xy, yx, yy = map(float, found["matrix"])
     x_mm, y_mm = map(float, found["offset_mm"])
     latency_s = float(found["latency_s"])
@@ -368,7 +395,7 @@ def _verdict(line: bytes) -> Proposal:
     correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
     sigma = None if "map_sigma" not in found else _ninths(found["map_sigma"])
     known = str(found.get("map_known", ""))[:_MOST_REFUSAL_CHARACTERS]
-    return Proposal("", correction, change, load_1_s, map_refusal, next_place, evidence, sigma, known)
+    return Proposal("", correction, change, load_1_s, map_refusal, next_place, evidence, sizes, sigma, known)
 
 
 def _unknown(found: Mapping[str, Any]) -> Unknown:

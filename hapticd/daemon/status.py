@@ -26,7 +26,6 @@ from ..wire.client import encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
-from .settings import pipeline_settings
 
 RECENT_NS = 10_000_000_000  # frames older than this do not describe the present
 CHANGES_SHOWN = 5
@@ -134,7 +133,7 @@ class Status:
             size_mm=config.plate.size_mm,
             w_limit_um=config.limits.w_limit_um,
             reference_limit_um=config.reference_limit_um,
-            contact_radius_mm=pipeline_settings(config).contact_radius_mm,
+            contact_radius_mm=self._pipeline.contact_radius_mm,
             friction_curve=tuple([(um, curve.friction(um)) for _, um in reversed(curve.knots)]),
             friction_speed_mm_s=curve.speed_mm_s if math.isfinite(curve.speed_mm_s) else None,
             drive_hz=None if hello is None else self._board.session.drive_hz,

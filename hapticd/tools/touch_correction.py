@@ -15,6 +15,7 @@ from ..config.sections import UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.touch.contact_form import LEAST_MM, MOST_MM
 from ..daemon.adoption import Correction, configured_pad
+from ..daemon.contact_sizes import AdoptedSizes
 from ..daemon.settings import has_contacts
 from ..design import finger_load
 from ..design.touch.contacts import KNOWN_MM, contact_sizes, ellipse_law
@@ -118,20 +119,31 @@ def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
     }
 
 
-def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, Any]]:
+def learned_contacts(touched: Touched, judged: Judged) -> AdoptedSizes | None:
     """Return what touches tell of the fingers' size, where contacts count: the law of the pad's ellipses, if it reports
     any, and the mean radius, which stands for fingers without one."""
     config, modes = touched.header.config, touched.header.modes
     if judged.fit is None or judged.refusal not in ("", NO_CHANGE) or not has_contacts(config):
-        return {}
+        return None
     sizes = contact_sizes(judged.fit, modes)
     radius_mm, sigma_mm = sizes.mean_mm()
     if sigma_mm > KNOWN_MM or not LEAST_MM < radius_mm < MOST_MM:
-        return {}
-    found = {"solver": {"contact_radius_mm": round(radius_mm, 2)}}
+        return None
     law = ellipse_law(sizes, np.array([track.axis_mm for track in touched.tracks]))
-    if law is not None:
-        found["trackpad"] = {"ellipse_scale": round(law.scale, 4), "ellipse_offset_mm": round(law.offset_mm, 4)}
+    if law is None:
+        return AdoptedSizes(round(radius_mm, 2))
+    return AdoptedSizes(round(radius_mm, 2), round(law.scale, 4), round(law.offset_mm, 4))
+
+
+def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, Any]]:
+    """Return the sizes of contacts that touches tell, as settings."""
+    sizes = learned_contacts(touched, judged)
+    if sizes is None:
+        return {}
+    found = {"solver": {"contact_radius_mm": sizes.radius_mm}}
+    if sizes.ellipse_scale > 0.0:
+        law = {"ellipse_scale": sizes.ellipse_scale, "ellipse_offset_mm": sizes.ellipse_offset_mm}
+        found["trackpad"] = law
     return found
 
 

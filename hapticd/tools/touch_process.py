@@ -38,13 +38,14 @@ from ..design.touch.observations import Windows
 from ..errors import HapticdError
 from ..files.recording.header import Header, header_from
 from ..files.recording.kinds import Record
-from .touch_correction import known_better, learned_load, mode_map, windows_of
+from .touch_correction import known_better, learned_contacts, learned_load, mode_map, windows_of
 from .touch_recording import Collected, Touched, touched
 
 DUTY = 0.1  # of one processor
 FIT_S = 24.0  # of a plate that follows references, after which there is a verdict
 TOGETHER = 3  # such spans are fitted together, for the map
 LONGEST_S = 150.0  # since the first of them began: the plate's own rates drift
+ONE_OF = 2  # windows that came later judge what is in force where there is no time for a fit: a second on four modes
 APART_US = round(0.95e6 / CALIBRATION_HZ)  # a recording may have the board report more often
 MOST_TICKS = round(4 * FIT_S * CALIBRATION_HZ)  # of all: a plate that is touched so rarely shows little
 MOST_FRAMES = MOST_TICKS // 4  # 36 s of the shortest, of 3 ms
@@ -62,6 +63,7 @@ class Accumulator:
         self._readings = np.eye(header.modes.M, dtype=np.complex128)
         self._collected = Collected.of(header.config, APART_US)
         self._earlier: deque[tuple[int, Collected]] = deque(maxlen=TOGETHER - 1)
+        self._waits = False  # since the last fit a span has ended
         self._t_begin_ns = self._t_ns = header.t_start_ns
 
     def take(self, record: Record) -> None:
@@ -102,28 +104,54 @@ class Accumulator:
         self._begin(self._collected.next())
 
     def _begin(self, after: Collected) -> None:
-        self._collected, self._t_begin_ns = after, self._t_ns
+        self._collected, self._t_begin_ns, self._waits = after, self._t_ns, False
 
     @property
     def is_full(self) -> bool:
-        """There is enough for a verdict."""
+        """There is enough to judge what is in force."""
         return self._collected.live_us >= 1e6 * FIT_S
+
+    @property
+    def is_enough(self) -> bool:
+        """There is enough for a verdict."""
+        return self._waits or self.is_full
+
+    def evidence(self) -> dict[str, Any] | None:
+        """Judge what is in force by what was collected last, and go on: a verdict without a fit, which takes little
+        time, or None where these touches say nothing of it."""
+        newest, t_begin_ns = self._collected, self._t_begin_ns
+        self._end_span()
+        self._waits = True
+        if self._is_as_configured:
+            return None
+        try:
+            windows = windows_of(touched(newest, self._header, "the touching"))
+            in_force = self._evidence(windows.part(slice(None, None, ONE_OF)), t_begin_ns)
+        except HapticdError:
+            return None
+        return {"in_force": in_force} if in_force else None
+
+    def _end_span(self) -> None:
+        self._earlier.append((self._t_begin_ns, self._collected))
+        self._begin(self._collected.next())
 
     def verdict(self) -> dict[str, Any]:
         """Fit and judge what was collected last, and go on. A `refusal` comes with no correction; `in_force` says
         whether the newest touches are fitted `better` by what is in force than by what is configured, or `worse`."""
-        since_s = 1e-9 * (self._t_begin_ns - self._header.t_start_ns)
+        t_newest_ns = self._t_begin_ns
+        since_s = 1e-9 * (t_newest_ns - self._header.t_start_ns)
         oldest_ns = self._t_ns - round(1e9 * LONGEST_S)
         together = self._collected
         for t_begin_ns, collected in reversed(self._earlier):
             if t_begin_ns >= oldest_ns:
                 together = collected.followed_by(together)
-        self._earlier.append((self._t_begin_ns, self._collected))
-        self._begin(self._collected.next())
+        if self.is_full:
+            self._end_span()
+        self._waits = False
         try:
             found = touched(together, self._header, "the touching")
             windows = windows_of(found)
-            in_force = self._evidence(windows.part(windows.start_s >= since_s))
+            in_force = self._evidence(windows.part(windows.start_s >= since_s), t_newest_ns)
             judged = calibrate(windows, self._modes, self._header.parasitic_modes, before=self._in_force)
         except HapticdError as error:
             return {"refusal": str(error)}
@@ -138,18 +166,28 @@ class Accumulator:
             verdict["next_place"] = [judged.next_place.column, judged.next_place.row]
         if (load_1_s := learned_load(found, windows, judged)) is not None:
             verdict["load_1_s"] = [load_1_s.real, load_1_s.imag]
+        if (sizes := learned_contacts(found, judged)) is not None:
+            verdict["contacts"] = sizes
         return verdict if judged.refusal else verdict | self._found(judged, found)
 
-    def _evidence(self, newest: Windows) -> str:
+    def _evidence(self, newest: Windows, t_newest_ns: int) -> str:
         """What touches that came since the last verdict say of what is in force, if that is not as configured."""
-        in_force = Taken(self._modes, self._in_force)
-        is_same = in_force.modes is self._configured.modes and np.array_equal(self._readings, np.eye(self._modes.M))
-        if is_same and self._collected.now == self._collected.pad:
+        if self._is_as_configured:
             return ""
+        in_force = Taken(self._modes, self._in_force)
         gain = gained(newest, self._configured, in_force, self._header.parasitic_modes)
         if gain is None:
             return ""
-        return "worse" if gain.is_worse else "better" if gain.is_sure else ""
+        if gain.is_worse:  # what came before was of another plate
+            while self._earlier and self._earlier[0][0] < t_newest_ns:
+                self._earlier.popleft()
+            return "worse"
+        return "better" if gain.is_sure else ""
+
+    @property
+    def _is_as_configured(self) -> bool:
+        is_plate = self._modes is self._configured.modes and np.array_equal(self._readings, np.eye(self._modes.M))
+        return is_plate and self._collected.now == self._collected.pad
 
     @property
     def _in_force(self) -> Calibration:
@@ -205,8 +243,15 @@ def serve(
             continue
         kind, t_ns, fields = message
         accumulator.take(Record(kind, seq, t_ns, fields))
-        if accumulator.is_full and spent_s() <= duty * (now_s() - t_start_s):
-            print(json.dumps(accumulator.verdict()), file=out, flush=True)
+        if not accumulator.is_enough:
+            continue
+        verdict = None
+        if spent_s() <= duty * (now_s() - t_start_s):
+            verdict = accumulator.verdict()
+        elif accumulator.is_full:
+            verdict = accumulator.evidence()
+        if verdict is not None:
+            print(json.dumps(verdict), file=out, flush=True)
 
 
 def main() -> None:

@@ -47,7 +47,8 @@ from hapticd.sim import lockstep
 from hapticd.sim.fingers.paths import Touch, Touches
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import T_START_NS
-from hapticd.sim.settings import Settings, in_world
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.settings import Settings, in_world, scheme_config
 from hapticd.sim.world_errors import MapChange, SensorErrors, WorldErrors
 from hapticd.tools import touch_process
 from hapticd.tools.record.replay import replay
@@ -81,9 +82,9 @@ class Touching:
 
         return put
 
-    def packed(self) -> bytes:
+    def packed(self, *first: Record) -> bytes:
         """What the process reads."""
-        messages = [[record.kind, record.t_ns, record.fields] for record in self.records]
+        messages = [[record.kind, record.t_ns, record.fields] for record in (*first, *self.records)]
         return b"".join(map(msgpack.packb, [header_fields(self.header), *messages]))
 
 
@@ -384,6 +385,88 @@ def test_a_finger_s_load_is_adopted_when_no_finger_is_down_also_where_the_pad_st
         assert (one.parasitic_modes.finger_decay_1_s, one.parasitic_modes.finger_detuning_rad_s) == (80.0, 200.0)
         assert one.pipeline._solver._parasitic_modes is one.parasitic_modes
     assert calibration.report()["loads"] == 1
+
+
+def test_contacts_sizes_are_adopted_with_no_finger_down_and_taken_back_with_the_rest() -> None:
+    settings = Settings(plate=PlateSettings.of("fingertip"))
+    config, modes = scheme_config(settings), GroundTruth(settings.plate).measured_mode_map(1)
+    machine, again = (Machine(config, modes, write_board=lambda _: T_START_NS) for _ in range(2))
+    calibration = SelfCalibration(config, modes, None)
+    sizes = {"refusal": "as it was", "contacts": [6.0, 1.2, 0.4]}
+    for _ in range(2):
+        assert calibration.take_verdict(json.dumps(sizes).encode())
+    assert not calibration.step(SimpleNamespace(is_idle=False), T_START_NS)  # type: ignore[arg-type]
+    assert calibration.report()["contacts"] is None
+    assert calibration.step(machine, T_START_NS)
+    assert not calibration.step(machine, T_START_NS)
+    calibration.resume(again, T_START_NS)
+    for one in (machine, again):
+        assert one.pipeline.contact_radius_mm == one._perception._contacts.radius_mm == 6.0
+    report = calibration.report()
+    assert report["contacts"] == {"radius_mm": 6.0, "ellipse_scale": 1.2, "ellipse_offset_mm": 0.4}
+    assert report["sentence"] == "Adopted: the contacts' size. as it was"
+    assert calibration.take_verdict(json.dumps({"in_force": "worse"}).encode())
+    assert calibration.step(machine, T_START_NS)
+    assert machine.pipeline.contact_radius_mm == config.solver.contact_radius_mm
+    assert calibration.report()["contacts"] is None
+
+
+def test_contacts_sizes_that_no_finger_has_are_left_out_and_named(calibration: SelfCalibration) -> None:
+    assert calibration.take_verdict(json.dumps(RIGHT | {"contacts": [6.0, 1.0, 0.0]}).encode())
+    assert "contacts' size found is far from" in str(calibration.report()["last_refusal"])  # fingers are points
+    assert calibration.report()["contacts"] is None
+
+
+def test_evidence_alone_confirms_or_takes_back_what_was_adopted_and_is_no_verdict(
+    at_rest: Touching, calibration: SelfCalibration
+) -> None:
+    machine = Machine(Config(), at_rest.header.modes, write_board=lambda _: T_START_NS)
+
+    def moved_mm(verdict: dict[str, Any]) -> float:
+        assert calibration.take_verdict(json.dumps(verdict).encode())
+        for step in range(100):
+            calibration.step(machine, T_START_NS + step * 20_000_000)
+        return float(str(calibration.report()["moved_mm"]))
+
+    assert moved_mm(RIGHT | {"offset_mm": [0.01, 0.0], "map_refusal": "too few touches"}) == pytest.approx(0.005)
+    assert moved_mm({"in_force": "better"}) == pytest.approx(0.01)
+    report = calibration.report()
+    assert (report["verdicts"], report["last_map_refusal"]) == (1, "too few touches")
+    assert moved_mm({"in_force": "worse"}) == 0.0
+    report = calibration.report()
+    assert (report["verdicts"], report["taken_back"]) == (1, 1)
+    assert "taken back" in str(report["last_refusal"])
+
+
+@pytest.mark.usefixtures("soon")
+def test_without_time_to_fit_the_newest_touches_judge_what_is_in_force(
+    at_rest: Touching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(touch_process, "gained", lambda *_: HeldOutGain(-0.1, -5.0))
+    monkeypatch.setattr(touch_process, "FIT_S", 1.1)
+    assert verdicts(at_rest, spent_s=1e9) == []  # all is as configured
+    touching = SimpleNamespace(packed=lambda: at_rest.packed(adopting((1.0, 0.0, 0.0, 1.0, 0.1, 0.2), 11_000_000)))
+    found = verdicts(touching, spent_s=1e9)  # type: ignore[arg-type]
+    assert len(found) >= 2
+    assert all(one == {"in_force": "worse"} for one in found)
+
+
+def test_touches_from_before_the_plate_changed_are_not_fitted_again(
+    at_rest: Touching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(touch_process, "FIT_S", 1.1)
+    accumulator = Accumulator(at_rest.header)
+    worse = HeldOutGain(0.1, 5.0)
+    monkeypatch.setattr(touch_process, "gained", lambda *_: worse)
+    accumulator.take(adopting((1.0, 0.0, 0.0, 1.0, 0.1, 0.2), 11_000_000))
+    kept = []
+    for record in at_rest.records:
+        accumulator.take(record)
+        if accumulator.is_full:
+            worse = HeldOutGain(-0.1, -5.0) if kept else worse
+            accumulator.evidence()
+            kept.append(len(accumulator._earlier))
+    assert kept[:2] == [1, 1]
 
 
 @pytest.mark.parametrize("load_1_s", [[-1.0, 0.0], [1e5, 0.0], [float("nan"), 0.0]])

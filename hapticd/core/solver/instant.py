@@ -83,12 +83,8 @@ class InstantSolver:
         self._derating_mm2_um2 = derating_mm2_um2
         self._rotates = phase_rotation
         self._parasitic_modes = parasitic_modes
-        self._contact_radius_mm = contact_radius_mm
-        self._disc: Disc = []
-        if contact_radius_mm > 0.0:
-            self._disc = felt_points() if objective == FELT else disc_points(contact_radius_mm)
-        self._disc_weights = [weight for _, _, weight in self._disc]
         self._feels = objective == FELT
+        self.set_contact_radius(contact_radius_mm)
         self._log_weights: list[float] = []
         self._curve = friction_curve
         self._felt_error = FeltError(friction_curve)
@@ -98,6 +94,14 @@ class InstantSolver:
         """Solve for this map from now on."""
         self._modes = modes
         self._steepest_1_mm = modes.steepest_1_mm()
+
+    def set_contact_radius(self, radius_mm: float) -> None:
+        """Take contacts to be discs of this radius where their forms are not known; 0 for points."""
+        self.contact_radius_mm = radius_mm
+        self._disc: Disc = []
+        if radius_mm > 0.0:
+            self._disc = felt_points() if self._feels else disc_points(radius_mm)
+        self._disc_weights = [weight for _, _, weight in self._disc]
 
     def set_parasitic_modes(self, parasitic_modes: ParasiticModes) -> None:
         """Compensate these undriven modes from now on."""
@@ -179,7 +183,7 @@ class InstantSolver:
         if variances_mm2 is None:
             variances_mm2 = [0.0] * len(places)
         targets_um = tuple([target_um for _, _, target_um in places])
-        contacts = grown(self._contact_radius_mm, variances_mm2, forms)
+        contacts = grown(self.contact_radius_mm, variances_mm2, forms)
         if self._feels:
             shapes = self._contact_shapes(self._disc, places, contacts)
             if len(self._log_weights) != len(places):
@@ -207,7 +211,7 @@ class InstantSolver:
         return ModalSolution(places, achieved_um, phasors(d_um, q_um), limited)
 
     def _contact_shapes(self, disc: Disc, places: list[AskedPlace], contacts: list[EllipseForm]) -> Shapes:
-        radius_mm = self._contact_radius_mm
+        radius_mm = self.contact_radius_mm
         ellipses = [
             (x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm)
             for (x_mm, y_mm, _), (xx, xy, yy) in zip(places, contacts, strict=True)
@@ -230,7 +234,7 @@ class InstantSolver:
     ) -> tuple[float, float] | None:
         """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
         of the solver; None if it can feel none as asked."""
-        contacts = grown(self._contact_radius_mm, variances_mm2, forms)
+        contacts = grown(self.contact_radius_mm, variances_mm2, forms)
         targets_um = [target_um for _, _, target_um in places[:-1]]
         judging = many_points()
         problem = ReachProblem(

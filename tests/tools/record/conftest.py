@@ -92,6 +92,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bench.machine.adopt_map(shapes.astype("<f4").tobytes(), bench.machine.modes.steepest_1_mm(), bench.t_ns)
     bench.machine.adopt_uncertainty(0.01, (-40.0, -40.0, 40.0, 40.0), 0.012, bench.t_ns)
     bench.machine.adopt_load(120.0, -300.0, bench.t_ns)
+    bench.machine.adopt_contacts(5.5, 1.2, 0.3, bench.t_ns)
     bench.machine.adopt_slowness(1.5, bench.t_ns)
     assert bench.ask("marker", client="test", text="trial 1 begins")["ok"]
     assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False
