@@ -137,7 +137,10 @@ class Accumulator:
 
     def verdict(self) -> dict[str, Any]:
         """Fit and judge what was collected last, and go on. A `refusal` comes with no correction; `in_force` says
-        whether the newest touches are fitted `better` by what is in force than by what is configured, or `worse`."""
+        whether the newest touches are fitted `better` by what is in force than by what is configured, or `worse`.
+
+        Each fit begins at what is configured: by what is in force, the touches that taught it would teach no more.
+        """
         t_newest_ns = self._t_begin_ns
         since_s = 1e-9 * (t_newest_ns - self._header.t_start_ns)
         oldest_ns = self._t_ns - round(1e9 * LONGEST_S)
@@ -152,7 +155,7 @@ class Accumulator:
             found = touched(together, self._header, "the touching")
             windows = windows_of(found)
             in_force = self._evidence(windows.part(windows.start_s >= since_s), t_newest_ns)
-            judged = calibrate(windows, self._modes, self._header.parasitic_modes, before=self._in_force)
+            judged = calibrate(windows, self._configured.modes, self._header.parasitic_modes)
         except HapticdError as error:
             return {"refusal": str(error)}
         verdict: dict[str, Any] = {
@@ -220,7 +223,7 @@ class Accumulator:
     def _plate(self, judged: Judged) -> dict[str, Any]:
         """Return map and sensors, which are found together alone: without the map its errors pass for the sensors'."""
         readings = np.linalg.inv(judged.calibration.sense).ravel()
-        data = mode_map(self._modes, judged).shapes.astype("<f4").tobytes()
+        data = mode_map(self._configured.modes, judged).shapes.astype("<f4").tobytes()
         changed = ModeShapes(self._modes.x_mm, self._modes.y_mm, shapes_of(data, self._modes))
         return {
             "d": readings.real.tolist(),

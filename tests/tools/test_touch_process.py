@@ -676,7 +676,7 @@ def test_pad_sensors_and_map_are_adopted_while_touched_and_it_replays_bit_for_bi
     assert place.latency_ns == pytest.approx(10_000_000, abs=700_000)
     readings = np.array(simulation.machine.pipeline._readings), errors.matrix(2)
     sensors, true = (one / np.abs(np.diag(one)) for one in readings)  # the map makes up for gains
-    assert np.abs(sensors / sensors[0, 0] - true / true[0, 0]).max() < 0.022
+    assert np.abs(sensors / sensors[0, 0] - true / true[0, 0]).max() < 0.025
     still = run.target_um == 0.0
     before_um, after_um = (
         float(np.sqrt(np.mean(np.abs(run.truth_um[still & chosen[:, None]]) ** 2)))

@@ -95,19 +95,9 @@ class _Fitter:
         return gain_of(held_out, at_start, self.fit(held_out, Free(), after, at_start.noise_um_s))
 
 
-def calibrate(
-    windows: Windows,
-    modes: ModeShapes,
-    parasitic_modes: ParasiticModes | None = None,
-    *,
-    before: Calibration | None = None,
-) -> Judged:
-    """Fit and judge, the map last. Processor time for 60 s of touching: 25 s on four modes, minutes on eight.
-
-    `before` is the calibration in force, which a found one has to surpass; without, the nominal one. What is found is
-    relative to the nominal one all the same.
-    """
-    before = Calibration.nominal(modes.M) if before is None else before
+def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> Judged:
+    """Fit and judge, the map last. Processor time for 60 s of touching: 25 s on four modes, minutes on eight."""
+    before = Calibration.nominal(modes.M)
     touched_s = len(windows) * WINDOW_S
     if touched_s < LEAST_TOUCHED_S:
         refusal = (
