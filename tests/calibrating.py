@@ -57,7 +57,7 @@ class InStep:
         if not (is_time or self._accumulator.is_full):
             return
         verdict = self._accumulator.verdict() if is_time else self._accumulator.evidence()
-        self._spent_s += EVIDENCE_S + FIT_FRAC * (verdict or {}).get("touched_s", 0.0)
+        self._spent_s += FIT_FRAC * (verdict or {}).get("touched_s", 0.0) if is_time else EVIDENCE_S
         if verdict is not None:
             self.verdicts.append(verdict)
             self.task.take_verdict(json.dumps(verdict).encode())
