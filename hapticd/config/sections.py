@@ -251,7 +251,10 @@ class UncertaintyConfig:
     touched_mm: tuple[float, ...] = key((), "least x, y and largest x, y of that part; empty: none", low=-500, high=500)
     sensors_frac: float = key(0.02, "of the board's sensors: gain, phase (rad) and crosstalk of each", low=0, high=1)
     gain_frac: float = key(
-        0.0, "of each sensor's gain where the map makes up for it: only limits have room for it", low=0, high=1
+        0.0,
+        "of each sensor's gain, and of other modes in it, where the map may make up for it: only limits have room",
+        low=0,
+        high=1,
     )
     place_mm: float = key(
         0.9,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..board_values import BoardCalibration
-from ..config.sections import UncertaintyConfig
+from ..config.sections import SIGMAS, UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.touch.contact_form import LEAST_MM, MOST_MM
 from ..daemon.adoption import Correction, configured_pad
@@ -165,7 +165,7 @@ def has_sensors(touched: Touched) -> bool:
 
 def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
     """Return what is not known of map and sensors with what is adopted, as settings, where that is less than the
-    recording's: without the map its errors pass for the sensors', and nothing is known better.
+    recording's: without the map its errors pass for the sensors', nothing is known better, and references get room.
 
     The map makes up for the sensors' gains, which touches do not tell: they count apart, as in any laboratory, but
     references do not get less room in the mode of the largest limit than they had.
@@ -173,7 +173,7 @@ def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
     config = touched.header.config
     before, limits_um = config.uncertainty, config.limits.w_limit_um
     if judged.touched_mm is None:
-        return {}
+        return _room_for_other_modes(touched, judged)
     found: dict[str, Any] = {
         "touched_map_frac": min(before.map_frac, round(judged.touched_sigma, 4)),
         "touched_mm": tuple([round(value, 1) for value in judged.touched_mm.ravel().tolist()]),
@@ -187,6 +187,18 @@ def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
     gain_frac = math.sqrt(max(before_frac**2 - (all_over_largest * sensors_frac) ** 2, 0.0))
     gain_frac = min(round(gain_frac, 4), UncertaintyConfig().sensors_frac)
     return found | {"sensors_frac": sensors_frac, "gain_frac": gain_frac}
+
+
+def _room_for_other_modes(touched: Touched, judged: Judged) -> dict[str, Any]:
+    """Return the room that references get where sensors are corrected without a map: what they seem to see of other
+    modes may be modes that are mixed otherwise than in the map, and the sensors right as they were."""
+    if judged.refusal or not has_sensors(touched):
+        return {}
+    limits_um = np.array(touched.header.config.limits.w_limit_um)
+    sense = np.abs(judged.calibration.sense)
+    others = float(((sense @ limits_um) / limits_um - sense.diagonal()).max())
+    gain_frac = round(others / SIGMAS, 4)
+    return {"gain_frac": gain_frac} if gain_frac > touched.header.config.uncertainty.gain_frac else {}
 
 
 def mode_map(modes: ModeShapes, judged: Judged) -> ModeShapes:

@@ -108,7 +108,8 @@ def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory:
     if judged.waves is not None:
         mode_map(touched.header.modes, judged).save(directory / MODES_FILE)
         settings.setdefault("plate", {})["modes_file"] = MODES_FILE
-        settings["uncertainty"] = known_better(touched, judged)
+    if known := known_better(touched, judged):
+        settings["uncertainty"] = known
     return settings
 
 

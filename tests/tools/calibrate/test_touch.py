@@ -169,6 +169,22 @@ def test_map_and_sensors_are_known_better_with_the_map_but_for_the_gain_that_all
     assert known_better(touched, judged(Calibration.nominal(2))) == {}
 
 
+def test_modes_that_are_mixed_otherwise_than_in_the_map_stay_within_their_limits(recorded: Recorded) -> None:
+    """Sensors alone are corrected, by what turns two modes into each other; that may be the map's error."""
+    touched = read(recorded(TrackpadConfig(), 500, 2.5))
+    config = touched.header.config
+    modes = tuple(ModeCalibration(mode, 29195.0, 500.0, 7.5, 0.1) for mode in range(2))
+    touched = touched._replace(header=replace(touched.header, calibration=BoardCalibration(modes)))
+    sense = np.array([[1.0, 0.155], [-0.148, 1.0]], np.complex128)
+    found = judged(replace(Calibration.nominal(2), sense=sense))
+    known = replace(config, uncertainty=replace(config.uncertainty, **known_better(touched, found)))
+    true_um = np.abs(np.linalg.inv(sense)) @ known.reference_limit_um
+    assert (true_um < 0.95 * np.array(config.limits.w_limit_um)).all()
+    again = touched._replace(header=replace(touched.header, config=known))
+    assert known_better(again, found) == {}
+    assert known_better(touched, replace(found, refusal="as it was")) == {}
+
+
 def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, tmp_path: Path) -> None:
     turned = TrackpadConfig(offset_mm=(2.0, -1.0), rotation_deg=90.0, scale=(1.01, 0.99), latency_ms=12.0)
     touched = read(recorded(turned, 500, 2.5))
