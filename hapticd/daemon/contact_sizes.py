@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from ..config.sections import Config
 from ..core.touch.contact_form import LEAST_MM, MOST_MM
+from .adoption import FIRST_SHARE
 from .settings import pipeline_settings
 
-FIRST_SHARE = 0.5
 ALIKE_MM = 0.6  # of a radius: one sigma of what the fit may err by (`design.touch.contacts`)
 FARTHEST_SCALE, FARTHEST_OFFSET_MM = 4.0, 2.0 * MOST_MM  # of the pad's ellipses
 

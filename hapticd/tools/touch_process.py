@@ -55,7 +55,7 @@ MOST_BYTES = 3 << 27  # the service may have a third more
 
 
 class Accumulator:
-    """Collects records until there are enough to fit, and then no more until the fit. Knows what is in force."""
+    """Collects records in spans of FIT_S, each of which judges what is in force; the newest are fitted together."""
 
     def __init__(self, header: Header) -> None:
         self._header = header  # its map and parasitic modes are those in force
