@@ -28,7 +28,7 @@ PARTS = {
     "tick": Part("time of a pass, from the report's bytes to the frame's", 1.5),
     "leak": Part("what fingers get in the closed loop, by which choice", 7.0),
     "telemetry": Part("what telemetry says that fingers feel, against what they do", 4.0, has_picture=False),
-    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 40.0, has_picture=False),
+    "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 130.0, has_picture=False),
     "firmware": Part("how fast and how well the plate follows", 0.1),
 }
 APART = ("worlds",)  # not part of `all`, for it takes longer than all
