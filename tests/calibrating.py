@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from faulty_simulation import FaultySimulation
 
 from hapticd.daemon.machine import Machine
@@ -17,13 +19,24 @@ from hapticd.daemon.observer import Observer
 from hapticd.daemon.recorder import header_of
 from hapticd.daemon.self_calibration import KINDS, SelfCalibration
 from hapticd.files.recording.kinds import record_of
-from hapticd.sim.fingers.scenarios import Actor
+from hapticd.sim.fingers.paths import Touch, Touches
+from hapticd.sim.fingers.scenarios import SCENARIOS, Actor
 from hapticd.sim.lockstep import T_START_NS
 from hapticd.sim.settings import Measured, Settings
 from hapticd.tools.touch_process import DUTY, Accumulator
 
 FIT_FRAC = 0.2  # of the touching that is fitted, of the processor's time: on four modes
 EVIDENCE_S = 0.5  # of the processor's time
+
+
+def lifting(settings: Settings, until_s: float) -> tuple[Actor, ...]:
+    """Return strokes whose fingers are lifted every ten seconds."""
+    starts_s = np.arange(0.3, until_s, 10.0).tolist()
+    return tuple(
+        replace(actor, path=Touches(tuple(Touch(actor.path, t_s, t_s + 9.7) for t_s in starts_s)))
+        for actor in SCENARIOS["strokes"].build(1, settings.speed_mm_s)
+        if actor.path is not None
+    )
 
 
 class InStep:

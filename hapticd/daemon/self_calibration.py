@@ -10,16 +10,13 @@ nothing more is adopted.
 from __future__ import annotations
 
 import asyncio
-import base64
-import json
 import logging
-import math
 import os
 import subprocess
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgpack
 
@@ -28,9 +25,10 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import Fields, record_of
-from .adoption import Adoption, Correction, Evidence, PlateChange, Trust, Unknown, configured_pad, is_load_near
-from .contact_sizes import AdoptedSizes, SizesAdoption
+from .adoption import Adoption, Evidence, PlateChange, Trust, Unknown, configured_pad, is_load_near
+from .contact_sizes import SizesAdoption
 from .machine import Machine
+from .proposal import Proposal, proposal_of
 
 log = logging.getLogger("hapticd")
 
@@ -38,35 +36,12 @@ MOST_WAITING_BYTES = 1 << 20  # for the pipe: some 7 s of touching
 STEP_EVERY_NS = 10_000_000
 _LONGEST_LINE_BYTES = 1 << 21  # the largest map is a megabyte
 _PIECE_BYTES = 1 << 16
-_MOST_REFUSAL_CHARACTERS = 200
 _PASS_FIELDS = ("age_ns", "fingers", "t_apply_ns")
 # Few, and never lost: all that follows is judged by them.
 IN_FORCE = ("adopt", "adopt_readings", "adopt_map", "adopt_load")
 KINDS = ("board_bytes", "written", "pass", *IN_FORCE)
 _TAKEN_BACK = "The sensors show that what was adopted is worse than what is configured: it is taken back."
 _FAR = "far from the configured one: run hapticd calibrate"
-
-
-class Proposal(NamedTuple):
-    """What the process found: to adopt, of pad and plate unless `refusal` says why not; `load_1_s` and `sizes` in any
-    case. With None for a refusal nothing was fitted: there is evidence alone.
-
-    `map_refusal` says why the map stays as it is, `next_place` which ninth of the plate to touch next: column from the
-    left and row from below, 0 .. 2. `map_sigma` is one sigma of the map found in each ninth, from the lower left on,
-    rows along x, and `map_known` says where it is known best and least. `evidence` is what the newest touches say of
-    what was adopted before.
-    """
-
-    refusal: str | None
-    correction: Correction | None = None
-    change: PlateChange | None = None
-    load_1_s: complex | None = None
-    map_refusal: str = ""
-    next_place: tuple[int, int] | None = None
-    evidence: Evidence = Evidence.NONE
-    sizes: AdoptedSizes | None = None
-    map_sigma: tuple[tuple[float, ...], ...] | None = None
-    map_known: str = ""
 
 
 class SelfCalibration:
@@ -193,7 +168,7 @@ class SelfCalibration:
     def take_verdict(self, line: bytes) -> bool:
         """Take one line of the process; one that is no verdict ends the process, and False is returned."""
         try:
-            proposal = _verdict(line)
+            proposal = proposal_of(line)
             said = self._request(proposal)
             if proposal.refusal is not None or said:
                 self._last = said
@@ -364,53 +339,3 @@ class SelfCalibration:
 def _fields(kind: str, t_ns: int, values: Sequence[Any]) -> Fields:
     fields = record_of(kind, 0, t_ns, tuple(values)).fields
     return {name: fields[name] for name in _PASS_FIELDS if name in fields} if kind == "pass" else fields
-
-
-def _verdict(line: bytes) -> Proposal:
-    """Raise ValueError, KeyError or TypeError for what is no verdict."""
-    found = json.loads(line)
-    if "in_force" in found and "refusal" not in found:
-        return Proposal(None, evidence=Evidence(found["in_force"]))
-    refusal = str(found["refusal"])[:_MOST_REFUSAL_CHARACTERS]
-    map_refusal = str(found.get("map_refusal", ""))[:_MOST_REFUSAL_CHARACTERS]
-    load_1_s = complex(*map(float, found["load_1_s"])) if "load_1_s" in found else None
-    next_place = None
-    if "next_place" in found:
-        column, row = (min(max(int(place), 0), 2) for place in found["next_place"])
-        next_place = column, row
-    evidence = Evidence(found.get("in_force", ""))
-    sizes = AdoptedSizes(*map(float, found["contacts"])) if "contacts" in found else None
-    if refusal:
-        return Proposal(refusal, None, None, load_1_s, map_refusal, next_place, evidence, sizes)
-    xx, xy, yx, yy = map(float, found["matrix"])
-    x_mm, y_mm = map(float, found["offset_mm"])
-    latency_s = float(found["latency_s"])
-    change = None
-    if "shapes" in found:
-        shapes, steepest_1_mm = base64.b64decode(found["shapes"], validate=True), float(found["steepest_1_mm"])
-        d, q = (tuple(map(float, found[part])) for part in "dq")
-        change = PlateChange(shapes, steepest_1_mm, d, q, _unknown(found))
-    if not all(map(math.isfinite, (xx, xy, yx, yy, x_mm, y_mm, latency_s))):
-        raise ValueError("a correction is finite")
-    correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), latency_s)
-    sigma = None if "map_sigma" not in found else _ninths(found["map_sigma"])
-    known = str(found.get("map_known", ""))[:_MOST_REFUSAL_CHARACTERS]
-    return Proposal("", correction, change, load_1_s, map_refusal, next_place, evidence, sizes, sigma, known)
-
-
-def _unknown(found: Mapping[str, Any]) -> Unknown:
-    """Return finite numbers. Raises ValueError, KeyError or TypeError for anything else."""
-    map_frac, sensors_frac = float(found["touched_map_frac"]), float(found["sensors_frac"])
-    left_mm, lower_mm, right_mm, upper_mm = map(float, found["touched_mm"])
-    touched_mm = left_mm, lower_mm, right_mm, upper_mm
-    if not all(map(math.isfinite, (map_frac, sensors_frac, *touched_mm))):
-        raise ValueError("what is not known is finite")
-    return Unknown(map_frac, touched_mm, sensors_frac)
-
-
-def _ninths(rows: object) -> tuple[tuple[float, ...], ...]:
-    """Return finite numbers of three rows and columns. Raises ValueError or TypeError for anything else."""
-    first, second, third = (tuple(map(float, row)) for row in rows)  # type: ignore[attr-defined]
-    if {len(first), len(second), len(third)} != {3} or not all(map(math.isfinite, first + second + third)):
-        raise ValueError("a sigma for each ninth is finite")
-    return first, second, third

@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pytest
-from calibrating import CalibratingSimulation
+from calibrating import CalibratingSimulation, lifting
 from faulty_simulation import FaultySimulation
 
 from hapticd.config.sections import Config, TrackpadConfig
-from hapticd.sim.fingers.paths import Touch, Touches
-from hapticd.sim.fingers.scenarios import SCENARIOS, Actor
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.sim.settings import Settings, in_world
 from hapticd.sim.world_errors import MapChange, WorldErrors
@@ -50,16 +48,6 @@ class Leaks(NamedTuple):
     back: float
 
 
-def actors() -> tuple[Actor, ...]:
-    """Strokes; both fingers are lifted every ten seconds."""
-    starts_s = np.arange(0.3, END_S, 10.0).tolist()
-    return tuple(
-        replace(actor, path=Touches(tuple(Touch(actor.path, t_s, t_s + 9.7) for t_s in starts_s)))
-        for actor in SCENARIOS["strokes"].build(1, SETTINGS.speed_mm_s)
-        if actor.path is not None
-    )
-
-
 def leaks(simulation: FaultySimulation) -> Leaks:
     plate = simulation.world.plate = DriftingPlate(SETTINGS)
     found: list[float] = []
@@ -85,8 +73,8 @@ def leaks(simulation: FaultySimulation) -> Leaks:
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_map_that_goes_on_changing_is_followed_and_taken_back_with_the_plate() -> None:
-    following = CalibratingSimulation(actors(), SETTINGS, 1)
-    followed, left = leaks(following), leaks(FaultySimulation(actors(), SETTINGS, 1))
+    following = CalibratingSimulation(lifting(SETTINGS, END_S), SETTINGS, 1)
+    followed, left = leaks(following), leaks(FaultySimulation(lifting(SETTINGS, END_S), SETTINGS, 1))
     report = following.calibrations[0].task.report()
     assert followed.changed < 0.85 * left.changed
     assert report["taken_back"]  # 24 s after the plate was as scanned again, 48 s at most

@@ -22,7 +22,7 @@ import msgpack
 import numpy as np
 import pytest
 from asynchronous import asynchronous
-from calibrating import CalibratingSimulation
+from calibrating import CalibratingSimulation, lifting
 
 from hapticd import board_protocol as protocol
 from hapticd.config.sections import Config, TrackpadConfig
@@ -44,8 +44,6 @@ from hapticd.files.recording.kinds import Record, record_of
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import DirectRecording
 from hapticd.sim import lockstep
-from hapticd.sim.fingers.paths import Touch, Touches
-from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import T_START_NS
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.settings import Settings, in_world, scheme_config
@@ -647,13 +645,8 @@ def test_the_process_reads_to_the_end_within_its_memory(at_rest: Touching) -> No
 
 def calibrating(settings: Settings, recording: DirectRecording | None = None) -> CalibratingSimulation:
     """A simulation that touches the plate in strokes, and lifts the fingers every ten seconds."""
-    starts_s = np.arange(0.3, 100.0, 10.0).tolist()
-    actors = tuple(
-        replace(actor, path=Touches(tuple(Touch(actor.path, t_s, t_s + 9.7) for t_s in starts_s)))
-        for actor in SCENARIOS["strokes"].build(1, settings.speed_mm_s)
-        if actor.path is not None
-    )
-    return CalibratingSimulation(actors, settings, 1, observer=None if recording is None else lambda _: recording.put)
+    observer = None if recording is None else lambda _: recording.put
+    return CalibratingSimulation(lifting(settings, 100.0), settings, 1, observer=observer)
 
 
 @pytest.mark.long

@@ -53,7 +53,7 @@ async def _sweep(bench: Bench) -> PageResult:
     async with bench.board() as board:
         try:
             found, sweeps = await _fitted(bench, board, await design_of(board))
-            found.calibrations()
+            found.calibrations()  # raises where a mode has no resonance that a calibration can hold
         except ValueError as error:
             return PageResult(Judgement("", (Diagnosis(str(error)),)))
     own = [np.abs(sweep.response_um_per_v[:, sweep.amplifier]) * 1e3 for sweep in sweeps]
