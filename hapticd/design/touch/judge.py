@@ -40,6 +40,7 @@ FEW_WINDOWS = 500  # by which that is seen
 POINT_MM2 = 3.0  # of spread: a disc of 3.4 mm, smaller than any finger's; a pad off by 1 mm passes for 1 mm2
 MOST_SIGMAS = 4.0  # of the pad's prior: what is farther off needs another step first
 MOST_CROSSTALK = 0.2  # of sensors, and of modes that turned into each other since the scan: by 6 degrees, 0.1
+_FAR = "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
 MOST_DRIFT_HZ = 200.0  # of a mode in a recording: 20 kelvin and more
 APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKNOWN
 
@@ -138,6 +139,8 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
         fit=found,
     )
     judged = _with_map(_without_gains(judged, before), _evenly(windows, MOST_FOR_MAP), fitter)
+    if not judged.refusal and _is_crossed(judged.fitted):
+        return replace(judged, calibration=before, refusal=_FAR, map_refusal=_FAR, waves=None, touched_mm=None)
     return judged if judged.refusal else _without_bias(judged, _postures_mm(few, found))
 
 
@@ -239,11 +242,15 @@ def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
 
 
 def _implausible(found: Calibration) -> str:
+    return _FAR if (np.abs(found.pad) > MOST_SIGMAS * PAD_PRIOR).any() else ""
+
+
+def _is_crossed(found: Calibration) -> bool:
+    """Whether sensors seem to see too much of other modes; without the map modes that have turned into each other pass
+    for that, so it is asked last."""
     sense = np.abs(found.sense - np.eye(len(found.sense)))
     np.fill_diagonal(sense, 0.0)  # without the map its errors pass for gains
-    if (np.abs(found.pad) > MOST_SIGMAS * PAD_PRIOR).any() or (sense > MOST_CROSSTALK).any():
-        return "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
-    return ""
+    return bool((sense > MOST_CROSSTALK).any())
 
 
 def _adrift(found: Fit) -> str:

@@ -18,6 +18,8 @@ from hapticd.design.touch.waves import Waves
 from .synthetic import WAVE_RAD_MM, Touching, mode_map
 from .test_fit import NOMINAL, WRONG
 
+SWAPPED = replace(WRONG, sense=np.array(((1.0, 0.3), (-0.3, 1.0)), np.complex128))  # so it seems
+
 
 def is_nominal(found: Calibration) -> bool:
     return not found.pad.any() and np.array_equal(found.sense, np.eye(2)) and not found.waves.any()
@@ -75,9 +77,24 @@ def test_modes_that_turned_into_each_other_are_no_mistake_but_sensors_that_were_
     judged = calibrate(Touching(turned, seconds=8.0).windows(), mode_map())
     assert judged.refusal == ""
     assert np.abs(judged.calibration.sense - turned.sense)[0, 1] < 0.05
-    swapped = replace(WRONG, sense=np.array(((1.0, 0.3), (-0.3, 1.0)), np.complex128))
-    assert "far from the calibration before" in judge._implausible(swapped)
     assert "far from the calibration before" in judge._implausible(replace(WRONG, pad=12.0 * WRONG.pad))
+    swapped = Touching(SWAPPED, seconds=8.0).windows()
+    judged = calibrate(swapped, mode_map())
+    assert "far from the calibration before" in judged.refusal
+    assert judged.map_refusal == judged.refusal
+    assert judged.waves is None
+    assert is_nominal(judged.calibration)
+
+
+def test_sensors_that_seem_swapped_without_the_map_are_none_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def mapped(judged: judge.Judged, *_: object) -> judge.Judged:
+        assert np.abs(judged.fitted.sense[0, 1]) > judge.MOST_CROSSTALK
+        return replace(judged, fitted=WRONG, calibration=WRONG)
+
+    monkeypatch.setattr(judge, "_with_map", mapped)
+    judged = calibrate(Touching(SWAPPED, seconds=8.0).windows(), mode_map())
+    assert judged.refusal == ""
+    assert np.array_equal(judged.calibration.sense, WRONG.sense)
 
 
 def test_a_frequency_that_moves_ends_the_fit_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
