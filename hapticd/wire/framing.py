@@ -45,37 +45,22 @@ class FrameSplitter:
     def __init__(self, max_bytes: int) -> None:
         self.counters = {"oversize": 0, "cobs": 0, "crc": 0}
         self._max_bytes = max_bytes  # of an encoded frame: longer ones are skipped
-        self._buffer = bytearray()
-        self._skipping = False
+        self._rest = b""  # of a frame that has not ended
 
     def feed(self, data: bytes) -> list[bytes]:
         """Return the messages completed by `data`, without CRC, in order; each has at least one byte."""
-        messages: list[bytes] = []
-        *closed, rest = data.split(b"\0")
-        for piece in closed:
-            self._append(piece)
-            message = self._close()
-            if message is not None:
-                messages.append(message)
-        self._append(rest)
-        return messages
+        *closed, rest = (self._rest + data).split(b"\0")
+        self._rest = rest[: self._max_bytes + 1]  # of one that is too long, as much as shows it
+        messages = [self._message(encoded) for encoded in closed if encoded]
+        return [message for message in messages if message is not None]
 
-    def _append(self, piece: bytes) -> None:
-        if len(self._buffer) + len(piece) > self._max_bytes:
-            self._skipping = True
-            self._buffer.clear()
-        if not self._skipping:
-            self._buffer += piece
-
-    def _close(self) -> bytes | None:
-        encoded, skipped = bytes(self._buffer), self._skipping
-        self._buffer.clear()
-        self._skipping = False
-        if not (encoded or skipped):
+    def _message(self, encoded: bytes) -> bytes | None:
+        if len(encoded) > self._max_bytes:
+            self.counters["oversize"] += 1
             return None
-        message = None if skipped else _cobs_decoded(encoded)
+        message = _cobs_decoded(encoded)
         if message is None or len(message) < 3:
-            self.counters["oversize" if skipped else "cobs"] += 1
+            self.counters["cobs"] += 1
             return None
         if crc_hqx(message[:-2], _CRC_START) != int.from_bytes(message[-2:], "little"):
             self.counters["crc"] += 1
