@@ -24,8 +24,8 @@ PREREQUISITES = runpy.run_path(str(Path(__file__).with_name("prerequisites.py"))
 MAKE_PROTOCOL = Path(__file__).parents[2] / "firmware" / "make_protocol.py"
 GROUP = "hapticd.core.compiled"
 # The same bits as the interpreter's; and calls within the group go straight, not by a table that another library could
-# change: half as many indirect calls, which a pass on a cold cache notices.
-FLAGS = ["-ffp-contract=off", "-fvisibility=hidden"]
+# change: half as many indirect calls, which a pass on a cold cache notices. Those to Python's own library take no stub.
+FLAGS = ["-ffp-contract=off", "-fvisibility=hidden", "-fno-plt"]
 NO_WARNINGS = "-Wno-all"  # Python's own flags ask for them, and with them gcc takes six times as long for generated C
 PARALLEL = "-flto=auto"
 MORE_MODES = range(3, 9)  # than the board's two: up to hapticd.config.sections.MOST_MODES
