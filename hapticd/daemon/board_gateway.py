@@ -23,7 +23,6 @@ from ..board_values import (
     BoardCalibration,
     BoardCommand,
     BoardHello,
-    BoardMessage,
     BoardStatus,
 )
 from ..config.sections import Config
@@ -128,23 +127,20 @@ class BoardGateway:
         """Take bytes from the line, in pieces of any size."""
         was_accepted = self.session.hello is not None
         for message in self._decoder.feed(data):
-            self._handle(message, t_now_ns)
+            match message:
+                case BoardStatus():  # first: one comes for each report
+                    self._take_status(message, t_now_ns)
+                case BoardTime():
+                    self.session.receive_time(message, t_now_ns)
+                case BoardHello():
+                    self._check_hello(message, t_now_ns)
+                case BoardVerdict():
+                    self._take_verdict(message, t_now_ns)
+                case _:
+                    pass  # answers to a bench tool
         self._send(self.session.resume(t_now_ns), t_now_ns)
         if was_accepted and self.session.hello is None:
             log.warning("board: %s", self.session.ended)
-
-    def _handle(self, message: BoardMessage, t_now_ns: int) -> None:
-        match message:
-            case BoardStatus():  # first: one comes for each report
-                self._take_status(message, t_now_ns)
-            case BoardTime():
-                self.session.receive_time(message, t_now_ns)
-            case BoardHello():
-                self._check_hello(message, t_now_ns)
-            case BoardVerdict():
-                self._take_verdict(message, t_now_ns)
-            case _:
-                pass  # answers to a bench tool
 
     def _take_verdict(self, answer: BoardVerdict, t_now_ns: int) -> None:
         """Send the next setting, if this one was taken. A board that refuses one is not driven."""
@@ -189,11 +185,11 @@ class BoardGateway:
             log.info(f"board: {slow}", modes, knots, most, self.baud, within_ms)
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
-        booked = self.session.ledger.age.count
-        self.session.receive_status(message, t_now_ns)
-        self._observed.put("status", t_now_ns, message)
-        if self.session.ledger.age.count != booked:
-            self._observed.put("ledger", t_now_ns, self.session.ledger[-1])
+        booked, observer = self.session.receive_status(message, t_now_ns), self._observed.observer
+        if observer is not None:
+            observer("status", t_now_ns, message)
+            if booked is not None:
+                observer("ledger", t_now_ns, booked)
         if self.session.hello is None:
             return  # before the handshake no status counts
         if message.state is BoardState.FAULT:

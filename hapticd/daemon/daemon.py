@@ -43,10 +43,13 @@ log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # for the last frame to leave
 AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
-KEEP_EVERY_NS = 100_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
+KEEP_EVERY_NS = 250_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
 LOG_MISSED_EVERY_NS = 10_000_000_000
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
+
+
+now_ns = time.monotonic_ns  # the host's clock: the axis of all `t_..._ns`
 
 
 class Programs(NamedTuple):
@@ -59,6 +62,8 @@ class Programs(NamedTuple):
 
 class Daemon:
     """Everything that `hapticd run` opens, from `start` to `stop`."""
+
+    machine: Machine  # from `start` on
 
     def __init__(
         self,
@@ -90,24 +95,17 @@ class Daemon:
         self._logged_missed = 0
         self._slowness = Slowness()
         self._breather = Breather()
-        self._machine: Machine | None = None
         self._pad_link: tuple[Pad | None, str] | None = None  # what is connected, and why
         self._board_link: tuple[bool, str] | None = None
         self._recorders: Recorders | None = None
         self._calibration_task: SelfCalibration | None = None
         self._awake: awake.CpuLatencyHold | None = None
 
-    @property
-    def machine(self) -> Machine:
-        """The machine; available from `start` on."""
-        assert self._machine is not None, "start() comes first"
-        return self._machine
-
     def start(self, loop: asyncio.AbstractEventLoop, modes: ModeShapes) -> None:
         """Serve clients first (this takes the lock that refuses a second daemon), then open the devices."""
         self._loop = loop
         self._modes = modes
-        self._machine = self._new_machine()
+        self.machine = self._new_machine()
         self._server.start(
             loop,
             on_message=self._message,
@@ -117,10 +115,10 @@ class Daemon:
         )
         if self._config.trackpad.correct_while_touched:
             self._calibration_task = SelfCalibration(self._config, self._modes, self._parasitic_modes)
-            self._calibration_task.start(loop, self._programs.calibrate, _header(self._machine, True))
-            self._machine.status.calibration = self._calibration_task.report
+            self._calibration_task.start(loop, self._programs.calibrate, _header(self.machine, True))
+            self.machine.status.calibration = self._calibration_task.report
         self._recorders = Recorders(
-            self._machine,
+            self.machine,
             self._config.record,
             self.runtime_dir,
             _header,
@@ -162,7 +160,7 @@ class Daemon:
         log.info("Recorder attached: restarting the core while idle")
         machine, before = self._new_machine(), self.machine
         machine.status.real_time = before.status.real_time
-        self._machine = machine
+        self.machine = machine
         self._logged_missed = 0
         self._recorders.begin(machine, t_now_ns)
         machine.adopt_slowness(self._slowness.adopted, t_now_ns)
@@ -235,14 +233,15 @@ class Daemon:
                 one.close()
         if self._self_test is not None:
             await self._self_test.close()
-        if self._machine is not None:
-            self._machine.stop(now_ns())
+        has_machine = hasattr(self, "machine")  # else `start` failed
+        if has_machine:
+            self.machine.stop(now_ns())
             self._log_missed()
         await self._trackpad.close()
         await self._link.drained(QUIET_WITHIN_S)
-        if self._machine is not None and self._machine.session.hello is not None:
+        if has_machine and self.machine.session.hello is not None:
             await asyncio.sleep(AT_REST_AFTER_S)
-            self._machine.disconnect(now_ns())
+            self.machine.disconnect(now_ns())
             await self._link.drained(QUIET_WITHIN_S)
         self._link.close()
         if self._recorders is not None:
@@ -253,8 +252,7 @@ class Daemon:
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
         self._notice_stall(now_ns())
-        self._link.read_what_waits()
-        self._update_subscription()
+        self._link.read()
         machine, t_begin_ns = self.machine, now_ns()
         begin_ran_ns = time.thread_time_ns()
         t_written_ns = machine.reports(batch, t_begin_ns)
@@ -289,8 +287,7 @@ class Daemon:
 
     def _on_timer(self, late_ns: int, missed: int) -> None:
         self._notice_stall(now_ns())
-        self._update_subscription()
-        self._link.read_what_waits()
+        self._link.read()
         machine, t_now_ns = self.machine, now_ns()
         machine.status.loop.ticked(late_ns, missed)
         begin_ran_ns = time.thread_time_ns()
@@ -301,14 +298,14 @@ class Daemon:
 
     def _judge_pass(self, begin_ran_ns: int) -> None:
         """Compare the processor time of a pass with its estimate; after one that overran, sleep before the next."""
-        ran_ns = time.thread_time_ns() - begin_ran_ns
-        slowness = self._slowness.measured(ran_ns, self.machine.pipeline.estimated_ns)
+        machine, ran_ns = self.machine, time.thread_time_ns() - begin_ran_ns
+        slowness = self._slowness.measured(ran_ns, machine.pipeline.estimated_ns)
         if slowness is not None:
-            self.machine.adopt_slowness(slowness, now_ns())
-        is_overrun = ran_ns >= OVERRUN_NS
-        self.machine.status.loop.overruns += is_overrun
+            machine.adopt_slowness(slowness, now_ns())
+        is_overrun, loop = ran_ns >= OVERRUN_NS, machine.status.loop
+        loop.overruns += is_overrun
         self._breather.look(is_overrun=is_overrun)
-        self.machine.status.loop.breaths = self._breather.breaths
+        loop.breaths = self._breather.breaths
 
     def _notice_stall(self, t_now_ns: int) -> None:
         """After a stall of this process read what the board has sent meanwhile, before its silence is judged."""
@@ -336,6 +333,7 @@ class Daemon:
         self._recorders.sweep()
         if self._recorders.is_due(t_now_ns) and self.machine.is_unused:
             self._restart_core(t_now_ns)
+        self._update_subscription()  # where the last subscriber has gone
         if self.machine.is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()
@@ -377,8 +375,3 @@ class Daemon:
 
 def _header(machine: Machine, is_whole: bool) -> Header:
     return header_of(machine, t_ns=now_ns(), utc=utc_now(), is_whole=is_whole)
-
-
-def now_ns() -> int:
-    """Return the host's monotonic clock: the axis of all `t_..._ns`."""
-    return time.monotonic_ns()

@@ -358,7 +358,8 @@ class Machine:
 
     def board_bytes(self, data: bytes, t_now_ns: int) -> None:
         """Take bytes from the board."""
-        self._observed.put("board_bytes", t_now_ns, data)
+        if self._observed.observer is not None:
+            self._observed.put("board_bytes", t_now_ns, data)
         self.board.receive(data, t_now_ns)
 
     def disconnect(self, t_now_ns: int) -> bool:

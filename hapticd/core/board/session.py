@@ -227,15 +227,16 @@ class BoardSession:
         if was_known:  # else the handshake waits for it
             self._start_over(DISCONTINUITY)
 
-    def receive_status(self, status: BoardStatus, t_now_ns: int) -> None:
-        """Add the acknowledged frame to the ledger: link delay, and how late its first knot took effect."""
+    def receive_status(self, status: BoardStatus, t_now_ns: int) -> LedgerLine | None:
+        """Add the acknowledged frame to the ledger: link delay, and how late its first knot took effect. Return its
+        line, None where there is none."""
         if self.hello is None:
-            return  # before the handshake no status counts
+            return None  # before the handshake no status counts
         self._t_received_ns = self._t_status_ns = t_now_ns
         was_stopped = t_now_ns - self._t_stopped_ns < COMPARABLE_AFTER_NS
         if self.status is not None and not was_stopped and _leapt(self.status.t_board_us, status.t_board_us):
             self._start_over(DISCONTINUITY)
-            return
+            return None
         self.line.reported(status.bad_frames, is_first=self.status is None)
         if self.status is not None and self.status.number is not None and status.number is not None:
             self.lost_statuses += (status.number - self.status.number - 1) & 0xFFFF
@@ -247,18 +248,21 @@ class BoardSession:
             t_status_ns = self.clock.to_host_ns(status.t_board_us, near=t_now_ns)
             self._window.read_until(t_status_ns - self._patience_ns, t_now_ns)
         if not status.applied or not self.clock.ready:
-            return
+            return None
         sent = self._in_flight.pop(status.seq, None)
         if sent is None:
-            return
+            return None
         t_sent_ns, t_apply_ns, tick = sent
         link_ns = self.clock.to_host_ns(status.t_received_us, near=t_now_ns) - t_sent_ns
         t_applied_ns = self.clock.to_host_ns(status.t_applied_us, near=t_now_ns)
         self.latency.update(link_ns)
-        if tick.points:  # a zero frame is made from no sample
-            t_sample_ns = tick.t_now_ns - tick.age_ns
-            ages = tick.age_ns, tick.horizon_ns, link_ns, t_applied_ns - t_apply_ns
-            self.ledger.book(LedgerLine(status.seq, t_sample_ns, t_sent_ns, t_applied_ns, *ages))
+        if not tick.points:
+            return None  # a zero frame is made from no sample
+        t_sample_ns = tick.t_now_ns - tick.age_ns
+        ages = tick.age_ns, tick.horizon_ns, link_ns, t_applied_ns - t_apply_ns
+        line = LedgerLine(status.seq, t_sample_ns, t_sent_ns, t_applied_ns, *ages)
+        self.ledger.book(line)
+        return line
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
         """Number a drive and convert it to the board's clock; nothing while the board is not ready. While it does not

@@ -79,18 +79,30 @@ class SerialLink:
             self._lost(f"it cannot be set to {baud} baud: {_cause(error)}")
 
     def wait(self, may_wait: bool) -> None:
-        """Set whether received bytes wait for the next `read`."""
-        self._watch(not may_wait)
+        """Set whether received bytes wait for the next `read`, or the loop makes it."""
+        if self._serial is None or may_wait is not self._is_watched:
+            return
+        self._is_watched = not may_wait
+        if may_wait:
+            self._loop.remove_reader(self._serial.fd)
+        else:
+            self._loop.add_reader(self._serial.fd, self.read)
 
     def read(self) -> None:
         """Read what has arrived, if anything."""
-        if self._serial is not None:
-            self._readable()
-
-    def read_what_waits(self) -> None:
-        """Read what has arrived, unless the loop does so by itself."""
-        if not self._is_watched:
-            self.read()
+        if self._serial is None:
+            return
+        try:
+            data = os.read(self._serial.fd, READ_SIZE)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(f"read failed: {error.strerror}")
+            return
+        if not data:
+            self._lost("end of file")
+            return
+        self._on_bytes(data)
 
     async def drained(self, within_s: float) -> None:
         """Wait until the port has sent all written bytes, at most `within_s`."""
@@ -125,32 +137,8 @@ class SerialLink:
             return
         self._is_reported_missing = self._is_torn = False
         os.set_blocking(self._serial.fd, False)
-        self._watch(True)
+        self.wait(False)
         self._on_link(True, f"{self.port} open at {self._baud} baud")
-
-    def _readable(self) -> None:
-        assert self._serial is not None
-        try:
-            data = os.read(self._serial.fd, READ_SIZE)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._lost(f"read failed: {error.strerror}")
-            return
-        if not data:
-            self._lost("end of file")
-            return
-        self._on_bytes(data)
-
-    def _watch(self, is_watched: bool) -> None:
-        """Register or remove `_readable` with the loop."""
-        if self._serial is None or is_watched is self._is_watched:
-            return
-        self._is_watched = is_watched
-        if is_watched:
-            self._loop.add_reader(self._serial.fd, self._readable)
-        else:
-            self._loop.remove_reader(self._serial.fd)
 
     def _lost(self, reason: str) -> None:
         self._release()
@@ -161,7 +149,7 @@ class SerialLink:
     def _release(self) -> None:
         if self._serial is None:
             return
-        self._watch(False)
+        self.wait(True)
         with contextlib.suppress(OSError):
             self._serial.close()
         self._serial = None

@@ -27,8 +27,7 @@ SWITCH_INTERVAL_S = 5e-4  # longest wait of the loop for another Python thread (
 EMERGENCY_ALLOCATIONS = 50_000  # of the youngest generation: reached only if a finger stays down for long
 
 _LOCK_NOW_AND_LATER_ONCE_TOUCHED = 1 | 2 | 4  # MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT: unused stacks take no memory
-_TIMER_ABSTIME = 1
-_ITIMERSPEC = struct.Struct("4l")  # period and first instant, each in seconds and ns
+_ITIMERSPEC = struct.Struct("4l")  # period and time to the first tick, each in seconds and ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +138,6 @@ class PeriodicTimer:
         self._on_due = on_due
         self._clock_ns = clock_ns
         self._fd = _timerfd()
-        self._times = ctypes.create_string_buffer(_ITIMERSPEC.size)
         self._handle: asyncio.TimerHandle | None = None
         if self._fd is not None:
             self._settime = _libc().timerfd_settime
@@ -151,10 +149,7 @@ class PeriodicTimer:
         self.period_ns = period_ns
         self._t_due_ns = self._clock_ns() + (period_ns if first_ns is None else first_ns)
         if self._fd is not None:
-            _ITIMERSPEC.pack_into(
-                self._times, 0, *divmod(period_ns, 1_000_000_000), *divmod(self._t_due_ns, 1_000_000_000)
-            )
-            if self._settime(self._fd, _TIMER_ABSTIME, self._times, None) != 0:
+            if self._settime(self._fd, 0, _times(period_ns, period_ns if first_ns is None else first_ns), None) != 0:
                 raise OSError(ctypes.get_errno(), "timerfd_settime")
         else:
             self._call_later()
@@ -197,6 +192,11 @@ class PeriodicTimer:
 @functools.cache
 def _libc() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
+
+
+@functools.cache
+def _times(period_ns: int, first_ns: int) -> bytes:
+    return _ITIMERSPEC.pack(*divmod(period_ns, 1_000_000_000), *divmod(first_ns, 1_000_000_000))
 
 
 def _timerfd() -> int | None:

@@ -227,15 +227,13 @@ async def test_bytes_that_may_wait_do_so_until_they_are_read(bench: Bench) -> No
     for _ in range(3):
         await asyncio.sleep(0)  # the loop looks at its descriptors each time
     assert bench.data == b""
-    bench.link.read_what_waits()
+    bench.link.read()
     assert bench.data == b"onetwo"
-    bench.link.read_what_waits()  # there is nothing
+    bench.link.read()  # there is nothing
     bench.port.say(b"late")
     await until(lambda: bench.port.terminal.waiting == len(b"late"))
     assert bench.data == b"onetwo"
-    bench.link.wait(False)
-    bench.link.read_what_waits()  # the loop does
-    assert bench.data == b"onetwo"
+    bench.link.wait(False)  # the loop does
     await until(lambda: bench.data == b"onetwolate")
 
 
@@ -244,7 +242,7 @@ async def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench)
     bench.open()
     bench.port.say(b"taken")
     assert bench.port.taken() == b"taken"
-    bench.link._readable()  # as if the loop had seen them first
+    bench.link.read()  # as if the loop had seen them first
     assert [up for up, _ in bench.links] == [True]
     bench.port.say(b"ours")
     await until(lambda: bench.data == b"ours")
