@@ -89,6 +89,8 @@ def _real(path: Path, down_s: float) -> Path:
         return RealStrokes.like(path, down_s)
     if isinstance(path, Touch):
         return replace(path, path=_real(path.path, path.down_s))
+    if isinstance(path, Touches):
+        return Touches(tuple([_real(touch, down_s) for touch in path.touches]))
     return path
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from hand_fit import APPLE, played, sensed, statistics
 from hapticd.__main__ import main
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.paths import Path as FingerPath
-from hapticd.sim.fingers.paths import strokes_pair
+from hapticd.sim.fingers.paths import Touch, Touches, strokes_pair
 from hapticd.sim.fingers.real_strokes import HAND, RealStrokes
 from hapticd.sim.fingers.scenarios import LAND_S, REAL, SCENARIOS, SMOOTH, with_motion
 from hapticd.sim.settings import Settings
@@ -72,6 +73,20 @@ def test_hands_land_where_smooth_strokes_do_with_their_targets(name: str) -> Non
         if usual.path is not None and hand.path is not None:
             at_s = np.array([LAND_S - 0.01, LAND_S])
             assert np.allclose(hand.path.position_mm(at_s), usual.path.position_mm(at_s), atol=0.05, equal_nan=True)
+
+
+def test_a_hand_that_lifts_and_lands_again_goes_on_with_its_movements() -> None:
+    t_s = np.arange(0.0, 8.0, 0.01)
+    is_down = ((t_s >= 1.0) & (t_s < 3.0)) | ((t_s >= 4.0) & (t_s < 7.0))
+    smooth = SCENARIOS["strokes"].build(5, 100.0)
+    for usual, hand in zip(smooth, with_motion(smooth, REAL), strict=True):
+        assert usual.path is not None
+        lifting = replace(usual, path=Touches((Touch(usual.path, 1.0, 3.0), Touch(usual.path, 4.0, 7.0))))
+        found, steady = with_motion((lifting,), REAL)[0].path, hand.path
+        assert found is not None
+        assert steady is not None
+        assert np.array_equal(found.position_mm(t_s)[is_down], steady.position_mm(t_s)[is_down])
+        assert np.isnan(found.position_mm(t_s)[~is_down]).all()
 
 
 def test_a_run_with_real_motion_repeats_itself_and_is_no_smooth_one() -> None:
