@@ -43,7 +43,7 @@ log = logging.getLogger("hapticd")
 
 QUIET_WITHIN_S = 0.1  # for the last frame to leave
 AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
-KEEP_EVERY_NS = 250_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
+KEEP_EVERY_NS = 100_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
 LOG_MISSED_EVERY_NS = 10_000_000_000
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this

@@ -40,9 +40,9 @@ FEW_WINDOWS = 500  # by which that is seen
 POINT_MM2 = 3.0  # of spread: a disc of 3.4 mm, smaller than any finger's; a pad off by 1 mm passes for 1 mm2
 MOST_SIGMAS = 4.0  # of the pad's prior: what is farther off needs another step first
 MOST_CROSSTALK = 0.2  # of sensors, and of modes that turned into each other since the scan: by 6 degrees, 0.1
-_FAR = "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
 MOST_DRIFT_HZ = 200.0  # of a mode in a recording: 20 kelvin and more
 APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKNOWN
+_FAR = "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
 
 
 @dataclass(frozen=True, slots=True)
