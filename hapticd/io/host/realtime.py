@@ -147,9 +147,10 @@ class PeriodicTimer:
     def set_period(self, period_ns: int, first_ns: int | None = None) -> None:
         """Restart the timer: the next tick is `first_ns` from now (None: one period)."""
         self.period_ns = period_ns
-        self._t_due_ns = self._clock_ns() + (period_ns if first_ns is None else first_ns)
+        first_ns = period_ns if first_ns is None else first_ns
+        self._t_due_ns = self._clock_ns() + first_ns
         if self._fd is not None:
-            if self._settime(self._fd, 0, _times(period_ns, period_ns if first_ns is None else first_ns), None) != 0:
+            if self._settime(self._fd, 0, _times(period_ns, first_ns), None) != 0:
                 raise OSError(ctypes.get_errno(), "timerfd_settime")
         else:
             self._call_later()
@@ -194,7 +195,7 @@ def _libc() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
 
 
-@functools.cache
+@functools.lru_cache(8)  # a daemon has three periods
 def _times(period_ns: int, first_ns: int) -> bytes:
     return _ITIMERSPEC.pack(*divmod(period_ns, 1_000_000_000), *divmod(first_ns, 1_000_000_000))
 
