@@ -140,7 +140,9 @@ def by_cluster(play: Play, missing: Missing, address: str) -> Played:
         keys = {future.key: key for future, key in zip(futures, missing, strict=True)}
         try:
             for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]
-                yield keys[future.key], future.result()
+                result = future.result()
+                future.release()  # or it is played again when the worker is lost that has it
+                yield keys[future.key], result
         except KilledWorker:
             raise HapticdError(
                 f"A task on the cluster {address} lost its worker again and again (killed, or out of memory?): see the "
