@@ -41,8 +41,9 @@ from .run import add_config_arguments, configuration, log_to_stderr
 from .service import ConfigLoader
 
 AMPLITUDE_UM = 0.5
-POLL_EVERY_S = 0.1  # of targets and ledger, whose 512 lines take far longer to fill
 TTL_NS = 500_000_000
+# Half of that, and the ledger's 512 lines take far longer to fill: polling counts as the daemon's processor time.
+POLL_EVERY_S = 0.25
 
 _FROM_MS, _DECADES, _COLUMNS_PER_DECADE = 0.001, 5, 10  # the picture's axis, logarithmic: 1 us .. 100 ms
 _BINS_PER_DECADE = 20  # of the picture
