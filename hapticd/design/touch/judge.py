@@ -19,6 +19,7 @@ from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Apart, Calibration, Free
 from .observations import WINDOW_S, Windows
+from .posture import PASSING, postures_mm, shared, without_bias
 from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
@@ -29,14 +30,7 @@ MOST_FOR_MAP = 3600  # 72 s, as the service has at most: memory and time of a fi
 UNKNOWN = np.array((0.1, 0.1, 0.005, 0.003, 0.003))
 UNKNOWN_LATENCY_S = 0.0015
 NO_CHANGE = "The held-out touches confirm no change: the calibration is as good as this recording can tell."
-# One sigma of x, y in mm, rotation and scales: of a pad that was placed with care, and of what passes for it in one
-# session (laboratories of `sim` on two modes): the centroid that a posture's fingers share, and errors of the map.
-USUAL = np.array((0.28, 0.28, 0.003, 0.0017, 0.0017))
-PASSING = np.array((0.3, 0.3, 0.0017, 0.003, 0.003))
-PASSING_WEIGHT = 8.0  # numbers that it counts as, where postures say how far apart they are
-CAUTION = 2.0 / 3.0  # of one session's best share: nine tenths of what it gains on average, less harm where it is wrong
-MOVED_MM = 0.85  # of a shift, twice what is found usually: a pad that is farther off was moved
-FEW_WINDOWS = 500  # by which that is seen
+FEW_WINDOWS = 500  # for a first fit, and whether fingers are points
 POINT_MM2 = 3.0  # of spread: a disc of 3.4 mm, smaller than any finger's; a pad off by 1 mm passes for 1 mm2
 MOST_SIGMAS = 4.0  # of the pad's prior: what is farther off needs another step first
 MOST_CROSSTALK = 0.2  # of sensors, and of modes that turned into each other since the scan: by 6 degrees, 0.1
@@ -115,7 +109,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
     first, second = _halves(few)
     one = fitter.fit(first, free, near)
     other = fitter.fit(second, free, one.calibration)
-    lessons = ((second, _shared(windows, one.calibration)), (first, _shared(windows, other.calibration)))
+    lessons = ((second, shared(windows, one.calibration)), (first, shared(windows, other.calibration)))
     gains = [fitter.gain(part, before, lesson) for part, lesson in lessons]
     found = fitter.fit(few, free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
@@ -141,7 +135,9 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
     judged = _with_map(_without_gains(judged, before), _evenly(windows, MOST_FOR_MAP), fitter)
     if not judged.refusal and _is_crossed(judged.fitted):
         return replace(judged, calibration=before, refusal=_FAR, map_refusal=_FAR, waves=None, touched_mm=None)
-    return judged if judged.refusal else _without_bias(judged, _postures_mm(few, found))
+    if judged.refusal:
+        return judged
+    return replace(judged, calibration=without_bias(judged.calibration, postures_mm(few, found)))
 
 
 def _apart_on(modes: ModeShapes) -> Apart:
@@ -176,42 +172,6 @@ def _effective(found: Calibration, latency_s: float) -> Calibration:
     pad = found.pad.copy()
     pad[LATENCY], pad[CENTROID] = latency_s, 0.0
     return replace(found, pad=pad)
-
-
-def _postures_mm(windows: Windows, found: Fit) -> FloatArray:
-    """Return where the touches of each session are, the mean of all being 0 (K, 2)."""
-    touches = [np.unique(windows.track[chosen]) for chosen in windows.sessions]
-    return np.array([found.apart_mm[one[one >= 0]].mean(axis=0) for one in touches])
-
-
-def pose_share(postures_mm: FloatArray) -> FloatArray:
-    """Return which share of the pad's pose (5,) is its own. Postures (K, 2) that K sessions show are what passes for
-    it: the farther apart they are, the less is its own, and the more there are, the more."""
-    sessions = len(postures_mm)
-    passing = PASSING**2
-    learned = PASSING_WEIGHT * passing[:2] + ((postures_mm - postures_mm.mean(axis=0)) ** 2).sum(axis=0)
-    passing[:2] = learned / (PASSING_WEIGHT + sessions - 1)
-    return np.asarray((1.0 - (1.0 - CAUTION) / sessions) * USUAL**2 / (USUAL**2 + passing / sessions), np.float64)
-
-
-def _shared(windows: Windows, found: Calibration) -> Calibration:
-    """Return what of a half's fit is judged on the other: of other sessions, as much of the pose as is its own."""
-    if len(windows.sessions) == 1:
-        return found
-    pad = found.pad.copy()
-    pad[: len(USUAL)] *= pose_share(np.zeros((1, 2)))
-    return replace(found, pad=pad)
-
-
-def _without_bias(judged: Judged, postures_mm: FloatArray) -> Judged:
-    """Return the share of the pad's pose that is its own; other sessions, with other postures, show the rest. Of a
-    pad that was moved it is as far as the shift is above MOVED_MM (James and Stein)."""
-    pad = judged.calibration.pad.copy()
-    share = pose_share(postures_mm)
-    moved = 1.0 - MOVED_MM**2 / max(float(pad[:2] @ pad[:2]), 1e-12)
-    pad[:2] *= np.maximum(share[:2], moved)
-    pad[2 : len(USUAL)] *= share[2:]
-    return replace(judged, calibration=replace(judged.calibration, pad=pad))
 
 
 def _evenly(windows: Windows, most: int) -> Windows:

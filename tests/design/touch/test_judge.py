@@ -10,9 +10,10 @@ import pytest
 
 from hapticd.design.touch import judge
 from hapticd.design.touch.fit import Fit
-from hapticd.design.touch.judge import MOVED_MM, calibrate, pose_share
+from hapticd.design.touch.judge import calibrate
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.observations import in_sessions, in_windows
+from hapticd.design.touch.posture import MOVED_MM, pose_share
 from hapticd.design.touch.waves import Waves
 
 from .synthetic import WAVE_RAD_MM, Touching, mode_map
@@ -59,17 +60,6 @@ def test_what_the_fingers_of_each_session_share_is_not_the_pads_place() -> None:
     assert alone.fitted.pad[0] == pytest.approx(0.4, abs=0.03)
     assert both.fitted.pad[:2] == pytest.approx((0.7, WRONG.pad[1]), abs=0.03)
     assert 0.7 > both.calibration.pad[0] > 0.7 * pose_share(np.zeros((1, 2)))[0]
-
-
-def test_the_more_sessions_agree_the_larger_is_the_pads_share_and_the_less_the_farther_they_are_apart() -> None:
-    one, two, five = (pose_share(np.zeros((sessions, 2))) for sessions in (1, 2, 5))
-    assert (one < two).all()
-    assert (two < five).all()
-    assert (five < 1.0).all()
-    apart = pose_share(np.array(((0.8, 0.0), (-0.8, 0.0))))
-    assert apart[0] < two[0]
-    assert np.array_equal(apart[2:], two[2:])
-    assert np.array_equal(pose_share(np.array(((0.8, 0.3),))), one)  # alone it is its own mean
 
 
 def test_modes_that_turned_into_each_other_are_no_mistake_but_sensors_that_were_swapped_are() -> None:
