@@ -158,8 +158,7 @@ def test_refreshes_repeat_the_stamp_of_what_they_repeat(daemon: FakeDaemon, clie
     assert len(set(daemon.stamps)) == 1
     client.set(1, amplitude_um=2.0, ttl_s=0.03)
     state_when(client, lambda _: daemon.stamps[-1] != daemon.stamps[0])
-    assert daemon.stamps == sorted(daemon.stamps)
-    assert daemon.overtaken == 0
+    assert len(set(daemon.stamps)) == 2
 
 
 def test_a_daemon_without_stamps_gets_none(daemon: FakeDaemon) -> None:
