@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import runpy
+import signal
 import socket
 import sys
 from collections.abc import Iterator
@@ -16,6 +17,9 @@ from hypothesis import HealthCheck, settings
 sys.path.insert(0, str(Path(__file__).parent))
 if not (Path(__file__).parents[1] / "hapticd" / "board_protocol.py").exists():  # as in a checkout of another commit
     runpy.run_path(str(Path(__file__).parents[1] / "firmware" / "make_protocol.py"))["write_module"]()
+
+# A script that starts the tests behind `&` has Ctrl-C ignored, which all programs that they start would inherit.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples each time, so that a commit is judged the same everywhere; `make test-all` sets NEW_EXAMPLES. Each
 # setting is named, because hypothesis has other defaults where CI is set, and a deadline where it is not.
