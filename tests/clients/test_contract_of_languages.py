@@ -127,6 +127,7 @@ def seen(language: Callable[[Witness, Path], str], folder: Path) -> Witness:
     assert refused.endswith(REFUSAL)
     assert fingers == PRINTED
     assert daemon.refusals == []
+    assert daemon.overtaken <= len(daemon.asked)  # by each request at most the refresh that is on its way
     return daemon
 
 

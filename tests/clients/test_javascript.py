@@ -45,6 +45,7 @@ def test_targets_hold_while_the_program_runs_and_are_released_at_its_end(daemon:
     assert json.loads(printed) == {"held": True, "target_um": 1.5, "whole": True}
     assert {1, 2} <= set(daemon.released) or daemon.scene.owner_of(1) is None
     assert daemon.messages > 3  # repeated
+    assert daemon.overtaken <= 2  # by each request at most the refresh that is on its way
 
 
 def test_a_refused_change_throws_and_changes_nothing(daemon: FakeDaemon) -> None:

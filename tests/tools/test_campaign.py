@@ -96,7 +96,7 @@ def test_so_it_does_when_a_worker_is_killed(cluster: str, tmp_path: Path, expect
     assert times_played(tmp_path, 4) == 2
 
 
-def test_a_result_that_was_fetched_is_not_played_again_when_its_worker_is_lost(cluster: str, tmp_path: Path) -> None:
+def test_no_worker_holds_a_result_that_was_fetched_which_its_loss_would_repeat(cluster: str, tmp_path: Path) -> None:
     played = engines.by_cluster(play, {bytes((task.seed,)): task for task in tasks_in(tmp_path)}, cluster)
     fetched = [next(played) for _ in SEEDS[1:]]
     with pytest.importorskip("distributed").Client(cluster, set_as_default=False) as client:

@@ -19,7 +19,7 @@ from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Apart, Calibration, Free
 from .observations import WINDOW_S, Windows
-from .posture import PASSING, postures_mm, shared, without_bias
+from .posture import PASSING, session_postures_mm, transferable, without_bias
 from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
@@ -109,7 +109,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
     first, second = _halves(few)
     one = fitter.fit(first, free, near)
     other = fitter.fit(second, free, one.calibration)
-    lessons = ((second, shared(windows, one.calibration)), (first, shared(windows, other.calibration)))
+    lessons = ((second, transferable(windows, one.calibration)), (first, transferable(windows, other.calibration)))
     gains = [fitter.gain(part, before, lesson) for part, lesson in lessons]
     found = fitter.fit(few, free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
@@ -137,7 +137,7 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
         return replace(judged, calibration=before, refusal=_FAR, map_refusal=_FAR, waves=None, touched_mm=None)
     if judged.refusal:
         return judged
-    return replace(judged, calibration=without_bias(judged.calibration, postures_mm(few, found)))
+    return replace(judged, calibration=without_bias(judged.calibration, session_postures_mm(few, found)))
 
 
 def _apart_on(modes: ModeShapes) -> Apart:
