@@ -51,7 +51,7 @@ def test_a_key_that_is_named_is_one(readme: str, key: str) -> None:
 
 
 def test_its_configuration_is_accepted(tmp_path: Path) -> None:
-    (tmp_path / "cartography.npz").write_bytes(b"")
+    (tmp_path / "modes.npz").write_bytes(b"")
     for block in re.findall(r"```toml\n(.*?)```", ALL[ROOT / "hapticd/daemon/README.md"], flags=re.DOTALL):
         config.from_table(tomllib.loads(block), where="README.md", folder=tmp_path)
 

@@ -59,7 +59,7 @@ def bounds_text(entry: Field[Any]) -> str:
     if entry.metadata["choices"]:
         return " | ".join(entry.metadata["choices"])
     low, high = entry.metadata["low"], entry.metadata["high"]
-    return "" if math.isinf(low) and math.isinf(high) else f"{low:g} .. {high:g}"
+    return "" if math.isinf(low) and math.isinf(high) else f"{low:.10g} .. {high:.10g}"
 
 
 def nearest(name: str, valid: Mapping[str, Any]) -> str:

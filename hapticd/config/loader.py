@@ -154,8 +154,8 @@ def _check_together(config: Config, where: str) -> None:
         _check_tcp(config.client, where)
     if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:
         raise ConfigError(
-            f'{where}: trackpad.source: simulated fingers must not drive a real board: set it to "hid" or "evdev", '
-            f'or device.port to "{SIMULATED}".'
+            f'{where}: trackpad.source: simulated fingers must not drive a real board: set it to "hid", "evdev" '
+            f'or "tuio", or device.port to "{SIMULATED}".'
         )
     if config.device.port != SIMULATED and not config.plate.modes_file:
         raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode map (NPZ or CSV).")

@@ -250,7 +250,7 @@ def _form(header: Sequence[str]) -> tuple[str, ...]:
             return form
     raise ModesError(
         "does not begin with the header x_mm,y_mm and for each mode phi_1 or re_1,im_1 or abs_1,deg_1 or lowered_hz_1; "
-        "add it."
+        "add it, with commas between cells and points in numbers."
     )
 
 

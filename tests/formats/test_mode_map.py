@@ -100,6 +100,7 @@ def test_a_file_with_gaps_loads_filled_and_reads_with_them(tmp_path: Path) -> No
     [
         ("", "header"),
         ("x,y,phi_1\n0,0,1\n", "header"),
+        ("x_mm;y_mm;phi_1\n0,0;0,0;1,0\n", "with commas between cells and points in numbers"),
         ("x_mm,y_mm\n0,0\n", "header"),
         ("x_mm,y_mm,phi_2,phi_1\n", "header"),
         (HEADER, "no points"),

@@ -80,7 +80,10 @@ def _scenario(name: str, lines: Iterable[tuple[int, str]], size_mm: Sequence[flo
     _, header = next(rows, (0, []))
     columns = tuple(cell.strip() for cell in header)
     if columns[: len(COLUMNS)] != COLUMNS or columns[len(COLUMNS) :] not in (PRESSED[:number] for number in (0, 1, 4)):
-        raise ValueError(f"does not begin with the header {','.join(COLUMNS)}: add it.")
+        raise ValueError(
+            f"does not begin with the header {','.join(COLUMNS)}: add it, with commas between cells and "
+            "points in numbers."
+        )
     fingers: dict[int, list[tuple[float, ...]]] = {}
     for number, row in rows:
         finger, sample = _parsed(row, columns, size_mm, f"line {number}")

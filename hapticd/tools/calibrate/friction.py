@@ -108,7 +108,10 @@ def read(path: Path) -> _Readings:
         rows = csv.reader(line for _, line in lines if line.strip() and not line.startswith("#"))
         header = [cell.strip() for cell in next(rows, [])]
         if header not in ([*COLUMNS], [*COLUMNS, SPEED_COLUMN]):
-            raise CalibrationError(f"{path}: does not begin with the header {','.join(COLUMNS)}: add it.")
+            raise CalibrationError(
+                f"{path}: does not begin with the header {','.join(COLUMNS)}: add it, with commas between cells and "
+                "points in numbers."
+            )
         table = [_row(path, place, row, len(header)) for place, row in enumerate(rows, 1)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None

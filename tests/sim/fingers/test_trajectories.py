@@ -18,6 +18,7 @@ from hapticd.sim.fingers import trajectories
 
 SIZE_MM = (137.5, 137.5)
 HEADER = "t_s,finger,x_mm,y_mm,target_um\n"
+COMMAS = "t_s,finger,x_mm,y_mm,target_um: add it, with commas between cells and points in numbers."
 FINGERS = HEADER + (
     "# the first moves, lifts and lands again; the second rests\n"
     "0.4,1,-40,0,1\n"
@@ -54,6 +55,7 @@ def test_a_finger_moves_straight_between_its_lines_and_is_lifted_where_they_are_
     [
         ("", "does not begin with the header t_s,finger,x_mm,y_mm,target_um"),
         ("t,x,y\n", "does not begin with the header"),
+        ("t_s;finger;x_mm;y_mm;target_um\n0,0;1;0,0;0,0;1,0\n", "does not begin with the header " + COMMAS),
         (HEADER, "holds a header and no finger"),
         (HEADER + "0,1,0,0\n", "line 2: has 4 cells"),
         (HEADER + "0,1,a,0,1\n", "line 2: x_mm is 'a': give a number"),

@@ -103,6 +103,7 @@ def test_a_file_is_read_and_what_is_none_refused_in_a_sentence(tmp_path: Path) -
     for text, sentence in (
         ("", "header"),
         ("a,b\n", "header"),
+        ("amplitude_um;friction\n0,0;1,0\n", "with commas between cells and points in numbers"),
         ("amplitude_um,friction\n", "no readings"),
         ("amplitude_um,friction\n1\n", "reading 1 is not two numbers"),
         ("amplitude_um,friction\n1,2\nx,y\n", "reading 2 is not two numbers"),
