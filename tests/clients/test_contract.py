@@ -30,7 +30,7 @@ from hapticd_client.endpoint import default_directory, directory
 from hapticd_contract import contents
 from hapticd_contract.contents import Grating, Noise
 from hapticd_contract.effects import FORMS, Effect, Envelope, Pulse, Start
-from hapticd_contract.replies import Capabilities
+from hapticd_contract.replies import OPTIONAL, Capabilities
 from hapticd_contract.requests import OPS, UNREAD_REQUEST_ID, SetRequest
 from hapticd_contract.states import EventKind, FingerState
 from hapticd_contract.surfaces import Surface, VirtualFinger
@@ -95,7 +95,7 @@ def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> 
     for op in OPS:
         assert f"| `{op}` |" in TEXT
     capabilities = asdict(Capabilities())
-    for name in ("targets", "max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes"):
+    for name in (*OPTIONAL, "targets", "max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes"):
         assert f"`{name}`" in TEXT
     for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):
         assert f"{value:g}" in TEXT or str(value) in TEXT
