@@ -362,7 +362,7 @@ export interface MarkerRequest {
   text: string;
   /** lets the board's sync output rise for 5 ms as the next reference takes effect, at most every 20 ms */
   pulse?: boolean;
-  /** the same as values by name, at most 16: texts of up to 100 printable characters, finite numbers, true, false. `hello` lists it as `marker_fields` */
+  /** the same as values by name, at most 16: texts of up to 100 printable characters, finite numbers, true, false; `hello` lists it as `marker_fields` */
   fields?: Record<string, boolean | number | number | string>;
 }
 

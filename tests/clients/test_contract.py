@@ -95,7 +95,8 @@ def test_the_text_names_every_request_every_kind_of_target_and_every_bound() -> 
     for op in OPS:
         assert f"| `{op}` |" in TEXT
     capabilities = asdict(Capabilities())
-    for name in (*OPTIONAL, "targets", "max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes"):
+    bounds = ("max_targets", "max_virtuals", "max_path_points", "max_map_side", "max_message_bytes")
+    for name in (*OPTIONAL, "targets", *bounds):
         assert f"`{name}`" in TEXT
     for value in (capabilities["max_message_bytes"], *capabilities["ttl_s"]):
         assert f"{value:g}" in TEXT or str(value) in TEXT

@@ -55,8 +55,8 @@ class MarkerRequest(Contract, frozen=True):
     pulse: bool = False
     """lets the board's sync output rise for 5 ms as the next reference takes effect, at most every 20 ms"""
     fields: Annotated[dict[Name, MarkerValue], Meta(max_length=MAX_MARKER_FIELDS)] = field(default_factory=dict)
-    """the same as values by name, at most 16: texts of up to 100 printable characters, finite numbers, true, false. `hello`
-    lists it as `marker_fields`"""
+    """the same as values by name, at most 16: texts of up to 100 printable characters, finite numbers, true, false;
+    `hello` lists it as `marker_fields`"""
 
     def problem(self) -> str:
         for name, value in self.fields.items():
