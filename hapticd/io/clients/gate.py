@@ -25,7 +25,7 @@ from pathlib import Path
 from .listeners import close_listener
 from .relay import Relay, UnreadBytes
 from .senders import RateLimiter
-from .zmtp import EncryptedInbound, Inbound, LocalInbound, unchecked
+from .zmtp import Inbound, LocalInbound, SubscriberInbound, unchecked
 
 MAX_CONNECTIONS, MAX_CONNECTIONS_PER_USER = 128, 64  # 16 clients of one user have 48
 CONNECTIONS_HZ = 50.0  # of one user, after MAX_CONNECTIONS at once
@@ -214,7 +214,7 @@ def _inbound(door: Door, outer: socket.socket, number: int) -> Inbound:
         pid, uid, _ = _credentials(outer)
         return LocalInbound(f"{uid}:{pid}:{number}", door.topics).feed
     outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return unchecked if door.topics is None else EncryptedInbound().feed
+    return unchecked if door.topics is None else SubscriberInbound().feed
 
 
 def _is_local(outer: socket.socket) -> bool:

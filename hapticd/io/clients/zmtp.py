@@ -1,8 +1,8 @@
 """Inbound bytes of one client connection, checked before ZeroMQ gets them (ZMTP 3, https://rfc.zeromq.org/spec/23).
 
-libzmq stores every distinct subscription of a peer without a bound, and the daemon's thread pays for each. So a local
-subscriber's frames are parsed here, and only the daemon's own topics pass. Over TCP the frames are encrypted, so their
-bytes are bounded. A local client's handshake is rebuilt: it carries the identity that the kernel reports, and no other.
+libzmq stores every distinct subscription of a peer without a bound, and the daemon's thread pays for each. So a
+subscriber's bytes are bounded, and where they are not encrypted only the daemon's own topics pass. A local client's
+handshake is rebuilt: it carries the identity that the kernel reports, and no other.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ PEER_PROPERTY = "X-Hapticd-Peer"  # "UID:PID:CONNECTION", from the kernel and th
 GREETING_BYTES = 64
 MAX_FRAME_BYTES = 512  # of a handshake with the longest identity, or of a heartbeat
 MAX_CHANGES = 16  # of one connection's subscriptions; a client subscribes once
-MAX_ENCRYPTED_BYTES = 1024  # from one subscriber: a handshake of up to 900 bytes, its subscription, a few heartbeats
+MAX_SUBSCRIBER_BYTES = 1024  # a handshake of up to 900 bytes, its subscription, a few heartbeats
 
 _LONG, _COMMAND = 0x02, 0x04
 _KEPT = (b"Socket-Type", b"Identity")
@@ -34,6 +34,7 @@ class LocalInbound:
         """`peer` is the value of PEER_PROPERTY."""
         self._peer = peer.encode()
         self._topics = topics
+        self._bounded = unchecked if topics is None else SubscriberInbound().feed
         self._waiting = b""
         self._greeting_left = GREETING_BYTES
         self._is_ready = False
@@ -44,7 +45,7 @@ class LocalInbound:
         """Return the bytes to pass on. Raises ProtocolError."""
         if self._is_ready and self._topics is None:
             return data
-        self._waiting += data
+        self._waiting += self._bounded(data)
         passed = self._greeting()
         if self._greeting_left > 0:
             return passed
@@ -117,11 +118,11 @@ class LocalInbound:
         return True
 
 
-class EncryptedInbound:
-    """Inbound bytes of a subscriber over TCP: at most MAX_ENCRYPTED_BYTES, which bounds its subscriptions."""
+class SubscriberInbound:
+    """Inbound bytes of a subscriber: at most MAX_SUBSCRIBER_BYTES, which bounds its subscriptions and their parsing."""
 
     def __init__(self) -> None:
-        self._left = MAX_ENCRYPTED_BYTES
+        self._left = MAX_SUBSCRIBER_BYTES
 
     def feed(self, data: bytes) -> bytes:
         """Return the bytes to pass on. Raises ProtocolError."""

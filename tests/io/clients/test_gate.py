@@ -26,11 +26,11 @@ from hapticd.io.clients.relay import CHUNK_BYTES, UnreadBytes
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.zmtp import (
     MAX_CHANGES,
-    MAX_ENCRYPTED_BYTES,
     MAX_FRAME_BYTES,
-    EncryptedInbound,
+    MAX_SUBSCRIBER_BYTES,
     LocalInbound,
     ProtocolError,
+    SubscriberInbound,
 )
 
 REPLY = bytes(60_000)
@@ -50,11 +50,11 @@ def passed(*frames: bytes, topics: frozenset[bytes] | None = frozenset({b""}), p
 
 
 READY_OF_7 = ready(Socket_Type=b"SUB", X_Hapticd_Peer=b"7:42:1")
-OTHER_TOPICS = [frame(b"\x01" + b"%d" % n + bytes(400)) for n in range(1000)]
+OTHER_TOPICS = [frame(b"\x01" + b"%d" % n + bytes(40)) for n in range(15)]
 WANTED = [frame(b"\x01"), command(b"PING", b"\x00\x10"), command(b"CANCEL"), command(b"SUBSCRIBE")]
 
 
-def test_of_a_flood_of_subscriptions_only_those_to_the_states_reach_zeromq() -> None:
+def test_of_many_subscriptions_only_those_to_the_states_reach_zeromq() -> None:
     also = [command(b"SUBSCRIBE", b"x"), command(b"ERROR"), frame(b"\x02"), frame(b""), frame(b"\x01"), frame(b"\x01x")]
     assert passed(*OTHER_TOPICS, *WANTED, *also) == b"".join(WANTED)
 
@@ -102,10 +102,18 @@ def test_no_bytes_raise_anything_else(pieces: list[bytes], is_publisher: bool) -
 
 
 def test_a_subscriber_over_tcp_may_send_no_more_than_a_handshake_and_its_subscription() -> None:
-    inbound = EncryptedInbound()
-    assert inbound.feed(bytes(MAX_ENCRYPTED_BYTES)) == bytes(MAX_ENCRYPTED_BYTES)
+    inbound = SubscriberInbound()
+    assert inbound.feed(bytes(MAX_SUBSCRIBER_BYTES)) == bytes(MAX_SUBSCRIBER_BYTES)
     with pytest.raises(ProtocolError):
         inbound.feed(b"x")
+
+
+@pytest.mark.parametrize("small", [frame(b""), command(b"PING", b"\x00\x10")])
+def test_a_local_subscriber_is_cut_off_before_a_flood_of_its_smallest_frames_is_parsed(small: bytes) -> None:
+    inbound = LocalInbound("7:42:1", frozenset({b""}))
+    inbound.feed(GREETING + ready(Socket_Type=b"SUB"))
+    with pytest.raises(ProtocolError):
+        inbound.feed(small * (CHUNK_BYTES // len(small)))
 
 
 # --- what it may cost --------------------------------------------------------------------------------------------
