@@ -102,12 +102,11 @@ def worst_response(
     quality: float,
     amplitude_um: float,
     tick_ms: float,
-    step_ms: float = STEP_MS,
     detunes_hz: Sequence[float] = NEAR_HZ,
 ) -> Response:
     """The worst of each measure over the corners in which the voltage can hold the amplitude."""
     plates = _corners(quality, amplitude_um, detunes_hz)
-    found = [measure(respond(plate, amplitude_um), amplitude_um, tick_ms, step_ms) for plate in plates]
+    found = [measure(respond(plate, amplitude_um), amplitude_um, tick_ms, STEP_MS) for plate in plates]
     return Response(*map(max, zip(*found, strict=True)))
 
 

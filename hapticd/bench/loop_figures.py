@@ -21,6 +21,7 @@ from .closed_loop import SETTLED_FRAC, Law, LoopPlate, follow, step, stepped, tr
 
 LARGE_UM = 2.0
 COUPLING_PHI, COUPLING_1_S = 0.9, 730.0
+STROKES_S = 2.0
 
 
 def node_leak_um(law: Law) -> float:
@@ -64,15 +65,15 @@ def sinusoid_figures(law: Law, f_hz: float) -> dict[str, float]:
     return tracking_figures(trace.reference_um[settled:], trace.plate_um[settled:], law.tick_ms)
 
 
-def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[str, float]:
+def stroke_figures(law: Law, speed_mm_s: float) -> dict[str, float]:
     """Tracking of the solver's amplitudes for two stroking fingers, one slippery and one still, at known positions.
 
     Sent as 1 ms knots 90 times a second; the fingers damp and couple the plate's modes.
     """
-    t_s, phi, solved_um = _strokes(speed_mm_s, seconds)
+    t_s, phi, solved_um = _strokes(speed_mm_s)
     truth = GroundTruth()
     board = _truth_board(law, truth)
-    ticks, period_s = round(seconds * law.control_hz), 0.011
+    ticks, period_s = round(STROKES_S * law.control_hz), 0.011
 
     def knots(now_s: float) -> list[tuple[float, ComplexArray]]:
         first = round(now_s * 1e3)
@@ -89,9 +90,9 @@ def stroke_figures(law: Law, speed_mm_s: float, seconds: float = 2.0) -> dict[st
 
 
 @lru_cache(maxsize=4)
-def _strokes(speed_mm_s: float, seconds: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _strokes(speed_mm_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Each millisecond: time (T,), shapes under both fingers (T, 2, P), modal amplitudes (T, 2) of the solver."""
-    t_s: FloatArray = np.arange(round(seconds * 1e3) + 1, dtype=np.float64) * 1e-3
+    t_s: FloatArray = np.arange(round(STROKES_S * 1e3) + 1, dtype=np.float64) * 1e-3
     actors = SCENARIOS["strokes"].build(1, speed_mm_s)
     paths = [actor.path for actor in actors if actor.path is not None]
     phi = GroundTruth().shapes(np.stack([path.position_mm(t_s + 1.0) for path in paths], axis=1))

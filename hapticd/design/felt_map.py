@@ -81,11 +81,10 @@ def felt_pairs(
     size_mm: tuple[float, float],
     cells: int,
     count: int,
-    seed: int = 1,
     progress: OnProgress = lambda _: None,
 ) -> FeltPairs:
     """Return the shares of `count` random pairs of two frictions. Raises ValueError for a plate without room."""
-    places_mm = random_fingers(size_mm, count, seed)
+    places_mm = random_fingers(size_mm, count, seed=1)
     errors_jnd = _errors_jnd(shapes, places_mm, frictions, limits_um, curve, radius_mm, progress)
     is_felt = np.abs(errors_jnd).max(axis=1) <= ENOUGH_JND
     room_mm = size_mm[0] - 2.0 * EDGE_MM, size_mm[1] - 2.0 * EDGE_MM

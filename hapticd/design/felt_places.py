@@ -70,7 +70,6 @@ def settle_felt(
     targets_um: Sequence[float],
     limits_um: npt.ArrayLike,
     starts: int = STARTS,
-    seed: int = 1,
     curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
 ) -> tuple[ComplexArray, FloatArray]:
     """Return modal amplitudes (P, M) within the limits (M,), and each contact's error (P, N) in just noticeable
@@ -79,7 +78,7 @@ def settle_felt(
     start_um = np.minimum(limits, max(targets_um)) * _turned(limits.size)
     best_um = _descended(found.solved, targets_um, limits, start_um, curve)
     best_jnd = errors_jnd(found, best_um, targets_um, curve)
-    random = np.random.default_rng([seed, limits.size])
+    random = np.random.default_rng([1, limits.size])
     for _ in range(starts - 1):
         sizes, turns = random.uniform(0.3, 1.0, limits.size), random.uniform(0.0, 2.0 * np.pi, limits.size)
         left = np.flatnonzero(np.abs(best_jnd).max(axis=1) > ENOUGH_JND)

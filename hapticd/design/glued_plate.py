@@ -57,7 +57,6 @@ def glued_plate_modes(
     material: Material,
     patches: tuple[Patch, ...],
     band_hz: tuple[float, float],
-    basis_frac: float = BASIS_FRAC,
 ) -> list[tuple[float, ModeShape]]:
     """Return the modes in the band as `free_modes` does. Raises ValueError for a patch off the plate."""
     for patch in patches:
@@ -67,7 +66,7 @@ def glued_plate_modes(
     areal_kg_m2 = material.density_kg_m3 * thickness_mm * 1e-3
     stiffness_nm = _layer_nm(material, thickness_mm, thickness_mm / 2.0, thickness_mm / 2.0)
     wave_speed = math.sqrt(stiffness_nm / areal_kg_m2)
-    fourth_1_m4, basis = _basis(size_mm, material.poisson, (2.0 * math.pi * basis_frac * band_hz[1] / wave_speed) ** 2)
+    fourth_1_m4, basis = _basis(size_mm, material.poisson, (2.0 * math.pi * BASIS_FRAC * band_hz[1] / wave_speed) ** 2)
     mass, stiffness = np.eye(len(basis)), np.diag(fourth_1_m4)
     for patch in patches:
         added_mass, added_stiffness = _patch_integrals(basis, size_mm, patch, material.poisson)

@@ -21,18 +21,16 @@ def sample_cartography(
     step_mm: float = 4.5,
     noise_frac: float = 0.02,
     seed: int | tuple[int, ...] = 1,
-    missing_frac: float = 0.0,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a scan on a grid: `x_mm` (nx,), `y_mm` (ny,), shapes (M, ny, nx) with noise and NaN.
+    """Return a scan on a grid: `x_mm` (nx,), `y_mm` (ny,), shapes (M, ny, nx) with noise.
 
     The grid is centred on the plate and stays on it. Noise is normal and independent, of `noise_frac` of the peak
-    (RMS). A point is lost with probability `missing_frac`, in all modes at once. The same seed gives the same scan.
+    (RMS). The same seed gives the same scan.
     """
     random = np.random.default_rng(seed)
     x_mm, y_mm = (_scan_axis(edge_mm, step_mm) for edge_mm in modes[0].size_mm)
     shapes = np.stack([mode.on_grid(x_mm, y_mm) for mode in modes])
     shapes += noise_frac * random.standard_normal(shapes.shape)
-    shapes[:, random.random(shapes.shape[1:]) < missing_frac] = np.nan
     return x_mm, y_mm, shapes
 
 

@@ -117,13 +117,13 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
         draw(measured, plot)
 
 
-def run_landings(landings: int = landing.LANDINGS, *, json_file: str | None) -> None:
+def run_landings(*, json_file: str | None) -> None:
     """Measure landings on the simulated rig, print a row for each way, and write figures as JSON."""
     with Progress("measuring") as progress:
-        found = landing.measure(landings, progress=progress)
+        found = landing.measure(progress=progress)
     out = outputs.table_stream(json_file)
     what = f"landing to {landing.REACHED_FRAC:.0%} of {landing.TARGET_UM:g} um, ms"
-    print(f"{what:<34}{'p50':>8}{'p95':>8}{'max':>8}  of {landings} landings, in virtual time", file=out)
+    print(f"{what:<34}{'p50':>8}{'p95':>8}{'max':>8}  of {landing.LANDINGS} landings, in virtual time", file=out)
     for way, spans_ms in found.items():
         row = "".join(f"{value_ms:>8.1f}" for value_ms in landing.percentiles_ms(spans_ms).values())
         print(f"{way:<34}{row}", file=out)

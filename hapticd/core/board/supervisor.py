@@ -36,9 +36,9 @@ class Transition(NamedTuple):
 class Supervisor:
     """The state, and how it came to be: `history` holds the last changes, oldest first."""
 
-    def __init__(self, history: int = 64) -> None:
+    def __init__(self) -> None:
         self.state = State.IDLE
-        self.history: deque[Transition] = deque(maxlen=history)
+        self.history: deque[Transition] = deque(maxlen=64)
         self._up: frozenset[str] = frozenset()
         self._unchanging: list[Event] = []  # that changed nothing since something did
 

@@ -12,12 +12,11 @@ import os
 import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 
 from ...errors import TrackpadError
 from ...values import RawReport
 from ...wire.trackpad import Pad, StillContacts, evdev
-from .input_nodes import FOLDER, InputNode, describe, find_nodes, packed, require_package
+from .input_nodes import InputNode, describe, find_nodes, packed, require_package
 from .repeats import RepeatedReports
 from .trackpad_source import BATCH, OnLink, OnReports
 
@@ -39,11 +38,10 @@ class EvdevTrackpad:
         device: str = "",
         size_mm: tuple[float, ...] = (),
         *,
-        folder: Path = FOLDER,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         require_package()
-        self._device, self._size_mm, self._folder = device, size_mm, folder
+        self._device, self._size_mm = device, size_mm
         self._clock_ns = clock_ns
         self._node: InputNode | None = None
         self._timer: asyncio.Handle | None = None
@@ -75,7 +73,7 @@ class EvdevTrackpad:
             self._retry(f"{self._device or 'the touch device'} cannot be opened ({error.strerror}): see hapticd doctor")
 
     def _open(self) -> None:
-        self._node = next(find_nodes(self._device, self._folder), None)
+        self._node = next(find_nodes(self._device), None)
         if self._node is None:
             wanted = f"{self._device!r}" if self._device else "that this user may read"
             self._retry(f"no multitouch device {wanted} is connected: plug one in, or see hapticd doctor")

@@ -29,7 +29,6 @@ class SerialLink:
 
     def __init__(self, port: str, baud: int) -> None:
         self.port = port
-        self.dropped_writes = 0
         self._baud = baud
         self._serial: serial.Serial | None = None
         self._retry: asyncio.TimerHandle | None = None
@@ -63,7 +62,6 @@ class SerialLink:
         self._is_torn = written != len(data)
         if not self._is_torn:
             return True
-        self.dropped_writes += 1
         with contextlib.suppress(termios.error):
             termios.tcflush(self._serial.fd, termios.TCOFLUSH)
         return False

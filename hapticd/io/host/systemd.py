@@ -50,13 +50,13 @@ class Notifier:
             self._socket = None
 
 
-def is_journal_stream(fd: int, environ: Mapping[str, str] = os.environ) -> bool:
+def is_journal_stream(fd: int) -> bool:
     """Return whether the descriptor is the journal's stream, by `JOURNAL_STREAM` (device:inode)."""
     try:
         stream = os.fstat(fd)
     except OSError:
         return False
-    return environ.get("JOURNAL_STREAM") == f"{stream.st_dev}:{stream.st_ino}"
+    return os.environ.get("JOURNAL_STREAM") == f"{stream.st_dev}:{stream.st_ino}"
 
 
 class JournalFormatter(logging.Formatter):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,12 +69,12 @@ def random_mistake(cause: Flaw, modes: int, random: np.random.Generator) -> Mist
     return Mistake(cause, wires, sign * size)
 
 
-def random_mistakes(seed: int, modes: int, count: int, kinds: Sequence[Flaw] = KINDS) -> tuple[Mistake, ...]:
+def random_mistakes(seed: int, modes: int, count: int) -> tuple[Mistake, ...]:
     """Return `count` mistakes of different kinds: first the kind whose turn it is, then random ones, at other wires."""
     random = np.random.default_rng((seed, 32))
-    found = [random_mistake(kinds[seed % len(kinds)], modes, random)]
+    found = [random_mistake(KINDS[seed % len(KINDS)], modes, random)]
     while len(found) < count:
-        one = random_mistake(kinds[int(random.integers(len(kinds)))], modes, random)
+        one = random_mistake(KINDS[int(random.integers(len(KINDS)))], modes, random)
         if all(one.cause is not other.cause and not set(one.wires) & set(other.wires) for other in found):
             found.append(one)
     return tuple(found)

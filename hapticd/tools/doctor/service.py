@@ -113,9 +113,9 @@ def health(system: System) -> CheckResult:
     return CheckResult(PASS, f"{state}{why}")
 
 
-def alone(system: System, environ: Mapping[str, str] = os.environ) -> CheckResult:
+def alone(system: System) -> CheckResult:
     """Check for other daemons on this host, which clients could find instead."""
-    others = [place for place in directories(environ) if place != system.directory and is_locked(place)]
+    others = [place for place in directories(os.environ) if place != system.directory and is_locked(place)]
     if not others:
         return CheckResult(PASS, "none")
     text = f"one runs in {', '.join(map(str, others))} as well; clients connect to the first they find"

@@ -8,6 +8,7 @@ from typing import Any
 
 from ...errors import missing_library
 from .experiment import QuestPlus, Staircase
+from .psychometric import CONFIDENCE
 
 LevelTrack = tuple[tuple[float, bool], ...]  # (level, whether the answer was right), in order
 
@@ -20,14 +21,12 @@ def next_level(method: Staircase | QuestPlus, track: LevelTrack, guess_frac: flo
     return _sign(method) * float(_posterior(method, track, guess_frac).next_stim["intensity"])
 
 
-def threshold(
-    method: QuestPlus, track: LevelTrack, guess_frac: float, share: float = 0.95
-) -> tuple[float, tuple[float, float]]:
+def threshold(method: QuestPlus, track: LevelTrack, guess_frac: float) -> tuple[float, tuple[float, float]]:
     """Return the posterior mean of the threshold, half way between guessing and lapses, and the central interval that
-    holds `share` of its probability; as wide as its grid at least."""
+    holds CONFIDENCE of its probability; as wide as its grid at least."""
     posterior = _posterior(method, track, guess_frac).marginal_posterior["mean"]
     by_level = sorted(zip(_thresholds(method), (float(p) for p in posterior), strict=True))
-    tail, low, high, below = 0.5 * (1.0 - share), by_level[0][0], by_level[-1][0], 0.0
+    tail, low, high, below = 0.5 * (1.0 - CONFIDENCE), by_level[0][0], by_level[-1][0], 0.0
     for (level, p), (following, _) in pairwise([*by_level, (by_level[-1][0], 0.0)]):
         if below <= tail:
             low = level

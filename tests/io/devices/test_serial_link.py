@@ -180,7 +180,6 @@ async def test_a_board_that_stalls_loses_frames_and_finds_no_queue_of_stale_ones
     written = [bench.link.write(frame) for _ in range(64)]
     assert written[0]
     assert False in written
-    assert bench.link.dropped_writes == written.count(False)
     while bench.port.heard():
         pass
     bench.link.write(bytes(70_000))  # more than a pty takes: torn
