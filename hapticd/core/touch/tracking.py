@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Final
 
 from ...values import Contact, Finger, FingerFrame, TouchFrame
@@ -21,21 +20,14 @@ _SHORTEST_S: Final = 4e-3  # two stamps closer than this are jitter: no speed is
 _RENUMBERED_MM: Final = 1.0  # added to a distance when the contact's number differs: settles near ties only
 _FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position
 
-
-@dataclass(frozen=True, slots=True)
-class TrackerSettings:
-    """What a finger can do. Defaults suit adults' hands on a trackpad of 60 to 130 Hz."""
-
-    sure_mm: float = 2.5  # a contact this near to where its number was going needs no second thought
-    slack_mm: float = 3.0  # by how far a contact's centre may jump as the fingertip rolls
-    max_speed_mm_s: float = 2e3  # a contact that jumps farther is another finger under the same number
-    max_acceleration_mm_s2: float = 8e4  # a contact with another number must be where this finger was going
-    max_renumbered_mm: float = 15.0  # and no farther from there than this, however long the interval
-    max_gap_ns: int = 100_000_000  # after a longer silence only a contact of the same number
-    near_mm: float = 10.0  # and this near is the same finger
-
-
-_DEFAULT_SETTINGS = TrackerSettings()
+# What a finger can do: of adults' hands, on a trackpad of 60 to 130 Hz.
+_SURE_MM: Final = 2.5  # a contact this near to where its number was going needs no second thought
+_SLACK_MM: Final = 3.0  # by how far a contact's centre may jump as the fingertip rolls
+_MAX_SPEED_MM_S: Final = 2e3  # a contact that jumps farther is another finger under the same number
+_MAX_ACCELERATION_MM_S2: Final = 8e4  # a contact with another number must be where this finger was going
+_MAX_RENUMBERED_MM: Final = 15.0  # and no farther from there than this, however long the interval
+_MAX_GAP_NS: Final = 100_000_000  # after a longer silence only a contact of the same number
+_NEAR_MM: Final = 10.0  # and this near is the same finger
 
 
 class _Track:
@@ -79,8 +71,7 @@ class Tracker:
     lifted in one. The result does not depend on the order of a frame's contacts.
     """
 
-    def __init__(self, settings: TrackerSettings = _DEFAULT_SETTINGS) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._next_id = 1
         self._t_ns: int | None = None
         self._tracks: dict[int, _Track] = {}  # by contact id, in the order of finger ids
@@ -112,7 +103,7 @@ class Tracker:
         self._t_ns = frame.t_ns
         elapsed_s = elapsed_ns * 1e-9
         contacts = self._touching(frame.contacts, elapsed_s)
-        if elapsed_ns > self._settings.max_gap_ns:
+        if elapsed_ns > _MAX_GAP_NS:
             pairs = self._pairs_after_gap(contacts)
         elif (sure := self._pairs_by_contact_id(contacts, elapsed_s)) is not None:
             pairs = sure
@@ -142,14 +133,13 @@ class Tracker:
 
     def _pairs_by_contact_id(self, contacts: dict[int, Contact], elapsed_s: float) -> _Pairs | None:
         """The fast path: the device's numbers, if every one is where it was going; None if one has to be doubted."""
-        sure_squared = self._settings.sure_mm * self._settings.sure_mm
         pairs = []
         for contact_id, track in self._tracks.items():
             contact = contacts.get(contact_id)
             if contact is not None:
                 dx = contact.x_mm - track.x - elapsed_s * track.vx
                 dy = contact.y_mm - track.y - elapsed_s * track.vy
-                if dx * dx + dy * dy > sure_squared:
+                if dx * dx + dy * dy > _SURE_MM * _SURE_MM:
                     return None
                 pairs.append((track, contact))
         renumbered_perhaps = len(pairs) < len(contacts) and len(pairs) < len(self._tracks)
@@ -160,14 +150,14 @@ class Tracker:
         return [
             (track, contacts[contact_id])
             for contact_id, track in self._tracks.items()
-            if contact_id in contacts and track.distance(contacts[contact_id]) <= self._settings.near_mm
+            if contact_id in contacts and track.distance(contacts[contact_id]) <= _NEAR_MM
         ]
 
     def _pairs_by_position(self, contacts: dict[int, Contact], elapsed_s: float) -> _Pairs:
         """As many fingers as can be kept, with the least total distance from where they were going."""
         tracks = list(self._tracks.values())
         candidates = sorted(contacts.values(), key=lambda contact: contact.contact_id)
-        reach_mm = self._settings.slack_mm + self._settings.max_speed_mm_s * elapsed_s
+        reach_mm = _SLACK_MM + _MAX_SPEED_MM_S * elapsed_s
         lifted_mm = 4.0 * reach_mm  # what it costs to lift a finger: more than any move it can make
         costs = [[min(self._cost(track, c, elapsed_s, reach_mm), lifted_mm) for c in candidates] for track in tracks]
         return [
@@ -178,14 +168,13 @@ class Tracker:
 
     def _cost(self, track: _Track, contact: Contact, elapsed_s: float, reach_mm: float) -> float:
         """Distance in mm from where the finger was going; inf if it cannot be that finger."""
-        settings = self._settings
         surprise_mm = track.surprise(contact, elapsed_s)
         if not track.distance(contact) <= reach_mm:
             return math.inf
         if contact.contact_id == track.contact_id:
             return surprise_mm
-        steered_mm = settings.slack_mm + 0.5 * settings.max_acceleration_mm_s2 * elapsed_s * elapsed_s
-        if not surprise_mm <= min(steered_mm, settings.max_renumbered_mm):
+        steered_mm = _SLACK_MM + 0.5 * _MAX_ACCELERATION_MM_S2 * elapsed_s * elapsed_s
+        if not surprise_mm <= min(steered_mm, _MAX_RENUMBERED_MM):
             return math.inf
         return surprise_mm + _RENUMBERED_MM
 
