@@ -73,7 +73,7 @@ def _install_service(options: argparse.Namespace) -> None:
 def service_files(folder: Path | None = None, program: Path | None = None) -> tuple[ServiceFile, ...]:
     """Return the files of `folder` (default: the package's or the checkout's), the unit starting `program` (default:
     the `hapticd` next to this interpreter). Raises HapticdError."""
-    folder = _folder() if folder is None else folder
+    folder = service_folder() if folder is None else folder
     program = Path(sys.executable).with_name("hapticd") if program is None else program
     files = []
     for name, destination in DESTINATIONS.items():
@@ -142,6 +142,7 @@ def uninstall(root: Path, *, is_print: bool = False) -> str:
     return "\n".join([*done, "then run:", *(f"  {line}" for line in AFTER_REMOVAL.splitlines()), ""])
 
 
-def _folder() -> Path:
+def service_folder() -> Path:
+    """Return the folder of the service's files: the package's, else the checkout's."""
     packaged = Path(sysconfig.get_path("data"), "share", "hapticd", "systemd")
     return packaged if packaged.is_dir() else Path(__file__).parents[2] / "systemd"

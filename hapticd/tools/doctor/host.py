@@ -7,12 +7,10 @@ import importlib.util
 import os
 import pwd
 import resource
-import sys
-from pathlib import Path
 
 from ...errors import HapticdError, rebuild
 from ...io.host.cpu_latency import LATENCY_FILE
-from ..install_service import service_files
+from ..install_service import DESTINATIONS, service_files, service_folder
 from .finding import PASS, WARN, CheckResult, System
 
 RULES = "71-hapticd.rules"
@@ -21,8 +19,15 @@ DEVICE_GROUP, CLIENT_GROUP = "hapticd-dev", "hapticd"
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # linux/capability.h
 MEMLOCK_BYTES = 512 << 20  # granted by the service's unit
 FAST_CLOCKS = ("tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page", "xen")
-HAPTICD = Path(sys.executable).with_name("hapticd")  # sudo uses another PATH
-INSTALL = f"sudo {HAPTICD} install-service && sudo udevadm control --reload && sudo udevadm trigger"
+USERS = "hapticd.sysusers.conf"
+
+
+def _copied(name: str) -> str:
+    """Return the command that installs a file of the service, also where no service may run, as in a home."""
+    return f"sudo install -D -m 644 {service_folder() / name} /{DESTINATIONS[name]}"
+
+
+INSTALL = f"{_copied(RULES)} && sudo udevadm control --reload && sudo udevadm trigger"
 
 
 def rules(system: System) -> CheckResult:
@@ -52,7 +57,7 @@ def groups(system: System) -> CheckResult:
         try:
             group = grp.getgrnam(name)
         except KeyError:
-            return CheckResult(WARN, f"group {name} does not exist", "sudo systemd-sysusers, after install-service")
+            return CheckResult(WARN, f"group {name} does not exist", f"{_copied(USERS)} && sudo systemd-sysusers")
         if group.gr_gid in os.getgroups():
             continue
         if user in group.gr_mem:

@@ -31,7 +31,7 @@ from hapticd.io.devices import input_nodes
 from hapticd.io.host.realtime import Granted
 from hapticd.sim.fingers.paths import Rest
 from hapticd.sim.fingers.sensor import SensorModel
-from hapticd.tools import install_service, pads
+from hapticd.tools import pads
 from hapticd.tools.doctor import devices, files, host, program, service
 from hapticd.tools.doctor.finding import FAIL, PASS, WARN, CheckResult, System
 from hapticd.tools.doctor.program import CHECKS
@@ -397,15 +397,16 @@ def test_a_free_board_reports_its_firmware() -> None:
 # --- the machine ---
 
 
-def test_the_rule_of_udev_is_looked_for_and_compared(tmp_path: Path) -> None:
+def test_the_rule_of_udev_is_looked_for_and_compared_and_the_fix_copies_it_from_where_it_is(tmp_path: Path) -> None:
     assert host.rules(system(tmp_path)).verdict == PASS
     missing = host.rules(system(tmp_path, **REAL))
     assert missing.verdict == WARN
-    assert "install-service" in missing.remedy
+    *_, source, destination = missing.remedy.partition(" && ")[0].split()
     path = tmp_path / "etc/udev/rules.d" / host.RULES
+    assert destination == f"/{path.relative_to(tmp_path)}"
     put(path, "an older one")
     assert "is not this version's" in host.rules(system(tmp_path, **REAL)).text
-    put(path, next(file.text for file in install_service.service_files() if file.name == host.RULES))
+    put(path, Path(source).read_text())
     assert host.rules(system(tmp_path, **REAL)).verdict == PASS
 
 
