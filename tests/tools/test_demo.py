@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,14 @@ def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
     assert rows["slippery contact, um RMS"] == [f"{run.score.contact_slip_um:.3f}"] * 3
     assert rows["contrast of the two"] == [f"{run.score.contrast:.1f}"] * 3
     assert rows["sticky centre, um RMS"] == [f"{run.score.leak_um:.3f}"] * 3
+    assert "times less vibration" in summary(films, live, STATUS)
+
+
+def test_a_plate_that_is_not_driven_is_not_praised_for_its_silence() -> None:
+    live = live_column(SimConfig())
+    film = Film.of(lockstep.run("strokes", seconds=1.0), live.title)
+    silent = replace(film, score=replace(film.score, leak_um=1e-4, slip_frac=0.0))
+    assert "times less" not in summary({**dict.fromkeys(columns(live), film), live: silent}, live, STATUS)
 
 
 def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_path: Path, figures: list[Any]) -> None:
