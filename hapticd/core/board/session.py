@@ -208,7 +208,7 @@ class BoardSession:
         """Begin the session again on a line of another speed; 0: of the first one, from now on."""
         self.line.change(baud, t_now_ns)
         self.hello = self.status = None
-        self._is_reporting = False
+        self._is_leaving = self._is_reporting = False
         self._settings.clear()
         self._greeting.restart(t_now_ns)
         return [HelloRequest()]
@@ -329,7 +329,6 @@ class BoardSession:
         if self._is_mute(t_now_ns):
             self.held_back += 1
             return self._question(t_now_ns)
-        self._is_leaving = False  # no answer came in time: the hello request was lost, and the session goes on
         return [Keepalive(self._seq)]
 
     def rest(self, t_now_ns: int) -> list[BoardCommand]:

@@ -216,6 +216,14 @@ def test_what_the_board_sends_may_wait_for_a_pass_while_it_follows_or_rests_and_
     assert not session.can_wait
 
 
+def test_a_board_whose_answer_takes_longer_than_a_keep_alives_period_rests_as_well(bench: Bench) -> None:
+    session = bench.session
+    session.rest(bench.t_ns)
+    assert any(isinstance(command, Keepalive) for _, command in bench.run(30 * MS))
+    assert session.receive_hello(HELLO, bench.t_ns) == []
+    assert session.is_resting
+
+
 @pytest.mark.parametrize("phase_ms", range(10))
 def test_while_a_reference_stands_the_board_hears_something_every_twenty_milliseconds(phase_ms: int) -> None:
     bench = Bench().met()
