@@ -146,10 +146,11 @@ class Machine:
 
     @property
     def is_unused(self) -> bool:
-        """Idle, without targets, and no tool drives the board: another core may take over unnoticed."""
+        """Idle, without targets or a fault, and no tool drives the board: another core may take over unnoticed."""
         board = self.session.status
         is_tool = board is not None and board.state is BoardState.TOOL
-        return self.is_idle and self.scene.next_expiry_ns is None and not is_tool
+        is_latched = self.supervisor.state is State.FAULT  # here alone, where the board that had it is another now
+        return self.is_idle and self.scene.next_expiry_ns is None and not (is_tool or is_latched)
 
     @property
     def timer_period_ns(self) -> int:

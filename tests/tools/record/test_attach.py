@@ -33,7 +33,7 @@ from hapticd.tools.record.attach import _decoded, record
 from hapticd.tools.record.replay import replay
 
 STEP_S = 0.001
-TOOL = BoardState.TOOL.value
+QUIET, TOOL = BoardState.QUIET.value, BoardState.TOOL.value
 
 
 def header(machine: Machine, is_whole: bool) -> Header:
@@ -206,7 +206,7 @@ def test_a_recording_is_not_ended_by_a_recorder_that_attaches_later(
     assert ours.is_live  # the other one is still there
 
 
-def test_a_machine_is_used_by_fingers_by_targets_and_by_a_board_tool() -> None:
+def test_a_machine_is_used_by_fingers_by_targets_by_a_board_tool_and_by_a_fault_that_its_board_has_lost() -> None:
     bench = Bench()
     bench.run(200)
     assert bench.machine.is_unused
@@ -218,6 +218,17 @@ def test_a_machine_is_used_by_fingers_by_targets_and_by_a_board_tool() -> None:
     bench.board.status()
     bench.run(10)
     assert not bench.machine.is_unused
+
+    bench.board.latch(3)
+    bench.run(10)
+    bench.board.state, bench.board.fault_code, bench.board.boot_id = QUIET, 0, 99
+    bench.machine.board_link(False, "pulled", bench.t_ns)
+    bench.machine.board_link(True, "back", bench.t_ns)
+    bench.run(500)
+    assert not bench.machine.is_unused
+    assert bench.ask("clear_fault")["ok"]
+    bench.run(200)
+    assert bench.machine.is_unused
 
     touched = Bench(SLIPPERY, STICKY).driven()
     assert not touched.machine.is_unused
