@@ -242,6 +242,7 @@ class BoardGateway:
             self.lacking = self._reported = ""
             self._t_complete_ns = t_now_ns
         elif t_now_ns - self._t_complete_ns > INCOMPLETE_AFTER_NS and awaited != self._reported:
+            self._tune_line()  # a core before this one may have left the port at a speed that its board has lost
             self._reported = awaited
             self.lacking = f"not driven: {self._lack(awaited)}"
             log.warning("board: %s", self.lacking)
@@ -291,9 +292,10 @@ class BoardGateway:
     def _tune_line(self) -> None:
         """Give the port the speed that the session has come to."""
         if self._set_baud is not None:
-            self.baud = baud = self.session.line.baud or self._first_baud
-            self._set_baud(baud)
-            log.info("board: the line goes on at %d baud", baud)
+            before, self.baud = self.baud, self.session.line.baud or self._first_baud
+            self._set_baud(self.baud)
+            if self.baud != before:
+                log.info("board: the line goes on at %d baud", self.baud)
 
     def disconnect(self, t_now_ns: int) -> bool:
         """End the session with a quiet board without a dead-man trip: three trips in ten seconds latch, and a

@@ -29,20 +29,30 @@ class Rig:
         self, *, config: Config | None = None, calibration: BoardCalibration = UNCALIBRATED, **board: object
     ) -> None:
         self.config = BoardConfig(**board)  # type: ignore[arg-type]
-        gain, decay = np.diag(self.config.gain_um_per_v_s), np.array(self.config.decay_1_s)
-        plate = PlateModel(decay, np.array(self.config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
-        self.board = Board(plate, config=self.config, boot_id=7)
+        self.host = Config() if config is None else config
+        self.calibration = calibration
         self.t_ns, self.steps = 1000 * MS, 0
-        self.port_baud = self.board_baud = FIRST
+        self.port_baud = FIRST
         self.fails_at = 0  # a speed that the cable does not carry
         self.flags: list[int] = []
         self.statuses: list[BoardStatus] = []
+        self.plug_in_a_board()
+        self.connect()
+
+    def plug_in_a_board(self) -> None:
+        gain, decay = np.diag(self.config.gain_um_per_v_s), np.array(self.config.decay_1_s)
+        plate = PlateModel(decay, np.array(self.config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
+        self.board = Board(plate, config=self.config, boot_id=7)
+        self.board_baud = FIRST
+
+    def connect(self) -> None:
+        """Begin with a machine of its own on the port as it is."""
         self.machine = Machine(
-            Config() if config is None else config,
+            self.host,
             PLATE,
             write_board=self._write,
             set_baud=self._set_baud,
-            calibration=calibration,
+            calibration=self.calibration,
         )
         self.machine.observer, self.machine.observer_perceives = self._observe, False
         self.machine.board_link(True, "open", self.t_ns)
@@ -104,6 +114,15 @@ def test_a_board_that_offers_a_faster_line_is_driven_at_it() -> None:
     assert (rig.port_baud, rig.board_baud) == (FAST, FAST)
     assert rig.follows
     assert rig.board_report()["baud"] == FAST
+
+
+def test_a_core_that_takes_over_a_fast_port_finds_its_board_even_if_that_was_reset_meanwhile() -> None:
+    rig = Rig(baud_max=FAST).run(600)
+    rig.plug_in_a_board()
+    rig.connect()
+    assert rig.port_baud == FAST
+    assert rig.run(3000).follows
+    assert (rig.port_baud, rig.board_baud) == (FAST, FAST)
 
 
 def test_a_cable_that_does_not_carry_the_fast_line_ends_at_the_first_speed(caplog: pytest.LogCaptureFixture) -> None:
