@@ -41,14 +41,13 @@ LANDED_DAMPING = 1.5
 class LoopPlate:
     """The true plate: `damping` times the decay that the board knows, resonances `detune_hz` off.
 
-    `loop_phase_rad` is the constant phase of both loops, `calibrated_phase_rad` the phase that the board compensates.
+    `loop_phase_rad` is the constant phase of both loops, of which the board knows nothing.
     """
 
     quality: float = 500.0
     damping: float = 1.0
     detune_hz: float = 0.0
     loop_phase_rad: float = 0.0
-    calibrated_phase_rad: float = 0.0
 
     @property
     def decay_1_s(self) -> float:
@@ -102,7 +101,6 @@ class Law:
             control_hz=self.control_hz,
             decay_1_s=reference_decay_1_s(plate.quality),
             gain_um_per_v_s=(gain, gain),
-            loop_phase_rad=(plate.calibrated_phase_rad,) * 2,
         )
         model = PlateModel(
             decay_1_s=plate.damping * np.array(config.decay_1_s),

@@ -30,7 +30,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import ModesError
 from hapticd.values import FloatArray
 
-from .checks import MIN_LINES, require_grid, require_scan, require_size, require_step
+from .checks import MIN_LINES, require_grid, require_scan, require_size
 from .free_fit import FreeFit, FreePlateModes
 from .pose import NOMINAL, Pose
 from .readings import InPhase, Readings, in_phase, numbers, outliers
@@ -44,6 +44,7 @@ FITS = ("best", "plate_equation", "free_plate")
 _MOST_THEORY_RAD = (
     66.0  # k times the longer edge, twice the reference plate's: theory's run time grows as its 6th power
 )
+_STEP_MM = 1.375
 _FINER = 4  # the peak is searched in steps this much smaller than the map's: 0.1 % at worst
 _MORE_THAN_NOISE = 1.01
 _MOST_ROUNDS = 5  # of outlier removal; two usually suffice
@@ -86,25 +87,24 @@ def fit_cartography(
     shapes: npt.ArrayLike,
     *,
     size_mm: tuple[float, float] = REFERENCE_SIZE_MM,
-    step_mm: float = 1.375,
     normalise: bool = True,
     by: str = "best",
 ) -> CartographyFit:
     """Fit measured `shapes` (M, ny, nx), real or complex, on the grid `x_mm` (nx,), `y_mm` (ny,); NaN is a lost point.
 
     A point lost in one mode is left out in all. The map covers the whole plate of `size_mm` in steps of at most
-    `step_mm`. `normalise` scales every shape to a peak of 1 over the plate. That peak lies at an edge or a corner,
+    _STEP_MM. `normalise` scales every shape to a peak of 1 over the plate. That peak lies at an edge or a corner,
     where noise is averaged least: give False for readings that were divided by the modal amplitude measured during the
     scan. `by` selects one of `FITS`; "best" has the smaller cross-validated error.
-    Raises ModesError for data that does not describe mode shapes on this plate, ValueError for a step below 0.1 mm, an
-    invalid size or an unknown fit.
+    Raises ModesError for data that does not describe mode shapes on this plate, ValueError for an invalid size or an
+    unknown fit.
     """
     x, y = np.asarray(x_mm, np.float64), np.asarray(y_mm, np.float64)
     data = numbers(shapes)
     require_size(size_mm)
     require_grid(x, y, data)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    return _fitted(points, data.reshape(len(data), -1).T, (x.size, y.size), size_mm, step_mm, normalise, by)
+    return _fitted(points, data.reshape(len(data), -1).T, (x.size, y.size), size_mm, normalise, by)
 
 
 def fit_scan(
@@ -112,7 +112,6 @@ def fit_scan(
     readings: npt.ArrayLike,
     *,
     size_mm: tuple[float, float] = REFERENCE_SIZE_MM,
-    step_mm: float = 1.375,
     normalise: bool = True,
     by: str = "best",
 ) -> CartographyFit:
@@ -127,7 +126,7 @@ def fit_scan(
         )
     require_size(size_mm)
     lines = [round(math.sqrt(len(points) * edge / other)) for edge, other in (size_mm, size_mm[::-1])]
-    return _fitted(points, data, (lines[0], lines[1]), size_mm, step_mm, normalise, by)
+    return _fitted(points, data, (lines[0], lines[1]), size_mm, normalise, by)
 
 
 def _fitted(
@@ -135,23 +134,21 @@ def _fitted(
     readings: Readings,
     lines: tuple[int, int],
     size_mm: tuple[float, float],
-    step_mm: float,
     normalise: bool,
     by: str,
 ) -> CartographyFit:
     if by not in FITS:
         raise ValueError(f"there is no fit by {by!r}; give one of {', '.join(FITS)}.")
     require_scan(points_mm, readings, lines, size_mm)
-    require_step(step_mm)
     whole = np.isfinite(readings).all(axis=1)
     start = _start(points_mm[whole], readings[whole], lines, size_mm)
     kept, best = _without_outliers(start, points_mm[whole], readings[whole], by)
     fit = best.fit
 
-    map_x_mm, map_y_mm = _map_axis(size_mm[0], step_mm), _map_axis(size_mm[1], step_mm)
+    map_x_mm, map_y_mm = _map_axis(size_mm[0], _STEP_MM), _map_axis(size_mm[1], _STEP_MM)
     peak = np.ones(readings.shape[1])
     if normalise:
-        fine_x_mm, fine_y_mm = (_map_axis(edge_mm, step_mm / _FINER) for edge_mm in size_mm)
+        fine_x_mm, fine_y_mm = (_map_axis(edge_mm, _STEP_MM / _FINER) for edge_mm in size_mm)
         peak = np.abs(best.surfaces.on_grid(fit.coefficients, fine_x_mm, fine_y_mm)).max(axis=(1, 2))
         if not (peak > 0.0).all():
             raise ModesError("a fitted shape is zero everywhere; spread the points over the plate.")

@@ -13,7 +13,6 @@ from .readings import Readings
 
 MIN_LINES = 8  # per axis: fewer cannot hold a wave and its surroundings
 
-_MIN_STEP_MM = 0.1
 _MOST_SHIFT_MM = 5.0  # a shifted scan may reach this far beyond the plate
 _LEAST_COVER_FRAC = 0.5  # of an edge: a smaller scan has other units, or another plate's size
 _MAX_VALUE = 1e12  # larger is a damaged file, and squares could overflow
@@ -63,9 +62,3 @@ def require_size(size_mm: tuple[float, float]) -> None:
     """Check a plate's width and depth; raises ValueError."""
     if not all(0.0 < edge_mm < math.inf for edge_mm in size_mm):
         raise ValueError(f"size_mm is {size_mm}; give the plate's width and depth in mm.")
-
-
-def require_step(step_mm: float) -> None:
-    """Check a map's step; raises ValueError."""
-    if not _MIN_STEP_MM <= step_mm < math.inf:
-        raise ValueError(f"step_mm is {step_mm}; give a map step of at least {_MIN_STEP_MM} mm.")

@@ -21,7 +21,7 @@ from ..design.felt_search import FeltDesign, FeltTask
 from ..design.glued_plate import GluedPlate
 from ..design.materials import MATERIALS
 from ..design.plate_bounds import MOST_FRAC, Bound
-from ..sim.fingers.strokes import Strokes
+from ..sim.fingers.strokes import HALF_SIZE_MM
 from ..sim.score import CONTACT_RADIUS_MM
 from ..values import FloatArray
 from . import plate_files
@@ -73,7 +73,7 @@ def _file_of(design: FeltDesign, radius_mm: float, reach_um: tuple[float, ...]) 
     """Write the plate's file for as long as it is simulated. Raises ValueError."""
     if radius_mm != CONTACT_RADIUS_MM:
         raise ValueError(f"simulated contacts have a radius of {CONTACT_RADIUS_MM:g} mm")
-    edge_mm = 2.0 * Strokes.half_size_mm
+    edge_mm = 2.0 * HALF_SIZE_MM
     if min(design.plate.size_mm) < edge_mm:
         raise ValueError(f"simulated strokes need a plate of {edge_mm:g} x {edge_mm:g} mm or more")
     lines = plate_files.glass_lines(design, reach_um)

@@ -93,9 +93,10 @@ def _trim_heap() -> None:
         trim(0)
 
 
-def collect_when_idle() -> int:
-    """Run a collection while no finger is down; returns the number of objects found. Frozen objects cost nothing."""
-    return gc.collect() if sum(gc.get_count()) > 0 else 0
+def collect_when_idle() -> None:
+    """Run a collection while no finger is down. Frozen objects cost nothing."""
+    if sum(gc.get_count()) > 0:
+        gc.collect()
 
 
 class Pauses:

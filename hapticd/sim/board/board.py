@@ -116,7 +116,6 @@ class BoardConfig:
     bandwidth_1_s: float | None = None
     integral_time_s: float | None = None
     latch_repeated_trips: bool = False
-    reset_cause: int = RESET_POWER
     has_sync: bool = True
     baud_max: int = 0
     image_crc: int = 0
@@ -328,7 +327,7 @@ def _setup(
         bandwidth_1_s=0.0 if config.bandwidth_1_s is None else config.bandwidth_1_s,
         integral_time_s=0.0 if config.integral_time_s is None else config.integral_time_s,
         latch_repeated_trips=config.latch_repeated_trips,
-        reset_cause=config.reset_cause,
+        reset_cause=RESET_POWER,
         has_sync=config.has_sync,
         baud_max=config.baud_max,
         image_crc=config.image_crc,

@@ -1,4 +1,4 @@
-"""The true contact of a simulated finger: an ellipse, which may grow and shrink as the finger presses."""
+"""The true contact of a simulated finger: an ellipse."""
 
 from __future__ import annotations
 
@@ -16,14 +16,11 @@ MOST_SEMI_MM = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Fingertip:
-    """A contact of these semi-axes, the major one at `angle_rad` to x; `swell_frac` of them comes and goes, at
-    `swell_hz`."""
+    """A contact of these semi-axes, the major one at `angle_rad` to x."""
 
     major_mm: float = CONTACT_RADIUS_MM
     minor_mm: float = CONTACT_RADIUS_MM
     angle_rad: float = 0.0
-    swell_frac: float = 0.0
-    swell_hz: float = 1.0
 
     def __post_init__(self) -> None:
         """Raise SimulationError, a ValueError, for values out of bounds."""
@@ -35,16 +32,13 @@ class Fingertip:
                 raise SimulationError(
                     f"the fingertip's {name} is {getattr(self, name)}: give a semi-axis of at most {MOST_SEMI_MM:g} mm."
                 )
-        if not 0.0 <= self.swell_frac < 1.0:
-            raise SimulationError(f"the fingertip's swell_frac is {self.swell_frac}: give 0 or more, and less than 1.")
 
     def forms_mm(self, t_s: FloatArray) -> FloatArray:
         """Return the symmetric matrices (T, 2, 2) that make the contact of the unit disc at times (T,)."""
         cosine, sine = math.cos(self.angle_rad), math.sin(self.angle_rad)
         turned = np.array(((cosine, -sine), (sine, cosine)))
         still = (turned * (self.major_mm, self.minor_mm)) @ turned.T
-        size = 1.0 + self.swell_frac * np.sin(2.0 * np.pi * self.swell_hz * t_s)
-        return np.asarray(size[:, None, None] * (0.5 * (still + still.T)))
+        return np.tile(0.5 * (still + still.T), (len(t_s), 1, 1))
 
     def pressure_frac(self, t_s: FloatArray) -> FloatArray:
         """Return NaN (T,): the pressure is the pad's own draw."""

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ...values import FloatArray
-from .strokes import Strokes, tremor_mm
+from .strokes import GAP_MM, HALF_SIZE_MM, TREMOR_MM, Strokes, tremor_mm
 
 _CANDIDATES, _WHOLE = 40, 16  # movements; so many of them in their whole length
 _SHORTER = 0.8  # is each of the later ones than the one before
@@ -80,17 +80,15 @@ HAND: Final = Hand(
 class RealStrokes:
     """Endless strokes of a hand within +-`half_size_mm` of the centre, from `start_mm` at `t_start_s` on.
 
-    With `avoid`, movements are chosen that keep `gap_mm` from that finger where possible. There is a tremor as in
+    With `avoid`, movements are chosen that keep GAP_MM from that finger where possible. There is a tremor as in
     `Strokes`.
     """
 
     seed: int
     start_mm: tuple[float, float] = (0.0, 0.0)
     t_start_s: float = 0.0
-    half_size_mm: float = 58.0
-    tremor_mm: float = 0.02
+    half_size_mm: float = HALF_SIZE_MM
     avoid: RealStrokes | None = None
-    gap_mm: float = 18.0
     hand: Hand = HAND
 
     @classmethod
@@ -98,8 +96,7 @@ class RealStrokes:
         """Return a hand that starts where `smooth` is at that time, and avoids the like of what that avoids."""
         x_mm, y_mm = smooth.position_mm(np.array([t_start_s]))[0].tolist()
         avoid = None if smooth.avoid is None else cls.like(smooth.avoid, t_start_s)
-        bounds = smooth.half_size_mm, smooth.tremor_mm, avoid, smooth.gap_mm
-        return cls(smooth.seed, (x_mm, y_mm), t_start_s, *bounds)
+        return cls(smooth.seed, (x_mm, y_mm), t_start_s, avoid=avoid)
 
     @cached_property
     def _table(self) -> _MovementTable:
@@ -109,7 +106,7 @@ class RealStrokes:
         t_s = np.asarray(t_s, dtype=np.float64)
         if not np.all(np.isfinite(t_s)):
             raise ValueError("strokes are defined for finite times only")
-        return self._table.position_mm(t_s) + tremor_mm(t_s, self.tremor_mm, self.seed)
+        return self._table.position_mm(t_s) + tremor_mm(t_s, TREMOR_MM, self.seed)
 
 
 class _Movement(NamedTuple):
@@ -206,7 +203,7 @@ class _MovementTable:
         of, last = self._of, self._drawn[-1]
         t_s = np.arange(movement.t_begin_s[0], movement.t_begin_s[0] + movement.duration_s[0] + _BEYOND_S, _STEP_S)
         path_mm = self._starts_mm[-1] + last.displacement_mm(t_s) + movement.displacement_mm(t_s)
-        inside_mm = of.half_size_mm - _MARGIN_MM - math.sqrt(2) * of.tremor_mm - float(np.abs(path_mm).max())
+        inside_mm = of.half_size_mm - _MARGIN_MM - math.sqrt(2) * TREMOR_MM - float(np.abs(path_mm).max())
         if of.avoid is None or inside_mm < 0.0:
             return inside_mm if of.avoid is None else inside_mm - _FARTHEST_MM
-        return min(inside_mm, float(np.hypot(*(of.avoid.position_mm(t_s) - path_mm).T).min()) - of.gap_mm)
+        return min(inside_mm, float(np.hypot(*(of.avoid.position_mm(t_s) - path_mm).T).min()) - GAP_MM)

@@ -74,8 +74,7 @@ class SensorSettings:
 
     `noise` is that of the positions, `ellipse` what is reported of contacts. `stamp_jitter_ms` is the half width of the
     stamp's uniform error before it is rounded to whole milliseconds. `plate_from_pad` is the pad's true placement: the
-    decoder's value if that is calibrated. `t_device_start_ms` is the device's clock at time 0; None takes one from the
-    seed that wraps within the first ten seconds.
+    decoder's value if that is calibrated. The device's clock wraps within the first ten seconds.
     """
 
     pad: Pad = DEFAULT_PAD
@@ -87,7 +86,6 @@ class SensorSettings:
     lost_frac: float = 0.0
     duplicate_frac: float = 0.0
     plate_from_pad: AffineMap = _CENTRED
-    t_device_start_ms: int | None = None
 
 
 _DEFAULT = SensorSettings()
@@ -185,9 +183,7 @@ class SensorModel:
             for index in range(len(paths))
         ]
         contacts = _Contacts([_appearance(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
-        start_ms = settings.t_device_start_ms
-        if start_ms is None:
-            start_ms = STAMP_WRAP_MS - int(rng.integers(1, 10_000))
+        start_ms = STAMP_WRAP_MS - int(rng.integers(1, 10_000))
         first = rng.random()  # the phase of the pad's scans is independent of the run
         size = self._block
         for block in count(step=size):

@@ -18,41 +18,34 @@ from ...values import FloatArray
 
 _TREMOR_HZ = (8.0, 9.0)
 _WOBBLE_HZ = 2.0
+_WOBBLE_MM = 0.4
+_MOST_PAUSE_S = 0.05
+_MIN_STROKE_MM = 55.0
+HALF_SIZE_MM = 58.0
+TREMOR_MM = 0.02
+GAP_MM = 18.0
+_REACH_MM = HALF_SIZE_MM - _WOBBLE_MM - TREMOR_MM  # of a stroke's end: keeps wobble and tremor inside
 _CANDIDATES = 32
 _FIRST_DRAWN_S = 10.0  # drawing more than a run needs would cost as much as the run
 
 
 @dataclass(frozen=True)
 class Strokes:
-    """Endless straight strokes between random points within +-`half_size_mm` of the centre.
+    """Endless straight strokes between random points within +-HALF_SIZE_MM of the centre.
 
     Speed rises to `speed_mm_s` and falls again along raised cosines of `ramp_s`; after a stroke the finger waits up
-    to `pause_s`. It wobbles sideways by `wobble_mm` at 2 Hz, in proportion to its speed, and has a tremor. With
-    `avoid`, strokes are chosen that keep `gap_mm` from that finger where possible.
+    to _MOST_PAUSE_S. It wobbles sideways, in proportion to its speed, and has a tremor. With `avoid`, strokes are
+    chosen that keep GAP_MM from that finger where possible.
     """
 
     seed: int
     speed_mm_s: float = 100.0
-    half_size_mm: float = 58.0
     ramp_s: float = 0.3
-    pause_s: float = 0.05
-    wobble_mm: float = 0.4
-    tremor_mm: float = 0.02
-    min_stroke_mm: float = 55.0
     avoid: Strokes | None = None
-    gap_mm: float = 18.0
 
     def __post_init__(self) -> None:
         require_positive("speed_mm_s", self.speed_mm_s)
         require_positive("ramp_s", self.ramp_s)
-        require_positive("min_stroke_mm", self.min_stroke_mm)
-        if not self.min_stroke_mm <= self.reach_mm:
-            raise ValueError(f"strokes of {self.min_stroke_mm} mm do not fit within +-{self.reach_mm:.3g} mm")
-
-    @property
-    def reach_mm(self) -> float:
-        """Largest distance of a stroke's end from the centre that keeps wobble and tremor inside."""
-        return self.half_size_mm - self.wobble_mm - self.tremor_mm
 
     @cached_property
     def _wobble_phase_rad(self) -> float:
@@ -68,11 +61,11 @@ class Strokes:
             raise ValueError("strokes are defined for finite times only")
         stroke = self._table.at(t_s)
         part, speed_frac = _progress(t_s - stroke.t_begin_s, stroke, self.ramp_s)
-        wobble_mm = self.wobble_mm * (stroke.speed_mm_s / self.speed_mm_s) * speed_frac
+        wobble_mm = _WOBBLE_MM * (stroke.speed_mm_s / self.speed_mm_s) * speed_frac
         sideways_mm = wobble_mm * np.sin(2 * math.pi * _WOBBLE_HZ * t_s + self._wobble_phase_rad)
         x_mm = stroke.x_mm + part * stroke.dx_mm - sideways_mm * stroke.dy_mm / stroke.length_mm
         y_mm = stroke.y_mm + part * stroke.dy_mm + sideways_mm * stroke.dx_mm / stroke.length_mm
-        return np.stack((x_mm, y_mm), axis=-1) + tremor_mm(t_s, self.tremor_mm, self.seed)
+        return np.stack((x_mm, y_mm), axis=-1) + tremor_mm(t_s, TREMOR_MM, self.seed)
 
 
 def strokes_pair(seed: int, *, speed_mm_s: float = 100.0) -> tuple[Strokes, Strokes]:
@@ -131,19 +124,19 @@ class _StrokeTable:
             clearance_mm = self._clearance_mm(_Stroke(*stroke[:, np.newaxis]), self._settings.avoid)
             if clearance_mm > widest_mm:
                 widest, widest_mm = stroke, clearance_mm
-            if clearance_mm >= self._settings.gap_mm:
+            if clearance_mm >= GAP_MM:
                 break
         return widest
 
     def _random_stroke(self) -> FloatArray:
         settings = self._settings
         delta_mm = np.zeros(2)
-        while np.hypot(*delta_mm) < settings.min_stroke_mm:
+        while np.hypot(*delta_mm) < _MIN_STROKE_MM:
             delta_mm = self._random_point_mm() - self._point_mm
         length_mm = float(np.hypot(*delta_mm))
         speed_mm_s = min(settings.speed_mm_s, length_mm / settings.ramp_s)  # a short stroke is all ramps
         duration_s = length_mm / speed_mm_s + settings.ramp_s
-        t_next_s = self._t_next_s + duration_s + self._rng.uniform(0, settings.pause_s)
+        t_next_s = self._t_next_s + duration_s + self._rng.uniform(0, _MOST_PAUSE_S)
         return np.array((self._t_next_s, *self._point_mm, *delta_mm, length_mm, speed_mm_s, t_next_s))
 
     def _clearance_mm(self, stroke: _Stroke, other: Strokes) -> float:
@@ -152,7 +145,7 @@ class _StrokeTable:
         part, _ = _progress(t_s - stroke.t_begin_s, stroke, self._settings.ramp_s)
         x_mm, y_mm = stroke.x_mm + part * stroke.dx_mm, stroke.y_mm + part * stroke.dy_mm
         distance_mm = np.hypot(*(other.position_mm(t_s) - np.stack((x_mm, y_mm), axis=-1)).T)
-        return float(distance_mm.min()) - self._settings.wobble_mm - math.sqrt(2) * self._settings.tremor_mm
+        return float(distance_mm.min()) - _WOBBLE_MM - math.sqrt(2) * TREMOR_MM
 
     def _first_point_mm(self) -> FloatArray:
         """Draw the start: of _CANDIDATES points the one farthest from the finger to avoid."""
@@ -163,7 +156,7 @@ class _StrokeTable:
         return max(points_mm, key=lambda point_mm: math.dist(point_mm, other_mm))
 
     def _random_point_mm(self) -> FloatArray:
-        return self._rng.uniform(-self._settings.reach_mm, self._settings.reach_mm, 2)
+        return self._rng.uniform(-_REACH_MM, _REACH_MM, 2)
 
 
 def _progress(t_s: FloatArray, stroke: _Stroke, ramp_s: float) -> tuple[FloatArray, FloatArray]:
