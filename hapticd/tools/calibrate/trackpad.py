@@ -70,7 +70,7 @@ def parse_marks(text: str) -> list[MarkPoint]:
     if not all(abs(position) <= FARTHEST_MM for mark in marks for position in mark):
         raise CalibrationError(f"--marks is {text!r}: positions are millimetres from the plate's centre.")
     if len(marks) < MIN_MARKS or any(math.dist(*pair) <= 2 * APART_MM for pair in combinations(marks, 2)):
-        raise CalibrationError(f"--marks needs {MIN_MARKS} marks or more, {2 * APART_MM:g} mm or more from each other.")
+        raise CalibrationError(f"--marks needs at least {MIN_MARKS} marks, more than {2 * APART_MM:g} mm apart.")
     return marks
 
 
