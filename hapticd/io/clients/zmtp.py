@@ -8,6 +8,7 @@ handshake is rebuilt: it carries the identity that the kernel reports, and no ot
 from __future__ import annotations
 
 import struct
+import time
 from collections.abc import Callable, Iterator
 
 PEER_PROPERTY = "X-Hapticd-Peer"  # "UID:PID:CONNECTION", from the kernel and the gate; `frame.get` returns it
@@ -16,6 +17,7 @@ GREETING_BYTES = 64
 MAX_FRAME_BYTES = 512  # of a handshake with the longest identity, or of a heartbeat
 MAX_CHANGES = 16  # of one connection's subscriptions; a client subscribes once
 MAX_SUBSCRIBER_BYTES = 1024  # a handshake of up to 900 bytes, its subscription, a few heartbeats
+HEARTBEAT_BYTES_HZ = 64.0  # of a local subscriber, on top: seven heartbeats a second
 
 _LONG, _COMMAND = 0x02, 0x04
 _KEPT = (b"Socket-Type", b"Identity")
@@ -30,11 +32,13 @@ class ProtocolError(Exception):
 class LocalInbound:
     """Inbound bytes of a local client: rebuilds its handshake, and with `topics` drops all other subscriptions."""
 
-    def __init__(self, peer: str, topics: frozenset[bytes] | None = None) -> None:
+    def __init__(
+        self, peer: str, topics: frozenset[bytes] | None = None, *, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
         """`peer` is the value of PEER_PROPERTY."""
         self._peer = peer.encode()
         self._topics = topics
-        self._bounded = unchecked if topics is None else SubscriberInbound().feed
+        self._bounded = unchecked if topics is None else SubscriberInbound(HEARTBEAT_BYTES_HZ, clock_s).feed
         self._waiting = b""
         self._greeting_left = GREETING_BYTES
         self._is_ready = False
@@ -119,15 +123,22 @@ class LocalInbound:
 
 
 class SubscriberInbound:
-    """Inbound bytes of a subscriber: at most MAX_SUBSCRIBER_BYTES, which bounds its subscriptions and their parsing."""
+    """Inbound bytes of a subscriber: at most MAX_SUBSCRIBER_BYTES, which bounds its subscriptions and their parsing.
 
-    def __init__(self) -> None:
-        self._left = MAX_SUBSCRIBER_BYTES
+    One whose subscriptions are checked as well may send `more_bytes_hz` for ever.
+    """
+
+    def __init__(self, more_bytes_hz: float = 0.0, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._left: float = MAX_SUBSCRIBER_BYTES
+        self._more_bytes_hz = more_bytes_hz
+        self._clock_s = clock_s
+        self._t_s = clock_s()
 
     def feed(self, data: bytes) -> bytes:
         """Return the bytes to pass on. Raises ProtocolError."""
-        self._left -= len(data)
-        if self._left < 0:
+        before_s, self._t_s = self._t_s, self._clock_s()
+        self._left = min(self._left + (self._t_s - before_s) * self._more_bytes_hz, MAX_SUBSCRIBER_BYTES) - len(data)
+        if self._left < 0.0:
             raise ProtocolError("more than a subscriber has to send")
         return data
 

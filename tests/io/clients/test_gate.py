@@ -116,6 +116,17 @@ def test_a_local_subscriber_is_cut_off_before_a_flood_of_its_smallest_frames_is_
         inbound.feed(small * (CHUNK_BYTES // len(small)))
 
 
+def test_a_local_subscriber_may_send_heartbeats_for_ever_but_no_flood_of_them() -> None:
+    t_s, ping = 0.0, command(b"PING", b"\x00\x10")
+    inbound = LocalInbound("7:42:1", frozenset({b""}), clock_s=lambda: t_s)
+    inbound.feed(GREETING + ready(Socket_Type=b"SUB"))
+    for second in range(3600):
+        t_s = float(second)
+        assert inbound.feed(ping) == ping
+    with pytest.raises(ProtocolError):
+        inbound.feed(ping * 200)
+
+
 # --- what it may cost --------------------------------------------------------------------------------------------
 
 
