@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from hapticd.sim.virtual_time import JumpingSelector as JumpingSelector
 from hapticd.sim.virtual_time import VirtualTimeLoop as VirtualTimeLoop
 
 PATIENCE_S = 20.0

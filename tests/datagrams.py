@@ -41,10 +41,10 @@ def tuio1(frame: int, places: dict[int, tuple[float, float]], source: str = "tra
     )
 
 
-def tuio2(frame: int, t_ns: int, places: dict[int, tuple[float, float]], pressure: float = 0.5) -> bytes:
+def tuio2(frame: int, t_ns: int, places: dict[int, tuple[float, float]]) -> bytes:
     return bundle(
         message("/tuio2/frm", frame, t_ns, 640 << 16 | 480, "tracker", times=(1,)),
-        *[message("/tuio2/ptr", n, 0, 0, x, y, 0.0, 0.0, 0.01, pressure) for n, (x, y) in places.items()],
+        *[message("/tuio2/ptr", n, 0, 0, x, y, 0.0, 0.0, 0.01, 0.5) for n, (x, y) in places.items()],
         message("/tuio2/alv", *places),
     )
 

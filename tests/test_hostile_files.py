@@ -61,10 +61,10 @@ def sound(rate_hz: int, data_bytes: int, channels: int = 1, before: bytes = b"")
     return struct.pack("<4sI", b"RIFF", min(len(body) + data_bytes, 2**32 - 1)) + body
 
 
-def jpeg_of_scans(path: Path, scans: int, side: int = 4000) -> None:
+def jpeg_of_scans(path: Path, scans: int) -> None:
     """A progressive JPEG whose last scan is there again and again."""
     whole = io.BytesIO()
-    Image.linear_gradient("L").resize((side, side)).convert("RGB").save(whole, "JPEG", progressive=True, quality=30)
+    Image.linear_gradient("L").resize((4000, 4000)).convert("RGB").save(whole, "JPEG", progressive=True, quality=30)
     data = whole.getvalue()[:-2]
     last = data[data.rindex(b"\xff\xda") :]
     path.write_bytes(data + last * (scans - data.count(b"\xff\xda")) + b"\xff\xd9")
@@ -84,12 +84,12 @@ def claims_pixels(path: Path, side: int) -> None:
     path.write_bytes(data)
 
 
-def npz(path: Path, member: bytes, times: int, names: tuple[str, ...] = ("x_mm", "y_mm", "shapes")) -> None:
-    """An archive whose arrays are `member` so many times."""
+def npz(path: Path, member: bytes, names: tuple[str, ...] = ("x_mm", "y_mm", "shapes")) -> None:
+    """An archive whose arrays are `member` a thousand times."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in names:
             with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
-                for _ in range(times):
+                for _ in range(1000):
                     file.write(member)
 
 
@@ -154,7 +154,7 @@ CLIENT: dict[str, tuple[str, Callable[[Path], object]]] = {
 FOLDER = "."  # of the file, in place of its name
 FINGERS = "t_s,finger,x_mm,y_mm,target_um\n"
 SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
-    "a bomb of arrays": (("map", "--modes"), "a.npz", lambda path: npz(path, bytes(1 << 20), 1000)),
+    "a bomb of arrays": (("map", "--modes"), "a.npz", lambda path: npz(path, bytes(1 << 20))),
     "an archive of 340 000 members": (("map", "--modes"), "a.npz", crowded_zip),
     "a map of empty lines": (("map", "--modes"), "a.csv", lambda path: path.write_bytes(b"\n" * 16_000_000)),
     "a map of wide text": (("map", "--modes"), "a.csv", lambda path: path.write_text("😀\n" * 3_300_000)),
@@ -209,7 +209,7 @@ SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
     "traces without end": (
         ("bench", "prediction", "--traces"),
         "a.npz",
-        lambda path: npz(path, bytes(1 << 20), 1000, ("t_s", "xy_mm", "trace", "device")),
+        lambda path: npz(path, bytes(1 << 20), ("t_s", "xy_mm", "trace", "device")),
     ),
     "a study of one line": (
         ("study", "report", FOLDER),

@@ -41,9 +41,9 @@ class _Files(SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def served_files(folder: Path = JAVASCRIPT) -> Iterator[str]:
-    """Yield the origin at which a folder's files are."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Files, directory=str(folder)))
+def served_files() -> Iterator[str]:
+    """Yield the origin at which the files of the JavaScript client are."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Files, directory=str(JAVASCRIPT)))
     serving = threading.Thread(target=server.serve_forever)
     serving.start()
     try:

@@ -44,11 +44,10 @@ class Situation(NamedTuple):
 
 
 class Played(NamedTuple):
-    """What a scene costs: the second longest pass and its estimate, the second longest message, and how many knots and
-    fingers passes left out."""
+    """What a scene costs: the second longest pass, the second longest message, and how many knots and fingers passes
+    left out."""
 
     pass_ms: float
-    estimated_ms: float
     message_ms: float
     left_out: int
 
@@ -87,7 +86,7 @@ def play_scene(one: Scene, situation: Situation) -> Played:
     recording, config = situation
     machine = new_machine(recording, config, publish=lambda _: None)
     payloads = [msgpack.packb(message) for message in one.messages]
-    passes_ns: list[tuple[int, float]] = []
+    passes_ns: list[int] = []
     messages_ns: list[int] = []
     clock_ns = time.thread_time_ns
     for call in recording.calls:
@@ -104,10 +103,10 @@ def play_scene(one: Scene, situation: Situation) -> Played:
         t_ns = clock_ns()
         getattr(machine, call.name)(*call.arguments)
         if is_pass:
-            passes_ns.append((clock_ns() - t_ns, machine.pipeline.estimated_ns))
+            passes_ns.append(clock_ns() - t_ns)
     assert not machine.is_failing, "a pass failed"
-    ran_ns, estimated_ns = sorted(passes_ns[_WARM_PASSES:])[-2]
-    return Played(ran_ns * 1e-6, estimated_ns * 1e-6, sorted(messages_ns)[-2] * 1e-6, _left_out(machine))
+    pass_ns, message_ns = sorted(passes_ns[_WARM_PASSES:])[-2], sorted(messages_ns)[-2]
+    return Played(pass_ns * 1e-6, message_ns * 1e-6, _left_out(machine))
 
 
 def _left_out(machine: Machine) -> int:

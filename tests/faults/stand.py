@@ -53,13 +53,13 @@ class Aftermath:
         status: Any = self.simulation.machine.report_status(self.simulation.t_ns)
         return dict(status["board"])
 
-    def run(self, scenario: str = "circles") -> Run:
-        return self.simulation.result(scenario)
+    def run(self) -> Run:
+        return self.simulation.result("circles")
 
 
-def simulate(set_up: SetUp, t_fault_s: float, t_over_s: float, after_s: float, scenario: str = "circles") -> Aftermath:
+def simulate(set_up: SetUp, t_fault_s: float, t_over_s: float, after_s: float) -> Aftermath:
     """One run, from the start to `after_s` beyond the end of the fault."""
-    return play(SCENARIOS[scenario].build(1, 100.0), set_up, t_fault_s, t_over_s, after_s)
+    return play(SCENARIOS["circles"].build(1, 100.0), set_up, t_fault_s, t_over_s, after_s)
 
 
 def play(actors: tuple[Actor, ...], set_up: SetUp, t_fault_s: float, t_over_s: float, after_s: float) -> Aftermath:

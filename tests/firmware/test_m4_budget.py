@@ -108,9 +108,9 @@ MODE_HZ = (29195.0, 29215.0, 29205.0, 29255.0, 29155.0, 29105.0, 29305.0, 29375.
 HELD_UM = (1.5 + 0.2j, -0.7, 0.3, 0.9, -1.1, 0.4, -0.5, 0.2)
 
 
-def live_core(modes: int, control_hz: int) -> CoreBench:
-    """As `live_bench`, without the board."""
-    bench = CoreBench(MODE_HZ[:modes], control_hz)
+def live_core(modes: int) -> CoreBench:
+    """As `live_bench` at 5 kHz, without the board."""
+    bench = CoreBench(MODE_HZ[:modes], 5000)
     for _ in range(3):
         bench.hold(HELD_UM[:modes])
     for _ in range(300):
@@ -120,11 +120,10 @@ def live_core(modes: int, control_hz: int) -> CoreBench:
     return bench
 
 
-def core_costs(modes: int, chunks: int = 400) -> Costs:
-    """At 5 kHz."""
-    bench = live_core(modes, 5000)
+def core_costs(modes: int) -> Costs:
+    bench = live_core(modes)
     spent = Costs([], [], [])
-    for _ in range(chunks):
+    for _ in range(400):
         chunk, tick = bench.chunk()
         spent.chunk.append(chunk)
         if tick is not None:
@@ -145,7 +144,7 @@ def test_six_modes_would_be_through_in_time_too_had_the_chip_the_converters_and_
     load = (spent.load + more) / (CHUNK_S * G474.core_hz)
     chunk, tick = spent.longest()
     chunk += more_of_chunk
-    lock = live_core(6, 5000).obeyed(encode(SetController("pi_ff"))).cycles
+    lock = live_core(6).obeyed(encode(SetController("pi_ff"))).cycles
     print(f"6 modes at 5000 Hz: {100 * load:.1f} %; chunk {chunk}, tick {tick}, lock {lock} cycles")
     assert load <= 0.65
     assert lock + chunk + INTERRUPT_CYCLES <= DEADLINE_S * G474.core_hz

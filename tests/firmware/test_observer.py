@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hapticd.bench.closed_loop import LIMIT_V, Law, LoopPlate, follow, step_trace
 from hapticd.board_protocol import SetDrive
 from hapticd.sim.board import firmware
-from hapticd.sim.board.board import CHUNK_S, Board, BoardTrace
+from hapticd.sim.board.board import CHUNK_S, Board
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
 from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
 from hapticd.values import ComplexArray
@@ -164,11 +164,9 @@ def test_single_precision_costs_a_few_picometres(law: Law, plate: LoopPlate) -> 
     assert worst_v < 1e-3  # 6.8e-4: as many of 150 V
 
 
-def hold_for(board: Board, w_um: ComplexArray, seconds: float, contacts_1_s: tuple[float, ...] = (0.0,)) -> BoardTrace:
-    """Holds amplitudes while a finger on X takes each of `contacts_1_s`, one after the other."""
+def hold_for(board: Board, w_um: ComplexArray, seconds: float) -> None:
     ticks = round(seconds * board.config.control_hz)
-    touch = np.tile([1.0, 0.0], (ticks, 1, 1)), np.repeat(contacts_1_s, ticks // len(contacts_1_s))[:, np.newaxis]
-    return follow(board, constantly(*w_um), ticks, round(0.02 * board.config.control_hz), touch)
+    follow(board, constantly(*w_um), ticks, round(0.02 * board.config.control_hz))
 
 
 @settings(max_examples=40)

@@ -10,8 +10,8 @@ WRITES = [bytes((i, 255 - i, i ^ 85)) * 4 for i in range(200)]
 MS = 1_000_000
 
 
-def carried(faults: LineFaults, seed: int = 1) -> list[tuple[int, bytes]]:
-    line = Line(faults, seed)
+def carried(faults: LineFaults) -> list[tuple[int, bytes]]:
+    line = Line(faults, 1)
     return [piece for i, write in enumerate(WRITES) for piece in line(i * MS, write)]
 
 

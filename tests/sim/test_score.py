@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.sim.score import SETTLE_S, FrictionLaw, Score, score, settled, with_contacts
+from hapticd.sim.score import SETTLE_S, Score, score, settled, with_contacts
 
 T_S = (np.arange(2000) + 1) / 2000.0
 SETTLE_TICKS = 200
@@ -68,15 +68,14 @@ def test_without_fingers_figures_are_nan() -> None:
     assert judged.limited_frac == 0.0
 
 
-def perceived(
-    target_um: np.ndarray, plate_um: np.ndarray, friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions
-) -> Score:
+def perceived(target_um: np.ndarray, plate_um: np.ndarray) -> Score:
     """The score of fingers that slide at 100 mm/s on a plate whose one mode is 1 everywhere."""
     slide_mm = 100.0 * T_S
     finger_mm = np.stack([np.stack((slide_mm, np.zeros(len(T_S))), axis=1)] * target_um.shape[1], axis=1)
     nothing = Score(*[float("nan")] * 5)
     shapes = lambda places_mm: np.ones((*places_mm.shape[:-1], 1))  # noqa: E731
-    return with_contacts(nothing, T_S, finger_mm, target_um, plate_um[:, None] + 0j, shapes, friction=friction)
+    law = DEFAULT_FRICTION_CURVE.frictions
+    return with_contacts(nothing, T_S, finger_mm, target_um, plate_um[:, None] + 0j, shapes, friction=law)
 
 
 def test_friction_is_judged_relative_to_what_was_asked_of_each_finger() -> None:

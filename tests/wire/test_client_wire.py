@@ -122,10 +122,6 @@ def with_envelope(*points: object, **fields: object) -> bytes:
     return with_effect(envelope={"points": points, **fields})
 
 
-def with_modulation(**fields: object) -> bytes:
-    return with_effect(modulation=HUM | fields)
-
-
 def sent(**parts: Any) -> TargetsMessage:
     return TargetsMessage(**asdict(ClientTargets.of(**parts)), v=1)
 

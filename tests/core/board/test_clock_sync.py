@@ -122,9 +122,9 @@ def test_a_step_of_the_device_clock_is_followed_at_once(step_ns: int) -> None:
 class Link:
     """A board whose counter is about to wrap, behind a link with a random delay each way."""
 
-    def __init__(self, *, ppm: float = 0.0, delay_ms: float = 0.3, jitter_ms: float = 0.5, start_us: int = -5 * 10**6):
+    def __init__(self, *, ppm: float = 0.0, jitter_ms: float = 0.5, start_us: int = -5 * 10**6):
         self.random = random.Random(2)
-        self.ppm, self.delay_ms, self.jitter_ms = ppm, delay_ms, jitter_ms
+        self.ppm, self.jitter_ms = ppm, jitter_ms
         self.start_us = start_us
         self.t_boot_ns = 10**12
         self.t_ns = 10**12
@@ -134,7 +134,7 @@ class Link:
         return (self.start_us + int(ticked_ns / 1000)) % WRAP_US
 
     def delay_ns(self) -> int:
-        return round((self.delay_ms + self.random.expovariate(1.0) * self.jitter_ms) * MS)
+        return round((0.3 + self.random.expovariate(1.0) * self.jitter_ms) * MS)
 
     def ask(self, clock: BoardClock, after_ns: int = 500 * MS) -> bool:
         """One exchange; the link's time is then that of the answer's receipt."""
@@ -145,8 +145,9 @@ class Link:
         self.t_ns = left_ns + self.delay_ns()
         return clock.update(BoardTime(sent_ns, self.board_us(arrived_ns), self.board_us(left_ns)), self.t_ns)
 
-    def error_us(self, clock: BoardClock, ahead_ns: int = 20 * MS) -> int:
-        off_us = clock.to_board_us(self.t_ns + ahead_ns) - self.board_us(self.t_ns + ahead_ns)
+    def error_us(self, clock: BoardClock) -> int:
+        t_ns = self.t_ns + 20 * MS
+        off_us = clock.to_board_us(t_ns) - self.board_us(t_ns)
         return (off_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
 
 

@@ -109,9 +109,9 @@ def test_the_fast_path_solves_what_the_general_path_solves(
 # --- through a singular position ----------------------------------------------------------------------------------
 
 
-def singular_crossing(steps: int = 400) -> tuple[Array, Array]:
+def singular_crossing() -> tuple[Array, Array]:
     """A finger slides past a still one: the determinant goes through zero halfway. Returns phi (K, 2, 2), det (K,)."""
-    x_mm = np.linspace(-1.0, 1.0, steps)  # an even number: never exactly singular
+    x_mm = np.linspace(-1.0, 1.0, 400)  # an even number: never exactly singular
     phase = 2 * np.pi * x_mm / 27.0 + 0.7
     slipping = np.stack([np.cos(phase), np.sin(phase)], axis=1)
     still = np.broadcast_to([math.cos(0.7), math.sin(0.7)], slipping.shape)

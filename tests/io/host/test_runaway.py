@@ -25,23 +25,23 @@ class Thread:
             is_real_time=lambda: is_real_time,
         )
 
-    def go(self, spans: int, share: float, *, is_overrun: bool = False) -> int:
+    def go(self, spans: int, *, is_overrun: bool = False) -> int:
         """Run for quarters of a window and return how often it slept."""
         for _ in range(spans):
             self.t_ns += WINDOW_NS // 4
-            self.ran_ns += round(share * WINDOW_NS / 4)
+            self.ran_ns += WINDOW_NS // 4
             self.breather.look(is_overrun=is_overrun)
         assert self.breather.breaths == len(self.slept_s)
         return self.breather.breaths
 
 
 def test_a_real_time_thread_that_never_sleeps_sleeps_once_in_each_window() -> None:
-    assert Thread().go(40, 1.0) == 10
+    assert Thread().go(40) == 10
 
 
 @pytest.mark.parametrize("is_real_time", [True, False])
 def test_after_a_pass_that_overran_it_sleeps_before_the_next(is_real_time: bool) -> None:
-    assert Thread(is_real_time=is_real_time).go(1, 1.0, is_overrun=True) == 1
+    assert Thread(is_real_time=is_real_time).go(1, is_overrun=True) == 1
 
 
 RUNAWAY = """

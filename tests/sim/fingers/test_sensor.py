@@ -89,9 +89,9 @@ def test_positions_come_back_within_half_a_unit_wherever_the_pad_lies(model: str
             assert contact.touching
 
 
-def contacts_of(paths: list[Path], model: str = "mt2-usb", t_end_s: float = 10.0) -> list[list[tuple[int, int, bool]]]:
-    settings = SensorSettings(PADS[model], **QUIET)
-    frames = decoded(SensorModel(settings).reports(paths, t_end_s), settings)
+def contacts_of(paths: list[Path]) -> list[list[tuple[int, int, bool]]]:
+    settings = SensorSettings(PADS["mt2-usb"], **QUIET)
+    frames = decoded(SensorModel(settings).reports(paths, 10.0), settings)
     return [[(c.contact_id, c.state, c.touching) for c in frame.contacts] for frame in frames]
 
 

@@ -122,10 +122,10 @@ def test_a_file_is_read_and_what_is_none_refused_in_a_sentence(tmp_path: Path) -
 # --- speed ------------------------------------------------------------------------------------------------------
 
 
-def sliding(v0_mm_s: float, seed: int, speeds_mm_s: tuple[float, float] = (20.0, 300.0)) -> tuple[np.ndarray, ...]:
+def sliding(v0_mm_s: float, seed: int) -> tuple[np.ndarray, ...]:
     """Readings at random speeds; bare glass rubs a little more at speed, and some readings are wrong."""
     random = np.random.default_rng(seed)
-    speed_mm_s = np.exp(random.uniform(*np.log(speeds_mm_s), len(LEVELS_UM)))
+    speed_mm_s = np.exp(random.uniform(*np.log((20.0, 300.0)), len(LEVELS_UM)))
     friction = falling(LEVELS_UM / (1.0 + speed_mm_s / v0_mm_s)) * (speed_mm_s / 100.0) ** 0.1
     friction += 0.02 * random.standard_normal(len(LEVELS_UM))
     friction[random.choice(len(friction), 3, replace=False)] += 0.3

@@ -27,11 +27,11 @@ def stroked(seed: int, *, across_mm: float = 0.02, along_ms: float = 0.0, second
     return Trace("pad", t_s, np.stack((x_mm, across_mm * rng.standard_normal(len(t_s))), axis=-1))
 
 
-def filtered(seed: int, seconds: float = 20.0) -> Trace:
+def filtered() -> Trace:
     """Strokes on a pad that averages its positions heavily."""
-    rng = np.random.default_rng(seed)
-    t_s: FloatArray = np.arange(round(125 * seconds)) / 125.0
-    xy_mm = Strokes(seed, 150.0).position_mm(t_s) + 0.05 * rng.standard_normal((len(t_s), 2))
+    rng = np.random.default_rng(1)
+    t_s: FloatArray = np.arange(2500) / 125.0
+    xy_mm = Strokes(1, 150.0).position_mm(t_s) + 0.05 * rng.standard_normal((len(t_s), 2))
     for k in range(1, len(xy_mm)):
         xy_mm[k] = 0.8 * xy_mm[k - 1] + 0.2 * xy_mm[k]
     return Trace("pad", t_s, np.round(xy_mm, 2))
@@ -61,7 +61,7 @@ def test_the_halves_hold_every_sample_once() -> None:
 
 
 def test_weights_of_a_pad_that_filters_are_kept_and_the_service_begins_with_them() -> None:
-    traces = [filtered(1)]
+    traces = [filtered()]
     found = prediction.learned(traces)
     verdict = prediction.verdict(traces, found, is_simulated=True)
     assert found.is_better
@@ -75,7 +75,7 @@ def test_weights_of_a_pad_that_filters_are_kept_and_the_service_begins_with_them
 
 def test_weights_that_help_no_more_than_those_of_many_pads_are_not_kept() -> None:
     same = (0.1, 0.2)
-    verdict = prediction.verdict([filtered(1)], prediction.Learned((0.0,) * 10, same, same), is_simulated=True)
+    verdict = prediction.verdict([filtered()], prediction.Learned((0.0,) * 10, same, same), is_simulated=True)
     assert verdict.outcome is Outcome.WARN
     assert "pad_weights" not in verdict.settings["prediction"]
 

@@ -85,11 +85,9 @@ def test_modes_that_no_amplifier_is_for_are_named_and_are_no_feedthrough(wiring:
     assert swept(PlateSettings(wiring=wiring)).parasitic_hz == ()
 
 
-def a_sweep(
-    mode: int, f0_hz: float = 29195.0, q: float = 500.0, *, gain: float = 7.5, residual: float = 0.0
-) -> ModeSweep:
+def a_sweep(mode: int, f0_hz: float = 29195.0, *, gain: float = 7.5, residual: float = 0.0) -> ModeSweep:
     f_hz = np.linspace(29105.0, 29305.0, 41)
-    fit = Resonance(f0_hz, q, gain, 0.1, 0j, residual)
+    fit = Resonance(f0_hz, 500.0, gain, 0.1, 0j, residual)
     return ModeSweep(mode, f_hz, fit.response(f_hz), fit)
 
 

@@ -16,12 +16,12 @@ def finger(key: int | str, x_mm: float = 0.0, **more: float | None) -> FingerSta
     return FingerState(id=key, x_mm=x_mm, y_mm=2.0, virtual=isinstance(key, str), **fields)
 
 
-def plate_state(*fingers: FingerState, seq: int = 1, instance: int = 7, markers: tuple[Marker, ...] = ()) -> PlateState:
+def plate_state(*fingers: FingerState, markers: tuple[Marker, ...] = ()) -> PlateState:
     """A state of a plate with two modes."""
     return PlateState(
-        instance=instance,
-        seq=seq,
-        t_ns=5_000_000_000 + seq * 10_000_000,
+        instance=7,
+        seq=1,
+        t_ns=5_010_000_000,
         state="ACTIVE",
         fingers=fingers,
         modal_um=(1.5, -0.5),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from hapticd.tools.study.panel import Screen
@@ -33,9 +33,8 @@ class FakeClient:
     One finger moves to the right at `speed_mm_s`; another `finger` takes its place.
     """
 
-    def __init__(self, ops: Sequence[str] = ("hello", "marker")) -> None:
+    def __init__(self) -> None:
         self.clock = ManualClock()
-        self._ops = ops
         self.finger: int | None = 1
         self.more: tuple[int, ...] = ()  # that landed later
         self.speed_mm_s = 50.0
@@ -47,7 +46,7 @@ class FakeClient:
         self.markers: list[str] = []
 
     def capabilities(self) -> dict[str, Any]:
-        return {"ops": self._ops}
+        return {"ops": ("hello", "marker")}
 
     def put(self, message: ClientTargets) -> None:
         self.message = message
@@ -81,11 +80,10 @@ class FakeClient:
 
 
 class Person:
-    """A panel with a participant: `answer` returns the key pressed on a screen after `after` polls."""
+    """A panel with a participant: `answer` returns the key pressed on a screen after 60 polls."""
 
-    def __init__(self, answer: Callable[[Screen], str | None], after: int = 60) -> None:
+    def __init__(self, answer: Callable[[Screen], str | None]) -> None:
         self._answer = answer
-        self._after = after
         self._polls = 0
         self.screens: list[Screen] = []
         self.notes: deque[str] = deque(maxlen=200)
@@ -99,7 +97,7 @@ class Person:
 
     def pressed(self) -> str | None:
         self._polls += 1
-        if self._polls < self._after:
+        if self._polls < 60:
             return None
         self._polls = 0
         return self._answer(self.screens[-1])
