@@ -74,7 +74,7 @@ def bounds(design: FeltDesign, q_factor: float) -> tuple[Bound, ...]:
             "glass stress, all modes at their limits in one place",
             float(stress_mpa_um @ np.array(design.limits_um)),
             TOUGHENED_MPA,
-            f"MPa ({_most(design.modal_um @ stress_mpa_um):.2g} at {MOST_FRAC:.0%} of places)",
+            f"MPa ({most(design.modal_um @ stress_mpa_um):.2g} at {MOST_FRAC:.0%} of places)",
             f"computed, {stress_mpa_um.min():.2f} .. {stress_mpa_um.max():.2f} MPa per um of a mode; toughened glass, "
             "EN 16612",
         ),
@@ -87,7 +87,7 @@ def bounds(design: FeltDesign, q_factor: float) -> tuple[Bound, ...]:
         ),
         Bound(
             f"amplifier current at {MOST_FRAC:.0%} of places, peak",
-            _most((1e3 * drive_1_s * farads * design.patch_v).max(axis=1)),
+            most((1e3 * drive_1_s * farads * design.patch_v).max(axis=1)),
             AMPLIFIER_MA,
             "mA",
             f"computed, {1e9 * farads.max():.2g} nF, at small fields; affordable amplifiers",
@@ -144,5 +144,6 @@ def sound_db(design: FeltDesign, speed2_m2_s2: FloatArray) -> float:
     return 10.0 * math.log10(intensity_w_m2 * impedance / _SILENT_PA**2)
 
 
-def _most(values: FloatArray) -> float:
+def most(values: FloatArray) -> float:
+    """Return what MOST_FRAC of the places need at most."""
     return float(np.quantile(values, MOST_FRAC))

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..design.felt_search import MOST_UM, FeltDesign, FeltTask
 from ..design.patch_load import charge_nc_um, moving_ma, patch_load
-from ..design.plate_bounds import Bound
+from ..design.plate_bounds import Bound, most
 from ..values import FloatArray
-from . import outputs, plate_places, plate_verdict
+from . import outputs, plate_places
 from .plate_places import Placement
 from .plate_verdict import FeltMotion
 
@@ -57,7 +57,7 @@ def patch_table(design: FeltDesign) -> str:
     ]
     moving = _moving_ma(design)
     for index, patch in enumerate(design.plate.patches):
-        used_v = plate_verdict.quantile(design.patch_v[:, index])
+        used_v = most(design.patch_v[:, index])
         load = patch_load(patch, design.drive_hz, design.driven.most_v[index])
         lines.append(
             f"{index + 1:>5} {patch.x_mm:8.2f} {patch.y_mm:7.2f}  {_size(patch.size_mm):<13}   {used_v:4.0f} "

@@ -20,7 +20,7 @@ from ..config.sections import FELT, Config, PlateConfig, SolverConfig
 from ..design.felt_search import FeltDesign, FeltTask
 from ..design.glued_plate import GluedPlate
 from ..design.materials import MATERIALS
-from ..design.plate_bounds import MOST_FRAC, Bound
+from ..design.plate_bounds import Bound
 from ..sim.fingers.strokes import HALF_SIZE_MM
 from ..sim.score import CONTACT_RADIUS_MM
 from ..values import FloatArray
@@ -130,11 +130,6 @@ def felt_verdict(
     judged += f", {'and' if lacks else 'but'} beyond its bound: {', '.join(beyond)}" if beyond else ""
     lines.append(f"{_plate_name(design.plate)}, driven at {design.drive_hz:.0f} Hz: {judged}.")
     return lines
-
-
-def quantile(values: FloatArray) -> float:
-    """Return what MOST_FRAC of the places need at most."""
-    return float(np.quantile(values, MOST_FRAC))
 
 
 def _percents(shares: Sequence[float]) -> str:

@@ -42,10 +42,10 @@ def read_reply(payload: bytes, request_id: int) -> dict[str, Any] | None:
     if reply.get("ok") is True:
         body = reply.get("body")
         return dict(body) if isinstance(body, dict) else {}
-    raise RefusedError(_printable(str(reply.get("error", "The daemon refused the request and gave no reason."))))
+    raise RefusedError(printable(str(reply.get("error", "The daemon refused the request and gave no reason."))))
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Escape what a terminal would obey."""
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 

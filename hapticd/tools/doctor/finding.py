@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hapticd_client.messages import printable
+
 from ...config.sections import SIMULATED, Config
 from .. import pads
 
@@ -25,7 +27,7 @@ class CheckResult:
     remedy: str = ""
 
     def __str__(self) -> str:
-        line = f"{self.verdict}  {self.check}: {_printable(self.text)}"
+        line = f"{self.verdict}  {self.check}: {printable(self.text)}"
         return f"{line}\n      -> {self.remedy}" if self.remedy else line
 
 
@@ -63,11 +65,6 @@ class System:
             return self.root.joinpath(*parts).read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError):
             return None
-
-
-def _printable(text: str) -> str:
-    """Escape what a terminal would obey: a daemon's replies are in it."""
-    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def is_accessible(path: Path) -> bool:
