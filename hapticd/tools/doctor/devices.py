@@ -31,6 +31,7 @@ FAR_HZ = 50.0  # of the drive: a warm plate goes by less
 SLOW_FRAC = 0.9  # of the rate that the configuration expects
 TOUCH = "stroke the pad with a finger while `hapticd doctor` runs: it reports only while touched"
 TO_INPUT = "sudo usermod -aG input $USER, then log in again"
+PLUG_IN = "plug it in: see /proc/bus/input/devices"
 FASTER = "use a cable instead of Bluetooth; else set prediction.period_ms"
 IDLER = "reduce the host's load, which slows the simulated pad: see `top`"
 
@@ -70,12 +71,13 @@ def _evdev(system: System) -> CheckResult:
     try:
         node = next(input_nodes.find_nodes(configured.device), None)
     except OSError as error:
-        return CheckResult(FAIL, f"{configured.device} cannot be opened ({error.strerror})", TO_INPUT)
+        remedy = TO_INPUT if isinstance(error, PermissionError) else PLUG_IN
+        return CheckResult(FAIL, f"{configured.device} cannot be opened ({error.strerror})", remedy)
     if node is None:
         if not all(is_readable(path) for path in nodes):
             return CheckResult(FAIL, "none that this user may read is connected", TO_INPUT)
         wanted = f"named {configured.device!r}" if configured.device else "that reports contacts"
-        return CheckResult(FAIL, f"no device {wanted} is connected", "plug it in: see /proc/bus/input/devices")
+        return CheckResult(FAIL, f"no device {wanted} is connected", PLUG_IN)
     try:
         pad = input_nodes.describe(node, configured.size_mm)
         slots, path = node.slot_count(), node.path

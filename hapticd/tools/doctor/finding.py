@@ -52,6 +52,11 @@ class System:
         """Whether a board is configured, not the simulated one."""
         return self.config.device.port != SIMULATED
 
+    @property
+    def has_ruled_device(self) -> bool:
+        """Whether a device is configured that udev's rule is for: a board, or a pad that is read raw."""
+        return self.has_board or self.config.trackpad.source == "hid"
+
     def reported(self, *path: str) -> Any:
         """Return a value of the daemon's status, None if it is missing."""
         value: Any = self.status

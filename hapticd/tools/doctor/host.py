@@ -34,8 +34,8 @@ def rules(system: System) -> CheckResult:
     """Check the udev rule that gives devices to the service and to the user logged in at the screen."""
     found = next((folder for folder in RULE_FOLDERS if system.root.joinpath(folder, RULES).is_file()), None)
     if found is None:
-        if not (system.has_pad or system.has_board):
-            return CheckResult(PASS, "not installed, and not needed for the simulated plate")
+        if not system.has_ruled_device:
+            return CheckResult(PASS, "not installed, and not needed for these devices")
         return CheckResult(WARN, f"{RULES} is not installed", INSTALL)
     try:
         ours = next(file.text for file in service_files() if file.name == RULES)
@@ -52,7 +52,7 @@ def groups(system: System) -> CheckResult:
         return CheckResult(PASS, "root needs none")
     user = _user_name()
     needed = [CLIENT_GROUP] if system.root.joinpath("run/hapticd").is_dir() else []
-    needed += [DEVICE_GROUP] if system.has_pad or system.has_board else []
+    needed += [DEVICE_GROUP] if system.has_ruled_device else []
     for name in needed:
         try:
             group = grp.getgrnam(name)

@@ -318,6 +318,8 @@ def test_what_is_wrong_with_a_touchscreen_is_said_with_its_fix(monkeypatch: pyte
     refused = evdev_found(monkeypatch, tmp_path, PermissionError(13, "Permission denied"), device="/dev/input/event7")
     assert "/dev/input/event7 cannot be opened (Permission denied)" in str(refused)
     assert "usermod -aG input" in str(refused)
+    gone = evdev_found(monkeypatch, tmp_path, FileNotFoundError(2, "No such file"), device="/dev/input/event7")
+    assert "plug it in" in gone.remedy
     assert "no device named 'wall'" in str(evdev_found(monkeypatch, tmp_path, device="wall"))
     assert "no device that reports contacts" in str(evdev_found(monkeypatch, tmp_path))
     monkeypatch.setattr(devices, "is_readable", lambda _: False)
@@ -399,6 +401,7 @@ def test_a_free_board_reports_its_firmware() -> None:
 
 def test_the_rule_of_udev_is_looked_for_and_compared_and_the_fix_copies_it_from_where_it_is(tmp_path: Path) -> None:
     assert host.rules(system(tmp_path)).verdict == PASS
+    assert host.rules(system(tmp_path, trackpad={"source": "evdev"})).verdict == PASS
     missing = host.rules(system(tmp_path, **REAL))
     assert missing.verdict == WARN
     *_, source, destination = missing.remedy.partition(" && ")[0].split()
