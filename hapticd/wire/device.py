@@ -29,7 +29,7 @@ def check_protocol(hello: BoardHello) -> None:
         )
 
 
-def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], v_limit_v: float | None = None) -> None:
+def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float]) -> None:
     """Raise DeviceError if this board must not be driven with these settings.
 
     A board may allow more than the settings: each side applies its own limit.
@@ -52,11 +52,6 @@ def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], v
                 f"The limit of mode {k} is set to {requested_um:g} um but the board allows {allowed_um:g} um: "
                 f"set it to {allowed_um:g} or less."
             )
-    if v_limit_v is not None and not v_limit_v >= hello.v_limit_v * (1.0 - 1e-6):
-        raise DeviceError(
-            f"The board drives up to {hello.v_limit_v:g} V but the amplifiers are rated for {v_limit_v:g} V: "
-            f"flash a firmware for these amplifiers."
-        )
 
 
 def check_calibration(hello: BoardHello, calibration: BoardCalibration) -> None:

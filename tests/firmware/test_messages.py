@@ -70,7 +70,7 @@ def test_the_hello_tells_versions_limits_and_rates(bench: Bench) -> None:
         has_sync=True,
         commands=commands.ALL_COMMANDS,
     )
-    device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0), v_limit_v=150.0)
+    device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
 
 
 def test_a_time_request_comes_back_with_the_boards_clock() -> None:

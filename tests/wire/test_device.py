@@ -241,7 +241,7 @@ def hello(payload: bytes = HELLO) -> BoardHello:
 
 
 def test_a_board_that_allows_the_settings_is_accepted() -> None:
-    device.check_hello(hello(), modes=2, w_limit_um=(4.0, 3.5), v_limit_v=150.0)
+    device.check_hello(hello(), modes=2, w_limit_um=(4.0, 3.5))
 
 
 def test_a_later_version_with_a_longer_hello_is_refused_by_its_version() -> None:
@@ -262,8 +262,6 @@ def test_other_modes_and_lower_limits_are_refused() -> None:
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 5.0))
     with pytest.raises(DeviceError, match="mode 0 is set to nan um"):
         device.check_hello(hello(), modes=2, w_limit_um=(math.nan, 4.0))
-    with pytest.raises(DeviceError, match="up to 150 V but the amplifiers are rated for 100 V"):
-        device.check_hello(hello(), modes=2, w_limit_um=(4.0, 4.0), v_limit_v=100.0)
 
 
 @pytest.mark.parametrize(

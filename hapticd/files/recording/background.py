@@ -12,7 +12,6 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from typing import Any
 
 from ...errors import RecordingError
@@ -38,11 +37,9 @@ def _weight(kind: str, values: tuple[Any, ...]) -> int:
 class BackgroundWriter:
     """A machine's observer that writes `file` on a thread of its own, from the constructor to `close`."""
 
-    def __init__(self, file: RecordingFile, on_end: Callable[[], None] = lambda: None) -> None:
-        """`on_end` is called from the thread when the recording ends before `close`."""
+    def __init__(self, file: RecordingFile) -> None:
         self.is_over = False
         self._file = file
-        self._on_end = on_end
         self._queue: deque[tuple[str, int, tuple[Any, ...]]] = deque()
         self._put_weight = self._taken_weight = 0  # each changed by one thread alone
         self._seq = 0
@@ -106,7 +103,6 @@ class BackgroundWriter:
             return
         self.is_over = True
         log.warning("recording: it ends here, the touch goes on: %s: %s", self._file.path, reason)
-        self._on_end()
 
     def _close_file(self) -> None:
         try:

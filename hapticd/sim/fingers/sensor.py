@@ -198,7 +198,7 @@ class SensorModel:
                 if records is None:
                     yield _Scan(t_sample_s, ())
                     continue
-                data = self._encode(int(stamps_ms[i]), records)
+                data = ENCODERS[settings.pad.layout](int(stamps_ms[i]), records)
                 yield _Scan(t_sample_s, (Report(t_sample_s, t_sample_s + settings.latency_s, data),) * copies[i])
 
     def _raw_points(
@@ -233,9 +233,6 @@ class SensorModel:
         is_lost, is_duplicated = rng.random((2, self._block)) < shares
         copies: list[int] = np.where(is_lost, 0, 1 + is_duplicated).tolist()
         return copies
-
-    def _encode(self, stamp_ms: int, records: Sequence[PadRecord]) -> bytes:
-        return ENCODERS[self.settings.pad.layout](stamp_ms, records)
 
 
 class _Contacts:

@@ -65,7 +65,7 @@ def rating_lines(sessions: Sequence[Session]) -> list[str]:
     each participant where there are two answers, of which a factor says the right one."""
     made = sessions[0].experiment
     lines: list[str] = []
-    if not made.is_graded and all(_is_number(answer) for answer in made.choices):
+    if not made.is_graded and all(answer.isdecimal() for answer in made.choices):
         rated: dict[str, list[float]] = {}
         for session in sessions:
             for trial, answer in zip(session.presented, session.answers, strict=False):
@@ -129,7 +129,3 @@ def _tracks(session: Session) -> list[tuple[Levels, LevelTrack]]:
 def _averaged(made: Experiment) -> tuple[str, str]:
     """Return the factors that do not make a condition: the abscissa, and the one that says the right answer."""
     return made.abscissa, made.correct
-
-
-def _is_number(answer: str) -> bool:
-    return answer.isdecimal()

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from asynchronous import wait_for
 from machine_bench import SLIPPERY, START_NS, STICKY, Bench, lines, references
 
 from hapticd.daemon.machine import Machine
@@ -52,17 +53,15 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_a_full_disk_ends_the_recording_with_one_line_and_the_touch_goes_on(
     tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture
 ) -> None:
-    is_over = threading.Event()
-    writer = BackgroundWriter(RecordingFile(tmp_path / "a.mcap", header), on_end=is_over.set)
+    writer = BackgroundWriter(RecordingFile(tmp_path / "a.mcap", header))
     bench = Bench(SLIPPERY, STICKY, observer=lambda _: writer.put)
     with caplog.at_level(logging.WARNING):
         bench.driven()
-        assert is_over.wait(10.0)
+        wait_for(lambda: writer.is_over)
         before = len(bench.board.heard)
         bench.run(100)
         writer.close(bench.t_ns, "over")
 
-    assert writer.is_over
     assert [line for line in lines(caplog) if "recording" in line] == [
         f"recording: it ends here, the touch goes on: {tmp_path / 'a.mcap'}: No space left on device"
     ]
@@ -119,12 +118,11 @@ def test_a_recording_in_parts_is_replayed_as_one(tmp_path: Path) -> None:
 
 def said_of_a_full(file: RecordingFile, caplog: pytest.LogCaptureFixture) -> list[str]:
     """What is logged while so much is put that the writer ends by itself."""
-    is_over = threading.Event()
     with caplog.at_level(logging.WARNING):
-        writer = BackgroundWriter(file, on_end=is_over.set)
+        writer = BackgroundWriter(file)
         for t_ns in range(400):
             writer.put("timer", t_ns)
-        assert is_over.wait(10.0)
+        wait_for(lambda: writer.is_over)
         writer.close(0, "over")
     return lines(caplog)
 
