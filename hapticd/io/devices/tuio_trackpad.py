@@ -73,7 +73,9 @@ class TuioTrackpad:
         except OSError as error:
             if not self._is_reported:
                 self._is_reported = True
-                self._on_link(None, f"{self._address} cannot be bound ({error.strerror}): is another daemon running?")
+                self._on_link(
+                    None, f"{self._address} cannot be bound ({error.strerror}): does another program listen there?"
+                )
             self._timer = self._loop.call_later(_RETRY_S, self._bind)
             return
         self._on_link(self._pad, f"{self._pad.name} at {self._address}")

@@ -92,6 +92,9 @@ async def test_an_address_that_is_taken_is_one_line_and_is_tried_again(
         listener.listen(source)
         await listener.until(lambda: bool(listener.links))
     await listener.until(lambda: len(listener.links) == 2)
-    assert listener.links[0] == (None, f"{free} cannot be bound (Address already in use): is another daemon running?")
+    assert listener.links[0] == (
+        None,
+        f"{free} cannot be bound (Address already in use): does another program listen there?",
+    )
     assert listener.links[1] == (PAD, f"TUIO tracker at {free}")
     await source.close()
