@@ -17,10 +17,10 @@ from hapticd.tools.touches import Trace
 from hapticd.values import FloatArray
 
 
-def stroked(device: str, seed: int, seconds: float = 3.0) -> Trace:
+def stroked(device: str, seed: int) -> Trace:
     """Strokes on a pad that averages its positions."""
     rng = np.random.default_rng(seed)
-    t_s: FloatArray = np.arange(round(100 * seconds)) / 100.0
+    t_s: FloatArray = np.arange(300) / 100.0
     xy_mm = Strokes(seed, 100.0).position_mm(t_s) + 0.05 * rng.standard_normal((len(t_s), 2))
     return Trace(device, t_s[1:], np.asarray(0.5 * (xy_mm[1:] + xy_mm[:-1])))
 

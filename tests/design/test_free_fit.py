@@ -48,8 +48,8 @@ def mixture(shapes: list[ModeShape], x_mm: np.ndarray, y_mm: np.ndarray) -> np.n
     return np.tensordot(shares, np.stack([shape.on_grid(x_mm, y_mm) for shape in shapes]), axes=1)
 
 
-def noisy(surfaces: np.ndarray, seed: int = 1) -> np.ndarray:
-    return surfaces + NOISE * np.random.default_rng(seed).standard_normal(surfaces.shape)
+def noisy(surfaces: np.ndarray) -> np.ndarray:
+    return surfaces + NOISE * np.random.default_rng(1).standard_normal(surfaces.shape)
 
 
 def map_error(fit: CartographyFit, truth: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray) -> float:

@@ -20,7 +20,6 @@ def sweeps(
     drives: npt.ArrayLike,
     senses: npt.ArrayLike,
     *,
-    phase_rad: float = 0.3,
     noise_um_per_v: float = 1e-5,
     all_hz: npt.NDArray[np.float64] = MODES_HZ,
 ) -> list[AmplifierSweep]:
@@ -29,7 +28,7 @@ def sweeps(
     modes_hz, random = all_hz[: len(gain)], np.random.default_rng(3)
     found = []
     for amplifier in range(len(gain)):
-        turned = -1j * np.exp(1j * phase_rad) * gain[:, amplifier]
+        turned = -1j * np.exp(0.3j) * gain[:, amplifier]
         modal = turned / (DECAY_1_S - 2j * np.pi * (modes_hz - F_HZ[:, None]))
         noise = noise_um_per_v * random.standard_normal((2, len(F_HZ), len(gain)))
         found.append(AmplifierSweep(amplifier, F_HZ, modal @ seen.T + THROUGH_UM_PER_V + noise[0] + 1j * noise[1]))

@@ -44,16 +44,16 @@ def with_stamps(stand: FaultySimulation, stamp_ms: Callable[[int, float], int]) 
     stand.ways["report"] = way
 
 
-def leak_um(stamp_ms: Callable[[int, float], int], t_until_s: float = 3.5) -> float:
+def leak_um(stamp_ms: Callable[[int, float], int]) -> float:
     """Under the sticky finger from a little before the fault to the end."""
 
     def set_up(stand: FaultySimulation, *_: float) -> None:
         with_stamps(stand, stamp_ms)
 
-    after = simulate(set_up, T_FAULT_S, t_until_s, 0.0)
+    after = simulate(set_up, T_FAULT_S, 3.5, 0.0)
     assert after.board["state"] == "LIVE"
     assert after.simulation.machine.report_status(after.simulation.t_ns)["state"] == "ACTIVE"
-    return rms_um(after.run(), STICKY, 1.0, t_until_s)
+    return rms_um(after.run(), STICKY, 1.0, 3.5)
 
 
 def test_a_stamp_that_wraps_is_not_felt() -> None:

@@ -27,13 +27,12 @@ def new_board(
     *,
     known_phase_rad: float | None = None,
     control_hz: float = 2000.0,
-    seed: int = 0,
 ) -> Board:
     """The nominal plate, without noise but for the converters'; the board is calibrated to their loop phase."""
     if known_phase_rad is None:
         known_phase_rad = 0.0 if converters is None else converters.loop_phase_rad(DRIVE_HZ)
     config = BoardConfig(controller=controller, control_hz=control_hz, loop_phase_rad=(known_phase_rad,) * 2)
-    return Board(nominal_plate(config), config=config, converters=converters, seed=seed)
+    return Board(nominal_plate(config), config=config, converters=converters)
 
 
 def stepped(board: Board, amplitude_um: float) -> BoardTrace:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -22,8 +20,8 @@ STILL = constantly(4.0, 4.0j)
 DRIVE_HZ, TURN_RAD = CONFIG.drive_hz, 2.0 * np.pi
 
 
-def board(*, noise_um: float = NOISE_UM) -> Board:
-    return Board(nominal_plate(CONFIG, noise_um=noise_um), config=CONFIG)
+def board() -> Board:
+    return Board(nominal_plate(CONFIG, noise_um=NOISE_UM), config=CONFIG)
 
 
 def drive_hz(of: Board) -> float:
@@ -31,13 +29,13 @@ def drive_hz(of: Board) -> float:
     return of_kind(BoardStatus, device.Decoder().feed(of.transmit()))[-1].drive_hz
 
 
-def drifting(of: Board, seconds: float, hz_per_s: float, *, apart_hz: float = 0.0, asks: Any = STILL) -> float:
+def drifting(of: Board, seconds: float, hz_per_s: float, *, apart_hz: float = 0.0) -> float:
     """Least reach (um) of both modes, from the first tenth of a second on, while the plate drifts."""
 
     def knots(t_s: float) -> list[tuple[float, npt.NDArray[np.complex128]]]:
         hz = t_s * hz_per_s + np.array([-0.5, 0.5]) * apart_hz
         of.detune(np.array(CONFIG.detuning_rad_s) + TURN_RAD * hz)
-        return asks(t_s)
+        return STILL(t_s)
 
     trace = follow(of, knots, round(seconds * CONFIG.control_hz), 40)
     return float(np.abs(trace.plate_um[200:]).min())

@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -316,17 +317,19 @@ def test_map_and_sensors_are_adopted_when_no_finger_is_down(at_rest: Touching, c
     assert again.pipeline._readings == machine.pipeline._readings
 
 
+def settled_mm(calibration: SelfCalibration, machine: Machine, verdict: dict[str, Any]) -> float:
+    """How far the pad is moved when all steps of a verdict are done."""
+    assert calibration.take_verdict(json.dumps(verdict).encode())
+    for step in range(100):
+        calibration.step(machine, T_START_NS + step * 20_000_000)
+    return float(str(calibration.report()["moved_mm"]))
+
+
 def test_what_later_touches_are_fitted_worse_by_is_taken_back(at_rest: Touching, calibration: SelfCalibration) -> None:
     modes = at_rest.header.modes
     machine = Machine(Config(), modes, write_board=lambda _: T_START_NS)
     found = changed(1.02, modes) | {"offset_mm": [0.01, 0.0]}
-
-    def settled(verdict: dict[str, Any]) -> float:
-        """How far the pad is when all steps are done."""
-        assert calibration.take_verdict(json.dumps(verdict).encode())
-        for step in range(100):
-            calibration.step(machine, T_START_NS + step * 20_000_000)
-        return float(str(calibration.report()["moved_mm"]))
+    settled = partial(settled_mm, calibration, machine)
 
     assert settled(found) == pytest.approx(0.005)
     assert settled({"refusal": "no more", "in_force": "better"}) == pytest.approx(0.01)
@@ -419,12 +422,7 @@ def test_evidence_alone_confirms_or_takes_back_what_was_adopted_and_is_no_verdic
     at_rest: Touching, calibration: SelfCalibration
 ) -> None:
     machine = Machine(Config(), at_rest.header.modes, write_board=lambda _: T_START_NS)
-
-    def moved_mm(verdict: dict[str, Any]) -> float:
-        assert calibration.take_verdict(json.dumps(verdict).encode())
-        for step in range(100):
-            calibration.step(machine, T_START_NS + step * 20_000_000)
-        return float(str(calibration.report()["moved_mm"]))
+    moved_mm = partial(settled_mm, calibration, machine)
 
     assert moved_mm(RIGHT | {"offset_mm": [0.01, 0.0], "map_refusal": "too few touches"}) == pytest.approx(0.005)
     assert moved_mm({"in_force": "better"}) == pytest.approx(0.01)

@@ -35,12 +35,12 @@ SEPARATOR = (EV_SYN, SYN_MT_REPORT, 0)
 DROPPED = (EV_SYN, SYN_DROPPED, 0)
 
 
-def frames(decoder: Decoder, *reports: list[tuple[int, int, int]], period_ms: int = 8) -> list[TouchFrame]:
+def frames(decoder: Decoder, *reports: list[tuple[int, int, int]]) -> list[TouchFrame]:
     """Each report with its SYN_REPORT, a period after the one before."""
     return [
         frame
         for index, events in enumerate(reports)
-        for frame in decoder.decode(packed(index * period_ms * MS, *events, END), index * period_ms * MS)
+        for frame in decoder.decode(packed(index * 8 * MS, *events, END), index * 8 * MS)
     ]
 
 

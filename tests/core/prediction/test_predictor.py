@@ -20,13 +20,13 @@ every_predictor = pytest.mark.parametrize("name", PREDICTORS)
 Touch = list[tuple[int, float, float]]
 
 
-def slide(seed: int = 3, samples: int = 60, speed_mm_s: float = 120.0) -> Touch:
+def slide(seed: int = 3) -> Touch:
     """A noisy slide with a bend; stamps jittered, from 0 ns."""
     rng = np.random.default_rng(seed)
     touch = []
-    for k in range(samples):
+    for k in range(60):
         t_s = k * PERIOD_NS * 1e-9
-        x, y = speed_mm_s * t_s - 40.0, 8.0 * math.sin(5.0 * t_s)
+        x, y = 120.0 * t_s - 40.0, 8.0 * math.sin(5.0 * t_s)
         x, y = x + 0.05 * rng.standard_normal(), y + 0.05 * rng.standard_normal()
         touch.append((k * PERIOD_NS + int(rng.integers(-1_000_000, 1_000_000)), x, y))
     return touch

@@ -63,10 +63,10 @@ def expected(gram: Array) -> Array:
     return gram + UNCERTAIN_FRAC**2 * np.diag(np.diag(gram))
 
 
-def pairs(seed: int, count: int, reach_mm: float = 80.0) -> list[Array]:
+def pairs(seed: int, count: int) -> list[Array]:
     random, found = np.random.default_rng(seed), []
     while len(found) < count:
-        points_mm = random.uniform(-reach_mm, reach_mm, (2, 2))
+        points_mm = random.uniform(-80.0, 80.0, (2, 2))
         if np.hypot(*(points_mm[0] - points_mm[1])) > 20.0:
             found.append(points_mm)
     return found

@@ -101,11 +101,11 @@ def test_a_form_follows_a_finger_that_presses_harder_within_five_reports_and_wit
     assert found[-1] == pytest.approx(6.5 - PLAY_MM, abs=0.01)
 
 
-def sensed(path: Path, tip: Fingertip, seed: int, seconds: float = 10.0) -> list[Contact]:
+def sensed(path: Path, tip: Fingertip, seed: int) -> list[Contact]:
     decoder = Decoder(DEFAULT_PAD)
     return [
         contact
-        for report in SensorModel(seed=seed).reports([path], seconds, [tip])
+        for report in SensorModel(seed=seed).reports([path], 10.0, [tip])
         for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9))
         for contact in frame.contacts
     ]

@@ -23,10 +23,10 @@ def frame(t_ns: int) -> TouchFrame:
     return TouchFrame(t_ns, (Contact(1, 1e-7 * (t_ns - START_NS), 0.0, 8.0, 7.0, 0.0, 0.5, True, 4, 0, 0),), False)
 
 
-def touched(period_ns: int, reports: int = 60) -> tuple[Fingers, int]:
+def touched(period_ns: int) -> tuple[Fingers, int]:
     """Return the fingers after some reports, and when the last one was read."""
     pad = fingers()
-    for report in range(reports):
+    for report in range(60):
         t_ns = START_NS + report * period_ns
         pad.touch(frame(t_ns), t_ns + 12 * MS)
     return pad, t_ns + 12 * MS

@@ -39,8 +39,8 @@ def ends(request: pytest.FixtureRequest) -> Iterator[tuple[int, int]]:
     os.close(writer)
 
 
-def record(text: str, t_s: float = 0.0, *, line: int = 1, level: int = logging.INFO) -> logging.LogRecord:
-    made = logging.LogRecord("hapticd", level, __file__, line, text, None, None)
+def record(text: str, t_s: float = 0.0) -> logging.LogRecord:
+    made = logging.LogRecord("hapticd", logging.INFO, __file__, 1, text, None, None)
     made.created = t_s
     return made
 

@@ -22,15 +22,15 @@ LOOP_PHASE_RAD = (0.4, -0.7)
 DETUNING_RAD_S = 2 * np.pi * 70.0  # of a finger
 
 
-def plate(noise_um: float = 0.0, amplifier_limit_v: float = 150.0) -> PlateModel:
+def plate() -> PlateModel:
     """Four modes, the outer two 80 Hz away; every amplifier drives and every sensor sees all of them."""
     return PlateModel(
         decay_1_s=np.array([183.0, 184.0, 150.0, 210.0]),
         detuning_rad_s=2 * np.pi * np.array([-10.0, 10.0, 83.0, -77.0]),
         gain_um_per_v_s=5.2 * np.array([[1.0, 0.02], [0.03, 0.95], [0.1, -0.15], [0.12, 0.1]]),
         sensor=np.array([[1.0, 0.01, 0.1, -0.05], [-0.02, 1.0, 0.08, 0.06]]),
-        noise_um=noise_um,
-        amplifier_limit_v=amplifier_limit_v,
+        noise_um=0.0,
+        amplifier_limit_v=150.0,
         loop_phase_rad=LOOP_PHASE_RAD,
     )
 

@@ -15,8 +15,8 @@ from hapticd.tools.study.analysis import Group, Result, analyse, analyse_group, 
 PAPER = (10, 12, 12, 15, 17, 17, 20)
 
 
-def group(counts: tuple[int, ...], trials: int = 20) -> Group:
-    return analyse_group([person(f"P{place}", count, trials) for place, count in enumerate(counts, 1)])
+def group(counts: tuple[int, ...]) -> Group:
+    return analyse_group([person(f"P{place}", count) for place, count in enumerate(counts, 1)])
 
 
 def person(name: str, correct: int, trials: int = 20) -> Result:

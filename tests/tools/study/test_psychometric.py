@@ -12,9 +12,9 @@ LEVELS = np.linspace(0.0, 1.0, 9)
 EACH = 200
 
 
-def counted(threshold: float, spread: float, guess_frac: float, lapse_frac: float = 0.0) -> list[tuple[float, bool]]:
+def counted(threshold: float, spread: float, guess_frac: float) -> list[tuple[float, bool]]:
     """Levels with as many right answers as the function gives, to the nearest one."""
-    shares = guess_frac + (1.0 - guess_frac - lapse_frac) * norm.cdf((LEVELS - threshold) / spread)
+    shares = guess_frac + (1.0 - guess_frac) * norm.cdf((LEVELS - threshold) / spread)
     return [
         (float(x), trial < round(EACH * share))
         for x, share in zip(LEVELS, shares, strict=True)
