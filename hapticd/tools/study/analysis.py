@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import missing_library
+from .psychometric import scipy_stats
 from .session import Session
 
 CONFIDENCE = 0.95
@@ -86,14 +86,14 @@ def result(participant: str, by_answer: Mapping[str, tuple[int, int]]) -> Result
     """Analyse counts of trials (recognised, presented) by the right answer."""
     recognised, presented = (sum(count[place] for count in by_answer.values()) for place in (0, 1))
     guess_frac = 1.0 / len(by_answer)
-    test = _stats().binomtest(recognised, presented, guess_frac)
+    test = scipy_stats().binomtest(recognised, presented, guess_frac)
     interval = test.proportion_ci(CONFIDENCE, method="exact")
     return Result(participant, by_answer, guess_frac, (float(interval.low), float(interval.high)), float(test.pvalue))
 
 
 def analyse_group(results: Sequence[Result]) -> Group:
     """Analyse all participants together, at least one. Raises HapticdError without scipy."""
-    stats = _stats()
+    stats = scipy_stats()
     guess_frac = results[0].guess_frac
     rates = [one.rate_frac for one in results]
     sd_frac = statistics.stdev(rates) if len(rates) > 1 else math.nan
@@ -132,11 +132,3 @@ def _wilcoxon(stats: Any, distances: Sequence[float]) -> float:
         return math.nan
     method = stats.PermutationMethod(n_resamples=math.inf) if len(away) <= MAX_EXACT else "asymptotic"
     return float(stats.wilcoxon(away, method=method).pvalue)
-
-
-def _stats() -> Any:
-    try:
-        from scipy import stats
-    except ImportError:
-        raise missing_library("A report needs scipy", "study") from None
-    return stats

@@ -46,7 +46,7 @@ class Curve:
     def at(self, level: FloatArray) -> FloatArray:
         """Return the share of right answers at levels."""
         scale = 1.0 - self.guess_frac - self.lapse_frac
-        return np.asarray(self.guess_frac + scale * _normal().cdf((level - self.threshold) / self.spread))
+        return np.asarray(self.guess_frac + scale * scipy_stats().norm.cdf((level - self.threshold) / self.spread))
 
 
 def fit(
@@ -111,7 +111,7 @@ def d_prime(hits: tuple[int, int], false_alarms: tuple[int, int]) -> float:
     """Return d' of one answer's counts (given, trials) where it is right and where it is wrong; log-linear correction
     (Hautus 1995)."""
     hit, false = ((given + 0.5) / (trials + 1.0) for given, trials in (hits, false_alarms))
-    return float(_normal().ppf(hit) - _normal().ppf(false))
+    return float(scipy_stats().norm.ppf(hit) - scipy_stats().norm.ppf(false))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class _Grid:
         lapses = np.linspace(0.0, MAX_LAPSE_FRAC, GRID[2])
         threshold, spread, lapse = (one.ravel() for one in np.meshgrid(thresholds, spreads, lapses, indexing="ij"))
         z = (levels - threshold[:, np.newaxis]) / spread[:, np.newaxis]
-        p = guess_frac + (1.0 - guess_frac - lapse[:, np.newaxis]) * _normal().cdf(z)
+        p = guess_frac + (1.0 - guess_frac - lapse[:, np.newaxis]) * scipy_stats().norm.cdf(z)
         return cls(threshold, spread, lapse, np.clip(p, 1e-6, 1.0 - 1e-6))
 
     def likelihood(self, rights: FloatArray, trials: FloatArray) -> FloatArray:
@@ -140,9 +140,10 @@ class _Grid:
         return np.asarray(rights @ (right - wrong).T + trials @ wrong.T)
 
 
-def _normal() -> Any:
+def scipy_stats() -> Any:
+    """Return `scipy.stats`. Raises HapticdError without scipy."""
     try:
-        from scipy.stats import norm
+        from scipy import stats
     except ImportError:
         raise missing_library("A report needs scipy", "study") from None
-    return norm
+    return stats
