@@ -198,10 +198,11 @@ class SelfCalibration:
                 far = f"The contacts' size found is {_FAR} trackpad."
         if self._adoption.is_moving or self._is_due:
             return refusal or far
-        if change is not None and not change.is_near(self._scanned):
-            return f"The map found, or the sensors, is {_FAR} scan, and resonance."
-        if correction is not None and not self._adoption.allows(correction):
-            return f"The pad found is {_FAR} trackpad."
+        if verdict.evidence is not Evidence.WORSE:  # which takes back, whatever was found
+            if change is not None and not change.is_near(self._scanned):
+                return f"The map found, or the sensors, is {_FAR} scan, and resonance."
+            if correction is not None and not self._adoption.allows(correction):
+                return f"The pad found is {_FAR} trackpad."
         if not self._trust.take(verdict.evidence, correction, change):
             return refusal or far
         self._move()

@@ -333,7 +333,7 @@ def test_what_later_touches_are_fitted_worse_by_is_taken_back(at_rest: Touching,
 
     assert settled(found) == pytest.approx(0.005)
     assert settled({"refusal": "no more", "in_force": "better"}) == pytest.approx(0.01)
-    assert settled(found | {"in_force": "worse"}) == 0.0
+    assert settled(found | {"offset_mm": [9.0, 0.0], "in_force": "worse"}) == 0.0  # though what was found is too far
     assert machine.modes.shapes == pytest.approx(modes.shapes, rel=1e-6)
     assert machine.pipeline._readings is None
     assert machine._perception.expected == uncertainty(Config())
