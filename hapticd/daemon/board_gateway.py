@@ -214,6 +214,8 @@ class BoardGateway:
         """Do what is due by time alone: hello and time requests, keep-alives, and detection of a silent board."""
         was_accepted = self.session.hello is not None
         was_fast = self.session.line.baud
+        if self.session.lacks_last(t_now_ns):
+            self._resend()
         commands = self.session.timer(t_now_ns)
         if was_fast and not self.session.line.baud:
             log.warning("board: %s", self.session.ended)

@@ -157,7 +157,8 @@ class Machine:
         """How soon `timer` is due again; after `reports` the first time not before REPORTS_ENDED_NS."""
         if self.session.is_resting:
             return REST_EVERY_NS
-        return 2 * TIMER_NS if self.is_idle else TIMER_NS  # idle, each tick is a keep-alive, and no more is needed
+        may_wait = self.is_idle and not self.session.awaits_last  # each tick is a keep-alive, and no more is needed
+        return 2 * TIMER_NS if may_wait else TIMER_NS
 
     def _is_active(self) -> bool:
         """Something is touched, requested, failing or watched."""

@@ -72,6 +72,26 @@ def test_a_reference_lost_on_the_line_is_said_again_before_the_dead_man_notices(
     assert references(bench.run(45))
 
 
+def test_a_zero_frame_lost_on_the_line_is_sent_again_before_the_dead_man_notices() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    bench.run(300)
+    bench.board.status()
+    bench.run(2)
+    taken = bench.board.seq
+    bench.pad_speaks = False  # its fingers count as lifted
+    while not (lost := [each for each in references(bench.run(1)) if each.peak_um == 0.0]):
+        pass
+    bench.board.seq, bench.board.peak_um = taken, 1.0  # it never heard it
+    bench.from_board.clear()
+    assert bench.machine.timer_period_ns == TIMER_NS
+    again = references(bench.run(35))
+    assert len(lost) == len(again) == 1
+    assert bench.board.peak_um == 0.0
+    bench.board.status()
+    bench.run(2)
+    assert bench.machine.timer_period_ns == 2 * TIMER_NS
+
+
 def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drives_again(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -150,6 +150,15 @@ class BoardSession:
         waited_ns = t_now_ns - self._t_numbered_ns
         return self.status.seq == self._seq or waited_ns < 2 * self.latency.link_ns + ANSWER_WITHIN_NS
 
+    @property
+    def awaits_last(self) -> bool:
+        """Whether a board that follows references has yet to acknowledge the last one."""
+        return self.status is not None and self.status.state is _LIVE and self.status.seq != self._seq
+
+    def lacks_last(self, t_now_ns: int) -> bool:
+        """Whether that acknowledgement did not come in time."""
+        return self.awaits_last and self._held is None and not self.follows(t_now_ns)
+
     def holds(self, t_now_ns: int) -> bool:
         """Whether the board follows references, and need not get the last one again to go on with it."""
         return self.follows(t_now_ns) and t_now_ns - self._t_numbered_ns < RENEW_AFTER_NS
