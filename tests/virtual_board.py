@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -18,17 +19,25 @@ STEP_TICKS = 4  # 2 ms
 class BoardLink(VirtualLink):
     """The line to the firmware's C."""
 
-    def __init__(self, *, mute: bool = False, config: BoardConfig | None = None) -> None:
+    def __init__(self, *, mute: bool = False, refuses: str = "", config: BoardConfig | None = None) -> None:
         config = BoardConfig() if config is None else config
         gain = np.diag(config.gain_um_per_v_s)
         model = PlateModel(
             np.array(config.decay_1_s), np.array(config.detuning_rad_s), gain, np.eye(len(gain)), 0.0, config.v_limit_v
         )
         self.board = Board(model, config=config, boot_id=7)
-        self.mute = mute
+        self.mute, self.refuses = mute, refuses
         self.peak_v = 0.0
         self.voltage_v = np.zeros(len(gain), dtype=np.complex128)
         self.says: Callable[[bytes], bytes] = lambda data: data
+
+    def start(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        on_bytes: Callable[[bytes], None],
+        on_link: Callable[[bool, str], None],
+    ) -> None:
+        super().start(loop, on_bytes, lambda up, reason: on_link(up and not self.refuses, reason or self.refuses))
 
     def receive(self, data: bytes) -> None:
         self.board.receive(data)
