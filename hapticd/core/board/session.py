@@ -282,7 +282,7 @@ class BoardSession:
             self.held_back += 1
             self._held = drive, tick
             return self._question(t_now_ns)
-        is_overdue = self._window.is_overdue(t_now_ns, self._patience_ns)
+        is_overdue = self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns)
         commands = self._numbered(drive, t_now_ns)
         self._drop_unanswered(t_now_ns)
         self._in_flight[self._seq] = (t_now_ns, drive.t_apply_ns, tick)
@@ -320,7 +320,7 @@ class BoardSession:
         if self.status.state is _TOOL:
             return commands  # a tool's sweep or voltage must end with the tool: no keep-alives from here
         is_full = self._must_wait(t_now_ns)
-        if is_full or self._window.is_overdue(t_now_ns, self._patience_ns):
+        if is_full or self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns):
             commands += self._question(t_now_ns)
         if is_full:
             return commands

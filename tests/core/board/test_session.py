@@ -425,7 +425,7 @@ def test_a_board_that_speaks_has_lost_what_it_does_not_name() -> None:
     bench, _ = unanswered(3)
     bench.session.status = None  # whose clock this bench does not care for
     bench.say(t_board_us=board_us(bench.t_ns))
-    assert kinds(bench.session.resume(bench.t_ns)) == [ReferenceFrame]
+    assert kinds(bench.session.resume(bench.t_ns)) == [ReferenceFrame, TimeRequest]
 
 
 def test_a_reference_that_was_held_back_until_it_was_past_is_not_sent_and_none_stands() -> None:
