@@ -10,10 +10,11 @@ from typing import Final
 
 from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad, StillContacts, tuio
+from ..time_budget import TimeBudget
 from .repeats import RepeatedReports
 from .trackpad_source import BATCH, REPORT_BYTES, OnLink, OnReports
 
-MOST_HZ: Final = 1200  # datagrams that are looked at: a tracker of 1 kHz, and one that hurries
+SHARE, BURST_NS = 0.2, 4_000_000  # of the tracker: ten contacts take 0.1 ms to decode
 _LONGEST_REST_NS: Final = 2_500_000_000  # trackers speak once a second, whatever happens
 _RETRY_S: Final = 1.0
 
@@ -45,10 +46,9 @@ class TuioTrackpad:
         self._repeats = RepeatedReports(self._still, lambda _: tuio.REPEAT, clock_ns)
         self._socket: socket.socket | None = None
         self._timer: asyncio.Handle | None = None
-        self._t_allowance_ns = 0
-        self._allowance = 0.0
+        self._budget = TimeBudget(SHARE, BURST_NS, clock_ns=clock_ns)
         self._is_reported = False
-        self.left_out = 0  # datagrams beyond MOST_HZ
+        self.left_out = 0  # datagrams beyond the time budget
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._loop, self._on_link = loop, on_link
@@ -89,20 +89,13 @@ class TuioTrackpad:
             except OSError:  # nothing waits; an error is of an earlier datagram
                 break
             t_now_ns = self._clock_ns()
-            if not self._may(t_now_ns):
+            if not self._budget.has_time:
                 self.left_out += 1
-            elif frames := self._decoder.decode(data, t_now_ns):
+                continue
+            with self._budget:
+                frames = self._decoder.decode(data, t_now_ns)
+            if frames:
                 self._still.took(t_now_ns, are_down=len(frames[-1].contacts) > 0)
                 batch.append(RawReport(t_now_ns, data))
         if batch:
             self._repeats.pass_on(batch)
-
-    def _may(self, t_now_ns: int) -> bool:
-        """Whether a datagram is looked at: MOST_HZ of them, and a burst of BATCH."""
-        gained = (t_now_ns - self._t_allowance_ns) * 1e-9 * MOST_HZ
-        self._allowance = min(self._allowance + gained, float(BATCH))
-        self._t_allowance_ns = t_now_ns
-        if self._allowance < 1.0:
-            return False
-        self._allowance -= 1.0
-        return True
