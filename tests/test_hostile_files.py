@@ -136,11 +136,18 @@ CLIENT: dict[str, tuple[str, Callable[[Path], object]]] = {
     "transparent": ("a.png", lambda path: png(path, "RGBA", 4000)),
     "coloured": ("a.png", lambda path: png(path, "RGB", 4000)),
     "palette": ("a.png", lambda path: Image.new("P", (4000, 4000)).save(path, transparency=0)),
+    "sixteen bits, transparent": (
+        "a.png",
+        lambda path: Image.new("I;16", (4000, 4000)).save(path, transparency=0),
+    ),
     "sixteen bits": ("a.png", lambda path: png(path, "I;16", 4000)),
     "a bomb of pixels": ("a.png", lambda path: png(path, "1", 16_000)),
     "lists in lists": ("a.ahap", lambda path: path.write_bytes(b'{"Pattern": [' + NESTED * 2200 + b"1]}")),
     "a list of objects": ("a.hjif", lambda path: path.write_bytes(b'{"perceptions": [' + b"{}," * 1_300_000 + b"{}]}")),
     "JSON without end": ("a.ahap", lambda path: sparse(path, b'{"Pattern": "', 400 * MB)),
+    "texts and a comma": ("a.ahap", lambda path: path.write_bytes(b"[" + b'"",' * 1_300_000 + b"]")),
+    "quotes without end": ("a.ahap", lambda path: path.write_bytes(b'["",' + b'\\"' * 1_900_000)),
+    "comments without end": ("a.hjif", lambda path: path.write_bytes(b"[//\n" + b", " * 1_000_000 + b"/*" * 900_000)),
     "a huge array": (
         "a.npy",
         lambda path: path.write_bytes(

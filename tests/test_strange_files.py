@@ -132,7 +132,6 @@ READ_ELSEWHERE = {
     "tools/web/pages.py": "its own package's page",
     "__main__.py": "/dev/null",
     "image.py": "a picture in memory, of two formats",
-    "content/sound.py": "the head of a sound in memory",
 }
 
 

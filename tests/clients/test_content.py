@@ -414,8 +414,6 @@ def test_a_picture_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path
     ("name", "data", "sentence"),
     [
         ("a.txt", b"", "a.txt: must end in one of .png"),
-        ("a.ahap", b"{", "a.ahap: is not JSON."),
-        ("a.ahap", b"[" * 100_000, "a.ahap: is not JSON."),
         ("a.ahap", b"[]", "a.ahap: must be an object."),
         ("a.ahap", b'{"Pattern": 3}', "a.ahap.Pattern: must be a list."),
         ("a.ahap", b'{"Pattern": [{"Event": {"EventType": 3}}]}', "a.ahap.Pattern[0].Event.EventType: must be a text."),
@@ -441,7 +439,6 @@ def test_a_picture_with_too_many_pixels_is_refused_before_it_is_decoded(tmp_path
         ("a.npy", npy(b"'''"), "a.npy: is not an array that NumPy can read."),
         ("a.hjif", b"{}", "a.hjif: has no perceptions."),
         ("a.hjif", b'{"perceptions": [{}], "timescale": 0}', "a.hjif.timescale: must be above 0."),
-        ("a.wav", b"RIFF", "a.wav: is no WAV file of whole numbers"),
         ("a.npy", b"no array", "a.npy: is not an array that NumPy can read."),
         ("a.png", b"no picture", "a.png: is not a PNG or JPEG that Pillow can read."),
     ],
@@ -542,16 +539,6 @@ def test_a_file_that_is_missing_or_silent_is_one_sentence(
     with pytest.raises(RefusedError) as refused:
         content.load(make(tmp_path))
     assert sentence in str(refused.value)
-
-
-def test_a_sound_of_24_bits_is_played(tmp_path: Path) -> None:
-    with wave.open(str(tmp_path / "a.wav"), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(3)
-        file.setframerate(8000)
-        samples = [round(2**22 * math.sin(2 * math.pi * 100 * n / 8000)) for n in range(8000)]
-        file.writeframes(b"".join(struct.pack("<i", sample)[:3] for sample in samples))
-    assert [round(hz, -1) for _, _, hz, _ in tones(content.load(tmp_path / "a.wav"))] == [100.0]
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])

@@ -17,6 +17,7 @@ MAX_PIXELS = 16_000_000  # some 150 MB while it is converted
 MAX_JPEG_PIXELS = 64_000_000  # of a JPEG that is decoded at a fraction of its size
 MAX_SCANS = 50  # of a JPEG, each of which goes over all of it: programs write ten
 _SCAN = b"\xff\xda"
+_MODES = ("1", "L", "LA", "P", "RGB", "RGBA", "CMYK")  # of 8 bits at most, which Pillow converts without loss
 
 
 def grey_rows(path: str | os.PathLike[str], max_side: int, *, is_square: bool = True) -> list[bytes]:
@@ -34,7 +35,7 @@ def grey_rows(path: str | os.PathLike[str], max_side: int, *, is_square: bool = 
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # of more pixels than are taken here
             with Image.open(io.BytesIO(data), formats=FORMATS) as picture:
                 _check_size(picture, data, max_side, os.fspath(path))
-                grey = ImageOps.exif_transpose(_grey(picture))
+                grey = ImageOps.exif_transpose(grey_of(picture, os.fspath(path)))
     except RefusedError:
         raise
     except (UnidentifiedImageError, MemoryError, Image.DecompressionBombError, SyntaxError, ValueError):
@@ -65,11 +66,25 @@ def _check_size(picture: Any, data: bytes, max_side: int, path: str) -> None:
         raise RefusedError(f"{path}: has {width} x {height} pixels, at most {most} can be read: reduce it.")
 
 
-def _grey(picture: Any) -> Any:
-    """Return its grey levels, on black where it is transparent; without a copy in colour, which takes four times as
-    much."""
+def grey_of(picture: Any, path: str) -> Any:
+    """Return a picture's levels of grey, 0 .. 255, on black where it is transparent; without a copy in colour, which
+    takes four times as much. Raises RefusedError for a mode of another range."""
     from PIL import ImageChops
 
+    transparent = picture.info.get("transparency")
+    if picture.mode.startswith("I;16"):  # which Pillow would clip at 255
+        table = [0 if level == transparent else round(level / 257) for level in range(1 << 16)]
+        return picture.convert("I").point(table, "L")
+    if picture.mode not in _MODES:
+        raise RefusedError(
+            f"{path}: has pixels of Pillow's mode {picture.mode}: save it with 8 or 16 bits per channel."
+        )
+    # Pillow scales the levels to 8 bits, and leaves the transparent one as it is in the file.
+    rawmode = picture.tile[0][3] if getattr(picture, "tile", ()) else ""
+    if isinstance(transparent, int):
+        picture.info["transparency"] = transparent * {"L;2": 85, "L;4": 17}.get(rawmode, 1)
+    elif isinstance(transparent, tuple) and rawmode == "RGB;16B":
+        picture.info["transparency"] = tuple(level >> 8 for level in transparent)
     if not picture.has_transparency_data:
         return picture.convert("L")
     levels = picture.convert("LA") if picture.mode in ("L", "1") else picture.convert("RGBA")

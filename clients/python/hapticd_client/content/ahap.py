@@ -23,9 +23,7 @@ INTENSITY, SHARPNESS = "HapticIntensityControl", "HapticSharpnessControl"
 
 def track_of(path: str | os.PathLike[str]) -> Track:
     """Return the track of a file. Raises RefusedError."""
-    pattern = Document.read(path).objects("Pattern")
-    if len(pattern) > MAX_ENTRIES:
-        raise RefusedError(f"{os.fspath(path)}.Pattern: has {len(pattern)} entries, at most {MAX_ENTRIES}: divide it.")
+    pattern = Document.read(path).objects("Pattern", MAX_ENTRIES)
     curves: dict[str, list[Sequence[Point]]] = {INTENSITY: [], SHARPNESS: []}
     for one in pattern:
         if "ParameterCurve" in one:

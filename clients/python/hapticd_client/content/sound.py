@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 import os
-import wave
+import struct
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import BinaryIO
@@ -29,6 +29,8 @@ HEAD_BYTES = 1 << 20  # before the samples
 MAX_SAMPLES = 30_000_000  # of all channels: ten minutes at 48 kHz, five in stereo
 MAX_CHANNELS = 32
 MAX_RATE_HZ = 192_000
+PCM, EXTENSIBLE = 1, 0xFFFE
+FORMATS = {2: "ADPCM", 3: "floating point", 6: "A-law", 7: "mu-law", 17: "ADPCM", 85: "MP3"}
 BLOCK = 1 << 18  # samples that are read at once
 FRAME_S = 0.010
 PITCH_S = 0.1
@@ -45,9 +47,6 @@ def track_of(path: str | os.PathLike[str]) -> Track:
     try:
         with open_regular(path, MAX_BYTES) as file:
             return _track(Sound(file, os.fspath(path)), os.fspath(path))
-    except (wave.Error, EOFError) as error:
-        why = str(error) or "it ends early"
-        raise RefusedError(f"{os.fspath(path)}: is no WAV file of whole numbers ({why}): save it as 16 bit.") from None
     except OSError as error:
         raise RefusedError(f"{os.fspath(path)}: cannot be read ({error.strerror or error}).") from None
 
@@ -56,31 +55,53 @@ class Sound:
     """An open WAV file of a bounded size, read window by window: so it takes memory for a few."""
 
     def __init__(self, file: BinaryIO, path: str) -> None:
-        """Raises RefusedError for more than can be played, wave.Error, EOFError."""
-        head = io.BytesIO(file.read(HEAD_BYTES))  # which bounds the number of chunks, too
-        with wave.open(head, "rb") as found:
-            self._channels, self._width, self.rate_hz, frames = found.getparams()[:4]
-            self._begin = head.tell()
-        if not 2 / FRAME_S <= self.rate_hz <= MAX_RATE_HZ:
-            raise RefusedError(
-                f"{path}: has {self.rate_hz} samples per second, it must have {2 / FRAME_S:g} .. {MAX_RATE_HZ}: save "
-                "it at another rate."
-            )
-        check_length(frames / self.rate_hz, path)
-        if self._channels > MAX_CHANNELS:
-            raise RefusedError(
-                f"{path}: has {self._channels} channels, it must have {MAX_CHANNELS} at most: save it with fewer."
-            )
-        if frames * self._channels > MAX_SAMPLES:
-            raise RefusedError(
-                f"{path}: has {frames * self._channels} samples in all channels, it must have {MAX_SAMPLES} at most: "
-                "divide it."
-            )
-        if self._width not in (1, 2, 3, 4):
-            raise wave.Error(f"samples of {self._width} bytes")
+        """Raises RefusedError for more than can be played, and for what is not a WAV file of whole numbers."""
+        self._file, self.rate_hz = file, 0
+        size = file.seek(0, io.SEEK_END)
+        file.seek(0)
+        self._begin, samples_bytes = self._find_samples(io.BytesIO(file.read(HEAD_BYTES)), size, path)
+        self._frames = samples_bytes // (self._channels * self._width)
+        check_length(self._frames / self.rate_hz, path)
+        _check(path, self._frames * self._channels, "samples in all channels", 0, MAX_SAMPLES, "divide it")
         if self._channels > 1:
             drop(f"{self._channels} channels: their mean is played")
-        self._file, self._frames = file, frames
+
+    def _find_samples(self, head: BinaryIO, file_bytes: int, path: str) -> tuple[int, int]:
+        """Read the chunks up to the samples; return where these begin and how many bytes they have."""
+        start = head.read(12)
+        if start[:4] not in (b"RIFF", b"RF64", b"BW64") or start[8:] != b"WAVE":
+            raise RefusedError(f"{path}: is not a WAV file: it begins with {start!r}.")
+        is_size_true = abs(int.from_bytes(start[4:8], "little") + 8 - file_bytes) <= 1
+        long_bytes = 0  # of the samples, where 32 bits are too few
+        while len(chunk := head.read(8)) == 8:
+            name, size = struct.unpack("<4sI", chunk)
+            begin = head.tell()
+            if name == b"data":
+                if not self.rate_hz:
+                    raise RefusedError(f"{path}: has no format (chunk 'fmt ') before its samples: save it as 16 bit.")
+                if size == 0xFFFFFFFF or (size == 0 and not is_size_true):  # streamed, or in the chunk `ds64`
+                    size = long_bytes or file_bytes
+                return begin, min(size, file_bytes - begin)
+            if name == b"fmt " and len(form := head.read(min(size, 40))) >= 16:
+                self._read_format(form, path)
+            elif name == b"ds64":
+                (long_bytes,) = struct.unpack("<8xQ", head.read(16).ljust(16, b"\0"))
+            head.seek(begin + size + size % 2)
+        raise RefusedError(f"{path}: has no samples (chunk 'data') in its first {HEAD_BYTES} bytes: save it as 16 bit.")
+
+    def _read_format(self, form: bytes, path: str) -> None:
+        tag, self._channels, self.rate_hz, _, frame_bytes, bits = struct.unpack_from("<HHIIHH", form)
+        if tag == EXTENSIBLE and len(form) >= 26:
+            (tag,) = struct.unpack_from("<H", form, 24)
+        if tag != PCM:
+            raise RefusedError(f"{path}: has samples of {FORMATS.get(tag, f'format {tag:#x}')}: save it as 16 bit.")
+        _check(path, self.rate_hz, "samples per second", round(2 / FRAME_S), MAX_RATE_HZ, "save it at another rate")
+        _check(path, self._channels, "channels", 1, MAX_CHANNELS, "save it as mono")
+        self._width = (bits + 7) // 8
+        if not 1 <= self._width <= 4 or frame_bytes != self._channels * self._width:
+            raise RefusedError(
+                f"{path}: has samples of {bits} bits in frames of {frame_bytes} bytes: save it as 16 bit."
+            )
 
     def windows(self, size: int) -> Iterator[Floats]:
         """Yield the mean of all channels from the begin on, some windows (n, size) at a time; a shorter one at last."""
@@ -88,11 +109,9 @@ class Sound:
         left, frames = self._frames, max(BLOCK // size, 1) * size
         while left > 0 and (data := self._file.read(min(frames, left) * self._channels * self._width)):
             left -= frames
-            samples = _whole_numbers(data, self._width)
-            whole = len(samples) // self._channels * self._channels
-            mono = samples[:whole].reshape(-1, self._channels) @ np.full(
-                self._channels, 1.0 / self._channels, np.float32
-            )
+            data = data[: len(data) // (self._channels * self._width) * self._channels * self._width]
+            weights = np.full(self._channels, 1.0 / self._channels, np.float32)
+            mono = _whole_numbers(data, self._width).reshape(-1, self._channels) @ weights
             whole = len(mono) // size * size
             if whole:
                 yield mono[:whole].reshape(-1, size)
@@ -107,6 +126,11 @@ class Sound:
             found.append(np.einsum("ij,ij,j->i", part, part, each) if of_squares else part @ each)
             samples += part.size
         return np.concatenate(found), samples
+
+
+def _check(path: str, count: int, what: str, low: int, high: int, remedy: str) -> None:
+    if not low <= count <= high:
+        raise RefusedError(f"{path}: has {count} {what}, it must have {low} .. {high}: {remedy}.")
 
 
 def _track(sound: Sound, path: str) -> Track:
@@ -127,7 +151,6 @@ def _track(sound: Sound, path: str) -> Track:
 def _whole_numbers(data: bytes, width: int) -> Floats:
     if width == 1:
         return np.frombuffer(data, np.uint8).astype(np.float32) - np.float32(128.0)
-    data = data[: len(data) // width * width]
     if width == 3:  # the two upper bytes are enough
         return np.frombuffer(data, np.uint8).reshape(-1, 3)[:, 1:].copy().view("<i2")[:, 0].astype(np.float32)
     return np.frombuffer(data, f"<i{width}").astype(np.float32)
