@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import sqlite3
+import time
+from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,12 +17,12 @@ from hapticd.values import FloatArray
 
 class Task(NamedTuple):
     """A seed; `folder` gets a file for each time that it is played. It kills its process `deaths` times, that of the
-    campaign once if it `ends_all`, and raises if it `fails`."""
+    campaign once when the file `ends_after` holds three results, and raises if it `fails`."""
 
     seed: int
     folder: str
     deaths: int = 0
-    ends_all: bool = False
+    ends_after: str = ""
     fails: bool = False
 
 
@@ -36,7 +39,10 @@ def play(task: Task) -> Outcome:
     Path(task.folder, f"{task.seed}-{played}").touch()
     if played < task.deaths:
         os.kill(os.getpid(), signal.SIGKILL)
-    if task.ends_all and played == 0:
+    if task.ends_after and played == 0:
+        with closing(sqlite3.connect(task.ends_after)) as kept:
+            while kept.execute("SELECT COUNT(*) FROM results").fetchone()[0] < 3:
+                time.sleep(0.01)
         os.kill(os.getppid(), signal.SIGKILL)
         signal.pause()
     if task.fails:

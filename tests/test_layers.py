@@ -247,7 +247,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
         ({"prometheus_client"}, ("tools/stream",)),
         ({"pylsl"}, ("tools/record/inlets",)),
         ({"mcap"}, ("files/recording/mcap_",)),
-        ({"distributed"}, ("tools/campaign",)),
+        ({"distributed"}, ("tools/campaigns",)),
         ({"scipy"}, ("bench", "tools/calibrate", "tools/study")),
         ({"evdev"}, ("io/devices/input_nodes",)),
         ({"pythonosc"}, ("wire/osc",)),

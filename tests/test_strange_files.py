@@ -121,7 +121,7 @@ READ_ELSEWHERE = {
     "io/host/cpu_latency.py": "the kernel's device",
     "io/host/journal.py": "its own standard error",
     "sim/rig/process.py": "the history that its own process wrote",
-    "tools/campaign/results.py": "its own package's files",
+    "tools/campaigns.py": "its own package's files",
     "tools/doctor/bundle.py": "its own recording, and the archive that it writes",
     "tools/doctor/finding.py": "the kernel's files",
     "tools/doctor/service.py": "the daemon's lock",

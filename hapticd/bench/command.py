@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 from ..config.sections import FELT, OBJECTIVES
 from ..errors import UsageError
-from ..tools import outputs
+from ..tools import campaigns, outputs
 from ..tools.arguments import number, whole
-from ..tools.campaign import runner
 
 
 class Part(NamedTuple):
@@ -60,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="F.mcap",
         help="prediction: a recording's touches in place of the motions",
     )
-    runner.add_arguments(parser, "worlds: ")
+    campaigns.add_arguments(parser, "worlds: ")
     outputs.add_json(parser)
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="plot error against run time")
     parser.set_defaults(command=_bench)
@@ -79,21 +78,20 @@ def _bench(options: argparse.Namespace) -> None:
         raise UsageError("--traces and --recording exclude each other: give one.")
     if touches is not None and options.plot is not None:
         raise UsageError("--plot: recorded touches have no table of error over run time: leave the option out.")
-    for name in ("objective", *runner.OPTIONS):
+    for name in ("objective", *campaigns.OPTIONS):
         if getattr(options, name) is not None and options.part != "worlds":
             raise UsageError(f"--{name}: belongs to one part: write hapticd bench worlds.")
     from . import suite
 
     names = [name for name in PARTS if name not in APART] if options.part == ALL else [options.part]
-    with runner.of(options) as campaign:
-        extent = suite.Extent(
-            seconds=options.seconds,
-            touches=suite.touches(options.traces, options.recording),
-            worlds=options.worlds,
-            objective=options.objective or FELT,
-            campaign=campaign,
-        )
-        suite.run({name: _minutes(name, options) for name in names}, extent, json_file=options.json, plot=options.plot)
+    extent = suite.Extent(
+        seconds=options.seconds,
+        touches=suite.touches(options.traces, options.recording),
+        worlds=options.worlds,
+        objective=options.objective or FELT,
+        campaign=campaigns.of(options),
+    )
+    suite.run({name: _minutes(name, options) for name in names}, extent, json_file=options.json, plot=options.plot)
 
 
 def _minutes(name: str, options: argparse.Namespace) -> float:

@@ -14,8 +14,8 @@ import numpy as np
 
 from .. import __version__
 from ..config.sections import FELT
+from ..design.campaign import TaskRunner, one_by_one
 from ..errors import UsageError
-from ..tools.campaign.runner import Campaign
 from ..tools.outputs import table_stream, write_text
 from ..tools.touches import Trace, recorded
 from . import (
@@ -42,7 +42,7 @@ class Extent(NamedTuple):
     touches: list[Trace] | None = None
     worlds: int = worlds.WORLDS
     objective: str = FELT
-    campaign: Campaign | None = None
+    campaign: TaskRunner = one_by_one
 
 
 _Runner = Callable[[Extent], tuple[Table, ...]]

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..config.sections import FELT, Config, SolverConfig
+from ..design.campaign import TaskRunner, one_by_one
 from ..sim import lockstep
 from ..sim.fingers.scenarios import REAL
 from ..sim.lockstep import Run
@@ -28,7 +29,6 @@ from ..sim.score import Score
 from ..sim.settings import Settings, in_world, paper_settings
 from ..sim.world_errors import CAUSES, NEUTRAL
 from ..sim.world_tolerances import LEVELS, draw
-from ..tools.campaign.runner import Campaign
 from ..tools.touch_correction import judged_by
 from . import telemetry, touching
 from .tables import Table, finite_rows
@@ -97,7 +97,7 @@ def run(
     seconds: float = SECONDS,
     touching_s: float = touching.TOUCHING_S,
     causes: tuple[str, ...] = CAUSES,
-    campaign: Campaign | None = None,
+    campaign: TaskRunner = one_by_one,
 ) -> tuple[Table, ...]:
     """Compare the schemes in `worlds` laboratories of each level, and `causes` in those of the middle one; `objective`
     is that of hapticd and of perfect knowledge."""
@@ -117,7 +117,7 @@ def run(
     jobs = {
         (settings.plate.plate, level, seed): job(settings, level, seed) for settings, level, of in played for seed in of
     }
-    scores = (campaign or Campaign())("worlds", play, [*jobs.values()])
+    scores = campaign("worlds", play, [*jobs.values()])
     return tables(dict(zip(jobs, scores, strict=True)), objective)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from ..config import loader
 from ..config.sections import PlateConfig
 from ..core.friction import FrictionCurve
+from ..design.campaign import TaskRunner
 from ..design.felt_search import (
     FARTHEST_HZ,
     ORDERABLE,
@@ -26,10 +27,8 @@ from ..design.felt_tolerances import felt_tolerances
 from ..design.plate_bounds import bounds
 from ..errors import CalibrationError, UsageError
 from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
-from . import outputs, plate_arguments, plate_files, plate_places, plate_tables, plate_verdict
+from . import campaigns, outputs, plate_arguments, plate_files, plate_places, plate_tables, plate_verdict
 from .arguments import number, whole
-from .campaign import runner
-from .campaign.runner import Campaign
 from .plate_arguments import DRIVES
 from .plate_verdict import FeltMotion
 from .progress import Progress
@@ -42,7 +41,7 @@ TOML = (".toml",)
 _BELONGING = (
     *("modes", "drive", "config", "glass", "tolerances", "seed"),
     *("q", "radius", "farthest", "patch", "place", "friction"),
-    *runner.OPTIONS,
+    *campaigns.OPTIONS,
 )
 
 
@@ -95,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "it (default: the usual finger's)",
     )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), metavar="N", help=f"of random places and plates ({SEED})")
-    runner.add_arguments(group)
+    campaigns.add_arguments(group)
     outputs.add_file(
         parser, "--glass", TOML, group=group, metavar="F.toml", help="the best plate, for --plate of simulated plates"
     )
@@ -139,11 +138,11 @@ def run(options: argparse.Namespace) -> FeltDesign:
         farthest_hz=FARTHEST_HZ if options.farthest is None else options.farthest,
         seed=SEED if options.seed is None else options.seed,
     )
-    with runner.of(options) as campaign:
-        designs = _searched(options, task, campaign)
-        best = designs[0]
-        count = options.tolerances
-        study = None if count is None else felt_tolerances(best, task, count, campaign)
+    campaign = campaigns.of(options)
+    designs = _searched(options, task, campaign)
+    best = designs[0]
+    count = options.tolerances
+    study = None if count is None else felt_tolerances(best, task, count, campaign)
     try:
         with Progress("fingers in motion on the best plate") as progress:
             motion: FeltMotion | str = plate_verdict.simulate_felt(best, task, person, progress)
@@ -167,7 +166,7 @@ def run(options: argparse.Namespace) -> FeltDesign:
     return best
 
 
-def _searched(options: argparse.Namespace, task: FeltTask, campaign: Campaign) -> list[FeltDesign]:
+def _searched(options: argparse.Namespace, task: FeltTask, campaign: TaskRunner) -> list[FeltDesign]:
     """Return the designs, the best first, and that with all modes known that its file has. Raises HapticdError."""
     counts = plate_arguments.modes(options.modes)
     drive_hz = plate_arguments.span(DRIVES if options.drive is None else options.drive, "--drive", 100.0, 1e6)

@@ -10,10 +10,11 @@ import pytest
 from hapticd.bench import worlds
 from hapticd.bench.tables import Table
 from hapticd.config.sections import OBJECTIVES, Config, PredictionConfig
+from hapticd.design.campaign import TaskRunner
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.settings import Settings
-from hapticd.tools.campaign.runner import Campaign
+from hapticd.tools import campaigns
 
 pytestmark = pytest.mark.long
 
@@ -91,12 +92,12 @@ def test_the_objective_is_that_of_every_world_that_is_played() -> None:
 
     for objective in OBJECTIVES:
         with pytest.raises(Asked, match=rf"^{{'{objective}'}}$"):
-            worlds.run(worlds=1, objective=objective, campaign=cast("Campaign", asked))
+            worlds.run(worlds=1, objective=objective, campaign=cast("TaskRunner", asked))
 
 
 def test_processes_give_what_one_process_gives() -> None:
     jobs = [worlds.Job(Settings(), "mild", seed, SECONDS, 2.0, causes=()) for seed in (1, 2)]
-    played = Campaign(2)("worlds", worlds.play, jobs)
+    played = campaigns.run("worlds", worlds.play, jobs, jobs=2)
     assert repr(played) == repr([*map(worlds.play, jobs)])  # NaN, which perfect knowledge has, equals no other one
 
 

@@ -30,7 +30,6 @@ PACKAGE = Path(hapticd.__file__).parent
 WALL_CLOCKS = {"time.time", "time.time_ns", "time.localtime", "time.gmtime", "datetime", "time.clock_gettime"}
 DATED = (
     "files/recording/header.py",
-    "tools/campaign/runner.py",
     "tools/doctor/bundle.py",
     "tools/stream/plotjuggler.py",
     "tools/view/recording.py",

@@ -13,21 +13,20 @@ from soak import daemon, endurance, walk  # noqa: E402
 
 from hapticd.bench.tables import render  # noqa: E402
 from hapticd.errors import HapticdError  # noqa: E402
-from hapticd.tools.campaign import runner  # noqa: E402
+from hapticd.tools import campaigns  # noqa: E402
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("soak", choices=("endurance", "daemon", "walk"))
 parser.add_argument("--calibrating", action="store_true", help="a daemon that calibrates itself, in one run")
 parser.add_argument("--hours", type=float, default=1.0)
 parser.add_argument("--steps", type=int, default=1_000_000)
-runner.add_arguments(parser, "endurance, walk: ")
+campaigns.add_arguments(parser, "endurance, walk: ")
 options = parser.parse_args()
 try:
     if options.soak == "daemon":
         print(render(daemon.run(options.hours, is_calibrating=options.calibrating)))
     else:
-        with runner.of(options) as campaign:
-            is_walk = options.soak == "walk"
-            print(render(walk.run(options.steps, campaign) if is_walk else endurance.run(options.hours, campaign)))
+        campaign, is_walk = campaigns.of(options), options.soak == "walk"
+        print(render(walk.run(options.steps, campaign) if is_walk else endurance.run(options.hours, campaign)))
 except HapticdError as error:
     sys.exit(str(error))
