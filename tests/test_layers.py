@@ -138,7 +138,7 @@ def test_no_arrow_of_the_drawing_runs_back_up() -> None:
 @pytest.mark.parametrize(
     ("source", "found"),
     [
-        ('run([executable, "-P", "-m", "hapticd.tools.touch_process"])', {"hapticd.tools.touch_process"}),
+        ('run([executable, "-P", "-m", "hapticd.sim.rig.program"])', {"hapticd.sim.rig.program"}),
         ('PROCESS = "hapticd.sim.rig.program"', {"hapticd.sim.rig.program"}),
         ('import_module("hapticd.bench")', {"hapticd.bench"}),
         ('import_module(".machine", __package__)', {"hapticd.daemon.machine"}),

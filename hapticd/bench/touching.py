@@ -67,7 +67,7 @@ def touch(settings: Settings, before: Measured, seed: int, seconds: float, scena
     simulation = Simulation(actors, observed, seed, before)
     machine = simulation.machine
     header = header_of(machine, t_ns=T_START_NS, utc="", is_whole=True)
-    collected = Collected.of(header.config)
+    collected = Collected()
 
     def put(kind: str, t_ns: int, *values: object) -> None:
         if kind in COLLECTED:

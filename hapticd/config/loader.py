@@ -50,6 +50,17 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> 
     return _with_files(config, where, folder)
 
 
+def known_keys(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a parsed table without sections and keys that this hapticd does not have."""
+    sections = {one.name: cast(type, one.default_factory) for one in fields(Config)}
+    names = {name: {entry.name for entry in fields(section)} for name, section in sections.items()}
+    return {
+        name: {key: value for key, value in section.items() if key in names[name]}
+        for name, section in table.items()
+        if name in names and isinstance(section, dict)
+    }
+
+
 def simulated(config: Config) -> Config:
     """Return this configuration for the simulated plate: its mode map, the firmware's models, the pad centred."""
     return replace(

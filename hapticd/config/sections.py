@@ -134,9 +134,6 @@ class TrackpadConfig:
         low=15,
         high=1000,
     )
-    correct_while_touched: bool = key(
-        False, "correct pad, mode map and sensors while running, by what touches do to the plate"
-    )
 
 
 # Lag of the plate behind moving references under each law, measured: `hapticd bench firmware`, table tracking.

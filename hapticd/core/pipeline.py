@@ -29,7 +29,6 @@ from .targets.scene import Scene
 from .touch.contact_form import EllipseScale
 from .touch.fingers import Fingers
 from .trajectory.gate import UNTOUCHED, gate, silence
-from .trajectory.readings import Matrix, as_read, as_they_are, read_um
 from .triggers import Triggers
 
 _COVER_STEP_NS: Final = 1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
@@ -75,7 +74,6 @@ class Pipeline:
         )
         self._triggers = Triggers(scene, self._fingers, settings.cover_ns * 2 // 3)
         self.events = self._triggers.events
-        self._readings: Matrix | None = None
         self._ways = Ways(scene, self._fingers, settings.tolerance_um)
         self._frame = FrameSolver(scene, self._fingers, self._solver, self._ways, settings.tolerance_um, self.counters)
         self._active = ActiveReference(modes.M, self._ways, settings.tolerance_um)
@@ -131,21 +129,11 @@ class Pipeline:
         self._triggers.take(tracked)
         return tracked
 
-    def set_sensor_latency(self, latency_ns: int) -> None:
-        """Take the pad's own latency to be this from the next report on."""
-        self._fingers.set_latency(latency_ns)
-
     def set_modes(self, modes: ModeShapes) -> None:
         """Take the plate to have these shapes from the next pass on."""
         self._modes = modes
         self._solver.set_modes(modes)
         self._ways.steepness_1_mm = modes.steepest_1_mm()
-
-    def set_contacts(self, radius_mm: float, ellipse_scale: float, ellipse_offset_mm: float) -> None:
-        """Take contacts to be as large as `PipelineSettings` says, from the next pass on. Points stay points."""
-        if self._solver.has_contacts:
-            self._solver.set_contact_radius(radius_mm)
-        self._fingers.set_ellipse_scale(_ellipse_scale(ellipse_scale, ellipse_offset_mm))
 
     @property
     def slowness(self) -> float:
@@ -155,17 +143,6 @@ class Pipeline:
     def set_slowness(self, slowness: float) -> None:
         """Take passes to last so many times longer than estimated for machine code: from 1 to MOST_SLOWNESS."""
         self._budget.slowness = min(max(slowness, 1.0), MOST_SLOWNESS)
-
-    def set_parasitic_modes(self, parasitic_modes: ParasiticModes) -> None:
-        """Compensate these undriven modes from the next pass on."""
-        self._solver.set_parasitic_modes(parasitic_modes)
-
-    def set_readings(self, readings: Sequence[Row]) -> None:
-        """Take the board's sensors to read `readings` (M, M) times the true amplitudes, from the next pass on."""
-        matrix = tuple([tuple(row) for row in readings])
-        self._readings = None if matrix == as_they_are(self._modes.M) else matrix
-        if self._active.fingers.keys:
-            self.resend()
 
     def sensor_lost(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
@@ -235,7 +212,7 @@ class Pipeline:
         self.counters.gated += drive.reasons is not UNTOUCHED
         touched = points(keys, first, last)
         active.activate(drive, fingers, last.places, touched, limited=limited)
-        return self._tick(t_now_ns, t_plate_ns, self._as_read(drive), touched, limited)
+        return self._tick(t_now_ns, t_plate_ns, drive, touched, limited)
 
     def rest(self, t_now_ns: int, link_ns: int) -> Tick:
         """Nothing is requested or allowed: send one zero frame, then none."""
@@ -267,8 +244,7 @@ class Pipeline:
 
     def asked_um(self, t_ns: int) -> Row:
         """What the board's sensors should have read at an instant not long ago."""
-        modal_um = self._active.past_um(t_ns - self._settings.loop_delay_ns)
-        return modal_um if self._readings is None else read_um(modal_um, self._readings)
+        return self._active.past_um(t_ns - self._settings.loop_delay_ns)
 
     def reach(self, key: FingerKey | None, place_mm: tuple[float, float], t_now_ns: int) -> tuple[float, float] | None:
         """The interval of friction (0 .. 1) that a finger, or without `key` one that touched this place, could feel now
@@ -303,12 +279,6 @@ class Pipeline:
         most = min(self._effect_knots, solves)
         span_ns, corners_ns = self._effects.frame(t_plate_ns, self._cover_ns, most)
         return FramePlan(fingers, t_plate_ns, span_ns, most, solves, corners_ns)
-
-    def _as_read(self, drive: SafeDrive) -> SafeDrive:
-        """Return the drive in what the board's sensors read, within its limits there too."""
-        if self._readings is None:
-            return drive
-        return gate(as_read(drive, self._readings), self._settings.w_limit_um)
 
     def _tick(
         self, t_now_ns: int, t_plate_ns: int, drive: SafeDrive | None, points: tuple[TouchPoint, ...], limited: bool

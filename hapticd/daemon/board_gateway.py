@@ -33,7 +33,7 @@ from ..values import Tick
 from ..wire import device as device_wire
 from ..wire.commands import encode
 from .observer import Observed
-from .settings import LONGEST_FRAME_S, max_knots, telemetry_hz
+from .settings import LONGEST_FRAME_S, max_knots
 
 log = logging.getLogger("hapticd")
 
@@ -73,7 +73,7 @@ class BoardGateway:
             link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
-            telemetry_hz=telemetry_hz(config),
+            telemetry_hz=config.record.telemetry_hz,
             fast_baud=0 if set_baud is None else config.device.fast_baud,
         )
         self.unsent = 0

@@ -14,7 +14,6 @@ import secrets
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
@@ -36,7 +35,6 @@ from ..wire.trackpad import Pad
 from .board_gateway import RUNNING
 from .machine import REPORTS_ENDED_NS, TIMER_NS, Machine
 from .recorder import Recorders, header_of
-from .self_calibration import SelfCalibration
 from .self_test import SelfTest
 
 log = logging.getLogger("hapticd")
@@ -52,14 +50,6 @@ STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longes
 now_ns = time.monotonic_ns  # the host's clock: the axis of all `t_..._ns`
 
 
-class Programs(NamedTuple):
-    """The commands that a daemon runs as processes of their own: `calibrate` fits while the plate is touched, and
-    `self_test` measures a board, given its port."""
-
-    calibrate: Sequence[str]
-    self_test: Sequence[str]
-
-
 class Daemon:
     """Everything that `hapticd run` opens, from `start` to `stop`."""
 
@@ -72,7 +62,7 @@ class Daemon:
         *,
         board_port: str,
         trackpad: TrackpadSource,
-        programs: Programs,
+        self_test: Sequence[str],
         calibration: BoardCalibration = UNCALIBRATED,
         parasitic_modes: ParasiticModes | None = None,
         notifier: Notifier | None = None,
@@ -85,9 +75,8 @@ class Daemon:
         self.runtime_dir = runtime_dir
         self._server = ClientServer(runtime_dir, remote)
         self._link = SerialLink(board_port, config.device.baud)
-        self._self_test = SelfTest(programs.self_test, config.device, board_port) if config.device.self_test else None
+        self._self_test = SelfTest(self_test, config.device, board_port) if config.device.self_test else None
         self._trackpad = trackpad
-        self._programs = programs
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
         self._t_collected_ns = self._t_logged_ns = self._t_kept_ns = 0
@@ -98,7 +87,6 @@ class Daemon:
         self._pad_link: tuple[Pad | None, str] | None = None  # what is connected, and why
         self._board_link: tuple[bool, str] | None = None
         self._recorders: Recorders | None = None
-        self._calibration_task: SelfCalibration | None = None
         self._awake: awake.CpuLatencyHold | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop, modes: ModeShapes) -> None:
@@ -113,17 +101,7 @@ class Daemon:
             on_listener=self._listener,
             refusal_of_parts=client_wire.REFUSAL_OF_PARTS,
         )
-        if self._config.trackpad.correct_while_touched:
-            self._calibration_task = SelfCalibration(self._config, self._modes, self._parasitic_modes)
-            self._calibration_task.start(loop, self._programs.calibrate, _header(self.machine, True))
-            self.machine.status.calibration = self._calibration_task.report
-        self._recorders = Recorders(
-            self.machine,
-            self._config.record,
-            self.runtime_dir,
-            _header,
-            also=None if self._calibration_task is None else self._calibration_task.put,
-        )
+        self._recorders = Recorders(self.machine, self._config.record, self.runtime_dir, _header)
         self._recorders.start(loop)
         self._open_board()
         self._trackpad.start(
@@ -164,10 +142,6 @@ class Daemon:
         self._logged_missed = 0
         self._recorders.begin(machine, t_now_ns)
         machine.adopt_slowness(self._slowness.adopted, t_now_ns)
-        if self._calibration_task is not None:
-            machine.status.calibration = self._calibration_task.report
-            self._calibration_task.restart()
-            self._calibration_task.resume(machine, t_now_ns)
         if self._self_test is not None and self._self_test.result is not None:
             machine.self_test(*self._self_test.result, t_now_ns)
         if self._pad_link is not None:
@@ -246,8 +220,6 @@ class Daemon:
         self._link.close()
         if self._recorders is not None:
             self._recorders.close(now_ns())
-        if self._calibration_task is not None:
-            self._calibration_task.close()
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
@@ -320,8 +292,6 @@ class Daemon:
     def _housekeep(self, t_now_ns: int) -> None:
         """Do what is due besides the touch, after timer ticks or reports."""
         assert self._recorders is not None
-        if self._calibration_task is not None:
-            self._calibration_task.step(self.machine, t_now_ns)
         if self._awake is not None:
             self._awake.look(not self.machine.is_idle, t_now_ns)
         if t_now_ns - self._t_kept_ns < KEEP_EVERY_NS:

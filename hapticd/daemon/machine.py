@@ -8,10 +8,8 @@ input passes the observer first. Decisions are made in `core`.
 from __future__ import annotations
 
 import logging
-import math
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 
 from hapticd_contract.replies import Plate
@@ -28,9 +26,8 @@ from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
-from ..values import AffineMap, Aim, RawReport, Tick
+from ..values import Aim, RawReport, Tick
 from ..wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
-from .adoption import shapes_of
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
 from .observer import Observed, Observer
@@ -282,63 +279,6 @@ class Machine:
         """Take passes to last so many times longer than estimated, as measured on this machine: they do less then."""
         self._observed.put("adopt_slowness", t_now_ns, slowness)
         self.pipeline.set_slowness(slowness)
-
-    def adopt(self, plate_from_pad: Sequence[float], latency_ns: int, t_now_ns: int) -> None:
-        """Take the pad to lie here, the numbers of an AffineMap, and to report so late, from its next report on."""
-        self._observed.put("adopt", t_now_ns, list(plate_from_pad), latency_ns)
-        self._plate_from_pad = AffineMap(*plate_from_pad)
-        self.trackpad.place(self._plate_from_pad)
-        self.pipeline.set_sensor_latency(latency_ns)
-
-    def adopt_readings(self, d: Sequence[float], q: Sequence[float], t_now_ns: int) -> None:
-        """Take the sensors to read so many times the true amplitudes: d + j q of a matrix (M, M), row by row."""
-        self._observed.put("adopt_readings", t_now_ns, list(d), list(q))
-        modes = self.modes.M
-        flat = [complex(*parts) for parts in zip(d, q, strict=True)]
-        rows = [tuple(flat[start : start + modes]) for start in range(0, len(flat), modes)]
-        if len(flat) != modes * modes:
-            raise ValueError(f"readings have {len(flat)} elements, {modes} modes need {modes * modes}.")
-        self.pipeline.set_readings(rows)
-
-    def adopt_load(self, decay_1_s: float, detuning_rad_s: float, t_now_ns: int) -> None:
-        """Take a finger to add this to a mode with |phi| = 1 under it, from the next pass on. Raises ValueError where
-        no parasitic modes are known, or for what is not finite."""
-        self._observed.put("adopt_load", t_now_ns, decay_1_s, detuning_rad_s)
-        if self.parasitic_modes is None:
-            raise ValueError("no parasitic modes are known, on which a finger's load acts.")
-        self.parasitic_modes = self.parasitic_modes.with_load(complex(decay_1_s, -detuning_rad_s))
-        self.pipeline.set_parasitic_modes(self.parasitic_modes)
-
-    def adopt_contacts(self, radius_mm: float, ellipse_scale: float, ellipse_offset_mm: float, t_now_ns: int) -> None:
-        """Take contacts to be discs of this radius, and the pad's ellipses to have this scale, 0 to use none, from the
-        next pass on. Where fingers are points only telemetry heeds it. Raises ValueError for what is no size."""
-        self._observed.put("adopt_contacts", t_now_ns, radius_mm, ellipse_scale, ellipse_offset_mm)
-        if not (radius_mm > 0.0 and all(map(math.isfinite, (radius_mm, ellipse_scale, ellipse_offset_mm)))):
-            raise ValueError("a contact has a radius above 0 mm.")
-        self.pipeline.set_contacts(radius_mm, ellipse_scale, ellipse_offset_mm)
-        self._perception.set_contact_radius(radius_mm)
-
-    def adopt_map(self, shapes: bytes, steepest_1_mm: float, t_now_ns: int) -> None:
-        """Take the plate to have these shapes from the next pass on: float32, on the grid of the present map, whose
-        order they have. `steepest_1_mm` is their `ModeShapes.steepest_1_mm`. Takes 5 ms."""
-        self._observed.put("adopt_map", t_now_ns, shapes, steepest_1_mm)
-        self.modes = self.modes.with_shapes(shapes_of(shapes, self.modes), steepest_1_mm)
-        self.pipeline.set_modes(self.modes)
-        self.status.modes = self.modes
-
-    def adopt_uncertainty(
-        self, touched_map_frac: float, touched_mm: Sequence[float], sensors_frac: float, t_now_ns: int
-    ) -> None:
-        """Take so much not to be known of the map within `touched_mm`, and of the sensors, for telemetry: references
-        keep the room that is configured. Raises ValueError for what is no box."""
-        self._observed.put("adopt_uncertainty", t_now_ns, touched_map_frac, list(touched_mm), sensors_frac)
-        known = replace(
-            self.config.uncertainty,
-            touched_map_frac=touched_map_frac,
-            touched_mm=tuple(touched_mm),
-            sensors_frac=sensors_frac,
-        )
-        self._perception.expected = uncertainty(replace(self.config, uncertainty=known))
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last reference is zero."""

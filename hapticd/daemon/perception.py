@@ -22,7 +22,6 @@ from ..core.phasors import Row
 from ..core.pipeline import Pipeline
 from ..core.plate.contact import EllipseForm
 from ..core.touch.contact_form import axes
-from ..core.uncertainty import Uncertainty
 from ..values import WEBER_FRAC, Finger, FingerKey, Tick, TouchPoint
 
 LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
@@ -57,21 +56,6 @@ class Perception:
         self._fails = False
         self._changes: dict[FingerKey, float] = {}
         self._spans_ns: dict[FingerKey, tuple[int, int]] = {}  # beyond the Weber fraction, and in all
-
-    @property
-    def expected(self) -> Uncertainty:
-        """What is not known of plate, sensors and pad."""
-        return self._contacts.uncertainty
-
-    @expected.setter
-    def expected(self, uncertainty: Uncertainty) -> None:
-        self._contacts.uncertainty = self._by_reference.uncertainty = uncertainty
-
-    def set_contact_radius(self, radius_mm: float) -> None:
-        """Take contacts to be discs of this radius where their forms are not known."""
-        judges = (self._contacts, self._by_reference) if self._has_contacts else (self._contacts,)
-        for one in judges:
-            one.radius_mm = radius_mm
 
     def judge(self, tick: Tick) -> tuple[Tick, dict[FingerKey, Perceived]]:
         """Return the pass with the amplitudes that are to be expected of it, and what is perceived at each finger that

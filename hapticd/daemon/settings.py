@@ -18,7 +18,6 @@ LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four condition
 LONGEST_FRAME_S = 0.003
 LONGEST_EFFECT_FRAME_S = 0.005  # while an effect plays: 24 knots of two modes at 921600 baud
 BITS_PER_BYTE = 10  # 8N1
-CALIBRATION_HZ = 500
 ENVELOPE_BYTES = 7  # of a frame: type, CRC, COBS and its delimiter
 
 
@@ -70,11 +69,6 @@ def effect_knots(config: Config, baud: int) -> int:
     """Return the most knots of a frame while an effect plays, which may need more than places do."""
     modes = len(config.limits.w_limit_um)
     return max(max_knots(config, baud), min(KNOTS_MAX, knots_in(LONGEST_EFFECT_FRAME_S, baud, modes)))
-
-
-def telemetry_hz(config: Config) -> int:
-    """Return how many control ticks a second the board reports: as configured, and no fewer than calibration needs."""
-    return max(config.record.telemetry_hz, CALIBRATION_HZ if config.trackpad.correct_while_touched else 0)
 
 
 def has_contacts(config: Config) -> bool:

@@ -59,7 +59,6 @@ class Status:
         self.real_time: Mapping[str, object] = {}
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # dropped by the sockets, by cause
         self.recording: Callable[[], Mapping[str, object]] = dict
-        self.calibration: Callable[[], Mapping[str, object]] = dict
         self._config = config
         self.modes = modes
         self._instance = instance
@@ -174,7 +173,6 @@ class Status:
             },
             "board": _board(self._board, self._pipeline.max_knots),
             "recording": dict(self.recording()),
-            "calibration": dict(self.calibration()),
             "real_time": dict(self.real_time),
             "timing": self._timing(),
             "latency_ms": _latency([line for line in ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),

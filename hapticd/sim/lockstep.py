@@ -269,11 +269,6 @@ class Simulation:
         self._pushed += 1
         heapq.heappush(self._events, (t_ns, self._rank, self._pushed, kind, data))
 
-    def forget(self) -> None:
-        """Drop the history, but for the last part of a second, so that a run of hours fits into memory."""
-        self.world.forget()
-        self._passes = Passes(T_START_NS)
-
     # --- result ---
 
     def result(self, scenario: str) -> Run:

@@ -105,7 +105,6 @@ class World:
         self._keep = keep
         self._chunk_ticks = chunk_ticks
         self._kept: list[tuple[npt.NDArray[np.float64], BoardTrace]] = []
-        self._forgotten = 0  # ticks
         self._previous = PlateInstant(np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128))
         self._start_chunk()
 
@@ -153,20 +152,15 @@ class World:
         self._board_start_us = self.board.unwrapped_us - round(self.t_s * 1e6)
 
     def recording(self) -> WorldRecording:
-        """Return the history so far, without what was forgotten."""
-        done = slice(self.ticks - self._forgotten)  # of the chunk that runs, only some ticks
+        """Return the history so far."""
+        done = slice(self.ticks)  # of the chunk that runs, only some ticks
         return WorldRecording(
-            t_s=(np.arange(self._forgotten, self.ticks) + 1) / CONTROL_HZ,
+            t_s=(np.arange(self.ticks) + 1) / CONTROL_HZ,
             finger_mm=np.concatenate([fingers_mm for fingers_mm, _ in self._kept])[done],
             reference_um=np.concatenate([trace.reference_um for _, trace in self._kept])[done],
             plate_um=np.concatenate([trace.plate_um for _, trace in self._kept])[done],
             flags=np.concatenate([trace.flags for _, trace in self._kept])[done],
         )
-
-    def forget(self) -> None:
-        """Drop the history before the chunk that runs."""
-        del self._kept[:-1]
-        self._forgotten = self.ticks - self._done
 
     def _state_at(self, tick: int) -> PlateInstant:
         """Return the state at a tick of this chunk."""

@@ -23,7 +23,7 @@ from ..config.loader import load, on_plate, with_uncertainty
 from ..config.sections import SIMULATED, Config, PlateConfig, SimConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.plate.parasitic_modes import ParasiticModes
-from ..daemon.daemon import Daemon, Programs
+from ..daemon.daemon import Daemon
 from ..daemon.lifecycle import serve
 from ..daemon.settings import warm_up
 from ..errors import ConfigError, HapticdError, ModesError, TrackpadError
@@ -49,10 +49,7 @@ MAX_DESCRIPTORS = GATES * gate.MAX_DESCRIPTORS + OWN_DESCRIPTORS
 ZMQ_THREADS = 2 * GATES  # of each context one for I/O, and one that closes sockets
 WATCHDOG_EVERY_S = 0.2  # watchdog period while a configuration is prepared
 CHECK_WITHIN_S = 30.0
-PROGRAMS = Programs(
-    calibrate=(sys.executable, "-P", "-m", "hapticd.tools.touch_process"),
-    self_test=(sys.executable, "-P", "-m", "hapticd", "firmware", "selftest"),
-)
+SELF_TEST = (sys.executable, "-P", "-m", "hapticd", "firmware", "selftest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +74,7 @@ class Prepared:
             trackpad=self.trackpad,
             calibration=self.calibration,
             parasitic_modes=self.parasitic_modes,
-            programs=PROGRAMS,
+            self_test=SELF_TEST,
             notifier=notifier,
             remote=self.remote,
         )

@@ -6,17 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..board_values import BoardCalibration
-from ..config.sections import SIGMAS, UncertaintyConfig
+from ..config.sections import SIGMAS, Config, UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.touch.contact_form import LEAST_MM, MOST_MM
-from ..daemon.adoption import Correction, configured_pad
-from ..daemon.contact_sizes import AdoptedSizes
-from ..daemon.settings import has_contacts
+from ..daemon.settings import has_contacts, plate_from_pad
 from ..design import finger_load
 from ..design.touch.contacts import KNOWN_MM, contact_sizes, ellipse_law
 from ..design.touch.judge import NO_CHANGE, Judged, calibrate
@@ -24,10 +22,19 @@ from ..design.touch.model import LATENCY, Calibration
 from ..design.touch.observations import Ticks, Track, Windows, in_sessions, in_windows
 from ..errors import CalibrationError
 from ..files.recording.header import Header
-from ..values import ComplexArray
-from .touch_recording import Touched, moved_mm
+from ..values import ComplexArray, FloatArray
+from .touch_recording import Touched
 
+LATENCY_MS = (0.0, 50.0)  # the bounds of trackpad.latency_ms
 MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
+
+
+class ContactSizes(NamedTuple):
+    """The radius of a contact without a reported form, and the pad's law of ellipses: `ellipse_scale` 0 for none."""
+
+    radius_mm: float
+    ellipse_scale: float = 0.0
+    ellipse_offset_mm: float = 0.0
 
 
 def joined(sessions: Mapping[Path, Touched]) -> Touched:
@@ -51,10 +58,10 @@ def joined(sessions: Mapping[Path, Touched]) -> Touched:
 
 def _as_by(last: Touched, one: Touched) -> tuple[Ticks, list[Track]]:
     """Return what a session shows as if it had been recorded with the settings of the last."""
-    now, pad = (configured_pad(each.header.config) for each in (one, last))
-    origin_mm = np.array(moved_mm(now, pad, 0.0, 0.0))
-    linear = np.column_stack([moved_mm(now, pad, *axis) - origin_mm for axis in ((1.0, 0.0), (0.0, 1.0))])
-    late_s = 1e-9 * (now.latency_ns - pad.latency_ns)
+    (now, now_mm), (pad, pad_mm) = (_pose(each.header.config) for each in (one, last))
+    linear = pad @ np.linalg.inv(now)
+    origin_mm = pad_mm - linear @ now_mm
+    late_s = 1e-3 * (one.header.config.trackpad.latency_ms - last.header.config.trackpad.latency_ms)
     tracks = [
         replace(
             track,
@@ -72,6 +79,12 @@ def _as_by(last: Touched, one: Touched) -> tuple[Ticks, list[Track]]:
         behind_um_s=ticks.behind_um_s @ seen,
         turning_rad_s=ticks.turning_rad_s + 2.0 * np.pi * (one.drive_hz - last.drive_hz),
     ), tracks
+
+
+def _pose(config: Config) -> tuple[FloatArray, FloatArray]:
+    """Return the matrix (2, 2) and the offset (2,) in mm from the pad to the plate."""
+    pose = plate_from_pad(config)
+    return np.array(((pose.xx, pose.xy), (pose.yx, pose.yy))), np.array((pose.offset_x_mm, pose.offset_y_mm))
 
 
 def _sense_of(header: Header) -> ComplexArray:
@@ -107,19 +120,18 @@ def learned_load(touched: Touched, windows: Windows, judged: Judged) -> complex 
 
 def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
     """Return the pad's pose and latency: those of the recording, corrected."""
-    matrix, offset_mm = found.affine
-    xx, xy, yx, yy = matrix.ravel().tolist()
-    x_mm, y_mm = offset_mm.tolist()
-    correction = Correction((xx, xy, yx, yy), (x_mm, y_mm), float(found.pad[LATENCY]))
-    pad, latency_ns = correction.of(configured_pad(touched.header.config))
+    linear, offset_mm = found.affine
+    pad, pad_mm = _pose(touched.header.config)
+    latency_ms = touched.header.config.trackpad.latency_ms + 1e3 * float(found.pad[LATENCY])
+    low_ms, high_ms = LATENCY_MS
     return {
-        "matrix": [round(value, 6) for value in (pad.xx, pad.xy, pad.yx, pad.yy)],
-        "offset_mm": [round(value, 4) for value in (pad.offset_x_mm, pad.offset_y_mm)],
-        "latency_ms": round(1e-6 * latency_ns, 3),
+        "matrix": [round(value, 6) for value in (linear @ pad).ravel().tolist()],
+        "offset_mm": [round(value, 4) for value in (linear @ pad_mm + offset_mm).tolist()],
+        "latency_ms": round(min(max(latency_ms, low_ms), high_ms), 3),
     }
 
 
-def learned_contacts(touched: Touched, judged: Judged) -> AdoptedSizes | None:
+def learned_contacts(touched: Touched, judged: Judged) -> ContactSizes | None:
     """Return what touches tell of the fingers' size, where contacts count: the law of the pad's ellipses, if it reports
     any, and the mean radius, which stands for fingers without one."""
     config, modes = touched.header.config, touched.header.modes
@@ -131,8 +143,8 @@ def learned_contacts(touched: Touched, judged: Judged) -> AdoptedSizes | None:
         return None
     law = ellipse_law(sizes, np.array([track.axis_mm for track in touched.tracks]))
     if law is None:
-        return AdoptedSizes(round(radius_mm, 2))
-    return AdoptedSizes(round(radius_mm, 2), round(law.scale, 4), round(law.offset_mm, 4))
+        return ContactSizes(round(radius_mm, 2))
+    return ContactSizes(round(radius_mm, 2), round(law.scale, 4), round(law.offset_mm, 4))
 
 
 def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""A recording as the self-calibration reads it: control ticks that the board reported, and the fingers' tracks."""
+"""A recording as `calibrate touch` reads it: control ticks that the board reported, and the fingers' tracks."""
 
 from __future__ import annotations
 
@@ -15,22 +15,19 @@ import numpy.typing as npt
 from .. import board_protocol as protocol
 from ..board_protocol import BoardState
 from ..board_values import BoardHello, BoardStatus, TelemetrySample
-from ..config.sections import Config
-from ..daemon.adoption import AdoptedPad, configured_pad
 from ..design.touch.observations import Ticks, Track
 from ..errors import CalibrationError
 from ..files.recording.header import Header
 from ..files.recording.kinds import Record
 from ..files.recording.mcap_reader import open_recording
-from ..values import AffineMap, ComplexArray, FloatArray
+from ..values import ComplexArray, FloatArray
 from ..wire.board_messages import BoardDecoder
 from ..wire.framing import FrameSplitter
 
-COLLECTED = ("board_bytes", "written", "pass", "adopt")  # the kinds of records that are read
-_LONGEST_LIVE_US = 5_000  # between two samples of a plate that follows
+COLLECTED = ("board_bytes", "written", "pass")  # the kinds of records that are read
 AFTER_START_S = 0.002  # a frame's start is a step that the control law follows within some ticks
 BEFORE_NEXT_S = 0.001
-_NEAR_S = 3.5e-3  # of samples around one, in which the voltage is straight: 2 ms in a recording, 2.5 in the service
+_NEAR_S = 3.5e-3  # of samples around one, in which the voltage is straight: 2 ms in a recording
 _OUTPUT_DELAY_S = 50e-6  # from a tick to its voltage on the plate
 _WRAP_US = 1 << 32
 _FRAME_BYTES = 2048
@@ -58,54 +55,20 @@ class Touched(NamedTuple):
 
 @dataclass(slots=True)
 class Collected:
-    """What the self-calibration needs of the records of a machine.
+    """What `calibrate touch` needs of the records of a machine."""
 
-    `pad` is where the pad was configured to be; fingers are as it has them, whatever the machine has adopted since.
-    Samples of the board less than `apart_us` after the one before are left out.
-    """
-
-    pad: AdoptedPad
-    now: AdoptedPad
-    apart_us: int = 0
     board: tuple[float, int] | None = None  # its control rate and its boot, whose clock stamps samples
     control_hz: float = 0.0
     drive_hz: float = 0.0
-    live_us: int = 0  # while the plate followed references
     samples: list[TelemetrySample] = field(default_factory=list)
     drives: list[tuple[int, float]] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
     starts: list[tuple[int, int]] = field(default_factory=list)  # of frames, on the board's clock and the host's
     fingers: dict[int, list[tuple[int, float, float, float]]] = field(default_factory=dict)  # instant, place, axis
-    positions: int = 0  # of all fingers
     _decoder: BoardDecoder = field(default_factory=BoardDecoder)
     _splitter: FrameSplitter = field(default_factory=lambda: FrameSplitter(_FRAME_BYTES))
     _t_pending_us: int | None = None
     _t_raw_ns: dict[int, int] = field(default_factory=dict)  # of each finger's newest sample, as the machine had it
-
-    @classmethod
-    def of(cls, config: Config, apart_us: int = 0) -> Collected:
-        """Begin with the pad as configured."""
-        return cls(configured_pad(config), configured_pad(config), apart_us)
-
-    def next(self) -> Collected:
-        """Return an empty one that goes on after this."""
-        after = Collected(self.pad, self.now, self.apart_us, self.board, self.control_hz, self.drive_hz)
-        after._decoder, after._splitter, after._t_pending_us = self._decoder, self._splitter, self._t_pending_us
-        after._t_raw_ns = {finger_id: self._t_raw_ns[finger_id] for finger_id in self.fingers}
-        return after
-
-    def followed_by(self, after: Collected) -> Collected:
-        """Return both as one."""
-        both = Collected(self.pad, after.now, self.apart_us, after.board, after.control_hz, after.drive_hz)
-        for one in (self, after):
-            both.live_us += one.live_us
-            both.samples += one.samples
-            both.drives += one.drives
-            both.frames += one.frames
-            both.starts += one.starts
-            for finger_id, samples in one.fingers.items():
-                both.fingers.setdefault(finger_id, []).extend(samples)
-        return both
 
     def take(self, record: Record) -> None:
         """Take one record, in their order."""
@@ -116,15 +79,12 @@ class Collected:
                 self._take_written(message)
         elif record.kind == "pass":
             self._take_pass(record)
-        elif record.kind == "adopt":
-            place = AffineMap(*record.fields["plate_from_pad"])
-            self.now = AdoptedPad(place, record.fields["latency_ns"])
 
     def _take_board(self, data: bytes) -> None:
         for message in self._decoder.feed(data):
             match message:
                 case TelemetrySample():
-                    self._take_sample(message)
+                    self.samples.append(message)
                 case BoardStatus():
                     self.drives.append((message.t_board_us, message.drive_hz))
                 case BoardHello():
@@ -132,14 +92,6 @@ class Collected:
                     self.control_hz, self.drive_hz = message.control_hz, message.drive_hz
                     if before not in (self.board, None):
                         raise CalibrationError("--recording: two boards took part, or one started again: record one.")
-
-    def _take_sample(self, sample: TelemetrySample) -> None:
-        since_us = (sample.t_board_us - self.samples[-1].t_board_us) % _WRAP_US if self.samples else _WRAP_US
-        if since_us < self.apart_us:
-            return
-        self.samples.append(sample)
-        if sample.state is BoardState.LIVE:
-            self.live_us += min(since_us, _LONGEST_LIVE_US)
 
     def _take_written(self, message: bytes) -> None:
         if message[0] != protocol.MSG_REFERENCE:
@@ -159,14 +111,13 @@ class Collected:
             self.starts.append((self._t_pending_us, fields["t_apply_ns"]))
         self._t_pending_us = None
         t_sample_ns = record.t_ns - fields["age_ns"]
-        late_ns = self.now.latency_ns - self.pad.latency_ns
         for finger in fields["fingers"]:
             finger_id = finger["finger_id"]
             if t_sample_ns > self._t_raw_ns.get(finger_id, -1):
                 self._t_raw_ns[finger_id] = t_sample_ns
-                place_mm = moved_mm(self.now, self.pad, finger["x_mm"], finger["y_mm"])
-                self.fingers.setdefault(finger_id, []).append((t_sample_ns + late_ns, *place_mm, _axis_mm(finger)))
-                self.positions += 1
+                self.fingers.setdefault(finger_id, []).append(
+                    (t_sample_ns, finger["x_mm"], finger["y_mm"], _axis_mm(finger))
+                )
 
 
 def _axis_mm(finger: Mapping[str, float]) -> float:
@@ -175,28 +126,11 @@ def _axis_mm(finger: Mapping[str, float]) -> float:
     return math.sqrt(area_mm2) if 0.0 < area_mm2 < math.inf else math.nan
 
 
-def moved_mm(now: AdoptedPad, other: AdoptedPad, x_mm: float, y_mm: float) -> tuple[float, float]:
-    """Return where a finger would be taken to be if the pad lay as `other`."""
-    if now.plate_from_pad == other.plate_from_pad:
-        return x_mm, y_mm
-    place = now.plate_from_pad
-    area = place.xx * place.yy - place.xy * place.yx
-    away_x_mm, away_y_mm = x_mm - place.offset_x_mm, y_mm - place.offset_y_mm
-    on_pad_x_mm = (place.yy * away_x_mm - place.xy * away_y_mm) / area
-    on_pad_y_mm = (place.xx * away_y_mm - place.yx * away_x_mm) / area
-    return other.plate_from_pad.apply(on_pad_x_mm, on_pad_y_mm)
-
-
 def read(path: Path) -> Touched:
     """Read a recording. Raises HapticdError for one that cannot be calibrated by."""
     recording = open_recording(path)
     header = recording.header
-    if header.config.trackpad.correct_while_touched and not recording.is_whole:
-        raise CalibrationError(
-            f"{path}: began after its daemon, whose self-calibration may have moved the pad before: record from the "
-            "daemon's start on."
-        )
-    collected = Collected.of(header.config)
+    collected = Collected()
     for record in recording.records():
         collected.take(record)
     return touched(collected, header, str(path))

@@ -251,22 +251,6 @@ def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and
     assert amplitude_um(ticks[1], 0, STICKY) < 1e-12
 
 
-def test_sensors_that_read_otherwise_get_another_reference_within_the_limits_and_fingers_get_the_same() -> None:
-    readings = np.array(((1.0, 0.02j), (0.01, 0.95 - 0.05j)))
-    bench, right = Bench(), Bench()
-    bench.pipeline.set_readings([tuple(row) for row in readings.tolist()])
-    for one in (bench, right):
-        one.land({SLIPPERY: 1.0, STICKY: 0.0})
-    read, true = bench.report(SLIPPERY, STICKY), right.report(SLIPPERY, STICKY)
-    assert read.points == true.points
-    assert bench.pipeline.modal_um == right.pipeline.modal_um
-    for of_read, of_true in zip(read.drive.knots, true.drive.knots, strict=True):
-        assert of_read.modal_um == pytest.approx(readings @ of_true.modal_um)
-    bench.pipeline.set_readings(((9.0, 0.0), (0.0, 9.0)))
-    limited = bench.report(SLIPPERY, STICKY)
-    assert 3.9 < max(abs(w_um) for knot in limited.drive.knots for w_um in knot.modal_um) <= 4.0
-
-
 def test_the_past_has_the_reference_that_was_in_force_and_where_the_fingers_were(bench: Bench) -> None:
     bench.land({SLIPPERY: 1.0})
     ticks = [bench.report((SLIPPERY[0] + 0.5 * step, SLIPPERY[1])) for step in range(40)]

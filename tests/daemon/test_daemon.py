@@ -29,7 +29,7 @@ from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
 from hapticd.io.host.runaway import Breather
 from hapticd.io.host.systemd import Notifier
-from hapticd.tools.service import PROGRAMS
+from hapticd.tools.service import SELF_TEST
 from hapticd.values import Finger, RawReport, Tick
 from hapticd_client import Client
 
@@ -50,7 +50,7 @@ class Hardware:
 
     def daemon(self, runtime: str = "run", notifier: Notifier | None = None, config: Config = CONFIG) -> Daemon:
         trackpad, port = SocketTrackpad(self.folder / "trackpad"), str(self.folder / "board")
-        parts = {"board_port": port, "trackpad": trackpad, "programs": PROGRAMS, "notifier": notifier}
+        parts = {"board_port": port, "trackpad": trackpad, "self_test": SELF_TEST, "notifier": notifier}
         return Daemon(config, self.folder / runtime, **parts)
 
     @asynccontextmanager
@@ -323,13 +323,3 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     assert main(["keys", "make", str(tmp_path / "keys")]) == 0
     assert main(["run", "--config", str(config)]) == 78
     assert "the allow-list is empty" in capsys.readouterr().err
-
-
-@asynchronous
-async def test_what_corrects_the_pad_runs_with_the_service_and_ends_with_it(hardware: Hardware) -> None:
-    config = replace(CONFIG, trackpad=replace(CONFIG.trackpad, correct_while_touched=True))
-    async with hardware.started(config=config) as daemon:
-        calibration = daemon.machine.status.calibration
-        assert daemon.machine.observer is not None
-        assert calibration()["running"] is True
-    assert calibration()["running"] is False

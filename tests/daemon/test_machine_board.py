@@ -12,10 +12,9 @@ from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, STICKY, Bench, lines
 
 from hapticd import board_protocol as protocol
 from hapticd.board_values import BoardCalibration, ModeCalibration
-from hapticd.config.sections import Config, RecordConfig, TrackpadConfig
+from hapticd.config.sections import Config, RecordConfig
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
-from hapticd.daemon.settings import telemetry_hz
 from hapticd.sim.fingers.paths import Line
 from hapticd.values import Aim, TouchFrame
 
@@ -309,13 +308,6 @@ def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
     heard = [each.name for each in bench.board.heard]
     settings = [name for name in heard if name in ("controller", "model", "wiring", "telemetry")]
     assert settings == ["controller", "model", "wiring", "telemetry"]
-
-
-@pytest.mark.parametrize(("configured_hz", "expected_hz"), [(0, 500), (1, 500), (500, 500), (2000, 2000)])
-def test_a_pad_that_is_corrected_gets_enough_control_ticks(configured_hz: int, expected_hz: int) -> None:
-    pad = TrackpadConfig(correct_while_touched=True)
-    assert telemetry_hz(Config(trackpad=pad, record=RecordConfig(telemetry_hz=configured_hz))) == expected_hz
-    assert telemetry_hz(Config(record=RecordConfig(telemetry_hz=configured_hz))) == configured_hz
 
 
 def test_a_board_that_wakes_sends_telemetry_again() -> None:

@@ -23,7 +23,7 @@ from hapticd.daemon import self_test
 from hapticd.daemon.board_gateway import MOVED, PASSED, RUNNING, UNKNOWN, UNSAFE
 from hapticd.daemon.daemon import Daemon
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
-from hapticd.tools.service import PROGRAMS
+from hapticd.tools.service import SELF_TEST
 from hapticd.wire import device
 
 CONFIG = replace(Config(), device=replace(Config().device, self_test=True))
@@ -103,7 +103,7 @@ async def test_a_test_of_a_touched_plate_is_made_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     results: list[tuple[str, str]] = []
-    made = self_test.SelfTest(PROGRAMS.self_test, CONFIG.device, "/dev/none")
+    made = self_test.SelfTest(SELF_TEST, CONFIG.device, "/dev/none")
     made._command = prints(document(moved=(SWAPPED,), unsafe=(SWAPPED,) if found == UNSAFE else ()))
     monkeypatch.setattr(self_test, "LOOK_S", 0.0)
     left = iter(touches)
@@ -132,7 +132,7 @@ async def test_what_a_touched_test_found_unsafe_is_not_driven_untested(
     monkeypatch.setattr(self_test, "_outcome", outcome)
     monkeypatch.setattr(self_test, "LOOK_S", 0.0)
     down = itertools.chain([1] * 7, itertools.repeat(0))
-    made = self_test.SelfTest(PROGRAMS.self_test, CONFIG.device, "/dev/none")
+    made = self_test.SelfTest(SELF_TEST, CONFIG.device, "/dev/none")
     made.start(asyncio.get_running_loop(), lambda *result: results.append(result), lambda: (5, next(down)))
     await until(lambda: results[-1][0] != RUNNING)
     assert results[-1] == (UNSAFE, SWAPPED)
@@ -180,7 +180,7 @@ class Line:
     def __init__(self, folder: Path, command: list[str]) -> None:
         self.terminal = Terminal()
         pad = SocketTrackpad(folder / "trackpad")
-        self.daemon = Daemon(CONFIG, folder / "run", board_port=self.terminal.port, trackpad=pad, programs=PROGRAMS)
+        self.daemon = Daemon(CONFIG, folder / "run", board_port=self.terminal.port, trackpad=pad, self_test=SELF_TEST)
         assert self.daemon._self_test is not None
         self.test = self.daemon._self_test
         self.asked, self.test._command = self.test._command, command

@@ -1,4 +1,4 @@
-"""`python tests/soak endurance|daemon [--calibrating] [--hours H]`: H hours of virtual time, and the table of them;
+"""`python tests/soak endurance|daemon [--hours H]`: H hours of virtual time, and the table of them;
 `python tests/soak walk [--steps N]`: N steps of the solver."""
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from hapticd.tools import campaigns  # noqa: E402
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("soak", choices=("endurance", "daemon", "walk"))
-parser.add_argument("--calibrating", action="store_true", help="a daemon that calibrates itself, in one run")
 parser.add_argument("--hours", type=float, default=1.0)
 parser.add_argument("--steps", type=int, default=1_000_000)
 campaigns.add_arguments(parser, "endurance, walk: ")
 options = parser.parse_args()
 try:
     if options.soak == "daemon":
-        print(render(daemon.run(options.hours, is_calibrating=options.calibrating)))
+        print(render(daemon.run(options.hours)))
     else:
         campaign, is_walk = campaigns.of(options), options.soak == "walk"
         print(render(walk.run(options.steps, campaign) if is_walk else endurance.run(options.hours, campaign)))

@@ -1,10 +1,10 @@
 """What all soaks share: runs for hours that must hold what they promise, their figures, and a sentence per violation.
 
 endurance  the firmware on random plates, with fingers and textures
-daemon     the daemon and the firmware amid faults; and while it calibrates itself
+daemon     the daemon and the firmware amid faults
 walk       the solver for friction as asked, step after step
 
-`python tests/soak endurance --hours 100` plays so many hours of virtual time, `daemon` and `daemon --calibrating` too.
+`python tests/soak endurance --hours 100` plays so many hours of virtual time, `daemon` too.
 `walk --steps 10000000` takes so many steps of the solver. It and endurance are campaigns: on all cores, or with
 --cluster, whose workers need `tests` in their PYTHONPATH.
 """

@@ -13,7 +13,6 @@ from soak.faults import KINDS, Kind
 from soak.harness import ALL, Findings
 
 from hapticd.errors import HapticdError
-from hapticd.tools import touch_process
 
 
 def judged(*found: Findings) -> soak.Table:
@@ -128,21 +127,6 @@ def test_a_process_that_grows_is_a_failure() -> None:
     assert soak_daemon.grown(before, {**before, "memory": 101.0}) == []
     assert soak_daemon.grown(before, {**before, "memory": 120.0}) == ["memory grew from 100 to 120."]
     assert soak_daemon.grown(before, {**before, "files": 10.0}) == ["files grew from 9 to 10."]
-
-
-@pytest.mark.long
-def test_a_daemon_that_calibrates_itself_keeps_to_the_limits_amid_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(soak_daemon, "SPAN_S", 6.0)
-    monkeypatch.setattr(soak_daemon, "PAUSE_S", 0.5)
-    monkeypatch.setattr(touch_process, "FIT_S", 10.0)
-    # seed 3: in most laboratories 10 s of touching are refused, as they do not tell well enough where the pad lies
-    figures = soak_daemon.run(24.0 / 3600.0, seed=3, is_calibrating=True).row(ALL).figures
-    assert figures["faults_count"] > 4
-    assert figures["pads_last_count"] > 0
-    assert 0.0 < figures["peak_adopting_step_um"] <= soak_daemon.STEP_FACTOR * figures["peak_step_um"]
-    assert 0.0 < figures["leak_last_um"] <= figures["leak_most_um"] < 0.5
-    monkeypatch.setattr(soak_daemon, "STEP_FACTOR", -1.0)
-    assert [one for one in soak_daemon.play_calibrating(1, 6.0).failures if "while adopting" in one]
 
 
 # --- the solver ---

@@ -12,8 +12,6 @@ import pytest
 from machine_bench import SLIPPERY, STICKY, Bench
 
 from hapticd.__main__ import main
-from hapticd.config.sections import Config
-from hapticd.daemon.self_calibration import SelfCalibration
 from hapticd.tools import plotting
 from hapticd.tools.latency import MeasuredLatency, gather
 
@@ -61,7 +59,6 @@ def reported() -> dict[str, Any]:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.board.status()
     bench.run(300)
-    bench.machine.status.calibration = SelfCalibration(Config(), bench.machine.modes, None).report
     return dict(bench.machine.report_status(bench.t_ns))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.config.sections import Config, TrackpadConfig
+from hapticd.config.sections import Config, RecordConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.machine import Machine
 from hapticd.daemon.observer import Observer
@@ -23,8 +23,8 @@ from hapticd.tools.touch_recording import COLLECTED, Collected, touched
 
 def collected() -> tuple[Collected, Header]:
     """Two seconds of strokes."""
-    config = Config(trackpad=TrackpadConfig(correct_while_touched=True))
-    made, headers = Collected.of(config), list[Header]()
+    config = Config(record=RecordConfig(telemetry_hz=500))
+    made, headers = Collected(), list[Header]()
 
     def observer(machine: Machine, _: ModeShapes) -> Observer:
         headers.append(header_of(machine, t_ns=T_START_NS, utc="", is_whole=True))

@@ -103,10 +103,6 @@ class InstantSolver:
             self._disc = felt_points() if self._feels else disc_points(radius_mm)
         self._disc_weights = [weight for _, _, weight in self._disc]
 
-    def set_parasitic_modes(self, parasitic_modes: ParasiticModes) -> None:
-        """Compensate these undriven modes from now on."""
-        self._parasitic_modes = parasitic_modes
-
     def cost_ns(self, fingers: int) -> float:
         """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code: for contacts
         one and a half times its time in a row."""

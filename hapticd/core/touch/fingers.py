@@ -75,17 +75,6 @@ class Fingers:
         """The largest finger id so far; 0 before the first finger."""
         return self._tracker.newest_id
 
-    def set_latency(self, sensor_latency_ns: int) -> None:
-        """Take the pad's own latency to be this from the next report on."""
-        self._sensor_clock.latency_ns = sensor_latency_ns
-
-    def set_ellipse_scale(self, ellipse_scale: EllipseScale | None) -> None:
-        """Take the pad's ellipses to have this scale from the next report on, None to use none."""
-        self._ellipse_scale = ellipse_scale
-        self._forms.clear()
-        if ellipse_scale is not None:
-            self._forms.update({finger_id: ContactForm(ellipse_scale) for finger_id in self.predictors})
-
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         if frame.t_ns == self._t_stamp_ns:

@@ -99,7 +99,8 @@ def header_from(fields: Fields) -> Header:
         text = _typed(fields, "config_toml", str)
         if len(text) > MAX_BYTES:
             raise ValueError("no configuration is so long")
-        settings = config.from_table(parse(text, "configuration"), where="configuration", folder=None)
+        table = config.known_keys(parse(text, "configuration"))  # other hapticds had more
+        settings = config.from_table(table, where="configuration", folder=None)
         modes = _modes(fields["modes_float64_le"])
         if len(settings.limits.w_limit_um) != modes.M:
             raise ValueError("limits and modes differ in number")

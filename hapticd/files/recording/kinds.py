@@ -1,8 +1,7 @@
 """Kinds of records: one for each thing that a machine receives, decides or finds, with its topic, form and encoding.
 
-    input   reports timer board_bytes board_link trackpad_link targets request watched adopt adopt_readings
-            adopt_map adopt_uncertainty adopt_load adopt_contacts adopt_slowness self_test stop disconnect: fed by
-            `replay`
+    input   reports timer board_bytes board_link trackpad_link targets request watched
+            adopt_slowness self_test stop disconnect: fed by `replay`
     output  written                                                                     compared by `replay`
     found   pass event status ledger marker                                             for people and other programs
     added   truth end                                                                   the plate's own; the last record
@@ -299,17 +298,7 @@ KINDS: dict[str, Kind] = {
     "targets": _kind("/input/targets", _MESSAGE, _targets),
     "request": _kind("/input/request", _MESSAGE),
     "watched": _kind("/input/watched", {"is_watched": BOOL}),
-    "adopt": _kind("/input/adopt", {"plate_from_pad": [NUMBER], "latency_ns": WHOLE}),
     "self_test": _kind("/input/self_test", {"outcome": TEXT, "text": TEXT}),
-    "adopt_readings": _kind("/input/adopt_readings", dict(AMPLITUDES)),
-    "adopt_map": _kind("/input/adopt_map", {"shapes": BYTES, "steepest_1_mm": NUMBER}),
-    "adopt_uncertainty": _kind(
-        "/input/adopt_uncertainty", {"touched_map_frac": NUMBER, "touched_mm": [NUMBER], "sensors_frac": NUMBER}
-    ),
-    "adopt_load": _kind("/input/adopt_load", {"decay_1_s": NUMBER, "detuning_rad_s": NUMBER}),
-    "adopt_contacts": _kind(
-        "/input/adopt_contacts", {"radius_mm": NUMBER, "ellipse_scale": NUMBER, "ellipse_offset_mm": NUMBER}
-    ),
     "adopt_slowness": _kind("/input/adopt_slowness", {"slowness": NUMBER}),
     "stop": _kind("/input/stop", {}),
     "disconnect": _kind("/input/disconnect", {}),

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from ...core.plate.contact import EllipseForm
-from ...daemon.adoption import configured_pad
+from ...daemon.settings import plate_from_pad
 from ...errors import UsageError
 from ...files.recording.kinds import pad_of
 from ...files.recording.mcap_reader import open_recording
@@ -76,7 +76,7 @@ class _Touches:
 def read(path: Path) -> Scenario:
     """Read the fingers of a recording; the first lands LAND_S after the start. Raises HapticdError."""
     recording = open_recording(path)
-    place = configured_pad(recording.header.config).plate_from_pad
+    place = plate_from_pad(recording.header.config)
     decoder = Decoder(recording.header.pad, place)
     touches = _Touches()
     for record in recording.records():

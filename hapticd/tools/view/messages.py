@@ -238,7 +238,7 @@ def surfaces(layers: Sequence[Mapping[str, object]]) -> str:
 
 def status(body: Mapping[str, Any]) -> str:
     """Return the part of the daemon's status that the page shows."""
-    timing, board, calibration = body["timing"], body["board"], body.get("calibration") or {}
+    timing, board = body["timing"], body["board"]
     histograms = timing["histograms"]
     return _text(
         {
@@ -251,8 +251,6 @@ def status(body: Mapping[str, Any]) -> str:
             "effects_playing": body.get("effects", {}).get("playing", 0),
             "late_frames": timing["late_frames"],
             "frames_hz": body["latency_ms"].get("frames_hz"),
-            "next_place": calibration.get("next_place"),
-            "calibration": calibration.get("sentence", ""),
         }
     )
 

@@ -25,8 +25,6 @@ from hapticd.design.touch.waves import Waves
 from hapticd.errors import CalibrationError
 from hapticd.files import calibration as calibration_file
 from hapticd.files.recording.kinds import Record
-from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.files.recording.mcap_writer import DirectRecording
 from hapticd.sim import lockstep
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.settings import Settings, in_world
@@ -65,7 +63,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 @pytest.mark.parametrize("has_pulse", [False, True])
 def test_a_reference_is_read_with_and_without_a_pulse_of_the_sync_output(has_pulse: bool) -> None:
     drive = SafeDrive(0, (Knot(0, (1.0, 0.5j)), Knot(8_000_000, (0.25, 0.0))), LimitReason.NONE)
-    collected = Collected.of(Config())
+    collected = Collected()
     collected.take(Record("written", 1, 0, {"line": encode_reference(7, drive, 1000, has_pulse)}))
     (frame,) = collected.frames
     assert frame.modal_um.tolist() == [[1.0, 0.5j], [0.25, 0.0]]
@@ -290,19 +288,6 @@ def test_a_learned_load_is_adopted_by_itself_too(recorded: Recorded, tmp_path: P
     assert verdict.outcome is Outcome.PASS
     assert verdict.sentence == "Adopted: the fingers' load. The held-out touches confirm no change."
     assert touch.verdict(refused, {}, None, has_sensors=False, is_simulated=False).sentence.startswith("Nothing is ad")
-
-
-@pytest.mark.parametrize(("corrects", "sentence"), [(True, "began after its daemon"), (False, "holds 0 control ticks")])
-def test_what_began_while_the_pad_was_corrected_is_refused(
-    corrects: bool, sentence: str, recorded: Recorded, tmp_path: Path
-) -> None:
-    """It does not say where the pad was taken to be."""
-    header = open_recording(recorded(TrackpadConfig(), 500, 2.5)).header
-    config = replace(header.config, trackpad=TrackpadConfig(correct_while_touched=corrects))
-    path = tmp_path / "joined.mcap"
-    DirectRecording(path, replace(header, config=config, is_whole=False)).close(header.t_start_ns, "the test ended")
-    with pytest.raises(CalibrationError, match=sentence):
-        read(path)
 
 
 @pytest.mark.long

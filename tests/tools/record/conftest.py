@@ -86,13 +86,6 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
         bench.machine.targets(msgpack.packb(message), bench.t_ns, "uid 7")
         bench.run(120)
     bench.machine.targets(b"\xc1 no message", bench.t_ns, "uid 8")
-    bench.machine.adopt((1.0, 0.0, 0.0, 1.0, 0.002, 0.0), 10_020_000, bench.t_ns)
-    bench.machine.adopt_readings([1.01, 0.0, 0.001, 0.99], [0.0, 0.002, 0.0, -0.01], bench.t_ns)
-    shapes = 1.001 * bench.machine.modes.shapes
-    bench.machine.adopt_map(shapes.astype("<f4").tobytes(), bench.machine.modes.steepest_1_mm(), bench.t_ns)
-    bench.machine.adopt_uncertainty(0.01, (-40.0, -40.0, 40.0, 40.0), 0.012, bench.t_ns)
-    bench.machine.adopt_load(120.0, -300.0, bench.t_ns)
-    bench.machine.adopt_contacts(5.5, 1.2, 0.3, bench.t_ns)
     bench.machine.adopt_slowness(1.5, bench.t_ns)
     assert bench.ask("marker", client="test", text="trial 1 begins")["ok"]
     assert bench.ask("set", client="other", targets=[{"finger": "walker", "friction": 1.0}])["ok"] is False

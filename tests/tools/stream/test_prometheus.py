@@ -81,7 +81,6 @@ def test_every_number_of_the_status_is_a_metric(reported: Any) -> None:
         "board",
         "timing",
         "real_time",
-        "calibration",
     ):
         for key, value in reported[section].items():
             assert not isinstance(value, (int, float)) or f"{section}.{key}" in known

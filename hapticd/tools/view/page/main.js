@@ -265,7 +265,7 @@ function draw(t_ms) {
   const isInviting = plate?.simulated && isLive && isUntouched && tools.value === "touch";
   const invitation = isInviting ? (isTouch() ? TOUCH_INVITATION : INVITATION) : starting;
   picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s),
-    nextPlace: isLive && status?.next_place, ...present });
+    ...present });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);
@@ -303,7 +303,6 @@ function writeTexts(frame) {
   write($("leak"), [felt, labelled(leak_um, "leak"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
     + (leak_um === null && off_um === null ? "" : " (last 2 s)"));
   write($("surfaces"), [...surfaces.texts(), ...effects.texts()].join("\n"));
-  write($("calibration"), status?.calibration ?? "");
   $("erase").disabled = drawing.chosen === null || !isLive;
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
 }

@@ -17,8 +17,8 @@ export class PlatePicture {
 
   /** Draw a frame; `chosen` is the id of the selected finger, `layer` a picture over the field,
    * `invitation` a text over all, `surfaces` those in force, if they are shown, `drawing` what is being drawn,
-   * `effects` those that play and `recent` the frames before this one, `nextPlace` the ninth to touch next. */
-  draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent, nextPlace }) {
+   * `effects` those that play and `recent` the frames before this one. */
+  draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent }) {
     const { context, width, height } = prepared(this.canvas);
     if (!frame || !this.field) {
       if (invitation) invite(context, invitation, width, height);
@@ -37,7 +37,6 @@ export class PlatePicture {
     const [w_mm, h_mm] = this.field.size_mm;
     const scale = width / w_mm;
     const to = ([x_mm, y_mm]) => [(x_mm / w_mm + 0.5) * width, (0.5 - y_mm / h_mm) * height];
-    if (nextPlace) ninth(context, nextPlace, width, height);
     surfaces?.draw(context, to, scale, frame.t_s, drawing.chosen);
     for (const place of this.lonely(frame)) this.ring(context, to(place), this.contact(null, scale), false);
     const labels = []; // where those of this frame are: [left, top, right]
@@ -144,15 +143,6 @@ function disc(context, centre, contact, colour) {
   ellipse(context, centre, contact);
   context.fill();
   context.globalAlpha = 1;
-}
-
-/** The ninth of the plate, by column from the left and row from below, that the self-calibration lacks. */
-function ninth(context, [column, row], width, height) {
-  context.setLineDash([8, 6]);
-  context.strokeStyle = "rgb(255 255 255 / .8)";
-  context.lineWidth = 2;
-  context.strokeRect((column * width) / 3 + 3, ((2 - row) * height) / 3 + 3, width / 3 - 6, height / 3 - 6);
-  context.setLineDash([]);
 }
 
 function invite(context, text, width, height) {
