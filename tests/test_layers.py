@@ -1,4 +1,4 @@
-"""The drawing of the house in the README, held by reading the imports: who may import whom."""
+"""Who may import whom, held by reading the imports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from hapticd.__main__ import COMMANDS
 PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 CONTRACT = CLIENT.with_name("hapticd_contract")
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 VALUES = {"values", "board_values", "board_protocol", "errors"}  # and hapticd_contract
 PROGRAM = {*VALUES, "formats", "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"}
@@ -122,16 +121,16 @@ def layer_files() -> list[Path]:
     return sorted(path for path in PACKAGE.rglob("*.py") if part_of(path) not in ("__init__", "__main__"))
 
 
-@pytest.mark.parametrize("path", layer_files(), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_a_part_imports_only_what_the_drawing_allows(path: Path) -> None:
-    allowed = {part_of(path), *ALLOWED[part_of(path)]}
-    for name in ours(imported_names(path) | named_modules(path)):
-        assert any(name == part or name.startswith(part + ".") or part.startswith(name + ".") for part in allowed), (
-            f"{path.relative_to(PACKAGE)} imports {name}"
-        )
+def test_a_part_imports_only_what_it_may() -> None:
+    for path in layer_files():
+        allowed = {part_of(path), *ALLOWED[part_of(path)]}
+        for name in ours(imported_names(path) | named_modules(path)):
+            assert any(
+                name == part or name.startswith(part + ".") or part.startswith(name + ".") for part in allowed
+            ), f"{path.relative_to(PACKAGE)} imports {name}"
 
 
-def test_no_arrow_of_the_drawing_runs_back_up() -> None:
+def test_no_arrow_between_parts_runs_back_up() -> None:
     assert_no_circle({part: {name.split(".")[0] for name in allowed} for part, allowed in ALLOWED.items()})
 
 
@@ -152,27 +151,6 @@ def test_what_is_imported_or_run_by_a_string_is_seen(source: str, found: set[str
     part.parent.mkdir(parents=True)
     part.write_text(source, encoding="utf-8")
     assert named_modules(part, tmp_path / "hapticd") == found
-
-
-def drawn(folder: str) -> set[str]:
-    """What the README's table allows a folder of hapticd/ to import."""
-    (row,) = [line for line in README.splitlines() if line.startswith(f"| `{folder}/` |")]
-    names = set(row.strip("| ").split(" | ")[2].split(", ")) - {"nothing"}
-    return names - {"vocabulary"} | (VALUES if "vocabulary" in names else set())
-
-
-FOLDERS = sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
-
-
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_the_readme_draws_each_folder_as_it_is_held(folder: str) -> None:
-    assert drawn(folder) == ALLOWED[folder] - {"__version__"}
-
-
-def test_the_readme_draws_no_folder_that_is_not_there() -> None:
-    first_cells = re.findall(r"^\| `(\w+)/` \|", README, flags=re.MULTILINE)
-    folders = [name for name in first_cells if not (PACKAGE.parent / name).is_dir()]
-    assert sorted(folders) == FOLDERS
 
 
 def assert_no_circle(graph: dict[str, set[str]]) -> None:
@@ -203,9 +181,9 @@ def test_no_two_wings_of_a_part_import_each_other(part: str, least: int) -> None
     assert_no_circle(graph)
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "core").rglob("*.py")), ids=lambda path: path.stem)
-def test_the_core_knows_no_clock_socket_file_or_log(path: Path) -> None:
-    assert not {name.split(".")[0] for name in imported_names(path)} & FORBIDDEN_IN_CORE
+def test_the_core_knows_no_clock_socket_file_or_log() -> None:
+    for path in (PACKAGE / "core").rglob("*.py"):
+        assert not {name.split(".")[0] for name in imported_names(path)} & FORBIDDEN_IN_CORE, path
 
 
 def test_only_commands_import_the_calibration() -> None:

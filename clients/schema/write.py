@@ -1,8 +1,8 @@
-"""Writes what follows from the contract: the JSON schemas in this folder, the tables of `clients/PROTOCOL.md`, and
-the types of the JavaScript client (`typescript.py`).
+"""Writes what follows from the contract: the tables of `clients/PROTOCOL.md`, the types of the JavaScript client
+(`typescript.py`), and, for a release, the JSON schemas.
 
-`python clients/schema/write.py`; tests compare them. Meanings are the docstrings behind the fields of
-`hapticd_contract`, values their types and bounds.
+`python clients/schema/write.py [FOLDER]`: with FOLDER it writes the schemas there. Tests compare tables and types.
+Meanings are the docstrings behind the fields of `hapticd_contract`, values their types and bounds.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import inspect
 import json
 import re
 import runpy
+import sys
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -43,9 +44,11 @@ SCHEMAS: dict[str, Any] = {
 
 
 def main() -> None:
-    """Write the schemas, the tables and the types."""
-    for name, text in schemas().items():
-        (FOLDER / f"{name}.json").write_text(text, encoding="utf-8")
+    """Write the tables and the types, and the schemas into a folder that is given."""
+    for folder in map(Path, sys.argv[1:]):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in schemas().items():
+            (folder / f"{name}.json").write_text(text, encoding="utf-8")
     PROTOCOL.write_text(with_tables(PROTOCOL.read_text(encoding="utf-8")), encoding="utf-8")
     runpy.run_path(str(FOLDER / "typescript.py"))["main"]()
 

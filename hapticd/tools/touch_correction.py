@@ -29,7 +29,7 @@ LATENCY_MS = (0.0, 50.0)  # the bounds of trackpad.latency_ms
 MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
 
 
-class ContactSizes(NamedTuple):
+class LearnedSizes(NamedTuple):
     """The radius of a contact without a reported form, and the pad's law of ellipses: `ellipse_scale` 0 for none."""
 
     radius_mm: float
@@ -131,7 +131,7 @@ def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
     }
 
 
-def learned_contacts(touched: Touched, judged: Judged) -> ContactSizes | None:
+def learned_contacts(touched: Touched, judged: Judged) -> LearnedSizes | None:
     """Return what touches tell of the fingers' size, where contacts count: the law of the pad's ellipses, if it reports
     any, and the mean radius, which stands for fingers without one."""
     config, modes = touched.header.config, touched.header.modes
@@ -143,8 +143,8 @@ def learned_contacts(touched: Touched, judged: Judged) -> ContactSizes | None:
         return None
     law = ellipse_law(sizes, np.array([track.axis_mm for track in touched.tracks]))
     if law is None:
-        return ContactSizes(round(radius_mm, 2))
-    return ContactSizes(round(radius_mm, 2), round(law.scale, 4), round(law.offset_mm, 4))
+        return LearnedSizes(round(radius_mm, 2))
+    return LearnedSizes(round(radius_mm, 2), round(law.scale, 4), round(law.offset_mm, 4))
 
 
 def contact_settings(touched: Touched, judged: Judged) -> dict[str, dict[str, Any]]:

@@ -70,12 +70,12 @@ def test_the_texts_reply_is_what_the_daemon_sends_and_what_the_library_raises() 
             messages.read_reply(payload, example["id"])
 
 
-def test_the_schemas_and_the_tables_of_fields_follow_from_the_contract() -> None:
-    """`python clients/schema/write.py` writes both."""
+def test_the_tables_of_fields_and_the_schemas_follow_from_the_contract() -> None:
     write = runpy.run_path(str(SCHEMA / "write.py"))
     assert write["with_tables"](TEXT) == TEXT
-    schemas = {path.stem: path.read_text(encoding="utf-8") for path in SCHEMA.glob("*.json")}
-    assert write["schemas"]() == schemas
+    schemas = {name: json.loads(text) for name, text in write["schemas"]().items()}
+    for example in examples("telemetry"):
+        assert {*example} <= {*schemas["telemetry"]["$defs"]["PlateState"]["properties"]}
 
 
 def test_the_text_names_every_event_form_and_cause() -> None:
