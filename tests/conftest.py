@@ -5,9 +5,11 @@ from __future__ import annotations
 import gc
 import os
 import runpy
+import shutil
 import signal
 import socket
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -33,6 +35,57 @@ settings.register_profile(
 )
 settings.register_profile("new-each-time", settings.get_profile("same-each-time"), derandomize=False)
 settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
+
+OF_A_CALLER = ("HAPTICD_RUNTIME_DIR", "RUNTIME_DIRECTORY", "NOTIFY_SOCKET", "WATCHDOG_USEC", "JOURNAL_STREAM")
+OF_HOME = {"HOME": "", "XDG_RUNTIME_DIR": "run", "MPLCONFIGDIR": "matplotlib"} | {
+    f"XDG_{kind}_HOME": kind.lower() for kind in ("CACHE", "CONFIG", "DATA", "STATE")
+}
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give the tests and all programs that they start a home and a folder for temporary files of their own.
+
+    Its name is short, for a socket allows 107 bytes, and a flooder of another user may pass through it. What pytest
+    keeps of tests that fail (tmp_path) stays where it was.
+    """
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+    worker: str | None = getattr(config, "workerinput", {}).get("workerid")  # it inherits pytest-xdist's environment
+    own = Path(tempfile.gettempdir(), worker) if worker else Path(tempfile.mkdtemp(prefix="hd-"))
+    for name, folder in OF_HOME.items():
+        path = own / "home" / folder
+        path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        os.environ[name] = str(path)
+    own.chmod(0o711)
+    os.environ["TMPDIR"] = tempfile.tempdir = str(own)
+    for name in OF_A_CALLER:
+        os.environ.pop(name, None)
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ["TMPDIR"])
+
+
+def left_behind() -> set[Path]:
+    """Temporary files, and files of hapticd in the home."""
+    own = Path(os.environ["TMPDIR"])
+    return {path for path in own.iterdir() if path.name != "home"} | {
+        path for path in own.glob("home/**/hapticd/**/*") if not path.is_dir()
+    }
+
+
+@pytest.fixture(scope="session", autouse=True)
+def session_leaves_nothing_behind() -> Iterator[None]:
+    yield
+    assert left_behind() == set(), "A test or a fixture left these files"
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left_behind() -> Iterator[None]:
+    """Fail a test that leaves files beyond its `tmp_path`: the next run, or another at the same time, finds them."""
+    before = left_behind()  # those of fixtures of a module or the session
+    yield
+    assert left_behind() <= before, "The test left these files"
 
 
 @pytest.fixture

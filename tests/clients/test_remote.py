@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from pathlib import Path
 import pytest
 import zmq
 from fake_daemon import FakeDaemon
+from free_ports import free_ports
 from PIL import Image
 
 from hapticd.errors import HapticdError as DaemonError
@@ -48,22 +48,6 @@ try:
 except HapticdError as error:
     print(error)
 """
-
-
-def free_ports() -> int:
-    """The first of three consecutive free ports."""
-    for port in range(20000, 60000, 3):
-        sockets = [socket.socket() for _ in range(3)]
-        try:
-            for offset, trial in enumerate(sockets):
-                trial.bind(("127.0.0.1", port + offset))
-            return port
-        except OSError:
-            continue
-        finally:
-            for trial in sockets:
-                trial.close()
-    raise AssertionError("no ports are free")
 
 
 @pytest.fixture(scope="module")

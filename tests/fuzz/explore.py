@@ -86,7 +86,9 @@ def run(name: str, folder: Path, flags: list[str]) -> int:
     fixed = [f"-max_len={target.max_len}", f"-timeout={TIME_OUT_S}", f"-rss_limit_mb={MEMORY_MB}"]
     corpus = [str(target.corpus)] if target.corpus.exists() else []
     return subprocess.run(
-        [sys.executable, __file__, name, "--child", *fixed, *flags, str(found), str(seeds), *corpus], check=False
+        [sys.executable, __file__, name, "--child", *fixed, *flags, str(found), str(seeds), *corpus],
+        env={**os.environ, "TMPDIR": str(folder)},  # libFuzzer ends the process in the middle of an input
+        check=False,
     ).returncode
 
 

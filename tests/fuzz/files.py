@@ -30,20 +30,28 @@ from hapticd.wire.trackpad import DEFAULT_PAD, to_fields
 
 LONGEST_SENTENCE = 6000  # one that quotes a file's name, of 4096 characters
 NPZ_NAMES = ("x_mm", "y_mm", "shapes")
-FOLDER = Path(tempfile.mkdtemp(prefix="hapticd-fuzz-"))
 
 
 def in_file(name: str, read: Callable[[Path], None], error_type: type[HapticdError], data: bytes) -> None:
     """`data` as a file to `read`, which may raise `error_type` and nothing else."""
-    path = FOLDER / name
-    path.write_bytes(data)
-    try:
-        read(path)
-    except error_type as error:
-        sentence = str(error)
-        assert sentence.isprintable(), sentence
-        assert sentence.endswith((".", "?")), sentence
-        assert len(sentence) <= LONGEST_SENTENCE
+    with tempfile.TemporaryDirectory(prefix="hapticd-fuzz-") as folder:
+        path = Path(folder, name)
+        path.write_bytes(data)
+        try:
+            read(path)
+        except error_type as error:
+            sentence = str(error)
+            assert sentence.isprintable(), sentence
+            assert sentence.endswith((".", "?")), sentence
+            assert len(sentence) <= LONGEST_SENTENCE
+
+
+def written(write: Callable[[Path], None]) -> bytes:
+    """What `write` puts into a file."""
+    with tempfile.TemporaryDirectory(prefix="hapticd-fuzz-") as folder:
+        path = Path(folder, "written")
+        write(path)
+        return path.read_bytes()
 
 
 # --- configuration ----------------------------------------------------------------------------------------------
@@ -103,10 +111,8 @@ def read_calibration(path: Path) -> None:
 
 
 def calibration_seeds() -> dict[str, bytes]:
-    path = FOLDER / "saved.toml"
     modes = [ModeCalibration(mode, 29195.0 + 20 * mode, 500.0, 5.3, -0.5) for mode in (0, 1)]
-    calibration.save(path, BoardCalibration(tuple(modes)))
-    sound = path.read_bytes()
+    sound = written(lambda path: calibration.save(path, BoardCalibration(tuple(modes))))
     one = sound[sound.find(b"[[mode]]") : sound.rfind(b"[[mode]]")]
     return {
         "two": sound,
@@ -136,9 +142,8 @@ def read_reports(path: Path) -> None:
 
 
 def recording_seeds() -> dict[str, bytes]:
-    path = FOLDER / "written.jsonl"
-    write_recording(path, DEFAULT_PAD, [RawReport(11_000_000 * n, bytes((2, n, 0))) for n in range(4)])
-    sound = path.read_bytes()
+    reports = [RawReport(11_000_000 * n, bytes((2, n, 0))) for n in range(4)]
+    sound = written(lambda path: write_recording(path, DEFAULT_PAD, reports))
     return {
         "sound": sound,
         "backwards": sound + b'{"t_ns": -1, "report": "02"}\n',

@@ -15,6 +15,7 @@ from statistics import median
 import pytest
 import zmq
 from flooder import KINDS
+from free_ports import free_ports
 from service import PATIENCE_S, Bench, resident_mb, wait_for
 
 from hapticd.io.clients import keys
@@ -25,27 +26,23 @@ FLOOD_S = 3.0
 MAX_RSS_MB = 150.0
 MIN_STATES_HZ = 30.0  # of ninety: they do not stop
 MIN_HELLOS_HZ = 2.0  # of dozens, each on a connection of its own
-PORT = 27610
 
 pytestmark = pytest.mark.long
 
 
-def served_over_both(bench: Bench) -> Path:
-    """Configure ipc and TCP; return the folder of the daemon's key and eve's."""
+def served_over_both(bench: Bench) -> dict[str, list[str]]:
+    """Configure ipc and TCP; return the flooder's arguments for each: the endpoint, for TCP also two keys."""
     folder = bench.folder / "keys"
     for name in ("hapticd", "eve"):
         keys.make_pair(folder, name)
     keys.allow(folder, folder / "eve.key")
-    text = bench.config.read_text().replace("[client]", f'[client]\ntcp = "127.0.0.1:{PORT}"\nkeys_dir = "{folder}"')
+    address = f"127.0.0.1:{free_ports()}"
+    text = bench.config.read_text().replace("[client]", f'[client]\ntcp = "{address}"\nkeys_dir = "{folder}"')
     bench.config.write_text(text)
     bench.configure("[realtime]\nfifo_priority = 20\n")  # as the system service; else a warning
     bench.folder.chmod(0o711)  # for the flooder of another user
-    return folder
-
-
-def endpoint_of(bench: Bench, transport: str, folder: Path) -> list[str]:
-    where = [f"tcp://127.0.0.1:{PORT}", str(folder / "hapticd.key"), str(folder / "eve.key_secret")]
-    return where if transport == "tcp" else [str(bench.runtime_dir)]
+    tcp = [f"tcp://{address}", str(folder / "hapticd.key"), str(folder / "eve.key_secret")]
+    return {"ipc": [str(bench.runtime_dir)], "tcp": tcp}
 
 
 def flooded(bench: Bench, kind: str, endpoint: list[str]) -> subprocess.Popen[str]:
@@ -58,9 +55,8 @@ def flooded(bench: Bench, kind: str, endpoint: list[str]) -> subprocess.Popen[st
 
 @pytest.mark.parametrize(("kind", "transport"), [("closing", "ipc"), ("closing", "tcp"), ("dear", "ipc")])
 def test_while_another_user_floods_each_hello_is_answered(bench: Bench, kind: str, transport: str) -> None:
-    folder = served_over_both(bench)
+    endpoint = served_over_both(bench)[transport]
     client = bench.driven()[2]
-    endpoint = endpoint_of(bench, transport, folder)
     flooded(bench, kind, endpoint)
     t_end_s = time.monotonic() + FLOOD_S
     hellos_s = []
@@ -82,11 +78,11 @@ def test_while_another_user_floods_each_hello_is_answered(bench: Bench, kind: st
 @pytest.mark.parametrize("transport", ["ipc", "tcp"])
 @pytest.mark.parametrize("kind", ["none", *KINDS])
 def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kind: str, transport: str) -> None:
-    folder = served_over_both(bench)
+    endpoints = served_over_both(bench)
     _, service, client, _ = bench.driven()
     states = client.states(timeout_s=10.0)
     if kind != "none":
-        flooder = flooded(bench, kind, endpoint_of(bench, transport, folder))
+        flooder = flooded(bench, kind, endpoints[transport])
     t_end_s = time.monotonic() + FLOOD_S
     instants_ns = []
     while time.monotonic() < t_end_s:
