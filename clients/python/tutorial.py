@@ -23,9 +23,9 @@ hand.land(-30.0, 10.0)
 
 
 def touched() -> tuple[PlateState, FingerState]:
-    """Wait for a state with a finger in it. States come some ninety times a second."""
+    """Wait for a state with one finger: a scenario's have lifted. States come some ninety times a second."""
     for state in plate.states(timeout_s=30.0):
-        if state.fingers:
+        if len(state.fingers) == 1:
             return state, state.fingers[0]
     raise SystemExit("the service has ended")
 

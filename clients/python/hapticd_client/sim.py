@@ -43,8 +43,8 @@ class Finger:
     """One finger on a simulated plate, five at most at once, over all programs and pages.
 
     `plate` is a client of the simulated plate's service on this machine. The finger lifts when it is closed, and half a
-    second after its program ends. The scenario's own fingers lift for good once it lands. Raises HapticdError for a
-    plate that is not simulated here.
+    second after its program ends. The scenario's own fingers lift meanwhile, and land again 3 s later. Raises
+    HapticdError for a plate that is not simulated here.
     """
 
     def __init__(self, plate: Client) -> None:

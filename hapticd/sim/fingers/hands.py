@@ -23,6 +23,7 @@ from .pressing import form_of, matrices
 
 GLIDE_S = 0.03  # two reports of a typical pointing device
 TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
+RETURN_S = 3.0  # after a user's last finger the scenario's land again: longer than a hand takes to touch elsewhere
 KEPT_S = 0.25  # of past positions, for a sensor that samples a little later
 
 _Values = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's form
@@ -87,13 +88,11 @@ def _values(touch: SimulatedTouch) -> _Values:
 class Hands:
     """All fingers of users: `MAX_TOUCHES` paths, lifted until used.
 
-    `t_taken_s` is the time of the first message, from which on the scenario's own fingers are lifted; `lifted_s` is the
-    newest interval in which they lift on request.
+    `lifted_s` is the newest interval in which the scenario's own fingers are lifted, on request or for a user's.
     """
 
     def __init__(self) -> None:
         self.fingers: tuple[HeldFinger, ...] = tuple(HeldFinger() for _ in range(MAX_TOUCHES))
-        self.t_taken_s = math.inf
         self.lifted_s = (math.inf, -math.inf)
         self._held: dict[tuple[str, str], HeldFinger] = {}  # by sender and name
         self._t_message_s: dict[str, float] = {}  # of senders that hold some
@@ -103,7 +102,8 @@ class Hands:
 
         A finger for which the hand has no room is not there.
         """
-        self.t_taken_s = min(self.t_taken_s, t_s)
+        if touches:
+            self.lift_scripted(t_s, RETURN_S)
         for key in [key for key in self._held if key[0] == sender and key[1] not in touches]:
             self._held.pop(key).lift(t_s)
         self._t_message_s.pop(sender, None)
@@ -116,10 +116,10 @@ class Hands:
                 continue
             self._t_message_s[sender] = t_s
 
-    def lift_scripted(self, t_s: float) -> None:
-        """Lift the scenario's own fingers from `t_s` on, until TIMEOUT_S after the last request."""
+    def lift_scripted(self, t_s: float, seconds: float = TIMEOUT_S) -> None:
+        """Lift the scenario's own fingers from `t_s` on, until so long after the last request."""
         start_s, end_s = self.lifted_s
-        self.lifted_s = (start_s if t_s <= end_s else t_s, t_s + TIMEOUT_S)
+        self.lifted_s = (start_s if t_s <= end_s else t_s, max(end_s, t_s + seconds))
 
     def expire(self, t_s: float) -> None:
         """Lift the fingers of each sender after TIMEOUT_S without its message."""
@@ -136,7 +136,7 @@ class Hands:
 
 @dataclass(frozen=True)
 class YieldingPath:
-    """A scenario's path that is lifted on request, and for good once a user takes over."""
+    """A scenario's path that is lifted on request, and while a user has fingers down."""
 
     path: Path
     hands: Hands
@@ -144,10 +144,7 @@ class YieldingPath:
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         position, t_s = self.path.position_mm(t_s), np.asarray(t_s)
         start_s, end_s = self.hands.lifted_s
-        if min(self.hands.t_taken_s, start_s) < math.inf:
-            is_lifted = (t_s >= self.hands.t_taken_s) | ((t_s >= start_s) & (t_s < end_s))
-            position = np.where(is_lifted[:, np.newaxis], np.nan, position)
-        return position
+        return np.where(((t_s >= start_s) & (t_s < end_s))[:, np.newaxis], np.nan, position)
 
 
 def decode_hands(payload: bytes) -> SimulatedTouches:

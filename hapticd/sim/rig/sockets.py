@@ -1,7 +1,7 @@
 """Sockets of the simulated rig for a viewer: two ZeroMQ sockets in its directory.
 
     truth     XPUB   the plate's ground truth, up to 100 times a second, while subscribed
-    fingers   PULL   a sender's fingers that are down now; they replace the scenario's. Nil lifts the scenario's
+    fingers   PULL   a sender's fingers that are down now, in place of the scenario's. Nil lifts the scenario's
 
 Each message is one MessagePack map:
 
@@ -13,7 +13,7 @@ Each message is one MessagePack map:
 `t_ns` is the host's monotonic clock; `fingers` are those that touch; `path` is the index of each of the rig's `paths`
 fingers, first the scenario's, then the user's; `modal_um` are all modes of the plate, driven ones first; `truth_um` is
 the complex displacement under each touching finger, peak to peak. A sender repeats its message: after
-`hands.TIMEOUT_S` without one its fingers lift, or the scenario's land again.
+`hands.TIMEOUT_S` without one its fingers lift, or the scenario's land again; after fingers these wait `RETURN_S`.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
-from hapticd.sim.fingers.hands import GLIDE_S, TIMEOUT_S, Hands, HeldFinger, YieldingPath, decode_hands
+from hapticd.sim.fingers.hands import GLIDE_S, RETURN_S, TIMEOUT_S, Hands, HeldFinger, YieldingPath, decode_hands
 from hapticd.sim.fingers.paths import Rest
 from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 
@@ -34,14 +34,20 @@ def test_a_finger_that_is_no_longer_named_is_lifted_and_lands_as_another() -> No
     assert [math.isfinite(at(finger, 2.0)[0][0]) for finger in hands.fingers] == [False, True, True, False, False]
 
 
-def test_the_scenarios_fingers_leave_when_a_person_comes_and_do_not_return() -> None:
+@pytest.mark.parametrize("end", ["lifted", "silent"])
+def test_the_scenarios_fingers_leave_when_a_user_comes_and_return_after_it(end: str) -> None:
     hands = Hands()
     scripted = YieldingPath(Rest((3.0, 4.0)), hands)
+    hands.hold({}, 1.0)  # of a page that nobody touches
     assert at(scripted, 0.0, 5.0) == [[3.0, 4.0]] * 2
-    hands.hold({}, 2.0)
-    hands.hold({}, 3.0)
-    assert at(scripted, 1.99) == [[3.0, 4.0]]
-    assert np.isnan(at(scripted, 2.0, 9.0)).all()
+    for t_s in (2.0, 2.4, 2.8):
+        hands.hold({"1": SimulatedTouch(0.0, 0.0)}, t_s)
+    if end == "lifted":
+        hands.hold({}, 3.0)
+    hands.expire(2.9 + TIMEOUT_S)
+    assert down(hands, 3.0 + TIMEOUT_S) == []
+    assert at(scripted, 1.99, 2.8 + RETURN_S) == [[3.0, 4.0]] * 2
+    assert np.isnan(at(scripted, 2.0, 2.4, 2.79 + RETURN_S)).all()
 
 
 def test_the_scenarios_fingers_lift_on_request_and_land_again_after_it() -> None:

@@ -22,6 +22,7 @@ from asynchronous import wait_for
 from hapticd.board_protocol import HelloRequest
 from hapticd.board_values import BoardHello, BoardMessage
 from hapticd.errors import DeviceError
+from hapticd.sim.fingers.hands import RETURN_S
 from hapticd.sim.rig import sockets as rigsockets
 from hapticd.sim.rig.process import RigProcess
 from hapticd.sim.rig.program import Rig
@@ -189,6 +190,20 @@ def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None
         assert arrays["finger_true_mm"].shape == (800, 1, 2)
         np.testing.assert_array_equal(arrays["t_s"][down][0], 0.05)
         assert np.isnan(arrays["target_um"]).all()
+
+
+def test_the_pad_reports_the_scenarios_fingers_again_after_a_persons(tmp_path: Path) -> None:
+    made = Rig(tmp_path, "strokes", 1, keep=False)
+    counts: list[int] = []
+    decoder = Decoder("mt2-usb")
+    made._pad.send = lambda data: counts.extend(len(frame.contacts) for frame in decoder.decode(data, 0))  # type: ignore[method-assign]
+    seen = []
+    for t_s, held in ((1.0, {}), (1.4, {"1": SimulatedTouch(7.0, -3.0)}), (1.6 + RETURN_S, {})):
+        made.hands.hold(held, made.world.t_ahead_s)
+        made._advance(t_s)
+        seen.append(counts[-1])
+    made.close()
+    assert seen == [2, 1, 2]
 
 
 def test_a_rig_process_leaves_nothing_behind() -> None:
