@@ -37,7 +37,7 @@ settings.register_profile("new-each-time", settings.get_profile("same-each-time"
 settings.load_profile("new-each-time" if os.environ.get("NEW_EXAMPLES") else "same-each-time")
 
 OF_A_CALLER = ("HAPTICD_RUNTIME_DIR", "RUNTIME_DIRECTORY", "NOTIFY_SOCKET", "WATCHDOG_USEC", "JOURNAL_STREAM")
-OF_HOME = {"HOME": "", "XDG_RUNTIME_DIR": "run", "MPLCONFIGDIR": "matplotlib"} | {
+OF_HOME = {"HOME": "", "XDG_RUNTIME_DIR": "run", "MPLCONFIGDIR": "plots", "DASK_TEMPORARY_DIRECTORY": "dask"} | {
     f"XDG_{kind}_HOME": kind.lower() for kind in ("CACHE", "CONFIG", "DATA", "STATE")
 }
 
