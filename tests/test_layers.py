@@ -224,7 +224,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
         ({"aiohttp"}, ("tools/first_light", "tools/gateway", "tools/study", "tools/view", "tools/web")),
         ({"prometheus_client"}, ("tools/stream",)),
         ({"pylsl"}, ("tools/record/inlets",)),
-        ({"mcap"}, ("files/recording/mcap_",)),
+        ({"lz4", "mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaigns",)),
         ({"scipy"}, ("bench", "tools/calibrate", "tools/study")),
         ({"evdev"}, ("io/devices/input_nodes",)),

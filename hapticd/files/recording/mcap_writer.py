@@ -1,8 +1,7 @@
 """Recordings on disk: MCAP files, never over an existing one, each readable by itself, bounded in size and number.
 
-A file begins with the header in a chunk of its own, with schemas and channels. Copies of that follow it, come again and
-again, and end the file; the index does not list them. What was added since the last chunk ended is lost with a process
-that is killed; `flush` ends the chunk, and compresses it without holding the interpreter.
+A file begins with the header in a chunk of its own, with schemas and channels. What was added since the last chunk
+ended is lost with a process that is killed; `flush` ends the chunk, and compresses it without holding the interpreter.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ COMPRESSION = CompressionType.ZSTD
 CHUNK_BYTES = 1 << 18  # a chunk is ended by `flush`, or by this size
 MESSAGE_BYTES = 31 + 16  # of a message's head and its index
 CHUNK_INDEX_BYTES = 600  # at the end of the file and behind the chunk, with a place for every kind
-HEADER_EVERY = 20  # times its own size: so its copies take a twentieth
 TURN_S = 1e-4
 SUMMARY_BYTES = 16_384  # schemas and channels at the end of the file
 
@@ -57,8 +55,6 @@ class RecordingFile:
         self._index_bytes = SUMMARY_BYTES
         self._mcap: McapWriter
         self._output = _Output(-1)
-        self._head = b""
-        self._head_ends = 0
         with _in_a_sentence(path):
             try:
                 self._open(seq)
@@ -100,13 +96,6 @@ class RecordingFile:
             self._pending_bytes = 0
             with _short_turns():
                 self._mcap.flush()  # type: ignore[no-untyped-call]
-            if self._output.bytes - self._head_ends > HEADER_EVERY * len(self._head):
-                self._repeat_head()
-
-    def _repeat_head(self) -> None:
-        """Between chunks: copies are equal to the last byte, so that damaged ones make up for each other."""
-        self._output.write(self._head)
-        self._head_ends = self._output.bytes
 
     def sync(self) -> None:
         """End the chunk and have it on the disk: a power failure does not lose it."""
@@ -118,7 +107,6 @@ class RecordingFile:
         try:
             if self._output.is_sound:
                 self.flush()
-                self._repeat_head()
                 with _short_turns():
                     self._mcap.finish()  # type: ignore[no-untyped-call]
         finally:
@@ -140,15 +128,8 @@ class RecordingFile:
         self._mcap = McapWriter(cast("IO[Any]", self._output), chunk_size=1 << 62, compression=COMPRESSION)
         self._mcap.start(profile="hapticd", library=f"hapticd {__version__}")
         self._channels = {name: self._register(name) for name in KINDS}
-        begin = self._output.bytes
         self._add(HEADER, seq, self._header.t_start_ns, header)
-        self._output.copy = bytearray()
-        self._mcap.flush()  # type: ignore[no-untyped-call]
-        self._head, self._output.copy = bytes(self._output.copy), None
-        assert len(self._head) == self._output.bytes - begin
-        self._pending_bytes = 0
-        self._repeat_head()
-        self._index_bytes += len(self._head)
+        self.flush()
         self._mcap.add_metadata("hapticd", texts_of(self._header))
 
     def _created(self) -> int:
@@ -244,7 +225,6 @@ class _Output:
         self.fd = fd
         self.bytes = 0
         self.is_sound = fd >= 0
-        self.copy: bytearray | None = None  # of what is written, where one is kept
 
     def write(self, data: bytes) -> int:
         """Append, whole: the kernel may take it in pieces."""
@@ -256,8 +236,6 @@ class _Output:
             self.is_sound = False
             raise
         self.bytes += len(data)
-        if self.copy is not None:
-            self.copy += data
         return len(data)
 
     def tell(self) -> int:
