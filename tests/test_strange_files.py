@@ -129,7 +129,7 @@ READ_ELSEWHERE = {
     "tools/firmware/program.py": "/dev/null",
     "tools/firmware/text.py": "/dev/null",
     "tools/install_service.py": "its own package's files",
-    "tools/web/pages.py": "its own package's page",
+    "tools/web/application.py": "its own package's page",
     "__main__.py": "/dev/null",
     "image.py": "a picture in memory, of two formats",
 }

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 MAX_SHOWN_BITS: Final = 64
 MAX_SHOWN_CHARACTERS: Final = 32
+BYTES: Final = "bytes (base64 in JSON)"
 _KINDS: Final[dict[type, str]] = {
     dict: "a map",
     list: "a list",
@@ -27,7 +28,6 @@ _KINDS: Final[dict[type, str]] = {
     bytes: "bytes",
     bool: "a truth value",
     int: "a whole number",
-    float: "a number",
     type(None): "nil",
 }
 
@@ -187,13 +187,13 @@ def _named(form: Any) -> str:
     shape = type(form).__name__
     if shape == "LiteralType":
         return f"one of {', '.join(map(str, form.values))}" if len(form.values) > 1 else str(form.values[0])
-    return {"FloatType": "a number", "IntType": "a whole number", "StrType": "a text", "BytesType": "bytes"}.get(
+    return {"FloatType": "a number", "IntType": "a whole number", "StrType": "a text", "BytesType": BYTES}.get(
         shape, {"BoolType": "true or false", "StructType": "a map", "DictType": "a map"}.get(shape, "a list")
     )
 
 
 def _kind(value: object) -> str:
-    return _KINDS.get(type(value), "a MessagePack extension")
+    return repr(value) if isinstance(value, float) else _KINDS.get(type(value), "a MessagePack extension")
 
 
 def _shown(value: float) -> str:

@@ -136,7 +136,7 @@ def _commission(options: argparse.Namespace) -> int:
 
 
 def _listener(options: argparse.Namespace) -> socket.socket:
-    from ..web.listener import bound
+    from ..web.serving import bound
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell has ignored behind `&`
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # what drives is stopped, as by Ctrl-C

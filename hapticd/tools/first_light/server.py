@@ -16,14 +16,14 @@ from collections.abc import Callable
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from ..web import connections, pages
+from ..web.application import add_page, application
 from ..web.serving import ServingThread
+from ..web.sockets import Pace
 from .page_front import Press
 
 KEYED = ("/", "/socket")
 ALIVE_WITHIN_S = 3.0  # a page in the background says it once a second
 MAX_MESSAGE_BYTES = 512
-END_WITHIN_S = 1.0
 BUSY = "The page is open in another window already: close that one."
 
 
@@ -38,11 +38,11 @@ class PageServer:
         self._writing: set[asyncio.Task[None]] = set()
         self._page: web.WebSocketResponse | None = None
         self.address = f"http://{host}:{port}/?key={key}"
-        app = pages.application(__package__, "first-light", key, KEYED)
+        app = application("first-light", key, keyed=KEYED)
+        add_page(app, __package__)
         app.router.add_get("/socket", self._socket)
         app.on_shutdown.append(self._close)
-        runner = web.AppRunner(app, access_log=None, logger=connections.logger(), shutdown_timeout=END_WITHIN_S)
-        self._serving = ServingThread(runner, listener, "first-light page")
+        self._serving = ServingThread(app, listener, "first-light page")
 
     def __enter__(self) -> PageServer:
         self._serving.__enter__()
@@ -86,7 +86,7 @@ class PageServer:
 
     async def _read(self, page: web.WebSocketResponse) -> None:
         """Take presses until the page closes, or is silent for too long."""
-        pace = connections.Pace()
+        pace = Pace()
         while True:
             try:
                 message = await page.receive(timeout=ALIVE_WITHIN_S)

@@ -14,115 +14,135 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from typing import Any, Final, cast
+from typing import Annotated, Any, Final, cast
 
 import msgspec
 import zmq
 import zmq.asyncio
 
-from hapticd_client.endpoint import Endpoint
+from hapticd_contract.base import AmplitudeUm, FingerId, Share
 from hapticd_contract.requests import MarkerRequest
-from hapticd_contract.sentences import ContractError, converted
 from hapticd_contract.targets import MAX_TARGETS, FingerTarget, TargetsMessage
 
 from ...errors import RequestError
+from ...wire.client import read
 from ...wire.osc import BUNDLE, Argument, OscError, OscMessage, decoded, encoded
-from .feed import Feed
-from .peer import connected
+from ..web.sockets import Pace, number
+from .shared_daemon import SharedDaemon
 
 HOLD_S: Final = 2.0
 MAX_DATAGRAM_BYTES: Final = 1024
 MAX_SENDERS: Final = 8
-RATE_HZ, BURST = 200.0, 50  # of all senders together; those beyond are dropped
-FIELDS: Final = {"/hapticd/friction": "friction", "/hapticd/amplitude": "amplitude_um"}
+RATE_HZ, BURST = 200.0, 50  # of each sender, and of the refused ones together; those beyond are dropped
+ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
+    "/hapticd/friction": {"finger": FingerId, "friction": Share},
+    "/hapticd/amplitude": {"finger": FingerId, "amplitude_um": AmplitudeUm},
+    "/hapticd/release": {"finger": FingerId},
+    "/hapticd/marker": {"text": str},
+    "/hapticd/follow": {"port": Annotated[int, msgspec.Meta(ge=1, le=65535)]},
+}
+OWN: Final = (b"/hapticd/finger\0", b"/hapticd/error\0")  # not answered, or two gateways would answer each other
 _Address = tuple[str, int]
 
 
 class _Sender:
+    """One sender, or all that are refused."""
+
     def __init__(self) -> None:
-        self.t_last_s = -math.inf
+        self.t_last_s = self.t_free_s = -math.inf
+        self.pace = Pace(RATE_HZ, BURST)
         self.targets: dict[int, FingerTarget] = {}
         self.follows: tuple[_Address, float] | None = None  # where to, and until when
+        self.is_due = False  # to be sent to the daemon
 
 
 class OscClients(asyncio.DatagramProtocol):
     """All senders of one port."""
 
-    def __init__(self, context: zmq.asyncio.Context, endpoint: Endpoint, feed: Feed) -> None:
+    def __init__(self, daemon: SharedDaemon) -> None:
         self.dropped = 0
-        self._feed = feed
+        self._daemon = daemon
         self._senders: dict[_Address, _Sender] = {}
-        self._targets = connected(context, zmq.PUSH, endpoint, "targets")
-        self._control = connected(context, zmq.DEALER, endpoint, "control")
+        self._refused = _Sender()
+        self._targets = daemon.connected(zmq.PUSH, "targets")
+        self._control = daemon.connected(zmq.DEALER, "control")
         self._transport: asyncio.DatagramTransport | None = None
-        self._tokens, self._t_tokens_s = float(BURST), 0.0
         self._id = 0
         self._is_closed = asyncio.Event()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.DatagramTransport", transport)  # Python 3.11 does not derive its own from that
+        self._own: _Address = transport.get_extra_info("sockname")[:2]
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         t_s = asyncio.get_running_loop().time()
-        if not self._has_token(t_s):
+        address: _Address = (str(addr[0]), int(addr[1]))
+        if address == self._own or data.startswith(OWN):
+            return
+        sender = self._sender(address, t_s)
+        if t_s < sender.t_free_s or not sender.pace.has_time:
             self.dropped += 1
             return
-        address: _Address = (str(addr[0]), int(addr[1]))
-        try:
-            self._take(_message(data), self._sender(address, t_s), address, t_s)
-        except (OscError, RequestError, ContractError) as error:
-            self._send(address, "/hapticd/error", str(error))
+        with sender.pace:
+            try:
+                if sender is self._refused:
+                    raise RequestError(f"{MAX_SENDERS} senders are here already: wait until one has been silent.")
+                self._take(_message(data), sender, address, t_s)
+            except (OscError, RequestError) as error:
+                self._send(address, "/hapticd/error", str(error))
+        sender.t_free_s = t_s + sender.pace.reserve()
 
     def connection_lost(self, _: Exception | None) -> None:
         self._is_closed.set()
 
     async def close(self) -> None:
         """Close; what was set ends by itself."""
-        self._feed.leave(id(self))
+        self._daemon.leave(self)
         if self._transport is not None:
             self._transport.abort()
+            self._transport = None
             await self._is_closed.wait()
         self._targets.close(linger=0)
         self._control.close(linger=0)
 
-    def _has_token(self, t_s: float) -> bool:
-        self._tokens = min(self._tokens + (t_s - self._t_tokens_s) * RATE_HZ, float(BURST))
-        self._t_tokens_s = t_s
-        if self._tokens < 1.0:
-            return False
-        self._tokens -= 1.0
-        return True
-
     def _sender(self, address: _Address, t_s: float) -> _Sender:
         self._senders = {one: kept for one, kept in self._senders.items() if t_s - kept.t_last_s < HOLD_S}
         if address not in self._senders and len(self._senders) >= MAX_SENDERS:
-            raise RequestError(f"{MAX_SENDERS} senders are here already: wait until one has been silent for a while.")
+            return self._refused
         sender = self._senders.setdefault(address, _Sender())
         sender.t_last_s = t_s
         return sender
 
     def _take(self, message: OscMessage, sender: _Sender, address: _Address, t_s: float) -> None:
-        name, given = message.address, message.arguments
-        if name in FIELDS:
-            target = converted(dict(zip(("finger", FIELDS[name]), given, strict=False)), FingerTarget)
-            if not isinstance(target.finger, int):
-                raise RequestError("finger: must be the id of a finger, a whole number.")
-            if target.finger not in sender.targets and len(sender.targets) >= MAX_TARGETS:
+        name, arguments = message.address, _arguments(message)
+        finger = arguments.get("finger")
+        if name == "/hapticd/marker":
+            self._mark(read({"client": _client(address), **arguments}, MarkerRequest))
+        elif name == "/hapticd/follow":
+            if (address[0], arguments["port"]) == self._own:
+                raise RequestError(f"port: {arguments['port']} is the gateway's own, give yours.")
+            sender.follows = (address[0], arguments["port"]), t_s + HOLD_S
+            self._daemon.follow(self, self._tell)
+        elif name != "/hapticd/release":
+            if finger not in sender.targets and len(sender.targets) >= MAX_TARGETS:
                 raise RequestError(f"A sender may hold {MAX_TARGETS} fingers at once: release one first.")
-            sender.targets[target.finger] = target
-        elif name == "/hapticd/release" and not given:
+            sender.targets[arguments["finger"]] = FingerTarget(**arguments)
+        elif finger is None:
             sender.targets.clear()
-        elif name == "/hapticd/release" and len(given) == 1 and isinstance(given[0], int):
-            sender.targets.pop(given[0], None)
-        elif name == "/hapticd/marker" and len(given) == 1:
-            self._mark(converted({"client": _client(address), "text": given[0]}, MarkerRequest))
-        elif name == "/hapticd/follow" and len(given) == 1 and isinstance(given[0], int) and 0 < given[0] < 65536:
-            sender.follows = (address[0], given[0]), t_s + HOLD_S
-            self._feed.follow(id(self), self._tell)
         else:
-            raise RequestError(f"{name[:40]!r} with {len(given)} arguments is none of hapticd's messages.")
+            sender.targets.pop(finger, None)
+        if not sender.is_due:
+            sender.is_due = True
+            asyncio.get_running_loop().call_later(self._daemon.targets.reserve(), self._hold, sender, address)
+
+    def _hold(self, sender: _Sender, address: _Address) -> None:
+        """Send all that a sender set to the daemon, in its turn."""
+        sender.is_due = False
         holding = TargetsMessage(_client(address), HOLD_S, targets=tuple(sender.targets.values()), v=1)
-        self._push(self._targets, msgspec.msgpack.encode(holding))
+        try:
+            self._push(self._targets, msgspec.msgpack.encode(holding))
+        except RequestError as error:
+            self._send(address, "/hapticd/error", str(error))
 
     def _mark(self, marker: MarkerRequest) -> None:
         self._id = self._id % (2**32 - 1) + 1
@@ -139,7 +159,7 @@ class OscClients(asyncio.DatagramProtocol):
         t_s = asyncio.get_running_loop().time()
         followed = {one.follows[0] for one in self._senders.values() if one.follows and one.follows[1] > t_s}
         if not followed:
-            self._feed.leave(id(self))
+            self._daemon.leave(self)
             return
         for finger in json.loads(text)["fingers"]:
             if isinstance(finger["id"], int) and finger["id"] < 2**31:  # as OSC has whole numbers
@@ -159,6 +179,20 @@ def _message(datagram: bytes) -> OscMessage:
     if datagram.startswith(BUNDLE):  # one of them would have the rate of many
         raise RequestError("The datagram is an OSC bundle: send its messages one by one.")
     return decoded(datagram)
+
+
+def _arguments(message: OscMessage) -> dict[str, Any]:
+    """Return the arguments by name, of the contract's types. Raises RequestError."""
+    name, given = message.address, message.arguments
+    if name not in ARGUMENTS:
+        raise RequestError(f"{name[:40]!r} is none of hapticd's messages.")
+    kinds = ARGUMENTS[name]
+    if len(given) != len(kinds) and (given or name != "/hapticd/release"):
+        raise RequestError(f"{name}: takes {' and '.join(kinds)}, not {len(given)} arguments.")
+    return {
+        field: read(number(one) if isinstance(one, float) else one, kinds[field], field)
+        for field, one in zip(kinds, given, strict=False)
+    }
 
 
 def _client(address: _Address) -> str:

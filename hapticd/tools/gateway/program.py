@@ -16,8 +16,6 @@ from ...errors import HapticdError, UsageError, missing_library
 from ...regular_file import opened, read_bounded
 from ...wire.osc import require_package
 from ..arguments import PORT_NUMBER, add_endpoint
-from ..web.guard import HOSTS
-from ..web.listener import bound
 
 if TYPE_CHECKING:
     from hapticd_client.endpoint import Endpoint
@@ -69,6 +67,8 @@ def run(options: argparse.Namespace) -> None:
         if not ORIGIN.fullmatch(origin):
             raise UsageError(f"--origin: {origin!r} is none: give scheme, host and port, as http://localhost:8000.")
     key = secrets.token_urlsafe(16) if options.key_file is None else _key(options.key_file)
+    from ..web.serving import bound
+
     with bound(options.host, options.port) as listener:
         asyncio.run(_serve(listener, _endpoint(options.endpoint), key, options))
 
@@ -99,14 +99,16 @@ def _key(path: Path) -> str:
 
 
 async def _serve(listener: socket.socket, endpoint: Endpoint, key: str, options: argparse.Namespace) -> None:
-    from ..web.serving import served
+    from ..web.application import HOSTS, application
+    from ..web.serving import ended_by_signal, served
     from .server import Gateway
 
     names = HOSTS if options.host == HOST else (options.host, *HOSTS)
-    gateway = Gateway(endpoint, key, options.origin, names, options.osc)
-    gateway.port = listener.getsockname()[1]
-    async with served(gateway.runner(), listener) as ended:
-        print(f"the gateway: ws://{options.host}:{gateway.port}/client?key={key}", flush=True)
+    app, gateway = application("gateway", key, hosts=names, origins=options.origin), Gateway(endpoint, options.osc)
+    gateway.add_to(app)
+    ended = ended_by_signal()
+    async with served(app, listener):
+        print(f"the gateway: ws://{options.host}:{listener.getsockname()[1]}/client?key={key}", flush=True)
         if gateway.osc_port is not None:
             print(f"OSC: udp://{HOST}:{gateway.osc_port}", flush=True)
         print("(Ctrl-C ends)", flush=True)

@@ -15,9 +15,8 @@ from msgspec import Meta
 
 from ...errors import RequestError
 from ...wire.client import read
-from ..web import connections, pages
-from ..web.listener import bound
-from ..web.serving import ServingThread
+from ..web.application import add_page, application
+from ..web.serving import ServingThread, bound
 from .panel import Screen
 
 ADDRESS = "127.0.0.1"
@@ -40,11 +39,11 @@ class Browser:
         self._shown = (0, Screen("One moment", "The session is about to begin."))
         self._note = ""
         self._presses: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
-        app = pages.application(__package__, "study", key, KEYED, max_bytes=MAX_PRESS_BYTES)
+        app = application("study", key, keyed=KEYED, max_bytes=MAX_PRESS_BYTES)
+        add_page(app, __package__)
         app.router.add_get("/screen", self._screen)
         app.router.add_post("/press", self._press)
-        runner = web.AppRunner(app, access_log=None, logger=connections.logger())
-        self._serving = ServingThread(runner, listener, "study page")
+        self._serving = ServingThread(app, listener, "study page")
 
     def __enter__(self) -> Browser:
         self._serving.__enter__()

@@ -20,8 +20,6 @@ server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", 
 
 from __future__ import annotations
 
-import base64
-import contextlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -39,8 +37,8 @@ from hapticd_contract.surfaces import Surface
 from ...config.sections import MOST_MODES, SolverConfig
 from ...core.friction import DEFAULT_FRICTION_CURVE
 from ...daemon.settings import LEAST_CONTACT_MODES
-from ...errors import RequestError
 from ...wire.client import read
+from ..web.sockets import decoded
 
 if TYPE_CHECKING:
     from hapticd_client import FingerState, PlateEvent, PlateState
@@ -142,32 +140,15 @@ Message = Hold | SetTarget | ReleaseTarget | _Layer | RecordPage | ClearBoardFau
 
 def decode(text: str) -> Message:
     """Decode a page's message. Raises RequestError."""
-    try:
-        fields = json.loads(text)
-    except (ValueError, RecursionError):
-        raise RequestError("The page's message is not JSON.") from None
-    _unpack_levels(fields)
-    message: Message = read(fields, Message)
+    message: Message = read(decoded(text), Message)
     return message
-
-
-def _unpack_levels(fields: Any) -> None:
-    """Bytes of a picture come in base64, as JSON has none; what is not that stays, and is refused as no bytes."""
-    match fields:
-        case {"surface": {"map": {"levels": str(levels)} as picture}}:
-            with contextlib.suppress(ValueError):
-                picture["levels"] = base64.b64decode(levels, validate=True)
 
 
 def mover(text: str) -> int | str | None:
     """Decode the finger of a layer request, JSON or empty for none. Raises RequestError."""
     if not text:
         return None
-    try:
-        finger = json.loads(text)
-    except (ValueError, RecursionError):
-        raise RequestError("finger: is not JSON.") from None
-    key: int | str = read(finger, Key, "finger")
+    key: int | str = read(decoded(text), Key, "finger")
     return key
 
 

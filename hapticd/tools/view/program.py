@@ -20,7 +20,6 @@ from ...config.sections import SimConfig
 from ...errors import HapticdError, UsageError, missing_library
 from .. import glass, simulated_fingers
 from ..arguments import PORT_NUMBER, add_endpoint, whole
-from ..web.listener import bound
 from .simulated import SimulatedService
 
 SCENARIO = "hands"
@@ -46,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Serve until SIGTERM or SIGINT. Raises HapticdError."""
     _check(options)
+    from ..web.serving import bound
+
     listener, endpoint, service = bound(HOST, options.port), options.endpoint, None
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes over; ends the child processes too
     with contextlib.ExitStack() as stack:
@@ -79,11 +80,11 @@ def _simulated(options: argparse.Namespace) -> SimConfig:
 async def _serve(
     listener: socket.socket, endpoint: str | None, service: SimulatedService | None, *, open_browser: bool
 ) -> None:
-    from ..web.serving import served
+    from ..web.serving import ended_by_signal, served
     from .server import Viewer
 
-    viewer = Viewer(endpoint, simulated=service)
-    async with served(viewer.runner(), listener) as ended:
+    viewer, ended = Viewer(endpoint, simulated=service), ended_by_signal()
+    async with served(viewer.app(), listener):
         has_service = True
 
         def service_ended() -> None:

@@ -12,9 +12,10 @@ import asyncio
 import os
 import secrets
 from contextlib import suppress
+from functools import partial
 
 import zmq
-from aiohttp import WSCloseCode, WSMsgType, web
+from aiohttp import WSMessage, WSMsgType, web
 
 import hapticd_client
 from hapticd_client.endpoint import find
@@ -22,7 +23,8 @@ from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 
 from ...errors import RequestError
 from ..gateway.server import PATH, Gateway
-from ..web import connections, pages
+from ..web.application import add_page, application
+from ..web.sockets import Pace, opened, read, until_one_ends
 from . import layers, messages
 from .client import Action, PagePlate, PlateClient
 from .messages import Hold, RecordPage, ReleaseTarget, SetTarget, SwitchPlate
@@ -31,7 +33,6 @@ from .rig import PadSender
 from .simulated import SimulatedService
 
 KEYED = ("/", "/shapes", "/layer", "/socket", PATH)  # all but the page's own files
-END_WITHIN_S = 1.0
 MAX_PAGES = 8
 MAX_HELD = 16  # fingers that a client may hold
 
@@ -99,18 +100,15 @@ class Viewer:
 
     def app(self) -> web.Application:
         """The web application."""
-        app = pages.application(__package__, "view", self.key, KEYED)
+        app = application("view", self.key, keyed=KEYED)
+        add_page(app, __package__)
         app.router.add_get("/shapes", self._shapes)
         app.router.add_get("/layer", self._layer)
         app.router.add_get("/socket", self._socket)
         app.on_shutdown.append(self._close)
         with suppress(hapticd_client.HapticdError):  # the page says it when it connects
-            Gateway(find(self._endpoint, os.environ), self.key).add_to(app)
+            Gateway(find(self._endpoint, os.environ)).add_to(app)
         return app
-
-    def runner(self) -> web.AppRunner:
-        """The server of that application."""
-        return web.AppRunner(self.app(), access_log=None, logger=connections.logger(), shutdown_timeout=END_WITHIN_S)
 
     # --- responses ---
 
@@ -136,25 +134,15 @@ class Viewer:
         return web.Response(body=levels, content_type="application/octet-stream")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
-        socket = web.WebSocketResponse(max_msg_size=messages.MAX_MESSAGE_BYTES, heartbeat=10.0)
-        await socket.prepare(request)
-        if len(self._pages) >= MAX_PAGES:  # within the socket: a browser hides the reason of a refused one
-            why = f"{MAX_PAGES} pages are open already: close one."
-            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=why.encode())
-            return socket
-        self._opened += 1
-        page = Page(socket, self._opened)
-        self._enter(page)
-        writing, pace = asyncio.ensure_future(page.write()), connections.Pace()
-        try:
-            async for message in socket:
-                if message.type is WSMsgType.TEXT:
-                    self._receive(page, message.data)
-                await pace.wait()
-        finally:
-            writing.cancel()
-            await asyncio.gather(writing, return_exceptions=True)
-            self._leave(page)
+        socket = await opened(request, messages.MAX_MESSAGE_BYTES, self._pages, MAX_PAGES, "pages")
+        if not socket.closed:
+            self._opened += 1
+            page = Page(socket, self._opened)
+            self._enter(page)
+            try:
+                await until_one_ends(read(socket, Pace(), partial(self._receive, page)), page.write())
+            finally:
+                self._leave(page)
         return socket
 
     # --- pages ---
@@ -197,9 +185,11 @@ class Viewer:
             self._closing.add(task)
             task.add_done_callback(self._closing.discard)
 
-    def _receive(self, page: Page, text: str) -> None:
+    def _receive(self, page: Page, received: WSMessage) -> None:
+        if received.type is not WSMsgType.TEXT:
+            return
         try:
-            message = messages.decode(text)
+            message = messages.decode(received.data)
         except RequestError as error:
             page.send("refused", messages.refused(str(error)))
             return

@@ -1,1 +1,1 @@
-"""What the servers of pages share (view, study, gateway): who may come in, how often, and how long they serve."""
+"""Shared by the servers of pages and programs (view, gateway): access, connections, pacing, and JSON texts."""

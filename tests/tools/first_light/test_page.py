@@ -31,7 +31,7 @@ from hapticd.tools.first_light.shown import ShownTechnician
 from hapticd.tools.first_light.state import Commissioning
 from hapticd.tools.first_light.step import PageResult, StepPage
 from hapticd.tools.first_light.walk import STEPS
-from hapticd.tools.web.listener import bound
+from hapticd.tools.web.serving import bound
 
 SOUND = PageResult(Judgement("All is well.", (), (("sensor 0", "1.65 V"),)), "a chart")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 from pathlib import Path
 
 import pytest
@@ -11,11 +12,11 @@ from asynchronous import asynchronous, until
 from clients.fake_daemon import FakeDaemon
 from webclients import KEY, ORIGIN, gateway, programs
 
-from hapticd.tools.gateway import peer
-from hapticd.tools.gateway.peer import Names
+from hapticd.tools.gateway import messages, peer, shared_daemon
 from hapticd.tools.gateway.server import MAX_PEERS
 
 TARGET = {"finger": 1, "friction": 0.2}
+DEAR = '{"v": 1}'
 VIRTUALS = [{"name": "a", "path_mm": [[0, 0]]}]
 
 
@@ -125,12 +126,51 @@ async def test_a_flood_of_one_page_leaves_the_newest_and_keeps_no_other_waiting(
 
 
 @asynchronous
+async def test_dear_texts_of_one_page_keep_no_other_waiting(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: list[str] = []
+    spent_ns = 0
+
+    def dear(text: str) -> messages.Received:
+        nonlocal spent_ns
+        if text == DEAR:
+            taken.append(text)
+            spent_ns += 49_000_000
+        return decode(text)
+
+    decode = messages.decode
+    monkeypatch.setattr(messages, "decode", dear)
+    monkeypatch.setattr(peer, "Pace", functools.partial(peer.Pace, processor_ns=lambda: spent_ns))
+    async with programs(daemon.directory, 2) as (flooding, other):
+        for _ in range(100):
+            await flooding.socket.send_str(DEAR)
+        await until(lambda: bool(taken))
+        for _ in range(10):
+            assert (await other.ask("hello"))["ok"]
+        assert len(taken) < 50  # of 4.9 s in all, one in a second
+
+
+@asynchronous
+async def test_what_waits_of_a_page_that_has_gone_is_dropped(daemon: FakeDaemon) -> None:
+    async with programs(daemon.directory) as (program,):
+        for number in range(5000):
+            await program.send(client="page", ttl_s=0.3, stamp=number, virtuals=VIRTUALS)
+        assert program.socket._response.connection is not None
+        transport = program.socket._response.connection.transport
+        assert transport is not None
+        transport.close()
+        await until(lambda: daemon.released == ["a"])
+        assert daemon.stamps[-1] != 4999
+
+
+@asynchronous
 async def test_requests_beyond_those_that_may_wait_are_refused(tmp_path: Path) -> None:
     async with programs(tmp_path) as (program,):
-        for number in range(1, peer.MAX_REQUESTS + 2):
+        for number in range(1, peer.MAX_REQUESTS + 3):  # one in its turn, and those that wait
             await program.send(id=number, op="hello")
         refused = await program.next()
-        assert (refused["id"], "wait already" in refused["error"]) == (peer.MAX_REQUESTS + 1, True)
+        assert (refused["id"], "wait already" in refused["error"]) == (peer.MAX_REQUESTS + 2, True)
 
 
 @asynchronous
@@ -165,7 +205,7 @@ class Sent:
 @asynchronous
 async def test_a_slow_reader_has_a_bounded_number_of_states_waiting(newest: bool) -> None:
     box, socket = peer.Outbox(), Sent()
-    numbers = [str(number) for number in range(peer.STATES + 5)]
+    numbers = [str(number) for number in range(shared_daemon.STATES + 5)]
     for number in numbers:
         box.state(number, newest=newest)
     box.reply("reply")
@@ -173,11 +213,3 @@ async def test_a_slow_reader_has_a_bounded_number_of_states_waiting(newest: bool
     await until(lambda: numbers[-1] in socket.texts)
     writing.cancel()
     assert socket.texts == ["reply", *(numbers[-1:] if newest else numbers[5:])]
-
-
-def test_a_name_is_free_again_when_its_connection_is_gone() -> None:
-    names = Names()
-    assert names.claim(1, "page") == names.claim(1, "page") == ""
-    assert "another connection" in names.claim(2, "page")
-    names.release(1)
-    assert names.claim(2, "page") == ""

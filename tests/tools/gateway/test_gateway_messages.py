@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from hypothesis import strategies as st
 from msgspec import inspect as types
 
 from hapticd.tools.gateway import messages
 from hapticd.tools.gateway.messages import RefusedMessage
+from hapticd.tools.web.sockets import BYTE_FIELDS
 from hapticd.wire import client as wire
 from hapticd_contract.base import MAX_MESSAGE_BYTES
 from hapticd_contract.requests import AssetRequest, Request
@@ -70,26 +70,61 @@ def test_a_field_that_holds_bytes_somewhere_holds_a_text_nowhere() -> None:
             inner = field.type.fields if isinstance(field.type, types.StructType) else (field,)
             texts |= {one.encode_name for one in inner if isinstance(one.type, types.StrType)}
     assert {"client", "text"} <= texts
-    assert messages.byte_fields() == {"asset", "part", "levels"}
-    assert not texts & messages.byte_fields()
+    assert not texts & BYTE_FIELDS
+
+
+@pytest.mark.parametrize(
+    ("text", "as_whole"),
+    [
+        ('{"v": 1.0, "client": "a", "stamp": 7.0}', '{"v": 1, "client": "a", "stamp": 7}'),
+        (
+            '{"v": 1.0, "client": "a", "targets": [{"finger": 3.0, "friction": 1.0, "priority": 2.0}]}',
+            '{"v": 1, "client": "a", "targets": [{"finger": 3, "friction": 1, "priority": 2}]}',
+        ),
+        (
+            '{"v": 1, "client": "a", "surfaces": [{"name": "b", "z": -4.0, "amplitude_um": 1.5}]}',
+            '{"v": 1, "client": "a", "surfaces": [{"name": "b", "z": -4, "amplitude_um": 1.5}]}',
+        ),
+        ('{"v": 1.0, "id": 9.0, "op": "hello"}', '{"v": 1, "id": 9, "op": "hello"}'),
+        ('{"v": 1.0, "states": "newest"}', '{"v": 1, "states": "newest"}'),
+    ],
+)
+def test_a_whole_number_written_as_a_float_is_one(text: str, as_whole: str) -> None:
+    message = messages.decode(text)
+    assert repr(message) == repr(messages.decode(as_whole))
 
 
 @pytest.mark.parametrize(
     ("text", "request_id", "sentence"),
     [
         ("{", 0, "The message is not JSON, or too deep."),
-        ("[" * 100_000, 0, "The message is not JSON, or too deep."),
-        ("9" * 6000, 0, "The message is not JSON, or too deep."),
         ("[1]", 0, "The message must be a map, not a list."),
-        ('{"v": NaN}', 0, "The message contains NaN, which is no number of JSON."),
-        ('{"v": 1, "v": 1}', 0, "The message contains a map with the same key twice."),
         ('{"v": 2, "client": "a"}', 0, "The message has protocol version 2, the daemon has 1: update the daemon."),
+        ('{"v": 1.5, "client": "a"}', 0, "v: must be 1."),
+        (
+            '{"v": 1, "client": "a", "targets": [{"finger": 1.5, "friction": 0}]}',
+            0,
+            "targets[0].finger: must be",
+        ),
+        (
+            '{"v": 1, "id": 3, "op": "release", "body": {"client": "a", "finger": 1.5}}',
+            3,
+            "body.finger: must be",
+        ),
         ('{"v": 1, "states": "all"}', 0, "states: must be one of "),
         ('{"v": 1, "id": 3, "op": "dance"}', 3, "op: must be one of hello, "),
         ('{"v": 1, "id": 5000000000, "op": "dance"}', 0, "op: must be one of hello, "),
         ('{"v": 1, "id": 3, "op": "hello", "more": 1}', 3, "more: unknown field"),
-        ('{"v": 1, "id": 3, "op": "asset", "body": {"asset": "?"}}', 3, "asset: must be bytes as base64."),
-        ('{"v": 1, "id": 3, "op": "asset", "body": {"asset": "ä"}}', 3, "asset: must be bytes as base64."),
+        (
+            '{"v": 1, "id": 3, "op": "asset", "body": {"client": "a", "size": 1, "asset": "?"}}',
+            3,
+            "body.asset: must be bytes (base64 in JSON)",
+        ),
+        (
+            '{"v": 1, "id": 3, "op": "asset", "body": {"client": "a", "size": 1, "asset": "ä"}}',
+            3,
+            "body.asset: must be bytes (base64 in JSON)",
+        ),
     ],
 )
 def test_a_wrong_text_is_refused_in_a_sentence(text: str, request_id: int, sentence: str) -> None:
@@ -112,10 +147,3 @@ def test_replies_are_readable_by_every_language() -> None:
     reply = json.loads(messages.text_of(wire.encode_reply(3, {"shapes": b"\x01\x02", "drive_hz": None})))
     assert reply == {"v": 1, "id": 3, "ok": True, "body": {"shapes": "AQI=", "drive_hz": None}}
     assert json.loads(messages.refusal("No.", 4)) == {"v": 1, "id": 4, "ok": False, "error": "No."}
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=9), inner, max_size=4),
-    max_leaves=20,
-)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import re
-import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,12 +12,12 @@ from aiohttp import ClientSession, WSServerHandshakeError
 from asynchronous import asynchronous
 from clients.fake_daemon import FakeDaemon
 from clients.gateway_process import gateway_process
+from web_apps import running
 from webclients import KEY, Program
 
 from hapticd.errors import UsageError
 from hapticd.tools.gateway import program
 from hapticd.tools.view.server import Viewer
-from hapticd.tools.web.connections import Site
 
 
 @pytest.mark.parametrize(
@@ -73,19 +72,10 @@ def test_the_process_prints_an_address_that_works_and_ends_when_told_to(daemon: 
 
 @asynchronous
 async def test_the_viewer_is_a_gateway_too_for_programs_and_its_own_page(daemon: FakeDaemon) -> None:
-    viewer = Viewer(str(daemon.directory), key=KEY)
-    listener = socket.create_server(("127.0.0.1", 0))
-    port = listener.getsockname()[1]
-    runner = viewer.runner()
-    await runner.setup()
-    await Site(runner, listener).start()
-    address = f"ws://127.0.0.1:{port}/client"
-    try:
-        async with ClientSession() as session:
-            client = Program(await session.ws_connect(f"{address}?key={KEY}"))
-            assert (await client.ask("hello"))["ok"]
-            for query, headers in (("", {}), (f"?key={KEY}", {"Origin": "http://localhost:8000"})):
-                with pytest.raises(WSServerHandshakeError, match="403"):
-                    await session.ws_connect(address + query, headers=headers)
-    finally:
-        await runner.cleanup()
+    async with running(Viewer(str(daemon.directory), key=KEY).app()) as (_, port), ClientSession() as session:
+        address = f"ws://127.0.0.1:{port}/client"
+        client = Program(await session.ws_connect(f"{address}?key={KEY}"))
+        assert (await client.ask("hello"))["ok"]
+        for query, headers in (("", {}), (f"?key={KEY}", {"Origin": "http://localhost:8000"})):
+            with pytest.raises(WSServerHandshakeError, match="403"):
+                await session.ws_connect(address + query, headers=headers)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -12,9 +11,10 @@ from typing import Any
 
 from aiohttp import ClientSession, ClientWebSocketResponse
 from asynchronous import PATIENCE_S
+from web_apps import running
 
 from hapticd.tools.gateway.server import Gateway
-from hapticd.tools.web.connections import Site
+from hapticd.tools.web.application import application
 from hapticd_client.endpoint import Endpoint
 
 KEY = "0123456789abcdef"
@@ -24,16 +24,10 @@ ORIGIN = "http://localhost:8000"
 @asynccontextmanager
 async def gateway(folder: Path) -> AsyncIterator[str]:
     """Yield the address of a gateway of the daemon in this folder."""
-    made = Gateway(Endpoint(folder), KEY, (ORIGIN,))
-    listener = socket.create_server(("127.0.0.1", 0))
-    made.port = listener.getsockname()[1]
-    runner = made.runner()
-    await runner.setup()
-    try:
-        await Site(runner, listener).start()
-        yield f"ws://127.0.0.1:{made.port}/client"
-    finally:
-        await runner.cleanup()
+    app = application("gateway", KEY, origins=(ORIGIN,))
+    Gateway(Endpoint(folder)).add_to(app)
+    async with running(app) as (_, port):
+        yield f"ws://127.0.0.1:{port}/client"
 
 
 class Program:

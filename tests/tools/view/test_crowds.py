@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from aiohttp import ClientSession, WSCloseCode, web
 from asynchronous import asynchronous
+from web_apps import running
 
 from hapticd.tools.view.client import PlateClient
 from hapticd.tools.view.messages import ClearBoardFault, PlateChoice, SetTarget, SwitchPlate
@@ -17,20 +18,14 @@ from hapticd.tools.view.simulated import SimulatedService
 
 @asynchronous
 async def test_a_page_too_many_gets_the_reason(tmp_path: Path) -> None:
-    viewer = Viewer(str(tmp_path), key="key")
-    runner = viewer.runner()
-    await runner.setup()
-    await web.TCPSite(runner, "127.0.0.1", 0).start()
-    own = f"http://127.0.0.1:{runner.addresses[0][1]}"
-    try:
+    async with running(Viewer(str(tmp_path), key="key").app()) as (_, port):
+        own = f"http://127.0.0.1:{port}"
         async with ClientSession(headers={"Origin": own}) as session:
             pages = [await session.ws_connect(f"{own}/socket?key=key") for _ in range(MAX_PAGES + 1)]
             closing = await pages[-1].receive()
             assert closing.data == WSCloseCode.TRY_AGAIN_LATER
             assert closing.extra == f"{MAX_PAGES} pages are open already: close one."
             assert sum(not page.closed for page in pages) == MAX_PAGES
-    finally:
-        await runner.cleanup()
 
 
 class Recorder(SimulatedService):

@@ -9,45 +9,28 @@ import logging
 import os
 import socket
 import sys
-from collections.abc import AsyncIterator
-from contextlib import ExitStack, asynccontextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
-from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
+from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType, web
 from aiohttp.http_exceptions import BadStatusLine
-from asynchronous import PATIENCE_S, VirtualTimeLoop, asynchronous, until
+from asynchronous import PATIENCE_S, asynchronous, until
+from web_apps import running
 
-from hapticd.tools.study.browser import Browser
 from hapticd.tools.view.messages import MAX_MESSAGE_BYTES
 from hapticd.tools.view.server import Viewer
 from hapticd.tools.web import connections
-from hapticd.tools.web.connections import PeerFilter, Site, report
+from hapticd.tools.web.connections import PeerFilter, report
 
 LONG_NUMBERS = ("9" * 3000, "-" + "9" * 3000)
 
 
-@asynccontextmanager
-async def served(folder: Path) -> AsyncIterator[tuple[Site, str]]:
-    viewer = Viewer(str(folder), key="key")
-    runner = viewer.runner()
-    listener = socket.create_server(("127.0.0.1", 0))
-    port = listener.getsockname()[1]
-    await runner.setup()
-    site = Site(runner, listener)
-    await site.start()
-    try:
-        yield site, f"http://127.0.0.1:{port}"
-    finally:
-        await runner.cleanup()
-
-
-def idle(stack: ExitStack, port: int, count: int, address: str = "127.0.0.1", sent: bytes = b"") -> list[socket.socket]:
+def idle(stack: ExitStack, port: int, count: int, sent: bytes = b"") -> list[socket.socket]:
     """Connections that send this, and nothing more."""
     found = []
     for _ in range(count):
-        client = stack.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE_S, (address, 0)))
+        client = stack.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE_S))
         client.sendall(sent)
         found.append(client)
     return found
@@ -70,84 +53,83 @@ async def refusal(page: ClientWebSocketResponse) -> str:
     return str(message["sentence"])
 
 
+@pytest.fixture
+def app(tmp_path: Path) -> web.Application:
+    """The viewer's."""
+    return Viewer(str(tmp_path), key="key").app()
+
+
 @asynchronous
-async def test_three_hundred_idle_connections_are_bounded_and_the_page_is_served(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+async def test_strangers_are_bounded_and_keep_neither_an_early_nor_a_later_client_out(
+    app: web.Application, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with served(tmp_path) as (site, own):
-        port = urlsplit(own).port
-        assert port is not None
+    monkeypatch.setattr(connections, "MAX_STRANGERS", 20)
+    monkeypatch.setattr(connections, "LATECOMER_S", 0.3)
+    async with running(app) as (found, port):
+        request = f"GET /?key=key HTTP/1.0\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode()
         with ExitStack() as stack:
-            clients = await asyncio.to_thread(idle, stack, port, 300)
-            await until(lambda: len(site.connections) == connections.MAX_CONNECTIONS_PER_ADDRESS)
-            excess = clients[: 300 - connections.MAX_CONNECTIONS_PER_ADDRESS]
-            assert all([await asyncio.to_thread(ends, client) for client in excess])
-            async with ClientSession() as session, session.get(f"{own}/?key=key") as response:
-                assert response.status == 200
-            assert len(site.connections) <= connections.MAX_CONNECTIONS_PER_ADDRESS
+            (early,) = await asyncio.to_thread(idle, stack, port, 1)
+            await until(lambda: len(found) == 1)
+            clients = await asyncio.to_thread(idle, stack, port, 60)
+            late = clients[20:]  # beyond those that may wait
+            assert all([await asyncio.to_thread(ends, client) for client in late])
+            assert len(found.strangers) == 20
+            (later,) = await asyncio.to_thread(idle, stack, port, 1, request)
+            early.sendall(request)
+            for client in (early, later):
+                assert (await asyncio.to_thread(client.recv, 100)).startswith(b"HTTP/1.0 200")
     assert caplog.text == ""
 
 
 @asynchronous
-async def test_strangers_of_many_addresses_are_bounded_too_and_a_page_that_is_open_stays(tmp_path: Path) -> None:
-    async with served(tmp_path) as (site, own), ClientSession(headers={"Origin": own}) as session:
-        page = await session.ws_connect(f"{own}/socket?key=key")
-        port = urlsplit(own).port
-        assert port is not None
-        with ExitStack() as stack:
-            for host in range(2, 6):
-                await asyncio.to_thread(idle, stack, port, 30, f"127.0.0.{host}")
-            await until(lambda: len(site.connections) == connections.MAX_CONNECTIONS)
-            await page.send_str("{")
-            assert "not JSON" in await refusal(page)
+async def test_a_connection_beyond_those_with_the_key_is_refused_and_closes_none(
+    app: web.Application, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "MAX_KNOWN", 1)
+    async with running(app) as (_, port), ClientSession() as session:
+        own = f"http://127.0.0.1:{port}"
+        page = await session.ws_connect(f"{own}/socket?key=key", headers={"Origin": own})
+        async with session.get(f"{own}/?key=key") as response:
+            assert response.status == 503
+        await page.send_str("{")
+        assert "not JSON" in await refusal(page)
         await page.close()
 
 
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: ", b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"])
 @asynchronous
 async def test_a_connection_without_the_key_ends_within_its_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sent: bytes
+    app: web.Application, monkeypatch: pytest.MonkeyPatch, sent: bytes
 ) -> None:
     monkeypatch.setattr(connections, "STRANGER_S", 0.05)
-    async with served(tmp_path) as (site, own):
-        port = urlsplit(own).port
-        assert port is not None
+    async with running(app) as (found, port):
         with ExitStack() as stack:
-            (client,) = await asyncio.to_thread(idle, stack, port, 1, "127.0.0.1", sent)
+            (client,) = await asyncio.to_thread(idle, stack, port, 1, sent)
             assert await asyncio.to_thread(ends, client)
-            await until(lambda: len(site.connections) == 0)
+            await until(lambda: len(found) == 0)
 
 
 @asynchronous
-async def test_a_page_that_brought_the_key_stays_beyond_a_strangers_time_and_leaves_no_trace(tmp_path: Path) -> None:
-    async with served(tmp_path) as (site, own), ClientSession(headers={"Origin": own}) as session:
-        page = await session.ws_connect(f"{own}/socket?key=key")
-        for one in (*site.connections._known, *site.connections._strangers):
-            one._give_up()
-        await page.send_str("{")
-        assert "not JSON" in await refusal(page)
+async def test_a_page_that_brought_the_key_stays_beyond_a_strangers_time_and_leaves_no_trace(
+    app: web.Application,
+) -> None:
+    async with running(app) as (found, port), ClientSession() as session:
+        own = f"http://127.0.0.1:{port}"
+        page = await session.ws_connect(f"{own}/socket?key=key", headers={"Origin": own})
+        (one,) = found.known
+        assert one._deadline is not None
+        assert one._deadline.cancelled()
         await page.close()
-    assert len(site.connections) == 0
-
-
-def test_a_pages_messages_are_read_at_a_rate() -> None:
-    async def paced() -> float:
-        loop, pace = asyncio.get_running_loop(), connections.Pace()
-        t_begin_s = loop.time()
-        for _ in range(connections.BURST + 400):
-            await pace.wait()
-        return loop.time() - t_begin_s
-
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        assert runner.run(paced()) == pytest.approx(400 / connections.MESSAGES_HZ)
+    assert len(found) == 0
 
 
 @asynchronous
 async def test_a_message_too_long_closes_the_page_and_a_number_too_long_is_refused(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    app: web.Application, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with served(tmp_path) as (_, own), ClientSession(headers={"Origin": own}) as session:
-        page = await session.ws_connect(f"{own}/socket?key=key")
+    async with running(app) as (_, port), ClientSession() as session:
+        own = f"http://127.0.0.1:{port}"
+        page = await session.ws_connect(f"{own}/socket?key=key", headers={"Origin": own})
         for number in LONG_NUMBERS:
             await page.send_str(f'{{"op": "set", "finger": 1, "amplitude_um": {number}}}')
             assert (await refusal(page)).startswith("amplitude_um: a whole number of 9966 bits is out of bounds")
@@ -155,19 +137,6 @@ async def test_a_message_too_long_closes_the_page_and_a_number_too_long_is_refus
         while (message := await page.receive()).type is WSMsgType.TEXT:
             pass
         assert message.type in (WSMsgType.CLOSE, WSMsgType.CLOSED, WSMsgType.ERROR)
-    assert caplog.text == ""
-
-
-def test_idle_connections_do_not_keep_a_participant_from_the_studys_page(caplog: pytest.LogCaptureFixture) -> None:
-    with Browser() as page, ExitStack() as stack:
-        address = urlsplit(page.url)
-        assert address.port is not None
-        clients = idle(stack, address.port, 100)
-        (own,) = idle(
-            stack, address.port, 1, sent=f"GET /?{address.query} HTTP/1.0\r\nHost: {address.netloc}\r\n\r\n".encode()
-        )
-        assert own.recv(100).startswith(b"HTTP/1.0 200")
-        assert all(ends(client) for client in clients[: 100 - connections.MAX_CONNECTIONS_PER_ADDRESS])
     assert caplog.text == ""
 
 

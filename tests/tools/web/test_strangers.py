@@ -15,11 +15,11 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 from asynchronous import asynchronous
+from web_apps import running
 
 from hapticd.__main__ import main
 from hapticd.tools.study.browser import Browser
 from hapticd.tools.view.server import Viewer
-from hapticd.tools.web.connections import Site
 
 
 @pytest.fixture(autouse=True)
@@ -76,13 +76,8 @@ def answers(port: int) -> list[bytes]:
 async def test_a_malformed_request_to_the_viewer_is_refused_without_a_traceback(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    runner = Viewer(str(tmp_path)).runner()
-    await runner.setup()
-    try:
-        await Site(runner, socket.create_server(("127.0.0.1", 0))).start()
-        lines = await asyncio.to_thread(answers, runner.addresses[0][1])
-    finally:
-        await runner.cleanup()
+    async with running(Viewer(str(tmp_path)).app()) as (_, port):
+        lines = await asyncio.to_thread(answers, port)
     assert all(b" 400 " in line for line in lines)
     assert caplog.text == ""
 
