@@ -1,12 +1,5 @@
-/* Client of hapticd in C99 over libzmq (4.x): link hapticd.c and -lzmq. For one thread per client.
- *
- *     hapticd *plate = hapticd_open(NULL, "study-7", 2.0);
- *     if (hapticd_error(plate)[0] != 0) { puts(hapticd_error(plate)); hapticd_close(plate); return 1; }
- *     hapticd_state state;
- *     while (hapticd_read(plate, &state, 1.0) == HAPTICD_OK)
- *         for (size_t i = 0; i < state.fingers; i++)
- *             hapticd_set_friction(plate, state.finger[i].id, 0.2);
- *     hapticd_close(plate);
+/* Client of hapticd in C99 over libzmq (4.x): link hapticd.c and -lzmq. For one thread per client;
+ * program.c is an example.
  *
  * What was set holds for the time to live, 0.5 s: each hapticd_read and hapticd_refresh repeats it when it is due, so
  * call one of them ten times a second. Messages are those of clients/PROTOCOL.md; positions are in mm from the plate's

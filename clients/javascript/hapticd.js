@@ -55,7 +55,8 @@ export class Plate {
 
   constructor(address, { name, ttlS = DEFAULT_TTL_S, timeoutS = 2, WebSocket = globalThis.WebSocket } = {}) {
     if (WebSocket === undefined) {
-      throw new TypeError("There is no WebSocket here: Node has one from version 22 on; or give one as an option.");
+      throw new TypeError("There is no WebSocket here: Node 20 has one with `node --experimental-websocket`, Node 22 "
+        + "without; or give one as an option.");
     }
     this.name = name ?? `web-${Math.random().toString(36).slice(2, 10)}`;
     this.hello = null;

@@ -54,17 +54,21 @@ def served_files() -> Iterator[str]:
         server.server_close()
 
 
-def run_node(script: str, *arguments: str) -> str:
-    """Run a module in Node, with hapticd.js as `hapticd`; return what it printed."""
+def node_command() -> list[str]:
+    """The command of Node with a WebSocket."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("node is not installed")
     version = int(subprocess.run([node, "--version"], capture_output=True, text=True).stdout.lstrip("v").split(".")[0])
     if version < 20:
         pytest.skip(f"node {version} has no WebSocket")
-    flags = ["--experimental-websocket"] if version < 22 else []
+    return [node, *["--experimental-websocket"] * (version < 22)]
+
+
+def run_node(script: str, *arguments: str) -> str:
+    """Run a module in Node, with hapticd.js as `hapticd`; return what it printed."""
     code = f"import * as hapticd from {str((JAVASCRIPT / 'hapticd.js').as_uri())!r};\n{script}"
-    command = [node, *flags, "--no-warnings", "--input-type=module", "-", *arguments]
+    command = [*node_command(), "--no-warnings", "--input-type=module", "-", *arguments]
     done = subprocess.run(command, input=code, capture_output=True, text=True, timeout=100, env={**os.environ})
     assert done.returncode == 0, done.stderr
     return done.stdout

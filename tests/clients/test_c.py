@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import random
+import re
+import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -124,3 +128,16 @@ def test_without_a_daemon_it_says_so_and_every_call_is_harmless(library: ctypes.
     library.hapticd_refresh(plate)
     library.hapticd_close(plate)
     library.hapticd_close(None)
+
+
+def test_the_readme_s_commands_run_as_printed_in_a_copy_of_the_folder(daemon: FakeDaemon, tmp_path: Path) -> None:
+    compiled(tmp_path, str(FOLDER / "hapticd.c"), str(FOLDER / "program.c"))  # without a warning, where it can be
+    folder = tmp_path / "c"
+    shutil.copytree(FOLDER, folder)
+    blocks = dict(re.findall(r"```(sh|python)\n(.*?)```", (folder / "README.md").read_text("utf-8"), re.DOTALL))
+    daemon.fingers = {3: (-20.5, 4.0)}
+    environment = {**os.environ, "HAPTICD_RUNTIME_DIR": str(daemon.directory)}
+    for command in (["sh", "-ec", blocks["sh"]], [sys.executable, "-c", blocks["python"]]):
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=100)
+        assert done.returncode == 0, done.stderr
+        assert {*done.stdout.splitlines()} in ({"finger 3 at -20.5, 4.0 mm"}, {"0"})

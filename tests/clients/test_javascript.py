@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import json
+import re
 import runpy
+import shlex
+import shutil
+import subprocess
 from pathlib import Path
 
+import pytest
 from fake_daemon import FakeDaemon
-from gateway_process import JAVASCRIPT, gateway_process, run_node
+from gateway_process import JAVASCRIPT, gateway_process, node_command, run_node
+
+from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 
 SCHEMA = Path(__file__).parents[2] / "clients" / "schema"
 CONNECT = "const plate = await hapticd.connect(process.argv[2], { ttlS: 1.5, timeoutS: 30 });\n"
@@ -87,3 +94,24 @@ def test_bytes_are_sent_and_received_as_they_are(daemon: FakeDaemon) -> None:
 def test_without_a_gateway_the_sentence_says_what_to_do() -> None:
     printed = run_node("await hapticd.connect('ws://127.0.0.1:9/client').catch((error) => console.log(error.message));")
     assert "run `hapticd gateway`" in printed
+
+
+def test_the_readme_s_program_runs_as_printed_in_a_copy_of_the_folder(daemon: FakeDaemon, tmp_path: Path) -> None:
+    folder = tmp_path / "javascript"
+    shutil.copytree(JAVASCRIPT, folder)
+    blocks = dict(re.findall(r"```(js|sh)\n(.*?)```", (folder / "README.md").read_text("utf-8"), re.DOTALL))
+    program = blocks["js"].replace("process.argv[2]", "process.argv[2], { timeoutS: 30 }")  # of a busy computer
+    (folder / "program.js").write_text(program, encoding="utf-8")
+    daemon.fingers = {1: (0.0, 0.0)}
+    command = shlex.split(blocks["sh"])
+    assert node_command()[-1] in command
+    with (
+        gateway_process(daemon.directory) as address,
+        subprocess.Popen([*command[:-1], address], cwd=folder, stdout=subprocess.PIPE, text=True) as started,
+    ):
+        assert started.stdout is not None
+        printed = started.stdout.readline()
+        felt_um = daemon.felt_um(0.0)
+        started.kill()
+    assert printed == "1 0 null\n"
+    assert felt_um == pytest.approx(DEFAULT_FRICTION_CURVE.amplitude_um(0.05))
