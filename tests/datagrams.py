@@ -6,6 +6,7 @@ import struct
 from collections.abc import Sequence
 
 Argument = int | float | str
+_FORMATS = {"h": "q"}
 
 
 def text(value: str) -> bytes:
@@ -13,8 +14,8 @@ def text(value: str) -> bytes:
     return data + bytes(-len(data) % 4)
 
 
-def message(address: str, *arguments: Argument, times: Sequence[int] = ()) -> bytes:
-    """`times`: which arguments are time tags, in ns."""
+def message(address: str, *arguments: Argument, times: Sequence[int] = (), kinds: str = "") -> bytes:
+    """`times`: which arguments are time tags, in ns; `kinds`: the types of all, where they are not the usual ones."""
     types, data = ",", b""
     for place, value in enumerate(arguments):
         if place in times:
@@ -23,8 +24,8 @@ def message(address: str, *arguments: Argument, times: Sequence[int] = ()) -> by
         elif isinstance(value, str):
             types, data = types + "s", data + text(value)
         else:
-            kind = "i" if isinstance(value, int) else "f"
-            types, data = types + kind, data + struct.pack(f">{kind}", value)
+            kind = kinds[place : place + 1] or ("i" if isinstance(value, int) else "f")
+            types, data = types + kind, data + struct.pack(f">{_FORMATS.get(kind, kind)}", value)
     return text(address) + text(types) + data
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
+from ipaddress import ip_address
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
@@ -188,6 +189,14 @@ def _check_tuio(trackpad: TrackpadConfig, where: str) -> None:
             f"{where}: trackpad.tuio_address: must be an address and a port, such as "
             f'"127.0.0.1:3333", not {trackpad.tuio_address!r}.'
         )
+    if trackpad.tuio_sender:
+        try:
+            ip_address(trackpad.tuio_sender)
+        except ValueError:
+            raise ConfigError(
+                f"{where}: trackpad.tuio_sender: must be the tracker's address in numbers, such as "
+                f'"192.168.7.20", without a port, not {trackpad.tuio_sender!r}.'
+            ) from None
     if not trackpad.size_mm:
         raise ConfigError(f"{where}: trackpad.size_mm: TUIO gives shares of the surface: set its width and height.")
 

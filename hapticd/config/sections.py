@@ -104,6 +104,7 @@ class TrackpadConfig:
         (), "width and height of the device's range of positions; empty: as it says itself", low=1, high=5000
     )
     tuio_address: str = key("127.0.0.1:3333", 'address and port that are bound for source = "tuio"')
+    tuio_sender: str = key("", "address that the tracker's datagrams must come from; empty: this computer")
     replay_file: str = key(
         "",
         'reports for source = "replay": a recording of `libinput record` or `evemu-record`, or JSON lines: {"model": '

@@ -12,6 +12,7 @@ import dataclasses
 import logging
 import secrets
 import time
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,11 +25,12 @@ from ..files.recording.header import Header, utc_now
 from ..io.clients.server import ClientServer
 from ..io.clients.sockets import Remote
 from ..io.devices.serial_link import SerialLink
-from ..io.devices.trackpad_source import TrackpadSource
+from ..io.devices.trackpad_source import BATCH, TrackpadSource
 from ..io.host import cpu_latency as awake
 from ..io.host.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
 from ..io.host.runaway import Breather, on_processor_limit
 from ..io.host.systemd import Notifier
+from ..io.time_budget import TimeBudget
 from ..values import RawReport
 from ..wire import client as client_wire
 from ..wire.trackpad import Pad
@@ -44,6 +46,7 @@ AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
 KEEP_EVERY_NS = 100_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
 LOG_MISSED_EVERY_NS = 10_000_000_000
+REPORTS_SHARE, REPORTS_BURST_NS = 0.75, 10_000_000  # of the loop's time: passes of reports
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
 
 
@@ -77,6 +80,10 @@ class Daemon:
         self._link = SerialLink(board_port, config.device.baud)
         self._self_test = SelfTest(self_test, config.device, board_port) if config.device.self_test else None
         self._trackpad = trackpad
+        self._waiting: deque[RawReport] = deque(maxlen=BATCH)  # reports that the next pass takes
+        self._reports_timer: asyncio.TimerHandle | None = None
+        self._reports_budget = TimeBudget(REPORTS_SHARE, REPORTS_BURST_NS)
+        self._reports_left_out = 0
         self._timer: PeriodicTimer | None = None
         self._pauses: Pauses | None = None
         self._t_collected_ns = self._t_logged_ns = self._t_kept_ns = 0
@@ -128,8 +135,13 @@ class Daemon:
             calibration=self._calibration,
             parasitic_modes=self._parasitic_modes,
         )
+        machine.status.inputs = self._inputs
         machine.status.lost_messages = lambda: self._server.counters
         return machine
+
+    def _inputs(self) -> dict[str, object]:
+        trackpad = {**self._trackpad.counters, "reports_left_out": self._reports_left_out}
+        return {"trackpad": trackpad, "board": {"left_out": self._link.left_out}}
 
     def _restart_core(self, t_now_ns: int) -> None:
         """Replace the idle machine, so that a recorder receives a core from its first instant. Devices and sockets stay
@@ -152,6 +164,7 @@ class Daemon:
 
     def _on_pad_link(self, pad: Pad | None, reason: str) -> None:
         self._pad_link = pad, reason
+        self._waiting.clear()
         self.machine.trackpad_link(pad is not None, reason, now_ns(), pad=pad)
 
     def _on_board_link(self, is_up: bool, reason: str) -> None:
@@ -207,6 +220,8 @@ class Daemon:
                 one.close()
         if self._self_test is not None:
             await self._self_test.close()
+        if self._reports_timer is not None:
+            self._reports_timer.cancel()
         has_machine = hasattr(self, "machine")  # else `start` failed
         if has_machine:
             self.machine.stop(now_ns())
@@ -223,6 +238,23 @@ class Daemon:
         self._server.close()
 
     def _reports(self, batch: Sequence[RawReport]) -> None:
+        """Take reports at once, or with the next ones where passes would have no time for anything else."""
+        self._reports_left_out += max(len(self._waiting) + len(batch) - BATCH, 0)
+        self._waiting.extend(batch)
+        if self._reports_timer is None and self._reports_budget.has_time:
+            self._take_reports()
+        elif self._reports_timer is None:
+            self._reports_timer = self._loop.call_later(self._reports_budget.wait_s, self._take_reports)
+
+    def _take_reports(self) -> None:
+        self._reports_timer = None
+        batch = tuple(self._waiting)
+        self._waiting.clear()
+        if batch:
+            with self._reports_budget:
+                self._pass_reports(batch)
+
+    def _pass_reports(self, batch: Sequence[RawReport]) -> None:
         self._notice_stall(now_ns())
         self._link.read()
         machine, t_begin_ns = self.machine, now_ns()

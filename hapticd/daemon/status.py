@@ -58,6 +58,7 @@ class Status:
         self.loop = LoopTiming()
         self.real_time: Mapping[str, object] = {}
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # dropped by the sockets, by cause
+        self.inputs: Callable[[], Mapping[str, object]] = dict  # what of each source's was not taken, by cause
         self.recording: Callable[[], Mapping[str, object]] = dict
         self._config = config
         self.modes = modes
@@ -171,6 +172,7 @@ class Status:
                 "overtaken": clients.overtaken,
                 **self.lost_messages(),
             },
+            "inputs": dict(self.inputs()),
             "board": _board(self._board, self._pipeline.max_knots),
             "recording": dict(self.recording()),
             "real_time": dict(self.real_time),

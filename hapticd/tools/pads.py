@@ -26,7 +26,7 @@ def _evdev(config: TrackpadConfig) -> TrackpadSource:
 def _tuio(config: TrackpadConfig) -> TrackpadSource:
     from ..io.devices.tuio_trackpad import TuioTrackpad
 
-    return TuioTrackpad(config.tuio_address, surface(*config.size_mm))
+    return TuioTrackpad(config.tuio_address, surface(*config.size_mm), config.tuio_sender)
 
 
 SOURCES: Final[dict[str, Callable[[TrackpadConfig], TrackpadSource]]] = {
@@ -48,6 +48,7 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", default="auto", help="of the trackpad on hid (default: the connected one)")
     parser.add_argument("--device", default="", help="path or name of the device on evdev (default: the first one)")
     parser.add_argument("--address", default="127.0.0.1:3333", help="that is bound for tuio (default 127.0.0.1:3333)")
+    parser.add_argument("--sender", default="", help="address that tuio must come from (default: this computer)")
     parser.add_argument(
         "--pad-size",
         default="",
@@ -64,7 +65,12 @@ def chosen(options: argparse.Namespace) -> TrackpadConfig:
     if options.source == "tuio" and not size_mm:
         raise CalibrationError("--source tuio: a tracker gives shares of its surface: give its size with --pad-size.")
     return TrackpadConfig(
-        source=options.source, model=options.model, device=options.device, size_mm=size_mm, tuio_address=options.address
+        source=options.source,
+        model=options.model,
+        device=options.device,
+        size_mm=size_mm,
+        tuio_address=options.address,
+        tuio_sender=options.sender,
     )
 
 
@@ -77,6 +83,8 @@ def settings(config: TrackpadConfig, model: str) -> dict[str, object]:
         named["device"] = config.device
     if config.source == "tuio":
         named["tuio_address"] = config.tuio_address
+    if config.tuio_sender:
+        named["tuio_sender"] = config.tuio_sender
     if config.size_mm:
         named["size_mm"] = list(config.size_mm)
     return named

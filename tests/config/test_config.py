@@ -90,6 +90,10 @@ def test_references_leave_room_for_what_is_not_known_of_the_sensors(tmp_path: Pa
         ("[trackpad]\nsource = 'mouse'", "'mouse' is not one of sim, hid, evdev, tuio, replay"),
         ("[trackpad]\nsource = 'tuio'", "trackpad.size_mm: TUIO gives shares of the surface"),
         ("[trackpad]\nsource = 'tuio'\ntuio_address = '3333'", "trackpad.tuio_address: must be an address and a port"),
+        (
+            "[trackpad]\nsource = 'tuio'\ntuio_sender = 'wall:3333'",
+            "trackpad.tuio_sender: must be the tracker's address",
+        ),
         ("[trackpad]\nsize_mm = [10.0]", "trackpad.size_mm: needs 2 numbers, not 1"),
         ("[trackpad]\nsource = 'replay'", "trackpad.replay_file"),
         ("[trackpad]\noffset_mm = [1]", "trackpad.offset_mm: needs 2 numbers, not 1"),

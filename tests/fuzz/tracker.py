@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pythonosc.osc_message  # noqa: F401 - read where it is followed: hapticd imports it at the first datagram
-from datagrams import message, tuio1, tuio2
+from datagrams import bundle, message, tuio1, tuio2
 
 from fuzz.target import Cost, Target
 from hapticd.wire.trackpad import Decoder, tuio
@@ -33,6 +33,7 @@ def check(data: bytes) -> None:
                 assert math.hypot(contact.x_mm, contact.y_mm) <= FARTHEST_MM
                 assert 0 <= contact.pressure_frac <= 1
     assert decoder.counters["frames"] == frames
+    assert decoder.counters["contacts"] <= frames * tuio.MAX_CONTACTS
 
 
 def said(*datagrams: bytes) -> bytes:
@@ -45,6 +46,21 @@ def seeds() -> dict[str, bytes]:
         "1.1": said(tuio1(7, {1: place}), tuio1(8, {1: place, 2: other}), tuio.REPEAT, tuio1(9, {2: other})),
         "2.0": said(tuio2(7, 3800 * SECOND_NS, {1: place}), tuio2(8, 3801 * SECOND_NS, {1: place, 2: other})),
         "late": said(tuio1(9, {1: place}), tuio1(8, {2: place}), tuio1(200, {2: place}, "another")),
+        "alone": said(
+            message("/tuio/2Dcur", "alive", 1.0),
+            message("/tuio/2Dcur", "set", 1, *place, kinds="sidd"),
+            message("/tuio/2Dcur", "fseq", 3, kinds="sh"),
+            message("/tuio/2Dcur", "alive", 1),
+            bundle(bundle(message("/tuio/2Dcur", "set", 1.0, *other), message("/tuio/2Dcur", "alive", 1.0))),
+        ),
+        "profiles": said(
+            bundle(message("/tuio/25Dcur", "alive", 1), message("/tuio/25Dcur", "set", 1, *place, 0.5)),
+            bundle(message("/tuio/2Dblb", "alive", 1), message("/tuio/2Dblb", "fseq", 1)),
+            bundle(
+                message("/tuio2/tok", 2, 0, 0, *place), message("/tuio2/bnd", 1, *place), message("/tuio2/alv", 1, 2)
+            ),
+            message("/tuio2/frm", 9, 2, 3, "tracker"),
+        ),
         "not whole": said(message("/tuio/2Dcur", "set", 1, 0.5, 0.5), message("/tuio2/frm", 1, 2, 3, "tracker")),
     }
 

@@ -12,7 +12,7 @@ from datagrams import bundle, message, text
 
 from hapticd.errors import HapticdError
 from hapticd.wire import osc
-from hapticd.wire.osc import OscError, OscMessage, decoded, encoded, messages
+from hapticd.wire.osc import OscError, OscMessage, decoded, elements, encoded
 from hapticd.wire.trackpad import Decoder, tuio
 
 
@@ -23,11 +23,15 @@ def test_a_message_is_laid_out_as_osc_1_has_it() -> None:
     assert decoded(encoded("/abc", "text", -1, "")) == OscMessage("/abc", ["text", -1, ""])
 
 
-def test_a_bundle_is_its_messages_and_a_message_alone_is_one() -> None:
+def test_a_bundle_is_its_messages_also_of_bundles_within_it_and_a_message_alone_is_one() -> None:
     one, other = encoded("/a", 1), encoded("/b", "x")
-    assert messages(bundle(one, other)) == [OscMessage("/a", [1]), OscMessage("/b", ["x"])]
-    assert messages(one) == [OscMessage("/a", [1])]
-    assert messages(bundle()) == []
+    assert elements(bundle(one, other)) == elements(bundle(bundle(bundle(one), bundle()), other)) == [one, other]
+    assert elements(one) == [one]
+    assert elements(bundle()) == elements(bundle(bundle())) == []
+
+
+def test_numbers_of_64_bits_are_whole_and_exact() -> None:
+    assert decoded(message("/a", -(1 << 62), 0.1, kinds="hd")).arguments == [-(1 << 62), 0.1]
 
 
 def test_a_time_is_in_ns_to_the_last_one() -> None:
@@ -50,7 +54,7 @@ def test_without_the_package_a_tracker_is_refused_in_a_sentence(monkeypatch: pyt
         (text("a") + text(","), "foreign", "is no OSC message"),
         (b"/a\0\0i\0\0\0", "foreign", "is no OSC message"),
         (b"/\0,\0,bbb\0\0\0\0", "foreign", "is no OSC message"),  # types where the package reads none
-        (text("/a") + text("," + "i" * 33) + bytes(132), "foreign", "at most 32 types"),
+        (text("/a") + text("," + "i" * 257) + bytes(1028), "foreign", "at most 256 types"),
         (b"/a\0\0,b\0\0\0\0", "foreign", "is no OSC message"),
         (b"/a\0\0,[\0\0\0\0", "foreign", "is no OSC message"),
         (b"/a\0\0,i\0\0\0\0", "length", "too early for its arguments"),
@@ -62,22 +66,26 @@ def test_without_the_package_a_tracker_is_refused_in_a_sentence(monkeypatch: pyt
         (bundle() + b"\0\0", "length", "ends within one"),
         (bundle(*[encoded("/a")] * 129), "length", "more than 128 messages"),
         (bundle() + struct.pack(">I", 1 << 31) + b"/a", "length", "ends within a message"),
-        (bundle(bundle()), "foreign", "is no OSC message"),
+        (bundle(bundle()[:-4]), "foreign", "is no OSC message"),
+        (b"/a\0\0,h\0\0" + bytes(4), "length", "ends within an argument"),
         (bundle() + struct.pack(">i", -4) + b"/a\0\0", "length", "ends within a message"),
     ],
 )
 def test_another_datagram_is_refused_in_a_sentence(datagram: bytes, reason: str, sentence: str) -> None:
     with pytest.raises(OscError, match=sentence) as refused:
-        messages(datagram)
+        [decoded(one) for one in elements(datagram)]
     assert refused.value.reason == reason
 
 
 def test_no_bytes_raise_anything_else() -> None:
-    chance, sound = random.Random(1), bundle(encoded("/hapticd/marker", "text", 3, 0.5), message("/a", 9, times=(0,)))
+    chance, sound = (
+        random.Random(1),
+        bundle(encoded("/hapticd/marker", "text", 3, 0.5), bundle(message("/a", 9, 8, times=(0,), kinds="th"))),
+    )
     for _ in range(20_000):
         changed = bytearray(sound[: chance.randrange(len(sound) + 1)] if chance.random() < 0.3 else sound)
         for _ in range(chance.randrange(4)):
             if changed:
                 changed[chance.randrange(len(changed))] = chance.randrange(256)
         with suppress(OscError):
-            assert len(messages(bytes(changed))) <= 2
+            assert len([decoded(one) for one in elements(bytes(changed))]) <= 2

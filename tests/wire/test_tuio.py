@@ -8,6 +8,7 @@ import pytest
 from datagrams import bundle, message, tuio1, tuio2
 
 from hapticd.values import AffineMap, TouchFrame
+from hapticd.wire import osc
 from hapticd.wire.trackpad import Decoder, from_fields, to_fields, tuio
 
 MS = 1_000_000
@@ -85,7 +86,7 @@ def test_another_source_is_heard_only_after_the_first_has_been_silent() -> None:
     mine, other = tuio1(1, {1: (0.5, 0.5)}), tuio1(9, {2: (0.1, 0.1)}, source="other")
     assert len(heard(decoder, mine, other)) == 1
     assert decoder.counters["foreign"] == 1
-    assert [places(frame).keys() for frame in heard(decoder, other, t_ns=1_000 * MS)] == [{2}]
+    assert [places(frame).keys() for frame in heard(decoder, other, t_ns=tuio.SILENT_NS)] == [{2}]
 
 
 def test_more_than_sixteen_contacts_are_sixteen_and_places_far_away_are_none() -> None:
@@ -118,7 +119,6 @@ def test_a_datagram_can_be_placed_again_and_forgets_after_a_reset() -> None:
     [
         b"",
         bundle(bundle()),
-        bundle(message("/tuio/2Dcur", "alive", 1)),
         message("/tuio/2Dobj", "fseq", 1),
         bundle(message("/tuio/2Dcur"), message("/tuio/2Dcur", "fseq", "one"), message("/tuio2/frm", 1)),
         bundle(message("/tuio2/ptr", *["x"] * 9), message("/tuio2/ptr", 1)),
@@ -137,3 +137,159 @@ def test_one_message_alone_may_be_a_frame() -> None:
 
 def test_the_surface_is_known_from_a_file() -> None:
     assert from_fields(to_fields(PAD)).geometry == PAD.geometry
+
+
+CUR = "/tuio/2Dcur"
+PLACED = {7: (0.0, 0.0), 8: (100.0, 50.0)}
+SHARES = {7: (0.5, 0.5), 8: (0.75, 0.25)}
+
+
+def profile(name: str, *rest: float, number: int = 1) -> bytes:
+    """A frame of another profile of TUIO 1.1, of which a contact's set goes on with `rest` after x and y."""
+    return bundle(
+        message(name, "source", "tracker"),
+        message(name, "alive", *SHARES),
+        *[message(name, "set", session, *place, *rest) for session, place in SHARES.items()],
+        message(name, "fseq", number),
+    )
+
+
+def of_type(kind: str, frames: int = 1) -> list[bytes]:
+    """Frames whose numbers are all of one type."""
+    return [
+        bundle(
+            message(CUR, "alive", *SHARES, kinds="s" + 2 * kind),
+            *[message(CUR, "set", s, *place, 0.0, 0.0, 0.0, kinds="s" + 6 * kind) for s, place in SHARES.items()],
+            message(CUR, "fseq", number + 1, kinds="s" + kind),
+        )
+        for number in range(frames)
+    ]
+
+
+def sets(*sessions: int) -> list[bytes]:
+    return [message(CUR, "set", session, *SHARES[session], 0.0, 0.0, 0.0) for session in sessions]
+
+
+def alone(frame: int, *, end: bool = True) -> list[bytes]:
+    return [
+        message(CUR, "source", "tracker"),
+        message(CUR, "alive", *SHARES),
+        *sets(*SHARES),
+        *([message(CUR, "fseq", frame)] if end else []),
+    ]
+
+
+def split(frame: int) -> list[bytes]:
+    """A frame in a datagram for each contact."""
+    return [bundle(message(CUR, "alive", *SHARES), *sets(one), message(CUR, "fseq", frame)) for one in SHARES]
+
+
+def alone_2(frame: int) -> list[bytes]:
+    return [
+        message("/tuio2/frm", frame, 0, 640 << 16 | 480, "tracker", times=(1,)),
+        *[message("/tuio2/ptr", n, 0, 0, x, y, 0.0, 0.0, 0.01, 0.5) for n, (x, y) in SHARES.items()],
+        message("/tuio2/alv", *SHARES),
+    ]
+
+
+def bounds(*, tokens: tuple[int, ...] = ()) -> bytes:
+    return bundle(
+        message("/tuio2/frm", 1, 0.0, 0, "tracker"),
+        *[message("/tuio2/tok", token, 0, 4, 0.1, 0.1, 0.0) for token in tokens],
+        *[message("/tuio2/bnd", n, x, y, 0.0, 0.1, 0.1, 0.01) for n, (x, y) in SHARES.items()],
+        *[message("/tuio2/bnd", token, 0.1, 0.1, 0.0, 0.1, 0.1, 0.01) for token in tokens],
+        message("/tuio2/alv", *SHARES, *tokens),
+    )
+
+
+@pytest.mark.parametrize(
+    ("datagrams", "frames"),
+    [
+        pytest.param([*alone(1), *alone(2)], 2, id="one message a datagram"),
+        pytest.param([*alone_2(1), *alone_2(2)], 2, id="one message a datagram, 2.0"),
+        pytest.param(of_type("f"), 1, id="floats, as of JavaScript"),
+        pytest.param(of_type("d"), 1, id="doubles"),
+        pytest.param([tuio1(0, SHARES)] * 3, 3, id="fseq 0"),
+        pytest.param(
+            [bundle(message(CUR, "alive", *SHARES), *sets(*SHARES))] * 3, 2, id="no fseq, known from the second on"
+        ),
+        pytest.param([*split(1), *split(2)], 3, id="one fseq over several datagrams"),
+        pytest.param([tuio1(1, {}), *of_type("f", 3)[1:]], 3, id="source now and then"),
+        pytest.param([bundle(bundle(bundle(*alone(1)), bundle()), bundle())], 1, id="bundles within bundles"),
+        pytest.param([tuio1(1, dict.fromkeys(range(100, 140), (3.0, 3.0)) | SHARES)], 1, id="more than 31 alive"),
+        pytest.param([profile("/tuio/25Dcur", 0.0, 0.0, 0.0, 0.0, 0.0)], 1, id="25Dcur"),
+        pytest.param([profile("/tuio/2Dblb", *[0.1] * 9)], 1, id="2Dblb"),
+        pytest.param(
+            [profile("/tuio/2Dobj", 0.0), tuio1(1, SHARES), profile("/tuio/2Dblb", *[0.1] * 9)], 1, id="cursors first"
+        ),
+        pytest.param([bounds()], 1, id="bounds, 2.0"),
+        pytest.param([bounds(tokens=(9,))], 1, id="bounds of a token are no finger, 2.0"),
+    ],
+)
+def test_frames_of_each_kind_of_sender_have_their_contacts(datagrams: list[bytes], frames: int) -> None:
+    found = heard(Decoder(PAD), *datagrams, period_ms=1)
+    assert len(found) == frames
+    assert places(found[-1]) == PLACED
+    assert all(one.touching for one in found[-1].contacts)
+
+
+def test_sixty_four_bit_ids_stay_apart() -> None:
+    ids = ((1 << 62) + 5, (1 << 62) + 6, -(1 << 63))
+    (frame,) = heard(
+        Decoder(PAD),
+        bundle(
+            message(CUR, "alive", *ids, kinds="shhh"),
+            *[message(CUR, "set", one, 0.5, 0.5, kinds="sh") for one in ids],
+            message(CUR, "fseq", 1 << 40, kinds="sh"),
+        ),
+    )
+    assert len({one.contact_id for one in frame.contacts}) == 3
+    assert all(abs(one.contact_id) < 1 << 53 for one in frame.contacts)
+
+
+def test_datagrams_of_one_frame_have_its_instant_and_are_one_frame_from_the_second_on() -> None:
+    first, rest, second, third = heard(Decoder(PAD), *split(1), *split(2), *split(3), period_ms=1)
+    assert [places(one) for one in (first, rest, second, third)] == [{7: (0.0, 0.0)}, PLACED, PLACED, PLACED]
+    assert (first.t_ns, rest.t_ns, second.t_ns, third.t_ns) == (0, 0, 2 * MS, 4 * MS)
+
+
+@pytest.mark.parametrize("height", [0.5, math.nan])
+def test_a_cursor_above_the_surface_does_not_touch_it(height: float) -> None:
+    decoder = Decoder(PAD)
+    (frame,) = heard(decoder, profile("/tuio/25Dcur", height))
+    assert not any(one.touching for one in frame.contacts)
+    assert decoder.counters["hovering"] == 2
+
+
+@pytest.mark.parametrize(
+    ("datagrams", "counted"),
+    [
+        ([*alone(1, end=False), *alone(1, end=False)], "unended"),
+        ([profile("/tuio/2Dobj", 0.0)], "other_profiles"),
+        ([bundle(message(CUR, "set", "x", 0.5, 0.5), message(CUR, "set", 1, "x"))], "outside"),
+        ([tuio1(1, {1: (640.0, 480.0)})], "outside"),
+    ],
+)
+def test_what_cannot_be_taken_is_counted_and_is_no_contact(datagrams: list[bytes], counted: str) -> None:
+    decoder = Decoder(PAD)
+    assert not any(frame.contacts for frame in heard(decoder, *datagrams))
+    assert decoder.counters[counted] > 0
+
+
+def test_a_clock_of_the_tracker_that_stands_still_is_not_used() -> None:
+    t_ns = 3_900_000_000 * 1_000_000_000
+    frames = heard(Decoder(PAD), *[tuio2(number, t_ns, {1: (0.1 * number, 0.5)}) for number in (1, 2, 3)])
+    assert [frame.t_ns for frame in frames] == [0, 10 * MS, 20 * MS]
+
+
+def test_another_source_is_refused_before_its_messages_are_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    decoder, decoded = Decoder(PAD), list[bytes]()
+    heard(decoder, tuio1(1, SHARES))
+
+    def decode(data: bytes) -> osc.OscMessage:
+        decoded.append(data)
+        return osc.OscMessage("", ["source", "other"])
+
+    monkeypatch.setattr(osc, "decoded", decode)
+    heard(decoder, bundle(*sets(*SHARES), message(CUR, "source", "other"), message(CUR, "fseq", 2)))
+    assert len(decoded) == 1

@@ -16,12 +16,14 @@ from collections.abc import Callable, Iterator, Sequence
 from ...errors import TrackpadError
 from ...values import RawReport
 from ...wire.trackpad import Pad, StillContacts, evdev
+from ..time_budget import TimeBudget
 from .input_nodes import InputNode, describe, find_nodes, packed, require_package
 from .repeats import RepeatedReports
 from .trackpad_source import BATCH, OnLink, OnReports
 
 _NATIVE = struct.Struct("@llHHi")  # as this kernel writes it; reports are of a 64-bit one
 _RESCAN_S = 1.0
+SHARE, BURST_NS = 0.3, 10_000_000  # of the loop's time: what it cannot take meanwhile the kernel drops, and says so
 _Event = tuple[int, int, int]  # type, code, value
 _END = (evdev.EV_SYN, evdev.SYN_REPORT, 0)
 
@@ -48,6 +50,13 @@ class EvdevTrackpad:
         self._still = StillContacts()
         self._repeats = RepeatedReports(self._still, _repeated, clock_ns)
         self._last_link: tuple[Pad | None, str] | None = None
+        self._budget = TimeBudget(SHARE, BURST_NS, clock_ns=clock_ns)
+        self._pauses = self._dropped = 0
+
+    @property
+    def counters(self) -> dict[str, int | str]:
+        """Pauses of a device that sends too much, and how often the kernel dropped events."""
+        return {"pauses": self._pauses, "dropped": self._dropped}
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._loop, self._on_link = loop, on_link
@@ -58,8 +67,6 @@ class EvdevTrackpad:
         """Does nothing: the kernel's driver has set its mode."""
 
     async def close(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
         self._disconnect()
 
     # --- the link ---
@@ -91,6 +98,10 @@ class EvdevTrackpad:
         self._still.reset()
         self._report_link(pad, f"{pad.name} at {self._node.path}")
         self._repeats.pass_on([self._all_slots()])
+        self._watch()
+
+    def _watch(self) -> None:
+        assert self._node is not None
         self._loop.add_reader(self._node.fd, self._on_readable)
 
     def _lost(self, why: str) -> None:
@@ -101,6 +112,8 @@ class EvdevTrackpad:
 
     def _disconnect(self) -> None:
         self._repeats.stop()
+        if self._timer is not None:
+            self._timer.cancel()
         if self._node is not None:
             self._loop.remove_reader(self._node.fd)
             self._node.close()
@@ -119,9 +132,15 @@ class EvdevTrackpad:
 
     def _on_readable(self) -> None:
         assert self._node is not None
+        if not self._budget.has_time:
+            self._pauses += 1
+            self._loop.remove_reader(self._node.fd)
+            self._timer = self._loop.call_later(self._budget.wait_s, self._watch)
+            return
         try:
-            data = os.read(self._node.fd, BATCH * _NATIVE.size * 8)
-            batch = list(self._reports(data))
+            with self._budget:
+                data = os.read(self._node.fd, BATCH * _NATIVE.size * 8)
+                batch = list(self._reports(data))
         except BlockingIOError:
             return
         except OSError as error:
@@ -146,6 +165,7 @@ class EvdevTrackpad:
                 self._events.clear()
                 yield RawReport(t_now_ns, whole)
                 if self._was_dropped:
+                    self._dropped += 1
                     yield self._all_slots()
 
     def _note(self, t_ns: int, events: Sequence[_Event]) -> None:

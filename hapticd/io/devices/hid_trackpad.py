@@ -98,6 +98,11 @@ class HidTrackpad:
         self._last_link: tuple[Pad | None, str] | None = None
         self._refused_path: bytes | None = None
 
+    @property
+    def counters(self) -> dict[str, int | str]:
+        """Reports that were dropped while the loop was busy."""
+        return {"left_out": 0 if self._thread is None else self._mailbox.left_out}
+
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._mailbox = _Mailbox(loop, on_reports, on_link)
         self._finished: asyncio.Future[None] = loop.create_future()
@@ -201,6 +206,7 @@ class _Mailbox:
         self._lock = threading.Lock()
         self._waiting: deque[RawReport] | None = None
         self._closed = False
+        self.left_out = 0  # reports
 
     def close(self) -> None:
         self._closed = True
@@ -208,6 +214,7 @@ class _Mailbox:
     def put(self, reports: Sequence[RawReport]) -> None:
         with self._lock:
             if self._waiting is not None:
+                self.left_out += max(len(self._waiting) + len(reports) - BATCH, 0)
                 self._waiting.extend(reports)
                 return
             self._waiting = deque(reports, maxlen=BATCH)  # a longer stall keeps the newest

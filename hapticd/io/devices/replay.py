@@ -128,6 +128,10 @@ class ReplayTrackpad:
         self._decoder = Decoder(self._pad)
         self._still = StillContacts()  # by the recording's clock
 
+    @property
+    def counters(self) -> dict[str, int | str]:
+        return {}
+
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._loop, self._on_reports, self._on_link = loop, on_reports, on_link
         self._timer = loop.call_soon(self._begin)

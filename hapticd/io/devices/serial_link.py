@@ -19,8 +19,11 @@ from collections.abc import Callable
 
 import serial
 
+from ..time_budget import TimeBudget
+
 RETRY_S = 0.25  # as long as two handshakes; an attempt on a missing port takes 0.02 ms
 READ_SIZE = 4096
+SHARE, BURST_NS = 0.4, 50_000_000  # of the loop's time; a board in steady use takes a tenth of it
 FRAME_END = b"\0"  # see firmware/PROTOCOL.md; empty frames are ignored
 
 
@@ -35,6 +38,8 @@ class SerialLink:
         self._is_reported_missing = False
         self._is_torn = False
         self._is_watched = False
+        self._budget = TimeBudget(SHARE, BURST_NS)
+        self.left_out = 0  # times that what waited was dropped unread
 
     def start(
         self,
@@ -87,8 +92,13 @@ class SerialLink:
             self._loop.add_reader(self._serial.fd, self.read)
 
     def read(self) -> None:
-        """Read what has arrived, if anything."""
+        """Read what has arrived, if anything; of a board that sends too much, drop it."""
         if self._serial is None:
+            return
+        if not self._budget.has_time:
+            self.left_out += 1
+            with contextlib.suppress(termios.error):
+                termios.tcflush(self._serial.fd, termios.TCIFLUSH)
             return
         try:
             data = os.read(self._serial.fd, READ_SIZE)
@@ -100,7 +110,8 @@ class SerialLink:
         if not data:
             self._lost("end of file")
             return
-        self._on_bytes(data)
+        with self._budget:
+            self._on_bytes(data)
 
     async def drained(self, within_s: float) -> None:
         """Wait until the port has sent all written bytes, at most `within_s`."""

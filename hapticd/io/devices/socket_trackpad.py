@@ -32,6 +32,10 @@ class SocketTrackpad:
         self._failures = 0
         self._is_up: bool | None = None
 
+    @property
+    def counters(self) -> dict[str, int | str]:
+        return {}
+
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._loop, self._on_reports, self._on_link = loop, on_reports, on_link
         self._timer = loop.call_soon(self._connect)

@@ -8,7 +8,7 @@ newest and drop none of the others. Report bytes are decoded in `wire.trackpad`,
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from ...values import RawReport
@@ -27,6 +27,10 @@ class TrackpadSource(Protocol):
     `on_link(pad, description)` precedes the first report: the pad that was opened, by which its reports are decoded.
     `on_link(None, reason)` follows once when the stream ends or cannot start; a source that can reconnect keeps trying.
     """
+
+    @property
+    def counters(self) -> Mapping[str, int | str]:
+        """What of the input did not become reports, by cause; empty where that cannot be."""
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None: ...
 

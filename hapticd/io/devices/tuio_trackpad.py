@@ -1,10 +1,15 @@
-"""A TUIO tracker: datagrams at one UDP address, read on the loop. Those that are no TUIO frame go no further."""
+"""A TUIO tracker: datagrams at one UDP address, read on the loop. Those that are not its own go no further.
+
+UDP authenticates nobody: any program that can send from the tracker's address can take its place. While a tracker
+sends, datagrams of other sockets are dropped unread, and each of both kinds has a budget in time.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Final
 
@@ -15,7 +20,8 @@ from .repeats import RepeatedReports
 from .trackpad_source import BATCH, REPORT_BYTES, OnLink, OnReports
 
 SHARE, BURST_NS = 0.2, 4_000_000  # of the tracker: ten contacts take 0.1 ms to decode
-_LONGEST_REST_NS: Final = 2_500_000_000  # trackers speak once a second, whatever happens
+OTHERS_SHARE, OTHERS_BURST_NS = 0.05, 1_000_000  # until one of them is the tracker
+_LOOPBACK: Final = ("127.0.0.1", "::1")
 _RETRY_S: Final = 1.0
 
 
@@ -36,24 +42,43 @@ def bound(address: str) -> socket.socket:
 
 
 class TuioTrackpad:
-    """Frames of a tracker at `address`; `pad` is the surface that it watches."""
+    """Frames of a tracker that sends to `address`; `pad` is the surface that it watches.
 
-    def __init__(self, address: str, pad: Pad, *, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    It must send from `sender`, this computer where that is empty. `counters` has what arrived and what became of it.
+    """
+
+    def __init__(
+        self, address: str, pad: Pad, sender: str = "", *, clock_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
         self._address, self._pad = address, pad
         self._clock_ns = clock_ns
         self._decoder = Decoder(pad)
-        self._still = StillContacts(_LONGEST_REST_NS)
+        self._still = StillContacts(tuio.SILENT_NS)
         self._repeats = RepeatedReports(self._still, lambda _: tuio.REPEAT, clock_ns)
         self._socket: socket.socket | None = None
         self._timer: asyncio.Handle | None = None
         self._budget = TimeBudget(SHARE, BURST_NS, clock_ns=clock_ns)
+        self._budget_of_others = TimeBudget(OTHERS_SHARE, OTHERS_BURST_NS, clock_ns=clock_ns)
+        hosts = (sender,) if sender else (*_LOOPBACK, address.rpartition(":")[0].strip("[]"))
+        self._hosts = {*hosts, *[f"::ffff:{host}" for host in hosts]}
+        self._tracker: tuple[str, int] | None = None  # the socket whose datagrams are taken
+        self._t_tracker_ns = 0
+        self._is_steady = False  # that socket has sent twice: not each datagram comes from a new one
+        self._parts: deque[RawReport] = deque(maxlen=BATCH)  # of the frame that is not whole yet
         self._is_reported = False
-        self.left_out = 0  # datagrams beyond the time budget
+        self._counts = dict.fromkeys(("other_address", "other_sender", "left_out"), 0)
+        self._stranger = ""
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._loop, self._on_link = loop, on_link
         self._repeats.start(loop, on_reports)
         self._timer = loop.call_soon(self._bind)
+
+    @property
+    def counters(self) -> dict[str, int | str]:
+        """Datagrams by what became of them, from where the last one of another address came, and the tracker's."""
+        sender = "" if self._tracker is None else f"{self._tracker[0]} port {self._tracker[1]}"
+        return {**self._decoder.counters, **self._counts, "stranger": self._stranger, "sender": sender}
 
     def request_enable(self) -> None:
         """Does nothing: a tracker has no mode to enable."""
@@ -85,17 +110,36 @@ class TuioTrackpad:
         batch: list[RawReport] = []
         for _ in range(BATCH):
             try:
-                data = endpoint.recv(REPORT_BYTES)
+                data, sender = endpoint.recvfrom(REPORT_BYTES)
             except OSError:  # nothing waits; an error is of an earlier datagram
                 break
-            t_now_ns = self._clock_ns()
-            if not self._budget.has_time:
-                self.left_out += 1
-                continue
-            with self._budget:
-                frames = self._decoder.decode(data, t_now_ns)
-            if frames:
-                self._still.took(t_now_ns, are_down=len(frames[-1].contacts) > 0)
-                batch.append(RawReport(t_now_ns, data))
+            batch += self._taken(data, (sender[0], sender[1]), self._clock_ns())
         if batch:
             self._repeats.pass_on(batch)
+
+    def _taken(self, data: bytes, sender: tuple[str, int], t_now_ns: int) -> list[RawReport]:
+        """Return the reports of the frame that a datagram makes whole, none if it does not."""
+        if sender[0] not in self._hosts:
+            self._counts["other_address"] += 1
+            self._stranger = sender[0]
+            return []
+        is_tracker = sender == self._tracker
+        if not is_tracker and self._is_steady and t_now_ns - self._t_tracker_ns < tuio.SILENT_NS:
+            self._counts["other_sender"] += 1
+            return []
+        budget = self._budget if is_tracker else self._budget_of_others
+        if not budget.has_time:
+            self._counts["left_out"] += 1
+            return []
+        with budget:
+            frames = self._decoder.decode(data, t_now_ns)
+        if self._decoder.was_refused:
+            return []
+        self._tracker, self._t_tracker_ns, self._is_steady = sender, t_now_ns, is_tracker
+        self._parts.append(RawReport(t_now_ns, data))
+        if not frames:
+            return []
+        self._still.took(t_now_ns, are_down=len(frames[-1].contacts) > 0)
+        reports = list(self._parts)
+        self._parts.clear()
+        return reports

@@ -6,10 +6,11 @@ import asyncio
 import grp
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from ...errors import DeviceError, HapticdError, pip_install, requirements
 from ...io.devices import input_nodes, tuio_trackpad
@@ -28,6 +29,7 @@ from .service import refreshed
 LISTEN_S = 2.0
 LOOK_EVERY_S = 0.25
 FAR_HZ = 50.0  # of the drive: a warm plate goes by less
+MOST_REFUSED_FRAC = 0.01  # of a tracker's frames: as many come from its new socket when it restarts
 SLOW_FRAC = 0.9  # of the rate that the configuration expects
 TOUCH = "stroke the pad with a finger while `hapticd doctor` runs: it reports only while touched"
 TO_INPUT = "sudo usermod -aG input $USER, then log in again"
@@ -96,9 +98,72 @@ def _tuio(system: System) -> CheckResult:
         tuio_trackpad.bound(address).close()
     except OSError as error:
         if system.status is not None:
-            return CheckResult(PASS, f"a TUIO tracker's datagrams are awaited at {address}")
+            counted = system.reported("inputs", "trackpad")
+            return _heard(counted if isinstance(counted, dict) else {}, address)
         return CheckResult(FAIL, f"{address} cannot be bound ({error.strerror})", "set trackpad.tuio_address")
     return CheckResult(PASS, f"{address} is free for a TUIO tracker")
+
+
+def _heard(counted: Mapping[str, Any], address: str) -> CheckResult:
+    """Judge what came from a tracker, by the counters of its source."""
+    count = {name: value if isinstance(value, int) else 0 for name, value in counted.items()}
+    for name, missing, text, remedy in _UNHEARD:
+        if count.get(name) and not count.get(missing):
+            return CheckResult(WARN, text.format_map(counted), remedy)
+    refused = {name: count.get(name, 0) for name in ("other_address", "other_sender", "left_out")}
+    if sum(refused.values()) > MOST_REFUSED_FRAC * count.get("frames", 0):
+        found = ", ".join(f"{value} {name.replace('_', ' ')}" for name, value in refused.items() if value)
+        return CheckResult(WARN, f"datagrams at {address} that were not taken: {found}", STRANGERS)
+    if not count.get("frames"):
+        return CheckResult(PASS, f"a TUIO tracker's datagrams are awaited at {address}")
+    return CheckResult(PASS, f"{counted.get('sender') or 'a tracker'} sends to {address}")
+
+
+_UNHEARD = (  # the counter of what a tracker sends, that of what has not come of it, and what it means
+    (
+        "other_address",
+        "frames",
+        "datagrams come from {stranger}, which is not the tracker's address",
+        "set trackpad.tuio_sender to it if the tracker is there",
+    ),
+    (
+        "unended",
+        "frames",
+        "a tracker sends, but each datagram is alone and none ends a frame (`fseq`)",
+        "let it send a frame's messages as one OSC bundle",
+    ),
+    (
+        "outside",
+        "contacts",
+        "a tracker sends positions that are no shares of its surface (0 to 1)",
+        "let it send 0 to 1, no pixels",
+    ),
+    (
+        "hovering",
+        "contacts",
+        "a tracker sends fingers above its surface alone",
+        "touch it; calibrate the tracker's height",
+    ),
+    (
+        "other_profiles",
+        "frames",
+        "a tracker sends objects and no fingers",
+        "let it send cursors: /tuio/2Dcur or /tuio2/ptr",
+    ),
+    (
+        "length",
+        "frames",
+        "datagrams come that are damaged or longer than 4096 bytes",
+        "let the tracker send shorter bundles",
+    ),
+    (
+        "foreign",
+        "frames",
+        "datagrams come that are no frames of TUIO 1.1 or 2.0",
+        "see what sends there: sudo ss -uanp",
+    ),
+)
+STRANGERS = "another program sends to that port, and could touch the plate: sudo ss -uanp shows both"
 
 
 def is_readable(path: Path) -> bool:
@@ -112,17 +177,21 @@ _PACKAGES = {"evdev": (input_nodes.require_package, "touchscreen"), "tuio": (osc
 
 def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckResult:
     """Check the report rate: the daemon's count, or measured here if no daemon runs."""
+    heard = None
     if system.status is not None:
         measured_hz = _counted_rate_hz(system, wait)
     elif system.has_pad:
         try:
-            measured_hz = listen(pads.connected(system.config.trackpad), LISTEN_S)
+            source = pads.connected(system.config.trackpad)
+            measured_hz = listen(source, LISTEN_S)
+            if isinstance(source, tuio_trackpad.TuioTrackpad) and any(source.counters.values()):
+                heard = _heard(source.counters, system.config.trackpad.tuio_address)
         except HapticdError as error:
             return CheckResult(WARN, str(error), "see trackpad above")
     else:
         return CheckResult(PASS, "no daemon answers, and no pad is configured")
     if measured_hz is None:
-        return CheckResult(WARN, f"no touch within {LISTEN_S:g} s", TOUCH)
+        return heard or CheckResult(WARN, f"no touch within {LISTEN_S:g} s", TOUCH)
     expected_hz = 1e3 / system.config.prediction.period_ms
     text = f"{measured_hz:.1f} Hz, the configuration expects {expected_hz:.1f}"
     if measured_hz < SLOW_FRAC * expected_hz:

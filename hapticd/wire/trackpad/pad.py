@@ -151,6 +151,11 @@ class Layout(ABC):
     def clock_steps(self) -> int:
         """Return how often the pad's own clock was stopped or set."""
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Return what else a layout counts."""
+        return {}
+
     @abstractmethod
     def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
         """Return the report's frames on the plate. Raises RefusedError and no other."""

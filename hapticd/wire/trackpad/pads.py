@@ -52,6 +52,7 @@ class Decoder:
         self.pad = known(model) if isinstance(model, str) else model
         self._refused = dict.fromkeys(("foreign", "length", "duplicate_id", "mouse"), 0)
         self._frames = 0
+        self.was_refused = False  # the last report; another one without a frame is part of one
         self.needs_enable = False  # the pad reports as a mouse: it needs the multitouch enable; until a touch frame
         self._layout = LAYOUTS[self.pad.layout](self.pad.geometry, plate_from_pad)
 
@@ -62,7 +63,8 @@ class Decoder:
     @property
     def counters(self) -> dict[str, int]:
         """Counts since construction: frames decoded, reports refused by reason, steps of the device's clock."""
-        return {"frames": self._frames, **self._refused, "clock_steps": self._layout.clock_steps}
+        layout = self._layout
+        return {"frames": self._frames, **self._refused, "clock_steps": layout.clock_steps, **layout.counts}
 
     def reset(self) -> None:
         """Discard contacts and clock state, as after a reconnect. Counters stay."""
@@ -76,11 +78,13 @@ class Decoder:
         report; on the Magic Trackpad 1, whose stamp is not understood, it is `t_host_ns`, less one period for the
         first of a pair.
         """
+        self.was_refused = False
         try:
             frames = self._layout.decode(report, t_host_ns)
         except RefusedError as refused:
             is_mouse = len(self.pad.enable) > 0 and len(report) in _MOUSE_LENGTHS and report[0] == _MOUSE
             self.needs_enable = self.needs_enable or is_mouse
+            self.was_refused = True
             self._refused["mouse" if is_mouse else refused.reason] += 1
             return ()
         self.needs_enable = False

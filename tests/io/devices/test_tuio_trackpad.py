@@ -6,7 +6,7 @@ import socket
 
 import pytest
 from asynchronous import asynchronous, until
-from datagrams import tuio1, tuio2
+from datagrams import bundle, message, tuio1, tuio2
 from listener import Listener
 
 from hapticd.io.devices import tuio_trackpad
@@ -71,11 +71,74 @@ async def test_datagrams_beyond_the_time_budget_are_left_out_and_counted(
     listener.listen(source)
     await listener.until(lambda: bool(listener.links))
     with sender(free) as tracker:
-        for number in range(10):
+        for number in range(1, 11):
             tracker.send(tuio1(number, {}))
-        await until(lambda: source.left_out == 9)
-    assert len(listener.reports) == 1
+        await until(lambda: source.counters["left_out"] == 8)
+    assert len(listener.reports) == 2  # one as of any sender, then one as of the tracker
     await source.close()
+
+
+DEAR = bundle(*[message("/tuio/2Dcur", "set", *[10**18] * 31, times=range(1, 32)) for _ in range(13)])
+OF_OTHERS = {
+    "dear": DEAR,
+    "of another name": tuio1(5, {9: (0.1, 0.1)}, source="other"),
+    "of the same name": tuio1(5, {9: (0.1, 0.1)}),
+    "of one message": message("/tuio/2Dcur", "alive"),
+}
+
+
+@pytest.mark.parametrize("kind", OF_OTHERS)
+@asynchronous
+async def test_while_a_tracker_sends_other_sockets_do_not_count(free: str, kind: str) -> None:
+    listener, source = Listener(), TuioTrackpad(free, PAD)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    sent = [tuio1(number, {1: (0.5, 0.5)}) for number in range(1, 31)]
+    with sender(free) as tracker, sender(free) as other:
+        for data in sent[:2]:
+            tracker.send(data)
+        await listener.until(lambda: len(listener.reports) >= 2)
+        for data in sent[2:]:
+            other.send(OF_OTHERS[kind])
+            tracker.send(data)
+            await until(lambda: any(one.data == data for one in listener.reports))  # noqa: B023 - awaited here
+    await source.close()
+    assert [one.data for one in listener.reports if one.data != tuio.REPEAT] == sent
+    assert (source.counters["other_sender"], source.counters["left_out"]) == (28, 0)
+
+
+@asynchronous
+async def test_messages_alone_are_one_batch_also_where_each_comes_from_a_new_socket(free: str) -> None:
+    listener, source = Listener(), TuioTrackpad(free, PAD)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    alone = [
+        message("/tuio/2Dcur", "alive", 7),
+        message("/tuio/2Dcur", "set", 7, 0.5, 0.5),
+        message("/tuio/2Dcur", "fseq", 1),
+    ]
+    for data in alone:
+        with sender(free) as tracker:
+            tracker.send(data)
+    await listener.until(lambda: len(listener.reports) >= 3)
+    await source.close()
+    assert [one.data for one in listener.reports[:3]] == alone
+    assert (source.counters["frames"], source.counters["contacts"]) == (1, 1)
+
+
+@pytest.mark.parametrize(("configured", "is_taken"), [("", True), ("127.0.0.1", True), ("192.0.2.1", False)])
+@asynchronous
+async def test_only_the_configured_address_may_send(free: str, configured: str, is_taken: bool) -> None:
+    listener, source = Listener(), TuioTrackpad(free, PAD, configured)
+    listener.listen(source)
+    await listener.until(lambda: bool(listener.links))
+    with sender(free) as tracker:
+        tracker.send(tuio1(1, {}))
+        await until(lambda: source.counters["frames" if is_taken else "other_address"] == 1)
+        port = tracker.getsockname()[1]
+    await source.close()
+    found = source.counters["sender"], source.counters["stranger"]
+    assert found == ((f"127.0.0.1 port {port}", "") if is_taken else ("", "127.0.0.1"))
 
 
 @asynchronous

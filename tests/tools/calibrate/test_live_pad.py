@@ -33,6 +33,10 @@ class ReconnectedPad:
         reports = SensorModel(seed=1).reports([Rest((10.0, 5.0))], 0.2)
         on_reports([RawReport(round(report.t_arrive_s * 1e9), report.data) for report in reports])
 
+    @property
+    def counters(self) -> dict[str, int | str]:
+        return {}
+
     def request_enable(self) -> None:
         self.enabled += 1
 

@@ -172,6 +172,10 @@ class PlayedPad:
             raw = RawReport(round(report.t_arrive_s * 1e9), report.data)
             loop.call_later(report.t_arrive_s, on_reports, (raw,))
 
+    @property
+    def counters(self) -> dict[str, int | str]:
+        return {}
+
     def request_enable(self) -> None:
         raise AssertionError("it speaks multitouch")
 

@@ -283,6 +283,10 @@ class Pad:
         loop.call_soon(on_link, *self._link)
         loop.call_soon(on_reports, self._reports)
 
+    @property
+    def counters(self) -> dict[str, int | str]:
+        return {}
+
     def request_enable(self) -> None: ...
 
     async def close(self) -> None: ...
@@ -350,6 +354,33 @@ def test_a_trackers_address_is_free_or_is_not(tmp_path: Path) -> None:
     assert (taken.verdict, taken.text) == (FAIL, f"{address} cannot be bound (Address already in use)")
     assert devices.trackpad(system(tmp_path, **tracker)).verdict == PASS
     assert devices.trackpad(system(tmp_path, {"state": "IDLE"}, **tracker)).verdict == PASS
+
+
+@pytest.mark.parametrize(
+    ("counted", "verdict", "named"),
+    [
+        ({}, PASS, "awaited"),
+        ({"frames": 90, "contacts": 0, "other_profiles": 90, "sender": "127.0.0.1 port 9"}, PASS, "127.0.0.1 port 9"),
+        ({"frames": 90, "contacts": 90, "other_sender": 400}, WARN, "400 other sender"),
+        ({"other_address": 1, "stranger": "192.0.2.7"}, WARN, "192.0.2.7"),
+        ({"frames": 0, "unended": 9}, WARN, "each datagram is alone"),
+        ({"frames": 9, "outside": 9}, WARN, "(0 to 1)"),
+        ({"frames": 9, "hovering": 9}, WARN, "above its surface"),
+        ({"other_profiles": 9, "foreign": 9}, WARN, "objects and no fingers"),
+        ({"length": 9}, WARN, "4096 bytes"),
+        ({"foreign": 9}, WARN, "TUIO 1.1 or 2.0"),
+    ],
+)
+def test_what_a_tracker_sends_is_judged_by_the_daemons_counters(
+    counted: dict[str, int | str], verdict: str, named: str, tmp_path: Path
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as daemons:
+        daemons.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{daemons.getsockname()[1]}"
+        tracker = {**REAL, "trackpad": {"source": "tuio", "tuio_address": address, "size_mm": [400.0, 200.0]}}
+        found = devices.trackpad(system(tmp_path, {"state": "ACTIVE", "inputs": {"trackpad": counted}}, **tracker))
+    assert (found.verdict, bool(found.remedy)) == (verdict, verdict == WARN)
+    assert named in found.text
 
 
 def test_without_a_daemon_the_pad_itself_is_measured() -> None:
