@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import NamedTuple
 
-from ..config.sections import FELT, OBJECTIVES
 from ..errors import UsageError
 from ..tools import campaigns, outputs
 from ..tools.arguments import number, whole
@@ -45,9 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--worlds", type=whole(1, 1000), default=WORLDS, help=f"worlds: laboratories of each kind (default {WORLDS})"
     )
     parser.add_argument(
-        "--objective", choices=OBJECTIVES, help="worlds: what counts of contacts, as solver.objective (default felt)"
-    )
-    parser.add_argument(
         "--traces",
         type=Path,
         metavar="F.npz",
@@ -78,7 +74,7 @@ def _bench(options: argparse.Namespace) -> None:
         raise UsageError("--traces and --recording exclude each other: give one.")
     if touches is not None and options.plot is not None:
         raise UsageError("--plot: recorded touches have no table of error over run time: leave the option out.")
-    for name in ("objective", *campaigns.OPTIONS):
+    for name in campaigns.OPTIONS:
         if getattr(options, name) is not None and options.part != "worlds":
             raise UsageError(f"--{name}: belongs to one part: write hapticd bench worlds.")
     from . import suite
@@ -88,7 +84,6 @@ def _bench(options: argparse.Namespace) -> None:
         seconds=options.seconds,
         touches=suite.touches(options.traces, options.recording),
         worlds=options.worlds,
-        objective=options.objective or FELT,
         campaign=campaigns.of(options),
     )
     suite.run({name: _minutes(name, options) for name in names}, extent, json_file=options.json, plot=options.plot)

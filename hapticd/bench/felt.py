@@ -17,7 +17,7 @@ import numpy as np
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.solver.felt import felt_points
 from ..core.solver.felt_descent import UNCERTAIN_FRAC
-from ..core.solver.instant import CONTRAST, FELT, AskedPlace, InstantSolver
+from ..core.solver.instant import AskedPlace, InstantSolver
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
 from ..sim.score import CONTACT_RADIUS_MM
@@ -49,7 +49,7 @@ class _Problem:
         self._phi = self.map.evaluate((points_mm[:, None] + points[:, :2]).reshape(-1, 2)).reshape(fingers, -1, modes)
         self._asked = np.array([DEFAULT_FRICTION_CURVE.friction(target_um) for target_um in self.targets_um])
 
-    def rule(self, objective: str) -> tuple[InstantSolver, tuple[complex, ...]]:
+    def rule(self) -> tuple[InstantSolver, tuple[complex, ...]]:
         """Return a solver, and what it gave the fingers where they were."""
         solver = InstantSolver(
             self.map,
@@ -57,7 +57,6 @@ class _Problem:
             derating_mm2_um2=0.0,
             phase_rotation=False,
             contact_radius_mm=CONTACT_RADIUS_MM,
-            objective=objective,
         )
         modal_um: tuple[complex, ...] = (0j,) * len(self.limits_um)
         for _ in range(SETTLING):
@@ -87,17 +86,16 @@ def _apart(fingers: int, random: np.random.Generator) -> FloatArray:
 
 
 def run(*, problems: int = 20, repeats: int = REPEATS, starts: int = STARTS) -> Table:
-    """Compare one warm call of either rule with the best of a general minimiser's starts."""
+    """Compare one warm call with the best of a general minimiser's starts."""
     random = np.random.default_rng(11)
     rows: list[tuple[str, dict[str, float]]] = []
     optimize = optional("scipy.optimize")
     for fingers, modes in SIZES:
         chosen = [_Problem(fingers, modes, random) for _ in range(problems)]
         name = f"{fingers} contacts, {modes} modes"
-        for objective, title in ((FELT, name), (CONTRAST, f"{name}, by contrast")):
-            rules = [one.rule(objective) for one in chosen]
-            timing = compare({title: (partial(_solve_all, chosen, rules), problems)}, repeats)[title]
-            rows.append((title, timing.figures() | _judged(chosen, _solve_all(chosen, rules))))
+        rules = [one.rule() for one in chosen]
+        timing = compare({name: (partial(_solve_all, chosen, rules), problems)}, repeats)[name]
+        rows.append((name, timing.figures() | _judged(chosen, _solve_all(chosen, rules))))
         if optimize is not None:
             best = [_bound(optimize, one, random, starts) for one in chosen]
             rows.append((f"{name}, bound", _judged(chosen, best)))
@@ -112,7 +110,7 @@ def run(*, problems: int = 20, repeats: int = REPEATS, starts: int = STARTS) -> 
         notes=(
             "felt: share of problems in which all fingers are within one just noticeable difference of what was asked",
             "error: the largest of all fingers, median over the problems",
-            f"bound: SciPy's SLSQP, the best of {starts} starts; by contrast: `solver.objective`",
+            f"bound: SciPy's SLSQP, the best of {starts} starts",
         ),
     )
 

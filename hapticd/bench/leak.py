@@ -42,7 +42,6 @@ PERFECT = "perfect knowledge"
 PAPER = "the paper's scheme"
 WHITE = "white noise of 0.05 mm"
 CALIBRATED = "calibrated"
-BY_CONTRAST = "by contrast"
 CONTACT_PLATES = ((REFERENCE, 2), (REFERENCE, 4), (FINGERTIP, 4), (FINGERTIP, 5), (WIDE, 8))  # and modes
 OTHER_PREDICTORS = ("hold", "linear", "kalman_jerk")
 PERCEIVED = ("still_friction_change", "slip_friction_change", "weber_frac")
@@ -100,14 +99,6 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
         f"{name} plate, {modes} modes": Settings(motion=REAL, plate=PlateSettings.of(name, modes))
         for name, modes in CONTACT_PLATES
     }
-    by_contrast = {
-        f"{name}, {BY_CONTRAST}": replace(
-            settings, config=changed(settings.config, {"solver": {"objective": "contrast"}})
-        )
-        for name, settings in plates.items()
-        if not name.startswith(REFERENCE)
-    }
-    plates |= by_contrast
     calibrated = {
         f"{name}, {CALIBRATED}": Alternative(settings, measured=swept)
         for name, settings in plates.items()
@@ -130,7 +121,6 @@ def contact(*, seeds: Sequence[int] = SEEDS, seconds: float = SECONDS) -> Table:
         rows,
         CONTACTS,
         *PERCEIVED_NOTES,
-        f"{BY_CONTRAST}: `solver.objective`, of the solver and of perfect knowledge",
         f"{CALIBRATED}: by `hapticd calibrate resonance`; the others' sensors see 1 % of each other's modes, unknown",
     )
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import __version__
-from ..config.sections import FELT
 from ..design.campaign import TaskRunner, one_by_one
 from ..errors import UsageError
 from ..tools.outputs import table_stream, write_text
@@ -36,12 +35,11 @@ from .tables import Table, plain, render
 
 class Extent(NamedTuple):
     """Lengths of the parts that have one: seconds of paced passes; the recorded touches for predictions; the
-    laboratories of each kind, what counts of contacts there, and who plays them."""
+    laboratories of each kind, and who plays them."""
 
     seconds: float
     touches: list[Trace] | None = None
     worlds: int = worlds.WORLDS
-    objective: str = FELT
     campaign: TaskRunner = one_by_one
 
 
@@ -59,7 +57,7 @@ PARTS: dict[str, _Runner] = {
     "tick": lambda extent: tick.run(seconds=extent.seconds),
     "leak": lambda _: (leak.run(), leak.contact(), felt_asked.run()),
     "telemetry": lambda _: (telemetry.run(),),
-    "worlds": lambda extent: worlds.run(worlds=extent.worlds, objective=extent.objective, campaign=extent.campaign),
+    "worlds": lambda extent: worlds.run(worlds=extent.worlds, campaign=extent.campaign),
     "firmware": lambda _: firmware.run(),
 }
 

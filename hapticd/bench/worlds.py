@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..config.sections import FELT, Config, SolverConfig
 from ..design.campaign import TaskRunner, one_by_one
 from ..sim import lockstep
 from ..sim.fingers.scenarios import REAL
@@ -93,18 +92,13 @@ def _with_said(played: Run, said: telemetry.FeltReport) -> WorldScore:
 def run(
     *,
     worlds: int = WORLDS,
-    objective: str = FELT,
     seconds: float = SECONDS,
     touching_s: float = touching.TOUCHING_S,
     causes: tuple[str, ...] = CAUSES,
     campaign: TaskRunner = one_by_one,
 ) -> tuple[Table, ...]:
-    """Compare the schemes in `worlds` laboratories of each level, and `causes` in those of the middle one; `objective`
-    is that of hapticd and of perfect knowledge."""
-    config = Config(solver=SolverConfig(objective=objective))
-    points, contacts = (
-        Settings(motion=REAL, plate=PlateSettings.of(glass), config=config) for glass in (REFERENCE, FINGERTIP)
-    )
+    """Compare the schemes in `worlds` laboratories of each level, and `causes` in those of the middle one."""
+    points, contacts = (Settings(motion=REAL, plate=PlateSettings.of(glass)) for glass in (REFERENCE, FINGERTIP))
     seeds, few = range(1, worlds + 1), range(1, worlds + 1, FEW)
 
     def job(settings: Settings, level: str, seed: int) -> Job:
@@ -118,20 +112,20 @@ def run(
         (settings.plate.plate, level, seed): job(settings, level, seed) for settings, level, of in played for seed in of
     }
     scores = campaign("worlds", play, [*jobs.values()])
-    return tables(dict(zip(jobs, scores, strict=True)), objective)
+    return tables(dict(zip(jobs, scores, strict=True)))
 
 
-def tables(done: Mapping[_Key, Scores], objective: str) -> tuple[Table, ...]:
-    """Return the tables of what was played by an objective."""
+def tables(done: Mapping[_Key, Scores]) -> tuple[Table, ...]:
+    """Return the tables of what was played."""
     found: dict[str, dict[str, list[Scores]]] = {}
     for (plate, level, _), scores in done.items():
         found.setdefault(plate, {}).setdefault(level, []).append(scores)
     points, contacts = found[REFERENCE], found[FINGERTIP]
     where = "contacts on the fingertip plate"
     return (
-        _levels(points, objective),
+        _levels(points),
         _causes("worlds", "points", points[LABORATORY], lambda score: score.leak_um),
-        _contacts(contacts, objective),
+        _contacts(contacts),
         _causes("worlds_contact", where, contacts[LABORATORY], lambda score: score.contact_leak_um),
     )
 
@@ -149,7 +143,7 @@ class Job(NamedTuple):
     touched: tuple[str, ...] = (AFTER,)
 
 
-def _levels(by_level: Mapping[str, Sequence[Scores]], objective: str) -> Table:
+def _levels(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     rows = []
     for level, laboratories in by_level.items():
         for scheme in (HAPTICD, AFTER, PAPER, PERFECT):
@@ -164,7 +158,7 @@ def _levels(by_level: Mapping[str, Sequence[Scores]], objective: str) -> Table:
             rows.append((f"{level}: {scheme}", figures | _said(laboratories, scheme) | _peak(of)))
     return Table(
         name="worlds",
-        title=f"worlds: {SCENARIO} in {len(by_level[LABORATORY])} laboratories of each kind, at points, by {objective}",
+        title=f"worlds: {SCENARIO} in {len(by_level[LABORATORY])} laboratories of each kind, at points",
         default=f"{LABORATORY}: {HAPTICD}",
         rows=finite_rows(rows),
         compared=("leak_um", "leak_worst_tenth_um"),
@@ -184,7 +178,7 @@ def _ratios(laboratories: Sequence[Scores], over: str, under: str) -> list[float
     return [scores[over].score.leak_um / scores[under].score.leak_um for scores in laboratories]
 
 
-def _contacts(by_level: Mapping[str, Sequence[Scores]], objective: str) -> Table:
+def _contacts(by_level: Mapping[str, Sequence[Scores]]) -> Table:
     rows = []
     for level, laboratories in by_level.items():
         for scheme in (HAPTICD, *TOUCHED, PAPER, PERFECT):
@@ -201,7 +195,7 @@ def _contacts(by_level: Mapping[str, Sequence[Scores]], objective: str) -> Table
     counts = ", ".join(f"{len(laboratories)} x {level}" for level, laboratories in by_level.items())
     return Table(
         name="worlds_contact",
-        title=f"worlds: {SCENARIO} over contacts on the fingertip plate, by {objective}: {counts}",
+        title=f"worlds: {SCENARIO} over contacts on the fingertip plate: {counts}",
         default=f"{LABORATORY}: {HAPTICD}",
         rows=finite_rows(rows),
         compared=("contact_leak_um", "contrast"),

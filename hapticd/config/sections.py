@@ -11,9 +11,6 @@ from dataclasses import dataclass, field
 from .keys import key
 
 SIMULATED = "sim"
-FELT = "felt"
-CONTRAST = "contrast"
-OBJECTIVES = (FELT, CONTRAST)
 LEAST_MODES, MOST_MODES = 2, 8  # with an amplifier each: boards are built for these
 OVERSHOOT_FRAC = 0.01  # by which the plate passes a moving reference
 SIGMAS = 3.0  # of the sensors, with all modes at their limits at once: the worst of 40 worlds stay within by 1 %
@@ -215,9 +212,6 @@ class SolverConfig:
         "trackpad.ellipse_scale is 0 or the pad reports no ellipse; 0: a point",
         low=0,
         high=15,
-    )
-    objective: str = key(
-        FELT, "what counts of contacts: that friction is felt as asked, or their contrast", choices=OBJECTIVES
     )
     tolerance_um: float = key(
         0.02,

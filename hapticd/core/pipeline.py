@@ -61,7 +61,6 @@ class Pipeline:
             parasitic_modes=parasitic_modes,
             contact_radius_mm=settings.contact_radius_mm,
             friction_curve=scene.friction_curve,
-            objective=settings.objective,
             solve=settings.solve,
         )
         self._budget = PassBudget(scene, self._solver)
@@ -250,7 +249,7 @@ class Pipeline:
         """The interval of friction (0 .. 1) that a finger, or without `key` one that touched this place, could feel now
         beside the others with their targets; None for none. Raises ValueError where it cannot be computed: without
         such a finger, for points, or with too many fingers for the time of a pass."""
-        if not self._solver.feels:
+        if not self._solver.has_contacts:
             raise ValueError(
                 "what fingers can feel is known only where the plate is driven for friction over contacts."
             )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .solver.instant import CONTRAST, PointSolver
+from .solver.instant import PointSolver
 from .solver.points.general import solve_fast
 from .touch.fingers import FingerPredictor
 
@@ -17,8 +17,8 @@ class PipelineSettings:
     `derating_mm2_um2` is how far amplitude is derated where a limit keeps a slippery finger from its target anyway (see
     `core.solver.derating`; 0 also removes the bound on the reference's slope). `phase_rotation`: two slipping fingers
     change their signs by turning their phase (see `core.solver.instant`). `contact_radius_mm` above 0 makes
-    fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_form`);
-    `objective`: what counts of them. `cover_ns` is how long one frame must last: one and a half report periods, to
+    fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_form`).
+    `cover_ns` is how long one frame must last: one and a half report periods, to
     bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
     may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
     reference late.
@@ -31,7 +31,6 @@ class PipelineSettings:
     contact_radius_mm: float = 0.0
     ellipse_scale: float = 0.0
     ellipse_offset_mm: float = 0.0
-    objective: str = CONTRAST
     tolerance_um: float = 0.02
     max_knots: int = 16
     effect_knots: int = 24

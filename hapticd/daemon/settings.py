@@ -48,7 +48,6 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
-        objective=solver.objective,
         tolerance_um=solver.tolerance_um,
         max_knots=max_knots(config, config.device.baud),
         effect_knots=effect_knots(config, config.device.baud),

@@ -1,7 +1,4 @@
-"""Pairs of contacts on a plate: what their discs get of each mode, and the best amplitudes within the limits.
-
-The amplitudes are those of `core.solver.contacts`, the daemon's own rule for contrast.
-"""
+"""Contacts at random places on a plate, and the points by which means over them are taken."""
 
 from __future__ import annotations
 
@@ -11,10 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.bicubic import BicubicSurfaces
-from hapticd.core.solver.contacts import FeltError, solve_contacts
-from hapticd.values import ComplexArray, FloatArray
+from hapticd.values import FloatArray
 
 from .free_plate import ModeShape
 
@@ -26,7 +21,6 @@ _KNOTS_PER_WAVE = 12  # of the spline through a shape
 _DRAWN_PER_PAIR = 8  # more than enough of them are 20 mm apart, on plates of 60 mm and more
 _MOST_DRAWS = 1000
 _WORDS = {2: "two", 3: "three", 4: "four", 5: "five"}
-_TINY_UM = 1e-9
 
 
 class ShapeMaps(Protocol):
@@ -66,40 +60,6 @@ def surfaces(shapes: Sequence[ModeShape]) -> BicubicSurfaces:
         lines = max(shape.nodal_lines[edge] for shape in shapes)
         axes.append(np.linspace(-edge_mm / 2.0, edge_mm / 2.0, _KNOTS_PER_WAVE * (lines // 2 + 2) + 1))
     return BicubicSurfaces(axes[0], axes[1], np.stack([shape.on_grid(*axes) for shape in shapes]))
-
-
-def grams(shapes: ShapeMaps, points_mm: FloatArray, radius_mm: float) -> FloatArray:
-    """Return the Gram matrices (M, M, ...) of discs about `points_mm` (..., 2). Points off the plate have its edge's
-    shapes."""
-    offsets_mm, weights = disc(radius_mm)
-    places = (points_mm[..., None, :] + offsets_mm).reshape(-1, 2)
-    phi = shapes.evaluate(places)
-    phi = phi.reshape(-1, len(weights), phi.shape[1])
-    gram = np.einsum("pqk,q,pql->klp", phi, weights, phi, optimize=True)
-    return np.asarray(gram.reshape(*gram.shape[:2], *points_mm.shape[:-1]))
-
-
-def settle(
-    slipping: FloatArray,
-    still: Sequence[FloatArray],
-    target_um: float,
-    limits_um: Sequence[float],
-    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
-) -> ComplexArray:
-    """Return the modal amplitudes (M, P) of `solve_contacts` from rest, by the Gram matrices (M, M, P) of P slipping
-    contacts and of the still ones."""
-    felt, targets_um, limits, modal_um = FeltError(curve), (target_um, *[0.0] * len(still)), tuple(limits_um), []
-    for contacts in zip(*(np.moveaxis(gram, 2, 0).tolist() for gram in (slipping, *still)), strict=True):
-        d_um, q_um = [0.0] * len(limits), [0.0] * len(limits)
-        solve_contacts(list(contacts), targets_um, limits, d_um, q_um, felt)
-        modal_um.append(np.array(d_um) + 1j * np.array(q_um))
-    return np.array(modal_um).T
-
-
-def contact_rms_um(gram: FloatArray, w_um: ComplexArray) -> FloatArray:
-    """Return the RMS amplitude over each contact (P,); gram (M, M, P), w_um (M, P)."""
-    square = np.einsum("kp,klp,lp->p", w_um.conj(), gram, w_um, optimize=True).real
-    return np.asarray(np.sqrt(np.maximum(square, _TINY_UM**2)))
 
 
 def disc(radius_mm: float, radii: int = _DISC_RADII, angles: int = _DISC_ANGLES) -> tuple[FloatArray, FloatArray]:

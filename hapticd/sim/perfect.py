@@ -41,7 +41,6 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
         phase_rotation=False,
         contact_radius_mm=settings.contact_radius_mm,
         friction_curve=curve,
-        objective=settings.objective,
     )
     t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
     known_mm = forms_mm(played.fingertips, t_s)[..., (0, 0, 1), (0, 1, 1)]

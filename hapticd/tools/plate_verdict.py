@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..config.sections import FELT, Config, PlateConfig, SolverConfig
+from ..config.sections import Config, PlateConfig
 from ..design.felt_search import FeltDesign, FeltTask
 from ..design.glued_plate import GluedPlate
 from ..design.materials import MATERIALS
@@ -93,7 +93,7 @@ def _settings(path: Path, q_factor: float, person: PlateConfig) -> Settings:
         friction_floor_frac=person.friction_floor_frac,
         friction_speed_mm_s=person.friction_speed_mm_s,
     )
-    return Settings(plate=plate, config=Config(plate=felt, solver=replace(SolverConfig(), objective=FELT)))
+    return Settings(plate=plate, config=Config(plate=felt))
 
 
 def felt_verdict(

@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..config.sections import FELT, OBJECTIVES, Config, SolverConfig
+from ..config.sections import Config
 from ..errors import UsageError, reason
 from ..regular_file import named_when_whole, read_bounded
 from ..sim.fingers.scenarios import MOTIONS, REAL, SCENARIOS, SMOOTH, SPEED_MM_S, Scenario
@@ -90,12 +90,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file of your own (hapticd/sim/README.md)",
     )
     parser.add_argument(
-        "--objective",
-        choices=OBJECTIVES,
-        default=FELT,
-        help="what counts of contacts, as solver.objective (default felt: friction as asked)",
-    )
-    parser.add_argument(
         "--alone", action="store_true", help="skip the comparison with the paper's scheme and perfect knowledge"
     )
     outputs.add_json(parser)
@@ -117,7 +111,6 @@ def _simulate(options: argparse.Namespace) -> None:
     plate = replace(PlateSettings.of(sim.plate, sim.modes or None, sim.wiring), world=_world(options))
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
-    config = Config(solver=replace(SolverConfig(), objective=options.objective))
     usual = Settings()
     settings = replace(
         usual,
@@ -127,7 +120,7 @@ def _simulate(options: argparse.Namespace) -> None:
         noise=_noise(options),
         fingertip=_fingertip(options, plate.world),
         plate=plate,
-        config=pad_ellipse.calibrated(config) if options.ellipses else config,
+        config=pad_ellipse.calibrated(Config()) if options.ellipses else Config(),
     )
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:

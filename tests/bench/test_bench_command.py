@@ -93,20 +93,3 @@ def test_a_wrong_argument_is_one_sentence_before_anything_runs(
     assert streams.out == ""
     assert streams.err.startswith("hapticd: ")
     assert len(streams.err.splitlines()) == 1
-
-
-@pytest.mark.usefixtures("quick")
-def test_an_objective_is_the_worlds(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    asked: list[str] = []
-
-    def played(extent: suite.Extent) -> tuple[()]:
-        asked.append(extent.objective)
-        return ()
-
-    monkeypatch.setitem(suite.PARTS, "worlds", played)
-    monkeypatch.setitem(bench.PARTS, "worlds", bench.Part("laboratories", 1.0, has_picture=False))
-    assert main(["bench", "worlds"]) == main(["bench", "worlds", "--objective", "contrast"]) == 0
-    assert asked == ["felt", "contrast"]
-    capsys.readouterr()
-    assert main(["bench", "solver", "--objective", "contrast"]) == 2
-    assert "--objective: belongs to one part: write hapticd bench worlds." in capsys.readouterr().err

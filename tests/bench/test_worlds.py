@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NoReturn, cast
+from typing import Any
 
 import pytest
 
 from hapticd.bench import worlds
 from hapticd.bench.tables import Table
-from hapticd.config.sections import OBJECTIVES, Config, PredictionConfig
-from hapticd.design.campaign import TaskRunner
+from hapticd.config.sections import Config, PredictionConfig
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.settings import Settings
@@ -81,18 +80,6 @@ def test_contacts_are_touched_freely_and_guided_points_freely(tables: dict[str, 
     free, guided = (tables["worlds_contact"].row(f"{worlds.LABORATORY}: {scheme}") for scheme in worlds.TOUCHED)
     assert free.figures["contact_leak_um"] != guided.figures["contact_leak_um"] > 0.0
     assert not any(worlds.GUIDED in row.name for row in tables["worlds"].rows)
-
-
-def test_the_objective_is_that_of_every_world_that_is_played() -> None:
-    class Asked(Exception):
-        pass
-
-    def asked(_what: str, _play: object, jobs: list[worlds.Job]) -> NoReturn:
-        raise Asked({job.settings.config.solver.objective for job in jobs})
-
-    for objective in OBJECTIVES:
-        with pytest.raises(Asked, match=rf"^{{'{objective}'}}$"):
-            worlds.run(worlds=1, objective=objective, campaign=cast("TaskRunner", asked))
 
 
 def test_processes_give_what_one_process_gives() -> None:

@@ -21,7 +21,6 @@ from pipeline_bench import (
 )
 
 from hapticd.core.solver.derating import LEAST_SHARE
-from hapticd.core.solver.instant import FELT
 from hapticd.sim.paper_scheme import invert
 from hapticd.values import Aim
 from hapticd_contract.contents import Amplitude, Grating
@@ -105,7 +104,7 @@ def test_still_fingers_let_the_last_reference_stand_and_it_is_what_a_new_one_wou
 
 
 def test_standing_ellipses_skip_their_passes_also_with_the_pad_s_noise_until_a_finger_presses() -> None:
-    bench = Bench(contact_radius_mm=5.0, ellipse_scale=1.15, ellipse_offset_mm=0.8, objective=FELT)
+    bench = Bench(contact_radius_mm=5.0, ellipse_scale=1.15, ellipse_offset_mm=0.8)
     bench.land({SLIPPERY: 1.0, STICKY: 0.0})
     bench.hold(30, SLIPPERY, STICKY)
     skipped = bench.pipeline.counters.skipped_standing

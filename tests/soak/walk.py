@@ -18,7 +18,7 @@ from soak.harness import Findings, judged
 from hapticd.bench.tables import Table
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.core.perception import ContactPerception
-from hapticd.core.solver.instant import FELT, LEAST_STEP_UM, SLEW_UM_NS, AskedPlace, InstantSolver
+from hapticd.core.solver.instant import LEAST_STEP_UM, SLEW_UM_NS, AskedPlace, InstantSolver
 from hapticd.design.campaign import TaskRunner, one_by_one
 from hapticd.sim.plate.glasses import WIDE, find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -70,12 +70,7 @@ class _Walker:
         self._limits_um: Final = plate.w_limit_um
         self._ways: Final = closed_ways(walk.seed, find_glass(WIDE).size_mm)
         self._solver: Final = InstantSolver(
-            self._map,
-            self._limits_um,
-            derating_mm2_um2=0.0,
-            phase_rotation=False,
-            contact_radius_mm=CONTACT_RADIUS_MM,
-            objective=FELT,
+            self._map, self._limits_um, derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=CONTACT_RADIUS_MM
         )
         self._perception: Final = ContactPerception(DEFAULT_FRICTION_CURVE, CONTACT_RADIUS_MM)
         self._modal_um: tuple[complex, ...] = (0j,) * walk.modes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,8 @@ import pytest
 from PIL import Image
 
 from hapticd.__main__ import main
-from hapticd.core.plate.contact import contact_grams
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.public import solve
-from hapticd.design import free_plate_modes
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
@@ -57,49 +54,6 @@ def test_without_a_finger_all_pairs_of_positions_are_mapped(tmp_path: Path, caps
     assert f"if one slips here, the other can be on this part of the plate: least {100 * least:.0f} % at" in lines[2]
     with Image.open(picture) as drawn:
         assert drawn.width > 900
-
-
-@pytest.fixture(scope="module")
-def four_modes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("modes") / "four.npz"
-    axis_mm = np.linspace(-100.0, 100.0, 81)
-    shapes = [shape.on_grid(axis_mm, axis_mm) for _, shape in free_plate_modes((200.0, 200.0), 3.0)]
-    names = [shape.name for _, shape in free_plate_modes((200.0, 200.0), 3.0)]
-    driven = [shapes[names.index(name)] for name in ("13x1-1x13", "10x8-8x10", "13x0", "0x13")]
-    ModeShapes.from_grid(axis_mm, axis_mm, np.stack(driven)).save(path)
-    return path
-
-
-def test_with_four_modes_the_contrast_between_whole_contacts_is_mapped_too(
-    four_modes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    picture, out = tmp_path / "map.png", tmp_path / "map.npz"
-    command = ["map", "--modes", str(four_modes), "--limit", "3.9,1.6,1.4,1.4", "--finger", "-33,20", "--cells", "15"]
-    assert main([*command, "--slip", "--plot", str(picture), "--out", str(out)]) == 0
-    with np.load(out) as arrays:
-        slip_um, still_um, contrast = (arrays[f"contact_{name}"] for name in ("slip_um", "still_um", "contrast"))
-        x_mm, y_mm = arrays["contact_x_mm"], arrays["contact_y_mm"]
-    median = float(np.median(contrast))
-    assert median > 10.0
-    assert f"{median:.1f} times what a still one gets" in capsys.readouterr().out.splitlines()[-1]
-    modes = ModeShapes.load(four_modes)
-    differences_um = []
-    for row, column in product(range(1, 15, 3), repeat=2):  # here and there, of two equals each takes another
-        places_mm = [(x_mm[column], y_mm[row]), (-33.0, 20.0)]
-        grams = contact_grams(modes, places_mm, 5.0)
-        solved = solve(modes.evaluate(places_mm), [1.0, 0.0], [3.9, 1.6, 1.4, 1.4], gram=grams)
-        differences_um.append(np.subtract([slip_um[row, column], still_um[row, column]], solved.achieved_um))
-    assert np.median(np.abs(differences_um), axis=0) == pytest.approx([0.0, 0.0], abs=0.01)
-    with Image.open(picture) as drawn:
-        assert drawn.width > 1000  # two panels, where one alone takes 600
-
-
-def test_contacts_are_not_mapped_where_two_modes_cannot_hold_one_still_or_the_given_finger_slips(
-    four_modes: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["map", "--finger", "-33,20", "--cells", "5"]) == 0
-    assert main(["map", "--modes", str(four_modes), "--finger", "-33,20", "--still", "--cells", "5"]) == 0
-    assert "whole contacts" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

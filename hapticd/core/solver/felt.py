@@ -19,10 +19,11 @@ Each iteration
 1.  weighs the fingers: the logarithm of alpha_i moves by RATE towards that of |u_i|, less the mean over the fingers
     (multiplicative weights: S. Arora, E. Hazan and S. Kale, Theory of Computing 8, 2012);
 2.  replaces sum alpha_i |F_i - F_i*| by a sum of squares, point by point, that has its slope at the present W. A sticky
-    finger's points are pulled to 0, as |r| is (iteratively reweighted least squares, see `contacts`); another's to r
+    finger's points are pulled to 0, as |r| is (iteratively reweighted least squares); another's to r
     plus the change that would make F_i right if all points changed alike. Over the frictions TO_ZERO one passes into
     the other, within what is felt;
-3.  sweeps over the modes, each moved to its best, or PAST_FRAC past it, and into its limit (as in `contacts`).
+3.  sweeps over the modes, each moved to its best, or PAST_FRAC past it, and into its limit (over-relaxation:
+    D. M. Young, Trans. AMS 76, 1954).
 
 It starts from the last W and the last weights, so W follows the fingers continuously: phases are free and nothing
 flips. From there it stays near the best of many starts (`hapticd bench solver`). `felt_descent` is the iteration.
@@ -36,7 +37,6 @@ from typing import Final
 from ..friction import FrictionCurve
 from ..phasors import ModeRow
 from ..plate.contact import Disc, Shapes
-from .contacts import is_any_slippery
 from .felt_descent import descend
 
 ITERATIONS: Final = 7  # of a call
@@ -49,6 +49,7 @@ STAY_FRAC: Final = 0.03  # of the mean curvature: keeps W where directions are n
 COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
 MISSED_JND: Final = 1.0  # more than this counts as limited
 AT_LIMIT_FRAC: Final = 0.99
+NEAR_FRAC: Final = 0.999  # of the square of a step: below it rounding decides nothing
 
 RINGS: Final = 2
 SPOKES: Final = 6
@@ -102,6 +103,38 @@ def solve_felt(
         STAY_FRAC,
     )
     return rms_um, _is_limited(errors_jnd, limits_um, d_um, q_um)
+
+
+def step_towards(
+    before_d_um: list[float], before_q_um: list[float], d_um: list[float], q_um: list[float], most_um: float
+) -> bool:
+    """Shorten the way of W from before to at most `most_um` in any mode; return whether it was longer.
+
+    Limits hold on the whole way, because they are discs; a pattern that begins at rest keeps its contrast.
+    """
+    largest_um, near_um2, is_near = 0.0, NEAR_FRAC * most_um * most_um, True
+    for k in range(len(d_um)):  # mostly; a call of `hypot` takes ten times as long
+        step_d_um, step_q_um = d_um[k] - before_d_um[k], q_um[k] - before_q_um[k]
+        is_near = is_near and step_d_um * step_d_um + step_q_um * step_q_um < near_um2
+    if is_near:
+        return False
+    for k in range(len(d_um)):
+        largest_um = max(largest_um, math.hypot(d_um[k] - before_d_um[k], q_um[k] - before_q_um[k]))
+    if largest_um <= most_um:
+        return False
+    share = most_um / largest_um
+    for k in range(len(d_um)):
+        d_um[k] = before_d_um[k] + share * (d_um[k] - before_d_um[k])
+        q_um[k] = before_q_um[k] + share * (q_um[k] - before_q_um[k])
+    return True
+
+
+def is_any_slippery(targets_um: tuple[float, ...]) -> bool:
+    """Return whether some finger's target is above 0."""
+    is_any = False
+    for target_um in targets_um:
+        is_any = is_any or target_um > 0.0
+    return is_any
 
 
 def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:

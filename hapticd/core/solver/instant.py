@@ -13,13 +13,12 @@ from typing import Final
 from ...values import FingerKey, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import ModeRows, Row, magnitude
-from ..plate.contact import Disc, EllipseForm, Shapes, contact_gram, disc_points, grown, many_points
+from ..plate.contact import Disc, EllipseForm, Shapes, grown, many_points
 from ..plate.mode_shapes import ModeShapes
 from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
 from ..trajectory.knots import SHORTEST_NS
-from .contacts import COLD_CALLS, FeltError, contact_rms_um, is_any_slippery, solve_contacts, step_towards
 from .derating import derated, is_near_node, least_share, slopes_at
-from .felt import COLD_ITERATIONS, ITERATIONS, felt_points, solve_felt
+from .felt import COLD_ITERATIONS, ITERATIONS, felt_points, is_any_slippery, solve_felt, step_towards
 from .felt_descent import components, contact_shapes, contacts_rms_um, phasors
 from .points.general import solve_fast
 from .points.phase import solve_phased_fast
@@ -28,8 +27,6 @@ from .reach import ReachProblem, reach
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 PointSolver = Callable[[ModeRows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
 
-FELT: Final = "felt"  # the objectives, as solver.objective of the configuration names them
-CONTRAST: Final = "contrast"
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
 TURN_RAD_NS: Final = 50e-9  # speed of the phase between fingers: faster helps no finger and makes larger steps
@@ -57,8 +54,7 @@ class InstantSolver:
     `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
     `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0:
     fingers are contacts, discs where their forms are not known, and amplitudes complex; `friction_curve` is what they
-    feel, and by `objective` their friction is as asked (`felt`), or their contrast is most. Raises ValueError for
-    another objective.
+    feel.
     """
 
     def __init__(
@@ -71,11 +67,8 @@ class InstantSolver:
         parasitic_modes: ParasiticModes | None = None,
         contact_radius_mm: float = 0.0,
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
-        objective: str = CONTRAST,
         solve: PointSolver = solve_fast,
     ) -> None:
-        if objective not in (FELT, CONTRAST):
-            raise ValueError(f"objective is {objective!r}: give one of {FELT}, {CONTRAST}.")
         self.set_modes(modes)
         self._w_limit_um = w_limit_um
         self._contact_limit_um = tuple([limit_um * WIRE_FRAC for limit_um in w_limit_um])
@@ -83,11 +76,9 @@ class InstantSolver:
         self._derating_mm2_um2 = derating_mm2_um2
         self._rotates = phase_rotation
         self._parasitic_modes = parasitic_modes
-        self._feels = objective == FELT
         self.set_contact_radius(contact_radius_mm)
         self._log_weights: list[float] = []
         self._curve = friction_curve
-        self._felt_error = FeltError(friction_curve)
         self._is_turned = self._is_crowded = False
 
     def set_modes(self, modes: ModeShapes) -> None:
@@ -98,19 +89,15 @@ class InstantSolver:
     def set_contact_radius(self, radius_mm: float) -> None:
         """Take contacts to be discs of this radius where their forms are not known; 0 for points."""
         self.contact_radius_mm = radius_mm
-        self._disc: Disc = []
-        if radius_mm > 0.0:
-            self._disc = felt_points() if self._feels else disc_points(radius_mm)
+        self._disc: Disc = felt_points() if radius_mm > 0.0 else []
         self._disc_weights = [weight for _, _, weight in self._disc]
 
     def cost_ns(self, fingers: int) -> float:
         """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code: for contacts
         one and a half times its time in a row."""
         modes = len(self._w_limit_um)
-        if self.feels:
-            return 5_000.0 + 550.0 * fingers * modes
         if len(self._disc) > 0:
-            return 5_600.0 + 750.0 * fingers * modes + 80.0 * fingers * modes * modes
+            return 5_000.0 + 550.0 * fingers * modes
         if fingers <= 2 and modes <= 2:
             return 13_300.0
         return 18_600.0 + 1_000.0 * fingers * modes + 89.0 * modes * modes * modes
@@ -119,7 +106,7 @@ class InstantSolver:
         """Return what the first solve from silence takes more, by the same estimate."""
         if len(self._disc) == 0:
             return 0.0
-        return ((COLD_ITERATIONS / ITERATIONS if self._feels else COLD_CALLS) - 1.0) * self.cost_ns(fingers)
+        return (COLD_ITERATIONS / ITERATIONS - 1.0) * self.cost_ns(fingers)
 
     @property
     def has_contacts(self) -> bool:
@@ -137,8 +124,8 @@ class InstantSolver:
         forms: list[EllipseForm | None] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
-        `variances_mm2` (N,) of the places on each axis, and by how much more amplitude each sliding finger needs; for
-        friction as asked the fingers' `priorities`, without them equal; the contacts' `forms`, None for discs."""
+        `variances_mm2` (N,) of the places on each axis, by how much more amplitude each sliding finger needs, the
+        fingers' `priorities`, without them equal, and the contacts' `forms`, None for discs."""
         if len(self._disc) > 0:
             return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches, priorities, forms)
         rows, targets, still = list[tuple[float, ...]](), list[float](), 0
@@ -180,30 +167,18 @@ class InstantSolver:
             variances_mm2 = [0.0] * len(places)
         targets_um = tuple([target_um for _, _, target_um in places])
         contacts = grown(self.contact_radius_mm, variances_mm2, forms)
-        if self._feels:
-            shapes = self._contact_shapes(self._disc, places, contacts)
-            if len(self._log_weights) != len(places):
-                self._log_weights = [0.0] * len(places)
-            ranks = [0] * len(places) if priorities is None else priorities
-            slides = [1.0] * len(places) if stretches is None else stretches
-            limits_um, weights, logs = self._contact_limit_um, self._disc_weights, self._log_weights
-            achieved_um, limited = solve_felt(
-                shapes, weights, self._curve, targets_um, limits_um, d_um, q_um, logs, slides, ranks
-            )
-        else:
-            grams = [
-                contact_gram(self._modes, self._disc, x_mm, y_mm, form)
-                for (x_mm, y_mm, _), form in zip(places, contacts, strict=True)
-            ]
-            achieved_um, limited = solve_contacts(
-                grams, targets_um, self._contact_limit_um, d_um, q_um, self._felt_error, stretches
-            )
+        shapes = self._contact_shapes(self._disc, places, contacts)
+        if len(self._log_weights) != len(places):
+            self._log_weights = [0.0] * len(places)
+        ranks = [0] * len(places) if priorities is None else priorities
+        slides = [1.0] * len(places) if stretches is None else stretches
+        limits_um, weights, logs = self._contact_limit_um, self._disc_weights, self._log_weights
+        achieved_um, limited = solve_felt(
+            shapes, weights, self._curve, targets_um, limits_um, d_um, q_um, logs, slides, ranks
+        )
         most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
         if is_any_slippery(targets_um) and step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
-            if self._feels:
-                achieved_um = contacts_rms_um(shapes, self._disc_weights, d_um, q_um)
-            else:
-                achieved_um = [contact_rms_um(gram, d_um, q_um) for gram in grams]
+            achieved_um = contacts_rms_um(shapes, self._disc_weights, d_um, q_um)
         return ModalSolution(places, achieved_um, phasors(d_um, q_um), limited)
 
     def _contact_shapes(self, disc: Disc, places: list[AskedPlace], contacts: list[EllipseForm]) -> Shapes:
@@ -213,11 +188,6 @@ class InstantSolver:
             for (x_mm, y_mm, _), (xx, xy, yy) in zip(places, contacts, strict=True)
         ]
         return contact_shapes(self._modes, disc, ellipses)
-
-    @property
-    def feels(self) -> bool:
-        """Whether it solves for friction felt over contacts: what `reach` speaks of."""
-        return self._feels and self.has_contacts
 
     def reach(
         self,

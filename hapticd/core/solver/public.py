@@ -6,7 +6,7 @@ with target 0 get 0; (3) the others' sum (|w_i| - a_i)^2 is least, their signs b
 amplitudes therefore stay where they are, where the inverse of Phi flips from limit to limit; at exactly coincident
 fingers W = 0.
 
-With `gram` fingers are contacts, under other rules (`contacts`).
+With `gram` fingers are contacts, under another rule (`felt`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import FloatArray, Solution
+from ..friction import DEFAULT_FRICTION_CURVE
 from ..phasors import ModeRow, ModeRows, amplitudes, clamped
 from .checks import (
     checked_grams,
@@ -27,11 +28,12 @@ from .checks import (
     checked_targets,
     checked_track,
 )
-from .contacts import COLD_TURN_RAD, solve_contacts
+from .felt import solve_felt
 from .points.general import condition, solve_exactly
 
 _SIZELESS = 1e-12  # a contact of no size is a point
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere
+LEAST_SHARE = 1e-4  # of the mean curvature, by which that of still contacts is definite
 
 __all__ = ["solve", "solve_batch"]
 
@@ -89,16 +91,41 @@ def solve_batch(
 def _solved_contacts(
     grams: FloatArray, rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None
 ) -> Solution:
-    """Solve for contacts with real amplitudes: a real start stays real."""
-    if previous is None or not any(previous):
-        previous = tuple([limit * math.cos(COLD_TURN_RAD * k) for k, limit in enumerate(limits)])
-    modal, none = list(map(float, previous)), [0.0] * len(limits)
-    listed = grams.tolist()
-    achieved, limited = solve_contacts(listed, targets, limits, modal, none)
-    for _ in range(SETTLING_CALLS):
-        achieved, limited = solve_contacts(listed, targets, limits, modal, none)
-    modal = [clamped(w, limit) for w, limit in zip(modal, limits, strict=True)]
+    """Solve for contacts with real amplitudes: a real start stays real. A Gram matrix is that of M points:
+    its eigenvectors, mixed by a cosine transform, so that an even vibration is even at the points too."""
+    modes = len(limits)
+    sizes, vectors = np.linalg.eigh(grams)
+    mixed = np.cos(np.pi / modes * np.outer(np.arange(modes) + 0.5, np.arange(modes)[::-1])) * math.sqrt(2.0)
+    mixed[:, -1] = 1.0  # of the largest one, the last
+    shapes = np.einsum("qj,nj,nkj->nqk", mixed, np.sqrt(np.maximum(sizes, 0.0)), vectors).tobytes()
+    starts = [] if previous is None or not any(previous) else [list(previous)]
+    least, best, achieved, limited = math.inf, [0.0] * modes, [0.0] * len(rows), False
+    for modal in [*starts, *_contrasts(grams, targets, limits)]:
+        none, weights = [0.0] * modes, [1.0 / modes] * modes
+        logs, slides, ranks = [0.0] * len(rows), [1.0] * len(rows), [0] * len(rows)
+        for _ in range(SETTLING_CALLS):
+            got, is_limited = solve_felt(
+                shapes, weights, DEFAULT_FRICTION_CURVE, targets, limits, modal, none, logs, slides, ranks
+            )
+        missed = max([abs(one - target) for one, target in zip(got, targets, strict=True)])
+        if missed < least:
+            least, best, achieved, limited = missed, modal, got, is_limited
+    modal = [clamped(w, limit) for w, limit in zip(best, limits, strict=True)]
     return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
+
+
+def _contrasts(grams: FloatArray, targets: ModeRow, limits: ModeRow) -> list[list[float]]:
+    """Return the amplitudes from which to start: those in which slipping contacts differ most from the others."""
+    modes, slips = len(limits), np.array(targets) > 0.0
+    still = grams[~slips].sum(axis=0) + LEAST_SHARE * np.trace(grams.sum(axis=0)) / modes * np.eye(modes)
+    try:
+        lower = np.linalg.inv(np.linalg.cholesky(still))
+    except np.linalg.LinAlgError:  # shapes that are all 0, or whose squares leave the range of floats
+        return [list(limits)]
+    _, vectors = np.linalg.eigh(lower @ grams[slips].sum(axis=0) @ lower.T)
+    found = lower.T @ vectors
+    found *= np.min(np.array(limits)[:, None] / np.maximum(np.abs(found), np.finfo(float).tiny), axis=0)
+    return [list(map(float, one)) for one in found.T[::-1]]
 
 
 def _condition(rows: ModeRows) -> float:

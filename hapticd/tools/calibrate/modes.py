@@ -24,7 +24,7 @@ from ...daemon.settings import LEAST_CONTACT_MODES
 from ...design import CartographyFit, fit_scan, nearest_free_modes
 from ...design.added_mass import signed
 from ...design.cartography import REFERENCE_SIZE_MM
-from ...design.contact_pairs import grams, settle
+from ...design.felt_places import settle_felt, touches_at
 from ...errors import CalibrationError, ModesError
 from ...formats.mode_map import LoweredScan, Scan, read_scan
 from ...sim.plate.glasses import find_glass
@@ -269,8 +269,8 @@ def finger_pairs_mm(modes: ModeShapes, pairs: int, seed: int) -> npt.NDArray[np.
 def solved_um(modes: ModeShapes, pairs_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
     """Return the modal amplitudes (pairs, M) that the service would find on the map, for points or for contacts."""
     if modes.M >= LEAST_CONTACT_MODES:
-        both = grams(modes, pairs_mm, CONTACT_RADIUS_MM)
-        return settle(both[..., 0], [both[..., 1]], TARGETS_UM[0], [W_LIMIT_UM] * modes.M).T
+        found = touches_at(modes, pairs_mm, CONTACT_RADIUS_MM)
+        return settle_felt(found, TARGETS_UM, [W_LIMIT_UM] * modes.M, starts=1)[0]
     phi = modes.evaluate(pairs_mm.reshape(-1, 2)).reshape(*pairs_mm.shape[:2], modes.M)
     return solve_batch(phi, TARGETS_UM, W_LIMIT_UM).astype(np.complex128)
 

@@ -1,5 +1,4 @@
-"""The achievability map as a picture: the share that the slipping finger gets, over the other finger's position; and
-with four modes or more the contrast between whole contacts."""
+"""The achievability map as a picture: the share that the slipping finger gets, over the other finger's position."""
 
 from __future__ import annotations
 
@@ -11,7 +10,6 @@ import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes
 from ...design.achievability import AchievabilityMap, MapFinger, PairMap
-from ...design.contact_map import ContactMap
 from ...values import FloatArray
 from .. import plotting
 
@@ -21,24 +19,20 @@ _SLIPPERY, _STICKY, _SINGULAR = "#4cc3ff", "#ff9e4a", "#ff4d6d"
 
 
 class Panel(NamedTuple):
-    """One map: what the other finger is to do, in words, and the fingers present; `contacts` where they are still."""
+    """One map: what the other finger is to do, in words, and the fingers present."""
 
     title: str
     fingers: tuple[MapFinger, ...]
     result: AchievabilityMap
-    contacts: ContactMap | None = None
 
 
 def draw(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, float], path: Path) -> None:
     """Write the panels side by side. Raises HapticdError as `plotting.save`."""
-    with_contacts = [panel for panel in panels if panel.contacts is not None]
-    figure, axes = canvas(len(panels) + len(with_contacts))
-    for axis, panel in zip(axes, panels, strict=False):
+    figure, axes = canvas(len(panels))
+    for axis, panel in zip(axes, panels, strict=True):
         image = _draw_panel(axis, panel, modes, size_mm)
-    scale = figure.colorbar(image, ax=axes[: len(panels)], pad=0.02)
+    scale = figure.colorbar(image, ax=axes, pad=0.02)
     scale.set_label("share of its target that the worst served slipping finger gets")
-    for axis, panel in zip(axes[len(panels) :], with_contacts, strict=True):
-        _draw_contacts(figure, axis, panel, size_mm)
     _save(figure, axes, path)
 
 
@@ -83,20 +77,6 @@ def _draw_panel(axis: Any, panel: Panel, modes: ModeShapes, size_mm: tuple[float
     axis.set_title(f"{panel.title.replace(' um', ' µm')}: {served}", fontsize=10)
     axis.set_xlabel("x, mm: the other finger's position")
     return image
-
-
-def _draw_contacts(figure: Any, axis: Any, panel: Panel, size_mm: tuple[float, float]) -> None:
-    """Draw the contrast between whole contacts, as decades, for a finger that slips anywhere."""
-    assert panel.contacts is not None
-    contrast = panel.contacts.contrast
-    image = draw_image(axis, np.log10(contrast), size_mm, vmin=0.0, vmax=2.0)
-    for finger in panel.fingers:
-        axis.plot(finger.x_mm, finger.y_mm, "o", ms=10, mfc=_STICKY, mec="black", mew=1.2, clip_on=False)
-    axis.set_title(f"whole contacts: contrast {np.median(contrast):.1f} at the median position", fontsize=10)
-    axis.set_xlabel("x, mm: the slipping finger's position")
-    scale = figure.colorbar(image, ax=axis, pad=0.02, ticks=[0, 1, 2])
-    scale.ax.set_yticklabels(["1", "10", "100"])
-    scale.set_label("amplitude of the slipping contact over that of the still one")
 
 
 def _draw_field(axis: Any, values: FloatArray, modes: ModeShapes, size_mm: tuple[float, float], lowest: float) -> Any:

@@ -16,13 +16,12 @@ from ...values import FloatArray
 from .. import outputs
 from ..arguments import number, whole
 from ..progress import Progress
-from .arguments import FELT_CELLS, FELT_PAIR_CELLS, MOST_UM, MappedPlate, finger, plate
+from .arguments import FELT_CELLS, FELT_PAIR_CELLS, MOST_UM, finger, plate
 from .results import plate_line, save
 
 if TYPE_CHECKING:
     from ...core.plate.mode_shapes import ModeShapes
     from ...design.achievability import AchievabilityMap, MapFinger, PairMap
-    from ...design.contact_map import ContactMap
     from .picture import Panel
 
 MOST_FINGERS = 15
@@ -32,8 +31,6 @@ SEARCHED_CELLS = 61  # several slipping fingers on three modes or more take the 
 PAIR_CELLS, MOST_PAIR_CELLS = 45, 101  # the work grows with their fourth power
 SHARES = (0.5, 0.9, 1.0)
 NAME_COLUMNS = 52  # width of the table's first column
-CONTACT_MODES = 4  # fewer cannot hold a whole contact still while another slips
-CONTACT_CELLS = 81
 POSITION_ERROR_MM = 0.12  # RMS on each axis: the prediction's error on strokes
 
 
@@ -114,11 +111,7 @@ def _map(options: argparse.Namespace) -> None:
             result = achievability_map(
                 modes, fingers, other_um, limit_um, size_mm=size_mm, cells=cells, progress=progress
             )
-        contacts, are_still = None, all(finger.target_um == 0.0 for finger in fingers)
-        if modes.M >= CONTACT_MODES and mapped.radius_mm > 0.0 and are_still:
-            cells = CONTACT_CELLS if options.cells is None else options.cells
-            contacts = _contacts(mapped, fingers, other_um, cells)
-        panels.append(Panel(_title(other_um), tuple(fingers), result, contacts))
+        panels.append(Panel(_title(other_um), tuple(fingers), result))
     if not panels:
         raise UsageError("--still: no finger slips: give a --finger an amplitude above 0.")
     print(_table(panels, modes, size_mm, limit_um))
@@ -126,25 +119,6 @@ def _map(options: argparse.Namespace) -> None:
         draw(panels, modes, size_mm, options.plot)
     if options.out is not None:
         _write(panels, limit_um, options.out)
-
-
-def _contacts(mapped: MappedPlate, fingers: Sequence[MapFinger], target_um: float, cells: int) -> ContactMap:
-    """Return the contrast between contacts: the given fingers still, the other slipping."""
-    from ...design.contact_map import contact_map
-
-    still_mm = [(finger.x_mm, finger.y_mm) for finger in fingers]
-    with Progress(f"contacts of {mapped.radius_mm:g} mm radius") as progress:
-        return contact_map(
-            mapped.modes,
-            still_mm,
-            target_um,
-            mapped.limit_um,
-            mapped.curve,
-            radius_mm=mapped.radius_mm,
-            size_mm=mapped.size_mm,
-            cells=cells,
-            progress=progress,
-        )
 
 
 def _map_pairs(
@@ -200,16 +174,7 @@ def _table(panels: Sequence[Panel], modes: ModeShapes, size_mm: tuple[float, flo
     columns = [_figures(panel.result) for panel in panels]
     for (name, unit), *values in zip(columns[0], *(column.values() for column in columns), strict=True):
         lines.append(f"{name:<{NAME_COLUMNS}}" + "".join(map(_cell, values)) + f"  {unit}")
-    lines += [_contact_line(panel.contacts) for panel in panels if panel.contacts is not None]
     return "\n".join(lines)
-
-
-def _contact_line(contacts: ContactMap) -> str:
-    tenth, median = np.quantile(contacts.contrast, (0.1, 0.5))
-    return (
-        f"\nwhole contacts: a slipping finger gets {np.median(contacts.slip_um):.2f} um at the median position, "
-        f"{median:.1f} times what a still one gets ({tenth:.1f} times at the worst tenth of positions)"
-    )
 
 
 def _cell(value: float) -> str:
@@ -246,7 +211,4 @@ def _write(panels: Sequence[Panel], limit_um: Sequence[float], path: Path) -> No
         arrays[f"{prefix}_fingers_mm"] = np.array([finger[:2] for finger in panel.fingers])
         for name in ("x_mm", "y_mm", "target_um", "share", "achieved_um", "reach_um", "slope_um_mm", "determinant"):
             arrays[f"{prefix}_{name}"] = getattr(result, name)
-        if panel.contacts is not None:
-            for name in ("x_mm", "y_mm", "slip_um", "still_um", "contrast"):
-                arrays[f"contact_{name}"] = getattr(panel.contacts, name)
     save(arrays, limit_um, path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.core.solver.instant import FELT, AskedPlace, InstantSolver
+from hapticd.core.solver.instant import AskedPlace, InstantSolver
 from hapticd.core.solver.reach import COLD_CALLS, LEAST_CALLS, MOST_CALLS, TRIED
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
@@ -20,12 +20,7 @@ BEYOND = 0.1  # of friction, outside of an interval
 
 def solver() -> InstantSolver:
     return InstantSolver(
-        MODES,
-        tuple(PLATE.w_limit_um),
-        derating_mm2_um2=0.0,
-        phase_rotation=False,
-        contact_radius_mm=5.0,
-        objective=FELT,
+        MODES, tuple(PLATE.w_limit_um), derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=5.0
     )
 
 

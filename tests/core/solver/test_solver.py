@@ -13,8 +13,10 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
+from hapticd.core.plate.contact import contact_grams
 from hapticd.core.solver import solve, solve_batch
 from hapticd.core.solver.points.general import solve_fast, solve_general
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 Array = npt.NDArray[np.float64]
 LIMIT_UM = 4.0
@@ -161,6 +163,27 @@ def test_all_fingers_still_or_no_finger_is_silence() -> None:
     assert empty.modal_um.tolist() == [0.0, 0.0, 0.0]
     assert empty.condition == 1.0
     assert not empty.limited
+
+
+# --- contacts, by their Gram matrices ------------------------------------------------------------------------------
+
+
+def test_solve_with_grams_gives_real_amplitudes_and_the_rms_of_each_contact() -> None:
+    plate = GroundTruth(PlateSettings.of("fingertip"))
+    modes, points_mm = plate.measured_mode_map(1), [(-40.0, 10.0), (35.0, -20.0)]
+    phi, grams = modes.evaluate(points_mm), contact_grams(modes, points_mm, 5.0)
+    solution = solve(phi, [1.0, 0.0], plate.w_limit_um, gram=grams)
+    rms_um = [math.sqrt(solution.modal_um @ gram @ solution.modal_um) for gram in grams]
+    assert solution.achieved_um == pytest.approx(rms_um)
+    assert np.all(np.abs(solution.modal_um) <= plate.w_limit_um)
+    assert rms_um[0] > 5.0 * rms_um[1]
+    assert solve(phi, [1.0, 0.0], plate.w_limit_um).achieved_um[1] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("gram", [np.zeros((2, 2)), np.full((2, 2, 2), np.nan), "three"])
+def test_a_gram_of_another_shape_or_not_finite_is_one_sentence(gram: object) -> None:
+    with pytest.raises(ValueError, match=r"^gram: .*\."):
+        solve(np.eye(2), [1.0, 0.0], 4.0, gram=gram)
 
 
 # --- input checks ----------------------------------------------------------------------------------------------
