@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections import deque
+import itertools
 from typing import Any, Final
 
 import zmq
@@ -16,7 +16,7 @@ from hapticd_contract.targets import TargetsMessage
 from hapticd_contract.web import Follow
 
 from ...io.clients.senders import BURST, RATE_HZ
-from ..web.sockets import Pace, read, until_one_ends
+from ..web.sockets import Outbox, Pace, read, until_one_ends
 from . import messages
 from .messages import RefusedMessage
 from .shared_daemon import STATES, SharedDaemon
@@ -24,52 +24,6 @@ from .shared_daemon import STATES, SharedDaemon
 MAX_REQUESTS: Final = 8  # that wait, as at the daemon
 ANSWER_S: Final = 2.0  # within which a daemon takes a request
 FLUSH_MS: Final = 200  # for what a closing peer sent last
-MAX_UNREAD_BYTES: Final = 256 * 1024  # of replies, as the daemon has it
-PING_S: Final = 0.25  # without another message: the second one to a page that was killed fails
-
-
-class Outbox:
-    """What waits for one WebSocket to be sent: replies in their order, and the newest states."""
-
-    def __init__(self) -> None:
-        self.is_overfull = False
-        self._replies: deque[str] = deque()
-        self._states: deque[str] = deque(maxlen=STATES)
-        self._unread_bytes = 0
-        self._ready = asyncio.Event()
-
-    def reply(self, text: str) -> None:
-        """Queue a reply; a peer that leaves too many unread is to be disconnected (`is_overfull`)."""
-        self._unread_bytes += len(text)
-        self.is_overfull = self._unread_bytes > MAX_UNREAD_BYTES
-        self._replies.append(text)
-        self._ready.set()
-
-    def state(self, text: str, *, newest: bool) -> None:
-        """Queue a state: instead of those that wait with `newest`, else behind them; the oldest gives way."""
-        if newest:
-            self._states.clear()
-        self._states.append(text)
-        self._ready.set()
-
-    async def write(self, socket: web.WebSocketResponse) -> None:
-        """Send what is queued until the socket is closed or what is queued is too much."""
-        while not socket.closed and not self.is_overfull:
-            try:
-                await asyncio.wait_for(self._ready.wait(), PING_S)
-            except TimeoutError:
-                await socket.ping()
-            self._ready.clear()
-            while (self._replies or self._states) and not self.is_overfull:
-                text = self._next()
-                await socket.send_str(text)
-
-    def _next(self) -> str:
-        if not self._replies:
-            return self._states.popleft()
-        text = self._replies.popleft()
-        self._unread_bytes -= len(text)
-        return text
 
 
 class Peer:
@@ -79,7 +33,7 @@ class Peer:
         self._daemon = daemon
         self._name: str | None = None
         self._pace = Pace(RATE_HZ, BURST)
-        self._outbox = Outbox()
+        self._outbox = Outbox(STATES)
         self._targets_socket = daemon.connected(zmq.PUSH, "targets")
         self._control_socket = daemon.connected(zmq.DEALER, "control")
         self._targets: tuple[bytes, float] | None = None  # the newest that waits, and until when it holds
@@ -111,7 +65,7 @@ class Peer:
                 raise RefusedMessage("A message is a JSON text, this one is binary.")
             self._take(messages.decode(message.data))
         except RefusedMessage as error:
-            self._outbox.reply(messages.refusal(str(error), error.request_id))
+            self._outbox.add(messages.refusal(str(error), error.request_id))
 
     def _take(self, message: messages.Received) -> None:
         if isinstance(message, Follow):
@@ -146,7 +100,8 @@ class Peer:
     def _follow(self, states: str) -> None:
         self._daemon.leave(self)
         if states != "none":
-            self._daemon.follow(self, lambda text: self._outbox.state(text, newest=states == "newest"))
+            numbers = itertools.count() if states == "every" else itertools.repeat(0)
+            self._daemon.follow(self, lambda text: self._outbox.newest(next(numbers), text))
 
     # --- to the daemon ---
 
@@ -173,13 +128,13 @@ class Peer:
                 await self._control_socket.send(payload)
             else:
                 sentence = f"No hapticd answers at {self._daemon.endpoint}: start one, then try again."
-                self._outbox.reply(messages.refusal(sentence, request_id))
+                self._outbox.add(messages.refusal(sentence, request_id))
 
     async def _receive_replies(self) -> None:
         while True:
             payload = await self._control_socket.recv()
             with self._pace:  # the plate's has 400 kB
-                self._outbox.reply(messages.text_of(payload))
+                self._outbox.add(messages.text_of(payload))
 
 
 async def _is_writable(socket: zmq.asyncio.Socket, timeout_ms: int | None = None) -> bool:

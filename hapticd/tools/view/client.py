@@ -13,13 +13,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import zmq
 
 import hapticd_client
-from hapticd_contract.contents import GivenContent
+from hapticd_contract.contents import GivenContent, content_fields
 from hapticd_contract.surfaces import Surface
 
 from ...config import loader as config
@@ -208,16 +208,11 @@ def _draw(client: hapticd_client.Client, surface: Surface) -> None:
 
 def _content(surface: Surface) -> GivenContent:
     """Return the one content as the library takes it, which has a class of its own for maps."""
-    if (levels := surface.map) is not None:
-        rows = [levels.levels[at : at + levels.width] for at in range(0, len(levels.levels), levels.width)]
-        return {"map": hapticd_client.Map(rows, levels.high_um, levels.low_um, levels.friction)}
-    return {
-        "amplitude_um": surface.amplitude_um,
-        "friction": surface.friction,
-        "grating": surface.grating,
-        "gradient": surface.gradient,
-        "noise": surface.noise,
-    }
+    levels = surface.map
+    if levels is None:
+        return cast("GivenContent", content_fields(surface.content))
+    rows = [levels.levels[at : at + levels.width] for at in range(0, len(levels.levels), levels.width)]
+    return {"map": hapticd_client.Map(rows, levels.high_um, levels.low_um, levels.friction)}
 
 
 def _name(rig_dir: Path | None) -> str | None:

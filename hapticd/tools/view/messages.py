@@ -20,13 +20,13 @@ server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", 
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 from msgspec import Meta
+from msgspec.structs import asdict
 
 from hapticd_contract.base import AmplitudeUm, Contract, Key, Name
 from hapticd_contract.effects import Effect
@@ -50,6 +50,7 @@ MAX_FINGERS = 16
 MAX_RADIUS_MM = 15.0
 CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
+EVENT_FIELDS = ("kind", "finger", "x_mm", "y_mm", "client", "surface", "effect")
 BOARD_FIELDS = ("ready", "state", "fault_code", "saturated", "limited", "deadman_trips", "late_frames", "drive_hz")
 
 
@@ -165,20 +166,14 @@ def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] =
             "instance": state.instance,
             "state": state.state,
             "fingers": [_finger(finger) for finger in state.fingers],
-            "modal_um": _pairs(complex(d, q) for d, q in _phasors(state)),
-            "measured_um": _pairs(state.measured_um),
+            "modal_um": list(zip(state.modal_um, state.modal_q_um or (0.0,) * len(state.modal_um), strict=False)),
+            "measured_um": state.measured_d_q_um or (),
             "limited": state.limited,
             "misses_target": state.misses_target,
-            "events": [_event(event) for event in events],
-            "age_ms": _finite(state.age_ms),
-            "horizon_ms": _finite(state.horizon_ms),
-            "truth": None
-            if truth is None
-            else {
-                "fingers_mm": truth.fingers_mm,
-                "modal_um": _pairs(truth.modal_um),
-                "truth_um": _pairs(truth.truth_um),
-            },
+            "events": [{name: getattr(event, name) for name in EVENT_FIELDS} for event in events],
+            "age_ms": state.age_ms,
+            "horizon_ms": state.horizon_ms,
+            "truth": truth and asdict(truth),
         }
     )
 
@@ -241,7 +236,7 @@ def choices(plates: Mapping[str, PlateChoice]) -> str:
     return _text(
         {
             "kind": "choices",
-            "plates": {name: asdict(choice) for name, choice in plates.items()},
+            "plates": plates,
             "contact_radius_mm": SolverConfig().contact_radius_mm,
             "least_contact_modes": LEAST_CONTACT_MODES,
         }
@@ -271,7 +266,7 @@ def refused(sentence: str) -> str:
 def _finger(finger: FingerState) -> dict[str, object]:
     return {
         "id": finger.id,
-        "seen_mm": [_finite(finger.x_mm), _finite(finger.y_mm)],
+        "seen_mm": [finger.x_mm, finger.y_mm],
         "predicted_mm": None
         if finger.predicted_x_mm is None or finger.predicted_y_mm is None
         else [finger.predicted_x_mm, finger.predicted_y_mm],
@@ -283,23 +278,6 @@ def _finger(finger: FingerState) -> dict[str, object]:
     }
 
 
-def _event(event: PlateEvent) -> dict[str, object]:
-    names = ("kind", "finger", "x_mm", "y_mm", "client", "surface", "effect")
-    return {name: getattr(event, name) for name in names}
-
-
-def _phasors(state: PlateState) -> list[tuple[float, float]]:
-    imaginary = state.modal_q_um or (0.0,) * len(state.modal_um)
-    return list(zip(state.modal_um, imaginary, strict=False))
-
-
-def _pairs(phasors: Any) -> list[list[float | None]]:
-    return [[_finite(w_um.real), _finite(w_um.imag)] for w_um in phasors]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _text(message: Mapping[str, object]) -> str:
-    return json.dumps(message, allow_nan=False, separators=(",", ":"))
+    """Return a message as JSON, with null for what is not finite."""
+    return msgspec.json.encode(message, enc_hook=float).decode()  # NumPy's, too

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgpack
+import msgspec
 import zmq
 from msgspec.structs import astuple
 
@@ -17,27 +16,26 @@ from hapticd_contract.simulated import SimulatedTouch
 FRESH_NS = 100_000_000  # an older message is from a stopped rig
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+_Pairs = tuple[tuple[float, float], ...]
+
+
+class Truth(msgspec.Struct, frozen=True, rename={"fingers_mm": "fingers"}):
     """Ground truth: positions of the fingers, phasors of the modes, and the displacement at each finger."""
 
     t_ns: int
-    fingers_mm: tuple[tuple[float, float], ...]
-    modal_um: tuple[complex, ...]
-    truth_um: tuple[complex, ...]
+    fingers_mm: _Pairs
+    modal_um: _Pairs
+    truth_um: _Pairs
+
+
+_TRUTH = msgspec.msgpack.Decoder(Truth)
 
 
 def decode_truth(payload: bytes) -> Truth | None:
     """Decode a message of the rig's `truth` socket; None if it is invalid."""
     try:
-        fields: Any = msgpack.unpackb(payload)
-        return Truth(
-            t_ns=int(fields["t_ns"]),
-            fingers_mm=tuple((float(x_mm), float(y_mm)) for x_mm, y_mm in fields["fingers"]),
-            modal_um=tuple(complex(d_um, q_um) for d_um, q_um in fields["modal_um"]),
-            truth_um=tuple(complex(d_um, q_um) for d_um, q_um in fields["truth_um"]),
-        )
-    except (ValueError, TypeError, KeyError, OverflowError, msgpack.UnpackException):
+        return _TRUTH.decode(payload)
+    except (msgspec.MsgspecError, ValueError, RecursionError):
         return None
 
 

@@ -24,7 +24,7 @@ from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 from ...errors import RequestError
 from ..gateway.server import PATH, Gateway
 from ..web.application import add_page, application
-from ..web.sockets import Pace, opened, read, until_one_ends
+from ..web.sockets import Outbox, Pace, opened, read, until_one_ends
 from . import layers, messages
 from .client import Action, PagePlate, PlateClient
 from .messages import Hold, RecordPage, ReleaseTarget, SetTarget, SwitchPlate
@@ -34,6 +34,7 @@ from .simulated import SimulatedService
 
 KEYED = ("/", "/shapes", "/layer", "/socket", PATH)  # all but the page's own files
 MAX_PAGES = 8
+MAX_KINDS = 16  # of messages to a page
 MAX_HELD = 16  # fingers that a client may hold
 
 
@@ -45,14 +46,11 @@ class Page:
         self.number = number
         self.held: dict[str, SimulatedTouch] = {}
         self.targeted: dict[int | str, None] = {}  # the newest MAX_HELD, in their order
-        self._waiting: dict[str, str] = {}  # the newest of each kind
-        self._ready = asyncio.Event()
+        self.outbox = Outbox(MAX_KINDS)
 
     def send(self, kind: str, text: str) -> None:
         """Queue a message; it replaces an unsent one of the same kind."""
-        self._waiting.pop(kind, None)
-        self._waiting[kind] = text
-        self._ready.set()
+        self.outbox.newest(kind, text)
 
     def remember(self, request: SetTarget | ReleaseTarget) -> int | str | None:
         """Note a finger whose target is released when this page closes. Returns one whose target must go now, as a
@@ -65,15 +63,6 @@ class Page:
         oldest = next(iter(self.targeted))
         del self.targeted[oldest]
         return oldest
-
-    async def write(self) -> None:
-        """Send queued messages until cancelled or the page is closed."""
-        while not self.socket.closed:
-            await self._ready.wait()
-            self._ready.clear()
-            while self._waiting:
-                kind = next(iter(self._waiting))
-                await self.socket.send_str(self._waiting.pop(kind))
 
 
 class Viewer:
@@ -140,7 +129,7 @@ class Viewer:
             page = Page(socket, self._opened)
             self._enter(page)
             try:
-                await until_one_ends(read(socket, Pace(), partial(self._receive, page)), page.write())
+                await until_one_ends(read(socket, Pace(), partial(self._receive, page)), page.outbox.write(socket))
             finally:
                 self._leave(page)
         return socket

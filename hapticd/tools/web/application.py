@@ -14,7 +14,7 @@ from importlib import resources
 
 from aiohttp import web
 
-from .connections import MAX_KNOWN, is_known
+from .connections import MAX_KNOWN, Connection
 
 HOSTS = ("127.0.0.1", "localhost")
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
@@ -45,7 +45,7 @@ def application(
         if not why and (keyed is None or request.path in keyed):
             if not hmac.compare_digest(request.query.get("key", "").encode(), key.encode()):
                 why = f"Open the address that `hapticd {command}` printed: it ends with a key."
-            elif not is_known(request):
+            elif isinstance(connection := request.protocol, Connection) and not connection.know():
                 why, status = f"{MAX_KNOWN} connections are open already: close one.", 503
         if why:
             return web.Response(status=status, text=why + "\n", headers=headers(port))

@@ -74,11 +74,6 @@ class Connection(web.RequestHandler):
             self._deadline.cancel()
 
 
-def is_known(request: web.Request) -> bool:
-    """Note that a request brought the key; return whether its connection may stay."""
-    return not isinstance(request.protocol, Connection) or request.protocol.know()
-
-
 # --- the log: one sentence for what a peer does, and no traceback ------------------------------------------------
 
 

@@ -7,6 +7,7 @@ import binascii
 import json
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Coroutine, Sized
 from contextlib import suppress
 from typing import Any, Final, NoReturn
@@ -18,6 +19,8 @@ from ...io.time_budget import TimeBudget
 from ...wire.client import distinct
 
 HEARTBEAT_S: Final = 10.0
+PING_S: Final = 0.25  # without another message: the second one to a page that was killed fails
+MAX_UNREAD_BYTES: Final = 256 * 1024  # of replies, as the daemon has it
 MESSAGES_HZ, BURST = 200.0, 100  # a page sends one per picture of the screen
 SHARE, BURST_NS = 0.05, 10_000_000  # of the processor's time, for each sender: 16 leave a fifth
 SHORTEST_S: Final = 1e-3  # of a wait
@@ -75,6 +78,51 @@ async def read(socket: web.WebSocketResponse, pace: Pace, take: Callable[[WSMess
         with pace:
             take(message)
         await pace.wait()
+
+
+class Outbox:
+    """Texts that wait to be sent: replies in their order, before the newest of each kind of news, at most `most`."""
+
+    def __init__(self, most: int) -> None:
+        self.is_overfull = False  # of replies: the socket is to be closed
+        self._most = most
+        self._replies: deque[str] = deque()
+        self._news: dict[object, str] = {}
+        self._unread_bytes = 0
+        self._ready = asyncio.Event()
+
+    def add(self, reply: str) -> None:
+        """Queue a reply."""
+        self._unread_bytes += len(reply)
+        self.is_overfull = self._unread_bytes > MAX_UNREAD_BYTES
+        self._replies.append(reply)
+        self._ready.set()
+
+    def newest(self, kind: object, news: str) -> None:
+        """Queue news instead of those of this kind that wait; the oldest give way."""
+        self._news.pop(kind, None)
+        self._news[kind] = news
+        if len(self._news) > self._most:
+            del self._news[next(iter(self._news))]
+        self._ready.set()
+
+    async def write(self, socket: web.WebSocketResponse) -> None:
+        """Send what is queued until the socket is closed or too many replies wait."""
+        while not socket.closed and not self.is_overfull:
+            try:
+                await asyncio.wait_for(self._ready.wait(), PING_S)
+            except TimeoutError:
+                await socket.ping()
+            self._ready.clear()
+            while (self._replies or self._news) and not self.is_overfull:
+                await socket.send_str(self._next())
+
+    def _next(self) -> str:
+        if not self._replies:
+            return self._news.pop(next(iter(self._news)))
+        text = self._replies.popleft()
+        self._unread_bytes -= len(text)
+        return text
 
 
 async def until_one_ends(*work: Coroutine[Any, Any, None]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import functools
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from asynchronous import asynchronous, until
 from clients.fake_daemon import FakeDaemon
 from webclients import KEY, ORIGIN, gateway, programs
 
-from hapticd.tools.gateway import messages, peer, shared_daemon
+from hapticd.tools.gateway import messages, peer
 from hapticd.tools.gateway.server import MAX_PEERS
 
 TARGET = {"finger": 1, "friction": 0.2}
@@ -178,38 +177,3 @@ async def test_more_connections_than_the_daemon_grants_are_told_so(tmp_path: Pat
     async with programs(tmp_path, MAX_PEERS + 1) as opened:
         await opened[-1].socket.receive()
         assert opened[-1].socket.close_code == WSCloseCode.TRY_AGAIN_LATER
-
-
-@asynchronous
-async def test_a_reader_who_leaves_replies_unread_is_to_be_disconnected() -> None:
-    box = peer.Outbox()
-    box.reply("x" * peer.MAX_UNREAD_BYTES)
-    assert not box.is_overfull
-    box.reply("x")
-    assert box.is_overfull
-
-
-class Sent:
-    """A WebSocket that keeps what is sent."""
-
-    closed = False
-
-    def __init__(self) -> None:
-        self.texts: list[str] = []
-
-    async def send_str(self, text: str) -> None:
-        self.texts.append(text)
-
-
-@pytest.mark.parametrize("newest", [True, False])
-@asynchronous
-async def test_a_slow_reader_has_a_bounded_number_of_states_waiting(newest: bool) -> None:
-    box, socket = peer.Outbox(), Sent()
-    numbers = [str(number) for number in range(shared_daemon.STATES + 5)]
-    for number in numbers:
-        box.state(number, newest=newest)
-    box.reply("reply")
-    writing = asyncio.ensure_future(box.write(socket))  # type: ignore[arg-type]
-    await until(lambda: numbers[-1] in socket.texts)
-    writing.cancel()
-    assert socket.texts == ["reply", *(numbers[-1:] if newest else numbers[5:])]

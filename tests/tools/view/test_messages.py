@@ -135,7 +135,7 @@ def test_any_text_is_a_message_or_refused(text: str) -> None:
 
 
 def test_a_frame_is_complete_and_valid_json() -> None:
-    truth = Truth(0, ((1.1, 2.1),), (1.45 + 0.2j, -2.0 + 0j), (0.99j,))
+    truth = Truth(0, ((1.1, 2.1),), ((1.45, 0.2), (-2.0, 0.0)), ((0.0, 0.99),))
     frame = json.loads(messages.frame(STATE, truth), parse_constant=pytest.fail)
     real, virtual = frame["fingers"]
     assert frame["t_s"] == 2.5
@@ -144,6 +144,7 @@ def test_a_frame_is_complete_and_valid_json() -> None:
     assert frame["modal_um"] == [[1.5, 0.25], [-2.0, 0.0]]
     assert frame["measured_um"] == [[1.4, 0.2], [None, 0.0]]
     assert frame["truth"] == {
+        "t_ns": 0,
         "fingers_mm": [[1.1, 2.1]],
         "modal_um": [[1.45, 0.2], [-2.0, 0.0]],
         "truth_um": [[0.0, 0.99]],
@@ -168,7 +169,7 @@ def test_the_name_of_a_simulated_plate_is_that_in_its_rig_s_directory(tmp_path: 
 
 def test_the_ground_truth_is_decoded_and_anything_else_is_none() -> None:
     fields = {"t_ns": 5, "fingers": [[1.0, 2.0]], "modal_um": [[1.0, 0.5]], "truth_um": [[0.25, 0.0]]}
-    assert decode_truth(msgpack.packb(fields)) == Truth(5, ((1.0, 2.0),), (1 + 0.5j,), (0.25 + 0j,))
+    assert decode_truth(msgpack.packb(fields)) == Truth(5, ((1.0, 2.0),), ((1.0, 0.5),), ((0.25, 0.0),))
     for change in ({"t_ns": "x"}, {"fingers": 3}, {"modal_um": [[1.0]]}, {"truth_um": None}):
         assert decode_truth(msgpack.packb(fields | change)) is None
 

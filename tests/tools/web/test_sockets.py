@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from asynchronous import VirtualTimeLoop
+from asynchronous import VirtualTimeLoop, asynchronous, until
 
 from hapticd.errors import RequestError
 from hapticd.tools.web import sockets
-from hapticd.tools.web.sockets import Pace, decoded
+from hapticd.tools.web.sockets import Outbox, Pace, decoded
 
 
 @pytest.mark.parametrize(
@@ -64,3 +64,38 @@ def test_a_text_becomes_plain_values_with_whole_numbers_and_bytes(text: str, val
 def test_another_text_is_refused_in_a_sentence(text: str, sentence: str) -> None:
     with pytest.raises(RequestError, match=sentence):
         decoded(text)
+
+
+@asynchronous
+async def test_a_reader_who_leaves_replies_unread_is_to_be_disconnected() -> None:
+    box = Outbox(50)
+    box.add("x" * sockets.MAX_UNREAD_BYTES)
+    assert not box.is_overfull
+    box.add("x")
+    assert box.is_overfull
+
+
+class Sent:
+    """A WebSocket that keeps what is sent."""
+
+    closed = False
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    async def send_str(self, text: str) -> None:
+        self.texts.append(text)
+
+
+@pytest.mark.parametrize("newest", [True, False])
+@asynchronous
+async def test_a_slow_reader_has_a_bounded_number_of_news_waiting(newest: bool) -> None:
+    box, socket = Outbox(50), Sent()
+    numbers = [str(number) for number in range(50 + 5)]
+    for number in numbers:
+        box.newest("kind" if newest else number, number)
+    box.add("reply")
+    writing = asyncio.ensure_future(box.write(socket))  # type: ignore[arg-type]
+    await until(lambda: numbers[-1] in socket.texts)
+    writing.cancel()
+    assert socket.texts == ["reply", *(numbers[-1:] if newest else numbers[5:])]
