@@ -46,7 +46,7 @@ AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
 KEEP_EVERY_NS = 100_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
 LOG_MISSED_EVERY_NS = 10_000_000_000
-REPORTS_SHARE, REPORTS_BURST_NS = 0.75, 10_000_000  # of the loop's time: passes of reports
+REPORTS_SHARE, REPORTS_BURST_NS = 0.75, 20_000_000  # of the loop's time: passes of reports
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
 
 

@@ -29,6 +29,7 @@ from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
 from hapticd.io.host.runaway import Breather
 from hapticd.io.host.systemd import Notifier
+from hapticd.io.time_budget import TimeBudget
 from hapticd.tools.service import SELF_TEST
 from hapticd.values import Finger, RawReport, Tick
 from hapticd_client import Client
@@ -323,3 +324,19 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     assert main(["keys", "make", str(tmp_path / "keys")]) == 0
     assert main(["run", "--config", str(config)]) == 78
     assert "the allow-list is empty" in capsys.readouterr().err
+
+
+@asynchronous
+async def test_reports_beyond_the_time_for_passes_are_one_batch_of_the_newest(
+    hardware: Hardware, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with hardware.started() as daemon:
+        await until(lambda: daemon._pad_link is not None)
+        taken: list[list[int]] = []
+        monkeypatch.setattr(daemon, "_pass_reports", lambda batch: taken.append([one.t_host_ns for one in batch]))
+        monkeypatch.setattr(daemon, "_reports_budget", TimeBudget(0.001, 1))
+        for number in range(71):
+            daemon._reports([RawReport(number, b"")])
+        await until(lambda: len(taken) == 2)
+        assert taken == [[0], list(range(7, 71))]
+        assert daemon.machine.status.inputs() == {"trackpad": {"reports_left_out": 6}, "board": {"left_out": 0}}

@@ -107,6 +107,22 @@ async def test_after_dropped_events_all_slots_are_told_and_the_finger_stays(monk
 
 
 @asynchronous
+async def test_a_device_that_sends_too_much_is_read_again_after_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evdev_trackpad, "BURST_NS", 1)
+    monkeypatch.setattr(evdev_trackpad, "SHARE", 0.001)
+    node, listener = FakeNode(), Listener()
+    plugged(monkeypatch, node)
+    source = EvdevTrackpad("screen")
+    listener.listen(source)
+    for number in range(1, 4):
+        await listener.until(lambda: len(listener.reports) >= number)  # noqa: B023 - awaited here
+        node.say(*lifted(0), END, t_ns=number * MS)
+    await listener.until(lambda: len(listener.reports) == 4)
+    assert source.counters["pauses"] in (1, 2)
+    await source.close()
+
+
+@asynchronous
 async def test_a_finger_that_lies_still_is_reported_again_and_a_lifted_one_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

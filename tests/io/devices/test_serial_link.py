@@ -17,6 +17,7 @@ from virtual_board import in_virtual_time
 
 from hapticd.io.devices import serial_link
 from hapticd.io.devices.serial_link import SerialLink
+from hapticd.io.time_budget import TimeBudget
 
 
 class Port:
@@ -245,3 +246,16 @@ async def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench)
     assert [up for up, _ in bench.links] == [True]
     bench.port.say(b"ours")
     await until(lambda: bench.data == b"ours")
+
+
+@played
+async def test_bytes_beyond_the_time_budget_are_dropped_and_counted(bench: Bench) -> None:
+    bench.link._budget = TimeBudget(1e-9, 1)
+    bench.open()
+    bench.port.say(b"first")
+    await until(lambda: bench.data == b"first")
+    bench.port.say(b"second")
+    await until(lambda: bench.link.left_out > 0)
+    bench.link._budget = TimeBudget(1.0, 1_000_000)
+    bench.port.say(b"third")
+    await until(lambda: bench.data == b"firstthird")
