@@ -120,6 +120,7 @@ def test_a_datagram_can_be_placed_again_and_forgets_after_a_reset() -> None:
         b"",
         bundle(bundle()),
         message("/tuio/2Dobj", "fseq", 1),
+        message("/tuio/2Dobj") + b"\0,ss\0source\0\0other\0\0\0",
         bundle(message("/tuio/2Dcur"), message("/tuio/2Dcur", "fseq", "one"), message("/tuio2/frm", 1)),
         bundle(message("/tuio2/ptr", *["x"] * 9), message("/tuio2/ptr", 1)),
     ],

@@ -23,7 +23,7 @@ from ..time_budget import TimeBudget
 
 RETRY_S = 0.25  # as long as two handshakes; an attempt on a missing port takes 0.02 ms
 READ_SIZE = 4096
-SHARE, BURST_NS = 0.4, 50_000_000  # of the loop's time; a board in steady use takes a tenth of it
+SHARE, BURST_NS = 0.4, 50_000_000  # of the loop's time; the simulated board takes 0.1 %
 FRAME_END = b"\0"  # see firmware/PROTOCOL.md; empty frames are ignored
 
 

@@ -175,7 +175,9 @@ class Tuio(Layout):
             if element.startswith(b"/tuio2/frm\0") and len(element) <= _LONGEST_SET:
                 source = next((one for one in osc.decoded(element).arguments if isinstance(one, str)), source)
             elif element.startswith(b"/tuio/") and b"\0,ss\0source\0" in element[:40]:
-                source = str(osc.decoded(element).arguments[1])
+                match osc.decoded(element).arguments:
+                    case ["source", str(name)]:
+                        source = name
         if source and self._source and source != self._source:
             if not self._is_free(t_host_ns):
                 raise RefusedError("foreign")
