@@ -25,6 +25,7 @@ from hapticd.wire.trackpad.evdev import (
     SLOT,
     SYN_DROPPED,
     SYN_MT_REPORT,
+    TOOL_TYPE,
     TOUCH_MAJOR,
     TOUCH_MINOR,
     TRACKING_ID,
@@ -113,6 +114,15 @@ def test_a_contact_at_a_distance_does_not_touch() -> None:
     assert (only(hovering).touching, only(touching).touching) == (False, True)
 
 
+@pytest.mark.parametrize("tool", [1, 2, 10, -1])  # pen, palm, dial, and none that the kernel knows
+def test_a_pen_or_palm_is_no_fingertip_also_where_a_touch_becomes_one(tool: int) -> None:
+    slots, anonymous_ones = placed(0, 0, 0, 1), [axis(POSITION_X, 1), axis(POSITION_Y, 1)]
+    finger, other, again = frames(Decoder(SCREEN), slots, [axis(TOOL_TYPE, tool)], [axis(TOOL_TYPE, 0)])
+    assert [only(frame).touching for frame in (finger, other, again)] == [True, False, True]
+    (frame,) = frames(Decoder(SCREEN), [*anonymous_ones, axis(TOOL_TYPE, tool), SEPARATOR])
+    assert not only(frame).touching
+
+
 def test_a_click_pads_button_is_the_frames() -> None:
     assert [one.button for one in frames(Decoder(SCREEN), [(EV_KEY, BTN_LEFT, 1)], [], [(EV_KEY, BTN_LEFT, 0)])] == [
         *(True, True, False)
@@ -184,6 +194,15 @@ def test_half_a_contact_is_none_and_more_than_sixteen_are_sixteen() -> None:
     assert len(frame.contacts) == 1
     (full,) = frames(Decoder(SCREEN), anonymous(*[(10 * n, 0) for n in range(40)]))
     assert len(full.contacts) == MAX_CONTACTS
+
+
+def test_a_contact_without_a_number_is_lifted_by_a_pressure_of_0() -> None:
+    def pressed(raw: int) -> list[tuple[int, int, int]]:
+        return [axis(PRESSURE, raw), *anonymous((5, 5))]
+
+    touched = frames(Decoder(SCREEN), pressed(9), pressed(0), pressed(9))
+    assert [only(frame).touching for frame in touched] == [True, False, True]
+    assert only(frames(Decoder(SCREEN), [*placed(0, 0, 0, 1), axis(PRESSURE, 0)])[0]).touching  # of protocol B
 
 
 # --- time ---

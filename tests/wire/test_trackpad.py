@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from datagrams import tuio1
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from input_events import END, SCREEN, axis, packed
 
 from hapticd.values import AffineMap, Contact
-from hapticd.wire.trackpad import PADS, Decoder, Pad, PadGeometry, from_fields, to_fields
+from hapticd.wire.trackpad import PADS, Decoder, Pad, PadGeometry, from_fields, to_fields, tuio
+from hapticd.wire.trackpad.evdev import EV_SYN, POSITION_X, POSITION_Y, SYN_MT_REPORT
 
 WRAP_MS = 1 << 21
 MS = 1_000_000
@@ -164,7 +169,7 @@ def test_the_middle_of_the_declared_range_is_the_origin_and_its_edges_half_the_s
         st.tuples(st.floats(0.5, 2), st.floats(0.5, 2)),
     ),
     st.integers(-4096, 4095),
-    st.integers(-4096, 4095),
+    st.integers(-2900, 2900),
     st.integers(0, 7),
 )
 @settings(max_examples=60)
@@ -228,6 +233,35 @@ def test_what_is_not_a_whole_report_is_refused_and_counted(model: str, report: b
     decoder = Decoder(model)
     assert decoder.decode(report, 0) == ()
     assert decoder.counters == dict.fromkeys(decoder.counters, 0) | {reason: 1}
+
+
+def on_screen(x: int, y: int) -> bytes:
+    """The only contact, in protocol A."""
+    events = [axis(POSITION_X, x), axis(POSITION_Y, -y), (EV_SYN, SYN_MT_REPORT, 0), END]
+    return packed(0, *events)
+
+
+@pytest.mark.parametrize(
+    ("pad", "report"),
+    [
+        *((PADS[model], functools.partial(one_contact, model)) for model in PADS),
+        (SCREEN, on_screen),
+        (tuio.surface(400.0, 200.0), lambda x, y: tuio1(1, {1: (x / tuio.SPAN_RAW, -y / tuio.SPAN_RAW)})),
+    ],
+)
+def test_a_contact_beyond_the_pad_is_none_and_counted(pad: Pad, report: Callable[[int, int], bytes]) -> None:
+    size, decoder = pad.geometry, Decoder(pad)
+    width, height = size.x_max_raw - size.x_min_raw, size.y_max_raw - size.y_min_raw
+    middle_x, middle_y = size.x_min_raw + width // 2, size.y_min_raw + height // 2
+    near = [(size.x_min_raw - width // 20, middle_y), (middle_x, size.y_max_raw + height // 20)]
+    far = [(middle_x, size.y_max_raw + height // 8), (middle_x, size.y_min_raw - height // 8)]
+    if pad is SCREEN:
+        far += [(-(1 << 31), middle_y), ((1 << 31) - 1, middle_y)]
+    assert [len(Decoder(pad).decode(report(*place), 0)[0].contacts) for place in near] == [1] * len(near)
+    assert [
+        len(frame.contacts) for n, place in enumerate(far) for frame in decoder.decode(report(*place), n << 32)
+    ] == [*[0] * len(far)]
+    assert decoder.counters["off_pad"] == len(far)
 
 
 def test_an_unknown_model_is_refused_with_the_names_that_exist() -> None:

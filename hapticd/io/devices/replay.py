@@ -2,8 +2,8 @@
 
 JSON lines: first the pad, as `wire.trackpad.to_fields` gives it ({"model": "mt2-usb"} is enough for a known one), then
 {"t_ns": 123, "report": "02ab.."} each. `t_ns` is the host time at which the report was read (any origin, not
-decreasing), `report` its bytes in hex, report id first. Recordings of `libinput record` and `evemu-record` are read as
-they are (`input_recordings`).
+decreasing), `report` its bytes in hex, report id first. Blank lines and comments may precede them. Recordings of other
+programs are read as they are (`input_recordings`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ...errors import TrackpadError
 from ...regular_file import read_lines
 from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad, StillContacts, evdev, from_fields, to_fields
-from .input_nodes import described, packed
-from .input_recordings import InputRecording, begins_one
+from .input_nodes import packed
+from .input_recordings import InputRecording
 from .trackpad_source import REPORT_BYTES, OnLink, OnReports
 
 MAX_LINES = 500_000  # of a recording: an hour of reports
@@ -46,14 +46,13 @@ def read_recording(path: str | os.PathLike[str], size_mm: tuple[float, ...] = ()
     number, reports = 1, list[RawReport]()
     try:
         lines = read_lines(Path(path), MAX_EVENT_LINES)
-        first = next(lines, (1, ""))[1]
-        if begins_one(first):
+        start = next((one for one in lines if one[1].strip() and not one[1].startswith("#")), (1, ""))
+        number, first = start
+        if not first.startswith("{"):
             recording = InputRecording()
-            for number, line in itertools.chain([(1, first)], lines):  # noqa: B007 - named in the error
+            for number, line in itertools.chain([start], lines):  # noqa: B007 - named in the error
                 recording.take(line)
-            return described(
-                recording.name or "The device", f"in {os.fspath(path)}", recording.axes, size_mm
-            ), recording.reports
+            return recording.pad(os.fspath(path), size_mm), recording.reports
         pad = _pad(first)
         for number, line in lines:
             if number > MAX_LINES:
@@ -62,7 +61,7 @@ def read_recording(path: str | os.PathLike[str], size_mm: tuple[float, ...] = ()
     except OSError as error:
         raise TrackpadError(f"The recording {os.fspath(path)} cannot be read: {error.strerror}.") from error
     except UnicodeDecodeError as error:
-        raise TrackpadError(f"The recording {os.fspath(path)} is not JSON: it is no text in UTF-8.") from error
+        raise TrackpadError(f"The recording {os.fspath(path)} is no text in UTF-8.") from error
     except ValueError as error:
         raise TrackpadError(f"{os.fspath(path)}, line {number}: {error}.") from error
     return pad, reports

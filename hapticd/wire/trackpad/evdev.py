@@ -24,8 +24,9 @@ EV_SYN, EV_KEY, EV_ABS, EV_MSC = 0, 1, 3, 4
 SYN_REPORT, SYN_MT_REPORT, SYN_DROPPED = 0, 2, 3
 BTN_LEFT, MSC_TIMESTAMP = 0x110, 0x05
 SLOT, TOUCH_MAJOR, TOUCH_MINOR, ORIENTATION = 0x2F, 0x30, 0x31, 0x34
-POSITION_X, POSITION_Y, TRACKING_ID, PRESSURE, DISTANCE = 0x35, 0x36, 0x39, 0x3A, 0x3B
-AXES: Final = (POSITION_X, POSITION_Y, TOUCH_MAJOR, TOUCH_MINOR, ORIENTATION, PRESSURE, DISTANCE)  # of one contact
+POSITION_X, POSITION_Y, TOOL_TYPE, TRACKING_ID, PRESSURE, DISTANCE = 0x35, 0x36, 0x37, 0x39, 0x3A, 0x3B
+FINGER = 0  # of TOOL_TYPE; others are pens, palms and dials
+AXES: Final = (*(POSITION_X, POSITION_Y, TOUCH_MAJOR, TOUCH_MINOR, ORIENTATION, PRESSURE, DISTANCE), TOOL_TYPE)
 
 _COUNTER = 1 << 32  # MSC_TIMESTAMP counts microseconds so far
 _MOST_S = 1 << 33
@@ -137,7 +138,8 @@ class InputEvents(Layout):
         turned_rad = axes.get(ORIENTATION, 0) * math.pi / (2 * quarter) if quarter > 0 else 0.0
         angle_rad, major_mm, minor_mm = self._plate_map.axis(math.pi / 2 - turned_rad)
         pressure_frac = min(max(axes.get(PRESSURE, 0) / most, 0.0), 1.0) if most > 0 else 0.0
-        is_touching = axes.get(DISTANCE, 0) <= 0
+        is_lifted = self._is_anonymous and axes.get(PRESSURE, 1) <= 0  # as drivers of protocol A say it
+        is_touching = axes.get(DISTANCE, 0) <= 0 and axes.get(TOOL_TYPE, FINGER) == FINGER and not is_lifted
         return Contact(
             number, x_mm, y_mm, major_raw * major_mm, minor_raw * minor_mm, angle_rad,
             pressure_frac, is_touching, _TOUCHES if is_touching else _HOVERS, raw_x, raw_y,

@@ -49,6 +49,15 @@ class PadGeometry:
     quarter_turn_raw: int = 0
 
     @property
+    def reach_raw(self) -> tuple[float, float, float, float]:
+        """Lowest and highest x, then y, of a contact: a tenth beyond the range, for pads report a little more."""
+        beyond_x, beyond_y = 0.1 * (self.x_max_raw - self.x_min_raw), 0.1 * (self.y_max_raw - self.y_min_raw)
+        return (
+            *(self.x_min_raw - beyond_x, self.x_max_raw + beyond_x),
+            *(self.y_min_raw - beyond_y, self.y_max_raw + beyond_y),
+        )
+
+    @property
     def units_per_mm(self) -> tuple[float, float]:
         """Raw units per mm along x and y."""
         return (self.x_max_raw - self.x_min_raw) / self.width_mm, (self.y_max_raw - self.y_min_raw) / self.height_mm

@@ -40,9 +40,9 @@ class Decoder:
     `decode` accepts any bytes: a report that is no whole multitouch report gives no frame, is counted by reason and
     never raises. The constructor raises ValueError for an unknown model; a `Pad` need not be known.
 
-    Every record of a report is in the frame; `touching` marks those that press the glass (Magic Trackpad 2: state 4 or
-    5, Magic Trackpad 1: any but 0). A contact missing from a Magic Trackpad 2 frame has ended. On the Magic Trackpad 1
-    it stays at its last position until its state is 0 or it is missing for 100 ms.
+    Every record of a report is in the frame but those of places beyond the pad; `touching` marks those that press the
+    glass (Magic Trackpad 2: state 4 or 5, Magic Trackpad 1: any but 0). A contact missing from a Magic Trackpad 2 frame
+    has ended. On the Magic Trackpad 1 it stays at its last position until its state is 0 or it is missing for 100 ms.
 
     `angle_rad` is in [0, pi). Lengths of the contact ellipse follow the kernel (raw byte x 4 in position units);
     their scale is undocumented. `pressure_frac` is raw / 253, on the Magic Trackpad 1 contact size / 63.
@@ -51,8 +51,9 @@ class Decoder:
     def __init__(self, model: str | Pad, plate_from_pad: AffineMap = _CENTRED) -> None:
         self.pad = known(model) if isinstance(model, str) else model
         self._refused = dict.fromkeys(("foreign", "length", "duplicate_id", "mouse"), 0)
-        self._frames = 0
+        self._frames = self._off_pad = 0
         self.was_refused = False  # the last report; another one without a frame is part of one
+        self._reach_raw = self.pad.geometry.reach_raw
         self.needs_enable = False  # the pad reports as a mouse: it needs the multitouch enable; until a touch frame
         self._layout = LAYOUTS[self.pad.layout](self.pad.geometry, plate_from_pad)
 
@@ -62,9 +63,10 @@ class Decoder:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Counts since construction: frames decoded, reports refused by reason, steps of the device's clock."""
-        layout = self._layout
-        return {"frames": self._frames, **self._refused, "clock_steps": layout.clock_steps, **layout.counts}
+        """Counts since construction: frames decoded, reports refused by reason, contacts beyond the pad, steps of the
+        device's clock."""
+        counts = {"frames": self._frames, **self._refused, "off_pad": self._off_pad}
+        return counts | {"clock_steps": self._layout.clock_steps} | self._layout.counts
 
     def reset(self) -> None:
         """Discard contacts and clock state, as after a reconnect. Counters stay."""
@@ -89,7 +91,15 @@ class Decoder:
             return ()
         self.needs_enable = False
         self._frames += len(frames)
-        return frames
+        return tuple([self._on_pad(frame) for frame in frames])
+
+    def _on_pad(self, frame: TouchFrame) -> TouchFrame:
+        """Return the frame without contacts beyond the pad."""
+        x_min, x_max, y_min, y_max = self._reach_raw
+        on_pad = [one for one in frame.contacts if x_min <= one.raw_x <= x_max and y_min <= one.raw_y <= y_max]
+        off_pad = len(frame.contacts) - len(on_pad)
+        self._off_pad += off_pad
+        return TouchFrame(frame.t_ns, tuple(on_pad), frame.button) if off_pad else frame
 
 
 def to_fields(pad: Pad) -> dict[str, object]:

@@ -68,7 +68,30 @@ def libinput_screen(axes: dict[int, tuple[int, int, int]], events: list[Event]) 
     return libinput(node(axes, events))
 
 
-each_program = pytest.mark.parametrize("text_of", [evemu, libinput_screen])
+def evtest(axes: dict[int, tuple[int, int, int]], events: list[Event]) -> str:
+    declared = "".join(
+        f"    Event code {code} (ABS_WHAT)\n      Value     {low}\n      Min       {low}\n      Max     {high}\n"
+        + f"      Resolution      {per_mm}\n" * (per_mm > 0)
+        for code, (low, high, per_mm) in axes.items()
+    )
+    said = "".join(
+        f"Event: time 17000{ms // 1000:05d}.{ms % 1000:03d}000, "
+        + (
+            f"type {kind} (EV), code {code} (WHAT), value {value}\n"
+            if kind
+            else "-------------- SYN_REPORT ------------\n"
+        )
+        for ms, kind, code, value in events
+    )
+    return (
+        "Input driver version is 1.0.1\nInput device ID: bus 0x3 vendor 0x1 product 0x2 version 0x100\n"
+        'Input device name: "my screen"\nSupported events:\n  Event type 0 (EV_SYN)\n  Event type 1 (EV_KEY)\n'
+        f"    Event code 53 (KEY_WHAT)\n  Event type 3 (EV_ABS)\n{declared}Properties:\n"
+        f"  Property type 1 (INPUT_PROP_DIRECT)\nTesting ... (interrupt to exit)\n{said}"
+    )
+
+
+each_program = pytest.mark.parametrize("text_of", [evemu, libinput_screen, evtest])
 DATA = Path(__file__).parents[2] / "data"  # as the programs themselves wrote them in the emulated machine
 Writer = Callable[[dict[int, tuple[int, int, int]], list[Event]], str]
 
@@ -91,7 +114,8 @@ def test_a_recording_has_the_device_and_each_report_with_its_time(tmp_path: Path
     pad, reports = read_recording(path)
     assert (pad.name, pad.source, pad.geometry.width_mm, pad.geometry.height_mm) == ("my screen", "evdev", 344.0, 97.0)
     assert pad.geometry.pressure_max_raw == 255
-    assert [report.t_host_ns for report in reports] == [0, 8_000_000, 16_000_000, 216_000_000]
+    begin_ns = reports[0].t_host_ns
+    assert [report.t_host_ns - begin_ns for report in reports] == [0, 8_000_000, 16_000_000, 216_000_000]
     seen = [
         [(one.contact_id, one.x_mm, one.y_mm, one.pressure_frac) for one in frame.contacts] for frame in frames(path)
     ]
@@ -192,6 +216,53 @@ def test_a_bad_event_is_named_by_its_line(tmp_path: Path, text_of: Writer, event
 def test_numbers_beyond_the_kernels_are_refused(tmp_path: Path, line: str, reason: str) -> None:
     with pytest.raises(TrackpadError, match=reason):
         read_recording(written(tmp_path, f"# libinput record\n- node: a\n{line}\n"))
+
+
+@each_program
+@pytest.mark.parametrize("before", ["# from a bug tracker\n", "\n\n", "---\n", "\ufeff", "> hello,\n> see below\n\n"])
+def test_lines_before_the_header_are_passed_over(tmp_path: Path, text_of: Writer, before: str) -> None:
+    whole = read_recording(written(tmp_path, text_of(SCREEN, STROKE)))
+    assert read_recording(written(tmp_path, before + text_of(SCREEN, STROKE))) == whole
+
+
+def test_comments_and_blank_lines_may_precede_hapticds_own_form_too(tmp_path: Path) -> None:
+    path = written(tmp_path, '\n# mine\n{"model": "mt2-usb"}\n{"t_ns": 0, "report": "02"}\n')
+    assert len(read_recording(path)[1]) == 1
+
+
+def events_only(text: str) -> str:
+    """Without what the device declares."""
+    return "".join(line for line in text.splitlines(keepends=True) if re.match(r"E: | *- \[|Event: ", line))
+
+
+GETEVENT = "[   78826.389007] /dev/input/event2: EV_ABS       ABS_MT_POSITION_X    00000205\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "program", "missing"),
+    [
+        (events_only(evemu(SCREEN, STROKE)), "evemu-record", "N: and A:"),
+        (events_only(libinput_screen(SCREEN, STROKE)), "libinput record", "absinfo:"),
+        (events_only(evtest(SCREEN, STROKE)), "evtest", "Supported events:"),
+        (GETEVENT, "getevent", "ranges"),
+        ("# of Android\n" + GETEVENT.replace("EV_ABS       ABS_MT_POSITION_X   ", "0003 0035"), "getevent", "ranges"),
+        (GETEVENT.partition("] ")[2], "getevent", "ranges"),
+        ("Dear Sir,\n", "libinput record, evemu-record or evtest", "model"),
+        ("", "libinput record, evemu-record or evtest", "model"),
+    ],
+)
+def test_what_is_missing_is_named_with_the_program_that_wrote_it(
+    tmp_path: Path, text: str, program: str, missing: str
+) -> None:
+    with pytest.raises(TrackpadError, match=rf"touch\.yml.*{program}") as refused:
+        read_recording(written(tmp_path, text))
+    assert missing in str(refused.value)
+
+
+def test_a_palm_of_a_recording_is_no_fingertip(tmp_path: Path) -> None:
+    palm: list[Event] = [STROKE[0], (0, 3, 0x37, 2), *STROKE[1:]]
+    seen = frames(written(tmp_path, evemu(SCREEN | {0x37: (0, 2, 0)}, palm)))
+    assert [[one.touching for one in frame.contacts] for frame in seen] == [[False]] * 3 + [[]]
 
 
 @each_program

@@ -413,8 +413,7 @@ HEADER = '{"model": "mt2-usb"}\n'
 @pytest.mark.parametrize(
     ("text", "line", "reason"),
     [
-        ("", 1, "first line"),
-        ("[]", 1, "first line"),
+        ("{]", 1, "first line"),
         ('{"model": "mt9"}', 1, "mt2-usb"),
         ('{"model": ["mt2-usb"]}', 1, "mt2-usb"),
         (HEADER + "garbage", 2, "not JSON"),
