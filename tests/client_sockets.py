@@ -12,9 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import zmq
+import zmq.auth
 from asynchronous import PATIENCE_S, until
+from free_ports import free_ports
 
+from hapticd.io.clients import keys
+from hapticd.io.clients.inbox import Inbox
 from hapticd.io.clients.server import ClientServer
+from hapticd.io.clients.sockets import ENDPOINTS, Remote
 
 GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\x00") + bytes(32)
 
@@ -26,10 +31,35 @@ class Served:
     server: ClientServer
     messages: list[bytes] = field(default_factory=list)
     users: list[str] = field(default_factory=list)
+    requests: list[bytes] = field(default_factory=list)
+    waited_ns: list[int] = field(default_factory=list)
 
-    def on_message(self, payload: bytes, user: str) -> None:
+    @property
+    def inboxes(self) -> list[Inbox]:
+        """Those of all connections to `targets` and `control`, the oldest first."""
+        return list(self.server._inboxes.values())
+
+    def on_message(self, payload: bytes, user: str, waited_ns: int) -> None:
         self.messages.append(payload)
         self.users.append(user)
+        self.waited_ns.append(waited_ns)
+
+    def on_request(self, payload: bytes, _user: str, waited_ns: int) -> bytes:
+        self.requests.append(payload)
+        self.waited_ns.append(waited_ns)
+        return b"answer to " + payload
+
+    def hold(self) -> None:
+        """Handle nothing until `resume`."""
+        self.server._break = asyncio.get_running_loop().call_later(PATIENCE_S, lambda: None)
+
+    def resume(self) -> None:
+        """Handle what waits."""
+        self.server._resume()
+
+    def waiting(self) -> list[bytes]:
+        """Read what has come; return what waits to be handled."""
+        return [message.frames[-1].bytes for box in self.inboxes if box.read(b"") for message in box._waiting]
 
     async def until(self, condition: Callable[[], bool]) -> None:
         """Sweep the server, as the daemon does at each tick, until it holds."""
@@ -37,23 +67,36 @@ class Served:
 
 
 @asynccontextmanager
-async def served(directory: Path) -> AsyncIterator[Served]:
-    running = Served(ClientServer(directory))
+async def served(directory: Path, remote: Remote | None = None) -> AsyncIterator[Served]:
+    running = Served(ClientServer(directory, remote))
     loop, refusal = asyncio.get_running_loop(), b"one part, please"
-    running.server.start(loop, running.on_message, lambda payload, _: b"answer to " + payload, refusal_of_parts=refusal)
+    running.server.start(loop, running.on_message, running.on_request, refusal_of_parts=refusal)
     try:
         yield running
     finally:
         running.server.close()
 
 
+def secured(folder: Path) -> tuple[Remote, dict[str, bytes]]:
+    """A server's TCP endpoint, and the options of a client that it allows."""
+    own, other = keys.make_pair(folder, "hapticd"), keys.make_pair(folder, "ann")
+    keys.allow(folder, other[0])
+    public, secret = zmq.auth.load_certificate(other[1])
+    assert secret is not None
+    options = {"curve_serverkey": zmq.auth.load_certificate(own[0])[0], "curve_publickey": public}
+    return Remote("127.0.0.1", free_ports(), keys.load(folder)), {**options, "curve_secretkey": secret}
+
+
 @contextmanager
-def connected(directory: Path, kind: int, name: str, **options: Any) -> Iterator[zmq.Socket[bytes]]:
+def connected(
+    directory: Path, kind: int, name: str, remote: Remote | None = None, **options: Any
+) -> Iterator[zmq.Socket[bytes]]:
     with zmq.Context() as context, context.socket(kind) as client:
         client.linger, client.rcvtimeo = 0, int(1000 * PATIENCE_S)
         for option, value in options.items():
             setattr(client, option, value)
-        client.connect(f"ipc://{directory / name}")
+        at = None if remote is None else f"tcp://{remote.host}:{remote.port + list(ENDPOINTS).index(name)}"
+        client.connect(at or f"ipc://{directory / name}")
         yield client
 
 

@@ -86,10 +86,10 @@ class ClientGateway:
         self._client_registry = registry
         self._described: dict[tuple[str, str], _Described] = {}  # as last read: maps take time to make small
 
-    def targets(self, payload: bytes, t_now_ns: int, user: str) -> None:
+    def targets(self, payload: bytes, t_now_ns: int, user: str, waited_ns: int) -> None:
         """Take a message of the targets socket; an error in it is counted and kept for `status`."""
         try:
-            message = client_wire.decode_targets(payload)
+            message = _aged(client_wire.decode_targets(payload), waited_ns)
             is_newest = self._is_newest(message.client, user, message.stamp, message.ttl_ns, t_now_ns)
             refusals = self._apply(message, t_now_ns) if is_newest else ()
         except RequestError as error:
@@ -119,11 +119,11 @@ class ClientGateway:
         refusals = (f"finger {key} has not touched the plate: use an id from the newest state." for key in unseen)
         return (*refusals, *self.want(message, t_now_ns))
 
-    def request(self, payload: bytes, t_now_ns: int, user: str) -> bytes:
+    def request(self, payload: bytes, t_now_ns: int, user: str, waited_ns: int) -> bytes:
         """Return the answer to a message of the control socket."""
-        return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user))
+        return client_wire.answer(payload, lambda request: self._carry_out(request, t_now_ns, user, waited_ns))
 
-    def _carry_out(self, request: Request, t_now_ns: int, user: str) -> Struct | Mapping[str, object]:
+    def _carry_out(self, request: Request, t_now_ns: int, user: str, waited_ns: int) -> Struct | Mapping[str, object]:
         match request:
             case requests.MarkRequest(body=marker):
                 return self._mark(marker, t_now_ns, user)
@@ -132,6 +132,7 @@ class ClientGateway:
                 have = self._scene.upload(one.client, one.asset, one.size, one.offset or 0, one.part or b"", t_now_ns)
                 return Have(have)
             case requests.SetRequest(body=targets):
+                targets = _aged(targets, waited_ns)
                 self._require_newest(targets.client, user, targets.stamp, targets.ttl_ns, t_now_ns)
                 refusals = self._apply(targets, t_now_ns)
                 if refusals:
@@ -201,6 +202,13 @@ class ClientGateway:
             self._scene.release_client(release.client)
             return True
         return self._scene.release(release.client, release.finger)
+
+
+def _aged(message: ClientTargets, waited_ns: int) -> ClientTargets:
+    """Return what is left of a message that waited: its life begins at its arrival, and after that it is a release."""
+    if waited_ns >= message.ttl_ns:
+        return ClientTargets(message.client, stamp=message.stamp)
+    return replace(message, ttl_s=message.ttl_s - waited_ns * 1e-9)
 
 
 def described(layer: Layer, assets: Assets) -> dict[str, object]:

@@ -274,12 +274,12 @@ class Daemon:
     def _write(self, line: bytes) -> int | None:
         return now_ns() if self._link.write(line) else None
 
-    def _message(self, payload: bytes, user: str) -> None:
-        self.machine.targets(payload, now_ns(), user)
+    def _message(self, payload: bytes, user: str, waited_ns: int) -> None:
+        self.machine.targets(payload, now_ns(), user, waited_ns)
         self._set_pace()
 
-    def _request(self, payload: bytes, user: str) -> bytes:
-        answer = self.machine.request(payload, now_ns(), user)
+    def _request(self, payload: bytes, user: str, waited_ns: int) -> bytes:
+        answer = self.machine.request(payload, now_ns(), user, waited_ns)
         self._set_pace()
         return answer
 

@@ -311,20 +311,20 @@ class Machine:
 
     # --- the clients ---
 
-    def targets(self, payload: bytes, t_now_ns: int, user: str = "") -> None:
-        """Take a message of the targets socket, sent by `user`."""
-        self._observed.put("targets", t_now_ns, payload, user)
-        self.clients.targets(payload, t_now_ns, user)
+    def targets(self, payload: bytes, t_now_ns: int, user: str = "", waited_ns: int = 0) -> None:
+        """Take a message of the targets socket, sent by `user`, that arrived `waited_ns` ago."""
+        self._observed.put("targets", t_now_ns, payload, user, waited_ns)
+        self.clients.targets(payload, t_now_ns, user, waited_ns)
 
     def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
         """Apply a client's targets given as values; returns one error message per refused finger."""
-        self._observed.put("targets", t_now_ns, message, "")
+        self._observed.put("targets", t_now_ns, message, "", 0)
         return self.clients.want(message, t_now_ns)
 
-    def request(self, payload: bytes, t_now_ns: int, user: str = "") -> bytes:
-        """Answer a message of the control socket, sent by `user`."""
-        self._observed.put("request", t_now_ns, payload, user)
-        return self.clients.request(payload, t_now_ns, user)
+    def request(self, payload: bytes, t_now_ns: int, user: str = "", waited_ns: int = 0) -> bytes:
+        """Answer a message of the control socket, sent by `user`, that arrived `waited_ns` ago."""
+        self._observed.put("request", t_now_ns, payload, user, waited_ns)
+        return self.clients.request(payload, t_now_ns, user, waited_ns)
 
     def wake_if_resting(self, t_now_ns: int) -> None:
         """Arm a board that rests: targets are in force."""

@@ -83,7 +83,7 @@ class FakeDaemon:
         self.server.start(
             self._loop,
             self._on_message,
-            lambda payload, user: wire.answer(payload, lambda request: self._handle(request, user)),
+            lambda payload, user, _: wire.answer(payload, lambda request: self._handle(request, user)),
         )
         self._tick()
         ready.set()
@@ -95,7 +95,7 @@ class FakeDaemon:
             self.server.publish(wire.encode_state(self._state(time.monotonic_ns())))
         self._loop.call_later(TICK_S, self._tick)
 
-    def _on_message(self, payload: bytes, user: str) -> None:
+    def _on_message(self, payload: bytes, user: str, _waited_ns: int) -> None:
         self.messages += 1
         try:
             targets = wire.decode_targets(payload)

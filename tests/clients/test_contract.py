@@ -22,7 +22,7 @@ from msgspec.structs import asdict, replace
 import hapticd_client
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
-from hapticd.io.clients import gate, senders, server, sockets
+from hapticd.io.clients import gate, inbox, senders, server, sockets
 from hapticd.wire import client as wire
 from hapticd_client import HapticdError, Map, RefusedError, endpoint, messages, target_set
 from hapticd_client.checks import checked
@@ -106,8 +106,8 @@ def test_the_text_names_the_rates_and_limits_in_force() -> None:
     for sentence in (
         f"is {senders.RATE_HZ:g} messages a second",
         f"bursts of {senders.BURST}",
-        f"{server.REQUESTS_WAITING} requests of `control`",
-        f"at most {server.MAX_READS} messages, or for {server.BUDGET_S * 1e3:g} ms",
+        f"{inbox.MAX_WAITING_BYTES // 2**20} MiB of requests",
+        f"for {server.BUDGET_S * 1e3:g} ms",
         f"(a subscription: {sockets.MAX_SUBSCRIPTION_BYTES})",
         f"at most {sockets.SEND_HIGH_WATER} states per reader",
         f"until {client_registry.KEPT_NS * 1e-9:g} s after its last message",

@@ -152,7 +152,7 @@ def test_two_daemons_on_one_port_are_one_too_many(remote: FakeDaemon, tmp_path: 
     async def start_second() -> None:
         second = ClientServer(tmp_path / "second", remote.remote)
         try:
-            second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, _: payload)
+            second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, *_: payload)
         finally:
             second.close()
 

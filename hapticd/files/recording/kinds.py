@@ -144,8 +144,9 @@ def _reports(batch: Sequence[RawReport]) -> Fields:
     return {"reports": [{"t_host_ns": report.t_host_ns, "data": report.data} for report in batch]}
 
 
-def _targets(payload: bytes | ClientTargets, user: str) -> Fields:
-    return {"payload": payload if isinstance(payload, bytes) else encode_targets(payload), "user": user}
+def _message(payload: bytes | ClientTargets, user: str, waited_ns: int) -> Fields:
+    packed = payload if isinstance(payload, bytes) else encode_targets(payload)
+    return {"payload": packed, "user": user, "waited_ns": waited_ns}
 
 
 def _trackpad_link(is_up: bool, reason: str, pad: Pad | None) -> Fields:
@@ -275,7 +276,8 @@ _TRUE_FINGER: dict[str, _Form | Maybe] = {
     "plate_q_um": NUMBER,
 }
 _CHANNEL: dict[str, _Form | Maybe] = {"name": TEXT, "unit": TEXT}
-_MESSAGE: dict[str, _Form | Maybe] = {"payload": BYTES, "user": TEXT}
+# `waited_ns` is missing in earlier recordings.
+_MESSAGE: dict[str, _Form | Maybe] = {"payload": BYTES, "user": TEXT, "waited_ns": Maybe(WHOLE)}
 
 _POINT_FORM: dict[str, _Form | Maybe] = {
     "finger_id": Maybe(WHOLE),
@@ -295,8 +297,8 @@ KINDS: dict[str, Kind] = {
         {"is_up": BOOL, "reason": TEXT, "model": Maybe(TEXT), "pad": Maybe(_PAD)},
         _trackpad_link,
     ),
-    "targets": _kind("/input/targets", _MESSAGE, _targets),
-    "request": _kind("/input/request", _MESSAGE),
+    "targets": _kind("/input/targets", _MESSAGE, _message),
+    "request": _kind("/input/request", _MESSAGE, _message),
     "watched": _kind("/input/watched", {"is_watched": BOOL}),
     "self_test": _kind("/input/self_test", {"outcome": TEXT, "text": TEXT}),
     "adopt_slowness": _kind("/input/adopt_slowness", {"slowness": NUMBER}),

@@ -3,7 +3,8 @@
 libzmq bounds messages per peer, but neither connections, nor subscriptions, nor the bytes that a peer leaves unread.
 Here each user has a number and a rate of connections, each connection's inbound bytes are checked (zmtp.py), and a
 client that leaves too many bytes of replies unread is disconnected. Behind the gate libzmq serves sockets that only the
-daemon's user may open.
+daemon's user may open: one for all subscribers, and one for each connection that sends messages, so that none of them
+is handled after its connection has ended.
 
 Accepting is cheap and admitting is not, so they are two steps. A wake-up accepts many connections and drops those that
 are closed again or too fast, so that a flood does not fill the kernel's queue, in which users have no turns. What is
@@ -21,11 +22,15 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
+import zmq
+
+from ...errors import HapticdError
 from .listeners import close_listener
 from .relay import Relay, UnreadBytes
-from .senders import RateLimiter
-from .zmtp import Inbound, LocalInbound, SubscriberInbound, unchecked
+from .senders import RateLimiter, Sender, local_sender
+from .zmtp import LocalInbound, SubscriberInbound
 
 MAX_CONNECTIONS, MAX_CONNECTIONS_PER_USER = 128, 64  # 16 clients of one user have 48
 CONNECTIONS_HZ = 50.0  # of one user, after MAX_CONNECTIONS at once
@@ -33,29 +38,39 @@ CONNECTIONS_HZ = 50.0  # of one user, after MAX_CONNECTIONS at once
 ACCEPTS = 16  # per wake-up of a listener: some 0.3 ms, lest connecting delays the touch
 REST_S = 0.001  # after a wake-up that found as many, at least
 ADMIT_EVERY_S = 0.003
-# Most descriptors of a gate: an admitted connection has one to the client, one to libzmq, and libzmq's own.
-MAX_DESCRIPTORS = 3 * MAX_CONNECTIONS + ACCEPTS
+# Most descriptors of a gate: an admitted connection has one to the client, one to libzmq, and three of libzmq's own.
+MAX_DESCRIPTORS = 5 * MAX_CONNECTIONS + ACCEPTS
 DRAIN_EVERY_S = 0.001
-STALE_S = 0.5  # after a client's end its requests are dropped: a flood of them is handled for minutes
-INNER_BUFFER_BYTES = 16_384  # of requests that wait in the kernel: what a lost client left is handled to its end
 # Closed before they were accepted, by users that connect too fast, too many, replies not read, not the protocol
 CAUSES = ("gone_early", "connected_too_fast", "crowded", "unread", "broken")
 UNREAD_REPLIES = UnreadBytes(2**18, 2**20, 2**22)  # the longest reply has 140 kB
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
 
+class Inbox(Protocol):
+    """What is behind one connection: a check of its bytes, and its end."""
+
+    def feed(self, data: bytes) -> bytes:
+        """Return the bytes to pass on. Raises ProtocolError."""
+
+    def close(self) -> None:
+        """End, with all that is not handled."""
+
+
 @dataclass(frozen=True, slots=True)
 class Door:
-    """A public listener, the inner ipc path behind it, and how its connections are checked.
+    """A public listener, and what is behind it.
 
-    `topics` are those of a publisher, None for other sockets. Beyond `most_unread` a client is disconnected; without
-    that ZeroMQ drops messages at its high-water mark.
+    That is the inner ipc path of a publisher and its `topics`; or `inbox`, which binds a socket for one connection to
+    an inner path, given its sender on this machine. Beyond `most_unread` a client is disconnected; without that ZeroMQ
+    drops messages at its high-water mark.
     """
 
     listener: socket.socket
     inner: Path
-    topics: frozenset[bytes] | None = None
+    topics: frozenset[bytes] = frozenset()
     most_unread: UnreadBytes | None = None
+    inbox: Callable[[Path, Sender | None], Inbox] | None = None
 
 
 class Gate:
@@ -66,7 +81,7 @@ class Gate:
         self.loop = loop
         self._doors: list[Door] = []
         self._waiting: dict[str, deque[tuple[Door, socket.socket]]] = {}  # to be admitted, by user; the next one first
-        self._rates: RateLimiter[None] = RateLimiter(0, CONNECTIONS_HZ, MAX_CONNECTIONS)
+        self._rates = RateLimiter(CONNECTIONS_HZ, MAX_CONNECTIONS)
         self._relays: dict[int, Relay] = {}  # by a number that no other connection gets
         self._connections = 0
         self._rests: dict[Door, asyncio.TimerHandle] = {}
@@ -114,11 +129,6 @@ class Gate:
         """Take note that a connection is closed."""
         del self._relays[relay.number]
 
-    def is_stale(self, number: int) -> bool:
-        """Return whether requests of a connection are dropped: its client left long ago, and ZeroMQ still has some."""
-        relay = self._relays.get(number)
-        return relay is not None and self.loop.time() - relay.t_lost_s > STALE_S
-
     def leaves_too_much(self, relay: Relay, most: UnreadBytes) -> bool:
         """Return whether a connection that leaves bytes unread has to be closed."""
         users, in_all = 0, 0
@@ -151,7 +161,7 @@ class Gate:
 
     def _refusal(self, user: str) -> str:
         """Return the cause for which a user's connection is refused, "" if it may wait to be admitted."""
-        if not self._rates.admit(user, None, self.loop.time()):
+        if not self._rates.admit(user, self.loop.time()):
             return "connected_too_fast"
         users = len(self._waiting.get(user, ())) + sum(relay.user == user for relay in self._relays.values())
         in_all = len(self._relays) + sum(map(len, self._waiting.values()))
@@ -177,18 +187,35 @@ class Gate:
             self._admission = self.loop.call_later(ADMIT_EVERY_S, self._admit)
 
     def _relay(self, door: Door, outer: socket.socket, user: str) -> None:
-        inner = socket.socket(socket.AF_UNIX)
+        number = self._connections
+        inner, inbox = socket.socket(socket.AF_UNIX), None
         try:
             inner.setblocking(False)
-            inner.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, INNER_BUFFER_BYTES)
-            inner.connect(str(door.inner))
-            number = self._connections
-            inbound = _inbound(door, outer, number)
-            self._relays[number] = Relay(self, number, user, outer, inner, inbound, door.most_unread)
-            self._connections += 1
-        except OSError:  # libzmq is behind with accepting, or the client is gone
+            outer.setblocking(False)
+            if not _is_local(outer):
+                outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if door.inbox is None:
+                inner.connect(str(door.inner))
+                feed = LocalInbound(door.topics).feed if _is_local(outer) else SubscriberInbound().feed
+            else:
+                path = door.inner.with_name(f".{number % 10**6}")  # not longer than that of a public socket
+                inbox = door.inbox(path, _local_sender(outer))
+                feed = inbox.feed
+                inner.connect(str(path))
+                path.unlink()
+        except (OSError, zmq.ZMQError, HapticdError):  # libzmq is behind with accepting, or the client is gone
             inner.close()
+            if inbox is not None:
+                inbox.close()
             self._refuse(outer, "crowded")
+            return
+        on_end = _nothing if inbox is None else inbox.close
+        self._relays[number] = Relay(self, number, user, outer, inner, feed, door.most_unread, on_end)
+        self._connections += 1
+
+
+def _nothing() -> None:
+    """End of a connection behind which nothing is its own."""
 
 
 def _gone(connections: Sequence[socket.socket]) -> set[int]:
@@ -207,14 +234,9 @@ def _user(outer: socket.socket) -> str | None:
         return None
 
 
-def _inbound(door: Door, outer: socket.socket, number: int) -> Inbound:
-    """Return the check of a connection's bytes. Raises OSError."""
-    outer.setblocking(False)
-    if _is_local(outer):
-        pid, uid, _ = _credentials(outer)
-        return LocalInbound(f"{uid}:{pid}:{number}", door.topics).feed
-    outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return unchecked if door.topics is None else SubscriberInbound().feed
+def _local_sender(outer: socket.socket) -> Sender | None:
+    """Return the sender of a local connection, None for one over TCP. Raises OSError."""
+    return local_sender(*_credentials(outer)[:2]) if _is_local(outer) else None
 
 
 def _is_local(outer: socket.socket) -> bool:

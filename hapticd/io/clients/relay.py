@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import socket
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 from .zmtp import Inbound, ProtocolError
@@ -40,8 +40,7 @@ class Owner(Protocol):
 class Relay:
     """One client's connection and its counterpart to ZeroMQ, each read only while the other takes the bytes.
 
-    libzmq goes on to answer the requests that a lost client has left, and frees the answers only when they are read. So
-    that counterpart is read to its end.
+    `on_end` is called once, when the client's end of the connection is closed, whoever closed it.
     """
 
     def __init__(
@@ -53,36 +52,34 @@ class Relay:
         inner: socket.socket,
         inbound: Inbound,
         most_unread: UnreadBytes | None,
+        on_end: Callable[[], None],
     ) -> None:
         self.number = number
         self.user = user
-        self.t_lost_s = math.inf
         self.most_unread = most_unread
         self.to_client = bytearray()
         self.relayed_bytes = 0
         self._is_ending = False
         self._to_daemon = b""
         self._owner, self._loop = owner, owner.loop
-        self._outer: socket.socket | None = outer
-        self._inner = inner
-        self._inbound = inbound
+        self._outer, self._inner = outer, inner
+        self._inbound, self._on_end = inbound, on_end
         self._loop.add_reader(outer, self._from_client)
         self._loop.add_reader(inner, self._from_daemon)
 
     def _from_client(self) -> None:
-        assert self._outer is not None
         try:
             data = self._outer.recv(CHUNK_BYTES)
             self._to_daemon = unsent(self._inner, self._inbound(data))
         except BlockingIOError:
             return
         except ProtocolError:
-            self._lose("broken")
+            self._close("broken")
         except OSError:
-            self._lose()
+            self._close()
         else:
             if not data:
-                self._lose()
+                self._close()
             elif self._to_daemon:
                 self._loop.remove_reader(self._outer)
                 self._loop.add_writer(self._inner, self._push_to_daemon)
@@ -95,42 +92,40 @@ class Relay:
             return
         if not self._to_daemon:
             self._loop.remove_writer(self._inner)
-            if self._outer is not None:
-                self._loop.add_reader(self._outer, self._from_client)
+            self._loop.add_reader(self._outer, self._from_client)
 
     def _from_daemon(self) -> None:
+        was_behind = bool(self.to_client)
         try:
             data = self._inner.recv(CHUNK_BYTES)
+            self.relayed_bytes += len(data)
+            self.to_client += data if was_behind else unsent(self._outer, data)
         except BlockingIOError:
             return
         except OSError:
-            data = b""
-        was_behind = bool(self.to_client)
-        self.relayed_bytes += len(data)
-        self._to_outer(data)
-        if not data and (self._outer is None or not self.to_client):
             self._close()
-        elif self._outer is None or not self.to_client:
             return
+        if not self.to_client:
+            if not data:
+                self._close()
         elif not data:  # ZeroMQ is done; the client still has to take what waits
             self._is_ending = True
             self._loop.remove_reader(self._inner)
             self._loop.add_writer(self._outer, self._push_to_client)
         elif self.most_unread is not None and self._owner.leaves_too_much(self, self.most_unread):
-            self._lose("unread")
+            self._close("unread")
         elif not was_behind:
             self._loop.add_writer(self._outer, self._push_to_client)
             if self.most_unread is None:
                 self._loop.remove_reader(self._inner)
 
     def _push_to_client(self) -> None:
-        assert self._outer is not None
         try:
             del self.to_client[: self._outer.send(self.to_client[:CHUNK_BYTES])]
         except BlockingIOError:
             return
         except OSError:
-            self._lose()
+            self._close()
             return
         if self.to_client:
             return
@@ -139,32 +134,6 @@ class Relay:
         else:
             self._loop.remove_writer(self._outer)
             self._loop.add_reader(self._inner, self._from_daemon)
-
-    def _to_outer(self, data: bytes) -> None:
-        """Send to the client, behind what waits already; without a client, nothing waits."""
-        if self._outer is None:
-            return
-        try:
-            self.to_client += data if self.to_client else unsent(self._outer, data)
-        except OSError:
-            self._lose()
-
-    def _lose(self, cause: str | None = None) -> None:
-        """Close the client's side, and read the other to its end."""
-        if cause is not None:
-            self._owner.counters[cause] += 1
-        self.to_client.clear()
-        if self._outer is None:
-            return
-        self._owner.unwatch(self._outer)
-        self._outer.close()
-        self._outer = None
-        self.t_lost_s = self._loop.time()
-        self._to_daemon = b""
-        self._loop.remove_writer(self._inner)
-        self._loop.add_reader(self._inner, self._from_daemon)
-        with contextlib.suppress(OSError):
-            self._inner.shutdown(socket.SHUT_WR)
 
     def pump(self) -> bool:
         """Relay some bytes to the client; return whether there were any."""
@@ -177,23 +146,21 @@ class Relay:
 
     def finish(self) -> None:
         """Pass on what ZeroMQ has sent, as far as the client takes it at once, and close."""
-        try:
+        with contextlib.suppress(OSError):  # nothing more
             while data := self._inner.recv(CHUNK_BYTES):
                 self.to_client += data
-        except OSError:  # nothing more
-            pass
-        if self._outer is not None:
-            with contextlib.suppress(OSError):
-                unsent(self._outer, bytes(self.to_client))
+        with contextlib.suppress(OSError):
+            unsent(self._outer, bytes(self.to_client))
         self._close()
 
-    def _close(self) -> None:
+    def _close(self, cause: str | None = None) -> None:
+        if cause is not None:
+            self._owner.counters[cause] += 1
         for one in (self._outer, self._inner):
-            if one is not None:
-                self._owner.unwatch(one)
-                one.close()
-        self._outer = None
+            self._owner.unwatch(one)
+            one.close()
         self._owner.forget(self)
+        self._on_end()
 
 
 def unsent(to: socket.socket, data: bytes) -> bytes:

@@ -1,7 +1,7 @@
-"""The daemon's three ZeroMQ sockets behind the gate, for local users and for clients over TCP with a key.
+"""The daemon's ZeroMQ sockets behind the gate, for local users and for clients over TCP with a key.
 
-Each socket has two inner endpoints. Socket options apply to later binds only, so the local one is bound first without
-keys, and the one for TCP last with CURVE required.
+All subscribers share `telemetry`, which has two inner endpoints: without keys, and for TCP with CURVE required. Each
+connection to `targets` or `control` has a socket of its own, with the one or the other.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import zmq
 from zmq.auth.asyncio import AsyncioAuthenticator
 
 from ...errors import HapticdError
-from .gate import UNREAD_REPLIES, Door, Gate
 from .keys import ServerKeys
-from .listeners import bind_inner, inner_path, local_listener, remote_listener
+from .listeners import bind_inner, inner_path
 
-ENDPOINTS = ("targets", "control", "telemetry")  # socket files in the runtime directory, and ports in this order
+# Socket files in the runtime directory, and ports in this order
+ENDPOINTS = {"targets": zmq.PULL, "control": zmq.ROUTER, "telemetry": zmq.XPUB}
 
 MAX_MESSAGE_BYTES = 65536  # ZeroMQ disconnects the sender of a larger one
 MAX_SUBSCRIPTION_BYTES = 1024  # a subscription is one byte; the handshake has a key
@@ -58,82 +58,58 @@ class AllowList:
         return is_allowed
 
 
-@dataclass(frozen=True, slots=True)
 class Sockets:
-    """The three sockets in the order of ENDPOINTS, and their authenticator."""
+    """Makes the daemon's sockets behind the gate, and owns their context, their authenticator and `telemetry`."""
 
-    context: Context
-    targets: Socket
-    control: Socket
-    telemetry: Socket
-    authenticator: AsyncioAuthenticator
+    def __init__(self, paths: Sequence[Path], remote: Remote | None, allow_list: AllowList | None) -> None:
+        """Bind `telemetry` for the public paths of ENDPOINTS, and for `remote`'s ports.
 
-    @property
-    def all(self) -> tuple[Socket, Socket, Socket]:
-        """In the order of ENDPOINTS."""
-        return self.targets, self.control, self.telemetry
+        Raises zmq.ZMQError, HapticdError, and leaves nothing open. With `remote`, call it on the running loop, which
+        the authenticator uses.
+        """
+        self._context: Context = zmq.Context()
+        self._remote = remote
+        self._authenticator = AsyncioAuthenticator(self._context)
+        self.telemetry = self._context.socket(zmq.XPUB)
+        try:
+            if remote is not None:
+                self._authenticator.start()
+                self._authenticator.configure_curve_callback(ZAP_DOMAIN, credentials_provider=allow_list)
+            self._bind(self.telemetry, inner_path(paths[-1]), is_remote=False)
+            if remote is not None:
+                self._bind(self.telemetry, inner_path(paths[-1], is_remote=True), is_remote=True)
+        except (zmq.ZMQError, HapticdError):
+            self.close()
+            raise
+
+    def bound(self, kind: int, path: Path, *, is_remote: bool) -> Socket:
+        """Return a socket for one connection of a client. Raises zmq.ZMQError, HapticdError."""
+        socket = self._context.socket(kind)
+        try:
+            self._bind(socket, path, is_remote=is_remote)
+        except (zmq.ZMQError, HapticdError):
+            socket.close()
+            raise
+        return socket
 
     def close(self) -> None:
-        """Close the sockets, then the authenticator that they use."""
-        for socket in self.all:
-            socket.close()
-        if self.authenticator.zap_socket is not None:
-            self.authenticator.stop()
-        self.context.term()
+        """Close `telemetry` and the authenticator that it uses; all others are closed before."""
+        self.telemetry.close()
+        if self._authenticator.zap_socket is not None:
+            self._authenticator.stop()
+        self._context.term()
 
-
-def bound(paths: Sequence[Path], remote: Remote | None, allow_list: AllowList | None) -> Sockets:
-    """Bind sockets behind the gate, for the public paths of ENDPOINTS and for `remote`'s ports.
-
-    Raises zmq.ZMQError and leaves nothing open. With `remote`, call it on the running loop, which the authenticator
-    uses.
-    """
-    context = zmq.Context()
-    sockets = Sockets(
-        context,
-        context.socket(zmq.PULL),
-        context.socket(zmq.ROUTER),
-        context.socket(zmq.XPUB),
-        AsyncioAuthenticator(context),
-    )
-    try:
-        _bind_local(sockets, paths)
-        if remote is not None:
-            _bind_remote(sockets, paths, remote, allow_list)
-    except (zmq.ZMQError, HapticdError):
-        sockets.close()
-        raise
-    return sockets
-
-
-def open_doors(gate: Gate, paths: Sequence[Path], remote: Remote | None) -> None:
-    """Accept clients at the public paths of ENDPOINTS and at `remote`'s ports. Raises HapticdError, OSError."""
-    for index, path in enumerate(paths):
-        topics = TELEMETRY_TOPICS if path.name == "telemetry" else None
-        most_unread = UNREAD_REPLIES if path.name == "control" else None
-        gate.open(Door(local_listener(path), inner_path(path), topics, most_unread))
-        if remote is not None:
-            listener = remote_listener(remote.host, remote.port + index)
-            gate.open(Door(listener, inner_path(path, is_remote=True), topics, most_unread))
-
-
-def _bind_local(sockets: Sockets, paths: Sequence[Path]) -> None:
-    for socket, path in zip(sockets.all, paths, strict=True):
+    def _bind(self, socket: Socket, path: Path, *, is_remote: bool) -> None:
+        """Options apply to later binds only, so without a key comes first."""
         socket.linger = 0
         socket.handshake_ivl = HANDSHAKE_MS
         socket.rcvhwm = RECEIVE_HIGH_WATER
-        socket.sndhwm = REPLY_HIGH_WATER if socket is sockets.control else SEND_HIGH_WATER
-        socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES if socket is sockets.telemetry else MAX_MESSAGE_BYTES
-        bind_inner(socket, inner_path(path))
-
-
-def _bind_remote(sockets: Sockets, paths: Sequence[Path], remote: Remote, allow_list: AllowList | None) -> None:
-    sockets.authenticator.start()
-    sockets.authenticator.configure_curve_callback(ZAP_DOMAIN, credentials_provider=allow_list)
-    for path, socket in zip(paths, sockets.all, strict=True):
-        socket.zap_domain = ZAP_DOMAIN.encode()
-        socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)  # without an authenticator no client is admitted
-        socket.curve_server = True
-        socket.curve_secretkey = remote.keys.secret
-        socket.curve_publickey = remote.keys.public
-        bind_inner(socket, inner_path(path, is_remote=True))
+        socket.sndhwm = REPLY_HIGH_WATER if socket.type == zmq.ROUTER else SEND_HIGH_WATER
+        socket.maxmsgsize = MAX_SUBSCRIPTION_BYTES if socket.type == zmq.XPUB else MAX_MESSAGE_BYTES
+        if is_remote and self._remote is not None:
+            socket.zap_domain = ZAP_DOMAIN.encode()
+            socket.setsockopt(zmq.ZAP_ENFORCE_DOMAIN, 1)  # without an authenticator no client is admitted
+            socket.curve_server = True
+            socket.curve_secretkey = self._remote.keys.secret
+            socket.curve_publickey = self._remote.keys.public
+        bind_inner(socket, path)

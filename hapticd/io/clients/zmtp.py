@@ -1,8 +1,7 @@
-"""Inbound bytes of one client connection, checked before ZeroMQ gets them (ZMTP 3, https://rfc.zeromq.org/spec/23).
+"""Inbound bytes of a subscriber, checked before ZeroMQ gets them (ZMTP 3, https://rfc.zeromq.org/spec/23).
 
 libzmq stores every distinct subscription of a peer without a bound, and the daemon's thread pays for each. So a
-subscriber's bytes are bounded, and where they are not encrypted only the daemon's own topics pass. A local client's
-handshake is rebuilt: it carries the identity that the kernel reports, and no other.
+subscriber's bytes are bounded, and where they are not encrypted only the daemon's own topics pass.
 """
 
 from __future__ import annotations
@@ -11,8 +10,6 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 
-PEER_PROPERTY = "X-Hapticd-Peer"  # "UID:PID:CONNECTION", from the kernel and the gate; `frame.get` returns it
-
 GREETING_BYTES = 64
 MAX_FRAME_BYTES = 512  # of a handshake with the longest identity, or of a heartbeat
 MAX_CHANGES = 16  # of one connection's subscriptions; a client subscribes once
@@ -20,7 +17,6 @@ MAX_SUBSCRIBER_BYTES = 1024  # a handshake of up to 900 bytes, its subscription,
 HEARTBEAT_BYTES_HZ = 64.0  # of a local subscriber, on top: seven heartbeats a second
 
 _LONG, _COMMAND = 0x02, 0x04
-_KEPT = (b"Socket-Type", b"Identity")
 
 Inbound = Callable[[bytes], bytes]  # takes what arrived, returns what to pass on; raises ProtocolError
 
@@ -30,15 +26,11 @@ class ProtocolError(Exception):
 
 
 class LocalInbound:
-    """Inbound bytes of a local client: rebuilds its handshake, and with `topics` drops all other subscriptions."""
+    """Inbound bytes of a local subscriber: its handshake, heartbeats, and subscriptions to `topics`."""
 
-    def __init__(
-        self, peer: str, topics: frozenset[bytes] | None = None, *, clock_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        """`peer` is the value of PEER_PROPERTY."""
-        self._peer = peer.encode()
+    def __init__(self, topics: frozenset[bytes], *, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._topics = topics
-        self._bounded = unchecked if topics is None else SubscriberInbound(HEARTBEAT_BYTES_HZ, clock_s).feed
+        self._bounded = SubscriberInbound(HEARTBEAT_BYTES_HZ, clock_s).feed
         self._waiting = b""
         self._greeting_left = GREETING_BYTES
         self._is_ready = False
@@ -47,22 +39,16 @@ class LocalInbound:
 
     def feed(self, data: bytes) -> bytes:
         """Return the bytes to pass on. Raises ProtocolError."""
-        if self._is_ready and self._topics is None:
-            return data
         self._waiting += self._bounded(data)
         passed = self._greeting()
         if self._greeting_left > 0:
             return passed
         for header, body in self._frames():
-            if not self._is_ready:
-                passed += self._rebuilt(header, body)
-                self._is_ready = True
-                if self._topics is None:
-                    break
-            elif self._is_passed(header, body, self._topics or frozenset()):
+            if not self._is_ready and not (header[0] & _COMMAND and body.startswith(b"\x05READY")):
+                raise ProtocolError("no READY")
+            if not self._is_ready or self._is_passed(header, body):
                 passed += header + body
-        if self._is_ready and self._topics is None:
-            passed, self._waiting = passed + self._waiting, b""
+            self._is_ready = True
         return passed
 
     def _greeting(self) -> bytes:
@@ -92,18 +78,7 @@ class LocalInbound:
             self._waiting = self._waiting[header_bytes + size :]
             yield header, body
 
-    def _rebuilt(self, header: bytes, body: bytes) -> bytes:
-        """Return the READY command with the client's socket type and routing id, and the kernel's identity."""
-        if not header[0] & _COMMAND or not body.startswith(b"\x05READY"):
-            raise ProtocolError("no READY")
-        properties = {name: value for name, value in _properties(body[6:]) if name in _KEPT}
-        properties[PEER_PROPERTY.encode()] = self._peer
-        ready = b"\x05READY" + b"".join(
-            bytes([len(name)]) + name + struct.pack(">I", len(value)) + value for name, value in properties.items()
-        )
-        return struct.pack(">BQ", _COMMAND | _LONG, len(ready)) + ready
-
-    def _is_passed(self, header: bytes, body: bytes, topics: frozenset[bytes]) -> bool:
+    def _is_passed(self, header: bytes, body: bytes) -> bool:
         """Return whether a subscriber's frame concerns the daemon: a change of a known topic, or a heartbeat."""
         if header[0] & _COMMAND:
             length = body[0] if body else 0
@@ -113,7 +88,7 @@ class LocalInbound:
             begins, ends = name == b"SUBSCRIBE", name == b"CANCEL"
         else:
             topic, begins, ends = body[1:], body[:1] == b"\x01", body[:1] == b"\x00"
-        if topic not in topics or not (begins or ends) or begins == (topic in self._subscribed):
+        if topic not in self._topics or not (begins or ends) or begins == (topic in self._subscribed):
             return False
         self._subscribed ^= {topic}
         self._changes_left -= 1
@@ -141,23 +116,3 @@ class SubscriberInbound:
         if self._left < 0.0:
             raise ProtocolError("more than a subscriber has to send")
         return data
-
-
-def unchecked(data: bytes) -> bytes:
-    """Pass all bytes on."""
-    return data
-
-
-def _properties(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Parse the name-value pairs of a handshake."""
-    at = 0
-    while at < len(data):
-        at_size = at + 1 + data[at]
-        at_value = at_size + 4
-        if at_value > len(data):
-            raise ProtocolError("an incomplete property")
-        end = at_value + struct.unpack(">I", data[at_size:at_value])[0]
-        if end > len(data):
-            raise ProtocolError("an incomplete property")
-        yield data[at + 1 : at_size], data[at_value:end]
-        at = end

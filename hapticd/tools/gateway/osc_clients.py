@@ -46,9 +46,10 @@ _Address = tuple[str, int]
 
 
 class _Sender:
-    """One sender, or all that are refused."""
+    """One sender, or all that are refused. `socket` is its own: the daemon keeps one message of a connection."""
 
-    def __init__(self) -> None:
+    def __init__(self, socket: zmq.asyncio.Socket) -> None:
+        self.socket = socket
         self.t_last_s = self.t_free_s = -math.inf
         self.pace = Pace(RATE_HZ, BURST)
         self.targets: dict[int, FingerTarget] = {}
@@ -63,9 +64,9 @@ class OscClients(asyncio.DatagramProtocol):
         self.dropped = 0
         self._daemon = daemon
         self._senders: dict[_Address, _Sender] = {}
-        self._refused = _Sender()
-        self._targets = daemon.connected(zmq.PUSH, "targets")
+        self._free = [daemon.connected(zmq.PUSH, "targets") for _ in range(MAX_SENDERS)]
         self._control = daemon.connected(zmq.DEALER, "control")
+        self._refused = _Sender(self._control)  # to which it sends nothing
         self._transport: asyncio.DatagramTransport | None = None
         self._id = 0
         self._is_closed = asyncio.Event()
@@ -102,14 +103,17 @@ class OscClients(asyncio.DatagramProtocol):
             self._transport.abort()
             self._transport = None
             await self._is_closed.wait()
-        self._targets.close(linger=0)
-        self._control.close(linger=0)
+        for socket in (*self._free, *[one.socket for one in self._senders.values()], self._control):
+            socket.close(linger=0)
 
     def _sender(self, address: _Address, t_s: float) -> _Sender:
-        self._senders = {one: kept for one, kept in self._senders.items() if t_s - kept.t_last_s < HOLD_S}
-        if address not in self._senders and len(self._senders) >= MAX_SENDERS:
-            return self._refused
-        sender = self._senders.setdefault(address, _Sender())
+        for silent in [one for one, kept in self._senders.items() if t_s - kept.t_last_s >= HOLD_S]:
+            self._free.append(self._senders.pop(silent).socket)
+        if address not in self._senders:
+            if not self._free:
+                return self._refused
+            self._senders[address] = _Sender(self._free.pop())
+        sender = self._senders[address]
         sender.t_last_s = t_s
         return sender
 
@@ -140,7 +144,7 @@ class OscClients(asyncio.DatagramProtocol):
         sender.is_due = False
         holding = TargetsMessage(_client(address), HOLD_S, targets=tuple(sender.targets.values()), v=1)
         try:
-            self._push(self._targets, msgspec.msgpack.encode(holding))
+            self._push(sender.socket, msgspec.msgpack.encode(holding))
         except RequestError as error:
             self._send(address, "/hapticd/error", str(error))
 

@@ -19,10 +19,7 @@ import zmq
 from asynchronous import asynchronous
 from client_sockets import connected, greeted, in_thread, served
 
-from hapticd.io.clients import server as server_module
-from hapticd.io.clients.listeners import inner_path
 from hapticd.io.clients.senders import BURST
-from hapticd.io.clients.server import BUDGET_S, MAX_READS, ClientServer
 from hapticd.io.clients.zmtp import MAX_FRAME_BYTES
 
 STATE = bytes(400)
@@ -101,45 +98,6 @@ def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_
     assert len(caplog.records) <= 2  # logged, but not at each loss
 
 
-def test_messages_that_take_long_to_read_get_no_more_time_than_short_ones(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """On a clock of its own, where each message takes 0.4 of the budget: three begin within it."""
-
-    async def scenario() -> None:
-        clock = 0.0
-        handled = 0
-
-        def slow(_payload: bytes, _user: str) -> None:
-            nonlocal clock, handled
-            clock += 0.4 * BUDGET_S
-            handled += 1
-
-        running = ClientServer(tmp_path)
-        loop = asyncio.get_running_loop()
-        running.start(loop, slow, lambda payload, _: payload)
-        try:
-            inner = inner_path(tmp_path / "targets").name  # for the gate stands still with the loop
-            with connected(tmp_path, zmq.PUSH, inner) as client:
-                for n in range(12):
-                    client.send(b"%d" % n)
-                monkeypatch.setattr(loop, "time", lambda: clock)
-                service = running._service
-                assert service is not None
-                per_wake_up: list[int] = []
-                while handled < 12:  # the loop stands still meanwhile: these are all the wake-ups there are
-                    assert service.sockets.targets.poll(1000) == zmq.POLLIN
-                    before = handled
-                    running._read_targets(service)
-                    per_wake_up.append(handled - before)
-                monkeypatch.undo()
-                assert max(per_wake_up) <= 3
-        finally:
-            running.close()
-
-    asyncio.run(scenario())
-
-
 @asynchronous
 async def test_requests_beyond_the_rate_wait_their_turn_and_are_answered_in_order(tmp_path: Path) -> None:
     async with served(tmp_path):
@@ -210,12 +168,3 @@ def all_received(rude: socket.socket) -> bytes:
         while part := rude.recv(4096):
             received += part
     return received
-
-
-# --- lies --------------------------------------------------------------------------------------------------------
-
-
-def test_the_share_of_one_wake_up_is_less_than_half_of_the_time() -> None:
-    sockets_read_by_time = 2
-    assert sockets_read_by_time * BUDGET_S < 0.5 * server_module.BREAK_S
-    assert MAX_READS <= BURST

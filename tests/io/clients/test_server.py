@@ -6,65 +6,75 @@ import asyncio
 import dataclasses
 import os
 import stat
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zmq
 from asynchronous import asynchronous, until
-from client_sockets import connected, in_thread, served
+from client_sockets import Served, connected, in_thread, secured, served
 
 from hapticd.errors import AlreadyRunningError, HapticdError
+from hapticd.io.clients import server as server_module
+from hapticd.io.clients.inbox import MAX_READS
 from hapticd.io.clients.record_socket import RecordSocket
 from hapticd.io.clients.runtime_dir import own_directory
 from hapticd.io.clients.senders import BURST
-from hapticd.io.clients.server import BREAK_S, MAX_MESSAGE_BYTES, MAX_READS, ClientServer, runtime_directory
+from hapticd.io.clients.server import BREAK_S, MAX_MESSAGE_BYTES, ClientServer, runtime_directory
+from hapticd.io.clients.sockets import Remote
 
 # --- targets ----------------------------------------------------------------------------------------------------
 
 
 @asynchronous
-async def test_every_message_arrives_in_order_without_a_sweep(tmp_path: Path) -> None:
+async def test_each_message_of_targets_arrives_in_order_without_a_sweep(tmp_path: Path) -> None:
     async with served(tmp_path) as running:
         with connected(tmp_path, zmq.PUSH, "targets") as client:
-            sent = [b"message %d" % n for n in range(BURST)]
-            await in_thread(lambda: [client.send(message) for message in sent])
-            await until(lambda: len(running.messages) >= len(sent))
-            assert running.messages == sent
+            for n in range(BURST):
+                client.send(b"message %d" % n)
+                await until(lambda n=n: len(running.messages) > n)
+            assert running.messages == [b"message %d" % n for n in range(BURST)]
 
 
 @asynchronous
-async def test_one_wake_up_reads_no_more_than_its_share_and_the_rest_follows_by_itself(
+async def test_of_messages_that_wait_the_newest_of_each_client_is_handled(tmp_path: Path) -> None:
+    async with held(tmp_path, zmq.PUSH, 2) as (running, clients):
+        for n in range(MAX_READS - 1):
+            for name, client in zip("ab", clients, strict=True):
+                client.send(f"{name}{n}".encode())
+        newest = [f"{name}{MAX_READS - 2}".encode() for name in "ab"]
+        await until(lambda: sorted(running.waiting()) == newest)
+        running.resume()
+        assert sorted(running.messages) == newest
+        assert running.server.counters["too_fast"] == 0
+
+
+@asynchronous
+async def test_clients_with_dear_messages_take_turns_and_the_rest_follows_by_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with served(tmp_path) as running:
-        with connected(tmp_path, zmq.PUSH, "targets") as client:
-            per_wake_up: list[int] = []
-            read = running.server._read_targets
-
-            def counted(service: Any) -> bool:
-                before = len(running.messages)
-                more = read(service)
-                per_wake_up.append(len(running.messages) - before)
-                return more
-
-            monkeypatch.setattr(running.server, "_read_targets", counted)
-            for n in range(BURST):  # while the loop does not run: a flood that is all there at once
+    monkeypatch.setattr(server_module, "BUDGET_S", 0.0)  # each message is dear
+    async with held(tmp_path, zmq.DEALER, 3) as (running, clients):
+        for n in range(4):
+            for client in clients:
                 client.send(b"%d" % n)
-            await until(lambda: len(running.messages) >= BURST)
-            assert max(per_wake_up) <= MAX_READS
-            assert len([count for count in per_wake_up if count > 0]) > 1
+        await until(lambda: len(running.waiting()) == 12)
+        running.resume()
+        await until(lambda: len(running.requests) == 12)
+        assert running.requests == [b"%d" % n for n in range(4) for _ in clients]
 
 
 @asynchronous
 async def test_after_dear_messages_it_leaves_the_loop_to_others_for_as_long_as_it_took(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with served(tmp_path) as running:
+    async with held(tmp_path, zmq.PUSH, 3) as (running, clients):
         loop, late_s, breaks_s = asyncio.get_running_loop(), 0.0, list[float]()
         now, later = loop.time, loop.call_later
 
-        def slow(payload: bytes, _user: str) -> None:
+        def slow(payload: bytes, *_: object) -> None:
             nonlocal late_s
             late_s += 4 * BREAK_S  # a clock that is moved: nothing is waited for
             running.messages.append(payload)
@@ -74,16 +84,67 @@ async def test_after_dear_messages_it_leaves_the_loop_to_others_for_as_long_as_i
                 breaks_s.append(delay_s)
             return later(0.0, callback, *args)
 
+        for client in clients:
+            client.send(b"dear")
+        await until(lambda: len(running.waiting()) == 3)
         monkeypatch.setattr(loop, "time", lambda: now() + late_s)
         monkeypatch.setattr(loop, "call_later", call_later)
         assert running.server._service is not None
         monkeypatch.setattr(running.server, "_service", dataclasses.replace(running.server._service, on_message=slow))
-        with connected(tmp_path, zmq.PUSH, "targets") as client:
-            for n in range(3):
-                client.send(b"%d" % n)
-            await running.until(lambda: len(running.messages) == 3)
-        assert len(breaks_s) >= 2
+        running.resume()
+        await until(lambda: len(running.messages) == 3)
+        assert len(breaks_s) == 2
         assert min(breaks_s) >= 4 * BREAK_S
+
+
+@pytest.mark.parametrize("kind", [zmq.PUSH, zmq.DEALER])
+@asynchronous
+async def test_a_message_comes_with_the_time_for_which_it_has_waited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: int
+) -> None:
+    async with held(tmp_path, kind, 1) as (running, (client,)):
+        client.send(b"message")
+        await until(lambda: running.waiting() == [b"message"])
+        (box,) = running.inboxes
+        monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: box._t_arrived_s + 0.25)
+        running.resume()
+        monkeypatch.undo()
+        assert running.waited_ns == [pytest.approx(0.25e9)]
+
+
+@pytest.mark.parametrize("transport", ["ipc", "tcp"])
+@pytest.mark.parametrize("kind", [zmq.PUSH, zmq.DEALER])
+@pytest.mark.parametrize("waits_in", ["the daemon", "ZeroMQ"])
+@asynchronous
+async def test_after_the_end_of_a_client_none_of_its_messages_is_handled(
+    tmp_path: Path, kind: int, transport: str, waits_in: str
+) -> None:
+    remote, options = (None, {}) if transport == "ipc" else secured(tmp_path / "keys")
+    async with held(tmp_path, kind, 2, remote, **options) as (running, (dead, living)):
+        for n in range(100):
+            dead.send(b"%d" % n, zmq.NOBLOCK)
+        await until(lambda: any(box.has_more for box in running.inboxes))
+        if waits_in == "the daemon":
+            assert len(running.waiting()) > 0
+        dead.close()
+        await until(lambda: len(running.inboxes) == 1)
+        living.send(b"living")
+        await until(lambda: running.waiting() == [b"living"])
+        running.resume()
+        assert running.messages + running.requests == [b"living"]
+
+
+@asynccontextmanager
+async def held(
+    directory: Path, kind: int, count: int, remote: Remote | None = None, **options: Any
+) -> AsyncIterator[tuple[Served, list[zmq.Socket[bytes]]]]:
+    """Connected clients of a server that handles nothing until it resumes."""
+    name = "targets" if kind == zmq.PUSH else "control"
+    async with served(directory, remote) as running, AsyncExitStack() as stack:
+        running.hold()
+        clients = [stack.enter_context(connected(directory, kind, name, remote, **options)) for _ in range(count)]
+        await until(lambda: len(running.inboxes) == count)
+        yield running, clients
 
 
 @asynchronous
@@ -94,7 +155,7 @@ async def test_a_message_in_parts_is_dropped_and_counted(tmp_path: Path) -> None
             client.send_multipart([b"x"] * 1000)
             client.send(b"whole")
             await running.until(lambda: running.messages == [b"whole"])
-            assert running.server.misshapen == 2
+            assert running.server.counters["misshapen"] == 2
 
 
 @asynchronous
@@ -142,7 +203,7 @@ async def test_a_request_in_several_parts_is_refused_and_the_next_is_answered(tm
             assert await in_thread(client.recv_multipart) == [b"", b"one part, please"]
             client.send(b"fine")
             assert await in_thread(client.recv) == b"answer to fine"
-            assert running.server.misshapen == 2
+            assert running.server.counters["misshapen"] == 2
 
 
 # --- telemetry --------------------------------------------------------------------------------------------------
@@ -222,7 +283,7 @@ async def test_a_second_daemon_is_refused_and_the_first_keeps_its_sockets(tmp_pa
     async with served(tmp_path):
         second = ClientServer(tmp_path)
         with pytest.raises(AlreadyRunningError, match=f"Another hapticd serves {tmp_path}"):
-            second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, _: payload)
+            second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, *_: payload)
         second.close()
         with connected(tmp_path, zmq.DEALER, "control") as client:
             client.send(b"still there?")
@@ -305,7 +366,7 @@ def test_a_file_of_the_name_of_a_socket_is_kept_and_named(tmp_path: Path, name: 
         if name == "record":
             RecordSocket(tmp_path).start(loop, lambda *_: None)
         else:
-            ClientServer(tmp_path).start(loop, lambda *_: None, lambda payload, _: payload)
+            ClientServer(tmp_path).start(loop, lambda *_: None, lambda payload, *_: payload)
 
     with pytest.raises(HapticdError, match=f"{name}: is not a socket, so clients cannot be served here: move it away"):
         asyncio.run(start())

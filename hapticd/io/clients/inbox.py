@@ -1,0 +1,125 @@
+"""Messages of one connection to `targets` or `control`, with a ZeroMQ socket of its own."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import zmq
+
+from .senders import RateLimiter, Sender, remote_sender
+from .sockets import MAX_MESSAGE_BYTES, RECEIVE_HIGH_WATER, Socket
+
+MAX_READS = RECEIVE_HIGH_WATER  # at once: all that ZeroMQ holds, which of `targets` is a flood
+MAX_PARTS = 3  # of a request: identity, an empty delimiter from REQ clients, payload
+MAX_WAITING_BYTES = RECEIVE_HIGH_WATER * MAX_MESSAGE_BYTES  # of requests; of `targets` only the newest message matters
+
+
+class Message(NamedTuple):
+    """A message in its parts, and the latest instant at which it can have arrived."""
+
+    frames: Sequence[zmq.Frame]
+    t_arrived_s: float
+
+
+class Inbox:
+    """What one client has sent and the daemon has not handled. It ends with the connection, and nothing outlives it."""
+
+    def __init__(
+        self,
+        socket: Socket,
+        sender: Sender | None,
+        rate_limiter: RateLimiter,
+        lost: dict[str, int],
+        now_s: Callable[[], float],
+        on_close: Callable[[Inbox], None],
+    ) -> None:
+        """`sender` is None over TCP, where each frame has a key. `lost` counts messages by why they are dropped."""
+        self.socket = socket
+        self.fd = socket.FD
+        self.rate_limiter = rate_limiter
+        self.is_control = socket.type == zmq.ROUTER
+        self._waiting: deque[Message] = deque()
+        self._waiting_bytes = 0
+        self._sender, self._lost = sender, lost
+        self._now_s, self._on_close = now_s, on_close
+        self._t_arrived_s = now_s()
+
+    @property
+    def has_more(self) -> bool:
+        """Whether messages may be left; consumes the edge of the socket's descriptor."""
+        return bool(self._waiting) or bool(int(self.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN)
+
+    def feed(self, data: bytes) -> bytes:
+        """Take note that bytes have arrived."""
+        self._t_arrived_s = self._now_s()
+        return data
+
+    def read(self, refusal_of_parts: bytes) -> bool:
+        """Read what waits in the socket; return whether there is a message to handle."""
+        for _ in range(MAX_READS):
+            frames = received(self.socket)
+            if frames is None:
+                return bool(self._waiting)
+            if self._has_shape(frames):
+                self._keep(Message(frames, self._t_arrived_s))
+                continue
+            self._lost["misshapen"] += 1
+            if self.is_control:
+                self.reply(frames[: 2 if len(frames[1]) == 0 else 1], refusal_of_parts)
+        if not self.is_control:
+            self._lost["too_fast"] += MAX_READS - 1
+        return bool(self._waiting)
+
+    def sender_by(self, key_names: Mapping[str, str]) -> Sender:
+        """Return the sender, over TCP by the key of the message that waits, which is that of the connection."""
+        if self._sender is None:
+            self._sender = remote_sender(self._waiting[0].frames[-1], key_names)
+        return self._sender
+
+    def pop(self) -> Message:
+        """Take the oldest message that waits."""
+        message = self._waiting.popleft()
+        self._waiting_bytes -= len(message.frames[-1])
+        return message
+
+    def reply(self, envelope: Sequence[zmq.Frame], payload: bytes) -> None:
+        """Answer a request; dropped for a client that does not read."""
+        self.socket.send_multipart([*(frame.bytes for frame in envelope), payload], zmq.NOBLOCK)
+
+    def close(self) -> None:
+        """End, with all that is not handled."""
+        self._on_close(self)
+        self._waiting.clear()
+        self.socket.close()
+
+    def _keep(self, message: Message) -> None:
+        """Queue a request; of `targets` the newest message replaces the one that waits."""
+        self._waiting.append(message)
+        self._waiting_bytes += len(message.frames[-1])
+        while len(self._waiting) > 1 and (not self.is_control or self._waiting_bytes > MAX_WAITING_BYTES):
+            self.pop()
+            self._lost["too_fast"] += self.is_control
+
+    def _has_shape(self, frames: Sequence[zmq.Frame]) -> bool:
+        """Return whether the number of parts is right; of three the second is a REQ client's delimiter."""
+        if not self.is_control:
+            return len(frames) == 1
+        return len(frames) == 2 or (len(frames) == 3 and len(frames[1]) == 0)
+
+
+def received(socket: Socket) -> Sequence[zmq.Frame] | None:
+    """Receive the parts of the next message without blocking; parts beyond MAX_PARTS are discarded."""
+    if not int(socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN:  # the usual case: a quarter of the cost of `zmq.Again`
+        return None
+    try:
+        frames = [socket.recv(zmq.NOBLOCK, copy=False)]
+    except zmq.Again:
+        return None
+    while socket.rcvmore:
+        frame = socket.recv(copy=False)
+        if len(frames) > MAX_PARTS:
+            frames.pop()
+        frames.append(frame)
+    return frames
