@@ -1,8 +1,8 @@
 """Bounds on the connections of a server, which any process of this computer can open.
 
 A connection is a stranger's until a request on it has brought the key. It has STRANGER_S for that, headers, answer and
-all, and beyond MAX_STRANGERS LATECOMER_S: enough for a request that follows at once. So idle connections keep nobody
-out, and a stranger closes neither another stranger's connection nor one that has brought the key.
+all, where it is alone, and less the more strangers there are: so idle connections keep nobody out, and none is closed
+because of a later one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from aiohttp import web
 MAX_KNOWN = 64  # a browser has 6, and one for the socket of each page
 MAX_STRANGERS = 256
 ACCEPTS = 16  # per wake-up
-STRANGER_S, LATECOMER_S = 5.0, 0.1
+STRANGER_S = 5.0
 KEEP_ALIVE_S = 30.0
 LOG_EVERY_S = 10.0
 
@@ -46,11 +46,11 @@ class Connection(web.RequestHandler):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         strangers = self._connections.strangers
-        if len(strangers) >= 2 * MAX_STRANGERS:
+        if len(strangers) >= MAX_STRANGERS:
             transport.abort()
             return
         super().connection_made(transport)
-        time_s = STRANGER_S if len(strangers) < MAX_STRANGERS else LATECOMER_S
+        time_s = STRANGER_S * (1.0 - len(strangers) / MAX_STRANGERS) ** 2
         self._deadline = self._loop.call_later(time_s, transport.abort)
         strangers.add(self)
 

@@ -16,6 +16,7 @@ from ...errors import HapticdError
 from .connections import ACCEPTS, Connection, Connections, logger, report
 
 START_WITHIN_S = 10.0
+BACKLOG = 128
 END_WITHIN_S = 1.0
 
 _Arguments = TypeVarTuple("_Arguments")
@@ -48,6 +49,7 @@ async def served(app: web.Application, listener: socket.socket) -> AsyncIterator
         server = await loop.create_server(
             lambda: Connection(connections, handler, loop), sock=listener, backlog=ACCEPTS
         )
+        listener.listen(BACKLOG)  # more than asyncio accepts at once: one that finds it full tries again after 1 s
         try:
             yield connections
         finally:

@@ -64,16 +64,15 @@ async def test_strangers_are_bounded_and_keep_neither_an_early_nor_a_later_clien
     app: web.Application, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(connections, "MAX_STRANGERS", 20)
-    monkeypatch.setattr(connections, "LATECOMER_S", 0.3)
+    monkeypatch.setattr(connections, "STRANGER_S", 40.0)  # the 18th has 0.9 s, the twentieth 0.1 s
     async with running(app) as (found, port):
         request = f"GET /?key=key HTTP/1.0\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode()
         with ExitStack() as stack:
             (early,) = await asyncio.to_thread(idle, stack, port, 1)
             await until(lambda: len(found) == 1)
-            clients = await asyncio.to_thread(idle, stack, port, 60)
-            late = clients[20:]  # beyond those that may wait
-            assert all([await asyncio.to_thread(ends, client) for client in late])
-            assert len(found.strangers) == 20
+            clients = await asyncio.to_thread(idle, stack, port, 100)
+            assert all([await asyncio.to_thread(ends, client) for client in clients[40:]])
+            await until(lambda: len(found) <= 17)
             (later,) = await asyncio.to_thread(idle, stack, port, 1, request)
             early.sendall(request)
             for client in (early, later):
