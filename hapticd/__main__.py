@@ -30,6 +30,7 @@ COMMANDS = {
         "tools.demo.program", "run everything on the simulated plate and show it", "--seconds 10 --out demo.png"
     ),
     "run": Command("tools.run", "run the service in the foreground", "--config hapticd.toml"),
+    "status": Command("tools.status", "show what the running service reports of itself", "--json"),
     "view": Command(
         "tools.view.program", "show the plate in the browser, and with --sim touch a simulated one there", "--sim"
     ),

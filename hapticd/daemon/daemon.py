@@ -45,7 +45,7 @@ QUIET_WITHIN_S = 0.1  # for the last frame to leave
 AT_REST_AFTER_S = 0.01  # the plate, once the board has that frame
 KEEP_EVERY_NS = 100_000_000  # what needs no better time than that, such as to find a socket's lost wake-up
 COLLECT_EVERY_NS = 1_000_000_000
-LOG_MISSED_EVERY_NS = 10_000_000_000
+LOG_LOST_EVERY_NS = 60_000_000_000
 REPORTS_SHARE, REPORTS_BURST_NS = 0.75, 20_000_000  # of the loop's time: passes of reports
 STALL_NS = 1_000_000_000  # between two events of the loop, whose timer's longest period is less than half of this
 
@@ -88,7 +88,7 @@ class Daemon:
         self._pauses: Pauses | None = None
         self._t_collected_ns = self._t_logged_ns = self._t_kept_ns = 0
         self._t_awake_ns: int | None = None
-        self._logged_missed = 0
+        self._logged_lost = 0
         self._slowness = Slowness()
         self._breather = Breather()
         self._pad_link: tuple[Pad | None, str] | None = None  # what is connected, and why
@@ -151,7 +151,7 @@ class Daemon:
         machine, before = self._new_machine(), self.machine
         machine.status.real_time = before.status.real_time
         self.machine = machine
-        self._logged_missed = 0
+        self._logged_lost = 0
         self._recorders.begin(machine, t_now_ns)
         machine.adopt_slowness(self._slowness.adopted, t_now_ns)
         if self._self_test is not None and self._self_test.result is not None:
@@ -225,7 +225,7 @@ class Daemon:
         has_machine = hasattr(self, "machine")  # else `start` failed
         if has_machine:
             self.machine.stop(now_ns())
-            self._log_missed()
+            self._log_lost()
         await self._trackpad.close()
         await self._link.drained(QUIET_WITHIN_S)
         if has_machine and self.machine.session.hello is not None:
@@ -339,9 +339,9 @@ class Daemon:
         if self.machine.is_idle and t_now_ns - self._t_collected_ns >= COLLECT_EVERY_NS:
             self._t_collected_ns = t_now_ns
             collect_when_idle()
-        if t_now_ns - self._t_logged_ns >= LOG_MISSED_EVERY_NS:
+        if t_now_ns - self._t_logged_ns >= LOG_LOST_EVERY_NS:
             self._t_logged_ns = t_now_ns
-            self._log_missed()
+            self._log_lost()
 
     def _set_pace(self, *, after_reports: bool = False) -> None:
         """Set the timer to what the machine needs: while reports arrive they replace the ticks. A resting board is read
@@ -355,20 +355,12 @@ class Daemon:
         elif self._timer.period_ns != period_ns:
             self._timer.set_period(period_ns)
 
-    def _log_missed(self) -> None:
-        loop, ledger, touch = self.machine.status.loop, self.machine.session.ledger, self.machine.pipeline.counters
-        missed = loop.missed_ticks + loop.breaths + ledger.late_frames + ledger.unanswered + touch.left_out_fingers
-        if missed > self._logged_missed:
-            self._logged_missed = missed
-            log.warning(
-                "timing since the start: %d ticks missed, %d frames late, %d unanswered, %d sleeps of a loop that was "
-                "too busy, %d fingers left out of passes that were too dear (details: `status`)",
-                loop.missed_ticks,
-                ledger.late_frames,
-                ledger.unanswered,
-                loop.breaths,
-                touch.left_out_fingers,
-            )
+    def _log_lost(self) -> None:
+        lost = self.machine.status.lost()
+        if (count := sum(lost.values())) > self._logged_lost:
+            self._logged_lost = count
+            what = ", ".join(f"{count} {name}" for name, count in lost.items())
+            log.warning("this computer is too busy for the touch: %s since the start; reduce its load", what)
 
     def _update_subscription(self) -> None:
         """Pass on telemetry only while there is a subscriber."""

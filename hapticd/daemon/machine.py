@@ -260,7 +260,8 @@ class Machine:
         if released:
             self.pipeline.release(released)
         if self.pipeline.sensor_is_silent(t_now_ns):
-            log.warning("trackpad silent with %d fingers down: they count as lifted", len(self.pipeline.fingers))
+            count = len(self.pipeline.fingers)
+            log.warning("trackpad silent: %d fingers count as lifted; check its cable, and this computer's load", count)
             self.pipeline.sensor_lost()
         self.board.tend(t_now_ns)
 

@@ -120,6 +120,17 @@ class Status:
             )
         )
 
+    def lost(self) -> dict[str, int]:
+        """What a computer that is too busy has cost the touch since the start. Missed ticks alone cost nothing."""
+        ledger, touch = self._board.session.ledger, self._pipeline.counters
+        counts = {
+            "frames late": ledger.late_frames,
+            "frames unanswered": ledger.unanswered,
+            "passes put off": self.loop.breaths,
+            "fingers left out of a pass": touch.left_out_fingers,
+        }
+        return {name: count for name, count in counts.items() if count}
+
     # --- answers ---
 
     def plate(self) -> Plate:

@@ -47,5 +47,5 @@ class DaemonProcess:
         self._config.write_text(f"[sim]\n{sim}\n{client}\n{log}\n{settings}", encoding="utf-8")
 
     def _start(self) -> None:
-        command = ["run", "--config", str(self._config)]
+        command = ["run", "--sim", "--config", str(self._config)]
         self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)

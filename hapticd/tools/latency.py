@@ -32,7 +32,6 @@ from ..daemon.machine import Machine
 from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
 from ..regular_file import opened
-from ..sim import landing
 from ..values import FloatArray, LedgerLine
 from . import outputs, plotting
 from .arguments import POSITIVE
@@ -119,6 +118,8 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
 
 def run_landings(*, json_file: str | None) -> None:
     """Measure landings on the simulated rig, print a row for each way, and write figures as JSON."""
+    from ..sim import landing  # late: the simulation is for this alone
+
     with Progress("measuring") as progress:
         found = landing.measure(progress=progress)
     out = outputs.table_stream(json_file)

@@ -1,4 +1,4 @@
-"""Progress of long work on a terminal: one line with a bar and an estimate of the time left."""
+"""Progress of long work: a bar with an estimate of the time left on a terminal, now and then a line elsewhere."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import TextIO
 
 SHOWN_AFTER_S = 1.0  # short work shows nothing
 EVERY_S = 0.1
+LINE_EVERY_S = 10.0  # into a pipe or a file
 WIDTH = 24
 
 
 class Progress:
-    """Context manager whose value is called with the share of the work that is done, 0 .. 1; erased at the end.
+    """Context manager whose value is called with the share of the work that is done, 0 .. 1.
 
-    Nothing is written where `stream`, standard error, is not a terminal.
+    Written to `stream`, standard error: on a terminal a bar that is erased at the end, elsewhere lines.
     """
 
     def __init__(
@@ -25,30 +26,34 @@ class Progress:
         self._stream = sys.stderr if stream is None else stream
         self._clock_s = clock_s
         self._t_start_s = clock_s()
-        self._t_next_s = self._t_start_s + SHOWN_AFTER_S if self._stream.isatty() else float("inf")
+        self._is_bar = self._stream.isatty()
+        self._t_next_s = self._t_start_s + (SHOWN_AFTER_S if self._is_bar else LINE_EVERY_S)
         self._is_shown = False
 
     def __call__(self, done_frac: float) -> None:
         now_s = self._clock_s()
         if now_s < self._t_next_s or done_frac <= 0.0:
             return
-        self._t_next_s = now_s + EVERY_S
-        left_s = (now_s - self._t_start_s) * (1.0 / min(done_frac, 1.0) - 1.0)
-        full = round(WIDTH * min(done_frac, 1.0))
-        bar = "#" * full + "." * (WIDTH - full)
-        self._write(f"{self._what} [{bar}] {100 * min(done_frac, 1.0):3.0f} %, {_span(left_s)} left")
+        self._t_next_s = now_s + (EVERY_S if self._is_bar else LINE_EVERY_S)
+        done_frac = min(done_frac, 1.0)
+        text = f"{100 * done_frac:3.0f} %, {_span((now_s - self._t_start_s) * (1.0 / done_frac - 1.0))} left"
+        if self._is_bar:
+            full = round(WIDTH * done_frac)
+            self._write(f"\r\x1b[K{self._what} [{'#' * full}{'.' * (WIDTH - full)}] {text}")
+            self._is_shown = True
+        else:
+            self._write(f"{self._what}: {text.lstrip()}\n")
 
     def __enter__(self) -> Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._is_shown:
-            self._write("")
+            self._write("\r\x1b[K")
 
     def _write(self, text: str) -> None:
-        self._stream.write(f"\r\x1b[K{text}")
+        self._stream.write(text)
         self._stream.flush()
-        self._is_shown = True
 
 
 def _span(seconds: float) -> str:

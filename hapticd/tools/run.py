@@ -16,6 +16,8 @@ from ..config import loader as config
 from ..config.sections import SIMULATED, Config
 from . import glass, simulated_fingers
 
+log = logging.getLogger("hapticd")
+
 OPENSSL = ("_ssl", "_hashlib")  # the modules that load it
 STDERR = 2  # the descriptor
 
@@ -82,7 +84,23 @@ def _run(options: argparse.Namespace) -> None:
         service.check(loaded)
         return
     log_to_stderr(loaded.log.level)
+    _announce(loaded, is_meant=options.sim)
     service.run(loaded, lambda: _configuration(options), judge=_check_command(options))
+
+
+def _announce(loaded: Config, *, is_meant: bool) -> None:
+    """Log first what is simulated, which takes a second to start; a warning if no one asked for it."""
+    found = {"device.port": loaded.device.port, "trackpad.source": loaded.trackpad.source}
+    simulated = [key for key, value in found.items() if value == SIMULATED]
+    if is_meant:
+        log.info("starting the simulated plate")
+    elif simulated and not loaded.sim.rig_dir:
+        log.warning(
+            "SIMULATED: %s not configured, so no hardware is driven. Set %s in a file (`hapticd first-light` and "
+            "`hapticd calibrate` write one) and name it with --config; --sim says that the simulation is meant",
+            f"{' and '.join(simulated)} {'is' if len(simulated) == 1 else 'are'}",
+            "it" if len(simulated) == 1 else "them",
+        )
 
 
 @contextmanager

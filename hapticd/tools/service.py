@@ -36,7 +36,8 @@ from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
 from ..io.host.limits import require_descriptors, require_threads
 from ..io.host.systemd import Notifier
-from ..sim.plate.glasses import driven_modes
+from ..sim.fingers.trajectories import read_repeated
+from ..sim.plate.glasses import driven_modes, find_glass
 from ..sim.plate.wirings import wiring
 from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
 from . import pads
@@ -61,9 +62,9 @@ class Prepared:
     parasitic_modes: ParasiticModes | None
     calibration: BoardCalibration
     trackpad: TrackpadSource
+    remote: Remote | None
     board_port: str
     runtime_dir: Path
-    remote: Remote | None
 
     def daemon(self, notifier: Notifier | None = None) -> Daemon:
         """Return a daemon for it, not yet started."""
@@ -103,7 +104,6 @@ class ConfigLoader:
 
     def prepare(self, config: Config) -> Prepared:
         """Read the files that the configuration names. Raises HapticdError in one sentence."""
-        measured = config.device.calibration_file
         rig_dir = self._rig_directory(config)
         if rig_dir != Path():
             config = _on_rig(config, rig_dir)
@@ -112,17 +112,14 @@ class ConfigLoader:
         return Prepared(
             config,
             modes,
-            load_parasitic_modes(config),
-            calibration.load(Path(measured), modes.M) if measured else UNCALIBRATED,
-            _trackpad(config, rig_dir),
+            *_read(config, modes.M, rig_dir),
             str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port,
             Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ),
-            _remote(config),
         )
 
     def _rig_directory(self, config: Config) -> Path:
         """Return the simulated rig's directory: of one that runs already, or a new one; "." if none is needed."""
-        if config.sim.rig_dir or SIMULATED not in (config.trackpad.source, config.device.port):
+        if not _needs_rig(config):
             return Path(config.sim.rig_dir)
         sim = config.sim
         if sim not in self._rigs:
@@ -137,9 +134,23 @@ class ConfigLoader:
 
 
 def check(config: Config) -> None:
-    """Check a configuration (`hapticd run --check`). Raises HapticdError in one sentence."""
+    """Check a configuration (`hapticd run --check`). Raises HapticdError in one sentence.
+
+    No simulated plate is built, which takes a second: what counts is how many modes it drives.
+    """
     with ConfigLoader() as config_loader:
-        config_loader.prepare(config)
+        if not _needs_rig(config):
+            config_loader.prepare(config)
+            return
+    size_mm, modes = find_glass(config.sim.plate).size_mm, _driven_modes(config.sim)
+    if config.sim.fingers_file:
+        read_repeated(Path(config.sim.fingers_file), size_mm)
+    if config.plate.modes_file:
+        modes = load_modes(config).M
+    elif config.device.port == SIMULATED:
+        config = on_plate(config, size_mm, (0.0,) * modes)
+    _check_limits(config, modes)
+    _read(config, modes, Path())
 
 
 def run(config: Config, reread: Callable[[], Config] | None = None, judge: Sequence[str] = ()) -> None:
@@ -221,12 +232,34 @@ def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
 
         plate = PlateSettings.of(config.sim.plate, _driven_modes(config.sim))
         modes = GroundTruth(plate).measured_mode_map(config.sim.seed)
-    if len(config.limits.w_limit_um) != modes.M:
-        raise ConfigError(
-            f"limits.w_limit_um: has {len(config.limits.w_limit_um)} limits for a plate of {modes.M} modes: "
-            "give one for each mode."
-        )
+    _check_limits(config, modes.M)
     return modes
+
+
+def _check_limits(config: Config, modes: int) -> None:
+    limits = len(config.limits.w_limit_um)
+    if limits != modes:
+        raise ConfigError(
+            f"limits.w_limit_um: has {limits} limits for a plate of {modes} modes: give one for each mode."
+        )
+
+
+def _needs_rig(config: Config) -> bool:
+    """Whether a simulated device is configured that does not run yet."""
+    return not config.sim.rig_dir and SIMULATED in (config.trackpad.source, config.device.port)
+
+
+def _read(
+    config: Config, modes: int, rig_dir: Path
+) -> tuple[ParasiticModes | None, BoardCalibration, TrackpadSource, Remote | None]:
+    """Read the other files that the configuration of a plate of so many modes names. Raises HapticdError."""
+    measured = config.device.calibration_file
+    return (
+        load_parasitic_modes(config),
+        calibration.load(Path(measured), modes) if measured else UNCALIBRATED,
+        _trackpad(config, rig_dir),
+        _remote(config),
+    )
 
 
 def load_parasitic_modes(config: Config) -> ParasiticModes | None:

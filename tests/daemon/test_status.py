@@ -48,6 +48,16 @@ def test_status_is_plain_data_at_any_time(when: str) -> None:
     assert msgpack.unpackb(msgpack.packb(said)).keys() == said.keys()
 
 
+def test_what_a_busy_computer_costs_names_only_what_it_cost() -> None:
+    bench = Bench(SLIPPERY, STICKY).driven()
+    said = bench.machine.status
+    said.loop.missed_ticks = 7
+    assert said.lost() == {}
+    said.loop.breaths = 2
+    bench.machine.session.ledger.late_frames = 3
+    assert said.lost() == {"frames late": 3, "passes put off": 2}
+
+
 def test_status_tells_rates_ages_counters_and_how_the_state_came_to_be() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(95)

@@ -1,4 +1,4 @@
-"""The progress line: on terminals only, late enough to matter, with an estimate, and gone at the end."""
+"""Progress: late enough to matter, with an estimate; a bar that is gone at the end, or lines in a pipe."""
 
 from __future__ import annotations
 
@@ -33,10 +33,23 @@ def test_long_work_shows_how_much_is_done_and_what_is_left() -> None:
     assert terminal.getvalue().endswith("\r\x1b[K")
 
 
-def test_short_work_and_a_file_show_nothing() -> None:
-    for stream, seconds in ((Terminal(), 0.9), (io.StringIO(), 100.0)):
+def test_short_work_shows_nothing() -> None:
+    for stream, seconds in ((Terminal(), 0.9), (io.StringIO(), 9.0)):
         clock = Clock()
         with Progress("measuring", stream=stream, clock_s=clock) as progress:
             clock.t_s = seconds
             progress(0.5)
         assert stream.getvalue() == ""
+
+
+def test_a_pipe_gets_a_line_every_ten_seconds() -> None:
+    clock, pipe = Clock(), io.StringIO()
+    with Progress("measuring", stream=pipe, clock_s=clock) as progress:
+        for second in range(31):
+            clock.t_s = float(second)
+            progress(second / 40)
+    assert pipe.getvalue().splitlines() == [
+        "measuring: 25 %, 30 s left",
+        "measuring: 50 %, 20 s left",
+        "measuring: 75 %, 10 s left",
+    ]

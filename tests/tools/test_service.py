@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
 import socket
@@ -163,6 +164,53 @@ def test_what_cannot_run_is_refused_and_nothing_is_opened(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "text", "level", "named"),
+    [
+        ((), "", "WARNING", ("SIMULATED", "device.port and trackpad.source", "--config", "--sim")),
+        ((), '[trackpad]\nsource = "evdev"\nsize_mm = [9.0, 9.0]\n', "WARNING", ("SIMULATED: device.port is",)),
+        (("--sim",), "", "INFO", ("starting",)),
+    ],
+)
+def test_the_first_line_says_what_is_simulated(
+    arguments: tuple[str, ...],
+    text: str,
+    level: str,
+    named: tuple[str, ...],
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(service, "run", lambda *_, **__: None)
+    config = tmp_path / "hapticd.toml"
+    config.write_text(text, encoding="utf-8")
+    with caplog.at_level("INFO"):
+        assert main(["run", "--config", str(config), *arguments]) == 0
+    assert caplog.records[0].levelname == level
+    assert all(word in caplog.text for word in named)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('[sim]\nplate = "fingertip"\n', ""),
+        ('[sim]\nplate = "fingertip"\n[limits]\nw_limit_um = [1.0, 1.0]\n', "2 limits for a plate of 4 modes"),
+        ('[sim]\nplate = "fingertip"\nmodes = 7\n', "sim.modes: 7 modes cannot be driven"),
+        ('[sim]\nfingers_file = "none.csv"\n', "none.csv"),
+        ('[device]\ncalibration_file = "none.toml"\n', "none.toml"),
+    ],
+)
+def test_a_simulated_plate_is_checked_without_building_it(
+    text: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(service, "RigProcess")
+    monkeypatch.setitem(sys.modules, "hapticd.sim.plate.ground_truth", None)
+    config = tmp_path / "hapticd.toml"
+    config.write_text(text, encoding="utf-8")
+    assert main(["run", "--check", "--config", str(config)]) == (78 if sentence else 0)
+    assert sentence in capsys.readouterr().err
+
+
 @asynchronous
 async def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_one_leaves_them_the_old(
     config_loader: ConfigLoader,
@@ -202,7 +250,11 @@ async def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_o
     await asyncio.wait_for(serving, PATIENCE_S)
     notifier.close()
     ready = f"READY=1\nSTATUS=serving clients in {runtime_dir}".encode()
-    assert [manager.recv(200) for _ in range(3)] == [ready, ready, b"STOPPING=1"]
+    heard = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            heard.append(manager.recv(200))
+    assert [message for message in heard if message != b"WATCHDOG=1"] == [ready, ready, b"STOPPING=1"]
     assert read == []
     assert sorted(os.listdir(runtime_dir)) == ["lock"]
 

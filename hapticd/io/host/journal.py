@@ -1,8 +1,8 @@
 """Non-blocking, rate-limited log output: neither a slow reader nor a flood of lines delays the touch path.
 
 A write to a terminal stopped with Ctrl-S, a pager or a full pipe blocks until it is read. Such a line is dropped here,
-and the next written line reports how many were. So are lines beyond one a second from one place in the code: a board or
-a client that repeats a fault must not fill the disk.
+and the next written line reports how many were. So are lines that one place in the code repeats, within ten seconds: a
+board, a client or a busy host that repeats a fault must neither fill the disk nor bury the cause.
 """
 
 from __future__ import annotations
@@ -17,20 +17,23 @@ from dataclasses import dataclass
 Write = Callable[[bytes], int]
 
 BURST = 5  # lines of one place at once, such as the refusals of one start
-LINES_HZ = 1.0  # afterwards
+LINES_HZ = 0.1  # afterwards, and of the same text
 
 
 @dataclass(slots=True)
 class _Place:
-    """Token bucket of one place in the code; `dropped` counts its lines since the last one that passed."""
+    """Token bucket of one place in the code; `text` is its last line, `dropped` counts those since then."""
 
     tokens: float
     t_s: float
+    text: str = ""
     dropped: int = 0
 
 
 class LineRateLimiter(logging.Filter):
     """Pass BURST lines of each place in the code, then LINES_HZ; the next line reports how many were dropped.
+
+    A line with the text of the last one passes once the bucket is full again.
 
     Lines of level DEBUG pass: only a developer requests them.
     """
@@ -47,12 +50,14 @@ class LineRateLimiter(logging.Filter):
         place = self._places.setdefault((record.pathname, record.lineno), _Place(BURST, t_s))
         place.tokens = min(place.tokens + max(t_s - place.t_s, 0.0) * LINES_HZ, BURST)
         place.t_s = t_s
-        if place.tokens < 1.0:
+        text = record.getMessage()
+        if place.tokens < (BURST if text == place.text else 1.0):
             place.dropped += 1
             return False
         place.tokens -= 1.0
+        place.text = text
         if place.dropped:
-            record.msg = f"{record.getMessage()} ({place.dropped} more lines of this kind were dropped)"
+            record.msg = f"{text} ({place.dropped} more lines of this kind were dropped)"
             record.args = None
             place.dropped = 0
         return True

@@ -10,19 +10,20 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...config import loader as config
 from ...config.sections import SIMULATED, Config
 from ...errors import CalibrationError
-from .. import latency
 from ..arguments import POSITIVE
-from ..latency import STAGES, MeasuredLatency
 from .folder import CONFIG_FILE
 from .step import Step, add_config
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
+
+if TYPE_CHECKING:
+    from ..latency import MeasuredLatency
 
 LEDGER_FILE = "latency.csv"
 PICTURE_FILE = "latency.png"
@@ -44,6 +45,8 @@ def run(options: argparse.Namespace) -> Verdict:
     is_simulated = SIMULATED in (configured.device.port, configured.trackpad.source)
     if is_simulated and not options.sim:
         raise CalibrationError("The configuration has simulated devices: calibrate the real ones first, or add --sim.")
+    from .. import latency  # late, with the daemon: half of the time in which the steps are listed
+
     measured = latency.measure(configured, options.seconds)
     latency.draw(measured, options.out / PICTURE_FILE, **PICTURE)
     latency.write_ledger(measured.lines, options.out / LEDGER_FILE)
@@ -65,6 +68,8 @@ def _configuration(options: argparse.Namespace) -> Config:
 
 def verdict(measured: MeasuredLatency, configured: Config, *, is_simulated: bool) -> Verdict:
     """Judge the frames, and derive the service's initial values."""
+    from ..latency import STAGES
+
     figures = tuple(
         Figure(f"{what}, {percent} %", measured.stages[name].percentile_ns(percent) * 1e-6, "ms")
         for name, what in STAGES.items()

@@ -120,8 +120,8 @@ def as_toml(settings: FoundSettings) -> str:
     )
 
 
-def overview(directory: Path) -> str:
-    """Return the steps in order, with the results so far."""
+def overview(directory: Path, *, is_simulated: bool = False) -> str:
+    """Return the steps in order, with the results so far, and the command for the next ones."""
     found = load(directory)
     lines = [f"Steps, in this order; results go to {directory} (--out):", ""]
     for place, (step, one) in enumerate(all_steps().items(), 1):
@@ -133,7 +133,9 @@ def overview(directory: Path) -> str:
             )
     left = [step for step in in_order() if step not in found or found[step].outcome is Outcome.FAIL]
     if left:
-        lines += ["", f"Next: hapticd calibrate {left[0]} --out {directory}"]
+        arguments = f"{'--sim ' if is_simulated else ''}--out {directory}"
+        lines += ["", f"Next: hapticd calibrate {left[0]} {arguments}"]
+        lines += [f"All of them, in order: hapticd calibrate all {arguments}"]
     else:
         lines += ["", f"All steps are done: hapticd run --config {directory / CONFIG_FILE}"]
     return "\n".join(lines)

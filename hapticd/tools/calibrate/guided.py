@@ -8,15 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import hapticd_client
-
-from ...config.sections import Config, RecordConfig
 from ...design.touch.guide import GUIDED_S, GuidedPlaces, places_at
 from ...errors import HapticdError
 from ...sim.fingers.scenarios import LAND_S
-from ...sim.plate.ground_truth import PlateSettings
-from ...sim.settings import Settings
-from ..record import attach, simulated
 
 CLIENT = "calibrate-touch"
 SIMULATED_PLATE = "fingertip"
@@ -41,6 +35,8 @@ class Guide:
 
     def notify(self, text: str) -> None:
         """Pass on what the recorder says."""
+        from ..record import attach
+
         self._say(text)
         if text != attach.WAITING and self._t_begun_s is None:
             self._t_begun_s = self._now_s()
@@ -60,6 +56,13 @@ class Guide:
 
 def record(path: Path, *, is_simulated: bool, seed: int, endpoint: str | None = None) -> None:
     """Record to `path`, replacing what an earlier run wrote. Raises HapticdError."""
+    import hapticd_client
+
+    from ...config.sections import Config, RecordConfig
+    from ...sim.plate.ground_truth import PlateSettings
+    from ...sim.settings import Settings
+    from ..record import attach, simulated  # late, with the recorder and the daemon
+
     path.unlink(missing_ok=True)
     if is_simulated:
         plate = PlateSettings.of(SIMULATED_PLATE)
@@ -78,9 +81,11 @@ def record(path: Path, *, is_simulated: bool, seed: int, endpoint: str | None = 
 
 def _lay(client: Any) -> None:
     """Make the plate slippery on one side of a line on which no two guided places lie, and sticky on the other."""
+    from hapticd_client import Polygon
+
     half_x, half_y = (size_mm / 2.0 for size_mm in client.plate()["size_mm"])
     upper, lower = (-half_y / 2.0, half_y), (half_y / 2.0, -half_y)
-    left = hapticd_client.Polygon(((-half_x, -half_y), lower, upper, (-half_x, half_y)))
-    right = hapticd_client.Polygon((lower, (half_x, -half_y), (half_x, half_y), upper))
+    left = Polygon(((-half_x, -half_y), lower, upper, (-half_x, half_y)))
+    right = Polygon((lower, (half_x, -half_y), (half_x, half_y), upper))
     client.surface("slippery", left, amplitude_um=_SLIPPERY_UM)
     client.surface("sticky", right, amplitude_um=_STICKY_UM)

@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = f"{parser.description} Without a step: the order, and the steps done so far."
     parser.epilog = f"{parser.epilog}\n         hapticd run --config DIR/hapticd.toml"
     parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default calibration)")
+    parser.add_argument("--sim", action="store_true", help="measure the simulated plate")
     parser.set_defaults(command=_run, step=None)
     steps = parser.add_subparsers(title="steps", metavar="STEP")
     from .step import in_order  # late, for the sake of what steps import
@@ -42,7 +43,7 @@ def _step(steps: Any, name: str, summary: str, example: str, *, is_sim_asked: bo
     parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
     parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
     if is_sim_asked:
-        parser.add_argument("--sim", action="store_true", help="measure the simulated plate")
+        parser.add_argument("--sim", action="store_true", default=argparse.SUPPRESS, help="measure the simulated plate")
         parser.add_argument("--seed", type=whole(0), default=1, help="of the simulated measurements (default 1)")
     parser.set_defaults(step=name)
     return parser
@@ -57,7 +58,7 @@ def _run(options: argparse.Namespace) -> int:
     from .verdict import Outcome
 
     if options.step is None:
-        print(folder.overview(options.out))
+        print(folder.overview(options.out, is_simulated=options.sim))
         return 0
     require_matplotlib()
     if getattr(options, "participant", None) is not None:

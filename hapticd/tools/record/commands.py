@@ -6,7 +6,6 @@ import argparse
 import logging
 import select
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
 
@@ -98,7 +97,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     _add_files(parser)
-    forms = parser.add_mutually_exclusive_group(required=True)
+    forms = parser.add_argument_group("formats, one or more")
     forms.add_argument("--csv", type=Path, metavar="DIR", help="a folder with one CSV file for each table")
     outputs.add_file(parser, "--hdf5", outputs.HDF5, group=forms, metavar="F.h5", help="one HDF5 file with all tables")
     forms.add_argument("--parquet", type=Path, metavar="DIR", help="a folder with one Parquet file for each table")
@@ -111,31 +110,31 @@ def _export(options: argparse.Namespace) -> None:
     from . import export
     from .tables import tables
 
-    if options.csv is None:
-        export.require("h5py" if options.hdf5 is not None else "pyarrow")
+    if options.csv is options.hdf5 is options.parquet is None:
+        raise UsageError("No format is given: add --csv DIR, --hdf5 F.h5 or --parquet DIR, or several.")
+    if options.hdf5 is not None:
+        export.require("h5py")
+    if options.parquet is not None:
+        export.require("pyarrow")
     recording = open_recording(options.files)
     with Progress("reading") as recording.progress:
         found, texts = tables(recording), texts_of(recording.header)
+    csv = options.csv, export.csv_files, export.to_csv
+    parquet = options.parquet, export.parquet_files, export.to_parquet
+    folders = [form for form in (csv, parquet) if form[0] is not None]
+    written = [] if options.hdf5 is None else [options.hdf5]
+    for folder, files_of, _ in folders:
+        outputs.create_folder(folder)
+        outputs.check(files_of(found, folder), inputs=options.files, is_forced=options.force)
+        written += files_of(found, folder)
     if options.hdf5 is not None:
-        written = [options.hdf5]
         export.to_hdf5(found, texts, options.hdf5)
-    elif options.csv is not None:
-        written = export.csv_files(found, options.csv)
-        _prepare(options.csv, written, options)
-        export.to_csv(found, texts, options.csv)
-    else:
-        written = export.parquet_files(found, options.parquet)
-        _prepare(options.parquet, written, options)
-        export.to_parquet(found, texts, options.parquet)
+    for folder, _, write in folders:
+        write(found, texts, folder)
     for name, table in found.items():
         print(f"{name:<12} {len(table['t_ns']):>9} rows: {', '.join(table)}")
     print(f"written: {', '.join(map(str, written))}")
     _print_losses(recording.losses.report())
-
-
-def _prepare(folder: Path, files: Sequence[Path], options: argparse.Namespace) -> None:
-    outputs.create_folder(folder)
-    outputs.check(files, inputs=options.files, is_forced=options.force)
 
 
 def add_plot_arguments(parser: argparse.ArgumentParser) -> None:

@@ -108,8 +108,11 @@ def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: p
     places = [output.index(f"{place}. {step}") for place, step in enumerate(in_order(), 1)]
     assert places == sorted(places)
     assert output.count("done (simulated)") == 6
-    assert main(["calibrate", "--out", str(out / "none")]) == 0
-    assert "Next: hapticd calibrate resonance" in capsys.readouterr().out
+    for sim, given in ((["--sim"], "--sim "), ([], "")):
+        assert main(["calibrate", *sim, "--out", str(out / "none")]) == 0
+        output = capsys.readouterr().out
+        for step in ("resonance", "all"):
+            assert f"hapticd calibrate {step} {given}--out" in output
 
 
 @pytest.mark.parametrize(

@@ -104,9 +104,14 @@ def test_the_readme_s_lines_give_texts_that_match(
     np.testing.assert_array_equal(names["frame"]["target_um"], targets["target_um"])
 
 
-def test_pandas_reads_the_parquet(tmp_path: Path, strokes: Path) -> None:
-    assert main(["export", str(strokes), "--parquet", str(tmp_path)]) == 0
+def test_one_call_writes_all_formats_and_pandas_reads_the_parquet(
+    tmp_path: Path, strokes: Path, refused: Callable[..., str]
+) -> None:
+    assert "--csv DIR, --hdf5 F.h5 or --parquet DIR" in refused("export", str(strokes))
+    forms = ["--parquet", str(tmp_path), "--csv", str(tmp_path), "--hdf5", str(tmp_path / "s.h5")]
+    assert main(["export", str(strokes), *forms]) == 0
 
+    assert {path.suffix for path in tmp_path.iterdir()} == {".parquet", ".csv", ".json", ".h5"}
     for name, table in tables(open_recording(strokes)).items():
         frame = pandas.read_parquet(tmp_path / f"{name}.parquet")
         for column, values in table.items():
