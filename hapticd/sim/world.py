@@ -25,7 +25,7 @@ CONTROL_HZ = 2000.0
 
 @dataclass(frozen=True, slots=True)
 class WorldRecording:
-    """History of T control ticks: t_s (T,), positions of touching fingers, references, all P plate modes."""
+    """History of T control ticks, skipped ones left out: t_s (T,), positions of touching fingers, references, modes."""
 
     t_s: npt.NDArray[np.float64]
     finger_mm: npt.NDArray[np.float64]
@@ -104,7 +104,7 @@ class World:
         self._fingertips = fingertips
         self._keep = keep
         self._chunk_ticks = chunk_ticks
-        self._kept: list[tuple[npt.NDArray[np.float64], BoardTrace]] = []
+        self._kept: list[tuple[FloatArray, npt.NDArray[np.float64], BoardTrace]] = []
         self._previous = PlateInstant(np.empty((0, 2)), np.zeros(len(plate.decay_1_s), dtype=np.complex128))
         self._start_chunk()
 
@@ -142,9 +142,19 @@ class World:
                 return output
         return b""
 
+    def skip(self, t_s: float) -> None:
+        """Let the time up to `t_s` pass without simulating it: the board's clock and the fingers go on, the plate and
+        the firmware stand still."""
+        due = int(t_s * CONTROL_HZ)
+        self._previous = self.now()
+        self._kept[-1][0][self._done :] = np.nan  # never performed
+        self.board.skip(due - self.ticks)
+        self.ticks = due
+        self._start_chunk()
+
     def receive(self, data: bytes, t_s: float) -> None:
         """Deliver bytes to the board at `t_s`, after the last tick and before the next."""
-        self.board.receive(data, self._board_start_us + round(t_s * 1e6))
+        self.board.receive(data, self._board_start_us + round(max(t_s, self.t_s) * 1e6))
 
     def reset_board(self, boot_id: int) -> None:
         """Reset the processor and its clock after the last tick; the plate continues."""
@@ -153,18 +163,19 @@ class World:
 
     def recording(self) -> WorldRecording:
         """Return the history so far."""
-        done = slice(self.ticks)  # of the chunk that runs, only some ticks
+        t_s = np.concatenate([t_s for t_s, _, _ in self._kept])
+        done = t_s <= self.t_s  # of the chunk that runs, only some ticks
         return WorldRecording(
-            t_s=(np.arange(self.ticks) + 1) / CONTROL_HZ,
-            finger_mm=np.concatenate([fingers_mm for fingers_mm, _ in self._kept])[done],
-            reference_um=np.concatenate([trace.reference_um for _, trace in self._kept])[done],
-            plate_um=np.concatenate([trace.plate_um for _, trace in self._kept])[done],
-            flags=np.concatenate([trace.flags for _, trace in self._kept])[done],
+            t_s=t_s[done],
+            finger_mm=np.concatenate([fingers_mm for _, fingers_mm, _ in self._kept])[done],
+            reference_um=np.concatenate([trace.reference_um for _, _, trace in self._kept])[done],
+            plate_um=np.concatenate([trace.plate_um for _, _, trace in self._kept])[done],
+            flags=np.concatenate([trace.flags for _, _, trace in self._kept])[done],
         )
 
     def _state_at(self, tick: int) -> PlateInstant:
         """Return the state at a tick of this chunk."""
-        fingers_mm, trace = self._kept[-1]
+        _, fingers_mm, trace = self._kept[-1]
         return PlateInstant(fingers_mm[tick], trace.plate_um[tick])
 
     def _loaded(
@@ -209,7 +220,7 @@ class World:
         self._done = 0
         if not self._keep:
             self._kept.clear()
-        self._kept.append((fingers_mm, self._trace))
+        self._kept.append((t_s, fingers_mm, self._trace))
 
 
 def _shared(loads: FloatArray, shares: FloatArray) -> FloatArray:

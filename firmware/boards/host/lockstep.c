@@ -172,6 +172,11 @@ uint64_t hd_board_t_us(const hd_board_t *board)
     return board->t_start_us + elapsed_us(board);
 }
 
+void hd_board_skip(hd_board_t *board, uint64_t ticks)
+{
+    board->tick += ticks;
+}
+
 void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_t at_us)
 {
     hd_receive(&board->core, bytes, n, (uint32_t)at_us);

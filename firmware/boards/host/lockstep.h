@@ -97,6 +97,7 @@ void hd_board_free(hd_board_t *board);
 void hd_board_reset(hd_board_t *board, uint32_t boot_id, int32_t cause);
 
 uint64_t hd_board_t_us(const hd_board_t *board); /* not wrapped */
+void hd_board_skip(hd_board_t *board, uint64_t ticks); /* their time passes, but neither plate nor core moves */
 void hd_board_receive(hd_board_t *board, const uint8_t *bytes, size_t n, uint64_t at_us);
 size_t hd_board_transmit(hd_board_t *board, uint8_t *out, size_t capacity, uint64_t at_us);
 

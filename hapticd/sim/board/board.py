@@ -198,6 +198,10 @@ class Board:
         """Reset the processor: a new boot id, a clock from 0, no voltage. The plate rings down freely."""
         self._library.hd_board_reset(self._board, boot_id, cause)
 
+    def skip(self, ticks: int) -> None:
+        """Advance the clock by `ticks` that are not performed: plate and firmware stand still meanwhile."""
+        self._library.hd_board_skip(self._board, ticks)
+
     def receive(self, data: bytes, at_us: int | None = None) -> None:
         """Deliver bytes now, or at an instant `at_us` before the next tick."""
         self._library.hd_board_receive(self._board, data, len(data), self.unwrapped_us if at_us is None else at_us)

@@ -114,6 +114,7 @@ def load(modes: int) -> ctypes.CDLL:
         "hd_board_reset": (None, [board, ctypes.c_uint32, ctypes.c_int32]),
         "hd_board_baud": (ctypes.c_uint32, [board]),
         "hd_board_t_us": (ctypes.c_uint64, [board]),
+        "hd_board_skip": (None, [board, ctypes.c_uint64]),
         "hd_board_receive": (None, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
         "hd_board_transmit": (size, [board, ctypes.c_char_p, size, ctypes.c_uint64]),
         "hd_board_run": (

@@ -51,7 +51,10 @@ from .sockets import RigSockets
 
 STEP_S = 0.002  # longest interval between two steps of the board
 CHUNK_TICKS = 16  # 8 ms, the lead of computed finger positions; half as many cost 3 % more of a processor
-MAX_BEHIND_S = 0.5  # after a longer stall, simulated time skips ahead
+# A computer too busy to simulate as fast as time passes leaves out what is longer ago than this, so that the board's
+# clock stays the host's. Below the board's dead-man timeout of 50 ms, which bytes that wait for it would meet.
+MAX_BEHIND_S = 0.03
+MOST_AT_ONCE_S = 0.004  # simulated between two looks at clock and line
 
 
 class Rig:
@@ -125,7 +128,7 @@ class Rig:
                 key.data()
             while self._replugs:
                 self._replugs.popleft()()
-            self._advance(self._now_s())
+            self._keep_up(self._now_s())
 
     def close(self) -> None:
         """Close all endpoints."""
@@ -142,15 +145,16 @@ class Rig:
             self.stop()
 
     def _now_s(self) -> float:
-        now_s = time.monotonic() - self.t_start_s
-        if now_s - self.world.t_s > MAX_BEHIND_S:
-            self.t_start_s += now_s - self.world.t_s
-            now_s = self.world.t_s
-        return now_s
+        return time.monotonic() - self.t_start_s
 
     def _wait_s(self) -> float:
         due_s = [self.world.t_s + STEP_S, *self._board.due_s(), *(report.t_arrive_s for report in self._reports)]
         return max(min(due_s) - self._now_s(), 0.0)
+
+    def _keep_up(self, now_s: float) -> None:
+        if now_s - self.world.t_s > MAX_BEHIND_S:
+            self.world.skip(now_s - MAX_BEHIND_S)
+        self._advance(min(now_s, self.world.t_s + MOST_AT_ONCE_S))
 
     def _advance(self, now_s: float) -> None:
         self._hold()

@@ -19,13 +19,15 @@ import pytest
 import zmq
 from asynchronous import wait_for
 
-from hapticd.board_protocol import HelloRequest
-from hapticd.board_values import BoardHello, BoardMessage
+from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict, HelloRequest
+from hapticd.board_values import BoardHello, BoardMessage, BoardStatus
+from hapticd.core.board.session import BoardSession
 from hapticd.errors import DeviceError
 from hapticd.sim.fingers.hands import RETURN_S
 from hapticd.sim.rig import sockets as rigsockets
 from hapticd.sim.rig.process import RigProcess
 from hapticd.sim.rig.program import Rig
+from hapticd.sim.world import CONTROL_HZ
 from hapticd.wire import device
 from hapticd.wire.trackpad import Decoder
 from hapticd_contract.simulated import SimulatedTouch
@@ -204,6 +206,66 @@ def test_the_pad_reports_the_scenarios_fingers_again_after_a_persons(tmp_path: P
         seen.append(counts[-1])
     made.close()
     assert seen == [2, 1, 2]
+
+
+class BusyRig(Rig):
+    """A rig on a computer that needs two seconds to simulate one; `t_s` is its clock."""
+
+    t_s = 0.0
+
+    def __init__(self, directory: Path) -> None:
+        super().__init__(directory, "rest", 1, keep=True)
+        advance = self.world.advance
+
+        def slowly(t_s: float) -> bytes:
+            before_s = self.world.t_s
+            output = advance(t_s)
+            self.t_s += 2.0 * (self.world.t_s - before_s)
+            return output
+
+        self.world.advance = slowly  # type: ignore[method-assign]
+
+    def _now_s(self) -> float:
+        return self.t_s
+
+    def turn(self) -> None:
+        """One of `serve`'s passes."""
+        self.t_s += 1e-4
+        for key, _ in self._selector.select(0):
+            key.data()
+        self._keep_up(self._now_s())
+
+
+def test_a_board_on_a_busy_computer_keeps_its_clock_and_follows_its_host(tmp_path: Path) -> None:
+    made, decoder, seconds = BusyRig(tmp_path), device.Decoder(), 4.0
+    session = BoardSession(link_start_ns=5_000_000, controller="deadbeat")
+    with opened(tmp_path) as fd:
+        os.set_blocking(fd, False)
+        commands = session.link_up(0)
+        while made.t_s < seconds:
+            t_ns = round(made.t_s * 1e9)
+            os.write(fd, b"".join(device.encode(command) for command in commands))
+            made.turn()
+            commands = session.timer(t_ns)
+            with suppress(BlockingIOError):
+                for message in decoder.feed(os.read(fd, 4096)):
+                    match message:
+                        case BoardHello():
+                            commands += session.receive_hello(message, t_ns)
+                        case BoardVerdict():
+                            commands += session.receive_answer(t_ns)
+                        case BoardTime():
+                            session.receive_time(message, t_ns)
+                        case BoardStatus():
+                            session.receive_status(message, t_ns)
+    made.save(tmp_path / "plate.npz")
+    made.close()
+    assert (session.ready, session.ended, session.clock.relocks) == (True, "", 0)
+    assert session.status is not None
+    assert session.status.state is BoardState.LIVE
+    with np.load(tmp_path / "plate.npz") as arrays:
+        assert arrays["t_s"][-1] == pytest.approx(seconds, abs=0.1)
+        assert 0.3 < len(arrays["t_s"]) / (seconds * CONTROL_HZ) < 0.6  # half of the time was left out
 
 
 def test_a_rig_process_leaves_nothing_behind() -> None:
