@@ -408,6 +408,25 @@ def test_without_a_daemon_the_error_names_endpoint_and_remedy(tmp_path: Path) ->
         Client(tmp_path / ("d" * 100), timeout_s=0.05)
 
 
+@pytest.mark.parametrize(
+    ("ending", "lines"),
+    [
+        ("Client(sys.argv[1], timeout_s=1.0)", ["Waiting for hapticd at {}", "No hapticd answers at {}: start one"]),
+        ("Client(sys.argv[1], timeout_s=0.1)", ["No hapticd answers at {}: start one"]),
+        ("raise HapticdError('other')", ["Traceback", "  File", "hapticd_client.errors.HapticdError: other"]),
+    ],
+)
+def test_a_script_without_a_daemon_says_that_it_waits_and_ends_in_a_sentence(
+    tmp_path: Path, ending: str, lines: list[str]
+) -> None:
+    begin = "import sys; from hapticd_client import Client, HapticdError, connection"
+    script = f"{begin}; connection.SILENT_S, connection.SHORT_S = 0.0, 0.5\n{ending}"
+    ended = subprocess.run([sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=False)
+    assert (ended.returncode, len(ended.stderr.splitlines())) == (1, len(lines))
+    for line, sentence in zip(ended.stderr.splitlines(), lines, strict=True):
+        assert line.startswith(sentence.format(tmp_path))
+
+
 def test_states_end_with_an_error_when_the_daemon_is_gone(daemon: FakeDaemon) -> None:
     with Client(daemon.directory, timeout_s=0.2) as client:
         states = client.states(timeout_s=0.2)

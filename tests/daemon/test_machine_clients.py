@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -138,6 +139,21 @@ def test_an_overtaken_refresh_is_dropped_and_counted_not_refused() -> None:
     assert bench.machine.scene.owner_of(1) is None
     clients = bench.ask("status")["body"]["clients"]
     assert (clients["overtaken"], clients["refused"]) == (1, 0)
+
+
+@pytest.mark.parametrize("op", ["targets", "set"])
+@pytest.mark.parametrize(("waited_ms", "left_ms"), [(0, 500), (300, 200), (500, 0), (9000, 0)])
+def test_a_message_that_waited_holds_for_what_is_left_of_its_ttl(op: str, waited_ms: int, left_ms: int) -> None:
+    bench = held()
+    body = {"client": "study", "ttl_s": 0.5, "stamp": 101, "targets": [{"finger": 2, "amplitude_um": 0.5}]}
+    if op == "targets":
+        bench.machine.targets(msgpack.packb({"v": 1, **body}), bench.t_ns, VICTIM, waited_ms * 1_000_000)
+    else:
+        request = {"v": 1, "id": 3, "op": "set", "body": body}
+        bench.machine.request(msgpack.packb(request), bench.t_ns, VICTIM, waited_ms * 1_000_000)
+    expiry_ns = bench.machine.scene.next_expiry_ns
+    assert bench.machine.scene.owner_of(1) is None
+    assert (0 if expiry_ns is None else expiry_ns - bench.t_ns) == left_ms * 1_000_000
 
 
 def test_what_the_sockets_lost_is_told_by_status() -> None:

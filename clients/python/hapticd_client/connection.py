@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import sys
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 import zmq
@@ -27,6 +29,8 @@ from .telemetry import EventReader, Telemetry
 
 FIRST_CONTENTS = 4  # that every daemon knows
 RELEASE_S = 0.5  # timeout of the final release
+SILENT_S = 1.0  # of waiting for a daemon
+SHORT_S = 2.0  # a timeout after which the error comes soon enough
 THREADS = (REFRESHER, KEEPER)
 
 
@@ -48,7 +52,8 @@ class Connection:
         self._context = zmq.Context()
         try:
             self._control = Control(self._context, place)
-            self.hello = _hello(self._control, timeout_s)
+            with _announced(f"Waiting for hapticd at {place} ...", timeout_s):
+                self.hello = _hello(self._control, timeout_s)
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             raise HapticdError(f"{place}: is not a valid runtime directory ({error.strerror}).") from None
@@ -106,6 +111,19 @@ class Connection:
         self.telemetry.close()
         self.events.close()
         self._context.term()
+
+
+@contextlib.contextmanager
+def _announced(sentence: str, timeout_s: float) -> Iterator[None]:
+    """Print a sentence on stderr where something takes long and may take longer."""
+    timer = threading.Timer(SILENT_S, print, (sentence,), {"file": sys.stderr, "flush": True})
+    timer.daemon = True
+    if timeout_s > SHORT_S:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _hello(control: Control, timeout_s: float) -> dict[str, Any]:

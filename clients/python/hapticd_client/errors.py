@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from types import TracebackType
+from typing import Any
 
 
 class HapticdError(Exception):
@@ -16,7 +18,20 @@ class RefusedError(HapticdError, ValueError):
 
 
 class DaemonGoneError(HapticdError, ConnectionError):
-    """No daemon answers."""
+    """No daemon answers. A program that does not catch it ends in its sentence, without a traceback."""
+
+
+def _show_uncaught(
+    kind: type[BaseException], error: BaseException, traceback: TracebackType | None, show: Any = sys.excepthook
+) -> None:
+    """Print the sentence alone where no line of the program is wrong."""
+    if isinstance(error, DaemonGoneError):
+        print(error, file=sys.stderr)
+    else:
+        show(kind, error, traceback)
+
+
+sys.excepthook = _show_uncaught
 
 
 def missing_library(need: str, extra: str) -> HapticdError:
