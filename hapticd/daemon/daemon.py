@@ -360,7 +360,7 @@ class Daemon:
         if (count := sum(lost.values())) > self._logged_lost:
             self._logged_lost = count
             what = ", ".join(f"{count} {name}" for name, count in lost.items())
-            log.warning("this computer is too busy for the touch: %s since the start; reduce its load", what)
+            log.warning("this computer is too busy for the touch: %s since the start (`hapticd status`)", what)
 
     def _update_subscription(self) -> None:
         """Pass on telemetry only while there is a subscriber."""

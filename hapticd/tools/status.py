@@ -19,7 +19,7 @@ from .arguments import add_endpoint
 WIDTH, NAME_WIDTH = 110, 16
 MOST_ITEMS = 4  # of a list
 LEFT_OUT = ("t_ns", "histograms", "measured_um")  # of the present instant, or too long: --json has them
-UNITS = ("ms", "um", "hz", "mb", "ppm", "frac")
+UNITS = {"ms": "ms", "um": "um", "hz": "Hz", "ppm": "ppm"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,13 +67,13 @@ def _text(value: object) -> str:
         return "; ".join(shown + [f"{len(value) - MOST_ITEMS} more"] * (len(value) > MOST_ITEMS))
     if not value:
         return ""
-    return f"{value:.4g}" if isinstance(value, float) else "yes" if value is True else printable(str(value))
+    return f"{value:.6g}" if isinstance(value, float) else "yes" if value is True else printable(str(value))
 
 
 def _named(name: str, value: object) -> str:
     text = _text(value)
     head, _, unit = name.rpartition("_")
     if unit in UNITS and head and text:
-        name, text = head, f"{text} {unit}"
+        name, text = head, f"{text} {UNITS[unit]}"
     name = printable(name).replace("_", " ")
     return f"{name} ({text})" if isinstance(value, Mapping) and text else f"{name} {text}" if text else ""
