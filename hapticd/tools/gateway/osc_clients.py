@@ -54,7 +54,6 @@ class _Sender:
         self.pace = Pace(RATE_HZ, BURST)
         self.targets: dict[int, FingerTarget] = {}
         self.follows: tuple[_Address, float] | None = None  # where to, and until when
-        self.is_due = False  # to be sent to the daemon
 
 
 class OscClients(asyncio.DatagramProtocol):
@@ -101,10 +100,9 @@ class OscClients(asyncio.DatagramProtocol):
         self._daemon.leave(self)
         if self._transport is not None:
             self._transport.abort()
-            self._transport = None
             await self._is_closed.wait()
         for socket in (*self._free, *[one.socket for one in self._senders.values()], self._control):
-            socket.close(linger=0)
+            socket.close()
 
     def _sender(self, address: _Address, t_s: float) -> _Sender:
         for silent in [one for one, kept in self._senders.items() if t_s - kept.t_last_s >= HOLD_S]:
@@ -135,27 +133,16 @@ class OscClients(asyncio.DatagramProtocol):
             sender.targets.clear()
         else:
             sender.targets.pop(finger, None)
-        if not sender.is_due:
-            sender.is_due = True
-            asyncio.get_running_loop().call_later(self._daemon.targets.reserve(), self._hold, sender, address)
-
-    def _hold(self, sender: _Sender, address: _Address) -> None:
-        """Send all that a sender set to the daemon, in its turn."""
-        sender.is_due = False
-        holding = TargetsMessage(_client(address), HOLD_S, targets=tuple(sender.targets.values()), v=1)
-        try:
-            self._push(sender.socket, msgspec.msgpack.encode(holding))
-        except RequestError as error:
-            self._send(address, "/hapticd/error", str(error))
+        self._push(sender.socket, TargetsMessage(_client(address), HOLD_S, targets=tuple(sender.targets.values()), v=1))
 
     def _mark(self, marker: MarkerRequest) -> None:
         self._id = self._id % (2**32 - 1) + 1
-        self._push(self._control, msgspec.msgpack.encode({"v": 1, "id": self._id, "op": "marker", "body": marker}))
+        self._push(self._control, {"v": 1, "id": self._id, "op": "marker", "body": marker})
 
     @staticmethod
-    def _push(socket: zmq.asyncio.Socket, payload: bytes) -> None:
+    def _push(socket: zmq.asyncio.Socket, message: object) -> None:
         try:
-            zmq.Socket.send(socket, payload, zmq.NOBLOCK)
+            zmq.Socket.send(socket, msgspec.msgpack.encode(message), zmq.NOBLOCK)
         except zmq.ZMQError:
             raise RequestError("No hapticd answers: start one.") from None
 

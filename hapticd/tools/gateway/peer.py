@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import itertools
 from typing import Any, Final
 
@@ -23,7 +22,6 @@ from .shared_daemon import STATES, SharedDaemon
 
 MAX_REQUESTS: Final = 8  # that wait, as at the daemon
 ANSWER_S: Final = 2.0  # within which a daemon takes a request
-FLUSH_MS: Final = 200  # for what a closing peer sent last
 
 
 class Peer:
@@ -36,7 +34,7 @@ class Peer:
         self._outbox = Outbox(STATES)
         self._targets_socket = daemon.connected(zmq.PUSH, "targets")
         self._control_socket = daemon.connected(zmq.DEALER, "control")
-        self._targets: tuple[bytes, float] | None = None  # the newest that waits, and until when it holds
+        self._targets = b"", 0.0  # the newest, and until when they hold
         self._has_targets = asyncio.Event()
         self._requests: asyncio.Queue[tuple[int, bytes]] = asyncio.Queue(MAX_REQUESTS)
 
@@ -53,9 +51,8 @@ class Peer:
         finally:
             self._daemon.leave(self)
             self._daemon.names.discard(self._name or "")
-            self._flush()
-            self._targets_socket.close(linger=FLUSH_MS)
-            self._control_socket.close(linger=FLUSH_MS)
+            self._targets_socket.close()
+            self._control_socket.close()
 
     # --- from the WebSocket ---
 
@@ -106,24 +103,18 @@ class Peer:
     # --- to the daemon ---
 
     async def _send_targets(self) -> None:
+        """Send the newest targets as soon as there is a daemon, if they still hold."""
         while True:
             await self._has_targets.wait()
-            await self._daemon.targets.wait()
             await _is_writable(self._targets_socket)
-            self._flush()
-
-    def _flush(self) -> None:
-        """Send the newest targets, if they still hold."""
-        waiting, self._targets = self._targets, None
-        self._has_targets.clear()
-        if waiting is not None and _now_s() < waiting[1]:
-            with contextlib.suppress(zmq.ZMQError):
-                zmq.Socket.send(self._targets_socket, waiting[0], zmq.NOBLOCK)
+            self._has_targets.clear()
+            payload, t_end_s = self._targets
+            if _now_s() < t_end_s:
+                await self._targets_socket.send(payload)
 
     async def _send_requests(self) -> None:
         while True:
             request_id, payload = await self._requests.get()
-            await self._daemon.requests.wait()
             if await _is_writable(self._control_socket, int(ANSWER_S * 1000)):
                 await self._control_socket.send(payload)
             else:

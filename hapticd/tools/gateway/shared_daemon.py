@@ -1,4 +1,4 @@
-"""The daemon, as all WebSockets and OSC senders share it: its states, the rates at which it takes messages."""
+"""The daemon, as all WebSockets and OSC senders share it: sockets, its states, and the names in use."""
 
 from __future__ import annotations
 
@@ -12,18 +12,15 @@ import zmq.asyncio
 
 from hapticd_client.endpoint import Endpoint
 
-from ...io.clients.senders import BURST, RATE_HZ
-from ..web.sockets import Pace
 from .messages import text_of
 
 STATES: Final = 4096  # that wait for a reader of every one: some 40 s of touching, as the Python client has it
-SHARE: Final = 0.9  # of the daemon's rate limit, which counts a process and not its WebSockets
 
 Take = Callable[[str], None]
 
 
 class SharedDaemon:
-    """Sockets to the daemon, each state as JSON for those that follow, and a turn for each message.
+    """Sockets to the daemon, and each state as JSON for those that follow.
 
     `names` are the clients' names in use: each peer has one, so that no page speaks for another.
     """
@@ -31,7 +28,6 @@ class SharedDaemon:
     def __init__(self, endpoint: Endpoint) -> None:
         self.endpoint = endpoint
         self.names: set[str] = set()
-        self.targets, self.requests = (Pace(SHARE * RATE_HZ, int(SHARE * BURST)) for _ in range(2))
         self._context = zmq.asyncio.Context()
         self._followers: dict[object, Take] = {}
         self._reading: asyncio.Task[None] | None = None
