@@ -25,13 +25,14 @@ from ..board_values import (
     BoardHello,
     BoardStatus,
 )
-from ..config.sections import Config
+from ..config.sections import SIMULATED, Config
 from ..core.board.session import SILENT, STOPPED_AFTER_NS, BoardSession
 from ..core.board.supervisor import Event
 from ..errors import DeviceError, RequestError
 from ..values import Tick
 from ..wire import device as device_wire
 from ..wire.commands import encode
+from ..wire.device import FLASH
 from .observer import Observed
 from .settings import LONGEST_FRAME_S, max_knots
 
@@ -45,7 +46,7 @@ FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise ta
 START_COMPUTE_NS = 400_000
 LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
 CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
-CHECK_THE_FIRMWARE = "flash the firmware that came with this hapticd"
+EASE_THE_COMPUTER = "it is simulated, and this computer too busy for it: close other programs"
 PASSED, MOVED, UNSAFE, UNKNOWN, RUNNING = "passed", "moved", "unsafe", "unknown", "running"  # outcomes of a self-test
 # The board's look-ahead laws read the reference 0.55 ms before they play it. Frames do not come earlier for that: to
 # predict so much farther ahead leaks 0.7 % more (strokes, seeds 1 to 5) than to miss the first tick of each.
@@ -80,6 +81,12 @@ class BoardGateway:
         self.refused = ""  # why the present board is not accepted
         self.lacking = ""  # what a handshake lacks that should be complete
         self.self_test: tuple[str, str] | None = None  # outcome and sentence; None: none was requested
+        # Of a board that says nothing, one that says something else, and one of another version.
+        real, simulated = (
+            (CHECK_THE_LINE, FLASH, FLASH),
+            (EASE_THE_COMPUTER, EASE_THE_COMPUTER, "install hapticd again"),
+        )
+        self._check_line, self._check_firmware, self._replace = simulated if config.device.port == SIMULATED else real
         self.write = write
         self._first_baud = self.baud = config.device.baud
         self._set_baud = set_baud
@@ -159,7 +166,8 @@ class BoardGateway:
 
     def _check_hello(self, hello: BoardHello, t_now_ns: int) -> None:
         try:
-            device_wire.check_hello(hello, modes=len(self._w_limit_um), w_limit_um=self._w_limit_um)
+            modes, limits = len(self._w_limit_um), self._w_limit_um
+            device_wire.check_hello(hello, modes=modes, w_limit_um=limits, remedy=self._replace)
             device_wire.check_calibration(hello, self._calibration)
             if self.self_test is not None and self.self_test[0] == UNSAFE:
                 raise DeviceError(self.self_test[1])
@@ -252,7 +260,7 @@ class BoardGateway:
     def _lack(self, awaited: str) -> str:
         """Return what the board does not send, and what to check."""
         is_invalid = getattr(protocol, f"MSG_{awaited}") in self._decoder.invalid_types
-        remedy = CHECK_THE_LINE if awaited == "HELLO" and not is_invalid else CHECK_THE_FIRMWARE
+        remedy = self._check_line if awaited == "HELLO" and not is_invalid else self._check_firmware
         return f"it sends no {'valid ' if is_invalid else ''}{awaited}{LACK_OF.get(awaited, '')}: {remedy}"
 
     def rest_or_wake(self, is_active: bool, t_now_ns: int) -> None:

@@ -13,34 +13,35 @@ from .commands import encode as encode
 from .commands import encode_reference as encode_reference
 
 Decoder = BoardDecoder
+FLASH = "flash the firmware that came with this hapticd"
 
 
-def check_protocol(hello: BoardHello) -> None:
+def check_protocol(hello: BoardHello, remedy: str = FLASH) -> None:
     """Raise DeviceError if the board has another protocol version, or another hash without knowing every command."""
     if hello.protocol_version != protocol.PROTOCOL_VERSION:
         raise DeviceError(
             f"The board has protocol version {hello.protocol_version}, this hapticd {protocol.PROTOCOL_VERSION}: "
-            f"flash the firmware that came with this hapticd."
+            f"{remedy}."
         )
     if hello.protocol_hash != protocol.PROTOCOL_HASH and hello.commands & ALL_COMMANDS != ALL_COMMANDS:
         raise DeviceError(
             f"The board has protocol hash {hello.protocol_hash:08x}, this hapticd {protocol.PROTOCOL_HASH:08x}: "
-            f"flash the firmware that came with this hapticd."
+            f"{remedy}."
         )
 
 
-def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float]) -> None:
-    """Raise DeviceError if this board must not be driven with these settings.
+def check_hello(hello: BoardHello, *, modes: int, w_limit_um: Sequence[float], remedy: str = FLASH) -> None:
+    """Raise DeviceError if this board must not be driven with these settings; `remedy` is of another firmware.
 
     A board may allow more than the settings: each side applies its own limit.
     """
-    check_protocol(hello)
+    check_protocol(hello, remedy)
     for name, bounds in protocol.HELLO_BOUNDS.items():
         value = getattr(hello, name)
         if not is_within(value, bounds):
             raise DeviceError(
                 f"The board's HELLO makes no sense: {name} is {value:g}, not within {bounds[0]:g}..{bounds[1]:g}: "
-                f"flash the firmware that came with this hapticd."
+                f"{remedy}."
             )
     if hello.modes != modes:
         raise DeviceError(

@@ -90,7 +90,7 @@ def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.L
     assert after.back_ms == math.inf
     refusals = [record for record in caplog.records if record.levelname == "ERROR"]
     assert len(refusals) == 4  # one in each run, though it is greeted each 250 ms
-    assert "flash the firmware that came with this hapticd" in refusals[0].getMessage()
+    assert "protocol version" in refusals[0].getMessage()
     tell("board of another firmware", after, "all, until it is flashed", refusals[0].getMessage())
 
 

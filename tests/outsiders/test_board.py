@@ -18,7 +18,7 @@ from outsiders import board as outsider
 from outsiders.board import Board
 
 from hapticd.board_values import UNCALIBRATED, BoardCalibration, ModeCalibration
-from hapticd.config.sections import Config
+from hapticd.config.sections import SIMULATED, Config, DeviceConfig
 from hapticd.core.board.outbox import MOST_UNREAD
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import TIMER_NS, Machine
@@ -41,13 +41,16 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 class Stand:
     """The daemon's machine and the outsider's board at either end of a line of 2 ms, with fingers on the pad."""
 
-    def __init__(self, board: Board, *paths: Path, calibration: BoardCalibration = UNCALIBRATED) -> None:
+    def __init__(
+        self, board: Board, *paths: Path, calibration: BoardCalibration = UNCALIBRATED, port: str = "/dev/ttyACM0"
+    ) -> None:
         self.board, self.t_ns = board, START_NS
         self.is_cut = False  # what the host writes is lost
         self.is_stopped = False  # the host, as by SIGSTOP
         self._to_board: deque[tuple[int, bytes]] = deque()
         self._to_host: deque[tuple[int, bytes]] = deque()
-        self.machine = Machine(Config(), machine_bench.PLATE, write_board=self._write, calibration=calibration)
+        config = Config(device=DeviceConfig(port=port))
+        self.machine = Machine(config, machine_bench.PLATE, write_board=self._write, calibration=calibration)
         sensor = SensorModel(SensorSettings(noise=PadNoise(0.0), stamp_jitter_ms=0.0), 1)
         self._reports = iter(sensor.reports([Touch(path, 0.3) for path in paths], 10.0))
         self._report = next(self._reports, None)
@@ -332,6 +335,18 @@ def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_t
     assert said(caplog) == [sentence]
     assert stand.references(4000) == 0
     assert board.state == outsider.QUIET
+
+
+@pytest.mark.parametrize(
+    "censor",
+    [only(*range(0x80, 0x90)), hello_with(modes=0), hello_with(control_hz=0.0), only(outsider.TIME), without_status],
+)
+def test_what_is_simulated_is_neither_flashed_nor_plugged_in(censor: Any, caplog: pytest.LogCaptureFixture) -> None:
+    board = Board()
+    board.censor = censor
+    Stand(board, port=SIMULATED).run(2000)
+    (sentence,) = said(caplog)
+    assert not any(word in sentence for word in ("flash", "cable", "supply", "device."))
 
 
 def test_a_refused_setting_is_repeated_until_the_board_takes_it(caplog: pytest.LogCaptureFixture) -> None:
