@@ -31,6 +31,7 @@ class BoardPlug:
         self._selector = selector
         self._now_s = now_s
         self._terminal: tuple[int, int] | None = None
+        self._t_looked_s = 0.0
         self._to_board: deque[tuple[float, bytes]] = deque()
         self._to_host: deque[tuple[float, bytes]] = deque()
         self.replug()
@@ -63,6 +64,7 @@ class BoardPlug:
 
     def arrived(self, now_s: float) -> Iterator[tuple[float, bytes]]:
         """Yield bytes that have reached the board, with their time."""
+        self._t_looked_s = now_s
         while self._to_board and self._to_board[0][0] <= now_s:
             yield self._to_board.popleft()
 
@@ -79,8 +81,10 @@ class BoardPlug:
                     os.write(self._terminal[0], data)
 
     def _read(self, master: int) -> None:
+        now_s = self._now_s()
+        was_late = now_s - self._t_looked_s > LINK_S  # the bytes have waited for as long as the line takes
         with contextlib.suppress(BlockingIOError):
-            self._to_board.append((self._now_s() + LINK_S, os.read(master, READ_SIZE)))
+            self._to_board.append((now_s if was_late else now_s + LINK_S, os.read(master, READ_SIZE)))
 
 
 class TrackpadPlug:

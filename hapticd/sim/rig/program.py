@@ -51,8 +51,8 @@ from .sockets import RigSockets
 
 STEP_S = 0.002  # longest interval between two steps of the board
 CHUNK_TICKS = 16  # 8 ms, the lead of computed finger positions; half as many cost 3 % more of a processor
-# A computer too busy to simulate as fast as time passes leaves out what is longer ago than this, so that the board's
-# clock stays the host's. Below the board's dead-man timeout of 50 ms, which bytes that wait for it would meet.
+# A computer too busy to simulate as fast as time passes leaves out what it is behind, so that the board's clock stays
+# the host's. Below the board's dead-man timeout of 50 ms: frames that wait on the line are read before it would end.
 MAX_BEHIND_S = 0.03
 MOST_AT_ONCE_S = 0.004  # simulated between two looks at clock and line
 
@@ -153,7 +153,7 @@ class Rig:
 
     def _keep_up(self, now_s: float) -> None:
         if now_s - self.world.t_s > MAX_BEHIND_S:
-            self.world.skip(now_s - MAX_BEHIND_S)
+            self.world.skip(now_s)
         self._advance(min(now_s, self.world.t_s + MOST_AT_ONCE_S))
 
     def _advance(self, now_s: float) -> None:
