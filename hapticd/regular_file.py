@@ -5,11 +5,12 @@ And files that are written: an output gets its name when it is whole.
 
 from __future__ import annotations
 
+import csv
 import errno
 import io
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, BinaryIO
@@ -70,6 +71,24 @@ def lines_of(file: BinaryIO, path: Path, max_lines: int) -> Iterator[tuple[int, 
             if len(line) > MAX_LINE_CHARACTERS:
                 raise OSError(errno.EFBIG, f"Line {number} has more than {MAX_LINE_CHARACTERS} characters", str(path))
             yield number, line.removesuffix("\n")
+
+
+def csv_rows(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells, without blanks around them, of each line of a CSV file that holds data, of quoted cells
+    with a line break the last one; `#` begins a comment. Raises ValueError."""
+    number = 0
+
+    def data() -> Iterator[str]:
+        nonlocal number
+        for number, line in lines:  # noqa: B007 - of the row that is yielded next
+            if line.strip() and not line.lstrip().startswith("#"):
+                yield line
+
+    try:
+        for cells in csv.reader(data(), skipinitialspace=True):
+            yield number, [cell.strip() for cell in cells]
+    except csv.Error as error:
+        raise ValueError(f"line {number}: is no CSV ({error}): look at its quotes.") from None
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from outside: no bytes raise anything but ModesError, whose sentence `read_grid`
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ModesError
-from ..regular_file import lines_of, open_regular, opened
+from ..regular_file import csv_rows, lines_of, open_regular, opened
 from ..values import FloatArray
 from . import npz
 
@@ -35,7 +35,6 @@ MAX_LINES = 400  # of a grid along one axis: a third of a millimetre on the plat
 MAX_POSITION_MM = 1e6  # from the plate's centre: a larger value is a damaged file, and could overflow
 
 _GRID, _POINTS = ("x_mm", "y_mm", "shapes"), ("points_mm", "readings")
-_PADDING = ' \t"'  # of cells
 _FORMS = (("phi",), ("re", "im"), ("abs", "deg"), ("lowered_hz",))
 _SAME_LINE_MM = 1e-3  # a micrometre: far below any grid step, far above the rounding of a printed position
 _BEYOND_MM = 5.0  # a map may be shifted, and reach this far beyond the plate
@@ -216,7 +215,7 @@ def _decode_csv(data: bytes) -> tuple[tuple[str, ...], list[int], FloatArray]:
     numbers: list[int] = []
     table: list[FloatArray] = []  # a list of numbers would take four times as much
     try:
-        lines = _rows(data)
+        lines = csv_rows(lines_of(io.BytesIO(data), Path(), 2 * MAX_LINES**2))
         _, header = next(lines, (0, []))
         form = _form(header)
         for number, cells in lines:
@@ -226,20 +225,13 @@ def _decode_csv(data: bytes) -> tuple[tuple[str, ...], list[int], FloatArray]:
             table.append(np.array(_parse_line(number, cells, len(header))))
     except UnicodeDecodeError as error:
         raise ModesError("is not a text file; save the map as CSV in UTF-8.") from error
+    except ValueError as error:
+        raise ModesError(str(error)) from None
     except OSError as error:
         raise ModesError(f"is no such table ({error.strerror}); give one line per measured point.") from None
     if not table:
         raise ModesError("holds a header and no points; add a line per measured point.")
     return form, numbers, np.array(table)
-
-
-def _rows(data: bytes) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells, without blanks and quotes, of every line that holds data."""
-    for number, line in lines_of(io.BytesIO(data), Path(), 2 * MAX_LINES**2):
-        if line.strip() and not line.lstrip().startswith("#"):
-            cells = line.split(",")
-            is_padded = any(padding in line for padding in _PADDING)
-            yield number, [cell.strip(_PADDING) for cell in cells] if is_padded else cells
 
 
 def _form(header: Sequence[str]) -> tuple[str, ...]:

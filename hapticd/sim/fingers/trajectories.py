@@ -13,7 +13,7 @@ import numpy.typing as npt
 from hapticd_contract.simulated import MAX_TOUCHES, MOST_AXIS_MM, USUAL_PRESSURE_FRAC, SimulatedTouch
 
 from ...errors import UsageError, reason
-from ...regular_file import read_lines
+from ...regular_file import csv_rows, read_lines
 from ...wire.trackpad import MAX_RECORDS
 from .paths import Path, Sampled
 from .pressing import RepeatedTip, SampledTip
@@ -76,9 +76,8 @@ def _repeated(actor: Actor, period_s: float) -> Actor:
 
 
 def _scenario(name: str, lines: Iterable[tuple[int, str]], size_mm: Sequence[float]) -> Scenario:
-    rows = ((number, line.split(",")) for number, line in lines if line.strip() and not line.startswith("#"))
-    _, header = next(rows, (0, []))
-    columns = tuple(cell.strip() for cell in header)
+    rows = csv_rows(lines)
+    columns = tuple(next(rows, (0, []))[1])
     if columns[: len(COLUMNS)] != COLUMNS or columns[len(COLUMNS) :] not in (PRESSED[:number] for number in (0, 1, 4)):
         raise ValueError(
             f"does not begin with the header {','.join(COLUMNS)}: add it, with commas between cells and "

@@ -12,7 +12,6 @@ have speeds, their effect is fitted first (`friction_speed`), and the curve is t
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import CalibrationError, missing_library, reason
-from ...regular_file import read_lines
+from ...regular_file import csv_rows, read_lines
 from ...values import FloatArray
 from .. import plotting
 from . import simulated
@@ -105,15 +104,15 @@ def read(path: Path) -> _Readings:
     """Read a CSV file with the header COLUMNS, and SPEED_COLUMN if it has speeds. Raises CalibrationError."""
     try:
         lines = read_lines(path, 2 * MAX_READINGS)  # some of them empty
-        rows = csv.reader(line for _, line in lines if line.strip() and not line.startswith("#"))
-        header = [cell.strip() for cell in next(rows, [])]
+        rows = csv_rows(lines)
+        _, header = next(rows, (0, []))
         if header not in ([*COLUMNS], [*COLUMNS, SPEED_COLUMN]):
             raise CalibrationError(
                 f"{path}: does not begin with the header {','.join(COLUMNS)}: add it, with commas between cells and "
                 "points in numbers."
             )
-        table = [_row(path, place, row, len(header)) for place, row in enumerate(rows, 1)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        table = [_row(path, place, row, len(header)) for place, (_, row) in enumerate(rows, 1)]
+    except (OSError, ValueError) as error:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
     if not table:
         raise CalibrationError(f"{path}: holds no readings: add a line for each.")

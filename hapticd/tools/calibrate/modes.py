@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +33,7 @@ from .. import glass, plotting
 from ..progress import Progress
 from . import simulated
 from .step import Step
-from .universal_file import SUFFIXES, read_universal
+from .universal_file import PER_METRE, SUFFIXES, read_universal
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 MODES_FILE = "modes.npz"
@@ -84,7 +84,7 @@ def check(options: argparse.Namespace) -> None:
     glass.chosen(options, is_simulated=options.sim)
     _size_mm(options)
     if not options.sim:
-        _read(options.scan)
+        _read(options)
 
 
 def _size_mm(options: argparse.Namespace) -> tuple[float, float]:
@@ -93,11 +93,17 @@ def _size_mm(options: argparse.Namespace) -> tuple[float, float]:
     return find_glass(glass.chosen(options).plate).size_mm if options.sim else REFERENCE_SIZE_MM
 
 
-def _read(path: Path | None) -> Scan:
+def _read(options: argparse.Namespace) -> tuple[Scan, Mapping[str, int]]:
+    """Return the scan, and what of a universal file is not in it. Raises CalibrationError."""
+    path: Path | None = options.scan
     if path is None:
         raise CalibrationError("No scan is given: add --scan with the vibrometer's CSV, NPZ or UFF, or --sim.")
     try:
-        return read_universal(path) if path.suffix.lower() in SUFFIXES else read_scan(path)
+        if path.suffix.lower() in SUFFIXES:
+            return read_universal(path, options.unit)
+        if options.unit is not None:
+            raise CalibrationError("--unit: only a universal file needs it; CSV and NPZ are in mm: omit it.")
+        return read_scan(path), {}
     except ModesError as error:
         raise CalibrationError(f"--scan: {error}") from None
 
@@ -105,7 +111,7 @@ def _read(path: Path | None) -> Scan:
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
     size_mm, plate = _size_mm(options), glass.chosen(options) if options.sim else None
-    scan = _read(options.scan) if plate is None else Scan(*simulated.scan(options.seed, plate))
+    scan, left_out = _read(options) if plate is None else (Scan(*simulated.scan(options.seed, plate)), {})
     if isinstance(scan, LoweredScan):
         scan = _with_signs(scan, size_mm)
     # The simulated scan is divided by the modal amplitude, as the simulated plate's own cartography is.
@@ -113,7 +119,7 @@ def run(options: argparse.Namespace) -> Verdict:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
     found.fit.modes.save(options.out / MODES_FILE)
     draw(scan, found, options.out / PICTURE_FILE, source=simulated.source(options))
-    return verdict(found, len(scan.points_mm), size_mm, plate)
+    return verdict(found, len(scan.points_mm), size_mm, plate, left_out)
 
 
 def parse_size(text: str) -> tuple[float, float]:
@@ -159,12 +165,22 @@ def _with_signs(scan: LoweredScan, size_mm: tuple[float, float]) -> Scan:
         raise CalibrationError(f"The scan cannot be fitted: {error}") from None
 
 
-def verdict(found: FittedMap, points: int, size_mm: tuple[float, float], simulated: SimConfig | None) -> Verdict:
+def verdict(
+    found: FittedMap,
+    points: int,
+    size_mm: tuple[float, float],
+    simulated: SimConfig | None,
+    left_out: Mapping[str, int] | None = None,
+) -> Verdict:
     """Judge whether these are modes of one plate, here the `simulated` one, and the map's expected leak."""
     fit = found.fit
     figures = [
         Figure("points", float(points), ""),
         Figure("points left out", float(fit.left_out), ""),
+        *(
+            Figure(f"left out of the file: {what}", float(count), "functions")
+            for what, count in (left_out or {}).items()
+        ),
         Figure("wavelength", fit.wavelength_mm, "mm"),
         Figure("scan turned by", math.degrees(fit.pose.rotation_rad), "degrees"),
         Figure("scan shifted by", math.hypot(fit.pose.x_mm, fit.pose.y_mm), "mm"),
@@ -319,6 +335,7 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
 
 def _add_scan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scan", type=Path, metavar="FILE", help="the readings: CSV, NPZ or UFF")
+    parser.add_argument("--unit", choices=[*PER_METRE], help="of positions in a UFF that does not say it (default m)")
     parser.add_argument("--size", metavar="MMxMM", help="of the plate (default 137.5x137.5, or the simulated plate's)")
     parser.add_argument(
         "--own-scale", action="store_true", help="the readings are divided by the modal amplitude: keep their scale"

@@ -28,6 +28,7 @@ async def _map(bench: Bench) -> PageResult:
     options = argparse.Namespace(
         sim=bench.is_simulated,
         scan=bench.scan,
+        unit=None,
         size=bench.size,
         own_scale=False,
         seed=1,

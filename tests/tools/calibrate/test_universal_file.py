@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ def functions(**record: Any) -> list[dict[str, Any]]:
         pyuff.prepare_58(
             binary=record.get("binary", 0),
             id1="scan",
-            func_type=4,
+            func_type=record.get("func_type", 4),
             rsp_node=node + 1,
             rsp_dir=record.get("rsp_dir", 3),
             ref_node=record.get("ref_node", 101 + mode),
@@ -78,31 +79,58 @@ def written(folder: Path, sets: list[dict[str, Any]], name: str = "scan.uff") ->
 def test_points_and_readings_come_back_in_mm_with_a_mode_for_each_reference(
     binary: int, per_metre: float, tmp_path: Path
 ) -> None:
-    scan = read_universal(written(tmp_path, [*nodes(per_metre), *functions(binary=binary)]))
+    scan, _ = read_universal(written(tmp_path, [*nodes(per_metre), *functions(binary=binary)]))
     np.testing.assert_allclose(scan.points_mm, POINTS_MM, atol=1e-3)
     np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
 
 
 def test_a_reference_that_comes_again_is_the_next_mode(tmp_path: Path) -> None:
-    scan = read_universal(written(tmp_path, [*nodes(), *functions(ref_node=101)]))
+    scan, _ = read_universal(written(tmp_path, [*nodes(), *functions(ref_node=101)]))
     np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
 
 
 def test_a_sensor_that_looks_at_the_other_face_is_turned(tmp_path: Path) -> None:
-    scan = read_universal(written(tmp_path, [*nodes(), *functions(rsp_dir=-3)]))
+    scan, _ = read_universal(written(tmp_path, [*nodes(), *functions(rsp_dir=-3)]))
     np.testing.assert_allclose(scan.readings, -READINGS, atol=1e-9)
 
 
 def test_without_units_positions_are_metres_and_a_lost_point_is_missing(tmp_path: Path) -> None:
     lost = functions()[1:]
-    scan = read_universal(written(tmp_path, [nodes(1.0)[1], *lost]))
+    scan, _ = read_universal(written(tmp_path, [nodes(1.0)[1], *lost]))
     np.testing.assert_allclose(scan.points_mm, POINTS_MM, atol=1e-3)
     assert np.isnan(scan.readings[0, 0])
     assert np.isfinite(scan.readings).sum() == 5
 
 
+def test_frequency_responses_are_chosen_and_what_is_left_out_is_counted(tmp_path: Path) -> None:
+    others = [one for kind in (6, 2, 9) for one in functions(func_type=kind)]
+    scan, left_out = read_universal(
+        written(tmp_path, [*nodes(), *others, *functions(), *functions(rsp_dir=1), *functions(func_type=3)])
+    )
+    np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
+    assert left_out == {
+        **dict.fromkeys(("coherence", "auto spectrum", "power spectral density", "cross spectrum"), 6),
+        "response along the plate": 6,
+    }
+
+
+def test_without_frequency_responses_cross_spectra_are_a_scan(tmp_path: Path) -> None:
+    scan, left_out = read_universal(written(tmp_path, [*nodes(), *functions(func_type=3), *functions(func_type=6)]))
+    np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
+    assert left_out == {"coherence": 6}
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1000.0), ("cm", 100.0), ("in", 39.37007874)])
+def test_positions_without_units_that_are_no_metres_need_the_unit(unit: str, per_metre: float, tmp_path: Path) -> None:
+    path = written(tmp_path, [nodes(per_metre)[1], *functions()])
+    with pytest.raises(ModesError, match=r"scan\.uff.*metres.*--unit mm"):
+        read_universal(path)
+    np.testing.assert_allclose(read_universal(path, unit).scan.points_mm, POINTS_MM, atol=1e-3)
+
+
 def test_the_step_reads_one(tmp_path: Path) -> None:
-    scan = modes._read(written(tmp_path, [*nodes(), *functions()], "SCAN.UNV"))
+    path = written(tmp_path, [nodes(1000.0)[1], *functions()], "SCAN.UNV")
+    scan, _ = modes._read(argparse.Namespace(scan=path, unit="mm"))
     assert scan.readings.shape == (3, 2)
 
 
@@ -111,7 +139,8 @@ def test_the_step_reads_one(tmp_path: Path) -> None:
     [
         (functions(), "holds no nodes"),
         (nodes(), "holds no nodes"),
-        ([*nodes(), *functions(rsp_dir=1)], "holds no nodes"),
+        ([*nodes(), *functions(rsp_dir=1)], "but response along the plate"),
+        ([*nodes(), *functions(func_type=6)], "no frequency responses .*but coherence"),
         ([{**nodes()[1], "node_nums": [1, 2, 9]}, *functions()], "has no position of node 3"),
         ([nodes()[0] | {"length": 0.0}, nodes()[1], *functions()], "no usable unit of length"),
         ([nodes()[1] | {"x": [np.nan, 0.0, 0.0]}, *functions()], "without a usable position"),
