@@ -221,7 +221,7 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
 @pytest.mark.parametrize(
     ("libraries", "parts"),
     [
-        ({"aiohttp"}, ("tools/first_light", "tools/gateway", "tools/study", "tools/view", "tools/web")),
+        ({"aiohttp"}, ("tools/gateway", "tools/study", "tools/view", "tools/web")),
         ({"prometheus_client"}, ("tools/stream",)),
         ({"pylsl"}, ("tools/record/inlets",)),
         ({"lz4", "mcap"}, ("files/recording/mcap_",)),

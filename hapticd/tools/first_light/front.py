@@ -1,4 +1,4 @@
-"""What a commissioning needs of its front end, the terminal or a page in the browser: pages, results, questions."""
+"""What a commissioning needs of its front end: pages, results, questions."""
 
 from __future__ import annotations
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import importlib.util
-import signal
-import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...errors import UsageError, missing_library
+from ...errors import UsageError
 from .. import glass, pads
-from ..arguments import PORT_NUMBER, whole
+from ..arguments import whole
 from ..outputs import has_mark
 
 if TYPE_CHECKING:
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
 
 DEFAULT_OUT = Path("first-light")
 MOST_RIGS, MOST_MISTAKES = 10_000, 6
-HOST, PAGE_PORT = "127.0.0.1", 8018
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,12 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default first-light)")
     parser.add_argument("--again", action="store_true", help="begin with the first step again")
     parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
-    page = parser.add_argument_group("the page")
-    page.add_argument("--view", action="store_true", help="the same steps in the browser, with buttons")
-    page.add_argument(
-        "--page-port", type=PORT_NUMBER, default=PAGE_PORT, help=f"on this computer, 0: any (default {PAGE_PORT})"
-    )
-    page.add_argument("--no-browser", action="store_true", help="print the page's address without opening it")
     board = parser.add_argument_group("the board")
     board.add_argument("--port", help="serial port, such as /dev/ttyACM0")
     board.add_argument("--baud", type=int, help="serial speed (default 921600)")
@@ -85,11 +75,6 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--sim cannot be combined with --port, --config or --scan: its rig has a board and a scan.")
     if options.wiring not in (None, "identity"):
         raise UsageError("--wiring: first-light knows plates with an amplifier and a sensor for each mode only.")
-    if options.view:
-        if options.rigs:
-            raise UsageError("--rigs commissions by itself: it cannot be combined with --view.")
-        if importlib.util.find_spec("aiohttp") is None:
-            raise missing_library("The page needs aiohttp", "view")
     return _rigs(options) if options.rigs else _commission(options)
 
 
@@ -116,7 +101,7 @@ def _rigs(options: argparse.Namespace) -> int:
 def _commission(options: argparse.Namespace) -> int:
     from ..calibrate import folder
     from . import state as states
-    from .commission import Kept, at_the_terminal, in_the_browser, summary
+    from .commission import Kept, at_the_terminal, summary
 
     known = ("resonance", "modes", "trackpad")
     is_ours = has_mark(options.out / states.STATE_FILE, b"{")
@@ -126,21 +111,9 @@ def _commission(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         new_bench, new_loop = _simulated(options, state) if options.sim else _real(options, stack)
         with asyncio.Runner(loop_factory=new_loop) as runner:
-            if options.view:
-                listener = stack.enter_context(_listener(options))
-                is_done = runner.run(in_the_browser(kept, new_bench, listener, opens=not options.no_browser))
-            else:
-                is_done = runner.run(at_the_terminal(kept, new_bench))
+            is_done = runner.run(at_the_terminal(kept, new_bench))
     print(f"\n{summary(kept, is_done=is_done)}")
     return 0 if is_done else 1
-
-
-def _listener(options: argparse.Namespace) -> socket.socket:
-    from ..web.serving import bound
-
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell has ignored behind `&`
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))  # what drives is stopped, as by Ctrl-C
-    return bound(HOST, options.page_port, "--page-port")
 
 
 def _simulated(options: argparse.Namespace, state: Commissioning) -> tuple[NewBench, LoopFactory]:
