@@ -90,7 +90,7 @@ def run(
         with Progress(what) as progress, closing(_played(play, dict(missing), jobs, cluster)) as played:
             for done, (key, result) in enumerate(played, 1):
                 found[key] = result
-                database.execute("INSERT INTO results VALUES (?, ?)", (key, result))
+                database.execute("INSERT OR REPLACE INTO results VALUES (?, ?)", (key, result))
                 progress(done / len(missing))
     return [_decoded(play, found[key]) for key in keys]
 
@@ -161,7 +161,8 @@ def _cluster(address: str) -> Iterator[tuple[Any, ...]]:
         raise missing_library("--cluster needs Dask's distributed", "cluster") from None
     import logging
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says of lost connections is in our sentences
+    for name in ("distributed", "distributed.client"):  # what they say of lost connections is in our sentences
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         client.wait_for_workers(1, timeout=CONNECT_S)
