@@ -51,6 +51,8 @@ class Served:
 
     def hold(self) -> None:
         """Handle nothing until `resume`."""
+        if self.server._break is not None:
+            self.server._break.cancel()
         self.server._break = asyncio.get_running_loop().call_later(PATIENCE_S, lambda: None)
 
     def resume(self) -> None:

@@ -215,8 +215,9 @@ class ClientServer:
             if loop.time() - t_s >= BUDGET_S:
                 break
         self._ready.update(dict.fromkeys(held))
-        if self._ready:  # what is still waiting raises no new edge
-            self._break = loop.call_later(max(BREAK_S, loop.time() - t_s), self._resume)
+        took_s = loop.time() - t_s
+        if self._ready or took_s >= BUDGET_S:  # what is still waiting raises no new edge
+            self._break = loop.call_later(max(BREAK_S, took_s), self._resume)
         self._log_losses(t_s)
 
     @staticmethod
