@@ -21,7 +21,7 @@ test: $(TESTS)
 	$(BIN)/python -m pytest -n 3 -m "not long and not alone"
 
 # $(call of,word): the files of tests with it, for pytest takes seconds to import all.
-of = $$(grep -rl --include='test_*.py' '$(1)' tests)
+of = $$(grep -rl --include='test_*.py' '$(1)' tests clients/study/tests)
 
 # What `make test` leaves out: new property examples, emulated machines, browsers, real time alone.
 # Files stay whole, because the tests of one share the boot of their machine (tests/virtual_machine/make_guest.sh makes it).
@@ -70,6 +70,7 @@ VERSION ?= $(error usage: make version VERSION=1.2.3)
 version:
 	sed -i -E 's/^(__version__ = ")[^"]*/\1$(VERSION)/' hapticd/__init__.py
 	sed -i -E 's/^(version = ")[^"]*/\1$(VERSION)/' clients/python/pyproject.toml
+	sed -i -E 's/^(__version__ = ")[^"]*/\1$(VERSION)/' clients/study/hapticd_study/__init__.py
 	sed -i -E 's/^(version: ).*/\1$(VERSION)/' .github/CITATION.cff
 	sed -i -E 's/^(#define HD_FIRMWARE_VERSION ")[^"]*/\1$(VERSION)/' firmware/core/core.h
 
@@ -91,8 +92,9 @@ $(HAPTICD): pyproject.toml .lock/build.txt .lock/demo.txt $(COMPILED) | hapticd/
 	$(LOCKED) .lock/demo.txt & imports=$$!; $(PIP) --no-build-isolation --no-deps --editable . && wait $$imports
 	touch $@
 
-$(TESTS): $(HAPTICD) .lock/test.txt
+$(TESTS): $(HAPTICD) .lock/test.txt clients/study/pyproject.toml
 	$(LOCKED) .lock/test.txt
+	$(PIP) --no-build-isolation --no-deps --editable clients/study
 	touch $@
 
 $(LINT): $(TESTS) .lock/lint.txt

@@ -92,7 +92,7 @@ COMMANDS = {
         "--origin http://localhost:8000",
     ),
     "study": Command(
-        "tools.study.program",
+        "tools.study",
         "run experiments with people, by default the paper's, and analyse them",
         "report answers/",
     ),

@@ -35,7 +35,7 @@ def test_bash_completes_commands_and_their_options(tmp_path: Path, capsys: pytes
     assert set(COMMANDS) <= completed("")
     assert completed("sim") == {"simulate"}
     assert {"--seed", "--scenario"} & completed("simulate", "--s")
-    assert "--participant" in completed("study", "run", "--p")
+    assert "--participant" in completed("calibrate", "friction", "--p")
 
 
 def test_an_unknown_shell_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

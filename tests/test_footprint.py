@@ -46,7 +46,7 @@ NOT_NEEDED = (
         "pylsl",
         "pythonosc",
         "hapticd.tools.gateway",
-        "hapticd.tools.study",
+        "hapticd_study",
     ),
 )
 

@@ -218,16 +218,6 @@ SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
         "a.npz",
         lambda path: npz(path, bytes(1 << 20), ("t_s", "xy_mm", "trace", "device")),
     ),
-    "a study of one line": (
-        ("study", "report", FOLDER),
-        "a.jsonl",
-        lambda path: sparse(path, b'{"kind": "session", ', 400 * MB),
-    ),
-    "a study of lists": (
-        ("study", "report", FOLDER),
-        "a.jsonl",
-        lambda path: path.write_bytes(b"[" + NESTED * 550 + b"1]\n"),
-    ),
 }
 
 

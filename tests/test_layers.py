@@ -15,6 +15,7 @@ from hapticd.__main__ import COMMANDS
 PACKAGE = Path(__file__).parents[1] / "hapticd"
 CLIENT = Path(__file__).parents[1] / "clients" / "python" / "hapticd_client"
 CONTRACT = CLIENT.with_name("hapticd_contract")
+STUDY = Path(__file__).parents[1] / "clients" / "study"
 
 VALUES = {"values", "board_values", "board_protocol", "errors"}  # and hapticd_contract
 PROGRAM = {*VALUES, "formats", "config", "core", "wire", "io", "files", "daemon", "design", "sim", "__version__"}
@@ -195,8 +196,9 @@ def test_only_commands_import_the_calibration() -> None:
     assert all(name.startswith("tools.arguments") for name in names)
 
 
-def test_the_client_shares_nothing_with_the_daemon_but_the_contract_which_imports_nothing_of_ours() -> None:
-    for folder, forbidden in ((CLIENT, {"hapticd"}), (CONTRACT, {"hapticd", "hapticd_client"})):
+def test_clients_share_nothing_with_the_daemon_but_the_contract() -> None:
+    rules = ((CLIENT, {"hapticd"}), (CONTRACT, {"hapticd", "hapticd_client"}), (STUDY, {"hapticd"}))
+    for folder, forbidden in rules:
         files = list(folder.rglob("*.py"))
         assert files
         for path in files:
@@ -221,15 +223,15 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
 @pytest.mark.parametrize(
     ("libraries", "parts"),
     [
-        ({"aiohttp"}, ("tools/gateway", "tools/study", "tools/view", "tools/web")),
+        ({"aiohttp"}, ("tools/gateway", "tools/view", "tools/web")),
         ({"prometheus_client"}, ("tools/stream",)),
         ({"pylsl"}, ("tools/record/inlets",)),
         ({"lz4", "mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaigns",)),
-        ({"scipy"}, ("bench", "tools/calibrate", "tools/study")),
+        ({"scipy"}, ("bench", "tools/calibrate")),
         ({"evdev"}, ("io/devices/input_nodes",)),
         ({"pythonosc"}, ("wire/osc",)),
-        ({"questplus"}, ("tools/study",)),
+        ({"hapticd_study"}, ("tools/study",)),
     ],
 )
 def test_a_heavy_library_is_imported_where_it_is_needed_alone(libraries: set[str], parts: tuple[str, ...]) -> None:

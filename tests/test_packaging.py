@@ -36,7 +36,7 @@ def listed_paths() -> Iterator[str]:
         yield from (*extension["sources"], *extension.get("include-dirs", ()))
     for files in TOOL["setuptools"]["data-files"].values():
         yield from files
-    yield from (*TOOL["setuptools"]["packages"]["find"]["where"], *TOOL["mypy"]["files"], TOOL["mypy"]["mypy_path"])
+    yield from (*TOOL["setuptools"]["packages"]["find"]["where"], *TOOL["mypy"]["files"], *TOOL["mypy"]["mypy_path"])
     yield PYPROJECT["project"]["readme"]
 
 
@@ -54,6 +54,7 @@ def test_all_is_every_extra_that_people_use() -> None:
     ("path", "pattern"),
     [
         ("clients/python/pyproject.toml", r'(?m)^version = "(.*)"$'),
+        ("clients/study/hapticd_study/__init__.py", r'(?m)^__version__ = "(.*)"$'),
         (".github/CITATION.cff", r"(?m)^version: (.*)$"),
         ("firmware/core/core.h", r'(?m)^#define HD_FIRMWARE_VERSION "(.*)"$'),
     ],
@@ -110,7 +111,7 @@ def test_an_sdist_has_all_that_a_build_reads_and_the_client(checkout: Path, tmp_
     (unpacked,) = (tmp_path / "unpacked").iterdir()
     assert unpacked.name == f"hapticd-{__version__}"
     assert relative(touch_path(unpacked), unpacked) == relative(touch_path(ROOT), ROOT)
-    read = ["hapticd/**/*.py", "hapticd/tools/*/page/*", "hapticd/tools/study/*.toml"]
+    read = ["hapticd/**/*.py", "hapticd/tools/*/page/*"]
     read += ["firmware/core/*.[ch]"]
     read += ["hapticd/py.typed", "clients/python/hapticd_client/**/*.py", "clients/python/hapticd_client/py.typed"]
     read += [*TOOL["setuptools"]["ext-modules"][0]["sources"], "firmware/boards/host/*.h"]

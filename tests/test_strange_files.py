@@ -10,8 +10,6 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.regular_file import MAX_LINE_CHARACTERS, open_regular, read_bounded, read_lines
-from hapticd.tools.study.experiment import PAPER, StudyError, load
-from hapticd.tools.study.session import Session, SessionFile
 from hapticd_client import RefusedError, content
 
 READERS = [
@@ -83,12 +81,6 @@ def test_content_that_is_not_a_regular_file_is_refused_at_once(name: str, suffix
     with pytest.raises(RefusedError, match="cannot be read \\(Not a regular file\\)") as refused:
         content.load(path)
     assert str(path) in str(refused.value)
-
-
-@pytest.mark.parametrize("name", ["pipe.csv", "zero.csv"])
-def test_a_session_that_is_not_a_regular_file_is_refused_at_once(name: str) -> None:
-    with pytest.raises(StudyError, match="Not a regular file"):
-        SessionFile(Path(name), Session("P1", 1, load(PAPER)))
 
 
 # --- one place ------------------------------------------------------------------------------------------------------

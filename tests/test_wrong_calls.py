@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -76,7 +77,6 @@ def test_an_unknown_word_gets_the_usage_of_its_own_command_and_the_nearest_word(
         ("firmware raw --sim --volts 5 --phase=inf", "--phase: 'inf' is not a finite number."),
         ("firmware telemetry --sim --seconds=-3", "--seconds: -3 is out of bounds, it must be above 0."),
         ("firmware sweep --sim --points 1.5", "--points: '1.5' is not a whole number."),
-        ("study run --participant P --out x --trials many", "--trials: 'many' is not a whole number."),
         ("play a.png --width-mm 0", "--width-mm: 0 is out of bounds, it must be 0.1 .. 1000."),
         (
             "play .",
@@ -145,16 +145,23 @@ def test_a_mistake_in_the_configuration_is_exit_code_78(text: str | None, capsys
     [
         "firmware info --port none",
         pytest.param("record a.mcap --endpoint .", id="record without a daemon"),
-        pytest.param("study run --participant P1 --out . --endpoint .", id="study without a daemon"),
     ],
 )
 def test_what_fails_though_the_call_is_right_is_exit_code_1(
     call: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hapticd.tools.record.attach.HEADER_WITHIN_S", 0.05)
-    monkeypatch.setattr("hapticd.tools.study.program.DAEMON_WITHIN_S", 0.05)
     code, complaint = refused(capsys, *call.split())
     assert (code, complaint.count("\n")) == (1, 1)
+
+
+def test_without_the_study_s_distribution_the_folders_to_install_are_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "hapticd_study", None)
+    code, complaint = refused(capsys, "study", "run", "--participant", "P1")
+    assert (code, complaint.count("\n")) == (1, 1)
+    assert all(folder in complaint for folder in ("pip install", "clients/python", "clients/study"))
 
 
 def errors(kind: type[HapticdError] = HapticdError) -> Iterator[type[HapticdError]]:

@@ -1,4 +1,4 @@
-"""`hapticd run` as a child process on a simulated rig, for demo, view, study and tests."""
+"""`hapticd run` as a child process on a simulated rig, for demo, view and tests."""
 
 from __future__ import annotations
 

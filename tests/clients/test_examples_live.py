@@ -11,8 +11,8 @@ import pytest
 from test_examples import NAMES, example
 
 from hapticd.files.recording.mcap_reader import open_recording
+from hapticd.tools.daemon_process import PATIENT, DaemonProcess
 from hapticd.tools.record.tables import tables
-from hapticd.tools.study.program import rehearsal
 from hapticd_client import Client, FingerState
 from hapticd_client.sim import Finger
 
@@ -45,6 +45,10 @@ EXPECTED = {
 
 
 EXAMPLE = re.compile(r"example: hapticd run --sim --scenario (?P<scenario>\S+) &  python button\.py\n")
+
+
+def rehearsal(scenario: str) -> DaemonProcess:
+    return DaemonProcess(f'scenario = "{scenario}"', PATIENT, log_level="error")
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +89,10 @@ def test_the_documented_example_of_the_button_clicks(capsys: pytest.CaptureFixtu
 @pytest.mark.timeout(180)
 def test_a_programs_finger_clicks_the_button_by_pressing_and_is_where_it_was_moved() -> None:
     button = example("button")
-    with rehearsal("hands") as running, Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate:
+    with (
+        rehearsal("hands") as running,
+        Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate,
+    ):
         with Finger(plate) as finger:
             button.lay(plate, 0.35, 2.0)
             events = plate.events(PATIENCE_S)
@@ -104,7 +111,10 @@ def test_a_programs_finger_clicks_the_button_by_pressing_and_is_where_it_was_mov
 
 @pytest.mark.timeout(180)
 def test_a_program_records_what_it_does_with_its_markers(tmp_path: Path) -> None:
-    with rehearsal("strokes") as running, Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate:
+    with (
+        rehearsal("strokes") as running,
+        Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate,
+    ):
         with plate.record(tmp_path / "P03.mcap") as recording:
             t_ns = plate.marker({"event": "begin", "trial": 7})
             plate.marker("a dog barks")

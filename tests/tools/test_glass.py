@@ -29,7 +29,6 @@ def parsed(*words: str) -> argparse.Namespace:
         ("run", "--sim"),
         ("demo",),
         ("view", "--sim"),
-        ("study", "run", "--participant", "P", "--out", "x", "--sim"),
         ("latency", "--sim"),
         ("play", "sound.wav", "--sim"),
         ("simulate", "strokes"),
@@ -72,7 +71,6 @@ def test_the_plate_becomes_part_of_the_configuration_that_is_served_and_checked(
     [
         ("run --modes 5", "--modes: 5 modes cannot be driven on the reference plate: give 2 to 4."),
         ("view --plate fingertip", "--plate, --modes and --wiring name a simulated plate: give --sim as well."),
-        ("study run --participant P --out x --modes 4", "give --sim as well."),
         ("demo --modes 9", "--modes: 9 modes cannot be driven on the fingertip plate: give 2 to 6."),
         ("view --sim --wiring paper", "this plate drives 4: choose the reference plate, or 2 modes."),
         ("simulate strokes --plate steel", "there is no plate 'steel': give reference, fingertip, wide, or a file;"),

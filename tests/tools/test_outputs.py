@@ -39,7 +39,6 @@ OUTPUTS = [
     (("bench", "tick", "--plot"), "f.png", "f.json"),
     (("firmware", "sweep", "--plot"), "f.png", "f.toml"),
     (("doctor", "--bundle"), "f.tar.gz", "f.tar"),
-    (("study", "report", ".", "--json"), "f.json", "f.png"),
     (("demo", "--out"), "f.png", "f.json"),
 ]
 IDS = [" ".join(command) for command, _, _ in OUTPUTS]

@@ -18,7 +18,6 @@ from asynchronous import asynchronous
 from web_apps import running
 
 from hapticd.__main__ import main
-from hapticd.tools.study.browser import Browser
 from hapticd.tools.view.server import Viewer
 
 
@@ -79,14 +78,4 @@ async def test_a_malformed_request_to_the_viewer_is_refused_without_a_traceback(
     async with running(Viewer(str(tmp_path)).app()) as (_, port):
         lines = await asyncio.to_thread(answers, port)
     assert all(b" 400 " in line for line in lines)
-    assert caplog.text == ""
-
-
-def test_a_malformed_request_to_the_studys_page_is_refused_without_a_traceback(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    with Browser() as page:
-        port = urlsplit(page.url).port
-        assert port is not None
-        assert all(b" 400 " in line for line in answers(port))
     assert caplog.text == ""

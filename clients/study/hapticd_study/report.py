@@ -1,0 +1,250 @@
+"""`hapticd-study report`: all finished sessions of a folder as text, CSV, JSON and the paper's figure 12.
+
+Answers that are right or wrong have success rates and tests, levels that are numbers a psychometric function, answers
+that are numbers their means by condition.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from . import dataset
+from .analysis import Group, Result, analyse, analyse_group
+from .experiment import StudyError
+from .session import SUFFIX, Session, read
+from .thresholds import curves, rating_lines, threshold_lines
+
+RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
+TITLE = "hapticd-study report"  # of the picture, among its first bytes
+MARKS = {RESULTS: b"participant,recognised,", TRIALS: b"participant,trial,", FIGURE: TITLE.encode()}
+MARKED_BYTES = 512
+STDOUT = "-"
+LIGHT, DARK = "#9ecae1", "#08519c"
+BAR_IN = 0.55  # a participant's share of the figure's width
+MAX_WIDTH_IN = 16.0
+DPI = 110
+
+
+def write(folder: Path, json_file: str | None = None, *, bids: Path | None = None, is_forced: bool = False) -> None:
+    """Analyse the sessions in `folder`, print the report, and write its files there, over those of an earlier report.
+
+    `bids` is a folder for all trials (`dataset`). Raises StudyError if no session is finished, a file is damaged,
+    simulated sessions are among others, or an output holds something else; OSError.
+    """
+    sessions = sessions_in(folder)
+    if not is_forced:
+        _check_outputs(folder, json_file)
+    finished = [session for session in sessions if session.is_over]
+    if not finished:
+        raise StudyError(f"{folder}: holds no finished session: {_progress(sessions) or 'run one with --out first'}.")
+    for what, kinds in (
+        ("experiments", {session.experiment.name for session in finished}),
+        ("real and simulated plates", {session.simulated for session in finished}),
+    ):
+        if len(kinds) > 1:
+            names = ", ".join(f"{one.participant}: {one.simulated or one.experiment.name}" for one in finished)
+            raise StudyError(f"{folder}: mixes {what} ({names}): give each kind a folder of its own.")
+    simulated, name = finished[0].simulated, finished[0].experiment.name
+    results = [analyse(session) for session in finished] if finished[0].experiment.is_graded else []
+    group = analyse_group(results) if results else None
+    fitted = curves(finished)
+    lines = [text(results, group, simulated)] if group is not None else []
+    lines += [*threshold_lines(fitted), *rating_lines(finished)]
+    print("\n".join(lines), file=sys.stderr if json_file == STDOUT else sys.stdout)
+    for line in _remarks(sessions):
+        print(line, file=sys.stderr)
+    table = trial_rows(finished)
+    _write_rows(folder / TRIALS, table, simulated)
+    written = [TRIALS]
+    if group is not None:
+        _write_rows(folder / RESULTS, result_rows(results, group), simulated)
+        draw(results, group, folder / FIGURE, simulated)
+        written = [RESULTS, TRIALS, FIGURE]
+    print(f"wrote {', '.join(written)} in {folder}", file=sys.stderr)
+    rows = dataset.rows_of(table, simulated)
+    if json_file is not None:
+        analysed = figures(results, group) if group is not None else {}
+        curves_ = [one.plain for one in fitted]
+        plain = json.dumps({"simulated": simulated or None, **analysed, "curves": curves_, "trials": rows}, indent=2)
+        print(plain) if json_file == STDOUT else Path(json_file).write_text(plain + "\n", encoding="utf-8")
+    if bids is not None:
+        files = dataset.write_bids(rows, name, bids, folder, is_forced=is_forced)
+        print(f"wrote {len(files)} files in {bids}", file=sys.stderr)
+
+
+def _check_outputs(folder: Path, json_file: str | None) -> None:
+    """Raise StudyError for a file with the name of a report's that no report wrote."""
+    for name, mark in MARKS.items():
+        path = folder / name
+        if path.exists() and not (path.is_file() and mark in path.read_bytes()[:MARKED_BYTES]):
+            raise StudyError(f"{path}: is no file of an earlier report: move it away, or add --force to overwrite it.")
+    if json_file not in (None, STDOUT) and Path(str(json_file)).is_file():
+        raise StudyError(f"{json_file}: exists already: name another file, or add --force to overwrite it.")
+
+
+def sessions_in(folder: Path) -> list[Session]:
+    """Read all sessions of a folder, sorted by participant (P2 before P10). Raises StudyError."""
+    if not folder.is_dir():
+        raise StudyError(f"{folder}: is no folder: give the one that `hapticd-study run` had as --out.")
+    paths: dict[str, Path] = {}
+    sessions = []
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        sessions.append(read(path))
+        first = paths.setdefault(sessions[-1].participant, path)
+        if first != path:
+            raise StudyError(f"{path}: is {sessions[-1].participant}'s, as {first} is: delete one, or it counts twice.")
+    return sorted(sessions, key=lambda session: (len(session.participant), session.participant))
+
+
+def text(results: Sequence[Result], group: Group, simulated: str = "") -> str:
+    """Return the report as text; `simulated` as `Session.simulated`."""
+    answers = list(results[0].by_answer)
+    wide = [max(9, len(answer) + 2) for answer in answers]
+    heads = "".join(f"{answer:>{width}}" for answer, width in zip(answers, wide, strict=True))
+    lines = [f"{'participant':<16}{'recognised':>12}{'rate':>10}{'95 % interval':>16}{'p':>10}{heads}"]
+    for one in results:
+        low, high = one.interval_frac
+        recognised, interval = f"{one.correct} of {one.trials}", f"{100 * low:.0f} .. {100 * high:.0f} %"
+        counts = "".join(f"{_of(count):>{width}}" for count, width in zip(one.by_answer.values(), wide, strict=True))
+        lines.append(
+            f"{one.participant:<16}{recognised:>12}{_percent(one.rate_frac, 1):>10}{interval:>16}{_p(one.p):>10}"
+            + counts
+        )
+    spread = "" if math.isnan(group.sd_frac) else f", standard deviation {_percent(group.sd_frac, 2)}"
+    lines += ["", f"average success rate {_percent(group.mean_frac, 2)}{spread} ({_people(len(results), simulated)})"]
+    lines += [f"against guessing, {100 * group.guess_frac:.3g} %, two-sided:", *_tests(results, group)]
+    return "\n".join(lines)
+
+
+def _tests(results: Sequence[Result], group: Group) -> list[str]:
+    on_trials = f"{group.correct} of {group.trials} trials together"
+    lines = [f"  exact binomial test   {on_trials:<32}p = {_p(group.pooled_p)}"]
+    if len(results) == 1:
+        return lines
+    if not math.isnan(group.t):
+        lines.append(f"  t test of the rates   {f't({len(results) - 1}) = {group.t:.2f}':<32}p = {_p(group.t_p)}")
+    if not math.isnan(group.sign_p):
+        counts = f"{group.above} above {100 * group.guess_frac:.3g} %, {group.below} below"
+        lines.append(f"  exact sign test       {counts:<32}p = {_p(group.sign_p)}")
+    if not math.isnan(group.wilcoxon_p):
+        lines.append(f"  Wilcoxon signed rank  {'':<32}p = {_p(group.wilcoxon_p)}")
+    return lines
+
+
+def figures(results: Sequence[Result], group: Group) -> dict[str, Any]:
+    """Return the report as plain data; an undefined figure is null."""
+    people = [
+        {**asdict(one), "correct": one.correct, "trials": one.trials, "rate_frac": one.rate_frac} for one in results
+    ]
+    plain = {name: None if math.isnan(value) else value for name, value in asdict(group).items()}
+    return {"participants": people, "group": plain}
+
+
+def result_rows(results: Sequence[Result], group: Group) -> list[list[object]]:
+    """Return a row for each participant, then the average and the standard deviation of the rates."""
+    head: list[object] = ["participant", "recognised", "trials", "success_rate_percent", "p_binomial"]
+    rows: list[list[object]] = [head]
+    rows += [[one.participant, one.correct, one.trials, 100 * one.rate_frac, one.p] for one in results]
+    rows.append(["average", group.correct, group.trials, 100 * group.mean_frac, group.pooled_p])
+    if not math.isnan(group.sd_frac):
+        rows.append(["standard deviation", "", "", 100 * group.sd_frac, ""])
+    return rows
+
+
+def trial_rows(sessions: Sequence[Session]) -> list[list[object]]:
+    """Return a row for each trial of the finished sessions: its levels, the right answer and what was measured."""
+    factors = list(dict.fromkeys(name for session in sessions for name in session.presented[0].levels))
+    measured = ["t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac"]
+    measured += ["felt_friction", "pressure_frac", "t_daemon_ns"]
+    rows: list[list[object]] = [["participant", "trial", *factors, "presented", "answer", "recognised", *measured]]
+    for session in sessions:
+        for answer, trial in zip(session.answers, session.presented, strict=False):
+            recognised = int(answer.answer == trial.correct) if trial.correct else None
+            rows.append(
+                [session.participant, answer.trial, *[trial.levels.get(name) for name in factors]]
+                + [trial.correct, answer.answer, recognised]
+                + [getattr(answer, name) for name in measured]
+            )
+    return rows
+
+
+def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "") -> None:
+    """Draw the paper's figure 12: success rates, light, and their average with its standard deviation, dark."""
+    width_in = min(2.4 + BAR_IN * len(results), MAX_WIDTH_IN)
+    figure = Figure(figsize=(max(width_in, 4.0), 3.2), layout="constrained", dpi=DPI)
+    axes = figure.subplots()
+    top = max(105.0, 5.0 + 100 * (group.mean_frac + (0.0 if math.isnan(group.sd_frac) else group.sd_frac)))
+    trials = sorted({one.trials for one in results})
+    axes.set(ylabel="stimuli recognised, %", ylim=(0, top))
+    axes.set_title(
+        f"{_people(len(results), simulated)}, {' or '.join(map(str, trials))} trials each", fontsize="medium"
+    )
+    places = range(1, len(results) + 1)
+    axes.bar(places, [100 * one.rate_frac for one in results], width=0.7, color=LIGHT)
+    spread = None if math.isnan(group.sd_frac) else 100 * group.sd_frac
+    axes.bar(len(results) + 1.5, 100 * group.mean_frac, yerr=spread, width=0.7, color=DARK, capsize=4)
+    axes.axhline(100 * results[0].guess_frac, color="grey", lw=0.8, ls="--")
+    axes.annotate(
+        "guessing",
+        (1.0, 100 * results[0].guess_frac),
+        (4, 0),
+        ("axes fraction", "data"),
+        "offset points",
+        va="center",
+        fontsize="small",
+        color="grey",
+    )
+    definition = "average" if spread is None else f"average ± SD\nn = {len(results)}"
+    names = [one.participant for one in results]
+    is_crowded = sum(map(len, names)) > 8 * width_in
+    axes.set_xticks([*places, len(results) + 1.5], [*names, definition], rotation=45 if is_crowded else 0)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, metadata={"Title": TITLE})
+
+
+def _remarks(sessions: Sequence[Session]) -> list[str]:
+    """Return warnings about the sessions analysed together."""
+    finished = [session for session in sessions if session.is_over]
+    remarks = [f"not finished, so not analysed: {progress}" for progress in [_progress(sessions)] if progress]
+    if any(one.experiment != finished[0].experiment for one in finished):
+        remarks.append("These sessions have different designs: analyse them separately.")
+    if finished[0].simulated:
+        remarks.append("simulated plate: this is no evidence about people on glass.")
+    return remarks
+
+
+def _progress(sessions: Iterable[Session]) -> str:
+    open_ones = [session for session in sessions if not session.is_over]
+    return ", ".join(f"{one.participant} ({len(one.answers)} of {one.experiment.trials})" for one in open_ones)
+
+
+def _write_rows(path: Path, rows: Iterable[Sequence[object]], simulated: str) -> None:
+    """Write the table, with a last column that tells what was simulated."""
+    rows = [[*row, simulated if number else "simulated"] for number, row in enumerate(rows)]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(rows)
+
+
+def _percent(frac: float, digits: int) -> str:
+    return f"{100 * frac:.{digits}f} %"
+
+
+def _p(p: float) -> str:
+    return f"{p:.3f}" if p >= 0.001 else f"{p:.1e}"
+
+
+def _of(counts: tuple[int, int]) -> str:
+    return f"{counts[0]}/{counts[1]}"
+
+
+def _people(count: int, simulated: str) -> str:
+    return f"{count} participant{'' if count == 1 else 's'}{' on the simulated plate' if simulated else ''}"

@@ -1,0 +1,50 @@
+"""Psychometric functions against known ones, and d' against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from hapticd_study.psychometric import d_prime, fit
+
+LEVELS = np.linspace(0.0, 1.0, 9)
+EACH = 200
+
+
+def counted(threshold: float, spread: float, guess_frac: float) -> list[tuple[float, bool]]:
+    """Levels with as many right answers as the function gives, to the nearest one."""
+    shares = guess_frac + (1.0 - guess_frac) * norm.cdf((LEVELS - threshold) / spread)
+    pairs = zip(LEVELS.tolist(), shares, strict=True)
+    return [(x, trial < round(EACH * share)) for x, share in pairs for trial in range(EACH)]
+
+
+@pytest.mark.parametrize("guess_frac", [0.0, 0.5, 1 / 3])
+@pytest.mark.parametrize(("threshold", "spread"), [(0.5, 0.15), (0.3, 0.25)])
+def test_a_function_is_found_from_its_own_shares_and_mirrored(
+    threshold: float, spread: float, guess_frac: float
+) -> None:
+    track = counted(threshold, spread, guess_frac)
+    curve, mirrored = fit(track, guess_frac), fit([(-level, is_right) for level, is_right in track], guess_frac)
+    assert curve is not None
+    assert mirrored is not None
+    assert curve.threshold == pytest.approx(threshold, abs=0.03)
+    assert curve.spread == pytest.approx(spread, rel=0.25)
+    low, high = curve.threshold_interval
+    assert low < threshold < high < low + 0.25
+    assert curve.is_bounded
+    assert (mirrored.threshold, mirrored.spread) == pytest.approx((-curve.threshold, -curve.spread))
+    assert mirrored.threshold_interval == pytest.approx((-high, -low))
+
+
+def test_levels_that_do_not_reach_the_threshold_are_said_and_one_level_is_no_curve() -> None:
+    assert fit([(0.5, True)] * 20, 0.5) is None
+    curve = fit([(float(level), True) for level in LEVELS for _ in range(20)], 0.5)
+    assert curve is not None
+    assert not curve.is_bounded
+
+
+def test_d_prime_is_the_distance_of_two_normal_deviates() -> None:
+    assert d_prime((84, 100), (16, 100)) == pytest.approx(norm.ppf(84.5 / 101) - norm.ppf(16.5 / 101))
+    assert d_prime((10, 10), (0, 10)) == pytest.approx(2 * norm.ppf(10.5 / 11))
+    assert d_prime((5, 10), (5, 10)) == 0.0

@@ -1,0 +1,137 @@
+"""The report of a folder of the paper's sessions, and refused command lines."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from people import session, write
+from test_analysis import PAPER
+
+from hapticd_study import program
+from hapticd_study.program import main
+from hapticd_study.session import read
+
+
+@pytest.fixture
+def papers(tmp_path: Path) -> Path:
+    """The paper's seven participants, with the constructed counts."""
+    for place, correct in enumerate(PAPER, 1):
+        write(tmp_path, session(f"P{place}", correct, seed=place))
+    return tmp_path
+
+
+def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(arguments)
+    output = capsys.readouterr()
+    return code, output.out, output.err
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_paper_s_numbers_make_the_paper_s_sentence_and_tables(
+    papers: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, output, complaint = outcome(capsys, "report", str(papers))
+    assert (code, complaint) == (0, f"wrote results.csv, trials.csv, figure-12.png in {papers}\n")
+    assert "average success rate 73.57 %, standard deviation 17.73 % (7 participants)" in output
+    assert "103 of 140 trials together" in output
+    assert "t(6) = 3.52                     p = 0.013" in output
+    assert "6 above 50 %, 0 below" in output
+    assert (papers / "figure-12.png").read_bytes().startswith(b"\x89PNG")
+    people, trials = rows(papers / "results.csv"), rows(papers / "trials.csv")
+    assert [int(row["recognised"]) for row in people[:7]] == list(PAPER)
+    assert [row["participant"] for row in people[7:]] == ["average", "standard deviation"]
+    assert float(people[7]["success_rate_percent"]) == pytest.approx(100 * 103 / 140)
+    assert float(people[8]["success_rate_percent"]) == pytest.approx(17.728, abs=1e-3)
+    assert len(trials) == 140
+    for row in trials:
+        assert row["friction"] == row["presented"]
+        assert (row["recognised"] == "1") == (row["presented"] == row["answer"])
+
+
+def test_a_report_is_repeated_over_its_own_files_and_leaves_unfinished_sessions_blind(
+    papers: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = outcome(capsys, "report", str(papers))
+    write(papers, session("P8", 20, seed=8), answers=19)
+    _, output, complaint = outcome(capsys, "report", str(papers), "--json", "-")
+    assert complaint == f"{first[1]}not finished, so not analysed: P8 (19 of 20)\n{first[2]}"
+    figures = json.loads(output)
+    assert figures["group"]["mean_frac"] == pytest.approx(103 / 140)
+    assert [person["correct"] for person in figures["participants"]] == list(PAPER)
+    assert "P8" not in output + (papers / "trials.csv").read_text()
+
+
+def test_files_of_others_and_a_copied_session_are_refused(papers: Path, refused: Callable[..., str]) -> None:
+    json_file = papers / "f.json"
+    for path in (papers / "results.csv", papers / "figure-12.png", json_file):
+        path.write_text("mine")
+        assert "add --force" in refused("report", str(papers), "--json", str(json_file))
+        assert path.read_text() == "mine"
+        path.unlink()
+    (papers / "P3 (copy).jsonl").write_bytes((papers / "P3.jsonl").read_bytes())
+    assert "is P3's, as" in refused("report", str(papers))
+
+
+@pytest.mark.parametrize("answers", [None, 3])
+def test_a_folder_without_a_finished_session_is_one_sentence(
+    answers: int | None, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    if answers is not None:
+        write(tmp_path, session("P1", 9), answers=answers)
+    assert refused("report", str(tmp_path)).startswith(f"hapticd-study: {tmp_path}: holds no finished session")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--participant", "a/b"), "must be 1 .. 32 letters"),
+        (("--participant", "P1", "--trials", "0"), "trials: 0 is out of bounds"),
+        (("--participant", "P1", "--seed", "-1"), "--seed: -1 is out of bounds"),
+        (("--participant", "P1", "--sim", "--endpoint", "x"), "cannot be combined with --endpoint"),
+        (("--participant", "P1", "--page-port", "8000"), "give --browser as well"),
+    ],
+)
+def test_conflicting_options_are_one_sentence_and_leave_no_file(
+    arguments: tuple[str, ...], sentence: str, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    assert sentence in refused("run", "--out", str(tmp_path / "new"), *arguments)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_continued_session_cannot_be_changed_and_is_kept_without_a_daemon(
+    tmp_path: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path, session("P1", 9), answers=3)
+    before = path.read_bytes()
+    arguments = ("run", "--participant", "P1", "--out", str(tmp_path))
+    assert "was started with 20 trials" in refused(*arguments, "--trials", "10")
+    assert "another seed" in refused(*arguments, "--seed", "6")
+    monkeypatch.setattr(program, "DAEMON_WITHIN_S", 0.05)
+    code, _, complaint = outcome(capsys, *arguments, "--endpoint", str(tmp_path / "none"))
+    assert code == 1
+    assert complaint.endswith("The answers are kept: continue with the same command.\n")
+    assert path.read_bytes() == before
+    assert len(read(path).answers) == 3
+
+
+def test_sessions_on_the_simulated_plate_are_marked_everywhere_and_not_mixed_with_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
+) -> None:
+    write(tmp_path, replace(session("P1", 15), about={"simulated": "plate"}))
+    _, output, complaint = outcome(capsys, "report", str(tmp_path), "--json", str(tmp_path / "f.json"))
+    assert "(1 participant on the simulated plate)" in output
+    assert "no evidence about people" in complaint
+    for table in ("results.csv", "trials.csv"):
+        assert {row["simulated"] for row in rows(tmp_path / table)} == {"plate"}
+    assert json.loads((tmp_path / "f.json").read_text())["simulated"] == "plate"
+    write(tmp_path, session("P2", 20))
+    assert "mixes real and simulated plates (P1: plate, P2: paper)" in refused("report", str(tmp_path))
