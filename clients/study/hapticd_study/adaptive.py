@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
-from .experiment import CONFIDENCE, QuestPlus, Staircase
+from .experiment import QuestPlus, Staircase
 
 LevelTrack = tuple[tuple[float, bool], ...]  # (level, whether the answer was right), in order
 
@@ -17,36 +16,6 @@ def next_level(method: Staircase | QuestPlus, track: LevelTrack, guess_frac: flo
     if isinstance(method, Staircase):
         return _climbed(method, track)
     return _sign(method) * float(_posterior(method, track, guess_frac).next_stim["intensity"])
-
-
-def threshold(method: QuestPlus, track: LevelTrack, guess_frac: float) -> tuple[float, tuple[float, float]]:
-    """Return the posterior mean of the threshold, half way between guessing and lapses, and the central interval that
-    holds CONFIDENCE of its probability; as wide as its grid at least."""
-    posterior = _posterior(method, track, guess_frac).marginal_posterior["mean"]
-    by_level = sorted(zip(_thresholds(method), (float(p) for p in posterior), strict=True))
-    tail, low, high, below = 0.5 * (1.0 - CONFIDENCE), by_level[0][0], by_level[-1][0], 0.0
-    for (level, p), (following, _) in pairwise([*by_level, (by_level[-1][0], 0.0)]):
-        if below <= tail:
-            low = level
-        below += p
-        if below >= 1.0 - tail:
-            high = level
-            break
-        high = following
-    mean = sum(level * p for level, p in by_level)
-    sign = _sign(method)
-    return sign * mean, (low, high) if sign > 0 else (-high, -low)
-
-
-def reversals(track: LevelTrack) -> list[float]:
-    """Return the levels at which a staircase turned."""
-    found, direction = [], 0.0
-    for (level, _), (following, _) in pairwise(track):
-        step = following - level
-        if step * direction < 0.0:
-            found.append(level)
-        direction = step or direction
-    return found
 
 
 def _climbed(method: Staircase, track: LevelTrack) -> float:
@@ -67,10 +36,6 @@ def _climbed(method: Staircase, track: LevelTrack) -> float:
 
 def _sign(method: QuestPlus) -> float:
     return 1.0 if method.harder == "lower" else -1.0
-
-
-def _thresholds(method: QuestPlus) -> list[float]:
-    return [_sign(method) * level for level in method.thresholds or method.levels]
 
 
 def _posterior(method: QuestPlus, track: LevelTrack, guess_frac: float) -> Any:
@@ -95,7 +60,7 @@ def _prior(method: QuestPlus, guess_frac: float) -> Any:
     return Posterior(
         stim_domain={"intensity": [_sign(method) * level for level in method.levels]},
         param_domain={
-            "mean": _thresholds(method),
+            "mean": [_sign(method) * level for level in method.thresholds or method.levels],
             "sd": list(method.spreads),
             "lower_asymptote": [guess_frac],
             "lapse_rate": list(method.lapses),

@@ -18,13 +18,11 @@ FAST_MM_S = 100.0  # the paper's 10 cm/s, at which its positions lagged 1.5 mm
 
 
 class Clock(Protocol):
-    """Time source of a session; tests pass their own."""
+    """Time source of a session: monotonic seconds, and seconds since 1970."""
 
-    def monotonic(self) -> float:
-        """Return monotonic seconds."""
+    def monotonic(self) -> float: ...
 
-    def time(self) -> float:
-        """Return seconds since 1970."""
+    def time(self) -> float: ...
 
 
 def conduct(file: SessionFile, stage: Stage, shown: StudyPanel, clock: Clock) -> None:
@@ -50,7 +48,7 @@ class _Conductor:
         self.stage.mark(f"study {name} begins")
         while not self.file.session.is_complete:
             number = len(self.file.session.answers) + 1
-            heading = panel.numbered(number, made.trials)
+            heading = f"Trial {number} of {made.trials}"
             if made.break_after and number > 1 and (number - 1) % made.break_after == 0:
                 self._pause()
             self.stage.mark(f"study {name} trial {number} start")
@@ -84,7 +82,7 @@ class _Conductor:
         """Run trials that are not kept, each with feedback; a pause begins it once more."""
         trials = practised(self.file.session.experiment, self.file.session.seed)
         for number, trial in enumerate(trials, 1):
-            heading = panel.numbered(number, len(trials), is_practice=True)
+            heading = f"Practice {number} of {len(trials)}"
             answer = None
             while answer is None:
                 answer = self._try(trial, number, heading)

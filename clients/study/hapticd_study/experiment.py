@@ -37,6 +37,7 @@ INTERVAL_ANSWERS: Final = {"first": "the first one", "second": "the second one"}
 Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Positive = Annotated[float, Meta(ge=1e-6, le=1e6)]
 Count = Annotated[int, Meta(ge=0, le=MAX_TRIALS)]
+Lapse = Annotated[float, Meta(ge=0.0, le=0.2)]
 Level = Number | str
 Text = Annotated[str, Meta(max_length=1000)]
 LevelNumbers = Annotated[tuple[Number, ...], Meta(min_length=1, max_length=MAX_LEVELS)]
@@ -55,9 +56,7 @@ class Intervals(Contract, frozen=True, kw_only=True):
     of: str
     standard: Level
     touched_s: Annotated[float, Meta(ge=0.2, le=60.0)] = 1.5
-    """how long either is felt"""
     pause_s: Annotated[float, Meta(ge=0.1, le=10.0)] = 0.5
-    """quiet in between"""
 
 
 class Staircase(Contract, frozen=True, kw_only=True, tag_field="method", tag="staircase"):
@@ -84,13 +83,8 @@ class QuestPlus(Contract, frozen=True, kw_only=True, tag_field="method", tag="qu
 
     levels: LevelNumbers
     thresholds: LevelNumbers | None = None
-    """that may be; by default the levels"""
     spreads: LevelNumbers
-    lapses: Annotated[tuple[Annotated[float, Meta(ge=0.0, le=0.2)], ...], Meta(min_length=1, max_length=10)] = (
-        0.0,
-        0.02,
-        0.05,
-    )
+    lapses: Annotated[tuple[Lapse, ...], Meta(min_length=1, max_length=10)] = (0.0, 0.02, 0.05)
     harder: Literal["lower", "higher"] = "lower"
 
     def problem(self) -> str:
@@ -98,36 +92,24 @@ class QuestPlus(Contract, frozen=True, kw_only=True, tag_field="method", tag="qu
 
 
 class Experiment(Contract, frozen=True, kw_only=True):
-    """All trials of a session. Raises nothing: `parse` checks it."""
+    """All trials of a session, by the keys of README.md. Raises nothing: `parse` checks it."""
 
     name: Annotated[str, Meta(max_length=32)] = "study"
-    """letters, digits and -: names markers and exported files"""
     question: Text
-    """shown in each trial"""
     training: Text = ""
-    """shown while the participant feels the stimuli of the answers by name; without it there is no such training"""
     answers: Annotated[dict[str, Text], Meta(max_length=MAX_ANSWERS)] = field(default_factory=dict)
-    """by name, with the label of its key; with `intervals` there are two of their own"""
     correct: str = ""
-    """the factor whose level's name is the right answer; without it none is right"""
     factors: Annotated[
         dict[str, Annotated[tuple[Level, ...], Meta(min_length=1, max_length=MAX_LEVELS)] | dict[str, dict[str, Any]]],
         Meta(max_length=10),
     ] = field(default_factory=dict)
-    """levels as a list of numbers and words, or by name as tables"""
     trials: Annotated[int, Meta(ge=1, le=MAX_TRIALS)]
     practice: Count = 0
-    """trials before, with feedback and not kept"""
     feedback: bool = False
-    """whether a trial's end tells if the answer was right"""
     break_after: Count = 0
-    """trials after which the participant rests as long as desired; 0 never"""
     rest_s: Annotated[float, Meta(ge=0.0, le=60.0)] = 1.0
-    """of the plate, before each trial"""
     blocks: str = ""
-    """a factor whose levels come in blocks, in the order of a balanced Latin square over participants"""
     curve: str = ""
-    """the factor over which a psychometric function is fitted; by default that of `adaptive`"""
     intervals: Intervals | None = None
     adaptive: Staircase | QuestPlus | None = None
     plate: dict[str, Any]
@@ -155,9 +137,8 @@ class Experiment(Contract, frozen=True, kw_only=True):
     def targets(self, levels: Levels) -> ClientTargets:
         """Return the plate's message in a trial with these levels. Raises StudyError."""
         try:
-            made: ClientTargets = converted(
-                {"client": "study", **_filled(self.plate, levels, self.factors)}, ClientTargets
-            )
+            message = {"client": "study", **_filled(self.plate, levels, self.factors)}
+            made: ClientTargets = converted(message, ClientTargets)
         except ContractError as error:
             raise StudyError(f"plate.{error}") from None
         return made
@@ -230,12 +211,8 @@ def _problems(made: Experiment) -> Iterator[str]:
         yield ".answers: with intervals the answers are first and second, and `correct` follows."
     known = [*made.factors, *([LEVEL] if made.adaptive is not None else [])]
     varied = made.intervals.of if made.intervals is not None else ""
-    for place, name in (
-        ("correct", made.correct),
-        ("blocks", made.blocks),
-        ("curve", made.curve),
-        ("intervals.of", varied),
-    ):
+    named = {"correct": made.correct, "blocks": made.blocks, "curve": made.curve, "intervals.of": varied}
+    for place, name in named.items():
         if name and name not in known:
             yield f".{place}: {name!r} is not one of the factors ({', '.join(known) or 'there are none'})."
     if made.correct in made.factors and not {str(level) for level in made.factors[made.correct]} <= set(made.answers):
@@ -265,9 +242,7 @@ def _filled(value: Any, levels: Levels, factors: Mapping[str, Any]) -> Any:
         level = levels[name]
         return factors[name][level][entry] if entry else level
     except (KeyError, TypeError, IndexError):
-        raise StudyError(
-            f"plate: {value[:40]!r} is neither a factor nor an entry of its levels: check its name."
-        ) from None
+        raise StudyError(f"plate: {value[:40]!r} is neither a factor nor an entry of its levels.") from None
 
 
 def participant_name(name: str) -> str:

@@ -33,14 +33,11 @@ class Screen(NamedTuple):
 class StudyPanel(Protocol):
     """Interface that shows screens. Keys pressed before a screen was shown do not count on it."""
 
-    def show(self, screen: Screen) -> None:
-        """Replace the screen. The same screen again changes nothing."""
+    def show(self, screen: Screen) -> None: ...  # the same screen again changes nothing
 
-    def note(self, text: str) -> None:
-        """Show a remark below the screen; empty removes it."""
+    def note(self, text: str) -> None: ...  # below the screen; empty removes it
 
-    def pressed(self) -> str | None:
-        """Return a key of the screen pressed since the last call, else None. Does not block."""
+    def pressed(self) -> str | None: ...  # a key pressed since the last call; does not block
 
 
 def answers(made: Experiment, before: str = "") -> tuple[ScreenKey, ...]:
@@ -71,11 +68,6 @@ def interval(heading: str, which: str) -> Screen:
 def between(heading: str) -> Screen:
     """Return the screen of the rest before a trial."""
     return Screen(heading, "The plate is at rest: wait a moment.")
-
-
-def numbered(number: int, of: int, *, is_practice: bool = False) -> str:
-    """Return the heading of a trial."""
-    return f"{'Practice' if is_practice else 'Trial'} {number} of {of}"
 
 
 def paused(answered: int, trials: int) -> Screen:

@@ -91,7 +91,7 @@ def d_prime(hits: tuple[int, int], false_alarms: tuple[int, int]) -> float:
 
 
 def _grid(levels: FloatArray, guess_frac: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return thresholds, spreads and lapses (points,), and the shares of right answers that they give (points, levels)."""
+    """Return thresholds, spreads and lapses (points,), and their shares of right answers (points, levels)."""
     span = float(np.ptp(levels))
     thresholds = np.linspace(levels.min() - MARGIN * span, levels.max() + MARGIN * span, GRID[0])
     spreads = span * np.geomspace(*SPREADS, GRID[1])

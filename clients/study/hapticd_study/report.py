@@ -107,20 +107,14 @@ def sessions_in(folder: Path) -> list[Session]:
 
 def text(results: Sequence[Result], group: Group, simulated: str = "") -> str:
     """Return the report as text; `simulated` as `Session.simulated`."""
-    answers = list(results[0].by_answer)
-    wide = [max(9, len(answer) + 2) for answer in answers]
-    heads = "".join(f"{answer:>{width}}" for answer, width in zip(answers, wide, strict=True))
-    lines = [f"{'participant':<16}{'recognised':>12}{'rate':>10}{'95 % interval':>16}{'p':>10}{heads}"]
+    lines = [f"{'participant':<16}{'recognised':>12}{'rate':>10}{'95 % interval':>16}{'p':>10}"]
     for one in results:
-        low, high = one.interval_frac
-        recognised, interval = f"{one.correct} of {one.trials}", f"{100 * low:.0f} .. {100 * high:.0f} %"
-        counts = "".join(f"{_of(count):>{width}}" for count, width in zip(one.by_answer.values(), wide, strict=True))
-        lines.append(
-            f"{one.participant:<16}{recognised:>12}{_percent(one.rate_frac, 1):>10}{interval:>16}{_p(one.p):>10}"
-            + counts
-        )
-    spread = "" if math.isnan(group.sd_frac) else f", standard deviation {_percent(group.sd_frac, 2)}"
-    lines += ["", f"average success rate {_percent(group.mean_frac, 2)}{spread} ({_people(len(results), simulated)})"]
+        low, high = (100 * end for end in one.interval_frac)
+        recognised, interval = f"{one.correct} of {one.trials}", f"{low:.0f} .. {high:.0f} %"
+        rate = f"{100 * one.rate_frac:.1f} %"
+        lines.append(f"{one.participant:<16}{recognised:>12}{rate:>10}{interval:>16}{_p(one.p):>10}")
+    spread = "" if math.isnan(group.sd_frac) else f", standard deviation {100 * group.sd_frac:.2f} %"
+    lines += ["", f"average success rate {100 * group.mean_frac:.2f} %{spread} ({_people(len(results), simulated)})"]
     lines += [f"against guessing, {100 * group.guess_frac:.3g} %, two-sided:", *_tests(results, group)]
     return "\n".join(lines)
 
@@ -193,15 +187,8 @@ def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "
     spread = None if math.isnan(group.sd_frac) else 100 * group.sd_frac
     axes.bar(len(results) + 1.5, 100 * group.mean_frac, yerr=spread, width=0.7, color=DARK, capsize=4)
     axes.axhline(100 * results[0].guess_frac, color="grey", lw=0.8, ls="--")
-    axes.annotate(
-        "guessing",
-        (1.0, 100 * results[0].guess_frac),
-        (4, 0),
-        ("axes fraction", "data"),
-        "offset points",
-        va="center",
-        fontsize="small",
-        color="grey",
+    axes.text(
+        1.01, 100 * results[0].guess_frac, "guessing", transform=axes.get_yaxis_transform(), va="center", color="grey"
     )
     definition = "average" if spread is None else f"average ± SD\nn = {len(results)}"
     names = [one.participant for one in results]
@@ -234,16 +221,8 @@ def _write_rows(path: Path, rows: Iterable[Sequence[object]], simulated: str) ->
         csv.writer(file).writerows(rows)
 
 
-def _percent(frac: float, digits: int) -> str:
-    return f"{100 * frac:.{digits}f} %"
-
-
 def _p(p: float) -> str:
     return f"{p:.3f}" if p >= 0.001 else f"{p:.1e}"
-
-
-def _of(counts: tuple[int, int]) -> str:
-    return f"{counts[0]}/{counts[1]}"
 
 
 def _people(count: int, simulated: str) -> str:

@@ -125,7 +125,7 @@ class SessionFile:
         """Write an answer; it is on the disk when this returns."""
         if answer.trial != len(self.session.answers) + 1 or self.session.is_complete:
             raise ValueError(f"trial {answer.trial} is not the next")
-        self._write({"kind": "answer", **_known(asdict(answer))})
+        self._write({"kind": "answer", **{name: one for name, one in asdict(answer).items() if one is not None}})
         self.session = replace(self.session, answers=(*self.session.answers, answer))
 
     def end(self) -> None:
@@ -225,7 +225,3 @@ def _with(session: Session, entry: dict[str, Any]) -> Session:
     if answer.answer not in session.experiment.choices:
         raise ValueError("an answer is one of the experiment's")
     return replace(session, answers=(*session.answers, answer))
-
-
-def _known(entry: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in entry.items() if value is not None}

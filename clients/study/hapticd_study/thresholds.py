@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from .adaptive import LevelTrack, reversals, threshold
-from .experiment import Experiment, Levels, QuestPlus, Staircase
+from .experiment import Levels
 from .psychometric import Curve, d_prime, fit
 from .session import Session
-
-FIRST_REVERSALS = 2  # of a staircase, which still climbs down to the threshold
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionCurve:
-    """A participant's psychometric function in one condition; `threshold` and its 95 % interval by the method of the
-    experiment, `reversals_mean` of a staircase, `d_prime` where two answers are right or wrong by a factor."""
+    """A participant's psychometric function in one condition; None for fewer than two levels."""
 
     participant: str
     condition: Levels
     trials: int
-    threshold: float | None
-    interval: tuple[float, float] | None
-    method: str
     curve: Curve | None
-    reversals_mean: float | None = None
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -37,12 +29,7 @@ class ConditionCurve:
 
 def curves(sessions: Iterable[Session]) -> list[ConditionCurve]:
     """Return all psychometric functions of finished sessions."""
-    return [
-        _curve(session, condition, track)
-        for session in sessions
-        if session.experiment.abscissa
-        for condition, track in _tracks(session)
-    ]
+    return [one for session in sessions if session.experiment.abscissa for one in _curves(session)]
 
 
 def threshold_lines(fitted: Sequence[ConditionCurve]) -> list[str]:
@@ -51,11 +38,12 @@ def threshold_lines(fitted: Sequence[ConditionCurve]) -> list[str]:
         return []
     lines = ["", f"{'participant':<16}{'trials':>8}{'threshold':>12}{'95 % interval':>22}{'spread':>10}  condition"]
     for one in fitted:
-        found = "-" if one.threshold is None else f"{one.threshold:.4g}"
-        interval = "-" if one.interval is None else f"{one.interval[0]:.4g} .. {one.interval[1]:.4g}"
-        spread = "-" if one.curve is None else f"{one.curve.spread:.3g}"
+        found, interval, spread, unsure = "-", "-", "-", ""
+        if one.curve is not None:
+            found, spread = f"{one.curve.threshold:.4g}", f"{one.curve.spread:.3g}"
+            interval = " .. ".join(f"{end:.4g}" for end in one.curve.threshold_interval)
+            unsure = "" if one.curve.is_bounded else " (the levels did not reach it)"
         condition = ", ".join(f"{name} {level}" for name, level in one.condition.items())
-        unsure = "" if one.curve is None or one.curve.is_bounded else " (the levels did not reach it)"
         lines.append(f"{one.participant:<16}{one.trials:>8}{found:>12}{interval:>22}{spread:>10}  {condition}{unsure}")
     return lines
 
@@ -91,41 +79,17 @@ def sensitivity(session: Session) -> float:
     return d_prime((given[True][0], given[True][1]), (given[False][0], given[False][1]))
 
 
-def _curve(session: Session, condition: Levels, track: LevelTrack) -> ConditionCurve:
+def _curves(session: Session) -> Iterator[ConditionCurve]:
+    """Yield a function for each combination of the factors, but of the abscissa and of what says the right answer."""
     made = session.experiment
+    tracks: dict[tuple[tuple[str, Any], ...], list[tuple[float, bool]]] = {}
+    for trial, answer in zip(session.presented, session.answers, strict=False):
+        levels = dict(trial.levels)
+        level = float(levels.pop(made.abscissa))
+        levels.pop(made.correct, None)
+        right = trial.correct or next(iter(made.choices))
+        tracks.setdefault(tuple(levels.items()), []).append((level, answer.answer == right))
     guess_frac = 1.0 / len(made.choices) if made.is_graded else 0.0
     falls = None if made.adaptive is None else made.adaptive.harder == "higher"
-    curve = fit(track, guess_frac, falls=falls)
-    found = None if curve is None else (curve.threshold, curve.threshold_interval)
-    turned: list[float] = []
-    if isinstance(made.adaptive, QuestPlus):
-        found = threshold(made.adaptive, track, guess_frac)
-    elif isinstance(made.adaptive, Staircase):
-        turned = reversals(track)[FIRST_REVERSALS:]
-    return ConditionCurve(
-        participant=session.participant,
-        condition=condition,
-        trials=len(track),
-        threshold=None if found is None else found[0],
-        interval=None if found is None else found[1],
-        method="quest+" if isinstance(made.adaptive, QuestPlus) else "fit",
-        curve=curve,
-        reversals_mean=statistics.fmean(turned) if turned else None,
-    )
-
-
-def _tracks(session: Session) -> list[tuple[Levels, LevelTrack]]:
-    """Return levels and whether the answers were right (or, ungraded, the first one was given) by condition."""
-    made = session.experiment
-    found: dict[tuple[Any, ...], tuple[Levels, list[tuple[float, bool]]]] = {}
-    for trial, answer in zip(session.presented, session.answers, strict=False):
-        condition = {name: level for name, level in trial.levels.items() if name not in _averaged(made)}
-        right = trial.correct or next(iter(made.choices))
-        key = tuple(condition.items())
-        found.setdefault(key, (condition, []))[1].append((float(trial.levels[made.abscissa]), answer.answer == right))
-    return [(condition, tuple(track)) for condition, track in found.values()]
-
-
-def _averaged(made: Experiment) -> tuple[str, str]:
-    """Return the factors that do not make a condition: the abscissa, and the one that says the right answer."""
-    return made.abscissa, made.correct
+    for condition, track in tracks.items():
+        yield ConditionCurve(session.participant, dict(condition), len(track), fit(track, guess_frac, falls=falls))

@@ -16,7 +16,7 @@ POLLS = 60  # until a key is pressed
 
 
 class FakeClient:
-    """The part of `hapticd_client.Client` that a study uses, and its clock; keeps targets, markers and what it released.
+    """The part of `hapticd_client.Client` that a study uses, and its clock; keeps targets, markers, releases.
 
     One finger moves to the right at `speed_mm_s`; another `finger` takes its place, `more` landed later.
     """

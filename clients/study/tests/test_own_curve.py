@@ -55,7 +55,7 @@ def test_frictions_become_amplitudes_and_all_else_stays() -> None:
 
 @pytest.mark.parametrize("text", ["", "[plate", "[plate]\nfriction_curve = [0.0, 1.0]\n", "plate = 3"])
 def test_a_file_without_a_curve_is_named(text: str, tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match="participants/P03/hapticd.toml: has no friction curve"):
+    with pytest.raises(StudyError, match=r"participants/P03/hapticd\.toml: has no friction curve"):
         own_curve.measured(calibrated(tmp_path, text), "P03")
     with pytest.raises(StudyError, match="calibrate friction --participant P04"):
         own_curve.measured(tmp_path, "P04")

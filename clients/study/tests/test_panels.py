@@ -21,7 +21,7 @@ from hapticd_study.browser import Browser
 from hapticd_study.experiment import StudyError
 from hapticd_study.keyboard import Keyboard
 
-TRIAL, NEXT_TRIAL = (panel.trial(paper(), panel.numbered(number, 20)) for number in (3, 4))
+TRIAL, NEXT_TRIAL = (panel.trial(paper(), f"Trial {number} of 20") for number in (3, 4))
 
 
 def pressed_soon(keyboard: Keyboard) -> str | None:

@@ -54,9 +54,9 @@ def test_an_adaptive_session_s_threshold_is_reported(
     assert code == 0
     assert "threshold" in output
     (curve,) = json.loads((tmp_path / "f.json").read_text())["curves"]
-    assert 0.15 < curve["threshold"] < 0.55
-    assert curve["interval"][0] < curve["threshold"] < curve["interval"][1]
-    assert (curve["reversals_mean"] is None) == (adaptive["method"] == "quest+")
+    low, high = curve["curve"]["threshold_interval"]
+    assert 0.15 < curve["curve"]["threshold"] < 0.55
+    assert low < curve["curve"]["threshold"] < high
     assert rows(tmp_path / "trials.csv")[0]["level"] != ""
 
 
@@ -70,8 +70,8 @@ def test_constant_stimuli_have_a_curve_for_each_other_condition(
     write(tmp_path, held("P1", STIMULI, left_is_duller))
     _, output, complaint = outcome(capsys, "report", str(tmp_path), "--json", str(tmp_path / "f.json"))
     curves = {one["condition"]["hand"]: one for one in json.loads((tmp_path / "f.json").read_text())["curves"]}
-    assert 0.6 < curves["left"]["threshold"] < 0.8
-    assert 0.2 < curves["right"]["threshold"] < 0.4
+    assert 0.6 < curves["left"]["curve"]["threshold"] < 0.8
+    assert 0.2 < curves["right"]["curve"]["threshold"] < 0.4
     assert "hand left" in output
     assert "wrote trials.csv in" in complaint  # no success rates: no answer is right
     assert not (tmp_path / "results.csv").exists()
