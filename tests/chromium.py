@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -25,14 +26,16 @@ FLAGS = (
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
-    """Chromium with a profile of its own."""
+    """Chromium with a profile and temporary files of its own, which it keeps while tests come and go."""
     if CHROMIUM is None or DRIVER is None:
         pytest.skip("chromium and chromium-driver are not installed")
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}", "--window-size=1280,1200"):
+    own = tmp_path_factory.mktemp("chromium")
+    for flag in (*FLAGS, f"--user-data-dir={own}/profile", "--window-size=1280,1200"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(DRIVER, log_output=subprocess.DEVNULL))
+    service = Service(DRIVER, log_output=subprocess.DEVNULL, env={**os.environ, "TMPDIR": str(own)})
+    driver = webdriver.Chrome(options=options, service=service)
     yield driver
     driver.quit()

@@ -34,7 +34,7 @@ from .rig import TruthSubscriber
 from .surfaces import SurfacePainter
 
 ANSWER_S = 2.0
-STATE_S = 1.0  # timeout of a silent daemon
+STATE_S = 2.0  # timeout of a silent daemon, which a busy computer delays
 RETRY_S = 0.5
 STATUS_EVERY_S = 1.0
 MAX_EVENTS = 64  # between two frames

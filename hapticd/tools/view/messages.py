@@ -13,7 +13,7 @@ server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", 
                  {"kind": "surfaces", ..}
                  {"kind": "recording", "is_on": true, "file": "..", "sentence": ""}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
-                 {"kind": "starting", "plate": "fingertip", "modes": 4}   the service of a simulated plate (re)starts
+                 {"kind": "starting", "plate": "fingertip", "modes": 4, "sentence": ""}   its service (re)starts
                  {"kind": "choices", "plates": {"reference": {"modes": [2, 3, 4], "own_modes": 2}, ..}, ..}
                                       those that a page can switch to
 """
@@ -221,8 +221,7 @@ def status(body: Mapping[str, Any]) -> str:
             "kind": "status",
             "latency": {name: histograms[name] for name in LATENCIES if name in histograms},
             "board": {name: board.get(name) for name in BOARD_FIELDS},
-            "refused": board.get("refused"),
-            "why": body["state_changes"][0]["why"] if body["state_changes"] else "",
+            "undriven": board.get("refused") or board.get("lacking") or "",
             "missed_ticks": timing["missed_ticks"],
             "effects_playing": body.get("effects", {}).get("playing", 0),
             "late_frames": timing["late_frames"],
@@ -243,9 +242,9 @@ def choices(plates: Mapping[str, PlateChoice]) -> str:
     )
 
 
-def starting(plate: str, modes: int) -> str:
-    """Return the message that the service of a simulated plate starts, which takes some seconds."""
-    return _text({"kind": "starting", "plate": plate, "modes": modes})
+def starting(plate: str, modes: int, why: str = "") -> str:
+    """Return the message that the service of a simulated plate starts, and why, if no page asked for it."""
+    return _text({"kind": "starting", "plate": plate, "modes": modes, "sentence": why})
 
 
 def gone(sentence: str) -> str:

@@ -89,8 +89,9 @@ async def _serve(
 
         def service_ended() -> None:
             nonlocal has_service
-            has_service = False
-            ended.set()
+            has_service = viewer.go_back()
+            if not has_service:
+                ended.set()
 
         if service is not None:
             service.watch(service_ended)

@@ -53,16 +53,16 @@ class PageRecording:
         command += [] if self._endpoint is None else ["--endpoint", self._endpoint]
         pipe = asyncio.subprocess.PIPE
         self._process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=asyncio.subprocess.STDOUT)
-        self._publish(messages.recording(file.name, is_on=True))
+        self._publish(messages.recording(str(file), is_on=True))
         if not self._is_wanted:  # pressed again meanwhile
             self.request(is_on=False)
         said, _ = await self._process.communicate()
         is_made, self._process = self._process.returncode == 0, None
         lines = said.decode(errors="replace").strip().splitlines()
         sentence = ". ".join([*lines[-1:], *([MIDWAY] if is_made else [])])
-        self._publish(messages.recording(file.name, is_on=False, sentence=sentence))
+        self._publish(messages.recording(str(file), is_on=False, sentence=sentence))
 
 
 def file_of(now: datetime) -> Path:
-    """Return the name of a recording that begins now."""
-    return Path(f"plate-{now:%Y%m%d-%H%M%S}.mcap")
+    """Return the path of a recording that begins now."""
+    return Path(f"plate-{now:%Y%m%d-%H%M%S}.mcap").resolve()

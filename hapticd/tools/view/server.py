@@ -21,6 +21,7 @@ import hapticd_client
 from hapticd_client.endpoint import find
 from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 
+from ...config.sections import SolverConfig
 from ...errors import RequestError
 from ..gateway.server import PATH, Gateway
 from ..web.application import add_page, application
@@ -77,7 +78,10 @@ class Viewer:
         self._client: PlateClient | None = None
         self._plate: PagePlate | None = None
         self._last: dict[str, str] = {}
+        self._started: SwitchPlate | None = None  # the simulated plate that answered last
+        self._starting: SwitchPlate | None = None  # the one that was started last
         if simulated is not None:
+            self._starting = SwitchPlate(*simulated.first, SolverConfig().contact_radius_mm)
             self._last["starting"] = messages.starting(*simulated.first)
         self._context = zmq.Context()
         self._pad: PadSender | None = None
@@ -205,11 +209,22 @@ class Viewer:
     def _is_switching(self) -> bool:
         return self._switching is not None and not self._switching.done()
 
-    async def _restart(self, service: SimulatedService, to: SwitchPlate) -> None:
+    def go_back(self) -> bool:
+        """Restart the plate before one whose service ended before it answered. Return whether that can be done."""
+        to, failed = self._started, self._starting
+        if self._simulated is None or to is None or to is failed or self._is_switching:
+            return False
+        what = f"The plate {failed.plate!r} of {failed.modes} modes did not start" if failed else ""
+        sentence = f"{what}: the terminal of `hapticd view` says why."
+        self._switching = asyncio.ensure_future(self._restart(self._simulated, to, sentence))
+        return True
+
+    async def _restart(self, service: SimulatedService, to: SwitchPlate, why: str = "") -> None:
         """Switch the plate while no client is connected: the end of the old service is no failure."""
         client, self._client = self._client, None
         self._clear_plate()
-        self._last["starting"] = text = messages.starting(to.plate, to.modes)
+        self._starting = to
+        self._last["starting"] = text = messages.starting(to.plate, to.modes, why)
         for page in self._pages:
             page.send("starting", text)
         if client is not None:
@@ -259,6 +274,7 @@ class Viewer:
         if plate is not None:
             self._last.pop("gone", None)
             self._last.pop("starting", None)
+            self._started = self._starting
             self._clear_plate()
             self._plate = plate
             self._pad = None if plate.rig_dir is None else PadSender(self._context, plate.rig_dir)

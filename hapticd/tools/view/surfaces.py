@@ -9,7 +9,7 @@ from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from hapticd_contract.contents import NAMES, Amplitude, Content, Friction
+from hapticd_contract.contents import NAMES, Amplitude, Content, Friction, Grating
 from hapticd_contract.surfaces import Circle, Surface
 
 from ...core.friction import FrictionCurve
@@ -54,7 +54,9 @@ class SurfacePainter:
         key = content, box_mm
         used[key] = self._pictures.get(key) or self._picture(content, box_mm)
         levels, most_um = used[key]
-        return {"about": NAMES[type(content)], "levels": levels, "most_um": most_um}
+        period = f" {content.period_mm:g} mm" if isinstance(content, Grating) else ""
+        about = f"{NAMES[type(content)]}{period}, up to {most_um:.2f} µm"
+        return {"about": about, "levels": levels, "most_um": most_um}
 
     def _picture(self, content: Content, box_mm: tuple[float, float]) -> Picture:
         amplitude_um = amplitude(content, self._curve, box_mm, self._most_um)

@@ -160,10 +160,10 @@ def test_a_layer_shows_where_another_finger_could_reach_its_target(page: Page) -
     assert page.complaints() == []
 
 
-# What is written into the time strip from now on.
+# What is written into a canvas from now on.
 WRITTEN = """
 window.written = [];
-const context = document.getElementById('strip').getContext('2d'), write = context.fillText;
+const context = document.getElementById(arguments[0]).getContext('2d'), write = context.fillText;
 context.fillText = function (text, ...place) { window.written.push(text); write.call(this, text, ...place); };
 """
 
@@ -189,11 +189,13 @@ def test_time_can_be_stopped_and_looked_back_at(page: Page) -> None:
 
     page.until(earlier)
     assert page["when-text"].text.startswith("-")
-    page.browser.execute_script(WRITTEN)
+    page.browser.execute_script(WRITTEN, "strip")
     page.until(lambda: any(re.fullmatch(r"\d+: \d\.\d\d", text) for text in written(page)))
     page["pause"].click()
-    page.until(lambda: "0 fingers" in page["state"].text)
+    page.until(lambda: page["state"].text.endswith("0 fingers"))
     assert page["when-text"].text == "now"
+    page["when"].send_keys(*[Keys.ARROW_LEFT] * 40)
+    page.until(earlier)  # what was there before the pause still is
 
 
 def test_another_clients_target_shows_with_its_name_and_is_not_ours_to_change(
@@ -230,7 +232,7 @@ def test_a_dead_daemon_and_its_return_are_shown(page: Page, service: DaemonProce
     assert "hapticd" in page["notice"].text
     first(service.__enter__().process)
     page.until(lambda: "0 fingers" in page["state"].text)
-    assert not page["notice"].is_displayed()
+    page.until(lambda: not page["notice"].is_displayed())
     drag(page, 10)
     page.until(lambda: any("of 1.00" in row for row in page.fingers()))
     ActionChains(page.browser).release().perform()

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browserpage import PATIENCE_S, Page, drag
+from browserpage import PATIENCE_S, Page, drag, lay_down
 from PIL import Image
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
-from test_browser import SETTINGS
+from test_browser import SETTINGS, WRITTEN, written
 from viewprocess import View, first
 
 from hapticd.files.recording.mcap_reader import open_recording
@@ -70,7 +70,7 @@ def drawn(browser: Chrome, tmp_path: Path) -> Iterator[Drawn]:
 def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     page, dark = drawn.page, drawn.page.brightness()
     drawn.client.surface("patch", Circle(25.0), grating=Grating(12.0, 1.5), position_mm=(35.0, 35.0))
-    page.until(lambda: page["surfaces"].text == "patch (study): grating, z 0")
+    page.until(lambda: page["surfaces"].text == "patch (study): grating 12 mm, up to 1.50 µm, z 0")
     page.until(lambda: page.brightness() > dark + 3)
 
     drawn.use("rectangle")
@@ -104,6 +104,7 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     page.until(lambda: "drawn 2" not in drawn.layers())
 
     drawn.use("touch")
+    assert page["new"].get_attribute("value") == "nothing"  # since something lies there to feel
     drag(page, 10)
     page.until(lambda: any(re.search(r"feels \d\.\d\d \(.*\), asked", row) for row in page.fingers()))
     assert "no owner" in page.fingers()[0]  # it feels what lies there
@@ -113,6 +114,19 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     drawn.client.stop("hum")
     page.until(lambda: "hum" not in page["surfaces"].text)
     ActionChains(page.browser).release().perform()
+    page.until(lambda: page["untouched"].is_displayed())
+    page.choose("new", "slippery")
+    lay_down(page, 100, 80)
+    page.until(lambda: any("of 1.00" in row and "ours" in row for row in page.fingers()))
+
+    page["pause"].click()
+    page.until(lambda: page["state"].text.startswith("paused"))
+    page.browser.execute_script(WRITTEN, "plate")
+    page.until(lambda: {"friction 0.20", "grating 12 mm, up to 1.50 µm"} <= set(written(page)))
+    assert not page.browser.find_element(By.CSS_SELECTOR, ".finger input").is_enabled()
+    page["pause"].click()
+    page.until(lambda: not page["state"].text.startswith("paused"))
+    page["plate"].send_keys(Keys.ESCAPE)
     assert page.complaints() == []
 
 
@@ -152,7 +166,7 @@ def test_the_record_button_writes_a_recording_where_the_viewer_runs(drawn: Drawn
     page.until(lambda: page["record"].get_attribute("aria-pressed") == "true")
     page.until(lambda: re.fullmatch(r"0:0[2-9]|0:[1-9]\d", page["record"].text.strip()))
     page["record"].click()
-    page.until(lambda: re.search(r"plate-\d{8}-\d{6}\.mcap", page["notice"].text))
+    page.until(lambda: page["notice"].text.startswith(f"{tmp_path}/plate-"))
     assert "mild" in page["notice"].get_attribute("class").split()  # it is news, no alarm
     assert "It began while the service ran" in page["notice"].text
     (file,) = tmp_path.glob("plate-*.mcap")

@@ -38,8 +38,8 @@ look();
 
 
 @pytest.fixture(scope="module")
-def view(browser: Chrome) -> Iterator[View]:
-    running = View("--sim")
+def view(browser: Chrome, tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
+    running = View("--sim", scratch=tmp_path_factory.mktemp("v"))  # tests switch its plate
     yield running
     browser.get("about:blank")
     assert running.end() == 0
@@ -98,38 +98,54 @@ def test_fingers_that_lie_on_the_plate_lie_on_the_next_one_with_the_same_targets
     page.until(lambda: page["what"].text == FINGERTIP and "0 fingers" not in page["state"].text)
 
 
-def test_a_toolbar_that_goes_on_beyond_an_edge_fades_there(browser: Chrome, view: View) -> None:
-    page = page_of(browser, view, "telephone")
-    page.until(lambda: page["drawn-sideways"].get_attribute("class") == "behind")
-    for name in ("record", "help"):  # stay in view, whatever is drawn sideways
-        place = page[name].rect
-        assert place["x"] + place["width"] <= browser.execute_script("return innerWidth")
-    browser.execute_script("document.getElementById('drawn-sideways').scrollLeft = 60")
-    page.until(lambda: page["drawn-sideways"].get_attribute("class") == "behind before")
-    browser.execute_script("document.getElementById('drawn-sideways').scrollLeft = 10000")
-    page.until(lambda: page["drawn-sideways"].get_attribute("class") == "before")
-    page = page_of(browser, view, "laptop")
+@pytest.mark.parametrize("window", WINDOWS)
+def test_the_whole_toolbar_is_in_view(browser: Chrome, view: View, window: str) -> None:
+    page = page_of(browser, view, window)
     page.until(lambda: page["what"].text == FINGERTIP)
-    assert page["drawn-sideways"].get_attribute("class") == ""
+    for name in (
+        "tool",
+        "content",
+        "erase",
+        "layer",
+        "switch-plate",
+        "switch-modes",
+        "switch-radius",
+        "record",
+        "help",
+    ):
+        assert page[name].is_displayed()
+        place = page[name].rect
+        assert 0 <= place["x"] < place["x"] + place["width"] <= WINDOWS[window][0]
+    assert page["plate"].rect["y"] + page["plate"].rect["height"] <= WINDOWS[window][1]
 
 
 FLAG = """
-const [isReady, done] = arguments;
+const [isReady, fingers, done] = arguments;
 import('/flags.js').then(({ Flags }) => {
   const list = document.createElement('ul'), flags = new Flags(list, () => {});
   for (const count of [3, 4])
-    flags.show({}, { board: { ready: isReady, deadman_trips: count }, missed_ticks: count }, true);
-  done([5, 7].map((place) => list.children[place].firstChild.className));
+    flags.show({ fingers }, { board: { ready: isReady, deadman_trips: count }, missed_ticks: count }, true);
+  const lit = [...list.children].filter((item) => !item.hidden);
+  done(Object.fromEntries(lit.map((item) => [item.firstChild.textContent, item.firstChild.className.split(' ')[1]])));
 })
 """
 
 
-@pytest.mark.parametrize(("is_ready", "dead_man"), [(True, "flag warn"), (False, "flag bad")])
-def test_late_frames_of_a_board_that_goes_on_are_amber_and_of_a_silent_one_red(
-    browser: Chrome, view: View, is_ready: bool, dead_man: str
+@pytest.mark.parametrize(
+    ("is_ready", "fingers", "lit"),
+    [
+        (True, [{}], {"dead-man 4": "warn", "skipped 4": "warn"}),
+        (False, [{}], {"board silent": "bad", "dead-man 4": "bad", "skipped 4": "warn"}),
+        (True, [], {"OK": "ok"}),
+        (False, [], {"board silent": "bad"}),
+    ],
+    ids=["touched", "silent board", "untouched", "untouched silent board"],
+)
+def test_only_what_stands_out_has_a_flag_and_late_frames_only_while_touched(
+    browser: Chrome, view: View, is_ready: bool, fingers: list[object], lit: dict[str, str]
 ) -> None:
     page_of(browser, view, "laptop")
-    assert browser.execute_async_script(FLAG, is_ready) == [dead_man, "flag warn"]
+    assert browser.execute_async_script(FLAG, is_ready, fingers) == lit
 
 
 FAULT = """
@@ -137,7 +153,7 @@ const [state, done] = arguments;
 import('/flags.js').then(({ Flags }) => {
   const list = document.createElement('ul'), pressed = [];
   const flags = new Flags(list, () => pressed.push(place));
-  flags.show({ state }, { board: { ready: true, fault_code: 7 } }, true);
+  flags.show({ state, fingers: [] }, { board: { ready: true, fault_code: 7 } }, true);
   let place = 0;
   for (const item of list.children) { item.firstChild.click(); place++; }
   done(pressed.map((place) => list.children[place].firstChild.textContent));

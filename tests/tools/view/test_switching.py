@@ -120,6 +120,29 @@ async def test_while_the_plate_is_switched_no_page_hears_of_a_lost_daemon(
     await closed(viewer)
 
 
+@asynchronous
+async def test_a_plate_whose_service_ends_before_it_answers_gives_way_to_the_one_before(
+    tmp_path: Path, clients: list[Client]
+) -> None:
+    service = Service()
+    service.done.set()
+    viewer = Viewer(str(tmp_path), simulated=service)
+    opened(viewer)
+    assert not viewer.go_back()  # there was none before
+    await heard(clients[0], "plate", PLATE)
+    assert not viewer.go_back()  # it answered: its end is no failed start
+    viewer._switch(viewer._pages[0], OTHER)
+    assert viewer._switching is not None
+    await viewer._switching
+    assert viewer.go_back()
+    await viewer._switching
+    starting = json.loads(viewer._last["starting"])
+    assert (starting["plate"], starting["modes"]) == ("fingertip", 4)
+    assert "'reference' of 2 modes" in starting["sentence"]
+    assert not viewer.go_back()  # it does not start either: the viewer ends
+    await closed(viewer)
+
+
 def test_each_plate_offers_its_own_number_of_modes() -> None:
     service = SimulatedService(SimConfig(scenario="hands", plate="fingertip"))
     assert service.first == ("fingertip", 4)

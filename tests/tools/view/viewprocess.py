@@ -17,11 +17,12 @@ def first(process: subprocess.Popen[Any]) -> None:
 
 
 class View:
-    """`hapticd view` as a process; `address` is what it printed."""
+    """`hapticd view` as a process; `address` is what it printed, `scratch` for its temporary files."""
 
-    def __init__(self, *arguments: str, cwd: Path | None = None) -> None:
+    def __init__(self, *arguments: str, cwd: Path | None = None, scratch: Path | None = None) -> None:
         command = [sys.executable, "-m", "hapticd", "view", "--no-browser", "--port", "0", *arguments]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=cwd)
+        env = os.environ if scratch is None else {**os.environ, "TMPDIR": str(scratch)}
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=cwd, env=env)
         first(self.process)
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().partition(": ")[2].strip()

@@ -141,6 +141,7 @@ export class Drawing {
     if (!made) return;
     this.chosen = name;
     this.contents.set(name, made.content);
+    this.surfaces.effects.set(name, made.about);
     this.lay({ name, z: Z, ...figure });
     if (made.effect) this.send({ op: "play", effect: made.effect });
   }

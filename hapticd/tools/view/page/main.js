@@ -16,7 +16,7 @@ import { PlatePicture } from "./plate.js";
 import { backAt, drawStrip } from "./strip.js";
 import { Surfaces } from "./surfaces.js";
 import { SwitchMenu, shortName } from "./switch.js";
-import { LayerContent, RecordButton, Tools, fadeEdges, openHelp } from "./toolbar.js";
+import { LayerContent, RecordButton, Tools, openHelp } from "./toolbar.js";
 
 const SLOW_MS = 120; // texts change no faster than they can be read
 const STEP_UM = 0.2; // of the number keys
@@ -69,7 +69,7 @@ const link = new Link({
     chosen = null;
     greeted.clear(); // another daemon counts its fingers from 1
     history.clear();
-    surfaces.clear();
+    lay([]);
     effects.compare(0);
     curve = new FrictionCurve(message.friction_curve);
     drawing.size_mm = message.size_mm;
@@ -86,27 +86,30 @@ const link = new Link({
     $("new-box").hidden = !message.simulated;
     layers.offer(message.layers);
     switches.show(message);
-    notice("");
+    if (!$("notice").classList.contains("mild")) notice("");
   },
   frame: (message) => {
     if (!plate) return; // one of before this page knew its plate
     isLive = true;
     effects.take(message.events);
+    message.layers = surfaces.layers;
     history.add(judge(message, picture.field, curve, plate));
     giveTargets(message);
   },
   status: (message) => {
+    if (message.undriven !== (status?.undriven ?? "")) notice(message.undriven);
     status = message;
     effects.compare(message.effects_playing);
   },
   surfaces: (message) => {
-    if (!drawing.dragged) surfaces.take(message.surfaces, plate?.client);
+    if (!drawing.dragged) lay(message.surfaces);
   },
   choices: (message) => switches.offer(message),
   recording: (message) => record.take(message),
-  starting: ({ plate: name, modes }) => {
+  starting: ({ plate: name, modes, sentence }) => {
     starting = `Starting: ${shortName(name)} plate, ${modes} modes …`;
     stopped(starting, "");
+    if (sentence) notice(sentence, 20000, true);
     switches.show({ name, modes });
   },
   gone: (message) => {
@@ -138,7 +141,7 @@ function stopped(state, sentence) {
   isLive = false;
   status = null;
   hands.allow(null);
-  surfaces.clear();
+  lay([]);
   write($("state"), state);
   flags.show(history.current, null, false);
   notice(sentence);
@@ -193,8 +196,18 @@ function requestForChosen(request) {
   send({ ...request, finger: chosen });
 }
 
+let wayBefore = ""; // of new fingers, before surfaces lay there
+/** Take the surfaces in force. The first of them sets the menu, so that new fingers feel them; the last one back. */
+function lay(described) {
+  const layBefore = surfaces.layers.length > 0;
+  surfaces.take(described, plate?.client);
+  if (layBefore === described.length > 0) return;
+  if (!layBefore) wayBefore = $("new").value;
+  if (!layBefore || $("new").value === "nothing") $("new").value = layBefore ? wayBefore : "nothing";
+}
+
 const greeted = new Set();
-/** Set the target of a newly landed finger of this page, by the menu; where surfaces lie, it feels those. */
+/** Set the target of a newly landed finger of this page, by the menu. */
 function giveTargets(frame) {
   if (!plate?.simulated || history.paused) return;
   const way = $("new").value;
@@ -203,7 +216,7 @@ function giveTargets(frame) {
     if (finger.virtual || greeted.has(finger.id) || !hands.holds(...finger.seen_mm)) continue;
     greeted.add(finger.id);
     chosen = finger.id;
-    if (finger.owner !== null || way === "nothing" || surfaces.layers.length > 0) continue;
+    if (finger.owner !== null || way === "nothing") continue;
     const sticks = way === "sticky" || (way === "both" && isSlippery);
     send({ op: "set", finger: finger.id, amplitude_um: sticks ? 0 : 1 });
     isSlippery ||= !sticks;
@@ -214,10 +227,7 @@ function giveTargets(frame) {
 
 function pause(paused) {
   history.paused = paused;
-  if (!paused) {
-    history.back_s = 0;
-    history.clear();
-  }
+  if (!paused) history.back_s = 0;
   $("pause").setAttribute("aria-pressed", paused);
   $("pause").firstChild.data = paused ? "Go on " : "Pause ";
   $("when").value = -history.back_s;
@@ -240,7 +250,6 @@ function lookBack(event) {
 $("strip").addEventListener("pointerdown", lookBack);
 $("strip").addEventListener("pointermove", lookBack);
 openHelp($("help"), $("help-box"));
-fadeEdges($("drawn-sideways"));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
   if (event.key === " " && !(event.target instanceof HTMLButtonElement)) {
@@ -260,12 +269,11 @@ function draw(t_ms) {
   requestAnimationFrame(draw);
   hands.flush();
   const frame = history.current;
-  const present = history.paused ? {} : { layer: layers.canvas, surfaces };
+  const layer = history.paused ? null : layers.canvas;
   const isUntouched = frame?.fingers.length === 0 && surfaces.layers.length === 0;
   const isInviting = plate?.simulated && isLive && isUntouched && tools.value === "touch";
   const invitation = isInviting ? (isTouch() ? TOUCH_INVITATION : INVITATION) : starting;
-  picture.draw(frame, { chosen, isLive, invitation, drawing, effects, recent: history.recent(ringSpan_s),
-    ...present });
+  picture.draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent: history.recent(ringSpan_s) });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);
@@ -282,13 +290,14 @@ function draw(t_ms) {
 
 /** The texts, for readers and for screen readers. */
 function writeTexts(frame) {
-  list.show(frame?.fingers ?? [], chosen, plate?.client, isLive);
+  list.show(frame?.fingers ?? [], chosen, plate?.client, isLive && !history.paused);
   drawLatency($("latency"), status?.latency ?? {}, colours);
   flags.show(frame, status, isLive);
   if (!frame) return;
   const is = motion(frame);
   const fingers = frame.fingers.length;
-  if (isLive) write($("state"), `${frame.state.toLowerCase()} · ${fingers === 1 ? "1 finger" : `${fingers} fingers`}`);
+  const state = `${frame.state.toLowerCase()} · ${fingers === 1 ? "1 finger" : `${fingers} fingers`}`;
+  if (isLive) write($("state"), history.paused ? `paused: ${state}` : state);
   write($("field-of"), FIELDS[is.of]);
   const isLayered = !history.paused && layers.canvas !== null;
   if (picture.field) drawScale($("scale"), isLayered ? null : picture.field.full_um, colours);
@@ -302,7 +311,7 @@ function writeTexts(frame) {
   const felt = felt_frac === null ? "" : `as asked ${Math.round(100 * felt_frac)} %`;
   write($("leak"), [felt, labelled(leak_um, "leak"), labelled(off_um, "slippery off by")].filter(Boolean).join(" · ")
     + (leak_um === null && off_um === null ? "" : " (last 2 s)"));
-  write($("surfaces"), [...surfaces.texts(), ...effects.texts()].join("\n"));
+  write($("surfaces"), [...surfaces.texts(frame.layers), ...effects.texts()].join("\n"));
   $("erase").disabled = drawing.chosen === null || !isLive;
   write($("when-text"), history.paused ? `${(-history.back_s).toFixed(2)} s` : "now");
 }

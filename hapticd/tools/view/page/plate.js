@@ -16,7 +16,7 @@ export class PlatePicture {
   }
 
   /** Draw a frame; `chosen` is the id of the selected finger, `layer` a picture over the field,
-   * `invitation` a text over all, `surfaces` those in force, if they are shown, `drawing` what is being drawn,
+   * `invitation` a text over all, `surfaces` what draws those of the frame, `drawing` what is being drawn,
    * `effects` those that play and `recent` the frames before this one. */
   draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent }) {
     const { context, width, height } = prepared(this.canvas);
@@ -37,7 +37,7 @@ export class PlatePicture {
     const [w_mm, h_mm] = this.field.size_mm;
     const scale = width / w_mm;
     const to = ([x_mm, y_mm]) => [(x_mm / w_mm + 0.5) * width, (0.5 - y_mm / h_mm) * height];
-    surfaces?.draw(context, to, scale, frame.t_s, drawing.chosen);
+    surfaces.draw(context, to, scale, frame, drawing.chosen);
     for (const place of this.lonely(frame)) this.ring(context, to(place), this.contact(null, scale), false);
     const labels = []; // where those of this frame are: [left, top, right]
     for (const finger of frame.fingers) {

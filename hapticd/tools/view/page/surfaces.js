@@ -10,21 +10,22 @@ export class Surfaces {
   constructor() {
     this.layers = [];
     this.client = null;
+    this.effects = new Map(); // texts of what this page lets play, by the layer's name
   }
 
   /** Take the layers of a message, topmost first; `client` is this page's client name. */
   take(layers, client) {
     this.client = client;
-    this.layers = layers.map((layer) => ({ ...layer, isOurs: layer.client === client, canvas: canvasOf(layer) }));
+    this.layers = layers.map((layer) => {
+      const isOurs = layer.client === client;
+      const effect = isOurs && this.effects.get(layer.name);
+      return { ...layer, isOurs, about: effect ? `${layer.about}, ${effect}` : layer.about, canvas: canvasOf(layer) };
+    });
   }
 
-  clear() {
-    this.layers = [];
-  }
-
-  /** Draw all, the lowest first; `t_s` is on the host's clock. */
-  draw(context, to, scale, t_s, chosen) {
-    for (const layer of [...this.layers].reverse()) {
+  /** Draw those of a frame, the lowest first, and what each shape holds. */
+  draw(context, to, scale, { layers, t_s }, chosen) {
+    for (const layer of layers.toReversed()) {
       const { x_mm, y_mm, angle_rad } = pose(layer, t_s);
       const [x, y] = to([x_mm, y_mm]);
       context.save();
@@ -36,6 +37,7 @@ export class Surfaces {
       context.restore();
       outline(context, layer, path, new DOMMatrix().translate(x, y).rotate((-angle_rad * 180) / Math.PI)
         .scale(scale * layer.scale, -scale * layer.scale), layer.name === chosen && layer.isOurs);
+      if (layer.shape) label(context, layer, x, y);
     }
   }
 
@@ -46,8 +48,8 @@ export class Surfaces {
   }
 
   /** One line of text for each layer. */
-  texts() {
-    const lines = this.layers.map(({ name, client, about, z, blend }) =>
+  texts(layers) {
+    const lines = layers.map(({ name, client, about, z, blend }) =>
       `${name} (${client}): ${about}, z ${z}${blend === "replace" ? "" : `, ${blend}`}`);
     const more = lines.length - MOST_LISTED;
     return more > 0 ? [...lines.slice(0, MOST_LISTED), `and ${more} more`] : lines;
@@ -127,6 +129,17 @@ function outline(context, layer, path, matrix, isChosen) {
   context.setLineDash(layer.isOurs ? [] : [4, 3]);
   context.stroke(placed);
   context.setLineDash([]);
+}
+
+/** What a layer holds, in the middle of its shape. */
+function label(context, { about }, x, y) {
+  context.font = "11.5px system-ui, sans-serif";
+  const wide = context.measureText(about).width;
+  context.fillStyle = "rgb(12 16 20 / .6)";
+  context.fillRect(x - wide / 2 - 4, y - 8, wide + 8, 16);
+  context.fillStyle = "#fff";
+  context.textBaseline = "middle";
+  context.fillText(about, x - wide / 2, y + 0.5);
 }
 
 /** From sticky orange to slippery blue. */

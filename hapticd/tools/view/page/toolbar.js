@@ -94,7 +94,7 @@ export class LayerContent {
   /** The content of a layer `name`, or null where none was chosen. */
   of(name) {
     const value = Number(this.amount.value);
-    const slippery = { content: { friction: SLIPPERY } };
+    const slippery = { content: { friction: SLIPPERY }, about: `${this.kind.value} ${this.text.textContent}` };
     switch (this.kind.value) {
       case "friction":
         return { content: { friction: value } };
@@ -145,15 +145,4 @@ export function openHelp(button, box) {
     if (!box.contains(event.target) && event.target !== button) show(false);
   });
   document.addEventListener("keydown", (event) => event.key === "Escape" && show(false));
-}
-
-/** Let a row that is drawn sideways fade at each edge beyond which it goes on. */
-export function fadeEdges(row) {
-  const show = () => {
-    row.classList.toggle("before", row.scrollLeft > 1);
-    row.classList.toggle("behind", row.scrollLeft + row.clientWidth < row.scrollWidth - 1);
-  };
-  row.addEventListener("scroll", show, { passive: true });
-  new ResizeObserver(show).observe(row);
-  for (const group of row.children) new ResizeObserver(show).observe(group);
 }
