@@ -172,7 +172,8 @@ def trial_rows(sessions: Sequence[Session]) -> list[list[object]]:
 
 
 def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "") -> None:
-    """Draw the paper's figure 12: success rates, light, and their average with its standard deviation, dark."""
+    """Draw the paper's figure 12: success rates, light, with their 95 % intervals, and their average with its standard
+    deviation, dark."""
     width_in = min(2.4 + BAR_IN * len(results), MAX_WIDTH_IN)
     figure = Figure(figsize=(max(width_in, 4.0), 3.2), layout="constrained", dpi=DPI)
     axes = figure.subplots()
@@ -180,10 +181,13 @@ def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "
     trials = sorted({one.trials for one in results})
     axes.set(ylabel="stimuli recognised, %", ylim=(0, top))
     axes.set_title(
-        f"{_people(len(results), simulated)}, {' or '.join(map(str, trials))} trials each", fontsize="medium"
+        f"{_people(len(results), simulated)}, {' or '.join(map(str, trials))} trials each, 95 % intervals",
+        fontsize="medium",
     )
     places = range(1, len(results) + 1)
-    axes.bar(places, [100 * one.rate_frac for one in results], width=0.7, color=LIGHT)
+    rates = [100 * one.rate_frac for one in results]
+    ends = [[abs(100 * one.interval_frac[end] - 100 * one.rate_frac) for one in results] for end in (0, 1)]
+    axes.bar(places, rates, yerr=ends, width=0.7, color=LIGHT, ecolor="grey", capsize=3)
     spread = None if math.isnan(group.sd_frac) else 100 * group.sd_frac
     axes.bar(len(results) + 1.5, 100 * group.mean_frac, yerr=spread, width=0.7, color=DARK, capsize=4)
     axes.axhline(100 * results[0].guess_frac, color="grey", lw=0.8, ls="--")

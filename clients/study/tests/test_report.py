@@ -9,10 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.container import BarContainer
+from matplotlib.figure import Figure
 from people import session, write
 from test_analysis import PAPER
 
-from hapticd_study import program
+from hapticd_study import analysis, program, report
 from hapticd_study.program import main
 from hapticd_study.session import read
 
@@ -55,6 +57,18 @@ def test_the_paper_s_numbers_make_the_paper_s_sentence_and_tables(
     for row in trials:
         assert row["friction"] == row["presented"]
         assert (row["recognised"] == "1") == (row["presented"] == row["answer"])
+
+
+def test_the_figure_has_each_rate_with_its_interval(papers: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    people = [analysis.analyse(session) for session in report.sessions_in(papers)]
+    report.draw(people, analysis.analyse_group(people), papers / "figure-12.png")
+    (axes,) = drawn[0].axes
+    bars, _ = [one for one in axes.containers if isinstance(one, BarContainer)]
+    (lines,) = bars.errorbar.lines[2]
+    drawn_frac = [tuple(line[:, 1] / 100) for line in lines.get_segments()]
+    assert drawn_frac == [pytest.approx(one.interval_frac) for one in people]
 
 
 def test_a_report_is_repeated_over_its_own_files_and_leaves_unfinished_sessions_blind(
