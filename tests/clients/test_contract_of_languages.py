@@ -65,11 +65,11 @@ class Witness(FakeDaemon):
         self.asked.append((tag, replace(body, client="") if hasattr(body, "client") else body))
         return super()._handle(request, user)
 
-    def _on_message(self, payload: bytes, user: str) -> None:
+    def _on_message(self, payload: bytes, user: str, waited_ns: int) -> None:
         message = wire.decode_targets(payload)
         fields = {name: getattr(message, name) for name in ClientTargets.__struct_fields__}
         self.repeated.append(ClientTargets(**{**fields, "client": "", "stamp": None}))
-        super()._on_message(payload, user)
+        super()._on_message(payload, user, waited_ns)
 
 
 def by_python(daemon: Witness, _: Path) -> str:

@@ -97,7 +97,7 @@ def seeds() -> dict[str, bytes]:
             (Finger(1, 3, 1.5, -2.5, False),),
             felt,
         ),
-        "targets": (msgpack.packb({"v": 1, "levels": b"\0"}), "uid 7"),
+        "targets": (msgpack.packb({"v": 1, "levels": b"\0"}), "uid 7", 0),
         "written": (b"\0\x01", True),
         "truth": ([finger], {"d": [1.0], "q": [0.0]}),
         "board_link": (True, "here"),

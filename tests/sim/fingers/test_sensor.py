@@ -32,8 +32,8 @@ RECORDS = st.lists(
     st.builds(
         PadRecord,
         contact_id=st.integers(0, 15),
-        x=st.integers(-4096, 4095),
-        y=st.integers(-4096, 4095),
+        x=st.integers(-3200, 3200),  # on each of the pads, or a little beyond
+        y=st.integers(-2700, 2700),
         state=st.integers(0, 7),
         major=st.integers(0, 255),
         minor=st.integers(0, 255),
