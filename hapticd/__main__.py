@@ -101,11 +101,6 @@ COMMANDS = {
         "work with the board: status, sweeps, telemetry, gains",
         "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
     ),
-    "first-light": Command(
-        "tools.first_light.program",
-        "commission a new rig step by step, from its supplies to the first touch",
-        "--sim --seed 3 --out bench",
-    ),
     "latency": Command(
         "tools.latency",
         "measure each delay from report to plate on the connected devices",

@@ -96,8 +96,8 @@ def _announce(loaded: Config, *, is_meant: bool) -> None:
         log.info("starting the simulated plate")
     elif simulated and not loaded.sim.rig_dir:
         log.warning(
-            "SIMULATED: %s not configured, so no hardware is driven. Set %s in a file (`hapticd first-light` and "
-            "`hapticd calibrate` write one) and name it with --config; --sim says that the simulation is meant",
+            "SIMULATED: %s not configured, so no hardware is driven. Set %s in a file (`hapticd calibrate` "
+            "writes one) and name it with --config; --sim says that the simulation is meant",
             f"{' and '.join(simulated)} {'is' if len(simulated) == 1 else 'are'}",
             "it" if len(simulated) == 1 else "them",
         )

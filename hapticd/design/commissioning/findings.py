@@ -35,8 +35,6 @@ class Flaw(Enum):
     GLUE = "wrong glue"
     PATCH_CRACKED = "cracked patch"
     DIMENSIONS = "plate with other dimensions"
-    PAD_ROTATED = "trackpad rotated"
-    PAD_MIRRORED = "trackpad mirrored"
 
 
 # With one of these the loop would be unstable, or blind.

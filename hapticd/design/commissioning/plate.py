@@ -13,7 +13,6 @@ from ..resonance import Resonance
 from ..wiring import MeasuredWiring
 from .findings import Diagnosis, Flaw, Judgement, PlateDesign
 
-CIRCLE_FRAC: Final = 0.2  # residual of a resonance circle, as `hapticd calibrate resonance` takes it
 MOVED_FRAC: Final = 0.005  # of the frequencies, together: half a percent of the plate's thickness
 LEAST_QUALITY: Final = 0.6  # of the design's
 LEAST_GAIN: Final = 0.7  # of the design's: a bond and a sensor are within a tenth or two
@@ -33,22 +32,6 @@ def judge_matrices(found: MeasuredWiring) -> Judgement:
 
 def _row(values: FloatArray) -> str:
     return " ".join(f"{value:.2f}" for value in values)
-
-
-def judge_sweep(found: MeasuredWiring) -> Judgement:
-    """Judge whether each mode is a clean circle."""
-    figures = [
-        (f"mode {k}", f"leaves {100.0 * fit.residual_frac:.1f} % off its circle") for k, fit in enumerate(found.fits)
-    ]
-    findings = tuple(
-        Diagnosis(
-            f"Mode {k} shows no resonance circle ({100.0 * fit.residual_frac:.0f} % off): check what lies on it, "
-            "its supports, and for a mode of another family nearby."
-        )
-        for k, fit in enumerate(found.fits)
-        if fit.residual_frac > CIRCLE_FRAC
-    )
-    return Judgement("All modes are clean circles.", findings, tuple(figures))
 
 
 def judge_resonance(modes: Sequence[ModeCalibration], fits: Sequence[Resonance], design: PlateDesign) -> Judgement:

@@ -1,4 +1,4 @@
-"""Step 4: delays from report to plate, which determine how far ahead fingers are predicted.
+"""Delays from report to plate, which determine how far ahead fingers are predicted.
 
 The service measures the horizon itself, frame by frame. This step provides its initial values: the link's delay and the
 pad's report period. The sensor's own delay, from the finger's position to the report, shows in no host clock:
@@ -124,7 +124,7 @@ def _add_seconds(parser: argparse.ArgumentParser) -> None:
 
 STEP = Step(
     name="latency",
-    order=4,
+    order=10,
     summary="measure the delays that the prediction must cover",
     todo="measure the delays that prediction must cover (stop the service first)",
     example="--out DIR --seconds 20",

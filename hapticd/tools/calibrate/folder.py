@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 from ...config import loader as config
 from ...errors import CalibrationError, ConfigError, reason
 from ...regular_file import read_bounded
+from ...sim.plate.wirings import IDENTITY
 from ..outputs import check, create_folder, has_mark, write_text
 from .step import in_order
 from .step import steps as all_steps
@@ -48,8 +49,7 @@ def prepare(
 
     given = [path for path in inputs if path is not None]
     for step in steps:
-        files = [directory / name for name in (f"{step}.json", f"{step}.png", *all_steps()[step].files)]
-        check(files, inputs=given, is_forced=is_forced or step in done)
+        check(_files(directory, step), inputs=given, is_forced=is_forced or step in done)
     if steps:
         check([directory / CONFIG_FILE], is_forced=is_forced or has_mark(directory / CONFIG_FILE, HEADER.encode()))
 
@@ -120,6 +120,33 @@ def as_toml(settings: FoundSettings) -> str:
     )
 
 
+def forget(directory: Path, steps: Iterable[str]) -> None:
+    """Delete what steps wrote of a rig that was mended since."""
+    for step in steps:
+        for path in _files(directory, step):
+            path.unlink(missing_ok=True)
+
+
+def _files(directory: Path, step: str) -> list[Path]:
+    return [directory / name for name in (f"{step}.json", f"{step}.png", *all_steps()[step].files)]
+
+
+def in_all(done: Mapping[str, Verdict], wiring: str | None = None) -> list[str]:
+    """Return the names of all steps that `all` takes in order: without a bare rig's where the plate was calibrated
+    before, or its amplifiers and sensors are not one for each mode."""
+    is_bare = wiring in (None, IDENTITY) and ("supplies" in done or not _has_passed(done, "resonance"))
+    return [step for step in in_order() if is_bare or not all_steps()[step].is_of_bare_rig]
+
+
+def left(done: Mapping[str, Verdict], wiring: str | None = None) -> list[str]:
+    """Return the names of those that have not passed yet."""
+    return [step for step in in_all(done, wiring) if not _has_passed(done, step)]
+
+
+def _has_passed(done: Mapping[str, Verdict], step: str) -> bool:
+    return step in done and done[step].outcome is not Outcome.FAIL
+
+
 def overview(directory: Path, *, is_simulated: bool = False) -> str:
     """Return the steps in order, with the results so far, and the command for the next ones."""
     found = load(directory)
@@ -131,10 +158,9 @@ def overview(directory: Path, *, is_simulated: bool = False) -> str:
             lines.append(
                 f"   done{' (simulated)' if found[step].is_simulated else ''}: {last.removeprefix(step + ': ')}"
             )
-    left = [step for step in in_order() if step not in found or found[step].outcome is Outcome.FAIL]
-    if left:
+    if next_steps := left(found):
         arguments = f"{'--sim ' if is_simulated else ''}--out {directory}"
-        lines += ["", f"Next: hapticd calibrate {left[0]} {arguments}"]
+        lines += ["", f"Next: hapticd calibrate {next_steps[0]} {arguments}"]
         lines += [f"All of them, in order: hapticd calibrate all {arguments}"]
     else:
         lines += ["", f"All steps are done: hapticd run --config {directory / CONFIG_FILE}"]

@@ -1,4 +1,4 @@
-"""Step 6: fit of the friction curve to measured friction against amplitude.
+"""Fit of the friction curve to measured friction against amplitude.
 
 Readings are coefficients of friction, forces or anything proportional; there may be several at each amplitude. The fit
 assumes only that friction does not rise with amplitude: isotonic regression (R. E. Barlow et al., Statistical Inference
@@ -27,7 +27,7 @@ from ...values import FloatArray
 from .. import plotting
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
-from .step import Step
+from .step import MissingInput, Step
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "friction.png"
@@ -71,7 +71,7 @@ def check(options: argparse.Namespace) -> None:
             raise CalibrationError("--lsl measures readings of its own: it cannot be combined with --readings.")
         return
     if options.readings is None:
-        raise CalibrationError(
+        raise MissingInput(
             "No readings are given: add --readings F.csv with amplitude_um,friction, --lsl with a sensor, or --sim."
         )
     read(options.readings)
@@ -286,7 +286,7 @@ def _add_readings(parser: argparse.ArgumentParser) -> None:
 
 STEP = Step(
     name="friction",
-    order=6,
+    order=12,
     summary="fit friction against amplitude",
     todo="fit friction against amplitude (--readings FILE)",
     example="--readings friction.csv --out DIR",

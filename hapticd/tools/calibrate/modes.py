@@ -1,4 +1,4 @@
-"""Step 2: fit of a vibrometer's or microphone's scan, or of added masses, to the mode map that the service solves with.
+"""Fit of a vibrometer's or microphone's scan, or of added masses, to the mode map that the service solves with.
 
 `design.cartography` aligns, denoises and fits twice, by the plate equation and by free-plate modes, with what glue and
 added mass make of them; the better fit is taken, the other one is the cross-check. The map's cross-validated error is
@@ -32,7 +32,7 @@ from ...sim.plate.ground_truth import GroundTruth, PlateSettings
 from .. import glass, plotting
 from ..progress import Progress
 from . import simulated
-from .step import Step
+from .step import MissingInput, Step
 from .universal_file import PER_METRE, SUFFIXES, read_universal
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
@@ -97,7 +97,7 @@ def _read(options: argparse.Namespace) -> tuple[Scan, Mapping[str, int]]:
     """Return the scan, and what of a universal file is not in it. Raises CalibrationError."""
     path: Path | None = options.scan
     if path is None:
-        raise CalibrationError("No scan is given: add --scan with the vibrometer's CSV, NPZ or UFF, or --sim.")
+        raise MissingInput("No scan is given: add --scan with the vibrometer's CSV, NPZ or UFF, or --sim.")
     try:
         if path.suffix.lower() in SUFFIXES:
             return read_universal(path, options.unit)
@@ -344,7 +344,7 @@ def _add_scan(parser: argparse.ArgumentParser) -> None:
 
 STEP = Step(
     name="modes",
-    order=2,
+    order=8,
     summary="fit the vibrometer's scan of the mode shapes",
     todo="fit the vibrometer's scan of the mode shapes (--scan FILE)",
     example="--scan scan.csv --out DIR",

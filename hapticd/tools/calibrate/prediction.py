@@ -1,4 +1,4 @@
-"""Step 5: what a minute of strokes teaches the predictor of this pad, and what the pad adds to them.
+"""What a minute of strokes teaches the predictor of this pad, and what the pad adds to them.
 
 The predictor learns while the plate is used; this step gives it what it would have learned by then. Weights are learned
 on one half of the touches and judged on the other. Nothing is kept that is no better there than the weights of many
@@ -238,7 +238,7 @@ def _add_strokes(parser: argparse.ArgumentParser) -> None:
 
 STEP = Step(
     name="prediction",
-    order=5,
+    order=11,
     summary="learn the pad's noise from a minute of strokes",
     todo="stroke the pad for a minute, to learn its noise (stop the service first)",
     example="--out DIR",

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..arguments import add_command, whole
 
-if TYPE_CHECKING:
-    from .step import Step
-    from .verdict import Outcome
 DEFAULT_OUT = Path("calibration")
 
 
@@ -32,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         step = _step(steps, one.name, one.summary, one.example, is_sim_asked=one.is_simulated is None)
         for add in one.arguments:
             add(step)
-    whole_plate = _step(steps, "all", "run all steps in order", "--sim --out DIR")
+    whole_plate = _step(steps, "all", "run in order all steps that have not passed yet", "--sim --out DIR")
     for add in dict.fromkeys(add for name in in_order() for add in all_steps()[name].arguments):
         add(whole_plate)
 
@@ -53,7 +50,7 @@ def _run(options: argparse.Namespace) -> int:
     """Run one step, all steps, or print the overview; 1 if a step failed."""
     from ...errors import CalibrationError
     from ..outputs import require_matplotlib
-    from . import folder
+    from . import folder, walk
     from .step import in_order, steps
     from .verdict import Outcome
 
@@ -73,22 +70,7 @@ def _run(options: argparse.Namespace) -> int:
     given = [value for name, value in vars(options).items() if isinstance(value, Path) and name != "out"]
     names = [step.name for step in chosen]
     folder.prepare(options.out, names, given, is_simulated=options.sim, is_forced=options.force)
-    for step in chosen:
-        step.check(options)  # what is wrong with the last step is said before the first
-    outcomes = [_run_step(step, options) for step in chosen]
-    return 1 if Outcome.FAIL in outcomes else 0
-
-
-def _run_step(step: Step, options: argparse.Namespace) -> Outcome:
-    from . import folder
-    from .verdict import Outcome, as_text
-
-    verdict = folder.accepted(step.run(options))
-    path = folder.save(options.out, verdict)
-    print(as_text(verdict))
-    if verdict.outcome is Outcome.FAIL:
-        print(f"{path} stays without this step; its picture is {options.out / step.name}.png.\n")
-    else:
-        print(f"Settings, written to {path}:")
-        print(folder.as_toml(verdict.settings), flush=True)
-    return verdict.outcome
+    if options.step == "all":
+        return walk.all_steps(options)
+    chosen[0].check(options)
+    return 1 if walk.run_step(chosen[0], options).outcome is Outcome.FAIL else 0

@@ -1,4 +1,4 @@
-"""Step 1: sweep each amplifier of the board, fit all modes and wires, and propose a drive frequency.
+"""Sweep each amplifier of the board, fit all modes and wires, and propose a drive frequency.
 
 A narrow or slow resonance, or one near the band's edge, is swept a second time around itself. Last comes a wide and
 coarse sweep, for modes that the loop may make swing. `design.resonance` defines the criterion for the drive. One that
@@ -8,8 +8,6 @@ is worth moving is written to the calibration file, by which the daemon sets it.
 from __future__ import annotations
 
 import argparse
-import asyncio
-import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -24,14 +22,13 @@ from ...design.resonance import MIN_POINTS, Resonance, largest_voltage_v, propos
 from ...design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from ...errors import CalibrationError, DeviceError
 from ...files import calibration
-from ...io.devices.serial_link import SerialLink
 from .. import glass
 from ..arguments import POSITIVE, whole
 from ..firmware import sweep
 from ..firmware.conversation import Conversation
-from ..firmware.program import named_port
 from ..firmware.sweep import ModeSweep
 from ..progress import Progress
+from .bench import Bench, add_board, at_bench
 from .step import Step, add_config
 from .trial import NO_REMARK, Tried, try_out
 from .verdict import PICTURE, Figure, Finding, FoundSettings, Outcome, Verdict, judge
@@ -74,20 +71,21 @@ def check(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the board named by `options`. Raises HapticdError."""
-    with contextlib.ExitStack() as stack:
-        port, baud = named_port(options, stack)
-        hello, measured = asyncio.run(_sweep_on(port, baud, options))
+    with at_bench(options) as bench:
+        hello, measured = bench.run(_sweep_on(bench, options))
     sweep.draw(measured.sweeps, options.out / PICTURE_FILE, **PICTURE)
     found = BoardCalibration(measured.modes, better_drive_hz(hello, measured.modes))
     calibration.save(options.out / CALIBRATION_FILE, found)
-    device = {} if options.sim else {"port": port, "baud": baud}
     simulated = glass.settings(glass.chosen(options)) if options.sim else {}
-    settings = {"device": {**device, **measured.trial.settings(), "calibration_file": CALIBRATION_FILE}, **simulated}
+    settings = {
+        "device": {**bench.device, **measured.trial.settings(), "calibration_file": CALIBRATION_FILE},
+        **simulated,
+    }
     return verdict(hello, measured, settings, is_simulated=options.sim)
 
 
-async def _sweep_on(port: str, baud: int, options: argparse.Namespace) -> tuple[BoardHello, MeasuredModes]:
-    async with Conversation(SerialLink(port, baud), f"{port} at {baud} baud") as board:
+async def _sweep_on(bench: Bench, options: argparse.Namespace) -> tuple[BoardHello, MeasuredModes]:
+    async with bench.board() as board:
         return board.hello, await sweep_modes(board, sweep.planned(board.hello, options, await _band_hz(board)))
 
 
@@ -276,11 +274,6 @@ def _findings(one: ModeSweep) -> Iterator[Finding]:
         yield Outcome.WARN, f"Mode {one.mode} leaves {left:.0f} % off its circle: check for another mode nearby."
 
 
-def _add_board(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--port", help="serial port of the board, such as /dev/ttyACM0")
-    parser.add_argument("--baud", type=int, help="its speed (default 921600)")
-
-
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
     parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
@@ -292,12 +285,13 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
 
 STEP = Step(
     name="resonance",
-    order=1,
+    order=6,
     summary="sweep each amplifier of the board; fit modes, wires and drive",
     todo="sweep each mode on the board: frequency, quality, gain, drive (stop the service first)",
     example="--port /dev/ttyACM0 --out DIR",
-    arguments=(_add_board, add_config, _add_sweep, glass.add_arguments),
+    arguments=(add_board, add_config, _add_sweep, glass.add_arguments),
     check=check,
     run=run,
     files=(CALIBRATION_FILE,),
+    back_to="wires",
 )

@@ -11,9 +11,14 @@ from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
 
+from ...errors import CalibrationError
 from .verdict import Verdict
 
 AddArguments = Callable[[argparse.ArgumentParser], None]
+
+
+class MissingInput(CalibrationError):
+    """What a step reads is not given: `all` ends before it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +26,8 @@ class Step:
     """A step. `order` sorts them; None: at any time, of a plate in use. `todo` is its line of the overview.
 
     `check` raises for arguments that `run` could not use. `files` are those that it writes, besides result and picture.
-    `is_simulated` says which plate its inputs are of; None: --sim does.
+    `back_to` is the step from which `all` measures again once something was mended here; `is_of_bare_rig`: no plate in
+    use needs it. `is_simulated` says which plate its inputs are of; None: --sim does.
     """
 
     name: str
@@ -34,6 +40,8 @@ class Step:
     run: Callable[[argparse.Namespace], Verdict]
     files: tuple[str, ...] = ()
     is_simulated: Callable[[argparse.Namespace], bool] | None = None
+    back_to: str | None = None
+    is_of_bare_rig: bool = False
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:

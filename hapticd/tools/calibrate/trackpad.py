@@ -1,4 +1,4 @@
-"""Step 3: fit of the pad's position under the plate to touched marks, and of the scale of its ellipses to prints.
+"""Fit of the pad's position under the plate to touched marks, and of the scale of its ellipses to prints.
 
 The pad is read as the service reads it, so the service must not run. On the simulated plate the reports are generated
 in virtual time.
@@ -250,7 +250,7 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
 
 STEP = Step(
     name="trackpad",
-    order=3,
+    order=9,
     summary="fit the pad's position from touched marks on the plate",
     todo="touch marks on the plate to fit the pad's position (stop the service first)",
     example="--out DIR",

@@ -11,6 +11,8 @@ from typing import Any
 
 import msgspec
 
+from ...design.commissioning.findings import Diagnosis
+
 FoundSettings = Mapping[str, Mapping[str, Any]]  # of the service: section, key, value
 
 PICTURE = {"dpi": 80, "colours": 64}  # of all steps: small enough for a mail
@@ -37,7 +39,7 @@ class Figure:
 class Verdict:
     """A step's name, outcome, reason, figures, and settings for the service.
 
-    `is_simulated` keeps results of the simulated plate apart from those of a real one.
+    `is_simulated` keeps results of the simulated plate apart from those of a real one; `findings` are likely causes.
     """
 
     step: str
@@ -46,6 +48,7 @@ class Verdict:
     figures: tuple[Figure, ...]
     settings: FoundSettings
     is_simulated: bool
+    findings: tuple[Diagnosis, ...] = ()
 
 
 Finding = tuple[Outcome, str]

@@ -1,4 +1,4 @@
-"""A person's answers on the terminal: numbers, nothing, nonsense, and the end."""
+"""A person's answers at the terminal: numbers, nothing, nonsense, and the end."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import io
 import pytest
 
 from hapticd.errors import HapticdError
-from hapticd.tools.first_light.person import AtTheBench
-from hapticd.tools.first_light.terminal import Terminal
+from hapticd.tools.calibrate.bench import Terminal
 
 
-def answers(monkeypatch: pytest.MonkeyPatch, text: str) -> AtTheBench:
+def answers(monkeypatch: pytest.MonkeyPatch, text: str) -> Terminal:
     monkeypatch.setattr("sys.stdin", io.StringIO(text))
-    return AtTheBench(Terminal())
+    return Terminal()
 
 
-def test_a_reading_is_a_number_with_a_point_or_a_comma(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reading_is_a_number_with_a_point_or_a_comma(monkeypatch: pytest.MonkeyPatch) -> None:
     person = answers(monkeypatch, "3.31\n1,65\n\n")
     assert asyncio.run(person.read_supply(0)) == 3.31
     assert asyncio.run(person.read_idle(1)) == 1.65
@@ -33,4 +32,4 @@ def test_nonsense_is_asked_for_again(monkeypatch: pytest.MonkeyPatch, capsys: py
 @pytest.mark.parametrize("text", ["q\n", ""])
 def test_q_and_the_end_of_input_stop_and_say_how_to_go_on(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(HapticdError, match="goes on here"):
-        asyncio.run(answers(monkeypatch, text).mend([]))
+        answers(monkeypatch, text).mend([])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...design.commissioning.findings import Flaw
+from hapticd.design.commissioning.findings import Flaw
 
 KINDS = tuple(Flaw)
 _PAIRS = {
@@ -60,8 +60,8 @@ def random_mistake(cause: Flaw, modes: int, random: np.random.Generator) -> Mist
     wires = tuple(sorted(random.choice(modes, count, replace=False).tolist()))
     if cause in (Flaw.SENSOR_GAIN, Flaw.AMPLIFIER_GAIN):
         size = float(random.choice((0.1, 10.0)))
-    elif cause in (Flaw.STOP_LINE, Flaw.PAD_ROTATED):
-        size = float(random.choice((0.0, 1.0) if cause is Flaw.STOP_LINE else (90.0, 180.0, 270.0)))
+    elif cause is Flaw.STOP_LINE:
+        size = float(random.choice((0.0, 1.0)))
     else:
         low, high = _SIZES.get(cause, (1.0, 1.0))
         size = float(np.exp(random.uniform(np.log(low), np.log(high))))

@@ -8,25 +8,25 @@ together and 2 Hz each.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mistakes import Mistake
 
-from ...design.commissioning.findings import DANGEROUS, Flaw
-from ...design.commissioning.rest import AMPLIFIER_FAULT, EMERGENCY_STOP
-from ...values import FloatArray
-from ..board.board import FLAG_LIVE, Board, BoardTrace, PlateModel
-from ..board.carrier import Converters, Lead
-from ..plate.ground_truth import GroundTruth, PlateSettings
-from ..world import board_config, plate_model
-from .mistakes import Mistake
+from hapticd.design.commissioning.findings import DANGEROUS, Diagnosis, Flaw
+from hapticd.design.commissioning.rest import AMPLIFIER_FAULT, EMERGENCY_STOP
+from hapticd.sim.bench import SUPPLIES_V, SimulatedBench
+from hapticd.sim.board.board import FLAG_LIVE, Board, BoardTrace, PlateModel
+from hapticd.sim.board.carrier import Converters, Lead
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
+from hapticd.sim.world import board_config, plate_model
+from hapticd.values import FloatArray
 
-STEP_TICKS = 4
 GAINS_FRAC, QUALITIES_FRAC, TOGETHER_HZ, EACH_HZ = 0.1, 0.15, 40.0, 2.0
 LSB_V = 3.3 / 4096.0
-SUPPLIES_V = (3.3, 24.0, -24.0)
-FINGER_SHARE = 1.0  # of an antinode's square, under the finger
+METER_FRAC = 0.003  # of a reading, as a cheap meter has it
+SCOPE_FRAC = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,55 +48,41 @@ class _Sound:
         )
 
 
-class FaultyRig:
-    """A rig whose mistakes can be mended one by one; a technician pulls its lines. Time passes with `run`.
+class FaultyRig(SimulatedBench):
+    """A rig whose mistakes are mended where a verdict points, by a technician with a meter, and an oscilloscope or not.
 
     `is_driven_in_danger`: the loop was closed while a mistake with which it is unstable or blind was there.
     """
 
-    def __init__(self, settings: PlateSettings, mistakes: Iterable[Mistake] = (), seed: int = 1) -> None:
-        self.plate = GroundTruth(settings)
-        self.modes, self.plate_modes = len(self.plate.w_limit_um), len(self.plate.decay_1_s)
-        self.mistakes = list(mistakes)
-        self.is_driven_in_danger = False
-        self.was_driven = False
-        self.is_stop_pushed = False
-        self.is_touched = False
-        self._seed, self._boots = seed, 0
-        self._sound = _Sound.of(seed, self.plate)
-        self._trace = BoardTrace(STEP_TICKS, self.modes, self.plate_modes)
-        self._phi = np.zeros((STEP_TICKS, 1, self.plate_modes))
-        self._decay_1_s = np.zeros((STEP_TICKS, 1))
-        self.boot()
+    def __init__(
+        self, settings: PlateSettings, mistakes: Iterable[Mistake] = (), seed: int = 1, *, has_scope: bool = True
+    ) -> None:
+        self.mistakes, self.has_scope = list(mistakes), has_scope
+        self.was_driven = self.is_driven_in_danger = False
+        self._sound = _Sound.of(seed, GroundTruth(settings))
+        self._errors = np.random.default_rng((seed, 11))
+        super().__init__(settings, seed)
 
-    def boot(self) -> None:
-        """Switch the board off and on; what was mended takes effect."""
+    def new_board(self, boot_id: int) -> Board:
         converters = Converters()
-        self._boots += 1
         config = board_config(self.plate, self.plate.w_limit_um)
         phase = converters.loop_phase_rad(config.drive_hz)
-        self.board = Board(
+        board = Board(
             self._model(),
             config=replace(config, loop_phase_rad=(phase,) * self.modes, drive=None, sense=None),
             seed=self._seed,
-            boot_id=self._boots,
+            boot_id=boot_id,
             converters=converters,
         )
-        self.board.connect([self._lead(sensor) for sensor in range(self.modes)])
-        self._interlock()
+        board.connect([self._lead(sensor) for sensor in range(self.modes)])
+        return board
 
-    def run(self) -> None:
-        """Let STEP_TICKS control ticks pass."""
-        self._phi[:] = math.sqrt(FINGER_SHARE)
-        self._decay_1_s[:] = self.plate.finger_decay_1_s if self.is_touched else 0.0
-        self.board.run(STEP_TICKS, self._phi, self._decay_1_s, self._trace)
-        is_live = bool((self._trace.flags & FLAG_LIVE).any())
+    def run(self) -> BoardTrace:
+        trace = super().run()
+        is_live = bool((trace.flags & FLAG_LIVE).any())
         self.was_driven |= is_live
         self.is_driven_in_danger |= is_live and any(one.cause in DANGEROUS for one in self.mistakes)
-
-    @property
-    def step_s(self) -> float:
-        return STEP_TICKS / self.board.config.control_hz
+        return trace
 
     def found(self, causes: Iterable[Flaw], wires: tuple[int, ...]) -> list[Mistake]:
         """Return the mistakes that are of one of these causes and, if `wires` are named, at one of them."""
@@ -107,25 +93,26 @@ class FaultyRig:
             if one.cause in named and (not (wires and one.wires) or set(wires) & set(one.wires))
         ]
 
-    def mend(self, causes: Iterable[Flaw], wires: tuple[int, ...]) -> bool:
-        """Remove what is `found` there; return whether anything was."""
-        found = self.found(causes, wires)
-        for one in found:
-            self.mistakes.remove(one)
+    def mend(self, findings: Sequence[Diagnosis]) -> bool:
+        """Remove what is `found` there, with the board off; return whether anything was."""
+        found = {one for finding in findings for one in self.found(finding.causes, finding.wires)}
+        self.mistakes = [one for one in self.mistakes if one not in found]
         if found:
             self.boot()
         return bool(found)
 
-    def push_stop(self, pushed: bool) -> None:
-        self.is_stop_pushed = pushed
-        self._interlock()
+    async def read_supply(self, place: int) -> float:
+        """Return VDDA or a rail: the rails fall together, by a fuse or a wrong setting."""
+        return self._read(SUPPLIES_V[place] * (self._size(Flaw.SUPPLY_LOW) if place else 1.0), METER_FRAC)
 
-    def supply_v(self, place: int) -> float:
-        """Return VDDA (0) or a rail (1, 2): the rails fall together, by a fuse or a wrong setting."""
-        return SUPPLIES_V[place] * (self._size(Flaw.SUPPLY_LOW) if place else 1.0)
+    async def read_idle(self, sensor: int) -> float:
+        return self._read(SUPPLIES_V[0] / 2.0 + LSB_V * self._lead(sensor).offset_lsb, METER_FRAC)
 
-    def idle_v(self, sensor: int) -> float:
-        return SUPPLIES_V[0] / 2.0 + LSB_V * self._lead(sensor).offset_lsb
+    async def read_output(self, amplifier: int, asked_v: float) -> float | None:
+        return self._read(asked_v * self.output_share(amplifier), SCOPE_FRAC) if self.has_scope else None
+
+    def _read(self, value: float, error_frac: float) -> float:
+        return value * (1.0 + float(self._errors.normal(0.0, error_frac)))
 
     def output_share(self, amplifier: int) -> float:
         """Return an amplifier's output over what is asked of it."""
@@ -134,24 +121,19 @@ class FaultyRig:
         share = 0.5 if Flaw.DRIVES_SHORTED in wrong else 1.0
         return sign * share * (wrong[Flaw.AMPLIFIER_GAIN].size if Flaw.AMPLIFIER_GAIN in wrong else 1.0)
 
-    def pad_turn(self) -> tuple[float, bool]:
-        """Return by how many degrees the trackpad is rotated, and whether it is mirrored."""
-        degrees = sum(one.size for one in self.mistakes if one.cause is Flaw.PAD_ROTATED)
-        return degrees, self._has(Flaw.PAD_MIRRORED)
-
     def _has(self, cause: Flaw) -> bool:
         return any(one.cause is cause for one in self.mistakes)
 
     def _size(self, cause: Flaw, otherwise: float = 1.0) -> float:
         return next((one.size for one in self.mistakes if one.cause is cause), otherwise)
 
-    def _interlock(self) -> None:
+    def interlock(self) -> int:
         open_stop = self._has(Flaw.STOP_LINE) and self._size(Flaw.STOP_LINE) > 0.5
         is_bridged = self._has(Flaw.STOP_LINE) and not open_stop
         event = AMPLIFIER_FAULT if self._has(Flaw.FAULT_LINE) else 0
         if open_stop or (self.is_stop_pushed and not is_bridged):
             event = EMERGENCY_STOP
-        self.board.interlock(event)
+        return event
 
     def _model(self) -> PlateModel:
         model, sound = plate_model(self.plate), self._sound

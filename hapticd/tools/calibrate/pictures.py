@@ -1,4 +1,4 @@
-"""Plain-text pictures of the pages: where to put the probe, and small charts of what was measured."""
+"""Plain-text pictures for the terminal: where to put the probe, and small charts of what was measured."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...values import FloatArray
-from ..calibrate.verdict import FoundSettings
 
-WIDTH, HEIGHT = 61, 8  # of a chart; drawings have at most 48 columns, which a telephone shows in a readable size
+WIDTH, HEIGHT = 61, 8  # of a chart
 SHADES = " .:-=+*#%@"
 
 SUPPLY = """\
@@ -60,20 +59,6 @@ LOOP = """\
                     ^                        |
                     +-------- sensor <-------+
 """
-MAP = """\
-   vibrometer or microphone
-          |
-          v
-    . . . . . . . .   a scan of the plate:
-    . . . . . . . .   x, y and a reading
-    . . . . . . . .   for each mode
-"""
-PAD = """\
-   4 +-----------+ 3  y away from you
-     |   plate   |    x to the right
-   1 +-----------+ 2  rest a finger on 1, 2, 3, 4
-                      in turn
-"""
 TOUCH = """\
         finger
           v
@@ -111,8 +96,3 @@ def matrix(shares: FloatArray, rows: str, columns: str) -> str:
         shades = " ".join(SHADES[round(float(value) * (len(SHADES) - 1))] * 3 for value in row)
         lines.append(f"   {place:>{len(rows)}}   {' ' * len(columns)}  {shades}")
     return "\n".join(lines)
-
-
-def written(settings: FoundSettings) -> str:
-    """Return the settings' names, as the page lists them."""
-    return ", ".join(f"{section}.{key}" for section, keys in settings.items() for key in keys)

@@ -1,0 +1,37 @@
+"""Supplies, idle levels and interlocks of a bare rig, by a meter and the board's log."""
+
+from __future__ import annotations
+
+from ...design.commissioning import rest
+from ...design.commissioning.findings import Judgement
+from . import measure, pictures
+from .bench import Bench, bench_step
+
+CONFIG_FAULT = 6  # the board refuses its own configuration
+
+
+async def _supplies(bench: Bench) -> Judgement:
+    person = bench.person
+    async with bench.board() as board:
+        readings = rest.MeterReadings(
+            board_v=await person.read_supply(0),
+            plus_v=await person.read_supply(1),
+            minus_v=await person.read_supply(2),
+            idle_v=tuple([await person.read_idle(sensor) for sensor in range(board.hello.modes)]),
+        )
+        is_configured = (await measure.status(board)).fault_code != CONFIG_FAULT
+        _, events = await measure.events(board)
+        drives = is_configured and await measure.drives(board)
+        interlock = None if drives else rest.interlock_of(events)
+    return rest.judge_supply(readings, interlock, is_configured=is_configured, supply_fell=rest.SUPPLY in events)
+
+
+STEP = bench_step(
+    "supplies",
+    1,
+    "read supplies, idle levels and interlocks of a bare rig",
+    "Switch the supplies on. Read VDDA at the board's 3.3 V pin, both rails, and the DC at each ADC pin.",
+    pictures.SUPPLY,
+    _supplies,
+    back_to="supplies",
+)

@@ -1,0 +1,73 @@
+"""The wires of a bare rig: does each amplifier move its own sensor, the right way round, and no other?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...design.commissioning import plate, wires
+from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
+from ...design.wiring import AmplifierSweep, fit_wiring
+from ..firmware.conversation import Conversation
+from . import measure, pictures
+from .bench import Bench, bench_step, design_of
+
+SILENT_V_FRAC = 0.1  # of the voltage limit: for what shows nothing at a volt
+
+
+async def _wires(bench: Bench) -> Judgement:
+    async with bench.board() as board:
+        design = await design_of(board)
+        outputs_v = []
+        for amplifier in range(board.hello.modes):
+            async with measure.raw(board, amplifier, measure.ASKED_V):
+                outputs_v.append(await bench.person.read_output(amplifier, measure.ASKED_V))
+            await measure.quiet(board)
+        answers = await _answers(board, design, outputs_v)
+        if not answers.is_passed:
+            return answers
+        sweeps = await measure.swept(board, measure.short_plan(design, measure.VOLTS_FRAC * design.v_limit_v))
+    _draw(sweeps)
+    polarity = wires.judge_polarity(sweeps, design, outputs_v)
+    if not polarity.is_passed:
+        return polarity
+    try:
+        found = fit_wiring(sweeps)
+    except ValueError as error:
+        return Judgement("", (Diagnosis(str(error)),))
+    matrices = plate.judge_matrices(found)
+    return replace(matrices, passed=f"{answers.passed} {polarity.passed} {matrices.passed}")
+
+
+async def _answers(board: Conversation, design: PlateDesign, outputs_v: Sequence[float | None]) -> Judgement:
+    """Sweep by a volt, all that the board can sweep where nothing answers, and by more volts what is silent."""
+    sweeps = await measure.swept(board, measure.short_plan(design, measure.ASKED_V))
+    if wires.is_elsewhere(sweeps, design):
+        found = wires.judge_search(await measure.swept(board, measure.search_plan(design)), design)
+        if found is not None:
+            _draw(sweeps)
+            return Judgement("", (found,))
+    shares = wires.shares_of(wires.stacked(sweeps), design)
+    if shares.diagonal().min() < wires.SILENT and shares.max() < wires.STRONG:
+        sweeps = await measure.swept(board, measure.short_plan(design, SILENT_V_FRAC * design.v_limit_v))
+    print(pictures.matrix(wires.shares_of(wires.stacked(sweeps), design), "sensor", "amplifier"), flush=True)
+    return wires.judge_answers(sweeps, design, outputs_v, measure.ASKED_V)
+
+
+def _draw(sweeps: Sequence[AmplifierSweep]) -> None:
+    own = [np.abs(sweep.response_um_per_v[:, sweep.amplifier]) * 1e3 for sweep in sweeps]
+    print(pictures.chart(sweeps[0].frequency_hz, own, "nm/V, each amplifier by its own sensor"), flush=True)
+
+
+STEP = bench_step(
+    "wires",
+    3,
+    "find out whether each amplifier moves its own sensor, the right way round",
+    "Goggles on, hands off the plate. With an oscilloscope, read each amplifier's output while it has 1 V; then each "
+    "is swept, at last at a tenth of its voltage.",
+    pictures.ANSWER + "\n" + pictures.POLARITY,
+    _wires,
+    back_to="wires",
+)

@@ -1,1 +1,0 @@
-"""`hapticd first-light`: guided commissioning of a rig, one page for each step."""
