@@ -17,7 +17,7 @@ from hapticd import board_protocol as protocol
 from hapticd.board_values import UNCALIBRATED, BoardCalibration
 from hapticd.config.sections import Config
 from hapticd.core.board.supervisor import State
-from hapticd.core.plate.parasitic_modes import ParasiticModes
+from hapticd.core.plate.mode_shapes import ParasiticModes
 from hapticd.daemon.machine import TIMER_NS, Machine
 from hapticd.daemon.observer import Observer
 from hapticd.sim.fingers.pad_noise import PadNoise

@@ -41,8 +41,6 @@ def solved_um(curve: FrictionCurve, scale: float) -> np.ndarray:
     solver = InstantSolver(
         TRUTH.true_mode_map(),
         limits_um,
-        derating_mm2_um2=0.0,
-        phase_rotation=False,
         contact_radius_mm=5.0,
         friction_curve=curve,
     )

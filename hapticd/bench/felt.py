@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..core.solver.felt import felt_points
-from ..core.solver.felt_descent import UNCERTAIN_FRAC
+from ..core.solver.felt import UNCERTAIN_FRAC, felt_points
 from ..core.solver.instant import AskedPlace, InstantSolver
 from ..sim.plate.glasses import FINGERTIP
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -54,8 +53,6 @@ class _Problem:
         solver = InstantSolver(
             self.map,
             self.limits_um,
-            derating_mm2_um2=0.0,
-            phase_rotation=False,
             contact_radius_mm=CONTACT_RADIUS_MM,
         )
         modal_um: tuple[complex, ...] = (0j,) * len(self.limits_um)

@@ -62,11 +62,9 @@ def alternatives() -> dict[str, Alternative]:
     changes: dict[str, dict[str, dict[str, Any]]] = {
         "a single knot": {"solver": {"max_knots": 1}},
         "controller pi": {"device": {"controller": "pi"}},
-        "no derating": {"solver": {"derating_mm2_um2": 0.0}},
     }
     found |= {name: Alternative(replace(ours, config=changed(ours.config, one))) for name, one in changes.items()}
     found[WHITE] = Alternative(replace(ours, noise=PadNoise(0.05)))
-    found["parasitic modes unknown"] = Alternative(replace(ours, parasitic_modes_known=False))
     found[PAPER] = Alternative(paper_settings(ours))
     return found
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.solver.points.general import solve_fast
+from ..core.solver import solve_batch
 from ..design import free_plate_modes
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from ..values import FloatArray
@@ -89,10 +89,7 @@ def _all(shapes: _Shapes, points_mm: FloatArray) -> FloatArray:
 
 def _leak_um_per_um(of_maps: Sequence[FloatArray], true_phi: FloatArray) -> float:
     """Return the RMS amplitude at the still finger over that at the other, by the true shapes."""
-    modal_um = [
-        [solve_fast((tuple(rows[0]), tuple(rows[1])), (1.0, 0.0), W_LIMIT_UM)[0] for rows in phi.tolist()]
-        for phi in of_maps
-    ]
+    modal_um = [solve_batch(phi, (1.0, 0.0), W_LIMIT_UM) for phi in of_maps]
     got_um = np.einsum("pnm,spm->spn", true_phi, np.array(modal_um))
     slipping_um, still_um = np.sqrt(np.mean(got_um**2, axis=(0, 1)))
     return float(still_um / slipping_um)

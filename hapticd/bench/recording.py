@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 from hapticd_contract.targets import ClientTargets
 
 from ..config.sections import Config
-from ..core.plate.mode_shapes import ModeShapes
-from ..core.plate.parasitic_modes import ParasiticModes
+from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..daemon.machine import Machine
 from ..sim.fingers.scenarios import Actor
 from ..sim.lockstep import T_START_NS, Simulation

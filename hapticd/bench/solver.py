@@ -15,8 +15,6 @@ import numpy as np
 from ..compiled import why_interpreted
 from ..core.phasors import ModeRow, ModeRows
 from ..core.solver import solve, solve_batch
-from ..core.solver.points.general import solve_fast
-from ..core.solver.points.phase import solve_phased_fast
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from ..sim.score import rms
 from ..values import ComplexArray, FloatArray
@@ -28,7 +26,7 @@ from .timing import REPEATS, compare, optional
 Solver = Callable[[FloatArray, tuple[float, float]], FloatArray | ComplexArray]  # phi (K, 2, 2), targets -> (K, 2)
 
 ONE_STILL, BOTH_SLIP = (1.0, 0.0), (1.0, 0.6)
-DEFAULT = "solve_fast"
+DEFAULT = "solve"
 NOTHING_UM = 1e-9  # leaks below are rounding
 _RIDGE = 1e-9  # a quadratic programme's matrix must be definite
 
@@ -39,9 +37,7 @@ def run(*, problems: int = 1000, repeats: int = REPEATS, timed: int = 200) -> Ta
     phi = GroundTruth().shapes(points_mm)[..., : len(DRIVEN_MODES)]
     still_phi, slip_phi = phi[:problems], phi[problems:]
     ways: dict[str, Solver] = {
-        DEFAULT: partial(_each, lambda *problem: solve_fast(*problem)[0]),
-        "solve_phased_fast": partial(_each, lambda *problem: solve_phased_fast(*problem)[0]),
-        "solve": lambda phi, target_um: np.array([solve(one, target_um, W_LIMIT_UM).modal_um for one in phi]),
+        DEFAULT: lambda phi, target_um: np.array([solve(one, target_um, W_LIMIT_UM).modal_um for one in phi]),
         "solve_batch": lambda phi, target_um: solve_batch(phi, target_um, W_LIMIT_UM),
         **{name: partial(_each, partial(_by_policy, name)) for name in POLICIES if name != "keep_zero"},
         "numpy solve + clip": _numpy_clip,

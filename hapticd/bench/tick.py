@@ -133,7 +133,6 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     return {
         DEFAULT: _Situation(strokes, config),
         "with telemetry": _Situation(strokes, config, lambda _: None),
-        "parasitic modes unknown": _Situation(strokes._replace(parasitic_modes=None), config),
         "a single knot": _Situation(strokes, changed(config, {"solver": {"max_knots": 1}})),
         "a texture, 20 knots": _Situation(_textured(strokes), textured_config),
         "both slip": _Situation(both_slip, config),

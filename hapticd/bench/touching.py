@@ -18,10 +18,8 @@ from ..tools.touch_correction import (
     contact_settings,
     has_sensors,
     known_better,
-    learned_load,
     mode_map,
     pad_settings,
-    windows_of,
 )
 from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
 
@@ -80,7 +78,6 @@ def touch(settings: Settings, before: Measured, seed: int, seconds: float, scena
 
 def corrected(settings: Settings, before: Measured, found: Touched, judged: Judged) -> tuple[Settings, Measured]:
     """Return settings and measurements with what is adopted."""
-    load_1_s = learned_load(found, windows_of(found), judged)
     contacts = contact_settings(found, judged)
     config = settings.config
     config = replace(
@@ -89,7 +86,7 @@ def corrected(settings: Settings, before: Measured, found: Touched, judged: Judg
         trackpad=replace(config.trackpad, **contacts.get("trackpad", {})),
     )
     if judged.refusal:
-        return replace(settings, config=config), before._replace(load_1_s=load_1_s)
+        return replace(settings, config=config), before
     pad = pad_settings(found, judged.calibration)
     trackpad = replace(
         config.trackpad, matrix=tuple(pad["matrix"]), offset_mm=tuple(pad["offset_mm"]), latency_ms=pad["latency_ms"]
@@ -98,4 +95,4 @@ def corrected(settings: Settings, before: Measured, found: Touched, judged: Judg
     modes = before.modes if judged.waves is None else mode_map(before.modes, judged)
     known = replace(config.uncertainty, **known_better(found, judged))
     settled = replace(config, trackpad=trackpad, uncertainty=known)
-    return replace(settings, config=settled), Measured(modes, calibration, load_1_s)
+    return replace(settings, config=settled), Measured(modes, calibration)

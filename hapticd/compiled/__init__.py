@@ -43,7 +43,8 @@ def why_interpreted() -> str:
     """Return why the touch path runs as Python; empty where it runs as machine code."""
     if os.environ.get("HAPTICD_PURE", "0") != "0":
         return "HAPTICD_PURE asks for it"
-    built = [path for folder in FOLDERS for path in (PACKAGE / folder).rglob(f"*{EXTENSION_SUFFIXES[0]}")]
+    found = [path for folder in FOLDERS for path in (PACKAGE / folder).rglob(f"*{EXTENSION_SUFFIXES[0]}")]
+    built = [path for path in found if _source(path).exists()]  # the kernel in C has none
     if not built:
         return "it was built without mypyc"
     if PROJECT.exists() and _is_stale(built):
@@ -53,6 +54,9 @@ def why_interpreted() -> str:
 
 def _is_stale(built: Sequence[Path]) -> bool:
     """Whether some source is newer than the module that was compiled from it."""
-    sources = [path for module in built if (path := module.with_name(module.name.split(".")[0] + ".py")).exists()]
     t_built_ns = min(path.stat().st_mtime_ns for path in built)
-    return max(path.stat().st_mtime_ns for path in sources) > t_built_ns
+    return max(_source(path).stat().st_mtime_ns for path in built) > t_built_ns
+
+
+def _source(module: Path) -> Path:
+    return module.with_name(module.name.split(".")[0] + ".py")

@@ -2,8 +2,7 @@
 
 `pyproject.toml` lists what: the board's sources as an extension module, the touch path under [tool.hapticd.compiled].
 First it writes what protocol.h makes of the board's messages. HAPTICD_PURE=1 leaves the touch path as Python; so does a
-build without mypy. Without a C compiler a build fails at once, and with HAPTICD_PURE=1 it leaves the board out. See
-hapticd/core/README.md.
+build without mypy. Without a C compiler a build fails at once. See hapticd/core/README.md.
 """
 
 from __future__ import annotations
@@ -47,26 +46,14 @@ class BuildExt(build_ext.build_ext):
             board.sources = [path for pattern in board.sources for path in sorted(glob(pattern))]
             board.depends = sorted(glob("firmware/core/*.h") + glob("firmware/boards/host/*.h"))
             is_build = not LISTING.issuperset(self.distribution.commands)
-            if is_build and not self._can_compile():
-                extensions.clear()
-                break
+            if is_build and (problem := PREREQUISITES["missing_for_c"]()):
+                raise PlatformError(PREREQUISITES["not_built"](problem))
             extensions += [
                 *(compiled_modules() if is_build else []),
                 *(for_modes(board, modes) for modes in MORE_MODES),
             ]
-        if is_pure():
-            extensions[:] = [extension for extension in extensions if not extension.name.startswith("hapticd.core.")]
         super().finalize_options()
         self.parallel = os.cpu_count()
-
-    def _can_compile(self) -> bool:
-        """Return whether C can be built; without it raise PlatformError, unless HAPTICD_PURE=1 is content."""
-        problem = PREREQUISITES["missing_for_c"](needs_python_h=not is_pure())
-        if problem and not is_pure():
-            raise PlatformError(PREREQUISITES["not_built"](problem))
-        if problem:
-            self.warn(f"the simulated plate is left out: {problem}.")
-        return not problem
 
     def run(self) -> None:
         """Build; in a checkout, remove what an earlier build made of modules that are Python now: it fits no other."""

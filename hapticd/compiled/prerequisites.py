@@ -16,19 +16,16 @@ from pathlib import Path
 
 OLDEST_PYTHON = (3, 11)
 REMEDY = "on Debian or Ubuntu run `sudo apt install build-essential python3-dev python3-venv`."
-WITHOUT_C = (
-    "Without a compiler, `HAPTICD_PURE=1` lets `pip install .` go on: no simulated plate, and a slower touch path, "
-    "as Python."
-)
 
 
-def missing_for_c(*, needs_python_h: bool = True) -> str:
+def missing_for_c() -> str:
     """Return what keeps the C compiler of this Python from building a library, empty if nothing does."""
     compiler = os.environ.get("CC") or sysconfig.get_config_var("CC") or "gcc"
-    header = "#include <Python.h>\n" if needs_python_h else ""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder, "try.c")
-        source.write_text(f"{header}#include <math.h>\ndouble root(double x) {{ return sqrt(x); }}\n", encoding="utf-8")
+        source.write_text(
+            "#include <Python.h>\n#include <math.h>\ndouble root(double x) { return sqrt(x); }\n", encoding="utf-8"
+        )
         command = [*shlex.split(compiler), "-shared", "-fPIC", "-I", sysconfig.get_path("include")]
         try:
             output = ["-lm", "-o", str(source.with_suffix(".so"))]
@@ -44,7 +41,7 @@ def missing_for_c(*, needs_python_h: bool = True) -> str:
 
 def not_built(problem: str) -> str:
     """Return the sentence for a `problem` of the compiler."""
-    return f"hapticd is not built: {problem}: {REMEDY} {WITHOUT_C}"
+    return f"hapticd is not built: {problem}: {REMEDY}"
 
 
 def missing() -> str:

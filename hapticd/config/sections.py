@@ -54,15 +54,6 @@ class PlateConfig:
         (), "frequency of each parasitic mode, relative to the drive", low=-1000, high=1000
     )
     parasitic_decay_1_s: tuple[float, ...] = key((), "pi f / Q of each parasitic mode", low=1, high=10000)
-    finger_decay_1_s: float = key(
-        100.0,
-        "decay rate that one finger adds at a mode's antinode, in 1/s; for parasitic_modes_file",
-        low=0,
-        high=2000,
-    )
-    finger_detuning_hz: float = key(
-        0.0, "frequency that one finger adds at a mode's antinode; for parasitic_modes_file", low=-1000, high=1000
-    )
     friction_curve: tuple[float, ...] = key(
         (),
         "amplitude in um at equally spaced frictions 1 .. 0, rising from 0; empty: the built-in curve",
@@ -196,16 +187,6 @@ class PredictionConfig:
 class SolverConfig:
     """Solution for the modal amplitudes."""
 
-    derating_mm2_um2: float = key(
-        5.0,
-        "derating in mm2/um2: least share of its target for a limited slipping finger, per slope of 1 um/mm under "
-        "a still one, before amplitude is derated; 0: no derating",
-        low=0,
-        high=100,
-    )
-    phase_rotation: bool = key(
-        True, "change the signs of two or more slipping fingers by rotating their phase, without a zero crossing"
-    )
     contact_radius_mm: float = key(
         5.0,
         "radius of a fingertip's contact, over which amplitudes count, on plates of four modes or more, where "

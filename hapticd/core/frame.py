@@ -78,11 +78,11 @@ class FramePlan:
 class Ways:
     """What the knots of a frame depend on, apart from the solutions themselves."""
 
-    def __init__(self, scene: Scene, fingers: Fingers, tolerance_um: float) -> None:
+    def __init__(self, scene: Scene, fingers: Fingers, steepness_1_mm: float, tolerance_um: float) -> None:
         self._scene: Final = scene
         self._surfaces: Final = scene.surfaces
         self._fingers: Final = fingers
-        self.steepness_1_mm = 0.0  # of the plate's shapes
+        self.steepness_1_mm: Final = steepness_1_mm  # of the plate's shapes
         self._tolerance_um: Final = tolerance_um
 
     @property

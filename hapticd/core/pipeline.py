@@ -22,7 +22,6 @@ from .frame import NO_FINGERS, FramePlan, FrameSolver, Participants, Ways
 from .phasors import Row
 from .pipeline_settings import PipelineCounters, PipelineSettings
 from .plate.mode_shapes import ModeShapes
-from .plate.parasitic_modes import ParasiticModes
 from .solver.instant import InstantSolver, points
 from .solver.reach import LEAST_CALLS
 from .targets.scene import Scene
@@ -43,10 +42,9 @@ class Pipeline:
         modes: ModeShapes,
         scene: Scene,
         settings: PipelineSettings,
-        *,
-        parasitic_modes: ParasiticModes | None = None,
     ) -> None:
         self.counters = PipelineCounters()
+        self.modes = modes
         self._scene = scene
         self._surfaces = scene.surfaces
         self._settings = settings
@@ -56,9 +54,6 @@ class Pipeline:
         self._solver = InstantSolver(
             modes,
             settings.w_limit_um,
-            derating_mm2_um2=settings.derating_mm2_um2,
-            phase_rotation=settings.phase_rotation,
-            parasitic_modes=parasitic_modes,
             contact_radius_mm=settings.contact_radius_mm,
             friction_curve=scene.friction_curve,
             solve=settings.solve,
@@ -73,10 +68,9 @@ class Pipeline:
         )
         self._triggers = Triggers(scene, self._fingers, settings.cover_ns * 2 // 3)
         self.events = self._triggers.events
-        self._ways = Ways(scene, self._fingers, settings.tolerance_um)
+        self._ways = Ways(scene, self._fingers, modes.steepest_1_mm(), settings.tolerance_um)
         self._frame = FrameSolver(scene, self._fingers, self._solver, self._ways, settings.tolerance_um, self.counters)
         self._active = ActiveReference(modes.M, self._ways, settings.tolerance_um)
-        self.set_modes(modes)
 
     def fit(self, max_knots: int, effect_knots: int) -> None:
         """Set how many knots a frame may have, and while an effect plays: a faster line carries more."""
@@ -97,11 +91,6 @@ class Pipeline:
     def fingers(self) -> tuple[Finger, ...]:
         """The fingers that are down, by the last accepted report."""
         return self._fingers.down
-
-    @property
-    def modes(self) -> ModeShapes:
-        """The shapes that the plate is taken to have."""
-        return self._modes
 
     @property
     def contact_radius_mm(self) -> float:
@@ -127,12 +116,6 @@ class Pipeline:
         self._follow_period(self._fingers.period_s)
         self._triggers.take(tracked)
         return tracked
-
-    def set_modes(self, modes: ModeShapes) -> None:
-        """Take the plate to have these shapes from the next pass on."""
-        self._modes = modes
-        self._solver.set_modes(modes)
-        self._ways.steepness_1_mm = modes.steepest_1_mm()
 
     @property
     def slowness(self) -> float:
@@ -221,7 +204,7 @@ class Pipeline:
             self.counters.skipped_no_finger += 1
         active, drive = self._active, None
         if not (active.is_silent and len(active.drive.knots) == 1 and active.is_sent):
-            drive = silence(t_now_ns + link_ns, self._modes.M)
+            drive = silence(t_now_ns + link_ns, self.modes.M)
             active.activate(drive, NO_FINGERS, [], (), limited=False)
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 

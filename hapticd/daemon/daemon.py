@@ -19,8 +19,7 @@ from pathlib import Path
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
 from ..core.budget import OVERRUN_NS, Slowness
-from ..core.plate.mode_shapes import ModeShapes
-from ..core.plate.parasitic_modes import ParasiticModes
+from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..files.recording.header import Header, utc_now
 from ..io.clients.server import ClientServer
 from ..io.clients.sockets import Remote

@@ -22,8 +22,7 @@ from ..core.board.supervisor import Event, State, Supervisor
 from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline
 from ..core.pipeline_settings import PipelineSettings
-from ..core.plate.mode_shapes import ModeShapes
-from ..core.plate.parasitic_modes import ParasiticModes
+from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
 from ..values import Aim, RawReport, Tick
@@ -83,7 +82,7 @@ class Machine:
             user_of=registry.user_of,
         )
         settings = pipeline_settings(config) if pipeline is None else pipeline
-        self.pipeline = Pipeline(modes, self.scene, settings, parasitic_modes=parasitic_modes)
+        self.pipeline = Pipeline(modes, self.scene, settings)
         self._supervise = partial(_supervise, self.supervisor)
         self._set_baud = set_baud
         self.board = BoardGateway(

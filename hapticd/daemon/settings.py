@@ -43,8 +43,6 @@ def pipeline_settings(config: Config) -> PipelineSettings:
             period_ms=prediction.period_ms,
             noise_mm=prediction.noise_mm,
         ),
-        derating_mm2_um2=solver.derating_mm2_um2,
-        phase_rotation=solver.phase_rotation,
         contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,

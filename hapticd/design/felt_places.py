@@ -15,7 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from hapticd.core.solver.felt import COLD_ITERATIONS, COLD_TURN_RAD, STAY_FRAC, counted_jnd, felt_points
+from hapticd.core.solver.felt import (
+    COLD_ITERATIONS,
+    COLD_TURN_RAD,
+    STAY_FRAC,
+    UNCERTAIN_FRAC,
+    counted_jnd,
+    felt_points,
+    stickiness,
+)
 from hapticd.core.solver.felt_descent import descend
 from hapticd.values import WEBER_FRAC, ComplexArray, FloatArray
 
@@ -113,7 +121,7 @@ def _descended(
 ) -> ComplexArray:
     weights = [weight for _, _, weight in felt_points()]
     frictions = [curve.friction(target_um) for target_um in targets_um]
-    counted = counted_jnd(frictions, [0] * len(frictions))
+    counted, sticky = counted_jnd(frictions, [0] * len(frictions)), stickiness(frictions)
     limits = tuple(limits_um.tolist())
     modal_um = np.empty((len(solved), limits_um.size), np.complex128)
     for place, phi in enumerate(solved):
@@ -123,6 +131,7 @@ def _descended(
             weights,
             frictions,
             counted,
+            sticky,
             [1.0] * len(frictions),
             curve.pieces,
             (curve.full_um, curve.floor_frac),
@@ -132,6 +141,7 @@ def _descended(
             [0.0] * len(frictions),
             COLD_ITERATIONS,
             STAY_FRAC,
+            UNCERTAIN_FRAC,
         )
         modal_um[place] = np.array(d_um) + 1j * np.array(q_um)
     return modal_um

@@ -149,8 +149,6 @@ class Simulation:
         self.modes = plate.measured_mode_map(seed) if measured is None else measured.modes
         self._calibration = UNCALIBRATED if measured is None else measured.calibration
         self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
-        if self.parasitic_modes is not None and measured is not None and measured.load_1_s is not None:
-            self.parasitic_modes = self.parasitic_modes.with_load(measured.load_1_s)
         self.machine = self._new_machine()
         self._sensor = SensorModel(
             sensor_settings(

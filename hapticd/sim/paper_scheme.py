@@ -8,12 +8,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from ..config import Config
-from ..core.phasors import ModeRow, ModeRows, within
+from ..core.phasors import ModeRow, ModeRows
 from ..core.pipeline_settings import PipelineSettings
 from ..core.prediction.motion import MotionModel, Sample
 from ..core.prediction.predictor import PredictorFactory
-from ..core.solver.points.general import solve_exactly
+from ..core.solver import solve
+from ..core.solver.two_modes import clamped
 from ..daemon.settings import pipeline_settings
 
 
@@ -51,8 +54,6 @@ def paper_pipeline(config: Config) -> PipelineSettings:
         pipeline_settings(config),
         make_predictor=HOLD.for_touch,
         solve=invert,
-        derating_mm2_um2=0.0,
-        phase_rotation=False,
         contact_radius_mm=0.0,
         max_knots=1,
     )
@@ -66,11 +67,12 @@ def paper_config(config: Config) -> Config:
 def invert(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None = None) -> tuple[ModeRow, bool]:
     """Modal amplitudes by the inverse of Phi, scaled into the limits (paper, section IV.B), and `limited`.
 
-    Defined for two fingers on two modes; any other number by the best of all signs, without continuity.
+    Defined for two fingers on two modes; any other number by `core.solver.solve`, without continuity.
     """
     del previous
     if len(rows) != 2 or len(limits) != 2:
-        return solve_exactly(rows, targets, limits)
+        found = solve(np.reshape(rows, (len(rows), len(limits))), targets, limits)
+        return tuple(found.modal_um.tolist()), found.limited
     (a, b), (c, d) = rows
     determinant = a * d - b * c
     x, y = d * targets[0] - b * targets[1], a * targets[1] - c * targets[0]
@@ -79,4 +81,4 @@ def invert(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow 
     excess = max(abs(x) / limits[0], abs(y) / limits[1])
     limited = excess > abs(determinant)
     divisor = math.copysign(excess, determinant) if limited else determinant
-    return within((x / divisor, y / divisor), (limits[0], limits[1])), limited
+    return (clamped(x / divisor, limits[0]), clamped(y / divisor, limits[1])), limited

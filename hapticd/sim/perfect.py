@@ -37,8 +37,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
     solver = InstantSolver(
         plate.true_mode_map(),
         plate.w_limit_um,
-        derating_mm2_um2=0.0,
-        phase_rotation=False,
+        derates=False,
         contact_radius_mm=settings.contact_radius_mm,
         friction_curve=curve,
     )

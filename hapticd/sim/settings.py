@@ -60,11 +60,10 @@ class Settings:
 
 
 class Measured(NamedTuple):
-    """What the daemon has measured of the plate: the mode map, the calibration for the board, and a finger's load."""
+    """What the daemon has measured of the plate: the mode map, and the calibration for the board."""
 
     modes: ModeShapes
     calibration: BoardCalibration = UNCALIBRATED
-    load_1_s: complex | None = None  # of a finger on parasitic modes: decay less j times detuning
 
 
 def as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:

@@ -20,9 +20,8 @@ from pathlib import Path
 
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.loader import load, on_plate, with_uncertainty
-from ..config.sections import SIMULATED, Config, PlateConfig, SimConfig
-from ..core.plate.mode_shapes import ModeShapes
-from ..core.plate.parasitic_modes import ParasiticModes
+from ..config.sections import SIMULATED, Config, SimConfig
+from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..daemon.daemon import Daemon
 from ..daemon.lifecycle import serve
 from ..daemon.settings import warm_up
@@ -270,11 +269,7 @@ def load_parasitic_modes(config: Config) -> ParasiticModes | None:
     detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.parasitic_detuning_hz]
     modes = _measured(config, "parasitic_modes_file")
     try:
-        return ParasiticModes(
-            *(modes, plate.parasitic_decay_1_s, detuning_rad_s),
-            plate.finger_decay_1_s,
-            2.0 * math.pi * plate.finger_detuning_hz,
-        )
+        return ParasiticModes(modes, plate.parasitic_decay_1_s, detuning_rad_s)
     except ValueError as error:
         raise ConfigError(f"plate.parasitic_modes_file: {error}") from None
 
@@ -319,7 +314,6 @@ def _on_rig(config: Config, rig_dir: Path) -> Config:
         config = on_plate(config, found.size_mm, described.limits.w_limit_um)
     if config.plate.parasitic_modes_file:
         return config
-    is_usual = config.plate.finger_decay_1_s == PlateConfig().finger_decay_1_s  # else it was learned
     return replace(
         config,
         plate=replace(
@@ -327,7 +321,6 @@ def _on_rig(config: Config, rig_dir: Path) -> Config:
             parasitic_modes_file=found.parasitic_modes_file,
             parasitic_detuning_hz=found.parasitic_detuning_hz,
             parasitic_decay_1_s=found.parasitic_decay_1_s,
-            finger_decay_1_s=found.finger_decay_1_s if is_usual else config.plate.finger_decay_1_s,
         ),
     )
 

@@ -15,7 +15,6 @@ from ..config.sections import SIGMAS, Config, UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.touch.contact_form import LEAST_MM, MOST_MM
 from ..daemon.settings import has_contacts, plate_from_pad
-from ..design import finger_load
 from ..design.touch.contacts import KNOWN_MM, contact_sizes, ellipse_law
 from ..design.touch.judge import NO_CHANGE, Judged, calibrate
 from ..design.touch.model import LATENCY, Calibration
@@ -102,20 +101,6 @@ def windows_of(touched: Touched) -> Windows:
 def judged_by(touched: Touched) -> Judged:
     """Fit and judge what a recording shows."""
     return calibrate(windows_of(touched), touched.header.modes, touched.header.parasitic_modes)
-
-
-def learned_load(touched: Touched, windows: Windows, judged: Judged) -> complex | None:
-    """Return a finger's load, if parasitic modes are known, touches tell it, and it is not that of the header.
-
-    None also where the fit of the pad was refused: it is unknown then where on the plate the fingers were.
-    """
-    header = touched.header
-    if header.parasitic_modes is None or judged.refusal not in ("", NO_CHANGE):
-        return None
-    usual_1_s = float(np.mean(header.parasitic_modes.decay_1_s))  # modes of one plate and nearly one frequency
-    known_1_s = {one.mode: math.pi * one.frequency_hz / one.q_factor for one in header.calibration.modes}
-    decay_1_s = [known_1_s.get(mode, usual_1_s) for mode in range(header.modes.M)]
-    return finger_load.learned_1_s(windows, header.modes, header.parasitic_modes, decay_1_s, judged.calibration)
 
 
 def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:

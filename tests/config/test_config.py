@@ -52,7 +52,7 @@ def test_an_empty_file_is_the_default_and_the_default_is_the_simulated_plate(tmp
 def test_what_is_printed_is_what_is_in_force(tmp_path: Path) -> None:
     changed = load('[limits]\nw_limit_um = [3.5, 2]\n[log]\nlevel = "debug"\n[sim]\nseed = 7\n', tmp_path)
     assert load(config.render(changed), tmp_path) == changed
-    assert load("[solver]\nphase_rotation = false", tmp_path).solver.phase_rotation is False
+    assert load("[realtime]\nlock_memory = true", tmp_path).realtime.lock_memory is True
     assert changed.limits.w_limit_um == (3.5, 2.0)
 
 
@@ -104,7 +104,6 @@ def test_references_leave_room_for_what_is_not_known_of_the_sensors(tmp_path: Pa
         ("[device]\nport = '/dev/ttyACM0'", 'real board: set it to "hid", "evdev" or "tuio"'),
         ("[sim]\nseed = -1", "sim.seed: -1 is out of bounds, it must be 0 .. 2147483647."),
         ("[device]\nport = 'x'\n[trackpad]\nsource = 'hid'", "plate.modes_file: a real plate needs"),
-        ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
         ("[realtime]\nfifo_priority = true", "realtime.fifo_priority: must be a whole number, not True"),
         ("[client]\ntcp = '10.0.0.1:7410'", "client.tcp: needs keys"),
         ("[client]\ntcp = '10.0.0.1'\nkeys_dir = 'k'", "client.tcp: must be an address and the first of three ports"),
@@ -113,7 +112,7 @@ def test_references_leave_room_for_what_is_not_known_of_the_sensors(tmp_path: Pa
         ("[client]\ntcp = '*:0'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[client]\ntcp = '*:\u0661'\nkeys_dir = 'k'", "client.tcp: must be an address"),
         ("[device]\ncontroller = 'hope'", "device.controller: 'hope' is not one of pi, pi_ff, deadbeat"),
-        ("[solver]\nphase_rotation = 1", "solver.phase_rotation: must be true or false, not 1"),
+        ("[realtime]\nlock_memory = 1", "realtime.lock_memory: must be true or false, not 1"),
         ("[solver]\nmax_knots = true", "solver.max_knots: must be a whole number"),
         ("[sim]\nscenario = 'dance'", "sim.scenario: 'dance' is not one of strokes"),
         ("[sim]\nseed = 9223372036854775808\n", "beyond 64 bits"),

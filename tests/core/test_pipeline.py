@@ -20,7 +20,8 @@ from pipeline_bench import (
     felt_um,
 )
 
-from hapticd.core.solver.derating import LEAST_SHARE
+from hapticd.core.solver import solve
+from hapticd.core.solver.two_modes import DERATING_MM2_UM2, LEAST_SHARE
 from hapticd.sim.paper_scheme import invert
 from hapticd.values import Aim
 from hapticd_contract.contents import Amplitude, Grating
@@ -186,7 +187,7 @@ def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
         for knot in tick.drive.knots:
             here_mm = bench.scene.virtual_position_mm("walker", tick.drive.t_apply_ns + knot.dt_ns)
             wanted_um = bench.scene.amplitude_um("walker", *here_mm)
-            assert felt_um(knot.modal_um, here_mm) == pytest.approx(wanted_um, abs=1e-9) or tick.limited
+            assert felt_um(knot.modal_um, here_mm) == pytest.approx(wanted_um, abs=1e-3) or tick.limited
     assert counts["square"] > 2 * counts["constant"]
 
 
@@ -203,7 +204,7 @@ def test_a_virtual_finger_takes_part_where_it_will_be(bench: Bench) -> None:
 
 
 def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
-    ours, paper = Bench(max_knots=2), Bench(max_knots=2, solve=invert, phase_rotation=False)
+    ours, paper = Bench(max_knots=2), Bench(max_knots=2, solve=invert)
     largest = {}
     for name, bench in (("ours", ours), ("paper", paper)):
         path = VirtualPath(((-30.0, 3.0), (-10.0, 3.0)), 100.0, loop=False)  # crosses a singular position
@@ -230,24 +231,17 @@ def test_a_silent_pad_is_noticed_and_a_lost_one_forgets_its_fingers(bench: Bench
     assert bench.report(SLIPPERY).drive is None  # a new finger without a target
 
 
-@pytest.mark.parametrize("price", [0.0, 5.0, 20.0])
-def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and_the_zero_stays(price: float) -> None:
-    riding, derated = Bench(max_knots=2), Bench(max_knots=2, derating_mm2_um2=price)
+def test_where_the_limit_keeps_a_finger_from_its_target_amplitude_is_derated_and_the_zero_stays(bench: Bench) -> None:
     nearly_singular = (STICKY[0] - 27.3, STICKY[1])  # a wavelength on: nearly the same shapes
-    ticks = []
-    for bench in (riding, derated):
-        bench.land({nearly_singular: 1.0, STICKY: 0.0})
-        ticks.append(bench.report(nearly_singular, STICKY))
-    assert ticks[0].limited
-    assert ticks[1].limited
-    share = amplitude_um(ticks[0], 0, nearly_singular)
-    assert 0.0 < share < 1.0
-    slopes = PLATE.gradient([STICKY])[0]
-    slope_um_mm = np.linalg.norm(np.real(ticks[0].drive.knots[0].modal_um) @ slopes)
-    scale = min(1.0, math.hypot(share, LEAST_SHARE) / max(price * slope_um_mm**2, 1e-12))
-    assert (scale < 1.0) == (price > 0.0)
-    assert amplitude_um(ticks[1], 0, nearly_singular) == pytest.approx(share * scale, rel=1e-9)
-    assert amplitude_um(ticks[1], 0, STICKY) < 1e-12
+    bench.land({nearly_singular: 1.0, STICKY: 0.0})
+    tick = bench.report(nearly_singular, STICKY)
+    assert tick.limited
+    riding = solve(PLATE.evaluate([nearly_singular, STICKY]), [1.0, 0.0], 4.0)
+    share, slope_um_mm = riding.achieved_um[0], np.linalg.norm(riding.modal_um @ PLATE.gradient([STICKY])[0])
+    scale = math.hypot(share, LEAST_SHARE) / (DERATING_MM2_UM2 * slope_um_mm**2)
+    assert scale < 1.0
+    assert amplitude_um(tick, 0, nearly_singular) == pytest.approx(share * scale, rel=1e-9)
+    assert amplitude_um(tick, 0, STICKY) < 1e-12
 
 
 def test_the_past_has_the_reference_that_was_in_force_and_where_the_fingers_were(bench: Bench) -> None:

@@ -69,9 +69,7 @@ class _Walker:
         self._map: Final = plate.true_mode_map()
         self._limits_um: Final = plate.w_limit_um
         self._ways: Final = closed_ways(walk.seed, find_glass(WIDE).size_mm)
-        self._solver: Final = InstantSolver(
-            self._map, self._limits_um, derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=CONTACT_RADIUS_MM
-        )
+        self._solver: Final = InstantSolver(self._map, self._limits_um, contact_radius_mm=CONTACT_RADIUS_MM)
         self._perception: Final = ContactPerception(DEFAULT_FRICTION_CURVE, CONTACT_RADIUS_MM)
         self._modal_um: tuple[complex, ...] = (0j,) * walk.modes
         self.longest_um = self.peak_frac = 0.0

@@ -33,7 +33,7 @@ def shapes(points_mm: np.ndarray) -> np.ndarray:
 
 def error_in_the_daemon(places_mm: np.ndarray, frictions: tuple[float, ...]) -> float:
     """Settle the daemon's solver from rest; return the largest error by the simulation's own quadrature."""
-    solver = InstantSolver(MODES, LIMITS_UM, derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=5.0)
+    solver = InstantSolver(MODES, LIMITS_UM, contact_radius_mm=5.0)
     targets_um = [DEFAULT_FRICTION_CURVE.amplitude_um(friction) for friction in frictions]
     places = [(x_mm, y_mm, target_um) for (x_mm, y_mm), target_um in zip(places_mm.tolist(), targets_um, strict=True)]
     modal_um = (0j,) * 4

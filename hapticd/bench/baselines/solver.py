@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...core.phasors import ModeRow, ModeRows, clamped
+from ...core.phasors import ModeRow, ModeRows
 from ...core.solver import public
-from ...core.solver.points.general import solve_fast
+from ...core.solver.two_modes import clamped
 from ...sim.paper_scheme import invert
 from ...values import Solution
 
@@ -55,12 +55,17 @@ def solve_rows(
         return _keep_ratio(rows, targets, limits, previous)
     if policy == "least_squares":
         targets = tuple([max(target, _NEARLY_STILL_UM) for target in targets]) if any(targets) else targets
-    return solve_fast(rows, targets, limits, previous)
+    return _solved(rows, targets, limits, previous)
 
 
 def _keep_ratio(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None) -> tuple[ModeRow, bool]:
-    free_um, _ = solve_fast(rows, targets, (_UNLIMITED_UM,) * len(limits), previous)
+    free_um, _ = _solved(rows, targets, (_UNLIMITED_UM,) * len(limits), previous)
     excess = max([abs(w_um) / limit_um for w_um, limit_um in zip(free_um, limits, strict=True)])
     if not excess > 1.0:
         return free_um, False
     return tuple([clamped(w_um / excess, limit_um) for w_um, limit_um in zip(free_um, limits, strict=True)]), True
+
+
+def _solved(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None) -> tuple[ModeRow, bool]:
+    found = public.solve(np.reshape(rows, (len(rows), len(limits))), targets, limits, previous_um=previous)
+    return tuple(found.modal_um.tolist()), found.limited

@@ -9,7 +9,9 @@ Outside the map the shapes are those of the nearest edge point, which `inside` r
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +24,7 @@ from hapticd.values import FloatArray
 if TYPE_CHECKING:
     from hapticd.formats.mode_map import MapPath
 
-__all__ = ["BicubicSurfaces", "ModeShapes"]
+__all__ = ["BicubicSurfaces", "ModeShapes", "ParasiticModes"]
 
 _Row = tuple[float, ...]  # of M shapes at one point
 _Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
@@ -170,6 +172,24 @@ class ModeShapes:
         x, y = _points(points_mm).T
         on_x = (x >= self.x_mm[0]) & (x <= self.x_mm[-1])
         return np.asarray(on_x & (y >= self.y_mm[0]) & (y <= self.y_mm[-1]), np.bool_)
+
+
+class ParasiticModes:
+    """Measured modes that are near the drive but not driven: shapes, decay (1/s) and detuning from the drive (rad/s) of
+    each. Touches make them move, which `hapticd calibrate touch` takes into account. Raises ValueError for numbers that
+    are not one for each mode, or not finite.
+    """
+
+    def __init__(self, modes: ModeShapes, decay_1_s: Sequence[float], detuning_rad_s: Sequence[float]) -> None:
+        if not len(decay_1_s) == len(detuning_rad_s) == modes.M:
+            raise ValueError(f"{modes.M} neighbouring modes need as many decays and detunings.")
+        if not all(decay > 0.0 for decay in decay_1_s):
+            raise ValueError("The neighbouring modes' decays must be above 0.")
+        if not all(map(math.isfinite, (*decay_1_s, *detuning_rad_s))):
+            raise ValueError("The neighbouring modes' decays and detunings must be finite.")
+        self.modes = modes
+        self.decay_1_s = tuple(decay_1_s)
+        self.detuning_rad_s = tuple(detuning_rad_s)
 
 
 def _interval(knots: tuple[float, ...], per_mm: float, position_mm: float) -> int:

@@ -45,6 +45,9 @@ FIRST_IN_PART: Final = 0.7  # friction from which on errors count in full where 
 FIRST: Final = 0.9  # and altogether
 MOST_SLIPPERY: Final = 0.9  # of a just noticeable difference: as much of a slippery finger's error counts
 MOST_LOWER: Final = 0.7  # of what counts one priority above: in six calls 48 % of places are felt, with 0.8 36 %
+TO_ZERO: Final = (0.9, 0.97)  # frictions from which on a finger's points are pulled to 0, in part and altogether
+EXACT: Final = 2.0  # as stickiness: a point that gets 0
+UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
 STAY_FRAC: Final = 0.03  # of the mean curvature: keeps W where directions are nearly equal
 COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
 MISSED_JND: Final = 1.0  # more than this counts as limited
@@ -72,8 +75,8 @@ def solve_felt(
 
     `shapes` (N, Q, M) are those at the points of each contact (`contact_shapes`), of these `weights` (Q,); `stretches`
     (N,) are by how much more amplitude each finger needs as it slides, `priorities` (N,) say whose errors come first.
-    `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. If W is 0, the
-    search starts from all modes alike.
+    Where a contact is one point, still fingers get exactly 0. `log_weights` (N,) are kept from call to call, from 0
+    on. Without a slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
     """
     if not is_any_slippery(targets_um):
         for k in range(len(limits_um)):
@@ -92,6 +95,7 @@ def solve_felt(
         weights,
         frictions,
         counted_jnd(frictions, priorities),
+        stickiness(frictions) if len(weights) > 1 else [EXACT * (target_um == 0.0) for target_um in targets_um],
         stretches,
         curve.pieces,
         (curve.full_um, curve.floor_frac),
@@ -101,6 +105,7 @@ def solve_felt(
         log_weights,
         COLD_ITERATIONS if is_cold else ITERATIONS,
         STAY_FRAC,
+        UNCERTAIN_FRAC,
     )
     return rms_um, _is_limited(errors_jnd, limits_um, d_um, q_um)
 
@@ -137,6 +142,11 @@ def is_any_slippery(targets_um: tuple[float, ...]) -> bool:
     return is_any
 
 
+def stickiness(frictions: list[float]) -> list[float]:
+    """Return the share in which the points of each finger are pulled to 0, by the friction that is asked of it."""
+    return [_between(friction, *TO_ZERO) for friction in frictions]
+
+
 def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
     """Return as much of each finger's error as counts, in just noticeable differences, for the targets' frictions and
     the fingers' priorities.
@@ -144,7 +154,7 @@ def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
     Of each priority in use a share of what counts one above. Within the highest, where there are lower ones, the
     stickiest finger counts in full, however slippery it is.
     """
-    slipperiness = [1.0 - _stickiness(friction) for friction in frictions]
+    slipperiness = [1.0 - _between(friction, FIRST_IN_PART, FIRST) for friction in frictions]
     if priorities.count(priorities[0]) == len(priorities):
         return [MOST_SLIPPERY / more if more > 0.0 else math.inf for more in slipperiness]
     in_use = sorted(set(priorities), reverse=True)
@@ -160,8 +170,8 @@ def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
     return counted
 
 
-def _stickiness(friction: float) -> float:
-    share = (friction - FIRST_IN_PART) / (FIRST - FIRST_IN_PART)
+def _between(friction: float, low: float, high: float) -> float:
+    share = (friction - low) / (high - low)
     return 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
 
 

@@ -1,7 +1,7 @@
-/* The iteration of `felt.py` as machine code: felt_descent.py, translated line by line, to the last bit.
+/* The iteration of `felt.py`, which explains the rule, and the shapes at the points of contacts.
  *
- * Names and constants are explained there. The order of each sum is that of the Python, and the compiler may not fuse
- * products into sums (`build_ext.py`): tests/core/solver/test_felt_descent.py compares the bits of both. */
+ * The compiler may not fuse products into sums: every machine gives the same bits. tests/core/solver/test_felt_descent.py
+ * has the same iteration on arrays. */
 
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
@@ -9,19 +9,17 @@
 #include <string.h>
 
 static const double WEBER_FRAC = 0.11;
-static const double UNCERTAIN_FRAC = 0.01;
-static const double TO_ZERO[2] = {0.9, 0.97};
-static const double RATE = 0.3;
-static const double LEAST_JND = 0.02;
-static const double MOST_WEIGHT = 4.6;
-static const double ROUND_UM = 0.05;
-static const double MOST_LESS = 1.5;
-enum { SWEEPS = 4 };
-static const double PAST_FRAC = 0.1;
+static const double RATE = 0.3;            /* of the weights */
+static const double LEAST_JND = 0.02;      /* smaller errors weigh alike */
+static const double MOST_WEIGHT = 4.6;     /* of its logarithm: 100 either way */
+static const double ROUND_UM = 0.05;       /* of amplitude, about which |r| is rounded */
+static const double MOST_LESS = 1.5;       /* of its decay: by how much a point is pulled towards 0 at most; outwards once */
+enum { SWEEPS = 4 };                       /* of an iteration */
+static const double PAST_FRAC = 0.1;       /* 0.2 makes larger steps */
 static const double TINY_UM = 1e-9;
 static const double SAFE = 1e100;
-static const double INSIDE = 1.0 - 0x1p-50;
-enum { MOST_MODES = 8 };
+static const double INSIDE = 1.0 - 0x1p-50; /* of a limit: rounding leads nowhere beyond it */
+enum { MOST_MODES = 16 };
 enum { COEFFICIENTS = 16 }; /* of one surface in one cell: bicubic.py */
 
 /* Numbers of all points lie one after another, (M, N Q) and (N Q,), so that the compiler computes two at a time; those of
@@ -32,12 +30,12 @@ typedef double pair_t __attribute__((vector_size(2 * sizeof(double)), aligned(si
 
 typedef struct {
     Py_ssize_t fingers, points, modes, pieces, room; /* for an even number of points, N Q or one more */
-    const double *weights, *frictions, *counted, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
-    double full_um, least;
+    const double *weights, *frictions, *counted, *stickiness, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
+    double full_um, least, uncertain; /* uncertain: the square of the share of a mode's amplitude */
     const double *shapes;                                             /* (N Q, M) */
     double *across, *squared, *row_pairs;                             /* (M, N Q), the same squared, and (N Q, pairs) */
     double *w_d_um, *w_q_um, *rms_um, *friction, *rate_1_um, *decay_um, *kappa, *pulled; /* (N Q,) */
-    double *d_um, *q_um, *pull_d, *pull_q;                            /* (M,) */
+    double *d_um, *q_um, *pull_d, *pull_q, *centre_d, *centre_q;      /* (M,) */
     double *curvature;                                                /* (M, M) */
     double *log_weights, *errors, *got, *logs, *contact_rms_um;       /* (N,) */
     double *rates_1_um;                                               /* (pieces,) */
@@ -78,7 +76,7 @@ INLINE void move_points(problem_t *p, const Py_ssize_t modes)
         }
         *(pair_t *)&p->w_d_um[place] = d;
         *(pair_t *)&p->w_q_um[place] = q;
-        *(pair_t *)&rms_um[place] = d * d + q * q + UNCERTAIN_FRAC * UNCERTAIN_FRAC * uncertain;
+        *(pair_t *)&rms_um[place] = d * d + q * q + p->uncertain * uncertain;
     }
     for (Py_ssize_t place = 0; place < room; place++)
         rms_um[place] = sqrt(rms_um[place]);
@@ -104,12 +102,6 @@ static void feel(problem_t *p)
         p->got[finger] = got;
         p->errors[finger] = (got - wanted) / (WEBER_FRAC * wanted);
     }
-}
-
-static double share_of(double friction, const double *ends)
-{
-    const double share = (friction - ends[0]) / (ends[1] - ends[0]);
-    return share < 0.0 ? 0.0 : (share > 1.0 ? 1.0 : share);
 }
 
 static void weigh(problem_t *p)
@@ -143,7 +135,7 @@ static void majorise(problem_t *p, Py_ssize_t finger)
     double *restrict kappa = p->kappa + first, *restrict pulled = p->pulled + first;
     const double wanted = p->frictions[finger], stretch = p->stretches[finger];
     const double alpha = exp(p->log_weights[finger]) / (WEBER_FRAC * wanted);
-    const double stickiness = share_of(wanted, TO_ZERO);
+    const double stickiness = p->stickiness[finger];
     double outwards = (p->got[finger] - wanted) / p->got[finger];
     outwards = outwards > 1.0 ? 1.0 : (outwards < -MOST_LESS ? -MOST_LESS : outwards);
     for (Py_ssize_t index = 0; index < points; index++)
@@ -206,11 +198,11 @@ INLINE void sweep(problem_t *p, const Py_ssize_t modes, double stay_frac)
     const double stay = stay_frac * mean;
     for (Py_ssize_t k = 0; k < modes; k++) {
         const double *curvature = &p->curvature[k * modes];
-        const double own = (1.0 + UNCERTAIN_FRAC * UNCERTAIN_FRAC) * curvature[k] + stay;
+        const double own = (1.0 + p->uncertain) * curvature[k] + stay;
         const double share = own > 0.0 ? (1.0 + PAST_FRAC) / own : 0.0;
         d_um[k] = p->d_um[k], q_um[k] = p->q_um[k], shares[k] = share;
-        pull_d[k] = share * (p->pull_d[k] + stay * d_um[k]);
-        pull_q[k] = share * (p->pull_q[k] + stay * q_um[k]);
+        pull_d[k] = share * (p->pull_d[k] + stay * p->centre_d[k]);
+        pull_q[k] = share * (p->pull_q[k] + stay * p->centre_q[k]);
         for (Py_ssize_t other = 0; other < modes; other++)
             line[k][other] = share * curvature[other];
         line[k][k] = PAST_FRAC;
@@ -261,6 +253,128 @@ static void iterate(problem_t *p, double stay_frac)
     case 8: iterate_for(p, 8, stay_frac); break;
     default: iterate_for(p, p->modes, stay_frac);
     }
+}
+
+/* --- points: still fingers get exactly 0 --------------------------------------------------------------------------- */
+
+static const double INDEPENDENT = 1e-12; /* of a row: what the others must leave of it */
+
+static double dot(const double *one, const double *other, Py_ssize_t count)
+{
+    double total = 0.0;
+    for (Py_ssize_t k = 0; k < count; k++)
+        total += one[k] * other[k];
+    return total;
+}
+
+/* Takes from a vector its projection on `size` orthonormal rows; twice leaves rounding alone. */
+static void leave(const double *basis, Py_ssize_t size, double *vector, Py_ssize_t modes)
+{
+    for (int time = 0; time < 2; time++)
+        for (Py_ssize_t row = 0; row < size; row++) {
+            const double share = dot(&basis[row * modes], vector, modes);
+            for (Py_ssize_t k = 0; k < modes; k++)
+                vector[k] -= share * basis[row * modes + k];
+        }
+}
+
+/* Returns the size of an orthonormal basis, of `size` rows, with this one; one that depends on it adds nothing. */
+static Py_ssize_t with_row(double *basis, Py_ssize_t size, const double *row, Py_ssize_t modes)
+{
+    if (size == modes)
+        return size;
+    double *unit = &basis[size * modes];
+    const double before = sqrt(dot(row, row, modes));
+    memcpy(unit, row, (size_t)modes * sizeof(double));
+    leave(basis, size, unit, modes);
+    const double length = sqrt(dot(unit, unit, modes));
+    if (!(length > INDEPENDENT * before))
+        return size;
+    for (Py_ssize_t k = 0; k < modes; k++)
+        unit[k] /= length;
+    leave(basis, size, unit, modes);
+    return size + 1;
+}
+
+typedef struct {
+    Py_ssize_t still, moved; /* rows of both bases */
+    double still_rows[MOST_MODES * MOST_MODES], moved_rows[MOST_MODES * MOST_MODES];
+    double centre_d[MOST_MODES], centre_q[MOST_MODES], off_d[MOST_MODES], off_q[MOST_MODES];
+} freedom_t;
+
+static const double HOLD_FRAC = 1.0; /* of the mean curvature, by which W is drawn towards what no still finger feels */
+
+/* Leaves of each slipping finger's row (N, M) what no still finger feels, of a still one's nothing. */
+static void free_rows(freedom_t *f, double *rows, double *stickiness, Py_ssize_t fingers, Py_ssize_t modes)
+{
+    f->still = f->moved = 0;
+    for (Py_ssize_t finger = 0; finger < fingers; finger++)
+        if (stickiness[finger] > 1.0)
+            f->still = with_row(f->still_rows, f->still, &rows[finger * modes], modes);
+    for (Py_ssize_t finger = 0; finger < fingers; finger++) {
+        double *row = &rows[finger * modes];
+        const double before = sqrt(dot(row, row, modes));
+        leave(f->still_rows, f->still, row, modes);
+        if (stickiness[finger] > 1.0 || f->still == modes || !(sqrt(dot(row, row, modes)) > INDEPENDENT * before))
+            memset(row, 0, (size_t)modes * sizeof(double));
+        else
+            f->moved = with_row(f->moved_rows, f->moved, row, modes);
+        stickiness[finger] = stickiness[finger] > 1.0 ? 1.0 : stickiness[finger];
+    }
+}
+
+/* W within the limits and V that no still finger feels draw each other, and what they still differ by adds up
+ * (alternating direction method of multipliers: D. Gabay and B. Mercier, Computers & Mathematics with Applications 2,
+ * 1976). The sweep is drawn towards V less that sum. */
+static void begin_held(freedom_t *f, const problem_t *p)
+{
+    const size_t size = (size_t)p->modes * sizeof(double);
+    memset(f->off_d, 0, size), memset(f->off_q, 0, size);
+    memcpy(f->centre_d, p->d_um, size), memcpy(f->centre_q, p->q_um, size);
+    leave(f->still_rows, f->still, f->centre_d, p->modes);
+    leave(f->still_rows, f->still, f->centre_q, p->modes);
+}
+
+static void hold(freedom_t *f, const problem_t *p)
+{
+    double v_d[MOST_MODES], v_q[MOST_MODES];
+    for (Py_ssize_t k = 0; k < p->modes; k++)
+        v_d[k] = p->d_um[k] + f->off_d[k], v_q[k] = p->q_um[k] + f->off_q[k];
+    leave(f->still_rows, f->still, v_d, p->modes);
+    leave(f->still_rows, f->still, v_q, p->modes);
+    for (Py_ssize_t k = 0; k < p->modes; k++) {
+        f->off_d[k] += p->d_um[k] - v_d[k], f->off_q[k] += p->q_um[k] - v_q[k];
+        f->centre_d[k] = v_d[k] - f->off_d[k], f->centre_q[k] = v_q[k] - f->off_q[k];
+    }
+}
+
+static double largest_of(const problem_t *p, const double *d_um, const double *q_um)
+{
+    double largest = 0.0;
+    for (Py_ssize_t k = 0; k < p->modes; k++)
+        largest = fmax(largest, hypot(d_um[k], q_um[k]) / p->limits_um[k]);
+    return largest;
+}
+
+/* Takes from W what still fingers feel, and what no finger does where the limits allow it; scales it into these. */
+static void free_amplitudes(const freedom_t *f, problem_t *p)
+{
+    double part_d[MOST_MODES], part_q[MOST_MODES];
+    leave(f->still_rows, f->still, p->d_um, p->modes);
+    leave(f->still_rows, f->still, p->q_um, p->modes);
+    memcpy(part_d, p->d_um, sizeof(double) * (size_t)p->modes);
+    memcpy(part_q, p->q_um, sizeof(double) * (size_t)p->modes);
+    leave(f->moved_rows, f->moved, part_d, p->modes);
+    leave(f->moved_rows, f->moved, part_q, p->modes);
+    for (Py_ssize_t k = 0; k < p->modes; k++)
+        part_d[k] = p->d_um[k] - part_d[k], part_q[k] = p->q_um[k] - part_q[k];
+    if (largest_of(p, part_d, part_q) <= INSIDE || f->moved == 0) {
+        memcpy(p->d_um, part_d, sizeof(double) * (size_t)p->modes);
+        memcpy(p->q_um, part_q, sizeof(double) * (size_t)p->modes);
+    }
+    const double largest = largest_of(p, p->d_um, p->q_um);
+    for (Py_ssize_t k = 0; k < p->modes && largest > INSIDE; k++)
+        p->d_um[k] *= INSIDE / largest, p->q_um[k] *= INSIDE / largest;
 }
 
 static void measure(problem_t *p)
@@ -425,27 +539,28 @@ failed:
 static PyObject *descend(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    PyObject *shapes, *weights, *frictions, *counted, *stretches, *pieces, *limits, *d, *q, *log_weights, *answer = NULL;
+    PyObject *shapes, *weights, *frictions, *counted, *sticky, *stretches, *pieces, *limits, *d, *q, *log_weights, *answer = NULL;
     problem_t p;
     Py_ssize_t iterations;
-    double stay_frac;
-    if (!PyArg_ParseTuple(arguments, "SO!O!O!O!O!(dd)O!O!O!O!nd", &shapes, &PyList_Type, &weights,
-                          &PyList_Type, &frictions, &PyList_Type, &counted, &PyList_Type, &stretches,
+    double stay_frac, uncertain_frac;
+    if (!PyArg_ParseTuple(arguments, "SO!O!O!O!O!O!(dd)O!O!O!O!ndd", &shapes, &PyList_Type, &weights,
+                          &PyList_Type, &frictions, &PyList_Type, &counted, &PyList_Type, &sticky, &PyList_Type, &stretches,
                           &PyList_Type, &pieces, &p.full_um, &p.least,
                           &PyTuple_Type, &limits, &PyList_Type, &d, &PyList_Type, &q, &PyList_Type, &log_weights,
-                          &iterations, &stay_frac))
+                          &iterations, &stay_frac, &uncertain_frac))
         return NULL;
+    p.uncertain = uncertain_frac * uncertain_frac;
     p.fingers = PyList_GET_SIZE(frictions), p.points = PyList_GET_SIZE(weights);
     p.modes = PyTuple_GET_SIZE(limits), p.pieces = PyList_GET_SIZE(pieces);
     const size_t n = (size_t)p.fingers, places = n * (size_t)p.points, m = (size_t)p.modes;
-    const size_t numbers = (size_t)p.points + 8 * n + 4 * (size_t)p.pieces + m * m + 5 * m;
+    const size_t numbers = n * m + (size_t)p.points + 9 * n + 4 * (size_t)p.pieces + m * m + 5 * m;
     const size_t room = places + places % 2, shaped = room * (2 * m + 8) + places * 2 * (size_t)PAIRS(m);
     if (PyBytes_GET_SIZE(shapes) != (Py_ssize_t)(places * m * sizeof(double))) {
         PyErr_SetString(PyExc_ValueError, "felt_descent: the shapes have another length");
         return NULL;
     }
     if (m > MOST_MODES) {
-        PyErr_SetString(PyExc_ValueError, "felt_descent: there are more than eight modes");
+        PyErr_SetString(PyExc_ValueError, "felt_descent: there are more than 16 modes");
         return NULL;
     }
     double *memory = PyMem_Malloc((numbers + shaped + 1) * sizeof(double));
@@ -457,26 +572,43 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
     p.across = TAKE(room * m), p.squared = TAKE(room * m), p.row_pairs = TAKE(places * 2 * (size_t)PAIRS(m));
     p.w_d_um = TAKE(room), p.w_q_um = TAKE(room), p.rms_um = TAKE(room), p.friction = TAKE(room);
     p.rate_1_um = TAKE(room), p.decay_um = TAKE(room), p.kappa = TAKE(room), p.pulled = TAKE(room);
-    double *weight = TAKE((size_t)p.points), *friction = TAKE(n), *count = TAKE(n), *stretch = TAKE(n);
+    double *weight = TAKE((size_t)p.points), *friction = TAKE(n), *count = TAKE(n), *stick = TAKE(n), *stretch = TAKE(n);
     double *piece = TAKE(3 * (size_t)p.pieces), *rate = TAKE((size_t)p.pieces), *limit = TAKE(m);
     p.d_um = TAKE(m), p.q_um = TAKE(m), p.log_weights = TAKE(n), p.errors = TAKE(n), p.got = TAKE(n);
     p.logs = TAKE(n), p.contact_rms_um = TAKE(n);
+    double *freed = TAKE(n * m);
     p.curvature = TAKE(m * m), p.pull_d = TAKE(m), p.pull_q = TAKE(m);
 #undef TAKE
     memset(p.errors, 0, n * sizeof(double));
     if (p.pieces > 0 && copy(weights, p.points, weight, 1) && copy(frictions, p.fingers, friction, 1) &&
-        copy(counted, p.fingers, count, 1) && copy(stretches, p.fingers, stretch, 1) && copy_rows(pieces, p.pieces, 3, piece, p.pieces, 1) &&
+        copy(counted, p.fingers, count, 1) && copy(sticky, p.fingers, stick, 1) && copy(stretches, p.fingers, stretch, 1) && copy_rows(pieces, p.pieces, 3, piece, p.pieces, 1) &&
         copy(limits, p.modes, limit, 1) && copy(d, p.modes, p.d_um, 1) && copy(q, p.modes, p.q_um, 1) &&
         copy(log_weights, p.fingers, p.log_weights, 1)) {
-        p.shapes = doubles_of(shapes), p.weights = weight, p.frictions = friction, p.counted = count;
+        p.shapes = doubles_of(shapes), p.weights = weight, p.frictions = friction, p.counted = count, p.stickiness = stick;
         p.stretches = stretch, p.limits_um = limit;
         p.starts_um = piece, p.origins_um = piece + p.pieces, p.decays_um = piece + 2 * p.pieces;
         for (Py_ssize_t i = 0; i < p.pieces; i++)
             rate[i] = 1.0 / p.decays_um[i];
         p.rates_1_um = rate;
+        freedom_t freedom;
+        if (p.points == 1) {
+            memcpy(freed, p.shapes, places * m * sizeof(double));
+            free_rows(&freedom, freed, stick, p.fingers, p.modes);
+            p.shapes = freed;
+        }
         lay_out(&p);
-        for (Py_ssize_t turn = 0; turn < iterations; turn++)
-            iterate(&p, stay_frac);
+        const int is_held = p.points == 1 && freedom.still > 0;
+        p.centre_d = is_held ? freedom.centre_d : p.d_um, p.centre_q = is_held ? freedom.centre_q : p.q_um;
+        if (is_held)
+            begin_held(&freedom, &p);
+        for (Py_ssize_t turn = 0; turn < iterations; turn++) {
+            iterate(&p, is_held ? HOLD_FRAC : stay_frac);
+            if (is_held)
+                hold(&freedom, &p);
+        }
+        if (p.points == 1)
+            free_amplitudes(&freedom, &p);
+        p.shapes = doubles_of(shapes);
         measure(&p);
         if (store(d, p.modes, p.d_um) && store(q, p.modes, p.q_um) && store(log_weights, p.fingers, p.log_weights)) {
             PyObject *errors = listed(p.fingers, p.errors), *rms_um = listed(p.fingers, p.contact_rms_um);
@@ -583,16 +715,16 @@ static PyObject *contacts_rms_um(PyObject *module, PyObject *arguments)
 }
 
 static PyMethodDef methods[] = {
-    {"descend", descend, METH_VARARGS, "As `descend` of felt_descent.py."},
-    {"contact_shapes", contact_shapes, METH_VARARGS, "As `contact_shapes` of felt_descent.py."},
-    {"components", components, METH_O, "As `components` of felt_descent.py."},
-    {"phasors", phasors, METH_VARARGS, "As `phasors` of felt_descent.py."},
-    {"contacts_rms_um", contacts_rms_um, METH_VARARGS, "As `contacts_rms_um` of felt_descent.py."},
+    {"descend", descend, METH_VARARGS, "See felt_descent.pyi."},
+    {"contact_shapes", contact_shapes, METH_VARARGS, "See felt_descent.pyi."},
+    {"components", components, METH_O, "See felt_descent.pyi."},
+    {"phasors", phasors, METH_VARARGS, "See felt_descent.pyi."},
+    {"contacts_rms_um", contacts_rms_um, METH_VARARGS, "See felt_descent.pyi."},
     {NULL, NULL, 0, NULL},
 };
 
 static struct PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "felt_descent", "felt_descent.py as machine code.", -1, methods, NULL, NULL, NULL, NULL,
+    PyModuleDef_HEAD_INIT, "felt_descent", "The descent of `felt`.", -1, methods, NULL, NULL, NULL, NULL,
 };
 
 PyMODINIT_FUNC PyInit_felt_descent(void)
@@ -600,8 +732,7 @@ PyMODINIT_FUNC PyInit_felt_descent(void)
     PyObject *module = PyModule_Create(&definition);
     if (tables_name == NULL)
         tables_name = PyUnicode_InternFromString("tables");
-    if (module != NULL && (tables_name == NULL || PyModule_AddObject(module, "UNCERTAIN_FRAC", PyFloat_FromDouble(UNCERTAIN_FRAC)) < 0 ||
-                           PyModule_AddObject(module, "MOST_WEIGHT", PyFloat_FromDouble(MOST_WEIGHT)) < 0))
+    if (module != NULL && (tables_name == NULL || PyModule_AddObject(module, "MOST_WEIGHT", PyFloat_FromDouble(MOST_WEIGHT)) < 0))
         Py_CLEAR(module);
     return module;
 }

@@ -1,8 +1,7 @@
 """The plate at one instant: the fingers' places and targets, and the modal amplitudes that serve them.
 
-Amplitudes are plain floats while at most one finger slips: friction depends on |w_i| only, so a sign is enough. With
-two or more slipping fingers, signs alone cannot avoid zero crossings where the best pattern of signs changes: the phase
-between fingers turns instead (`phase`), and amplitudes are complex until the plate has been silent.
+Fingers are contacts, or points where the contact's radius is 0. The paper's case of points, one slipping and one still
+on two modes, has a closed form (`two_modes`); everything else is solved by one descent (`felt`).
 """
 
 from __future__ import annotations
@@ -12,24 +11,21 @@ from typing import Final
 
 from ...values import FingerKey, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from ..phasors import ModeRows, Row, magnitude
+from ..phasors import ModeRow, ModeRows, Row
 from ..plate.contact import Disc, EllipseForm, Shapes, grown, many_points
 from ..plate.mode_shapes import ModeShapes
-from ..plate.parasitic_modes import WIRE_FRAC, ParasiticModes
-from ..trajectory.knots import SHORTEST_NS
-from .derating import derated, is_near_node, least_share, slopes_at
 from .felt import COLD_ITERATIONS, ITERATIONS, felt_points, is_any_slippery, solve_felt, step_towards
 from .felt_descent import components, contact_shapes, contacts_rms_um, phasors
-from .points.general import solve_fast
-from .points.phase import solve_phased_fast
 from .reach import ReachProblem, reach
+from .two_modes import Pair, derated, hold_still, turned
 
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
-PointSolver = Callable[[ModeRows, tuple[float, ...], tuple[float, ...], tuple[float, ...] | None], tuple[Row, bool]]
+PointSolver = Callable[[ModeRows, ModeRow, ModeRow, ModeRow | None], tuple[ModeRow, bool]]
 
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
-TURN_RAD_NS: Final = 50e-9  # speed of the phase between fingers: faster helps no finger and makes larger steps
+WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
+POINT: Final[Disc] = [(0.0, 0.0, 1.0)]
 
 
 class ModalSolution:
@@ -51,10 +47,8 @@ class ModalSolution:
 class InstantSolver:
     """Solver of one plate.
 
-    `derating_mm2_um2`: the price of `derating`, 0 to switch it off; `phase_rotation`: phases may turn;
-    `parasitic_modes`: undriven modes to compensate, which makes all amplitudes complex; `contact_radius_mm` above 0:
-    fingers are contacts, discs where their forms are not known, and amplitudes complex; `friction_curve` is what they
-    feel.
+    `contact_radius_mm`: fingers are discs of it where their forms are not known, points if it is 0; `friction_curve` is
+    what they feel. `derates`: amplitude gives way in the paper's case. `solve` takes the place of all rules for points.
     """
 
     def __init__(
@@ -62,56 +56,31 @@ class InstantSolver:
         modes: ModeShapes,
         w_limit_um: tuple[float, ...],
         *,
-        derating_mm2_um2: float,
-        phase_rotation: bool,
-        parasitic_modes: ParasiticModes | None = None,
         contact_radius_mm: float = 0.0,
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
-        solve: PointSolver = solve_fast,
+        derates: bool = True,
+        solve: PointSolver | None = None,
     ) -> None:
-        self.set_modes(modes)
-        self._w_limit_um = w_limit_um
-        self._contact_limit_um = tuple([limit_um * WIRE_FRAC for limit_um in w_limit_um])
-        self._solve = solve
-        self._derating_mm2_um2 = derating_mm2_um2
-        self._rotates = phase_rotation
-        self._parasitic_modes = parasitic_modes
-        self.set_contact_radius(contact_radius_mm)
+        self._modes: Final = modes
+        self._w_limit_um: Final = w_limit_um
+        self._wire_limit_um: Final = tuple([limit_um * WIRE_FRAC for limit_um in w_limit_um])
+        self.contact_radius_mm: Final = contact_radius_mm
+        self.has_contacts: Final = contact_radius_mm > 0.0  # then places are taken with their variance
+        self._disc: Final[Disc] = felt_points() if contact_radius_mm > 0.0 else POINT
+        self._disc_weights: Final = [weight for _, _, weight in self._disc]
+        self._curve: Final = friction_curve
+        self._derates: Final = derates
+        self._solve: Final = solve
         self._log_weights: list[float] = []
-        self._curve = friction_curve
-        self._is_turned = self._is_crowded = False
-
-    def set_modes(self, modes: ModeShapes) -> None:
-        """Solve for this map from now on."""
-        self._modes = modes
-        self._steepest_1_mm = modes.steepest_1_mm()
-
-    def set_contact_radius(self, radius_mm: float) -> None:
-        """Take contacts to be discs of this radius where their forms are not known; 0 for points."""
-        self.contact_radius_mm = radius_mm
-        self._disc: Disc = felt_points() if radius_mm > 0.0 else []
-        self._disc_weights = [weight for _, _, weight in self._disc]
 
     def cost_ns(self, fingers: int) -> float:
-        """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code: for contacts
-        one and a half times its time in a row."""
-        modes = len(self._w_limit_um)
-        if len(self._disc) > 0:
-            return 5_000.0 + 550.0 * fingers * modes
-        if fingers <= 2 and modes <= 2:
-            return 13_300.0
-        return 18_600.0 + 1_000.0 * fingers * modes + 89.0 * modes * modes * modes
+        """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code: one and a
+        half times its time in a row."""
+        return 5_000.0 + 550.0 * fingers * len(self._w_limit_um)
 
     def cold_ns(self, fingers: int) -> float:
         """Return what the first solve from silence takes more, by the same estimate."""
-        if len(self._disc) == 0:
-            return 0.0
         return (COLD_ITERATIONS / ITERATIONS - 1.0) * self.cost_ns(fingers)
-
-    @property
-    def has_contacts(self) -> bool:
-        """Whether fingers are contacts, whose places are taken with their variance."""
-        return len(self._disc) > 0
 
     def solve(
         self,
@@ -124,70 +93,96 @@ class InstantSolver:
         forms: list[EllipseForm | None] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
-        `variances_mm2` (N,) of the places on each axis, by how much more amplitude each sliding finger needs, the
-        fingers' `priorities`, without them equal, and the contacts' `forms`, None for discs."""
-        if len(self._disc) > 0:
-            return self._solve_contacts(places, previous_um, since_ns, variances_mm2, stretches, priorities, forms)
-        rows, targets, still = list[tuple[float, ...]](), list[float](), 0
-        for x_mm, y_mm, target_um in places:  # once: each time around makes floats of all three
-            rows.append(self._modes.at(x_mm, y_mm))
-            targets.append(target_um)
-            still += target_um == 0.0
-        phi, targets_um = tuple(rows), tuple(targets)
-        modal_um: Row
-        if self._turns(len(places) - still, previous_um):
-            turn_rad = TURN_RAD_NS * max(since_ns, SHORTEST_NS)
-            phasors_um = tuple(map(complex, previous_um))
-            descends = self._descends(len(places) - still, previous_um)
-            modal_um, limited = solve_phased_fast(
-                phi, targets_um, self._w_limit_um, phasors_um, turn_rad, descends=descends
-            )
-        else:
-            real_um = tuple([w_um if isinstance(w_um, float) else w_um.real for w_um in previous_um])
-            modal_um, limited = self._solve(phi, targets_um, self._w_limit_um, real_um)
-        if self._derating_mm2_um2 > 0.0 and still > 0:
-            modal_um = self._derated(places, phi, targets_um, modal_um, limited)
-        if self._parasitic_modes is not None:
-            modal_um = self._parasitic_modes.silenced(places, phi, modal_um, self._w_limit_um)
-        return ModalSolution(places, _amplitudes_um(phi, modal_um), modal_um, limited)
-
-    def _solve_contacts(
-        self,
-        places: list[AskedPlace],
-        previous_um: Row,
-        since_ns: int,
-        variances_mm2: list[float] | None,
-        stretches: list[float] | None,
-        priorities: list[int] | None,
-        forms: list[EllipseForm | None] | None,
-    ) -> ModalSolution:
+        `variances_mm2` (N,) of the places on each axis, and the contacts' `forms`, None for discs. By how much more
+        amplitude each sliding finger needs; the fingers' `priorities`, without them equal."""
+        if not self.has_contacts:
+            solution = self._solve_two(places, previous_um) if self._solve is None else self._by(places, previous_um)
+            if solution is not None:
+                return solution
         d_um, q_um = components(previous_um)
         before_d_um, before_q_um = d_um.copy(), q_um.copy()
-        if variances_mm2 is None:
-            variances_mm2 = [0.0] * len(places)
         targets_um = tuple([target_um for _, _, target_um in places])
-        contacts = grown(self.contact_radius_mm, variances_mm2, forms)
-        shapes = self._contact_shapes(self._disc, places, contacts)
+        shapes = self._contact_shapes(self._disc, places, variances_mm2, forms)
         if len(self._log_weights) != len(places):
             self._log_weights = [0.0] * len(places)
         ranks = [0] * len(places) if priorities is None else priorities
         slides = [1.0] * len(places) if stretches is None else stretches
-        limits_um, weights, logs = self._contact_limit_um, self._disc_weights, self._log_weights
         achieved_um, limited = solve_felt(
-            shapes, weights, self._curve, targets_um, limits_um, d_um, q_um, logs, slides, ranks
+            shapes,
+            self._disc_weights,
+            self._curve,
+            targets_um,
+            self._wire_limit_um,
+            d_um,
+            q_um,
+            self._log_weights,
+            slides,
+            ranks,
         )
-        most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
-        if is_any_slippery(targets_um) and step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
-            achieved_um = contacts_rms_um(shapes, self._disc_weights, d_um, q_um)
+        if self.has_contacts and is_any_slippery(targets_um):
+            most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
+            if step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
+                achieved_um = contacts_rms_um(shapes, self._disc_weights, d_um, q_um)
         return ModalSolution(places, achieved_um, phasors(d_um, q_um), limited)
 
-    def _contact_shapes(self, disc: Disc, places: list[AskedPlace], contacts: list[EllipseForm]) -> Shapes:
+    def _contact_shapes(
+        self,
+        disc: Disc,
+        places: list[AskedPlace],
+        variances_mm2: list[float] | None,
+        forms: list[EllipseForm | None] | None,
+    ) -> Shapes:
         radius_mm = self.contact_radius_mm
+        contacts: list[EllipseForm] = [(1.0, 0.0, 1.0)] * len(places)
+        if radius_mm > 0.0:
+            contacts = grown(radius_mm, [0.0] * len(places) if variances_mm2 is None else variances_mm2, forms)
         ellipses = [
             (x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm)
             for (x_mm, y_mm, _), (xx, xy, yy) in zip(places, contacts, strict=True)
         ]
         return contact_shapes(self._modes, disc, ellipses)
+
+    def _solve_two(self, places: list[AskedPlace], previous_um: Row) -> ModalSolution | None:
+        """The paper's case; None for any other."""
+        if not (len(places) == 2 == len(self._w_limit_um)):
+            return None
+        moved, held = (0, 1) if places[1][2] == 0.0 else (1, 0)
+        target_um = places[moved][2]
+        if not (target_um > 0.0 and places[held][2] == 0.0):
+            return None
+        slipping, still = self._pair_at(places[moved]), self._pair_at(places[held])
+        if still == (0.0, 0.0):  # on a node of both modes: still, whatever they do
+            return None
+        limits_um = self._w_limit_um[0], self._w_limit_um[1]
+        modal_um, phase, limited = hold_still(slipping, target_um, still, limits_um, (previous_um[0], previous_um[1]))
+        if self._derates:
+            share = min(1.0, abs(slipping[0] * modal_um[0] + slipping[1] * modal_um[1]) / target_um) if limited else 1.0
+            x_mm, y_mm, _ = places[held]
+            modal_um = derated(
+                modal_um,
+                share,
+                lambda: self._modes.at_with_gradient(x_mm, y_mm),
+                still,
+                self._modes.steepest_1_mm(),
+                limited=limited,
+            )
+        got_um = [0.0, 0.0]
+        got_um[moved] = abs(slipping[0] * modal_um[0] + slipping[1] * modal_um[1])
+        got_um[held] = abs(still[0] * modal_um[0] + still[1] * modal_um[1])
+        return ModalSolution(places, got_um, turned(modal_um, phase, limits_um), limited)
+
+    def _pair_at(self, place: AskedPlace) -> Pair:
+        row = self._modes.at(place[0], place[1])
+        return row[0], row[1]
+
+    def _by(self, places: list[AskedPlace], previous_um: Row) -> ModalSolution:
+        """The solution by another rule for points, with real amplitudes."""
+        assert self._solve is not None
+        rows = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
+        targets_um = tuple([target_um for _, _, target_um in places])
+        modal_um, limited = self._solve(rows, targets_um, self._w_limit_um, tuple([w_um.real for w_um in previous_um]))
+        got_um = [abs(sum([phi * w_um for phi, w_um in zip(row, modal_um, strict=True)])) for row in rows]
+        return ModalSolution(places, got_um, tuple(map(complex, modal_um)), limited)
 
     def reach(
         self,
@@ -200,59 +195,20 @@ class InstantSolver:
     ) -> tuple[float, float] | None:
         """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
         of the solver; None if it can feel none as asked."""
-        contacts = grown(self.contact_radius_mm, variances_mm2, forms)
         targets_um = [target_um for _, _, target_um in places[:-1]]
         judging = many_points()
         problem = ReachProblem(
-            self._contact_shapes(self._disc, places, contacts),
+            self._contact_shapes(self._disc, places, variances_mm2, forms),
             self._disc_weights,
-            self._contact_shapes(judging, places, contacts),
+            self._contact_shapes(judging, places, variances_mm2, forms),
             [weight for _, _, weight in judging],
             self._curve,
             targets_um,
-            self._contact_limit_um,
+            self._wire_limit_um,
             stretches,
             priorities,
         )
         return reach(problem, calls)
-
-    def _turns(self, slipping: int, previous_um: Row) -> bool:
-        """Phases turn while two fingers slip, and after that until the plate has been silent."""
-        if not self._rotates:
-            return False
-        if slipping >= 2:
-            self._is_turned = True
-        elif self._parasitic_modes is None:
-            return not isinstance(previous_um[0], float)
-        elif not any(previous_um):
-            self._is_turned = False
-        return self._is_turned
-
-    def _descends(self, slipping: int, previous_um: Row) -> bool:
-        """More than two fingers slip, or did since the plate was silent: what their phases have become is no turn."""
-        self._is_crowded = slipping > 2 or (self._is_crowded and any(previous_um))
-        return self._is_crowded
-
-    def _derated(
-        self,
-        places: list[AskedPlace],
-        phi: tuple[tuple[float, ...], ...],
-        targets_um: tuple[float, ...],
-        modal_um: Row,
-        limited: bool,
-    ) -> Row:
-        """Derate the amplitudes; slopes are evaluated only where they could matter."""
-        if not limited and not self._is_near_node(phi, targets_um, modal_um):
-            return modal_um
-        share = least_share(_amplitudes_um(phi, modal_um), targets_um) if limited else 1.0
-        return derated(modal_um, share, slopes_at(self._modes, places), self._derating_mm2_um2, limited=limited)
-
-    def _is_near_node(self, phi: tuple[tuple[float, ...], ...], targets_um: tuple[float, ...], modal_um: Row) -> bool:
-        """Some still finger may be near a common node."""
-        for finger in range(len(phi)):
-            if targets_um[finger] == 0.0 and is_near_node(phi[finger], modal_um, self._steepest_1_mm):
-                return True
-        return False
 
 
 def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
@@ -260,19 +216,5 @@ def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution)
     found: list[TouchPoint] = []
     for n in range(len(first.places)):
         (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _) = first.places[n], last.places[n]
-        point = (keys[n], x_mm, y_mm, target_um, first.achieved_um[n], end_x_mm, end_y_mm)
-        found.append(tuple.__new__(TouchPoint, point))
+        found.append(TouchPoint(keys[n], x_mm, y_mm, target_um, first.achieved_um[n], end_x_mm, end_y_mm))
     return tuple(found)
-
-
-def _amplitudes_um(phi: ModeRows, modal_um: Row) -> list[float]:
-    """Each finger's amplitude |w_i|."""
-    modal_d_um, modal_q_um = components(modal_um)  # once for all fingers
-    amplitudes_um: list[float] = []
-    for row in phi:
-        w_d_um = w_q_um = 0.0
-        for mode in range(len(row)):
-            w_d_um += row[mode] * modal_d_um[mode]
-            w_q_um += row[mode] * modal_q_um[mode]
-        amplitudes_um.append(magnitude(w_d_um, w_q_um))
-    return amplitudes_um

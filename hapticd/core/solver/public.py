@@ -1,37 +1,42 @@
 """Modal amplitudes that give each finger its own vibration: w = Phi W, |w_i| = target, |W_k| <= limit (paper, eq. 1-3).
 
-The rules (`keep_zero`) are lexicographic. In this order: (1) |W_k| <= limit_k, always, to the last bit; (2) fingers
-with target 0 get 0; (3) the others' sum (|w_i| - a_i)^2 is least, their signs being free, because friction depends on
-|w_i| only; (4) then sum |W_k|^2 is least; (5) of equals, the one nearest `previous_um`. At a singular position
-amplitudes therefore stay where they are, where the inverse of Phi flips from limit to limit; at exactly coincident
-fingers W = 0.
+The rules are lexicographic. In this order: (1) |W_k| <= limit_k, always, to the last bit; (2) fingers with target 0 get
+0; (3) the others' sum (|w_i| - a_i)^2 is least, their signs being free, because friction depends on |w_i| only; (4)
+then sum |W_k|^2 is least; (5) of equals, the one nearest `previous_um`. At a singular position amplitudes therefore
+stay where they are, where the inverse of Phi flips from limit to limit; at exactly coincident fingers W = 0. Two
+fingers on two modes, one of them still, are solved in closed form (`two_modes`), all else by descent (`felt_descent`)
+from several patterns of signs: as far as that goes.
 
 With `gram` fingers are contacts, under another rule (`felt`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+import sys
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
 
 from ...values import FloatArray, Solution
 from ..friction import DEFAULT_FRICTION_CURVE
-from ..phasors import ModeRow, ModeRows, amplitudes, clamped
-from .checks import (
-    checked_grams,
-    checked_limits,
-    checked_previous,
-    checked_shapes,
-    checked_target_track,
-    checked_targets,
-    checked_track,
-)
-from .felt import solve_felt
-from .points.general import condition, solve_exactly
+from .felt import EXACT, solve_felt
+from .felt_descent import descend
+from .two_modes import SAFE, clamped, hold_still
 
-_SIZELESS = 1e-12  # a contact of no size is a point
+MOST_ENUMERATED = 5  # slipping fingers, whose patterns of signs are all tried
+ROUNDS, ITERATIONS, STILL_ITERATIONS = 20, 30, 200  # of a descent of points, and where some are still
+SETTLED = 1e-12  # of the largest amplitude that is asked for: less changes nothing
+STAY_FRAC = 1e-3
+LINEAR_UM = 1e6  # decay of a curve that is straight: errors count by their squares, and all alike
+EQUAL_ERROR = 1e-9  # of the targets' squares: solutions that differ by less are equals
+EQUAL_NORM = 1e-6
+MISSED = 1e-6  # of a target: a finger that lacks more than this does not get it
+MOST_REACH = 1e3  # a target so many times out of reach acts like any farther one
+FAR = 1e12  # times what is asked for: amplitudes beyond act like it
+NOISE = 1e-12  # of the largest shape
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere
 LEAST_SHARE = 1e-4  # of the mean curvature, by which that of still contacts is definite
 
@@ -54,15 +59,16 @@ def solve(
     Raises ValueError, in one sentence, for wrong shapes, numbers that are not finite, negative targets, limits that are
     not positive.
     """
-    rows, modes = checked_shapes(phi)
-    targets = checked_targets(target_um, len(rows))
-    limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
+    shapes = _checked("phi", phi, (None, None))
+    fingers, modes = shapes.shape
+    targets, limits, previous = _checked_rest(fingers, modes, target_um, limit_um, previous_um)
     if gram is not None:
-        grams = checked_grams(gram, (len(rows), modes, modes))
-        if not np.allclose(grams, [np.outer(row, row) for row in rows], rtol=_SIZELESS, atol=0.0):
-            return _solved_contacts(grams, rows, targets, limits, previous)
-    modal, limited = solve_exactly(rows, targets, limits, previous)
-    return Solution(np.array(modal), np.array(amplitudes(rows, modal)), limited, _condition(rows))
+        grams = _checked("gram", gram, (fingers, modes, modes))
+        if not np.allclose(grams, shapes[:, :, None] * shapes[:, None, :], rtol=NOISE, atol=0.0):
+            modal, achieved, limited = _solved_contacts(grams, targets, limits, previous)
+            return Solution(modal, achieved, limited, _condition(shapes))
+    modal, limited = _solved_points(shapes, targets, limits, previous)
+    return Solution(modal, _achieved(shapes, modal), limited, _condition(shapes))
 
 
 def solve_batch(
@@ -74,70 +80,200 @@ def solve_batch(
 ) -> FloatArray:
     """Modal amplitudes (K, M) for K instants in order; each is the next one's `previous_um`.
 
-    phi (K, N, M); target_um (K, N), or (N,) for all instants; the rest as in `solve`.
+    phi (K, N, M); target_um (N,) for all instants; the rest as in `solve`.
     """
-    track = checked_track(phi)
-    count, fingers, modes = track.shape
-    targets = checked_target_track(target_um, count, fingers)
-    limits, previous = checked_limits(limit_um, modes), checked_previous(previous_um, modes)
-    modal_um: list[ModeRow] = []
-    for shapes, wanted in zip(track.tolist(), targets.tolist(), strict=True):
-        rows: ModeRows = tuple(map(tuple, shapes))
-        previous, _ = solve_exactly(rows, tuple(wanted), limits, previous)
+    track = _checked("phi", phi, (None, None, None))
+    _, fingers, modes = track.shape
+    targets, limits, previous = _checked_rest(fingers, modes, target_um, limit_um, previous_um)
+    modal_um = []
+    for shapes in track:
+        previous, _ = _solved_points(shapes, targets, limits, previous)
         modal_um.append(previous)
-    return np.array(modal_um).reshape(count, modes)
+    return np.array(modal_um).reshape(len(track), modes)
+
+
+# --- points ---------------------------------------------------------------------------------------------------------
+
+
+@np.errstate(over="ignore", under="ignore", invalid="ignore")
+def _solved_points(
+    shapes: FloatArray, targets: FloatArray, limits: FloatArray, previous: FloatArray | None
+) -> tuple[FloatArray, bool]:
+    fingers, modes = shapes.shape
+    slips = targets > 0.0
+    near = np.zeros(modes) if previous is None else previous
+    if fingers == 2 == modes and slips.sum() == 1 and shapes[~slips].any():
+        (row,), (still,), (x_um, y_um) = shapes[slips].tolist(), shapes[~slips].tolist(), limits.tolist()
+        before = complex(clamped(near[0], SAFE)), complex(clamped(near[1], SAFE))
+        pair, _, limited = hold_still(tuple(row), float(targets.max()), tuple(still), (x_um, y_um), before)
+        return np.array(pair), limited
+    size = float(np.abs(shapes[slips]).max(initial=0.0))
+    if size == 0.0:
+        return np.zeros(modes), False
+    # In units in which the largest amplitude that is asked for and within reach is 1.
+    rows = np.array(
+        [row / (np.abs(row).max() or 1.0) if not slip else row / size for row, slip in zip(shapes, slips, strict=True)]
+    )
+    reach, top = np.abs(rows[slips]) @ (limits / limits.max()), float(limits.max())
+    unit = float(np.max(np.minimum(targets[slips] / size / top, np.maximum(reach, sys.float_info.min))))
+    unit = max(unit, sys.float_info.min)
+    asked = np.minimum(targets / size / top / unit, SAFE)
+    wanted = np.minimum(asked, 1.0 if slips.sum() == 1 else MOST_REACH)
+    wanted[slips] = np.maximum(wanted[slips], 1.0 / SAFE)  # where it underflows
+    wanted[~slips] = 0.0
+    box = tuple(np.clip(limits / top / unit, 1.0 / FAR, FAR).tolist())
+    near, equal = np.clip(near / top, -unit * FAR, unit * FAR) / unit, EQUAL_ERROR * float(wanted @ wanted)
+    found = [_descended(rows, wanted, box, start) for start in _starts(rows, wanted, near)]
+    errors = np.array([float(np.sum((np.abs(rows @ modal) - wanted) ** 2)) for modal in found])
+    found = [modal for modal, error in zip(found, errors, strict=True) if error <= errors.min() + equal]
+    least = min([float(modal @ modal) for modal in found])
+    found = [modal if near @ modal >= 0.0 else -modal for modal in found if modal @ modal <= least * (1.0 + EQUAL_NORM)]
+    best = min(found, key=lambda modal: float(np.sum((modal - near) ** 2)))  # W and -W are equal for every finger
+    is_missed = bool(np.any(np.abs(np.abs(rows @ best) - asked)[slips] > MISSED * asked[slips]))
+    limited = is_missed and bool(np.any(np.abs(best) >= (1.0 - MISSED) * np.array(box)))
+    return np.array([clamped(w, limit) for w, limit in zip(best * unit * top, limits, strict=True)]), limited
+
+
+def _starts(rows: FloatArray, wanted: FloatArray, near: FloatArray) -> Iterable[FloatArray]:
+    """Return the present amplitudes, if there are any, those that serve each slipping finger alone, and those that are
+    best within no limits, for every pattern of signs of few slipping fingers, and for some of many."""
+    slips = np.flatnonzero(wanted > 0.0)
+    if near.any():
+        yield near
+    inverse, count = np.linalg.pinv(rows), len(slips)
+    yield from rows[slips] * wanted[slips, None] if count > 1 else ()
+    patterns: Iterable[tuple[float, ...]] = itertools.product((1.0, -1.0), repeat=count - 1)
+    if count > MOST_ENUMERATED:
+        patterns = [tuple(row) for row in np.random.default_rng(count).choice((1.0, -1.0), (16, count - 1))]
+    for signs in patterns:
+        signed = wanted.copy()
+        signed[slips[1:]] *= signs
+        yield inverse @ signed
+
+
+def _descended(rows: FloatArray, wanted: FloatArray, box: tuple[float, ...], start: FloatArray) -> FloatArray:
+    """Return the real amplitudes, within the box, where the descent from a start settles."""
+    fingers, modes = rows.shape
+    most = np.abs(start).max()
+    d, q = (start / most * min(most, SAFE)).tolist() if most > 0.0 else list(box), [0.0] * modes
+    curve = [(0.0, 0.0, LINEAR_UM)], (math.inf, 0.0)
+    frictions = np.exp(-wanted / LINEAR_UM).tolist()
+    sticky, alike = (EXACT * (wanted == 0.0)).tolist(), [1.0] * fingers
+    shapes, before = rows.tobytes(), d
+    for _ in range(ROUNDS):
+        logs, before = [0.0] * fingers, d.copy()
+        descend(
+            shapes,
+            [1.0],
+            frictions,
+            [math.inf] * fingers,
+            sticky,
+            alike,
+            *curve,
+            box,
+            d,
+            q,
+            logs,
+            ITERATIONS if wanted.all() else STILL_ITERATIONS,
+            STAY_FRAC,
+            0.0,
+        )
+        if max([abs(now - was) for now, was in zip(d, before, strict=True)]) <= SETTLED:
+            break
+    return np.array(d)
+
+
+# --- contacts, by their Gram matrices -------------------------------------------------------------------------------
 
 
 def _solved_contacts(
-    grams: FloatArray, rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None
-) -> Solution:
+    grams: FloatArray, targets: FloatArray, limits: FloatArray, previous: FloatArray | None
+) -> tuple[FloatArray, FloatArray, bool]:
     """Solve for contacts with real amplitudes: a real start stays real. A Gram matrix is that of M points:
     its eigenvectors, mixed by a cosine transform, so that an even vibration is even at the points too."""
-    modes = len(limits)
+    fingers, modes = len(grams), len(limits)
     sizes, vectors = np.linalg.eigh(grams)
     mixed = np.cos(np.pi / modes * np.outer(np.arange(modes) + 0.5, np.arange(modes)[::-1])) * math.sqrt(2.0)
     mixed[:, -1] = 1.0  # of the largest one, the last
     shapes = np.einsum("qj,nj,nkj->nqk", mixed, np.sqrt(np.maximum(sizes, 0.0)), vectors).tobytes()
-    starts = [] if previous is None or not any(previous) else [list(previous)]
-    least, best, achieved, limited = math.inf, [0.0] * modes, [0.0] * len(rows), False
-    for modal in [*starts, *_contrasts(grams, targets, limits)]:
-        none, weights = [0.0] * modes, [1.0 / modes] * modes
-        logs, slides, ranks = [0.0] * len(rows), [1.0] * len(rows), [0] * len(rows)
+    starts = [] if previous is None or not previous.any() else [previous]
+    wanted, box, weights = tuple(targets.tolist()), tuple(limits.tolist()), [1.0 / modes] * modes
+    least, best, achieved, limited = math.inf, [0.0] * modes, [0.0] * fingers, False
+    for start in [*starts, *_contrasts(grams, targets, limits)]:
+        modal, none, logs = start.tolist(), [0.0] * modes, [0.0] * fingers
+        slides, ranks = [1.0] * fingers, [0] * fingers
         for _ in range(SETTLING_CALLS):
             got, is_limited = solve_felt(
-                shapes, weights, DEFAULT_FRICTION_CURVE, targets, limits, modal, none, logs, slides, ranks
+                shapes, weights, DEFAULT_FRICTION_CURVE, wanted, box, modal, none, logs, slides, ranks
             )
-        missed = max([abs(one - target) for one, target in zip(got, targets, strict=True)])
+        missed = float(np.abs(np.array(got) - targets).max())
         if missed < least:
             least, best, achieved, limited = missed, modal, got, is_limited
-    modal = [clamped(w, limit) for w, limit in zip(best, limits, strict=True)]
-    return Solution(np.array(modal), np.array(achieved), limited, _condition(rows))
+    modal = [clamped(w, limit) for w, limit in zip(best, box, strict=True)]
+    return np.array(modal), np.array(achieved), limited
 
 
-def _contrasts(grams: FloatArray, targets: ModeRow, limits: ModeRow) -> list[list[float]]:
+def _contrasts(grams: FloatArray, targets: FloatArray, limits: FloatArray) -> list[FloatArray]:
     """Return the amplitudes from which to start: those in which slipping contacts differ most from the others."""
-    modes, slips = len(limits), np.array(targets) > 0.0
+    modes, slips = len(limits), targets > 0.0
     still = grams[~slips].sum(axis=0) + LEAST_SHARE * np.trace(grams.sum(axis=0)) / modes * np.eye(modes)
     try:
         lower = np.linalg.inv(np.linalg.cholesky(still))
     except np.linalg.LinAlgError:  # shapes that are all 0, or whose squares leave the range of floats
-        return [list(limits)]
+        return [limits]
     _, vectors = np.linalg.eigh(lower @ grams[slips].sum(axis=0) @ lower.T)
     found = lower.T @ vectors
-    found *= np.min(np.array(limits)[:, None] / np.maximum(np.abs(found), np.finfo(float).tiny), axis=0)
-    return [list(map(float, one)) for one in found.T[::-1]]
+    found *= np.min(limits[:, None] / np.maximum(np.abs(found), sys.float_info.min), axis=0)
+    return list(found.T[::-1])
 
 
-def _condition(rows: ModeRows) -> float:
-    if len(rows) == 2 == len(rows[0]):
-        (a, b), (c, d) = rows
-        return condition((a, b, c, d))
-    if not rows:
+# --- figures and checks ---------------------------------------------------------------------------------------------
+
+
+def _achieved(shapes: FloatArray, modal: FloatArray) -> FloatArray:
+    sizes = np.abs(shapes).max(axis=1, initial=0.0)
+    sizes[sizes == 0.0] = 1.0
+    with np.errstate(over="ignore"):
+        return np.asarray(np.minimum(np.abs(shapes / sizes[:, None] @ modal) * sizes, sys.float_info.max))
+
+
+@np.errstate(over="ignore")
+def _condition(shapes: FloatArray) -> float:
+    """The largest singular value over the smallest."""
+    if len(shapes) == 0:
         return 1.0
-    matrix = np.array(rows)
-    size = float(np.max(np.abs(matrix)))
+    size = float(np.abs(shapes).max())
     if size == 0.0:
         return math.inf
-    singular = np.linalg.svd(matrix / size, compute_uv=False)
-    largest, smallest = float(singular[0]), float(singular[-1])
-    return largest / smallest if smallest > 0.0 else math.inf
+    singular = np.linalg.svd(shapes / size, compute_uv=False)
+    return float(singular[0] / singular[-1]) if singular[-1] > 0.0 else math.inf
+
+
+def _checked_rest(
+    fingers: int, modes: int, target_um: npt.ArrayLike, limit_um: npt.ArrayLike, previous_um: npt.ArrayLike | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    if modes < 1:
+        raise ValueError("phi: has no modes; its last axis must hold at least one.")
+    targets = _checked("target_um", target_um, (fingers,))
+    if (targets < 0.0).any():
+        raise ValueError("target_um: amplitudes must be 0 or more; the solver chooses the sign.")
+    if isinstance(limit_um, (float, int)):
+        limit_um = [limit_um] * modes
+    limits = _checked("limit_um", limit_um, (modes,))
+    if not (limits > 0.0).all():
+        raise ValueError("limit_um: every limit must be greater than 0.")
+    return targets, limits, None if previous_um is None else _checked("previous_um", previous_um, (modes,))
+
+
+def _checked(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}: must be an array of numbers, all rows of the same length.") from None
+    if array.ndim != len(shape):
+        raise ValueError(f"{name}: has {array.ndim} dimensions and needs {len(shape)}.")
+    if any(asked is not None and asked != found for asked, found in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name}: has shape {array.shape}, but phi asks for {shape}.")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name}: holds NaN or infinity; give finite numbers.")
+    return array

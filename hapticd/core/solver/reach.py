@@ -14,7 +14,16 @@ from typing import Final
 
 from ..friction import FrictionCurve
 from ..plate.contact import Shapes
-from .felt import COLD_ITERATIONS, ITERATIONS, MISSED_JND, STAY_FRAC, counted_jnd, solve_felt
+from .felt import (
+    COLD_ITERATIONS,
+    ITERATIONS,
+    MISSED_JND,
+    STAY_FRAC,
+    UNCERTAIN_FRAC,
+    counted_jnd,
+    solve_felt,
+    stickiness,
+)
 from .felt_descent import descend
 
 STEPS: Final = 8  # between bare glass and the most slippery
@@ -156,6 +165,7 @@ def _solved(problem: ReachProblem, targets_um: list[float], state: _State) -> li
         problem.judged_weights,
         frictions,
         counted_jnd(frictions, priorities),
+        stickiness(frictions),
         stretches,
         curve.pieces,
         floor,
@@ -165,6 +175,7 @@ def _solved(problem: ReachProblem, targets_um: list[float], state: _State) -> li
         there.logs,
         1,
         STAY_FRAC,
+        UNCERTAIN_FRAC,
     )
     return errors_jnd
 

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.plate.mode_shapes import ModeShapes
-from ...core.plate.parasitic_modes import ParasiticModes
+from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...values import ComplexArray, FloatArray
 from .model import FORCE_S, LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, FitState, Free, Model
 from .normal import OUTLIER, Normal, covariance_of, normal_of, precision_of

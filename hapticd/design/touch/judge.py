@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.plate.mode_shapes import ModeShapes
-from ...core.plate.parasitic_modes import ParasiticModes
+from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...values import FloatArray
 from .coverage import Ninth, box_sigma, map_sigma, touched_box, where_next
 from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of

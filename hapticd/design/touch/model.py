@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...core.plate.mode_shapes import ModeShapes
-from ...core.plate.parasitic_modes import ParasiticModes
+from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...values import ComplexArray, FloatArray
 from .observations import Windows
 from .terms import own_rates, regressors, shapes_at, with_slope

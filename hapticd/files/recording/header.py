@@ -14,8 +14,7 @@ import numpy.typing as npt
 from ...board_values import BoardCalibration, ModeCalibration
 from ...config import loader as config
 from ...config.sections import Config
-from ...core.plate.mode_shapes import ModeShapes
-from ...core.plate.parasitic_modes import ParasiticModes
+from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...errors import ConfigError, HapticdError, RecordingError
 from ...formats.toml_file import MAX_BYTES, parse
 from ...wire.trackpad import Pad, from_fields, to_fields
@@ -141,11 +140,8 @@ def _packed_modes(modes: ModeShapes) -> dict[str, bytes]:
     return {"x_mm": _packed(modes.x_mm), "y_mm": _packed(modes.y_mm), "shapes_mode_y_x": _packed(modes.shapes)}
 
 
-_LOAD = ("finger_decay_1_s", "finger_detuning_rad_s")
-
-
 def _packed_parasitic_modes(parasitic_modes: ParasiticModes) -> dict[str, object]:
-    figures = {name: getattr(parasitic_modes, name) for name in ("decay_1_s", "detuning_rad_s", *_LOAD)}
+    figures = {name: getattr(parasitic_modes, name) for name in ("decay_1_s", "detuning_rad_s")}
     return {"modes_float64_le": _packed_modes(parasitic_modes.modes), **figures}
 
 
@@ -160,8 +156,7 @@ def _parasitic_modes(table: Any) -> ParasiticModes | None:
     if table is None:
         return None
     decay_1_s, detuning_rad_s = ([float(value) for value in table[name]] for name in ("decay_1_s", "detuning_rad_s"))
-    load = [float(_typed({"finger_detuning_rad_s": 0.0} | table, name, float)) for name in _LOAD]  # 0 in earlier ones
-    return ParasiticModes(_modes(table["modes_float64_le"]), decay_1_s, detuning_rad_s, *load)
+    return ParasiticModes(_modes(table["modes_float64_le"]), decay_1_s, detuning_rad_s)
 
 
 def _calibration(entry: Any, modes: int) -> ModeCalibration:

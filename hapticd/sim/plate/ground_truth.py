@@ -25,8 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.config.sections import LEAST_MODES, UncertaintyConfig
-from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.plate.parasitic_modes import ParasiticModes
+from hapticd.core.plate.mode_shapes import ModeShapes, ParasiticModes
 
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
@@ -43,7 +42,6 @@ _SIZED_EACH = 3  # driven modes of the reference plate whose amplifiers are size
 _LEAST_ALL = 4  # modes
 FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
-_MEASURED_FINGER_DECAY = 0.87  # measured damping of a finger, as a share of the true one
 WELL_MEASURED = UncertaintyConfig(map_frac=0.003, sensors_frac=0.003, place_mm=0.0, latency_ms=0.0)
 DRIFT_S = 40.0  # period of a drift: it reaches its size after 10 s
 _POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
@@ -216,7 +214,7 @@ class GroundTruth:
         return ModeShapes(x_mm, y_mm, shapes[: self.settings.driven_modes if modes is None else modes])
 
     def parasitic_modes(self, seed: int) -> ParasiticModes:
-        """Return the measured parasitic modes: mode map, sweep, and the damping of a finger to within an eighth.
+        """Return the measured parasitic modes: mode map and sweep.
 
         Its mode map has three times the noise, as the actuators hardly drive it.
         """
@@ -226,7 +224,6 @@ class GroundTruth:
             self._measured(parasitic, _PARASITIC_NOISE, seed),
             self.decay_1_s[parasitic].tolist(),
             self.detuning_rad_s[parasitic].tolist(),
-            _MEASURED_FINGER_DECAY * settings.finger_decay_1_s,
         )
 
     def measured_mode_map(self, seed: int) -> ModeShapes:

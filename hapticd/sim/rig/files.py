@@ -27,7 +27,6 @@ def write_measured(plate: GroundTruth, seed: int, directory: Path) -> tuple[Path
         f'parasitic_modes_file = "{PARASITIC_MODES_FILE}"\n'
         f"parasitic_detuning_hz = {detuning_hz}\n"
         f"parasitic_decay_1_s = {list(parasitic_modes.decay_1_s)}\n"
-        f"finger_decay_1_s = {parasitic_modes.finger_decay_1_s}\n"
     )
     lines += ["[uncertainty]\n", *(f"{name} = {toml(value)}\n" for name, value in asdict(plate.uncertainty).items())]
     described.write_text("".join(lines), encoding="utf-8")

@@ -30,10 +30,8 @@ from ..touch_correction import (
     joined,
     judged_by,
     known_better,
-    learned_load,
     mode_map,
     pad_settings,
-    windows_of,
 )
 from ..touch_recording import Touched, read
 from . import guided
@@ -49,7 +47,6 @@ _POSE = (  # name, unit's size, unit
     ("scale along x", 100.0, "%"),
     ("scale along y", 100.0, "%"),
 )
-LOAD = "the fingers' load"
 CONTACTS = "the contacts' size"
 _CONTACTS = (  # section, key, figure, unit
     ("solver", "contact_radius_mm", "radius of a contact, mean", "mm"),
@@ -86,19 +83,15 @@ def run(options: argparse.Namespace) -> Verdict:
             raise CalibrationError("The running service has a simulated plate: give --sim, which needs no service.")
     touched = joined({path: read(path) for path in recordings})
     judged = judged_by(touched)
-    load_1_s = learned_load(touched, windows_of(touched), judged)
-    settings = saved(touched, judged, load_1_s, options.out)
+    settings = saved(touched, judged, options.out)
     names = ", ".join(path.name for path in recordings)
     draw(touched, judged, options.out / PICTURE_FILE, source=plotting.plain(names))
-    return verdict(judged, settings, load_1_s, has_sensors=has_sensors(touched), is_simulated=options.sim)
+    return verdict(judged, settings, has_sensors=has_sensors(touched), is_simulated=options.sim)
 
 
-def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory: Path) -> FoundSettings:
+def saved(touched: Touched, judged: Judged, directory: Path) -> FoundSettings:
     """Write what changes of calibration and map, and return the settings that go with it. Raises HapticdError."""
     settings = contact_settings(touched, judged)
-    if load_1_s is not None:
-        detuning_hz = round(-load_1_s.imag / (2.0 * math.pi), 2)
-        settings["plate"] = {"finger_decay_1_s": round(load_1_s.real, 2), "finger_detuning_hz": detuning_hz}
     if judged.refusal:
         return settings
     settings["trackpad"] = settings.get("trackpad", {}) | pad_settings(touched, judged.calibration)
@@ -113,9 +106,7 @@ def saved(touched: Touched, judged: Judged, load_1_s: complex | None, directory:
     return settings
 
 
-def verdict(
-    judged: Judged, settings: FoundSettings, load_1_s: complex | None, *, has_sensors: bool, is_simulated: bool
-) -> Verdict:
+def verdict(judged: Judged, settings: FoundSettings, *, has_sensors: bool, is_simulated: bool) -> Verdict:
     """Return what moved, by how much, one sigma, and whether it is adopted."""
     figures = [Figure("touching", judged.touched_s, "s")]
     for place, (name, unit, text) in enumerate(_POSE):
@@ -131,13 +122,9 @@ def verdict(
             figures.append(Figure(f"map, one sigma, {place_name(row, column)}", 100.0 * float(sigma), "% of the peak"))
     figures.append(Figure("held-out residual falls by", 100.0 * judged.gain_frac, "%"))
     figures.append(Figure("held-out residual falls by, map", 100.0 * judged.map_gain_frac, "%"))
-    if load_1_s is not None:
-        figures.append(Figure("a finger's damping", load_1_s.real, "1/s"))
-        figures.append(Figure("a finger's detuning", -load_1_s.imag / (2.0 * math.pi), "Hz"))
     found = ((text, settings.get(section, {}).get(key), unit) for section, key, text, unit in _CONTACTS)
     figures += [Figure(text, value, unit) for text, value, unit in found if value is not None]
     independent = [CONTACTS] if "solver" in settings else []
-    independent += [LOAD] if load_1_s is not None else []
     if judged.refusal:
         outcome = Outcome.PASS if independent else Outcome.FAIL
         adopted_alone = f"Adopted: {', '.join(independent)}." if independent else "Nothing is adopted."

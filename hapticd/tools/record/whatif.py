@@ -39,8 +39,6 @@ _OF_THE_PLATE = (
     "parasitic_modes_file",
     "parasitic_detuning_hz",
     "parasitic_decay_1_s",
-    "finger_decay_1_s",
-    "finger_detuning_hz",
 )
 
 

@@ -34,7 +34,7 @@ def plate() -> ModeShapes:
 
 
 def solver(plate: ModeShapes, limits_um: tuple[float, ...] = LIMITS_UM) -> InstantSolver:
-    return InstantSolver(plate, limits_um, derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=5.0)
+    return InstantSolver(plate, limits_um, contact_radius_mm=5.0)
 
 
 def places(points_mm: Array, targets_um: tuple[float, ...]) -> list[tuple[float, float, float]]:
@@ -200,8 +200,6 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
     one = InstantSolver(
         ModeShapes(grid_mm, grid_mm, random.normal(size=(modes, 6, 6))),
         limits_um,
-        derating_mm2_um2=0.0,
-        phase_rotation=False,
         contact_radius_mm=5.0,
         friction_curve=FrictionCurve.from_amplitudes(knots, floor_frac),
     )

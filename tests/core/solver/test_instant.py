@@ -1,4 +1,4 @@
-"""The instant solver: two slipping fingers change signs by turning, within the limits; one needs plain floats only."""
+"""The instant solver: two slipping fingers change signs by turning, within the limits."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ STEP_NS = 500_000
 positions_mm = st.floats(-60.0, 60.0)
 
 
-def solver(*, phase_rotation: bool = True) -> InstantSolver:
-    return InstantSolver(PLATE, W_LIMIT_UM, derating_mm2_um2=5.0, phase_rotation=phase_rotation)
+def solver() -> InstantSolver:
+    return InstantSolver(PLATE, W_LIMIT_UM)
 
 
 def walked(chosen: InstantSolver, first_um: float, second_um: float) -> list[ModalSolution]:
     """The second finger crosses the plate, and with it many singular positions; the first one rests."""
     solutions: list[ModalSolution] = []
-    previous_um: Row = (0.0, 0.0)
+    previous_um: Row = (0j, 0j)
     for step in range(2000):
         places: list[AskedPlace] = [(-9.0, -4.0, first_um), (-50.0 + 0.05 * step, 21.0 - 0.011 * step, second_um)]
         solutions.append(chosen.solve(places, previous_um, STEP_NS))
@@ -51,18 +51,25 @@ def least_midway_um(solutions: list[ModalSolution]) -> float:
     return least_um
 
 
-def test_where_signs_carry_a_finger_through_zero_the_turn_does_not() -> None:
-    assert least_midway_um(walked(solver(phase_rotation=False), 1.0, 1.0)) < 0.1
-    assert least_midway_um(walked(solver(), 1.0, 1.0)) > 0.9
+def test_two_slipping_fingers_pass_singular_positions_without_a_dip() -> None:
+    assert least_midway_um(walked(solver(), 1.0, 1.0)) > 0.7  # signs alone: less than 0.1
 
 
-@pytest.mark.parametrize("wanted_um", [(1.0, 0.0), (0.0, 1.0), (0.0, 0.0)])
-def test_with_one_slipping_finger_or_none_amplitudes_are_floats_and_those_of_signs_bit_for_bit(
-    wanted_um: tuple[float, float],
-) -> None:
-    turning, signs = walked(solver(), *wanted_um), walked(solver(phase_rotation=False), *wanted_um)
-    assert [solution.modal_um for solution in turning] == [solution.modal_um for solution in signs]
-    assert all(type(w_um) is float for solution in turning for w_um in solution.modal_um)
+@pytest.mark.parametrize("wanted_um", [(1.0, 0.0), (0.0, 1.0)])
+def test_with_one_finger_still_amplitudes_are_real_and_it_gets_nothing(wanted_um: tuple[float, float]) -> None:
+    for solution in walked(solver(), *wanted_um):
+        assert not any(w_um.imag for w_um in solution.modal_um)
+        assert solution.achieved_um[wanted_um.index(0.0)] < 1e-15
+
+
+def test_from_turned_amplitudes_a_finger_that_becomes_still_gets_nothing_and_the_phase_stays() -> None:
+    chosen = solver()
+    before = next(one for one in walked(chosen, 1.0, 1.0)[100:] if min(abs(w.imag) for w in one.modal_um) > 0.1)
+    after = chosen.solve([before.places[0], (*before.places[1][:2], 0.0)], before.modal_um, STEP_NS)
+    assert abs(shapes_at(after)[1] @ np.array(after.modal_um)) < 1e-14
+    assert np.vdot(after.modal_um, before.modal_um).real > 0.0
+    assert abs(np.vdot(after.modal_um, before.modal_um).imag) < 1e-9
+    assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(after.modal_um, W_LIMIT_UM, strict=True))
 
 
 def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() -> None:
@@ -72,7 +79,7 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
     alone = chosen.solve(turned.places[:1], turned.modal_um, STEP_NS)
 
     midway_um = (np.array(turned.modal_um) + np.array(alone.modal_um)) / 2
-    assert alone.achieved_um == pytest.approx([1.0])
+    assert alone.achieved_um == pytest.approx([1.0], rel=1e-3)
     assert abs(shapes_at(alone)[0] @ midway_um) > 0.9
 
 
@@ -95,7 +102,7 @@ def test_no_mode_passes_its_limit_for_any_targets(places: list[AskedPlace], prev
 def test_with_a_radius_fingers_are_contacts_and_what_they_get_is_their_rms() -> None:
     plate = GroundTruth(PlateSettings.of("fingertip"))
     modes = plate.measured_mode_map(1)
-    chosen = InstantSolver(modes, plate.w_limit_um, derating_mm2_um2=1.0, phase_rotation=True, contact_radius_mm=5.0)
+    chosen = InstantSolver(modes, plate.w_limit_um, contact_radius_mm=5.0)
     solution = chosen.solve([(-40.0, 10.0, 1.0), (35.0, -20.0, 0.0)], (0j,) * 4, 20_000_000)
     grams = contact_grams(modes, [(-40.0, 10.0), (35.0, -20.0)], 5.0)
     modal_um = np.array(solution.modal_um)
@@ -109,9 +116,7 @@ def test_with_a_radius_fingers_are_contacts_and_what_they_get_is_their_rms() -> 
 
 def test_a_finger_that_lands_turns_the_amplitudes_no_faster_than_the_plate_follows() -> None:
     plate = GroundTruth(PlateSettings.of("fingertip"))
-    chosen = InstantSolver(
-        plate.true_mode_map(), plate.w_limit_um, derating_mm2_um2=0.0, phase_rotation=True, contact_radius_mm=5.0
-    )
+    chosen = InstantSolver(plate.true_mode_map(), plate.w_limit_um, contact_radius_mm=5.0)
     slipping, landed = (-40.0, 10.0, 1.0), (35.0, -20.0, 0.0)
     modal_um: Row = (0j,) * 4
     for _ in range(20):

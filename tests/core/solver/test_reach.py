@@ -19,9 +19,7 @@ BEYOND = 0.1  # of friction, outside of an interval
 
 
 def solver() -> InstantSolver:
-    return InstantSolver(
-        MODES, tuple(PLATE.w_limit_um), derating_mm2_um2=0.0, phase_rotation=False, contact_radius_mm=5.0
-    )
+    return InstantSolver(MODES, tuple(PLATE.w_limit_um), contact_radius_mm=5.0)
 
 
 def reached(places: list[AskedPlace], calls: int = ALL_CALLS) -> tuple[float, float] | None:

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.board_protocol import REFERENCE
-from hapticd.core.solver.points.general import solve_fast
-from hapticd.core.solver.points.phase import solve_phased_fast
+from hapticd.core.solver import solve
+from hapticd.core.solver.two_modes import hold_still, turned
 from hapticd.core.trajectory.gate import gate
 from hapticd.values import Drive, Knot
 from hapticd.wire.board_messages import FRAME_MAX
@@ -43,7 +43,8 @@ def test_with_one_finger_still_w_is_right_to_the_digits_that_its_gain_has(
     At a limit these do not matter, and where none is left the plate is silent.
     """
     phi = conditioned(exponent, angle, other)
-    modal, limited = solve_fast(tuple(map(tuple, phi.tolist())), (target_um, 0.0), LIMITS_UM)
+    solution = solve(phi, (target_um, 0.0), LIMITS_UM)
+    modal, limited = tuple(solution.modal_um.tolist()), solution.limited
     with mpmath.workdps(60):
         (a, b), (c, d) = ([mpmath.mpf(value) for value in values] for values in phi.tolist())
         gain, terms = abs(a * d - b * c), abs(a * d) + abs(b * c)
@@ -74,10 +75,9 @@ def test_the_wire_breaks_no_limit_and_leaks_less_than_a_nanometre(
 ) -> None:
     sizes = [10.0**exponent for exponent in exponents]
     rows = tuple((x * size, y * size) for (x, y), size in zip((slipping, still), sizes, strict=True))
-    for modal in (
-        solve_fast(rows, (slip_um, 0.0), LIMITS_UM)[0],
-        solve_phased_fast(rows, (slip_um, 0.0), LIMITS_UM, (1 + 2j, -0.3j))[0],
-    ):
+    for previous in ((0j, 0j), (1 + 2j, -0.3j)):
+        pair, phase, _ = hold_still(rows[0], slip_um, rows[1], LIMITS_UM, previous)
+        modal = turned(pair, phase, LIMITS_UM)
         drive = gate(Drive(0, (Knot(0, tuple(map(complex, modal))),)), LIMITS_UM)
         (message,) = FrameSplitter(FRAME_MAX).feed(encode_reference(1, drive, 0))
         parts = struct.unpack_from("<4f", message, 1 + REFERENCE.size + 2)

@@ -15,7 +15,6 @@ from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.config import loader as config_loader
 from hapticd.config.sections import Config, RecordConfig, TrackpadConfig, UncertaintyConfig
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.plate.parasitic_modes import ParasiticModes
 from hapticd.daemon.settings import plate_from_pad
 from hapticd.design.touch.contacts import spreads_of
 from hapticd.design.touch.fit import Fit
@@ -26,11 +25,8 @@ from hapticd.errors import CalibrationError
 from hapticd.files import calibration as calibration_file
 from hapticd.files.recording.kinds import Record
 from hapticd.sim import lockstep
-from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
-from hapticd.sim.settings import Settings, in_world
-from hapticd.sim.world_errors import FingerLoad, WorldErrors
+from hapticd.sim.settings import Settings
 from hapticd.tools.calibrate import folder, touch
-from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.record import simulated
 from hapticd.tools.touch_correction import contact_settings, joined, known_better
 from hapticd.tools.touch_recording import Collected, Touched, read
@@ -272,57 +268,6 @@ def test_without_a_calibration_of_the_modes_no_board_gets_one(recorded: Recorded
     settings = touch.saved(touched, judged(Calibration.nominal(2)), None, tmp_path)
     assert set(settings) == {"trackpad"}
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_learned_load_is_adopted_by_itself_too(recorded: Recorded, tmp_path: Path) -> None:
-    touched = read(recorded(TrackpadConfig(), 500, 2.5))
-    windows = touch.windows_of(touched)
-    assert touch.learned_load(touched, windows, judged(Calibration.nominal(2))) is None  # too short to tell
-    refused = replace(judged(Calibration.nominal(2)), refusal="The held-out touches confirm no change.")
-    load_1_s = 300.0 - 2.0j * np.pi * 120.0
-    settings = touch.saved(touched, refused, load_1_s, tmp_path)
-    (tmp_path / "hapticd.toml").write_text(folder.as_toml(settings))
-    plate = config_loader.load(tmp_path / "hapticd.toml").plate
-    assert (plate.finger_decay_1_s, plate.finger_detuning_hz) == (300.0, 120.0)
-    verdict = touch.verdict(refused, settings, load_1_s, has_sensors=False, is_simulated=False)
-    assert verdict.outcome is Outcome.PASS
-    assert verdict.sentence == "Adopted: the fingers' load. The held-out touches confirm no change."
-    assert touch.verdict(refused, {}, None, has_sensors=False, is_simulated=False).sentence.startswith("Nothing is ad")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("load", "most_ratio"),
-    [(FingerLoad(1.0, 200.0), 1.25), (FingerLoad(10.0), 1.25), (FingerLoad(1.5, -50.0, 0.4), 1.6)],
-)
-def test_heavy_or_detuning_fingers_are_learned_in_nine_seconds_and_leak_little_more_than_usual_ones(
-    load: FingerLoad, most_ratio: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    world = WorldErrors(finger_load=load)
-    monkeypatch.setattr(simulated, "_put_truth", lambda *_: None)
-    path = tmp_path / "session.mcap"
-    simulated.run("strokes", path, settings=in_world(played(TrackpadConfig()), world), seed=101, seconds=9.0)
-    touched = read(path)
-    found_1_s = touch.learned_load(touched, touch.windows_of(touched), judged(Calibration.nominal(2)))
-    plate = GroundTruth(PlateSettings(world=world))
-    truth_1_s = complex(plate.finger_decay_1_s, -plate.finger_detuning_rad_s)
-    assert found_1_s is not None
-    assert abs(found_1_s - truth_1_s) < 0.1 * abs(truth_1_s)
-
-    settings = in_world(Settings(), world)
-    before_um, usual_um = (
-        lockstep.run("strokes", settings=one, seconds=5.0).score.leak_um for one in (settings, Settings())
-    )
-    measured = GroundTruth.parasitic_modes
-
-    def learned(self: GroundTruth, seed: int) -> ParasiticModes:
-        known = measured(self, seed)
-        return ParasiticModes(known.modes, known.decay_1_s, known.detuning_rad_s, found_1_s.real, -found_1_s.imag)
-
-    monkeypatch.setattr(GroundTruth, "parasitic_modes", learned)
-    after_um = lockstep.run("strokes", settings=settings, seconds=5.0).score.leak_um
-    assert before_um > 1.5 * usual_um
-    assert after_um < most_ratio * usual_um
 
 
 @pytest.mark.long

@@ -98,7 +98,7 @@ def test_amplitudes_of_unequal_parts_and_points_without_a_key_are_judged_exporte
     keyless = [{name: value for name, value in a_pass(0, 1).fields["points"][0].items() if name != "finger_id"}]
     path = strange(*touched(1, BEGIN_NS), a_pass(BEGIN_NS + 500 * MS, 1, knots=uneven, points=keyless))
 
-    assert main(["replay", str(path), "--set", "solver.derating_mm2_um2=0"]) == 0
+    assert main(["replay", str(path), "--set", "solver.tolerance_um=0.05"]) == 0
     assert main(["export", str(path), "--csv", str(tmp_path / "out")]) == 0
     assert main(["plot", str(path), str(tmp_path / "out.png")]) == 0
 

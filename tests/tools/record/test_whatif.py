@@ -25,11 +25,11 @@ from hapticd.tools.record.whatif import _judge, _recorded, changed, compare, reh
 
 
 def test_predictions_for_a_wrong_instant_leak_more_at_the_true_positions(strokes: Path) -> None:
-    fingers, judged = compare(open_recording(strokes), ["trackpad.latency_ms=0", "solver.derating_mm2_um2=0"])
+    fingers, judged = compare(open_recording(strokes), ["trackpad.latency_ms=0", "solver.tolerance_um=0.05"])
     leak_um = {one.name: one.score.leak_um for one in judged}
 
     assert fingers.is_true
-    assert list(leak_um) == ["as recorded", "trackpad.latency_ms=0", "solver.derating_mm2_um2=0", "all of these"]
+    assert list(leak_um) == ["as recorded", "trackpad.latency_ms=0", "solver.tolerance_um=0.05", "all of these"]
     assert leak_um["trackpad.latency_ms=0"] > 3 * leak_um["as recorded"]
     assert leak_um["as recorded"] < 0.1
     recorded = judged[0].score
@@ -39,13 +39,13 @@ def test_predictions_for_a_wrong_instant_leak_more_at_the_true_positions(strokes
 
 def test_the_ideal_loop_is_near_what_the_plate_did(strokes: Path) -> None:
     recording = open_recording(strokes)
-    fingers, judged = compare(recording, ["solver.derating_mm2_um2=5"])
+    fingers, judged = compare(recording, ["solver.tolerance_um=0.02"])
     assert fingers.got_um is not None
     still = (fingers.target_um == 0.0) & (fingers.t_ns > fingers.t_ns[0] + 800_000_000)[:, None]
     got_um = float(np.sqrt(np.nanmean(np.abs(fingers.got_um[still]) ** 2)))
 
-    assert got_um == pytest.approx(judged[0].score.leak_um, abs=0.03)
-    assert judged[1].score.leak_um == judged[0].score.leak_um  # 5 is the default
+    assert got_um == pytest.approx(judged[0].score.leak_um, abs=0.05)  # parasitic modes are not compensated
+    assert judged[1].score.leak_um == judged[0].score.leak_um  # the default
 
 
 def test_contacts_are_judged_by_the_recorded_ellipses(tmp_path: Path) -> None:
@@ -106,11 +106,11 @@ def test_a_recorder_that_attached_late_counts_its_fingers_from_one(strokes: Path
 
 def test_a_change_is_a_key_of_the_configuration() -> None:
     config = changed(
-        Config(), ["prediction.noise_mm = 0.5", "solver.derating_mm2_um2=0", "limits.w_limit_um=[3.0, 2.0]"]
+        Config(), ["prediction.noise_mm = 0.5", "solver.tolerance_um=0.05", "limits.w_limit_um=[3.0, 2.0]"]
     )
 
     assert config.prediction.noise_mm == 0.5
-    assert config.solver.derating_mm2_um2 == 0.0
+    assert config.solver.tolerance_um == 0.05
     assert config.limits.w_limit_um == (3.0, 2.0)
 
 
@@ -118,13 +118,13 @@ def test_a_change_is_a_key_of_the_configuration() -> None:
     "change",
     [
         "",
-        "derating_mm2_um2=1",
-        "solver.derating_mm2_um2",
-        "solver.derating_mm2_um2=-1",
+        "tolerance_um=1",
+        "solver.tolerance_um",
+        "solver.tolerance_um=-1",
         "solver.fad=1",
         "solver.policy=x",
         "=.=",
-        "plate.finger_decay_1_s=1",
+        "plate.size_mm=1",
     ],
 )
 def test_a_change_that_cannot_be_is_one_sentence(change: str) -> None:
