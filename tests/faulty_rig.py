@@ -12,9 +12,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mistakes import Mistake
+from mistakes import DANGEROUS, Mistake
 
-from hapticd.design.commissioning.findings import DANGEROUS, Diagnosis, Flaw
+from hapticd.design.commissioning.findings import Diagnosis, Flaw
 from hapticd.design.commissioning.rest import AMPLIFIER_FAULT, EMERGENCY_STOP
 from hapticd.sim.bench import SUPPLIES_V, SimulatedBench
 from hapticd.sim.board.board import FLAG_LIVE, Board, BoardTrace, PlateModel

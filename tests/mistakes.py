@@ -29,6 +29,22 @@ _ONE_WIRE = {
     Flaw.GLUE,
     Flaw.PATCH_CRACKED,
 }
+# With one of these the loop would be unstable, or blind.
+DANGEROUS = frozenset(
+    {
+        Flaw.SENSOR_FLOATING,
+        Flaw.SENSOR_OPEN,
+        Flaw.SENSORS_SHORTED,
+        Flaw.SENSORS_SWAPPED,
+        Flaw.SENSOR_INVERTED,
+        Flaw.SENSOR_GAIN,
+        Flaw.DRIVE_OPEN,
+        Flaw.DRIVES_SHORTED,
+        Flaw.AMPLIFIERS_SWAPPED,
+        Flaw.AMPLIFIER_INVERTED,
+        Flaw.AMPLIFIER_GAIN,
+    }
+)
 # Range of a mistake's size, and its unit; the logarithm is uniform. A negative size is drawn as often as a positive one
 # where _SIGNED has it.
 _SIZES = {
@@ -67,14 +83,3 @@ def random_mistake(cause: Flaw, modes: int, random: np.random.Generator) -> Mist
         size = float(np.exp(random.uniform(np.log(low), np.log(high))))
     sign = float(random.choice((-1.0, 1.0))) if cause in _SIGNED else 1.0
     return Mistake(cause, wires, sign * size)
-
-
-def random_mistakes(seed: int, modes: int, count: int) -> tuple[Mistake, ...]:
-    """Return `count` mistakes of different kinds: first the kind whose turn it is, then random ones, at other wires."""
-    random = np.random.default_rng((seed, 32))
-    found = [random_mistake(KINDS[seed % len(KINDS)], modes, random)]
-    while len(found) < count:
-        one = random_mistake(KINDS[int(random.integers(len(KINDS)))], modes, random)
-        if all(one.cause is not other.cause and not set(one.wires) & set(other.wires) for other in found):
-            found.append(one)
-    return tuple(found)

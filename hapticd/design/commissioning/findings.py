@@ -6,7 +6,6 @@ import cmath
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
 
 from ...board_values import BoardController, BoardHello
 
@@ -35,24 +34,6 @@ class Flaw(Enum):
     GLUE = "wrong glue"
     PATCH_CRACKED = "cracked patch"
     DIMENSIONS = "plate with other dimensions"
-
-
-# With one of these the loop would be unstable, or blind.
-DANGEROUS: Final = frozenset(
-    {
-        Flaw.SENSOR_FLOATING,
-        Flaw.SENSOR_OPEN,
-        Flaw.SENSORS_SHORTED,
-        Flaw.SENSORS_SWAPPED,
-        Flaw.SENSOR_INVERTED,
-        Flaw.SENSOR_GAIN,
-        Flaw.DRIVE_OPEN,
-        Flaw.DRIVES_SHORTED,
-        Flaw.AMPLIFIERS_SWAPPED,
-        Flaw.AMPLIFIER_INVERTED,
-        Flaw.AMPLIFIER_GAIN,
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -88,17 +88,11 @@ def _played(marks_mm: Sequence[MarkPoint], seed: int, prints_mm: Sequence[Axes] 
     return touched
 
 
-def _print(sentence: str) -> None:
-    print(sentence, flush=True)
-
-
 async def touch_marks(
     source: TrackpadSource,
     marks_mm: Sequence[MarkPoint],
     within_s: float,
     prints_mm: Sequence[Axes] = (),
-    *,
-    tell: Callable[[str], None] = _print,
 ) -> tuple[Pad, TouchedMarks]:
     """Prompt for one mark after the other; return the pad and the touches."""
     touched, done, pads = TouchedMarks(), asyncio.Event(), list[Pad]()
@@ -106,11 +100,11 @@ async def touch_marks(
     def on_link(pad: Pad | None) -> None:
         if pad is not None:
             pads.append(pad)
-            _ask(tell, marks_mm, len(touched.rests_mm), prints_mm)
+            _ask(marks_mm, len(touched.rests_mm), prints_mm)
 
     def take(frame: TouchFrame) -> None:
         if not done.is_set() and touched.update(frame) is not None:
-            _ask(tell, marks_mm, len(touched.rests_mm), prints_mm)
+            _ask(marks_mm, len(touched.rests_mm), prints_mm)
             if len(touched.rests_mm) == len(marks_mm):
                 done.set()
 
@@ -125,12 +119,12 @@ async def touch_marks(
     return pads[-1], touched
 
 
-def _ask(tell: Callable[[str], None], marks_mm: Sequence[MarkPoint], place: int, prints_mm: Sequence[Axes]) -> None:
+def _ask(marks_mm: Sequence[MarkPoint], place: int, prints_mm: Sequence[Axes]) -> None:
     if place < len(marks_mm):
         (x_mm, y_mm), how = marks_mm[place], ""
         if prints_mm:
             how = ", as for the print of {:g} x {:g} mm".format(*prints_mm[place])
-        tell(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm{how}, and hold")
+        print(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm{how}, and hold", flush=True)
 
 
 def verdict(

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faulty_rig import FaultyRig
-from mistakes import KINDS, Mistake, random_mistake
+from mistakes import DANGEROUS, KINDS, Mistake, random_mistake
 
 from hapticd.__main__ import main
-from hapticd.design.commissioning.findings import DANGEROUS, Diagnosis, Flaw
+from hapticd.design.commissioning.findings import Diagnosis, Flaw
 from hapticd.sim import bench
 from hapticd.sim.board.board import PlateModel
 from hapticd.sim.plate.ground_truth import PlateSettings
