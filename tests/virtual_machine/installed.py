@@ -22,7 +22,7 @@ FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[1]
 DEPENDENCIES = ("numpy", "msgpack", "msgspec", "mypy-extensions", "pyzmq", "pyserial", "hidapi")
 PACKAGES = (ROOT / "hapticd", *(ROOT / "clients/python" / name for name in ("hapticd_client", "hapticd_contract")))
-UNNEEDED = shutil.ignore_patterns("tests", "*.pyi", "*.pxd", "*.h", "*.a", "viewer", "study", "bench")
+UNNEEDED = shutil.ignore_patterns("tests", "*.pyi", "*.pxd", "*.h", "*.a", "viewer", "bench")
 UNITS = (
     "sysinit.target", "basic.target", "sockets.target", "multi-user.target", "shutdown.target", "final.target",
     "systemd-journald.service", "systemd-journald.socket", "systemd-journald-dev-log.socket",

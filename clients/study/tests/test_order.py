@@ -139,7 +139,7 @@ def test_the_interval_holds_the_threshold_of_95_participants_of_100(method: Stai
     print(f"{held} of {SESSIONS}, errors {np.std(errors):.3f}, interval {np.median(widths):.2f}")
     assert held >= 95
     assert float(np.median(widths)) < 0.5  # of a range of 1.2
-    assert float(np.std(errors)) < 0.12
+    assert float(np.std(errors)) < 0.09
 
 
 def test_quest_plus_on_a_falling_scale_is_the_mirror_image() -> None:
