@@ -40,17 +40,11 @@ MEANINGS: Final[Mapping[str, str]] = {
 _ABSENT: Final = "n/a"
 _MOST_PARTS: Final = 100  # recordings of a session that was interrupted
 
-TrialRow = Mapping[str, Any]
-
-
-def rows_of(table: Sequence[Sequence[object]], simulated: str) -> list[dict[str, Any]]:
-    """Return a table with a head as one map for each row."""
-    head = [*map(str, table[0]), "simulated"]
-    return [dict(zip(head, [*row, simulated], strict=True)) for row in table[1:]]
+Row = Mapping[str, Any]
 
 
 def write_bids(
-    rows: Sequence[TrialRow], task: str, folder: Path, sessions: Path | None = None, *, is_forced: bool = False
+    rows: Sequence[Row], task: str, folder: Path, sessions: Path | None = None, *, is_forced: bool = False
 ) -> list[Path]:
     """Write the folder, with the recordings that lie in `sessions`, and return its files. Raises StudyError for one
     with other files, OSError."""
@@ -67,7 +61,7 @@ def write_bids(
     return [*paths, *(folder / name for name in recorded)]
 
 
-def _files(rows: Sequence[TrialRow], task: str) -> dict[str, str]:
+def _files(rows: Sequence[Row], task: str) -> dict[str, str]:
     """Return the text of each file by its path in the folder."""
     people = dict.fromkeys(str(row["participant"]) for row in rows)
     labels = {person: _label(person) for person in people}
@@ -92,7 +86,7 @@ def _files(rows: Sequence[TrialRow], task: str) -> dict[str, str]:
     return found
 
 
-def _recordings(rows: Sequence[TrialRow], task: str, sessions: Path) -> dict[str, Path]:
+def _recordings(rows: Sequence[Row], task: str, sessions: Path) -> dict[str, Path]:
     """Return the recordings of each participant's session by their paths in the folder."""
     found: dict[str, Path] = {}
     for person in dict.fromkeys(str(row["participant"]) for row in rows):

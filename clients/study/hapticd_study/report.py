@@ -11,7 +11,7 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +20,14 @@ from matplotlib.figure import Figure
 from . import dataset
 from .analysis import Group, Result, analyse, analyse_group
 from .experiment import StudyError
-from .session import SUFFIX, Session, read
+from .session import SUFFIX, Answer, Session, read
 from .thresholds import curves, rating_lines, threshold_lines
 
 RESULTS, TRIALS, FIGURE = "results.csv", "trials.csv", "figure-12.png"
 TITLE = "hapticd-study report"  # of the picture, among its first bytes
 MARKS = {RESULTS: b"participant,recognised,", TRIALS: b"participant,trial,", FIGURE: TITLE.encode()}
 MARKED_BYTES = 512
+MEASURED = [field.name for field in fields(Answer)][2:]  # behind the trial's number and the answer
 STDOUT = "-"
 LIGHT, DARK = "#9ecae1", "#08519c"
 BAR_IN = 0.55  # a participant's share of the figure's width
@@ -62,15 +63,14 @@ def write(folder: Path, json_file: str | None = None, *, bids: Path | None = Non
     print("\n".join(lines), file=sys.stderr if json_file == STDOUT else sys.stdout)
     for line in _remarks(sessions):
         print(line, file=sys.stderr)
-    table = trial_rows(finished)
-    _write_rows(folder / TRIALS, table, simulated)
+    rows = trial_rows(finished)
+    _write_rows(folder / TRIALS, rows)
     written = [TRIALS]
     if group is not None:
-        _write_rows(folder / RESULTS, result_rows(results, group), simulated)
+        _write_rows(folder / RESULTS, result_rows(results, group, simulated))
         draw(results, group, folder / FIGURE, simulated)
         written = [RESULTS, TRIALS, FIGURE]
     print(f"wrote {', '.join(written)} in {folder}", file=sys.stderr)
-    rows = dataset.rows_of(table, simulated)
     if json_file is not None:
         analysed = figures(results, group) if group is not None else {}
         curves_ = [one.plain for one in fitted]
@@ -143,32 +143,31 @@ def figures(results: Sequence[Result], group: Group) -> dict[str, Any]:
     return {"participants": people, "group": plain}
 
 
-def result_rows(results: Sequence[Result], group: Group) -> list[list[object]]:
+def result_rows(results: Sequence[Result], group: Group, simulated: str) -> list[dataset.Row]:
     """Return a row for each participant, then the average and the standard deviation of the rates."""
-    head: list[object] = ["participant", "recognised", "trials", "success_rate_percent", "p_binomial"]
-    rows: list[list[object]] = [head]
-    rows += [[one.participant, one.correct, one.trials, 100 * one.rate_frac, one.p] for one in results]
-    rows.append(["average", group.correct, group.trials, 100 * group.mean_frac, group.pooled_p])
-    if not math.isnan(group.sd_frac):
-        rows.append(["standard deviation", "", "", 100 * group.sd_frac, ""])
-    return rows
+
+    def row(name: str, rate_frac: float, correct: object = "", trials: object = "", p: object = "") -> dataset.Row:
+        found = {"participant": name, "recognised": correct, "trials": trials, "success_rate_percent": 100 * rate_frac}
+        return {**found, "p_binomial": p, "simulated": simulated}
+
+    rows = [row(one.participant, one.rate_frac, one.correct, one.trials, one.p) for one in results]
+    rows.append(row("average", group.mean_frac, group.correct, group.trials, group.pooled_p))
+    return rows if math.isnan(group.sd_frac) else [*rows, row("standard deviation", group.sd_frac)]
 
 
-def trial_rows(sessions: Sequence[Session]) -> list[list[object]]:
+def trial_rows(sessions: Sequence[Session]) -> list[dataset.Row]:
     """Return a row for each trial of the finished sessions: its levels, the right answer and what was measured."""
-    factors = list(dict.fromkeys(name for session in sessions for name in session.presented[0].levels))
-    measured = ["t_unix_s", "took_s", "touched_s", "speed_mm_s", "limited_frac"]
-    measured += ["felt_friction", "pressure_frac", "t_daemon_ns"]
-    rows: list[list[object]] = [["participant", "trial", *factors, "presented", "answer", "recognised", *measured]]
-    for session in sessions:
-        for answer, trial in zip(session.answers, session.presented, strict=False):
-            recognised = int(answer.answer == trial.correct) if trial.correct else None
-            rows.append(
-                [session.participant, answer.trial, *[trial.levels.get(name) for name in factors]]
-                + [trial.correct, answer.answer, recognised]
-                + [getattr(answer, name) for name in measured]
-            )
-    return rows
+    factors = dict.fromkeys(name for session in sessions for name in session.presented[0].levels)
+    return [
+        {"participant": session.participant, "trial": answer.trial}
+        | {name: trial.levels.get(name) for name in factors}
+        | {"presented": trial.correct, "answer": answer.answer}
+        | {"recognised": int(answer.answer == trial.correct) if trial.correct else None}
+        | {name: getattr(answer, name) for name in MEASURED}
+        | {"simulated": session.simulated}
+        for session in sessions
+        for answer, trial in zip(session.answers, session.presented, strict=False)
+    ]
 
 
 def draw(results: Sequence[Result], group: Group, path: Path, simulated: str = "") -> None:
@@ -218,11 +217,11 @@ def _progress(sessions: Iterable[Session]) -> str:
     return ", ".join(f"{one.participant} ({len(one.answers)} of {one.experiment.trials})" for one in open_ones)
 
 
-def _write_rows(path: Path, rows: Iterable[Sequence[object]], simulated: str) -> None:
-    """Write the table, with a last column that tells what was simulated."""
-    rows = [[*row, simulated if number else "simulated"] for number, row in enumerate(rows)]
+def _write_rows(path: Path, rows: Sequence[dataset.Row]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file).writerows(rows)
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def _p(p: float) -> str:

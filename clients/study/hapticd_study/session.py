@@ -51,8 +51,8 @@ class Answer:
     speed_mm_s: _Finite
     limited_frac: _Finite
     felt_friction: _Finite | None = None
-    t_daemon_ns: int | None = None
     pressure_frac: _Finite | None = None
+    t_daemon_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

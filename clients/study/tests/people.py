@@ -18,7 +18,7 @@ def paper(trials: int = 20) -> Experiment:
 
 
 def answer(trial: int, given: str) -> Answer:
-    return Answer(trial, given, 1.7e9 + trial, 2.5, 2.25, 61.5, 0.375, 0.5, 7_000 + trial)
+    return Answer(trial, given, 1.7e9 + trial, 2.5, 2.25, 61.5, 0.375, 0.5, 0.2, 7_000 + trial)
 
 
 def answered(session: Session, rule: Callable[[Trial], str]) -> Session:

@@ -10,15 +10,13 @@ import pytest
 from hapticd_study import dataset
 from hapticd_study.experiment import StudyError
 
-ROWS = dataset.rows_of(
-    [
-        ["participant", "trial", "level", "answer", "recognised", "felt_friction", "t_daemon_ns"],
-        ["P-03", 1, 0.5, "low", 1, 0.25, 12],
-        ["P-03", 2, "high", "high", 0, None, None],
-        ["P4", 1, 0.5, "low", None, 0.5, 14],
-    ],
-    "plate",
+HEAD = ("participant", "trial", "level", "answer", "recognised", "felt_friction", "t_daemon_ns", "simulated")
+TABLE = (
+    ("P-03", 1, 0.5, "low", 1, 0.25, 12, "plate"),
+    ("P-03", 2, "high", "high", 0, None, None, "plate"),
+    ("P4", 1, 0.5, "low", None, 0.5, 14, "plate"),
 )
+ROWS = [dict(zip(HEAD, row, strict=True)) for row in TABLE]
 
 
 def test_each_participant_has_a_table_and_recordings_under_names_of_bids(tmp_path: Path) -> None:
