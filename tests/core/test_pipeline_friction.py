@@ -22,7 +22,7 @@ CURVE = FrictionCurve.from_amplitudes((0.0, 0.5, 1.0), floor_frac=0.3, speed_mm_
 def bench(curve: FrictionCurve, w_limit_um: float = 4.0, **settings: object) -> Bench:
     one = Bench(**settings)
     one.scene = Scene(w_limit_um, curve)
-    one.pipeline = Pipeline(one.pipeline._modes, one.scene, one.pipeline._settings)
+    one.pipeline = Pipeline(one.pipeline.modes, one.scene, one.pipeline._settings)
     return one
 
 
