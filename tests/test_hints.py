@@ -18,7 +18,15 @@ from hapticd import errors
 
 ROOT = Path(__file__).parents[1]
 CALL = re.compile(r"pip install((?: (?:\"[^\"]+\"|[-\w./]+))*)")
-IN_A_CHECKOUT = {".", '".[all]"', "-e .", "-e . --no-deps --no-build-isolation"}  # of which pip makes what is there
+IN_A_CHECKOUT = {  # of which pip makes what is there
+    *(".", "./clients/python ./clients/study", '".[all]"', "-e .", "-e . --no-deps --no-build-isolation"),
+}
+    ".",
+    "./clients/python ./clients/study",
+    '".[all]"',
+    "-e .",
+    "-e . --no-deps --no-build-isolation",
+}  # of which pip makes what is there
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
 
 

@@ -22,7 +22,7 @@ class Rehearsal:
 
     def __init__(self, settings: str = "") -> None:
         if find_spec("hapticd") is None:
-            raise StudyError("--sim needs hapticd: install it with `pip install CHECKOUT_OF_HAPTICD`, or omit --sim.")
+            raise StudyError("--sim needs hapticd in this Python: install its checkout too, or omit --sim.")
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-study-")
         self.runtime_dir = Path(self._folder.name, "run")
         self._settings = f'[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "error"\n{settings}'

@@ -47,7 +47,7 @@ UNREAD_REPLIES = UnreadBytes(2**18, 2**20, 2**22)  # the longest reply has 140 k
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
 
-class Inbox(Protocol):
+class Receiver(Protocol):
     """What is behind one connection: a check of its bytes, and its end."""
 
     def feed(self, data: bytes) -> bytes:
@@ -70,7 +70,7 @@ class Door:
     inner: Path
     topics: frozenset[bytes] = frozenset()
     most_unread: UnreadBytes | None = None
-    inbox: Callable[[Path, Sender | None], Inbox] | None = None
+    inbox: Callable[[Path, Sender | None], Receiver] | None = None
 
 
 class Gate:

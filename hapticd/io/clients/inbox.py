@@ -16,7 +16,7 @@ MAX_PARTS = 3  # of a request: identity, an empty delimiter from REQ clients, pa
 MAX_WAITING_BYTES = RECEIVE_HIGH_WATER * MAX_MESSAGE_BYTES  # of requests; of `targets` only the newest message matters
 
 
-class Message(NamedTuple):
+class ClientMessage(NamedTuple):
     """A message in its parts, and the latest instant at which it can have arrived."""
 
     frames: Sequence[zmq.Frame]
@@ -40,7 +40,7 @@ class Inbox:
         self.fd = socket.FD
         self.rate_limiter = rate_limiter
         self.is_control = socket.type == zmq.ROUTER
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[ClientMessage] = deque()
         self._waiting_bytes = 0
         self._sender, self._lost = sender, lost
         self._now_s, self._on_close = now_s, on_close
@@ -63,7 +63,7 @@ class Inbox:
             if frames is None:
                 return bool(self._waiting)
             if self._has_shape(frames):
-                self._keep(Message(frames, self._t_arrived_s))
+                self._keep(ClientMessage(frames, self._t_arrived_s))
                 continue
             self._lost["misshapen"] += 1
             if self.is_control:
@@ -78,7 +78,7 @@ class Inbox:
             self._sender = remote_sender(self._waiting[0].frames[-1], key_names)
         return self._sender
 
-    def pop(self) -> Message:
+    def pop(self) -> ClientMessage:
         """Take the oldest message that waits."""
         message = self._waiting.popleft()
         self._waiting_bytes -= len(message.frames[-1])
@@ -94,7 +94,7 @@ class Inbox:
         self._waiting.clear()
         self.socket.close()
 
-    def _keep(self, message: Message) -> None:
+    def _keep(self, message: ClientMessage) -> None:
         """Queue a request; of `targets` the newest message replaces the one that waits."""
         self._waiting.append(message)
         self._waiting_bytes += len(message.frames[-1])
