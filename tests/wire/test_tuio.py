@@ -8,7 +8,6 @@ import pytest
 from datagrams import bundle, message, tuio1, tuio2
 
 from hapticd.values import AffineMap, TouchFrame
-from hapticd.wire import osc
 from hapticd.wire.trackpad import Decoder, from_fields, to_fields, tuio
 
 MS = 1_000_000
@@ -283,14 +282,11 @@ def test_a_clock_of_the_tracker_that_stands_still_is_not_used() -> None:
     assert [frame.t_ns for frame in frames] == [0, 10 * MS, 20 * MS]
 
 
-def test_another_source_is_refused_before_its_messages_are_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    decoder, decoded = Decoder(PAD), list[bytes]()
+def test_another_source_is_refused_before_its_messages_are_decoded() -> None:
+    decoder = Decoder(PAD)
     heard(decoder, tuio1(1, SHARES))
-
-    def decode(data: bytes) -> osc.OscMessage:
-        decoded.append(data)
-        return osc.OscMessage("", ["source", "other"])
-
-    monkeypatch.setattr(osc, "decoded", decode)
-    heard(decoder, bundle(*sets(*SHARES), message(CUR, "source", "other"), message(CUR, "fseq", 2)))
-    assert len(decoded) == 1
+    torn = message(CUR, "set", 1, 0.5, 0.5, 0.0, 0.0, 0.0)[:-8]
+    for source, reason in (("other", "foreign"), ("tracker", "length")):
+        before = decoder.counters[reason]
+        assert heard(decoder, bundle(torn, message(CUR, "source", source), message(CUR, "fseq", 2))) == []
+        assert decoder.counters[reason] == before + 1
