@@ -192,7 +192,7 @@ def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, 
     lacking[1, 3] = 0.02
     found = judged(Calibration(pad, sense, lacking), waves)
 
-    settings = touch.saved(touched, found, None, tmp_path)
+    settings = touch.saved(touched, found, tmp_path)
 
     (tmp_path / "hapticd.toml").write_text(folder.as_toml(settings))
     config = config_loader.load(tmp_path / "hapticd.toml")
@@ -236,17 +236,17 @@ def test_the_size_of_contacts_is_adopted_with_the_law_of_the_pads_ellipses(recor
     assert contact_settings(touched, of_size(touched, 5.5)) == {}  # on two modes fingers are points
     touched = with_contacts(touched)
     found = of_size(touched, 5.5)
-    settings = touch.saved(touched, found, None, tmp_path)
+    settings = touch.saved(touched, found, tmp_path)
     (tmp_path / "hapticd.toml").write_text(folder.as_toml(settings))
     config = config_loader.load(tmp_path / "hapticd.toml")
     assert config.solver.contact_radius_mm == pytest.approx(5.5, abs=0.02)
     axis_mm = np.mean([track.axis_mm for track in touched.tracks])
     law = config.trackpad
     assert law.ellipse_scale * axis_mm + law.ellipse_offset_mm == pytest.approx(11.0, abs=0.1)
-    verdict = touch.verdict(found, settings, None, has_sensors=True, is_simulated=False)
+    verdict = touch.verdict(found, settings, has_sensors=True, is_simulated=False)
     assert verdict.sentence == "Adopted: pad, the contacts' size."
     known = replace(found, map_sigma=np.array(((0.02, 0.02, 0.02), (0.02, 0.01, 0.02), (0.02, 0.02, 0.03))))
-    with_map = touch.verdict(known, settings, None, has_sensors=True, is_simulated=False)
+    with_map = touch.verdict(known, settings, has_sensors=True, is_simulated=False)
     assert "by 1.0 % of its peak in the middle of the plate, by 3.0 % in the upper right" in with_map.sentence
     places = [figure.name for figure in with_map.figures if figure.name.startswith("map, one sigma")]
     assert (len(places), places[0]) == (9, "map, one sigma, lower left")
@@ -265,7 +265,7 @@ def test_a_size_that_no_finger_has_or_that_is_not_known_is_not_adopted(recorded:
 
 def test_without_a_calibration_of_the_modes_no_board_gets_one(recorded: Recorded, tmp_path: Path) -> None:
     touched = read(recorded(TrackpadConfig(), 500, 2.5))
-    settings = touch.saved(touched, judged(Calibration.nominal(2)), None, tmp_path)
+    settings = touch.saved(touched, judged(Calibration.nominal(2)), tmp_path)
     assert set(settings) == {"trackpad"}
     assert list(tmp_path.iterdir()) == []
 
