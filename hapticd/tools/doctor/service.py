@@ -25,6 +25,7 @@ SYSTEM_DIRECTORY = Path("/run/hapticd")  # of the system service
 TEMPORARY = Path("/tmp")
 ANSWER_S = 1.5
 START = "hapticd run --config F, or: sudo systemctl start hapticd"
+TOO_MUCH = ("left_out", "reports_left_out", "pauses", "dropped", "too_fast")  # counters of what came too fast
 RESTART = "sudo systemctl restart hapticd, or end that process and start `hapticd run` again"
 
 
@@ -110,7 +111,23 @@ def health(system: System) -> CheckResult:
         return CheckResult(FAIL, f"{state}{why}", "hapticd firmware info shows the cause; then Client.clear_fault()")
     if state == "IDLE":
         return CheckResult(WARN, f"{state}{why}", "see trackpad and board below")
+    left_out = _left_out(system)
+    if left_out:
+        text = f"{state}{why}; left out since the start, as it came faster than there was time for: {left_out}"
+        return CheckResult(WARN, text, "find what sends so much; `hapticd status` shows whether it goes on")
     return CheckResult(PASS, f"{state}{why}")
+
+
+def _left_out(system: System) -> str:
+    """Return what of devices' reports and clients' messages was dropped for lack of time, "" for nothing."""
+    sources = {**(system.reported("inputs") or {}), "clients": system.reported("clients")}
+    counts = {
+        f"{source} {name.replace('_', ' ')}": value
+        for source, counters in sources.items()
+        for name, value in (counters or {}).items()
+        if name in TOO_MUCH and isinstance(value, int) and value > 0
+    }
+    return ", ".join(f"{value} ({name})" for name, value in counts.items())
 
 
 def alone(system: System) -> CheckResult:

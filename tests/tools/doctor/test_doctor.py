@@ -239,6 +239,19 @@ def test_the_daemon_s_state_is_judged_with_its_reason(tmp_path: Path, state: str
     assert (found.verdict, found.text) == (verdict, f"{state}: the cause")
 
 
+@pytest.mark.parametrize(
+    ("source", "counted"), [("trackpad", "reports_left_out"), ("board", "left_out"), ("clients", "too_fast")]
+)
+def test_what_each_source_sent_too_fast_is_named(source: str, counted: str, tmp_path: Path) -> None:
+    counters = {source: {counted: 7, "gone_early": 3}}
+    quiet = {"state": "ARMED", "inputs": {"trackpad": {"left_out": 0}}, "clients": {"too_fast": 0}}
+    assert service.health(system(tmp_path, quiet)).verdict == PASS
+    found = service.health(system(tmp_path, quiet | (counters if source == "clients" else {"inputs": counters})))
+    assert found.verdict == WARN
+    assert f"7 ({source} {counted.replace('_', ' ')})" in found.text
+    assert "3 (" not in found.text
+
+
 def test_a_second_daemon_elsewhere_is_found_by_its_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = tmp_path / "other"
     put(other / "lock", "")
