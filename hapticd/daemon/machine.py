@@ -42,7 +42,7 @@ REST_EVERY_NS = 400_000_000  # while the board rests too; the service manager's 
 TEND_AFTER_NS = 15_000_000  # without a timer: reports that come more often make its ticks needless
 EARLY_NS = 5_000_000  # a timer may come earlier by this and still count
 TOUCHED, RELEASED = Event.TOUCHED, Event.RELEASED
-PAD_IS_SILENT = "trackpad silent while touched: fingers count as lifted; it, its cable or this computer is too slow"
+PAD_IS_SILENT = "trackpad silent while touched: fingers count as lifted: this computer is too busy, or the pad too slow"
 REPORTS_ENDED_NS = 20_000_000  # without reports for so long the timer makes the passes
 
 

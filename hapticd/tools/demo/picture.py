@@ -96,13 +96,16 @@ def _draw_plate(figure: Any, axis: Any, film: Film, seconds: float) -> None:
     scheme, _, plate = film.title.partition(", ")
     axis.set_title(f"{scheme}: two fingers on one plate", loc="left", fontsize=12, weight="bold")
     axis.set_title(plate, loc="right", fontsize=9)
-    axis.set_xlabel(f"from above, at {film.t_s[at]:.2f} s: bright glass moves and is slippery, dark glass is still")
+    axis.set_xlabel(
+        f"from above, at {film.t_s[at] - film.t_s[0]:.2f} s: bright glass moves and is slippery, dark glass is still"
+    )
     bar = {"location": "left", "shrink": 0.8, "aspect": 40, "ticks": TICKS_UM}
     figure.colorbar(image, ax=axis, label="vibration, µm peak to peak", **bar)
 
 
 def _draw_time(axis: Any, film: Film, seconds: float) -> None:
     t_s, got, asked = film.frictions(seconds)
+    t_s = t_s - film.t_s[0]  # windows of different runs, over one axis
     for finger in range(asked.shape[1]):
         known = asked[np.isfinite(asked[:, finger]), finger]
         if not len(known):
@@ -119,7 +122,7 @@ def _draw_time(axis: Any, film: Film, seconds: float) -> None:
         scheme += f": as asked {judged.felt_frac:.0%} of the time"
     axis.set_title(scheme, loc="left", fontsize=12, weight="bold")
     axis.set_title(plate, loc="right", fontsize=9)
-    axis.set_xlim(film.t_s[0], film.t_s[0] + min(seconds, film.seconds))
+    axis.set_xlim(0.0, min(seconds, film.seconds))
     axis.set(yscale="log", ylim=(LEAST, MOST), ylabel="friction")
     axis.set_yticks(FRICTIONS, [f"{friction:g}" for friction in FRICTIONS])
     axis.minorticks_off()

@@ -3,8 +3,8 @@
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
 The client sets a slippery and a sticky finger on the fingertip plate, a live view shows their amplitudes, and at the
-end the plate's true motion is scored, and the same fingers in virtual time: the paper's scheme on its plate, and
-hapticd on the wide plate with eight modes.
+end the plate's true motion is scored, and the same fingers in virtual time, which is the same on each computer: the
+paper's scheme on its plate, and hapticd on the wide plate with eight modes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
 from .. import glass, outputs, plotting
 from ..arguments import POSITIVE, whole
-from ..daemon_process import DaemonProcess
+from ..daemon_process import PATIENT, DaemonProcess
 from ..simulated_picture import Film
 from ..simulated_picture import draw as draw_details
 from .columns import MOTION, DemoColumn, VirtualRun, columns, live_column
@@ -46,11 +46,14 @@ DEFAULT_OUT = Path("demo.png")  # written again over that of an earlier demo
 SOURCE = "demo, seed "  # in the picture's signature
 SCENARIO = "strokes"
 FINGERS = 2
-DAEMON_WITHIN_S = 15.0
-FINGERS_WITHIN_S = 10.0
+# A busy computer takes a multiple of the usual seconds; a daemon or a rig that ends is noticed at once.
+ATTEMPT_S = 15.0
+FINGERS_WITHIN_S = 60.0
+STATE_WITHIN_S = 10.0
 PICTURE_S = 2.5
 LEAST_SLIP_FRAC = 0.5  # of the slippery finger's target: a plate that is not driven leaks nothing
 COMPARED_S = 6.0  # in virtual time, which takes a second for every two on the fingertip plate without compiled modules
+VIRTUAL_START_S = 1.0  # the fingers have landed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,8 +109,8 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
     )
     with (
         rig,
-        DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon,
-        hapticd_client.Client(daemon.runtime_dir, name="demo", timeout_s=DAEMON_WITHIN_S) as client,
+        DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT) as daemon,
+        _connected(daemon) as client,
     ):
         user = _ScriptedUser(client, rig, seed)
         with _watched(daemon.runtime_dir, opens=options.view):
@@ -115,11 +118,11 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
             status = _watch(client, user, options.seconds)
         if status["board"].get("refused"):
             raise HapticdError(status["board"]["refused"])
-    t_end_s = t_asked_s + min(options.seconds, COMPARED_S)
+    compared_s = min(options.seconds, COMPARED_S)
     print("\nscoring it, and the same fingers in virtual time ...", flush=True)
     for run_ahead in runs.values():
-        run_ahead.play(t_asked_s, t_end_s)
-    ours = _film(rig.history, live, t_asked_s, t_end_s)
+        run_ahead.play(VIRTUAL_START_S, VIRTUAL_START_S + compared_s)
+    ours = _film(rig.history, live, t_asked_s, t_asked_s + compared_s)
     films = {column: ours if column == live else runs[column].film() for column in compared}
     if out is not None:
         shown, source = list(films.values()), f"{SOURCE}{seed}"
@@ -204,6 +207,14 @@ class _ScriptedUser:
         return time.monotonic() - self._rig.t_start_s
 
 
+def _connected(daemon: DaemonProcess) -> Client:
+    """Return a client of the daemon, however long that takes to start. Raises HapticdError if it ends."""
+    while daemon.process.poll() is None:
+        with suppress(hapticd_client.DaemonGoneError):
+            return Client(daemon.runtime_dir, name="demo", timeout_s=ATTEMPT_S)
+    raise HapticdError("The daemon has ended: see its message above.")
+
+
 def _wait_for_fingers(client: Client, user: _ScriptedUser) -> float:
     """Wait for the scenario's fingers and set their targets. Return the instant in the rig's time."""
     t_give_up_s = time.monotonic() + FINGERS_WITHIN_S
@@ -236,7 +247,7 @@ def _watch(client: Client, user: _ScriptedUser, seconds: float) -> dict[str, Any
     """Show the live view for `seconds`; return the daemon's status at its end."""
     view = LiveView(sys.stdout, client.plate()["size_mm"])
     t_end_s = time.monotonic() + seconds
-    for state in client.states(timeout_s=2.0):
+    for state in client.states(STATE_WITHIN_S):
         t_now_s = time.monotonic()
         user.update(state)
         view.update(state, t_now_s)
