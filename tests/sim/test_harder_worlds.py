@@ -168,7 +168,7 @@ def test_another_person_feels_something_else_on_the_same_plate() -> None:
         WorldErrors(centroids=CentroidErrors(wander_mm=0.5), seed=4),
         WorldErrors(pad_warp_mm=0.5, seed=4),
         WorldErrors(mixing_deg=5.0, seed=4),
-        WorldErrors(chip_mm=1.0, seed=4),
+        WorldErrors(chip_mm=2.0, seed=4),
         WorldErrors(supports_hz=5.0, seed=4),
     ],
     ids=("finger", "wander", "warp", "mixing", "chip", "supports"),
