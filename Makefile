@@ -56,7 +56,7 @@ bench: $(TESTS)
 firmware:
 	$(MAKE) -C firmware
 
-# The README's picture of the page, by chromium.
+# The picture of the page, by chromium.
 view-picture: $(TESTS)
 	$(BIN)/python .github/view.py .github/view.png
 

@@ -1,4 +1,4 @@
-"""Makes view.png of the README: the page of `hapticd view` with a simulated plate, after half a minute of two fingers.
+"""Makes view.png of the README of `hapticd view`: a simulated plate after half a minute of two fingers.
 
     python .github/view.py .github/view.png
 

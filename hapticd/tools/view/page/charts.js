@@ -1,12 +1,9 @@
-// Charts: the modes' phasors, the delays, and the targets of the last 30 s.
+// Charts: the modes' phasors, the delays, and the colours.
 
 import { LEVELS, PIXELS, prepared } from "./colours.js";
 import { brightness } from "./field.js";
-import { SPAN_S } from "./history.js";
 
 const SPANS = { age: "age of a touch", compute: "computing", link: "way to the board", horizon: "predicted ahead" };
-const FULL_UM = 2;
-const GAP_S = 0.5;
 const NARROW = 90; // pixels of a mode's cell
 const IN_A_ROW = 5; // modes; more take two rows, with their names left of the rings
 
