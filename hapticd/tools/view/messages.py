@@ -35,9 +35,9 @@ from hapticd_contract.states import Perceived
 from hapticd_contract.surfaces import Surface
 
 from ...config.sections import MOST_MODES, SolverConfig
-from ...core.friction import DEFAULT_FRICTION_CURVE
 from ...daemon.settings import LEAST_CONTACT_MODES
 from ...wire.client import read
+from ..served_friction import served_curve
 from ..web.sockets import decoded
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
     The page can touch a simulated one. Contacts are drawn with `contact_radius_mm`; with `has_contacts` amplitudes
     count over them.
     """
-    contact_radius_mm = body.get("contact_radius_mm", 0.0)
+    contact_radius_mm, curve = body.get("contact_radius_mm", 0.0), served_curve(body)
     return _text(
         {
             "kind": "plate",
@@ -197,14 +197,9 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
             "has_contacts": contact_radius_mm > 0.0,
             "simulated": simulated is not None,
             "name": simulated or "",
-            "friction_curve": body.get("friction_curve") or _built_in_knots(),
+            "friction_curve": [(um, curve.friction(um)) for _, um in reversed(curve.knots)],
         }
     )
-
-
-def _built_in_knots() -> list[tuple[float, float]]:
-    """Return rising amplitudes, each with its friction, as an older daemon has them, which sends none."""
-    return [(um, DEFAULT_FRICTION_CURVE.friction(um)) for _, um in reversed(DEFAULT_FRICTION_CURVE.knots)]
 
 
 def surfaces(layers: Sequence[Mapping[str, object]]) -> str:

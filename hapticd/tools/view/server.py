@@ -211,12 +211,11 @@ class Viewer:
 
     def go_back(self) -> bool:
         """Restart the plate before one whose service ended before it answered. Return whether that can be done."""
-        to, failed = self._started, self._starting
-        if self._simulated is None or to is None or to is failed or self._is_switching:
+        service, to, failed = self._simulated, self._started, self._starting
+        if service is None or to is None or failed is None or to is failed or self._is_switching:
             return False
-        what = f"The plate {failed.plate!r} of {failed.modes} modes did not start" if failed else ""
-        sentence = f"{what}: the terminal of `hapticd view` says why."
-        self._switching = asyncio.ensure_future(self._restart(self._simulated, to, sentence))
+        why = f"The plate {failed.plate!r} of {failed.modes} modes did not start: the terminal of the viewer says why."
+        self._switching = asyncio.ensure_future(self._restart(service, to, why))
         return True
 
     async def _restart(self, service: SimulatedService, to: SwitchPlate, why: str = "") -> None:

@@ -1,6 +1,5 @@
 // List of fingers: what each was asked to feel and feels, its owner, and the controls of this page.
 
-
 const MOST_UM = 2;
 const STEP_UM = 0.05;
 const SLIPPERY_UM = 1;
