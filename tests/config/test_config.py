@@ -266,3 +266,8 @@ def test_the_friction_of_another_file_takes_the_place_of_the_plates(tmp_path: Pa
     own.write_text("[plate]\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="holds no friction curve: measure it"):
         config.with_friction(configured, own)
+
+
+def test_keys_and_sections_of_another_version_are_left_out() -> None:
+    table = {"plate": {"size_mm": [137.5, 137.5], "gone": 1}, "lost": {"key": 2}, "log": 3}
+    assert config.known_keys(table) == {"plate": {"size_mm": [137.5, 137.5]}}

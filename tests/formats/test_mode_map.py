@@ -286,3 +286,8 @@ def test_a_map_off_the_plate_of_zeros_or_with_one_shape_twice_is_refused(
 
 def test_a_map_that_is_shifted_a_little_or_is_of_one_mode_is_used() -> None:
     require_usable((AXIS_MM + 12.0, AXIS_MM - 12.0, SLOPES[:1]), (137.5, 137.5))
+
+
+def test_a_table_that_is_no_csv_is_refused_with_its_line() -> None:
+    with pytest.raises(ModesError, match="line 2"):
+        decode_scan(b"x_mm,y_mm,phi_1\n1,2\r3,4\n", ".csv")

@@ -223,9 +223,17 @@ def is_quiet(state: PlateState) -> bool:
 
 def drive(client: Client) -> PlateState:
     """Ask for a slippery and a sticky finger, until the board follows."""
-    state = wait_state(client, lambda state: len(state.fingers) == 2)
-    left, right = sorted(state.fingers, key=lambda finger: finger.x_mm)
-    client.set(left, amplitude_um=1.0)
-    client.set(right, amplitude_um=0.0)
+    asked: list[int | str] = []
+
+    def is_followed(state: PlateState) -> bool:
+        fingers = sorted(state.fingers, key=lambda finger: finger.x_mm)
+        ids = [finger.id for finger in fingers]
+        if len(ids) == 2 and ids != asked:  # a machine that stood still lifts them, and others land
+            asked[:] = ids
+            for finger, amplitude_um in zip(fingers, (1.0, 0.0), strict=True):
+                client.set(finger, amplitude_um=amplitude_um)
+        return is_driven(state)
+
+    wait_state(client, is_followed)
     wait_for(lambda: bool(client.status()["board"].get("state") == "LIVE"))
-    return wait_state(client, is_driven)
+    return wait_state(client, is_followed)

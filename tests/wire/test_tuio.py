@@ -8,6 +8,7 @@ import pytest
 from datagrams import bundle, message, tuio1, tuio2
 
 from hapticd.values import AffineMap, TouchFrame
+from hapticd.wire import osc
 from hapticd.wire.trackpad import Decoder, from_fields, to_fields, tuio
 
 MS = 1_000_000
@@ -290,3 +291,26 @@ def test_another_source_is_refused_before_its_messages_are_decoded() -> None:
         before = decoder.counters[reason]
         assert heard(decoder, bundle(torn, message(CUR, "source", source), message(CUR, "fseq", 2))) == []
         assert decoder.counters[reason] == before + 1
+
+
+def test_what_no_tracker_sends_is_left_out_and_bounded() -> None:
+    long = [0.5] * 200
+    frames = [
+        *heard(Decoder(PAD), bundle(*alone(1)[:2], message(CUR, "set", 7, *long), message(CUR, "fseq", 1))),
+        *heard(Decoder(PAD), bundle(message("/tuio2/frm", 1, 0), message("/tuio2/ptr", 7, *long))),
+    ]
+    assert [frame.contacts for frame in frames] == [()] * len(frames)
+    decoder, tokens = Decoder(PAD), 0
+    for frame in range(1, 1 + 2 * osc.MAX_ARGUMENTS // 40):
+        numbers = range(40 * frame, 40 * (frame + 1))
+        tokens += len(numbers)
+        sent = [message("/tuio2/tok", number, 0, 0, 0.5, 0.5, 0.0) for number in numbers]
+        heard(decoder, bundle(message("/tuio2/frm", frame, 0), *sent))
+    assert decoder.counters["other_profiles"] == tokens
+    many = [
+        bundle(
+            *[message(CUR, "set", 100 * part + n, 0.5, 0.5, 0.0, 0.0, 0.0) for n in range(60)], message(CUR, "fseq", 7)
+        )
+        for part in range(4 * osc.MAX_MESSAGES // 60)
+    ]
+    assert all(len(frame.contacts) <= 256 for frame in heard(Decoder(PAD), *many, period_ms=0))

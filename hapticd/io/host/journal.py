@@ -33,21 +33,20 @@ class _Place:
 class LineRateLimiter(logging.Filter):
     """Pass BURST lines of each place in the code, then LINES_HZ; the next line reports how many were dropped.
 
-    A line with the text of the last one passes once the bucket is full again.
-
-    Lines of level DEBUG pass: only a developer requests them.
+    What comes and goes is two places, by its levels. A line with the text of the last one passes once the bucket is
+    full again. Lines of level DEBUG pass: only a developer requests them.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self._places: dict[tuple[str, int], _Place] = {}
+        self._places: dict[tuple[str, int, int], _Place] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether the line passes; adds the number of dropped ones to its text."""
         if record.levelno < logging.INFO:
             return True
         t_s = record.created
-        place = self._places.setdefault((record.pathname, record.lineno), _Place(BURST, t_s))
+        place = self._places.setdefault((record.pathname, record.lineno, record.levelno), _Place(BURST, t_s))
         place.tokens = min(place.tokens + max(t_s - place.t_s, 0.0) * LINES_HZ, BURST)
         place.t_s = t_s
         text = record.getMessage()
