@@ -289,5 +289,5 @@ def test_a_map_that_is_shifted_a_little_or_is_of_one_mode_is_used() -> None:
 
 
 def test_a_table_that_is_no_csv_is_refused_with_its_line() -> None:
-    with pytest.raises(ModesError, match="line 2"):
-        decode_scan(b"x_mm,y_mm,phi_1\n1,2\r3,4\n", ".csv")
+    with pytest.raises(ModesError, match="quotes"):  # a cell that does not end
+        decode_scan(b'x_mm,y_mm,phi_1\n"' + 200 * (b"1" * 1000 + b"\n"), ".csv")
