@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 Write = Callable[[bytes], int]
 
-BURST = 5  # lines of one place at once, such as the refusals of one start
+BURST = 10  # lines of one place at once, such as what is plugged and pulled, or the refusals of one start
 LINES_HZ = 0.1  # afterwards, and of the same text
 
 
@@ -33,20 +33,21 @@ class _Place:
 class LineRateLimiter(logging.Filter):
     """Pass BURST lines of each place in the code, then LINES_HZ; the next line reports how many were dropped.
 
-    What comes and goes is two places, by its levels. A line with the text of the last one passes once the bucket is
-    full again. Lines of level DEBUG pass: only a developer requests them.
+    A line with the text of the last one passes once the bucket is full again.
+
+    Lines of level DEBUG pass: only a developer requests them.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self._places: dict[tuple[str, int, int], _Place] = {}
+        self._places: dict[tuple[str, int], _Place] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether the line passes; adds the number of dropped ones to its text."""
         if record.levelno < logging.INFO:
             return True
         t_s = record.created
-        place = self._places.setdefault((record.pathname, record.lineno, record.levelno), _Place(BURST, t_s))
+        place = self._places.setdefault((record.pathname, record.lineno), _Place(BURST, t_s))
         place.tokens = min(place.tokens + max(t_s - place.t_s, 0.0) * LINES_HZ, BURST)
         place.t_s = t_s
         text = record.getMessage()
