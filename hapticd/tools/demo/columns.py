@@ -89,7 +89,7 @@ class VirtualRun:
             while True:
                 try:
                     received: Film | float = self._pipe.recv()
-                except EOFError:
+                except (EOFError, ConnectionError):  # reset: it ended before it read what to play
                     sentence = f"The comparison with {self._column.title} ended: see its message above."
                     raise HapticdError(sentence) from None
                 if isinstance(received, Film):
