@@ -22,18 +22,17 @@ LINES_HZ = 0.1  # afterwards, and of the same text
 
 @dataclass(slots=True)
 class _Place:
-    """Token bucket of one place in the code; `text` is its last line, `dropped` counts those since then."""
+    """Token bucket of one place in the code; `dropped` counts lines since the last one that passed."""
 
     tokens: float
     t_s: float
-    text: str = ""
     dropped: int = 0
 
 
 class LineRateLimiter(logging.Filter):
     """Pass BURST lines of each place in the code, then LINES_HZ; the next line reports how many were dropped.
 
-    A line with the text of the last one passes once the bucket is full again.
+    A line that repeats the last one passes once the bucket is full again.
 
     Lines of level DEBUG pass: only a developer requests them.
     """
@@ -41,6 +40,7 @@ class LineRateLimiter(logging.Filter):
     def __init__(self) -> None:
         super().__init__()
         self._places: dict[tuple[str, int], _Place] = {}
+        self._last = ""  # line of any place
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether the line passes; adds the number of dropped ones to its text."""
@@ -51,11 +51,11 @@ class LineRateLimiter(logging.Filter):
         place.tokens = min(place.tokens + max(t_s - place.t_s, 0.0) * LINES_HZ, BURST)
         place.t_s = t_s
         text = record.getMessage()
-        if place.tokens < (BURST if text == place.text else 1.0):
+        if place.tokens < (BURST if text == self._last else 1.0):
             place.dropped += 1
             return False
         place.tokens -= 1.0
-        place.text = text
+        self._last = text
         if place.dropped:
             record.msg = f"{text} ({place.dropped} more lines of this kind were dropped)"
             record.args = None
