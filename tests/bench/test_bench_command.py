@@ -55,7 +55,7 @@ def test_all_parts_give_tables_json_and_a_picture(tmp_path: Path, capsys: pytest
     assert written["machine"]["cpu_count"] >= 1
     assert picture.read_bytes().startswith(b"\x89PNG")
     out = capsys.readouterr().out
-    assert "solve_fast" in out
+    assert "solve_batch" in out
     assert "pi_ff" in out
     assert str(picture) in out
 

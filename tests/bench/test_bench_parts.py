@@ -79,16 +79,12 @@ def test_what_a_scene_does_not_need_is_skipped() -> None:
 
 def test_the_solvers_agree_and_never_break_a_limit() -> None:
     points, contacts = part("solver")
-    for name in ("solve", "solve_batch"):
-        for key in ("leak_um", "slip_error_um", "both_slip_error_um"):
-            assert figure(points, name, key) == pytest.approx(figure(points, "solve_fast", key), abs=1e-9)
+    for key in ("leak_um", "slip_error_um", "both_slip_error_um"):
+        assert figure(points, "solve_batch", key) == pytest.approx(figure(points, "solve", key), abs=1e-9)
     ours = [row for row in points.rows if row.name.startswith("solve")]
     assert all(row.figures["limits_broken_count"] == 0 for row in ours)
     assert (
-        figure(points, "solve_fast", "leak_um")
-        < solver.NOTHING_UM
-        < 0.01
-        < figure(points, "numpy solve + clip", "leak_um")
+        figure(points, "solve", "leak_um") < solver.NOTHING_UM < 0.01 < figure(points, "numpy solve + clip", "leak_um")
     )
     for fingers, modes_ in felt.SIZES:
         name = f"{fingers} contacts, {modes_} modes"
