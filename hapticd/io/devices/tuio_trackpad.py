@@ -1,6 +1,6 @@
 """A TUIO tracker: datagrams at one UDP address, read on the loop. Those that are not its own go no further.
 
-UDP authenticates nobody: any program that can send from the tracker's address can take its place. While a tracker
+UDP has no authentication: any program that can send from the tracker's address can take its place. While a tracker
 sends, datagrams of other sockets are dropped unread, and each of both kinds has a budget in time.
 """
 

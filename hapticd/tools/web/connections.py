@@ -1,7 +1,7 @@
 """Bounds on the connections of a server, which any process of this computer can open.
 
 A connection is a stranger's until a request on it has brought the key. It has STRANGER_S for that, headers, answer and
-all, where it is alone, and less the more strangers there are: so idle connections keep nobody out, and none is closed
+all, where it is alone, and less the more strangers there are: so idle connections keep no one out, and none is closed
 because of a later one.
 """
 

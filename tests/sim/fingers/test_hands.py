@@ -38,7 +38,7 @@ def test_a_finger_that_is_no_longer_named_is_lifted_and_lands_as_another() -> No
 def test_the_scenarios_fingers_leave_when_a_user_comes_and_return_after_it(end: str) -> None:
     hands = Hands()
     scripted = YieldingPath(Rest((3.0, 4.0)), hands)
-    hands.hold({}, 1.0)  # of a page that nobody touches
+    hands.hold({}, 1.0)  # of a page without touches
     assert at(scripted, 0.0, 5.0) == [[3.0, 4.0]] * 2
     for t_s in (2.0, 2.4, 2.8):
         hands.hold({"1": SimulatedTouch(0.0, 0.0)}, t_s)
