@@ -47,7 +47,7 @@ async def test_of_messages_that_wait_the_newest_of_each_client_is_handled(tmp_pa
         newest = [f"{name}{MAX_READS - 2}".encode() for name in "ab"]
         await until(lambda: sorted(running.waiting()) == newest)
         running.resume()
-        assert sorted(running.messages) == newest
+        await until(lambda: sorted(running.messages) == newest)  # the second may come after a break
         assert running.server.counters["too_fast"] == 0
 
 
