@@ -29,7 +29,7 @@ export interface FingerTarget {
   finger: number | string;
   /** where not all fingers can feel what is asked, the highest come first */
   priority?: number;
-  /** constant vibration; 0 holds the glass still. The plate's limit is lower, see below */
+  /** constant vibration; 0 holds the glass still. Also limited by the plate */
   amplitude_um?: number | null;
   /** 0 is the most slippery that the plate allows, 1 is bare glass; converted by the daemon's friction curve */
   friction?: number | null;
@@ -88,11 +88,11 @@ export interface Gradient {
 
 /** A random texture, the same for the same `seed`: waves of wavelengths `shortest_mm` .. `longest_mm`, equally many in each octave, in all directions. A wave's height is proportional to its wavelength to the power `exponent`: 0 gives all octaves the same height, 1 looks alike at each scale. `rms_um` is the deviation from `mean_um`, cut at three times as much, and at 0. */
 export interface Noise {
-  /** wavelengths from here */
+  /** shortest wavelength */
   shortest_mm: number;
-  /** to here, not below the shortest; as many waves in each octave */
+  /** longest wavelength; equally many waves in each octave */
   longest_mm: number;
-  /** deviation from the mean, cut at three times as much, and at 0 */
+  /** deviation from the mean, clipped at three times that, and at 0 */
   rms_um: number;
   mean_um: number;
   /** a wave's height is proportional to its wavelength to this power */
@@ -115,7 +115,7 @@ export interface VirtualFinger {
 
 /** A layer on the plate: content within a shape, felt by any finger that has no target of its own. Content and shape (without one: everywhere) are in the layer's frame, which is scaled, turned anticlockwise and moved to `position_mm` at `t_pose_ns` (by default when it arrives), and moves on from there with its velocity, or instead along a path, from its first point on. Of two layers the one with the larger `z` is on top. */
 export interface Surface {
-  /** constant vibration; 0 holds the glass still. The plate's limit is lower, see below */
+  /** constant vibration; 0 holds the glass still. Also limited by the plate */
   amplitude_um?: number | null;
   /** 0 is the most slippery that the plate allows, 1 is bare glass; converted by the daemon's friction curve */
   friction?: number | null;
@@ -137,13 +137,13 @@ export interface Surface {
   polygon_mm?: readonly readonly [number, number][] | null;
   /** where the origin of the layer lies on the plate */
   position_mm?: readonly [number, number];
-  /** by which shape and content are turned anticlockwise around the origin */
+  /** of shape and content, anticlockwise around the origin */
   angle_rad?: number;
-  /** by which shape and content are scaled; amplitudes are not */
+  /** of shape and content, not of amplitudes */
   scale?: number;
   /** of the origin */
   velocity_mm_s?: readonly [number, number];
-  /** the way of the origin, instead of position and velocity, from `t_pose_ns` on. `hello` lists `surface_path` as `optional` */
+  /** path of the origin from `t_pose_ns` on, instead of position and velocity. `hello` lists `surface_path` as `optional` */
   path_mm?: readonly readonly [number, number][] | null;
   /** along the path */
   speed_mm_s?: number;
@@ -153,9 +153,9 @@ export interface Surface {
   turning_rad_s?: number;
   /** instant of position and angle, on the axis of telemetry's `t_ns`; default: when the message arrives */
   t_pose_ns?: number | null;
-  /** the larger is on top; of equals, the one that came last */
+  /** the larger is on top; of equals the last */
   z?: number;
-  /** what becomes of the amplitude of the layers below; a sum is at most the plate's limit */
+  /** with the amplitude of the layers below; a sum is at most the plate's limit */
   blend?: "add" | "max" | "replace";
 }
 
@@ -184,15 +184,15 @@ export interface Pulse {
   /** added */
   height_um: number;
   length_s: number;
-  /** linear rise and fall within the length, at most half of it; default 0.002, or half of the length if that is less */
+  /** linear rise and fall within the length, at most half of it; default 0.002, if that fits */
   rise_s?: number | null;
 }
 
 /** 2 .. 256 points (t_s, value) from 0 s on, for 0.001 s or more, none earlier than the one before it; linear in between, two at one instant are a step. Values are um that are added, or with `is_factor` factors 0 .. 10 of what the finger feels. */
 export interface Envelope {
-  /** `[t_s, value]`, the first at 0, the last at 0.001 or later, none earlier than the one before; 1024 in all of a message. Linear in between, two at one instant are a step */
+  /** `[t_s, value]` in order of time, the first at 0, the last at 0.001 or later; 1024 in all of a message. Linear in between, two at one instant are a step */
   points: readonly readonly [number, number][];
-  /** multiplies by the values, which are 0 .. 10; else adds them, in um */
+  /** multiplies by values of 0 .. 10; else adds um */
   is_factor?: boolean;
 }
 
@@ -210,7 +210,7 @@ export interface Modulation {
 /** When the message arrives; with another `id` once more. */
 export interface Now {
   cause: "now";
-  /** another one starts it once more; one with a length starts once per id above 0, also after it expired */
+  /** another one starts it again; an effect with a length starts once per id above 0, also after it expired */
   id?: number;
 }
 
@@ -427,7 +427,7 @@ export interface PlateState {
   fingers: readonly FingerState[];
   /** real part of each mode's reference phasor */
   modal_um: readonly number[];
-  /** a mode reached its limit, so that some finger misses its target by the daemon's own calculation */
+  /** a mode reached its limit, so some finger misses its target by calculation */
   limited: boolean;
   /** age of the newest touch sample */
   age_ms: number;
@@ -439,9 +439,9 @@ export interface PlateState {
   modal_q_um?: readonly number[];
   /** the board's last measurement of each mode, `[real, imaginary]`; empty before the first */
   measured_um?: readonly readonly [number, number][] | null;
-  /** some finger misses its target, whatever the cause: `misses_target` of any */
+  /** `misses_target` of any finger */
   misses_target?: boolean | null;
-  /** counts changes of the surfaces in force; a refresh and a motion are none. Request `surfaces` when it differs from the last one */
+  /** counts changes of the surfaces in force, without refreshes and motion: request `surfaces` when it changes */
   surfaces_version?: number | null;
   /** events since the previous state, in order; omitted if empty */
   events?: readonly PlateEvent[];
@@ -465,21 +465,21 @@ export interface FingerState {
   predicted_y_mm: number | null;
   /** its target there */
   target_um: number | null;
-  /** the amplitude that is to be expected there, by the first knot of the reference: RMS over its contact, and on a plate that is driven for points at its centre */
+  /** the expected amplitude there, by the reference's first knot: RMS over its contact, on a plate that is driven for points at its centre */
   achieved_um: number | null;
   /** whether it is on no pad */
   virtual: boolean;
   /** the client that owns it */
   owner: string | null;
-  /** its friction relative to that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery than asked. An amplitude asks for the friction that it has when it is the same all over the contact. Nil without a target */
+  /** its friction over that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery than asked. A target's amplitude stands for the friction of an even vibration */
   friction_change: number | null;
-  /** share of time in which `error_jnd` was beyond 1 either way, since the finger had a target and the daemon a subscriber; nil without a target */
+  /** share of time in which `error_jnd` was beyond 1 either way, since the finger had a target and the daemon a subscriber */
   weber_frac: number | null;
-  /** RMS amplitude over its contact: the contact leak of a finger with target 0, else the contact slip */
+  /** RMS amplitude over its contact */
   contact_um: number | null;
-  /** mean friction over its contact, by the daemon's friction curve: from 0, the most slippery that the plate allows, to 1, bare glass, as targets count it */
+  /** mean friction over its contact, on the scale of targets */
   felt_friction: number | null;
-  /** `friction_change` in just noticeable differences of 0.11; nil without a target, and on a plate that is driven for points (`contact_radius_mm` of `plate` is 0) */
+  /** `friction_change` in just noticeable differences of 0.11; nil also on a plate that is driven for points (`contact_radius_mm` of `plate` is 0) */
   error_jnd: number | null;
   contact_um_low: number | null;
   contact_um_high: number | null;
@@ -487,16 +487,16 @@ export interface FingerState {
   felt_friction_high: number | null;
   achieved_um_low: number | null;
   achieved_um_high: number | null;
-  /** it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable difference: over its contact, and on a plate that is driven for points at its centre. Nil without a target */
+  /** it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable difference: over its contact, on a plate that is driven for points at its centre */
   misses_target: boolean | null;
-  /** the longer axis of its contact, an ellipse, in full; nil where the pad's ellipses are not used: then it is a disc of the radius in the daemon's configuration */
+  /** the longer axis of its contact, an ellipse; nil where the pad's ellipses are not used: then it is a disc */
   contact_major_mm: number | null;
   contact_minor_mm: number | null;
   /** of the longer axis to the plate's x, anticlockwise */
   contact_angle_rad: number | null;
-  /** how hard it presses, by the pad's own measure, 0 .. 1: 0 on a pad without one, nil for a virtual finger */
+  /** its pressure by the pad's own measure, 0 .. 1: 0 on a pad without one, nil for a virtual finger */
   pressure_frac: number | null;
-  /** area of the ellipse that the pad reports, in the pad's own scale, uncalibrated; nil without one */
+  /** area of the ellipse that the pad reports, uncalibrated; nil without one */
   area_mm2: number | null;
 }
 
@@ -516,7 +516,7 @@ export interface PlateEvent {
   seq: number;
   /** an EventKind; a newer daemon may have more */
   kind: string;
-  /** when its cause occurred; crossings are predicted */
+  /** instant of its cause */
   t_ns: number;
   /** the same on the trackpad's own clock; omitted where no finger is the cause */
   t_device_ns?: number | null;
@@ -636,9 +636,9 @@ export interface PlateDescription {
   w_limit_um: readonly number[];
   /** the largest reference of each mode */
   reference_limit_um: readonly number[];
-  /** of the discs over which amplitudes count, where the pad's ellipses are not used; 0: points */
+  /** of contacts, where the pad's ellipses are not used; 0: points */
   contact_radius_mm: number;
-  /** pairs of an amplitude in um and its friction relative to bare glass, whose logarithm is straight between them */
+  /** pairs of an amplitude in um and its friction relative to bare glass; its logarithm is linear in between */
   friction_curve: readonly readonly [number, number][];
   /** the sliding speed at which a friction needs twice the amplitude; nil: speed changes nothing */
   friction_speed_mm_s: number | null;

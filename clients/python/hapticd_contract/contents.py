@@ -114,11 +114,11 @@ class Noise(Contract, frozen=True):
     """
 
     shortest_mm: PeriodMm
-    """wavelengths from here"""
+    """shortest wavelength"""
     longest_mm: PeriodMm
-    """to here, not below the shortest; as many waves in each octave"""
+    """longest wavelength; equally many waves in each octave"""
     rms_um: AmplitudeUm
-    """deviation from the mean, cut at three times as much, and at 0"""
+    """deviation from the mean, clipped at three times that, and at 0"""
     mean_um: AmplitudeUm
     exponent: Annotated[float, Meta(ge=0.0, le=4.0)] = 0.0
     """a wave's height is proportional to its wavelength to this power"""
@@ -138,7 +138,7 @@ class Contents(Contract, frozen=True, kw_only=True):
     """The fields of content, of which a message has exactly one."""
 
     amplitude_um: AmplitudeUm | None = None
-    """constant vibration; 0 holds the glass still. The plate's limit is lower, see below"""
+    """constant vibration; 0 holds the glass still. Also limited by the plate"""
     friction: Share | None = None
     """0 is the most slippery that the plate allows, 1 is bare glass; converted by the daemon's friction curve"""
     grating: Grating | None = None

@@ -33,8 +33,7 @@ class Pulse(Contract, frozen=True):
     """added"""
     length_s: LengthS
     rise_s: InstantS | None = None
-    """linear rise and fall within the length, at most half of it; default 0.002, or half of the length if that is
-    less"""
+    """linear rise and fall within the length, at most half of it; default 0.002, if that fits"""
 
     @property
     def ramp_s(self) -> float:
@@ -56,10 +55,10 @@ class Envelope(Contract, frozen=True):
     """
 
     points: Annotated[tuple[tuple[InstantS, SignedUm], ...], Meta(min_length=2, max_length=MAX_ENVELOPE_POINTS)]
-    """`[t_s, value]`, the first at 0, the last at 0.001 or later, none earlier than the one before; 1024 in all of a
-    message. Linear in between, two at one instant are a step"""
+    """`[t_s, value]` in order of time, the first at 0, the last at 0.001 or later; 1024 in all of a message. Linear in
+    between, two at one instant are a step"""
     is_factor: bool = False
-    """multiplies by the values, which are 0 .. 10; else adds them, in um"""
+    """multiplies by values of 0 .. 10; else adds um"""
 
     def problem(self) -> str:
         points = self.points
@@ -97,7 +96,7 @@ class Now(Contract, frozen=True, tag_field="cause", tag="now"):
     """When the message arrives; with another `id` once more."""
 
     id: Whole = 0
-    """another one starts it once more; one with a length starts once per id above 0, also after it expired"""
+    """another one starts it again; an effect with a length starts once per id above 0, also after it expired"""
 
 
 class At(Contract, frozen=True, tag_field="cause", tag="at"):

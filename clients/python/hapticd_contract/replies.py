@@ -111,9 +111,9 @@ class Plate(Struct, frozen=True):
     reference_limit_um: tuple[float, ...]
     """the largest reference of each mode"""
     contact_radius_mm: float
-    """of the discs over which amplitudes count, where the pad's ellipses are not used; 0: points"""
+    """of contacts, where the pad's ellipses are not used; 0: points"""
     friction_curve: tuple[tuple[float, float], ...]
-    """pairs of an amplitude in um and its friction relative to bare glass, whose logarithm is straight between them"""
+    """pairs of an amplitude in um and its friction relative to bare glass; its logarithm is linear in between"""
     friction_speed_mm_s: float | None
     """the sliding speed at which a friction needs twice the amplitude; nil: speed changes nothing"""
     drive_hz: float | None

@@ -21,20 +21,18 @@ class Perceived(Struct, frozen=True, kw_only=True):
     modes, and how a person's friction curve differs from the daemon's."""
 
     friction_change: float | None = None
-    """its friction relative to that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery
-    than asked. An amplitude asks for the friction that it has when it is the same all over the contact. Nil without a
-    target"""
+    """its friction over that of its target, both relative to bare glass, minus 1: -0.3 is 30 % more slippery than
+    asked. A target's amplitude stands for the friction of an even vibration"""
     weber_frac: float | None = None
     """share of time in which `error_jnd` was beyond 1 either way, since the finger had a target and the daemon a
-    subscriber; nil without a target"""
+    subscriber"""
     contact_um: float | None = None
-    """RMS amplitude over its contact: the contact leak of a finger with target 0, else the contact slip"""
+    """RMS amplitude over its contact"""
     felt_friction: float | None = None
-    """mean friction over its contact, by the daemon's friction curve: from 0, the most slippery that the plate allows,
-    to 1, bare glass, as targets count it"""
+    """mean friction over its contact, on the scale of targets"""
     error_jnd: float | None = None
-    """`friction_change` in just noticeable differences of 0.11; nil without a target, and on a plate that is driven for
-    points (`contact_radius_mm` of `plate` is 0)"""
+    """`friction_change` in just noticeable differences of 0.11; nil also on a plate that is driven for points
+    (`contact_radius_mm` of `plate` is 0)"""
     contact_um_low: float | None = None
     contact_um_high: float | None = None
     felt_friction_low: float | None = None
@@ -43,17 +41,16 @@ class Perceived(Struct, frozen=True, kw_only=True):
     achieved_um_high: float | None = None
     misses_target: bool | None = None
     """it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable
-    difference: over its contact, and on a plate that is driven for points at its centre. Nil without a target"""
+    difference: over its contact, on a plate that is driven for points at its centre"""
     contact_major_mm: float | None = None
-    """the longer axis of its contact, an ellipse, in full; nil where the pad's ellipses are not used: then it is a disc
-    of the radius in the daemon's configuration"""
+    """the longer axis of its contact, an ellipse; nil where the pad's ellipses are not used: then it is a disc"""
     contact_minor_mm: float | None = None
     contact_angle_rad: float | None = None
     """of the longer axis to the plate's x, anticlockwise"""
     pressure_frac: float | None = None
-    """how hard it presses, by the pad's own measure, 0 .. 1: 0 on a pad without one, nil for a virtual finger"""
+    """its pressure by the pad's own measure, 0 .. 1: 0 on a pad without one, nil for a virtual finger"""
     area_mm2: float | None = None
-    """area of the ellipse that the pad reports, in the pad's own scale, uncalibrated; nil without one"""
+    """area of the ellipse that the pad reports, uncalibrated; nil without one"""
 
 
 class FingerState(Perceived, frozen=True):
@@ -70,8 +67,8 @@ class FingerState(Perceived, frozen=True):
     target_um: float | None
     """its target there"""
     achieved_um: float | None
-    """the amplitude that is to be expected there, by the first knot of the reference: RMS over its contact, and on a
-    plate that is driven for points at its centre"""
+    """the expected amplitude there, by the reference's first knot: RMS over its contact, on a plate that is driven for
+    points at its centre"""
     virtual: bool
     """whether it is on no pad"""
     owner: str | None = None
@@ -111,7 +108,7 @@ class PlateEvent(Struct, frozen=True, omit_defaults=True):
     kind: str
     """an EventKind; a newer daemon may have more"""
     t_ns: int
-    """when its cause occurred; crossings are predicted"""
+    """instant of its cause"""
     t_device_ns: int | None = None
     """the same on the trackpad's own clock; omitted where no finger is the cause"""
     finger: int | None = None
@@ -149,7 +146,7 @@ class PlateState(
     modal_um: tuple[float, ...]
     """real part of each mode's reference phasor"""
     limited: bool
-    """a mode reached its limit, so that some finger misses its target by the daemon's own calculation"""
+    """a mode reached its limit, so some finger misses its target by calculation"""
     age_ms: float
     """age of the newest touch sample"""
     horizon_ms: float
@@ -161,10 +158,9 @@ class PlateState(
     measured_d_q_um: tuple[tuple[float, float], ...] | None = None
     """the board's last measurement of each mode, `[real, imaginary]`; empty before the first"""
     misses_target: bool | None = None
-    """some finger misses its target, whatever the cause: `misses_target` of any"""
+    """`misses_target` of any finger"""
     surfaces_version: int | None = None
-    """counts changes of the surfaces in force; a refresh and a motion are none. Request `surfaces` when it differs from
-    the last one"""
+    """counts changes of the surfaces in force, without refreshes and motion: request `surfaces` when it changes"""
     events: tuple[PlateEvent, ...] = ()
     """events since the previous state, in order; omitted if empty"""
     tick_late_ms: float | None = None

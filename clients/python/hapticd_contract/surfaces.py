@@ -94,13 +94,13 @@ class Surface(Contents, frozen=True, kw_only=True):
     position_mm: Place = (0.0, 0.0)
     """where the origin of the layer lies on the plate"""
     angle_rad: AngleRad = 0.0
-    """by which shape and content are turned anticlockwise around the origin"""
+    """of shape and content, anticlockwise around the origin"""
     scale: Annotated[float, Meta(ge=0.01, le=100.0)] = 1.0
-    """by which shape and content are scaled; amplitudes are not"""
+    """of shape and content, not of amplitudes"""
     velocity_mm_s: tuple[SignedMmS, SignedMmS] = (0.0, 0.0)
     """of the origin"""
     path_mm: PathPoints | None = None
-    """the way of the origin, instead of position and velocity, from `t_pose_ns` on. `hello` lists `surface_path` as
+    """path of the origin from `t_pose_ns` on, instead of position and velocity. `hello` lists `surface_path` as
     `optional`"""
     speed_mm_s: SpeedMmS = 50.0
     """along the path"""
@@ -111,9 +111,9 @@ class Surface(Contents, frozen=True, kw_only=True):
     t_pose_ns: Whole | None = None
     """instant of position and angle, on the axis of telemetry's `t_ns`; default: when the message arrives"""
     z: Annotated[int, Meta(ge=-1000, le=1000)] = 0
-    """the larger is on top; of equals, the one that came last"""
+    """the larger is on top; of equals the last"""
     blend: Blend = "replace"
-    """what becomes of the amplitude of the layers below; a sum is at most the plate's limit"""
+    """with the amplitude of the layers below; a sum is at most the plate's limit"""
 
     @classmethod
     def of(
