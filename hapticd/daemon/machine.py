@@ -208,6 +208,7 @@ class Machine:
             if not self.is_failing:  # once, not ninety times a second
                 log.exception("a pass failed: the plate is quiet until one succeeds")
             self.is_failing = True
+            self.status.failed_passes += 1
             tick = self.pipeline.rest(t_now_ns, aim.ahead_ns)
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)

@@ -54,7 +54,7 @@ class Status:
         clients: ClientGateway,
     ) -> None:
         self.publish: Callable[[bytes], None] | None = None
-        self.published = self.skipped_no_subscriber = 0
+        self.published = self.skipped_no_subscriber = self.failed_passes = 0
         self.loop = LoopTiming()
         self.real_time: Mapping[str, object] = {}
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # dropped by the sockets, by cause
@@ -170,7 +170,7 @@ class Status:
             "effects": self._effects(t_now_ns),
             "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
             "simulated": self._config.rig_dir or None,
-            "touch": dataclasses.asdict(self._pipeline.counters),
+            "touch": {**dataclasses.asdict(self._pipeline.counters), "failed_passes": self.failed_passes},
             "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
             "trackpad": {
                 "model": trackpad.pad.model,

@@ -42,7 +42,9 @@ def _status(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(system.status, indent=2))
     else:
-        print(f"hapticd: {printable(answer.text)}", *page(system.status), sep="\n")
+        health = service.health(system)
+        warning = [f"{printable(health.text)}: {health.remedy}"] if health.remedy else []
+        print(f"hapticd: {printable(answer.text)}", *warning, *page(system.status), sep="\n")
     return ExitCode.FAILED if system.status.get("state") == "FAULT" else ExitCode.DONE
 
 

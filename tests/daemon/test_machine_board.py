@@ -110,6 +110,7 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
         patch.setattr(bench.machine, "pipeline", Broken())
         bench.run(200)
         assert bench.board.peak_um == 0.0
+    assert bench.machine.report_status(bench.t_ns)["touch"]["failed_passes"] > 1
     assert [record.message for record in caplog.records if record.levelname == "ERROR"] == [
         "a pass failed: the plate is quiet until one succeeds"
     ]

@@ -45,6 +45,13 @@ def test_the_page_has_what_is_neither_zero_nor_empty(
     assert "\x1b" not in page
 
 
+def test_failed_passes_are_named_above_the_page(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(monkeypatch, {**REPORTED, "touch": {"failed_passes": 7}})
+    assert "7 passes failed" in capsys.readouterr().out.splitlines()[1]
+
+
 def test_json_is_the_whole_answer(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(monkeypatch, REPORTED, "--json") == 0
     assert json.loads(capsys.readouterr().out) == REPORTED

@@ -111,6 +111,9 @@ def health(system: System) -> CheckResult:
         return CheckResult(FAIL, f"{state}{why}", "hapticd firmware info shows the cause; then Client.clear_fault()")
     if state == "IDLE":
         return CheckResult(WARN, f"{state}{why}", "see trackpad and board below")
+    if failed := system.reported("touch", "failed_passes"):
+        text = f"{state}{why}; {failed} passes failed since the start: in each the plate was silent"
+        return CheckResult(WARN, text, "the log has the error (journalctl -u hapticd): please report it")
     left_out = _left_out(system)
     if left_out:
         text = f"{state}{why}; left out since the start, as it came faster than there was time for: {left_out}"

@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from typing import Any, NamedTuple
 
 import zmq
-from prometheus_client import CollectorRegistry
+from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import (
     CounterMetricFamily,
     GaugeMetricFamily,
@@ -25,18 +26,15 @@ from prometheus_client.registry import Collector
 
 import hapticd_client
 from hapticd_client.control import Control
-from hapticd_client.endpoint import Endpoint, find
+from hapticd_client.endpoint import find
 
 from ...errors import UsageError
-from .metrics_server import MetricsServer, serving
 from .samples import STATES
 
 _Fields = Mapping[str, Any]
 
 ANSWER_S = 1.0  # of Prometheus' default scrape timeout of ten seconds
-EDGES_LOG2_NS = range(
-    13, 31
-)  # 8 us .. 1.07 s: the daemon's buckets are sixteenths of these octaves, so no count is split
+EDGES_LOG2_NS = range(13, 31)  # 8 us .. 1.07 s: the daemon's buckets are sixteenths of these octaves
 SUB_BITS = 4
 
 
@@ -210,25 +208,6 @@ def _number(value: Any) -> float | None:
     return float(value) if isinstance(value, (int, float)) else None
 
 
-class _Status:
-    """Requests one daemon's status, from any thread; None without a reply."""
-
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: Endpoint) -> None:
-        self._control = Control(context, endpoint)
-        self._one_at_a_time = threading.Lock()  # two scrapes share the socket
-
-    def __call__(self) -> _Fields | None:
-        with self._one_at_a_time:
-            try:
-                return self._control.request("status", timeout_s=ANSWER_S)
-            except hapticd_client.HapticdError:
-                return None
-
-    def close(self) -> None:
-        with self._one_at_a_time:
-            self._control.close()
-
-
 class StatusCollector(Collector):
     """Collector of a scrape: the metrics of `request`'s reply."""
 
@@ -252,30 +231,26 @@ def run(
 ) -> None:
     """Serve until `wait` returns or is interrupted; `announce` gets the address. Raises HapticdError,
     hapticd_client.HapticdError."""
-    context: Any = zmq.Context()
-    status = _Status(context, find(endpoint, os.environ))
-    try:
-        registry = CollectorRegistry()
-        registry.register(StatusCollector(status))
-        server, thread = _server(host, port, registry)
+    place, registry, one_at_a_time = find(endpoint, os.environ), CollectorRegistry(), threading.Lock()
+
+    def request() -> _Fields | None:
+        with one_at_a_time, suppress(hapticd_client.HapticdError):  # two scrapes share the socket
+            return control.request("status", timeout_s=ANSWER_S)
+        return None
+
+    registry.register(StatusCollector(request))
+    with ExitStack() as stack:
+        control = Control(stack.enter_context(zmq.Context()), place)
+        stack.callback(control.close)
+        stack.callback(one_at_a_time.acquire)  # a scrape that is being answered
         try:
+            server, _ = start_http_server(port, host, registry)
+        except OSError as error:
+            raise UsageError(
+                f"--host {host} --port {port}: cannot be bound ({error.strerror}): choose another."
+            ) from None
+        stack.enter_context(server)
+        stack.callback(server.shutdown)
+        with suppress(KeyboardInterrupt):
             announce(f"http://{host}:{server.server_port}/metrics")
             wait()
-        except KeyboardInterrupt:
-            pass
-        finally:
-            server.shutdown()
-            server.server_close()
-            thread.join()
-    finally:
-        status.close()
-        context.term()
-
-
-def _server(host: str, port: int, registry: CollectorRegistry) -> tuple[MetricsServer, threading.Thread]:
-    try:
-        return serving(host, port, registry)
-    except (OSError, OverflowError) as error:
-        raise UsageError(
-            f"--host {host} --port {port}: cannot be bound ({getattr(error, 'strerror', error)}): choose another."
-        ) from None

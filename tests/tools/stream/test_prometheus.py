@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import urllib.request
-from contextlib import ExitStack
 from typing import Any
 
 import pytest
-from asynchronous import PATIENCE_S, wait_for
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 from tools.stream.daemon_states import FakeDaemon
 
 from hapticd.tools.stream import prometheus
-from hapticd.tools.stream.metrics_server import MAX_CONNECTIONS, serving
 from hapticd.tools.stream.prometheus import COUNTERS, GAUGES, LOST_MESSAGES
 
 
@@ -34,25 +30,6 @@ def parsed(text: str) -> dict[str, float]:
             labels = ",".join(f'{key}="{value}"' for key, value in sorted(sample.labels.items()))
             values[f"{sample.name}{{{labels}}}" if labels else sample.name] = sample.value
     return values
-
-
-def test_idle_connections_are_bounded_and_keep_no_scrape_out(capsys: pytest.CaptureFixture[str]) -> None:
-    threads = threading.active_count()
-    server, thread = serving("127.0.0.1", 0, CollectorRegistry())
-    address = "127.0.0.1", server.server_port
-    try:
-        with ExitStack() as stack:
-            idle = [stack.enter_context(socket.create_connection(address, PATIENCE_S)) for _ in range(100)]
-            with urllib.request.urlopen(f"http://127.0.0.1:{server.server_port}/metrics", timeout=PATIENCE_S) as scrape:
-                assert scrape.status == 200
-            assert [client.recv(1) for client in idle[: 100 - MAX_CONNECTIONS]] == [b""] * (100 - MAX_CONNECTIONS)
-            assert len(server._open) <= MAX_CONNECTIONS
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
-    wait_for(lambda: threading.active_count() <= threads)
-    assert capsys.readouterr().err == ""
 
 
 def test_the_status_is_exported_in_base_units(reported: Any) -> None:
