@@ -232,7 +232,7 @@ class Machine:
 
     def aim(self, t_now_ns: int) -> Aim:
         """What a pass takes from the board; its computing is in `ahead_ns`. A board that rests is given the last
-        reference when it wakes. `hapticd replay --set` puts recorded values in its place."""
+        reference when it wakes."""
         session = self.session
         is_followed = session.is_resting or session.holds(t_now_ns)
         return tuple.__new__(Aim, (session.latency.link_ns, self.supervisor.may_drive, is_followed))

@@ -129,11 +129,6 @@ def amplitudes(phasors: Sequence[complex]) -> Fields:
     return {"d": [w.real for w in phasors], "q": [w.imag for w in phasors]}
 
 
-def phasors(recorded: Mapping[str, Sequence[float]]) -> tuple[complex, ...]:
-    """The inverse of `amplitudes`."""
-    return tuple(complex(d, q) for d, q in zip(recorded["d"], recorded["q"], strict=False))
-
-
 def key_of(point: Mapping[str, Any]) -> int | str:
     """The finger of a recorded point: an id, or the name of a virtual finger."""
     key: int | str = point["finger_id"] if "finger_id" in point else point.get("virtual", "")

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TextIO
 
-from ...errors import ConfigError, UsageError
+from ...errors import UsageError
 from .. import outputs
 from ..arguments import POSITIVE, add_endpoint
 from ..progress import Progress
@@ -61,15 +61,7 @@ def _is_closed(pipe: TextIO) -> bool:
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.epilog = f"{parser.epilog}\n         hapticd replay session.mcap --set prediction.noise_mm=0.1"
     _add_files(parser)
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="show what this would have changed, such as prediction.noise_mm=0.1; may be given again",
-    )
     parser.set_defaults(command=_replay)
 
 
@@ -79,16 +71,6 @@ def _replay(options: argparse.Namespace) -> int:
 
     logging.getLogger("hapticd").addHandler(logging.NullHandler())  # the recorded daemon logged them
     recording = open_recording(options.files)
-    if options.set:
-        from .whatif import compare, table
-
-        try:
-            with Progress("comparing") as recording.progress:
-                compared = compare(recording, options.set)
-            print(table(*compared))
-        except ConfigError as error:  # in --set, not in a file
-            raise UsageError(str(error)) from None
-        return 0
     with Progress("replaying") as recording.progress:
         outcome = replay(recording)
     print(report(recording, outcome))

@@ -1,10 +1,10 @@
 """Picture of a recording like the paper's figures 9 to 12: positions of the fingers, reference and motion of each mode,
-target and amplitude of each finger, and what other devices measured; markers are vertical lines, their texts above."""
+target and amplitude of each finger, and what other devices measured; markers are vertical lines with their texts."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,8 +20,7 @@ from .tables import Column
 _Table = Mapping[str, Column]
 MODE_NAMES = "XYZ"
 MOST_LABELS = 9  # two rows, with the line style
-MOST_CHARS, MOST_LANES = 24, 6  # of the markers' texts
-CHARS_ACROSS, LANE_IN = 110, 0.17  # at their size, with a margin
+MOST_CHARS = 24  # of a marker's text
 STREAM_IN = 1.9
 MOST_STREAMS, MOST_CHANNELS = 6, 8  # that are drawn
 LIFTED_S = 0.1  # without ground truth of a finger; it comes every 10 ms at least
@@ -38,20 +37,17 @@ def draw(
     if not (math.isfinite(start_s) and math.isfinite(end_s) and start_s < end_s and start_s < last_s):
         raise RecordingError(f"From {start_s:g} s to {end_s:.4g} s there is nothing: it ends at {last_s:.1f} s.")
     part = _Part(start_s, end_s)
-    markers = _markers(tables, part)
-    strip_in = LANE_IN * _lanes(markers)
     streams = _streams(tables)
-    heights_in = [*([strip_in] if markers else []), 1.9, 1.9, 3.1, 3.1, *[STREAM_IN] * len(streams)]
-    height_in = 10.0 + strip_in + STREAM_IN * len(streams)
-    figure, grid = plotting.subplots(9.0, height_in, len(heights_in), sharex=True, height_ratios=heights_in)
+    heights_in = [1.9, 1.9, 3.1, 3.1, *[STREAM_IN] * len(streams)]
+    figure, grid = plotting.subplots(9.0, sum(heights_in), len(heights_in), sharex=True, height_ratios=heights_in)
     figure.suptitle(plotting.plain(title), x=0.01, ha="left", fontsize="large")
-    axes = grid[len(heights_in) - len(streams) - 4 :, 0]
+    axes = grid[:, 0]
     for axis, name in zip(axes[4:], streams, strict=True):
         _draw_stream(axis, tables, name, part)
     _draw_positions(axes[0:2], tables, part)
     _draw_modes(axes[2], tables, part)
     _draw_fingers(axes[3], tables, part)
-    _draw_markers(grid[:, 0], markers)
+    _draw_markers(axes, tables, part)
     if not any(len(line.get_xdata()) for line in axes[0].lines):
         for axis in (*axes[0:2], axes[3]):
             plotting.mark_empty(axis, "no finger touches")
@@ -62,15 +58,6 @@ def draw(
     axes[3].set_xlim(start_s, end_s)
     axes[-1].set_xlabel("time, s")
     plotting.save(figure, path)
-
-
-class _Marker(NamedTuple):
-    """A marker: its text stands in a lane above the pictures, right of its line or, at the end, left of it."""
-
-    t_s: float
-    text: str
-    lane: int | None
-    is_last: bool
 
 
 class _Part(NamedTuple):
@@ -216,49 +203,17 @@ def _touches(truth: _Table | None) -> Iterator[_Table]:
             yield {name: column[rows] for name, column in felt.items()}
 
 
-def _markers(tables: Mapping[str, _Table], part: _Part) -> list[_Marker]:
-    """Return the markers of the part in the order of time, each with the lowest lane in which its text is free.
-
-    Those beyond MOST_LANES that would cover each other have none, and stay lines without a text.
-    """
+def _draw_markers(axes: Any, tables: Mapping[str, _Table], part: _Part) -> None:
+    """Draw a line through all pictures for each marker, with its text at the top."""
     table = tables.get("markers")
-    found = sorted(zip(table["t_s"], table["text"], strict=True)) if table else []
-    char_s = (part.end_s - part.start_s) / CHARS_ACROSS
-    free_s = [-math.inf] * MOST_LANES  # from when on each lane is free
-    markers = []
-    for t_s, text in found:
+    for t_s, text in zip(table["t_s"], table["text"], strict=True) if table else ():
         if not part.contains(t_s):
             continue
-        label = text if len(text) <= MOST_CHARS else text[: MOST_CHARS - 1] + "…"
-        is_last = t_s + len(label) * char_s > part.end_s  # it would end beyond the picture: it stands left of its line
-        begin_s = t_s - (len(label) + 1) * char_s if is_last else t_s
-        lane = next((lane for lane, from_s in enumerate(free_s) if from_s <= begin_s), None)
-        if lane is not None:
-            free_s[lane] = begin_s + (len(label) + 2) * char_s
-        markers.append(_Marker(float(t_s), label, lane, is_last))
-    return markers
-
-
-def _draw_markers(axes: Any, markers: Sequence[_Marker]) -> None:
-    """Draw a line through all pictures for each marker, and its text in the strip above them."""
-    if not markers:
-        return
-    strip, *pictures = axes
-    strip.set_ylim(_lanes(markers), 0)
-    strip.set_axis_off()
-    for marker in markers:
-        for axis in pictures:
-            axis.axvline(marker.t_s, color="grey", lw=0.8, ls=":")
-        strip.plot([marker.t_s] * 2, [marker.lane or 0, _lanes(markers)], color="grey", lw=0.8, ls=":")
-        if marker.lane is not None:
-            side = "right" if marker.is_last else "left"
-            place = marker.t_s, marker.lane + 0.5
-            text = f"{plotting.plain(marker.text)} " if marker.is_last else f" {plotting.plain(marker.text)}"
-            strip.annotate(text, place, ha=side, va="center", fontsize="x-small", annotation_clip=True)
-
-
-def _lanes(markers: Sequence[_Marker]) -> int:
-    return 1 + max((marker.lane or 0 for marker in markers), default=-1)
+        for axis in axes:
+            axis.axvline(t_s, color="grey", lw=0.8, ls=":")
+        label = plotting.plain(text if len(text) <= MOST_CHARS else text[: MOST_CHARS - 1] + "…")
+        place = {"xycoords": ("data", "axes fraction"), "rotation": 90, "ha": "right", "va": "top"}
+        axes[0].annotate(label, (t_s, 0.98), **place, fontsize="x-small", annotation_clip=True)
 
 
 def _coloured(tables: Mapping[str, _Table]) -> list[tuple[str, str]]:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ... import board_protocol as protocol
-from ...config.sections import Config
 from ...daemon.machine import Machine
 from ...errors import RecordingError
 from ...files.recording.kinds import INPUTS, KINDS, Record, pad_of
 from ...files.recording.mcap_reader import Recording
 from ...values import RawReport
 from ...wire.framing import FrameSplitter
-from .streams import StreamList
 
 LONGEST_LINE_BYTES = 4096  # what is written to the board in one piece is far shorter
 NAMES = {
@@ -46,7 +44,6 @@ class _Outcome:
     references: int = 0
     difference: Difference | None = None
     lost_seq: int | None = None
-    streams: StreamList = field(default_factory=StreamList)
 
     @property
     def is_identical(self) -> bool:
@@ -100,12 +97,20 @@ def replay(recording: Recording) -> _Outcome:
     if not recording.is_whole:
         raise RecordingError(
             f"{recording.paths[0]}: begins when the daemon ran already, and only what begins with it replays exactly: "
-            "record without --now, while nothing else records, or compare settings with --set."
+            "record without --now, while nothing else records."
         )
     outcome = _Outcome()
     board = _Board(outcome)
-    machine = machine_of(recording, recording.header.config, board.write)
-    for step in steps(outcome.streams.watched(recording.records())):
+    header = recording.header
+    machine = Machine(
+        header.config,
+        header.modes,
+        write_board=board.write,
+        instance=header.instance,
+        calibration=header.calibration,
+        parasitic_modes=header.parasitic_modes,
+    )
+    for step in steps(recording.records()):
         if recording.losses.any:
             outcome.lost_seq = recording.losses.first_seq
             break
@@ -116,19 +121,6 @@ def replay(recording: Recording) -> _Outcome:
         if outcome.difference is not None:
             break
     return outcome
-
-
-def machine_of(recording: Recording, config: Config, write_board: Callable[[bytes], int | None]) -> Machine:
-    """A new machine, made as the recorded one was, but with these settings."""
-    header = recording.header
-    return Machine(
-        config,
-        header.modes,
-        write_board=write_board,
-        instance=header.instance,
-        calibration=header.calibration,
-        parasitic_modes=header.parasitic_modes,
-    )
 
 
 def steps(records: Iterable[Record]) -> Iterator[_Step]:
@@ -186,11 +178,7 @@ def described(line: bytes) -> str:
 
 
 def report(recording: Recording, outcome: _Outcome) -> str:
-    """The outcome of a replay, for a person; streams are listed as far as it was read."""
-    return "\n".join([_compared(recording, outcome), *outcome.streams.lines(recording.header.t_start_ns)])
-
-
-def _compared(recording: Recording, outcome: _Outcome) -> str:
+    """The outcome of a replay, for a person."""
     compared = f"{outcome.references} references, {outcome.lines} lines to the board"
     if outcome.difference is not None:
         t_ns, seq, recorded, replayed = outcome.difference

@@ -6,7 +6,7 @@ import asyncio
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,6 @@ from hapticd.tools.record import inlets, picture, simulated
 from hapticd.tools.record.attach import record
 from hapticd.tools.record.inlets import Inlets
 from hapticd.tools.record.replay import replay
-from hapticd.tools.record.streams import StreamList
 from hapticd.tools.record.tables import tables
 
 AGO_S = 60.0
@@ -191,36 +190,6 @@ def test_a_recording_with_a_stream_replays_as_without_and_lacks_nothing(touched:
     recording = open_recording(touched)
     assert replay(recording).is_identical
     assert not recording.losses.any
-
-
-def test_replay_lists_the_streams_with_rate_samples_and_ranges(
-    touched: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["replay", str(touched)]) == 0
-    identical, stream, *channels = capsys.readouterr().out.splitlines()
-    assert identical.startswith("bit-identical: ")
-    assert stream == "stream force: 100 samples from 0.000 to 0.990 s, 100 Hz, 100 Hz declared"
-    assert channels == ["  Fx: -0.9999 .. 0.9996 N", "  Fz: 2 .. 2 N"]
-
-
-def test_a_list_of_streams_ends_where_there_are_too_many() -> None:
-    def records() -> Iterator[Record]:
-        for number in range(25):
-            name = {"stream": f"s{number}"}
-            yield Record("stream", number, 0, name | {"about": "", "rate_hz": 0.0, "channels": []})
-            if number:
-                yield Record("samples", number, 0, name | {"samples": [{"t_ns": 10**9, "values": [1.0] * 21}] * number})
-
-    seen = StreamList()
-    assert len(list(seen.watched(records()))) == 49
-    lines = list(seen.lines(0))
-    assert lines[:3] == [
-        "stream s0: no samples",
-        "stream s1: 1 samples from 1.000 to 1.000 s, 0 Hz",
-        "  channel 1: 1 .. 1",
-    ]
-    assert lines.count("  and 1 channels more") == 19
-    assert lines[-1] == "and 5 streams more"
 
 
 def test_measured_values_are_a_table_with_one_value_a_row_at_its_own_instant(touched: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from hapticd.tools.record.picture import in_force
-from hapticd.tools.record.whatif import in_force_um
 
 # Start in ns, then knots (dt_ns, amplitude); the third is held beyond its last knot, the fourth overtakes it.
 FRAMES = [
@@ -25,8 +24,10 @@ def table() -> dict[str, np.ndarray]:
 def test_the_line_is_the_reference_in_force_at_each_instant() -> None:
     t_ns, line_um = in_force(table())
     at_ns = np.setdiff1d(np.arange(0, 2500, 7), [600, 1500, 2000])  # it steps at the frames' starts
-    polylines = [(start, tuple((dt, (um,)) for dt, um in knots)) for start, knots in FRAMES]
-    expected_um = in_force_um(at_ns, polylines, 1)[:, 0]
+    frames = [max((frame for frame in FRAMES if frame[0] <= t), key=lambda frame: frame[0]) for t in at_ns]
+    expected_um = [
+        np.interp(t - start, *zip(*knots, strict=True)) for t, (start, knots) in zip(at_ns, frames, strict=True)
+    ]
 
     assert (np.diff(t_ns) >= 0).all()
     np.testing.assert_allclose(np.interp(at_ns, t_ns, line_um), expected_um, atol=1e-12)
