@@ -70,7 +70,10 @@ def left_behind() -> set[Path]:
     """Temporary files, and files of hapticd in the home."""
     own = Path(os.environ["TMPDIR"])
     return {path for path in own.iterdir() if path.name != "home"} | {
-        path for path in own.glob("home/**/hapticd/**/*") if not path.is_dir()
+        Path(folder, name)
+        for folder, _, names in os.walk(own / "home")  # passes over a folder that a process removes meanwhile
+        if "hapticd" in Path(folder).parts
+        for name in names
     }
 
 
