@@ -112,6 +112,7 @@ READ_ELSEWHERE = {
     "io/clients/runtime_dir.py": "its own lock",
     "io/host/cpu_latency.py": "the kernel's device",
     "io/host/journal.py": "its own standard error",
+    "sim/plate/stored.py": "its own package's file",
     "sim/rig/process.py": "the history that its own process wrote",
     "tools/campaigns.py": "its own package's files",
     "tools/doctor/bundle.py": "its own recording, and the archive that it writes",

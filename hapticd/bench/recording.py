@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from hapticd_contract.targets import ClientTargets
 
 from ..config.sections import Config
-from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
+from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import Machine
 from ..sim.fingers.scenarios import Actor
 from ..sim.lockstep import T_START_NS, Simulation
@@ -44,7 +44,6 @@ class RecordedCalls(NamedTuple):
     calls: tuple[Call, ...]
     timed: str
     modes: ModeShapes
-    parasitic_modes: ParasiticModes | None
 
     def is_timed(self, call: Call) -> bool:
         """A pass that counts: made once everything has settled."""
@@ -77,15 +76,13 @@ def record(
     want = simulation.machine.want
     vars(simulation.machine)["want"] = lambda message, t_ns: want(changed(message), t_ns)
     simulation.run(seconds)
-    return RecordedCalls(tuple(calls), timed, simulation.modes, simulation.parasitic_modes)
+    return RecordedCalls(tuple(calls), timed, simulation.modes)
 
 
 def new_machine(recording: RecordedCalls, config: Config | None = None, publish: Publish | None = None) -> Machine:
     """A machine without inputs so far; what it writes to its board is discarded."""
     config = Config() if config is None else config
-    return Machine(
-        config, recording.modes, write_board=lambda _: True, publish=publish, parasitic_modes=recording.parasitic_modes
-    )
+    return Machine(config, recording.modes, write_board=lambda _: True, publish=publish)
 
 
 def play(

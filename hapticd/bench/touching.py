@@ -64,6 +64,7 @@ def touch(settings: Settings, before: Measured, seed: int, seconds: float, scena
     actors = SCENARIOS[scenario].build(seed + _OTHER_STROKES, settings.speed_mm_s)
     simulation = Simulation(actors, observed, seed, before)
     machine = simulation.machine
+    machine.parasitic_modes = simulation.world.plate.parasitic_modes(seed)
     header = header_of(machine, t_ns=T_START_NS, utc="", is_whole=True)
     collected = Collected()
 

@@ -145,10 +145,10 @@ def _fitted(
     kept, best = _without_outliers(start, points_mm[whole], readings[whole], by)
     fit = best.fit
 
-    map_x_mm, map_y_mm = _map_axis(size_mm[0], _STEP_MM), _map_axis(size_mm[1], _STEP_MM)
+    map_x_mm, map_y_mm = map_axis(size_mm[0]), map_axis(size_mm[1])
     peak = np.ones(readings.shape[1])
     if normalise:
-        fine_x_mm, fine_y_mm = (_map_axis(edge_mm, _STEP_MM / _FINER) for edge_mm in size_mm)
+        fine_x_mm, fine_y_mm = (map_axis(edge_mm, _STEP_MM / _FINER) for edge_mm in size_mm)
         peak = np.abs(best.surfaces.on_grid(fit.coefficients, fine_x_mm, fine_y_mm)).max(axis=(1, 2))
         if not (peak > 0.0).all():
             raise ModesError("a fitted shape is zero everywhere; spread the points over the plate.")
@@ -269,6 +269,7 @@ def _free_plate_modes(basis: PlateBasis, wave_rad_mm: float, points: int) -> Fre
     return modes if 0 < len(modes) < points // 4 else None
 
 
-def _map_axis(edge_mm: float, step_mm: float) -> FloatArray:
+def map_axis(edge_mm: float, step_mm: float = _STEP_MM) -> FloatArray:
+    """Return the positions of a map along an edge."""
     cells = max(math.ceil(edge_mm / step_mm - 1e-9), MIN_LINES)
     return np.linspace(-edge_mm / 2.0, edge_mm / 2.0, cells + 1)

@@ -114,6 +114,7 @@ def run(
         raise SimulationError(f"{played.name} cannot be played at {chosen.speed_mm_s:g} mm/s: {error}.") from error
     simulation = Simulation(actors, chosen, seed, measured)
     if observer is not None:
+        simulation.machine.parasitic_modes = simulation.world.plate.parasitic_modes(seed)
         simulation.machine.observer = observer(simulation.machine, simulation.modes)
     simulation.run(seconds, progress)
     return replace(simulation.result(played.name), played=played)
@@ -148,7 +149,6 @@ class Simulation:
         )
         self.modes = plate.measured_mode_map(seed) if measured is None else measured.modes
         self._calibration = UNCALIBRATED if measured is None else measured.calibration
-        self.parasitic_modes = plate.parasitic_modes(seed) if settings.parasitic_modes_known else None
         self.machine = self._new_machine()
         self._sensor = SensorModel(
             sensor_settings(
@@ -251,13 +251,7 @@ class Simulation:
     def _new_machine(self) -> Machine:
         if self.settings.scheme == "paper":
             return Machine(self._config, self.modes, write_board=self._to_board, pipeline=paper_pipeline(self._config))
-        return Machine(
-            self._config,
-            self.modes,
-            write_board=self._to_board,
-            calibration=self._calibration,
-            parasitic_modes=self.parasitic_modes,
-        )
+        return Machine(self._config, self.modes, write_board=self._to_board, calibration=self._calibration)
 
     def _to_board(self, data: bytes) -> int:
         self._push(self._link.to_board_ns(self._t_ns), "board", data)

@@ -41,7 +41,6 @@ class Settings:
     report_period_ms: float = 11.25
     sensor_latency_ms: float = 10.0
     link_ms: float = 5.0
-    parasitic_modes_known: bool = True  # the parasitic modes were measured too
     session: int = 0
     plate: PlateSettings = field(default_factory=PlateSettings)
     config: Config = field(default_factory=Config)

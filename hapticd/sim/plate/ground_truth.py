@@ -33,6 +33,7 @@ from .coupled_modes import Coupling
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, as_built, find_glass, most_driven
 from .shape_tables import Disturbed, ModeScan, coupled, mode_map, true_grid, true_surfaces
 from .shapes import theory
+from .stored import SCANS
 from .wirings import IDENTITY, wiring
 
 MODES = GLASSES[REFERENCE].modes[:4]  # X and Y, whose shapes vary along x and along y, and the pair above them
@@ -221,7 +222,7 @@ class GroundTruth:
         settings = self.settings
         parasitic = slice(settings.driven_modes, None)
         return ParasiticModes(
-            self._measured(parasitic, _PARASITIC_NOISE, seed),
+            mode_map(settings.glass, *self.scan(seed, is_driven=False)),
             self.decay_1_s[parasitic].tolist(),
             self.detuning_rad_s[parasitic].tolist(),
         )
@@ -229,17 +230,19 @@ class GroundTruth:
     def measured_mode_map(self, seed: int) -> ModeShapes:
         """Return the mode map of the driven modes: measured with the noise of `seed`, then fitted by `design`.
 
-        Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape.
+        Its scale is kept: sensors measure W during the vibrometer's measurement, so their ratio is the shape. There are
+        SCANS of each plate; seeds repeat them.
         """
-        return self._measured(slice(0, self.settings.driven_modes), 1.0, seed)
+        return mode_map(self.settings.glass, *self.scan(seed, is_driven=True))
 
-    def _measured(self, chosen: slice, noise: float, seed: int) -> ModeShapes:
+    def scan(self, seed: int, is_driven: bool) -> tuple[tuple[str, ...], ModeScan, Disturbed]:
+        """Return modes and scan of a mode map, and what is glued to the plate."""
         settings, world = self.settings, self.settings.world
-        noise_frac = noise * (settings.map_noise_frac + world.map_noise_frac)
-        glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed)
+        first, end = (0, settings.driven_modes) if is_driven else (settings.driven_modes, None)
+        noise_frac = (1.0 if is_driven else _PARASITIC_NOISE) * (settings.map_noise_frac + world.map_noise_frac)
+        glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed if world.glue_frac else 0)
         step_mm = settings.map_step_mm if world.map_step_mm is None else world.map_step_mm
-        scan = ModeScan(step_mm, noise_frac, seed, first=chosen.start)
-        return mode_map(settings.glass, self._names[chosen], scan, glued)
+        return self._names[first:end], ModeScan(step_mm, noise_frac, seed % SCANS, first), glued
 
 
 def _built_hz(settings: PlateSettings) -> FloatArray:

@@ -13,10 +13,12 @@ import numpy as np
 
 from hapticd.core.plate.mode_shapes import BicubicSurfaces, ModeShapes
 from hapticd.design import ModeShape, fit_cartography, sample_cartography
+from hapticd.design.cartography import map_axis
 from hapticd.values import FloatArray
 
-from . import coupled_modes
+from . import coupled_modes, stored
 from .coupled_modes import Coupling, Plain
+from .glasses import find_glass
 from .shapes import theory
 
 _TABLE_POINTS = 161  # per axis: the interpolated shapes are within 1e-4 of the theory's
@@ -57,11 +59,10 @@ def _added(
     """Return what is added to the bare shapes, the first of which is mode `first`, on a grid: (modes, ny, nx)."""
     added = np.zeros((len(bare), len(axes_mm[1]), len(axes_mm[0])))
     for index, shape in enumerate(bare):
-        rms = _rms(shape)
         for purpose, frac in ((GLUE, how.glue_frac), (_CHANGE, how.waves_frac)):
             if frac:
                 stream = how.seed, purpose, first + index
-                added[index] += frac * rms * waves(*axes_mm, shape.size_mm, stream)
+                added[index] += frac * _rms(shape) * waves(*axes_mm, shape.size_mm, stream)
         if how.local_frac:
             stream = how.seed, _CHANGE, first + index
             added[index] += how.local_frac * _cusps(*axes_mm, shape.size_mm, stream)
@@ -143,6 +144,16 @@ def true_surfaces(glass: str, names: tuple[str, ...], disturbed: Disturbed) -> B
 
 @lru_cache(maxsize=16)
 def mode_map(glass: str, names: tuple[str, ...], scan: ModeScan, glued: Disturbed) -> ModeShapes:
+    coefficients = stored.find(find_glass(glass), names, scan, glued)
+    if coefficients is None:
+        return fitted(glass, names, scan, glued)
+    size_mm = find_glass(glass).size_mm
+    axes_mm = map_axis(size_mm[0]), map_axis(size_mm[1])
+    return ModeShapes.from_grid(*axes_mm, stored.series(coefficients, size_mm, *axes_mm))
+
+
+def fitted(glass: str, names: tuple[str, ...], scan: ModeScan, glued: Disturbed) -> ModeShapes:
+    """Return the map that the fit of a scan gives."""
     bare = _bare(glass, names)
     seed = scan.seed if scan.first == 0 else (scan.seed, scan.first)
     x_mm, y_mm, shapes = sample_cartography(bare, step_mm=scan.step_mm, noise_frac=scan.noise_frac, seed=seed)

@@ -6,6 +6,7 @@ the edge.
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 
 from hapticd.design import ModeShape
@@ -14,7 +15,8 @@ from hapticd.design.glued_plate import Patch, glued_plate_modes
 from hapticd.design.materials import find_material
 from hapticd.errors import SimulationError
 
-from .glasses import REFERENCE, find_glass
+from . import stored
+from .glasses import REFERENCE, Glass, find_glass
 
 
 def theory(name: str, glass: str = REFERENCE) -> tuple[float, ModeShape]:
@@ -31,13 +33,27 @@ def theory(name: str, glass: str = REFERENCE) -> tuple[float, ModeShape]:
 @lru_cache(maxsize=4)
 def _by_name(glass: str) -> dict[str, tuple[float, ModeShape]]:
     plate = find_glass(glass)
+    frequencies_hz, coefficients = stored.find("Hz", plate), stored.find("shapes", plate)
+    if frequencies_hz is None or coefficients is None:
+        try:
+            return computed(plate)
+        except ValueError as error:  # of a plate that a file describes
+            raise SimulationError(f"the {glass} plate: {error}") from None
+    found = zip(plate.modes, frequencies_hz.tolist(), coefficients, strict=True)
+    return {name: (hz, ModeShape(plate.size_mm, of, _lines(name), name)) for name, hz, of in found}
+
+
+def computed(plate: Glass) -> dict[str, tuple[float, ModeShape]]:
+    """Return all modes of a plate near its drive, by theory. Raises ValueError."""
     of = find_material(plate.material)
     patches = tuple(Patch(x_mm, y_mm, (width_mm, depth_mm), mm) for x_mm, y_mm, width_mm, depth_mm, mm in plate.patches)
-    try:
-        if patches:
-            modes = glued_plate_modes(plate.size_mm, plate.thickness_mm, of, patches, plate.band_hz)
-        else:
-            modes = free_modes(plate.size_mm, plate.thickness_mm, of, plate.band_hz)
-    except ValueError as error:  # of a plate that a file describes
-        raise SimulationError(f"the {glass} plate: {error}") from None
+    if patches:
+        modes = glued_plate_modes(plate.size_mm, plate.thickness_mm, of, patches, plate.band_hz)
+    else:
+        modes = free_modes(plate.size_mm, plate.thickness_mm, of, plate.band_hz)
     return dict(zip(distinct_names(modes), modes, strict=True))
+
+
+def _lines(name: str) -> tuple[int, int]:
+    across, along = re.findall(r"\d+", name)[:2]
+    return int(across), int(along)

@@ -100,7 +100,6 @@ class VirtualRun:
 def _serve(pipe: Connection, column: DemoColumn, scenario: str, seed: int) -> None:
     plate = GroundTruth(column.plate)
     plate.measured_mode_map(seed)  # computed now and kept
-    plate.parasitic_modes(seed)
     try:
         start_s, end_s = pipe.recv()
     except EOFError:  # the demo has ended

@@ -74,8 +74,8 @@ def test_the_service_takes_the_configuration_and_leaks_no_more_than_with_its_own
     assert made.plate.friction_curve[0] == 0.0
     assert len(made.trackpad.matrix) == 4
     for seed in (1, 2):
-        built_in = leak_um(Simulation, Settings(parasitic_modes_known=False), seed)
-        calibrated = leak_um(Calibrated, Settings(config=made, parasitic_modes_known=False), seed)
+        built_in = leak_um(Simulation, Settings(), seed)
+        calibrated = leak_um(Calibrated, Settings(config=made), seed)
         assert calibrated < 1.1 * built_in
 
 
