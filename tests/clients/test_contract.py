@@ -22,7 +22,7 @@ from msgspec.structs import asdict, replace
 import hapticd_client
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
-from hapticd.io.clients import gate, inbox, senders, server, sockets
+from hapticd.io.clients import gate, inbox, relay, senders, server, sockets
 from hapticd.wire import client as wire
 from hapticd_client import HapticdError, Map, RefusedError, endpoint, messages, target_set
 from hapticd_client.checks import checked
@@ -111,10 +111,11 @@ def test_the_text_names_the_rates_and_limits_in_force() -> None:
         f"(a subscription: {sockets.MAX_SUBSCRIPTION_BYTES})",
         f"at most {sockets.SEND_HIGH_WATER} states per reader",
         f"until {client_registry.KEPT_NS * 1e-9:g} s after its last message",
-        f"at most {gate.MAX_CONNECTIONS_PER_USER} connections, all together {gate.MAX_CONNECTIONS}",
-        f"open {gate.MAX_CONNECTIONS} at once, and {gate.CONNECTIONS_HZ:g} a second",
+        f"at most {gate.MAX_CONNECTIONS} connections",
+        f"{relay.MAX_SUBSCRIBER_BYTES} bytes, handshake",
+        f"{relay.HEARTBEAT_BYTES_HZ:g} bytes a second on top, {relay.MAX_LOCAL_BYTES} in all",
         f"one connection every {gate.ADMIT_EVERY_S * 1e3:g} ms",
-        "by cause under `clients`: `{}`, `{}`, `{}`.".format(*gate.CAUSES),
+        "by cause under `clients`: `{}`, `{}`.".format(*gate.CAUSES),
         f"At most {client_registry.MAX_NAMES}\nnames are in use",
     ):
         assert " ".join(sentence.split()) in " ".join(TEXT.split())

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import zmq
 
-from .senders import RateLimiter, Sender, remote_sender
+from .senders import RateLimiter, remote_user
 from .sockets import MAX_MESSAGE_BYTES, RECEIVE_HIGH_WATER, Socket
 
 MAX_READS = RECEIVE_HIGH_WATER  # at once: all that ZeroMQ holds, which of `targets` is a flood
@@ -29,20 +29,19 @@ class Inbox:
     def __init__(
         self,
         socket: Socket,
-        sender: Sender | None,
-        rate_limiter: RateLimiter,
+        user: str | None,
         lost: dict[str, int],
         now_s: Callable[[], float],
         on_close: Callable[[Inbox], None],
     ) -> None:
-        """`sender` is None over TCP, where each frame has a key. `lost` counts messages by why they are dropped."""
+        """`user` is None over TCP, where each frame has a key. `lost` counts messages by why they are dropped."""
         self.socket = socket
         self.fd = socket.FD
-        self.rate_limiter = rate_limiter
+        self.rate_limiter = RateLimiter(now_s())
         self.is_control = socket.type == zmq.ROUTER
         self._waiting: deque[ClientMessage] = deque()
         self._waiting_bytes = 0
-        self._sender, self._lost = sender, lost
+        self._user, self._lost = user, lost
         self._now_s, self._on_close = now_s, on_close
         self._t_arrived_s = now_s()
 
@@ -52,7 +51,7 @@ class Inbox:
         return bool(self._waiting) or bool(int(self.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN)
 
     def feed(self, data: bytes) -> bytes:
-        """Take note that bytes have arrived."""
+        """Keep the instant at which bytes have arrived."""
         self._t_arrived_s = self._now_s()
         return data
 
@@ -72,11 +71,11 @@ class Inbox:
             self._lost["too_fast"] += MAX_READS - 1
         return bool(self._waiting)
 
-    def sender_by(self, key_names: Mapping[str, str]) -> Sender:
+    def user_by(self, key_names: Mapping[str, str]) -> str:
         """Return the sender, over TCP by the key of the message that waits, which is that of the connection."""
-        if self._sender is None:
-            self._sender = remote_sender(self._waiting[0].frames[-1], key_names)
-        return self._sender
+        if self._user is None:
+            self._user = remote_user(self._waiting[0].frames[-1], key_names)
+        return self._user
 
     def pop(self) -> ClientMessage:
         """Take the oldest message that waits."""

@@ -17,7 +17,7 @@ from pathlib import Path
 import zmq
 
 from ...errors import HapticdError
-from .gate import Door, Gate
+from .gate import Gate, Listener
 from .listeners import bind_inner, inner_path, local_listener
 from .relay import UnreadBytes
 from .runtime_dir import endpoint_path
@@ -27,9 +27,8 @@ NAME = "record"
 NOW = b""
 WHOLE = b"record"
 WAITS = b"waits"
-TOPICS = frozenset({NOW, WHOLE, WAITS})
 SEND_HIGH_WATER = 20_000  # records on the way to the gate, which takes them at once; also a recorder's own limit
-UNREAD_RECORDS = UnreadBytes(2**23, 2**24, 2**25)  # half a minute of two fingers, and dozens of headers
+UNREAD_RECORDS = UnreadBytes(2**23, 2**25)  # half a minute of two fingers, and dozens of headers
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
 REST_S = 0.1  # between two reads of subscriptions: a recorder that attaches all the time must not hold up a pass
@@ -62,7 +61,7 @@ class RecordSocket:
         path = endpoint_path(self._directory, NAME)
         try:
             bind_inner(self._socket, inner_path(path))
-            self._gate.open(Door(local_listener(path), inner_path(path), TOPICS, UNREAD_RECORDS))
+            self._gate.open(Listener(local_listener(path), inner_path(path), UNREAD_RECORDS))
         except HapticdError:
             self.close()
             raise

@@ -5,19 +5,48 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from .zmtp import Inbound, ProtocolError
-
 CHUNK_BYTES = 65_536
+MAX_SUBSCRIBER_BYTES = 1024  # a handshake of up to 900 bytes, its subscription, a few heartbeats
+HEARTBEAT_BYTES_HZ, MAX_LOCAL_BYTES = 64.0, 16_384  # of a local subscriber: seven heartbeats a second, and all
+
+Inbound = Callable[[bytes], bytes]  # takes what arrived, returns what to pass on; raises ProtocolError
+
+
+class ProtocolError(Exception):
+    """The connection must be closed."""
+
+
+class SubscriberBytes:
+    """Bound on a subscriber's inbound bytes: libzmq keeps each distinct subscription, and its parsing costs the daemon.
+
+    Over TCP MAX_SUBSCRIBER_BYTES are all. A local one may send heartbeats on top, MAX_LOCAL_BYTES in all: then ZeroMQ
+    reconnects it.
+    """
+
+    def __init__(self, *, is_local: bool, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._left: float = MAX_SUBSCRIBER_BYTES
+        self._in_all = MAX_LOCAL_BYTES if is_local else MAX_SUBSCRIBER_BYTES
+        self._clock_s = clock_s
+        self._t_s = clock_s()
+
+    def feed(self, data: bytes) -> bytes:
+        """Return the bytes to pass on. Raises ProtocolError."""
+        before_s, self._t_s = self._t_s, self._clock_s()
+        self._left = min(self._left + (self._t_s - before_s) * HEARTBEAT_BYTES_HZ, MAX_SUBSCRIBER_BYTES) - len(data)
+        self._in_all -= len(data)
+        if self._left < 0.0 or self._in_all < 0:
+            raise ProtocolError("more than a subscriber has to send")
+        return data
 
 
 class UnreadBytes(NamedTuple):
-    """Most bytes that one connection, one user and all of them may leave unread, besides the kernel's buffers."""
+    """Most bytes that one connection and all of them may leave unread, besides the kernel's buffers."""
 
     connection: int
-    user: int
     in_all: int
 
 
@@ -31,7 +60,7 @@ class Owner(Protocol):
         """Remove a socket from the loop, which may be closed."""
 
     def forget(self, relay: Relay) -> None:
-        """Take note that a connection is closed."""
+        """Remove a connection that is closed."""
 
     def leaves_too_much(self, relay: Relay, most: UnreadBytes) -> bool:
         """Return whether a connection that leaves bytes unread has to be closed."""
@@ -47,7 +76,7 @@ class Relay:
         self,
         owner: Owner,
         number: int,
-        user: str,
+        is_local: bool,
         outer: socket.socket,
         inner: socket.socket,
         inbound: Inbound,
@@ -55,7 +84,7 @@ class Relay:
         on_end: Callable[[], None],
     ) -> None:
         self.number = number
-        self.user = user
+        self.is_local = is_local
         self.most_unread = most_unread
         self.to_client = bytearray()
         self.relayed_bytes = 0

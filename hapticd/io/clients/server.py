@@ -11,8 +11,8 @@ look for more, each send reads to the end, and `sweep`, called periodically by t
 left. zmq.asyncio is not used for messages: it receives five times slower, and its tail is a tick long under load.
 
 A flood cannot block the loop: a wake-up handles messages for BUDGET_S, then pauses for BREAK_S, or for as long as it
-took where messages are dear or the machine is slow; each sender has a rate limit (senders.py). Losses are counted and
-logged.
+took where messages are expensive or the machine is slow; each connection has a rate limit (senders.py). Losses are
+counted and logged.
 """
 
 from __future__ import annotations
@@ -28,12 +28,11 @@ from pathlib import Path
 import zmq
 
 from ...errors import HapticdError
-from .gate import CAUSES, UNREAD_REPLIES, Door, Gate
+from .gate import CAUSES, UNREAD_REPLIES, Gate, Listener
 from .inbox import MAX_READS, Inbox, received
 from .listeners import inner_path, local_listener, remote_listener
 from .runtime_dir import endpoint_path, locked, own_directory, runtime_directory
-from .senders import RateLimiter, Sender
-from .sockets import ENDPOINTS, MAX_MESSAGE_BYTES, TELEMETRY_TOPICS, AllowList, Remote, Sockets
+from .sockets import ENDPOINTS, MAX_MESSAGE_BYTES, AllowList, Remote, Sockets
 
 __all__ = ["MAX_MESSAGE_BYTES", "ClientServer", "runtime_directory"]
 
@@ -100,7 +99,7 @@ class ClientServer:
         try:
             sockets = Sockets(paths, self._remote, self._allow_list)
             self._service = _Service(loop, sockets, gate, on_message, on_request, on_listener, refusal_of_parts)
-            self._open_doors(gate, paths)
+            self._listen(gate, paths)
         except (zmq.ZMQError, OSError) as error:
             self.close()
             where = self._directory if self._remote is None else f"{self._directory}, TCP port {self._remote.port}"
@@ -152,23 +151,22 @@ class ClientServer:
 
     # --- connections ---
 
-    def _open_doors(self, gate: Gate, paths: Sequence[Path]) -> None:
+    def _listen(self, gate: Gate, paths: Sequence[Path]) -> None:
         """Accept clients at the public paths of ENDPOINTS and at `remote`'s ports. Raises HapticdError, OSError."""
         for index, (path, kind) in enumerate(zip(paths, ENDPOINTS.values(), strict=True)):
             most_unread = UNREAD_REPLIES if kind == zmq.ROUTER else None
-            inbox = None if kind == zmq.XPUB else partial(self._attach, kind, RateLimiter())
-            gate.open(Door(local_listener(path), inner_path(path), TELEMETRY_TOPICS, most_unread, inbox))
+            inbox = None if kind == zmq.XPUB else partial(self._attach, kind)
+            gate.open(Listener(local_listener(path), inner_path(path), most_unread, inbox))
             if self._remote is not None:
-                listener = remote_listener(self._remote.host, self._remote.port + index)
-                inner = inner_path(path, is_remote=True)
-                gate.open(Door(listener, inner, TELEMETRY_TOPICS, most_unread, inbox))
+                socket = remote_listener(self._remote.host, self._remote.port + index)
+                gate.open(Listener(socket, inner_path(path, is_remote=True), most_unread, inbox))
 
-    def _attach(self, kind: int, rate_limiter: RateLimiter, path: Path, sender: Sender | None) -> Inbox:
+    def _attach(self, kind: int, path: Path, user: str | None) -> Inbox:
         """Bind a socket for one connection. Raises zmq.ZMQError, HapticdError."""
         assert self._service is not None
         loop = self._service.loop
-        socket = self._service.sockets.bound(kind, path, is_remote=sender is None)
-        inbox = Inbox(socket, sender, rate_limiter, self._lost, loop.time, self._detach)
+        socket = self._service.sockets.bound(kind, path, is_remote=user is None)
+        inbox = Inbox(socket, user, self._lost, loop.time, self._detach)
         self._inboxes[inbox.fd] = inbox
         loop.add_reader(inbox.fd, self._on_edge, inbox)
         return inbox
@@ -205,11 +203,11 @@ class ClientServer:
             del self._ready[inbox]
             if not inbox.read(service.refusal_of_parts):
                 continue
-            sender = inbox.sender_by(self._key_names)
-            if not inbox.rate_limiter.admit(sender.source, t_s):
+            user = inbox.user_by(self._key_names)
+            if not inbox.rate_limiter.admit(t_s):
                 held.append(inbox)
                 continue
-            self._handle(service, inbox, sender.user)
+            self._handle(service, inbox, user)
             if inbox.has_more:
                 self._ready[inbox] = None
             if loop.time() - t_s >= BUDGET_S:

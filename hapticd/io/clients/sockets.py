@@ -29,7 +29,6 @@ SEND_HIGH_WATER = 128  # states, over a second, for a slow subscriber, which mis
 # with 16, a client that waits for each reply missed one in a few dozen.
 REPLY_HIGH_WATER = 256
 ZAP_DOMAIN = "hapticd"
-TELEMETRY_TOPICS = frozenset({b""})
 
 Context = zmq.Context[zmq.Socket[bytes]]
 Socket = zmq.Socket[bytes]

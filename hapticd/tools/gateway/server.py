@@ -19,7 +19,7 @@ from .peer import Peer
 from .shared_daemon import SharedDaemon
 
 PATH = "/client"
-MAX_PEERS = 16  # of the 64 connections that the daemon grants a user, each has two and all together one
+MAX_PEERS = 16  # of the 64 connections that the daemon grants its computer, each has two and all together one
 
 
 class Gateway:

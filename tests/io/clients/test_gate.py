@@ -1,133 +1,76 @@
-"""The gate in front of ZeroMQ: what one connection, one user and all of them may cost."""
+"""The gate in front of ZeroMQ: what one connection and all of them may cost."""
 
 from __future__ import annotations
 
 import asyncio
 import math
 import socket
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zmq
 from asynchronous import PATIENCE_S, asynchronous, until
-from client_sockets import GREETING, command, connected, frame, greeted, in_thread, raw, ready
-from hypothesis import given
-from hypothesis import strategies as st
+from client_sockets import GREETING, connected, frame, greeted, in_thread, raw, ready, secured
 
 from hapticd.io.clients import gate as gate_module
 from hapticd.io.clients import record_socket as record_module
 from hapticd.io.clients import server as server_module
 from hapticd.io.clients import sockets as sockets_module
-from hapticd.io.clients.gate import UNREAD_REPLIES, Door, Gate
-from hapticd.io.clients.relay import CHUNK_BYTES, UnreadBytes
-from hapticd.io.clients.server import ClientServer
-from hapticd.io.clients.zmtp import (
-    MAX_CHANGES,
-    MAX_FRAME_BYTES,
+from hapticd.io.clients.gate import UNREAD_REPLIES, Gate, Listener
+from hapticd.io.clients.relay import (
+    CHUNK_BYTES,
+    MAX_LOCAL_BYTES,
     MAX_SUBSCRIBER_BYTES,
-    LocalInbound,
     ProtocolError,
-    SubscriberInbound,
+    SubscriberBytes,
+    UnreadBytes,
 )
+from hapticd.io.clients.server import ClientServer
+from hapticd.io.clients.sockets import Remote
 
 REPLY = bytes(60_000)
 
 
-# --- what passes -------------------------------------------------------------------------------------------------
-
-
-def passed(*frames: bytes, piece: int = 10_000) -> bytes:
-    """What ZeroMQ gets of these frames after a handshake."""
-    inbound = LocalInbound(frozenset({b""}))
-    data = GREETING + ready(Socket_Type=b"SUB") + b"".join(frames)
-    got = b"".join(inbound.feed(data[at : at + piece]) for at in range(0, len(data), piece))
-    shaken = GREETING + ready(Socket_Type=b"SUB")
-    assert got.startswith(shaken)
-    return got[len(shaken) :]
-
-
-OTHER_TOPICS = [frame(b"\x01" + b"%d" % n + bytes(40)) for n in range(15)]
-WANTED = [frame(b"\x01"), command(b"PING", b"\x00\x10"), command(b"CANCEL"), command(b"SUBSCRIBE")]
-
-
-def test_of_many_subscriptions_only_those_to_the_states_reach_zeromq() -> None:
-    also = [command(b"SUBSCRIBE", b"x"), command(b"ERROR"), frame(b"\x02"), frame(b""), frame(b"\x01"), frame(b"\x01x")]
-    assert passed(*OTHER_TOPICS, *WANTED, *also) == b"".join(WANTED)
-
-
-@given(piece=st.integers(1, 3000))
-def test_any_chunking_passes_the_same(piece: int) -> None:
-    assert passed(*OTHER_TOPICS[:5], *WANTED, piece=piece) == b"".join(WANTED)
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"GET / HTTP/1.1\r\n",
-        GREETING[:10] + b"\x01" + GREETING[11:],
-        GREETING + frame(b"no command"),
-        GREETING + command(b"ERROR"),
-        GREETING + frame(bytes(MAX_FRAME_BYTES + 1)),
-        GREETING + ready(Socket_Type=b"SUB") + frame(bytes(MAX_FRAME_BYTES + 1)),
-        GREETING + ready(Socket_Type=b"SUB") + (frame(b"\x01") + frame(b"\x00")) * MAX_CHANGES,
-    ],
-)
-def test_what_is_not_the_protocol_ends_the_connection(data: bytes) -> None:
-    with pytest.raises(ProtocolError):
-        LocalInbound(frozenset({b""})).feed(data)
-
-
-@given(st.lists(st.binary(max_size=200)))
-def test_no_bytes_raise_anything_else(pieces: list[bytes]) -> None:
-    inbound = LocalInbound(frozenset({b""}))
-    try:
-        for piece in (GREETING, *pieces):
-            inbound.feed(piece)
-    except ProtocolError:
-        pass
-
-
-def test_a_subscriber_over_tcp_may_send_no_more_than_a_handshake_and_its_subscription() -> None:
-    inbound = SubscriberInbound()
-    assert inbound.feed(bytes(MAX_SUBSCRIBER_BYTES)) == bytes(MAX_SUBSCRIBER_BYTES)
-    with pytest.raises(ProtocolError):
-        inbound.feed(b"x")
-
-
-@pytest.mark.parametrize("small", [frame(b""), command(b"PING", b"\x00\x10")])
-def test_a_local_subscriber_is_cut_off_before_a_flood_of_its_smallest_frames_is_parsed(small: bytes) -> None:
-    inbound = LocalInbound(frozenset({b""}))
-    inbound.feed(GREETING + ready(Socket_Type=b"SUB"))
-    with pytest.raises(ProtocolError):
-        inbound.feed(small * (CHUNK_BYTES // len(small)))
-
-
-def test_a_local_subscriber_may_send_heartbeats_for_ever_but_no_flood_of_them() -> None:
-    t_s, ping = 0.0, command(b"PING", b"\x00\x10")
-    inbound = LocalInbound(frozenset({b""}), clock_s=lambda: t_s)
-    inbound.feed(GREETING + ready(Socket_Type=b"SUB"))
-    for second in range(3600):
-        t_s = float(second)
+@pytest.mark.parametrize(("is_local", "most"), [(True, MAX_LOCAL_BYTES), (False, MAX_SUBSCRIBER_BYTES)])
+def test_a_subscribers_bytes_are_bounded_at_once_and_in_all(is_local: bool, most: int) -> None:
+    t_s = 0.0
+    inbound, ping = SubscriberBytes(is_local=is_local, clock_s=lambda: t_s), bytes(16)
+    for _ in range(most // len(ping)):
         assert inbound.feed(ping) == ping
+        t_s += 0.25
     with pytest.raises(ProtocolError):
-        inbound.feed(ping * 200)
+        inbound.feed(ping)
+    at_once = SubscriberBytes(is_local=is_local, clock_s=lambda: t_s)
+    assert at_once.feed(bytes(MAX_SUBSCRIBER_BYTES)) == bytes(MAX_SUBSCRIBER_BYTES)
+    with pytest.raises(ProtocolError):
+        at_once.feed(b"x")
+
+
+@asynchronous
+async def test_what_is_not_zmtp_costs_its_sender_the_connection(tmp_path: Path) -> None:
+    async with served(tmp_path) as (server, gate, _):
+        with raw(tmp_path / "telemetry", b"GET / HTTP/1.1\r\n" + bytes(MAX_SUBSCRIBER_BYTES)):
+            await until(lambda: gate._connections == 1 and not gate._relays, server.sweep)
+            assert server.counters["broken"] == 1
 
 
 # --- what it may cost --------------------------------------------------------------------------------------------
 
 
 @asynccontextmanager
-async def served(directory: Path) -> AsyncIterator[tuple[ClientServer, Gate, list[bytes]]]:
+async def served(
+    directory: Path, remote: Remote | None = None
+) -> AsyncIterator[tuple[ClientServer, Gate, list[bytes]]]:
     handled: list[bytes] = []
 
     def answer(payload: bytes, *_: object) -> bytes:
         handled.append(payload)
         return REPLY
 
-    server = ClientServer(directory)
+    server = ClientServer(directory, remote)
     server.start(asyncio.get_running_loop(), lambda *_: None, answer)
     assert server._service is not None
     try:
@@ -145,10 +88,10 @@ async def answered(directory: Path) -> bytes:
 
 
 @asynchronous
-async def test_a_user_has_a_number_of_connections_and_the_next_are_closed_and_counted(
+async def test_connections_have_a_number_and_the_next_are_closed_and_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate_module, "MAX_CONNECTIONS_PER_USER", 4)
+    monkeypatch.setattr(gate_module, "MAX_CONNECTIONS", 4)
     async with served(tmp_path) as (server, gate, _):
         with ExitStack() as stack:
             clients = [stack.enter_context(raw(tmp_path / "targets", GREETING)) for _ in range(10)]
@@ -161,15 +104,27 @@ async def test_a_user_has_a_number_of_connections_and_the_next_are_closed_and_co
 
 
 @asynchronous
+async def test_connections_over_tcp_take_no_room_of_local_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate_module, "MAX_CONNECTIONS", 2)
+    remote, _ = secured(tmp_path / "keys")
+    async with served(tmp_path, remote) as (server, _, _):
+        with ExitStack() as stack:
+            for _ in range(3):
+                stack.enter_context(socket.create_connection((remote.host, remote.port + 1), PATIENCE_S))
+            await until(lambda: server.counters["crowded"] == 1, server.sweep)
+            assert await answered(tmp_path) == REPLY
+
+
+@asynchronous
 async def test_a_connection_that_is_closed_again_is_dropped_before_anything_is_built_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wakeups = 0
 
-    def counted(gate: Gate, door: Door, accept: Callable[[Gate, Door], None] = Gate._accept) -> None:
+    def counted(gate: Gate, listener: Listener, accept: Callable[[Gate, Listener], None] = Gate._accept) -> None:
         nonlocal wakeups
         wakeups += 1
-        accept(gate, door)
+        accept(gate, listener)
 
     monkeypatch.setattr(Gate, "_accept", counted)
     async with served(tmp_path) as (server, gate, _):
@@ -182,66 +137,13 @@ async def test_a_connection_that_is_closed_again_is_dropped_before_anything_is_b
             assert (gate._connections, server.counters["gone_early"]) == (1, 60)
 
 
-@pytest.fixture
-def claimed_users(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The name of a client's own socket begins with the user id that the kernel is taken to report."""
-
-    def credentials(outer: socket.socket) -> tuple[int, int, int]:
-        return 42, int(Path(outer.getpeername()).name.partition("-")[0]), 0
-
-    monkeypatch.setattr(gate_module, "_credentials", credentials)
-
-
-@contextmanager
-def of_user(uid: int, directory: Path, count: int) -> Iterator[list[socket.socket]]:
-    """Connections of a user, which wait to be accepted."""
-    with ExitStack() as stack:
-        clients = [stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(count)]
-        for client in clients:
-            client.settimeout(PATIENCE_S)
-            client.bind(str(directory / f"{uid}-{client.fileno()}"))
-            client.connect(str(directory / "control"))
-        yield clients
-        for client in clients:
-            Path(client.getsockname()).unlink()
-
-
-@pytest.mark.usefixtures("claimed_users")
-@asynchronous
-async def test_a_user_that_connects_too_fast_is_refused_and_counted_and_another_is_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(gate_module, "CONNECTIONS_HZ", 0.0)
-    monkeypatch.setattr(gate_module, "MAX_CONNECTIONS", 8)
-    async with served(tmp_path) as (server, gate, _):
-        for _ in range(2):
-            with of_user(7, tmp_path, 4):
-                await until(lambda: len(gate._relays) == 4, server.sweep)
-            await until(lambda: not gate._relays, server.sweep)
-        with of_user(7, tmp_path, 3) as refused, of_user(8, tmp_path, 1):
-            await until(lambda: len(gate._relays) == 1, server.sweep)
-            assert [await asyncio.to_thread(_is_closed, client) for client in refused] == [True] * 3
-            assert server.counters["connected_too_fast"] == 3
-            assert [relay.user for relay in gate._relays.values()] == ["uid 8"]
-
-
-@pytest.mark.usefixtures("claimed_users")
-@asynchronous
-async def test_of_connections_that_wait_each_user_has_its_turn(tmp_path: Path) -> None:
-    async with served(tmp_path) as (server, gate, _):
-        with of_user(7, tmp_path, 12), of_user(8, tmp_path, 2):
-            await until(lambda: len(gate._relays) == 14, server.sweep)
-            users = [gate._relays[number].user for number in sorted(gate._relays)]
-            assert users == ["uid 7", "uid 8"] * 2 + ["uid 7"] * 10
-
-
 @asynchronous
 async def test_connections_that_wait_at_the_end_are_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate_module, "ADMIT_EVERY_S", 60.0)
     async with served(tmp_path) as (server, gate, _):
         with ExitStack() as stack:
             clients = [stack.enter_context(raw(tmp_path / "control")) for _ in range(5)]
-            await until(lambda: sum(map(len, gate._waiting.values())) == 4, server.sweep)
+            await until(lambda: len(gate._waiting) == 4, server.sweep)
             server.close()
             assert [await asyncio.to_thread(_is_closed, client) for client in clients[1:]] == [True] * 4
 
@@ -274,14 +176,14 @@ async def test_a_client_that_leaves_its_replies_unread_is_disconnected_and_the_o
 
 
 @asynchronous
-async def test_unread_replies_are_bounded_per_user_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server_module, "UNREAD_REPLIES", UNREAD_REPLIES._replace(connection=2**40))
+async def test_the_unread_replies_of_all_clients_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server_module, "UNREAD_REPLIES", UnreadBytes(connection=2**40, in_all=2**20))
     async with served(tmp_path) as (server, gate, _), AsyncExitStack() as stack:
         for _ in range(4):
             await stack.enter_async_context(greeted(tmp_path / "control", frame(b"plate") * 20, Socket_Type=b"DEALER"))
         await until(lambda: server.counters["unread"] >= 1, server.sweep)
         unread = sum(len(relay.to_client) for relay in gate._relays.values())
-        assert unread <= UNREAD_REPLIES.user
+        assert unread <= 2**20
 
 
 @asynchronous
@@ -297,7 +199,7 @@ async def test_half_a_handshake_is_given_up(tmp_path: Path, monkeypatch: pytest.
 async def test_a_recorder_that_does_not_read_is_disconnected_and_costs_a_bounded_number_of_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(record_module, "UNREAD_RECORDS", UnreadBytes(2**20, 2**20, 2**20))
+    monkeypatch.setattr(record_module, "UNREAD_RECORDS", UnreadBytes(2**20, 2**20))
     recorders = record_module.RecordSocket(tmp_path)
     attached: list[bytes] = []
     recorders.start(asyncio.get_running_loop(), lambda topic, _: attached.append(topic))
