@@ -1,8 +1,9 @@
 /* What a board provides to run the core on real hardware: a dozen calls, one implementation per folder under boards/.
  *
  * The program is the same everywhere (main.c): board_start, hd_init, board_run, then in a loop read, hd_hear, hd_obey,
- * hd_say, write and sleep. The board's interrupt hands every chunk of samples to hd_on_chunk. The lock-step board
- * in boards/host needs none of this, as its caller controls the time.
+ * hd_say, write and sleep. Interrupts call the program by program.h, never a board: calls go one way, from the interrupts to
+ * the program, the board, its drivers and the registers (tests/firmware/test_layers.py). The lock-step board in boards/host
+ * needs none of this, as its caller controls the time.
  */
 #ifndef HD_BOARD_H
 #define HD_BOARD_H
@@ -18,7 +19,7 @@
  * the nominal plate, the boot id, the cause of the reset, and the log that survived it, if any. */
 void board_start(hd_config_t *config, hd_converters_t *converters);
 
-/* Starts sampling: from now on the board's interrupt calls hd_on_chunk. */
+/* Starts sampling: from now on the interrupts come. */
 void board_run(void);
 
 /* Free-running microseconds, the instant that every call of the core is given. */
@@ -73,28 +74,5 @@ void board_feed_watchdog(void);
 
 /* Stores the log in memory that survives a reset, if the board has any. */
 void board_keep_log(const hd_log_t *log);
-
-/* main.c: a chunk was sampled into `in`; fill the one that will be played after the next. */
-void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES]);
-
-/* main.c: the two halves of that, for a board that listens and speaks by itself. */
-hd_carrier_t *hd_program_carrier(void);
-void hd_on_tick(void);
-
-/* main.c: hd_on_tick in three calls, for a board whose ticks have an interrupt of their own, below the chunks': the first
- * and the last from the chunks' interrupt, the second from the tick's, and no two of them at a time. */
-void hd_take_measurement(void);
-void hd_on_measurement(void);
-void hd_give_voltage(void);
-
-/* main.c: amplifiers off and zero voltage from the next chunk on; touches no state of the core's. */
-void hd_silence_output(void);
-
-/* main.c: obeys board_interlock, at each tick and when the board is interrupted by it: quiet as long as it lasts, and
- * afterwards until the host's next consecutive references. True if it ended a drive. */
-bool hd_on_interlock(void);
-
-/* main.c: samples were lost or a chunk was filled too late. The output goes to zero until the host arms the board again. */
-void hd_on_missed_chunk(void);
 
 #endif

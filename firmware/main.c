@@ -2,6 +2,8 @@
  * interrupt. Both share the core, and a chunk comes every 50 us, so the main loop holds the interrupt off only to obey a
  * frame that it has checked and to take a message that it will encode.
  */
+#include "program.h"
+
 #include "board.h"
 
 #define PIECE 64 /* bytes */
@@ -119,14 +121,6 @@ void hd_give_voltage(void)
 hd_carrier_t *hd_program_carrier(void)
 {
     return &carrier;
-}
-
-void hd_on_chunk(const uint16_t in[HD_CHUNK][HD_MODES], uint16_t out[HD_CHUNK][HD_MODES])
-{
-    if (hd_carrier_listen(&carrier, in)) {
-        hd_on_tick();
-    }
-    hd_carrier_speak(&carrier, out);
 }
 
 void hd_silence_output(void)

@@ -82,8 +82,8 @@ def pins(board: str) -> list[Pin]:
     """Return a board's pins: converters, line, its own inputs, and what all boards share. Raises ValueError."""
     chip = (BOARDS / board / "chip.c").read_text(encoding="utf-8")
     found = [*_converters(board, chip), *_line(chip)]
-    sources = BOARDS / SHARED / "sampling.c", BOARDS / board / "chip.c", BOARDS / board / "registers.h"
-    for source in sources:
+    files = f"{SHARED}/sampling.c", f"{SHARED}/sampling.h", f"{board}/chip.c", f"{board}/registers.h"
+    for source in (BOARDS / file for file in files):
         found += _named(source.name, source.read_text(encoding="utf-8"))
     names = [pin.name for pin in found]
     if len(found) < 9 or len(set(names)) < len(names):

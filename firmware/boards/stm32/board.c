@@ -8,6 +8,7 @@
 #include "link.h"
 #include "sampling.h"
 #include "setup.h"
+#include "wait.h"
 
 #define STEPS 4096.0f
 #define PI 3.14159265f

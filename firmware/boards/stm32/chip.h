@@ -4,10 +4,8 @@
 
 #include <stdbool.h>
 
+#include "carrier.h"
 #include "registers.h"
-
-/* Waits for (*reg & mask) == value, but not for ever: false after 20000 turns, 5 ms at 16 MHz. */
-bool reaches(reg_t *reg, uint32_t mask, uint32_t value);
 
 /* Lets the locked PLL clock the core, at the speed of clock.h. */
 bool chip_use_pll(void);
@@ -24,8 +22,9 @@ void converters_stop(void);
 /* All streams are where they should be relative to each other, and nothing was lost. */
 bool converters_in_step(void);
 
-/* Hands the half that was sampled and the half to be played next to hd_on_chunk. */
-void converters_exchange(int half);
+/* hd_carrier_listen and hd_carrier_speak for the half that was sampled, and for the half that is played after the next. */
+bool converters_listen(hd_carrier_t *carrier, int half);
+void converters_speak(hd_carrier_t *carrier, int half);
 
 /* Readings of the internal reference, as VREFINT_CALIBRATION is one, 0 if none comes: between start and stop, and before
  * converters_start, whose ADC it takes. */

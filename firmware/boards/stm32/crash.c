@@ -1,7 +1,6 @@
 #include "crash.h"
 
 #include "board.h"
-#include "chip.h"
 #include "kept.h"
 #include "sampling.h"
 

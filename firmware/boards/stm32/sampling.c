@@ -10,9 +10,7 @@
 
 #include "board.h"
 #include "chip.h"
-#include "clock.h"
 #include "setup.h"
-#include "tick.h"
 
 #define CHUNK_PRIORITY 0x10 /* below the faults and the supply */
 #define TICK_PRIORITY 0x20  /* below the chunks, where ticks have an interrupt of their own */
@@ -20,12 +18,6 @@
 
 #define SYNC 10       /* PB10, the sync output */
 #define AMPLIFIERS 12 /* PB12, changing with every tick to enable, or high (ENABLE_BY_PULSES) */
-#define BUSY 13       /* PB13, high while the interrupt works: its duty cycle is the load */
-#define INTERLOCKS (1u << AMPLIFIER_FAULT | 1u << EMERGENCY_STOP) /* their EXTI lines too */
-
-/* Without chunks the DACs would play the last 100 us for ever: the window watchdog (RM0090, 22; RM0440, 36) resets a chip
- * whose chunk interrupt does not end for 4 to 5 units of 96 or 98 us. Its clock is the core's, which CSS watches. */
-#define UNITS_LEFT 4
 
 void board_enable_amplifiers(bool enable)
 {
@@ -115,57 +107,16 @@ void sampling_run(void)
     }
     accept_interrupt(IRQ_CHUNK, CHUNK_PRIORITY);
     start_timer();
-    WWDG->CR = WWDG_START | UNITS_LEFT;
+    sampling_feed_window_watchdog();
 }
 
-/* From the beginning, by way of the peripherals' own reset: a DAC that missed its DMA stops its requests, and an ADC
- * that was overrun neither. (Inlined, it would have every chunk save more registers.) */
-static void run_from_the_beginning(void)
+/* By way of the peripherals' own reset: a DAC that missed its DMA stops its requests, and an ADC that was overrun neither. */
+void sampling_restart(void)
 {
     sampling_silence();
     converters_stop();
     sampling_silence();
     sampling_run();
-}
-
-static __attribute__((noinline)) void restart(void)
-{
-    tick_lose_samples();
-    run_from_the_beginning();
-}
-
-void sampling_on_chunk(void)
-{
-    GPIOB->BSRR = 1u << BUSY;
-    uint32_t event = CHUNK_FLAGS & (CHUNK_HALF | CHUNK_COMPLETE | CHUNK_ERROR);
-    CHUNK_CLEAR = event; /* and not what comes between the two: that would be a chunk lost unseen */
-    if ((event == CHUNK_HALF || event == CHUNK_COMPLETE) && converters_in_step()) {
-        converters_exchange(event == CHUNK_COMPLETE);
-    } else {
-        event = 0;
-    }
-    /* The other half's event now would mean that the DACs play what was just being filled. */
-    if (event == 0 || tick_overtaken() || (CHUNK_FLAGS & (CHUNK_HALF | CHUNK_COMPLETE)) != 0) {
-        restart();
-    }
-    WWDG->CR = WWDG_START | UNITS_LEFT;
-    GPIOB->BSRR = 1u << (BUSY + 16);
-}
-
-/* What opened for less than it takes to come here was none. Mid-rail now, not after the 100 us that the buffers hold. */
-void sampling_on_interlock(void)
-{
-    EXTI->PR = INTERLOCKS;
-    board_lock();
-    if (hd_on_interlock()) {
-        run_from_the_beginning();
-    }
-    board_unlock();
-}
-
-void sampling_on_transfer_error(void)
-{
-    restart();
 }
 
 void board_lock(void)

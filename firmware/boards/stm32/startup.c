@@ -1,9 +1,9 @@
 /* From the reset to main, and from a fault back to the reset. */
 #include <stdint.h>
 
-#include "board.h"
-#include "chip.h"
 #include "crash.h"
+#include "interrupts.h"
+#include "registers.h"
 #include "sampling.h"
 #include "tick.h"
 
@@ -54,8 +54,8 @@ __attribute__((section(".vectors"), used)) static const vector_t vectors[16 + IR
     [1] = Reset_Handler,
     [2 ... 16 + IRQ_LAST] = crash_handler, /* 2: the crystal stopped; 3: a fault */
     [16 + IRQ_PVD] = crash_supply_handler,
-    VECTORS_TRANSFER_ERROR
+    VECTORS_TRANSFER_ERROR(on_transfer_error)
     VECTOR_TICK
-    [16 + IRQ_INTERLOCK] = sampling_on_interlock,
-    [16 + IRQ_CHUNK] = sampling_on_chunk,
+    [16 + IRQ_INTERLOCK] = on_interlock,
+    [16 + IRQ_CHUNK] = on_chunk,
 };

@@ -1,5 +1,7 @@
 #include "tick.h"
 
+#include "board.h"
+
 #if TICK_CHUNKS_LATE > 0
 
 static volatile bool under_way; /* from tick_begin to the end of the handler */

@@ -5,8 +5,10 @@
 #ifndef HD_STM32_TICK_H
 #define HD_STM32_TICK_H
 
-#include "board.h"
-#include "chip.h"
+#include <stdbool.h>
+
+#include "program.h"
+#include "registers.h"
 
 #if TICK_CHUNKS_LATE > 0
 

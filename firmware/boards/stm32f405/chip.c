@@ -2,8 +2,8 @@
  * to memory for both ADCs. */
 #include "chip.h"
 
-#include "board.h"
 #include "setup.h"
+#include "wait.h"
 
 _Static_assert(HD_MODES == 2, "the STM32F405 has two DACs; three modes need the STM32G474");
 _Static_assert(CRYSTAL_HZ % 1000000 == 0 && CRYSTAL_HZ >= 4000000 && CRYSTAL_HZ <= 26000000, "the PLL needs 1 MHz");
@@ -136,9 +136,14 @@ bool converters_in_step(void)
     return (lead <= 2 || lead + WORDS <= 2) && (DAC->SR & DAC_UNDERRUNS) == 0 && ((ADC1->SR | ADC2->SR) & ADC_SR_OVR) == 0;
 }
 
-void converters_exchange(int half)
+bool converters_listen(hd_carrier_t *carrier, int half)
 {
-    hd_on_chunk((const uint16_t(*)[HD_MODES])sampled[half], (uint16_t(*)[HD_MODES])played[half]);
+    return hd_carrier_listen(carrier, (const uint16_t(*)[HD_MODES])sampled[half]);
+}
+
+void converters_speak(hd_carrier_t *carrier, int half)
+{
+    hd_carrier_speak(carrier, played[half]);
 }
 
 /* PA9 is also VBUS of the chip's USB: a board that has a capacitor there (STM32F4DISCOVERY, UM1472: 4.7 uF) ends the line. */

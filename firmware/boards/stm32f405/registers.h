@@ -112,7 +112,7 @@ typedef struct {
 #define CHUNK_COMPLETE 0x20u
 #define IRQ_CHUNK 56
 #define IRQS_TRANSFER_ERROR 16
-#define VECTORS_TRANSFER_ERROR [16 + 16] = sampling_on_transfer_error,
+#define VECTORS_TRANSFER_ERROR(handler) [16 + 16] = handler,
 #define IRQ_LAST 56
 #define TICK_CHUNKS_LATE 0
 

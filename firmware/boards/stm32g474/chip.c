@@ -1,10 +1,9 @@
 /* The STM32G474's clocks, converters and line. Every mode has an ADC, a DAC and two streams of its own. */
 #include "chip.h"
 
-#include "board.h"
 #include "planar.h"
 #include "setup.h"
-#include "tick.h"
+#include "wait.h"
 
 _Static_assert(HD_MODES >= 2 && HD_MODES <= 5, "five ADCs of the STM32G474, and as many of its DACs, have pins");
 _Static_assert(CRYSTAL_HZ % 4000000 == 0 && CRYSTAL_HZ <= 48000000, "the PLL needs 4 MHz");
@@ -255,14 +254,14 @@ bool converters_in_step(void)
     return lost == 0;
 }
 
-void converters_exchange(int half)
+bool converters_listen(hd_carrier_t *carrier, int half)
 {
-    bool is_tick = planar_listen(hd_program_carrier(), sampled[0][half]);
-    tick_give();
-    if (is_tick) {
-        tick_begin();
-    }
-    planar_speak(hd_program_carrier(), played[0][half]);
+    return planar_listen(carrier, sampled[0][half]);
+}
+
+void converters_speak(hd_carrier_t *carrier, int half)
+{
+    planar_speak(carrier, played[0][half]);
 }
 
 void serial_start(void)

@@ -155,9 +155,9 @@ typedef struct {
 #else
 #define IRQS_TRANSFER_ERROR 11, 12, 13, 14, 56, 57, 58, 59, 60
 #endif
-#define VECTORS_TRANSFER_ERROR \
-    [16 + IRQ_ADC_STREAM ... 16 + IRQ_CHUNK - 1] = sampling_on_transfer_error, \
-    [16 + IRQ_DAC_STREAM ... 16 + IRQ_LAST] = sampling_on_transfer_error,
+#define VECTORS_TRANSFER_ERROR(handler) \
+    [16 + IRQ_ADC_STREAM ... 16 + IRQ_CHUNK - 1] = handler, \
+    [16 + IRQ_DAC_STREAM ... 16 + IRQ_LAST] = handler,
 
 /* Up to three modes a tick is through within its chunk, on top of the longest lock; with four within the next one, with
  * five within the next two (tests/firmware/test_m4_budget.py). */

@@ -4,10 +4,9 @@
 
 #include <string.h>
 
-#include "board.h"
 #include "framed.h"
 #include "setup.h"
-#include "tick.h"
+#include "wait.h"
 
 _Static_assert(HD_MODES == 8, "the STM32H743's image is for eight modes; fewer have the STM32F405 and the STM32G474");
 _Static_assert(HD_SAMPLE_HZ == 320000 && PERIOD == DACS_OF_A_CHIP * PART, "a word each 781 ns");
@@ -302,19 +301,19 @@ bool converters_in_step(void)
     return !lost && in_step(&DMA1->STREAM[0], samples) && in_step(&DMA1->STREAM[1], samples);
 }
 
-void converters_exchange(int half)
+bool converters_listen(hd_carrier_t *carrier, int half)
 {
     _Alignas(uint32_t) sampled_t in; /* by words: each read of the DMA's memory takes as long as a dozen of the core's */
     memcpy(in.adc1, sampled_1[half], sizeof in.adc1);
     memcpy(in.adc2, sampled_2[half], sizeof in.adc2);
     memcpy(in.adc3, sampled_3[half], sizeof in.adc3);
+    return framed_listen(carrier, &in);
+}
+
+void converters_speak(hd_carrier_t *carrier, int half)
+{
     words_t *out[2] = {&played_1[half], &played_3[half]};
-    bool is_tick = framed_listen(hd_program_carrier(), &in);
-    tick_give();
-    if (is_tick) {
-        tick_begin();
-    }
-    framed_speak(hd_program_carrier(), out);
+    framed_speak(carrier, out);
 }
 
 void serial_start(void)
