@@ -1,8 +1,7 @@
 """Simulate the electronics, and make what follows from them: `make -C firmware hardware`.
 
-The benches run in ngspice and are held against their bounds. The drawing (schematic.svg) and the tables of HARDWARE.md
-between their marks are made of the netlist, of the boards' sources, of `hapticd plate`'s own functions and of what the
-benches measured. Without ngspice the measures in HARDWARE.md stay as they are.
+The benches run in ngspice, are printed and held against their bounds. The drawing (schematic.svg) and the tables of
+HARDWARE.md between their marks are made of the netlist, of the boards' sources and of `hapticd plate`'s own functions.
 """
 
 from __future__ import annotations
@@ -41,11 +40,12 @@ def loads() -> str:
 
 def parts() -> str:
     """Return the table of the electronics' parts."""
-    rows = ["| part | value | between | order |", "|---|---|---|---|"]
+    alike: dict[tuple[str, str, str], list[str]] = {}
     for circuit in netlist.read():
         for part in circuit.parts:
-            nets = ", ".join("ground" if net == "0" else net for net in part.nets)
-            rows.append(f"| {circuit.name} {part.name} | {part.value} | {nets} | {part.order} |")
+            alike.setdefault((circuit.name, part.value, part.order), []).append(part.name)
+    rows = ["| part | value | order |", "|---|---|---|"]
+    rows += [f"| {of} {', '.join(names)} | {value} | {order} |" for (of, value, order), names in alike.items()]
     return "\n".join(rows)
 
 
@@ -68,11 +68,9 @@ def board_pins(board: str) -> str:
     return "\n".join(rows)
 
 
-def made(values: dict[str, float] | None) -> dict[Path, str]:
-    """Return the files as they should be; without `values` with the page's own measures. Raises ValueError."""
+def made() -> dict[Path, str]:
+    """Return the files as they should be. Raises ValueError."""
     tables = {"loads": loads(), "parts": parts()} | {f"pins of {board}": board_pins(board) for board in pins.boards()}
-    if values is not None:
-        tables["measures"] = measures(values)
     text = TEXT.read_text(encoding="utf-8")
     for mark, table in tables.items():
         passage = rf"(<!-- {mark}: [^\n]*-->\n).*?(?=<!-- end -->)"
@@ -88,7 +86,7 @@ def main() -> int:
     except simulate.SimulationFailure as error:
         print(error, file=sys.stderr)
         return 1
-    for path, content in made(values).items():
+    for path, content in made().items():
         if not path.exists() or path.read_text(encoding="utf-8") != content:
             path.write_text(content, encoding="utf-8")
             print(path.relative_to(netlist.HERE.parents[1]))

@@ -17,7 +17,7 @@
 #define SETTLE_TURNS 200 /* of at least 4 cycles: 4 us, where the ADCs need 3 */
 
 #define SYNC 10       /* PB10, the sync output */
-#define AMPLIFIERS 12 /* PB12, changing with every tick to enable, or high (ENABLE_BY_PULSES) */
+#define AMPLIFIERS 12 /* PB12, enable: pulses, or high (ENABLE_BY_PULSES) */
 
 void board_enable_amplifiers(bool enable)
 {

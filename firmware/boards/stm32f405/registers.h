@@ -120,8 +120,8 @@ typedef struct {
 #define INTERLOCK_PORT GPIOB
 #define INTERLOCK_EXTICR EXTICR_PORT_B
 #define IRQ_INTERLOCK IRQ_EXTI_10_TO_15
-#define AMPLIFIER_FAULT 14 /* PB14, low through a closed contact to ground; open: an amplifier has a fault */
-#define EMERGENCY_STOP 15  /* PB15, low through a closed contact to ground; open: stop */
+#define AMPLIFIER_FAULT 14 /* PB14, closed to ground; open: amplifier fault */
+#define EMERGENCY_STOP 15  /* PB15, closed to ground; open: stop */
 
 #define LINK_RX (&DMA2->STREAM[2])
 #define LINK_RX_ROUTE DMA_CHANNEL(4)

@@ -167,8 +167,8 @@ typedef struct {
 #define INTERLOCK_PORT GPIOC
 #define INTERLOCK_EXTICR EXTICR_PORT_C
 #define IRQ_INTERLOCK IRQ_EXTI_5_TO_9
-#define AMPLIFIER_FAULT 6 /* PC6, low through a closed contact to ground; open: an amplifier has a fault */
-#define EMERGENCY_STOP 7  /* PC7, low through a closed contact to ground; open: stop */
+#define AMPLIFIER_FAULT 6 /* PC6, closed to ground; open: amplifier fault */
+#define EMERGENCY_STOP 7  /* PC7, closed to ground; open: stop */
 
 #define LINK_RX (&DMA1->STREAM[6])
 #define LINK_RX_ROUTE 0u

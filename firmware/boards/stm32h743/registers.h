@@ -218,8 +218,8 @@ enum { REQUEST_ADC1 = 9, REQUEST_ADC2, REQUEST_TIM3_CH1 = 23, REQUEST_TIM3_CH3 =
 #define INTERLOCK_PORT GPIOC
 #define INTERLOCK_EXTICR EXTICR_PORT_C
 #define IRQ_INTERLOCK IRQ_EXTI_5_TO_9
-#define AMPLIFIER_FAULT 6 /* PC6, low through a closed contact to ground; open: an amplifier has a fault */
-#define EMERGENCY_STOP 7  /* PC7, low through a closed contact to ground; open: stop */
+#define AMPLIFIER_FAULT 6 /* PC6, closed to ground; open: amplifier fault */
+#define EMERGENCY_STOP 7  /* PC7, closed to ground; open: stop */
 
 #define LINK_RX (&DMA2->STREAM[3])
 #define LINK_RX_ROUTE DMA_TRBUFF

@@ -1,7 +1,6 @@
 """Baseline predictors by name, and the default: the same intake, another motion model.
 
-Constants were fitted to slides, reaches, stops and strokes at 100 Hz with 0.05 mm of noise. The models that came out
-worse than these are in the table of core/prediction/README.md.
+Constants were fitted to slides, reaches, stops and strokes at 100 Hz with 0.05 mm of noise.
 """
 
 from __future__ import annotations
