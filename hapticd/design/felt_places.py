@@ -129,6 +129,7 @@ def _descended(
         descend(
             phi.tobytes(),
             weights,
+            list(targets_um),
             frictions,
             counted,
             sticky,

@@ -75,8 +75,9 @@ def solve_felt(
 
     `shapes` (N, Q, M) are those at the points of each contact (`contact_shapes`), of these `weights` (Q,); `stretches`
     (N,) are by how much more amplitude each finger needs as it slides, `priorities` (N,) say whose errors come first.
-    Where a contact is one point, still fingers get exactly 0. `log_weights` (N,) are kept from call to call, from 0
-    on. Without a slipping finger W becomes 0. If W is 0, the search starts from all modes alike.
+    Where a contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
+    `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. If W is 0, the
+    search starts from all modes alike.
     """
     if not is_any_slippery(targets_um):
         for k in range(len(limits_um)):
@@ -93,6 +94,7 @@ def solve_felt(
     errors_jnd, rms_um = descend(
         shapes,
         weights,
+        list(targets_um),
         frictions,
         counted_jnd(frictions, priorities),
         stickiness(frictions) if len(weights) > 1 else [EXACT * (target_um == 0.0) for target_um in targets_um],

@@ -30,8 +30,8 @@ typedef double pair_t __attribute__((vector_size(2 * sizeof(double)), aligned(si
 
 typedef struct {
     Py_ssize_t fingers, points, modes, pieces, room; /* for an even number of points, N Q or one more */
-    const double *weights, *frictions, *counted, *stickiness, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
-    double full_um, least, uncertain; /* uncertain: the square of the share of a mode's amplitude */
+    const double *weights, *targets_um, *frictions, *counted, *stickiness, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
+    double keep, full_um, least, uncertain; /* uncertain: the square of the share of a mode's amplitude */
     const double *shapes;                                             /* (N Q, M) */
     double *across, *squared, *row_pairs;                             /* (M, N Q), the same squared, and (N Q, pairs) */
     double *w_d_um, *w_q_um, *rms_um, *friction, *rate_1_um, *decay_um, *kappa, *pulled; /* (N Q,) */
@@ -157,6 +157,15 @@ static void majorise(problem_t *p, Py_ssize_t finger)
         }
 }
 
+/* Of points the squares of their errors: each is pulled to what is asked, in the phase that it has. */
+static void pull_points(problem_t *p)
+{
+    for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
+        p->kappa[finger] = 1.0;
+        p->pulled[finger] = p->targets_um[finger] / fmax(p->rms_um[finger], TINY_UM);
+    }
+}
+
 /* The sum of squares as a function of the modes: its curvature, below the diagonal, and the pull on each. */
 INLINE void add_points(problem_t *p, const Py_ssize_t modes)
 {
@@ -201,8 +210,8 @@ INLINE void sweep(problem_t *p, const Py_ssize_t modes, double stay_frac)
         const double own = (1.0 + p->uncertain) * curvature[k] + stay;
         const double share = own > 0.0 ? (1.0 + PAST_FRAC) / own : 0.0;
         d_um[k] = p->d_um[k], q_um[k] = p->q_um[k], shares[k] = share;
-        pull_d[k] = share * (p->pull_d[k] + stay * p->centre_d[k]);
-        pull_q[k] = share * (p->pull_q[k] + stay * p->centre_q[k]);
+        pull_d[k] = share * (p->pull_d[k] + p->keep * stay * p->centre_d[k]);
+        pull_q[k] = share * (p->pull_q[k] + p->keep * stay * p->centre_q[k]);
         for (Py_ssize_t other = 0; other < modes; other++)
             line[k][other] = share * curvature[other];
         line[k][k] = PAST_FRAC;
@@ -232,10 +241,14 @@ INLINE void sweep(problem_t *p, const Py_ssize_t modes, double stay_frac)
 INLINE void iterate_for(problem_t *p, const Py_ssize_t modes, double stay_frac)
 {
     move_points(p, modes);
-    feel(p);
-    weigh(p);
-    for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
-        majorise(p, finger);
+    if (p->points > 1) {
+        feel(p);
+        weigh(p);
+        for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
+            majorise(p, finger);
+    } else {
+        pull_points(p);
+    }
     add_points(p, modes);
     sweep(p, modes, stay_frac);
 }
@@ -297,17 +310,18 @@ static Py_ssize_t with_row(double *basis, Py_ssize_t size, const double *row, Py
 }
 
 typedef struct {
-    Py_ssize_t still, moved; /* rows of both bases */
+    Py_ssize_t still, moved, slipping; /* rows of both bases; fingers that need one of the second */
     double still_rows[MOST_MODES * MOST_MODES], moved_rows[MOST_MODES * MOST_MODES];
     double centre_d[MOST_MODES], centre_q[MOST_MODES], off_d[MOST_MODES], off_q[MOST_MODES];
 } freedom_t;
 
+static const double RIDGE_FRAC = 0.3; /* of what keeps W, drawn to 0 where it is within half of the limits */
 static const double HOLD_FRAC = 1.0; /* of the mean curvature, by which W is drawn towards what no still finger feels */
 
 /* Leaves of each slipping finger's row (N, M) what no still finger feels, of a still one's nothing. */
 static void free_rows(freedom_t *f, double *rows, double *stickiness, Py_ssize_t fingers, Py_ssize_t modes)
 {
-    f->still = f->moved = 0;
+    f->still = f->moved = f->slipping = 0;
     for (Py_ssize_t finger = 0; finger < fingers; finger++)
         if (stickiness[finger] > 1.0)
             f->still = with_row(f->still_rows, f->still, &rows[finger * modes], modes);
@@ -318,7 +332,7 @@ static void free_rows(freedom_t *f, double *rows, double *stickiness, Py_ssize_t
         if (stickiness[finger] > 1.0 || f->still == modes || !(sqrt(dot(row, row, modes)) > INDEPENDENT * before))
             memset(row, 0, (size_t)modes * sizeof(double));
         else
-            f->moved = with_row(f->moved_rows, f->moved, row, modes);
+            f->slipping++, f->moved = with_row(f->moved_rows, f->moved, row, modes);
         stickiness[finger] = stickiness[finger] > 1.0 ? 1.0 : stickiness[finger];
     }
 }
@@ -356,25 +370,71 @@ static double largest_of(const problem_t *p, const double *d_um, const double *q
     return largest;
 }
 
-/* Takes from W what still fingers feel, and what no finger does where the limits allow it; scales it into these. */
-static void free_amplitudes(const freedom_t *f, problem_t *p)
+static void scale_inside(problem_t *p)
 {
-    double part_d[MOST_MODES], part_q[MOST_MODES];
-    leave(f->still_rows, f->still, p->d_um, p->modes);
-    leave(f->still_rows, f->still, p->q_um, p->modes);
-    memcpy(part_d, p->d_um, sizeof(double) * (size_t)p->modes);
-    memcpy(part_q, p->q_um, sizeof(double) * (size_t)p->modes);
-    leave(f->moved_rows, f->moved, part_d, p->modes);
-    leave(f->moved_rows, f->moved, part_q, p->modes);
-    for (Py_ssize_t k = 0; k < p->modes; k++)
-        part_d[k] = p->d_um[k] - part_d[k], part_q[k] = p->q_um[k] - part_q[k];
-    if (largest_of(p, part_d, part_q) <= INSIDE || f->moved == 0) {
-        memcpy(p->d_um, part_d, sizeof(double) * (size_t)p->modes);
-        memcpy(p->q_um, part_q, sizeof(double) * (size_t)p->modes);
-    }
     const double largest = largest_of(p, p->d_um, p->q_um);
     for (Py_ssize_t k = 0; k < p->modes && largest > INSIDE; k++)
         p->d_um[k] *= INSIDE / largest, p->q_um[k] *= INSIDE / largest;
+}
+
+/* The largest share of a step within the limits, of up to 1; they are discs, in which W is. */
+static double share_within(const problem_t *p, const double *to_d, const double *to_q)
+{
+    double share = 1.0;
+    for (Py_ssize_t k = 0; k < p->modes; k++) {
+        const double d = to_d[k] - p->d_um[k], q = to_q[k] - p->q_um[k], limit_um = p->limits_um[k];
+        const double room = limit_um * limit_um - p->d_um[k] * p->d_um[k] - p->q_um[k] * p->q_um[k];
+        const double square = d * d + q * q, along = p->d_um[k] * d + p->q_um[k] * q;
+        if (hypot(to_d[k], to_q[k]) > limit_um)
+            share = fmin(share, (sqrt(along * along + square * fmax(room, 0.0)) - along) / square);
+    }
+    return share;
+}
+
+/* Takes from W what still fingers feel, and what no finger does where the limits allow it, and scales it into these. Then
+ * W moves, as far as they allow, to the least amplitudes that give slipping fingers of independent rows what is asked, in
+ * the phases that they have. */
+static void free_amplitudes(const freedom_t *f, problem_t *p, const double *rows)
+{
+    const Py_ssize_t modes = p->modes;
+    double to_d[MOST_MODES] = {0.0}, to_q[MOST_MODES] = {0.0};
+    leave(f->still_rows, f->still, p->d_um, modes);
+    leave(f->still_rows, f->still, p->q_um, modes);
+    for (Py_ssize_t row = 0; row < f->moved; row++) {
+        const double *unit = &f->moved_rows[row * modes], d = dot(unit, p->d_um, modes), q = dot(unit, p->q_um, modes);
+        for (Py_ssize_t k = 0; k < modes; k++)
+            to_d[k] += d * unit[k], to_q[k] += q * unit[k];
+    }
+    if (largest_of(p, to_d, to_q) <= INSIDE || f->moved == 0) {
+        memcpy(p->d_um, to_d, sizeof(double) * (size_t)modes);
+        memcpy(p->q_um, to_q, sizeof(double) * (size_t)modes);
+    }
+    scale_inside(p);
+    if (f->moved < f->slipping)
+        return;
+    memset(to_d, 0, sizeof to_d), memset(to_q, 0, sizeof to_q);
+    for (Py_ssize_t finger = 0, row = 0; row < f->moved; finger++) {
+        const double *own = &rows[finger * modes], *unit = &f->moved_rows[row * modes];
+        const double d = dot(own, p->d_um, modes), q = dot(own, p->q_um, modes), size = hypot(d, q);
+        if (dot(own, own, modes) == 0.0)
+            continue;
+        const double share = size > 0.0 ? p->targets_um[finger] / size : 0.0, length = dot(own, unit, modes);
+        const double more_d = (share * d - dot(own, to_d, modes)) / length;
+        const double more_q = (share * q - dot(own, to_q, modes)) / length;
+        for (Py_ssize_t k = 0; k < modes; k++) /* those before do not feel it */
+            to_d[k] += more_d * unit[k], to_q[k] += more_q * unit[k];
+        row++;
+    }
+    if (!(largest_of(p, to_d, to_q) < SAFE))
+        return;
+    const double share = share_within(p, to_d, to_q);
+    for (Py_ssize_t k = 0; k < modes; k++) {
+        p->d_um[k] += share * (to_d[k] - p->d_um[k]);
+        p->q_um[k] += share * (to_q[k] - p->q_um[k]);
+    }
+    leave(f->still_rows, f->still, p->d_um, modes); /* what rounding added */
+    leave(f->still_rows, f->still, p->q_um, modes);
+    scale_inside(p);
 }
 
 static void measure(problem_t *p)
@@ -391,6 +451,15 @@ static void measure(problem_t *p)
             square += p->weights[index] * (w_d_um * w_d_um + w_q_um * w_q_um);
         }
         p->contact_rms_um[finger] = sqrt(square);
+    }
+}
+
+/* Of points a noticeable difference is as large a part of the amplitude asked as of a friction. */
+static void measure_points(problem_t *p)
+{
+    for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
+        const double target_um = p->targets_um[finger];
+        p->errors[finger] = target_um > 0.0 ? (p->contact_rms_um[finger] / target_um - 1.0) / WEBER_FRAC : 0.0;
     }
 }
 
@@ -539,21 +608,22 @@ failed:
 static PyObject *descend(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    PyObject *shapes, *weights, *frictions, *counted, *sticky, *stretches, *pieces, *limits, *d, *q, *log_weights, *answer = NULL;
+    PyObject *shapes, *weights, *targets, *frictions, *counted, *sticky, *stretches, *pieces, *limits, *d, *q, *log_weights, *answer = NULL;
     problem_t p;
     Py_ssize_t iterations;
     double stay_frac, uncertain_frac;
-    if (!PyArg_ParseTuple(arguments, "SO!O!O!O!O!O!(dd)O!O!O!O!ndd", &shapes, &PyList_Type, &weights,
+    if (!PyArg_ParseTuple(arguments, "SO!O!O!O!O!O!O!(dd)O!O!O!O!ndd", &shapes, &PyList_Type, &weights, &PyList_Type, &targets,
                           &PyList_Type, &frictions, &PyList_Type, &counted, &PyList_Type, &sticky, &PyList_Type, &stretches,
                           &PyList_Type, &pieces, &p.full_um, &p.least,
                           &PyTuple_Type, &limits, &PyList_Type, &d, &PyList_Type, &q, &PyList_Type, &log_weights,
                           &iterations, &stay_frac, &uncertain_frac))
         return NULL;
-    p.uncertain = uncertain_frac * uncertain_frac;
     p.fingers = PyList_GET_SIZE(frictions), p.points = PyList_GET_SIZE(weights);
     p.modes = PyTuple_GET_SIZE(limits), p.pieces = PyList_GET_SIZE(pieces);
+    const int is_point = p.points == 1;
+    p.uncertain = is_point ? 0.0 : uncertain_frac * uncertain_frac, p.keep = 1.0;
     const size_t n = (size_t)p.fingers, places = n * (size_t)p.points, m = (size_t)p.modes;
-    const size_t numbers = n * m + (size_t)p.points + 9 * n + 4 * (size_t)p.pieces + m * m + 5 * m;
+    const size_t numbers = n * m + (size_t)p.points + 10 * n + 4 * (size_t)p.pieces + m * m + 5 * m;
     const size_t room = places + places % 2, shaped = room * (2 * m + 8) + places * 2 * (size_t)PAIRS(m);
     if (PyBytes_GET_SIZE(shapes) != (Py_ssize_t)(places * m * sizeof(double))) {
         PyErr_SetString(PyExc_ValueError, "felt_descent: the shapes have another length");
@@ -572,7 +642,7 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
     p.across = TAKE(room * m), p.squared = TAKE(room * m), p.row_pairs = TAKE(places * 2 * (size_t)PAIRS(m));
     p.w_d_um = TAKE(room), p.w_q_um = TAKE(room), p.rms_um = TAKE(room), p.friction = TAKE(room);
     p.rate_1_um = TAKE(room), p.decay_um = TAKE(room), p.kappa = TAKE(room), p.pulled = TAKE(room);
-    double *weight = TAKE((size_t)p.points), *friction = TAKE(n), *count = TAKE(n), *stick = TAKE(n), *stretch = TAKE(n);
+    double *weight = TAKE((size_t)p.points), *target = TAKE(n), *friction = TAKE(n), *count = TAKE(n), *stick = TAKE(n), *stretch = TAKE(n);
     double *piece = TAKE(3 * (size_t)p.pieces), *rate = TAKE((size_t)p.pieces), *limit = TAKE(m);
     p.d_um = TAKE(m), p.q_um = TAKE(m), p.log_weights = TAKE(n), p.errors = TAKE(n), p.got = TAKE(n);
     p.logs = TAKE(n), p.contact_rms_um = TAKE(n);
@@ -580,25 +650,27 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
     p.curvature = TAKE(m * m), p.pull_d = TAKE(m), p.pull_q = TAKE(m);
 #undef TAKE
     memset(p.errors, 0, n * sizeof(double));
-    if (p.pieces > 0 && copy(weights, p.points, weight, 1) && copy(frictions, p.fingers, friction, 1) &&
+    if (p.pieces > 0 && copy(weights, p.points, weight, 1) && copy(targets, p.fingers, target, 1) && copy(frictions, p.fingers, friction, 1) &&
         copy(counted, p.fingers, count, 1) && copy(sticky, p.fingers, stick, 1) && copy(stretches, p.fingers, stretch, 1) && copy_rows(pieces, p.pieces, 3, piece, p.pieces, 1) &&
         copy(limits, p.modes, limit, 1) && copy(d, p.modes, p.d_um, 1) && copy(q, p.modes, p.q_um, 1) &&
         copy(log_weights, p.fingers, p.log_weights, 1)) {
-        p.shapes = doubles_of(shapes), p.weights = weight, p.frictions = friction, p.counted = count, p.stickiness = stick;
+        p.shapes = doubles_of(shapes), p.weights = weight, p.targets_um = target, p.frictions = friction, p.counted = count, p.stickiness = stick;
         p.stretches = stretch, p.limits_um = limit;
         p.starts_um = piece, p.origins_um = piece + p.pieces, p.decays_um = piece + 2 * p.pieces;
         for (Py_ssize_t i = 0; i < p.pieces; i++)
             rate[i] = 1.0 / p.decays_um[i];
         p.rates_1_um = rate;
         freedom_t freedom;
-        if (p.points == 1) {
+        if (is_point) {
             memcpy(freed, p.shapes, places * m * sizeof(double));
             free_rows(&freedom, freed, stick, p.fingers, p.modes);
             p.shapes = freed;
         }
         lay_out(&p);
-        const int is_held = p.points == 1 && freedom.still > 0;
+        const int is_held = is_point && freedom.still > 0;
         p.centre_d = is_held ? freedom.centre_d : p.d_um, p.centre_q = is_held ? freedom.centre_q : p.q_um;
+        if (is_point && !is_held)
+            p.keep = 1.0 - RIDGE_FRAC * fmax(0.0, 1.0 - 2.0 * largest_of(&p, p.d_um, p.q_um));
         if (is_held)
             begin_held(&freedom, &p);
         for (Py_ssize_t turn = 0; turn < iterations; turn++) {
@@ -606,10 +678,12 @@ static PyObject *descend(PyObject *module, PyObject *arguments)
             if (is_held)
                 hold(&freedom, &p);
         }
-        if (p.points == 1)
-            free_amplitudes(&freedom, &p);
+        if (is_point)
+            free_amplitudes(&freedom, &p, freed);
         p.shapes = doubles_of(shapes);
         measure(&p);
+        if (is_point)
+            measure_points(&p);
         if (store(d, p.modes, p.d_um) && store(q, p.modes, p.q_um) && store(log_weights, p.fingers, p.log_weights)) {
             PyObject *errors = listed(p.fingers, p.errors), *rms_um = listed(p.fingers, p.contact_rms_um);
             if (errors != NULL && rms_um != NULL)

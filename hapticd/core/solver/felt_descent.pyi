@@ -18,6 +18,7 @@ def phasors(d_um: list[float], q_um: list[float], /) -> Row:
 def descend(
     shapes: Shapes,
     weights: list[float],
+    targets_um: list[float],
     frictions: list[float],
     counted_jnd: list[float],
     stickiness: list[float],

@@ -30,7 +30,6 @@ MOST_ENUMERATED = 5  # slipping fingers, whose patterns of signs are all tried
 ROUNDS, ITERATIONS, STILL_ITERATIONS = 20, 30, 200  # of a descent of points, and where some are still
 SETTLED = 1e-12  # of the largest amplitude that is asked for: less changes nothing
 STAY_FRAC = 1e-3
-LINEAR_UM = 1e6  # decay of a curve that is straight: errors count by their squares, and all alike
 EQUAL_ERROR = 1e-9  # of the targets' squares: solutions that differ by less are equals
 EQUAL_NORM = 1e-6
 MISSED = 1e-6  # of a target: a finger that lacks more than this does not get it
@@ -156,19 +155,19 @@ def _descended(rows: FloatArray, wanted: FloatArray, box: tuple[float, ...], sta
     fingers, modes = rows.shape
     most = np.abs(start).max()
     d, q = (start / most * min(most, SAFE)).tolist() if most > 0.0 else list(box), [0.0] * modes
-    curve = [(0.0, 0.0, LINEAR_UM)], (math.inf, 0.0)
-    frictions = np.exp(-wanted / LINEAR_UM).tolist()
-    sticky, alike = (EXACT * (wanted == 0.0)).tolist(), [1.0] * fingers
+    curve, unused = ([(0.0, 0.0, 1.0)], (1.0, 1.0)), [1.0] * fingers
+    sticky = (EXACT * (wanted == 0.0)).tolist()
     shapes, before = rows.tobytes(), d
     for _ in range(ROUNDS):
         logs, before = [0.0] * fingers, d.copy()
         descend(
             shapes,
             [1.0],
-            frictions,
-            [math.inf] * fingers,
+            wanted.tolist(),
+            unused,
+            unused,
             sticky,
-            alike,
+            unused,
             *curve,
             box,
             d,

@@ -163,6 +163,7 @@ def _solved(problem: ReachProblem, targets_um: list[float], state: _State) -> li
     errors_jnd, _ = descend(
         problem.judged_shapes[: count * len(problem.judged_shapes) // fingers],
         problem.judged_weights,
+        targets_um,
         frictions,
         counted_jnd(frictions, priorities),
         stickiness(frictions),
