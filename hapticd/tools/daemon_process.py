@@ -25,27 +25,14 @@ class DaemonProcess:
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-run-")
         self.runtime_dir = Path(self._folder.name, "run")
         self._config = Path(self._folder.name, "hapticd.toml")
-        self._log_level = log_level
-        self._configure(sim, settings)
+        client, log = f'[client]\nruntime_dir = "{self.runtime_dir}"', f'[log]\nlevel = "{log_level}"'
+        self._config.write_text(f"[sim]\n{sim}\n{client}\n{log}\n{settings}", encoding="utf-8")
 
     def __enter__(self) -> Self:
-        self._start()
+        command = ["run", "--sim", "--config", str(self._config)]
+        self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)
         return self
-
-    def restart(self, sim: str, settings: str = "") -> None:
-        """End the service and start it with another configuration, at the same `runtime_dir`."""
-        end(self.process)
-        self._configure(sim, settings)
-        self._start()
 
     def __exit__(self, *_: object) -> None:
         end(self.process)
         self._folder.cleanup()
-
-    def _configure(self, sim: str, settings: str) -> None:
-        client, log = f'[client]\nruntime_dir = "{self.runtime_dir}"', f'[log]\nlevel = "{self._log_level}"'
-        self._config.write_text(f"[sim]\n{sim}\n{client}\n{log}\n{settings}", encoding="utf-8")
-
-    def _start(self) -> None:
-        command = ["run", "--sim", "--config", str(self._config)]
-        self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)

@@ -13,6 +13,7 @@ from hapticd.__main__ import main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config.sections import SimConfig
 from hapticd.errors import DeviceError, SimulationError
+from hapticd.formats.toml_file import parse
 from hapticd.sim.plate.glasses import driven_modes, find_glass, most_driven
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools import glass, run
@@ -44,12 +45,12 @@ def test_a_newcomer_is_shown_the_plate_for_whole_fingertips(monkeypatch: pytest.
     started: list[SimConfig] = []
 
     class Service:
-        def __init__(self, sim: SimConfig) -> None:
-            started.append(sim)
+        def __init__(self, table: str, _settings: str) -> None:
+            started.append(SimConfig(**parse(table, "table")))
             raise DeviceError("Enough.")
 
     monkeypatch.setattr(view_program.signal, "signal", lambda *_: None)  # its handler would stay
-    monkeypatch.setattr(view_program, "SimulatedService", Service)
+    monkeypatch.setattr(view_program, "DaemonProcess", Service)
     for options in ((), ("--modes", "6"), ("--plate", "reference")):
         assert main(["view", "--sim", "--port", "0", *options]) == 1
     assert started == [

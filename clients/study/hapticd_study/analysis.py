@@ -15,8 +15,6 @@ from scipy import stats
 from .experiment import CONFIDENCE
 from .session import Session
 
-MAX_EXACT = 12  # participants up to which all assignments of signs are enumerated
-
 
 @dataclass(frozen=True, slots=True)
 class Result:
@@ -54,8 +52,7 @@ class Group:
     """All participants. A test is NaN for fewer than two participants, or equal rates.
 
     `sd_frac` is the standard deviation of the rates (n - 1). `t`, `t_p`: one-sample t test of the rates. `above` and
-    `below` count participants on either side of guessing, `sign_p` is the exact sign test on them, `wilcoxon_p` the
-    signed-rank test, exact up to MAX_EXACT participants, also for tied rates. `pooled_p` is the exact
+    `below` count participants on either side of guessing, `sign_p` is the exact sign test on them, `pooled_p` the exact
     binomial test on all trials, as if of one participant.
     """
 
@@ -67,7 +64,6 @@ class Group:
     above: int
     below: int
     sign_p: float
-    wilcoxon_p: float
     correct: int
     trials: int
     pooled_p: float
@@ -100,7 +96,7 @@ def analyse_group(results: Sequence[Result]) -> Group:
     if sd_frac > 0:
         test = stats.ttest_1samp(rates, guess_frac)
         t, t_p = float(test.statistic), float(test.pvalue)
-    away = [_away(one) for one in results]
+    away = [round(one.rate_frac - guess_frac, 12) for one in results]  # equal ones are equal to the last bit
     above, below = sum(one > 0 for one in away), sum(one < 0 for one in away)
     correct, trials = sum(one.correct for one in results), sum(one.trials for one in results)
     return Group(
@@ -112,22 +108,7 @@ def analyse_group(results: Sequence[Result]) -> Group:
         above=above,
         below=below,
         sign_p=float(stats.binomtest(above, above + below).pvalue) if above + below > 0 else math.nan,
-        wilcoxon_p=_wilcoxon(away),
         correct=correct,
         trials=trials,
         pooled_p=float(stats.binomtest(correct, trials, guess_frac).pvalue),
     )
-
-
-def _away(one: Result) -> float:
-    """Return the distance of the rate from guessing; equal ones are equal to the last bit."""
-    return round(one.rate_frac - one.guess_frac, 12)
-
-
-def _wilcoxon(distances: Sequence[float]) -> float:
-    """Return p of the signed ranks of the rates' distances from guessing; those at it are left out."""
-    away = [one for one in distances if one != 0.0]
-    if len(away) < 2:
-        return math.nan
-    method = stats.PermutationMethod(n_resamples=math.inf) if len(away) <= MAX_EXACT else "asymptotic"
-    return float(stats.wilcoxon(away, method=method).pvalue)

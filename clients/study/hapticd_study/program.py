@@ -9,7 +9,7 @@ import secrets
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from hapticd_client import Client, HapticdError
 
-from . import __version__, own_curve
+from . import __version__
 from .conduct import conduct
 from .experiment import PAPER, StudyError, load, parse, participant_name
 from .keyboard import Keyboard
@@ -64,8 +64,6 @@ def _add_run(actions: Any) -> None:
     add("--participant", required=True, metavar="NAME", help="letters, digits, - and _, such as P03")
     add("--out", required=True, type=Path, metavar="DIR", help="the study's folder, with a file for each participant")
     add("--protocol", type=Path, metavar="TOML", help="the experiment (default: the paper's)")
-    curve = "use this participant's friction curve, of `hapticd calibrate friction --participant`"
-    add("--calibration", type=Path, metavar="DIR", help=curve)
     add("--record", action="store_true", help="record the service beside the answers")
     add("--trials", type=int, metavar="N", help="another number than the experiment's")
     add("--seed", type=int, metavar="N", help="of the trials' order (default: a random one, kept in the file)")
@@ -86,7 +84,6 @@ def _add_report(actions: Any) -> None:
     parser.epilog = f"example: {parser.prog} answers/ --json -"
     parser.add_argument("folder", type=Path, metavar="DIR", help="the --out of the sessions")
     parser.add_argument("--json", metavar="F", help="write the figures as JSON; - is standard output")
-    parser.add_argument("--bids", type=Path, metavar="DIR", help="folder for all trials, under BIDS names")
     parser.add_argument("--force", action="store_true", help="overwrite existing output files")
     parser.set_defaults(command=partial(_reported, _report))
 
@@ -109,7 +106,7 @@ def _reported(action: Callable[[argparse.Namespace], None], options: argparse.Na
 def _report(options: argparse.Namespace) -> None:
     from . import report  # matplotlib takes a second
 
-    report.write(options.folder, options.json, bids=options.bids, is_forced=options.force)
+    report.write(options.folder, options.json, is_forced=options.force)
 
 
 def run_session(options: argparse.Namespace) -> None:
@@ -144,8 +141,6 @@ def _given(options: argparse.Namespace) -> Session:
         experiment = parse({**to_builtins(experiment), "trials": options.trials})
     participant = participant_name(options.participant)
     about: dict[str, object] = {"hapticd_study": __version__, "begun": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
-    if options.calibration is not None:
-        about[own_curve.KEY] = own_curve.measured(options.calibration, participant)
     seed = secrets.randbelow(2**32) if options.seed is None else options.seed
     if not 0 <= seed <= MAX_SEED:
         raise StudyError(f"--seed: {seed} is out of bounds, it must be 0 .. {MAX_SEED}.")
@@ -171,14 +166,13 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
         held.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, signal.default_int_handler))
         endpoint, within_s = options.endpoint, DAEMON_WITHIN_S
         if options.sim:
-            endpoint = held.enter_context(Rehearsal(own_curve.settings(file.session.about))).runtime_dir
+            endpoint = held.enter_context(Rehearsal()).runtime_dir
             within_s = REHEARSAL_WITHIN_S
         try:
             # The name is unique, so that a second study on the plate is refused.
             client = held.enter_context(Client(endpoint, name=f"study-{os.getpid()}", timeout_s=within_s))
-            plate = client.plate()
-            file.mark_simulated_plate(path, is_simulated=bool(plate.get("simulated")))
-            stage = Stage(client, file.session.experiment, _converting(options, file.session, plate))
+            file.mark_simulated_plate(path, is_simulated=bool(client.plate().get("simulated")))
+            stage = Stage(client, file.session.experiment)
             if options.record:
                 held.enter_context(client.record(_recording(path)))
             if not options.browser:
@@ -194,16 +188,6 @@ def _ask(options: argparse.Namespace, file: SessionFile, path: Path) -> None:
             raise
         except HapticdError as error:
             raise HapticdError(f"{error} The answers are kept: continue with the same command.") from None
-
-
-def _converting(options: argparse.Namespace, session: Session, plate: Mapping[str, Any]) -> own_curve.OwnCurve | None:
-    """Return the participant's curve where the service has another one, and say so."""
-    curve = own_curve.of_session(session.about)
-    if curve is None or curve.is_served(plate):
-        return None
-    path = own_curve.path_of(options.calibration or Path("DIR"), session.participant)
-    print(own_curve.ANOTHER.format(participant=session.participant, path=path), file=sys.stderr, flush=True)
-    return curve
 
 
 def _recording(path: Path) -> Path:

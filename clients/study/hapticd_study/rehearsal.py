@@ -18,18 +18,17 @@ OWNED = '"$@" & read -r _; kill $! 2>/dev/null; wait'
 
 class Rehearsal:
     """Context manager of a service on the simulated plate, whose clients connect at `runtime_dir`; it starts in some
-    seconds. `settings` are sections of its configuration. Raises StudyError where hapticd is not installed."""
+    seconds. Raises StudyError where hapticd is not installed."""
 
-    def __init__(self, settings: str = "") -> None:
+    def __init__(self) -> None:
         if find_spec("hapticd") is None:
             raise StudyError("--sim needs hapticd in this Python: install its checkout too, or omit --sim.")
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-study-")
         self.runtime_dir = Path(self._folder.name, "run")
-        self._settings = f'[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "error"\n{settings}'
 
     def __enter__(self) -> Self:
         config = Path(self._folder.name, "hapticd.toml")
-        config.write_text(self._settings, encoding="utf-8")
+        config.write_text(f'[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "error"\n', encoding="utf-8")
         hapticd = [sys.executable, "-P", "-m", "hapticd"]
         self._process = subprocess.Popen(
             ["/bin/sh", "-c", OWNED, "sh", *hapticd, "run", "--sim", "--scenario", SCENARIO, "--config", str(config)],

@@ -10,14 +10,13 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
 
-from . import dataset
 from .analysis import Group, Result, analyse, analyse_group
 from .experiment import StudyError
 from .session import SUFFIX, Answer, Session, read
@@ -30,16 +29,18 @@ MARKED_BYTES = 512
 MEASURED = [field.name for field in fields(Answer)][2:]  # behind the trial's number and the answer
 STDOUT = "-"
 LIGHT, DARK = "#9ecae1", "#08519c"
+Row: TypeAlias = Mapping[str, Any]
+
 BAR_IN = 0.55  # a participant's share of the figure's width
 MAX_WIDTH_IN = 16.0
 DPI = 110
 
 
-def write(folder: Path, json_file: str | None = None, *, bids: Path | None = None, is_forced: bool = False) -> None:
+def write(folder: Path, json_file: str | None = None, *, is_forced: bool = False) -> None:
     """Analyse the sessions in `folder`, print the report, and write its files there, over those of an earlier report.
 
-    `bids` is a folder for all trials (`dataset`). Raises StudyError if no session is finished, a file is damaged,
-    simulated sessions are among others, or an output holds something else; OSError.
+    Raises StudyError if no session is finished, a file is damaged, simulated sessions are among others, or an output
+    holds something else; OSError.
     """
     sessions = sessions_in(folder)
     if not is_forced:
@@ -54,7 +55,7 @@ def write(folder: Path, json_file: str | None = None, *, bids: Path | None = Non
         if len(kinds) > 1:
             names = ", ".join(f"{one.participant}: {one.simulated or one.experiment.name}" for one in finished)
             raise StudyError(f"{folder}: mixes {what} ({names}): give each kind a folder of its own.")
-    simulated, name = finished[0].simulated, finished[0].experiment.name
+    simulated = finished[0].simulated
     results = [analyse(session) for session in finished] if finished[0].experiment.is_graded else []
     group = analyse_group(results) if results else None
     fitted = curves(finished)
@@ -76,9 +77,6 @@ def write(folder: Path, json_file: str | None = None, *, bids: Path | None = Non
         curves_ = [one.plain for one in fitted]
         plain = json.dumps({"simulated": simulated or None, **analysed, "curves": curves_, "trials": rows}, indent=2)
         print(plain) if json_file == STDOUT else Path(json_file).write_text(plain + "\n", encoding="utf-8")
-    if bids is not None:
-        files = dataset.write_bids(rows, name, bids, folder, is_forced=is_forced)
-        print(f"wrote {len(files)} files in {bids}", file=sys.stderr)
 
 
 def _check_outputs(folder: Path, json_file: str | None) -> None:
@@ -129,8 +127,6 @@ def _tests(results: Sequence[Result], group: Group) -> list[str]:
     if not math.isnan(group.sign_p):
         counts = f"{group.above} above {100 * group.guess_frac:.3g} %, {group.below} below"
         lines.append(f"  exact sign test       {counts:<32}p = {_p(group.sign_p)}")
-    if not math.isnan(group.wilcoxon_p):
-        lines.append(f"  Wilcoxon signed rank  {'':<32}p = {_p(group.wilcoxon_p)}")
     return lines
 
 
@@ -143,10 +139,10 @@ def figures(results: Sequence[Result], group: Group) -> dict[str, Any]:
     return {"participants": people, "group": plain}
 
 
-def result_rows(results: Sequence[Result], group: Group, simulated: str) -> list[dataset.Row]:
+def result_rows(results: Sequence[Result], group: Group, simulated: str) -> list[Row]:
     """Return a row for each participant, then the average and the standard deviation of the rates."""
 
-    def row(name: str, rate_frac: float, correct: object = "", trials: object = "", p: object = "") -> dataset.Row:
+    def row(name: str, rate_frac: float, correct: object = "", trials: object = "", p: object = "") -> Row:
         found = {"participant": name, "recognised": correct, "trials": trials, "success_rate_percent": 100 * rate_frac}
         return {**found, "p_binomial": p, "simulated": simulated}
 
@@ -155,7 +151,7 @@ def result_rows(results: Sequence[Result], group: Group, simulated: str) -> list
     return rows if math.isnan(group.sd_frac) else [*rows, row("standard deviation", group.sd_frac)]
 
 
-def trial_rows(sessions: Sequence[Session]) -> list[dataset.Row]:
+def trial_rows(sessions: Sequence[Session]) -> list[Row]:
     """Return a row for each trial of the finished sessions: its levels, the right answer and what was measured."""
     factors = dict.fromkeys(name for session in sessions for name in session.presented[0].levels)
     return [
@@ -217,7 +213,7 @@ def _progress(sessions: Iterable[Session]) -> str:
     return ", ".join(f"{one.participant} ({len(one.answers)} of {one.experiment.trials})" for one in open_ones)
 
 
-def _write_rows(path: Path, rows: Sequence[dataset.Row]) -> None:
+def _write_rows(path: Path, rows: Sequence[Row]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()

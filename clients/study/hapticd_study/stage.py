@@ -13,7 +13,6 @@ import msgspec
 from hapticd_contract.targets import ClientTargets, FingerTarget
 
 from .experiment import Experiment, Levels
-from .own_curve import OwnCurve
 
 if TYPE_CHECKING:
     from hapticd_client import Client, FingerState, PlateState
@@ -80,12 +79,11 @@ class Stage:
     """One daemon's plate. `present` sets the stimulus; call `step` continuously: it sets the targets of landed fingers.
 
     The participant's first finger is the one that has been down longest; fingers for which the experiment has no target
-    get none. `curve` is the participant's own, None for the service's. Raises the client library's errors.
+    get none. Raises the client library's errors.
     """
 
-    def __init__(self, client: Client, experiment: Experiment, curve: OwnCurve | None = None) -> None:
+    def __init__(self, client: Client, experiment: Experiment) -> None:
         self._client = client
-        self._curve = curve
         self._experiment = experiment
         self._scene: ClientTargets | None = None
         self._own: dict[int, FingerTarget] = {}
@@ -93,15 +91,12 @@ class Stage:
         self._fingers: tuple[int | str, ...] | None = None
         self._states = client.states(STATE_WITHIN_S)
         self.touch = _Touch()
-        takes_markers = "marker" in client.capabilities().get("ops", ())
-        # Marks an instant of the experiment, if the daemon takes markers.
-        self.mark: Callable[[str], object] = client.marker if takes_markers else lambda _: None
+        self.mark: Callable[[str], object] = client.marker  # an instant of the experiment
 
     def present(self, levels: Levels) -> None:
         """Lay the scene of a trial with these levels; virtual fingers start from their paths' beginning."""
-        scene = self._experiment.targets(levels)
-        self._scene = scene if self._curve is None else self._curve.felt_by(scene)
-        self._own = {one.finger: one for one in self._scene.targets if isinstance(one.finger, int)}
+        self._scene = scene = self._experiment.targets(levels)
+        self._own = {one.finger: one for one in scene.targets if isinstance(one.finger, int)}
         self._fingers, self._last, self.touch = None, None, _Touch()
         self._client.put(self._with_fingers(()))
 

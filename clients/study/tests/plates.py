@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from hapticd_client import FingerState, PlateState
 from hapticd_contract.targets import ClientTargets
@@ -38,9 +37,6 @@ class FakeClient:
 
     def time(self) -> float:
         return 1.7e9 + self.t_ns * 1e-9
-
-    def capabilities(self) -> dict[str, Any]:
-        return {"ops": ("hello", "marker")}
 
     def put(self, message: ClientTargets) -> None:
         self.message = message

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import signal
 import subprocess
@@ -14,26 +13,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from people import paper
 
 from hapticd_client import Client
-from hapticd_study import own_curve, program
-from hapticd_study.own_curve import OwnCurve
+from hapticd_study import program
 from hapticd_study.rehearsal import Rehearsal
-from hapticd_study.session import Session, read
+from hapticd_study.session import read
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 PIPE = subprocess.PIPE
 PATIENCE_S = 120.0
-CURVE = {own_curve.KEY: {"amplitude_um": [0.0, 0.4, 1.5], "floor_frac": 0.1}}
 
 
 @pytest.fixture(scope="module")
 def service() -> Iterator[Path]:
-    """A service on the simulated plate, with a participant's curve."""
+    """A service on the simulated plate."""
     if find_spec("hapticd") is None:
         pytest.skip("needs hapticd")
-    with Rehearsal(own_curve.settings(CURVE)) as running:
+    with Rehearsal() as running:
         with Client(running.runtime_dir, timeout_s=PATIENCE_S) as client:
             next(state for state in client.states(PATIENCE_S) if state.fingers)
         yield running.runtime_dir
@@ -58,11 +54,9 @@ def press(url: str, number: int, key: str) -> None:
     urllib.request.urlopen(request, timeout=PATIENCE_S).close()
 
 
-def test_a_session_runs_in_the_browser_by_the_participants_curve_and_is_recorded(service: Path, tmp_path: Path) -> None:
-    folder, own = tmp_path / "answers", own_curve.path_of(tmp_path, "P1")
-    own.parent.mkdir(parents=True)
-    own.write_text(own_curve.settings(CURVE), encoding="utf-8")
-    arguments = ("--browser", "--record", "--trials", "2", "--calibration", str(tmp_path))
+def test_a_session_runs_in_the_browser_and_is_recorded(service: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "answers"
+    arguments = ("--browser", "--record", "--trials", "2")
     with study(service, folder, *arguments) as process:
         assert process.stdout is not None
         url = process.stdout.readline().removeprefix("open ").strip()
@@ -99,17 +93,6 @@ def test_an_interruption_leaves_the_plate_quiet_and_shows_how_to_continue(
     assert read(tmp_path / "answers" / "P1.jsonl").answers == ()
     with Client(service, timeout_s=PATIENCE_S) as client:
         assert all(not finger.owner for finger in client.fingers())
-
-
-def test_a_service_with_another_curve_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    options = argparse.Namespace(calibration=Path("results"))
-    session = Session("P1", 1, paper(), about=CURVE)
-    curve = OwnCurve((0.0, 0.4, 1.5), 0.1)
-    served = {"friction_curve": [(0.0, 1.0), (0.4, 0.55), (1.5, 0.1)]}
-    assert program._converting(options, session, served) is None
-    assert capsys.readouterr().err == ""
-    assert program._converting(options, session, {}) == curve
-    assert "start `hapticd run --friction results/participants/P1/hapticd.toml`" in capsys.readouterr().err
 
 
 def test_each_part_of_a_session_has_a_recording_of_its_own(tmp_path: Path) -> None:

@@ -279,9 +279,7 @@ def _add_readings(parser: argparse.ArgumentParser) -> None:
         help="measure them now, on the running service: a force sensor's stream of the Lab Streaming Layer",
     )
     parser.add_argument("--endpoint", type=Path, metavar="DIR", help="the service's runtime directory, for --lsl")
-    parser.add_argument(
-        "--participant", metavar="NAME", help="of whose finger they are: for `hapticd study run --calibration DIR`"
-    )
+    parser.add_argument("--participant", metavar="NAME", help="of whose finger they are: for `hapticd run --friction`")
 
 
 STEP = Step(

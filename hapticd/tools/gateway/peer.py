@@ -30,7 +30,6 @@ class Peer:
     def __init__(self, daemon: SharedDaemon) -> None:
         self._daemon = daemon
         self._name: str | None = None
-        self._pace = Pace(RATE_HZ, BURST)
         self._outbox = Outbox(STATES)
         self._targets_socket = daemon.connected(zmq.PUSH, "targets")
         self._control_socket = daemon.connected(zmq.DEALER, "control")
@@ -42,7 +41,7 @@ class Peer:
         """Return when the WebSocket is closed."""
         try:
             await until_one_ends(
-                read(socket, self._pace, self._receive),
+                read(socket, Pace(RATE_HZ, BURST), self._receive),
                 self._outbox.write(socket),
                 self._send_targets(),
                 self._send_requests(),
@@ -123,9 +122,7 @@ class Peer:
 
     async def _receive_replies(self) -> None:
         while True:
-            payload = await self._control_socket.recv()
-            with self._pace:  # the plate's has 400 kB
-                self._outbox.add(messages.text_of(payload))
+            self._outbox.add(messages.text_of(await self._control_socket.recv()))
 
 
 async def _is_writable(socket: zmq.asyncio.Socket, timeout_ms: int | None = None) -> bool:

@@ -8,20 +8,16 @@ page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm, pressure_frac],
                  {"op": "play", "effect": {..}}       an effect of this viewer, as in a `targets` message
                  {"op": "record", "is_on": true}      record to a file of the viewer's, until false
                  {"op": "clear_fault"}
-                 {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5}   restart on another plate
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
                  {"kind": "surfaces", ..}
                  {"kind": "recording", "is_on": true, "file": "..", "sentence": ""}
                  {"kind": "gone", "sentence": ".."} {"kind": "refused", "sentence": ".."}
-                 {"kind": "starting", "plate": "fingertip", "modes": 4, "sentence": ""}   its service (re)starts
-                 {"kind": "choices", "plates": {"reference": {"modes": [2, 3, 4], "own_modes": 2}, ..}, ..}
-                                      those that a page can switch to
+                 {"kind": "starting", "sentence": ".."}      the service of a simulated plate starts
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
@@ -34,8 +30,6 @@ from hapticd_contract.simulated import SimulatedTouch, problem_of_touches
 from hapticd_contract.states import Perceived
 from hapticd_contract.surfaces import Surface
 
-from ...config.sections import MOST_MODES, SolverConfig
-from ...daemon.settings import LEAST_CONTACT_MODES
 from ...wire.client import read
 from ..served_friction import served_curve
 from ..web.sockets import decoded
@@ -47,7 +41,6 @@ if TYPE_CHECKING:
 
 MAX_MESSAGE_BYTES = 4096
 MAX_FINGERS = 16
-MAX_RADIUS_MM = 15.0
 CONTACT_RADIUS_MM = 5.0  # of a fingertip, where amplitudes count at points
 LATENCIES = ("age", "compute", "link", "horizon")  # the daemon's histograms that the page draws
 EVENT_FIELDS = ("kind", "finger", "x_mm", "y_mm", "client", "surface", "effect")
@@ -119,24 +112,8 @@ class ClearBoardFault(_Message, frozen=True, tag="clear_fault"):
     """Clear a latched fault."""
 
 
-class SwitchPlate(_Message, frozen=True, tag="switch"):
-    """Restart the simulated plate as another one, or with other driven modes or another contact radius."""
-
-    plate: Name
-    modes: Annotated[int, Meta(ge=0, le=MOST_MODES)]
-    contact_radius_mm: Annotated[float, Meta(ge=0.0, le=MAX_RADIUS_MM)]
-
-
-@dataclass(frozen=True, slots=True)
-class PlateChoice:
-    """The numbers of modes that a simulated plate can drive, and the one that it is made for."""
-
-    modes: tuple[int, ...]
-    own_modes: int
-
-
 _Layer = DrawSurface | PlayEffect | EraseSurface
-Message = Hold | SetTarget | ReleaseTarget | _Layer | RecordPage | ClearBoardFault | SwitchPlate
+Message = Hold | SetTarget | ReleaseTarget | _Layer | RecordPage | ClearBoardFault
 
 
 def decode(text: str) -> Message:
@@ -218,6 +195,7 @@ def status(body: Mapping[str, Any]) -> str:
             "board": {name: board.get(name) for name in BOARD_FIELDS},
             "undriven": board.get("refused") or board.get("lacking") or "",
             "missed_ticks": timing["missed_ticks"],
+            "failed_passes": body.get("touch", {}).get("failed_passes", 0),
             "effects_playing": body.get("effects", {}).get("playing", 0),
             "late_frames": timing["late_frames"],
             "frames_hz": body["latency_ms"].get("frames_hz"),
@@ -225,21 +203,9 @@ def status(body: Mapping[str, Any]) -> str:
     )
 
 
-def choices(plates: Mapping[str, PlateChoice]) -> str:
-    """Return the simulated plates that a page can switch to; contacts count from `least_contact_modes` on."""
-    return _text(
-        {
-            "kind": "choices",
-            "plates": plates,
-            "contact_radius_mm": SolverConfig().contact_radius_mm,
-            "least_contact_modes": LEAST_CONTACT_MODES,
-        }
-    )
-
-
-def starting(plate: str, modes: int, why: str = "") -> str:
-    """Return the message that the service of a simulated plate starts, and why, if no page asked for it."""
-    return _text({"kind": "starting", "plate": plate, "modes": modes, "sentence": why})
+def starting(plate: str) -> str:
+    """Return the message that the service of a simulated plate starts."""
+    return _text({"kind": "starting", "sentence": f"Starting: {plate} …"})
 
 
 def gone(sentence: str) -> str:

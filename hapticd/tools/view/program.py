@@ -16,11 +16,14 @@ from dataclasses import replace
 from html import escape
 from pathlib import Path
 
+from ...config.keys import toml
 from ...config.sections import SimConfig
 from ...errors import HapticdError, UsageError, missing_library
+from ...sim.plate.glasses import driven_modes
+from ...sim.rig.process import watch
 from .. import glass, simulated_fingers
 from ..arguments import PORT_NUMBER, add_endpoint, whole
-from .simulated import SimulatedService
+from ..daemon_process import PATIENT, DaemonProcess
 
 SCENARIO = "hands"
 HOST = "127.0.0.1"
@@ -47,15 +50,20 @@ def run(options: argparse.Namespace) -> None:
     _check(options)
     from ..web.serving import bound
 
-    listener, endpoint, service = bound(HOST, options.port), options.endpoint, None
+    listener, endpoint, service, starting = bound(HOST, options.port), options.endpoint, None, ""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the loop takes over; ends the child processes too
     with contextlib.ExitStack() as stack:
         stack.enter_context(listener)
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
-            service = stack.enter_context(SimulatedService(_simulated(options)))
+            sim = _simulated(options)
+            lines = {"plate": sim.plate, "modes": sim.modes, "wiring": sim.wiring, "scenario": sim.scenario}
+            lines |= {"seed": sim.seed, "fingers_file": sim.fingers_file}
+            table = "\n".join(f"{name} = {toml(value)}" for name, value in lines.items())
+            service = stack.enter_context(DaemonProcess(table, PATIENT))
             endpoint = str(service.runtime_dir)
-        asyncio.run(_serve(listener, endpoint, service, open_browser=not options.no_browser))
+            starting = f"{Path(sim.plate).name} plate, {driven_modes(sim.plate, sim.modes)} modes"
+        asyncio.run(_serve(listener, endpoint, service, starting, open_browser=not options.no_browser))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -78,30 +86,28 @@ def _simulated(options: argparse.Namespace) -> SimConfig:
 
 
 async def _serve(
-    listener: socket.socket, endpoint: str | None, service: SimulatedService | None, *, open_browser: bool
+    listener: socket.socket, endpoint: str | None, service: DaemonProcess | None, starting: str, *, open_browser: bool
 ) -> None:
     from ..web.serving import ended_by_signal, served
     from .server import Viewer
 
-    viewer, ended = Viewer(endpoint, simulated=service), ended_by_signal()
+    viewer, ended = Viewer(endpoint, starting=starting), ended_by_signal()
     async with served(viewer.app(), listener):
-        has_service = True
+        service_ended = asyncio.Event()
 
-        def service_ended() -> None:
-            nonlocal has_service
-            has_service = viewer.go_back()
-            if not has_service:
-                ended.set()
+        def end() -> None:
+            service_ended.set()
+            ended.set()
 
         if service is not None:
-            service.watch(service_ended)
+            watch(service.process, end)
         address = f"http://{HOST}:{listener.getsockname()[1]}/?key={viewer.key}"
         print(f"the plate: {address}\n(Ctrl-C ends)", flush=True)
         with contextlib.ExitStack() as stack:
             if open_browser and has_screen():
                 await asyncio.to_thread(webbrowser.open, stack.enter_context(_private_link(address)))
             await ended.wait()
-        if not has_service:
+        if service_ended.is_set():
             raise HapticdError("The service of the simulated plate has ended: start this command again.")
 
 

@@ -21,17 +21,15 @@ import hapticd_client
 from hapticd_client.endpoint import find
 from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 
-from ...config.sections import SolverConfig
 from ...errors import RequestError
 from ..gateway.server import PATH, Gateway
 from ..web.application import add_page, application
 from ..web.sockets import Outbox, Pace, opened, read, until_one_ends
 from . import layers, messages
 from .client import Action, PagePlate, PlateClient
-from .messages import Hold, RecordPage, ReleaseTarget, SetTarget, SwitchPlate
+from .messages import Hold, RecordPage, ReleaseTarget, SetTarget
 from .recording import PageRecording
 from .rig import PadSender
-from .simulated import SimulatedService
 
 KEYED = ("/", "/shapes", "/layer", "/socket", PATH)  # all but the page's own files
 MAX_PAGES = 8
@@ -67,27 +65,20 @@ class Page:
 
 
 class Viewer:
-    """All open pages, and the client that they share."""
+    """All open pages, and the client that they share. `starting` describes a simulated plate whose service starts."""
 
-    def __init__(self, endpoint: str | None, key: str | None = None, simulated: SimulatedService | None = None) -> None:
+    def __init__(self, endpoint: str | None, key: str | None = None, starting: str = "") -> None:
         self.key = secrets.token_urlsafe(16) if key is None else key
         self._endpoint = endpoint
-        self._simulated = simulated
         self._pages: list[Page] = []
         self._opened = 0
         self._client: PlateClient | None = None
         self._plate: PagePlate | None = None
-        self._last: dict[str, str] = {}
-        self._started: SwitchPlate | None = None  # the simulated plate that answered last
-        self._starting: SwitchPlate | None = None  # the one that was started last
-        if simulated is not None:
-            self._starting = SwitchPlate(*simulated.first, SolverConfig().contact_radius_mm)
-            self._last["starting"] = messages.starting(*simulated.first)
+        self._last = {"starting": messages.starting(starting)} if starting else {}
         self._context = zmq.Context()
         self._pad: PadSender | None = None
         self._closing: set[asyncio.Task[None]] = set()
         self._recorded = ""  # the last message of a recording
-        self._switching: asyncio.Task[None] | None = None
         self._recording = PageRecording(endpoint, self._publish_recording)
         self._layering = asyncio.Lock()  # one layer at a time, while frames go on
 
@@ -141,14 +132,12 @@ class Viewer:
     # --- pages ---
 
     def _enter(self, page: Page) -> None:
-        if self._simulated is not None:
-            page.send("choices", messages.choices(self._simulated.choices))
         for kind, text in self._last.items():
             page.send(kind, text)
         if self._recording.is_on:
             page.send("recording", self._recorded)
         self._pages.append(page)
-        if self._client is None and not self._is_switching:
+        if self._client is None:
             self._connect()
 
     def _connect(self) -> None:
@@ -189,51 +178,10 @@ class Viewer:
         if isinstance(message, Hold):
             page.held = message.touches
             self._hold()
-        elif isinstance(message, SwitchPlate):
-            self._switch(page, message)
         elif isinstance(message, RecordPage):
             self._recording.request(is_on=message.is_on)
         else:
             self._request(page, message)
-
-    def _switch(self, page: Page, to: SwitchPlate) -> None:
-        service = self._simulated
-        if service is None:
-            page.send("refused", messages.refused("plate: only `hapticd view --sim` can switch it."))
-        elif to.plate not in service.choices or to.modes not in service.choices[to.plate].modes:
-            page.send("refused", messages.refused(f"modes: the plate {to.plate!r} cannot drive {to.modes}."))
-        elif not self._is_switching:
-            self._switching = asyncio.ensure_future(self._restart(service, to))
-
-    @property
-    def _is_switching(self) -> bool:
-        return self._switching is not None and not self._switching.done()
-
-    def go_back(self) -> bool:
-        """Restart the plate before one whose service ended before it answered. Return whether that can be done."""
-        service, to, failed = self._simulated, self._started, self._starting
-        if service is None or to is None or failed is None or to is failed or self._is_switching:
-            return False
-        why = f"The plate {failed.plate!r} of {failed.modes} modes did not start: the terminal of the viewer says why."
-        self._switching = asyncio.ensure_future(self._restart(service, to, why))
-        return True
-
-    async def _restart(self, service: SimulatedService, to: SwitchPlate, why: str = "") -> None:
-        """Switch the plate while no client is connected: the end of the old service is no failure."""
-        client, self._client = self._client, None
-        self._clear_plate()
-        self._starting = to
-        self._last["starting"] = text = messages.starting(to.plate, to.modes, why)
-        for page in self._pages:
-            page.send("starting", text)
-        if client is not None:
-            await asyncio.to_thread(client.close)
-        self._recording.request(is_on=False)  # of the service that ends
-        try:
-            await service.switch(to)
-        finally:
-            if self._pages:
-                self._connect()
 
     def _request(self, page: Page, request: Action) -> None:
         if self._client is None:
@@ -273,7 +221,6 @@ class Viewer:
         if plate is not None:
             self._last.pop("gone", None)
             self._last.pop("starting", None)
-            self._started = self._starting
             self._clear_plate()
             self._plate = plate
             self._pad = None if plate.rig_dir is None else PadSender(self._context, plate.rig_dir)
@@ -293,8 +240,6 @@ class Viewer:
         for page in tuple(self._pages):
             await page.socket.close()
         await self._recording.close()
-        if self._switching is not None:
-            await asyncio.wait((self._switching,))
         client, self._client = self._client, None
         if client is not None:  # its pages close later, perhaps too late
             await asyncio.to_thread(client.close)

@@ -1,1 +1,1 @@
-"""Shared by the servers of pages and programs (view, gateway): access, connections, pacing, and JSON texts."""
+"""Shared by the servers of pages and programs (view, gateway): access, serving, a bounded rate, and JSON texts."""

@@ -14,8 +14,6 @@ from importlib import resources
 
 from aiohttp import web
 
-from .connections import MAX_KNOWN, Connection
-
 HOSTS = ("127.0.0.1", "localhost")
 TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 SHARED = ("base.css", "icon.svg")  # of all pages
@@ -41,14 +39,12 @@ def application(
     async def guarded(request: web.Request, handler: Handler) -> web.StreamResponse:
         port = request.get_extra_info("sockname", ("", 0))[1]  # 0 of a connection that is gone
         needs_origin = request.path == "/socket" or request.method == "POST"
-        why, status = refusal(port, request.headers, needs_origin=needs_origin, hosts=hosts, origins=origins), 403
-        if not why and (keyed is None or request.path in keyed):
-            if not hmac.compare_digest(request.query.get("key", "").encode(), key.encode()):
-                why = f"Open the address that `hapticd {command}` printed: it ends with a key."
-            elif isinstance(connection := request.protocol, Connection) and not connection.know():
-                why, status = f"{MAX_KNOWN} connections are open already: close one.", 503
+        why = refusal(port, request.headers, needs_origin=needs_origin, hosts=hosts, origins=origins)
+        has_key = hmac.compare_digest(request.query.get("key", "").encode(), key.encode())
+        if not (why or has_key) and (keyed is None or request.path in keyed):
+            why = f"Open the address that `hapticd {command}` printed: it ends with a key."
         if why:
-            return web.Response(status=status, text=why + "\n", headers=headers(port))
+            return web.Response(status=403, text=why + "\n", headers=headers(port))
         try:
             response = await handler(request)
         except web.HTTPException as error:

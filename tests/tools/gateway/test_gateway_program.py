@@ -72,7 +72,7 @@ def test_the_process_prints_an_address_that_works_and_ends_when_told_to(daemon: 
 
 @asynchronous
 async def test_the_viewer_is_a_gateway_too_for_programs_and_its_own_page(daemon: FakeDaemon) -> None:
-    async with running(Viewer(str(daemon.directory), key=KEY).app()) as (_, port), ClientSession() as session:
+    async with running(Viewer(str(daemon.directory), key=KEY).app()) as port, ClientSession() as session:
         address = f"ws://127.0.0.1:{port}/client"
         client = Program(await session.ws_connect(f"{address}?key={KEY}"))
         assert (await client.ask("hello"))["ok"]

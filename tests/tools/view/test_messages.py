@@ -26,7 +26,6 @@ from hapticd.tools.view.messages import (
     RecordPage,
     ReleaseTarget,
     SetTarget,
-    SwitchPlate,
 )
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateEvent, PlateState
@@ -78,10 +77,6 @@ LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as
             },
             DrawSurface(Surface(name="a", circle_mm=5.0, map=LevelMap(2, 1, bytes((0, 255)), high_um=1.5))),
         ),
-        (
-            {"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": 5},
-            SwitchPlate("fingertip", 4, 5.0),
-        ),
     ],
 )
 def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> None:
@@ -107,14 +102,10 @@ def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> N
         '{"op": "clear_fault", "more": 1}',
         '{"op": "record"}',
         '{"op": "play", "effect": {"name": "hum", "modulation": {"frequency_hz": 60}, "finger": 1, "surface": "a"}}',
-        '{"op": "switch", "plate": "fingertip", "modes": 4}',
-        '{"op": "switch", "plate": "fingertip", "modes": 4, "contact_radius_mm": NaN}',
-        '{"op": "switch", "plate": ["fingertip"], "modes": 4, "contact_radius_mm": 5}',
         f'{{"op": "set", "finger": 1, "amplitude_um": {LONG}}}',
         f'{{"op": "set", "finger": 1, "amplitude_um": -{LONG}}}',
         f'{{"op": "set", "finger": {LONG}, "amplitude_um": 1}}',
         f'{{"op": "fingers", "fingers": {{"a": [1, {LONG}]}}}}',
-        f'{{"op": "switch", "plate": "fingertip", "modes": {LONG}, "contact_radius_mm": 5}}',
         f'{{"op": "draw", "surface": {{"name": "a", "amplitude_um": 1, "circle_mm": 5, "z": {LONG}}}}}',
         f'{{"op": "draw", "surface": {{"name": "a", "amplitude_um": 1, "circle_mm": {LONG}}}}}',
         f'{{"op": {LONG}}}',

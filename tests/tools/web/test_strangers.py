@@ -75,7 +75,7 @@ def answers(port: int) -> list[bytes]:
 async def test_a_malformed_request_to_the_viewer_is_refused_without_a_traceback(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with running(Viewer(str(tmp_path)).app()) as (_, port):
+    async with running(Viewer(str(tmp_path)).app()) as port:
         lines = await asyncio.to_thread(answers, port)
     assert all(b" 400 " in line for line in lines)
     assert caplog.text == ""

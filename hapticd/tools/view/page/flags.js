@@ -33,6 +33,8 @@ export class Flags {
       ["board silent", isSilent && "bad", `Nothing is driven: ${status?.undriven || "the board sends no status"}.`],
       [`fault ${board.fault_code ?? ""}`, this.isFaulty && "bad",
         "The board has switched its output off: mend the cause, which `hapticd firmware log` names; then press here."],
+      ["passes fail", status?.failed_passes > 0 && "bad",
+        `${status?.failed_passes} passes of the daemon failed since the start, and the plate was silent in each: its log has the error.`],
       this.count("dead-man", board.deadman_trips, isSilent ? "bad" : "warn",
         `How often the board got no frame for 50 ms and went to zero, since the start; it has gone on with the next ones. If it grows, ${BUSY}.`),
       this.count("late frames", status?.late_frames, "is",

@@ -15,7 +15,6 @@ import { Link } from "./link.js";
 import { PlatePicture } from "./plate.js";
 import { backAt, drawStrip } from "./strip.js";
 import { Surfaces } from "./surfaces.js";
-import { SwitchMenu, shortName } from "./switch.js";
 import { LayerContent, RecordButton, Tools, openHelp } from "./toolbar.js";
 
 const SLOW_MS = 120; // texts change no faster than they can be read
@@ -80,12 +79,11 @@ const link = new Link({
     picture.radius_mm = contact_radius_mm;
     picture.least_friction = curve.at(1);
     const contacts = has_contacts ? `, contacts of ${contact_radius_mm} mm` : "";
-    write($("what"), `${shortName(name)} plate, ${modes} modes${contacts}`.trim());
+    write($("what"), `${name.split("/").at(-1)} plate, ${modes} modes${contacts}`.trim());
     hands.allow(message.simulated ? message.size_mm : null);
     writeHints();
     $("new-box").hidden = !message.simulated;
     layers.offer(message.layers);
-    switches.show(message);
     if (!$("notice").classList.contains("mild")) notice("");
   },
   frame: (message) => {
@@ -104,13 +102,10 @@ const link = new Link({
   surfaces: (message) => {
     if (!drawing.dragged) lay(message.surfaces);
   },
-  choices: (message) => switches.offer(message),
   recording: (message) => record.take(message),
-  starting: ({ plate: name, modes, sentence }) => {
-    starting = `Starting: ${shortName(name)} plate, ${modes} modes …`;
+  starting: (message) => {
+    starting = message.sentence;
     stopped(starting, "");
-    if (sentence) notice(sentence, 20000, true);
-    switches.show({ name, modes });
   },
   gone: (message) => {
     starting = "";
@@ -133,7 +128,6 @@ const drawing = new Drawing($("plate"), tools, surfaces, {
 });
 const hands = new Hands($("plate"), send, pointedAt);
 const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
-const switches = new SwitchMenu($("switch-box"), $("switch-plate"), $("switch-modes"), $("switch-radius"), send);
 const flags = new Flags($("flags"), () => send({ op: "clear_fault" }));
 const list = new FingerList($("fingers"), $("untouched"), send, choose);
 
