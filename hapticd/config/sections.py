@@ -95,7 +95,7 @@ class TrackpadConfig:
     tuio_sender: str = key("", "address that the tracker's datagrams must come from; empty: this computer")
     replay_file: str = key(
         "",
-        'reports for source = "replay": a recording of `libinput record`, `evemu-record` or `evtest`, or JSON lines: '
+        'reports for source = "replay": a recording of `libinput record` or `evemu-record`, or JSON lines: '
         '{"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab"} each, host time and bytes in hex',
     )
     offset_mm: tuple[float, ...] = key((0.0, 0.0), "the pad's centre in plate coordinates", low=-500, high=500)

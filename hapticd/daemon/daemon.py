@@ -27,7 +27,7 @@ from ..io.devices.serial_link import SerialLink
 from ..io.devices.trackpad_source import BATCH, TrackpadSource
 from ..io.host import cpu_latency as awake
 from ..io.host.realtime import Pauses, PeriodicTimer, collect_when_idle, go_real_time
-from ..io.host.runaway import Breather, on_processor_limit
+from ..io.host.runaway import RealtimeThrottle, on_processor_limit
 from ..io.host.systemd import Notifier
 from ..io.time_budget import TimeBudget
 from ..values import RawReport
@@ -89,7 +89,7 @@ class Daemon:
         self._t_awake_ns: int | None = None
         self._logged_lost = 0
         self._slowness = Slowness()
-        self._breather = Breather()
+        self._breather = RealtimeThrottle()
         self._pad_link: tuple[Pad | None, str] | None = None  # what is connected, and why
         self._board_link: tuple[bool, str] | None = None
         self._recorders: Recorders | None = None

@@ -1,7 +1,7 @@
 """Files of mode maps: NPZ and CSV, real maps on a grid and a vibrometer's scan of real or complex readings.
 
 CSV has a header and one line per point, in any order: `x_mm,y_mm`, then for each mode k from 1 `phi_k`, or `re_k,im_k`,
-or `abs_k,deg_k`, or `lowered_hz_k`, by how much a mass at the point lowers the mode's frequency. An empty value or
+or `abs_k,deg_k`, or `lowered_hz_k`, the shift of the mode's frequency by a mass at the point. An empty value or
 `nan` is a missing one. Blank lines and lines that begin with # are skipped.
 NPZ holds a grid, `x_mm` (nx,), `y_mm` (ny,), `shapes` (M, ny, nx), or `points_mm` (N, 2) and `readings` (N, M).
 

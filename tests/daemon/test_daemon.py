@@ -27,7 +27,7 @@ from hapticd.daemon.machine import TIMER_NS
 from hapticd.errors import AlreadyRunningError, ConfigError
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
-from hapticd.io.host.runaway import Breather
+from hapticd.io.host.runaway import RealtimeThrottle
 from hapticd.io.host.systemd import Notifier
 from hapticd.io.time_budget import TimeBudget
 from hapticd.tools.service import SELF_TEST
@@ -232,7 +232,7 @@ async def test_after_a_pass_that_overran_the_loop_sleeps_the_next_passes_do_less
 ) -> None:
     ran_ns, slept_s = itertools.count(0, 2 * OVERRUN_NS), list[float]()
     async with hardware.started() as service:
-        service._breather = Breather(ran_ns=lambda: 0, sleep=slept_s.append)
+        service._breather = RealtimeThrottle(ran_ns=lambda: 0, sleep=slept_s.append)
         monkeypatch.setattr("hapticd.daemon.daemon.time.thread_time_ns", lambda: next(ran_ns))
         service._reports([RawReport(now_ns(), b"")])
         timing = service.machine.report_status(now_ns())["timing"]

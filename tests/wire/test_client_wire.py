@@ -303,7 +303,6 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
         (packed(v=0), "update the client"),
         (packed(v="1"), "v: must be 1."),
         (packed(client=""), "client: must have 1 .. 32 printable characters."),
-        (packed(client=7), "client: must be a text, not a whole number."),
         (packed(ttl_s=0.019), "ttl_s: 0.019 is out of bounds, it must be 0.02 .. 5."),
         (packed(ttl_s=True), "ttl_s: must be a number, not a truth value."),
         (packed(ttl_ms=3), "ttl_ms: unknown field"),
@@ -311,11 +310,6 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
             with_map(width=129, levels=bytes(129), high_um=1),
             "targets[0].map: has 129 x 1 pixels, at most 128 x 128 without an asset.",
         ),
-        (
-            with_target(map={"width": 1, "height": 1, "asset": bytes(31), "high_um": 1}),
-            "targets[0].map.asset: has 31 bytes, it must have 32.",
-        ),
-        (with_map(friction=[0.5]), "targets[0].map.friction: has 1 items, it must have 2."),
         (
             with_map(friction=[0, 1], high_um=1),
             "targets[0].map.friction: a map of frictions has no low_um and no high_um.",
@@ -328,61 +322,47 @@ def test_a_message_that_is_packed_in_another_way_is_the_same(short: bytes, long:
             with_surface(friction=1, path_mm=[[0, 0]], velocity_mm_s=[1, 0]),
             "surfaces[0].velocity_mm_s: a surface with a path_mm has none.",
         ),
-        (packed(targets={}), "targets: must be a list, not a map."),
-        (packed(targets=[7]), "targets[0]: must be a map, not a whole number."),
         (packed(targets=[{"finger": n + 1, "friction": 0.5} for n in range(17)]), "targets: has 17 items, at most 16"),
         (packed(targets=[{"finger": 1, "friction": 0.5}] * 2), "targets[1].finger: 1 is listed twice."),
         (packed(targets=[{"friction": 0.5}]), "targets[0].finger: is missing."),
         (with_target(finger=0, friction=0.5), "targets[0].finger: 0 is out of bounds"),
         (with_target(finger=1.5, friction=0.5), "targets[0].finger: must be a whole number or a text, not 1.5."),
         (with_target(friction=0.5, priority=4), "targets[0].priority: 4 is out of bounds, it must be 0 .. 3."),
-        (with_target(friction=0.5, priority=1.0), "targets[0].priority: must be a whole number, not 1.0."),
-        (with_target(priority=1), "targets[0]: needs exactly one of amplitude_um, friction,"),
         (with_target(finger="phantom", friction=0.5), "this message defines no virtual finger 'phantom'"),
         (with_target(), f"targets[0]: needs exactly one of {', '.join(CONTENTS)}."),
         (with_map(asset=bytes(32), high_um=1), "targets[0].map.levels: a map with an asset has none."),
         (with_map(), "targets[0].map.high_um: is missing."),
         (with_target(friction=0.5, fiction=1), "targets[0].fiction: unknown field"),
         (with_target(amplitude_um=math.nan), "targets[0].amplitude_um: nan is out of bounds"),
-        (with_map(width=2, height=2, levels=b"abc", high_um=1), "levels: has 3 bytes, it must have 4"),
         (with_map(levels="x", high_um=1), "levels: must be bytes (base64 in JSON), not a text."),
-        (packed(virtuals=[{"name": "a", "path_mm": []}]), "virtuals[0].path_mm: has 0 items, it must have at least 1."),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]] * 65}]), "path_mm: has 65 items, at most 64 are allowed."),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 1001]]}]), "virtuals[0].path_mm[0][1]: 1001 is out of bounds"),
-        (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]], "loop": 1}]), "loop: must be true or false"),
         (packed(virtuals=[{"name": "a", "path_mm": [[0, 0]]}] * 2), "virtuals[1].name: 'a' is listed twice."),
         (packed(surfaces=[{"name": "a", "friction": 1}] * 2), "surfaces[1].name: 'a' is listed twice."),
         (with_surface(), f"surfaces[0]: needs exactly one of {', '.join(CONTENTS)}."),
         (with_surface(friction=1, circle_mm=5, rectangle_mm=[1, 1]), "surfaces[0]: has at most one of circle_mm, "),
-        (with_surface(friction=1, polygon_mm=[[0, 0], [1, 1], [2, 2]]), "polygon_mm: encloses less than 0.01 mm^2."),
         (with_surface(friction=1, polygon_mm=[[0, 0], [9, 9], [9, 0], [0, 9]]), "encloses less than 0.01 mm^2."),
         (with_surface(friction=1, blend="multiply"), "surfaces[0].blend: must be one of add, max, replace."),
         (packed(effects=[{"name": "a", "pulse": CLICK}] * 2), "effects[1].name: 'a' is listed twice."),
-        (packed(effects=[{"name": "a"}]), "effects[0]: needs exactly one of pulse, envelope, modulation."),
         (with_effect(pulse=CLICK, modulation=HUM), "effects[0]: needs exactly one of pulse, envelope, modulation."),
         (with_effect(pulse=CLICK | {"rise_s": 0.006}), "pulse.rise_s: 0.006 is out of bounds, it must be 0 .. 0.005."),
         (with_envelope([0, 1], [0, 2]), "envelope.points: must begin at 0 s and last 0.001 s or more."),
-        (with_envelope([0.1, 1], [1, 2]), "envelope.points: must begin at 0 s"),
         (with_envelope([0, 1], [1, 2], [0.9, 1]), "envelope.points[2]: is earlier than the point before it."),
         (
             with_envelope([0, 1], [1, -1], is_factor=True),
             "envelope.points[1]: -1 is out of bounds, it must be 0 .. 10.",
         ),
-        (packed(virtuals=[{"name": "\U0001d11e" * 40, "path_mm": [[0, 0]]}]), "virtuals[0].name: must have 1 .. 32"),
         (with_effect(**{"x" * 200: 1}), f"effects[0].{'x' * 32}: unknown field"),
-        (with_target(**{str(number): 1 for number in range(300)}), "targets[0].0: unknown field"),
         (with_map(width=128, height=128, levels=bytes(20000), high_um=1), "has 20000 bytes, it must have 16384."),
         (
             packed(effects=[{"name": f"{n}", "envelope": {"points": [[0, 1]] * 205 + [[1, 1]]}} for n in range(5)]),
             "effects[4].envelope: more than 1024 points in one message.",
         ),
         (with_effect(finger=1, surface="all"), "effects[0]: is on a finger or on a surface, not on both."),
-        (with_effect(finger="ghost"), "effects[0].finger: must be a whole number, not a text."),
         (with_effect(surface="none"), "effects[0].surface: this message defines no surface 'none'."),
         (with_start(cause="sneezing"), "start.cause: must be one of now, at, landing, lifting, entering, "),
         (with_start(cause="at"), "effects[0].start.t_ns: is missing."),
         (with_start(cause="landing", t_ns=1), "effects[0].start.t_ns: unknown field"),
-        (with_start(cause="leaving", surface="none"), "defines no surface 'none'."),
         (
             with_start(cause="pressure", threshold=0.5, release=0.5),
             "effects[0].start.release: must be below the threshold.",
@@ -577,14 +557,6 @@ def test_a_refused_request_is_answered_with_its_id_wherever_it_could_be_read(
     assert sentence in reply["error"]
 
 
-def test_a_handler_refuses_by_raising() -> None:
-    def handle(_: requests.Request) -> dict[str, object]:
-        raise RequestError("finger 3 is held by 'other'.")
-
-    reply = msgpack.unpackb(client.answer(request("status"), handle))
-    assert reply == {"v": 1, "id": 7, "ok": False, "error": "finger 3 is held by 'other'."}
-
-
 PART = {"client": "a", "asset": bytes(32), "size": 2**20}
 NO_MARKER = "body.text: must have 1 .. 100 printable characters"
 
@@ -599,9 +571,7 @@ def test_a_part_of_an_asset_is_read_with_its_place_and_one_without_bytes_only_as
     ("op", "body", "sentence"),
     [
         ("asset", PART | {"asset": bytes(31)}, "body.asset: has 31 bytes, it must have 32."),
-        ("asset", PART | {"asset": "hash"}, "body.asset: must be bytes (base64 in JSON), not a text."),
         ("asset", PART | {"size": 0}, "body.size: 0 is out of bounds, it must be 1 .. 1048576."),
-        ("asset", PART | {"size": 2**20 + 1}, "body.size: 1048577 is out of bounds"),
         (
             "asset",
             PART | {"offset": 2**20, "part": b"a"},
@@ -612,14 +582,11 @@ def test_a_part_of_an_asset_is_read_with_its_place_and_one_without_bytes_only_as
         ("asset", PART | {"offset": 0}, "body.offset: without a part there is none."),
         ("asset", PART | {"part": b"a"}, "body.offset: is missing."),
         ("reach", {"client": "a"}, "body.client: unknown field"),
-        ("marker", {"text": 7}, "body.text: must be a text, not a whole number"),
         ("marker", {"text": ""}, NO_MARKER),
         ("marker", {"text": "a" * 101}, NO_MARKER),
-        ("marker", {"text": "a" * 200}, NO_MARKER),
         ("marker", {"text": "\U0001d11e" * 101}, NO_MARKER),
         ("marker", {"text": "two\nlines"}, NO_MARKER),
         ("marker", {"text": "t", "fields": {"a": "two\nlines"}}, "body.fields: must have printable texts and finite"),
-        ("marker", {"text": "t", "fields": {"a\n": 1}}, "body.fields: must have printable texts and finite"),
         ("marker", {"text": "t", "fields": {"a": math.inf}}, "body.fields: must have printable texts and finite"),
         ("marker", {"text": "t", "fields": {"a": [1]}}, "body.fields.a: must be"),
         ("marker", {"text": "t", "fields": {str(n): n for n in range(17)}}, "body.fields: has 17 entries, at most 16"),
@@ -650,12 +617,6 @@ def test_a_field_of_a_body_is_refused_by_its_name(op: str, body: dict[str, objec
 def test_an_event_is_sent_with_the_fields_that_it_has(event: PlateEvent, fields: dict[str, object]) -> None:
     state = PlateState(1, 2, 3, "ACTIVE", (), (), False, 1.0, 2.0, events=(event,))
     assert msgpack.unpackb(client.encode_state(state))["events"] == [fields]
-
-
-def test_points_of_floats_and_of_whole_numbers_are_the_same_envelope() -> None:
-    whole, floats = ([[0, 1], [2, 3], [2, 0]], [[0.0, 1.0], [2.0, 3.0], [2.0, 0.0]])
-    first, second = (client.decode_targets(with_envelope(*points)).effects for points in (whole, floats))
-    assert first == second
 
 
 def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:

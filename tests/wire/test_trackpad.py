@@ -186,17 +186,6 @@ def test_the_placement_moves_points_and_turns_ellipses_as_the_affine_map_does(
     assert 0 <= placed.angle_rad < math.pi
 
 
-@pytest.mark.parametrize("model", PADS)
-def test_a_pad_that_is_placed_elsewhere_reports_from_there_on(model: str) -> None:
-    there = AffineMap(0.0, -1.0, 1.0, 0.0, 3.0, -2.0)
-    report = one_contact(model, 100, -50)
-    moved, placed = Decoder(model), Decoder(model, there)
-    (before,) = moved.decode(report, 0)[0].contacts
-    moved.place(there)
-    (after,), (expected,) = (decoder.decode(report, 10**7)[0].contacts for decoder in (moved, placed))
-    assert (after.x_mm, after.y_mm) == (expected.x_mm, expected.y_mm) != (before.x_mm, before.y_mm)
-
-
 def test_a_mouse_report_requests_the_enable_until_the_next_touch_frame() -> None:
     for model, touch in (("mt2-usb", wrapped("mt2-usb", mt2_bt())), ("mt2-bt", mt2_bt()), ("mt1", mt1())):
         decoder = Decoder(model)

@@ -104,10 +104,9 @@ def test_more_than_sixteen_contacts_are_sixteen_and_places_far_away_are_none() -
     assert list(places(heard(Decoder(PAD), *many)[0])) == [31]
 
 
-def test_a_datagram_can_be_placed_again_and_forgets_after_a_reset() -> None:
-    decoder = Decoder(PAD)
+def test_a_reset_forgets_the_contacts() -> None:
+    decoder = Decoder(PAD, AffineMap(0.0, -1.0, 1.0, 0.0))
     heard(decoder, tuio1(5, {1: (0.75, 0.5)}))
-    decoder.place(AffineMap(0.0, -1.0, 1.0, 0.0))
     assert places(heard(decoder, bundle())[0]) == {1: (0.0, 100.0)}
     decoder.reset()
     assert heard(decoder, bundle())[0].contacts == ()

@@ -4,7 +4,7 @@
     control    ROUTER  requests in, replies out
     telemetry  XPUB    states out, subscriptions in
 
-Each connection to the first two has a socket of its own (inbox.py), and they take turns; all subscribers share one.
+Each connection to the first two has a socket of its own (inbox.py), handled round robin; all subscribers share one.
 
 A ZeroMQ file descriptor is edge-triggered, and any call on the socket may consume the edge. So each turn ends with a
 look for more, each send reads to the end, and `sweep`, called periodically by the daemon, finds what a consumed edge

@@ -169,7 +169,7 @@ class EvdevTrackpad:
                     yield self._all_slots()
 
     def _note(self, t_ns: int, events: Sequence[_Event]) -> None:
-        """Take note of which contacts are there after a report."""
+        """Track which contacts are there after a report."""
         self._was_dropped = False
         for kind, code, value in events:
             self._was_dropped |= (kind, code) == (evdev.EV_SYN, evdev.SYN_DROPPED)

@@ -25,7 +25,7 @@ from .input_recordings import InputRecording
 from .trackpad_source import REPORT_BYTES, OnLink, OnReports
 
 MAX_LINES = 500_000  # of a recording: an hour of reports
-MAX_EVENT_LINES = 8 * MAX_LINES  # of a recording of events: so many a report
+MAX_EVENT_LINES = 8 * MAX_LINES  # of a recording of events: eight of a report
 
 __all__ = ["ReplayTrackpad", "read_recording", "write_recording"]
 

@@ -67,7 +67,7 @@ class TuioTrackpad:
         self._parts: deque[RawReport] = deque(maxlen=BATCH)  # of the frame that is not whole yet
         self._is_reported = False
         self._counts = dict.fromkeys(("other_address", "other_sender", "left_out"), 0)
-        self._stranger = ""
+        self._refused_address = ""
 
     def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
         self._loop, self._on_link = loop, on_link
@@ -78,7 +78,7 @@ class TuioTrackpad:
     def counters(self) -> dict[str, int | str]:
         """Datagrams by what became of them, from where the last one of another address came, and the tracker's."""
         sender = "" if self._tracker is None else f"{self._tracker[0]} port {self._tracker[1]}"
-        return {**self._decoder.counters, **self._counts, "stranger": self._stranger, "sender": sender}
+        return {**self._decoder.counters, **self._counts, "refused_address": self._refused_address, "sender": sender}
 
     def request_enable(self) -> None:
         """Does nothing: a tracker has no mode to enable."""
@@ -121,7 +121,7 @@ class TuioTrackpad:
         """Return the reports of the frame that a datagram makes whole, none if it does not."""
         if sender[0] not in self._hosts:
             self._counts["other_address"] += 1
-            self._stranger = sender[0]
+            self._refused_address = sender[0]
             return []
         is_tracker = sender == self._tracker
         if not is_tracker and self._is_steady and t_now_ns - self._t_tracker_ns < tuio.SILENT_NS:

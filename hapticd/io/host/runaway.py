@@ -1,6 +1,6 @@
 """Guards of a loop with real-time priority that would never sleep: the kernel kills it at RLIMIT_RTTIME without a word.
 
-Breather             sleeps for a moment where the loop's thread has run for long without a sleep, and after an overrun
+RealtimeThrottle     sleeps for a moment where the loop's thread has run for long without a sleep, and after an overrun
 on_processor_limit   at the soft limit, the sooner one: gives the priority back, and says so
 """
 
@@ -22,7 +22,7 @@ def is_real_time() -> bool:
     return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
 
 
-class Breather:
+class RealtimeThrottle:
     """Sleeps BREATH_S where a real-time thread has not slept for WINDOW_NS, and after what took too long.
 
     `breaths` counts.

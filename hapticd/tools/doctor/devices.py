@@ -113,7 +113,7 @@ def _heard(counted: Mapping[str, Any], address: str) -> CheckResult:
     refused = {name: count.get(name, 0) for name in ("other_address", "other_sender", "left_out")}
     if sum(refused.values()) > MOST_REFUSED_FRAC * count.get("frames", 0):
         found = ", ".join(f"{value} {name.replace('_', ' ')}" for name, value in refused.items() if value)
-        return CheckResult(WARN, f"datagrams at {address} that were not taken: {found}", STRANGERS)
+        return CheckResult(WARN, f"datagrams at {address} that were not taken: {found}", OTHER_SENDERS)
     if not count.get("frames"):
         return CheckResult(PASS, f"a TUIO tracker's datagrams are awaited at {address}")
     return CheckResult(PASS, f"{counted.get('sender') or 'a tracker'} sends to {address}")
@@ -123,7 +123,7 @@ _UNHEARD = (  # the counter of what a tracker sends, that of what has not come o
     (
         "other_address",
         "frames",
-        "datagrams come from {stranger}, which is not the tracker's address",
+        "datagrams come from {refused_address}, which is not the tracker's address",
         "set trackpad.tuio_sender to it if the tracker is there",
     ),
     (
@@ -163,7 +163,7 @@ _UNHEARD = (  # the counter of what a tracker sends, that of what has not come o
         "see what sends there: sudo ss -uanp",
     ),
 )
-STRANGERS = "another program sends to that port, and could touch the plate: sudo ss -uanp shows both"
+OTHER_SENDERS = "another program sends to that port, and could touch the plate: sudo ss -uanp shows both"
 
 
 def is_readable(path: Path) -> bool:

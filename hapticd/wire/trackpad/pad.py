@@ -152,8 +152,8 @@ class Layout(ABC):
     """The decoder of one pad's reports, which count `orientations` angles in half a turn."""
 
     def __init__(self, geometry: PadGeometry, plate_from_pad: AffineMap, orientations: int = 1) -> None:
-        self._geometry, self._orientations = geometry, orientations
-        self.place(plate_from_pad)
+        self._geometry = geometry
+        self._plate_map = PlateMap(geometry, plate_from_pad, orientations=orientations)
 
     @property
     @abstractmethod
@@ -168,10 +168,6 @@ class Layout(ABC):
     @abstractmethod
     def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
         """Return the report's frames on the plate. Raises RefusedError and no other."""
-
-    def place(self, plate_from_pad: AffineMap) -> None:
-        """Take the pad to lie elsewhere from the next report on."""
-        self._plate_map = PlateMap(self._geometry, plate_from_pad, orientations=self._orientations)
 
     @abstractmethod
     def reset(self) -> None:

@@ -57,10 +57,6 @@ class Decoder:
         self.needs_enable = False  # the pad reports as a mouse: it needs the multitouch enable; until a touch frame
         self._layout = LAYOUTS[self.pad.layout](self.pad.geometry, plate_from_pad)
 
-    def place(self, plate_from_pad: AffineMap) -> None:
-        """Take the pad to lie elsewhere from the next report on; contacts stay."""
-        self._layout.place(plate_from_pad)
-
     @property
     def counters(self) -> dict[str, int]:
         """Counts since construction: frames decoded, reports refused by reason, contacts beyond the pad, steps of the

@@ -39,7 +39,7 @@ class StillContacts:
         return min(max(usual_ns, _FASTEST_NS), _SLOWEST_NS)
 
     def took(self, t_ns: int, *, are_down: bool) -> None:
-        """Take note of a report's instant, and whether there are contacts after it."""
+        """Record the instant of a report, and whether there are contacts after it."""
         gap_ns = t_ns - self._t_report_ns
         if self._are_down and 0 < gap_ns <= 2 * _SLOWEST_NS:
             self._gaps_ns.append(gap_ns)

@@ -1,4 +1,4 @@
-"""The worst that clients can do to the sockets: floods, deaf ears, lies in the handshake. The others are served on."""
+"""The worst that clients can do to the sockets: floods, unread states, false handshakes. The others are served on."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ async def test_requests_beyond_the_rate_wait_their_turn_and_are_answered_in_orde
             assert await in_thread(ask_and_hear) == [b"answer to %d" % n for n in range(2 * BURST)]
 
 
-# --- deaf ears ---------------------------------------------------------------------------------------------------
+# --- unread states ----------------------------------------------------------------------------------------------
 
 
 @asynchronous
@@ -121,16 +121,16 @@ async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_
     async with served(tmp_path) as running:
         server = running.server
         with (
-            programs(SUBSCRIBER, tmp_path / "telemetry") as (deaf,),
+            programs(SUBSCRIBER, tmp_path / "telemetry") as (stopped,),
             connected(tmp_path, zmq.SUB, "telemetry") as listening,
         ):
-            assert deaf.stdout is not None
-            ready = asyncio.create_task(asyncio.to_thread(deaf.stdout.readline))
+            assert stopped.stdout is not None
+            ready = asyncio.create_task(asyncio.to_thread(stopped.stdout.readline))
             while not ready.done():
                 server.publish(STATE)
                 await asyncio.sleep(0)
             assert await ready == "ready\n"
-            deaf.send_signal(signal.SIGSTOP)
+            stopped.send_signal(signal.SIGSTOP)
             listening.subscribe(b"")
             listening.conflate = False
             await running.until(lambda: server.has_subscribers)
@@ -144,7 +144,7 @@ async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_
                 if await in_thread(lambda: listening.poll(20)):
                     break
             assert await in_thread(listening.recv)
-            deaf.send_signal(signal.SIGCONT)
+            stopped.send_signal(signal.SIGCONT)
 
 
 @asynchronous

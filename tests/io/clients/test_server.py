@@ -52,10 +52,10 @@ async def test_of_messages_that_wait_the_newest_of_each_client_is_handled(tmp_pa
 
 
 @asynchronous
-async def test_clients_with_dear_messages_take_turns_and_the_rest_follows_by_itself(
+async def test_clients_with_expensive_messages_are_handled_alternately(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server_module, "BUDGET_S", 0.0)  # each message is dear
+    monkeypatch.setattr(server_module, "BUDGET_S", 0.0)  # each message takes too long
     async with held(tmp_path, zmq.DEALER, 3) as (running, clients):
         for n in range(4):
             for client in clients:
@@ -67,7 +67,7 @@ async def test_clients_with_dear_messages_take_turns_and_the_rest_follows_by_its
 
 
 @asynchronous
-async def test_after_dear_messages_it_leaves_the_loop_to_others_for_as_long_as_it_took(
+async def test_after_expensive_messages_the_loop_is_free_for_as_long_as_they_took(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with held(tmp_path, zmq.PUSH, 3) as (running, clients):
@@ -85,7 +85,7 @@ async def test_after_dear_messages_it_leaves_the_loop_to_others_for_as_long_as_i
             return later(0.0, callback, *args)
 
         for client in clients:
-            client.send(b"dear")
+            client.send(b"expensive")
         await until(lambda: len(running.waiting()) == 3)
         monkeypatch.setattr(loop, "time", lambda: now() + late_s)
         monkeypatch.setattr(loop, "call_later", call_later)
@@ -303,8 +303,8 @@ async def test_closing_removes_the_sockets_and_frees_the_directory_for_the_next(
 
 @asynchronous
 async def test_sockets_left_by_a_killed_daemon_are_taken_over(tmp_path: Path) -> None:
-    with zmq.Context() as context, context.socket(zmq.PULL) as corpse:
-        corpse.bind(f"ipc://{tmp_path / 'targets'}")
+    with zmq.Context() as context, context.socket(zmq.PULL) as killed:
+        killed.bind(f"ipc://{tmp_path / 'targets'}")
         async with served(tmp_path) as running:
             with connected(tmp_path, zmq.PUSH, "targets") as client:
                 client.send(b"for the living")

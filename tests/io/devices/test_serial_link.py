@@ -93,14 +93,14 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     bench.port.pull()
 
 
-def played(story: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+def played(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
     """Run a test coroutine on an event loop, and close the link on that loop."""
 
-    @functools.wraps(story)
+    @functools.wraps(scenario)
     def test(bench: Bench, **fixtures: Any) -> None:
         async def run() -> None:
             try:
-                await story(bench, **fixtures)
+                await scenario(bench, **fixtures)
             finally:
                 bench.link.close()
 
@@ -144,7 +144,7 @@ def test_however_long_a_port_was_gone_it_is_opened_a_quarter_of_a_second_after_i
 ) -> None:
     bench = Bench(tmp_path / "board")
 
-    async def story() -> float:
+    async def scenario() -> float:
         loop = asyncio.get_running_loop()
         bench.start()
         await asyncio.sleep(gone_s)
@@ -155,7 +155,7 @@ def test_however_long_a_port_was_gone_it_is_opened_a_quarter_of_a_second_after_i
         bench.link.close()
         return loop.time() - t_back_s
 
-    assert in_virtual_time(story()) <= 0.26
+    assert in_virtual_time(scenario()) <= 0.26
     bench.port.pull()
 
 

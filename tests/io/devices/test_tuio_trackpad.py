@@ -78,9 +78,9 @@ async def test_datagrams_beyond_the_time_budget_are_left_out_and_counted(
     await source.close()
 
 
-DEAR = bundle(*[message("/tuio/2Dcur", "set", *[10**18] * 31, times=range(1, 32)) for _ in range(13)])
+EXPENSIVE = bundle(*[message("/tuio/2Dcur", "set", *[10**18] * 31, times=range(1, 32)) for _ in range(13)])
 OF_OTHERS = {
-    "dear": DEAR,
+    "expensive": EXPENSIVE,
     "of another name": tuio1(5, {9: (0.1, 0.1)}, source="other"),
     "of the same name": tuio1(5, {9: (0.1, 0.1)}),
     "of one message": message("/tuio/2Dcur", "alive"),
@@ -137,7 +137,7 @@ async def test_only_the_configured_address_may_send(free: str, configured: str, 
         await until(lambda: source.counters["frames" if is_taken else "other_address"] == 1)
         port = tracker.getsockname()[1]
     await source.close()
-    found = source.counters["sender"], source.counters["stranger"]
+    found = source.counters["sender"], source.counters["refused_address"]
     assert found == ((f"127.0.0.1 port {port}", "") if is_taken else ("", "127.0.0.1"))
 
 

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from hapticd.io.host.runaway import WINDOW_NS, Breather
+from hapticd.io.host.runaway import WINDOW_NS, RealtimeThrottle
 
 
 class Thread:
@@ -18,7 +18,7 @@ class Thread:
     def __init__(self, *, is_real_time: bool = True) -> None:
         self.t_ns = self.ran_ns = 0
         self.slept_s: list[float] = []
-        self.breather = Breather(
+        self.breather = RealtimeThrottle(
             clock_ns=lambda: self.t_ns,
             ran_ns=lambda: self.ran_ns,
             sleep=self.slept_s.append,

@@ -375,7 +375,7 @@ def test_a_trackers_address_is_free_or_is_not(tmp_path: Path) -> None:
         ({}, PASS, "awaited"),
         ({"frames": 90, "contacts": 0, "other_profiles": 90, "sender": "127.0.0.1 port 9"}, PASS, "127.0.0.1 port 9"),
         ({"frames": 90, "contacts": 90, "other_sender": 400}, WARN, "400 other sender"),
-        ({"other_address": 1, "stranger": "192.0.2.7"}, WARN, "192.0.2.7"),
+        ({"other_address": 1, "refused_address": "192.0.2.7"}, WARN, "192.0.2.7"),
         ({"frames": 0, "unended": 9}, WARN, "each datagram is alone"),
         ({"frames": 9, "outside": 9}, WARN, "(0 to 1)"),
         ({"frames": 9, "hovering": 9}, WARN, "above its surface"),

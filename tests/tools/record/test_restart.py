@@ -123,8 +123,8 @@ class Recorder(threading.Thread):
         self.notes.append(record(*self._arguments, notify=self.notes.append))
 
 
-def run(config: Config, story: Callable[[], Any], reread: Callable[[], Config] | None = None) -> None:
-    """`hapticd run` with this configuration, until the story ends."""
+def run(config: Config, scenario: Callable[[], Any], reread: Callable[[], Config] | None = None) -> None:
+    """`hapticd run` with this configuration, until the scenario ends."""
 
     async def served() -> None:
         with ConfigLoader() as config_loader:
@@ -132,7 +132,7 @@ def run(config: Config, story: Callable[[], Any], reread: Callable[[], Config] |
             serving = asyncio.create_task(service._serve(config_loader, prepared, Notifier({}), reread))
             try:
                 await until(lambda: (Path(config.client.runtime_dir) / "control").is_socket() or serving.done())
-                await story()
+                await scenario()
             finally:
                 os.kill(os.getpid(), signal.SIGTERM)
                 await asyncio.wait_for(serving, PATIENCE_S)
@@ -155,7 +155,7 @@ def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recordi
 ) -> None:
     instances: list[set[int]] = []
 
-    async def story() -> None:
+    async def scenario() -> None:
         begun = threading.Event()
         touching = asyncio.create_task(asyncio.to_thread(work, configuration, STATES, begun))
         await until(begun.is_set)
@@ -167,7 +167,7 @@ def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recordi
         await until(lambda: not late.is_alive())
         assert late.notes[:2] == [WAITING, BEGUN]
 
-    run(configuration, story)
+    run(configuration, scenario)
     kinds = judged(tmp_path / "a.mcap")
     assert kinds["reports"] > 20
     assert kinds["targets"] + kinds["request"] > 0
@@ -191,7 +191,7 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
         with client_of(configuration) as client:
             return dict(client.status().get("recording", {}))
 
-    async def story() -> None:
+    async def scenario() -> None:
         for name in ("a", "b"):
             whole = Recorder(tmp_path / f"{name}.mcap", configuration, 1.0)
             await until(lambda whole=whole: BEGUN in whole.notes)  # type: ignore[misc]
@@ -213,7 +213,7 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
         await until(lambda: not last.is_alive())
         assert BEGUN in last.notes
 
-    run(configuration, story)
+    run(configuration, scenario)
     for name in ("a", "b", "killed", "last"):
         assert judged(tmp_path / f"{name}.mcap")["written"] > 10
     assert not open_recording(tmp_path / "joined.mcap").is_whole
@@ -227,7 +227,7 @@ def test_a_new_configuration_ends_the_recording_and_it_replays_to_its_end(
 ) -> None:
     caplog.set_level("INFO", "hapticd")
 
-    async def story() -> None:
+    async def scenario() -> None:
         whole = Recorder(tmp_path / "a.mcap", configuration, 60.0)
         await until(lambda: BEGUN in whole.notes)
         await asyncio.to_thread(work, configuration, 25)
@@ -235,6 +235,6 @@ def test_a_new_configuration_ends_the_recording_and_it_replays_to_its_end(
         await until(lambda: not whole.is_alive())
         await until(lambda: caplog.text.count("serving clients in") == 2)
 
-    run(configuration, story, lambda: configuration)
+    run(configuration, scenario, lambda: configuration)
     kinds = judged(tmp_path / "a.mcap")
     assert (kinds["stop"], kinds["disconnect"], kinds["end"]) == (1, 1, 1)

@@ -1,4 +1,4 @@
-"""Recordings that a stranger made, and sessions longer than a demonstration: judged and drawn, or one sentence."""
+"""Recordings of other programs: exported and drawn, or one sentence."""
 
 from __future__ import annotations
 
@@ -48,42 +48,42 @@ def touched(finger_id: int, start_ns: int, passes: int = 20) -> list[Record]:
 
 
 @pytest.fixture
-def strange(header: Header, tmp_path: Path) -> Callable[..., Path]:
+def foreign(header: Header, tmp_path: Path) -> Callable[..., Path]:
     """Writes a recording of these records behind the header of an honest one."""
 
     def write(*records: Record) -> Path:
         numbered = (record._replace(seq=seq) for seq, record in enumerate(records))
-        return written(tmp_path / "strange.mcap", header, numbered)
+        return written(tmp_path / "foreign.mcap", header, numbered)
 
     return write
 
 
 def test_amplitudes_of_unequal_parts_and_points_without_a_key_are_exported_and_drawn(
-    strange: Callable[..., Path], tmp_path: Path
+    foreign: Callable[..., Path], tmp_path: Path
 ) -> None:
     uneven = [
         {"dt_ns": 0, "modal_um": {"d": [1.0], "q": [0.0, 1.0, 2.0]}},
         {"dt_ns": 5, "modal_um": {"d": [], "q": []}},
     ]
     keyless = [{name: value for name, value in a_pass(0, 1).fields["points"][0].items() if name != "finger_id"}]
-    path = strange(*touched(1, BEGIN_NS), a_pass(BEGIN_NS + 500 * MS, 1, knots=uneven, points=keyless))
+    path = foreign(*touched(1, BEGIN_NS), a_pass(BEGIN_NS + 500 * MS, 1, knots=uneven, points=keyless))
 
     assert main(["export", str(path), "--csv", str(tmp_path / "out")]) == 0
     assert main(["plot", str(path), str(tmp_path / "out.png")]) == 0
 
 
 @pytest.mark.parametrize("name", ["age_ns", "horizon_ns", "t_apply_ns"])
-def test_instants_beyond_all_clocks_are_no_records(strange: Callable[..., Path], tmp_path: Path, name: str) -> None:
-    recording = open_recording(strange(a_pass(BEGIN_NS, 1, **{name: 2**63 - 1}), a_pass(BEGIN_NS, 1)))
+def test_instants_beyond_all_clocks_are_no_records(foreign: Callable[..., Path], tmp_path: Path, name: str) -> None:
+    recording = open_recording(foreign(a_pass(BEGIN_NS, 1, **{name: 2**63 - 1}), a_pass(BEGIN_NS, 1)))
 
     (tmp_path / "out").mkdir()
     export.to_csv(tables(recording), {}, tmp_path / "out")
     assert recording.losses.unreadable == 1
 
 
-def test_one_long_message_does_not_make_all_others_as_long(strange: Callable[..., Path], tmp_path: Path) -> None:
+def test_one_long_message_does_not_make_all_others_as_long(foreign: Callable[..., Path], tmp_path: Path) -> None:
     short = Record("request", 0, BEGIN_NS, {"payload": msgpack.packb({"op": "hello"}), "user": "uid 1"})
-    path = strange(Record("request", 0, BEGIN_NS, {"payload": b"\0" * 900_000, "user": "uid 1"}), *[short] * 500)
+    path = foreign(Record("request", 0, BEGIN_NS, {"payload": b"\0" * 900_000, "user": "uid 1"}), *[short] * 500)
     found = tables(open_recording(path))
 
     assert found["messages"]["message_json"].nbytes < 100_000
@@ -93,9 +93,9 @@ def test_one_long_message_does_not_make_all_others_as_long(strange: Callable[...
         assert file["messages"]["user"][1] == b"uid 1"
 
 
-def test_texts_of_strangers_are_drawn_and_no_formulas(strange: Callable[..., Path], tmp_path: Path) -> None:
+def test_texts_are_drawn_and_are_no_formulas(foreign: Callable[..., Path], tmp_path: Path) -> None:
     formula = r"$\frac$ $x^^$ \$"
-    path = strange(
+    path = foreign(
         Record("marker", 0, BEGIN_NS + 5 * MS, {"client": formula, "text": formula}),
         *(a_pass(BEGIN_NS + step * 11 * MS, 1, virtual=formula) for step in range(20)),
     )
