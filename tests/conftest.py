@@ -16,6 +16,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import hapticd  # noqa: F401  asks for one thread of BLAS, which counts before numpy is loaded: more would spin
+
 sys.path.insert(0, str(Path(__file__).parent))
 if not (Path(__file__).parents[1] / "hapticd" / "board_protocol.py").exists():  # as in a checkout of another commit
     runpy.run_path(str(Path(__file__).parents[1] / "firmware" / "make_protocol.py"))["write_module"]()

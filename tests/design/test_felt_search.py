@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.design import ModeShape, free_plate_modes
+from hapticd.design import ModeShape, felt_search, free_plate_modes
 from hapticd.design.contact_pairs import random_fingers, surfaces
 from hapticd.design.felt_places import settle_felt, touches
 from hapticd.design.felt_search import FeltDesign, FeltTask, GluedModes, search
@@ -29,7 +29,10 @@ def shapes() -> list[ModeShape]:
 @pytest.fixture(scope="module")
 def designs() -> list[FeltDesign]:
     plates = [GluedPlate(SIZE_MM, mm, MATERIALS["glass"]) for mm in (2.0, 3.0)]
-    return search(plates, [3], (28500.0, 30000.0), TASK, [KIT, (8.0, 8.0, 0.5)])
+    with pytest.MonkeyPatch.context() as patch:
+        for name, less in {"JUDGE_PLACES": 100, "SEARCH_PLACES": 30, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
+            patch.setattr(felt_search, name, less)
+        return search(plates, [3], (28500.0, 30000.0), TASK, [KIT, (8.0, 8.0, 0.5)])
 
 
 def test_errors_are_those_of_the_mean_friction_over_a_fine_grid(shapes: list[ModeShape]) -> None:

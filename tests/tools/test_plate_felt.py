@@ -12,6 +12,7 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.config import loader
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
+from hapticd.design import felt_search
 from hapticd.design.felt_search import FeltTask
 from hapticd.errors import UsageError
 from hapticd.sim.plate.glasses import find_glass
@@ -23,6 +24,13 @@ SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", 
 KIT = ["--place", "8x8x0.3", "--farthest", "600"]
 
 
+@pytest.fixture
+def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, less in {"JUDGE_PLACES": 100, "SEARCH_PLACES": 30, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
+        monkeypatch.setattr(felt_search, name, less)
+
+
+@pytest.mark.usefixtures("short_search")
 def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = {name: tmp_path / f"plate.{name}" for name in ("npz", "png", "json", "toml")}
     glass = tmp_path / "glass.toml"
@@ -62,6 +70,7 @@ def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: 
     ]
 
 
+@pytest.mark.usefixtures("short_search")
 def test_a_plate_is_judged_with_the_patches_that_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     patches, made = ["--patch=-46,0,8x8x0.3", "--patch=0,46,8x8x0.3"], tmp_path / "made.json"
     assert main([*SMALL, "--farthest", "600", *patches, "--json", str(made)]) == 0
@@ -71,6 +80,7 @@ def test_a_plate_is_judged_with_the_patches_that_it_has(tmp_path: Path, capsys: 
     assert "with 2 patches, driven at" in capsys.readouterr().out.splitlines()[-1]
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_motion_is_what_simulate_gives_on_the_plates_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = {name: tmp_path / f"{name}.json" for name in ("design", "motion")}

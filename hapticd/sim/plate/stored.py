@@ -6,7 +6,6 @@ computed, which takes seconds. `make_stored` writes them.
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -35,4 +34,6 @@ def series(coefficients: FloatArray, size_mm: tuple[float, float], x_mm: FloatAr
 
 def key_of(*inputs: object) -> str:
     """Return the name of an array of the file."""
+    import hashlib  # late: it takes some MB
+
     return hashlib.sha256(repr(inputs).encode()).hexdigest()[:16]

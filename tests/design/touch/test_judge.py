@@ -38,6 +38,12 @@ def test_what_held_out_touches_confirm_is_adopted() -> None:
     assert "touch there next" in judged.map_refusal
 
 
+@pytest.fixture
+def without_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(judge, "_with_map", lambda judged, *_: judged)
+
+
+@pytest.mark.usefixtures("without_map")
 def test_a_pad_that_was_moved_is_followed() -> None:
     moved = replace(WRONG, pad=WRONG.pad * (4.0, 4.0, 1.0, 1.0, 1.0, 1.0, 1.0))  # by 2 mm
     judged = calibrate(Touching(moved, seconds=8.0).windows(), mode_map())
@@ -52,6 +58,7 @@ def with_posture(x_mm: float, seed: int) -> Touching:
     return Touching(replace(WRONG, pad=pad), seconds=8.0, seed=seed)
 
 
+@pytest.mark.usefixtures("without_map")
 def test_what_the_fingers_of_each_session_share_is_not_the_pads_place() -> None:
     sessions = [with_posture(x_mm, seed) for x_mm, seed in ((-0.3, 1), (0.3, 2))]
     alone = calibrate(sessions[0].windows(), mode_map())

@@ -59,7 +59,10 @@ def _driven(glass: Glass, modes: list[tuple[float, ModeShape]], q_factor: float)
     return patch_drive(glass.thickness_mm, find_material(glass.material), patches, modes, q_factor)
 
 
-@pytest.fixture(scope="module", params=CLAIMS, ids=lambda claim: f"{claim.plate}-{claim.modes}")
+SIX_COMPUTED = [pytest.param(claim, marks=[pytest.mark.long] * (claim.modes == 6)) for claim in CLAIMS]
+
+
+@pytest.fixture(scope="module", params=SIX_COMPUTED, ids=lambda claim: f"{claim.plate}-{claim.modes}")
 def built(request: pytest.FixtureRequest) -> Built:
     return Built(request.param)
 

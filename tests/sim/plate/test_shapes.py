@@ -15,5 +15,5 @@ def test_a_third_mode_has_an_amplifier_a_sensor_and_a_place_on_the_map() -> None
     driven = -1j * np.diag(truth.gain_um_per_v_s) * 150.0
     held_um = driven / (1.5 * truth.nominal_decay_1_s - 1j * truth.nominal_detuning_rad_s)
     np.testing.assert_allclose(np.abs(held_um), 4.0)
-    assert truth.measured_mode_map(1).M == 3
-    assert truth.parasitic_modes(1).modes.M == 1
+    assert truth.true_mode_map().M == 3
+    assert [len(truth.scan(1, is_driven)[0]) for is_driven in (True, False)] == [3, 1]

@@ -38,8 +38,7 @@ def test_what_is_stored_is_what_theory_and_fit_give(plate: str) -> None:
         assert np.sqrt((error**2).mean()) < 3e-6, STALE
 
 
-def test_a_scan_that_is_not_stored_is_fitted_and_seeds_repeat_the_scans() -> None:
+def test_another_scan_is_not_stored_and_seeds_repeat_the_scans() -> None:
     coarse, usual = GroundTruth(PlateSettings(map_step_mm=6.0)), GroundTruth()
     assert stored.find(GLASSES[REFERENCE], *coarse.scan(1, is_driven=True)) is None
-    assert not np.array_equal(coarse.measured_mode_map(1).shapes, usual.measured_mode_map(1).shapes)
     assert usual.scan(stored.SCANS + 1, is_driven=True) == usual.scan(1, is_driven=True)
