@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..board_values import BoardCalibration
-from ..config.sections import SIGMAS, Config, UncertaintyConfig
+from ..config.sections import SIGMAS, Config, TrackpadConfig, UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
 from ..core.touch.contact_form import LEAST_MM, MOST_MM
 from ..daemon.settings import has_contacts, plate_from_pad
@@ -24,7 +24,6 @@ from ..files.recording.header import Header
 from ..values import ComplexArray, FloatArray
 from .touch_recording import Touched
 
-LATENCY_MS = (0.0, 50.0)  # the bounds of trackpad.latency_ms
 MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land and before they lift
 
 
@@ -108,11 +107,11 @@ def pad_settings(touched: Touched, found: Calibration) -> dict[str, Any]:
     linear, offset_mm = found.affine
     pad, pad_mm = _pose(touched.header.config)
     latency_ms = touched.header.config.trackpad.latency_ms + 1e3 * float(found.pad[LATENCY])
-    low_ms, high_ms = LATENCY_MS
+    (bounds,) = (entry.metadata for entry in fields(TrackpadConfig) if entry.name == "latency_ms")
     return {
         "matrix": [round(value, 6) for value in (linear @ pad).ravel().tolist()],
         "offset_mm": [round(value, 4) for value in (linear @ pad_mm + offset_mm).tolist()],
-        "latency_ms": round(min(max(latency_ms, low_ms), high_ms), 3),
+        "latency_ms": round(min(max(latency_ms, bounds["low"]), bounds["high"]), 3),
     }
 
 

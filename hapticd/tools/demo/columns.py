@@ -1,23 +1,15 @@
-"""Columns of the demo's comparison: a scheme on a plate each, all on the same fingers; one of them is the live one.
-
-The others run in virtual time, each in a process of its own that computes its plate's mode shapes while the rig starts.
-"""
+"""Columns of the demo's comparison: a scheme on a plate each, all on the same fingers; one of them is the live one, the
+others run in virtual time."""
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
 
 from ...config.sections import SimConfig
-from ...errors import HapticdError
 from ...sim import lockstep
 from ...sim.fingers.scenarios import REAL
 from ...sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
-from ...sim.plate.ground_truth import GroundTruth, PlateSettings
+from ...sim.plate.ground_truth import PlateSettings
 from ...sim.plate.wirings import IDENTITY
 from ...sim.plate.wirings import PAPER as SHARED
 from ...sim.settings import Settings, paper_settings
@@ -26,7 +18,6 @@ from ..simulated_picture import Film
 
 PAPER, HAPTICD = "the paper", "hapticd"
 MOTION = REAL
-PROGRESS_FRAC = 0.02  # of a run, between two messages of its process
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,63 +58,11 @@ def columns(live: DemoColumn) -> list[DemoColumn]:
     return [paper, *[live if column.plate.plate == live.plate.plate else column for column in ours]]
 
 
-class VirtualRun:
-    """A column's process: it plays the scenario up to an instant that is known later."""
-
-    def __init__(self, column: DemoColumn, scenario: str, seed: int) -> None:
-        spawning = get_context("spawn")
-        self._column = column
-        self._pipe, theirs = spawning.Pipe()
-        process = spawning.Process(target=_serve, args=(theirs, column, scenario, seed), daemon=True)
-        with _no_interrupt():
-            process.start()
-        theirs.close()  # so that the end of either process is seen by the other
-
-    def play(self, start_s: float, end_s: float) -> None:
-        """Start the run; its film is of this window."""
-        self._pipe.send((start_s, end_s))
-
-    def film(self) -> Film:
-        """Return what was played. Raises HapticdError if the process has ended."""
-        with Progress(f"comparing with {self._column.title}") as progress:
-            while True:
-                try:
-                    received: Film | float = self._pipe.recv()
-                except (EOFError, ConnectionError):  # reset: it ended before it read what to play
-                    sentence = f"The comparison with {self._column.title} ended: see its message above."
-                    raise HapticdError(sentence) from None
-                if isinstance(received, Film):
-                    return received
-                progress(received)
-
-
-def _serve(pipe: Connection, column: DemoColumn, scenario: str, seed: int) -> None:
-    plate = GroundTruth(column.plate)
-    plate.measured_mode_map(seed)  # computed now and kept
-    try:
-        start_s, end_s = pipe.recv()
-    except EOFError:  # the demo has ended
-        return
+def virtual_film(column: DemoColumn, scenario: str, seed: int, start_s: float, end_s: float) -> Film:
+    """Play a column in virtual time, and return a window of it."""
     settings = Settings(plate=column.plate, motion=MOTION)
     if column.scheme == PAPER:
         settings = paper_settings(settings)
-    shown_frac = 0.0
-
-    def progress(done_frac: float) -> None:
-        nonlocal shown_frac
-        if done_frac >= shown_frac + PROGRESS_FRAC:
-            shown_frac = done_frac
-            pipe.send(done_frac)
-
-    run = lockstep.run(scenario, settings=settings, seed=seed, seconds=end_s, progress=progress)
-    pipe.send(Film.of(run, column.title).between(start_s, end_s))
-
-
-@contextmanager
-def _no_interrupt() -> Iterator[None]:
-    """Context whose child processes get no Ctrl-C: the demo ends them."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with Progress(f"comparing with {column.title}") as progress:
+        run = lockstep.run(scenario, settings=settings, seed=seed, seconds=end_s, progress=progress)
+    return Film.of(run, column.title).between(start_s, end_s)

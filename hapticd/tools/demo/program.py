@@ -2,9 +2,9 @@
 
     simulated rig (board and trackpad) <-- pseudo-terminal, socket --> daemon <-- ZeroMQ --> this process
 
-The client sets a slippery and a sticky finger on the fingertip plate, a live view shows their amplitudes, and at the
-end the plate's true motion is scored, and the same fingers in virtual time, which is the same on each computer: the
-paper's scheme on its plate, and hapticd on the wide plate with eight modes.
+The client sets a slippery and a sticky finger on the fingertip plate and prints their amplitudes, and at the end the
+plate's true motion is scored, and the same fingers in virtual time, which is the same on each computer: the paper's
+scheme on its plate, and hapticd on the wide plate with eight modes.
 """
 
 from __future__ import annotations
@@ -37,9 +37,7 @@ from .. import glass, outputs, plotting
 from ..arguments import POSITIVE, whole
 from ..daemon_process import PATIENT, DaemonProcess
 from ..simulated_picture import Film
-from ..simulated_picture import draw as draw_details
-from .columns import MOTION, DemoColumn, VirtualRun, columns, live_column
-from .live_view import LiveView
+from .columns import MOTION, DemoColumn, columns, live_column, virtual_film
 from .picture import draw
 
 DEFAULT_OUT = Path("demo.png")  # written again over that of an earlier demo
@@ -50,6 +48,7 @@ FINGERS = 2
 ATTEMPT_S = 15.0
 FINGERS_WITHIN_S = 60.0
 STATE_WITHIN_S = 10.0
+LINE_S = 1.0
 PICTURE_S = 2.5
 LEAST_SLIP_FRAC = 0.5  # of the slippery finger's target: a plate that is not driven leaks nothing
 COMPARED_S = 6.0  # in virtual time, which takes a second for every two on the fingertip plate without compiled modules
@@ -61,9 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
     glass.add_arguments(parser, glass.SHOWN)
     outputs.add_file(parser, "--out", outputs.PICTURE, metavar="F.png", help="the picture (default demo.png)")
-    parser.add_argument(
-        "--details", action="store_true", help="draw the modes' amplitudes and all three runs, as the paper does"
-    )
     parser.add_argument("--view", action="store_true", help="open the plate's page in the browser meanwhile")
     parser.set_defaults(command=run)
 
@@ -94,8 +90,6 @@ def _picture_file(options: argparse.Namespace) -> Path | None:
 
 def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None:
     seed, live = options.seed, live_column(sim)
-    compared = columns(live)
-    runs = {column: VirtualRun(column, SCENARIO, seed) for column in compared if column != live}
     print("starting the simulated rig, the daemon and a client ...", flush=True)
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, lambda *_: sys.exit(0))  # ends the child processes too
@@ -120,16 +114,13 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
             raise HapticdError(status["board"]["refused"])
     compared_s = min(options.seconds, COMPARED_S)
     print("\nscoring it, and the same fingers in virtual time ...", flush=True)
-    for run_ahead in runs.values():
-        run_ahead.play(VIRTUAL_START_S, VIRTUAL_START_S + compared_s)
     ours = _film(rig.history, live, t_asked_s, t_asked_s + compared_s)
-    films = {column: ours if column == live else runs[column].film() for column in compared}
+    window_s = VIRTUAL_START_S, VIRTUAL_START_S + compared_s
+    films = {
+        column: ours if column == live else virtual_film(column, SCENARIO, seed, *window_s) for column in columns(live)
+    }
     if out is not None:
-        shown, source = list(films.values()), f"{SOURCE}{seed}"
-        if options.details:
-            draw_details(shown, out, seconds=PICTURE_S, source=source, has_contacts=True)
-        else:
-            draw(shown, out, seconds=PICTURE_S, source=source)
+        draw(list(films.values()), out, seconds=PICTURE_S, source=f"{SOURCE}{seed}")
     print(summary(films, live, status))
     print("All have a noisy map of the driven modes; hapticd also one of the parasitic modes, which fingers excite.")
     if status["board"].get("deadman_trips", 0) > 0:
@@ -244,16 +235,29 @@ def _watched(runtime_dir: Path, *, opens: bool) -> Iterator[None]:
 
 
 def _watch(client: Client, user: _ScriptedUser, seconds: float) -> dict[str, Any]:
-    """Show the live view for `seconds`; return the daemon's status at its end."""
-    view = LiveView(sys.stdout, client.plate()["size_mm"])
-    t_end_s = time.monotonic() + seconds
+    """Print a line a second for `seconds`; return the daemon's status at its end."""
+    t_next_s = time.monotonic()
+    t_end_s = t_next_s + seconds
     for state in client.states(STATE_WITHIN_S):
         t_now_s = time.monotonic()
         user.update(state)
-        view.update(state, t_now_s)
+        if t_now_s >= t_next_s:
+            print(line(state), flush=True)
+            t_next_s += LINE_S
         if t_now_s >= t_end_s:
             break
     return client.status()
+
+
+def line(state: PlateState) -> str:
+    """Return what a state has of each finger: its target, and what it gets."""
+    fingers = "  ".join(
+        f"{finger.id}: {finger.target_um:.2f} -> {finger.achieved_um:.2f} um"
+        for finger in state.fingers
+        if finger.target_um is not None and finger.achieved_um is not None
+    )
+    flag = "  limited" if state.limited else ""
+    return f"{state.state:<7} horizon {state.horizon_ms:4.1f} ms  {fingers}{flag}"
 
 
 def _film(history: Mapping[str, Any], live: DemoColumn, start_s: float, end_s: float) -> Film:
