@@ -130,11 +130,11 @@ def _value(form: types.Type) -> str:
         case types.IntType(ge=low, le=high):
             return "whole" if low is None else f"{low} .. {high}, whole"
         case types.StrType(min_length=low, max_length=high):
-            return "text" if high is None else f"{low} .. {high} printable characters"
+            return "text" if high is None else "name" if high == 32 else f"{low} .. {high} printable characters"
         case types.BytesType(min_length=low, max_length=high):
             return "bytes" if high is None else f"{high} bytes" if low == high else f"{low} .. {high} bytes"
         case types.BoolType():
-            return "true or false"
+            return "boolean"
         case types.LiteralType(values=values):
             return " or ".join(f"`{value}`" if isinstance(value, str) else str(value) for value in values)
         case types.TupleType(item_types=items):

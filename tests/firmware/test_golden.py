@@ -181,14 +181,17 @@ def test_every_message_of_the_protocol_is_said() -> None:
     assert {NAMES[FrameSplitter(512).feed(line)[0][0]] for line in lines()} == set(NAMES.values())
 
 
+SHOWN = ("HELLO_REQUEST", "HELLO", "TIME_REQUEST", "TIME", "SET_CONTROLLER", "SET_MODEL", "VERDICT", "REFERENCE", "STATUS")
+
+
 def examples() -> str:
-    """Of each message the first line, as the protocol's text shows them."""
-    first: dict[int, bytes] = {}
+    """The first lines of a session's messages and of what came later, as the protocol's text shows them."""
+    first: dict[str, str] = {}
     for line in lines():
         (message,) = FrameSplitter(512).feed(line)
-        first.setdefault(message[0], line)
-    width = max(map(len, NAMES.values()))
-    return "".join(f"{NAMES[kind]:<{width}} {first[kind].hex(' ')}\n" for kind in sorted(first))
+        first.setdefault(NAMES[message[0]], line.hex(" "))
+    later = [bytes.fromhex(row["line"]).hex(" ") for row in conversation(LATER)]
+    return "".join(f"{name:<14} {line}\n" for name, line in first.items() if name in SHOWN or line in later)
 
 
 def test_the_examples_in_the_protocol_text_are_these_lines() -> None:
