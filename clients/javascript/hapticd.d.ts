@@ -94,6 +94,7 @@ export interface Noise {
   longest_mm: number;
   /** deviation from the mean, clipped at three times that, and at 0 */
   rms_um: number;
+  /** mean */
   mean_um: number;
   /** a wave's height is proportional to its wavelength to this power */
   exponent?: number;
@@ -467,7 +468,7 @@ export interface FingerState {
   target_um: number | null;
   /** the expected amplitude there, by the reference's first knot: RMS over its contact, on a plate that is driven for points at its centre */
   achieved_um: number | null;
-  /** whether it is on no pad */
+  /** true for a virtual finger */
   virtual: boolean;
   /** the client that owns it */
   owner: string | null;
@@ -481,6 +482,7 @@ export interface FingerState {
   felt_friction: number | null;
   /** `friction_change` in just noticeable differences of 0.11; nil also on a plate that is driven for points (`contact_radius_mm` of `plate` is 0) */
   error_jnd: number | null;
+  /** intervals of nine in ten cases */
   contact_um_low: number | null;
   contact_um_high: number | null;
   felt_friction_low: number | null;
@@ -489,7 +491,7 @@ export interface FingerState {
   achieved_um_high: number | null;
   /** it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable difference: over its contact, on a plate that is driven for points at its centre */
   misses_target: boolean | null;
-  /** the longer axis of its contact, an ellipse; nil where the pad's ellipses are not used: then it is a disc */
+  /** whole axes of its contact, an ellipse; nil where the pad's ellipses are not used: then it is a disc */
   contact_major_mm: number | null;
   contact_minor_mm: number | null;
   /** of the longer axis to the plate's x, anticlockwise */
@@ -520,8 +522,9 @@ export interface PlateEvent {
   t_ns: number;
   /** the same on the trackpad's own clock; omitted where no finger is the cause */
   t_device_ns?: number | null;
+  /** its id */
   finger?: number | null;
-  /** where the newest report has the finger */
+  /** its place in the newest report */
   x_mm?: number | null;
   y_mm?: number | null;
   /** owner of the surface or effect */

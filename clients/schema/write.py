@@ -80,14 +80,18 @@ def with_tables(text: str) -> str:
 
 
 def _table(names: list[str]) -> str:
-    rows = ["| field | value | meaning |", "|---|---|---|"]
-    for name in names:
-        rows += _rows(_struct(name))
-    return "\n".join(rows) + "\n"
+    merged: list[list[str]] = [["field", "value", "meaning"], ["---", "---", "---"]]
+    for field, value, meaning in (row for name in names for row in _rows(_struct(name))):
+        if not meaning and value == merged[-1][1]:
+            merged[-1][0] += f", {field}"
+        else:
+            merged.append([field, value, meaning])
+    lines = (f"| {field} | {value} | {meaning} |" for field, value, meaning in merged)
+    return "\n".join(lines).replace("| --- | --- | --- |", "|---|---|---|") + "\n"
 
 
-def _rows(struct: type[msgspec.Struct], prefix: str = "") -> list[str]:
-    rows: list[str] = []
+def _rows(struct: type[msgspec.Struct], prefix: str = "") -> list[tuple[str, str, str]]:
+    rows: list[tuple[str, str, str]] = []
     meanings = meanings_of(struct)
     has_content = issubclass(struct, contents.Contents) and struct is not contents.Contents
     for field in types.type_info(struct).fields:  # type: ignore[attr-defined]
@@ -95,7 +99,7 @@ def _rows(struct: type[msgspec.Struct], prefix: str = "") -> list[str]:
             continue  # they have a table of their own
         form, meaning = _without_nil(field.type), meanings.get(field.encode_name, "")
         more = _default(field) if issubclass(struct, Contract) else "" if form is field.type else " or nil"
-        rows.append(f"| `{prefix}{field.encode_name}` | {_value(form)}{more} | {meaning} |")
+        rows.append((f"`{prefix}{field.encode_name}`", _value(form) + more, meaning))
         if isinstance(form, types.StructType) and prefix == "" and struct in (contents.Contents, effects.Effect):
             rows += _rows(form.cls, f"{field.encode_name}.")
     return rows
@@ -138,11 +142,12 @@ def _value(form: types.Type) -> str:
         case types.LiteralType(values=values):
             return " or ".join(f"`{value}`" if isinstance(value, str) else str(value) for value in values)
         case types.TupleType(item_types=items):
-            values = list(dict.fromkeys(map(_value, items)))
-            return f"{len(items)} times {values[0]}" if len(values) == 1 else f"pair of {' and '.join(values)}"
+            values = [f"{one}s" if one == "number" else one for one in dict.fromkeys(map(_value, items))]
+            return f"pair of {' and '.join(values)}"
         case types.VarTupleType(item_type=item, min_length=low, max_length=high):
-            count = "" if high is None else f"at most {high}, " if low is None else f"{low} .. {high}, "
-            return f"list of {count}each {_value(item)}"
+            count = "" if high is None else f"at most {high} " if low is None else f"{low} .. {high} "
+            first, *more = _value(item).split(" ", 1)
+            return " ".join([f"{count}{first}s", *more])
         case types.UnionType(types=options):
             return (
                 "map"

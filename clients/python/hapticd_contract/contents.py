@@ -120,6 +120,7 @@ class Noise(Contract, frozen=True):
     rms_um: AmplitudeUm
     """deviation from the mean, clipped at three times that, and at 0"""
     mean_um: AmplitudeUm
+    """mean"""
     exponent: Annotated[float, Meta(ge=0.0, le=4.0)] = 0.0
     """a wave's height is proportional to its wavelength to this power"""
     seed: Annotated[int, Meta(ge=0, le=MAX_ID)] = 0

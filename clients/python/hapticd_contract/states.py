@@ -34,6 +34,7 @@ class Perceived(Struct, frozen=True, kw_only=True):
     """`friction_change` in just noticeable differences of 0.11; nil also on a plate that is driven for points
     (`contact_radius_mm` of `plate` is 0)"""
     contact_um_low: float | None = None
+    """intervals of nine in ten cases"""
     contact_um_high: float | None = None
     felt_friction_low: float | None = None
     felt_friction_high: float | None = None
@@ -43,7 +44,7 @@ class Perceived(Struct, frozen=True, kw_only=True):
     """it gets less than 0.9 of its target's amplitude, or a friction that is off by more than one just noticeable
     difference: over its contact, on a plate that is driven for points at its centre"""
     contact_major_mm: float | None = None
-    """the longer axis of its contact, an ellipse; nil where the pad's ellipses are not used: then it is a disc"""
+    """whole axes of its contact, an ellipse; nil where the pad's ellipses are not used: then it is a disc"""
     contact_minor_mm: float | None = None
     contact_angle_rad: float | None = None
     """of the longer axis to the plate's x, anticlockwise"""
@@ -70,7 +71,7 @@ class FingerState(Perceived, frozen=True):
     """the expected amplitude there, by the reference's first knot: RMS over its contact, on a plate that is driven for
     points at its centre"""
     virtual: bool
-    """whether it is on no pad"""
+    """true for a virtual finger"""
     owner: str | None = None
     """the client that owns it"""
 
@@ -112,8 +113,9 @@ class PlateEvent(Struct, frozen=True, omit_defaults=True):
     t_device_ns: int | None = None
     """the same on the trackpad's own clock; omitted where no finger is the cause"""
     finger: int | None = None
+    """its id"""
     x_mm: float | None = None
-    """where the newest report has the finger"""
+    """its place in the newest report"""
     y_mm: float | None = None
     client: str = ""
     """owner of the surface or effect"""
