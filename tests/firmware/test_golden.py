@@ -181,7 +181,7 @@ def test_every_message_of_the_protocol_is_said() -> None:
     assert {NAMES[FrameSplitter(512).feed(line)[0][0]] for line in lines()} == set(NAMES.values())
 
 
-SHOWN = "HELLO_REQUEST HELLO TIME_REQUEST TIME SET_CONTROLLER SET_MODEL VERDICT REFERENCE STATUS".split()
+SHOWN = ("HELLO_REQUEST", "HELLO", "TIME_REQUEST", "TIME", "SET_CONTROLLER", "SET_MODEL", "REFERENCE", "STATUS")
 
 
 def examples() -> str:
