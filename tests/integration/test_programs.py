@@ -23,8 +23,9 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     environ = {**os.environ, "TMPDIR": str(bench.folder)}
     with subprocess.Popen(command, env=environ, stdout=PIPE, stderr=PIPE, text=True) as process:
         output, complaints = first(process).communicate(timeout=2 * PATIENCE_S)
-    faults = [line for line in complaints.splitlines() if not re.search("trackpad silent|too busy", line)]
-    assert (process.returncode, faults) == (0, [])  # with other tests the pad may be late, which is output rightly
+    of_a_busy_machine = "trackpad silent|too busy|Waiting for hapticd"
+    faults = [line for line in complaints.splitlines() if not re.search(of_a_busy_machine, line)]
+    assert (process.returncode, faults) == (0, [])
     lines = output.splitlines()
     live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
     assert 2 <= len(live) <= 4
