@@ -83,8 +83,8 @@ COMMANDS = {
     ),
     "stream": Command(
         "tools.stream.program",
-        "stream states and metrics to PlotJuggler, Prometheus or the Lab Streaming Layer",
-        "plotjuggler",
+        "stream states and metrics to Prometheus or the Lab Streaming Layer",
+        "prometheus",
     ),
     "gateway": Command(
         "tools.gateway.program",

@@ -16,28 +16,15 @@ from hapticd_client.endpoint import find
 from ...errors import HapticdError, UsageError, missing_library
 from ..arguments import PORT_NUMBER, add_command, add_endpoint, whole
 
-PLOTJUGGLER_ADDRESS = "tcp://127.0.0.1:9872"  # PlotJuggler's own default port
 PROMETHEUS_PORT = 9873
 FINGERS, MAX_FINGERS = 5, 16
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
-        "example: hapticd stream plotjuggler\n"
-        f"         hapticd stream prometheus --port {PROMETHEUS_PORT}\n"
-        "         hapticd stream lsl --fingers 2"
+        f"example: hapticd stream prometheus --port {PROMETHEUS_PORT}\n         hapticd stream lsl --fingers 2"
     )
     actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
-    plotjuggler = _action(actions, "plotjuggler", "publish each state as a flat MessagePack map over ZeroMQ", "")
-    plotjuggler.add_argument(
-        "--bind",
-        default=PLOTJUGGLER_ADDRESS,
-        metavar="ADDRESS",
-        help=f"address to publish at (default {PLOTJUGGLER_ADDRESS})",
-    )
-    _add_fingers(plotjuggler)
-    plotjuggler.set_defaults(command=_plotjuggler)
-
     prometheus = _action(actions, "prometheus", "serve the daemon's status as metrics over HTTP", "--port 9100")
     prometheus.add_argument("--host", default="127.0.0.1", help="address to serve at (default 127.0.0.1)")
     prometheus.add_argument(
@@ -46,7 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     prometheus.set_defaults(command=_prometheus)
 
     lsl = _action(actions, "lsl", "offer fingers, modes and markers as Lab Streaming Layer outlets", "--fingers 2")
-    _add_fingers(lsl)
+    lsl.add_argument(
+        "--fingers",
+        type=whole(1, MAX_FINGERS),
+        default=FINGERS,
+        metavar="N",
+        help=f"number of fingers with channels of their own (default {FINGERS})",
+    )
     lsl.set_defaults(command=_lsl)
 
 
@@ -54,22 +47,6 @@ def _action(actions: Any, name: str, summary: str, example: str) -> argparse.Arg
     parser = add_command(actions, name, summary, example)
     add_endpoint(parser)
     return parser
-
-
-def _add_fingers(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--fingers",
-        type=whole(1, MAX_FINGERS),
-        default=FINGERS,
-        metavar="N",
-        help=f"number of fingers with curves of their own (default {FINGERS})",
-    )
-
-
-def _plotjuggler(options: argparse.Namespace) -> None:
-    from .plotjuggler import run
-
-    _streaming(options.endpoint, lambda: run(options.endpoint, options.bind, options.fingers))
 
 
 def _prometheus(options: argparse.Namespace) -> None:

@@ -29,13 +29,13 @@ from hapticd_client.control import Control
 from hapticd_client.endpoint import find
 
 from ...errors import UsageError
-from .samples import STATES
 
 _Fields = Mapping[str, Any]
 
 ANSWER_S = 1.0  # of Prometheus' default scrape timeout of ten seconds
 EDGES_LOG2_NS = range(13, 31)  # 8 us .. 1.07 s: the daemon's buckets are sixteenths of these octaves
 SUB_BITS = 4
+STATES = ("IDLE", "ARMED", "ACTIVE", "FAULT", "STOPPED")
 
 
 class Export(NamedTuple):

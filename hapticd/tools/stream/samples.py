@@ -1,12 +1,4 @@
-"""A state of the plate as one row of numbers with constant columns. Pure.
-
-timestamp, t_s, seq, state, ...        of the whole plate
-mode_0_d_um, mode_0_q_um, ...          of each mode, as many as the plate has
-finger_1_id, finger_1_x_mm, ...        of each slot, None while it is free
-virtual/NAME/x_mm, ...                 of each virtual finger, while it exists
-
-Fingers have slots because their ids count up for ever: curves by id would come and go.
-"""
+"""Values of a state for a fixed number of fingers: each has a slot, because ids count up for ever. Pure."""
 
 from __future__ import annotations
 
@@ -15,9 +7,6 @@ from collections.abc import Sequence
 
 from hapticd_client import FingerState, PlateState
 
-Value = float | int | bool | None
-
-STATES = ("IDLE", "ARMED", "ACTIVE", "FAULT", "STOPPED")  # `state` is the index
 FINGER_FIELDS = tuple(  # all numbers of a finger
     name for name in FingerState.__struct_fields__ if name not in ("id", "virtual", "owner")
 )
@@ -46,40 +35,14 @@ class Slots:
 
 
 class Sampler:
-    """Converts states to rows; assigns fingers to slots, and counts markers."""
+    """Assigns the fingers of states to slots."""
 
     def __init__(self, fingers: int) -> None:
         self._slots = Slots(fingers)
         self._instance: int | None = None
-        self._markers = 0
-
-    def row(self, state: PlateState, unix_offset_ns: int) -> dict[str, Value]:
-        """Return one row. `unix_offset_ns` is the wall clock minus the monotonic clock."""
-        self._markers += len(state.markers)
-        row: dict[str, Value] = {
-            "timestamp": (state.t_ns + unix_offset_ns) / 1e9,
-            "t_s": state.t_ns / 1e9,
-            "seq": state.seq,
-            "state": STATES.index(state.state) if state.state in STATES else None,
-            "limited": state.limited,
-            "misses_target": state.misses_target,
-            "age_ms": _finite(state.age_ms),
-            "horizon_ms": _finite(state.horizon_ms),
-            "fingers": sum(not finger.virtual for finger in state.fingers),
-            "markers": self._markers,
-        }
-        for mode in range(len(state.modal_um)):
-            row |= _named(f"mode_{mode}_", MODE_FIELDS, mode_values(state, mode))
-        for place, finger in enumerate(self.fingers(state), 1):
-            row[f"finger_{place}_id"] = None if finger is None else int(finger.id)
-            row |= _named(f"finger_{place}_", FINGER_FIELDS, finger_values(finger))
-        for finger in state.fingers:
-            if finger.virtual:
-                row |= _named(f"virtual/{finger.id}/", FINGER_FIELDS, finger_values(finger))
-        return row
 
     def fingers(self, state: PlateState) -> tuple[FingerState | None, ...]:
-        """Return the finger in each slot. Takes each state once, in order; `row` calls it."""
+        """Return the finger in each slot. Takes each state once, in order."""
         if state.instance != self._instance:
             self._instance = state.instance
             self._slots.clear()
@@ -101,10 +64,6 @@ def mode_values(state: PlateState, mode: int) -> tuple[float | None, ...]:
         None if measured_um is None else _finite(measured_um.real),
         None if measured_um is None else _finite(measured_um.imag),
     )
-
-
-def _named(prefix: str, names: Sequence[str], values: Sequence[Value]) -> dict[str, Value]:
-    return {prefix + name: value for name, value in zip(names, values, strict=True)}
 
 
 def _finite(value: float | None) -> float | None:

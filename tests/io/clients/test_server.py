@@ -210,20 +210,6 @@ async def test_a_request_in_several_parts_is_refused_and_the_next_is_answered(tm
 
 
 @asynchronous
-async def test_the_server_tracks_subscribers(tmp_path: Path) -> None:
-    async with served(tmp_path) as running:
-        server = running.server
-        assert not server.has_subscribers
-        server.publish(b"not subscribed")
-        with connected(tmp_path, zmq.SUB, "telemetry") as listener:
-            listener.subscribe(b"")
-            await running.until(lambda: server.has_subscribers)
-            server.publish(b"state")
-            assert await in_thread(listener.recv) == b"state"
-        await running.until(lambda: not server.has_subscribers)
-
-
-@asynchronous
 async def test_the_last_of_several_listeners_ends_the_telemetry(tmp_path: Path) -> None:
     loop = asyncio.get_running_loop()
     async with served(tmp_path) as running:
@@ -390,7 +376,3 @@ def test_what_cannot_be_a_directory_is_refused_by_name(tmp_path: Path) -> None:
         own_directory(tmp_path / "file")
     with pytest.raises(HapticdError, match="does not exist"):
         own_directory(tmp_path / "none" / "run")
-
-
-def test_the_server_reads_as_much_as_the_decoder() -> None:
-    assert MAX_MESSAGE_BYTES == MAX_MESSAGE_BYTES

@@ -15,6 +15,7 @@ from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import Fields, Record
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim.lockstep import T_START_NS
+from hapticd.tools import plotting
 from hapticd.tools.record import export, picture
 from hapticd.tools.record.tables import tables
 
@@ -93,11 +94,19 @@ def test_one_long_message_does_not_make_all_others_as_long(foreign: Callable[...
         assert file["messages"]["user"][1] == b"uid 1"
 
 
-def test_texts_are_drawn_and_are_no_formulas(foreign: Callable[..., Path], tmp_path: Path) -> None:
+def test_texts_are_drawn_and_are_no_formulas(
+    foreign: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     formula = r"$\frac$ $x^^$ \$"
     path = foreign(
         Record("marker", 0, BEGIN_NS + 5 * MS, {"client": formula, "text": formula}),
         *(a_pass(BEGIN_NS + step * 11 * MS, 1, virtual=formula) for step in range(20)),
     )
+    figures: list[Any] = []
+    save = plotting.save
+    monkeypatch.setattr(plotting, "save", lambda figure, to: (figures.append(figure), save(figure, to)))
     picture.draw(tables(open_recording(path)), tmp_path / "out.png", title=formula)
+    assert [text.get_text() for text in figures[0].axes[0].texts if "frac" in text.get_text()] == [
+        plotting.plain(formula)
+    ]
     assert (tmp_path / "out.png").stat().st_size > 0

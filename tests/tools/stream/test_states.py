@@ -15,18 +15,18 @@ from hapticd_client.messages import decode_state
 from hapticd_contract.states import PlateState
 
 
-def test_what_the_daemon_sends_becomes_a_row_with_both_fingers() -> None:
+def test_what_the_daemon_sends_becomes_a_sample_with_both_fingers() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     sent: list[bytes] = []
     bench.machine.status.publish = sent.append
     bench.run(100)
     sampler = Sampler(2)
-    rows = [sampler.row(decode_state(payload), 0) for payload in sent]
-    assert len({tuple(row) for row in rows}) == 1
-    assert all(row["state"] == 2 for row in rows)
-    assert {rows[-1]["finger_1_id"], rows[-1]["finger_2_id"]} == {1, 2}
-    assert {rows[-1]["finger_1_target_um"], rows[-1]["finger_2_target_um"]} == {0.0, 1.0}
-    assert all(isinstance(rows[-1][f"mode_{mode}_d_um"], float) for mode in (0, 1))
+    for payload in sent:
+        sample = lsl.finger_sample(decode_state(payload), sampler)
+    labels = [channel.label for channel in lsl.finger_channels(2)]
+    last = dict(zip(labels, sample, strict=True))
+    assert {last["finger_1_id"], last["finger_2_id"]} == {1.0, 2.0}
+    assert {last["finger_1_target_um"], last["finger_2_target_um"]} == {0.0, 1.0}
 
 
 def test_a_silent_daemon_and_its_return_are_reported_once(
