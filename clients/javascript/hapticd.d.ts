@@ -27,7 +27,7 @@ export interface TargetsMessage {
 export interface FingerTarget {
   /** the id from telemetry, or the name of one of the message's own virtual fingers */
   finger: number | string;
-  /** where not all fingers can feel what is asked, the highest come first */
+  /** the highest come first where the plate cannot meet all targets */
   priority?: number;
   /** constant vibration; 0 holds the glass still. Also limited by the plate */
   amplitude_um?: number | null;
@@ -176,7 +176,7 @@ export interface Effect {
   surface?: string | null;
   /** what starts it, see below */
   start?: Now | At | OnLanding | OnLifting | OnEntering | OnLeaving | OnCrossing | OnPressure;
-  /** begins once more when it has ended */
+  /** restarts at its end */
   loops?: boolean;
 }
 

@@ -186,7 +186,7 @@ class Effect(Contract, frozen=True, kw_only=True):
     start: Start = NOW
     """what starts it, see below"""
     loops: bool = False
-    """begins once more when it has ended"""
+    """restarts at its end"""
 
     @classmethod
     def of(cls, form: Form, on: int | str | None = None, start: Start = NOW, *, name: str = "", **more: Any) -> Effect:

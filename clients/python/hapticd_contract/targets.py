@@ -36,7 +36,7 @@ class FingerTarget(Contents, frozen=True):
     finger: Key
     """the id from telemetry, or the name of one of the message's own virtual fingers"""
     priority: Priority = 0
-    """where not all fingers can feel what is asked, the highest come first"""
+    """the highest come first where the plate cannot meet all targets"""
 
 
 class ClientTargets(Contract, frozen=True):
