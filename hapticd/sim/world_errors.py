@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from ..errors import SimulationError
@@ -199,11 +201,10 @@ class WorldErrors:
         """Return the world of a JSON object with some of the fields, as `asdict` nests them. Raises SimulationError."""
         try:
             given = json.loads(text)
-            made: WorldErrors = _made(cls, given, "world")
-        except SimulationError:
-            raise
-        except (ValueError, RecursionError) as error:
-            raise SimulationError(f"a world is a JSON object, and this is none: {error}.") from None
+            made = msgspec.convert(given, cls)
+        except (ValueError, RecursionError) as error:  # those of `__post_init__` too
+            raise SimulationError(f"This is no world: {error}. Give a JSON object with some of its fields.") from None
+        _check_names(given, asdict(made), "world")
         return made
 
 
@@ -218,52 +219,25 @@ _POSITIVE: Final = {
 }
 
 
-def _numbers(nested: object, name: str = "") -> list[tuple[str, float]]:
-    """Return all numbers of nested mappings and sequences with their dotted names."""
-    if nested is None:
-        return []
+def _numbers(nested: object, name: str = "") -> Iterator[tuple[str, float]]:
+    """Yield all numbers of nested mappings and sequences with their dotted names."""
     if isinstance(nested, dict):
-        return [one for key, value in nested.items() for one in _numbers(value, f"{name}.{key}" if name else key)]
-    if isinstance(nested, (tuple, list)):
-        return [one for value in nested for one in _numbers(value, name)]
-    if isinstance(nested, bool) or not isinstance(nested, (int, float)):
-        raise SimulationError(f"the world's {name} is {shown(nested)}: give a number.")
-    return [(name, float(nested))]
+        for key, value in nested.items():
+            yield from _numbers(value, f"{name}.{key}" if name else key)
+    elif isinstance(nested, tuple):
+        for value in nested:
+            yield from _numbers(value, name)
+    elif isinstance(nested, (int, float)):
+        yield name, float(nested)
 
 
-_NESTED: Final = {
-    "pad_pose": PadPose,
-    "noise": PadNoise,
-    "map_change": MapChange,
-    "sensors": SensorErrors,
-    "finger_load": FingerLoad,
-    "centroids": CentroidErrors,
-    "contacts": ContactSizes,
-    "ellipses": EllipseErrors,
-}
-
-
-def _made(kind: Any, given: object, name: str) -> Any:
-    """Return a value of `kind` from a JSON object. Raises SimulationError for unknown names and missing values."""
-    if not isinstance(given, dict):
-        raise SimulationError(f"{name} is {shown(given)}: give an object with some of its fields.")
-    valid = [entry.name for entry in fields(kind)]
-    for key in given:
+def _check_names(given: dict[str, Any], valid: dict[str, Any], name: str) -> None:
+    """Raise SimulationError for a name that the world has not."""
+    for key, value in given.items():
         if key not in valid:
             raise SimulationError(f"{name} has no {shown(key)}: choose from {', '.join(valid)}.")
-    values = {
-        key: _made(_NESTED[key], value, key) if key in _NESTED and value is not None else _frozen(value)
-        for key, value in given.items()
-    }
-    try:
-        return kind(**values)
-    except TypeError:
-        raise SimulationError(f"{name}: give noise_mm too.") from None
-
-
-def _frozen(value: object) -> object:
-    """Return lists as tuples."""
-    return tuple(_frozen(one) for one in value) if isinstance(value, list) else value
+        if isinstance(value, dict):
+            _check_names(value, valid[key], key)
 
 
 NEUTRAL: Final = WorldErrors()

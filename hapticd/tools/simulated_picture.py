@@ -1,6 +1,5 @@
 """A run as a picture in the manner of the paper's figures 10 and 11: references and amplitudes of the modes over time,
-and the vibration at each finger's true position and over its contact. Runs of the same fingers are drawn side by side,
-on the same axes."""
+and the vibration at each finger's true position and over its contact."""
 
 from __future__ import annotations
 
@@ -108,50 +107,27 @@ class Film:
         return float(np.ptp(self.t_s)) if len(self.t_s) else 0.0
 
 
-def draw(
-    films: list[Film],
-    path: Path,
-    *,
-    seconds: float = MOST_IN / INCHES_PER_S,
-    source: str = "",
-    link_ms: float | None = None,
-    has_contacts: bool = False,
-) -> None:
-    """Write a picture with one column for each film: the first `seconds`, so that single strokes are seen.
-
-    With `has_contacts` the RMS over each contact is drawn, and the amplitude at its centre behind it. `link_ms`
-    explains how long a target that changes once takes to reach the plate.
-    """
-    shown_s = min(seconds, max(film.seconds for film in films))
-    columns, width_in = len(films), min(max(INCHES_PER_S * shown_s, LEAST_IN), MOST_IN)
-    figure, axes = plotting.subplots(
-        width_in * columns, 8.0, 3, columns, source=source, sharex="col", sharey="row", height_ratios=(2, 1, 2)
-    )
-    # Where signs alone decide it stays near 0; two slipping fingers may turn the phase between the modes all round.
-    quadrature_um = max(float(np.fmax.reduce(np.abs(f.modal_um.imag), axis=None, initial=QUADRATURE_UM)) for f in films)
-    for column, film in enumerate(films):
-        _draw_modes(axes[0, column], film)
-        _draw_quadrature(axes[1, column], film, quadrature_um)
-        _draw_fingers(axes[2, column], film, shown_s if has_contacts else 0.0)
-        part = f", {shown_s:g} s of {film.seconds:.0f} s" if shown_s < 0.9 * film.seconds else ""
-        axes[0, column].set_title(film.title + part, loc="left", pad=TITLE_PT)
-        axes[2, column].set_xlim(film.t_s[0], film.t_s[0] + min(shown_s, film.seconds))
-        if link_ms is not None:
-            _draw_delay(axes[2, column], film, link_ms)
-    for axis in axes[:, 1:].flat:
-        axis.set_ylabel("")
-    plotting.save(figure, path)
-
-
 def draw_run(run: Run, path: Path) -> None:
-    """Write a picture of one lock-step run: its first seconds, of the step only the moments around it."""
+    """Write a picture of one lock-step run: its first seconds, so that single strokes are seen, of the step only the
+    moments around it. With contacts the RMS over each is drawn, and the amplitude at its centre behind it."""
     title = run.scenario if run.settings.scheme == "hapticd" else f"{run.scenario}, the paper's scheme"
-    film, link_ms = Film.of(run, title), None
-    start_s, end_s = STEP_WINDOW_S
-    if run.scenario == "step" and run.t_s[-1] >= end_s:
-        film, link_ms = film.between(start_s, end_s), run.settings.link_ms
+    film, is_step = Film.of(run, title), run.scenario == "step" and run.t_s[-1] >= STEP_WINDOW_S[1]
+    if is_step:
+        film = film.between(*STEP_WINDOW_S)
+    shown_s = min(MOST_IN / INCHES_PER_S, film.seconds)
+    width_in = min(max(INCHES_PER_S * shown_s, LEAST_IN), MOST_IN)
     source = f"simulated {run.scenario}, seed {run.seed}"
-    draw([film], path, source=source, link_ms=link_ms, has_contacts=run.has_contacts)
+    figure, axes = plotting.subplots(width_in, 8.0, 3, source=source, sharex="col", height_ratios=(2, 1, 2))
+    modes, quadrature, fingers = axes[:, 0]
+    _draw_modes(modes, film)
+    _draw_quadrature(quadrature, film)
+    _draw_fingers(fingers, film, shown_s if run.has_contacts else 0.0)
+    part = f", {shown_s:g} s of {film.seconds:.0f} s" if shown_s < 0.9 * film.seconds else ""
+    modes.set_title(film.title + part, loc="left", pad=TITLE_PT)
+    fingers.set_xlim(film.t_s[0], film.t_s[0] + shown_s)
+    if is_step:  # it explains how long a target that changes once takes to reach the plate
+        _draw_delay(fingers, film, run.settings.link_ms)
+    plotting.save(figure, path)
 
 
 def _modes(film: Film) -> list[tuple[str, str]]:
@@ -175,9 +151,11 @@ def _draw_modes(axis: Any, film: Film) -> None:
     _legend(axis)
 
 
-def _draw_quadrature(axis: Any, film: Film, high_um: float) -> None:
+def _draw_quadrature(axis: Any, film: Film) -> None:
     for mode, (name, colour) in enumerate(_modes(film)):
         axis.plot(film.t_s, film.modal_um[:, mode].imag, color=colour, lw=0.9, label=f"$W_{{{name}q}}$")
+    # Where signs alone decide it stays near 0; two slipping fingers may turn the phase between the modes all round.
+    high_um = float(np.fmax.reduce(np.abs(film.modal_um.imag), axis=None, initial=QUADRATURE_UM))
     axis.set_ylabel("quadrature, µm")
     axis.set_ylim(-1.05 * high_um, 1.05 * high_um)
     _legend(axis)

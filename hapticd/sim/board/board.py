@@ -301,14 +301,17 @@ def _pairs(matrix: npt.ArrayLike | None) -> ctypes.Array[ctypes.c_double] | None
 def _setup(
     model: PlateModel, config: BoardConfig, seed: int, boot_id: int, t_start_us: int, converters: Converters | None
 ) -> Setup:
+    own = {name: getattr(model, name) for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s")}
+    nominal = {f"nominal_{name}": getattr(config, name) for name in own}
+    phases = {"loop_phase_rad": model.loop_phase_rad, "nominal_loop_phase_rad": config.loop_phase_rad}
+    same = ("control_hz", "drive_hz", "v_limit_v", "latch_repeated_trips", "has_sync", "baud_max", "image_crc")
     return Setup(
         plate_modes=model.plate_modes,
-        decay_1_s=doubles(model.decay_1_s),
-        detuning_rad_s=doubles(model.detuning_rad_s),
-        gain_um_per_v_s=doubles(model.gain_um_per_v_s),
+        **{name: doubles(values) for name, values in {**own, **nominal}.items()},
+        **{name: doubles(values or (0.0,) * model.modes) for name, values in phases.items()},
+        **{name: getattr(config, name) for name in same},
         sensor=doubles(np.real(model.sensor)),
         sensor_imaginary=doubles(np.imag(model.sensor)) if np.iscomplexobj(model.sensor) else None,
-        loop_phase_rad=doubles(model.loop_phase_rad or (0.0,) * model.modes),
         through_um_per_v=_pairs(model.through_um_per_v),
         noise_um=model.noise_um,
         amplifier_limit_v=model.amplifier_limit_v,
@@ -316,23 +319,12 @@ def _setup(
         converters=None if converters is None else ctypes.pointer(converters.setup()),
         t_start_us=t_start_us,
         boot_id=boot_id,
-        control_hz=config.control_hz,
-        drive_hz=config.drive_hz,
-        v_limit_v=config.v_limit_v,
         w_limit_um=doubles(config.w_limit_um),
-        nominal_decay_1_s=doubles(config.decay_1_s),
-        nominal_detuning_rad_s=doubles(config.detuning_rad_s),
-        nominal_gain_um_per_v_s=doubles(config.gain_um_per_v_s),
-        nominal_loop_phase_rad=doubles(config.loop_phase_rad or (0.0,) * model.modes),
         drive=None if config.drive is None else doubles(config.drive),
         sense=_pairs(config.sense),
         feedthrough_um_per_v=_pairs(config.feedthrough_um_per_v),
         law=_LAWS[config.controller],
-        bandwidth_1_s=0.0 if config.bandwidth_1_s is None else config.bandwidth_1_s,
-        integral_time_s=0.0 if config.integral_time_s is None else config.integral_time_s,
-        latch_repeated_trips=config.latch_repeated_trips,
+        bandwidth_1_s=config.bandwidth_1_s or 0.0,
+        integral_time_s=config.integral_time_s or 0.0,
         reset_cause=RESET_POWER,
-        has_sync=config.has_sync,
-        baud_max=config.baud_max,
-        image_crc=config.image_crc,
     )

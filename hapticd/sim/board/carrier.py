@@ -7,7 +7,7 @@ resonators, instead of envelopes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Final
 
 from .firmware import ConverterSetup, LeadSetup
@@ -43,9 +43,7 @@ class Converters:
         return -math.pi * drive_hz / SAMPLE_HZ - lag_rad
 
     def setup(self) -> ConverterSetup:
-        return ConverterSetup(
-            self.volts_per_lsb, self.um_per_lsb, self.offset_lsb, self.noise_lsb, self.amplifier_lag_us
-        )
+        return ConverterSetup(*astuple(self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +62,4 @@ class Lead:
     heard_lsb_per_v: float = 0.0
 
     def setup(self) -> LeadSetup:
-        return LeadSetup(
-            self.offset_lsb, self.noise_lsb, self.hum_lsb, self.hum_hz, self.clip_lsb, self.heard_lsb_per_v
-        )
+        return LeadSetup(*astuple(self))

@@ -21,11 +21,8 @@ class ConverterSetup(ctypes.Structure):
     """`hd_converter_setup_t` of firmware/boards/host/lockstep.h."""
 
     _fields_ = [
-        ("volts_per_lsb", ctypes.c_double),
-        ("um_per_lsb", ctypes.c_double),
-        ("offset_lsb", ctypes.c_double),
-        ("noise_lsb", ctypes.c_double),
-        ("amplifier_lag_us", ctypes.c_double),
+        (name, ctypes.c_double)
+        for name in ("volts_per_lsb", "um_per_lsb", "offset_lsb", "noise_lsb", "amplifier_lag_us")
     ]
 
 
@@ -33,12 +30,8 @@ class LeadSetup(ctypes.Structure):
     """`hd_lead_t` of firmware/boards/host/lockstep.h."""
 
     _fields_ = [
-        ("offset_lsb", ctypes.c_double),
-        ("noise_lsb", ctypes.c_double),
-        ("hum_lsb", ctypes.c_double),
-        ("hum_hz", ctypes.c_double),
-        ("clip_lsb", ctypes.c_double),
-        ("heard_lsb_per_v", ctypes.c_double),
+        (name, ctypes.c_double)
+        for name in ("offset_lsb", "noise_lsb", "hum_lsb", "hum_hz", "clip_lsb", "heard_lsb_per_v")
     ]
 
 
@@ -85,13 +78,7 @@ class Setup(ctypes.Structure):
 class TraceBuffer(ctypes.Structure):
     """`hd_board_trace_t` of firmware/boards/host/lockstep.h."""
 
-    _fields_ = [
-        ("reference_um", ctypes.c_void_p),
-        ("measured_um", ctypes.c_void_p),
-        ("plate_um", ctypes.c_void_p),
-        ("voltage_v", ctypes.c_void_p),
-        ("flags", ctypes.c_void_p),
-    ]
+    _fields_ = [(name, ctypes.c_void_p) for name in ("reference_um", "measured_um", "plate_um", "voltage_v", "flags")]
 
 
 @cache
