@@ -104,7 +104,7 @@ COMMANDS = {
     "latency": Command(
         "tools.latency",
         "measure each delay from report to plate on the connected devices",
-        "--sim --seconds 10 --ledger frames.csv",
+        "--sim --seconds 10 --plot delays.png",
     ),
     "bench": Command(
         "bench.command",

@@ -1,7 +1,7 @@
 """`hapticd latency`: serve the devices as `hapticd run` does, and measure each delay from report to plate.
 
-It prints percentiles, draws the distributions, and writes frame by frame. The first finger gets a target of
-AMPLITUDE_UM, all others one of zero, so that each report leads to a frame. Clients are not served meanwhile.
+It prints percentiles and draws the distributions; `hapticd export` has each frame of a recording. The first finger gets
+a target of AMPLITUDE_UM, all others one of zero, so that each report leads to a frame. No clients are served meanwhile.
 With `--landing` it needs no devices: fingers land on the simulated rig in virtual time (`sim.landing`).
 """
 
@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import csv
-import io
 import math
 import tempfile
 import time
@@ -31,7 +29,6 @@ from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
 from ..daemon.status import histogram_fields
 from ..errors import HapticdError, UsageError
-from ..regular_file import opened
 from ..values import FloatArray, LedgerLine
 from . import outputs, plotting
 from .arguments import POSITIVE
@@ -78,9 +75,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = "duration (default 10); move two fingers meanwhile"
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
     outputs.add_json(parser)
-    outputs.add_file(
-        parser, "--ledger", outputs.CSV, metavar="F.csv", help="write a line per frame: its report, ages, delays"
-    )
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
     parser.add_argument(
         "--landing",
@@ -92,17 +86,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _latency(options: argparse.Namespace) -> None:
     if options.landing:
-        if options.ledger is not None or options.plot is not None:
-            raise UsageError("--landing: has no frames to write or draw: leave --ledger and --plot out.")
+        if options.plot is not None:
+            raise UsageError("--landing: has no frames to draw: leave --plot out.")
         run_landings(json_file=options.json)
         return
     loaded = configuration(options)
     log_to_stderr(loaded.log.level)
-    run(loaded, options.seconds, json_file=options.json, ledger=options.ledger, plot=options.plot)
+    run(loaded, options.seconds, json_file=options.json, plot=options.plot)
 
 
-def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path | None, plot: Path | None) -> None:
-    """Measure for `seconds` and print; write figures as JSON, frames as CSV and a picture.
+def run(config: Config, seconds: float, *, json_file: str | None, plot: Path | None) -> None:
+    """Measure for `seconds` and print; write figures as JSON, and a picture.
 
     Raises HapticdError if the board applied no frame.
     """
@@ -110,8 +104,6 @@ def run(config: Config, seconds: float, *, json_file: str | None, ledger: Path |
     print_table(measured, outputs.table_stream(json_file))
     if json_file is not None:
         outputs.write_json(figures(measured), json_file)
-    if ledger is not None:
-        write_ledger(measured.lines, ledger)
     if plot is not None:
         draw(measured, plot)
 
@@ -230,14 +222,6 @@ def sparkline(histogram: Histogram) -> str:
         columns[min(int(place), len(columns) - 1)] += count
     highest = max(columns)
     return "".join(_BARS[-(-count * (len(_BARS) - 1) // highest)] if highest else " " for count in columns)
-
-
-def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
-    """Write one CSV line per frame; the columns are the fields of `LedgerLine`. Raises HapticdError."""
-    with opened(path) as file, io.TextIOWrapper(file, "ascii", newline="") as text:
-        writer = csv.writer(text)
-        writer.writerow(LedgerLine._fields)
-        writer.writerows(lines)
 
 
 def verdict(measured: MeasuredLatency) -> str:

@@ -20,7 +20,7 @@ from ..errors import UsageError, missing_library, reason
 from ..regular_file import is_special, open_regular, opened
 
 PICTURE = (".png", ".pdf", ".svg")
-JSON, CSV, NPZ, HDF5, RECORDING = (".json",), (".csv",), (".npz",), (".h5", ".hdf5"), (".mcap",)
+JSON, NPZ, HDF5, RECORDING = (".json",), (".npz",), (".h5", ".hdf5"), (".mcap",)
 PARQUET = (".parquet",)
 STDOUT = "-"
 Suffixes = tuple[str, ...]

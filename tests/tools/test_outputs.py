@@ -33,7 +33,6 @@ OUTPUTS = [
     (("plate", "--plot"), "f.svg", "f.toml"),
     (("plate", "--json"), "f.json", "f"),
     (("latency", "--sim", "--json"), "f.json", "f.csv"),
-    (("latency", "--sim", "--ledger"), "f.csv", "f.mcap"),
     (("latency", "--sim", "--plot"), "f.PNG", "f.toml"),
     (("bench", "tick", "--json"), "f.json", "f.png"),
     (("bench", "tick", "--plot"), "f.png", "f.json"),

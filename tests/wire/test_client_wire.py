@@ -178,7 +178,7 @@ def test_a_full_message_is_read_to_the_last_field() -> None:
     )
 
 
-def test_a_short_pulse_rises_and_falls_all_the_time_and_a_button_has_hysteresis_by_default() -> None:
+def test_defaults_are_the_ramp_of_a_short_pulse_and_the_hysteresis_of_a_button() -> None:
     message = client.decode_targets(
         with_effect(pulse={"height_um": -1, "length_s": 0.001}, start={"cause": "pressure", "threshold": 0.4})
     )

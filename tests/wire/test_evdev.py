@@ -88,7 +88,7 @@ def test_a_contact_that_returns_without_having_moved_is_where_it_was() -> None:
     assert places(back) == {8: (0.0, 0.0)}
 
 
-def test_the_ellipse_turns_clockwise_from_the_users_forward_axis_and_is_in_the_units_of_positions() -> None:
+def test_an_ellipse_turns_clockwise_from_forward_in_units_of_positions() -> None:
     events = [*placed(0, 0, 0, 1), axis(TOUCH_MAJOR, 150), axis(TOUCH_MINOR, 75)]
     forward, turned = frames(Decoder(SCREEN), events, [axis(ORIENTATION, 90)])
     assert only(forward).angle_rad == pytest.approx(math.pi / 2)
@@ -96,7 +96,7 @@ def test_the_ellipse_turns_clockwise_from_the_users_forward_axis_and_is_in_the_u
     assert only(turned).angle_rad % math.pi == pytest.approx(0.0, abs=1e-9)
 
 
-def test_an_ellipse_of_unknown_direction_is_a_disc_and_a_minor_axis_that_is_not_sent_equals_the_major_one() -> None:
+def test_an_ellipse_without_direction_or_minor_axis_is_a_disc() -> None:
     (ellipse,) = frames(Decoder(BARE_SCREEN), [*placed(0, 0, 0, 1), axis(TOUCH_MAJOR, 180), axis(TOUCH_MINOR, 45)])
     assert (only(ellipse).major_mm, only(ellipse).minor_mm) == pytest.approx((6.0, 6.0))
     (disc,) = frames(Decoder(SCREEN), [*placed(0, 0, 0, 1), axis(TOUCH_MAJOR, 150)])
@@ -134,7 +134,7 @@ def test_other_events_mean_nothing() -> None:
     assert frame.contacts == ()
 
 
-def test_what_the_kernel_dropped_is_forgotten_and_the_fingers_stay_where_all_slots_are_told_next() -> None:
+def test_after_dropped_events_fingers_stay_where_all_slots_are_reported() -> None:
     landed, told = frames(Decoder(SCREEN), placed(0, 2000, 2000, 7), [DROPPED, *lifted(0)], placed(0, 2200, 2000, 7))
     assert (places(landed), places(told)) == ({7: (0.0, 0.0)}, {7: (20.0, 0.0)})
     *_, untold = frames(Decoder(SCREEN), placed(0, 2000, 2000, 7), [DROPPED], [axis(POSITION_X, 5)])
@@ -232,7 +232,7 @@ def test_the_devices_own_counter_has_no_jitter_of_the_bus() -> None:
     assert all(abs(gap_ns - 8 * MS) < 0.05 * MS for gap_ns in gaps_ns[1:])
 
 
-def test_a_counter_that_was_restarted_is_no_step_and_one_in_a_wrong_unit_is_left_alone() -> None:
+def test_a_restarted_counter_is_no_step_and_one_in_a_wrong_unit_is_not_used() -> None:
     def stamped(decoder: Decoder, *counters_us: int) -> list[int]:
         return [
             decoder.decode(packed(n * 100 * MS, (EV_MSC, MSC_TIMESTAMP, us), END), n * 100 * MS)[0].t_ns
@@ -268,7 +268,7 @@ def test_what_is_not_some_whole_events_is_refused(data: bytes) -> None:
 # --- contacts that lie still ---
 
 
-def test_a_finger_that_lies_still_is_repeated_at_the_devices_own_rate_until_it_is_lost() -> None:
+def test_a_still_finger_is_repeated_at_the_devices_rate_until_it_is_lost() -> None:
     still = StillContacts()
     assert still.due_ns is None
     for index in range(20):
@@ -281,7 +281,7 @@ def test_a_finger_that_lies_still_is_repeated_at_the_devices_own_rate_until_it_i
     assert still.due_ns is None
 
 
-def test_nothing_is_repeated_after_the_last_finger_is_lifted_or_the_device_is_another() -> None:
+def test_nothing_is_repeated_after_the_last_lift_or_of_another_device() -> None:
     still = StillContacts()
     still.took(0, are_down=True)
     still.took(100 * MS, are_down=False)

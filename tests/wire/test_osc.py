@@ -23,7 +23,7 @@ def test_a_message_is_laid_out_as_osc_1_has_it() -> None:
     assert decoded(encoded("/abc", "text", -1, "")) == OscMessage("/abc", ["text", -1, ""])
 
 
-def test_a_bundle_is_its_messages_also_of_bundles_within_it_and_a_message_alone_is_one() -> None:
+def test_a_bundle_is_its_messages_also_of_nested_ones() -> None:
     one, other = encoded("/a", 1), encoded("/b", "x")
     assert elements(bundle(one, other)) == elements(bundle(bundle(bundle(one), bundle()), other)) == [one, other]
     assert elements(one) == [one]

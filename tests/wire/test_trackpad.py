@@ -344,7 +344,7 @@ def test_the_first_frame_is_at_the_host_time_of_its_report_and_again_after_a_res
         ((5000, 5011, 5000, 4500, 4511), (0, 11, 12, 22, 33), [0, 11, 0, 22, 33]),  # jumped back
     ],
 )
-def test_a_clock_that_jumps_back_is_anchored_again_but_reports_out_of_order_keep_their_stamps(
+def test_a_clock_that_jumps_back_is_anchored_again_a_late_report_is_not(
     device_ms: tuple[int, ...], host_ms: tuple[int, ...], frame_ms: list[int]
 ) -> None:
     times, decoder = stamps_ns([(ms, host * MS) for ms, host in zip(device_ms, host_ms, strict=True)])

@@ -74,7 +74,7 @@ def test_a_tuio_2_pointer_without_its_pressure_is_no_contact() -> None:
     assert heard(Decoder(PAD), short)[0].contacts == ()
 
 
-def test_a_frame_that_comes_late_or_twice_is_refused_and_a_tracker_that_begins_again_is_not() -> None:
+def test_late_and_repeated_frames_are_refused_a_restarted_tracker_is_not() -> None:
     decoder = Decoder(PAD)
     numbers = [500, 501, 501, 499, 502, 1, -1]
     assert len(heard(decoder, *[tuio1(number, {1: (0.5, 0.5)}) for number in numbers])) == 5
@@ -247,7 +247,7 @@ def test_sixty_four_bit_ids_stay_apart() -> None:
     assert all(abs(one.contact_id) < 1 << 53 for one in frame.contacts)
 
 
-def test_datagrams_of_one_frame_have_its_instant_and_are_one_frame_from_the_second_on() -> None:
+def test_datagrams_of_one_number_are_one_frame_with_one_instant() -> None:
     first, rest, second, third = heard(Decoder(PAD), *split(1), *split(2), *split(3), period_ms=1)
     assert [places(one) for one in (first, rest, second, third)] == [{7: (0.0, 0.0)}, PLACED, PLACED, PLACED]
     assert (first.t_ns, rest.t_ns, second.t_ns, third.t_ns) == (0, 0, 2 * MS, 4 * MS)

@@ -41,7 +41,7 @@ def test_a_session_is_analysed_by_its_stimuli() -> None:
     assert judged.by_answer == {answer: (first.count(answer), 10) for answer in ("high", "low")}
 
 
-def test_a_participant_s_p_is_the_binomial_tail_and_the_interval_clopper_and_pearson_s() -> None:
+def test_p_is_the_binomial_tail_and_the_interval_clopper_and_pearson_s() -> None:
     for correct in range(21):
         further = [k for k in range(21) if abs(k - 10) >= abs(correct - 10)]
         assert person("P", correct).p == pytest.approx(sum(math.comb(20, k) for k in further) / 2**20)

@@ -39,7 +39,7 @@ def test_every_condition_comes_as_often_as_the_others(seed: int, trials: int) ->
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6])
-def test_in_a_latin_square_each_block_is_in_each_place_and_follows_each_other_equally_often(count: int) -> None:
+def test_a_latin_square_balances_places_and_successors_of_blocks(count: int) -> None:
     rows = [latin_row(count, row) for row in range(2 * count)]
     for place in range(count):
         assert set(Counter(row[place] for row in rows).values()) == {2}
@@ -62,7 +62,7 @@ def test_the_standard_is_first_in_half_of_the_trials_and_the_answer_follows_from
     assert all((trial.correct == "second") is trial.is_standard_first for trial in trials)
 
 
-def test_an_adaptive_session_shows_no_trial_beyond_the_next_and_continues_with_the_same_ones() -> None:
+def test_an_adaptive_session_shows_the_next_trial_alone_and_continues_the_same() -> None:
     made = parse(BARE)
     shown = presented(made, "P1", 5)
     answers: list[str] = []
@@ -74,7 +74,7 @@ def test_an_adaptive_session_shows_no_trial_beyond_the_next_and_continues_with_t
     assert len({trial.levels["level"] for trial in shown}) > 2
 
 
-def test_the_practice_begins_with_what_is_easy_and_the_training_with_a_stimulus_of_each_answer() -> None:
+def test_practice_begins_with_easy_trials_training_with_a_stimulus_of_each() -> None:
     made = parse({**BARE, "practice": 3})
     assert [trial.levels["level"] for trial in practised(made, 5)] == [1.0] * 3
     assert examples(parse(SPOT)) == {

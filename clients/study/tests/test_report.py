@@ -71,7 +71,7 @@ def test_the_figure_has_each_rate_with_its_interval(papers: Path, monkeypatch: p
     assert drawn_frac == [pytest.approx(one.interval_frac) for one in people]
 
 
-def test_a_report_is_repeated_over_its_own_files_and_leaves_unfinished_sessions_blind(
+def test_a_report_replaces_its_own_files_and_leaves_open_sessions_blind(
     papers: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first = outcome(capsys, "report", str(papers))
@@ -137,7 +137,7 @@ def test_a_continued_session_cannot_be_changed_and_is_kept_without_a_daemon(
     assert len(read(path).answers) == 3
 
 
-def test_sessions_on_the_simulated_plate_are_marked_everywhere_and_not_mixed_with_others(
+def test_sessions_on_the_simulated_plate_are_marked_and_not_mixed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
 ) -> None:
     write(tmp_path, replace(session("P1", 15), about={"simulated": "plate"}))

@@ -73,7 +73,7 @@ def test_a_pipe_a_folder_and_a_session_in_use_are_refused_at_once(tmp_path: Path
         SessionFile(path, Session("P1", 1, paper()))
 
 
-def test_a_session_on_the_simulated_plate_is_marked_and_cannot_continue_on_a_real_one(tmp_path: Path) -> None:
+def test_a_session_on_the_simulated_plate_cannot_continue_on_a_real_one(tmp_path: Path) -> None:
     path = tmp_path / "P1.jsonl"
     with SessionFile(path, Session("P1", 1, paper())) as file:
         for is_simulated in (True, False, True):  # without answers the participant may move

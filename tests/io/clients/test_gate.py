@@ -116,7 +116,7 @@ async def test_connections_over_tcp_take_no_room_of_local_ones(tmp_path: Path, m
 
 
 @asynchronous
-async def test_a_connection_that_is_closed_again_is_dropped_before_anything_is_built_for_it(
+async def test_nothing_is_built_for_a_connection_that_is_closed_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wakeups = 0
@@ -156,7 +156,7 @@ def _is_closed(client: socket.socket) -> bool:
 
 
 @asynchronous
-async def test_a_client_that_leaves_its_replies_unread_is_disconnected_and_the_others_are_answered(
+async def test_a_client_with_unread_replies_is_disconnected_and_others_are_answered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with served(tmp_path) as (server, gate, _):
@@ -196,7 +196,7 @@ async def test_half_a_handshake_is_given_up(tmp_path: Path, monkeypatch: pytest.
 
 
 @asynchronous
-async def test_a_recorder_that_does_not_read_is_disconnected_and_costs_a_bounded_number_of_bytes(
+async def test_a_recorder_that_does_not_read_is_disconnected_within_its_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(record_module, "UNREAD_RECORDS", UnreadBytes(2**20, 2**20))

@@ -70,7 +70,7 @@ def programs(source: str, endpoint: Path, count: int = 1) -> Iterator[list[subpr
 # --- floods ------------------------------------------------------------------------------------------------------
 
 
-def test_four_flooding_processes_do_not_stop_service_and_losses_are_counted_and_logged(
+def test_floods_of_four_processes_stop_no_service_and_are_counted_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def scenario() -> None:

@@ -250,7 +250,7 @@ def test_a_device_whose_name_is_no_text_is_passed_by_and_by_its_path_refused(
         next(find_nodes(str(tmp_path / "event0")))
 
 
-def test_a_node_is_what_the_evdev_package_says_of_it_and_its_stamps_are_of_the_monotonic_clock(
+def test_a_node_is_as_evdev_describes_it_with_stamps_of_the_monotonic_clock(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Device:

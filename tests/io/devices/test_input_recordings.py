@@ -99,7 +99,7 @@ def test_a_recording_has_the_device_and_each_report_with_its_time(tmp_path: Path
     assert seen == [[(7, 0.0, 0.0, 0.2)], [(7, 1.0, 0.0, 0.2)], [(7, 2.0, 0.0, 0.2)], []]
 
 
-def test_what_libinput_1_22_and_evemu_2_7_recorded_of_the_same_strokes_are_the_same_contacts() -> None:
+def test_libinput_1_22_and_evemu_2_7_recorded_the_same_contacts() -> None:
     written_by = [frames(DATA / name) for name in ("touchscreen-libinput-1.22.yml", "touchscreen-evemu-2.7.txt")]
     places = [[[(one.raw_x, one.raw_y) for one in frame.contacts] for frame in each] for each in written_by]
     assert places[0] == places[1]
@@ -118,9 +118,7 @@ def test_of_several_devices_the_first_with_touches_is_played(tmp_path: Path) -> 
 
 
 @each_program
-def test_lifts_of_slots_that_held_nothing_and_a_touch_from_before_the_recording_are_no_contacts(
-    tmp_path: Path, text_of: Writer
-) -> None:
+def test_lifts_of_empty_slots_and_touches_from_before_are_no_contacts(tmp_path: Path, text_of: Writer) -> None:
     lifts: list[Event] = [(0, 3, 0x2F, 1), (0, 3, 0x39, -1), (0, 3, 0x2F, 0), (0, 3, 0x39, -1), (0, 0, 0, 0)]
     before: list[Event] = [(4, 3, 0x2F, 2), (4, 3, 0x35, 100), (4, 0, 0, 0), (6, 3, 0x2F, 0), (6, 0, 0, 0)]
     stroke: list[Event] = [(ms + 8, *what) for ms, *what in STROKE]  # type: ignore[misc]
@@ -241,7 +239,7 @@ def test_a_recording_without_touches_is_no_pad(tmp_path: Path, text_of: Writer) 
         read_recording(written(tmp_path, text_of(BUTTONS, [])))
 
 
-def test_a_report_keeps_no_more_events_than_a_device_has_axes_and_a_device_no_more_axes(tmp_path: Path) -> None:
+def test_events_of_a_report_and_axes_of_a_device_are_bounded(tmp_path: Path) -> None:
     events: list[Event] = [(0, 3, 0x35, value) for value in range(5000)]
     pad, reports = read_recording(written(tmp_path, evemu(SCREEN, [*events, (0, 0, 0, 0)])))
     assert len(reports[0].data) == 170 * 24

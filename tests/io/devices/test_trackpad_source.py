@@ -254,7 +254,7 @@ async def test_a_refused_enable_is_reported_and_reports_are_still_read() -> None
 
 
 @asynchronous
-async def test_a_pad_that_fell_back_to_mouse_mode_is_enabled_again_but_not_faster_than_twice_a_second() -> None:
+async def test_a_pad_in_mouse_mode_is_enabled_again_at_most_twice_a_second() -> None:
     hid, listener, now_ns = FakeHid(node("mt2-usb")), Listener(), 0
     source = hid_source(hid, clock_ns=lambda: now_ns)
     listener.listen(source)

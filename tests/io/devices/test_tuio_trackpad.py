@@ -47,7 +47,7 @@ async def test_a_trackers_frames_are_reports_and_other_datagrams_go_no_further(f
 
 
 @asynchronous
-async def test_a_contact_that_lies_still_is_repeated_for_as_long_as_a_tracker_may_be_silent(free: str) -> None:
+async def test_a_still_contact_is_repeated_while_a_tracker_may_be_silent(free: str) -> None:
     listener, source = Listener(), TuioTrackpad(free, PAD)
     listener.listen(source)
     await listener.until(lambda: bool(listener.links))

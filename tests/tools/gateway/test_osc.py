@@ -64,7 +64,7 @@ async def sender(folder: Path) -> AsyncIterator[OscSender]:
 
 
 @asynchronous
-async def test_a_finger_is_held_while_its_sender_speaks_and_is_released_when_it_falls_silent(
+async def test_a_finger_is_held_while_its_sender_sends_and_then_released(
     daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(osc_clients, "HOLD_S", 0.4)

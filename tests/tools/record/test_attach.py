@@ -62,7 +62,7 @@ async def served(bench: Bench, ours: Recorders, until: threading.Thread) -> list
     return observed
 
 
-def test_a_recorder_gets_everything_from_when_it_attached_and_nothing_is_encoded_without_one(tmp_path: Path) -> None:
+def test_records_are_encoded_from_when_a_recorder_attaches_until_it_detaches(tmp_path: Path) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     ours = recorders(bench, tmp_path)
     reports: list[str] = []
@@ -206,7 +206,7 @@ def test_a_recording_is_not_ended_by_a_recorder_that_attaches_later(
     assert ours.is_live  # the other one is still there
 
 
-def test_a_machine_is_used_by_fingers_by_targets_by_a_board_tool_and_by_a_fault_that_its_board_has_lost() -> None:
+def test_fingers_targets_a_board_tool_and_a_latched_fault_use_a_machine() -> None:
     bench = Bench()
     bench.run(200)
     assert bench.machine.is_unused

@@ -106,9 +106,7 @@ def test_a_changed_byte_is_the_first_difference(tmp_path: Path, strokes: Path) -
     assert difference.t_ns == first.t_ns
 
 
-def test_a_missing_line_and_a_missing_input_are_losses_and_what_precedes_them_is_compared(
-    tmp_path: Path, strokes: Path
-) -> None:
+def test_a_missing_record_is_a_loss_and_what_precedes_it_is_compared(tmp_path: Path, strokes: Path) -> None:
     records = list(open_recording(strokes).records())
     last_line = max(record.seq for record in records if record.kind == "written")
     timer = next(record.seq for record in records if record.kind == "timer" and record.seq > 200)

@@ -150,9 +150,7 @@ def judged(path: Path) -> Counter[str]:
 
 
 @pytest.mark.alone  # what is recorded in 2.5 s of real time needs a rig that is on time
-def test_a_recorder_in_mid_session_waits_for_hands_off_the_plate_and_its_recording_replays(
-    configuration: Config, tmp_path: Path
-) -> None:
+def test_a_recorder_in_mid_session_waits_for_a_free_plate_and_replays(configuration: Config, tmp_path: Path) -> None:
     instances: list[set[int]] = []
 
     async def scenario() -> None:

@@ -10,7 +10,7 @@ from tools.stream.daemon_states import finger, plate_state
 from hapticd.tools.stream.samples import Sampler, Slots
 
 
-def test_a_finger_keeps_its_slot_when_an_older_one_lifts_and_another_daemon_begins_anew() -> None:
+def test_a_finger_keeps_its_slot_until_it_lifts_or_the_daemon_restarts() -> None:
     sampler = Sampler(2)
 
     def ids(*fingers: int, instance: int = 7) -> list[int | None]:
@@ -24,9 +24,7 @@ def test_a_finger_keeps_its_slot_when_an_older_one_lifts_and_another_daemon_begi
 
 
 @given(st.lists(st.sets(st.integers(1, 8)), max_size=12), st.integers(1, 4))
-def test_places_hold_only_fingers_that_are_down_each_once_and_for_as_long_as_it_is_down(
-    hands: list[set[int]], count: int
-) -> None:
+def test_slots_hold_fingers_that_are_down_each_once_until_it_lifts(hands: list[set[int]], count: int) -> None:
     slots, before = Slots(count), [None] * count
     for down in hands:
         held = slots.assign(sorted(down))

@@ -30,7 +30,7 @@ def _own_signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-def test_the_browsers_command_line_holds_no_key_but_a_private_file_that_leads_to_the_page(
+def test_the_browsers_command_line_has_a_private_file_and_no_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found: list[tuple[Path, int, int, str]] = []
