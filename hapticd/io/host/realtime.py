@@ -47,8 +47,6 @@ def go_real_time(*, fifo_priority: int = 0, processor: int = -1, lock_memory: bo
     the machine; RLIMIT_RTTIME of the service's unit bounds this thread. A second call revokes priority and memory lock
     where they are no longer requested; the CPU affinity stays.
     """
-    if sys.platform != "linux":
-        return Granted(0, (), False, ("real time: only on Linux",))
     refused = []
     if processor >= 0:
         try:
@@ -88,7 +86,7 @@ def quiet_collector() -> None:
 
 def _trim_heap() -> None:
     """Return the memory used during start (some megabytes) to the system; glibc would keep it."""
-    trim = getattr(_libc(), "malloc_trim", None) if sys.platform == "linux" else None
+    trim = getattr(_libc(), "malloc_trim", None)  # not in musl
     if trim is not None:
         trim(0)
 
@@ -123,8 +121,7 @@ class Pauses:
 class PeriodicTimer:
     """Call `on_due(late_ns, missed)` on the loop every `period_ns` of the monotonic clock, without drift.
 
-    Ticks that fell due while the loop was busy are counted in `missed` and skipped. Without timerfd (not Linux) the
-    loop's own timer is used, up to 2 ms late.
+    Ticks that fell due while the loop was busy are counted in `missed` and skipped. Raises OSError.
     """
 
     def __init__(
@@ -138,11 +135,11 @@ class PeriodicTimer:
         self._loop = loop
         self._on_due = on_due
         self._clock_ns = clock_ns
-        self._fd = _timerfd()
-        self._handle: asyncio.TimerHandle | None = None
-        if self._fd is not None:
-            self._settime = _libc().timerfd_settime
-            loop.add_reader(self._fd, self._readable)
+        self._settime = _libc().timerfd_settime
+        self._fd: int = _libc().timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+        if self._fd < 0:
+            raise OSError(ctypes.get_errno(), "timerfd_create")
+        loop.add_reader(self._fd, self._readable)
         self.set_period(period_ns)
 
     def set_period(self, period_ns: int, first_ns: int | None = None) -> None:
@@ -150,42 +147,21 @@ class PeriodicTimer:
         self.period_ns = period_ns
         first_ns = period_ns if first_ns is None else first_ns
         self._t_due_ns = self._clock_ns() + first_ns
-        if self._fd is not None:
-            if self._settime(self._fd, 0, _times(period_ns, first_ns), None) != 0:
-                raise OSError(ctypes.get_errno(), "timerfd_settime")
-        else:
-            self._call_later()
+        if self._settime(self._fd, 0, _times(period_ns, first_ns), None) != 0:
+            raise OSError(ctypes.get_errno(), "timerfd_settime")
 
     def close(self) -> None:
-        """Stop the timer."""
-        if self._fd is not None:
+        """Stop the timer. Safe to call twice."""
+        if self._fd >= 0:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)
-            self._fd = None
-        if self._handle is not None:
-            self._handle.cancel()
+            self._fd = -1
 
     def _readable(self) -> None:
-        assert self._fd is not None
         try:
             (ticks,) = struct.unpack("=Q", os.read(self._fd, 8))
         except BlockingIOError:
             return  # it was restarted after it fired
-        self._tick(ticks)
-
-    def _call_later(self) -> None:
-        if self._handle is not None:
-            self._handle.cancel()
-        self._handle = self._loop.call_later(max(self._t_due_ns - self._clock_ns(), 0) * 1e-9, self._called)
-
-    def _called(self) -> None:
-        ticks = 1 + max(self._clock_ns() - self._t_due_ns, 0) // self.period_ns
-        t_next_ns = self._t_due_ns + ticks * self.period_ns
-        self._tick(ticks)
-        if self._t_due_ns == t_next_ns:  # else `on_due` restarted and armed it
-            self._call_later()
-
-    def _tick(self, ticks: int) -> None:
         t_last_due_ns = self._t_due_ns + (ticks - 1) * self.period_ns
         self._t_due_ns = t_last_due_ns + self.period_ns
         self._on_due(self._clock_ns() - t_last_due_ns, ticks - 1)
@@ -199,10 +175,3 @@ def _libc() -> ctypes.CDLL:
 @functools.lru_cache(8)  # a daemon has three periods
 def _times(period_ns: int, first_ns: int) -> bytes:
     return _ITIMERSPEC.pack(*divmod(period_ns, 1_000_000_000), *divmod(first_ns, 1_000_000_000))
-
-
-def _timerfd() -> int | None:
-    if sys.platform != "linux":
-        return None
-    fd: int = _libc().timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
-    return fd if fd >= 0 else None

@@ -68,5 +68,4 @@ def on_processor_limit(say: Callable[[str], None]) -> None:
             "(what took so long is in `status`: timing and touch)"
         )
 
-    if hasattr(signal, "SIGXCPU"):
-        signal.signal(signal.SIGXCPU, give_back)
+    signal.signal(signal.SIGXCPU, give_back)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import sys
 import time
 
 import pytest
@@ -14,14 +13,6 @@ from hapticd.io.host import realtime
 from hapticd.io.host.realtime import Granted, PeriodicTimer, go_real_time
 
 MS = 1_000_000
-
-needs_linux = pytest.mark.skipif(sys.platform != "linux", reason="the scheduler's calls are Linux's")
-
-
-@pytest.fixture(params=["timerfd", "the loop's own"])
-def _each_timer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    if request.param != "timerfd":
-        monkeypatch.setattr(realtime, "_timerfd", lambda: None)
 
 
 async def ticks(count: int, *, period_ns: int, stall_ns: int = 0) -> list[tuple[int, int]]:
@@ -43,19 +34,16 @@ async def ticks(count: int, *, period_ns: int, stall_ns: int = 0) -> list[tuple[
     return calls
 
 
-@pytest.mark.usefixtures("_each_timer")
 def test_ticks_never_come_before_they_are_due() -> None:
     assert all(late_ns >= 0 for late_ns, _ in asyncio.run(ticks(10, period_ns=MS)))
 
 
-@pytest.mark.usefixtures("_each_timer")
 def test_what_fell_due_while_the_loop_was_busy_is_skipped_and_counted() -> None:
     (late_ns, missed), *_ = asyncio.run(ticks(2, period_ns=2 * MS, stall_ns=11 * MS))
     assert missed >= 4
     assert late_ns >= 0
 
 
-@pytest.mark.usefixtures("_each_timer")
 @asynchronous
 async def test_a_period_can_be_changed_from_within_a_tick() -> None:
     periods: list[int] = []
@@ -74,7 +62,6 @@ async def test_a_period_can_be_changed_from_within_a_tick() -> None:
     assert periods == [4 * MS, 2 * MS, MS]
 
 
-@needs_linux
 def test_refusals_of_the_kernel_are_returned_as_sentences(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
@@ -91,7 +78,6 @@ def test_refusals_of_the_kernel_are_returned_as_sentences(monkeypatch: pytest.Mo
     )
 
 
-@needs_linux
 def test_settings_apply_to_this_thread_and_not_to_later_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     requests: list[tuple[int, int]] = []
     monkeypatch.setattr(
@@ -101,7 +87,6 @@ def test_settings_apply_to_this_thread_and_not_to_later_ones(monkeypatch: pytest
     assert requests == [(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 20)]
 
 
-@pytest.mark.usefixtures("_each_timer")
 @asynchronous
 async def test_the_first_tick_may_be_put_off() -> None:
     calls = asyncio.Event()
