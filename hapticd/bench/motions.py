@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..sim.fingers.pad_noise import FILTERED_NOISE, Firmware, PadNoise
-from ..sim.fingers.paths import CirclePath, Line, Path, ReachPath, Rest, Strokes
+from ..sim.fingers.paths import CirclePath, Line, Path, ReachPath, Rest
+from ..sim.fingers.strokes import Strokes
 from ..values import FloatArray
 
 NOISE_MM, QUIET_NOISE_MM, STEP_MM, STAMP_ERROR_S = 0.05, 0.02, 0.02, 1e-3

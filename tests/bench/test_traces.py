@@ -12,7 +12,7 @@ import pytest
 from hapticd.__main__ import main
 from hapticd.bench import prediction_traces
 from hapticd.errors import UsageError
-from hapticd.sim.fingers.paths import Strokes
+from hapticd.sim.fingers.strokes import Strokes
 from hapticd.tools.touches import Trace
 from hapticd.values import FloatArray
 
