@@ -213,11 +213,6 @@ SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
     ),
     "a recording of zeros": (("replay",), "a.mcap", lambda path: sparse(path, b"\x89MCAP0\r\n", 400 * MB)),
     "a recording of chunks": (("replay",), "a.mcap", lambda path: path.write_bytes(b"\6\0\0\0\0\0\0\0\0" * 5 * MB)),
-    "traces without end": (
-        ("bench", "prediction", "--traces"),
-        "a.npz",
-        lambda path: npz(path, bytes(1 << 20), ("t_s", "xy_mm", "trace", "device")),
-    ),
 }
 
 

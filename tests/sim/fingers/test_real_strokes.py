@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_fit import APPLE, played, sensed, statistics
+from hand_statistics import APPLE, played, sensed, statistics
 
 from hapticd.__main__ import main
 from hapticd.sim import lockstep
