@@ -548,14 +548,3 @@ def test_a_picture_of_another_format_is_refused_whatever_its_name(suffix: str, t
         (tmp_path / "a").replace(tmp_path / f"a{suffix}")
         with pytest.raises(RefusedError, match="is not a PNG or JPEG that Pillow can read"):
             content.load(tmp_path / f"a{suffix}")
-
-
-def test_a_transparent_picture_is_black_where_it_is_transparent(tmp_path: Path) -> None:
-    for mode in ("RGBA", "LA"):
-        levels = Image.new("L", (4, 4), 200).convert(mode)
-        levels.putalpha(Image.linear_gradient("L").resize((4, 4)))
-        levels.save(tmp_path / "a.png")
-        (layer,) = content.load(tmp_path / "a.png").layers
-        alphas = np.asarray(levels.getchannel("A"), float)
-        given = np.array([list(row) for row in layer.levels], float)
-        np.testing.assert_allclose(given, 200.0 * alphas / 255.0, atol=1.0)
