@@ -68,11 +68,11 @@ def test_the_plate_keeps_to_its_limits_in_truth_in_every_world(tables: dict[str,
 
 
 def test_contacts_are_touched_freely_and_guided_points_freely(tables: dict[str, Table]) -> None:
-    before, free, guided = (
+    free, guided = (
         tables["worlds_contact"].figure(f"{worlds.LABORATORY}: {scheme}", "contact_leak_um")
-        for scheme in (HAPTICD, AFTER, GUIDED)
+        for scheme in (AFTER, GUIDED)
     )
-    assert len({before, free, guided}) == 3
+    assert free != guided > 0.0
     assert not any(GUIDED in row for row in tables["worlds"].rows)
 
 

@@ -26,6 +26,7 @@ from hapticd.bench.tables import Table
 from hapticd.core.board.supervisor import State
 from hapticd.sim.fingers.paths import CirclePath, Touch
 from hapticd.sim.fingers.scenarios import SLIPPERY_UM, STICKY_UM, Actor
+from hapticd.sim.lockstep import T_START_NS
 from hapticd.sim.settings import Settings
 from hapticd.values import FloatArray
 from hapticd.wire.framing import FrameSplitter
@@ -170,22 +171,20 @@ def _act(begin: str, end: str) -> SetUp:
 
 
 def _line(way: Callable[[np.random.Generator], Way], *streams: str) -> SetUp:
-    """Pass what was heard on these streams through a way meanwhile."""
+    """Pass what these streams carry meanwhile through a way."""
 
     def set_up(simulation: FaultySimulation, t_from_s: float, t_until_s: float, rng: np.random.Generator) -> None:
+        span_ns = range(*(T_START_NS + round(t_s * 1e9) for t_s in (t_from_s, t_until_s)))
         for stream in streams:
-            simulation.at(t_from_s, partial(_change, simulation, stream, way(rng), simulation.ways.get(stream)))
-            simulation.at(t_until_s, partial(_change, simulation, stream, None, simulation.ways.get(stream)))
+            usual = simulation.ways.get(stream, lambda t_ns, data: [(t_ns, data)])
+            simulation.ways[stream] = partial(_meanwhile, span_ns, usual, way(rng))
 
     return set_up
 
 
-def _change(simulation: FaultySimulation, stream: str, way: Way | None, usual: Way | None, _t_ns: int) -> None:
-    def both(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
-        passed = usual(t_ns, data) if usual else [(t_ns, data)]
-        return [out for t_one_ns, one in passed for out in (way(t_one_ns, one) if way else [(t_one_ns, one)])]
-
-    simulation.ways[stream] = both
+def _meanwhile(span_ns: range, usual: Way, way: Way, t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+    passed = usual(t_ns, data)
+    return [out for one in passed for out in way(*one)] if t_ns in span_ns else [*passed]
 
 
 def _cut(_: np.random.Generator) -> Way:
