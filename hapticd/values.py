@@ -10,8 +10,7 @@ Amplitudes are peak-to-peak micrometres; a complex amplitude W = W_d + j W_q is 
 w(t) = W_d cos(wt) - W_q sin(wt).
 
 Values are frozen and trusted inside, because they are validated at the rim. Those that every pass makes are
-named tuples, which cost a third of a frozen dataclass. Compiled modules create the most frequent of them by
-`tuple.__new__(Knot, (dt_ns, modal_um))`, in half of the time.
+named tuples, which cost a third of a frozen dataclass.
 """
 
 from __future__ import annotations
@@ -135,7 +134,7 @@ class FingerFrame(NamedTuple):
 # --- what the plate should do -----------------------------------------------------------------------------------
 
 
-class Aim(NamedTuple):
+class LinkTiming(NamedTuple):
     """What a pass takes from the board: how far ahead its reference takes effect, whether one other than zero may go
     out, and whether the board has the last one (else it is sent again, however still the fingers are).
     """

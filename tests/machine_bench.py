@@ -192,7 +192,7 @@ class Bench:
         if (self.t_ns - START_NS) % (100 * MS) == 0:
             self.board.status()
 
-    def want(self, targets: dict[int | str, float], ttl_s: float = 5.0) -> None:
+    def set_targets(self, targets: dict[int | str, float], ttl_s: float = 5.0) -> None:
         items = [{"finger": finger, "amplitude_um": amplitude_um} for finger, amplitude_um in targets.items()]
         before = self.machine.clients.refused
         self.send(ttl_s=ttl_s, targets=items)
@@ -223,7 +223,7 @@ class Bench:
         """Two fingers are down, one slips and one sticks."""
         self.run(400)
         down = len(self.machine.pipeline.fingers)
-        self.want(dict([(1, 1.0), (2, 0.0)][:down]))
+        self.set_targets(dict([(1, 1.0), (2, 0.0)][:down]))
         self.run(60)
         assert self.state is State.ACTIVE
         assert self.board.state == LIVE

@@ -11,7 +11,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
 from hapticd.core.touch.fingers import FingerPredictor
-from hapticd.values import Aim, Contact, FingerFrame, Tick, TouchFrame
+from hapticd.values import Contact, FingerFrame, LinkTiming, Tick, TouchFrame
 from hapticd_contract.contents import Amplitude, Content
 from hapticd_contract.surfaces import Polygon, VirtualPath
 from hapticd_contract.targets import ClientTargets
@@ -58,9 +58,9 @@ class Bench:
         self.period_ns = PERIOD_NS
         self.axes_mm = (8.0, 7.0)  # of the contacts, as the pad reports them
 
-    def want(self, targets: dict[int | str, Content], virtuals: dict[str, VirtualPath] | None = None) -> None:
+    def set_targets(self, targets: dict[int | str, Content], virtuals: dict[str, VirtualPath] | None = None) -> None:
         message = ClientTargets.of("test", FOREVER_NS, targets, virtuals or {})
-        assert self.scene.apply(message, self.t_ns) == ()
+        assert self.scene.set_targets(message, self.t_ns) == ()
 
     def touch(
         self, t_device_ns: int, t_read_ns: int, *positions_mm: tuple[float, float], pressure_frac: float = 0.2
@@ -74,12 +74,12 @@ class Bench:
     def land(self, wanted_um: dict[tuple[float, float], float]) -> None:
         """Fingers land at these places, and each gets its target amplitude."""
         self.report(*wanted_um)
-        self.want({index + 1: Amplitude(um) for index, um in enumerate(wanted_um.values())})
+        self.set_targets({index + 1: Amplitude(um) for index, um in enumerate(wanted_um.values())})
 
     def report(self, *positions_mm: tuple[float, float], pressure_frac: float = 0.2) -> Tick:
         self.t_ns += self.period_ns
         self.touch(self.t_ns - 10 * MS, self.t_ns, *positions_mm, pressure_frac=pressure_frac)
-        return self.pipeline.drive(self.t_ns, Aim(LINK_NS))
+        return self.pipeline.drive(self.t_ns, LinkTiming(LINK_NS))
 
     def hold(self, reports: int, *positions_mm: tuple[float, float]) -> list[Tick]:
         return [self.report(*positions_mm) for _ in range(reports)]

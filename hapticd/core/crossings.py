@@ -6,10 +6,9 @@ from functools import partial
 from typing import Final, NamedTuple
 
 from ..values import Finger
-from .targets.costs import MAX_EDGES
 from .targets.effects import Held
 from .targets.layer import Layer
-from .targets.surfaces import SurfaceSet, crossing_ns, meeting
+from .targets.surfaces import MAX_EDGES, SurfaceSet, crossing_ns, meeting
 from .touch.fingers import Fingers
 from .trajectory.knots import GRAIN_NS
 
@@ -19,8 +18,6 @@ MAX_FOLLOWED: Final = 32  # crossings in one pass, of all fingers; of further la
 class TouchedContents:
     """A finger that was down in the last pass: where, what it is on, for which effects it presses hard enough, and for
     which of these it began to where they are."""
-
-    __slots__ = ("finger", "hard", "is_seen", "on", "pressed", "t_checked_ns", "t_device_ns", "t_ns")
 
     def __init__(self, finger: Finger, t_ns: int, t_device_ns: int) -> None:
         self.finger = finger

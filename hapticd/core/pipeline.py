@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from ..values import Aim, Drive, Finger, FingerFrame, FingerKey, SafeDrive, Tick, TouchFrame, TouchPoint
+from ..values import Drive, Finger, FingerFrame, FingerKey, LinkTiming, SafeDrive, Tick, TouchFrame, TouchPoint
 from .active_reference import ActiveReference, Past
-from .budget import MOST_SLOWNESS, PassBudget
+from .budget import BUDGET_NS, allot, solves_of_request
 from .frame import NO_FINGERS, FramePlan, FrameSolver, Participants, Ways
 from .phasors import Row
 from .pipeline_settings import PipelineCounters, PipelineSettings
@@ -30,8 +30,10 @@ from .touch.fingers import Fingers
 from .trajectory.gate import UNTOUCHED, gate, silence
 from .triggers import Triggers
 
-_COVER_STEP_NS: Final = 1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
-_LONGEST_COVER_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
+_DURATION_STEP_NS: Final = (
+    1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
+)
+_LONGEST_DURATION_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
 
 
 class Pipeline:
@@ -49,8 +51,8 @@ class Pipeline:
         self._surfaces = scene.surfaces
         self._settings = settings
         self._effects = scene.effects
-        self._cover_ns = settings.cover_ns
-        self.fit(settings.max_knots, settings.effect_knots)
+        self._frame_duration_ns = settings.frame_duration_ns
+        self.set_knot_limits(settings.max_knots, settings.effect_knots)
         self._solver = InstantSolver(
             modes,
             settings.w_limit_um,
@@ -58,34 +60,33 @@ class Pipeline:
             friction_curve=scene.friction_curve,
             solve=settings.solve,
         )
-        self._budget = PassBudget(scene, self._solver)
-        self.estimated_ns = 0.0  # for what the last pass did
+        self.budget_frac = 1.0  # of the time that a pass may take: less on a slow machine
         self._fingers = Fingers(
             settings.make_predictor,
             sensor_latency_ns=settings.sensor_latency_ns,
             silence_ns=settings.silence_ns,
             ellipse_scale=_ellipse_scale(settings.ellipse_scale, settings.ellipse_offset_mm),
         )
-        self._triggers = Triggers(scene, self._fingers, settings.cover_ns * 2 // 3)
+        self._triggers = Triggers(scene, self._fingers, settings.frame_duration_ns * 2 // 3)
         self.events = self._triggers.events
         self._ways = Ways(scene, self._fingers, modes.steepest_1_mm(), settings.tolerance_um)
         self._frame = FrameSolver(scene, self._fingers, self._solver, self._ways, settings.tolerance_um, self.counters)
         self._active = ActiveReference(modes.M, self._ways, settings.tolerance_um)
 
-    def fit(self, max_knots: int, effect_knots: int) -> None:
+    def set_knot_limits(self, max_knots: int, effect_knots: int) -> None:
         """Set how many knots a frame may have, and while an effect plays: a faster line carries more."""
         self.max_knots = max_knots
         self._effect_knots = max(max_knots, effect_knots)
-        self._effects.fit(self._effect_knots, self._cover_ns * 11 // 15)
+        self._effects.set_knot_limits(self._effect_knots, self._frame_duration_ns * 11 // 15)
 
     def _follow_period(self, period_s: float) -> None:
         """Make frames last one and a half of the pad's periods, in steps of 1.5 ms, where it is slow."""
-        slow_ns = _COVER_STEP_NS * int(period_s * 1e3)
-        cover_ns = max(self._settings.cover_ns, min(slow_ns, _LONGEST_COVER_NS))
-        if cover_ns != self._cover_ns:
-            self._cover_ns = cover_ns
-            self._triggers.set_period(cover_ns * 2 // 3)
-            self.fit(self.max_knots, self._effect_knots)
+        slow_ns = _DURATION_STEP_NS * int(period_s * 1e3)
+        frame_duration_ns = max(self._settings.frame_duration_ns, min(slow_ns, _LONGEST_DURATION_NS))
+        if frame_duration_ns != self._frame_duration_ns:
+            self._frame_duration_ns = frame_duration_ns
+            self._triggers.set_period(frame_duration_ns * 2 // 3)
+            self.set_knot_limits(self.max_knots, self._effect_knots)
 
     @property
     def fingers(self) -> tuple[Finger, ...]:
@@ -117,15 +118,6 @@ class Pipeline:
         self._triggers.take(tracked)
         return tracked
 
-    @property
-    def slowness(self) -> float:
-        """How much longer passes are taken to last than estimated."""
-        return self._budget.slowness
-
-    def set_slowness(self, slowness: float) -> None:
-        """Take passes to last so many times longer than estimated for machine code: from 1 to MOST_SLOWNESS."""
-        self._budget.slowness = min(max(slowness, 1.0), MOST_SLOWNESS)
-
     def sensor_lost(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
         self._fingers.lift_all()
@@ -141,14 +133,13 @@ class Pipeline:
 
     # --- to the plate ---
 
-    def drive(self, t_now_ns: int, aim: Aim, frames: Sequence[tuple[TouchFrame, int]] = ()) -> Tick:
+    def drive(self, t_now_ns: int, timing: LinkTiming, frames: Sequence[tuple[TouchFrame, int]] = ()) -> Tick:
         """One pass: take the frames that came, each with when it was read; return the reference polyline that takes
-        effect `aim.ahead_ns` from now, or none if the last one still holds."""
+        effect `timing.ahead_ns` from now, or none if the last one still holds."""
         for frame, t_read_ns in frames:
             self.touch(frame, t_read_ns)
-        link_ns, may_drive, is_followed = aim
+        link_ns, may_drive, is_followed = timing
         self.counters.passes += 1
-        self.estimated_ns = 0.0
         if self._surfaces.layers:
             self._surfaces.expire(t_now_ns)
             self._fingers.hold_all()
@@ -157,20 +148,22 @@ class Pipeline:
         self._triggers.check(t_now_ns, t_plate_ns)
         keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if may_drive else []
         if not keys:
-            return self.rest(t_now_ns, link_ns)
+            return self.silence(t_now_ns, link_ns)
         if not is_followed:
-            self.resend()
+            self.invalidate_reference()
         if self._effects.playing or self._effects.felt:
-            t_end_ns = t_plate_ns + self._cover_ns
+            t_end_ns = t_plate_ns + self._frame_duration_ns
             self._effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
         priorities = self._scene.priorities(keys)
-        allotted = self._budget.allot(keys, priorities, len(self._fingers.down), is_silent=self._active.is_silent)
-        self.estimated_ns = allotted.fixed_ns
-        if len(allotted.keys) < len(keys):
-            self.counters.left_out_fingers += len(keys) - len(allotted.keys)
-            keys, priorities = allotted.keys, self._scene.priorities(allotted.keys)
+        kept, most_solves = allot(
+            *(self._scene, self._solver, keys, priorities, len(self._fingers.down), BUDGET_NS * self.budget_frac),
+            is_silent=self._active.is_silent,
+        )
+        if len(kept) < len(keys):
+            self.counters.left_out_fingers += len(keys) - len(kept)
+            keys, priorities = kept, self._scene.priorities(kept)
         fingers = Participants(keys, priorities, self._frame.forms(keys))
-        plan = self._plan(fingers, t_plate_ns, allotted.solves)
+        plan = self._plan(fingers, t_plate_ns, most_solves)
         active = self._active
         may_stand = not self._effects.felt and active.has_settled(fingers, t_apply_ns)
         begin = self._frame.at(keys, t_plate_ns)
@@ -181,11 +174,9 @@ class Pipeline:
 
         solved = self.counters.solves
         first, last, knots = self._frame.polyline(plan, begin, end, active.um(t_apply_ns))
-        solves = self.counters.solves - solved
-        self.estimated_ns += solves * allotted.solve_ns
-        if solves >= allotted.solves:
+        if self.counters.solves - solved >= most_solves:
             self.counters.left_out_knots += max(self.max_knots - len(knots), 0)
-        drive = gate(tuple.__new__(Drive, (t_apply_ns, tuple(knots))), self._settings.w_limit_um)
+        drive = gate(Drive(t_apply_ns, tuple(knots)), self._settings.w_limit_um)
 
         limited = first.limited or last.limited
         self.counters.knots += len(knots)
@@ -196,7 +187,7 @@ class Pipeline:
         active.activate(drive, fingers, last.places, touched, limited=limited)
         return self._tick(t_now_ns, t_plate_ns, drive, touched, limited)
 
-    def rest(self, t_now_ns: int, link_ns: int) -> Tick:
+    def silence(self, t_now_ns: int, link_ns: int) -> Tick:
         """Nothing is requested or allowed: send one zero frame, then none."""
         if self._fingers.down:
             self.counters.skipped_no_target += 1
@@ -208,7 +199,7 @@ class Pipeline:
             active.activate(drive, NO_FINGERS, [], (), limited=False)
         return self._tick(t_now_ns, t_now_ns + link_ns, drive, (), False)
 
-    def resend(self) -> None:
+    def invalidate_reference(self) -> None:
         """The board does not have the last reference: the next pass sends one."""
         self._active.is_sent = False
 
@@ -239,7 +230,7 @@ class Pipeline:
         requested = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns)
         others = [one for one in requested if one != key]
         keys = others if key is None else [*others, key]
-        calls = self._budget.solves_of_request(len(others) + 1)
+        calls = solves_of_request(self._solver, len(others) + 1, BUDGET_NS * self.budget_frac)
         if calls < LEAST_CALLS:
             raise ValueError(f"{len(keys)} fingers on the plate are too many to compute it in the time of a pass.")
         if isinstance(key, int) and key not in self._fingers.predictors:
@@ -257,9 +248,9 @@ class Pipeline:
     def _plan(self, fingers: Participants, t_plate_ns: int, solves: int) -> FramePlan:
         """Return the frame to be: while an effect is felt it may be shorter, and have more knots."""
         if not self._effects.felt:
-            return FramePlan(fingers, t_plate_ns, self._cover_ns, min(self.max_knots, solves), solves, [])
+            return FramePlan(fingers, t_plate_ns, self._frame_duration_ns, min(self.max_knots, solves), solves, [])
         most = min(self._effect_knots, solves)
-        span_ns, corners_ns = self._effects.frame(t_plate_ns, self._cover_ns, most)
+        span_ns, corners_ns = self._effects.frame(t_plate_ns, self._frame_duration_ns, most)
         return FramePlan(fingers, t_plate_ns, span_ns, most, solves, corners_ns)
 
     def _tick(
@@ -267,7 +258,7 @@ class Pipeline:
     ) -> Tick:
         t_sample_ns = self._fingers.t_sample_ns if self._fingers.down else t_now_ns
         age_ns, horizon_ns = t_now_ns - t_sample_ns, t_plate_ns - t_sample_ns
-        return tuple.__new__(Tick, (t_now_ns, age_ns, horizon_ns, drive, points, limited))
+        return Tick(t_now_ns, age_ns, horizon_ns, drive, points, limited)
 
 
 def _ellipse_scale(scale: float, offset_mm: float) -> EllipseScale | None:

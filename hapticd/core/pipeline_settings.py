@@ -15,7 +15,7 @@ class PipelineSettings:
 
     `contact_radius_mm` above 0 makes
     fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_form`).
-    `cover_ns` is how long one frame must last: one and a half report periods, to
+    `frame_duration_ns` is how long one frame must last: one and a half report periods, to
     bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
     may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
     reference late. `solve` takes the place of all rules for points.
@@ -31,7 +31,7 @@ class PipelineSettings:
     effect_knots: int = 24
     sensor_latency_ns: int = 10_000_000
     loop_delay_ns: int = 0
-    cover_ns: int = 17_000_000
+    frame_duration_ns: int = 17_000_000
     silence_ns: int = 40_000_000
     solve: PointSolver | None = None
 

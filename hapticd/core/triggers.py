@@ -19,7 +19,6 @@ from .targets.effects import EVERYONE, Cause, Held, Playing
 from .targets.forms import ENDLESS_NS
 from .targets.layer import Layer
 from .targets.scene import Scene
-from .targets.shares import UserOf, host_of, left
 from .touch.fingers import Fingers
 from .trajectory.knots import GRAIN_NS
 
@@ -33,16 +32,14 @@ LOSSY: Final = (EventKind.ENTERED, EventKind.LEFT, EventKind.CROSSED)  # of whic
 class Events:
     """Events since they were last taken. Their numbers count all, also the lost ones.
 
-    Only crossings may be lost, beyond MAX_CROSSINGS and a user's share of it: all else is bounded by fingers and
-    effects.
+    Only crossings may be lost, beyond MAX_CROSSINGS: all else is bounded by fingers and effects.
     """
 
-    def __init__(self, user_of: UserOf = host_of) -> None:
+    def __init__(self) -> None:
         self.count = 0
         self.lost = 0
-        self._user_of: Final = user_of
         self._waiting: deque[PlateEvent] = deque()
-        self._crossings: dict[str, int] = {}  # waiting, by the layer's user
+        self._crossings = 0  # waiting
 
     def add(
         self,
@@ -57,16 +54,11 @@ class Events:
     ) -> None:
         """Add one; `t_ns` is when its cause occurred, on the host's axis."""
         self.count += 1
-        if kind in LOSSY:
-            user = self._user_of(client)
-            own = self._crossings.get(user, 0)
-            if left(MAX_CROSSINGS, user, sum(self._crossings.values()), own) < 1.0:
-                self.lost += 1
-                return
-            self._crossings[user] = own + 1
-        elif len(self._waiting) >= MAX_WAITING:
+        is_crossing = kind in LOSSY
+        if (is_crossing and self._crossings >= MAX_CROSSINGS) or len(self._waiting) >= MAX_WAITING:
             self.lost += 1
             return
+        self._crossings += is_crossing
         x_mm, y_mm = (None, None) if place_mm is None else place_mm
         event = PlateEvent(self.count, kind, t_ns, t_device_ns, finger_id, x_mm, y_mm, client, surface, effect)
         self._waiting.append(event)
@@ -76,11 +68,7 @@ class Events:
         if not self._waiting:
             return ()
         taken = tuple([self._waiting.popleft() for _ in range(min(len(self._waiting), MAX_AT_ONCE))])
-        for event in taken:
-            if event.kind in LOSSY:
-                self._crossings[self._user_of(event.client)] -= 1
-        if not self._waiting:
-            self._crossings.clear()
+        self._crossings -= sum([event.kind in LOSSY for event in taken])
         return taken
 
 
@@ -89,7 +77,7 @@ class Triggers:
 
     def __init__(self, scene: Scene, fingers: Fingers, period_ns: int) -> None:
         """`period_ns`: from one frame to the next."""
-        self.events: Final = Events(scene.user_of)
+        self.events: Final = Events()
         self._effects: Final = scene.effects
         self._fingers: Final = fingers
         self._period_ns = period_ns

@@ -38,7 +38,7 @@ from .settings import LONGEST_FRAME_S, max_knots
 
 log = logging.getLogger("hapticd")
 
-REST_AFTER_NS = 2_000_000_000  # without activity: keep-alives stop after this idle time
+STANDBY_AFTER_NS = 2_000_000_000  # without activity: keep-alives stop after this idle time
 CLEAR_WITHIN_NS = 500_000_000  # the board agrees at once, or the fault persists
 INCOMPLETE_AFTER_NS = 1_500_000_000  # a handshake takes a tenth of that: then a sentence says what it lacks
 FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise take this one with it
@@ -62,12 +62,12 @@ class BoardGateway:
         *,
         write: Callable[[bytes], int | None],
         set_baud: Callable[[int], None] | None = None,
-        resend: Callable[[], None],
+        invalidate_reference: Callable[[], None],
         supervise: Callable[[Event, str, int], None],
         observed: Observed,
     ) -> None:
         """`write` returns when the port took a line, None where it did not. `set_baud` sets the port's speed; without
-        it no other is requested. `resend` lets the next pass send its reference, even if it is the one that stands.
+        it no other is requested. `invalidate_reference` lets the next pass send its reference, even if it still holds.
         `supervise` receives events, with their reason and instant.
         """
         self.session = BoardSession(
@@ -94,7 +94,7 @@ class BoardGateway:
         self._config = config
         self._w_limit_um = config.limits.w_limit_um
         self._calibration = calibration
-        self._resend = resend
+        self._invalidate_reference = invalidate_reference
         self._observed = observed
         self._supervise = supervise
         self._decoder = device_wire.Decoder()
@@ -223,7 +223,7 @@ class BoardGateway:
         was_accepted = self.session.hello is not None
         was_fast = self.session.line.baud
         if self.session.lacks_last(t_now_ns):
-            self._resend()
+            self._invalidate_reference()
         commands = self.session.timer(t_now_ns)
         if was_fast and not self.session.line.baud:
             log.warning("board: %s", self.session.ended)
@@ -263,15 +263,15 @@ class BoardGateway:
         remedy = self._check_line if awaited == "HELLO" and not is_invalid else self._check_firmware
         return f"it sends no {'valid ' if is_invalid else ''}{awaited}{LACK_OF.get(awaited, '')}: {remedy}"
 
-    def rest_or_wake(self, is_active: bool, t_now_ns: int) -> None:
-        """Let the board rest after REST_AFTER_NS without activity, and arm it again as soon as there is some."""
+    def standby_or_wake(self, is_active: bool, t_now_ns: int) -> None:
+        """Let the board rest after STANDBY_AFTER_NS without activity, and arm it again as soon as there is some."""
         if is_active:
             self.wake(t_now_ns)
         elif not self.session.follows(t_now_ns):
             self._t_active_ns = t_now_ns  # it rests, or has to be armed first
-        elif t_now_ns - self._t_active_ns >= REST_AFTER_NS:
+        elif t_now_ns - self._t_active_ns >= STANDBY_AFTER_NS:
             self._t_active_ns = t_now_ns  # if the line loses it, it is sent again after the same time
-            self._send(self.session.rest(t_now_ns), t_now_ns)
+            self._send(self.session.standby(t_now_ns), t_now_ns)
 
     def wake(self, t_now_ns: int) -> None:
         """Arm the board, if it rests."""
@@ -297,7 +297,7 @@ class BoardGateway:
         self._t_pulse_ns = t_now_ns
         self.session.must_pulse = True
         self.wake(t_now_ns)
-        self._resend()
+        self._invalidate_reference()
 
     def _tune_line(self) -> None:
         """Give the port the speed that the session has come to."""
@@ -328,5 +328,5 @@ class BoardGateway:
                 self._observed.put("written", t_now_ns, line, t_written_ns is not None)
             if t_written_ns is None:
                 self.unsent += 1
-                self._resend()  # the board may hold another reference than expected
+                self._invalidate_reference()  # the board may hold another reference than expected
         return t_written_ns

@@ -39,7 +39,7 @@ MAP_SIDE = 32  # of a described map: 64 surfaces of it are a reply of 80 KB
 class Host(Protocol):
     """What the gateway needs of the machine."""
 
-    def wake_if_resting(self, t_now_ns: int) -> None:
+    def wake_if_on_standby(self, t_now_ns: int) -> None:
         """Arm a resting board: targets are in force."""
 
     def clear_fault(self, t_now_ns: int) -> None:
@@ -98,10 +98,10 @@ class ClientGateway:
             self.refused += 1
             self.last_refusal = refusals[0]
 
-    def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
+    def set_targets(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
         """Apply a client's targets. Returns one error message per refused finger."""
-        refusals = self._scene.apply(message, t_now_ns)
-        self._host.wake_if_resting(t_now_ns)
+        refusals = self._scene.set_targets(message, t_now_ns)
+        self._host.wake_if_on_standby(t_now_ns)
         return refusals
 
     def _apply(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ class ClientGateway:
             effects = tuple([effect for effect in message.effects if effect.finger not in unseen])
             message = replace(message, targets=known, effects=effects)
         refusals = (f"finger {key} has not touched the plate: use an id from the newest state." for key in unseen)
-        return (*refusals, *self.want(message, t_now_ns))
+        return (*refusals, *self.set_targets(message, t_now_ns))
 
     def request(self, payload: bytes, t_now_ns: int, user: str, waited_ns: int) -> bytes:
         """Return the answer to a message of the control socket."""

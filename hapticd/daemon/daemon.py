@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
-from ..core.budget import OVERRUN_NS, Slowness
+from ..core.budget import OVERRUN_NS, PassTimes
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..files.recording.header import Header, utc_now
 from ..io.clients.server import ClientServer
@@ -88,7 +88,7 @@ class Daemon:
         self._t_collected_ns = self._t_logged_ns = self._t_kept_ns = 0
         self._t_awake_ns: int | None = None
         self._logged_lost = 0
-        self._slowness = Slowness()
+        self._pass_times = PassTimes()
         self._breather = RealtimeThrottle()
         self._pad_link: tuple[Pad | None, str] | None = None  # what is connected, and why
         self._board_link: tuple[bool, str] | None = None
@@ -152,7 +152,7 @@ class Daemon:
         self.machine = machine
         self._logged_lost = 0
         self._recorders.begin(machine, t_now_ns)
-        machine.adopt_slowness(self._slowness.adopted, t_now_ns)
+        machine.budget(self._pass_times.budget_frac, t_now_ns)
         if self._self_test is not None and self._self_test.result is not None:
             machine.self_test(*self._self_test.result, t_now_ns)
         if self._pad_link is not None:
@@ -300,11 +300,10 @@ class Daemon:
         self._housekeep(t_now_ns)
 
     def _judge_pass(self, begin_ran_ns: int) -> None:
-        """Compare the processor time of a pass with its estimate; after one that overran, sleep before the next."""
+        """Measure the processor time of a pass: long ones lower what passes do, and after one that overran, sleep."""
         machine, ran_ns = self.machine, time.thread_time_ns() - begin_ran_ns
-        slowness = self._slowness.measured(ran_ns, machine.pipeline.estimated_ns)
-        if slowness is not None:
-            machine.adopt_slowness(slowness, now_ns())
+        if self._pass_times.measured(ran_ns):
+            machine.budget(self._pass_times.budget_frac, now_ns())
         is_overrun, loop = ran_ns >= OVERRUN_NS, machine.status.loop
         loop.overruns += is_overrun
         self._breather.look(is_overrun=is_overrun)

@@ -25,7 +25,7 @@ from ..core.pipeline_settings import PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
-from ..values import Aim, RawReport, Tick
+from ..values import LinkTiming, RawReport, Tick
 from ..wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
@@ -38,7 +38,7 @@ log = logging.getLogger("hapticd")
 
 TIMER_NS = 10_000_000  # period of `timer` while the touch path is active
 LOOK_EVERY_NS = 100_000_000  # while idle: whatever starts a touch arrives as a report or a message
-REST_EVERY_NS = 400_000_000  # while the board rests too; the service manager's watchdog allows 1 s
+STANDBY_EVERY_NS = 400_000_000  # while the board rests too; the service manager's watchdog allows 1 s
 TEND_AFTER_NS = 15_000_000  # without a timer: reports that come more often make its ticks needless
 EARLY_NS = 5_000_000  # a timer may come earlier by this and still count
 TOUCHED, RELEASED = Event.TOUCHED, Event.RELEASED
@@ -79,7 +79,6 @@ class Machine:
             w_limit_um=max(config.limits.w_limit_um),
             friction_curve=friction_curve(config),
             plate_size_mm=(config.plate.size_mm[0], config.plate.size_mm[1]),
-            user_of=registry.user_of,
         )
         settings = pipeline_settings(config) if pipeline is None else pipeline
         self.pipeline = Pipeline(modes, self.scene, settings)
@@ -90,7 +89,7 @@ class Machine:
             self.calibration,
             write=write_board,
             set_baud=None if set_baud is None else self._change_baud,
-            resend=self.pipeline.resend,
+            invalidate_reference=self.pipeline.invalidate_reference,
             observed=self._observed,
             supervise=self._supervise,
         )
@@ -152,8 +151,8 @@ class Machine:
     @property
     def timer_period_ns(self) -> int:
         """How soon `timer` is due again; after `reports` the first time not before REPORTS_ENDED_NS."""
-        if self.session.is_resting:
-            return REST_EVERY_NS
+        if self.session.is_on_standby:
+            return STANDBY_EVERY_NS
         may_wait = self.is_idle and not self.session.awaits_last  # each tick is a keep-alive, and no more is needed
         return 2 * TIMER_NS if may_wait else TIMER_NS
 
@@ -172,7 +171,7 @@ class Machine:
             t_now_ns - self._t_looked_ns < LOOK_EVERY_NS - EARLY_NS
             and not self._is_active()
             and not self.session.must_pulse
-            and (self.session.is_resting or self.session.follows(t_now_ns))
+            and (self.session.is_on_standby or self.session.follows(t_now_ns))
         )
 
     def watch(self, publish: Callable[[bytes], None] | None, t_now_ns: int) -> None:
@@ -198,18 +197,18 @@ class Machine:
 
     def _pass(self, t_now_ns: int, batch: Sequence[RawReport] = ()) -> int | None:
         """Track, predict, solve and send. Any failure in it ends in silence, not in a reference that stands."""
-        if self.session.is_resting and len(batch) > 0:
+        if self.session.is_on_standby and len(batch) > 0:
             self.board.wake(t_now_ns)
-        aim = self.aim(t_now_ns)
+        timing = self.link_timing(t_now_ns)
         try:
-            tick = self._decide(batch, t_now_ns, aim)
+            tick = self._decide(batch, t_now_ns, timing)
             self.is_failing = False
         except Exception:
             if not self.is_failing:  # once, not ninety times a second
                 log.exception("a pass failed: the plate is quiet until one succeeds")
             self.is_failing = True
             self.status.failed_passes += 1
-            tick = self.pipeline.rest(t_now_ns, aim.ahead_ns)
+            tick = self.pipeline.silence(t_now_ns, timing.ahead_ns)
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
         if not self.is_failing:
@@ -225,17 +224,17 @@ class Machine:
         self.status.report_pass(judged, perceived, events)
         return t_written_ns
 
-    def _decide(self, batch: Sequence[RawReport], t_now_ns: int, aim: Aim) -> Tick:
+    def _decide(self, batch: Sequence[RawReport], t_now_ns: int, timing: LinkTiming) -> Tick:
         decode = self.trackpad.decode
         frames = [(one, t_read_ns) for t_read_ns, data in batch for one in decode(data, t_read_ns)]
-        return self.pipeline.drive(t_now_ns, aim, frames)
+        return self.pipeline.drive(t_now_ns, timing, frames)
 
-    def aim(self, t_now_ns: int) -> Aim:
+    def link_timing(self, t_now_ns: int) -> LinkTiming:
         """What a pass takes from the board; its computing is in `ahead_ns`. A board that rests is given the last
         reference when it wakes."""
         session = self.session
-        is_followed = session.is_resting or session.holds(t_now_ns)
-        return tuple.__new__(Aim, (session.latency.link_ns, self.supervisor.may_drive, is_followed))
+        is_followed = session.is_on_standby or session.holds(t_now_ns)
+        return LinkTiming(session.latency.link_ns, self.supervisor.may_drive, is_followed)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,
@@ -244,11 +243,11 @@ class Machine:
         if self._observed.observer is not None:  # an idle tick takes 1.6 us, a call without effect 0.07
             self._observed.put("timer", t_now_ns)
         if self._rests(t_now_ns):
-            if not self.session.is_resting:
+            if not self.session.is_on_standby:
                 self.board.keep_alive(t_now_ns)
             return
         self._tend(t_now_ns)
-        if self.session.is_resting and not self.clients.markers:
+        if self.session.is_on_standby and not self.clients.markers:
             return
         if self._t_reports_ns is None or t_now_ns - self._t_reports_ns >= REPORTS_ENDED_NS:
             self._pass(t_now_ns)
@@ -256,7 +255,7 @@ class Machine:
     def _tend(self, t_now_ns: int) -> None:
         """Everything that is due by time alone."""
         self._t_looked_ns = self._t_tended_ns = t_now_ns
-        self.board.rest_or_wake(self._is_active(), t_now_ns)
+        self.board.standby_or_wake(self._is_active(), t_now_ns)
         released = self.scene.expire(t_now_ns)
         if released:
             self.pipeline.release(released)
@@ -276,16 +275,16 @@ class Machine:
         self._supervise(Event.SENSOR_UP if up else Event.SENSOR_DOWN, reason, t_now_ns)
         self._pass(t_now_ns)
 
-    def adopt_slowness(self, slowness: float, t_now_ns: int) -> None:
-        """Take passes to last so many times longer than estimated, as measured on this machine: they do less then."""
-        self._observed.put("adopt_slowness", t_now_ns, slowness)
-        self.pipeline.set_slowness(slowness)
+    def budget(self, frac: float, t_now_ns: int) -> None:
+        """Let passes use this share of their time budget: less where they took too long on this machine."""
+        self._observed.put("budget", t_now_ns, frac)
+        self.pipeline.budget_frac = frac
 
     def stop(self, t_now_ns: int) -> None:
         """Leave a quiet plate: the last reference is zero."""
         self._observed.put("stop", t_now_ns)
         self._supervise(Event.STOP, "stopping", t_now_ns)
-        self.board.follow(self.pipeline.rest(t_now_ns, 0), t_now_ns)
+        self.board.follow(self.pipeline.silence(t_now_ns, 0), t_now_ns)
 
     # --- the board ---
 
@@ -317,26 +316,26 @@ class Machine:
         self._observed.put("targets", t_now_ns, payload, user, waited_ns)
         self.clients.targets(payload, t_now_ns, user, waited_ns)
 
-    def want(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
+    def set_targets(self, message: ClientTargets, t_now_ns: int) -> tuple[str, ...]:
         """Apply a client's targets given as values; returns one error message per refused finger."""
         self._observed.put("targets", t_now_ns, message, "", 0)
-        return self.clients.want(message, t_now_ns)
+        return self.clients.set_targets(message, t_now_ns)
 
     def request(self, payload: bytes, t_now_ns: int, user: str = "", waited_ns: int = 0) -> bytes:
         """Answer a message of the control socket, sent by `user`, that arrived `waited_ns` ago."""
         self._observed.put("request", t_now_ns, payload, user, waited_ns)
         return self.clients.request(payload, t_now_ns, user, waited_ns)
 
-    def wake_if_resting(self, t_now_ns: int) -> None:
+    def wake_if_on_standby(self, t_now_ns: int) -> None:
         """Arm a board that rests: targets are in force."""
-        if self.session.is_resting:
-            self.board.rest_or_wake(self._is_active(), t_now_ns)
+        if self.session.is_on_standby:
+            self.board.standby_or_wake(self._is_active(), t_now_ns)
 
     def _change_baud(self, baud: int) -> None:
         """Set the line's speed, and let frames have as many knots as it then carries."""
         assert self._set_baud is not None
         self._set_baud(baud)
-        self.pipeline.fit(max_knots(self.config, baud), effect_knots(self.config, baud))
+        self.pipeline.set_knot_limits(max_knots(self.config, baud), effect_knots(self.config, baud))
 
     def clear_fault(self, t_now_ns: int) -> None:
         """Clear the board's fault, if it has one. Raises RequestError."""

@@ -51,7 +51,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
         effect_knots=effect_knots(config, config.device.baud),
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
         loop_delay_ns=round(config.device.plate_delay_ms * 1e6),
-        cover_ns=round(1.5e6 * prediction.period_ms),
+        frame_duration_ns=round(1.5e6 * prediction.period_ms),
         silence_ns=round(config.trackpad.silence_ms * 1e6),
     )
 

@@ -225,7 +225,7 @@ class Status:
             "pauses": loop.pauses,
             "overruns": loop.overruns,
             "breaths": loop.breaths,
-            "slowness": self._pipeline.slowness,
+            "budget_frac": self._pipeline.budget_frac,
             "late_frames": ledger.late_frames,
             "unanswered_frames": ledger.unanswered,
             "histograms": {

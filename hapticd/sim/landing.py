@@ -44,7 +44,7 @@ class _WithSurface(Simulation):
         if t_ns - self._t_published_ns >= _REFRESH_NS:
             self._t_published_ns = t_ns
             surfaces = {"plate": Surface.of(Amplitude(TARGET_UM))}
-            self.machine.want(ClientTargets.of("surface", _TTL_NS, {}, {}, surfaces=surfaces), t_ns)
+            self.machine.set_targets(ClientTargets.of("surface", _TTL_NS, {}, {}, surfaces=surfaces), t_ns)
 
 
 def measure(

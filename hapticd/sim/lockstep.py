@@ -246,7 +246,7 @@ class Simulation:
         sampled_s = (t_ns - T_START_NS) * 1e-9 - self.settings.sensor_latency_ms * 1e-3
         message = self._client.message((t_ns - T_START_NS) * 1e-9, sampled_s, fingers)
         if message is not None:
-            self.machine.want(message, t_ns)
+            self.machine.set_targets(message, t_ns)
 
     def _new_machine(self) -> Machine:
         if self.settings.scheme == "paper":

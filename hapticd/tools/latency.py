@@ -152,7 +152,7 @@ async def _watch(daemon: Daemon, seconds: float) -> MeasuredLatency:
             progress(1.0 - (t_end_ns - now_ns()) * 1e-9 / seconds)
             if not lines:
                 t_from_ns, computed_ns = now_ns(), time.process_time_ns()
-            machine.want(_targets(machine), now_ns())
+            machine.set_targets(_targets(machine), now_ns())
             counted, before = ledger.age.count, counted  # only the new ones: this process measures itself, too
             lines += [ledger[n] for n in range(-min(counted - before, len(ledger)), 0)]
             await asyncio.sleep(POLL_EVERY_S)

@@ -106,7 +106,7 @@ class FakeDaemon:
 
     def _apply(self, targets: ClientTargets) -> tuple[str, ...]:
         t_ns = time.monotonic_ns()
-        refusals = self.scene.apply(targets, t_ns)
+        refusals = self.scene.set_targets(targets, t_ns)
         self.released += self.scene.expire(t_ns)
         return refusals
 

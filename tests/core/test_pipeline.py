@@ -23,7 +23,7 @@ from pipeline_bench import (
 from hapticd.core.solver import solve
 from hapticd.core.solver.two_modes import DERATING_MM2_UM2, LEAST_SHARE
 from hapticd.sim.paper_scheme import invert
-from hapticd.values import Aim
+from hapticd.values import LinkTiming
 from hapticd_contract.contents import Amplitude, Grating
 from hapticd_contract.surfaces import VirtualPath
 
@@ -43,7 +43,7 @@ def test_one_finger_slips_while_the_other_sticks(bench: Bench) -> None:
 
 
 def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_lost_report() -> None:
-    bench = Bench(cover_ns=17 * MS, loop_delay_ns=2 * MS)
+    bench = Bench(frame_duration_ns=17 * MS, loop_delay_ns=2 * MS)
     bench.land({SLIPPERY: 1.0})
     tick = bench.report(SLIPPERY)
     assert tick.drive.t_apply_ns == bench.t_ns + LINK_NS
@@ -54,7 +54,7 @@ def test_the_first_knot_takes_effect_one_link_from_now_and_the_frame_outlasts_a_
 
 
 def test_frames_outlast_a_report_that_a_slow_pad_loses_too() -> None:
-    bench = Bench(cover_ns=17 * MS)
+    bench = Bench(frame_duration_ns=17 * MS)
     bench.period_ns = 16_667_000  # 60 Hz
     bench.land({SLIPPERY: 1.0})
     bench.hold(12, SLIPPERY)
@@ -80,7 +80,7 @@ def test_no_finger_is_one_zero_frame_and_then_nothing(bench: Bench) -> None:
 def test_an_ended_target_holds_its_finger_at_zero_while_it_is_down(bench: Bench) -> None:
     bench.land({SLIPPERY: 1.0, STICKY: 1.0})
     bench.report(SLIPPERY, STICKY)
-    bench.want({1: Amplitude(1.0)})
+    bench.set_targets({1: Amplitude(1.0)})
     bench.pipeline.release(bench.scene.expire(bench.t_ns))
     tick = bench.report(SLIPPERY, STICKY)
     assert [(point.key, point.target_um) for point in tick.points] == [(1, 1.0), (2, 0.0)]
@@ -120,17 +120,17 @@ def test_standing_ellipses_skip_their_passes_also_with_the_pad_s_noise_until_a_f
 @pytest.mark.parametrize("change", ["moves", "target", "lands", "forgotten"])
 def test_whatever_changes_ends_the_standing(change: str, bench: Bench) -> None:
     bench.report(SLIPPERY, STICKY)
-    bench.want({1: Amplitude(1.0), 2: Amplitude(0.0), 3: Amplitude(0.0)})
+    bench.set_targets({1: Amplitude(1.0), 2: Amplitude(0.0), 3: Amplitude(0.0)})
     assert bench.hold(30, SLIPPERY, STICKY)[-1].drive is None
     positions = [SLIPPERY, STICKY]
     if change == "moves":
         positions[0] = (SLIPPERY[0] + 2.0, SLIPPERY[1])
     elif change == "target":
-        bench.want({1: Amplitude(0.9), 2: Amplitude(0.0)})
+        bench.set_targets({1: Amplitude(0.9), 2: Amplitude(0.0)})
     elif change == "lands":
         positions.append((0.0, 40.0))
     else:
-        bench.pipeline.resend()
+        bench.pipeline.invalidate_reference()
     assert bench.report(*positions).drive is not None
 
 
@@ -156,9 +156,9 @@ def test_faster_fingers_get_more_knots_and_the_polyline_errs_by_no_more_than_the
     for speed_mm_s in (0.0, 50.0, 100.0, 200.0):
         path = VirtualPath(((-60.0, 4.0), (60.0, 20.0)), speed_mm_s, loop=True)
         bench = Bench(tolerance_um=0.005)
-        bench.want({"walker": Amplitude(1.0)}, {"walker": path})
+        bench.set_targets({"walker": Amplitude(1.0)}, {"walker": path})
         bench.t_ns += 150 * MS
-        tick = bench.pipeline.drive(bench.t_ns, Aim(LINK_NS))
+        tick = bench.pipeline.drive(bench.t_ns, LinkTiming(LINK_NS))
         knots = tick.drive.knots
         counts.append(len(knots))
         t_plate_ns = tick.drive.t_apply_ns + bench.pipeline._settings.loop_delay_ns
@@ -180,9 +180,9 @@ def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
     counts = {}
     for name, target in (("constant", Amplitude(1.0)), ("square", square)):
         bench = Bench()
-        bench.want({"walker": target}, {"walker": path})
+        bench.set_targets({"walker": target}, {"walker": path})
         bench.t_ns += 150 * MS
-        tick = bench.pipeline.drive(bench.t_ns, Aim(LINK_NS))
+        tick = bench.pipeline.drive(bench.t_ns, LinkTiming(LINK_NS))
         counts[name] = len(tick.drive.knots)
         for knot in tick.drive.knots:
             here_mm = bench.scene.virtual_position_mm("walker", tick.drive.t_apply_ns + knot.dt_ns)
@@ -194,7 +194,7 @@ def test_a_texture_gets_the_knots_that_its_corners_need() -> None:
 def test_a_virtual_finger_takes_part_where_it_will_be(bench: Bench) -> None:
     path = VirtualPath(((-40.0, 0.0), (40.0, 0.0)), 80.0, loop=True)
     bench.report(SLIPPERY)
-    bench.want({1: Amplitude(1.0), "still": Amplitude(0.0)}, {"still": path})
+    bench.set_targets({1: Amplitude(1.0), "still": Amplitude(0.0)}, {"still": path})
     tick = bench.report(SLIPPERY)
     point = tick.points[1]
     assert point.key == "still"
@@ -209,11 +209,11 @@ def test_the_reference_is_continuous_where_the_paper_s_formula_flips() -> None:
     for name, bench in (("ours", ours), ("paper", paper)):
         path = VirtualPath(((-30.0, 3.0), (-10.0, 3.0)), 100.0, loop=False)  # crosses a singular position
         still = VirtualPath(((5.0, 8.0),), 0.0, loop=False)
-        bench.want({"a": Amplitude(1.0), "b": Amplitude(0.0)}, {"a": path, "b": still})
+        bench.set_targets({"a": Amplitude(1.0), "b": Amplitude(0.0)}, {"a": path, "b": still})
         first_um = []
         for _ in range(190):
             bench.t_ns += MS
-            tick = bench.pipeline.drive(bench.t_ns, Aim(LINK_NS))
+            tick = bench.pipeline.drive(bench.t_ns, LinkTiming(LINK_NS))
             if tick.drive is not None:
                 first_um.append(np.real(tick.drive.knots[0].modal_um))
         largest[name] = np.abs(np.diff(first_um, axis=0)).max()

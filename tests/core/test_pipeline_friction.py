@@ -31,7 +31,7 @@ def targets_um(one: Bench, speed_mm_s: float, target: Content | None = None) -> 
     ticks: list[Tick] = []
     for report in range(60):
         if target is not None and one.pipeline.fingers:
-            one.want({one.pipeline.fingers[0].finger_id: target})
+            one.set_targets({one.pipeline.fingers[0].finger_id: target})
         x_mm = -25.0 + speed_mm_s * report * PERIOD_NS * 1e-9
         ticks.append(one.report((x_mm, 3.0)))
     return [point.target_um for tick in ticks[-5:] for point in tick.points]
@@ -49,7 +49,7 @@ def test_a_surface_s_friction_follows_the_speed_too_and_never_beyond_the_plate_s
     for limit_um, expected_um in ((4.0, REST_UM * 1.95), (0.6, 0.6)):
         one = bench(CURVE, limit_um)
         surface = {"all": Surface.of(content)}
-        one.scene.apply(ClientTargets.of("test", FOREVER_NS, {}, {}, surfaces=surface), one.t_ns)
+        one.scene.set_targets(ClientTargets.of("test", FOREVER_NS, {}, {}, surfaces=surface), one.t_ns)
         assert targets_um(one, 100.0) == pytest.approx([expected_um] * 5, rel=0.02)
 
 

@@ -7,7 +7,7 @@ import random
 import pytest
 from pipeline_bench import LINK_NS, MS, PERIOD_NS, START_NS, Bench
 
-from hapticd.values import Aim, Knot, LimitReason
+from hapticd.values import Knot, LimitReason, LinkTiming
 from hapticd_contract.contents import Amplitude, Content, Friction, Grating, LevelMap
 from hapticd_contract.surfaces import VirtualPath
 from hapticd_contract.targets import ClientTargets
@@ -54,9 +54,9 @@ def test_no_touch_and_no_wish_brings_a_mode_above_its_limit(kind: str, count: in
         targets = {finger.finger_id: source.choice(TARGETS) for finger in bench.pipeline.fingers}
         targets["walker"] = source.choice(TARGETS)
         walk = VirtualPath(((-200.0, 0.0), (200.0, 0.0)), source.choice((0.0, 1e3)), loop=True)
-        bench.scene.apply(ClientTargets.of("test", 500 * MS, targets, {"walker": walk}), t_ns)
+        bench.scene.set_targets(ClientTargets.of("test", 500 * MS, targets, {"walker": walk}), t_ns)
         bench.pipeline.release(bench.scene.expire(t_ns))
-        tick = bench.pipeline.drive(t_ns, Aim(LINK_NS))
+        tick = bench.pipeline.drive(t_ns, LinkTiming(LINK_NS))
         if tick.drive is not None:
             drives += 1
             assert_within_limits(tick.drive.knots)
@@ -71,8 +71,8 @@ def test_targets_that_change_a_thousand_times_a_second_are_each_followed(bench: 
         if step % 11 == 0:
             bench.touch(t_ns - 9 * MS, t_ns, (6.0, 20.0))
         wanted_um = 0.4 * (step % 2)
-        bench.scene.apply(ClientTargets.of("test", 500 * MS, {1: Amplitude(wanted_um)}, {}), t_ns)
-        tick = bench.pipeline.drive(t_ns, Aim(LINK_NS))
+        bench.scene.set_targets(ClientTargets.of("test", 500 * MS, {1: Amplitude(wanted_um)}, {}), t_ns)
+        tick = bench.pipeline.drive(t_ns, LinkTiming(LINK_NS))
         assert [point.target_um for point in tick.points] == [wanted_um]
         assert_within_limits(tick.drive.knots)
         assert tick.points[0].achieved_um == pytest.approx(wanted_um, abs=1e-3)

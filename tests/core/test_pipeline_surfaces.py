@@ -33,7 +33,7 @@ def bench() -> Bench:
 
 
 def publish(bench: Bench, ttl_ns: int = FOREVER_NS, **surfaces: Surface) -> None:
-    assert bench.scene.apply(ClientTargets.of("test", ttl_ns, {}, {}, surfaces=surfaces), bench.t_ns) == ()
+    assert bench.scene.set_targets(ClientTargets.of("test", ttl_ns, {}, {}, surfaces=surfaces), bench.t_ns) == ()
 
 
 def stroke(bench: Bench, speed_mm_s: float, from_mm: float, reports: int) -> list[Tick]:
@@ -55,7 +55,7 @@ def test_the_first_report_of_a_finger_on_a_surface_makes_its_frame(bench: Bench)
 def test_a_finger_s_own_target_wins_and_when_it_ends_the_surface_is_felt(bench: Bench) -> None:
     publish(bench, all=Surface.of(ONE))
     bench.report(SLIPPERY, STICKY)
-    bench.scene.apply(ClientTargets.of("other", FOREVER_NS, {1: STILL}, {}), bench.t_ns)
+    bench.scene.set_targets(ClientTargets.of("other", FOREVER_NS, {1: STILL}, {}), bench.t_ns)
     assert [point.target_um for point in bench.report(SLIPPERY, STICKY).points] == [0.0, 1.0]
     bench.scene.release_client("other")
     bench.pipeline.release(bench.scene.expire(bench.t_ns))
@@ -159,7 +159,7 @@ def test_a_texture_on_a_surface_gets_the_knots_of_the_same_target() -> None:
     grating = Grating(period_mm=3.0, angle_rad=0.2, low_um=0.0, high_um=1.0, duty_frac=0.5)
     own, on_plate = Bench(), Bench()
     own.report((-20.0, Y_MM))
-    own.want({1: grating})
+    own.set_targets({1: grating})
     publish(on_plate, stripes=Surface.of(grating))
     on_plate.report((-20.0, Y_MM))
     for n in range(1, 8):
@@ -171,7 +171,7 @@ def test_a_texture_on_a_surface_gets_the_knots_of_the_same_target() -> None:
 
 def test_a_narrow_stripe_between_two_silent_ends_of_a_frame_is_not_passed_over(bench: Bench) -> None:
     bench.report((-2.0, Y_MM))
-    bench.want({1: Grating(period_mm=6.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.1)})
+    bench.set_targets({1: Grating(period_mm=6.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.1)})
     stroke(bench, 200.0, 1.0, 2)
     ticks = stroke(bench, 200.0, 5.5, 3)
     peaks_um = [max(abs(w_um) for knot in tick.drive.knots for w_um in knot.modal_um) for tick in ticks if tick.drive]

@@ -192,7 +192,7 @@ def test_the_recorded_status_names_the_frame_with_which_the_output_rose() -> Non
 
 def test_a_resting_board_is_woken_for_a_pulse() -> None:
     rig = Rig().run(4000)
-    assert rig.machine.session.is_resting
+    assert rig.machine.session.is_on_standby
     before = len(rig.flags)
     assert rig.mark(pulse=True)["ok"]
     assert np.any(np.array(rig.run(60).flags[before:]) & FLAG_SYNC)

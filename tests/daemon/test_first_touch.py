@@ -20,7 +20,7 @@ def played() -> tuple[bool, int, float]:
     actors = tuple(Actor(((LAND_S, amplitude_um),), path=Touch(Rest(p), LAND_S)) for p, amplitude_um in PLACES)
     simulation = FaultySimulation(actors, Settings(), 1)
     rested: list[bool] = []
-    simulation.at(LAND_S - 0.01, lambda _: rested.append(simulation.machine.session.is_resting))
+    simulation.at(LAND_S - 0.01, lambda _: rested.append(simulation.machine.session.is_on_standby))
     simulation.run(END_S)
     t_s, level_um = simulation.level_um()
     status = simulation.machine.session.status
@@ -30,7 +30,7 @@ def played() -> tuple[bool, int, float]:
 
 def test_a_board_at_rest_is_armed_in_time_for_the_first_touch(monkeypatch: pytest.MonkeyPatch) -> None:
     rested, trips, half_s = played()
-    monkeypatch.setattr(board_gateway, "REST_AFTER_NS", NEVER_NS)
+    monkeypatch.setattr(board_gateway, "STANDBY_AFTER_NS", NEVER_NS)
     awake, awake_trips, awake_half_s = played()
     assert (rested, awake) == (True, False)
     assert trips == awake_trips == 0

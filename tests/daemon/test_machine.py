@@ -42,7 +42,7 @@ def test_the_last_thing_said_is_silence() -> None:
     assert bench.board.heard[-1].peak_um == 0.0
     said = len(bench.board.heard)
     bench.machine.reports([RawReport(bench.t_ns, b"\x02")], bench.t_ns)
-    bench.want({1: 4.0, 2: 0.0})
+    bench.set_targets({1: 4.0, 2: 0.0})
     bench.machine.trackpad_link(True, "late", bench.t_ns)
     assert bench.board.heard[said:] == []
     assert bench.state is State.STOPPED

@@ -14,9 +14,9 @@ from hapticd import board_protocol as protocol
 from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.config.sections import Config, RecordConfig
 from hapticd.core.board.supervisor import State
-from hapticd.daemon.machine import REST_EVERY_NS, TIMER_NS
+from hapticd.daemon.machine import STANDBY_EVERY_NS, TIMER_NS
 from hapticd.sim.fingers.paths import Line
-from hapticd.values import Aim, TouchFrame
+from hapticd.values import LinkTiming, TouchFrame
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +27,7 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
 def test_touching_drives_the_board_and_lifting_leaves_it_a_zero() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     assert all(each.peak_um <= 4.0 for each in references(bench.board.heard))
-    bench.want({})
+    bench.set_targets({})
     bench.run(60)
     assert bench.board.peak_um == 0.0
     assert bench.state is State.ACTIVE  # fingers whose target ended are held at 0
@@ -51,7 +51,7 @@ def test_a_reference_that_the_line_did_not_take_is_said_again() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(500)
     bench.board.plugged = False  # the port's buffer is full, while the link is up
-    bench.want({1: 0.7, 2: 0.0})
+    bench.set_targets({1: 0.7, 2: 0.0})
     bench.run(30)
     bench.board.plugged = True
     assert bench.machine.board.unsent > 0
@@ -63,7 +63,7 @@ def test_a_reference_lost_on_the_line_is_said_again_before_the_dead_man_notices(
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(500)
     taken = bench.board.seq
-    bench.want({1: 0.7, 2: 0.0})
+    bench.set_targets({1: 0.7, 2: 0.0})
     references_lost = references(bench.run(15))
     assert references_lost
     bench.board.seq = taken  # it never heard them
@@ -101,7 +101,7 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
         def __getattr__(self, name: str) -> object:
             return getattr(pipeline, name)
 
-        def drive(self, _t_now_ns: int, _aim: Aim, frames: Sequence[tuple[TouchFrame, int]] = ()) -> None:
+        def drive(self, _t_now_ns: int, _aim: LinkTiming, frames: Sequence[tuple[TouchFrame, int]] = ()) -> None:
             for frame, t_read_ns in frames:
                 pipeline.touch(frame, t_read_ns)
             raise ArithmeticError("a bug")
@@ -121,14 +121,14 @@ def test_a_pass_that_fails_is_silence_said_once_and_the_next_that_succeeds_drive
 def rested(bench: Bench) -> Bench:
     """No finger for long enough: the board was left quiet."""
     bench.run(3000)
-    assert bench.machine.session.is_resting
+    assert bench.machine.session.is_on_standby
     assert bench.board.state == QUIET
     return bench
 
 
 def test_a_board_that_nobody_wants_is_left_quiet_and_hears_no_keep_alives() -> None:
     bench = rested(Bench())
-    assert bench.machine.timer_period_ns == REST_EVERY_NS
+    assert bench.machine.timer_period_ns == STANDBY_EVERY_NS
     heard = bench.run(5000)
     assert {each.name for each in heard} == {"time"}
     assert bench.state is State.ARMED
@@ -146,7 +146,7 @@ def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anyth
     assert names.count("reference") == 3  # at once: zero frames, which the board wants before it trusts a host
     assert bench.board.state == LIVE
     assert bench.machine.timer_period_ns == TIMER_NS
-    bench.want({1: 1.0, 2: 0.0})
+    bench.set_targets({1: 1.0, 2: 0.0})
     bench.run(12)
     assert bench.board.peak_um > 0.5
 
@@ -154,7 +154,7 @@ def test_a_board_at_rest_is_armed_by_the_first_report_before_anybody_wants_anyth
 def test_a_board_at_rest_is_armed_by_the_message_that_wants_something() -> None:
     bench = rested(Bench())
     bench.ask("set", client="test", ttl_s=5.0, virtuals=[{"name": "rests", "path_mm": [[0, 0]]}])
-    assert not bench.machine.session.is_resting
+    assert not bench.machine.session.is_on_standby
     assert bench.board.state == LIVE
     bench.run(300)
     assert bench.board.state == LIVE
@@ -182,7 +182,7 @@ def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later
     bench.board.mute = False
     bench.board.status()
     assert "keep-alive" in [each.name for each in bench.run(60)]
-    assert not bench.machine.session.is_resting
+    assert not bench.machine.session.is_on_standby
     rested(bench)
 
 
@@ -213,7 +213,7 @@ def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pyt
     bench.run(300)
     assert bench.state is State.FAULT
     assert bench.board.peak_um == 0.0
-    bench.want({1: 2.0, 2: 0.0})
+    bench.set_targets({1: 2.0, 2: 0.0})
     assert not any(each.peak_um for each in references(bench.run(300)))
     assert bench.ask("clear_fault")["ok"]
     bench.run(100)
@@ -314,7 +314,7 @@ def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
 def test_a_board_that_wakes_sends_telemetry_again() -> None:
     bench = Bench(config=Config(record=RecordConfig(telemetry_hz=500)))
     bench.run(3500)
-    assert bench.machine.session.is_resting
+    assert bench.machine.session.is_on_standby
     bench.board.heard.clear()
     bench.machine.board.wake(bench.t_ns)
     assert [each.name for each in bench.board.heard].count("telemetry") == 1
@@ -327,6 +327,6 @@ def test_while_reports_come_no_timer_is_needed() -> None:
     assert [each.name for each in heard].count("time") >= 3
     lives = [each.t_ns for each in heard if each.name in ("reference", "keep-alive")]
     assert max(after - before for before, after in pairwise(lives)) <= 34 * MS  # of the 50 that the board waits
-    bench.want({1: 1.0}, ttl_s=0.1)
+    bench.set_targets({1: 1.0}, ttl_s=0.1)
     bench.run(100 + 23)
     assert bench.machine.scene.next_expiry_ns is None

@@ -64,12 +64,12 @@ def test_no_message_of_another_user_changes_what_a_held_finger_is_to_get(attacks
 
 
 def attacked(bench: Bench, amplitude_um: float) -> list[Heard]:
-    """What the board hears while forty virtual fingers of one user, of which 12 have room, cross the plate."""
+    """What the board hears while virtual fingers of forty clients, of which 15 have room, cross the plate."""
     for n in range(40):
         path = {"name": f"v{n}", "path_mm": [[-60.0 + 3.0 * n, -60.0], [60.0, 60.0 - 3.0 * n]], "speed_mm_s": 2000.0}
         target = {"finger": f"v{n}", "amplitude_um": amplitude_um}
         bench.send(by=ATTACKER, client=f"attacker-{n}", targets=[target], virtuals=[path])
-    assert bench.machine.clients.refused == 40 - 12
+    assert bench.machine.clients.refused == 40 - 15
     return references(bench.run(200))
 
 

@@ -24,12 +24,12 @@ def events(published: list[bytes]) -> list[PlateEvent]:
 def test_a_board_at_rest_is_woken_by_an_effect_and_rests_when_it_has_gone() -> None:
     bench = Bench()
     bench.run(3000)
-    assert bench.machine.session.is_resting
+    assert bench.machine.session.is_on_standby
     publish(bench, CLICK, ttl_s=2.0)
     bench.run(300)
-    assert (bench.machine.session.is_resting, bench.board.state) == (False, LIVE)
+    assert (bench.machine.session.is_on_standby, bench.board.state) == (False, LIVE)
     bench.run(5000)
-    assert bench.machine.session.is_resting
+    assert bench.machine.session.is_on_standby
 
 
 def test_events_are_each_in_one_state_and_carry_the_instant_of_their_cause() -> None:

@@ -57,9 +57,9 @@ def test_what_is_not_on_the_plate_is_refused_with_a_sentence(machine: Machine) -
 
 
 def test_where_a_pass_has_no_time_for_it_it_is_refused(machine: Machine) -> None:
-    machine.pipeline.set_slowness(64.0)
+    machine.pipeline.budget_frac = 1.0 / 64.0
     assert "too many" in asked(machine, x_mm=0.0, y_mm=0.0)
-    machine.pipeline.set_slowness(1.0)
+    machine.pipeline.budget_frac = 1.0
 
 
 def test_a_plate_driven_for_points_knows_no_reach() -> None:

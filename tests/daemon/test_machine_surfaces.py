@@ -30,9 +30,9 @@ def test_a_board_stays_armed_while_a_surface_lies_on_the_plate_and_rests_when_it
     bench = Bench()
     publish(bench, {"name": "plate", "amplitude_um": 1.0})
     bench.run(3000)
-    assert (bench.machine.session.is_resting, bench.board.state) == (False, LIVE)
+    assert (bench.machine.session.is_on_standby, bench.board.state) == (False, LIVE)
     bench.run(5000)
-    assert bench.machine.session.is_resting
+    assert bench.machine.session.is_on_standby
 
 
 def test_status_lists_all_surfaces_topmost_first_with_their_owners() -> None:

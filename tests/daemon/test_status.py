@@ -121,7 +121,7 @@ def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.run(400)
     states = bench.published()
-    bench.want({1: 1.0, 2: 1.0})
+    bench.set_targets({1: 1.0, 2: 1.0})
     bench.run(200)
     state = states[-1]
     assert [finger["owner"] for finger in state["fingers"]] == ["test", "test"]
@@ -137,7 +137,7 @@ def test_a_finger_that_nobody_wants_is_told_with_its_place_only() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.run(400)
     states = bench.published()
-    bench.want({1: 1.0})
+    bench.set_targets({1: 1.0})
     bench.run(30)
     wanted, unwanted = states[-1]["fingers"]
     assert (wanted["target_um"], wanted["virtual"]) == (1.0, False)

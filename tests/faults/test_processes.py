@@ -7,6 +7,7 @@ import signal
 
 import pytest
 from service import Bench, drive
+from stand import tell
 
 pytestmark = pytest.mark.long
 
@@ -29,3 +30,4 @@ def test_a_terminal_that_stalls_stalls_nobody_else(bench: Bench) -> None:
     finally:
         os.close(reader)
         os.close(writer)
+    tell("the reader of standard error stalls", None, "log lines: the next that passes says how many", "")

@@ -20,8 +20,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd import board_protocol as protocol
+from hapticd.bench.closed_loop import Law, LoopPlate
 from hapticd.sim.board.board import FLAG_LIVE, BoardTrace
-from hapticd.sim.board.closed_loop import Law, LoopPlate
 from hapticd.wire import device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 

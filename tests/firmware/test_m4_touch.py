@@ -27,7 +27,7 @@ from hapticd.core.pipeline_settings import PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.predictor import DEFAULT
 from hapticd.core.targets.scene import Scene
-from hapticd.values import Aim, Contact, TouchFrame
+from hapticd.values import Contact, LinkTiming, TouchFrame
 from hapticd.wire.commands import encode
 from hapticd_contract.contents import Amplitude
 from hapticd_contract.targets import ClientTargets
@@ -99,7 +99,7 @@ class Rig:
             Contact(n + 1, x_mm, y_mm, 8.0, 7.0, 0.0, 0.2, True, 4, 0, 0) for n, (x_mm, y_mm) in enumerate(positions_mm)
         )
         self.pipeline.touch(TouchFrame(self.now_ns - 10 * MS_NS, contacts, False), self.now_ns)
-        tick = self.pipeline.drive(self.now_ns, Aim(5 * MS_NS, is_followed=self.session.holds(self.now_ns)))
+        tick = self.pipeline.drive(self.now_ns, LinkTiming(5 * MS_NS, is_followed=self.session.holds(self.now_ns)))
         if tick.drive is not None:  # else the board has it
             self.say(self.session.reference(tick.drive, tick, self.now_ns))
         self.run(REPORT_MS)
@@ -156,7 +156,7 @@ def test_a_finger_gets_its_amplitude_and_another_stays_still_until_both_are_lift
     for n in range(20):
         rig.report(ASKED, STILL)
         if n == 0:
-            assert rig.scene.apply(ClientTargets.of("test", 10**15, targets, {}), rig.now_ns) == ()
+            assert rig.scene.set_targets(ClientTargets.of("test", 10**15, targets, {}), rig.now_ns) == ()
     asked_um, still_um = rig.felt_um(ASKED, 30), rig.felt_um(STILL, 30)
     print(f"asked 1 um: {asked_um.min():.3f} .. {asked_um.max():.3f}; still: {1e3 * still_um.max():.1f} nm")
     assert rig.bench.status.state is BoardState.LIVE

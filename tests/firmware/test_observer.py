@@ -12,12 +12,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from hapticd.bench.closed_loop import LIMIT_V, Law, LoopPlate, follow, step_trace
 from hapticd.board_protocol import SetDrive
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import CHUNK_S, Board
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
 from hapticd.sim.board.board import reference_gain_um_per_v_s as gain_um_per_v_s
-from hapticd.sim.board.closed_loop import LIMIT_V, Law, LoopPlate, follow, step_trace
 from hapticd.values import ComplexArray
 from hapticd.wire.commands import encode
 

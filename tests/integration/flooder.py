@@ -106,15 +106,15 @@ def closing() -> None:
             client.connect(address(name) if is_remote else f"{endpoint}/{name}")
 
 
-def dear() -> None:
+def expensive() -> None:
     """Another user's scenes that cost as much as any may, another one every 20 ms."""
     sys.path.append(str(Path(__file__).parents[1]))
-    from dear_scenes import scene
+    from expensive_scenes import scene
 
     if os.geteuid() == 0 and not is_remote:
         os.setuid(NOBODY)
     rng = random.Random(1)
-    scenes = [[msgpack.packb(message) for message in scene(rng, 1).messages] for _ in range(50)]
+    scenes = [[msgpack.packb(message) for message in scene(rng)] for _ in range(50)]
     clients = [connected("targets") for _ in scenes[0]]
     for messages in itertools.cycle(scenes):
         for client, message in zip(clients, messages, strict=True):
@@ -123,7 +123,7 @@ def dear() -> None:
         time.sleep(0.02)
 
 
-KINDS = {one.__name__: one for one in (subscriptions, unread, churn, half, closing, dear)}
+KINDS = {one.__name__: one for one in (subscriptions, unread, churn, half, closing, expensive)}
 
 if __name__ == "__main__":
     print("ready", flush=True)

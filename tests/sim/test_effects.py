@@ -24,7 +24,7 @@ def test_a_modulation_is_under_the_finger_in_depth_and_phase(frequency_hz: float
     hum = Effect.of(Modulation(frequency_hz, 0.8), start=At(t_ns=T_START_NS + 500_000_000))
     plate = Surface.of(Amplitude(1.0))
     message = ClientTargets.of("test", 5_000_000_000, {}, {}, None, {"plate": plate}, {"hum": hum})
-    simulation.machine.want(message, T_START_NS)
+    simulation.machine.set_targets(message, T_START_NS)
     simulation.run(1.2)
     played = simulation.result("rest")
     late = played.t_s > 0.7

@@ -47,7 +47,7 @@ def measured() -> MeasuredLatency:
     11.25 ms."""
     bench = Bench(SLIPPERY, STICKY).driven()
     for _ in range(1000):
-        bench.machine.pipeline.resend()
+        bench.machine.pipeline.invalidate_reference()
         bench.run(1)
         bench.board.status()
     return gather(bench.machine, list(bench.machine.session.ledger))

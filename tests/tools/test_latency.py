@@ -38,7 +38,7 @@ def test_the_total_is_from_the_sample_to_the_plate(measured: MeasuredLatency) ->
 def test_frames_that_the_board_never_applies_are_counted() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     for _ in range(1500):  # the bench's board acknowledges one frame in ten
-        bench.machine.pipeline.resend()
+        bench.machine.pipeline.invalidate_reference()
         bench.run(1)
     counts = gather(bench.machine, ()).counts
     assert counts["frames unanswered"] > counts["frames"] > 0

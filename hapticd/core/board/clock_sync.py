@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from ...board_protocol import BoardTime
-from ..rolling_quantile import RollingQuantile
 
 _SENSELESS_NS: Final = 1_000_000_000  # a simulated board that catches up holds a reply for longer than the round trip
 _WRAP_US = 2**32  # the board's counter: 71.6 min
@@ -199,16 +198,16 @@ class LinkLatency:
         self.ignored = 0
         self.link_ns = start_ns  # the one-way delay to plan with
         self._start_ns = start_ns
-        self._delays = RollingQuantile(self._WINDOW, self._HIGH)
+        self._delays: deque[int] = deque(maxlen=self._WINDOW)
 
     def update(self, link_ns: int) -> None:
         """Take one frame's delay; a little below 0 is the clocks' error and counts as 0."""
         if not -self._MAX_NS <= link_ns <= self._MAX_NS:
             self.ignored += 1
             return
-        self._delays.push(max(link_ns, 0))
+        self._delays.append(max(link_ns, 0))
         if len(self._delays) >= self._ENOUGH:
-            self.link_ns = self._delays.value
+            self.link_ns = sorted(self._delays)[int(self._HIGH * (len(self._delays) - 1))]
 
     def reset(self) -> None:
         """Another link: back to the start value."""

@@ -25,8 +25,6 @@ _BUCKETS: Final = ((40 - _SUB_BITS) << _SUB_BITS) + _FULL
 class Histogram:
     """Spans of time in buckets whose width is a sixteenth of their octave; below 32 ns each has its own."""
 
-    __slots__ = ("_counts", "count", "longest_ns", "shortest_ns")
-
     def __init__(self) -> None:
         self.clear()
 

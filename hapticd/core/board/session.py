@@ -85,7 +85,7 @@ class BoardSession:
         self.reboots = 0
         self.lost_statuses = 0
         self.held_back = 0  # references and keep-alives not sent when they were due, since the board did not answer
-        self.is_resting = False
+        self.is_on_standby = False
         self.ended = ""  # why the last session ended
         self._is_leaving = False
         self._is_reporting = False  # a status has arrived since the handshake
@@ -138,8 +138,8 @@ class BoardSession:
     def can_wait(self) -> bool:
         """Whether what the board sends may be read just before the next pass or timer: it rests or follows references,
         and no answer is awaited."""
-        if self.is_resting or self.status is None:
-            return self.is_resting and not self.clock.is_asked
+        if self.is_on_standby or self.status is None:
+            return self.is_on_standby and not self.clock.is_asked
         is_followed = self.status.state is _LIVE and self._held is None and self.setting is None
         return is_followed and not (self.clock.is_asked or self._is_leaving)
 
@@ -173,7 +173,7 @@ class BoardSession:
 
     def link_down(self) -> None:
         """The port is gone: drop all state of the board."""
-        self._linked = self.is_resting = self._is_leaving = self._is_reporting = False
+        self._linked = self.is_on_standby = self._is_leaving = self._is_reporting = False
         self.hello = self.status = self._boot_id = None
         self.line.opened()
         self.must_pulse = False
@@ -187,13 +187,13 @@ class BoardSession:
             self.reboots += 1
             self.clock.reset()
             self._is_reporting = False
-        self.is_resting = self._is_leaving and self._boot_id == hello.boot_id
+        self.is_on_standby = self._is_leaving and self._boot_id == hello.boot_id
         self._is_leaving = False
         self.hello, self._boot_id = hello, hello.boot_id
         self.status = None  # an earlier status does not hold for this session
         self._t_received_ns = self._t_status_ns = t_now_ns
         self._forget_sent()
-        if self.is_resting:
+        if self.is_on_standby:
             return []
         self._asking_time.restart(t_now_ns)
         fast_baud = self.line.offered(hello.baud_max)
@@ -315,7 +315,7 @@ class BoardSession:
         self._asking_time.every_ns = TIME_EVERY_NS if self.clock.ready else SETTLE_TIME_EVERY_NS
         if self._asking_time.due(t_now_ns):
             commands.append(TimeRequest(self.clock.request(t_now_ns)))
-        if self.is_resting or not self.clock.ready or self.status is None or self.setting is not None:
+        if self.is_on_standby or not self.clock.ready or self.status is None or self.setting is not None:
             return commands
         if self.status.state is _TOOL:
             return commands  # a tool's sweep or voltage must end with the tool: no keep-alives from here
@@ -340,7 +340,7 @@ class BoardSession:
             return self._question(t_now_ns)
         return [Keepalive(self._seq)]
 
-    def rest(self, t_now_ns: int) -> list[BoardCommand]:
+    def standby(self, t_now_ns: int) -> list[BoardCommand]:
         """Let a board that `follows` a zero frame rest: it answers, and is quiet without a dead-man trip."""
         self._is_leaving = True
         self._keeping_alive.restart(t_now_ns)
@@ -348,9 +348,9 @@ class BoardSession:
 
     def wake(self, t_now_ns: int) -> list[BoardCommand]:
         """Arm a resting board at once: it follows what comes next, ramping in over 10 ms."""
-        if not self.is_resting or self.hello is None:
+        if not self.is_on_standby or self.hello is None:
             return []
-        self.is_resting = False
+        self.is_on_standby = False
         self._t_status_ns = t_now_ns  # while the host rests, what the board sends waits in the port
         zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
         frames = [command for _ in range(protocol.REARM_FRAMES) for command in self._numbered(zero, t_now_ns)]
@@ -384,7 +384,7 @@ class BoardSession:
         self.ended = reason
         self.line.session_began(self._t_timer_ns)
         self.hello = self.status = None
-        self.is_resting = self._is_leaving = self._is_reporting = False
+        self.is_on_standby = self._is_leaving = self._is_reporting = False
 
     def _numbered(self, drive: SafeDrive, t_now_ns: int) -> list[BoardCommand]:
         self._seq = (self._seq + 1) & 0xFFFF

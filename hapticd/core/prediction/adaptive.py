@@ -11,6 +11,8 @@ import math
 from collections import deque
 from typing import Final
 
+from ..touch.fingers import FingerPredictor
+from ..touch.sensor_clock import GAP_PERIODS, SHORTEST_PERIODS
 from .bank import ModelBank, shortened
 from .motion import MotionModel, Sample
 from .pad_memory import FAR_S, NEAR_S, HorizonFit, PadMemory, Spread, dot, speed_class
@@ -33,11 +35,13 @@ _FIRST_SAMPLES: Final = 3  # of a touch: their predictions say more about landin
 _LEAST_APART_S: Final = 0.004  # of the predictions that teach: faster pads would forget faster
 _SLOPE_S: Final = 0.001
 
+LONGEST_HORIZON_S: Final = 0.050  # a longer horizon is cut to this
+_FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position on any plate
+_STALE_STEP_MM: Final = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
+
 
 class SlowFilter:
     """Kalman filter: velocity disturbed by white acceleration, both axes alike."""
-
-    __slots__ = ("_vv", "_xv", "_xx", "vx", "vy", "x", "y")
 
     def __init__(self) -> None:
         self.start(math.nan, math.nan)
@@ -64,25 +68,6 @@ class SlowFilter:
 
 class Estimate:
     """The motion at a sample: position, velocity and acceleration of the bank, and what else corrections need."""
-
-    __slots__ = (
-        "ax",
-        "ay",
-        "cx",
-        "cy",
-        "is_jump",
-        "ox",
-        "oy",
-        "rx",
-        "ry",
-        "speed_mm_s",
-        "t_s",
-        "usual_mm_s",
-        "vx",
-        "vy",
-        "x",
-        "y",
-    )
 
     def __init__(self, t_s: float, bank: ModelBank, last: tuple[float, float], slow: SlowFilter) -> None:
         """`t_s` from the touch's start, the `last` reported position, and the slow filter."""
@@ -128,8 +113,6 @@ class AdaptiveMotion(MotionModel):
 
     The first model of a given (period, noise) computes gain tables; later ones share them.
     """
-
-    __slots__ = ("_bank", "_estimate", "_far", "_last", "_memory", "_near", "_samples", "_slow", "_t_s", "_t_taught_s")
 
     def __init__(self, *, period_ms: float, noise_mm: float = 0.053, memory: PadMemory | None = None) -> None:
         self._bank = ModelBank(period_ms=period_ms, noise_mm=noise_mm)
@@ -232,3 +215,73 @@ class AdaptiveMotion(MotionModel):
             place = then.speed_class()
             spreads[0].learn(place, cos * ex_mm + sin * ey_mm)
             spreads[1].learn(place, cos * ey_mm - sin * ex_mm)
+
+
+class TouchPredictor(FingerPredictor):
+    """One touch's predictor for samples whose stamps are filtered already.
+
+    `update` takes a sample: when it was taken (`t_ns`, on the axis of `predict`), its filtered stamp (on the sampler's
+    own axis: intervals come from it), its position, and the sampler's period. `predict` and `velocity` give position
+    (mm) and velocity (mm/s) at an instant: NaN before the first sample, finite from then on. Instants up to the last
+    sample give the filtered last position; horizons are cut at `LONGEST_HORIZON_S`.
+    """
+
+    def __init__(self, model: MotionModel) -> None:
+        self._model = model
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop all samples."""
+        self._t_ns: int | None = None
+        self._t_stamp_ns = 0
+        self._x_mm = self._y_mm = math.nan
+        self._moved = False
+
+    def update(self, t_ns: int, t_stamp_ns: int, x_mm: float, y_mm: float, period_s: float) -> None:
+        """Take a sample. Ignored: what is no position, and stamps that do not increase."""
+        if not is_position(x_mm, y_mm):
+            return
+        elapsed_s = math.inf if self._t_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
+        if elapsed_s > GAP_PERIODS * period_s:
+            self._model.start(x_mm, y_mm)
+            self._moved = False
+        else:
+            if elapsed_s <= 0.0 or self.is_stale(x_mm, y_mm):
+                return
+            self._model.step(Sample(max(elapsed_s, SHORTEST_PERIODS * period_s), period_s, x_mm, y_mm))
+            dx_mm, dy_mm = x_mm - self._x_mm, y_mm - self._y_mm
+            self._moved = dx_mm * dx_mm + dy_mm * dy_mm > _STALE_STEP_MM * _STALE_STEP_MM
+        self._t_ns, self._t_stamp_ns = t_ns, t_stamp_ns
+        self._x_mm, self._y_mm = x_mm, y_mm
+
+    def predict(self, t_ns: int) -> tuple[float, float]:
+        """Return the position in mm at `t_ns`."""
+        return self._model.position(self._ahead_s(t_ns))
+
+    def velocity(self, t_ns: int) -> tuple[float, float]:
+        """Return the velocity in mm/s at `t_ns`."""
+        return self._model.velocity(self._ahead_s(t_ns))
+
+    def covariance(self, t_ns: int) -> tuple[float, float, float]:
+        """Return xx, xy, yy in mm^2 of the predicted position's error at `t_ns`."""
+        return self._model.covariance(self._ahead_s(t_ns))
+
+    def is_stale(self, x_mm: float, y_mm: float) -> bool:
+        """Return whether a moving finger's sample repeats the last one exactly. A second one in a row is not stale: the
+        finger has stopped."""
+        repeats = self._moved and x_mm == self._x_mm and y_mm == self._y_mm
+        self._moved = self._moved and not repeats
+        return repeats
+
+    def _ahead_s(self, t_ns: int) -> float:
+        if self._t_ns is None:
+            return math.nan
+        ahead_s = (t_ns - self._t_ns) * 1e-9
+        if ahead_s <= 0.0:
+            return 0.0
+        return ahead_s if ahead_s <= LONGEST_HORIZON_S else LONGEST_HORIZON_S
+
+
+def is_position(x_mm: float, y_mm: float) -> bool:
+    """Return whether both are finite, and on some plate."""
+    return -_FARTHEST_MM <= x_mm <= _FARTHEST_MM and -_FARTHEST_MM <= y_mm <= _FARTHEST_MM

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from .gains import MODELS, Gain, bank_gains
+from .gains import MODELS, STEPS, Gain, bank_gains
 from .motion import MotionModel, Sample, checked
 
 # No finger on a plate exceeds these; a model beyond them has taken a bad sample.
@@ -50,8 +50,6 @@ class ModelBank(MotionModel):
     The first bank of a given (period, noise) computes its gain tables; later ones share them.
     """
 
-    __slots__ = ("_ax", "_ay", "_filters", "_gains", "_mean", "_period_s", "_samples", "_vx", "_vy", "_x", "_y")
-
     def __init__(self, *, period_ms: float, noise_mm: float = 0.053) -> None:
         self._x = self._y = self._vx = self._vy = self._ax = self._ay = math.nan
         self._period_s = 1e-3 * period_ms
@@ -59,7 +57,8 @@ class ModelBank(MotionModel):
             self._period_s * 2.0 ** (index / _INTERVALS_PER_OCTAVE)
             for index in range(_SHORTEST_INDEX, _LONGEST_INDEX + 1)
         )
-        self._gains = bank_gains(intervals_s, checked("noise_mm", noise_mm, 1e-4, 10.0))
+        self._gains: Final = bank_gains(intervals_s, checked("noise_mm", noise_mm, 1e-4, 10.0))
+        self._row, self._row_gains = (-1, -1), list[Gain]()  # the last of these that was read
 
     @property
     def motion(self) -> tuple[float, float, float, float, float, float]:
@@ -70,7 +69,7 @@ class ModelBank(MotionModel):
         """Take the first sample of a touch; earlier ones are dropped."""
         still = (x_mm, y_mm, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._samples = 1
-        self._filters = [_FILTERS[order](still) for order, _ in MODELS]
+        self._filters = [_Filter(still, order) for order, _ in MODELS]
         self._settle(still)
 
     def step(self, sample: Sample) -> None:
@@ -99,10 +98,14 @@ class ModelBank(MotionModel):
         """Velocity in mm/s at the same instant."""
         return self._vx + ahead_s * self._ax, self._vy + ahead_s * self._ay
 
-    def _gains_after(self, interval_s: float) -> tuple[Gain, ...]:
+    def _gains_after(self, interval_s: float) -> list[Gain]:
         index = round(_INTERVALS_PER_OCTAVE * math.log2(interval_s / self._period_s))
-        rows = self._gains[min(max(index, _SHORTEST_INDEX), _LONGEST_INDEX) - _SHORTEST_INDEX]
-        return rows[min(self._samples, len(rows)) - 1]
+        interval = min(max(index, _SHORTEST_INDEX), _LONGEST_INDEX) - _SHORTEST_INDEX
+        row = min(self._samples, STEPS) - 1
+        if (interval, row) != self._row:
+            found: list[list[float]] = self._gains[interval, row].tolist()
+            self._row, self._row_gains = (interval, row), [(k_x, k_v, k_a, k_j, s) for k_x, k_v, k_a, k_j, s in found]
+        return self._row_gains
 
     def _settle(self, mean: _State) -> None:
         self._mean = mean
@@ -123,87 +126,37 @@ def shortened(x: float, y: float, longest: float) -> tuple[float, float]:
 
 
 class _Filter:
-    """A model of the bank: its state, its weight, and its innovation at the last sample.
+    """A model of the bank with `order` states on each axis: 1 rests, 3 has constant acceleration, 4 constant jerk.
 
-    `misfit` is chi^2 / 2, `spread` the expected variance (mm^2) of the innovation on one axis.
+    `weight` is its probability; of the innovation at the last sample `misfit` is chi^2 / 2, `spread` the expected
+    variance (mm^2) on one axis.
     """
 
-    __slots__ = ("misfit", "spread", "state", "weight")
-
-    def __init__(self, state: _State) -> None:
+    def __init__(self, state: _State, order: int) -> None:
         self.state = state
         self.weight = 1.0 / len(MODELS)
         self.misfit, self.spread = 0.0, 1.0
+        self._order: Final = order
 
     def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
         """Take a sample `d` seconds after the last: mix in the bank's mean, predict, correct."""
-        raise NotImplementedError
-
-
-class _Rest(_Filter):
-    """No motion: the interval does not matter."""
-
-    __slots__ = ()
-
-    def follow(self, mean: _State, own_share: float, gain: Gain, _d: float, x_mm: float, y_mm: float) -> None:
-        x, y, _, _, _, _, _, _ = self.state
-        mean_x, mean_y, _, _, _, _, _, _ = mean
-        k, _, _, _, spread = gain
-        x = mean_x + own_share * (x - mean_x)
-        y = mean_y + own_share * (y - mean_y)
-        ex = x_mm - x
-        ey = y_mm - y
-        self.state = (x + k * ex, y + k * ey, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
-
-
-class _Slide(_Filter):
-    """Constant acceleration."""
-
-    __slots__ = ()
-
-    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
-        half_d = 0.5 * d
-        x, y, vx, vy, ax, ay, _, _ = self.state
-        mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, _, _ = mean
-        k_x, k_v, k_a, _, spread = gain
-
-        ax = mean_ax + own_share * (ax - mean_ax)
-        ay = mean_ay + own_share * (ay - mean_ay)
-        vx = mean_vx + own_share * (vx - mean_vx)
-        vy = mean_vy + own_share * (vy - mean_vy)
-        x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * ax)
-        y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * ay)
-        vx += d * ax
-        vy += d * ay
-
-        ex = x_mm - x
-        ey = y_mm - y
-        spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
-        self.state = (x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey, ax + k_a * ex, ay + k_a * ey, 0.0, 0.0)
-        self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
-
-
-class _Bend(_Filter):
-    """Constant jerk."""
-
-    __slots__ = ()
-
-    def follow(self, mean: _State, own_share: float, gain: Gain, d: float, x_mm: float, y_mm: float) -> None:
         half_d, third_d = 0.5 * d, d / 3.0
         x, y, vx, vy, ax, ay, jx, jy = self.state
         mean_x, mean_y, mean_vx, mean_vy, mean_ax, mean_ay, mean_jx, mean_jy = mean
         k_x, k_v, k_a, k_j, spread = gain
-
-        jx = mean_jx + own_share * (jx - mean_jx)
-        jy = mean_jy + own_share * (jy - mean_jy)
-        ax = mean_ax + own_share * (ax - mean_ax)
-        ay = mean_ay + own_share * (ay - mean_ay)
-        vx = mean_vx + own_share * (vx - mean_vx)
-        vy = mean_vy + own_share * (vy - mean_vy)
-        if jx * vx + jy * vy > 0.0:
-            jx *= _JERK_KEPT_ALONG
-            jy *= _JERK_KEPT_ALONG
+        if self._order == 1:
+            vx = vy = ax = ay = jx = jy = 0.0
+        else:
+            ax = mean_ax + own_share * (ax - mean_ax)
+            ay = mean_ay + own_share * (ay - mean_ay)
+            vx = mean_vx + own_share * (vx - mean_vx)
+            vy = mean_vy + own_share * (vy - mean_vy)
+        if self._order == 4:
+            jx = mean_jx + own_share * (jx - mean_jx)
+            jy = mean_jy + own_share * (jy - mean_jy)
+            if jx * vx + jy * vy > 0.0:
+                jx *= _JERK_KEPT_ALONG
+                jy *= _JERK_KEPT_ALONG
         x = mean_x + own_share * (x - mean_x) + d * (vx + half_d * (ax + third_d * jx))
         y = mean_y + own_share * (y - mean_y) + d * (vy + half_d * (ay + third_d * jy))
         vx += d * (ax + half_d * jx)
@@ -211,17 +164,13 @@ class _Bend(_Filter):
         ax += d * jx
         ay += d * jy
 
-        ex = x_mm - x
-        ey = y_mm - y
+        ex, ey = x_mm - x, y_mm - y
         spread += 0.5 * _STAMP_VAR_S2 * (vx * vx + vy * vy)
         self.state = (
             x + k_x * ex, y + k_x * ey, vx + k_v * ex, vy + k_v * ey,
             ax + k_a * ex, ay + k_a * ey, jx + k_j * ex, jy + k_j * ey,
         )  # fmt: skip
         self.misfit, self.spread = (ex * ex + ey * ey) / (2.0 * spread), spread
-
-
-_FILTERS: dict[int, type[_Filter]] = {1: _Rest, 3: _Slide, 4: _Bend}  # by a model's order
 
 
 def _weigh(filters: list[_Filter]) -> None:

@@ -9,7 +9,6 @@ data: those of regular samplers are computed once, for all intervals and densiti
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -35,51 +34,16 @@ _FACTORIAL = (1, 1, 2, 6)
 # variance (mm^2).
 Gain = tuple[float, float, float, float, float]
 
-_GAIN = struct.Struct("=5d")
-_ROW_BYTES = len(MODELS) * _GAIN.size
-
-
-class GainRows:
-    """The gains of one interval, a read-only sequence: a row per sample after the first, a `Gain` for each of `MODELS`.
-
-    Packed doubles, 40 bytes a gain where Python objects take 220. A row is unpacked on access: a touch reads each once,
-    and after a second only the last.
-    """
-
-    __slots__ = ("_length", "_numbers", "_steady")
-
-    def __init__(self, gains: FloatArray) -> None:
-        """`gains` (steps, models, 5), in the order of a `Gain`."""
-        self._length = len(gains)
-        self._numbers = np.ascontiguousarray(gains).tobytes()
-        self._steady = self._row(self._length - 1)
-
-    def __len__(self) -> int:
-        return self._length
-
-    def __getitem__(self, index: int) -> tuple[Gain, ...]:
-        if index == self._length - 1:
-            return self._steady
-        if not 0 <= index < self._length:
-            raise IndexError(f"row {index} of {self._length}")
-        return self._row(index)
-
-    def _row(self, index: int) -> tuple[Gain, ...]:
-        first = index * _ROW_BYTES
-        return tuple(_GAIN.iter_unpack(self._numbers[first : first + _ROW_BYTES]))
-
 
 @lru_cache(maxsize=16)  # two configurations of some levels each
-def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> tuple[GainRows, ...]:
-    """Return the gains of each interval; the last row holds for all later samples. Takes some 20 ms the first time."""
-    columns = np.concatenate(
-        [
-            kalman_gains(intervals_s, [density for order_, density in MODELS if order_ == order], noise_mm, order)
-            for order in sorted({order for order, _ in MODELS})
-        ],
-        axis=2,
-    )
-    return tuple(GainRows(interval) for interval in columns.swapaxes(0, 1))
+def bank_gains(intervals_s: tuple[float, ...], noise_mm: float) -> FloatArray:
+    """Return the gains (intervals, STEPS, MODELS, 5) from the second sample on, in the order of a `Gain`; the last ones
+    hold for all later samples. Takes some 20 ms the first time."""
+    columns = [
+        kalman_gains(intervals_s, [density for order_, density in MODELS if order_ == order], noise_mm, order)
+        for order in sorted({order for order, _ in MODELS})
+    ]
+    return np.ascontiguousarray(np.concatenate(columns, axis=2).swapaxes(0, 1))
 
 
 def kalman_gains(

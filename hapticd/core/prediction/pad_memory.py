@@ -52,11 +52,6 @@ _MOST_SCALE: Final = 10.0
 class HorizonFit:
     """Weights of the corrections at one horizon."""
 
-    __slots__ = (
-        *("_count", "_prior0", "_prior1", "_prior2", "_prior3", "_prior4", "_right"),
-        *("_row0", "_row1", "_row2", "_row3", "_row4", "_squares_mm2", "_start", "weights"),
-    )
-
     def __init__(self, prior: Prior, weights: MotionVector | None = None) -> None:
         """`weights` replaces the prior's mean: those that were kept of this pad."""
         self._start = prior.mean if weights is None else weights
@@ -97,8 +92,6 @@ class HorizonFit:
 class Spread:
     """The 68 % quantile of the error's size at one horizon, by class of speed: a scale for all, times one for each."""
 
-    __slots__ = ("_by_class_mm", "_errors", "_scale")
-
     def __init__(self, by_class_mm: tuple[float, ...]) -> None:
         self._scale = 1.0
         self._by_class_mm = list(by_class_mm)
@@ -122,8 +115,6 @@ class Spread:
 
 class PadMemory:
     """What is learned of one pad, shared by the predictors of all its touches."""
-
-    __slots__ = ("far", "far_across", "far_along", "near", "near_across", "near_along")
 
     def __init__(self, near: MotionVector | None = None, far: MotionVector | None = None) -> None:
         """`near` and `far`: weights kept of this pad, at the two horizons."""

@@ -11,93 +11,19 @@ starts, to the last bit.
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from numbers import Real
 from typing import Final
 
-from ..touch.fingers import FingerPredictor
-from ..touch.sensor_clock import GAP_PERIODS, SHORTEST_PERIODS, SampleClock
-from .adaptive import AdaptiveMotion
-from .motion import MotionModel, Sample, checked
+from ..touch.sensor_clock import GAP_PERIODS, SampleClock
+from .adaptive import AdaptiveMotion, TouchPredictor, is_position
+from .motion import MotionModel, checked
 from .pad_memory import PadMemory
-
-LONGEST_HORIZON_S: Final = 0.050  # a longer horizon is cut to this
-
-_FARTHEST_MM: Final = 1e6  # a coordinate beyond is no position on any plate
-_STALE_STEP_MM: Final = 0.3  # a finger that made such a step cannot be at exactly the same counts one sample later
 
 # The nominal period is that of a Magic Trackpad 2; the clock finds that of another pad within some samples.
 _INTAKE_DEFAULTS: dict[str, float] = {"period_ms": 11.25, "period_error_ms": 1.0, "stamp_error_ms": 0.6}
-
-
-class TouchPredictor(FingerPredictor):
-    """One touch's predictor for samples whose stamps are filtered already.
-
-    `update` takes a sample: when it was taken (`t_ns`, on the axis of `predict`), its filtered stamp (on the sampler's
-    own axis: intervals come from it), its position, and the sampler's period. `predict` and `velocity` give position
-    (mm) and velocity (mm/s) at an instant: NaN before the first sample, finite from then on. Instants up to the last
-    sample give the filtered last position; horizons are cut at `LONGEST_HORIZON_S`.
-    """
-
-    __slots__ = ("_model", "_moved", "_t_ns", "_t_stamp_ns", "_x_mm", "_y_mm")
-
-    def __init__(self, model: MotionModel) -> None:
-        self._model = model
-        self.reset()
-
-    def reset(self) -> None:
-        """Drop all samples."""
-        self._t_ns: int | None = None
-        self._t_stamp_ns = 0
-        self._x_mm = self._y_mm = math.nan
-        self._moved = False
-
-    def update(self, t_ns: int, t_stamp_ns: int, x_mm: float, y_mm: float, period_s: float) -> None:
-        """Take a sample. Ignored: what is no position, and stamps that do not increase."""
-        if not is_position(x_mm, y_mm):
-            return
-        elapsed_s = math.inf if self._t_ns is None else (t_stamp_ns - self._t_stamp_ns) * 1e-9
-        if elapsed_s > GAP_PERIODS * period_s:
-            self._model.start(x_mm, y_mm)
-            self._moved = False
-        else:
-            if elapsed_s <= 0.0 or self.is_stale(x_mm, y_mm):
-                return
-            self._model.step(Sample(max(elapsed_s, SHORTEST_PERIODS * period_s), period_s, x_mm, y_mm))
-            dx_mm, dy_mm = x_mm - self._x_mm, y_mm - self._y_mm
-            self._moved = dx_mm * dx_mm + dy_mm * dy_mm > _STALE_STEP_MM * _STALE_STEP_MM
-        self._t_ns, self._t_stamp_ns = t_ns, t_stamp_ns
-        self._x_mm, self._y_mm = x_mm, y_mm
-
-    def predict(self, t_ns: int) -> tuple[float, float]:
-        """Return the position in mm at `t_ns`."""
-        return self._model.position(self._ahead_s(t_ns))
-
-    def velocity(self, t_ns: int) -> tuple[float, float]:
-        """Return the velocity in mm/s at `t_ns`."""
-        return self._model.velocity(self._ahead_s(t_ns))
-
-    def covariance(self, t_ns: int) -> tuple[float, float, float]:
-        """Return xx, xy, yy in mm^2 of the predicted position's error at `t_ns`."""
-        return self._model.covariance(self._ahead_s(t_ns))
-
-    def is_stale(self, x_mm: float, y_mm: float) -> bool:
-        """Return whether a moving finger's sample repeats the last one exactly. A second one in a row is not stale: the
-        finger has stopped."""
-        repeats = self._moved and x_mm == self._x_mm and y_mm == self._y_mm
-        self._moved = self._moved and not repeats
-        return repeats
-
-    def _ahead_s(self, t_ns: int) -> float:
-        if self._t_ns is None:
-            return math.nan
-        ahead_s = (t_ns - self._t_ns) * 1e-9
-        if ahead_s <= 0.0:
-            return 0.0
-        return ahead_s if ahead_s <= LONGEST_HORIZON_S else LONGEST_HORIZON_S
 
 
 class Predictor:
@@ -105,8 +31,6 @@ class Predictor:
 
     As `TouchPredictor`; `update(t_ns, x_mm, y_mm)` takes the device's stamps, whose jitter is filtered out first.
     """
-
-    __slots__ = ("_clock", "_fresh_clock", "_fresh_model", "_t_stamp_ns", "_touch")
 
     def __init__(self, fresh_model: Callable[[], MotionModel], fresh_clock: Callable[[], SampleClock]) -> None:
         self._fresh_model = fresh_model
@@ -143,11 +67,6 @@ class Predictor:
     def covariance(self, t_ns: int) -> tuple[float, float, float]:
         """Return xx, xy, yy in mm^2 of the predicted position's error at `t_ns`."""
         return self._touch.covariance(t_ns)
-
-
-def is_position(x_mm: float, y_mm: float) -> bool:
-    """Return whether both are finite, and on some plate."""
-    return -_FARTHEST_MM <= x_mm <= _FARTHEST_MM and -_FARTHEST_MM <= y_mm <= _FARTHEST_MM
 
 
 @dataclass(frozen=True, slots=True)

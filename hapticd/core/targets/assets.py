@@ -18,7 +18,6 @@ from msgspec.structs import replace
 from hapticd_contract.contents import Content, LevelMap
 
 from ...errors import RequestError
-from .shares import UserOf, host_of, left, spoken
 
 MAX_ASSET_BYTES: Final = 2**20  # a picture of 1024 x 1024
 MAX_BYTES: Final = 2**25
@@ -33,7 +32,6 @@ LOOK_NS: Final = 1_000_000_000
 class _Asset:
     """One asset. `t_ns` is when it was last asked for or in use."""
 
-    owner: str
     levels: bytes
     t_ns: int
     is_used: bool = False
@@ -58,8 +56,7 @@ class _Upload:
 class Assets:
     """All assets of all clients. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(self, user_of: UserOf = host_of) -> None:
-        self._user_of = user_of
+    def __init__(self) -> None:
         self._assets: dict[bytes, _Asset] = {}
         self._uploads: dict[tuple[str, bytes], _Upload] = {}  # by client: what another one sends is not waited for
         self._t_looked_ns = 0
@@ -77,52 +74,35 @@ class Assets:
         if upload is None:
             if not part or offset > 0:
                 return 0
-            self._make_room(client, len(part), 1)
+            self._make_room(len(part), 1)
             upload = self._uploads[client, digest] = _Upload(size, t_ns)
         if not part or offset != len(upload.parts):
             return len(upload.parts)
         if size != upload.size or offset + len(part) > size:
             raise RequestError(f"asset: has {upload.size} bytes, not {size}, and no part goes beyond.")
-        self._make_room(client, len(part), 0)
+        self._make_room(len(part), 0)
         upload.add(part, t_ns)
         if len(upload.parts) == size:
             del self._uploads[client, digest]
             if upload.hash.digest() != digest:
                 raise RequestError("asset: its bytes have another hash: upload it again.")
-            self._assets[digest] = _Asset(client, bytes(upload.parts), t_ns)
+            self._assets[digest] = _Asset(bytes(upload.parts), t_ns)
         return offset + len(part)
 
-    def _make_room(self, client: str, size: int, assets: int) -> None:
-        """Drop unused assets until there is room, the user's own first. Raises RequestError where there is none."""
-        user = self._user_of(client)
-        for is_own in (True, False):
-            if not self._drop_oldest(user, is_own, size, assets):
-                raise RequestError(
-                    f"asset: the daemon keeps {spoken(MAX_BYTES, 'bytes', user)}, and "
-                    f"{spoken(MAX_ASSETS, 'assets', user)}: remove a surface first."
-                )
-
-    def _drop_oldest(self, user: str, is_own: bool, size: int, assets: int) -> bool:
-        """Drop unused assets of a user, or of all, until its share, or all, have room; return whether they have."""
-        mine = [digest for digest, asset in self._assets.items() if not is_own or self._user_of(asset.owner) == user]
-        parts = [
-            upload.parts for (client, _), upload in self._uploads.items() if not is_own or self._user_of(client) == user
-        ]
-        total = sum([len(part) for part in parts]) + sum([len(self._assets[digest].levels) for digest in mine])
-        count = len(parts) + len(mine)
-
-        def has_room() -> bool:
-            used = (0, total) if is_own else (total, 0)
-            used_count = (0, count) if is_own else (count, 0)
-            return left(MAX_BYTES, user, *used) >= size and left(MAX_ASSETS, user, *used_count) >= assets
-
-        for digest in sorted(mine, key=lambda digest: self._assets[digest].t_ns):
-            if has_room():
-                break
-            if not self._assets[digest].is_used:
-                total, count = total - len(self._assets[digest].levels), count - 1
+    def _make_room(self, size: int, assets: int) -> None:
+        """Drop unused assets, oldest first, until there is room. Raises RequestError where there is none."""
+        found = self.report()
+        size, count = size + found["bytes"], assets + found["count"] + found["uploads"]
+        for digest, asset in sorted(self._assets.items(), key=lambda item: item[1].t_ns):
+            if size <= MAX_BYTES and count <= MAX_ASSETS:
+                return
+            if not asset.is_used:
+                size, count = size - len(asset.levels), count - 1
                 del self._assets[digest]
-        return has_room()
+        if size > MAX_BYTES or count > MAX_ASSETS:
+            raise RequestError(
+                f"asset: the daemon keeps at most {MAX_BYTES} bytes and {MAX_ASSETS} assets: remove a surface first."
+            )
 
     # --- use ---
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...errors import RequestError
-from .shares import HOST, left, spoken
 
 MAX_NAMES = 64  # names cost a client nothing, so their number is bounded
 KEPT_NS = 5_000_000_000  # a name is kept at least this long: no message is under way for longer
@@ -31,11 +30,6 @@ class ClientRegistry:
     def __len__(self) -> int:
         return len(self._clients)
 
-    def user_of(self, name: str) -> str:
-        """Return the user of a client's name; HOST for one that no socket brought."""
-        client = self._clients.get(name)
-        return HOST if client is None else client.user
-
     def is_newest(self, name: str, user: str, stamp: int | None, ttl_ns: int, t_ns: int) -> bool:
         """Return whether a message is at least as new as all earlier ones of this client. One without a stamp always
         is.
@@ -55,14 +49,9 @@ class ClientRegistry:
 
     def _newcomer(self, name: str, user: str, t_ns: int) -> _Client:
         """Register a client; expired names make room."""
-        if self._left(user) < 1.0:
+        if len(self._clients) >= MAX_NAMES:
             self._clients = {known: client for known, client in self._clients.items() if t_ns < client.t_forgotten_ns}
-        if self._left(user) < 1.0:
-            most = spoken(MAX_NAMES, "client names", user)
-            raise RequestError(f"The daemon knows {most}: wait until one falls silent.")
+        if len(self._clients) >= MAX_NAMES:
+            raise RequestError(f"The daemon knows {MAX_NAMES} client names, its most: wait until one falls silent.")
         self._clients.pop(name, None)
         return _Client(user, 0, t_ns)
-
-    def _left(self, user: str) -> float:
-        own = sum([client.user == user for client in self._clients.values()])
-        return left(MAX_NAMES, user, len(self._clients), own)

@@ -16,7 +16,6 @@ from ...values import FingerKey
 from ..trajectory.knots import GRAIN_NS
 from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer
-from .shares import UserOf, left, spoken
 from .surfaces import NEVER_NS, SurfaceSet
 
 Cause = type[Start]
@@ -31,11 +30,6 @@ _Predicted = Callable[[int, int], tuple[float, float]]  # a finger and an instan
 
 class Held:
     """One effect with its owner. `layer` is the surface it is on, `trigger` the one that starts it, None without."""
-
-    __slots__ = (
-        *("cause", "corners", "course", "effect", "is_due", "is_gone", "is_new", "is_wave", "layer", "name", "on"),
-        *("owner", "started_ns", "t_expires_ns", "t_from_ns", "trigger"),
-    )
 
     def __init__(self, owner: str, effect: Effect, t_ns: int) -> None:
         self.name: Final = effect.name
@@ -59,8 +53,6 @@ class Held:
 class Playing:
     """An effect that plays, for one finger or for EVERYONE where it is; instants are whole grains."""
 
-    __slots__ = ("begin_ns", "end_ns", "finger_id", "held")
-
     def __init__(self, held: Held, finger_id: int, begin_ns: int) -> None:
         self.held: Final = held
         self.finger_id: Final = finger_id
@@ -71,7 +63,7 @@ class Playing:
 class Effects:
     """All effects of all clients. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(self, w_limit_um: float, surfaces: SurfaceSet, user_of: UserOf) -> None:
+    def __init__(self, w_limit_um: float, surfaces: SurfaceSet) -> None:
         self.held: list[Held] = []
         self.playing: list[Playing] = []
         self.felt: list[Playing] = []  # of those, what a finger feels in the frame that is being made
@@ -80,7 +72,6 @@ class Effects:
         self.skipped = 0  # starts for which there was no room
         self._w_limit_um: Final = w_limit_um
         self._surfaces: Final = surfaces
-        self._user_of: Final = user_of
         self._layers: list[Layer] = []
         self._of_layers: dict[Layer, list[Held]] = {}  # those that entering, leaving or crossing it starts
         self._of_fingers: dict[Cause, list[Held]] = {}  # those that a finger starts by itself
@@ -88,14 +79,14 @@ class Effects:
         self._max_knots = 24
         self._least_span_ns = 12_000_000
 
-    def fit(self, max_knots: int, least_span_ns: int) -> None:
+    def set_knot_limits(self, max_knots: int, least_span_ns: int) -> None:
         """Set what a frame carries: so many knots, over a span that lasts to the next frame at least."""
         self._max_knots = max_knots
         self._least_span_ns = least_span_ns
 
     # --- requests of clients ---
 
-    def apply(self, message: ClientTargets, t_ns: int, owner_of: OwnerOf) -> list[str]:
+    def set_effects(self, message: ClientTargets, t_ns: int, owner_of: OwnerOf) -> list[str]:
         """Replace all earlier effects of the client. Returns one error message per refused effect."""
         if not message.effects and not self.held:
             return []
@@ -104,8 +95,6 @@ class Effects:
         others = [held for held in self.held if held.owner != message.client]
         mine: list[Held] = []
         refusals: list[str] = []
-        user = self._user_of(message.client)
-        room = left(MAX_EFFECTS, user, len(others), self._count(others, user))
         for effect in message.effects:
             name = effect.name
             held = before.get(name)
@@ -113,12 +102,11 @@ class Effects:
                 held = Held(message.client, effect, t_ns)
                 held.corners = held.course.most_corners(self._least_span_ns)
             refusal = self._refusal(held, owner_of)
-            if room < 1.0:
-                refusal = f"is one too many: the plate has {spoken(MAX_EFFECTS, 'effects', user)}."
+            if len(others) + len(mine) >= MAX_EFFECTS:
+                refusal = f"is one too many: the plate has at most {MAX_EFFECTS} effects."
             if refusal:
                 refusals.append(f"effect {name!r} {refusal}")
                 continue
-            room -= 1.0
             if held is not before.get(name):
                 held.is_due = held.is_due and not self._has_been_played(held)
             held.t_expires_ns = t_ns + message.ttl_ns
@@ -194,18 +182,11 @@ class Effects:
         return True
 
     def _has_room(self, playing: list[Held], held: Held) -> bool:
-        """Whether one more may play: so many of all users, and of waves no more than their knots."""
-        user = self._user_of(held.owner)
-        if left(MAX_PLAYING, user, len(playing), self._count(playing, user)) < 1.0:
+        """Whether one more may play: at most MAX_PLAYING, and of waves no more than their knots."""
+        if len(playing) >= MAX_PLAYING:
             return False
-        if not held.is_wave or not (waves := [one for one in playing if one.is_wave]):
-            return True
-        own = sum([one.corners for one in waves if self._user_of(one.owner) == user])
-        room = left(self._max_knots - 2, user, sum([one.corners for one in waves]), own)
-        return held.corners <= room
-
-    def _count(self, some: list[Held], user: str) -> int:
-        return sum([self._user_of(held.owner) == user for held in some])
+        waves = [one.corners for one in playing if one.is_wave]
+        return not held.is_wave or not waves or sum(waves) + held.corners <= self._max_knots - 2
 
     def resolve(self) -> None:
         """Find the layers that effects name, where the layers have changed."""
@@ -263,18 +244,18 @@ class Effects:
             return 0.0
         return felt_um if felt_um < self._w_limit_um else self._w_limit_um
 
-    def frame(self, t_ns: int, cover_ns: int, most: int) -> tuple[int, list[int]]:
-        """Return how long a frame of `most` knots from `t_ns` may be, at most `cover_ns`, and the corners within it,
-        since its beginning. Where they are too many, those of waves come first."""
+    def frame(self, t_ns: int, frame_duration_ns: int, most: int) -> tuple[int, list[int]]:
+        """Return how long a frame of `most` knots from `t_ns` may be, at most `frame_duration_ns`, and the corners
+        within it, since its beginning. Where they are too many, those of waves come first."""
         waves, others = set[int](), set[int]()
         for one in self.felt:
             after_ns = t_ns - one.begin_ns
-            found_ns = one.held.course.corners_ns(after_ns, after_ns + cover_ns - GRAIN_NS)
+            found_ns = one.held.course.corners_ns(after_ns, after_ns + frame_duration_ns - GRAIN_NS)
             (waves if one.held.is_wave else others).update([corner_ns - after_ns for corner_ns in found_ns])
         room = most - 2
         merged = sorted(waves | others)
         if len(merged) <= room:
-            return cover_ns, merged
+            return frame_duration_ns, merged
         if merged[room] >= self._least_span_ns:
             return merged[room], merged[:room]
         if len(waves) > room:

@@ -25,17 +25,6 @@ class Course:
     """A form over the time since its beginning (ns). `is_factor`: it multiplies, and is 1 outside; else it adds, and
     is 0 outside. `length_ns` is ENDLESS_NS for one that something else ends."""
 
-    __slots__ = (
-        "_is_cut",
-        "_neutral",
-        "_period_ns",
-        "_starts_with_step",
-        "_times_ns",
-        "_values",
-        "is_factor",
-        "length_ns",
-    )
-
     def __init__(self, form: Form, loops: bool) -> None:
         is_factor = isinstance(form, Modulation) or (isinstance(form, Envelope) and form.is_factor)
         times_ns, values = _polyline(form)

@@ -8,10 +8,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from hapticd_contract.contents import Content
+from hapticd_contract.contents import Content, Noise
 from hapticd_contract.surfaces import Circle, Polygon, Surface
 
-from .costs import layer_cost
 from .textures.texture import AmplitudeAt, Detail
 from .virtual_paths import Walk
 
@@ -21,13 +20,6 @@ _Side = tuple[float, float, float, float]  # of a polygon: from x, y to x, y
 
 class Layer:
     """One surface with its owner and its place in the stack. `born` counts layers in the order in which they came."""
-
-    __slots__ = (
-        *("_angle_rad", "_cos", "_moves", "_radius_mm", "_reach_mm", "_sides", "_sin", "_turning_rad_s", "_vx_mm_s"),
-        *("_vy_mm_s", "_walk", "_x_mm", "_y_mm", "adds", "born", "content", "corners", "cost", "finest_mm"),
-        *("is_smooth", "is_whole", "name", "owner", "replaces", "scale", "speed_mm_s", "surface", "t_expires_ns"),
-        *("t_pose_ns", "texture", "z"),
-    )
 
     def __init__(
         self,
@@ -46,7 +38,6 @@ class Layer:
         self.texture: Final = texture
         self.born: Final = born
         self.z: Final = surface.z
-        self.cost: Final = layer_cost(surface)
         self.t_pose_ns: Final = t_pose_ns
         self.t_expires_ns = t_pose_ns
         self.replaces: Final = surface.blend == "replace"
@@ -58,6 +49,7 @@ class Layer:
         path = surface.path
         self._walk: Final = None if path is None else Walk(path, t_pose_ns)
         self._turning_rad_s: Final = surface.turning_rad_s
+        self.is_expensive: Final = isinstance(content, Noise) or path is not None or surface.turning_rad_s != 0.0
         self._moves: Final = self._vx_mm_s != 0.0 or self._vy_mm_s != 0.0
         self._angle_rad: Final = surface.angle_rad
         self._cos: Final = math.cos(surface.angle_rad)

@@ -17,16 +17,11 @@ from hapticd_contract.targets import ClientTargets
 from ...values import FingerKey
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from .assets import Assets
-from .costs import virtual_ns
 from .effects import Effects
-from .shares import UserOf, host_of, left, spoken
 from .surfaces import NEVER_NS, SurfaceSet
-from .textures.registry import Sliding, amplitude, content_ns, detail, refusal
+from .textures.registry import Sliding, amplitude, detail, refusal
 from .textures.texture import NO_DETAIL, AmplitudeAt, Detail
 from .virtual_paths import Walk
-
-__all__ = ["MAX_CLIENTS", "MAX_VIRTUALS", "Scene", "Virtual"]
-
 
 MAX_CLIENTS = 16  # names cost a client nothing, so their number is bounded
 MAX_VIRTUALS = 16  # each takes part in every solve
@@ -53,10 +48,9 @@ class _Held:
     texture: AmplitudeAt | None
     detail: Detail
     walk: Walk | None
-    place_ns: float  # estimated for its target, and its place on a path, at one instant
 
 
-_UNHELD = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, detail=NO_DETAIL, walk=None, place_ns=0.0)
+_UNHELD = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, detail=NO_DETAIL, walk=None)
 
 
 class Scene:
@@ -67,36 +61,32 @@ class Scene:
         w_limit_um: float,
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
         plate_size_mm: tuple[float, float] = (137.5, 137.5),
-        user_of: UserOf = host_of,
     ) -> None:
-        """`user_of` names the user of a client, whose clients share what one user may take."""
-        self.user_of = user_of
         self._w_limit_um = w_limit_um
         self.friction_curve = friction_curve
         self._plate_size_mm = plate_size_mm
         self.depends_on_speed = friction_curve.speed_mm_s < math.inf
         self._sliding = Sliding()
-        self.assets = Assets(user_of)
-        self.surfaces = SurfaceSet(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding, user_of)
-        self.effects = Effects(w_limit_um, self.surfaces, user_of)
+        self.assets = Assets()
+        self.surfaces = SurfaceSet(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding)
+        self.effects = Effects(w_limit_um, self.surfaces)
         self._held: dict[FingerKey, _Held] = {}
         self._released: dict[FingerKey, None] = {}  # in the order in which they were released
 
     # --- requests of clients ---
 
-    def apply(self, message: ClientTargets, t_ns: int) -> tuple[str, ...]:
+    def set_targets(self, message: ClientTargets, t_ns: int) -> tuple[str, ...]:
         """Replace all earlier targets, surfaces and effects of the client. Returns one sentence per refused one."""
         self._drop_expired(t_ns)
         requested: dict[FingerKey, _Held] = {}
         refusals: list[str] = []
-        user = self.user_of(message.client)
-        room = self._room_for_virtuals(message.client, user)
+        room = MAX_VIRTUALS - sum([held.owner != message.client for _, held, _ in self._walking()])
         targets = {one.finger: one for one in message.targets}
         paths = {one.name: one.path for one in message.virtuals}
         for key in dict.fromkeys((*paths, *targets)):
             target, path = targets.get(key), paths.get(key) if isinstance(key, str) else None
             content = None if target is None else target.content
-            refusal = self._refusal(message.client, key, path, content, user, room)
+            refusal = self._refusal(message.client, key, path, content, room)
             if refusal is not None:
                 refusals.append(refusal)
                 continue
@@ -106,8 +96,8 @@ class Scene:
         for key, held in requested.items():
             self._held[key] = held
             self._released.pop(key, None)
-        refusals += self.surfaces.apply(message, t_ns)
-        return (*refusals, *self.effects.apply(message, t_ns, self.owner_of))
+        refusals += self.surfaces.set_surfaces(message, t_ns)
+        return (*refusals, *self.effects.set_effects(message, t_ns, self.owner_of))
 
     def upload(self, client: str, digest: bytes, size: int, offset: int, part: bytes, t_ns: int) -> int:
         """Take a part of an asset, as `Assets.upload`, which makes room for a new one where nothing is used."""
@@ -186,11 +176,6 @@ class Scene:
         held = self._held.get(key)
         return NO_DETAIL if held is None else held.detail
 
-    def place_ns(self, key: FingerKey) -> float:
-        """Return what one look-up of a finger's target is estimated to take; without one, of all surfaces."""
-        held = self._held.get(key)
-        return self.surfaces.place_ns if held is None or held.target is None else held.place_ns
-
     def virtuals(self, t_ns: int) -> tuple[Virtual, ...]:
         """The virtual fingers at `t_ns`, in the order in which they came."""
         return tuple(
@@ -232,13 +217,13 @@ class Scene:
     # --- ownership ---
 
     def _refusal(
-        self, client: str, key: FingerKey, path: VirtualPath | None, content: Content | None, user: str, room: float
+        self, client: str, key: FingerKey, path: VirtualPath | None, content: Content | None, room: int
     ) -> str | None:
         """Return why the client's request for this finger is refused, None if it is not."""
         owner = self.owner_of(key)
-        if owner is None and self._is_crowded(client, user):
-            most = spoken(MAX_CLIENTS, "clients that hold fingers", user)
-            return f"{_spoken(key)}: the plate has {most}: one must release its own first."
+        owners = {held.owner for held in self._held.values()}
+        if client not in owners and len(owners) >= MAX_CLIENTS and owner is None:
+            return f"{_spoken(key)}: {MAX_CLIENTS} clients hold fingers, which is the most: one must release its own."
         if owner is not None and owner != client:
             return f"{_spoken(key)} is held by {owner!r}: wait until that client releases it."
         if isinstance(key, str) and path is None:
@@ -249,9 +234,8 @@ class Scene:
                 f"{_spoken(key)} leaves the plate: its path must lie within ±{0.5 * width_mm:g} mm in x and "
                 f"±{0.5 * depth_mm:g} mm in y."
             )
-        if isinstance(key, str) and room < 1.0:
-            most = spoken(MAX_VIRTUALS, "virtual fingers", user)
-            return f"{_spoken(key)} is one too many: the plate serves {most}."
+        if isinstance(key, str) and room < 1:
+            return f"{_spoken(key)} is one too many: the plate has at most {MAX_VIRTUALS} virtual fingers."
         return self._refusal_of_target(key, content)
 
     def _is_on_plate(self, path: VirtualPath) -> bool:
@@ -282,7 +266,6 @@ class Scene:
             texture=before.texture if before.target == target else self._texture(target),
             detail=detail(target, self._plate_size_mm),
             walk=_walk(path, t_ns, before.walk),
-            place_ns=content_ns(target) if path is None else virtual_ns(target),
         )
 
     def _texture(self, target: Content | None) -> AmplitudeAt | None:
@@ -295,15 +278,6 @@ class Scene:
         """Return all targets and contents in force."""
         targets = [held.target for held in self._held.values() if held.target is not None]
         return targets + [layer.content for layer in self.surfaces.layers]
-
-    def _room_for_virtuals(self, client: str, user: str) -> float:
-        others = [held.owner for _, held, _ in self._walking() if held.owner != client]
-        return left(MAX_VIRTUALS, user, len(others), sum([self.user_of(owner) == user for owner in others]))
-
-    def _is_crowded(self, client: str, user: str) -> bool:
-        owners = {held.owner for held in self._held.values()}
-        own = sum([self.user_of(owner) == user for owner in owners])
-        return client not in owners and left(MAX_CLIENTS, user, len(owners), own) < 1.0
 
     def _walking(self) -> Iterator[tuple[str, _Held, Walk]]:
         for key, held in self._held.items():

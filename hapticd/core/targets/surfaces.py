@@ -18,15 +18,14 @@ from hapticd_contract.targets import ClientTargets
 from ..friction import FrictionCurve
 from ..trajectory.knots import GRAIN_NS
 from .assets import Assets
-from .costs import MAX_EDGES
 from .layer import Layer
-from .shares import UserOf, left, spoken
 from .textures.registry import Sliding, amplitude, detail, fills_shape, refusal
 from .textures.texture import AmplitudeAt
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
-MAX_PASS_US: Final = 256.0  # of processor time for one finger's pass (`costs`): 64 rectangles at rest take 200
+MAX_EXPENSIVE: Final = 16  # of noise, on a path or turning: each takes a finger as long as five others
+MAX_EDGES: Final = 8  # of one layer, and corners of its path, that a finger meets in one frame
 NEVER_NS: Final = 2**62
 MAX_REFINED: Final = 16  # crossings of all fingers whose instant is refined for one frame: it has room for knots at 11
 
@@ -64,11 +63,9 @@ class SurfaceSet:
         plate_size_mm: tuple[float, float],
         assets: Assets,
         sliding: Sliding,
-        user_of: UserOf,
     ) -> None:
         self.layers: list[Layer] = []
         self.has_edges = False
-        self.way_ns = self.place_ns = 0.0  # estimated for each finger's way in a pass, and each of its places
         self.version = 0  # counts changes; a refreshed surface is none
         self.t_expires_ns = NEVER_NS  # the next one does
         self._w_limit_um: Final = w_limit_um
@@ -76,12 +73,11 @@ class SurfaceSet:
         self._plate_size_mm: Final = plate_size_mm
         self._assets: Final = assets
         self._sliding: Final = sliding
-        self._user_of: Final = user_of
         self._born = 0
 
     # --- requests of clients ---
 
-    def apply(self, message: ClientTargets, t_ns: int) -> list[str]:
+    def set_surfaces(self, message: ClientTargets, t_ns: int) -> list[str]:
         """Replace all earlier surfaces of the client. Returns one error message per refused surface."""
         if not message.surfaces and not self.layers:
             return []
@@ -90,18 +86,16 @@ class SurfaceSet:
         others = [layer for layer in self.layers if layer.owner != message.client]
         mine: list[Layer] = []
         refusals: list[str] = []
-        room = _Room(others, self._user_of, message.client)
         for surface in message.surfaces:
             name, refusal = surface.name, self._refusal(surface.content)
             if refusal:
                 refusals.append(f"surface {name!r} {refusal}")
                 continue
             layer = self._layer(message.client, surface, before.get(name), t_ns)
-            refusal = room.refusal(layer)
+            refusal = _lack_of_room(others + mine, layer)
             if refusal:
                 refusals.append(f"surface {name!r} {refusal}")
                 continue
-            room.take(layer, is_own=True)
             layer.t_expires_ns = t_ns + message.ttl_ns
             mine.append(layer)
         self._stack(others + mine)
@@ -217,50 +211,18 @@ class SurfaceSet:
             self.version += 1
         self.layers = stacked
         self.has_edges = any(not layer.is_whole for layer in layers)
-        self.way_ns = sum([layer.cost.way_ns for layer in layers])
-        self.place_ns = sum([layer.cost.place_ns for layer in layers])
         self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
 
 
-class _Room:
-    """What the surfaces of all clients leave for one client, whose own are replaced: how many, their corners, and their
-    cost in a finger's pass."""
-
-    def __init__(self, others: list[Layer], user_of: UserOf, client: str) -> None:
-        self._user: Final = user_of(client)
-        self._used = [0.0, 0.0, 0.0]
-        self._used_by_user = [0.0, 0.0, 0.0]
-        for layer in others:
-            self.take(layer, is_own=user_of(layer.owner) == self._user)
-
-    def take(self, layer: Layer, *, is_own: bool) -> None:
-        """Count a layer; `is_own`: it is one of the client's user."""
-        for index, amount in enumerate((1.0, float(layer.corners), layer.cost.pass_us)):
-            self._used[index] += amount
-            self._used_by_user[index] += amount if is_own else 0.0
-
-    def refusal(self, layer: Layer) -> str:
-        """Return why there is no room for a layer; empty if there is."""
-        surfaces, corners, pass_us = [
-            left(most, self._user, used, used_by_user)
-            for most, used, used_by_user in zip(_MOST, self._used, self._used_by_user, strict=True)
-        ]
-        if surfaces < 1.0:
-            return f"is one too many: the plate has {spoken(MAX_SURFACES, 'surfaces', self._user)}."
-        if corners < layer.corners:
-            most = spoken(MAX_CORNERS, "corners", self._user)
-            return f"has too many corners: {corners:g} are left, the plate has {most}."
-        asked_us = layer.cost.pass_us
-        if pass_us < asked_us:
-            return (
-                f"is too dear: it takes {asked_us:.3g} us of a finger's pass, {max(pass_us, 0.0):.3g} us are left of "
-                f"{spoken(MAX_PASS_US, 'us of surfaces', self._user)}. Noise, paths with near corners and turning "
-                "layers take most."
-            )
-        return ""
-
-
-_MOST: Final = (MAX_SURFACES, MAX_CORNERS, MAX_PASS_US)
+def _lack_of_room(others: list[Layer], layer: Layer) -> str:
+    """Return why there is no room for a layer beside the others; empty if there is."""
+    if len(others) >= MAX_SURFACES:
+        return f"is one too many: the plate has at most {MAX_SURFACES} surfaces."
+    if layer.corners > (corners := MAX_CORNERS - sum([other.corners for other in others])):
+        return f"has too many corners: {corners} are left of the plate's {MAX_CORNERS}."
+    if layer.is_expensive and sum([other.is_expensive for other in others]) >= MAX_EXPENSIVE:
+        return f"is one too many: at most {MAX_EXPENSIVE} surfaces of the plate are noise, turn or follow a path."
+    return ""
 
 
 def _about_ns(crossing: Crossing) -> float:

@@ -18,8 +18,6 @@ SHORT_MM: Final = 1e-3  # nothing is felt of a path as short as that
 class Walk:
     """A path with its start instant. With `loop` it reverses at either end, else it ends on the last point."""
 
-    __slots__ = ("_arc_mm", "_corners_mm", "_found_for", "_found_ns", "path", "t_start_ns")
-
     def __init__(self, path: VirtualPath, t_start_ns: int) -> None:
         self.path = path
         self.t_start_ns = t_start_ns

@@ -27,8 +27,6 @@ FARTHEST_RAD: Final = 1e6  # an angle beyond is none
 class EllipseScale:
     """The law of a pad's ellipses: a true axis is `scale` times the reported one, plus `offset_mm`."""
 
-    __slots__ = ("offset_mm", "scale")
-
     def __init__(self, scale: float, offset_mm: float) -> None:
         self.scale: Final = scale
         self.offset_mm: Final = offset_mm
@@ -41,8 +39,6 @@ class EllipseScale:
 
 class ContactForm:
     """The form of one finger's contact, while it is down; None until the pad has reported an ellipse."""
-
-    __slots__ = ("_across_mm", "_along_mm", "_mean_mm", "_reports", "_scale", "_shown", "form")
 
     def __init__(self, scale: EllipseScale) -> None:
         self.form: EllipseForm | None = None

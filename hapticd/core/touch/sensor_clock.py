@@ -19,10 +19,9 @@ Instants are integer nanoseconds and floats only hold differences, so nothing he
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
 from collections import deque
 from typing import Final
-
-from ..rolling_quantile import RollingQuantile
 
 _PHASE_WALK_VAR_S2: Final = 20e-6**2  # how far the true sampling instant strays in one period
 _PERIOD_WALK_VAR_S2: Final = 0.1e-6**2  # how far the period itself strays in one period
@@ -45,11 +44,6 @@ _FASTEST, _SLOWEST = 1.0 / 16.0, 4.0  # period over the expected one
 class SlotFilter:
     """The clock of a sampler whose stamps err by `stamp_error_s` (standard error): `lag_s`, `period_s`, and the log
     likelihood of the last stamps."""
-
-    __slots__ = (
-        *("_cross", "_longest_s", "_period_var", "_phase_var", "_shortest_s", "_stamp_var"),
-        *("lag_s", "log_likelihood", "period_s"),
-    )
 
     def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float, log_likelihood: float) -> None:
         self.period_s = period_s
@@ -95,13 +89,7 @@ class SlotFilter:
         self._cross = cross / weights + lag * change
         self._period_var = (period_var if period_var > 0.0 else 0.0) + _PERIOD_WALK_VAR_S2
         period_s = self.period_s + change
-        self.period_s = (
-            self._shortest_s
-            if period_s < self._shortest_s
-            else self._longest_s
-            if period_s > self._longest_s
-            else period_s
-        )
+        self.period_s = min(max(period_s, self._shortest_s), self._longest_s)
 
 
 def _prior(periods: float) -> float:
@@ -120,8 +108,6 @@ class SampleClock:
     All arguments in seconds: the expected period, the standard errors of that expectation and of one stamp. Stamps that
     prove worse are trusted less. With a `stamp_error_s` of 0 every stamp is taken as it is.
     """
-
-    __slots__ = ("_best", "_filters", "_t_stamp_ns", "_takes_stamps")
 
     def __init__(self, period_s: float, period_error_s: float, stamp_error_s: float) -> None:
         worse_s = [error_s for error_s in _WORSE_STAMPS_S if error_s > stamp_error_s]
@@ -201,8 +187,8 @@ class SensorClock:
         self.relocks = 0
         self.t_filtered_ns = 0  # the newest stamp, its jitter filtered out
         self.latency_ns = latency_ns  # it may change, by little at a time
-        self._differences = RollingQuantile(_WINDOW, _LOW)
-        self._t_arrivals_ns: deque[int] = deque()
+        self._arrivals: deque[tuple[int, int]] = deque()  # of the window's reports: t_host_ns, and that less its stamp
+        self._differences: list[int] = []  # these, sorted
         self._t_device_ns = 0
         self._late_in_a_row = 0
         self._learned = 0  # reports since it was locked
@@ -223,28 +209,28 @@ class SensorClock:
         """
         difference_ns = t_host_ns - t_device_ns
         self._forget_old(t_host_ns)
-        if len(self._differences) > 0 and self._has_stepped(t_device_ns, difference_ns):
+        if self._differences and self._has_stepped(t_device_ns, difference_ns):
             self.reset()
             self.relocks += 1
         t_filtered_ns = self.t_filtered_ns = self._samples.filtered_ns(t_device_ns)
         self._t_device_ns = t_device_ns
-        if len(self._differences) == _WINDOW:
-            self._t_arrivals_ns.popleft()
-        self._t_arrivals_ns.append(t_host_ns)
-        self._differences.push(t_host_ns - t_filtered_ns)
+        if len(self._arrivals) == _WINDOW:
+            self._forget_oldest()
+        self._arrivals.append((t_host_ns, t_host_ns - t_filtered_ns))
+        insort(self._differences, t_host_ns - t_filtered_ns)
         self._forget_learning()
         return min(t_filtered_ns + self.offset_ns, t_host_ns - self.latency_ns)
 
     @property
     def offset_ns(self) -> int:
         """Sampling instant less stamp; IndexError before the first report."""
-        return self._differences.value + self._correction_ns() - self.latency_ns
+        return self._quantile_ns(_LOW) + self._correction_ns() - self.latency_ns
 
     def _correction_ns(self) -> int:
         """From the low quantile to where a report that is not late would be: the median where stamps alone explain the
         spread; an eighth of the spread before the quantile where lateness does (a seventh of it if that is uniform, a
         tenth if exponential); in between the stamps' share falls as its square."""
-        spread_ns = min(self._differences.at(0.5) - self._differences.value, _MOST_SPREAD_NS)
+        spread_ns = min(self._quantile_ns(0.5) - self._quantile_ns(_LOW), _MOST_SPREAD_NS)
         if spread_ns == 0:
             return 0
         explained_ns = min(spread_ns, _STAMP_SPREAD_NS)
@@ -254,7 +240,7 @@ class SensorClock:
         """Reset: the next report gives the offset."""
         self._samples.restart()
         self._differences.clear()
-        self._t_arrivals_ns.clear()
+        self._arrivals.clear()
         self._late_in_a_row = 0
         self._learned = 0
 
@@ -262,17 +248,23 @@ class SensorClock:
         """Keep only the later half of a young window: the filter's first estimates err by a stamp's whole jitter, and
         the early ones would be the low quantile for as long as they stay."""
         self._learned += 1
-        if self._learned < 2 * _WINDOW and self._learned % 2 == 0 and len(self._differences) > 1:
-            self._t_arrivals_ns.popleft()
-            self._differences.drop_oldest()
+        if self._learned < 2 * _WINDOW and self._learned % 2 == 0 and len(self._arrivals) > 1:
+            self._forget_oldest()
 
     def _forget_old(self, t_host_ns: int) -> None:
-        while self._t_arrivals_ns and not 0 <= t_host_ns - self._t_arrivals_ns[0] <= _MAX_AGE_NS:
-            self._t_arrivals_ns.popleft()
-            self._differences.drop_oldest()
+        while self._arrivals and not 0 <= t_host_ns - self._arrivals[0][0] <= _MAX_AGE_NS:
+            self._forget_oldest()
+
+    def _forget_oldest(self) -> None:
+        _, difference_ns = self._arrivals.popleft()
+        del self._differences[bisect_left(self._differences, difference_ns)]
+
+    def _quantile_ns(self, share: float) -> int:
+        """A lower quantile of the differences; IndexError while there is none."""
+        return self._differences[int(share * (len(self._differences) - 1))]
 
     def _has_stepped(self, t_device_ns: int, difference_ns: int) -> bool:
-        late_ns = difference_ns - self._differences.value
+        late_ns = difference_ns - self._quantile_ns(_LOW)
         is_late = late_ns > _MOST_EARLY_NS
         self._late_in_a_row = self._late_in_a_row + 1 if is_late else 0
         return (

@@ -33,8 +33,6 @@ _NEAR_MM: Final = 10.0  # and this near is the same finger
 class _Track:
     """A finger that is down: its id, last contact, position and velocity (mm, mm/s)."""
 
-    __slots__ = ("contact", "contact_id", "finger_id", "vx", "vy", "x", "y")
-
     def __init__(self, finger_id: int, contact: Contact) -> None:
         self.finger_id = finger_id
         self.contact = contact
@@ -195,7 +193,7 @@ class Tracker:
             unclaimed = sorted(contacts.keys() - self._tracks.keys())
             fingers += [self._begin(contacts[contact_id]) for contact_id in unclaimed]
         self._unreported = ()
-        return tuple.__new__(FingerFrame, (t_ns, tuple(fingers), lifted))
+        return FingerFrame(t_ns, tuple(fingers), lifted)
 
     def _begin(self, contact: Contact) -> Finger:
         track = self._tracks[contact.contact_id] = _Track(self._next_id, contact)
@@ -205,5 +203,4 @@ class Tracker:
 
 def _finger(track: _Track, *, is_new: bool) -> Finger:
     contact_id, x_mm, y_mm, major_mm, minor_mm, angle_rad, pressure_frac, _, _, _, _ = track.contact
-    fields = (track.finger_id, contact_id, x_mm, y_mm, is_new, pressure_frac, major_mm, minor_mm, angle_rad)
-    return tuple.__new__(Finger, fields)
+    return Finger(track.finger_id, contact_id, x_mm, y_mm, is_new, pressure_frac, major_mm, minor_mm, angle_rad)

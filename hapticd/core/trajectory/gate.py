@@ -39,7 +39,7 @@ def gate(drive: Drive, limit_um: tuple[float, ...], max_knots: int = 24) -> Safe
             return silence(drive.t_apply_ns, len(limit_um), LimitReason.NOT_FINITE)
         knots = (*knots[:index], Knot(dt_ns, _scaled(modal_um, limit_um)), *knots[index + 1 :])
         reasons = LimitReason.AMPLITUDE
-    return tuple.__new__(SafeDrive, (drive.t_apply_ns, knots, reasons))
+    return SafeDrive(drive.t_apply_ns, knots, reasons)
 
 
 def silence(t_apply_ns: int, modes: int, reasons: LimitReason = UNTOUCHED) -> SafeDrive:

@@ -67,7 +67,7 @@ GAUGES = (
     Export("board.round_trip_ms", "board_round_trip_seconds", "To the board and back", 1e-3),
     Export("board.clock_rate_ppm", "board_clock_deviation_ratio", "How much faster the board's clock runs", 1e-6),
     Export("latency_ms.frames_hz", "reference_frame_rate_hertz", "Frames applied by the board, of the last 10 s"),
-    Export("timing.slowness", "pass_slowness_ratio", "How much longer passes take than estimated"),
+    Export("timing.budget_frac", "pass_budget_ratio", "Share of their time budget that passes may use on this machine"),
     Export("real_time.priority", "real_time_priority", "SCHED_FIFO priority, 0 for ordinary scheduling"),
     Export("real_time.memory_locked", "real_time_memory_locked", "1 where the daemon's memory is not paged out"),
 )

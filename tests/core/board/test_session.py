@@ -207,10 +207,10 @@ def test_what_the_board_sends_may_wait_for_a_pass_while_it_follows_or_rests_and_
         assert not session.can_wait
     bench.say()
     assert session.can_wait
-    session.rest(bench.t_ns)
+    session.standby(bench.t_ns)
     assert not session.can_wait
     session.receive_hello(HELLO, bench.t_ns)
-    assert session.is_resting
+    assert session.is_on_standby
     assert session.can_wait
     session.link_down()
     assert not session.can_wait
@@ -218,10 +218,10 @@ def test_what_the_board_sends_may_wait_for_a_pass_while_it_follows_or_rests_and_
 
 def test_a_board_whose_answer_takes_longer_than_a_keep_alives_period_rests_as_well(bench: Bench) -> None:
     session = bench.session
-    session.rest(bench.t_ns)
+    session.standby(bench.t_ns)
     assert any(isinstance(command, Keepalive) for _, command in bench.run(30 * MS))
     assert session.receive_hello(HELLO, bench.t_ns) == []
-    assert session.is_resting
+    assert session.is_on_standby
 
 
 @pytest.mark.parametrize("phase_ms", range(10))

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from hapticd.core.targets import assets as store
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.scene import Scene
-from hapticd.core.targets.shares import USER_SHARE
 from hapticd.errors import RequestError
 from hapticd_contract.contents import LevelMap
 from hapticd_contract.surfaces import Circle, Surface
@@ -42,7 +41,7 @@ def picture(digest: bytes, width: int, height: int) -> LevelMap:
 
 def lay(scene: Scene, *surfaces: Surface, client: str = "a", t_ns: int = T0_NS) -> tuple[str, ...]:
     named = {f"s{index}": surface for index, surface in enumerate(surfaces)}
-    return scene.apply(ClientTargets.of(client, 10**12, {}, {}, surfaces=named), t_ns)
+    return scene.set_targets(ClientTargets.of(client, 10**12, {}, {}, surfaces=named), t_ns)
 
 
 def test_an_uploaded_picture_of_1024_pixels_is_felt_at_its_own_resolution_by_all_who_use_it() -> None:
@@ -54,7 +53,7 @@ def test_an_uploaded_picture_of_1024_pixels_is_felt_at_its_own_resolution_by_all
     pitch_mm = 137.5 / 1023
     felt_um = [scene.surfaces.amplitude_um((column - 511.5) * pitch_mm, 3.0, T0_NS) for column in range(500, 504)]
     assert felt_um == pytest.approx([0.0, 2.55, 0.0, 2.55], abs=1e-9)
-    assert scene.apply(ClientTargets.of("b", 10**9, {1: image}, {}), T0_NS) == ()
+    assert scene.set_targets(ClientTargets.of("b", 10**9, {1: image}, {}), T0_NS) == ()
     assert scene.amplitude_um(1, -511.5 * pitch_mm, 0.0) == 0.0
     assert scene.assets.report() == {"count": 1, "uploads": 0, "bytes": 2**20}
 
@@ -110,34 +109,27 @@ def test_an_asset_stays_while_it_is_used_and_a_while_longer_and_an_upload_that_e
     assert reports.index((0, 0)) == 15 + store.KEPT_NS // 10**9
 
 
-def test_a_user_and_all_users_have_a_bound_and_what_is_unused_longest_makes_room() -> None:
-    scene, numbers = Scene(w_limit_um=4.0, user_of=lambda client: client), count()
+def test_what_is_unused_longest_makes_room_for_new_assets() -> None:
+    scene, numbers = Scene(w_limit_um=4.0), count()
 
-    def fill(client: str) -> bytes:
+    def fill() -> bytes:
         one = next(numbers)
-        return uploaded(scene.assets, one.to_bytes(2, "little") * 2**19, client, T0_NS + one)
+        return uploaded(scene.assets, one.to_bytes(2, "little") * 2**19, "a", T0_NS + one)
 
-    first = fill("a")
+    first = fill()
     lay(scene, Surface.of(picture(first, 1024, 1024)))
-    for _ in range(40):
-        newest = fill("a")
-    assert scene.assets.report()["bytes"] == USER_SHARE * store.MAX_BYTES
-    assert scene.assets.upload("a", first, 2**20, 0, b"", T0_NS) == 2**20  # it is used
-    assert scene.assets.upload("a", newest, 2**20, 0, b"", T0_NS) == 2**20
-    for client in range(32):
-        for _ in range(2):
-            fill(f"client {client}")
+    unused = [fill() for _ in range(40)]
     assert scene.assets.report()["bytes"] == store.MAX_BYTES
-    assert scene.assets.upload("a", first, 2**20, 0, b"", T0_NS) == 2**20
+    here = [scene.assets.upload("a", digest, 2**20, 0, b"", T0_NS) for digest in (first, unused[0], unused[-1])]
+    assert here == [2**20, 0, 2**20]  # the first is used
 
 
-def test_uploads_that_never_end_are_refused_beyond_the_bound_and_others_have_room_meanwhile() -> None:
-    assets = Assets(user_of=lambda client: client)
-    for one in range(192):
-        assert assets.upload("hog", bytes([one]) * 32, 2**20, 0, b"x", T0_NS) == 1
-    with pytest.raises(RequestError, match="256 assets at once, one user has 192 of them"):
+def test_uploads_that_never_end_are_refused_beyond_the_bound() -> None:
+    assets = Assets()
+    for one in range(store.MAX_ASSETS):
+        assert assets.upload("hog", one.to_bytes(2, "little") * 16, 2**20, 0, b"x", T0_NS) == 1
+    with pytest.raises(RequestError, match=f"{store.MAX_ASSETS} assets"):
         assets.upload("hog", b"\xff" * 32, 2**20 - 1, 0, b"x", T0_NS)
-    assert assets.upload("other", b"\xff" * 32, 2**20, 0, b"x", T0_NS) == 1
     assets.look((), T0_NS + store.UPLOAD_NS)
     assert assets.report() == {"count": 0, "uploads": 0, "bytes": 0}
 
@@ -156,7 +148,7 @@ def test_whatever_is_sent_the_bounds_hold_and_an_asset_has_its_hash(
     with pytest.MonkeyPatch.context() as patch:
         for name, bound in (("MAX_BYTES", 1500), ("MAX_ASSETS", 4)):
             patch.setattr(store, name, bound)
-        scene, t_ns = Scene(w_limit_um=4.0, user_of=lambda client: client), T0_NS
+        scene, t_ns = Scene(w_limit_um=4.0), T0_NS
         for client, content, offset, seconds, is_damaged in steps:
             levels, t_ns = bytes([content]) * 400, t_ns + seconds * 10**8
             digest, at = digest_of(levels), 100 * offset

@@ -40,7 +40,7 @@ def wants(
 
 
 def test_a_finger_gets_what_its_client_asked_for(scene: Scene) -> None:
-    assert scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS) == ()
+    assert scene.set_targets(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS) == ()
     assert scene.amplitude_um(1, 3.0, 4.0) == 1.0
     assert scene.amplitude_um(2, 3.0, 4.0) == 0.0  # not None: to be held still is a target too
     assert scene.target_of(2) == STILL
@@ -48,15 +48,15 @@ def test_a_finger_gets_what_its_client_asked_for(scene: Scene) -> None:
 
 
 def test_a_message_replaces_all_that_the_same_client_wanted_before(scene: Scene) -> None:
-    scene.apply(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS)
-    scene.apply(wants("a", {2: SLIPPERY}), T0_NS + 1)
+    scene.set_targets(wants("a", {1: SLIPPERY, 2: STILL}), T0_NS)
+    scene.set_targets(wants("a", {2: SLIPPERY}), T0_NS + 1)
     assert scene.amplitude_um(1, 0.0, 0.0) is None
     assert scene.amplitude_um(2, 0.0, 0.0) == 1.0
     assert scene.expire(T0_NS + 1) == (1,)
 
 
 def test_a_texture_is_felt_where_the_finger_is(scene: Scene) -> None:
-    scene.apply(wants("a", {1: Grating(8.0, angle_rad=0.0, low_um=0.0, high_um=2.0, duty_frac=0.0)}), T0_NS)
+    scene.set_targets(wants("a", {1: Grating(8.0, angle_rad=0.0, low_um=0.0, high_um=2.0, duty_frac=0.0)}), T0_NS)
     assert scene.amplitude_um(1, 0.0, 9.0) == 2.0
     assert scene.amplitude_um(1, 4.0, 9.0) == pytest.approx(0.0, abs=1e-12)
 
@@ -64,7 +64,7 @@ def test_a_texture_is_felt_where_the_finger_is(scene: Scene) -> None:
 def test_friction_goes_through_the_curve_and_never_beyond_what_the_plate_can_do() -> None:
     scene = a_scene(w_limit_um=1.5)
     frictions = {1: Friction(1.0), 2: Friction(0.0), 3: Friction(0.5)}
-    assert scene.apply(wants("a", frictions), T0_NS) == ()
+    assert scene.set_targets(wants("a", frictions), T0_NS) == ()
     assert scene.amplitude_um(1, 0.0, 0.0) == 0.0
     assert scene.amplitude_um(2, 0.0, 0.0) == 1.5
     assert scene.amplitude_um(3, 0.0, 0.0) == FrictionCurve.exponential().amplitude_um(0.5)
@@ -82,7 +82,7 @@ def test_friction_goes_through_the_curve_and_never_beyond_what_the_plate_can_do(
 )
 def test_more_than_the_plate_can_do_is_refused_and_the_clients_other_fingers_keep_theirs(target: Content) -> None:
     scene = a_scene()
-    (refusal,) = scene.apply(wants("a", {1: target, 2: SLIPPERY}), T0_NS)
+    (refusal,) = scene.set_targets(wants("a", {1: target, 2: SLIPPERY}), T0_NS)
     assert refusal.startswith("finger 1 cannot have ")
     assert refusal.endswith("ask for at most 4 um.")
     assert scene.amplitude_um(1, 0.0, 0.0) is None
@@ -93,7 +93,7 @@ def test_more_than_the_plate_can_do_is_refused_and_the_clients_other_fingers_kee
 
 
 def test_a_silent_client_loses_its_fingers_when_its_time_is_up_and_not_before(scene: Scene) -> None:
-    scene.apply(wants("a", {1: SLIPPERY, "ghost": STILL}, {"ghost": LINE}), T0_NS)
+    scene.set_targets(wants("a", {1: SLIPPERY, "ghost": STILL}, {"ghost": LINE}), T0_NS)
     assert scene.next_expiry_ns == T0_NS + TTL_NS
     assert scene.expire(T0_NS + TTL_NS - 1) == ()
     assert scene.amplitude_um(1, 0.0, 0.0) == 1.0
@@ -104,10 +104,10 @@ def test_a_silent_client_loses_its_fingers_when_its_time_is_up_and_not_before(sc
 
 
 def test_released_fingers_are_reported_once_however_they_were_released(scene: Scene) -> None:
-    scene.apply(wants("a", {1: SLIPPERY, 2: SLIPPERY, 3: SLIPPERY}), T0_NS)
-    scene.apply(wants("b", {4: SLIPPERY}), T0_NS)
+    scene.set_targets(wants("a", {1: SLIPPERY, 2: SLIPPERY, 3: SLIPPERY}), T0_NS)
+    scene.set_targets(wants("b", {4: SLIPPERY}), T0_NS)
     assert scene.release("a", 1)
-    scene.apply(wants("a", {2: SLIPPERY}), T0_NS)
+    scene.set_targets(wants("a", {2: SLIPPERY}), T0_NS)
     scene.release_client("b")
     assert scene.expire(T0_NS) == (1, 3, 4)
     assert scene.expire(T0_NS) == ()
@@ -117,15 +117,15 @@ def test_released_fingers_are_reported_once_however_they_were_released(scene: Sc
 
 
 def test_a_second_client_is_refused_a_finger_by_the_owners_name(scene: Scene) -> None:
-    scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
-    refusals = scene.apply(wants("second", {1: STILL, 2: STILL}), T0_NS)
+    scene.set_targets(wants("first", {1: SLIPPERY}), T0_NS)
+    refusals = scene.set_targets(wants("second", {1: STILL, 2: STILL}), T0_NS)
     assert refusals == ("finger 1 is held by 'first': wait until that client releases it.",)
     assert scene.amplitude_um(1, 0.0, 0.0) == 1.0
     assert scene.amplitude_um(2, 0.0, 0.0) == 0.0
 
 
 def test_nobody_can_release_what_another_holds(scene: Scene) -> None:
-    scene.apply(wants("first", {1: SLIPPERY}), T0_NS)
+    scene.set_targets(wants("first", {1: SLIPPERY}), T0_NS)
     assert not scene.release("second", 1)
     assert not scene.release("first", 2)
     scene.release_client("second")
@@ -136,7 +136,7 @@ def test_nobody_can_release_what_another_holds(scene: Scene) -> None:
 
 
 def test_a_virtual_finger_walks_and_feels(scene: Scene) -> None:
-    scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
+    scene.set_targets(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
     assert scene.virtuals(T0_NS) == (Virtual("ghost", "a", T0_NS),)
     assert scene.virtual_names(T0_NS + TTL_NS - 1) == ("ghost",)
     assert scene.virtual_names(T0_NS + TTL_NS) == ()  # though no sweep came yet
@@ -145,31 +145,31 @@ def test_a_virtual_finger_walks_and_feels(scene: Scene) -> None:
 
 
 def test_refreshing_a_path_does_not_start_it_anew_but_another_path_does(scene: Scene) -> None:
-    scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
-    scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS + 100)
+    scene.set_targets(wants("a", {}, {"ghost": LINE}), T0_NS)
+    scene.set_targets(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS + 100)
     assert scene.virtuals(T0_NS + 100) == (Virtual("ghost", "a", T0_NS),)
-    scene.apply(wants("a", {"ghost": STILL}, {"ghost": OTHER_LINE}), T0_NS + 200)
+    scene.set_targets(wants("a", {"ghost": STILL}, {"ghost": OTHER_LINE}), T0_NS + 200)
     assert scene.virtuals(T0_NS + 200) == (Virtual("ghost", "a", T0_NS + 200),)
 
 
 def test_a_virtual_finger_belongs_to_the_client_that_made_it(scene: Scene) -> None:
-    scene.apply(wants("a", {}, {"ghost": LINE}), T0_NS)
-    (refusal,) = scene.apply(wants("b", {"ghost": STILL}, {"ghost": OTHER_LINE}), T0_NS)
+    scene.set_targets(wants("a", {}, {"ghost": LINE}), T0_NS)
+    (refusal,) = scene.set_targets(wants("b", {"ghost": STILL}, {"ghost": OTHER_LINE}), T0_NS)
     assert refusal == "virtual finger 'ghost' is held by 'a': wait until that client releases it."
     assert scene.virtual_position_mm("ghost", T0_NS) == (-40.0, 0.0)
 
 
 def test_the_plate_serves_only_so_many_virtual_fingers_and_refreshing_them_needs_no_room(scene: Scene) -> None:
     mine = {f"a{n}": LINE for n in range(MAX_VIRTUALS - 1)}
-    assert scene.apply(wants("a", {}, mine), T0_NS) == ()
-    (refusal,) = scene.apply(wants("b", {}, {"b0": LINE, "b1": LINE}), T0_NS)
+    assert scene.set_targets(wants("a", {}, mine), T0_NS) == ()
+    (refusal,) = scene.set_targets(wants("b", {}, {"b0": LINE, "b1": LINE}), T0_NS)
     assert refusal.startswith("virtual finger 'b1' is one too many")
-    assert scene.apply(wants("a", {}, mine), T0_NS) == ()
+    assert scene.set_targets(wants("a", {}, mine), T0_NS) == ()
     assert len(scene.virtuals(T0_NS)) == MAX_VIRTUALS
 
 
 def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error(scene: Scene) -> None:
-    scene.apply(wants("a", {1: STILL}), T0_NS)
+    scene.set_targets(wants("a", {1: STILL}), T0_NS)
     with pytest.raises(KeyError):
         scene.virtual_position_mm("unknown", T0_NS)
 
@@ -177,7 +177,7 @@ def test_asking_for_a_virtual_finger_that_is_not_there_is_a_key_error(scene: Sce
 def test_a_scene_names_whom_to_solve_for_and_how_closely_each_must_be_looked_at(scene: Scene) -> None:
     square = Grating(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.25)
     sine = Grating(period_mm=4.0, angle_rad=0.0, low_um=0.0, high_um=1.0, duty_frac=0.0)
-    scene.apply(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
+    scene.set_targets(wants("a", {1: STILL, 2: square, 5: sine, "ghost": STILL}, {"ghost": LINE, "idle": LINE}), T0_NS)
     assert scene.requested((1, 2, 3, 4), {3}, T0_NS) == [1, 2, 3, "ghost"]
     assert scene.requested((), (), T0_NS + TTL_NS) == []
     assert scene.detail(1) == scene.detail("unknown") == (math.inf, True)
@@ -205,7 +205,7 @@ def test_a_finger_always_has_one_living_owner_or_nobodys_target(
     held_before: set[int | str] = set()
     for client, targets, virtuals, pause_ns in history:
         t_ns += pause_ns
-        refusals = scene.apply(wants(client, dict(targets.items()), virtuals), t_ns)
+        refusals = scene.set_targets(wants(client, dict(targets.items()), virtuals), t_ns)
         t_said_ns[client] = t_ns
         released = scene.expire(t_ns)
         asked: set[int | str] = {*targets, *virtuals}
@@ -224,14 +224,14 @@ def test_a_finger_always_has_one_living_owner_or_nobodys_target(
 
 def test_a_virtual_finger_beside_the_plate_is_refused_and_one_on_its_edge_is_not(scene: Scene) -> None:
     outside = VirtualPath(((0.0, 0.0), (500.0, 0.0)), 50.0, loop=True)
-    (refusal,) = scene.apply(wants("a", {"far": SLIPPERY}, {"far": outside}), T0_NS)
+    (refusal,) = scene.set_targets(wants("a", {"far": SLIPPERY}, {"far": outside}), T0_NS)
     expected = "virtual finger 'far' leaves the plate: its path must lie within ±68.75 mm in x and ±68.75 mm in y."
     assert refusal == expected
     assert scene.virtuals(T0_NS) == ()
     edge = VirtualPath(((-68.75, 68.75), (68.75, -68.75)), 50.0, loop=True)
-    assert scene.apply(wants("a", {"edge": SLIPPERY}, {"edge": edge}), T0_NS) == ()
+    assert scene.set_targets(wants("a", {"edge": SLIPPERY}, {"edge": edge}), T0_NS) == ()
 
 
 def test_a_virtual_finger_takes_part_beside_fingers_whose_targets_have_ended(scene: Scene) -> None:
-    scene.apply(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
+    scene.set_targets(wants("a", {"ghost": STILL}, {"ghost": LINE}), T0_NS)
     assert scene.requested((1, 2), {1, 2}, T0_NS) == [1, 2, "ghost"]

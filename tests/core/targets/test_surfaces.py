@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.targets.scene import Scene
-from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_SURFACES, Predicted
-from hapticd_contract.contents import Amplitude, Friction, Grating, LevelMap
+from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_EXPENSIVE, MAX_SURFACES, Predicted
+from hapticd_contract.contents import Amplitude, Friction, Grating, LevelMap, Noise
 from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
 from hapticd_contract.targets import ClientTargets
 
@@ -22,7 +22,7 @@ STAR = Polygon(tuple((10.0 * math.cos(0.8 * k * math.pi), 10.0 * math.sin(0.8 * 
 
 
 def publish(scene: Scene, client: str = "a", t_ns: int = T0_NS, **surfaces: Surface) -> tuple[str, ...]:
-    return scene.apply(ClientTargets.of(client, TTL_NS, {}, {}, surfaces=surfaces), t_ns)
+    return scene.set_targets(ClientTargets.of(client, TTL_NS, {}, {}, surfaces=surfaces), t_ns)
 
 
 def a_scene(**surfaces: Surface) -> Scene:
@@ -164,8 +164,18 @@ def test_so_many_surfaces_are_on_the_plate_and_a_refresh_needs_no_room() -> None
     for client in range(MAX_SURFACES // 16):
         assert publish(scene, f"client {client}", **{f"s{n}": Surface.of(ONE) for n in range(16)}) == ()
     (refusal,) = publish(scene, "late", one=Surface.of(ONE))
-    assert refusal == "surface 'one' is one too many: the plate has 64 surfaces at once."
+    assert f"at most {MAX_SURFACES} surfaces" in refusal
     assert publish(scene, "client 0", **{f"s{n}": Surface.of(ONE) for n in range(16)}) == ()
+
+
+def test_so_many_surfaces_are_noise_turn_or_follow_a_path_and_others_have_room_beside_them() -> None:
+    scene, path = Scene(w_limit_um=4.0), VirtualPath(((0.0, 0.0), (1.0, 0.0)), 50.0, True)
+    noise = Noise(seed=1, shortest_mm=0.5, longest_mm=50.0, exponent=1.0, mean_um=0.5, rms_um=0.1)
+    kinds = (Surface.of(noise), Surface.of(ONE, turning_rad_s=6.0), Surface.of(ONE, path=path))
+    assert publish(scene, **{f"s{n}": kinds[n % 3] for n in range(MAX_EXPENSIVE)}) == ()
+    (refusal,) = publish(scene, "late", one=kinds[0], plain=Surface.of(ONE, Circle(5.0)))
+    assert f"at most {MAX_EXPENSIVE} surfaces" in refusal
+    assert len(scene.surfaces.layers) == MAX_EXPENSIVE + 1
 
 
 def test_all_shapes_together_have_so_many_corners_and_a_refresh_needs_no_room() -> None:
@@ -174,7 +184,7 @@ def test_all_shapes_together_have_so_many_corners_and_a_refresh_needs_no_room() 
     stack = {f"s{n}": Surface.of(ONE, ring) for n in range(MAX_CORNERS // 16)}
     assert publish(scene, **stack) == ()
     (refusal,) = publish(scene, "late", one=Surface.of(ONE, SQUARE), disc=Surface.of(ONE, Circle(5.0)))
-    assert refusal == "surface 'one' has too many corners: 0 are left, the plate has 256 corners at once."
+    assert "'one' has too many corners: 0 are left" in refusal
     assert publish(scene, **stack) == ()
 
 

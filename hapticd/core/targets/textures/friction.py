@@ -11,7 +11,6 @@ TEXTURE = Texture(
     amplitude=lambda target, plate: constant(min(plate.curve.amplitude_um(target.friction), plate.w_limit_um)),
     detail=lambda _target, _size_mm: NO_DETAIL,
     highest_um=lambda target, curve: curve.amplitude_um(target.friction),
-    cost_ns=lambda _target: 60.0,
     asks_for_friction=lambda _target: True,
     fills_shape=False,
 )

@@ -27,7 +27,6 @@ TEXTURE = Texture(
     amplitude=_amplitude,
     detail=lambda gradient, _size_mm: Detail(gradient.length_mm, False),
     highest_um=lambda gradient, _curve: max(gradient.from_um, gradient.to_um),
-    cost_ns=lambda _gradient: 200.0,
     asks_for_friction=lambda _gradient: False,
     fills_shape=False,
 )

@@ -55,7 +55,6 @@ TEXTURE = Texture(
     amplitude=_amplitude,
     detail=_detail,
     highest_um=lambda grating, _curve: max(grating.low_um, grating.high_um),
-    cost_ns=lambda _grating: 200.0,
     asks_for_friction=lambda _grating: False,
     fills_shape=False,
 )

@@ -76,7 +76,6 @@ TEXTURE = Texture(
     amplitude=_amplitude,
     detail=_detail,
     highest_um=_highest_um,
-    cost_ns=lambda image: 450.0 if image.friction is None else 650.0,
     asks_for_friction=lambda image: image.friction is not None,
     fills_shape=True,
 )

@@ -71,7 +71,6 @@ TEXTURE = Texture(
     amplitude=_amplitude,
     detail=lambda noise, _size_mm: Detail(noise.shortest_mm / PIECES_PER_WAVE, True),
     highest_um=lambda noise, _curve: noise.mean_um + MOST_RMS * noise.rms_um,
-    cost_ns=lambda _noise: 100.0 + 55.0 * WAVES,
     asks_for_friction=lambda _noise: False,
     fills_shape=False,
 )

@@ -22,8 +22,6 @@ FINEST_MM: Final = 1e-3
 class Sliding:
     """Factor by which a friction needs more amplitude at the speed of the finger that is looked up next."""
 
-    __slots__ = ("gain",)
-
     def __init__(self) -> None:
         self.gain = 1.0
 
@@ -55,11 +53,6 @@ def detail(target: Content | None, size_mm: tuple[float, float]) -> Detail:
 def highest_um(target: Content, curve: FrictionCurve) -> float:
     """The largest amplitude that a target can ask for anywhere."""
     return _TEXTURES[type(target)].highest_um(target, curve)
-
-
-def content_ns(target: Content | None) -> float:
-    """Return what the amplitude at one place costs."""
-    return 60.0 if target is None else _TEXTURES[type(target)].cost_ns(target)
 
 
 def fills_shape(target: Content) -> bool:

@@ -36,8 +36,6 @@ NO_DETAIL = Detail(math.inf, True)
 class TexturePlate:
     """The plate under a texture: its friction, over which size a map is spread, and the largest amplitude."""
 
-    __slots__ = ("curve", "size_mm", "w_limit_um")
-
     def __init__(self, curve: FrictionCurve, size_mm: tuple[float, float], w_limit_um: float) -> None:
         self.curve: Final = curve
         self.size_mm: Final = size_mm
@@ -47,9 +45,9 @@ class TexturePlate:
 class Texture(Generic[T]):
     """A texture for one class of target; all is asked for, so that none is forgotten.
 
-    `highest_um` is the largest amplitude anywhere, `cost_ns` what a look-up takes in machine code (`..costs`). A target
-    that asks for a friction gets at most the plate's limit, and more amplitude as a finger slides; one that asks for
-    more amplitude than the limit is refused. `fills_shape`: on a surface it is spread over the shape, not the plate.
+    `highest_um` is the largest amplitude anywhere. A target that asks for a friction gets at most the plate's limit,
+    and more amplitude as a finger slides; one that asks for more amplitude than the limit is refused. `fills_shape`: on
+    a surface it is spread over the shape, not the plate.
     """
 
     def __init__(
@@ -59,7 +57,6 @@ class Texture(Generic[T]):
         amplitude: Callable[[T, TexturePlate], AmplitudeAt],
         detail: Callable[[T, tuple[float, float]], Detail],
         highest_um: Callable[[T, FrictionCurve], float],
-        cost_ns: Callable[[T], float],
         asks_for_friction: Callable[[T], bool],
         fills_shape: bool,
     ) -> None:
@@ -67,7 +64,6 @@ class Texture(Generic[T]):
         self.amplitude: Final = amplitude
         self.detail: Final = detail
         self.highest_um: Final = highest_um
-        self.cost_ns: Final = cost_ns
         self.asks_for_friction: Final = asks_for_friction
         self.fills_shape: Final = fills_shape
 
