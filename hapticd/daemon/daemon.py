@@ -307,7 +307,7 @@ class Daemon:
         is_overrun, loop = ran_ns >= OVERRUN_NS, machine.status.loop
         loop.overruns += is_overrun
         self._breather.look(is_overrun=is_overrun)
-        loop.breaths = self._breather.breaths
+        loop.throttled = self._breather.throttled
 
     def _notice_stall(self, t_now_ns: int) -> None:
         """After a stall of this process read what the board has sent meanwhile, before its silence is judged."""

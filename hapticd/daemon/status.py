@@ -126,7 +126,7 @@ class Status:
         counts = {
             "frames late": ledger.late_frames,
             "frames unanswered": ledger.unanswered,
-            "passes put off": self.loop.breaths,
+            "passes put off": self.loop.throttled,
             "fingers left out of a pass": touch.left_out_fingers,
         }
         return {name: count for name, count in counts.items() if count}
@@ -224,7 +224,7 @@ class Status:
             "missed_ticks": loop.missed_ticks,
             "pauses": loop.pauses,
             "overruns": loop.overruns,
-            "breaths": loop.breaths,
+            "throttled": loop.throttled,
             "budget_frac": self._pipeline.budget_frac,
             "late_frames": ledger.late_frames,
             "unanswered_frames": ledger.unanswered,

@@ -67,7 +67,7 @@ def _assert_full(machine: Machine) -> None:
     assert len(layers) == MAX_SURFACES
     assert sum(layer.corners for layer in layers) == MAX_CORNERS
     assert sum(layer.is_expensive for layer in layers) == MAX_EXPENSIVE
-    assert len(machine.scene.virtuals(machine.scene.surfaces.t_expires_ns - 1)) == MAX_VIRTUALS
+    assert len(machine.scene.virtual_names(machine.scene.surfaces.t_expires_ns - 1)) == MAX_VIRTUALS
 
 
 def _ran_ms(call: Callable[[], object]) -> float:

@@ -198,14 +198,6 @@ def test_a_board_that_is_reset_at_rest_is_greeted_told_all_and_armed_anew(caplog
     assert [line for line in lines(caplog) if "boot 00000008" in line]
 
 
-def test_resting_is_not_worth_a_line_in_the_journal(caplog: pytest.LogCaptureFixture) -> None:
-    bench = Bench()
-    bench.run(500)
-    lines(caplog)
-    rested(bench)
-    assert lines(caplog) == []
-
-
 def test_a_latched_fault_silences_the_plate_until_a_client_clears_it(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     lines(caplog)

@@ -89,12 +89,6 @@ def test_a_contact_that_feels_what_a_target_asks_has_the_friction_of_the_target(
     assert perceived.friction_change == pytest.approx(0.0, abs=1e-3)
 
 
-def test_it_is_judged_when_the_newest_sample_was_taken() -> None:
-    given = Given(0.0)
-    perception_of(given).judge(given.tick(50))
-    assert given.asked_ns == [40 * MS]
-
-
 def test_a_finger_without_a_target_feels_the_plate_but_nothing_was_asked_for_it() -> None:
     given = Given(None)
     (perceived,) = perception_of(given).judge(given.tick(0))[1].values()
@@ -176,13 +170,6 @@ def test_what_the_pad_reports_of_a_contact_is_told_of_fingers_with_and_without_a
     perceived = perception_of(given).judge(given.tick(0))[1]
     assert [perceived[n].pressure_frac for n in (1, 2, 3)] == [0.4, 0.4, 0.0]
     assert [perceived[n].area_mm2 for n in (1, 2, 3)] == [pytest.approx(20.0 * math.pi)] * 2 + [None]
-
-
-def test_a_virtual_finger_presses_on_no_pad() -> None:
-    given = Given(1.0)
-    given.fingers = ()
-    (perceived,) = perception_of(given).judge(given.tick(0))[1].values()
-    assert (perceived.pressure_frac, perceived.area_mm2) == (None, None)
 
 
 @pytest.mark.parametrize(

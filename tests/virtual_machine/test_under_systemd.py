@@ -191,7 +191,7 @@ def test_while_two_users_publish_the_dearest_scenes_states_come_and_less_is_comp
 
 
 def test_a_loop_that_messages_keep_busy_takes_breaths(service: Boot) -> None:
-    assert service.step("flooded")["crowded"]["breaths"] > 0
+    assert service.step("flooded")["crowded"]["throttled"] > 0
 
 
 def test_it_stops_within_its_time_and_leaves_a_quiet_plate_and_nothing_else(service: Boot) -> None:

@@ -112,7 +112,7 @@ class LoopTiming:
 
     `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
     loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS; `overruns` are
-    passes that took more than `core.budget.OVERRUN_NS` of the processor, `breaths` the sleeps of a loop that was too
+    passes that took more than `core.budget.OVERRUN_NS` of the processor, `throttled` the sleeps of a loop that was too
     busy.
     """
 
@@ -126,7 +126,7 @@ class LoopTiming:
     missed_ticks: int = 0
     pauses: int = 0
     overruns: int = 0
-    breaths: int = 0
+    throttled: int = 0
     last_late_ns: int = 0  # of the newest tick
 
     def passed(self, t_read_ns: int, t_begin_ns: int, t_end_ns: int, reports: int, age_ns: int | None) -> None:

@@ -47,9 +47,6 @@ SILENT_AFTER_NS: Final = 1_000_000_000  # then the handshake starts again
 STOPPED_AFTER_NS: Final = 600_000_000  # between two timers: the host was stopped, and has not read what the board sent
 RENEW_AFTER_NS: Final = 3_000_000_000  # of a reference that holds: the board drops one of 10 s that moves the plate
 COMPARABLE_AFTER_NS: Final = 1_000_000_000  # after that: until then two statuses may lie either side of a full buffer
-_LIVE: Final = BoardState.LIVE  # a member looked up in its class takes 0.15 us
-_TOOL: Final = BoardState.TOOL
-_QUIET: Final = BoardState.QUIET
 SENSELESS_TIMES: Final = 3  # replies in a row whose own times contradict each other: noise makes no more
 
 # Why a session ended, for the log.
@@ -140,12 +137,12 @@ class BoardSession:
         and no answer is awaited."""
         if self.is_on_standby or self.status is None:
             return self.is_on_standby and not self.clock.is_asked
-        is_followed = self.status.state is _LIVE and self._held is None and self.setting is None
+        is_followed = self.status.state is BoardState.LIVE and self._held is None and self.setting is None
         return is_followed and not (self.clock.is_asked or self._is_leaving)
 
     def follows(self, t_now_ns: int) -> bool:
         """Whether the board follows references and has the last one, or may still acknowledge it."""
-        if self.status is None or self.status.state is not _LIVE or self._held is not None:
+        if self.status is None or self.status.state is not BoardState.LIVE or self._held is not None:
             return False
         waited_ns = t_now_ns - self._t_numbered_ns
         return self.status.seq == self._seq or waited_ns < 2 * self.latency.link_ns + ANSWER_WITHIN_NS
@@ -153,7 +150,7 @@ class BoardSession:
     @property
     def awaits_last(self) -> bool:
         """Whether a board that follows references has yet to acknowledge the last one."""
-        return self.status is not None and self.status.state is _LIVE and self.status.seq != self._seq
+        return self.status is not None and self.status.state is BoardState.LIVE and self.status.seq != self._seq
 
     def lacks_last(self, t_now_ns: int) -> bool:
         """Whether that acknowledgement did not come in time."""
@@ -317,14 +314,14 @@ class BoardSession:
             commands.append(TimeRequest(self.clock.request(t_now_ns)))
         if self.is_on_standby or not self.clock.ready or self.status is None or self.setting is not None:
             return commands
-        if self.status.state is _TOOL:
+        if self.status.state is BoardState.TOOL:
             return commands  # a tool's sweep or voltage must end with the tool: no keep-alives from here
         is_full = self._must_wait(t_now_ns)
         if is_full or self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns):
             commands += self._question(t_now_ns)
         if is_full:
             return commands
-        if self.status.state is _QUIET and self._arming.due(t_now_ns):
+        if self.status.state is BoardState.QUIET and self._arming.due(t_now_ns):
             zero = silence(t_now_ns + self.latency.link_ns, self.hello.modes)
             commands += self._numbered(zero, t_now_ns)
         else:

@@ -5,13 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 
-class _Singleton(Enum):
-    """Members are unique objects: their identity is hash enough, and looked up in a third of the time."""
-
-    __hash__ = object.__hash__
-
-
-class State(_Singleton):
+class State(Enum):
     """State of the daemon's output."""
 
     IDLE = "idle"  # board or trackpad is missing
@@ -21,7 +15,7 @@ class State(_Singleton):
     STOPPED = "stopped"  # shutting down
 
 
-class Event(_Singleton):
+class Event(Enum):
     """Input of the state machine."""
 
     LINK_UP = "link up"  # the board's handshake is done and its clock known

@@ -28,15 +28,6 @@ MAX_VIRTUALS = 16  # each takes part in every solve
 NOISE_MM_S = 5.0  # of a predicted speed at rest, which would keep references from standing
 
 
-@dataclass(frozen=True, slots=True)
-class Virtual:
-    """A virtual finger in the scene: its owner, and when it started on its path."""
-
-    name: str
-    owner: str
-    t_start_ns: int
-
-
 @dataclass(slots=True)
 class _Held:
     """One finger with its owner's target. `target` is None for a virtual finger that only moves."""
@@ -176,16 +167,8 @@ class Scene:
         held = self._held.get(key)
         return NO_DETAIL if held is None else held.detail
 
-    def virtuals(self, t_ns: int) -> tuple[Virtual, ...]:
-        """The virtual fingers at `t_ns`, in the order in which they came."""
-        return tuple(
-            Virtual(name, held.owner, walk.t_start_ns)
-            for name, held, walk in self._walking()
-            if t_ns < held.t_expires_ns
-        )
-
     def virtual_names(self, t_ns: int) -> tuple[str, ...]:
-        """The names of `virtuals`."""
+        """The names of the virtual fingers at `t_ns`, in the order in which they came."""
         return tuple(name for name, held, _ in self._walking() if t_ns < held.t_expires_ns)
 
     def requested(self, finger_ids: Iterable[int], released: Container[FingerKey], t_ns: int) -> list[FingerKey]:

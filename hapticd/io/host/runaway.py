@@ -25,7 +25,7 @@ def is_real_time() -> bool:
 class RealtimeThrottle:
     """Sleeps BREATH_S where a real-time thread has not slept for WINDOW_NS, and after what took too long.
 
-    `breaths` counts.
+    `throttled` counts.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class RealtimeThrottle:
         sleep: Callable[[float], None] = time.sleep,
         is_real_time: Callable[[], bool] = is_real_time,
     ) -> None:
-        self.breaths = 0
+        self.throttled = 0
         self._is_real_time = is_real_time
         self._clock_ns = clock_ns
         self._ran_ns = ran_ns
@@ -51,7 +51,7 @@ class RealtimeThrottle:
         is_busy = self._ran_ns() - self._t_ran_ns >= BUSY_FRAC * span_ns
         if is_overrun or (is_busy and self._is_real_time()):
             self._sleep(BREATH_S)
-            self.breaths += 1
+            self.throttled += 1
         self._t_ns, self._t_ran_ns = self._clock_ns(), self._ran_ns()
 
 

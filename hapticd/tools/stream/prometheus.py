@@ -91,7 +91,7 @@ COUNTERS = (
     Export("timing.missed_ticks", "ticks_missed", "Timer ticks skipped because the loop was busy"),
     Export("timing.pauses", "collector_pauses", "Garbage collections of more than 1 ms"),
     Export("timing.overruns", "passes_overrun", "Passes that took the processor for more than 8 ms"),
-    Export("timing.breaths", "loop_breaths", "Sleeps of a loop that was too busy"),
+    Export("timing.throttled", "loop_throttled", "Sleeps of a loop that was too busy"),
     Export("timing.late_frames", "frames_late", "Frames applied more than 1 ms late"),
     Export("timing.unanswered_frames", "frames_unanswered", "Frames never acknowledged by the board"),
 )

@@ -116,12 +116,6 @@ def bench() -> Bench:
     return Bench().met()
 
 
-def test_without_a_link_nothing_is_said() -> None:
-    bench = Bench()
-    assert bench.run(1000 * MS) == []
-    assert bench.send() == []
-
-
 def test_a_board_that_does_not_answer_is_greeted_four_times_a_second() -> None:
     bench = Bench()
     assert bench.session.link_up(bench.t_ns) == [HelloRequest()]
@@ -442,12 +436,6 @@ def test_a_board_that_fell_mute_hears_no_keep_alives_but_is_asked(bench: Bench) 
     said = bench.run(900 * MS)
     assert max(t_ns for t_ns, command in said if isinstance(command, Keepalive)) <= START_NS + 300 * MS
     assert any(isinstance(command, TimeRequest) for t_ns, command in said if t_ns > START_NS + 300 * MS)
-
-
-def test_greeted_anew_a_board_has_nothing_unread() -> None:
-    bench, _ = unanswered(4)
-    bench.know(bench.session.receive_hello(HELLO, bench.t_ns))
-    assert kinds(bench.send()) == [ReferenceFrame]
 
 
 def test_numbers_wrap_as_on_the_wire(bench: Bench) -> None:

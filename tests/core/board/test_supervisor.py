@@ -35,11 +35,6 @@ def test_whatever_forbids_output_does_so_in_one_step(state: State, event: Event)
     assert TRANSITIONS[state, event] not in DRIVING
 
 
-def test_there_is_one_way_into_active() -> None:
-    entries = [(state, event) for (state, event), after in TRANSITIONS.items() if after in DRIVING and state != after]
-    assert entries == [(State.ARMED, Event.TOUCHED)]
-
-
 def test_only_clearing_or_stopping_leaves_a_fault_and_nothing_leaves_stopped() -> None:
     assert {event for event in Event if TRANSITIONS[State.FAULT, event] is not State.FAULT} == {
         Event.CLEARED,
@@ -53,16 +48,6 @@ def test_a_fault_latches_from_every_state_but_stopped() -> None:
     for state in State:
         expected = State.STOPPED if state is State.STOPPED else State.FAULT
         assert TRANSITIONS[state, Event.BOARD_FAULT] is expected
-
-
-@pytest.mark.parametrize("order", list(itertools.permutations([Event.LINK_UP, Event.SENSOR_UP])))
-def test_both_link_and_sensor_must_be_up_in_either_order(order: tuple[Event, ...]) -> None:
-    supervisor = Supervisor()
-    assert supervisor.handle(order[0], "one", 1) is State.IDLE
-    assert supervisor.handle(Event.TOUCHED, "too early", 2) is State.IDLE
-    assert supervisor.handle(order[1], "both", 3) is State.ARMED
-    assert supervisor.handle(Event.TOUCHED, "finger 1", 4) is State.ACTIVE
-    assert supervisor.may_drive
 
 
 @settings(max_examples=300)

@@ -67,11 +67,6 @@ def test_value_and_gradient_in_one_pass_are_those_of_two(modes: ModeShapes, x_mm
     np.testing.assert_array_equal(rows[:, 1:], modes.gradient(np.full((40, 2), (x_mm, y_mm)))[0])
 
 
-def test_outside_the_map_shapes_are_the_edge_s(modes: ModeShapes) -> None:
-    assert modes.at(100.0, -5.0) == modes.at(68.75, -5.0)
-    assert modes.at(3.0, -math.inf) == modes.at(3.0, -68.75)
-
-
 def test_the_steepest_slope_bounds_all_others(modes: ModeShapes) -> None:
     slopes = np.hypot(*np.moveaxis(modes.gradient(anywhere(5000)), -1, 0))
 

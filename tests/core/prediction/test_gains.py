@@ -1,4 +1,4 @@
-"""The gain tables against 40-digit arithmetic, the Riccati equation's own solver, and the published figures."""
+"""The gain tables against 40-digit arithmetic."""
 
 from __future__ import annotations
 
@@ -7,14 +7,6 @@ import pytest
 
 from hapticd.core.prediction.gains import MODELS, kalman_gains
 
-# Order, density; position, velocity (1/s), acceleration (1/s^2), innovation variance (mm^2) at T = 10 ms, r = 0.053 mm.
-STEADY_AT_10_MS = [
-    (1, 1e-3, (0.057912, 0.0, 0.0, 0.0029817)),
-    (3, 9.7e3, (0.41124, 10.829, 142.59, 0.0047711)),
-    (3, 3.7e5, (0.62165, 29.626, 705.95, 0.0074244)),
-    (3, 1.4e7, (0.83150, 69.421, 2897.9, 0.016671)),
-    (3, 5.2e8, (0.96131, 127.56, 8462.9, 0.072606)),
-]
 START_VARIANCES = (1e4, 1e5, 1e7)
 moving_models = pytest.mark.parametrize(("order", "density"), [model for model in MODELS if model[0] > 1])
 
@@ -38,14 +30,6 @@ def exact_gains(period_s: float, order: int, density: float, noise_mm: float, st
             p = p - k * p[0, :]
             gains.append([*map(float, k), *[0.0] * (4 - n), float(spread)])
     return gains
-
-
-@pytest.mark.parametrize(("order", "density", "expected"), STEADY_AT_10_MS)
-def test_steady_gains_are_the_published_ones_to_four_digits(
-    order: int, density: float, expected: tuple[float, ...]
-) -> None:
-    *_, steady = kalman_gains([0.010], [density], 0.053, order, steps=800)[:, 0, 0].tolist()
-    assert (*steady[:3], steady[4]) == pytest.approx(expected, rel=1e-4)
 
 
 @moving_models

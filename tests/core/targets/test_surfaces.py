@@ -143,15 +143,6 @@ def test_a_pose_may_be_that_of_an_instant_before_or_after_the_message() -> None:
 # --- owners and time to live ------------------------------------------------------------------------------------
 
 
-def test_surfaces_of_a_silent_client_end_with_its_time_to_live() -> None:
-    scene = a_scene(mine=Surface.of(ONE))
-    publish(scene, "b", t_ns=T0_NS + 1, other=Surface.of(HALF, Circle(1.0)))
-    scene.expire(T0_NS + TTL_NS - 1)
-    assert stack(scene) == ["other", "mine"]
-    scene.expire(T0_NS + TTL_NS)
-    assert stack(scene) == ["other"]
-
-
 def test_surfaces_are_requests_that_expire_and_own_no_finger() -> None:
     scene = a_scene(mine=Surface.of(ONE))
     assert scene.next_expiry_ns == T0_NS + TTL_NS

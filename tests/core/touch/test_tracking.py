@@ -40,15 +40,6 @@ def ids_by_place(tracked: FingerFrame) -> dict[tuple[float, float], int]:
     return {(finger.x_mm, finger.y_mm): finger.finger_id for finger in tracked.fingers}
 
 
-def test_a_finger_is_new_in_its_first_frame_only_and_lifted_once() -> None:
-    down, held, up, after = track(frame(0, (3, 0.0, 0.0)), frame(1, (3, 0.5, 0.0)), frame(2), frame(3))
-    assert [(f.finger_id, f.contact_id, f.is_new) for f in down.fingers] == [(1, 3, True)]
-    assert [(f.finger_id, f.x_mm, f.is_new) for f in held.fingers] == [(1, 0.5, False)]
-    assert (up.fingers, up.lifted) == ((), (1,))
-    assert (after.fingers, after.lifted) == ((), ())
-    assert held.t_ns == START_NS + PERIOD_NS
-
-
 @pytest.mark.parametrize("speed_mm_s", [100.0, 500.0, 1500.0])
 @pytest.mark.parametrize("moving", [8, 4])
 def test_a_finger_that_moves_fast_or_stops_dead_stays_the_same_finger(speed_mm_s: float, moving: int) -> None:

@@ -199,7 +199,3 @@ def test_between_knots_the_interpolated_amplitude_stays_within_the_limit() -> No
     for one, two in pairwise(safe.knots):
         for share in (0.1, 0.5, 0.9):
             assert abs(one.modal_um[0] * (1 - share) + two.modal_um[0] * share) <= 4.0
-
-
-def test_silence_is_one_zero_knot() -> None:
-    assert silence(5, 3) == SafeDrive(5, (Knot(0, (0j, 0j, 0j)),), LimitReason.NONE)

@@ -30,8 +30,8 @@ class Thread:
             self.t_ns += WINDOW_NS // 4
             self.ran_ns += WINDOW_NS // 4
             self.breather.look(is_overrun=is_overrun)
-        assert self.breather.breaths == len(self.slept_s)
-        return self.breather.breaths
+        assert self.breather.throttled == len(self.slept_s)
+        return self.breather.throttled
 
 
 def test_a_real_time_thread_that_never_sleeps_sleeps_once_in_each_window() -> None:

@@ -194,7 +194,7 @@ def _instants_ns(seconds: float) -> list[int]:
 
 def _counted(before: dict[str, Any], after: dict[str, Any]) -> dict[str, int]:
     """How much its counters of what was too dear have grown."""
-    names = {"touch": ("passes", "left_out_knots", "left_out_fingers"), "timing": ("overruns", "breaths")}
+    names = {"touch": ("passes", "left_out_knots", "left_out_fingers"), "timing": ("overruns", "throttled")}
     return {name: after[part][name] - before[part][name] for part, several in names.items() for name in several}
 
 
