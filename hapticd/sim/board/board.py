@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -59,17 +59,9 @@ class PlateModel:
         p, m = self.plate_modes, self.modes
         if not 1 <= p <= PLATE_MODES_MAX:
             raise ValueError(f"A plate model has 1 to {PLATE_MODES_MAX} modes, not {p}.")
-        shapes = {"detuning_rad_s": (p,), "gain_um_per_v_s": (p, m), "sensor": (m, p)}
-        for name, shape in shapes.items():
-            if np.shape(getattr(self, name)) != shape:
-                raise ValueError(f"{name} has shape {np.shape(getattr(self, name))}, not {shape}.")
-        for name in ("decay_1_s", *shapes, "noise_um", "amplifier_limit_v"):
-            if not np.all(np.isfinite(getattr(self, name))):
-                raise ValueError(f"{name} is not finite.")
-        if self.through_um_per_v is not None and np.shape(self.through_um_per_v) != (m, m):
-            raise ValueError(f"through_um_per_v has shape {np.shape(self.through_um_per_v)}, not {(m, m)}.")
-        if len(self.loop_phase_rad) not in (0, m) or not np.all(np.isfinite(self.loop_phase_rad)):
-            raise ValueError(f"loop_phase_rad is {self.loop_phase_rad}: give {m} finite numbers, or none.")
+        _check_finite(self, {"decay_1_s": (p,), "detuning_rad_s": (p,), "gain_um_per_v_s": (p, m), "sensor": (m, p)})
+        _check_finite(self, {"noise_um": (), "amplifier_limit_v": (), "loop_phase_rad": (m,)})
+        _check_finite(self, {"through_um_per_v": (m, m)})
         if not (np.all(self.decay_1_s > 0) and self.noise_um >= 0 and self.amplifier_limit_v > 0):
             raise ValueError("Decay rates and the amplifier limit are positive, the noise is not negative.")
 
@@ -80,6 +72,15 @@ class PlateModel:
     @property
     def modes(self) -> int:
         return int(np.shape(self.gain_um_per_v_s)[1])
+
+
+def _check_finite(of: object, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raise ValueError where numbers that are given have another shape or are not finite."""
+    for name, shape in shapes.items():
+        numbers = getattr(of, name)
+        is_left_out = numbers is None or (isinstance(numbers, tuple) and not numbers)
+        if not is_left_out and not (np.shape(numbers) == shape and np.all(np.isfinite(numbers))):
+            raise ValueError(f"{name} is {numbers}: give finite numbers of shape {shape}.")
 
 
 def reference_decay_1_s(quality: float = 500.0) -> tuple[float, float]:
@@ -122,15 +123,9 @@ class BoardConfig:
 
     def __post_init__(self) -> None:
         m = len(self.w_limit_um)
-        for name in ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s"):
-            if len(getattr(self, name)) != m:
-                raise ValueError(f"{name} has {len(getattr(self, name))} values for {m} modes.")
-        if len(self.loop_phase_rad) not in (0, m):
-            raise ValueError(f"loop_phase_rad has {len(self.loop_phase_rad)} values for {m} modes.")
-        for name in ("drive", "sense", "feedthrough_um_per_v"):
-            matrix = getattr(self, name)
-            if matrix is not None and np.shape(matrix) != (m, m):
-                raise ValueError(f"{name} has shape {np.shape(matrix)}, not {(m, m)}.")
+        each = ("decay_1_s", "detuning_rad_s", "gain_um_per_v_s", "loop_phase_rad")
+        _check_finite(self, dict.fromkeys(each, (m,)))
+        _check_finite(self, dict.fromkeys(("drive", "sense", "feedthrough_um_per_v"), (m, m)))
         if self.controller not in _LAWS:
             raise ValueError(f"controller is {self.controller!r}, not one of {', '.join(_LAWS)}.")
 

@@ -144,9 +144,9 @@ def test_a_configuration_without_sense_is_refused_in_a_sentence() -> None:
         Board(plate(), config=BoardConfig(v_limit_v=float("nan")))
     with pytest.raises(ValueError, match="controller is 'pid', not one of pi, pi_ff, deadbeat"):
         BoardConfig(controller="pid")
-    with pytest.raises(ValueError, match="loop_phase_rad has 1 values for 2 modes"):
+    with pytest.raises(ValueError, match=r"loop_phase_rad .* \(2,\)"):
         BoardConfig(loop_phase_rad=(0.1,))
-    with pytest.raises(ValueError, match="give 2 finite numbers, or none"):
+    with pytest.raises(ValueError, match=r"loop_phase_rad .* \(2,\)"):
         replace(plate(), loop_phase_rad=(0.1, float("nan")))
     with pytest.raises(ValueError, match="configured for 3 modes, its plate has 2"):
         Board(plate(), config=BoardConfig(w_limit_um=(4.0,) * 3, decay_1_s=(1.0,) * 3, **three_more()))
