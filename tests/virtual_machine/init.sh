@@ -1,8 +1,6 @@
 #!/bin/busybox sh
-# The guest's first program: it loads the modules, mounts the host's root, which is read-only, and runs there what the
-# kernel's command line names: the kernel hands words it does not know to init, as variables. GUEST_PROGRAM is run to
-# its end; with GUEST_OPT systemd becomes the guest's first process, and the folder of that tag lies in /opt. What is
-# found goes to /run/results, a folder of the host's.
+# The guest's first program: it loads the modules, mounts the host's root, which is read-only, with a folder of the host's
+# in /opt, and hands over to systemd. What is found goes to /run/results, a folder of the host's.
 b=/bin/busybox
 nine=trans=virtio,version=9p2000.L,msize=512000
 $b mount -t devtmpfs dev /dev
@@ -23,25 +21,17 @@ $b mount -t tmpfs shm /host/dev/shm
 $b mount -t configfs configfs /host/sys/kernel/config || echo "guest: no configfs"
 $b mount -t 9p -o $nine results /host/run/results || echo "guest: no results"
 $b ifconfig lo 127.0.0.1 up
-if [ -n "$GUEST_OPT" ]; then
-    # A machine of its own: nothing of the host's configuration, state or users' folders is in it.
-    $b mount -t 9p -o $nine,ro,cache=loose "$GUEST_OPT" /host/opt || echo "guest: no /opt"
-    for folder in etc home root var; do
-        $b mount -t tmpfs -o mode=755 $folder /host/$folder
-    done
-    $b cp -a /host/opt/etc/. /host/etc
-    $b mkdir -p /host/var/lib /host/var/log /host/var/tmp
-    $b chmod 1777 /host/var/tmp
-    $b ln -s /run /host/var/run
-    $b mount -t tmpfs -o mode=1777 tmp /host/tmp
-    $b umount /dev /proc /sys
-    # Empty: this is no container, whatever the host is. Of the distribution's units those in /opt, and no generators.
-    export container= SYSTEMD_UNIT_PATH=/etc/systemd/system:/opt/units SYSTEMD_GENERATOR_PATH=/opt/generators
-    exec $b switch_root -c dev/console /host /lib/systemd/systemd
-fi
-export HOME=/run TMPDIR=/run/tmp PATH=/usr/bin:/bin:/usr/sbin:/sbin LANG=C.UTF-8
-export PYTHONDONTWRITEBYTECODE=1 PYTHONUNBUFFERED=1 OPENBLAS_NUM_THREADS=1
-$b chroot /host "$GUEST_PYTHON" "$GUEST_PROGRAM"
-echo "guest: the program ended with $?"
-$b sync
-$b poweroff -f
+# A machine of its own: nothing of the host's configuration, state or users' folders is in it.
+$b mount -t 9p -o $nine,ro,cache=loose opt /host/opt || echo "guest: no /opt"
+for folder in etc home root var; do
+    $b mount -t tmpfs -o mode=755 $folder /host/$folder
+done
+$b cp -a /host/opt/etc/. /host/etc
+$b mkdir -p /host/var/lib /host/var/log /host/var/tmp
+$b chmod 1777 /host/var/tmp
+$b ln -s /run /host/var/run
+$b mount -t tmpfs -o mode=1777 tmp /host/tmp
+$b umount /dev /proc /sys
+# Empty: this is no container, whatever the host is. Of the distribution's units those in /opt, and no generators.
+export container= SYSTEMD_UNIT_PATH=/etc/systemd/system:/opt/units SYSTEMD_GENERATOR_PATH=/opt/generators
+exec $b switch_root -c dev/console /host /lib/systemd/systemd

@@ -77,7 +77,7 @@ def _environment(venv: Path) -> None:
     here = Path(sysconfig.get_path("purelib"))
     shared = (file for file in here.glob("*__mypyc.*.so"))
     names = {Path(str(file)).parts[0] for name in DEPENDENCIES for file in distribution(name).files or ()}
-    for source in [*PACKAGES, *shared, *(here / name for name in sorted(names - {"..", "__pycache__"}))]:
+    for source in [*PACKAGES, *shared, *(here / name for name in sorted((names | {"evdev"}) - {"..", "__pycache__"}))]:
         if source.is_dir():
             shutil.copytree(source, site / source.name, ignore=UNNEEDED)
         else:

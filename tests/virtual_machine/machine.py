@@ -1,8 +1,7 @@
 """The emulated machine, seen from outside: what it needs, and one boot of it.
 
 QEMU emulates the processor too (no KVM), so that it runs wherever it is installed. The guest sees this machine's root
-read-only. It runs a program of this checkout in this interpreter's environment, or this machine's systemd with hapticd
-in /opt; what it finds it writes to a folder.
+read-only, and runs its systemd with hapticd in /opt; what it finds it writes to a folder.
 """
 
 from __future__ import annotations
@@ -21,8 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import installed
-
-from hapticd.sim.rig.process import RigProcess
 
 QEMU = "qemu-system-x86_64"
 FOLDER = Path(__file__).parent
@@ -53,13 +50,6 @@ def missing() -> str | None:
         return "there is no guest: tests/virtual_machine/make_guest.sh makes it (Debian: busybox-static, cpio, kmod)"
     if INITRAMFS.stat().st_mtime < max((FOLDER / name).stat().st_mtime for name in ("make_guest.sh", "init.sh")):
         return "the guest is older than its recipe: run tests/virtual_machine/make_guest.sh again"
-    return None
-
-
-def missing_systemd() -> str | None:
-    """The same for a guest whose first process is systemd."""
-    if (reason := missing()) is not None:
-        return reason
     if not SYSTEMD.exists():
         return f"{SYSTEMD} is not there (Debian: systemd)"
     if installed.interpreter() is None:
@@ -87,40 +77,23 @@ class Boot:
         return step["found"]
 
 
-def boot(program: Path, results: Path) -> Boot:
-    """Boot, run `program` to its end, power off. The second serial port is the board of a rig, which is simulated
-    outside, for there it keeps up with real time."""
+def boot(results: Path) -> Boot:
+    """Boot into systemd, which runs `guest/service.py` to its end and powers off. A guest that hangs is killed: what it
+    had found by then counts."""
     compile_dir(str(ROOT / "hapticd"), quiet=1)  # the guest cannot keep what it compiles, and is slow at it
-    with RigProcess("rest", 1) as rig:
-        words = f"GUEST_PYTHON={sys.executable} GUEST_PROGRAM={program} GUEST_RIG={rig.directory}"
-        _hurry(rig.process)
-        return _run(words, results, "-smp", "2", "-serial", str((rig.directory / "board").resolve()))
-
-
-def boot_systemd(results: Path) -> Boot:
-    """Boot into systemd, which runs `guest/service.py` to its end and powers off. The board is inside."""
-    compile_dir(str(ROOT / "hapticd"), quiet=1)
-    with tempfile.TemporaryDirectory(prefix="hapticd-guest-") as opt:
+    console = results / "console"
+    with tempfile.TemporaryDirectory(prefix="hapticd-guest-") as opt, console.open("wb") as file:
         Path(opt).chmod(0o755)
         installed.lay_out(Path(opt))
-        return _run("GUEST_OPT=opt", results, *OWN_CLOCK, *_share(opt, "opt", "readonly=on"))
-
-
-def _run(words: str, results: Path, *more: str) -> Boot:
-    """One boot to its end. A guest that hangs is killed: what it had found by then counts."""
-    console = results / "console"
-    command = [*_command(words, results), *more]
-    with (
-        console.open("wb") as file,
-        subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file) as machine,
-    ):
-        _hurry(machine)
-        try:
-            machine.wait(BOOT_S)
-        except subprocess.TimeoutExpired:
-            file.write(f"\nkilled after {BOOT_S:.0f} s\n".encode())
-        finally:
-            machine.kill()  # if it is still there: an interrupted test leaves no machine behind
+        command = [*_command(results), *OWN_CLOCK, *_share(opt, "opt", "readonly=on")]
+        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file) as machine:
+            _hurry(machine)
+            try:
+                machine.wait(BOOT_S)
+            except subprocess.TimeoutExpired:
+                file.write(f"\nkilled after {BOOT_S:.0f} s\n".encode())
+            finally:
+                machine.kill()  # if it is still there: an interrupted test leaves no machine behind
     return Boot(results, console.read_text(encoding="utf-8", errors="replace"))
 
 
@@ -130,11 +103,11 @@ def _hurry(process: subprocess.Popen[Any]) -> None:
         os.setpriority(os.PRIO_PROCESS, process.pid, -10)
 
 
-def _command(words: str, results: Path) -> list[str]:
+def _command(results: Path) -> list[str]:
     return [
         QEMU, "-accel", "tcg", "-cpu", PROCESSOR, "-m", "1024", "-nodefaults", "-no-reboot",
         "-display", "none", "-monitor", "none", "-serial", "stdio",
-        "-kernel", str(KERNEL), "-initrd", str(INITRAMFS), "-append", f"{KERNEL_WORDS} {words}",
+        "-kernel", str(KERNEL), "-initrd", str(INITRAMFS), "-append", KERNEL_WORDS,
         *_share("/", "host", "readonly=on,multidevs=remap"),
         *_share(results, "results"),
     ]  # fmt: skip

@@ -6,9 +6,8 @@ here=$(cd "$(dirname "$0")" && pwd)
 guest=$(cd "$here/../.." && pwd)/build/virtual_machine
 modules=(
     virtio_pci 9pnet_virtio 9p        # this machine's own root
-    evdev uinput uhid hid-generic hid-magicmouse hid-multitouch
-    dummy_hcd usbhid usb_f_hid        # a USB bus in memory, and a pad on it
-    cdc_acm usb_f_acm                 # or a board
+    evdev uinput uhid hid-generic hid-magicmouse
+    dummy_hcd cdc_acm usb_f_acm       # a USB bus in memory, and a board on it
 )
 
 for tool in apt-get dpkg-deb busybox cpio depmod; do

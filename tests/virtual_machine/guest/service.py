@@ -1,49 +1,52 @@
-"""What runs under systemd in the guest: hapticd is installed as a user would, touched, killed, hung, given other
-configurations, flooded, and stopped. `test_under_systemd.py` outside judges.
+"""What runs under systemd in the guest: hapticd is installed as a user would, touched, its pad pulled and plugged in;
+it is killed, hung, given other configurations, stopped, started on a touchscreen, and uninstalled. Steps only look;
+`test_under_systemd.py` outside judges.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import board
 import manager
-import msgpack
 import msgspec
-import zmq
-from bluetooth import BluetoothPad
-from cable import CableBoard
-from dear import KINDS, published
-from hand import Hand
-from kernel import PATIENCE_S, Node, touch_node, wait_for
+from board import PORT
+from kernel import PATIENCE_S, access, hidraw_of, wait_for
+from pad import HID_ID, BluetoothPad, Hand
 from plate import MOVES_UM, RESTS_UM, is_as_asked, measured_um, wait_state
-from steps import step
+from touchscreen import Touchscreen
 
 from hapticd_client import Client, PlateState
 
-HERE = Path(__file__).parent
+HERE, RESULTS = Path(__file__).parent, Path("/run/results")
 LASTS_NS = 20_000_000  # of a plate at rest; references that pass through zero are shorter
 PROGRAM = "/opt/hapticd/bin/hapticd"
-CONFIG = Path("/etc/hapticd/hapticd.toml")
+CONFIG, OWN_CONFIG = Path("/etc/hapticd/hapticd.toml"), Path("/run/touchscreen.toml")
 RUNTIME = Path("/run/hapticd")
-PORT, GADGET_END, TRACE = Path("/dev/ttyACM0"), Path("/dev/ttyGS0"), Path("/run/board-trace")
-LEFT, RIGHT = (-824, 275), (1317, -386)
+TRACE = Path("/run/board-trace")
+PLACES = {1: (-824, 275), 2: (1317, -386)}  # raw, of two fingers on the pad
+PLACES_MM = [(-20.0, 7.5), (25.0, -7.5)]  # and on the touchscreen
 STRANGER = 64445
 PRIORITY = 20
-FLOOD_S = 2.5
-CONFIGURATION = f"""
+SCREEN = "virtual touchscreen"
+PLATE = f"""
 [plate]
-modes_file = "modes.npz"
-[trackpad]
-source = "hid"
+modes_file = "/etc/hapticd/modes.npz"
 [device]
 port = "{PORT}"
+"""
+CONFIGURATION = f"""{PLATE}
+[trackpad]
+source = "hid"
 [limits]
 w_limit_um = [LIMIT, LIMIT]
 [realtime]
@@ -53,44 +56,45 @@ lock_memory = true
 stay_awake = true
 """
 NONSENSE = "[limits]\nw_limit = 3\n"
+Found = dict[str, Any]
 
 
 class Story:
     """What the steps share."""
 
     def __init__(self) -> None:
-        self._plug = CableBoard(0x0483, 0x5740)
-        self._pad = BluetoothPad(0x004C, 0x0265)
-        wait_for("the board's two ends", lambda: PORT.exists() and GADGET_END.exists())
-        self._board = subprocess.Popen([sys.executable, HERE / "board.py", GADGET_END, TRACE])
-        os.sched_setscheduler(self._board.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))  # it has its own processor
-        self._node: Node = touch_node("0005:004C:0265")
+        board.plug_in()
+        self._pad = BluetoothPad()
+        wait_for("the board's two ends", lambda: PORT.exists() and board.GADGET_END.exists())
+        process = subprocess.Popen([sys.executable, HERE / "board.py", TRACE])
+        os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))  # it has its own processor
+        self._hidraw = hidraw_of(HID_ID)
         self._hand: Hand | None = None
         self._client: Client | None = None
 
-    def steps(self) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    def steps(self) -> Iterator[tuple[str, Callable[[], Found]]]:
         yield "installed", self._install
         yield "ready", self._ready
         yield "driven", self._drive
+        yield "pulled", self._pull
+        yield "back", self._plug_in
         yield "killed", lambda: self._strike(signal.SIGKILL)
         yield "hung", lambda: self._strike(signal.SIGSTOP)
         yield "refused", lambda: self._reload(NONSENSE, "The present configuration stays.")
         yield "reloaded", lambda: self._reload(configuration(3.0), "applying the new configuration")
-        yield "flooded", self._flood
         yield "stopped", self._stop
         yield "misconfigured", self._start_on_nonsense
+        yield "touchscreen", self._touchscreen
+        yield "uninstalled", self._uninstall
 
-    def _install(self) -> dict[str, Any]:
+    def _install(self) -> Found:
         """The README's way: `hapticd install-service`, a configuration, and what it says is to be run then."""
         printed = manager.run(f"{PROGRAM} install-service")
         CONFIG.write_text(configuration(4.0), encoding="utf-8")
         CONFIG.with_name("modes.npz").write_bytes((HERE / "modes.npz").read_bytes())
-        commands = [line.strip() for line in printed.partition("then run:\n")[2].splitlines()]
-        for command in commands:
-            manager.run(command)
-        return {"commands": commands, **manager.facts()}
+        return {"commands": _run_what_is_said(printed), **manager.facts()}
 
-    def _ready(self) -> dict[str, Any]:
+    def _ready(self) -> Found:
         facts = manager.facts()
         status = RUNTIME.stat()
         sockets = sorted(entry for entry in RUNTIME.iterdir() if entry.is_socket())
@@ -101,52 +105,50 @@ class Story:
             "runtime": [f"{status.st_mode & 0o7777:04o}", status.st_uid, status.st_gid],
             "ids": [int(manager.run(f"id {which} hapticd")) for which in ("-u", "-g")],
             "devices_gid": int(manager.run("getent group hapticd-dev").split(":")[2]),
-            "nodes": [_access(PORT), _access(self._node.hidraw)],
+            "nodes": [access(PORT), access(self._hidraw)],
+            "board": manager.run(f"udevadm info --query=property --name={PORT}"),
             "sockets": [entry.name for entry in sockets],
             "member_may": [_may_write(member, entry) for entry in sockets],
             "stranger_may": [_may_write(stranger, entry) for entry in sockets],
         }
 
-    def _drive(self) -> dict[str, Any]:
+    def _drive(self) -> Found:
         """Two fingers land; a client gives them opposite targets, and looks until the board measures it. It stays, and
         the plate moves on."""
         if self._hand is None:
-            self._hand = Hand(self._pad, {1: LEFT, 2: RIGHT})
-        if self._client is not None:
-            self._client.close()
-        self._client = client = Client(timeout_s=PATIENCE_S)
-        moves = lambda state: is_as_asked(client, state) and measured_um(client) > MOVES_UM  # noqa: E731
-        return self._saw(client, wait_state(client, "a plate that is driven and moves", moves))
+            pad = self._pad
+            self._hand = Hand(lambda _: pad.touch(PLACES))
+        return _driven(self._new_client()) | self._saw()
 
-    def _strike(self, number: signal.Signals) -> dict[str, Any]:
+    def _pull(self) -> Found:
+        """Under the fingers."""
+        assert self._hand is not None
+        assert self._client is not None
+        self._hand.freeze()
+        self._hand = None
+        self._pad.unplug()
+        return {"quiet": _quiet(self._client)}
+
+    def _plug_in(self) -> Found:
+        self._pad = BluetoothPad()
+        wait_for("two enables, the driver's and the daemon's", lambda: len(self._pad.features) >= 2)
+        return self._drive() | {"features": [feature.hex() for feature in self._pad.features]}
+
+    def _strike(self, number: signal.Signals) -> Found:
         before = manager.facts()
         t_struck_ns = time.monotonic_ns()
         os.kill(int(before["MainPID"]), number)
         after = manager.wait_restarted(before)
         return {"before": before, "after": after, "driven": self._drive(), **_motion_since(t_struck_ns)}
 
-    def _reload(self, text: str, answer: str) -> dict[str, Any]:
+    def _reload(self, text: str, answer: str) -> Found:
         before = manager.facts()
         CONFIG.write_text(text, encoding="utf-8")
         manager.run("systemctl reload hapticd")
         manager.wait_said(answer)
         return {"before": before, "after": manager.facts(), "driven": self._drive()}
 
-    def _flood(self) -> dict[str, Any]:
-        """Two users publish the dearest scenes. The fingers are no client's, so that they feel surfaces and effects."""
-        assert self._client is not None
-        self._client.close()
-        self._client = client = Client(timeout_s=PATIENCE_S)
-        before, then, kinds = manager.facts(), client.status(), {}
-        for kind in KINDS:
-            with published(kind, RUNTIME):
-                instants_ns = _instants_ns(FLOOD_S)
-            now = client.status()
-            kinds[kind] = {"instants_ns": instants_ns, **_counted(then, now)}
-            then = now
-        return {"before": before, **kinds, "after": manager.facts(), "driven": self._drive()}
-
-    def _stop(self) -> dict[str, Any]:
+    def _stop(self) -> Found:
         uid = int(manager.run("id -u hapticd"))
         t_asked_ns = time.monotonic_ns()
         manager.run("systemctl stop hapticd")
@@ -159,19 +161,52 @@ class Story:
             **_motion_since(t_asked_ns),
         }
 
-    def _start_on_nonsense(self) -> dict[str, Any]:
+    def _start_on_nonsense(self) -> Found:
         CONFIG.write_text(NONSENSE, encoding="utf-8")
         started = subprocess.run(["systemctl", "start", "hapticd"], capture_output=True)
         return {"exit": started.returncode, **manager.facts()}
 
-    def _saw(self, client: Client, state: PlateState) -> dict[str, Any]:
-        status = client.status()
+    def _touchscreen(self) -> Found:
+        """The daemon as root, for the rules open no touchscreen: pulled under the fingers, and plugged in again."""
+        OWN_CONFIG.write_text(
+            f'{PLATE}[trackpad]\nsource = "evdev"\ndevice = "{SCREEN}"\n[client]\nruntime_dir = "{RUNTIME}"\n',
+            encoding="utf-8",
+        )
+        daemon = subprocess.Popen([PROGRAM, "run", "--config", OWN_CONFIG])
+        wait_for("its sockets", lambda: (RUNTIME / "control").exists())
+        found, client = [], self._new_client()
+        for _ in range(2):
+            screen = Touchscreen(SCREEN)
+            hand = Hand(lambda frame, screen=screen: screen.touch(PLACES_MM, frame))
+            driven = _driven(client)
+            hand.freeze()
+            screen.unplug()
+            found.append(driven | {"quiet": _quiet(client)})
+        client.close()
+        daemon.terminate()
+        return {"plugs": found, "exit": daemon.wait(PATIENCE_S)}
+
+    def _uninstall(self) -> Found:
+        manager.run("systemctl disable hapticd")
+        commands = _run_what_is_said(manager.run(f"{PROGRAM} uninstall-service"))
+        left = [
+            str(path) for folder in ("systemd", "udev", "hapticd") for path in Path("/etc", folder).rglob("*hapticd*")
+        ]
+        return {"commands": commands, "left": left, **manager.facts()}
+
+    def _new_client(self) -> Client:
+        if self._client is not None:
+            self._client.close()
+        self._client = Client(RUNTIME, timeout_s=PATIENCE_S)
+        return self._client
+
+    def _saw(self) -> Found:
+        assert self._client is not None
+        status = self._client.status()
         return {
-            "state": msgspec.to_builtins(state),
-            "plate_um": measured_um(client),
             "real_time": status["real_time"],
             "board": status["board"],
-            "w_limit_um": client.plate()["w_limit_um"],
+            "w_limit_um": self._client.plate()["w_limit_um"],
             "process": manager.process(int(manager.facts()["MainPID"])),
         }
 
@@ -180,27 +215,29 @@ def configuration(limit_um: float) -> str:
     return CONFIGURATION.replace("LIMIT", str(limit_um))
 
 
-def _instants_ns(seconds: float) -> list[int]:
-    """The instants of all states that come in this time: none from a service that has ended."""
-    t_end_s, found = time.monotonic() + seconds, []
-    with zmq.Context() as context, context.socket(zmq.SUB) as states:
-        states.subscribe(b"")
-        states.connect(f"ipc://{RUNTIME}/telemetry")
-        while (left_s := t_end_s - time.monotonic()) > 0.0:
-            if states.poll(1e3 * left_s):
-                found.append(msgpack.unpackb(states.recv())["t_ns"])
-    return found
+def _run_what_is_said(printed: str) -> list[str]:
+    commands = [line.strip() for line in printed.partition("then run:\n")[2].splitlines()]
+    for command in commands:
+        manager.run(command)
+    return commands
 
 
-def _counted(before: dict[str, Any], after: dict[str, Any]) -> dict[str, int]:
-    """How much its counters of what was too dear have grown."""
-    names = {"touch": ("passes", "left_out_knots", "left_out_fingers"), "timing": ("overruns", "throttled")}
-    return {name: after[part][name] - before[part][name] for part, several in names.items() for name in several}
+def _driven(client: Client) -> Found:
+    moved_um = 0.0
+
+    def moves(state: PlateState) -> bool:
+        nonlocal moved_um
+        moved_um = measured_um(client) if is_as_asked(client, state) else 0.0
+        return moved_um > MOVES_UM
+
+    state = wait_state(client, "a plate that is driven and moves", moves)
+    return {"state": msgspec.to_builtins(state), "plate_um": moved_um}
 
 
-def _access(node: Path) -> list[str | int]:
-    status = node.stat()
-    return [str(node), f"{status.st_mode & 0o777:04o}", status.st_gid]
+def _quiet(client: Client) -> Found:
+    state = wait_state(client, "a quiet plate", lambda state: not state.fingers and not any(state.modal_um))
+    wait_for("a plate at rest", lambda: measured_um(client) < RESTS_UM)
+    return msgspec.to_builtins(state)
 
 
 def _may_write(groups: str, path: Path) -> bool:
@@ -225,14 +262,26 @@ def _motion_since(t_ns: int) -> dict[str, float | None]:
     return {name: None if t is None else (t - t_ns) * 1e-6 for name, t in instants.items()}
 
 
+def step(name: str, look: Callable[[], Any]) -> bool:
+    """Run it and keep what it found, or how it failed and the journal; False if it failed."""
+    print(f"guest: {name}", flush=True)
+    found, error = None, None
+    try:
+        found = look()
+    except Exception:
+        log = "\n".join(entry["text"] for entry in manager.journal())
+        error = f"{traceback.format_exc()}\nthe daemon said:\n{log}"
+    (RESULTS / f"{name}.json").write_text(json.dumps({"found": found, "error": error}, default=str))
+    return error is None
+
+
 def main() -> None:
-    log = lambda: "\n".join(entry["text"] for entry in manager.journal())  # noqa: E731
     stories: list[Story] = []
-    if step("plugged", lambda: stories.append(Story()) or "both", log):
+    if step("plugged", lambda: stories.append(Story())):
         for name, look in stories[0].steps():
-            if step(name, look, log) is None:
+            if not step(name, look):
                 break
-    step("journal", manager.journal, log)
+    step("journal", manager.journal)
 
 
 if __name__ == "__main__":
