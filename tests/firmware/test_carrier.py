@@ -186,9 +186,3 @@ def test_a_full_scale_square_wave_fills_the_longest_tick_without_overflow() -> N
 def test_rates_that_make_no_sense_are_refused(drive_hz: float, control_hz: float) -> None:
     with pytest.raises(ValueError, match="The firmware refuses"):
         SignalChain(drive_hz, control_hz)
-
-
-@pytest.mark.parametrize("chunks", range(1, 41))
-def test_a_tick_is_any_whole_number_of_chunks_up_to_forty(chunks: int) -> None:
-    chain = SignalChain(DRIVE_HZ, SAMPLE_HZ / CHUNK / chunks)
-    assert len(chain.measure(np.full((3 * chunks * CHUNK, 2), MID_RAIL, dtype=np.uint16))) == 3

@@ -27,11 +27,6 @@ def hardware() -> Iterator[SimpleNamespace]:
             del sys.modules[name]
 
 
-@pytest.fixture(scope="module")
-def text() -> str:
-    return (FIRMWARE / "HARDWARE.md").read_text(encoding="utf-8")
-
-
 def test_drawing_parts_pins_and_currents_are_those_of_netlist_sources_and_design(hardware: SimpleNamespace) -> None:
     stale = [path.name for path, made in hardware.make_hardware.made().items() if path.read_text("utf-8") != made]
     assert stale == [], "run `make -C firmware hardware`"
@@ -113,15 +108,6 @@ def test_every_part_says_what_to_order_and_every_net_is_met_twice(hardware: Simp
         assert set(circuit.ports) <= set(circuit.nets)
 
 
-def test_a_drawing_has_a_dot_for_each_end_of_a_part(hardware: SimpleNamespace) -> None:
-    (circuit,) = hardware.netlist.circuits(
-        "* Two resistors.\n.subckt two in out\nR1 in a 1k ; any\nR2 a out 2k ; any\n.ends\n", ""
-    )
-    picture = hardware.draw.picture([circuit])
-    assert picture.count("<circle") == 4
-    assert all(f">{name}<" in picture for name in ("two", "in", "out", "a", "R1", "1k", "R2", "2k"))
-
-
 def test_a_line_without_an_order_and_a_box_with_a_missing_pin_are_refused(hardware: SimpleNamespace) -> None:
     with pytest.raises(ValueError, match="does not end with what to order"):
         hardware.netlist.circuits(".subckt one a\nR1 a 0 1k\n.ends\n", "")
@@ -139,12 +125,3 @@ def test_each_mode_of_an_image_has_a_drive_and_a_sensor(hardware: SimpleNamespac
         drives = sum("drive of mode" in purpose for purpose in purposes)
         chips = sum(re.match("DIN of the DACs of modes . to", purpose) is not None for purpose in purposes)
         assert drives + 4 * chips >= n, board
-
-
-def test_links_lead_somewhere(text: str) -> None:
-    for path in re.findall(r"\]\(([^)#:]+)", text):
-        assert (FIRMWARE / path).exists(), path
-
-
-def test_the_page_says_that_nothing_was_built(text: str) -> None:
-    assert "**This was simulated and never built.**" in text.partition("## ")[0]

@@ -21,7 +21,8 @@ from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 
-from .m4.boards import F405, G474, Board, every_board, needs_compiler
+from .m4.boards import F405, G474, H743, every_board, needs_compiler
+from .m4.chip import Chip
 from .m4.cpu import SCRATCH, Cpu
 
 pytestmark = [pytest.mark.long, needs_compiler]
@@ -32,7 +33,7 @@ CONFIG, CONVERTERS, OBJECT, IN, OUT = (SCRATCH + 0x10000 * i for i in range(5))
 CHUNK = 50
 
 
-def fresh_cpu(board: Board) -> Cpu:
+def fresh_cpu(board: Chip) -> Cpu:
     registers = board.registers()
     cpu = Cpu(board, board.image(), read=registers.read, write=registers.write)
     assert cpu.run_to("main")
@@ -43,7 +44,7 @@ def fresh_cpu(board: Board) -> Cpu:
 class Twins:
     """One object of the core, twice; every call goes to both and returns what both say, or fails."""
 
-    def __init__(self, board: Board, init: str, argument: int, *extra: int) -> None:
+    def __init__(self, board: Chip, init: str, argument: int, *extra: int) -> None:
         self.cpu = fresh_cpu(board)
         self.modes = board.modes
         self.host = load(board.modes)
@@ -114,7 +115,7 @@ def something_else(rng: np.random.Generator, seq: int) -> bytes:
 
 @every_board
 @pytest.mark.parametrize("law", ["pi", "pi_ff", "deadbeat"])
-def test_control_ticks_and_frames_give_the_same_bits(board: Board, law: str) -> None:
+def test_control_ticks_and_frames_give_the_same_bits(board: Chip, law: str) -> None:
     """2500 ticks that follow random polylines on plates of random damping, across the wrap of the clock."""
     rng = np.random.default_rng(7)
     now_us = 2**32 - 600_000
@@ -142,7 +143,7 @@ def test_control_ticks_and_frames_give_the_same_bits(board: Board, law: str) -> 
 
 
 @every_board
-def test_tools_give_the_same_bits(board: Board) -> None:
+def test_tools_give_the_same_bits(board: Chip) -> None:
     rng = np.random.default_rng(8)
     now_us = 1000
     twins = Twins(board, "hd_init", CONFIG, now_us)
@@ -191,8 +192,8 @@ def chunks(rng: np.random.Generator, n: int, modes: int) -> list[bytes]:
     return [words[a:b].tobytes() for a, b in pairwise(edges)]
 
 
-@every_board
-def test_synthesis_and_demodulation_give_the_same_bits(board: Board) -> None:
+@pytest.mark.parametrize("board", [F405, G474], ids=str)
+def test_synthesis_and_demodulation_give_the_same_bits(board: Chip) -> None:
     """2000 chunks of samples in, as many out, the voltages and the frequency changing under way."""
     rng = np.random.default_rng(10)
     twins, n = Twins(board, "hd_carrier_init", CONVERTERS), board.modes
@@ -213,29 +214,58 @@ def test_synthesis_and_demodulation_give_the_same_bits(board: Board) -> None:
     assert len(words) > 3000
 
 
-def test_samples_that_lie_mode_by_mode_give_the_bits_of_those_that_lie_instant_by_instant() -> None:
-    """The STM32G474's own way through its buffers against the core's: the carrier's whole state, and the words."""
-    rng = np.random.default_rng(11)
-    twins, n, ticks = Twins(G474, "hd_carrier_init", CONVERTERS), G474.modes, 0
-    played = ctypes.create_string_buffer(2 * n * CHUNK)
-    for i, samples in enumerate(chunks(rng, 600, n)):
-        planes = np.zeros((n, 2, CHUNK), dtype="<u2")
-        planes[:, 0] = np.frombuffer(samples, "<u2").reshape(CHUNK, n).T
-        twins.cpu.write(IN, planes.tobytes())
-        twins.host.hd_carrier_listen.restype = ctypes.c_bool
-        complete = twins.host.hd_carrier_listen(twins.object, samples)
-        assert twins.cpu.call("planar_listen", OBJECT, IN) & 0xFF == complete
-        if complete:
-            ticks += 1
-            twins.call("hd_carrier_drive", rng.normal(0, 90, 2 * n).astype("<f4").tobytes())
-        if i % 100 == 99:
-            tune(twins, float(rng.uniform(28000, 31000)))
-        twins.host.hd_carrier_speak(twins.object, played)
-        twins.cpu.call("planar_speak", OBJECT, OUT)
-        spoken = np.frombuffer(twins.cpu.read(OUT, 4 * n * CHUNK), "<u2").reshape(n, 2, CHUNK)[:, 0].T
-        assert spoken.tobytes() == played.raw
-        assert twins.cpu.read(OBJECT, OBJECT_SIZE) == twins.object.raw
-    assert ticks == 60
+def planes(words: np.ndarray) -> bytes:
+    """The samples of a chunk as the STM32G474's DMA leaves them: each mode's half of its buffer."""
+    return b"".join(column.tobytes() + bytes(2 * len(words)) for column in np.ascontiguousarray(words.T))
+
+
+def frames(words: np.ndarray) -> bytes:
+    """And as the STM32H743's three ADCs leave them."""
+    return b"".join(np.ascontiguousarray(words[:, at]).tobytes() for at in (slice(3), slice(3, 6), slice(6, 8)))
+
+
+def spoken_planes(cpu: Cpu, words: int, modes: int) -> np.ndarray:
+    return np.frombuffer(cpu.read(OUT, 4 * modes * words), "<u2").reshape(modes, 2, words)[:, 0].T
+
+
+def spoken_frames(cpu: Cpu, words: int, _modes: int) -> np.ndarray:
+    """Commands and levels of two chips of DACs; the last command of a sample moves all."""
+    found = np.frombuffer(cpu.read(OUT, 32 * words), "<u4").reshape(2, words, 4)
+    assert np.array_equal(found[0] >> 16, np.tile([0, 1, 2, 0x13], (words, 1)))
+    return np.hstack([*found]) >> 4 & 0xFFF
+
+
+@pytest.mark.parametrize(
+    ("board", "own", "laid", "spoken", "words"),
+    [(G474, "planar", planes, spoken_planes, 50), (H743, "framed", frames, spoken_frames, 16)],
+)
+def test_a_boards_own_way_through_its_samples_gives_the_cores_bits(
+    board: Chip, own: str, laid: Callable[..., bytes], spoken: Callable[..., np.ndarray], words: int
+) -> None:
+    """The state of the carrier, and the levels, of functions of the same image."""
+    cpu, modes = fresh_cpu(board), board.modes
+    core, mine, out = OBJECT, OBJECT + 0x2000, OBJECT + 0x4000
+    rng, levels = np.random.default_rng(4), set()
+    for carrier in (core, mine):
+        assert cpu.call("hd_carrier_init", carrier, CONVERTERS) & 0xFF
+    for i in range(200):
+        if i % 4 == 0:
+            cpu.write(IN, rng.normal(0, 90, 2 * modes).astype("<f4").tobytes())
+            for carrier in (core, mine):
+                cpu.call("hd_carrier_drive", carrier, IN)
+        samples = rng.integers(0, 4096, (words, modes)).astype("<u2")
+        cpu.write(IN, samples.tobytes())
+        ready = cpu.call("hd_carrier_listen", core, IN) & 0xFF
+        cpu.write(IN, laid(samples))
+        assert cpu.call(f"{own}_listen", mine, IN) & 0xFF == ready
+        cpu.call("hd_carrier_speak", core, out)
+        asked = np.frombuffer(cpu.read(out, 2 * modes * words), "<u2").reshape(words, modes)
+        cpu.write(IN, struct.pack("<II", OUT, OUT + 16 * words))  # of the chips of DACs
+        cpu.call(f"{own}_speak", mine, OUT if own == "planar" else IN)
+        assert np.array_equal(spoken(cpu, words, modes), asked)
+        assert cpu.read(core, 400) == cpu.read(mine, 400)
+        levels.update(asked.ravel().tolist())
+    assert len(levels) > 500
 
 
 def tune(twins: Twins, drive_hz: float) -> None:

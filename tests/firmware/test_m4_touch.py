@@ -1,11 +1,10 @@
 """One touch from the pad's report to the glass, by the real image for four modes: pipeline and session of the daemon,
-frames on the emulated UART, the program's own interrupts, converters at 1 MHz and a plate behind them, once the
-independent one of firmware/bench.
+frames on the emulated UART, the program's own interrupts, converters at 1 MHz and a plate behind them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +13,10 @@ import pytest
 from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict
 from hapticd.board_values import (
     UNCALIBRATED,
-    BoardCalibration,
     BoardCommand,
     BoardHello,
     BoardMessage,
     BoardStatus,
-    ModeCalibration,
 )
 from hapticd.core.board.session import BoardSession
 from hapticd.core.pipeline import Pipeline
@@ -32,10 +29,8 @@ from hapticd.wire.commands import encode
 from hapticd_contract.contents import Amplitude
 from hapticd_contract.targets import ClientTargets
 
-from .m4.analog import CHUNK, FLOATING, IndependentPlate
 from .m4.bench import Bench
 from .m4.boards import G474, needs_compiler
-from .m4.plate import DRIVE_HZ, SAMPLE_S, Plate
 
 pytestmark = [pytest.mark.long, needs_compiler]
 
@@ -55,15 +50,15 @@ def four_waves() -> ModeShapes:
 class Rig:
     """The daemon's part in the board's time, without its event loop."""
 
-    def __init__(self, plate: Plate, calibration: BoardCalibration) -> None:
+    def __init__(self) -> None:
         self.modes = four_waves()
         self.scene = Scene(w_limit_um=4.0)
         limits = (4.0,) * 4
         self.pipeline = Pipeline(
             self.modes, self.scene, PipelineSettings(w_limit_um=limits, make_predictor=DEFAULT.for_touch)
         )
-        self.bench = Bench(G474, G474.image(5000), plate=plate)
-        self.session = BoardSession(link_start_ns=MS_NS, controller="deadbeat", calibration=calibration)
+        self.bench = Bench(G474, G474.image(5000))
+        self.session = BoardSession(link_start_ns=MS_NS, controller="deadbeat", calibration=UNCALIBRATED)
         self._heard = 0
         self.say(self.session.link_up(self.now_ns))
 
@@ -106,52 +101,14 @@ class Rig:
 
     def felt_um(self, at_mm: tuple[float, float], ms: int) -> npt.NDArray[np.float64]:
         """What the glass does under a place, sample by sample over the last `ms`."""
-        motion_um = np.concatenate(self.bench.motion_um[-20 * ms :])  # (the independent plate: chunk by chunk)
+        motion_um = np.concatenate(self.bench.motion_um[-20 * ms :])
         return np.abs(motion_um @ np.array(self.modes.at(*at_mm)))
 
 
-def own_rig() -> Rig:
-    return Rig(Plate(mode_hz=Plate().mode_hz[: G474.modes]), UNCALIBRATED)
-
-
-def independent_rig() -> Rig:
-    plate = IndependentPlate(mode_hz=Plate().mode_hz[: G474.modes])
-    calibrated = tuple(
-        ModeCalibration(k, hz, plate.quality, plate.gain_um_per_v_s(k), plate.loop_phase_rad)
-        for k, hz in enumerate(plate.mode_hz)
-    )
-    return Rig(plate, BoardCalibration(calibrated))
-
-
-def get_ready(rig: Rig) -> None:
+def test_a_finger_gets_its_amplitude_and_another_stays_still_until_both_are_lifted() -> None:
+    rig = Rig()
     while not rig.session.ready:
         rig.run(1)
-
-
-def test_both_plates_show_the_converters_the_same() -> None:
-    """Without filters and cross-talk, which one of them has, and but for the noise of either."""
-    rng = np.random.default_rng(1)
-    own = Plate(mode_hz=Plate().mode_hz[: G474.modes])
-    independent = IndependentPlate(mode_hz=own.mode_hz, filters_hz=1e12, cross_talk=0.0)
-    sampled = []
-    for chunk in range(200):
-        turns = DRIVE_HZ * SAMPLE_S * (CHUNK * chunk + np.arange(CHUNK))[:, np.newaxis] + np.linspace(
-            0.0, 0.7, G474.modes
-        )
-        steps = 1200 * np.sin(2 * np.pi * turns) + rng.uniform(-300, 300, (CHUNK, G474.modes))
-        words = (2048 + steps).astype(np.uint16)
-        shown = [plate.advance(words, connected=True, delay_frac=0.5)[0].astype(float) for plate in (own, independent)]
-        sampled.append(shown)
-    first, second = np.moveaxis(np.array(sampled), 1, 0).reshape(2, -1, G474.modes)
-    assert first.std(axis=0).min() > 100.0
-    assert np.abs(first - second).max() <= 7.0  # steps: bells of 0.5 and 1
-    assert (first - second).std(axis=0).max() <= 1.3
-
-
-@pytest.mark.parametrize("of", [own_rig, independent_rig])
-def test_a_finger_gets_its_amplitude_and_another_stays_still_until_both_are_lifted(of: Callable[[], Rig]) -> None:
-    rig = of()
-    get_ready(rig)
     targets = {1: Amplitude(1.0), 2: Amplitude(0.0)}
     for n in range(20):
         rig.report(ASKED, STILL)
@@ -166,25 +123,3 @@ def test_a_finger_gets_its_amplitude_and_another_stays_still_until_both_are_lift
         rig.report()
     assert rig.felt_um(ASKED, 5).max() <= 0.01
     assert rig.bench.status.fault_code == 0
-
-
-def test_a_lead_that_comes_off_ends_the_drive_before_the_plate_goes_far() -> None:
-    """It picks up hum of 600 steps and noise of 40, by the independent plate, and the image is the flashed one."""
-    rig = independent_rig()
-    plate = rig.bench.plate
-    assert isinstance(plate, IndependentPlate)
-    get_ready(rig)
-    rig.bench.arm(3.0, 1.0)
-    rig.bench.hold(20)
-    lead = plate.at.lead[0]
-    lead.fault, lead.noise_lsb, lead.hum_lsb = FLOATING, 40.0, 600.0
-    plate.at.t_fault_us = 0.0
-    plate.prepare()
-    begun, chunks = rig.bench.registers.now_us, len(rig.bench.motion_um)
-    while rig.bench.amplifiers:
-        rig.bench.hold(1)
-    quiet_ms = (rig.bench.registers.now_us - begun) / 1000
-    peak_um = np.abs(np.concatenate(rig.bench.motion_um[chunks:])).max()
-    print(f"quiet after {quiet_ms:.0f} ms, at most {peak_um:.2f} um, fault {rig.bench.status.fault_code}")
-    assert quiet_ms <= 150
-    assert peak_um <= 1.6 * 4.0

@@ -79,15 +79,6 @@ def test_a_time_request_comes_back_with_the_boards_clock() -> None:
     assert bench.listen(at_us=2**32 + 30) == (BoardTime(2**63 + 5, 2**32 - 20, 30),)
 
 
-def test_a_slow_line_gets_the_newest_of_each_kind_once(bench: Bench) -> None:
-    for stamp in range(5):
-        bench.board.receive(device.encode(TimeRequest(stamp)) + device.encode(HelloRequest()))
-    time, hello = bench.listen()
-    assert isinstance(hello, BoardHello)
-    assert time.t_host_ns == 4
-    assert bench.listen() == ()
-
-
 def test_a_buffer_for_the_longest_message_gets_whole_frames_one_by_one(bench: Bench) -> None:
     """The most urgent first: the clock's exchange and the state do not wait for what a person asked."""
     asked = ("HELLO_REQUEST", "LOG_REQUEST", "CONTROLLER_REQUEST", "STOP", "CLEAR_FAULT", "TIME_REQUEST")
@@ -115,15 +106,6 @@ def test_every_flipped_bit_is_refused_by_the_board(bench: Bench, name: str) -> N
         assert status.bad_frames > before.bad_frames
         assert (status.seq, status.t_received_us, status.late_frames) == (0, 0, 0)
         before = status
-
-
-@pytest.mark.parametrize("name", TO_BOARD)
-def test_every_truncation_is_refused_by_the_board(bench: Bench, name: str) -> None:
-    line = TO_BOARD[name]
-    for n in range(1, len(line) - 1):
-        assert bench.say(line[:n] + b"\0") == ()
-    status = bench.status()
-    assert (status.bad_frames, status.seq, status.t_received_us) == (len(line) - 2, 0, 0)
 
 
 @settings(max_examples=40)

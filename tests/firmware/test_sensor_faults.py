@@ -1,4 +1,5 @@
-"""Sensors that cannot be believed quieten the plate within 120 ms; a plate that drifts or is touched does not.
+"""Wires and sensors that are far from a reference's modes quieten the plate within 120 ms too (the plain ones are
+test_faults'); a plate that drifts or is touched does not.
 
 Half a sensor's gain looks like a damped plate and is left to the self-test.
 """
@@ -15,28 +16,14 @@ import pytest
 from soak import endurance
 
 from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
-from hapticd.board_protocol import FAULTS
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace
 from hapticd.sim.board.carrier import Converters
-from hapticd.sim.plate.wirings import PAPER, wiring
 
 from .bench import Bench, constantly, nominal_plate, quiet_after_ms
 
 QUIET_WITHIN_MS = 120.0
 CONFIG = BoardConfig()
-PHASES_DEG = (50, -50, 60, 80, -80)
-SWAPPED, DEAD = np.array([[0.0, 1.0], [1.0, 0.0]]), np.zeros((2, 2))
-ONE_INVERTED, ONE_DEAD = np.diag([-1.0, 1.0]), np.diag([0.0, 1.0])
-BROKEN: dict[str, dict[str, Any]] = {
-    "dead": {"sensor": DEAD},
-    "one dead": {"sensor": ONE_DEAD},
-    "inverted": {"sensor": -np.eye(2)},
-    "one inverted": {"sensor": ONE_INVERTED},
-    "swapped": {"sensor": SWAPPED},
-    **{f"phase {deg} degrees": {"loop_phase_rad": (math.radians(deg),) * 2} for deg in PHASES_DEG},
-    "2.5 times the gain": {"gain_um_per_v_s": 2.5 * np.diag(CONFIG.gain_um_per_v_s)},
-    "2.5 times the signal": {"sensor": 2.5 * np.eye(2)},
-}
+SWAPPED, ONE_INVERTED = np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([-1.0, 1.0])
 
 
 def board(config: BoardConfig = CONFIG, **changes: Any) -> Board:
@@ -46,41 +33,6 @@ def board(config: BoardConfig = CONFIG, **changes: Any) -> Board:
 def held_ms(broken: Board, asked_um: tuple[float, ...]) -> float:
     """How long there is any voltage, in a run of 0.4 s that asks for these amplitudes; infinite if to its end."""
     return quiet_after_ms(follow(broken, constantly(*asked_um), 800, 100))
-
-
-@pytest.mark.parametrize("asked_um", [(0.02, 0.0), (0.4, 0.1), (2.0, 0.0), (3.9, 0.5)])
-@pytest.mark.parametrize("name", BROKEN)
-def test_a_sensor_that_cannot_be_believed_quietens_the_plate(name: str, asked_um: tuple[float, float]) -> None:
-    assert held_ms(board(**BROKEN[name]), asked_um) <= QUIET_WITHIN_MS
-
-
-# Where the other mode takes more power than this one gives back: damping, drift of both modes (Hz), amplitudes.
-INVERTED_BESIDE_ANOTHER = (
-    (1.0, (0.0, 0.0), (1.0, 3.9)),
-    (1.0, (10.0, -8.0), (1.5, 2.9)),
-    (1.4, (-13.0, -13.0), (3.6, 3.5)),
-    (1.5, (20.0, 25.0), (3.6, 3.0)),
-    (2.0, (0.0, 0.0), (3.7, 2.6)),
-    (0.83, (-16.0, -17.0), (2.0, -3.0)),
-    (0.81, (-31.0, 48.0), (3.0, -2.0)),
-    (2.5, (0.0, 0.0), (2.9, -2.9)),
-)
-
-
-@pytest.mark.parametrize(("damping", "drift_hz", "asked_um"), INVERTED_BESIDE_ANOTHER)
-@pytest.mark.parametrize("mode", [0, 1])
-@pytest.mark.parametrize("inverted", ["sensor", "wire"])
-def test_an_inverted_wire_or_sensor_does_not_hide_behind_another_mode(
-    inverted: str, mode: int, damping: float, drift_hz: tuple[float, float], asked_um: tuple[float, float]
-) -> None:
-    sign = np.diag([-1.0 if k == mode else 1.0 for k in range(2)])
-    broken = {"sensor": sign} if inverted == "sensor" else {"gain_um_per_v_s": sign @ np.diag(CONFIG.gain_um_per_v_s)}
-    bad = board(
-        decay_1_s=damping * np.array(CONFIG.decay_1_s),
-        detuning_rad_s=np.array(CONFIG.detuning_rad_s) + 2.0 * np.pi * np.array(drift_hz),
-        **broken,
-    )
-    assert held_ms(bad, asked_um) <= QUIET_WITHIN_MS
 
 
 def test_no_inverted_or_swapped_wire_of_a_hundred_drives_two_modes_for_longer() -> None:
@@ -126,47 +78,8 @@ def clipped(offset_lsb: float, asked_um: float) -> BoardTrace:
     return follow(driven, constantly(asked_um, 0j), 300, 100)
 
 
-@pytest.mark.parametrize("offset_lsb", [1700.0, -1700.0])
-def test_a_sensor_whose_converter_clips_quietens_the_plate(offset_lsb: float) -> None:
-    trace = clipped(offset_lsb, 2.0)
-    assert quiet_after_ms(trace) <= QUIET_WITHIN_MS
-    assert np.abs(trace.plate_um).max() < 2.5
-    assert "rails" in FAULTS[9]
-
-
 def test_an_offset_that_leaves_room_for_the_amplitude_is_no_fault() -> None:
     assert clipped(1500.0, 2.0).voltage_v[-1].any()
-
-
-def test_a_reference_out_of_reach_ends_after_a_hundred_seconds(bench: Bench) -> None:
-    slow = replace(CONFIG, control_hz=500.0)
-    bench.board = Board(replace(board().model, decay_1_s=2.0 * np.array(CONFIG.decay_1_s)), config=slow)
-    bench.arm(3.9, 0.0)
-    while bench.messages[-1].fault_code == 0:
-        bench.say(bench.constant(3.9, 0.0))
-        bench.run(20)
-        assert bench.board.t_us < 101e6
-    assert bench.messages[-1].fault_code == 10
-    assert bench.board.t_us > 99e6
-    assert not bench.run(10).voltage_v.any()
-
-
-@pytest.mark.parametrize("asked_um", [(0.02, 0.0), (0.4, 0.1), (1.0, 0.5), (2.0, 2.0)])
-def test_a_dead_sensor_that_sees_both_modes_quietens_the_plate(asked_um: tuple[float, float]) -> None:
-    """But for the one that would see nothing of what is asked: then the plate does what it should."""
-    wires = wiring(PAPER, 2)
-    config = replace(
-        CONFIG,
-        gain_um_per_v_s=tuple(wires.gain * np.array(CONFIG.gain_um_per_v_s)),
-        drive=wires.drive,
-        sense=wires.sense,
-    )
-    gain = np.diag(CONFIG.gain_um_per_v_s) @ wires.drives
-    for dead in (0, 1):
-        alive = np.diag([float(s != dead) for s in range(2)])
-        plate = replace(board().model, gain_um_per_v_s=gain, sensor=alive @ wires.senses)
-        held = held_ms(Board(plate, config=config), asked_um)
-        assert held <= QUIET_WITHIN_MS or abs(wires.senses[dead] @ asked_um) < 0.01
 
 
 @pytest.mark.parametrize("modes", [2, 4, 6, 8])

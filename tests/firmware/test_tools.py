@@ -37,13 +37,11 @@ from hapticd.wire.framing import encode_frame
 from .bench import Bench, joined, untouched
 
 SWEEP = Sweep(0, 29150.0, 29250.0, points=11, dwell_ms=20, voltage_v=15.0)
+each_tool = pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
 RAMP_TICKS = 20
 
 
-# --- the sweep --------------------------------------------------------------------------------------------------
-
-
-def test_a_sweep_drives_one_amplifier_with_one_voltage_and_ramps_in_and_out(bench: Bench) -> None:
+def test_a_sweep_drives_one_amplifier_ramps_in_and_out_and_reports_each_frequency(bench: Bench) -> None:
     assert bench.verdict(SWEEP) is CommandResult.DONE
     assert bench.status().state is BoardState.TOOL
     bench.seq = 4711  # KEEPALIVE of any reference keeps a tool up
@@ -55,11 +53,6 @@ def test_a_sweep_drives_one_amplifier_with_one_voltage_and_ramps_in_and_out(benc
     assert steps_v.max() <= protocol.RAW_LIMIT_FRAC * 150 / RAMP_TICKS * 1.0001
     assert voltage_v[-1, 0] == 0
     assert bench.status().state is BoardState.QUIET
-
-
-def test_a_sweep_reports_each_frequency_once_and_in_order(bench: Bench) -> None:
-    bench.say(encode(SWEEP))
-    bench.hold(11 * 40 + 3 * RAMP_TICKS)
     found = bench.heard(SweepPoint)
     assert [(point.index, point.points, point.mode) for point in found] == [(i, 11, 0) for i in range(11)]
     np.testing.assert_allclose([point.frequency_hz for point in found], np.linspace(29150, 29250, 11), atol=0.005)
@@ -91,32 +84,25 @@ def test_a_sweep_finds_the_resonance_of_the_plate() -> None:
     assert abs(f_hz[np.argmax(np.abs(expected_um))] - 29195) <= 2.5
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"mode": 2},
-        {"start_hz": 27204.0},
-        {"stop_hz": 31206.0},
-        {"voltage_v": 30.01},
-    ],
-)
-def test_a_sweep_beyond_the_boards_own_bounds_does_not_begin(bench: Bench, wrong: dict[str, Any]) -> None:
-    fields = {"mode": 0, "start_hz": 29190.0, "stop_hz": 29220.0, "points": 3, "dwell_ms": 2, "voltage_v": 30.0}
-    assert bench.verdict(Sweep(**fields | wrong)) is CommandResult.OUT_OF_RANGE
+SOUND = {"mode": 0, "start_hz": 29190.0, "stop_hz": 29220.0, "points": 3, "dwell_ms": 2, "voltage_v": 30.0}
+WRONG = {
+    "mode": [2],
+    "start_hz": [27204.0, math.nan],
+    "stop_hz": [31206.0, math.inf],
+    "points": [0, 2002],
+    "dwell_ms": [0, 1001],
+    "voltage_v": [30.01, 0.0, math.nan],
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in WRONG.items() for value in values])
+def test_a_sweep_beyond_the_boards_own_bounds_does_not_begin(bench: Bench, name: str, value: float) -> None:
+    """In a frame that the host would not have encoded."""
+    payload = protocol.SWEEP.pack(*(SOUND | {name: value}).values())
+    answers = bench.say(encode_frame(bytes((protocol.MSG_SWEEP,)) + payload))
+    assert answers == (BoardVerdict(protocol.MSG_SWEEP, CommandResult.OUT_OF_RANGE),)
     assert (bench.run(40).voltage_v == 0).all()
-    assert bench.verdict(Sweep(**fields)) is CommandResult.DONE
-
-
-def test_senseless_figures_in_a_sound_frame_do_not_begin_a_sweep(bench: Bench) -> None:
-    sound = (0, 29190.0, 29220.0, 3, 2, 10.0)
-    for place, value in ((1, math.nan), (2, math.inf), (3, 0), (3, 2002), (4, 0), (4, 1001), (5, 0.0), (5, math.nan)):
-        payload = protocol.SWEEP.pack(*sound[:place], value, *sound[place + 1 :])
-        answers = bench.say(encode_frame(bytes((protocol.MSG_SWEEP,)) + payload))
-        assert answers == (BoardVerdict(protocol.MSG_SWEEP, CommandResult.OUT_OF_RANGE),)
-    assert (bench.run(10).voltage_v == 0).all()
-
-
-# --- the raw voltage --------------------------------------------------------------------------------------------
+    assert bench.verdict(Sweep(**SOUND)) is CommandResult.DONE
 
 
 def test_a_raw_voltage_stands_for_its_time_and_ramps_out(bench: Bench) -> None:
@@ -166,10 +152,7 @@ def test_the_clock_may_wrap_while_a_tool_drives(command: Any, before_ms: int) ->
     assert len(wrapped[1]) == 65
 
 
-# --- what ends a tool, and who may begin one --------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
+@each_tool
 def test_a_host_that_falls_silent_ends_a_tool_within_60_ms(bench: Bench, command: Any) -> None:
     bench.say(encode(command))
     voltage_v = bench.run(140).voltage_v
@@ -181,7 +164,7 @@ def test_a_host_that_falls_silent_ends_a_tool_within_60_ms(bench: Bench, command
     assert (entry.code, entry.mode, entry.value) == (65, 0, 15.0)
 
 
-@pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
+@each_tool
 def test_stop_ramps_a_tool_out_and_a_greeting_ends_it_at_once(bench: Bench, command: Any) -> None:
     bench.say(encode(command))
     bench.run(20)
@@ -196,24 +179,20 @@ def test_stop_ramps_a_tool_out_and_a_greeting_ends_it_at_once(bench: Bench, comm
     assert bench.status().state is BoardState.QUIET
 
 
-def test_an_amplitude_far_above_its_limit_ends_a_sweep_as_a_fault(bench: Bench) -> None:
-    bench.say(encode(SWEEP))
+@pytest.mark.parametrize(
+    ("measured_um", "ticks", "fault"), [((6.5, 0.0), 8, (3, 0)), ((0.0, complex(math.nan)), 0, (1, 1))]
+)
+@each_tool
+def test_a_measurement_that_makes_no_sense_ends_a_tool_as_a_fault(
+    bench: Bench, command: Any, measured_um: tuple[complex, complex], ticks: int, fault: tuple[int, int]
+) -> None:
+    bench.say(encode(command))
     bench.run(20)
-    bench.board.fake_measurement(np.array([6.5 + 0j, 0j]))
-    voltage_v = bench.hold(20).voltage_v
-    assert (voltage_v[8:] == 0).all()
+    bench.board.fake_measurement(np.array(measured_um, complex))
+    assert (bench.hold(20).voltage_v[ticks:] == 0).all()
     assert bench.status().state is BoardState.QUIET  # asking clears it
     (entry,) = bench.log().entries
-    assert (entry.code, entry.mode, entry.value) == (3, 0, 6.5)
-
-
-def test_a_measurement_that_is_not_finite_ends_a_raw_voltage_in_the_same_tick(bench: Bench) -> None:
-    bench.say(encode(RawVoltage(0, 15 + 0j, 1000)))
-    bench.run(20)
-    bench.board.fake_measurement(np.array([0j, complex(math.nan)]))
-    assert (bench.hold(20).voltage_v == 0).all()
-    (entry,) = bench.log().entries
-    assert (entry.code, entry.mode) == (1, 1)
+    assert (entry.code, entry.mode) == fault
 
 
 def test_references_neither_reach_the_plate_during_a_sweep_nor_start_it_afterwards(bench: Bench) -> None:
@@ -228,7 +207,7 @@ def test_references_neither_reach_the_plate_during_a_sweep_nor_start_it_afterwar
     assert (trace.voltage_v[RAMP_TICKS:] == 0).all()
 
 
-@pytest.mark.parametrize("command", [SWEEP, RawVoltage(0, 15 + 0j, 1000)], ids=["sweep", "raw voltage"])
+@each_tool
 def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
     bench.arm(1 + 0j, 0j)
     assert bench.verdict(command) is CommandResult.NOT_QUIET
@@ -242,9 +221,6 @@ def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
     bench.board.fake_measurement(np.full(2, math.nan, dtype=np.complex128))
     bench.run(1)
     assert bench.verdict(command) is CommandResult.NOT_QUIET
-
-
-# --- models, telemetry, log -------------------------------------------------------------------------------------
 
 
 def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: Bench) -> None:

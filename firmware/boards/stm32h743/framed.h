@@ -1,5 +1,5 @@
 /* hd_carrier_listen and hd_carrier_speak for the STM32H743: samples as its three ADCs leave them, words as its two DACs take
- * them. The same sums, the same levels and the same state of the carrier, to the bit (tests/firmware/test_m7.py). */
+ * them. The same sums, the same levels and the same state of the carrier, to the bit (tests/firmware/test_m4_bit_exact.py). */
 #ifndef HD_H743_FRAMED_H
 #define HD_H743_FRAMED_H
 

@@ -212,7 +212,7 @@ enum { REQUEST_ADC1 = 9, REQUEST_ADC2, REQUEST_TIM3_CH1 = 23, REQUEST_TIM3_CH3 =
 #define IRQS_TRANSFER_ERROR 11, 12, 56, 57
 #define VECTORS_TRANSFER_ERROR(handler) [16 + 11 ... 16 + 12] = handler, [16 + 56 ... 16 + 57] = handler,
 #define IRQ_LAST 58
-#define TICK_CHUNKS_LATE 2 /* through in time even if each word beyond the buses takes 40 cycles (tests/firmware/test_m7.py) */
+#define TICK_CHUNKS_LATE 2 /* through in time even if each word beyond the buses takes 40 cycles (tests/firmware/test_m4_budget.py) */
 #define STREAMED __attribute__((section(".streamed")))
 
 #define INTERLOCK_PORT GPIOC

@@ -17,11 +17,11 @@ from hapticd.board_values import BoardLog, BoardMessage, BoardStatus
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
-from .boards import Board
+from .chip import Chip, Registers
 from .cpu import Cpu
 from .image import Image
-from .peripherals import Peripherals
 from .plate import Plate
+from .wiring import Wiring
 
 AMPLIFIERS = 1 << 12  # PB12
 MONOSTABLE_US = 2210  # HARDWARE.md's, from a rising edge of PB12 on
@@ -35,11 +35,11 @@ class Bench:
 
     def __init__(
         self,
-        board: Board,
+        board: Chip,
         image: Image | None = None,
         *,
         plate: Plate | None = None,
-        registers: Peripherals | None = None,
+        registers: Registers | None = None,
     ) -> None:
         self.board = board
         self.plate = plate or Plate(mode_hz=Plate().mode_hz[: board.modes])
@@ -54,13 +54,13 @@ class Bench:
         self.seq = 0
         self.boot(self.registers)
 
-    def boot(self, registers: Peripherals) -> None:
+    def boot(self, registers: Registers) -> None:
         """Runs from the reset vector to the first wait; the RAM keeps what it holds."""
         self.registers = registers
         self.registers.on_reset = self.cpu.stop
         self.cpu.load()
         assert self.cpu.run_to("board_wait")
-        self.wires = self.board.wires(registers)
+        self.wires = Wiring(registers)
         self.sampling = self.wires.sampling()
         self.ring = self.wires.streams()["RX"]
         self.chunk = self.sampling.samples // 2
@@ -129,7 +129,7 @@ class Bench:
 
     def interrupt(self) -> None:
         """The chunk's, and the tick's where it asked for one of its own."""
-        self.cpu.interrupt(self.sampling.irq)
+        self.cpu.interrupt(self.sampling.chunk.irq)
         self.compute_tick()
 
     def compute_tick(self) -> None:
@@ -141,21 +141,24 @@ class Bench:
         """One chunk of the converters and of the line; its interrupt is pending then."""
         half = self.chunks % 2
         lanes = self.sampling.lanes
-        words = np.stack([self._lane(lane.played_at, lane.stride, half) >> lane.played_shift for lane in lanes], axis=1)
-        delays = [self.sampling.delay_frac if lane.delay_frac is None else lane.delay_frac for lane in lanes]
+        words = np.stack(
+            [self._lane(lane.played_at, lane.played_stride, half) >> lane.played_shift for lane in lanes], axis=1
+        )
+        delays = [lane.delay_frac for lane in lanes]
         sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=delays)
         for lane, column in zip(lanes, sampled.T, strict=True):
-            self._fill_lane(lane.sampled_at, lane.sampled_stride or lane.stride, half, column)
+            self._fill_lane(lane.sampled_at, lane.sampled_stride, half, column)
         self.motion_um.append(motion_um)
         self.played.append(words)
         self.chunks += 1
         self.registers.now_us += self.chunk_us
-        self.registers[self.sampling.flags] |= (self.sampling.half, self.sampling.complete)[half]
+        chunk = self.sampling.chunk
+        self.registers[chunk.flags] |= (chunk.half, chunk.complete)[half]
         left, items = self.chunk if half == 0 else self.sampling.samples, self.sampling.items
         for name in self.sampling.sampling:
-            self.registers[f"{name}.NDTR"] = left * items.get(name, 1)
+            self.registers[f"{name}.NDTR"] = left * items[name]
         for name in self.sampling.playing:  # one word ahead
-            self.registers[f"{name}.NDTR"] = left * items.get(name, 1) - 1
+            self.registers[f"{name}.NDTR"] = left * items[name] - 1
         self._move_line()
 
     def _lane(self, at: int, stride: int, half: int) -> npt.NDArray[np.uint16]:

@@ -22,14 +22,14 @@ from hapticd.wire import device
 from hapticd.wire.commands import encode
 
 from .bench import Bench
-from .boards import Board
+from .chip import Chip
 from .timing import INTERRUPT_CYCLES, Count, Flash, Meter
 
 CHUNK_S: Final = 50e-6
 DEADLINE_S: Final = 49e-6  # the DMA fetches a word one trigger before it is put out
 
 
-def live_bench(board: Board, control_hz: int, law: str = "deadbeat") -> Bench:
+def live_bench(board: Chip, control_hz: int, law: str = "deadbeat") -> Bench:
     bench = Bench(board, board.image(control_hz))
     bench.to_board += encode(SetController(law))
     bench.arm(1.5 + 0.2j, -0.7, 0.3)
@@ -53,7 +53,7 @@ class Costs:
         interrupts = [count.cycles + INTERRUPT_CYCLES for count in self.chunk + self.tick]
         return (sum(interrupts) + sum(count.cycles for count in self.main)) / len(self.chunk)
 
-    def share(self, board: Board) -> float:
+    def share(self, board: Chip) -> float:
         """Of the processor."""
         return self.load / (CHUNK_S * board.core_hz)
 
@@ -73,7 +73,7 @@ def costs(bench: Bench, chunks: int) -> Costs:
     found = Costs([], [], [])
     for _ in range(chunks):
         bench.convert()
-        found.chunk.append(meter.measure(lambda: bench.cpu.interrupt(bench.sampling.irq)))
+        found.chunk.append(meter.measure(lambda: bench.cpu.interrupt(bench.sampling.chunk.irq)))
         if bench.registers.tick_pending:
             found.tick.append(meter.measure(bench.compute_tick))
         found.main.append(meter.measure(bench.come_round))

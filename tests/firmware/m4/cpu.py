@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from .boards import Board
+from .chip import Chip
 from .image import Image
 
 unicorn = pytest.importorskip("unicorn", reason="unicorn is not installed")
@@ -26,7 +26,7 @@ Write = Callable[[int, int, int], None]  # address, size, value
 class Cpu:
     """`read` and `write` answer the peripherals' addresses; without them every register is 0."""
 
-    def __init__(self, board: Board, image: Image, *, read: Read | None = None, write: Write | None = None) -> None:
+    def __init__(self, board: Chip, image: Image, *, read: Read | None = None, write: Write | None = None) -> None:
         self.image = image
         self.damaged: int | None = None  # a byte of the flash that is not what was written
         self._uc = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
@@ -36,7 +36,7 @@ class Cpu:
         self._flash_size = dict(board.memories)[_FLASH]
         self._uc.mem_map(board.identity_at & ~0xFFF, 0x1000)
         self._uc.mem_write(board.identity_at, bytes(range(1, 13)))
-        self._uc.mem_write(board.reference_at, board.registers.REFERENCE_WORD.to_bytes(2, "little"))
+        self._uc.mem_write(board.reference_at, board.reference_word.to_bytes(2, "little"))
         for base, size in (*_PERIPHERALS, *board.peripherals):
             self._map_peripherals(base, size, read or (lambda *_: 0), write or (lambda *_: None))
         self.load()

@@ -8,7 +8,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -74,13 +74,6 @@ def build(board: str, modes: int, control_hz: int = 2000, setup: str = "", core:
     """
     asked = (f"BOARD_MODES={modes}", f"SETUP=-DCONTROL_HZ={control_hz} {setup}")
     return _built(f"{board}.elf", f"{core}-{modes}modes", *asked)
-
-
-@cache
-def build_core(modes: int) -> Image:
-    """The core alone, with a stack and nothing to start it."""
-    image = _built(f"core-{modes}modes.elf", f"m4-{modes}modes")
-    return replace(image, segments=((0x08000000, struct.pack("<II", 0x20018000, 0)), *image.segments))
 
 
 def _built(name: str, core_name: str, *variables: str) -> Image:

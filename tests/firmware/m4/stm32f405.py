@@ -4,216 +4,146 @@ triggers of its DAC (14.3.6) and ADCs (13.6), its clock tree (7.2). A section's 
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from . import chip
+from .chip import INTERNAL_HZ, STREAMS, Chip, Clocks, Effect, Field, Registers, Route, dma_blocks, whole
 
-from . import peripherals
-from .peripherals import Effect, Peripherals
-from .wiring import INTERNAL_HZ, Lane, Sampling, Stream, Wiring, stream_of
-
-_ADC = {"SR": 0x00, "CR1": 0x04, "CR2": 0x08, "SMPR1": 0x0C, "SMPR2": 0x10, "SQR1": 0x2C, "SQR3": 0x34, "DR": 0x4C}
-_STREAM = {"CR": 0x00, "NDTR": 0x04, "PAR": 0x08, "M0AR": 0x0C, "FCR": 0x14}
-_DMA = {"LISR": 0x00, "HISR": 0x04, "LIFCR": 0x08, "HIFCR": 0x0C}
-_RCC = {"CR": 0x00, "PLLCFGR": 0x04, "CFGR": 0x08, "APB1RSTR": 0x20, "APB2RSTR": 0x24, "AHB1ENR": 0x30}
-_REQUESTS: Final = {  # (unit, stream, channel) -> who asks
-    (1, 5, 7): "DAC1",
-    (1, 6, 7): "DAC2",
-    (2, 0, 0): "ADC1",
-    (2, 4, 0): "ADC1",
-    (2, 2, 4): "RX",
-    (2, 5, 4): "RX",
-    (2, 7, 4): "TX",
-}
-_TRIGGER_TIM2_DAC: Final = 4
-_TRIGGER_TIM2_ADC: Final = 6
-_CONVERSION_CYCLES: Final = 3 + 12
-# Clocks: TIM2, WWDG, DAC; USART1, ADC1, ADC2, SYSCFG.
-_CLOCKED: Final = tuple(("APB1", bit) for bit in (0, 11, 29)) + tuple(("APB2", bit) for bit in (4, 8, 9, 14))
+_CRYSTAL_HZ = 8e6
+_ADC = "SR CR1 CR2 SMPR1 SMPR2 @2C SQR1 _ SQR3 @4C DR"
+_DMA = "LISR HISR LIFCR HIFCR"
+_MID_RAIL = 0x08000800
 
 
-class Registers(Peripherals):
-    BLOCKS: ClassVar = {
-        "PWR": (0x40007000, {"CR": 0x00, "CSR": 0x04}),  # 5.4
-        "DAC": (0x40007400, peripherals.DAC),  # 14.5
-        "USART1": (0x40011000, {"SR": 0x00, "DR": 0x04, "BRR": 0x08, "CR1": 0x0C, "CR2": 0x10, "CR3": 0x14}),  # 30.6
+def _clocks(p: Registers) -> Clocks:
+    """RM0090, 7.3.2 and 7.3.3; on a divided APB the timers have twice its clock."""
+    assert p.field("RCC.CFGR", 2, 2) == 2, "the PLL clocks the core"
+    assert p.field("RCC.CFGR", 4, 4) < 8, "the AHB prescaler is 1"
+    config = p["RCC.PLLCFGR"]
+    input_hz = _CRYSTAL_HZ if config >> 22 & 1 else INTERNAL_HZ
+    core_hz = input_hz / (config & 0x3F) * (config >> 6 & 0x1FF) / (2 * (config >> 16 & 3) + 2)
+    codes = p.field("RCC.CFGR", 10, 3), p.field("RCC.CFGR", 13, 3)
+    apb1_hz, apb2_hz = (core_hz / (1 if code < 4 else 2 << (code - 4)) for code in codes)
+    adc_hz = apb2_hz / (2 * p.field("ADC.CCR", 16, 2) + 2)
+    assert adc_hz <= 36e6
+    return Clocks(core_hz, apb1_hz * (2 if codes[0] >= 4 else 1), adc_hz, apb2_hz, apb1_hz)
+
+
+def _expected(_modes: int) -> list[Field]:
+    """RM0090, 14.5.1: EN, TEN, TSEL, DMAEN; 13.13.3 (CR2), 13.13.9 (SQR1), 13.13.16 (CCR); 7.3 (clocks)."""
+    adc = [Field(f"{name}.SQR1", 20, 4, 0) for name in ("ADC1", "ADC2")]  # one channel each
+    clocked = [("AHB1", 21), ("AHB1", 22), ("APB1", 0), ("APB1", 11), ("APB1", 29)]  # DMAs; TIM2, WWDG, DAC
+    clocked += [("APB2", bit) for bit in (4, 8, 9, 14)]  # USART1, ADC1, ADC2, SYSCFG
+    return [
+        # Both on, at TIM2's trigger; channel 2's requests would go nowhere and count as underruns.
+        whole("DAC.CR", (1 << 0 | 1 << 2 | 4 << 3) * 0x00010001 | 1 << 12),
+        Field("GPIOA.MODER", 8, 4, 0xF),  # PA4 and PA5 are analogue
+        # Dual simultaneous; requests go on after the buffer's first round; pairs by DMA; a quarter of APB2's clock.
+        whole("ADC.CCR", 6 << 0 | 1 << 13 | 2 << 14 | 1 << 16),
+        # On, right-aligned, at the falling edge of TIM2's trigger; ADC2 follows.
+        whole("ADC1.CR2", 1 << 0 | 6 << 24 | 2 << 28),
+        whole("ADC2.CR2", 1 << 0),
+        *adc,
+        *(Field(f"RCC.{bus}ENR", bit, 1, 1) for bus, bit in clocked),
+    ]
+
+
+def _silent(_modes: int) -> list[Field]:
+    """RM0090, 14.3.4: without a trigger a word is put out a cycle after it was written."""
+    return [whole("DAC.CR", 0x00010001), whole("DAC.DHR12RD", _MID_RAIL)]
+
+
+def _effects(p: Registers) -> dict[str, Effect]:
+    def control(value: int) -> None:
+        """RM0090, 13.13.3: SWSTART converts one channel."""
+        p["ADC1.CR2"] = value & ~(1 << 30)
+        if value & 1 << 30:
+            assert value & 1, "started before it was switched on"
+            p.convert_reference("ADC1")
+
+    return {"ADC1.CR2": control}
+
+
+F405 = Chip(
+    name="stm32f405",
+    modes=2,
+    blocks={
+        "PWR": (0x40007000, "CR CSR"),  # 5.4
+        "DAC": (0x40007400, chip.DAC),  # 14.5
+        "USART1": (0x40011000, "SR DR BRR CR1 CR2 CR3"),  # 30.6
         "ADC1": (0x40012000, _ADC),  # 13.13
         "ADC2": (0x40012100, _ADC),
-        "ADC": (0x40012300, {"CCR": 0x04, "CDR": 0x08}),
-        "SYSCFG": (0x40013800, {"EXTICR4": 0x14}),  # 9.2.6
-        "EXTI": (0x40013C00, peripherals.EXTI),  # 12.3
-        "GPIOA": (0x40020000, peripherals.GPIO),  # 8.4
-        "GPIOB": (0x40020400, peripherals.GPIO),
-        "RCC": (0x40023800, _RCC | {"APB1ENR": 0x40, "APB2ENR": 0x44, "CSR": 0x74}),  # 7.3
-        "FLASH": (0x40023C00, {"ACR": 0x00, "OPTCR": 0x14}),  # 3.9
+        "ADC": (0x40012300, "@04 CCR CDR"),
+        "SYSCFG": (0x40013800, "@14 EXTICR4"),  # 9.2.6
+        "EXTI": (0x40013C00, chip.EXTI),  # 12.3
+        "GPIOA": (0x40020000, chip.GPIO),  # 8.4
+        "GPIOB": (0x40020400, chip.GPIO),
+        "RCC": (0x40023800, "CR PLLCFGR CFGR @20 APB1RSTR APB2RSTR @30 AHB1ENR @40 APB1ENR APB2ENR @74 CSR"),  # 7.3
+        "FLASH": (0x40023C00, "ACR @14 OPTCR"),  # 3.9
         "DMA1": (0x40026000, _DMA),  # 10.5
         "DMA2": (0x40026400, _DMA),
-        **{
-            f"DMA{unit}_S{i}": (0x40026000 + 0x400 * (unit - 1) + 0x10 + 0x18 * i, _STREAM)
-            for unit in (1, 2)
-            for i in range(8)
-        },
-    }
-    RESET: ClassVar = {"RCC.CR": 0x83, "RCC.PLLCFGR": 0x24003010, "RCC.AHB1ENR": 0x00100000, "PWR.CR": 0x4000} | {
+        **dma_blocks(0x40026000, STREAMS),
+    },
+    reset={
+        "RCC.CR": 0x83,
+        "RCC.PLLCFGR": 0x24003010,
+        "RCC.AHB1ENR": 0x00100000,
+        "PWR.CR": 0x4000,
         "GPIOA.MODER": 0xA8000000,
         "GPIOB.MODER": 0x280,
         "GPIOB.IDR": 0,  # no amplifier has a fault, and the emergency stop is not pushed: both circuits are closed
         "USART1.SR": 0xC0,  # nothing is on the line
         "FLASH.OPTCR": 0x0FFFAAE1,  # as delivered, but for the brown-out level 3
-    }
-    HSI_READY: ClassVar = 1 << 1
-    PLL_FROM_CRYSTAL: ClassVar = (1 << 22, 1 << 22)
-    FORGET_RESET_FLAGS: ClassVar = 1 << 24
-    CHUNK_FLAGS: ClassVar = "DMA2.LISR"
-    REFERENCE_WORD: ClassVar = 1501  # 1.21 V of 3.3
-    REFERENCE_V: ClassVar = 3.3
-    _overrun_seen = False
-
-    def was_read(self, name: str) -> None:
-        """RM0090, 30.6.1: an overrun ends when SR was read while it stood, and DR after that."""
-        if name == "USART1.SR":
-            self._overrun_seen = bool(self.registers[name] & 1 << 3)
-        elif name == "USART1.DR" and self._overrun_seen:
-            self.registers["USART1.SR"] &= ~(1 << 3)
-            self._overrun_seen = False
-        elif name == "ADC1.DR":
-            self.registers["ADC1.SR"] &= ~2
-
-    def _convert(self, value: int) -> None:
-        """RM0090, 13.13.3: SWSTART converts one channel; 13.13.16: TSVREFE connects the internal reference, which
-        needs 10 us of sampling (DS8626)."""
-        self.registers["ADC1.CR2"] = value & ~(1 << 30)
-        if value & 1 << 30:
-            assert value & 1, "started before it was switched on"
-            assert self.registers["ADC1.SQR3"] == 17
-            assert self.field("ADC.CCR", 23, 1), "the reference is not connected"
-            assert self.field("ADC1.SMPR1", 21, 3) == 7, "480 cycles"
-            self.registers["ADC1.DR"] = self.reference_reading()
-            self.registers["ADC1.SR"] |= 2
-
-    def own_effects(self) -> dict[str, Effect]:
-        return {
-            "RCC.APB1RSTR": lambda value: self.reset_blocks(value, {0: ["TIM2"], 29: ["DAC"]}),
-            "RCC.APB2RSTR": lambda value: self.reset_blocks(value, {8: ["ADC1", "ADC2", "ADC"]}),
-            "ADC1.CR2": self._convert,
-            "DMA2.LIFCR": lambda value: self.clear("DMA2.LISR", value),
-            "DMA2.HIFCR": lambda value: self.clear("DMA2.HISR", value),
-            "DMA1.HIFCR": lambda value: self.clear("DMA1.HISR", value),
-        }
-
-
-def _divider(code: int) -> int:
-    return 1 if code < 4 else 2 << (code - 4)
-
-
-class Wires(Wiring):
-    CRYSTAL_HZ = 8e6
-
-    def core_hz(self) -> float:
-        p = self.p
-        assert p.field("RCC.CFGR", 4, 4) < 8, "the AHB prescaler is 1"
-        source = p.field("RCC.CFGR", 2, 2)
-        if source != 2:
-            return (INTERNAL_HZ, self.CRYSTAL_HZ)[source]
-        config = p["RCC.PLLCFGR"]
-        input_hz = self.CRYSTAL_HZ if config >> 22 & 1 else INTERNAL_HZ
-        return input_hz / (config & 0x3F) * (config >> 6 & 0x1FF) / (2 * (config >> 16 & 3) + 2)
-
-    def apb_hz(self, bus: int) -> float:
-        """RM0090, 7.3.3."""
-        return self.core_hz() / _divider(self.p.field("RCC.CFGR", 10 if bus == 1 else 13, 3))
-
-    def timer_clock_hz(self) -> float:
-        """On APB1: twice the bus's clock if that is divided."""
-        return self.apb_hz(1) * (2 if self.p.field("RCC.CFGR", 10, 3) >= 4 else 1)
-
-    def streams(self) -> dict[str, Stream]:
-        found = {}
-        for unit in (1, 2):
-            for i in range(8):
-                name = f"DMA{unit}_S{i}"
-                control = self.p[f"{name}.CR"]
-                if control & 1:
-                    assert self.p["RCC.AHB1ENR"] >> (20 + unit) & 1, f"{name} runs without a clock"
-                    request = _REQUESTS[unit, i, control >> 25 & 7]
-                    assert request not in found, f"two streams answer {request}"
-                    found[request] = self._stream(name, control)
-        return found
-
-    def _stream(self, name: str, control: int) -> Stream:
-        memory = self.p[f"{name}.M0AR"]
-        assert 0x20000000 <= memory < 0x20020000, f"{name} cannot reach {memory:#x}"
-        return stream_of(name, control, self.p[f"{name}.PAR"], memory, self.p[f"{name}.NDTR"])
-
-    def sampling(self) -> Sampling:
-        p = self.p
-        assert all(p[f"RCC.{bus}ENR"] >> bit & 1 for bus, bit in _CLOCKED), "a peripheral runs without a clock"
-        self._check_dacs()
-        channels = self._check_adcs()
-        running = self.streams()
-        out, back = running["DAC1"], running["ADC1"]
-        assert "DAC2" not in running, "one stream feeds both DACs"
-        assert (out.peripheral, back.peripheral) == (p.ADDRESS["DAC.DHR12RD"], p.ADDRESS["ADC.CDR"])
-        assert (out.to_peripheral, out.circular, out.memory_size, out.peripheral_size) == (True, True, 4, 4)
-        assert (back.to_peripheral, back.circular, back.memory_size, back.peripheral_size) == (False, True, 4, 4)
-        assert out.items == back.items
-        assert (out.interrupts, back.interrupts) == ({"error"}, {"half", "complete", "error"})
-        assert self.interrupts() == {1, 16, 40, 56}, "the supply, the DACs' stream, the interlocks, the ADCs' stream"
-        assert [p[f"NVIC.IPR{irq}"] for irq in (1, 16, 40, 56)] == [0, 0x10, 0x10, 0x10]
-        return Sampling(
-            self.timer_hz("TIM2"),
-            out.items,
-            self.trigger_delay_frac(),
-            tuple(Lane(out.memory + 2 * k, back.memory + 2 * k, 4) for k in range(2)),
-            channels,
-            irq=56,
-            flags="DMA2.LISR",
-            half=0x10,
-            complete=0x20,
-            sampling=("DMA2_S0",),
-            playing=("DMA1_S5",),
-        )
-
-    def _check_dacs(self) -> None:
-        """RM0090, 14.5.1: EN, TEN, TSEL, DMAEN; 14.3.6: TIM2's trigger."""
-        for channel in (0, 16):
-            assert self.p.field("DAC.CR", channel, 1), "a DAC is off"
-            assert self.p.field("DAC.CR", channel + 2, 1), "a DAC is not triggered"
-            assert self.p.field("DAC.CR", channel + 3, 3) == _TRIGGER_TIM2_DAC
-        assert self.p.field("DAC.CR", 12, 1), "DAC channel 1 does not ask for DMA"
-        assert not self.p.field("DAC.CR", 28, 1), "channel 2's requests would go nowhere and count as underruns"
-        assert self.p.field("GPIOA.MODER", 8, 4) == 0xF, "PA4 and PA5 are not analogue"
-
-    def _check_adcs(self) -> tuple[int, ...]:
-        """RM0090, 13.13.3 (CR2), 13.13.5 (SMPR2), 13.13.9 and 13.13.11 (SQR1, SQR3), 13.13.16 (CCR)."""
-        p = self.p
-        assert p.field("ADC.CCR", 0, 5) == 6, "not dual simultaneous"
-        assert p.field("ADC.CCR", 14, 2) == 2, "not pairs by DMA"
-        assert p.field("ADC.CCR", 13, 1), "requests end with the buffer's first round"
-        for name in ("ADC1", "ADC2"):
-            assert p.field(f"{name}.CR2", 0, 1), f"{name} is off"
-            assert not p.field(f"{name}.CR2", 11, 1), f"{name} is not right-aligned"
-            assert p.field(f"{name}.SQR1", 20, 4) == 0, f"{name} converts more than one channel"
-            assert p[f"{name}.SMPR2"] == 0, f"{name} samples for more than 3 cycles"
-        assert p.field("ADC1.CR2", 24, 4) == _TRIGGER_TIM2_ADC
-        assert (p.field("ADC1.CR2", 28, 2), p.field("ADC2.CR2", 28, 2)) == (2, 0), "the falling edge; ADC2 follows"
-        clock_hz = self.apb_hz(2) / (2 * p.field("ADC.CCR", 16, 2) + 2)
-        assert clock_hz <= 36e6
-        assert _CONVERSION_CYCLES / clock_hz < 1 / self.timer_hz("TIM2"), "a conversion outlasts the period"
-        channels = p["ADC1.SQR3"] & 0x1F, p["ADC2.SQR3"] & 0x1F
-        assert all(p.field("GPIOA.MODER", 2 * pin, 2) == 3 for pin in channels), "an input is not analogue"
-        return channels
-
-    def window_watchdog_s(self) -> float:
-        """RM0090, 22.6.2."""
-        return self._window_watchdog_s(self.apb_hz(1), self.p.field("WWDG.CFR", 7, 2))
-
-    def baud(self) -> float:
-        """RM0090, 30.6.3."""
-        return self.apb_hz(2) / self.p["USART1.BRR"]
-
-    def deaf(self) -> bool:
-        return bool(self.p.field("USART1.SR", 3, 1))
-
-    def finish_sending(self) -> None:
-        """RM0090, 10.5.5, EN: a stream that is not circular disables itself."""
-        self.p["DMA2_S7.CR"] &= ~1
-        self.p["DMA2.HISR"] |= 1 << 27
+    },
+    dma=STREAMS,
+    requests={
+        157: "DAC1",
+        167: "DAC2",
+        200: "ADC1",
+        240: "ADC1",
+        224: "RX",
+        254: "RX",
+        274: "TX",
+    },  # unit stream channel
+    memory=range(0x20000000, 0x20020000),
+    clocks=_clocks,
+    expected=_expected,
+    silent=_silent,
+    sampled=lambda _: [Route("ADC1", "ADC.CDR", 4, 4, modes=2)],
+    played=lambda _: [Route("DAC1", "DAC.DHR12RD", 4, 4, modes=2)],
+    inputs={("ADC1", 1): ("GPIOA", 1), ("ADC2", 2): ("GPIOA", 2)},
+    sequence=("SQR3", 0, 5, 20),
+    sample_cycles=(3, 15, 28, 56, 84, 112, 144, 480),
+    conversion_cycles=12,
+    converts_past_moves=True,
+    resets={
+        ("RCC.APB1RSTR", 0): ("TIM2",),
+        ("RCC.APB1RSTR", 29): ("DAC",),
+        ("RCC.APB2RSTR", 8): ("ADC1", "ADC2", "ADC"),
+    },
+    # 13.3.3: channel 17 of ADC1; 13.13.16: TSVREFE connects it; 480 cycles, as it needs 10 us of sampling (DS8626).
+    references={"ADC1": (whole("ADC1.SQR3", 17), Field("ADC.CCR", 23, 1, 1), Field("ADC1.SMPR1", 21, 3, 7))},
+    reference_channel=17,
+    effects=_effects,
+    identity_at=0x1FFF7A10,
+    reference_at=0x1FFF7A2A,  # DS8626: read at 3.3 V
+    reference_word=1501,  # 1.21 V of 3.3
+    reference_v=3.3,
+    core_hz=168e6,
+    load_max=0.25,
+    reset_flags=(0x0E000000, 1 << 26, 5 << 26, 9 << 26, 1 << 25 | 1 << 26, 1 << 31 | 1 << 26),
+    power_on_flags=0x0E000000,  # pin, power and brown-out together
+    forget_reset_flags=1 << 24,
+    hsi_ready=1 << 1,
+    pll_from_crystal=(1 << 22, 1 << 22),
+    chunk_flags="DMA2.LISR",
+    line="USART1",
+    line_flags="USART1.SR",
+    window_prescaler=(7, 2),
+    port="GPIOB",
+    fault_pin=14,
+    stop_pin=15,
+    interlock_irq=40,
+    has_tick=lambda _: False,
+    supply_detector=Field("PWR.CR", 4, 4, 7 << 1 | 1),  # 5.4: on, at 2.9 V
+    brown_out_off={"FLASH.OPTCR": 0x0FFFAAED},  # 3.9.9
+    weak_supply={"PWR.CSR": 1 << 2},
+)
