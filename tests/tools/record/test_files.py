@@ -75,7 +75,7 @@ def test_a_file_cut_anywhere_gives_all_whole_chunks_before_the_cut(
 ) -> None:
     whole, ends = small
     path = tmp_path / "cut.mcap"
-    for cut in (*range(ends[0], len(whole), 19), *ends, *(end - 1 for end in ends[1:]), *(end + 1 for end in ends)):
+    for cut in (*range(ends[0], len(whole), 89), *ends, *(end - 1 for end in ends[1:]), *(end + 1 for end in ends)):
         path.write_bytes(whole[:cut])
         recording = open_recording(path)
         found = [record.seq for record in recording.records()]
