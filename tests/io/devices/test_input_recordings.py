@@ -68,7 +68,30 @@ def libinput_screen(axes: dict[int, tuple[int, int, int]], events: list[Event]) 
     return libinput(node(axes, events))
 
 
-each_program = pytest.mark.parametrize("text_of", [evemu, libinput_screen])
+def evtest(axes: dict[int, tuple[int, int, int]], events: list[Event]) -> str:
+    declared = "".join(
+        f"    Event code {code} (ABS_WHAT)\n      Value     {low}\n      Min       {low}\n      Max     {high}\n"
+        + f"      Resolution      {per_mm}\n" * (per_mm > 0)
+        for code, (low, high, per_mm) in axes.items()
+    )
+    said = "".join(
+        f"Event: time 17000{ms // 1000:05d}.{ms % 1000:03d}000, "
+        + (
+            f"type {kind} (EV), code {code} (WHAT), value {value}\n"
+            if kind
+            else "-------------- SYN_REPORT ------------\n"
+        )
+        for ms, kind, code, value in events
+    )
+    return (
+        "Input driver version is 1.0.1\nInput device ID: bus 0x3 vendor 0x1 product 0x2 version 0x100\n"
+        'Input device name: "my screen"\nSupported events:\n  Event type 0 (EV_SYN)\n  Event type 1 (EV_KEY)\n'
+        f"    Event code 53 (KEY_WHAT)\n  Event type 3 (EV_ABS)\n{declared}Properties:\n"
+        f"  Property type 1 (INPUT_PROP_DIRECT)\nTesting ... (interrupt to exit)\n{said}"
+    )
+
+
+each_program = pytest.mark.parametrize("text_of", [evemu, libinput_screen, evtest])
 DATA = Path(__file__).parents[2] / "data"  # as the programs themselves wrote them in the emulated machine
 Writer = Callable[[dict[int, tuple[int, int, int]], list[Event]], str]
 
@@ -99,7 +122,7 @@ def test_a_recording_has_the_device_and_each_report_with_its_time(tmp_path: Path
     assert seen == [[(7, 0.0, 0.0, 0.2)], [(7, 1.0, 0.0, 0.2)], [(7, 2.0, 0.0, 0.2)], []]
 
 
-def test_libinput_1_22_and_evemu_2_7_recorded_the_same_contacts() -> None:
+def test_what_libinput_1_22_and_evemu_2_7_recorded_of_the_same_strokes_are_the_same_contacts() -> None:
     written_by = [frames(DATA / name) for name in ("touchscreen-libinput-1.22.yml", "touchscreen-evemu-2.7.txt")]
     places = [[[(one.raw_x, one.raw_y) for one in frame.contacts] for frame in each] for each in written_by]
     assert places[0] == places[1]
@@ -118,7 +141,9 @@ def test_of_several_devices_the_first_with_touches_is_played(tmp_path: Path) -> 
 
 
 @each_program
-def test_lifts_of_empty_slots_and_touches_from_before_are_no_contacts(tmp_path: Path, text_of: Writer) -> None:
+def test_lifts_of_slots_that_held_nothing_and_a_touch_from_before_the_recording_are_no_contacts(
+    tmp_path: Path, text_of: Writer
+) -> None:
     lifts: list[Event] = [(0, 3, 0x2F, 1), (0, 3, 0x39, -1), (0, 3, 0x2F, 0), (0, 3, 0x39, -1), (0, 0, 0, 0)]
     before: list[Event] = [(4, 3, 0x2F, 2), (4, 3, 0x35, 100), (4, 0, 0, 0), (6, 3, 0x2F, 0), (6, 0, 0, 0)]
     stroke: list[Event] = [(ms + 8, *what) for ms, *what in STROKE]  # type: ignore[misc]
@@ -207,7 +232,10 @@ def test_comments_and_blank_lines_may_precede_hapticds_own_form_too(tmp_path: Pa
 
 def events_only(text: str) -> str:
     """Without what the device declares."""
-    return "".join(line for line in text.splitlines(keepends=True) if re.match(r"E: | *- \[", line))
+    return "".join(line for line in text.splitlines(keepends=True) if re.match(r"E: | *- \[|Event: ", line))
+
+
+GETEVENT = "[   78826.389007] /dev/input/event2: EV_ABS       ABS_MT_POSITION_X    00000205\n"
 
 
 @pytest.mark.parametrize(
@@ -215,8 +243,12 @@ def events_only(text: str) -> str:
     [
         (events_only(evemu(SCREEN, STROKE)), "evemu-record", "N: and A:"),
         (events_only(libinput_screen(SCREEN, STROKE)), "libinput record", "absinfo:"),
-        ("Dear Sir,\n", "libinput record or evemu-record", "model"),
-        ("", "libinput record or evemu-record", "model"),
+        (events_only(evtest(SCREEN, STROKE)), "evtest", "Supported events:"),
+        (GETEVENT, "getevent", "ranges"),
+        ("# of Android\n" + GETEVENT.replace("EV_ABS       ABS_MT_POSITION_X   ", "0003 0035"), "getevent", "ranges"),
+        (GETEVENT.partition("] ")[2], "getevent", "ranges"),
+        ("Dear Sir,\n", "libinput record, evemu-record or evtest", "model"),
+        ("", "libinput record, evemu-record or evtest", "model"),
     ],
 )
 def test_what_is_missing_is_named_with_the_program_that_wrote_it(
@@ -239,7 +271,7 @@ def test_a_recording_without_touches_is_no_pad(tmp_path: Path, text_of: Writer) 
         read_recording(written(tmp_path, text_of(BUTTONS, [])))
 
 
-def test_events_of_a_report_and_axes_of_a_device_are_bounded(tmp_path: Path) -> None:
+def test_a_report_keeps_no_more_events_than_a_device_has_axes_and_a_device_no_more_axes(tmp_path: Path) -> None:
     events: list[Event] = [(0, 3, 0x35, value) for value in range(5000)]
     pad, reports = read_recording(written(tmp_path, evemu(SCREEN, [*events, (0, 0, 0, 0)])))
     assert len(reports[0].data) == 170 * 24
