@@ -80,16 +80,17 @@ class OscClients(asyncio.DatagramProtocol):
         if address == self._own or data.startswith(OWN):
             return
         sender = self._sender(address, t_s)
-        if t_s < sender.t_free_s:
+        if t_s < sender.t_free_s or not sender.pace.has_time:
             self.dropped += 1
             return
-        try:
-            if sender is self._refused:
-                raise RequestError(f"{MAX_SENDERS} senders are here already: wait until one has been silent.")
-            self._take(_message(data), sender, address, t_s)
-        except (OscError, RequestError) as error:
-            self._send(address, "/hapticd/error", str(error))
-        sender.t_free_s = t_s + sender.pace.wait_s(t_s)
+        with sender.pace:
+            try:
+                if sender is self._refused:
+                    raise RequestError(f"{MAX_SENDERS} senders are here already: wait until one has been silent.")
+                self._take(_message(data), sender, address, t_s)
+            except (OscError, RequestError) as error:
+                self._send(address, "/hapticd/error", str(error))
+        sender.t_free_s = t_s + sender.pace.reserve()
 
     def connection_lost(self, _: Exception | None) -> None:
         self._is_closed.set()

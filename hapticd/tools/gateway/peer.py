@@ -30,6 +30,7 @@ class Peer:
     def __init__(self, daemon: SharedDaemon) -> None:
         self._daemon = daemon
         self._name: str | None = None
+        self._pace = Pace(RATE_HZ, BURST)
         self._outbox = Outbox(STATES)
         self._targets_socket = daemon.connected(zmq.PUSH, "targets")
         self._control_socket = daemon.connected(zmq.DEALER, "control")
@@ -41,7 +42,7 @@ class Peer:
         """Return when the WebSocket is closed."""
         try:
             await until_one_ends(
-                read(socket, Pace(RATE_HZ, BURST), self._receive),
+                read(socket, self._pace, self._receive),
                 self._outbox.write(socket),
                 self._send_targets(),
                 self._send_requests(),
@@ -122,7 +123,9 @@ class Peer:
 
     async def _receive_replies(self) -> None:
         while True:
-            self._outbox.add(messages.text_of(await self._control_socket.recv()))
+            payload = await self._control_socket.recv()
+            with self._pace:  # the plate's has 400 kB
+                self._outbox.add(messages.text_of(payload))
 
 
 async def _is_writable(socket: zmq.asyncio.Socket, timeout_ms: int | None = None) -> bool:

@@ -1,4 +1,4 @@
-"""WebSockets of pages and programs: read at a bounded rate, and JSON as plain values."""
+"""WebSockets of pages and programs: read at a pace, by the time that the messages cost, and JSON as plain values."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import binascii
 import json
 import math
+import time
 from collections import deque
 from collections.abc import Callable, Coroutine, Sized
 from contextlib import suppress
@@ -14,28 +15,49 @@ from typing import Any, Final, NoReturn
 from aiohttp import WSCloseCode, WSMessage, web
 
 from ...errors import RequestError
+from ...io.time_budget import TimeBudget
 from ...wire.client import distinct
 
 HEARTBEAT_S: Final = 10.0
 PING_S: Final = 0.25  # without another message: the second one to a page that was killed fails
 MAX_UNREAD_BYTES: Final = 256 * 1024  # of replies, as the daemon has it
 MESSAGES_HZ, BURST = 200.0, 100  # a page sends one per picture of the screen
+SHARE, BURST_NS = 0.05, 10_000_000  # of the processor's time, for each sender: 16 leave a fifth
+SHORTEST_S: Final = 1e-3  # of a wait
 MAX_CONTAINERS, MAX_ITEMS = 8192, 24_576  # of one text: 64 KiB of MessagePack have fewer
 BYTE_FIELDS: Final = frozenset({"asset", "levels", "part"})  # base64; no field of such a name holds a text
 MAX_EXACT: Final = 2.0**53
 
 
-class Pace:
-    """Token bucket: spreads what one sender sends, MESSAGES_HZ in the long run and `burst` at once."""
+class Pace(TimeBudget):
+    """Spreads what one sender sends: `rate_hz` in the long run, `burst` at once, and SHARE of the processor's time.
 
-    def __init__(self, rate_hz: float = MESSAGES_HZ, burst: int = BURST) -> None:
+    What is handled within `with pace:` is paid for by the next message. What is beyond waits at the sender.
+    """
+
+    def __init__(
+        self,
+        rate_hz: float = MESSAGES_HZ,
+        burst: int = BURST,
+        *,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        processor_ns: Callable[[], int] = time.thread_time_ns,
+    ) -> None:
+        super().__init__(SHARE, BURST_NS, clock_ns=clock_ns, processor_ns=processor_ns)
         self._period_s, self._burst_s = 1.0 / rate_hz, burst / rate_hz
         self._t_next_s = -math.inf
 
-    def wait_s(self, t_s: float) -> float:
-        """Account for a message at `t_s`; return the time until the rate admits the next."""
+    def reserve(self) -> float:
+        """Account for one message; return the time until the rate admits the next, in s."""
+        t_s = self._clock_ns() * 1e-9
         self._t_next_s = max(self._t_next_s, t_s - self._burst_s) + self._period_s
         return max(self._t_next_s - t_s, 0.0)
+
+    async def wait(self) -> None:
+        """Return when the next message may be taken."""
+        await asyncio.sleep(self.reserve())
+        while not self.has_time:
+            await asyncio.sleep(max(self.wait_s, SHORTEST_S))
 
 
 async def opened(
@@ -52,10 +74,10 @@ async def opened(
 
 async def read(socket: web.WebSocketResponse, pace: Pace, take: Callable[[WSMessage], None]) -> None:
     """Take messages until the socket is closed."""
-    loop = asyncio.get_running_loop()
     async for message in socket:
-        take(message)
-        await asyncio.sleep(pace.wait_s(loop.time()))
+        with pace:
+            take(message)
+        await pace.wait()
 
 
 class Outbox:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,10 @@ from asynchronous import asynchronous, until
 from clients.fake_daemon import FakeDaemon
 from webclients import KEY, ORIGIN, gateway, programs
 
-from hapticd.tools.gateway import peer
+from hapticd.tools.gateway import messages, peer
 from hapticd.tools.gateway.server import MAX_PEERS
 
+EXPENSIVE = '{"v": 1}'
 TARGET = {"finger": 1, "friction": 0.2}
 VIRTUALS = [{"name": "a", "path_mm": [[0, 0]]}]
 
@@ -120,6 +122,32 @@ async def test_a_flood_of_one_page_leaves_the_newest_and_keeps_no_other_waiting(
         assert (await other.ask("set", client="other", virtuals=own))["ok"]
         assert daemon.stamps[-1] != 999  # while the flood lasts
         await until(lambda: 999 in daemon.stamps)
+
+
+@asynchronous
+async def test_expensive_texts_of_one_page_keep_no_other_waiting(
+    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: list[str] = []
+    spent_ns = 0
+
+    def expensive(text: str) -> messages.Received:
+        nonlocal spent_ns
+        if text == EXPENSIVE:
+            taken.append(text)
+            spent_ns += 49_000_000
+        return decode(text)
+
+    decode = messages.decode
+    monkeypatch.setattr(messages, "decode", expensive)
+    monkeypatch.setattr(peer, "Pace", functools.partial(peer.Pace, processor_ns=lambda: spent_ns))
+    async with programs(daemon.directory, 2) as (flooding, other):
+        for _ in range(100):
+            await flooding.socket.send_str(EXPENSIVE)
+        await until(lambda: bool(taken))
+        for _ in range(10):
+            assert (await other.ask("hello"))["ok"]
+        assert len(taken) < 50  # of 4.9 s in all, one in a second
 
 
 @asynchronous

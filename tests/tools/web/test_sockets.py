@@ -1,22 +1,39 @@
-"""Messages of pages and programs: their pace, and JSON as plain values."""
+"""Messages of pages and programs: their pace by rate and by cost, and JSON as plain values."""
 
 from __future__ import annotations
 
 import asyncio
 
 import pytest
-from asynchronous import asynchronous, until
+from asynchronous import VirtualTimeLoop, asynchronous, until
 
 from hapticd.errors import RequestError
 from hapticd.tools.web import sockets
 from hapticd.tools.web.sockets import Outbox, Pace, decoded
 
 
-def test_messages_beyond_a_burst_are_spread_at_their_rate() -> None:
-    pace, t_s = Pace(), 0.0
-    for _ in range(sockets.BURST + 400):
-        t_s += pace.wait_s(t_s)
-    assert t_s == pytest.approx(400 / sockets.MESSAGES_HZ, rel=5e-3)
+@pytest.mark.parametrize(
+    ("cost_s", "count", "takes_s"),
+    [
+        (0.0, sockets.BURST + 400, 400 / sockets.MESSAGES_HZ),
+        (1e-4, sockets.BURST + 400, 400 / sockets.MESSAGES_HZ),  # 0.1 ms at 200 Hz is less than the share
+        (0.002, 500, (500 * 0.002 - 0.01) / sockets.SHARE),
+        (0.040, 5, (5 * 0.040 - 0.01) / sockets.SHARE),
+    ],
+)
+def test_messages_are_paced_by_their_rate_or_by_what_they_cost(cost_s: float, count: int, takes_s: float) -> None:
+    async def paced() -> float:
+        loop, spent_s = asyncio.get_running_loop(), 0.0
+        pace = Pace(clock_ns=lambda: round(loop.time() * 1e9), processor_ns=lambda: round(spent_s * 1e9))
+        t_begin_s = loop.time()
+        for _ in range(count):
+            with pace:
+                spent_s += cost_s
+            await pace.wait()
+        return loop.time() - t_begin_s
+
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        assert runner.run(paced()) == pytest.approx(takes_s, rel=2e-3)
 
 
 @pytest.mark.parametrize(
