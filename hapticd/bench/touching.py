@@ -72,7 +72,7 @@ def touch(settings: Settings, before: Measured, seed: int, seconds: float, scena
         if kind in COLLECTED:
             collected.take(record_of(kind, 0, t_ns, values))
 
-    machine.observer, machine.observer_perceives = put, False
+    machine.observer = put
     simulation.run(seconds)
     return touched(collected, header, "touching")
 

@@ -1,6 +1,6 @@
 """Recording within the daemon: to a file from its start, and to whichever `hapticd record` is attached.
 
-Both take what the machine's one observer is given. While nothing records or calibrates, the machine has no observer.
+Both take what the machine's one observer is given. While nothing records, the machine has no observer.
 Only a recording that begins with its machine replays, so a recorder that requests one waits until the daemon restarts
 its core. While anything is recorded it does not, for that recording would end: a recorder that attaches then joins at
 once.
@@ -26,7 +26,6 @@ from ..files.recording.header import Header, header_fields
 from ..files.recording.kinds import HEADER, Fields, Record, record_of
 from ..io.clients.record_socket import WAITS, WHOLE, RecordSocket
 from .machine import Machine
-from .observer import Observer
 
 if TYPE_CHECKING:
     from ..files.recording.background import BackgroundWriter
@@ -76,13 +75,9 @@ class Recorders:
         config: RecordConfig,
         directory: Path,
         make_header: MakeHeader,
-        *,
-        also: Observer | None = None,
     ) -> None:
-        """Begins the file that the configuration requests; the machine has had no input yet. `also` is given what the
-        recordings are, except for what fingers perceive."""
+        """Begins the file that the configuration requests; the machine has had no input yet."""
         self._machine = machine
-        self._also = also
         self._make_header = make_header
         self._socket = RecordSocket(directory)
         self._waiting: deque[tuple[str, int, tuple[Any, ...]]] = deque()
@@ -153,9 +148,7 @@ class Recorders:
             self._writer.close(t_ns, "the daemon stopped")
 
     def _choose_observer(self) -> None:
-        self._machine.observer_perceives = self._writer is not None or self._live is not None
-        each = (self._writer and self._writer.put, self._live and self._put_live, self._also)
-        observers = [put for put in each if put]
+        observers = [put for put in (self._writer and self._writer.put, self._live and self._put_live) if put]
         if len(observers) < 2:
             self._machine.observer = observers[0] if observers else None
             return

@@ -54,7 +54,7 @@ class Rig:
             set_baud=self._set_baud,
             calibration=self.calibration,
         )
-        self.machine.observer, self.machine.observer_perceives = self._observe, False
+        self.machine.observer = self._observe
         self.machine.board_link(True, "open", self.t_ns)
         self.machine.trackpad_link(True, "open", self.t_ns)
 

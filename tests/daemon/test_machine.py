@@ -10,7 +10,6 @@ import pytest
 from machine_bench import SLIPPERY, STICKY, Bench
 
 from hapticd.core.board.supervisor import State
-from hapticd.files.recording.kinds import Record, record_of
 from hapticd.values import RawReport
 
 
@@ -85,14 +84,3 @@ def test_bad_messages_are_counted_and_the_last_refusal_is_kept() -> None:
     clients = bench.ask("status")["body"]["clients"]
     assert clients["refused"] == 2
     assert "ttl_s" in clients["last_refusal"]
-
-
-def test_a_pass_is_recorded_also_where_nobody_asks_what_fingers_perceive() -> None:
-    records: list[Record] = []
-    bench = Bench(SLIPPERY, STICKY)
-    bench.machine.observer_perceives = False
-    bench.machine.observer = lambda kind, t_ns, *values: records.append(record_of(kind, 0, t_ns, values))
-    bench.driven()
-    points = [point for record in records if record.kind == "pass" for point in record.fields["points"]]
-    assert points
-    assert not any("weber_frac" in point for point in points)

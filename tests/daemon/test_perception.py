@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -13,7 +12,6 @@ import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.board_protocol import BoardState
-from hapticd.config.sections import RecordConfig
 from hapticd.core.active_reference import Past
 from hapticd.core.board.session import BoardSession
 from hapticd.core.friction import FrictionCurve
@@ -22,7 +20,6 @@ from hapticd.core.pipeline import Pipeline
 from hapticd.core.plate.contact import EllipseForm
 from hapticd.core.uncertainty import CERTAIN, Uncertainty
 from hapticd.daemon.perception import Perception
-from hapticd.daemon.recorder import Recorders
 from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import record_of
 from hapticd.values import Finger, Tick, TouchPoint
@@ -213,17 +210,6 @@ def test_without_a_subscriber_or_a_recording_nothing_is_judged(monkeypatch: pyte
     bench = Bench(SLIPPERY, STICKY).driven()
     monkeypatch.setattr(Perception, "judge", lambda *_: pytest.fail("judged"))
     bench.run(100)
-
-
-def test_what_only_calibrates_needs_no_perception(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    kinds: list[str] = []
-    monkeypatch.setattr(Perception, "judge", lambda *_: pytest.fail("judged"))
-    Recorders(bench.machine, RecordConfig(), tmp_path, no_header, also=lambda kind, *_: kinds.append(kind))
-    bench.run(100)
-    assert {"pass", "written", "board_bytes"} <= set(kinds)
-    assert bench.machine.pipeline.fingers
-    assert not bench.machine.is_failing
 
 
 def no_header(*_: object) -> Header:

@@ -93,7 +93,6 @@ class BoardSession:
         self._boot_id: int | None = None
         self._seq = 0
         self._t_numbered_ns = 0
-        self._in_flight: dict[int, tuple[int, int, Tick]] = {}
         self._window = SendWindow()
         self._held: tuple[SafeDrive, Tick] | None = None
         self._t_received_ns = 0
@@ -253,22 +252,7 @@ class BoardSession:
         if self.clock.ready:  # a board that sends also reads: frames missing from the acknowledgement were lost
             t_status_ns = self.clock.to_host_ns(status.t_board_us, near=t_now_ns)
             self._window.read_until(t_status_ns - self._patience_ns, t_now_ns)
-        if not status.applied or not self.clock.ready:
-            return None
-        sent = self._in_flight.pop(status.seq, None)
-        if sent is None:
-            return None
-        t_sent_ns, t_apply_ns, tick = sent
-        link_ns = self.clock.to_host_ns(status.t_received_us, near=t_now_ns) - t_sent_ns
-        t_applied_ns = self.clock.to_host_ns(status.t_applied_us, near=t_now_ns)
-        self.latency.update(link_ns)
-        if not tick.points:
-            return None  # a zero frame is made from no sample
-        t_sample_ns = tick.t_now_ns - tick.age_ns
-        ages = tick.age_ns, tick.horizon_ns, link_ns, t_applied_ns - t_apply_ns
-        line = LedgerLine(status.seq, t_sample_ns, t_sent_ns, t_applied_ns, *ages)
-        self.ledger.book(line)
-        return line
+        return self.ledger.acknowledged(status, self.clock, self.latency, t_now_ns)
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
         """Number a drive and convert it to the board's clock; nothing while the board is not ready. While it does not
@@ -281,8 +265,7 @@ class BoardSession:
             return self._question(t_now_ns)
         is_overdue = self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns)
         commands = self._numbered(drive, t_now_ns)
-        self._drop_unanswered(t_now_ns)
-        self._in_flight[self._seq] = (t_now_ns, drive.t_apply_ns, tick)
+        self.ledger.sent(self._seq, t_now_ns, drive.t_apply_ns, tick)
         return [*commands, *self._question(t_now_ns)] if is_overdue else commands
 
     def resume(self, t_now_ns: int) -> list[BoardCommand]:
@@ -372,7 +355,7 @@ class BoardSession:
 
     def _forget_sent(self) -> None:
         """Drop all frames in flight."""
-        self._in_flight.clear()
+        self.ledger.clear_sent()
         self._window.clear()
         self._held = None
 
@@ -392,11 +375,3 @@ class BoardSession:
         self._held = None
         has_pulse, self.must_pulse = self.must_pulse, False
         return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive, has_pulse)]
-
-    def _drop_unanswered(self, t_now_ns: int) -> None:
-        while self._in_flight:
-            oldest = next(iter(self._in_flight))
-            if t_now_ns - self._in_flight[oldest][0] <= SILENT_AFTER_NS:
-                return
-            del self._in_flight[oldest]
-            self.ledger.unanswered += 1

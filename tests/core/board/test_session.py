@@ -372,7 +372,7 @@ def test_frames_that_are_never_acknowledged_are_forgotten_after_a_second(bench: 
         bench.t_ns += 11 * MS
         bench.say()
         bench.send()
-    assert len(bench.session._in_flight) <= SILENT_AFTER_NS // (11 * MS) + 2
+    assert len(bench.session.ledger._in_flight) <= SILENT_AFTER_NS // (11 * MS) + 2
 
 
 def kinds(commands: list[BoardCommand]) -> list[type]:
