@@ -109,7 +109,7 @@ COMMANDS = {
     "bench": Command(
         "bench.command",
         "compare the algorithms on a touch's path, error against run time",
-        "all --json bench.json --plot bench.png",
+        "all --json bench.json",
     ),
     "doctor": Command(
         "tools.doctor.program",

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from hapticd import board_protocol as protocol
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.board_protocol import LogRequest
 from hapticd.board_values import BoardLog
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.board.carrier import Converters
+from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
 from hapticd.values import FloatArray
 from hapticd.wire import device

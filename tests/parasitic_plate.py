@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hapticd.bench.closed_loop import NOISE_UM
 from hapticd.design.wiring import AmplifierSweep
 from hapticd.sim.board.board import BoardConfig, PlateModel
+from hapticd.sim.board.closed_loop import NOISE_UM
 from hapticd.values import ComplexArray
 
 OWN = BoardConfig()

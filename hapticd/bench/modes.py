@@ -18,17 +18,18 @@ from ..core.solver import solve_batch
 from ..design import free_plate_modes
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
 from ..values import FloatArray
-from .tables import Table, finite_rows
-from .timing import REPEATS, compare, optional
+from .tables import Table
+from .timing import REPEATS, least_us, optional
 
 _Shapes = Callable[[float, float], Sequence[float]]  # of all modes at one position, in mm
 
-DEFAULT = "bicubic"
 W_LIMIT_UM = (4.0, 4.0)
 HALF_SIZE_MM = 58.0  # the area that fingers reach
 
 
-def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3), repeats: int = REPEATS, timed: int = 200) -> Table:
+def run(
+    *, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3), repeats: int = REPEATS, timed: int = 200
+) -> tuple[Table]:
     """Compare interpolators on `pairs` of random positions over the maps of `seeds`; `timed` pairs are timed."""
     plate, scipy = GroundTruth(), optional("scipy.interpolate")
     points_mm = np.random.default_rng(7).uniform(-HALF_SIZE_MM, HALF_SIZE_MM, (pairs, 2, 2))
@@ -37,33 +38,25 @@ def run(*, pairs: int = 1000, seeds: Sequence[int] = (1, 2, 3), repeats: int = R
     true_phi = np.stack(flat, axis=-1).reshape(pairs, 2, -1)
     of_maps = [_ways(plate.measured_mode_map(seed), scipy) for seed in seeds]
     of_truth = _ways(plate.true_mode_map(), scipy)
-    times = compare({name: (partial(_all, way, points_mm[:timed]), timed) for name, way in of_maps[0].items()}, repeats)
-    rows = [
-        (
-            name,
-            {
-                **times[name].figures(),
-                "leak_um_per_um": _leak_um_per_um([_all(ways[name], points_mm) for ways in of_maps], true_phi),
-                "interpolation_um_per_um": _leak_um_per_um([_all(of_truth[name], points_mm)], true_phi),
-            },
-        )
-        for name in of_truth
-    ]
-    return Table(
-        name="modes",
-        title="modes: the mode matrix of 2 fingers and 2 modes; um leaked at the still finger per um at the other",
-        default=DEFAULT,
-        rows=finite_rows(rows),
-        compared=("time_us", "leak_um_per_um"),
-        time="time_us",
-        error="leak_um_per_um",
-        skipped={} if scipy is not None else {"RectBivariateSpline": "scipy is not installed"},
-        notes=("interpolation: the leak of a map without noise",),
+    times_us = least_us(
+        {name: (partial(_all, way, points_mm[:timed]), timed) for name, way in of_maps[0].items()}, repeats
     )
+    rows = {
+        name: {
+            "time_us": times_us[name],
+            "leak_um": _leak_um([_all(ways[name], points_mm) for ways in of_maps], true_phi),
+            "interpolation_um": _leak_um([_all(of_truth[name], points_mm)], true_phi),
+        }
+        for name in of_truth
+    }
+    title = "modes: the mode matrix of 2 fingers and 2 modes; um leaked at the still finger per um at the other"
+    missing = () if scipy is not None else ("RectBivariateSpline: skipped, scipy is not installed",)
+    notes = ("interpolation: the leak of a map without noise", *missing)
+    return (Table("modes", title, rows, ("time_us", "leak_um"), notes),)
 
 
 def _ways(modes: ModeShapes, scipy: Any | None) -> dict[str, _Shapes]:
-    ways: dict[str, _Shapes] = {DEFAULT: modes.at, "bilinear": partial(_bilinear, modes, modes.shapes.tolist())}
+    ways: dict[str, _Shapes] = {"bicubic": modes.at, "bilinear": partial(_bilinear, modes, modes.shapes.tolist())}
     if scipy is not None:
         surfaces = [scipy.RectBivariateSpline(modes.y_mm, modes.x_mm, shape) for shape in modes.shapes]
         ways["RectBivariateSpline"] = lambda x_mm, y_mm: [float(one.ev(y_mm, x_mm)) for one in surfaces]
@@ -87,7 +80,7 @@ def _all(shapes: _Shapes, points_mm: FloatArray) -> FloatArray:
     return np.array([[shapes(x_mm, y_mm) for x_mm, y_mm in pair] for pair in points_mm.tolist()])
 
 
-def _leak_um_per_um(of_maps: Sequence[FloatArray], true_phi: FloatArray) -> float:
+def _leak_um(of_maps: Sequence[FloatArray], true_phi: FloatArray) -> float:
     """Return the RMS amplitude at the still finger over that at the other, by the true shapes."""
     modal_um = [solve_batch(phi, (1.0, 0.0), W_LIMIT_UM) for phi in of_maps]
     got_um = np.einsum("pnm,spm->spn", true_phi, np.array(modal_um))

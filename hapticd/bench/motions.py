@@ -1,7 +1,6 @@
 """The motions that predictors are measured on, and the simulated pad that samples them.
 
 The pad samples regularly, with white noise on each axis, in steps of 0.02 mm, and stamps that are off by up to 1 ms.
-The firmware of a second pad filters (`sim.fingers.pad_noise.FILTERED_NOISE`).
 A motion and a seed always give the same touch; seeds differ in direction, phase, length and noise.
 """
 
@@ -14,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..sim.fingers.pad_noise import FILTERED_NOISE, Firmware, PadNoise
-from ..sim.fingers.paths import CirclePath, Line, Path, ReachPath, Rest, Strokes
+from ..sim.fingers.pad_noise import Firmware, PadNoise
+from ..sim.fingers.paths import CirclePath, Path, ReachPath, Rest
+from ..sim.fingers.strokes import Strokes
 from ..values import FloatArray
 
 NOISE_MM, QUIET_NOISE_MM, STEP_MM, STAMP_ERROR_S = 0.05, 0.02, 0.02, 1e-3
@@ -49,21 +49,19 @@ class Motion(NamedTuple):
 
 
 class MotionTouch(NamedTuple):
-    """The pad's samples (stamp ns, x mm, y mm), the true time of each (T,), and the true path of the finger."""
+    """The pad's samples (stamp ns, x mm, y mm), the true time of each (T,), the true path of the finger, and the number
+    of first samples that do not count."""
 
     samples: list[tuple[int, float, float]]
     sampled_s: FloatArray
     path: Path
+    warm_up: int = 0
 
 
-def touch(motion: Motion, seed: int, period_s: float = PERIOD_S) -> MotionTouch:
-    """The touch of a motion and seed."""
-    return sense(motion.path(seed), motion.seconds, seed, noise=PadNoise(motion.noise_mm), period_s=period_s)
-
-
-def filtered_touch(motion: Motion, seed: int) -> MotionTouch:
-    """The touch of a motion and seed on the pad whose firmware filters."""
-    return sense(motion.path(seed), motion.seconds, seed, noise=FILTERED_NOISE)
+def touch(motion: Motion, seed: int, period_s: float = PERIOD_S, noise: PadNoise | None = None) -> MotionTouch:
+    """The touch of a motion and seed; `noise` replaces the motion's."""
+    found = sense(motion.path(seed), motion.seconds, seed, noise=noise or PadNoise(motion.noise_mm), period_s=period_s)
+    return found._replace(warm_up=motion.warm_up)
 
 
 def sense(
@@ -117,7 +115,8 @@ def _circle(speed_mm_s: float, radius_mm: float) -> Motion:
 def _reach(seed: int) -> Path:
     """Minimum jerk back and forth, one of three lengths."""
     length_mm, duration_s = REACHES[seed % len(REACHES)]
-    return ReachPath((0.0, 0.0), _polar(length_mm, 1.3 * seed), duration_s, REST_AFTER_REACH_S)
+    end_mm = length_mm * math.cos(1.3 * seed), length_mm * math.sin(1.3 * seed)
+    return ReachPath((0.0, 0.0), end_mm, duration_s, REST_AFTER_REACH_S)
 
 
 def _stop(seed: int) -> Path:
@@ -132,27 +131,17 @@ def _stop(seed: int) -> Path:
     return RotatedPath(along_mm, float(seed))
 
 
-def _polar(length_mm: float, direction_rad: float) -> tuple[float, float]:
-    return length_mm * math.cos(direction_rad), length_mm * math.sin(direction_rad)
-
-
-STROKES: dict[str, Motion] = {
+MOTIONS: dict[str, Motion] = {
     "strokes": Motion(lambda seed: Strokes(100 + seed, 100.0), 6.0, 20),
-    "fast_strokes": Motion(lambda seed: Strokes(100 + seed, 200.0), 6.0, 20),
     "quiet_strokes": Motion(lambda seed: Strokes(100 + seed, 100.0), 6.0, 100, QUIET_NOISE_MM),
     "slide": Motion(_slide),
     "straight": _straight(100.0),
     "fast_straight": _straight(300.0),
     "rest": Motion(lambda seed: Rest((21.7 + 0.1 * seed, -8.3))),
-}
-TURNS: dict[str, Motion] = {
-    "slow_sine": _sine(100.0),
     "sine": _sine(200.0),
     "fast_sine": _sine(400.0),
     "circle": _circle(150.0, 15.0),
     "fast_circle": _circle(300.0, 20.0),
     "reach": Motion(_reach, warm_up=20),
     "stop": Motion(_stop, 0.9),
-    "zigzag": Motion(lambda seed: Line((0.0, 0.0), _polar(40.0, 1.1 * seed), 150.0, 0.05), warm_up=20),
 }
-MOTIONS = STROKES | TURNS

@@ -10,8 +10,6 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from hapticd_contract.targets import ClientTargets
-
 from ..config.sections import Config
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import Machine
@@ -22,7 +20,6 @@ from ..sim.settings import Settings
 LANDED_NS = T_START_NS + 800_000_000  # fingers are down, the board trusts the host
 _CALLS = ("trackpad_link", "board_link", "set_targets", "board_bytes", "timer", "reports")
 
-Publish = Callable[[bytes], None]
 WaitUntil = Callable[[int], None]
 
 
@@ -49,14 +46,6 @@ class RecordedCalls(NamedTuple):
         """A pass that counts: made once everything has settled."""
         return call.name == self.timed and call.t_ns >= LANDED_NS
 
-    def with_messages(self, changed: Callable[[ClientTargets], ClientTargets]) -> RecordedCalls:
-        """The same inputs with the client's messages as `changed`."""
-        calls = [
-            call._replace(arguments=(changed(call.arguments[0]), call.t_ns)) if call.name == "set_targets" else call
-            for call in self.calls
-        ]
-        return self._replace(calls=tuple(calls))
-
 
 def record(
     actors: tuple[Actor, ...],
@@ -65,56 +54,44 @@ def record(
     seed: int = 1,
     seconds: float,
     timed: str = "reports",
-    changed: Callable[[ClientTargets], ClientTargets] = lambda message: message,
 ) -> RecordedCalls:
-    """Play the actors in virtual time, and keep the machine's inputs; the client's messages as `changed`."""
-    settings = Settings() if settings is None else settings
-    simulation = Simulation(actors, settings, seed)
+    """Play the actors in virtual time, and keep the machine's inputs."""
+    simulation = Simulation(actors, Settings() if settings is None else settings, seed)
     calls: list[Call] = []
     for name in _CALLS:
         setattr(simulation.machine, name, _noted(calls, name, getattr(simulation.machine, name)))
-    want = simulation.machine.set_targets
-    vars(simulation.machine)["set_targets"] = lambda message, t_ns: want(changed(message), t_ns)
     simulation.run(seconds)
     return RecordedCalls(tuple(calls), timed, simulation.modes)
 
 
-def new_machine(recording: RecordedCalls, config: Config | None = None, publish: Publish | None = None) -> Machine:
+def new_machine(
+    recording: RecordedCalls, config: Config | None = None, publish: Callable[[bytes], None] | None = None
+) -> Machine:
     """A machine without inputs so far; what it writes to its board is discarded."""
     config = Config() if config is None else config
     return Machine(config, recording.modes, write_board=lambda _: True, publish=publish)
 
 
 def play(
-    recording: RecordedCalls,
-    machine: Machine,
-    *,
-    before: Callable[[], None] | None = None,
-    wait_until: WaitUntil | None = None,
-    limit: int | None = None,
+    recording: RecordedCalls, machine: Machine, *, wait_until: WaitUntil | None = None, limit: int | None = None
 ) -> list[float]:
     """Play all inputs, or up to `limit` passes that count. Returns how long each of these took, in us.
 
-    `before` is called before each of them; `wait_until` makes each wait for its time of the host's clock, at the pace
-    of the recording.
+    `wait_until` makes each wait for its time of the host's clock, at the pace of the recording.
     """
     taken_us: list[float] = []
     t_begin_ns, t_first_ns = time.monotonic_ns(), 0
     for call in recording.calls:
         if len(taken_us) == limit:
             break
-        method = getattr(machine, call.name)
-        if not recording.is_timed(call):
-            method(*call.arguments)
-            continue
-        t_first_ns = t_first_ns or call.t_ns
-        if wait_until is not None:
+        is_timed = recording.is_timed(call)
+        if is_timed and wait_until is not None:
+            t_first_ns = t_first_ns or call.t_ns
             wait_until(t_begin_ns + call.t_ns - t_first_ns)
-        if before is not None:
-            before()
         t_start_ns = time.perf_counter_ns()
-        method(*call.arguments)
-        taken_us.append((time.perf_counter_ns() - t_start_ns) * 1e-3)
+        getattr(machine, call.name)(*call.arguments)
+        if is_timed:
+            taken_us.append((time.perf_counter_ns() - t_start_ns) * 1e-3)
     return taken_us
 
 

@@ -125,7 +125,7 @@ class TrackpadConfig:
     )
 
 
-# Lag of the plate behind moving references under each law, measured: `hapticd bench firmware`, table tracking.
+# Lag of the plate behind moving references under each law (`tests/firmware/test_control.py`).
 LAW_DELAY_MS = {"pi": 1.0, "pi_ff": 0.0, "deadbeat": 0.0}
 
 
@@ -207,8 +207,8 @@ class SolverConfig:
 class UncertaintyConfig:
     """Standard deviations of what is taken to be known of plate, sensors and pad, for telemetry."""
 
-    # The defaults are those of laboratories (`sim.world_tolerances`) after scan and sweep: `hapticd bench telemetry`
-    # compares there what telemetry says with what is felt.
+    # The defaults are those of laboratories (`sim.world_tolerances`) after scan and sweep, where
+    # `tests/daemon/test_felt_telemetry.py` compares what telemetry says with what is felt.
     map_frac: float = key(
         0.02,
         "of the mode map at each place, as a share of a shape's peak: noise, and change since its scan",

@@ -16,9 +16,10 @@ from ..values import AffineMap
 from .fingers.centroids import CentroidPath
 from .fingers.fingertip import Fingertip
 from .fingers.pad_ellipse import PadEllipse
-from .fingers.paths import Path, Strokes, Touch, Touches
+from .fingers.paths import Path, with_strokes
 from .fingers.scenarios import Actor
 from .fingers.sensor import SensorSettings
+from .fingers.strokes import Strokes
 from .world_errors import NEUTRAL, EllipseErrors, PadPose, WorldErrors
 
 _LINK_STREAM, _CONTACT_STREAM = 7, 25
@@ -67,7 +68,7 @@ def played_actors(actors: tuple[Actor, ...], world: WorldErrors) -> tuple[Actor,
 def _played(actor: Actor, path: Path, finger: int, world: WorldErrors) -> Actor:
     ramp_s, contacts = world.stop_ramp_s, world.contacts
     if ramp_s is not None:
-        actor = replace(actor, path=_with_ramp(path, ramp_s))
+        actor = replace(actor, path=with_strokes(path, lambda strokes, _: _with_ramp(strokes, ramp_s)))
     if contacts is None or actor.fingertip is not None:
         return actor
     random = np.random.default_rng([world.seed, _CONTACT_STREAM, finger])
@@ -76,15 +77,9 @@ def _played(actor: Actor, path: Path, finger: int, world: WorldErrors) -> Actor:
     return replace(actor, fingertip=Fingertip(radius_mm * longer, radius_mm / longer, turn_rad))
 
 
-def _with_ramp(path: Path, ramp_s: float) -> Path:
-    """Return the same strokes with ramps of `ramp_s`; other paths have none."""
-    if isinstance(path, Strokes):
-        return replace(path, ramp_s=ramp_s, avoid=None if path.avoid is None else replace(path.avoid, ramp_s=ramp_s))
-    if isinstance(path, Touch):
-        return replace(path, path=_with_ramp(path.path, ramp_s))
-    if isinstance(path, Touches):
-        return Touches(tuple(_with_ramp(touch, ramp_s) for touch in path.touches))
-    return path
+def _with_ramp(strokes: Strokes, ramp_s: float) -> Strokes:
+    avoid = None if strokes.avoid is None else replace(strokes.avoid, ramp_s=ramp_s)
+    return replace(strokes, ramp_s=ramp_s, avoid=avoid)
 
 
 class JitteryLink:

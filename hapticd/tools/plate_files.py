@@ -11,7 +11,7 @@ from ..config.keys import toml
 from ..design.felt_search import FeltDesign
 from ..design.free_plate import ModeShape, distinct_names
 from ..design.materials import MATERIALS
-from ..sim.plate.glasses import FARTHEST_HZ, LEAST_PARASITIC, NUMBERS
+from ..sim.plate.glasses import DRIVE_HZ, FARTHEST_HZ, LEAST_PARASITIC
 from . import outputs
 
 PARASITIC = 4  # modes besides the driven ones that a simulated plate has
@@ -46,7 +46,7 @@ def glass_lines(design: FeltDesign, reach_um: float | tuple[float, ...]) -> list
     """
     plate, of = design.plate, design.plate.material
     count = len(design.frequency_hz)
-    low_hz, high_hz = NUMBERS["drive_hz"]
+    low_hz, high_hz = DRIVE_HZ
     if not low_hz <= design.drive_hz <= high_hz:
         raise ValueError(f"simulated plates have {low_hz:g} to {high_hz:g} Hz of drive")
     modes = plate.modes((design.drive_hz - FARTHEST_HZ, design.drive_hz + FARTHEST_HZ))

@@ -1,7 +1,8 @@
-"""`hapticd bench` on the command line: tables, JSON, the picture, and refused arguments."""
+"""`hapticd bench` on the command line: tables, JSON, and refused arguments."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 from pathlib import Path
@@ -10,67 +11,55 @@ import pytest
 
 from hapticd.__main__ import main
 from hapticd.bench import command as bench
-from hapticd.bench import firmware, solver, suite, worlds
-
-pytestmark = pytest.mark.long
+from hapticd.bench import firmware, solver
+from hapticd.tools import campaigns
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two parts of tiny sizes in place of all."""
     parts = {
-        "solver": lambda _: (solver.run(problems=20, repeats=1, timed=2),),
-        "firmware": lambda _: firmware.run(repeats=1, ticks=5),
+        "solver": lambda: solver.run(problems=20, repeats=1, timed=2),
+        "firmware": lambda: firmware.run(repeats=1, ticks=5),
     }
-    monkeypatch.setattr(suite, "PARTS", parts)
+    monkeypatch.setattr(bench, "runners", lambda _: parts)
     monkeypatch.setattr(bench, "PARTS", {name: bench.PARTS[name] for name in parts})
 
 
-def test_the_command_knows_every_part() -> None:
-    assert [*suite.PARTS] == [*bench.PARTS]
-    assert worlds.WORLDS == bench.WORLDS
+def test_every_part_has_a_runner() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--worlds", type=int)
+    campaigns.add_arguments(parser)
+    assert [*bench.runners(parser.parse_args([]))] == [*bench.PARTS]
 
 
 def test_without_a_part_the_parts_are_listed_with_the_time_they_take_and_nothing_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(suite, "run", lambda *_, **__: pytest.fail("it runs"))
+    monkeypatch.setattr(bench, "runners", lambda _: pytest.fail("it runs"))
     assert main(["bench"]) == 0
     lines = capsys.readouterr().out.splitlines()
     for name in (*bench.PARTS, "all"):
         assert [line for line in lines if re.match(rf"  {name} +[\d.]+ min  \w", line)]
-    total = sum(part.minutes for name, part in bench.PARTS.items() if name not in bench.APART)
+    total = sum(part.minutes for name, part in bench.PARTS.items() if name != bench.APART)
     assert any(f"{total:g} min  all of these but worlds" in line for line in lines)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
-def test_all_parts_give_tables_json_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    figures, picture = tmp_path / "bench.json", tmp_path / "bench.png"
-    assert main(["bench", "all", "--json", str(figures), "--plot", str(picture)]) == 0
+def test_all_parts_give_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figures = tmp_path / "bench.json"
+    assert main(["bench", "all", "--json", str(figures)]) == 0
     written = json.loads(figures.read_text(encoding="utf-8"))
-    assert {part: list(tables) for part, tables in written["parts"].items()} == {
-        "solver": ["solver"],
-        "firmware": ["step", "tracking"],
-    }
+    tables = {part: list(tables) for part, tables in written["parts"].items()}
+    assert tables == {"solver": ["solver"], "firmware": ["firmware"]}
     assert written["machine"]["cpu_count"] >= 1
-    assert picture.read_bytes().startswith(b"\x89PNG")
     out = capsys.readouterr().out
     assert "solve_batch" in out
     assert "pi_ff" in out
-    assert str(picture) in out
 
 
-@pytest.mark.usefixtures("quick")
-def test_a_picture_of_tables_without_run_times_is_refused_in_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(suite.PARTS, "worlds", lambda _: pytest.fail("it is measured first"))
-    monkeypatch.setitem(bench.PARTS, "worlds", bench.Part("laboratories", 1.0, has_picture=False))
-    assert main(["bench", "worlds", "--plot", str(tmp_path / "bench.png")]) == 2
-    assert "worlds has no table of error over run time" in capsys.readouterr().err
-    assert not (tmp_path / "bench.png").exists()
-
-
+@pytest.mark.long
 @pytest.mark.usefixtures("quick")
 def test_json_on_standard_output_is_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "firmware", "--json", "-"]) == 0
@@ -79,17 +68,18 @@ def test_json_on_standard_output_is_all_of_it(capsys: pytest.CaptureFixture[str]
     assert "pi_ff" in streams.err
 
 
-@pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(
     "arguments",
-    [["--plot", "nowhere/bench.png"], ["--json", "nowhere/bench.json"], ["--seconds", "nan"]],
+    [["--json", "nowhere/bench.json"], ["--worlds", "5"], ["--keep", "results"], ["--worlds", "0"]],
 )
 def test_a_wrong_argument_is_one_sentence_before_anything_runs(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(bench, "runners", lambda _: pytest.fail("it runs"))
     assert main(["bench", "solver", *arguments]) == 2
     streams = capsys.readouterr()
     assert streams.out == ""
     assert streams.err.startswith("hapticd: ")
+    assert arguments[0] in streams.err or arguments[1] in streams.err
     assert len(streams.err.splitlines()) == 1

@@ -7,8 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 import hapticd.core.solver as core_solver
-from hapticd.bench.baselines import solve
-from hapticd.bench.baselines.solver import POLICIES
+from hapticd.bench.baselines import POLICIES, solve
 from hapticd.sim.paper_scheme import invert
 
 LIMIT_UM = 4.0

@@ -32,7 +32,7 @@ from hapticd_client import (
     refresher,
 )
 from hapticd_client.endpoint import Endpoint
-from hapticd_client.recording import Recording, marker_text
+from hapticd_client.recording import Recording
 from hapticd_client.target_set import TargetSet, stamp_now
 from hapticd_contract.targets import FingerTarget
 
@@ -71,10 +71,6 @@ def test_fingers_are_those_on_the_plate_and_not_the_virtual_ones(daemon: FakeDae
         (2, 30.0, -5.0),
     ]
     assert [finger.virtual for finger in state.fingers] == [False, False, True]
-
-
-def test_an_empty_plate_has_no_fingers(client: Client) -> None:
-    assert client.fingers() == []
 
 
 def test_each_finger_gets_what_was_set_by_the_time_set_returns(daemon: FakeDaemon, client: Client) -> None:
@@ -161,15 +157,6 @@ def test_refreshes_repeat_the_stamp_of_what_they_repeat(daemon: FakeDaemon, clie
     assert len(set(daemon.stamps)) == 2
 
 
-def test_a_daemon_without_stamps_gets_none(daemon: FakeDaemon) -> None:
-    daemon.optional = ()
-    with Client(daemon.directory) as client:
-        client.set(1, amplitude_um=1.0, ttl_s=0.03)
-        state_when(client, lambda _: daemon.messages >= 2)
-        client.release(1)
-    assert set(daemon.stamps) == {None}
-
-
 def test_a_refusal_is_raised_with_the_daemons_sentence_and_changes_nothing(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = {1: (0.0, 0.0)}
     client.set(1, amplitude_um=1.0)
@@ -252,12 +239,6 @@ def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(client: Client
     state_when(client, lambda state: abs(finger_of(state, "ghost").x_mm - first.x_mm) > 5)
     client.release("ghost")
     state_when(client, lambda state: finger_of(state, "ghost") is None)
-
-
-def test_a_target_for_an_unknown_virtual_finger_is_refused(client: Client) -> None:
-    with pytest.raises(RefusedError, match="no virtual finger 'ghost'"):
-        client.set("ghost", friction=1.0)
-    client.set(1, friction=1.0)
 
 
 def test_a_virtual_finger_needs_a_place_or_a_path(client: Client) -> None:
@@ -347,13 +328,6 @@ def test_a_stopped_program_loses_its_fingers_and_has_them_again_when_it_goes_on(
         state_when(client, lambda state: target_um(state, 1) == 1.0)
 
 
-def test_a_forgotten_client_releases_its_fingers(daemon: FakeDaemon) -> None:
-    client = Client(daemon.directory)
-    client.set(1, amplitude_um=1.0, ttl_s=5.0)
-    del client
-    assert daemon.scene.owner_of(1) is None
-
-
 def test_a_client_that_becomes_garbage_on_its_own_thread_releases_its_fingers(
     daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -379,22 +353,6 @@ def test_targets_of_a_lifted_finger_are_dropped(daemon: FakeDaemon, client: Clie
     state_when(client, lambda state: finger_of(state, 1) is None)
     state_when(client, lambda _: daemon.scene.owner_of(1) is None)
     assert daemon.scene.owner_of(2) == client.name
-
-
-def test_a_day_of_new_fingers_never_fills_the_client(daemon: FakeDaemon, client: Client) -> None:
-    for n in range(1, 40):
-        daemon.fingers = {n: (0.0, 0.0)}
-        state_when(client, lambda state, n=n: finger_of(state, n) is not None)
-        client.set(n, friction=0.5)
-
-
-def test_releasing_everything_leaves_the_client_usable(daemon: FakeDaemon, client: Client) -> None:
-    client.virtual("ghost", position_mm=(1, 2))
-    client.set(1, friction=0.5)
-    client.release()
-    assert daemon.scene.next_expiry_ns is None
-    client.set(1, friction=0.7)
-    assert daemon.scene.owner_of(1) == client.name
 
 
 # --- daemons that are not there ---------------------------------------------------------------------------------
@@ -459,14 +417,6 @@ def test_a_daemon_of_another_protocol_is_refused(daemon: FakeDaemon) -> None:
         Client(daemon.directory)
 
 
-def test_telemetry_is_only_built_for_those_who_read_it(daemon: FakeDaemon, client: Client) -> None:
-    client.set(1, friction=0.5)
-    client.status()
-    assert not daemon.server.has_subscribers
-    client.fingers()
-    assert daemon.server.has_subscribers
-
-
 def test_status_capabilities_and_hello_are_the_daemons_own_words(daemon: FakeDaemon, client: Client) -> None:
     assert client.hello["protocol"] == 1
     assert "grating" in client.capabilities()["targets"]
@@ -526,11 +476,6 @@ def test_a_trial_has_its_levels_at_its_begin_and_its_result_at_its_end(daemon: F
         {"event": "end", "trial": 7, "answer": "left"},
         {"event": "begin", "trial": 8},
     ]
-
-
-def test_a_markers_map_becomes_a_text_that_fits() -> None:
-    assert marker_text({"answer": "two\nlines"}) == "answer=two lines"
-    assert len(marker_text({"answer": "x" * 300})) == 100
 
 
 def test_what_cannot_be_recorded_is_one_sentence(daemon: FakeDaemon, tmp_path: Path) -> None:

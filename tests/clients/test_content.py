@@ -132,14 +132,6 @@ def test_all_envelopes_that_are_sent_at_once_have_room_in_a_message() -> None:
     assert sum(longest[:MAX_LIVE]) <= MAX_POINTS
 
 
-def test_lines_add_up_and_a_chord_misses_little() -> None:
-    ramp, box = [(0.0, 0.0), (1.0, 0.5)], [(0.5, 0.25), (0.75, 0.25)]
-    line = thinned(summed([ramp, box]))
-    for t_s, expected in ((0.25, 0.125), (0.6, 0.55), (0.9, 0.45)):
-        assert np.interp(t_s, [t for t, _ in line], [v for _, v in line]) == pytest.approx(expected, abs=0.005)
-    assert len(line) < 10
-
-
 # --- AHAP -------------------------------------------------------------------------------------------------------
 
 
@@ -548,14 +540,3 @@ def test_a_picture_of_another_format_is_refused_whatever_its_name(suffix: str, t
         (tmp_path / "a").replace(tmp_path / f"a{suffix}")
         with pytest.raises(RefusedError, match="is not a PNG or JPEG that Pillow can read"):
             content.load(tmp_path / f"a{suffix}")
-
-
-def test_a_transparent_picture_is_black_where_it_is_transparent(tmp_path: Path) -> None:
-    for mode in ("RGBA", "LA"):
-        levels = Image.new("L", (4, 4), 200).convert(mode)
-        levels.putalpha(Image.linear_gradient("L").resize((4, 4)))
-        levels.save(tmp_path / "a.png")
-        (layer,) = content.load(tmp_path / "a.png").layers
-        alphas = np.asarray(levels.getchannel("A"), float)
-        given = np.array([list(row) for row in layer.levels], float)
-        np.testing.assert_allclose(given, 200.0 * alphas / 255.0, atol=1.0)

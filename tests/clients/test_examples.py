@@ -50,11 +50,6 @@ def run(name: str, daemon: FakeDaemon, *arguments: str) -> None:
     example(name).main(["--endpoint", str(daemon.directory), "--seconds", "0.1", *arguments])
 
 
-def test_ten_examples_and_more_can_be_read_on_one_page() -> None:
-    lengths = {name: len((CLIENTS / "examples" / f"{name}.py").read_text().splitlines()) for name in NAMES}
-    assert sum(length <= 60 for length in lengths.values()) >= 10, lengths
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_help_shows_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
@@ -219,12 +214,6 @@ def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
     assert felt == [0.0] * 5 + [1.5, 1.5]
     assert program.dots_mm("a") == [(-4.5, 9.0)]  # dot 1 is at the upper left
     assert capsys.readouterr().out == "az: 1 1356\n"
-
-
-def test_every_letter_of_braille_has_dots_of_its_own() -> None:
-    letters = example("braille").LETTERS
-    assert len({"".join(sorted(dots)) for dots in letters.values()}) == len(letters) == 27
-    assert ["".join(sorted(letters[one])) for one in "ktuw"] == ["13", "2345", "136", "2456"]
 
 
 def test_the_light_goes_round_while_a_camera_is_missing(
@@ -393,14 +382,6 @@ def test_the_edge_is_slippery_on_its_left(daemon: FakeDaemon, capsys: pytest.Cap
     plate = ScriptedPlate({1: (-20.0, 0.0)})
     played(plate, capsys)
     assert felt_um(daemon, plate.given[1], (EDGE_MM - 2.0, 40.0), (EDGE_MM + 2.0, -40.0)) == [SLIPPERY_UM, 0.0]
-
-
-@pytest.mark.parametrize("apart_mm", ["0", "61", "nan"])
-def test_a_game_that_cannot_be_lost_or_won_is_refused(apart_mm: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        example("find_the_edge").main([f"--apart-mm={apart_mm}"])
-    assert left.value.code == 2
-    assert "is out of bounds" in capsys.readouterr().err
 
 
 def test_a_photograph_that_is_none_is_one_sentence(daemon: FakeDaemon, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,6 @@ from PIL import Image
 
 from hapticd.__main__ import main
 from hapticd.errors import ExitCode
-from hapticd.tools import play
 from hapticd_client import content
 from hapticd_client.asset import asset_of, upload
 from hapticd_client.checks import checked
@@ -160,27 +159,6 @@ def test_a_picture_wider_than_the_plate_is_refused_before_it_is_laid(
     assert capsys.readouterr().err.endswith(f"{sentence}\n")
     assert not daemon.scene.surfaces.layers
     assert main([*call, "--width-mm", "137.5"]) == ExitCode.DONE
-
-
-def test_a_tall_picture_is_bounded_by_the_height_of_the_plate(
-    daemon: FakeDaemon, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    Image.fromarray(np.full((30, 10), 200, dtype=np.uint8)).save(tmp_path / "tall.png")
-    call = ["play", str(tmp_path / "tall.png"), "--endpoint", str(daemon.directory), "--width-mm", "100"]
-    assert main(call) == ExitCode.WRONG_CALL
-    assert "100 x 300 mm is larger than the plate of 137.5 x 137.5 mm: give 0.1 .. 45.8." in capsys.readouterr().err
-
-
-def test_the_largest_amplitude_of_each_finger_is_one_sentence() -> None:
-    sentence = "largest amplitude asked for, of the states read: 1.46 um for finger 1, 0.30 um for finger 2"
-    assert play.largest({2: 0.3, 1: 1.456}) == sentence
-    assert play.largest({}) == "no finger touched the plate"
-
-
-def test_without_a_service_it_ends_with_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = pattern(tmp_path, 0.0)
-    assert main(["play", str(path), "--endpoint", str(tmp_path)]) == ExitCode.FAILED
-    assert capsys.readouterr().err.startswith(f"hapticd: No hapticd answers at {tmp_path}")
 
 
 @pytest.mark.long

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from parasitic_plate import NO_THROUGH, OWN, plate, swept
 
-from hapticd.bench.closed_loop import follow
 from hapticd.design import wiring
 from hapticd.design.wiring import AmplifierSweep, MeasuredWiring, fit_wiring
 from hapticd.sim.board.board import Board, BoardConfig, PlateModel
+from hapticd.sim.board.closed_loop import follow
 from hapticd.values import FloatArray
 
 FALSE_UM_PER_V = 0.0015  # of feedthrough that these modes look like, where no pole is fitted to them

@@ -15,12 +15,12 @@ from stand import (
     SILENCE_MS,
     SILENT_MS,
     TIMER_MS,
+    agrees,
     cut,
     doing,
     lines,
     passing,
     seconds,
-    tell,
     worst,
 )
 
@@ -41,7 +41,7 @@ def test_a_pulled_trackpad_is_a_quiet_plate_within_one_zero_frame(caplog: pytest
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert after.board["deadman_trips"] == 0
     assert lines(caplog) == ["WARNING trackpad: lost", "INFO trackpad: open"]
-    tell("trackpad unplugged", after, "its fingers: they come back as new ones", *lines(caplog))
+    agrees("trackpad unplugged", after)
 
 
 def test_a_trackpad_that_falls_silent_under_fingers_lifts_them(caplog: pytest.LogCaptureFixture) -> None:
@@ -49,7 +49,7 @@ def test_a_trackpad_that_falls_silent_under_fingers_lifts_them(caplog: pytest.Lo
     assert after.quiet_ms <= SILENCE_MS + TIMER_MS + LINK_MS + LED_DOWN_MS
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert lines(caplog) == [f"WARNING {PAD_IS_SILENT}"]
-    tell("trackpad silent under fingers", after, "its fingers", *lines(caplog))
+    agrees("trackpad silent under fingers", after)
 
 
 def test_a_pulled_board_quiets_itself_and_is_driven_again_after_a_handshake(caplog: pytest.LogCaptureFixture) -> None:
@@ -58,7 +58,7 @@ def test_a_pulled_board_quiets_itself_and_is_driven_again_after_a_handshake(capl
     assert after.back_ms <= HANDSHAKE_MS
     assert after.board["reboots"] == 0  # it ran on
     assert lines(caplog) == ["WARNING board: the port is lost", "INFO board: open"]
-    tell("serial device unplugged", after, "frames", *lines(caplog))
+    agrees("serial device unplugged", after)
 
 
 # The board's clock wraps at 2 s. A reset half a second before looks like half a second that passed: then only the next
@@ -76,7 +76,7 @@ def test_a_board_that_was_reset_behind_an_open_port_is_greeted_anew(
     assert warned == "WARNING board: Clock discontinuity (board reset?): reconnecting"
     assert greeted.startswith("INFO board: firmware ")
     if t_fault_s > 2.0:
-        tell("board reset behind an open port", after, "frames until the next handshake", warned)
+        agrees("board reset behind an open port", after)
 
 
 def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.LogCaptureFixture) -> None:
@@ -91,7 +91,7 @@ def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.L
     refusals = [record for record in caplog.records if record.levelname == "ERROR"]
     assert len(refusals) == 4  # one in each run, though it is greeted each 250 ms
     assert "protocol version" in refusals[0].getMessage()
-    tell("board of another firmware", after, "all, until it is flashed", refusals[0].getMessage())
+    agrees("board of another firmware", after)
 
 
 def test_a_board_that_is_mute_is_let_go_after_a_second(caplog: pytest.LogCaptureFixture) -> None:
@@ -100,7 +100,7 @@ def test_a_board_that_is_mute_is_let_go_after_a_second(caplog: pytest.LogCapture
     assert after.quiet_ms <= BOARD_SILENT_MS + STATUS_EVERY_MS + RING_DOWN_MS + LINK_MS
     assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
     assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
-    tell("board mute, but listening", after, "nothing for a second", *lines(caplog))
+    agrees("board mute, but listening", after)
 
 
 def test_a_board_that_is_deaf_quiets_itself(caplog: pytest.LogCaptureFixture) -> None:
@@ -109,7 +109,7 @@ def test_a_board_that_is_deaf_quiets_itself(caplog: pytest.LogCaptureFixture) ->
     assert after.back_ms <= THREE_FRAMES_MS
     assert after.board["deadman_trips"] == 1
     assert lines(caplog) == []  # `status` tells the trip
-    tell("board deaf, but speaking", after, "frames", "`status` counts the trip")
+    agrees("board deaf, but speaking", after)
 
 
 def test_a_silent_board_quiets_itself_and_is_greeted_until_it_answers(caplog: pytest.LogCaptureFixture) -> None:
@@ -117,7 +117,7 @@ def test_a_silent_board_quiets_itself_and_is_greeted_until_it_answers(caplog: py
     assert after.quiet_ms <= SILENT_MS
     assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
     assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
-    tell("board silent both ways", after, "frames", *lines(caplog))
+    agrees("board silent both ways", after)
 
 
 def test_half_a_frame_for_ever_is_silence_and_costs_no_frame_behind_it(caplog: pytest.LogCaptureFixture) -> None:
@@ -126,7 +126,7 @@ def test_half_a_frame_for_ever_is_silence_and_costs_no_frame_behind_it(caplog: p
     assert after.back_ms <= THREE_FRAMES_MS
     assert after.board["bad_frames"] == 1  # the half alone: each frame begins by ending what was on the line before
     assert lines(caplog) == []
-    tell("half a frame for ever", after, "frames", "`status` counts the half")
+    agrees("half a frame for ever", after)
 
 
 def as_another_firmware(t_from_s: float) -> Way:

@@ -16,12 +16,12 @@ from stand import (
     T_FAULT_S,
     TIMER_MS,
     W_LIM_UM,
+    agrees,
     lines,
     play,
     rms_um,
     seconds,
     simulate,
-    tell,
     worst,
 )
 
@@ -66,7 +66,6 @@ def test_a_stamp_that_wraps_is_not_felt() -> None:
 
     leak = leak_um(wraps_at_the_fault)
     assert leak == pytest.approx(leak_um(lambda meant_ms, _: meant_ms), abs=1e-3)
-    tell("trackpad's clock wraps", None, f"nothing: the sticky finger gets {leak:.3f} um", "")
 
 
 def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogCaptureFixture) -> None:
@@ -85,7 +84,7 @@ def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogC
     assert after.quiet_ms <= PERIOD_MS + SILENCE_MS + TIMER_MS + LINK_MS + LED_DOWN_MS
     assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
     assert lines(caplog) == [f"WARNING {PAD_IS_SILENT}"]
-    tell("trackpad's clock stands still", after, "its fingers", *lines(caplog))
+    agrees("trackpad's clock stands still", after)
 
 
 @pytest.mark.parametrize("fingers", [0, 1, 2, 5, 11, 15])
@@ -104,12 +103,7 @@ def test_any_number_of_fingers_stays_within_the_limits(fingers: int, caplog: pyt
     assert lines(caplog) == []
     if fingers == 0:
         assert level_um.max() <= QUIET_UM
-        tell("no finger", None, "nothing: the plate is quiet", "")
         return
     run = after.run()
-    slips_um = rms_um(run, 0, 1.0, 1.6)
     sticks_um = max((rms_um(run, i, 1.0, 1.6) for i in range(1, fingers)), default=0.0)
     assert sticks_um <= 0.05 or fingers > 2  # two modes cannot quiet more than one place
-    tell(
-        f"{fingers} fingers", None, f"the slippery gets {slips_um:.2f}, the worst of the sticky {sticks_um:.3f} um", ""
-    )

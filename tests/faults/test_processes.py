@@ -7,7 +7,6 @@ import signal
 
 import pytest
 from service import Bench, drive
-from stand import tell
 
 pytestmark = pytest.mark.long
 
@@ -30,4 +29,3 @@ def test_a_terminal_that_stalls_stalls_nobody_else(bench: Bench) -> None:
     finally:
         os.close(reader)
         os.close(writer)
-    tell("the reader of standard error stalls", None, "log lines: the next that passes says how many", "")

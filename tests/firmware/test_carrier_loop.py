@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from hapticd.bench.closed_loop import follow, settling_ms
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
 from hapticd.sim.board.carrier import SAMPLE_HZ, Converters
+from hapticd.sim.board.closed_loop import follow, settling_ms
 from hapticd.sim.plate.ground_truth import GroundTruth
 from hapticd.values import ComplexArray
 

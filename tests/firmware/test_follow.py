@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hapticd.bench.closed_loop import NOISE_UM, follow
 from hapticd.board_protocol import ClearFault, CommandResult, ControllerRequest, SetDrive
 from hapticd.board_values import BoardController, BoardStatus
 from hapticd.sim.board.board import Board, BoardConfig
+from hapticd.sim.board.closed_loop import NOISE_UM, follow
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 

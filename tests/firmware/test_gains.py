@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.bench.closed_loop import follow
 from hapticd.board_protocol import CommandResult
 from hapticd.board_values import SetController
+from hapticd.sim.board.closed_loop import follow
 
 from .bench import Bench, constantly
 

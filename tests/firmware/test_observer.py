@@ -11,11 +11,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hapticd.bench.closed_loop import LIMIT_V, Law, LoopPlate, follow
 from hapticd.board_protocol import SetDrive
 from hapticd.sim.board import firmware
 from hapticd.sim.board.board import Board
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
+from hapticd.sim.board.closed_loop import LIMIT_V, Law, LoopPlate, follow
 from hapticd.values import ComplexArray
 from hapticd.wire.commands import encode
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from soak import endurance
 
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace
 from hapticd.sim.board.carrier import Converters
+from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, follow
 
 from .bench import Bench, constantly, nominal_plate, quiet_after_ms
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC, step_trace
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace
+from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, SETTLED_FRAC, step_trace
 from hapticd.values import ComplexArray
 
 from .bench import nominal_plate

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.board_protocol import FAULTS, CommandResult, LogRequest
 from hapticd.board_values import BoardLog, ModeModel, SetModel, SetWiring
 from hapticd.sim.board.board import Board, BoardConfig
+from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, follow
 from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
 from hapticd.wire import device
 from hapticd.wire.commands import encode

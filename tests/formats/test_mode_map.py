@@ -184,7 +184,7 @@ def test_a_file_of_more_points_than_a_grid_has_is_refused() -> None:
 
 
 def test_a_line_without_end_is_no_table() -> None:
-    with pytest.raises(ModesError, match=r"is no such table .*; give one line per measured point"):
+    with pytest.raises(ModesError, match="no such table"):
         decode_grid(b"x_mm,y_mm,phi_1\n" + b"1" * 20_000, ".csv")
 
 

@@ -6,12 +6,10 @@ the word `\xa5rec` and the number of its kind. Behind a 0 comes a whole file, wh
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from io import BytesIO
 from pathlib import Path
 
-import msgpack
 import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
@@ -23,12 +21,10 @@ from hapticd.config.sections import Config
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
 from hapticd.files.recording.header import Header, header_fields
-from hapticd.files.recording.kinds import HEADER, KINDS, MAX_MESSAGE_BYTES, encode, fits, record_of
+from hapticd.files.recording.kinds import HEADER, KINDS, MAX_MESSAGE_BYTES, encode, fits
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.record.tables import tables
-from hapticd.values import Finger, Knot, LimitReason, RawReport, SafeDrive, Tick, TouchPoint
 from hapticd.wire.trackpad import DEFAULT_PAD
-from hapticd_contract.states import EventKind, Perceived, PlateEvent
 
 WORD = b"\xa5rec"
 NAMES = tuple(KINDS)
@@ -37,8 +33,8 @@ MAX_ROWS_PER_BYTE = 2
 Messages = list[tuple[str, bytes]]
 
 
-def check(data: bytes) -> None:
-    in_file("recording.mcap", read, RecordingError, framed(data[1:]) if data[:1] == b"\1" else data[1:])
+def check(data: bytes) -> bool:
+    return in_file("recording.mcap", read, RecordingError, framed(data[1:]) if data[:1] == b"\1" else data[1:])
 
 
 def framed(data: bytes) -> bytes:
@@ -47,16 +43,16 @@ def framed(data: bytes) -> bytes:
     return mcap([(NAMES[part[0] % len(NAMES)], part[1:]) for part in parts])
 
 
-def mcap(messages: Messages, *, crcs: bool = False, in_chunk: int = 1 << 20, seq: Callable[[int], int] = int) -> bytes:
+def mcap(messages: Messages, *, in_chunk: int = 1 << 20) -> bytes:
     """A file of these messages, made by the library alone."""
     file = BytesIO()
-    writer = McapWriter(file, chunk_size=in_chunk, compression=CompressionType.NONE, enable_crcs=crcs)
+    writer = McapWriter(file, chunk_size=in_chunk, compression=CompressionType.NONE, enable_crcs=False)
     writer.start()
     used = [HEADER, *dict.fromkeys(kind for kind, _ in messages if kind != HEADER)]
     channels = {name: writer.register_channel(KINDS[name].topic, KINDS[name].encoding, 0) for name in used}
     writer.add_message(channels[HEADER], 0, least_header(), 0)
     for number, (kind, data) in enumerate(messages):
-        writer.add_message(channels[kind], 7 + number, data, 7, seq(number))
+        writer.add_message(channels[kind], 7 + number, data, 7, number)
     writer.finish()
     return file.getvalue()
 
@@ -80,46 +76,6 @@ def least_header() -> bytes:
     return encode(HEADER, fields | {"config_toml": ""})
 
 
-def seeds() -> dict[str, bytes]:
-    point = TouchPoint("walker", 1.0, 2.0, 0.5, 0.5, 1.5, 2.5)
-    felt = {
-        point.key: Perceived(
-            friction_change=0.5, weber_frac=1.0, contact_um=0.25, felt_friction=0.75, error_jnd=-2.0, misses_target=True
-        )
-    }
-    drive = SafeDrive(5, (Knot(0, (1 + 0j, 0.5j)), Knot(9, (0j, 0j))), LimitReason.NONE)
-    finger = {"path": 1, "x_mm": 1.0, "y_mm": 2.0, "target_um": 0.0, "plate_d_um": 0.1, "plate_q_um": 0.2}
-    events: dict[str, tuple[object, ...]] = {
-        "reports": ((RawReport(4, b"\x02ab"),),),
-        "pass": (
-            Tick(7, 2, 9, drive, (point,), False),
-            "ACTIVE",
-            (Finger(1, 3, 1.5, -2.5, False),),
-            felt,
-        ),
-        "targets": (msgpack.packb({"v": 1, "levels": b"\0"}), "uid 7", 0),
-        "written": (b"\0\x01", True),
-        "truth": ([finger], {"d": [1.0], "q": [0.0]}),
-        "board_link": (True, "here"),
-        "marker": ("study", "begin", {"trial": 3, "is_left": True}),
-        "event": (PlateEvent(3, EventKind.BEGUN, 9, 8, 1, (1.0, -2.0), "study", "", "click"),),
-    }
-    messages = {kind: encode(kind, record_of(kind, 0, 7, values).fields) for kind, values in events.items()}
-    bodies = {kind: WORD + bytes((NAMES.index(kind),)) + data for kind, data in messages.items()}
-    whole = mcap([("timer", b"\x80")])
-    checked = mcap([("timer", b"\x80")], crcs=True)
-    return {
-        **{kind: b"\1" + body for kind, body in bodies.items()},
-        "all": b"\1" + b"".join(bodies.values()),
-        "whole": b"\0" + whole,
-        "cut": b"\0" + whole[: whole.rindex(b"/header") - 90],
-        "struck": b"\0" + checked.replace(b"mt2-usb", b"mt2-usc"),
-        "gap": b"\0" + mcap([("timer", b"\x80")] * 2, seq=lambda number: 9 * number),
-        "text": b"\0not a recording",
-        "deep": b"\1" + WORD + bytes((NAMES.index("pass"),)) + b"[" * 600,
-    }
-
-
 def extremes() -> dict[str, bytes]:
     whole = mcap([])
     claims = whole[: whole.index(b"\x06") + 1] + (1 << 22).to_bytes(8, "little")
@@ -137,11 +93,4 @@ def extremes() -> dict[str, bytes]:
     }
 
 
-TARGET = Target(
-    name="record",
-    check=check,
-    seeds=seeds,
-    fixed=Cost(10_000, 3_000_000),
-    per_byte=Cost(20, 40),
-    extremes=extremes,
-)
+TARGET = Target("record", check, Cost(10_000, 3_000_000), Cost(20, 40), extremes=extremes)

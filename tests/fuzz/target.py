@@ -27,34 +27,36 @@ class Cost(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Target:
     """One decoder. `check` takes any bytes and raises only where a promise is broken; its documented error is caught.
+    It returns whether the bytes meant anything.
 
-    `seeds` are sound inputs made by the project's own encoders.
+    `seeds` are sound inputs made by the project's own encoders, next to those of the corpus; `extremes` strain the
+    bounds, and are too large for it.
     """
 
     name: str
-    check: Callable[[bytes], None]
-    seeds: Callable[[], dict[str, bytes]]
+    check: Callable[[bytes], bool]
     fixed: Cost
     per_byte: Cost
+    seeds: Callable[[], dict[str, bytes]] = dict
+    extremes: Callable[[], dict[str, bytes]] = dict
     max_len: int = 2048
-    extremes: Callable[[], dict[str, bytes]] = dict  # too large for the corpus: what strains the bounds
 
     @property
     def corpus(self) -> Path:
         return CORPORA / f"fuzz-{self.name}"
+
+    def inputs(self) -> dict[str, bytes]:
+        """The seeds and the corpus."""
+        return self.seeds() | {f"kept {path.name}": path.read_bytes() for path in sorted(self.corpus.iterdir())}
 
     def allowed(self, n: int) -> Cost:
         """The bound for an input of `n` bytes."""
         return Cost(self.fixed.lines + n * self.per_byte.lines, self.fixed.peak_bytes + n * self.per_byte.peak_bytes)
 
 
-def measured(check: Callable[[bytes], None], data: bytes) -> Cost:
+def measured(check: Callable[[bytes], object], data: bytes) -> Cost:
     """What one input costs. It runs three times: the first pays for what is only built once."""
     check(data)
-    return Cost(_lines(check, data), _peak_bytes(check, data))
-
-
-def _lines(check: Callable[[bytes], None], data: bytes) -> int:
     count = 0
 
     def trace(_frame: FrameType, event: str, _argument: Any) -> Callable[..., Any]:
@@ -68,38 +70,9 @@ def _lines(check: Callable[[bytes], None], data: bytes) -> int:
         check(data)
     finally:
         sys.settrace(before)
-    return count
-
-
-def lines_reached(check: Callable[[bytes], None], data: bytes) -> set[tuple[str, int, int]]:
-    """The steps from line to line within hapticd, as (file, from, to)."""
-    found: set[tuple[str, int, int]] = set()
-
-    def enter(frame: FrameType, _event: str, _argument: Any) -> Callable[..., Any] | None:
-        last = -1
-
-        def step(frame: FrameType, event: str, _argument: Any) -> Callable[..., Any]:
-            nonlocal last
-            if event == "line":
-                found.add((frame.f_code.co_filename, last, frame.f_lineno))
-                last = frame.f_lineno
-            return step
-
-        return step if "hapticd" in frame.f_code.co_filename else None
-
-    before = sys.gettrace()
-    sys.settrace(enter)
-    try:
-        check(data)
-    finally:
-        sys.settrace(before)
-    return found
-
-
-def _peak_bytes(check: Callable[[bytes], None], data: bytes) -> int:
     tracemalloc.start()
     try:
         check(data)
-        return tracemalloc.get_traced_memory()[1]
+        return Cost(count, tracemalloc.get_traced_memory()[1])
     finally:
         tracemalloc.stop()

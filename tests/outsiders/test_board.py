@@ -18,7 +18,7 @@ from outsiders import board as outsider
 from outsiders.board import Board
 
 from hapticd.board_values import UNCALIBRATED, BoardCalibration, ModeCalibration
-from hapticd.config.sections import SIMULATED, Config, DeviceConfig
+from hapticd.config.sections import Config, DeviceConfig
 from hapticd.core.board.outbox import MOST_UNREAD
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import TIMER_NS, Machine
@@ -195,15 +195,6 @@ def test_a_reset_board_is_greeted_calibrated_and_driven_again() -> None:
     assert stand.peak_um(50) > 0.3
 
 
-def test_a_board_with_a_lower_limit_is_refused_in_a_sentence(caplog: pytest.LogCaptureFixture) -> None:
-    stand = Stand(Board(w_limit_um=3.0), SLIPPERY, STICKY)
-    stand.run(1000)
-    assert said(caplog) == [
-        "board refused: The limit of mode 0 is set to 4 um but the board allows 3 um: set it to 3 or less."
-    ]
-    assert stand.board.state == outsider.QUIET
-
-
 # --- a board that tells the time, and says nothing of what it does ---
 
 
@@ -255,15 +246,6 @@ def test_a_board_that_answers_nothing_is_sent_two_references() -> None:
     assert kinds.count(outsider.REFERENCE) == MOST_UNREAD
     assert kinds.count(outsider.TIME_REQUEST) >= 10
     assert stand.peak_um(800) < 0.01
-
-
-def test_a_board_that_never_sent_a_status_is_never_driven() -> None:
-    board = Board()
-    board.censor = without_status
-    stand = Stand(board, SLIPPERY, STICKY)
-    stand.run(3000)
-    assert stand.references(3000) == 0
-    assert stand.status["lacking"].startswith("not driven: it sends no STATUS: ")
 
 
 # --- a handshake that lacks something ---
@@ -337,18 +319,6 @@ def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_t
     assert board.state == outsider.QUIET
 
 
-@pytest.mark.parametrize(
-    "censor",
-    [only(*range(0x80, 0x90)), hello_with(modes=0), hello_with(control_hz=0.0), only(outsider.TIME), without_status],
-)
-def test_what_is_simulated_is_neither_flashed_nor_plugged_in(censor: Any, caplog: pytest.LogCaptureFixture) -> None:
-    board = Board()
-    board.censor = censor
-    Stand(board, port=SIMULATED).run(2000)
-    (sentence,) = said(caplog)
-    assert not any(word in sentence for word in ("flash", "cable", "supply", "device."))
-
-
 def test_a_refused_setting_is_repeated_until_the_board_takes_it(caplog: pytest.LogCaptureFixture) -> None:
     board = Board()
     board.censor = lambda kind, p: bytes((p[0], outsider.BUSY)) if kind == outsider.VERDICT else p
@@ -370,17 +340,6 @@ def test_a_clock_that_runs_backwards_is_said_and_the_board_is_not_driven(caplog:
     assert first == "board: Clock discontinuity (board reset?): reconnecting"
     assert others == [NO_TIME]
     assert stand.peak_um(2000) < 0.01
-
-
-@pytest.mark.parametrize("boot_id", [1, 2])
-def test_a_board_speaks_again_and_again_and_the_machine_keeps_its_limits(boot_id: int) -> None:
-    """A board that is reset every third of a second is driven in between, and never beyond a limit."""
-    stand = Stand(Board(boot_id=boot_id), STROKE, STICKY).driven()
-    for boot in range(6):
-        stand.board.reset(boot_id=100 + boot)
-        stand.run(333)
-    assert stand.peak_um(2000) <= 4.0
-    assert not any(map(math.isnan, (um for _, um in stand.board.peaks_um)))
 
 
 # --- whatever it does ---

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapticd.bench.sweeps import swept
+from hapticd.bench.loop import measured
 from hapticd.board_protocol import SetTelemetry
 from hapticd.board_values import TelemetrySample
 from hapticd.config import Config
@@ -81,8 +81,8 @@ def test_a_frame_has_as_many_knots_as_the_line_carries_in_3_ms(baud: int, knots:
 def test_two_fingers_feel_what_was_asked_on_eight_modes(caplog: pytest.LogCaptureFixture) -> None:
     """With the three knots a frame that the slow line carries, which is said once."""
     caplog.set_level(logging.INFO)
-    settings = Settings(plate=PlateSettings.of(WIDE))
-    simulation = Simulation(SCENARIOS["strokes"].build(1, settings.speed_mm_s), settings, 1, swept(settings.plate, 1))
+    settings = Settings(plate=replace(PlateSettings.of(WIDE), sensor_crosstalk=0.0))  # as calibrated
+    simulation = Simulation(SCENARIOS["strokes"].build(1, settings.speed_mm_s), settings, 1, measured(settings, 1))
     simulation.run(3.0)
     run = simulation.result("strokes")
     assert run.modal_um.shape[1] == MOST_MODES

@@ -1,9 +1,8 @@
-"""Soak of the daemon: an hour of virtual time with a fault every two seconds.
+"""Soak of the daemon: hours of virtual time with a fault every two seconds.
 
 Runs of 30 s, each a new daemon and a new board in this one process: two fingers circle, one slippery and one sticky,
 while faults of all kinds follow each other at random instants and for random times. Checked are every frame to the
-board, the true plate at every control tick, the detection of and the recovery from each fault, and the memory, files
-and threads of this process.
+board, the true plate at every control tick, and the detection of and the recovery from each fault.
 
 Not covered: simultaneous faults, wear within one daemon beyond 30 s, the event loop, sockets and the kernel
 (`tests/integration` and `tests/io` cover those).
@@ -11,35 +10,46 @@ Not covered: simultaneous faults, wear within one daemon beyond 30 s, the event 
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import logging
-import os
-from collections.abc import Iterator
+import struct
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from faulty_simulation import FaultySimulation
-from soak.faults import KINDS, Kind, Watch
+from faulty_line import Line, LineFaults
+from faulty_simulation import FaultySimulation, Way
 from soak.harness import ALL, Findings, added, judged
 
+from hapticd import board_protocol as protocol
 from hapticd.bench.tables import Table
-from hapticd.sim.fingers.paths import CirclePath, Path, Touch
+from hapticd.core.board.supervisor import State
+from hapticd.sim.fingers.paths import CirclePath, Touch
 from hapticd.sim.fingers.scenarios import SLIPPERY_UM, STICKY_UM, Actor
+from hapticd.sim.lockstep import T_START_NS
 from hapticd.sim.settings import Settings
 from hapticd.values import FloatArray
-
-log = logging.getLogger("hapticd")
-
-Bools = npt.NDArray[np.bool_]
+from hapticd.wire.framing import FrameSplitter
 
 RUN_S = 30.0
 LIFTED_S, AT_REST_S = 1.2, 0.8  # before the end of a run
 FIRST_FAULT_S, RECOVERY_S = 1.5, 0.9  # a board with a wrapped clock is detected after half a second
-WARM_AFTER_RUNS = 24  # the simulation's caches are full by then: they keep 16 plates
-MEMORY_GROWTH_FRAC = 0.01
+JUST_BEFORE_S = 0.002  # before the end of a fault: its effect shows, and the next event has not begun
 QUIET_UM, DRIVEN_UM = 0.01, 0.3
+
+SetUp = Callable[[FaultySimulation, float, float, np.random.Generator], None]
+
+
+class Kind(NamedTuple):
+    """A kind of fault. `trace` is a counter that grows on detection: by the end of the fault if it `shows_meanwhile`,
+    else after it. `quiet_within_ms` is None where the plate need not become quiet."""
+
+    name: str
+    lasts_s: tuple[float, float]
+    quiet_within_ms: float | None
+    set_up: SetUp
+    trace: Callable[[FaultySimulation], float]
+    shows_meanwhile: bool = True
 
 
 class Fault(NamedTuple):
@@ -52,92 +62,71 @@ class Fault(NamedTuple):
 
 def run(hours: float = 1.0, *, seed: int = 1) -> Table:
     """Run the soak. Raises HapticdError with all violations if there are any."""
-    notes: tuple[str, ...] = ("every fault was detected, and the fingers were driven again after it",)
-    log.setLevel(logging.ERROR)  # two thousand faults would fill the log
-    try:
-        return judged(_many(hours, seed), name="soak", title="daemon amid faults, in virtual time", notes=notes)
-    finally:
-        log.setLevel(logging.NOTSET)
-
-
-def _many(hours: float, seed: int) -> Iterator[Findings]:
-    """Play the runs; what the process holds after the first ones may not grow."""
-    runs = max(1, round(hours * 3600.0 / RUN_S))
-    before = _resources()
-    for number in range(1, runs + 1):
-        yield play(seed * 1_000_000 + number)
-        if number == min(WARM_AFTER_RUNS, runs):
-            before = _resources()
-    after = _resources()
-    memory = {"memory_first_mb": before["memory"], "memory_last_mb": after["memory"]}
-    yield Findings({ALL: memory}, grown(before, after))
+    logging.getLogger("hapticd").setLevel(logging.ERROR)  # two thousand faults would fill the log
+    runs = (play(seed * 1_000_000 + number) for number in range(1, 1 + max(1, round(hours * 3600.0 / RUN_S))))
+    note = "every fault was detected, and the fingers were driven again after it"
+    return judged(runs, name="soak", title="daemon amid faults, in virtual time", notes=(note,))
 
 
 def play(seed: int) -> Findings:
-    """Play one run of two circling fingers and check it."""
+    """Play one run of two circling fingers; return what references and plate reached, and each fault's effect."""
     circles = CirclePath((-25.0, 5.0), 15.0, 100.0), CirclePath((25.0, -5.0), 15.0, -100.0, start_rad=1.0)
-    simulation = FaultySimulation(_actors(circles, RUN_S), Settings(), seed)
-    return _Run(simulation, seed).played()
-
-
-def _actors(paths: tuple[Path, Path], run_s: float) -> tuple[Actor, ...]:
-    return tuple(
-        Actor(((0.0, amplitude_um),), path=Touch(path, 0.1, run_s - LIFTED_S))
-        for path, amplitude_um in zip(paths, (SLIPPERY_UM, STICKY_UM), strict=True)
+    actors = tuple(
+        Actor(((0.0, amplitude_um),), path=Touch(path, 0.1, RUN_S - LIFTED_S))
+        for path, amplitude_um in zip(circles, (SLIPPERY_UM, STICKY_UM), strict=True)
     )
+    simulation, random = FaultySimulation(actors, Settings(), seed), np.random.default_rng(seed)
+    references_um, failures = [0.0], list[str]()
+    simulation.ways["board"] = partial(_heard, FrameSplitter(4096), references_um)
+    faults = [*drawn(random, 0.0, RUN_S - LIFTED_S)]
+    for fault in faults:
+        fault.kind.set_up(simulation, fault.t_from_s, fault.t_until_s, random)
+        _expect(simulation, fault, failures)
+    simulation.run(RUN_S)
+    t_s, level_um = simulation.level_um()
+    peaks_um = {"reference": max(references_um), "plate": float(level_um.max())}
+    limit_um = max(simulation.settings.config.limits.w_limit_um)
+    failures += [
+        f"a peak of the {what} was {um:g} um, the limit is {limit_um:g}."
+        for what, um in peaks_um.items()
+        if um > limit_um
+    ]
+    if level_um[t_s > RUN_S - AT_REST_S].max() > QUIET_UM or simulation.machine.pipeline.fingers:
+        failures.append("motion or fingers remain after both fingers were lifted.")
+    counts = {"faults_count": float(len(faults)), "frames_count": len(references_um) - 1.0}
+    figures = {"virtual_h": RUN_S / 3600.0, **counts, **{f"peak_{what}_um": um for what, um in peaks_um.items()}}
+    found = added([Findings({ALL: figures}, failures), *(_checked(fault, t_s, level_um) for fault in faults)])
+    return Findings(found.rows, [f"run {seed}: {sentence}" for sentence in found.failures])
 
 
-class _Run:
-    """One run: draws its faults at its beginning and checks it at its end."""
+def _expect(simulation: FaultySimulation, fault: Fault, failures: list[str]) -> None:
+    """Have a sentence among the failures if no counter shows the fault."""
+    kind, before = fault.kind, list[float]()
+    simulation.at(fault.t_from_s - JUST_BEFORE_S, lambda _: before.append(kind.trace(simulation)))
 
-    def __init__(self, simulation: FaultySimulation, seed: int) -> None:
-        self._simulation, self._where = simulation, f"run {seed}"
-        self._rng = np.random.default_rng(seed)
-        self._watch = Watch(simulation)
+    def look(_: int) -> None:
+        if not kind.trace(simulation) > before[0]:
+            failures.append(f"{_which(fault)}: not detected.")
 
-    def played(self) -> Findings:
-        """Play the run and return what references and plate reached, and each fault's effect."""
-        faults = list(drawn(self._rng, 0.0, RUN_S - LIFTED_S))
-        for fault in faults:
-            self._watch.expect(fault.kind, fault.t_from_s, fault.t_until_s, RECOVERY_S, self._rng)
-        self._simulation.run(RUN_S)
-        t_s, level_um = self._simulation.level_um()
-        references = self._watch.references
-        peaks_um = {"reference": references.peak_um, "plate": float(level_um.max())}
-        limit_um = max(self._simulation.settings.config.limits.w_limit_um)
-        figures = {
-            "virtual_h": RUN_S / 3600.0,
-            "faults_count": float(len(faults)),
-            "frames_count": float(references.frames),
-            **{f"peak_{name}_um": peak_um for name, peak_um in peaks_um.items()},
-        }
-        failures = [
-            f"{self._where}: a peak of the {name} was {peak_um:g} um, the limit is {limit_um:g}."
-            for name, peak_um in peaks_um.items()
-            if peak_um > limit_um
-        ]
-        failures += [f"{self._where}, {sentence}" for sentence in self._watch.undetected]
-        if level_um[t_s > RUN_S - AT_REST_S].max() > QUIET_UM or self._simulation.machine.pipeline.fingers:
-            failures.append(f"{self._where}: motion or fingers remain after both fingers were lifted.")
-        return added(
-            [*(self._check_fault(fault, t_s, level_um) for fault in faults), Findings({ALL: figures}, failures)]
-        )
+    until_s = fault.t_until_s + (0.0 if kind.shows_meanwhile else RECOVERY_S)
+    simulation.at(until_s - JUST_BEFORE_S, look)
 
-    def _check_fault(self, fault: Fault, t_s: FloatArray, level_um: FloatArray) -> Findings:
-        """Check one fault; a link that jitters delivers the last frame that much later."""
-        name, quiet_within_ms = fault.kind.name, fault.kind.quiet_within_ms
-        which = f"{self._where}, {name} from {fault.t_from_s:.3f} to {fault.t_until_s:.3f} s"
-        figures, failures = {"faults_count": 1.0}, []
-        if quiet_within_ms is not None:
-            moving = t_s[(t_s > fault.t_from_s) & (t_s < fault.t_until_s) & (level_um > QUIET_UM)]
-            quiet_ms = 1e3 * (float(moving[-1]) - fault.t_from_s) if len(moving) else 0.0
-            figures["quiet_after_ms"] = quiet_ms
-            if quiet_ms > quiet_within_ms + self._simulation.settings.plate.world.link_jitter_ms:
-                failures.append(f"{which}: the plate still moved after {quiet_ms:.0f} ms.")
-        end_s = fault.t_until_s + RECOVERY_S
-        if level_um[(t_s > end_s - 0.25) & (t_s <= end_s)].max() < DRIVEN_UM:
-            failures.append(f"{which}: the fingers are not driven again.")
-        return Findings({name: figures}, failures)
+
+def _checked(fault: Fault, t_s: FloatArray, level_um: FloatArray) -> Findings:
+    figures, failures = {"faults_count": 1.0}, []
+    if fault.kind.quiet_within_ms is not None:
+        moving = t_s[(t_s > fault.t_from_s) & (t_s < fault.t_until_s) & (level_um > QUIET_UM)]
+        quiet_ms = figures["quiet_after_ms"] = 1e3 * (float(moving[-1]) - fault.t_from_s) if len(moving) else 0.0
+        if quiet_ms > fault.kind.quiet_within_ms:
+            failures.append(f"{_which(fault)}: the plate still moved after {quiet_ms:.0f} ms.")
+    end_s = fault.t_until_s + RECOVERY_S
+    if level_um[(t_s > end_s - 0.25) & (t_s <= end_s)].max() < DRIVEN_UM:
+        failures.append(f"{_which(fault)}: the fingers are not driven again.")
+    return Findings({fault.kind.name: figures}, failures)
+
+
+def _which(fault: Fault) -> str:
+    return f"{fault.kind.name} from {fault.t_from_s:.3f} to {fault.t_until_s:.3f} s"
 
 
 def drawn(rng: np.random.Generator, t_from_s: float, t_until_s: float) -> Iterator[Fault]:
@@ -154,23 +143,127 @@ def drawn(rng: np.random.Generator, t_from_s: float, t_until_s: float) -> Iterat
             yield Fault(kind, start_s, end_s)
 
 
-def _resources() -> dict[str, float]:
-    """Memory in MB, open files and threads of this process; free memory of the allocator is returned first."""
-    gc.collect()
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)
-    with open("/proc/self/status", encoding="ascii") as file:
-        status = dict(line.split(":", 1) for line in file)
-    return {
-        "memory": int(status["VmRSS"].split()[0]) / 1024.0,
-        "files": float(len(os.listdir("/proc/self/fd"))),
-        "threads": float(status["Threads"]),
-    }
+def _heard(splitter: FrameSplitter, references_um: list[float], t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+    """Note the largest amplitude of each reference on its way to the board."""
+    references_um += [reference_peak_um(one) for one in splitter.feed(data) if one[0] == protocol.MSG_REFERENCE]
+    return [(t_ns, data)]
 
 
-def grown(before: dict[str, float], after: dict[str, float]) -> list[str]:
-    """Return a sentence per resource that grew: memory may by 1 %, the others not at all."""
-    allowed = {"memory": MEMORY_GROWTH_FRAC * before["memory"], "files": 0.0, "threads": 0.0}
-    names = [name for name in allowed if after[name] - before[name] > allowed[name]]
-    return [f"{name} grew from {before[name]:g} to {after[name]:g}." for name in names]
+def reference_peak_um(reference: bytes) -> float:
+    """Return the largest modal amplitude of a REFERENCE: seq u16, t_apply u32, knots u8, modes u8, then the knots."""
+    knots, modes = reference[7], reference[8]
+    knot = struct.Struct(f"<H{2 * modes}f")
+    rows = [parts for _, *parts in knot.iter_unpack(reference[9 : 9 + knots * knot.size])]
+    return max(abs(complex(d, q)) for parts in rows for d, q in zip(parts[::2], parts[1::2], strict=True))
+
+
+# --- kinds of faults ---
+
+
+def _act(begin: str, end: str) -> SetUp:
+    """Call two methods of the simulation, at the fault's beginning and end."""
+
+    def set_up(simulation: FaultySimulation, t_from_s: float, t_until_s: float, _: np.random.Generator) -> None:
+        simulation.at(t_from_s, getattr(simulation, begin))
+        simulation.at(t_until_s, getattr(simulation, end))
+
+    return set_up
+
+
+def _line(way: Callable[[np.random.Generator], Way], *streams: str) -> SetUp:
+    """Pass what these streams carry meanwhile through a way."""
+
+    def set_up(simulation: FaultySimulation, t_from_s: float, t_until_s: float, rng: np.random.Generator) -> None:
+        span_ns = range(*(T_START_NS + round(t_s * 1e9) for t_s in (t_from_s, t_until_s)))
+        for stream in streams:
+            usual = simulation.ways.get(stream, lambda t_ns, data: [(t_ns, data)])
+            simulation.ways[stream] = partial(_meanwhile, span_ns, usual, way(rng))
+
+    return set_up
+
+
+def _meanwhile(span_ns: range, usual: Way, way: Way, t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+    passed = usual(t_ns, data)
+    return [out for one in passed for out in way(*one)] if t_ns in span_ns else [*passed]
+
+
+def _cut(_: np.random.Generator) -> Way:
+    return lambda _t_ns, _data: []
+
+
+def _bad(**faults: float) -> Callable[[np.random.Generator], Way]:
+    return lambda rng: Line(LineFaults(**faults), int(rng.integers(1 << 31)))  # type: ignore[arg-type]
+
+
+def _garbage(rng: np.random.Generator) -> Way:
+    """Random bytes between the frames."""
+    noise = [rng.bytes(int(rng.integers(1, 200))) + b"\0" for _ in range(8)]
+    return lambda t_ns, data: [(t_ns, noise[t_ns % 8]), (t_ns, data)]
+
+
+def _hostile(simulation: FaultySimulation, t_from_s: float, t_until_s: float, rng: np.random.Generator) -> None:
+    """Random bytes as messages of a client."""
+    for t_s in rng.uniform(t_from_s, t_until_s - 2 * JUST_BEFORE_S, 20):
+        payload = rng.bytes(int(rng.integers(0, 300)))
+        simulation.at(float(t_s), lambda t_ns, data=payload: simulation.machine.targets(data, t_ns, "uid 65534"))
+
+
+def _trips(simulation: FaultySimulation) -> float:
+    status = simulation.machine.session.status
+    return 0.0 if status is None else float(status.deadman_trips)
+
+
+def _damaged(simulation: FaultySimulation) -> float:
+    """Frames that either end dropped as damaged."""
+    status = simulation.machine.session.status
+    return sum(simulation.machine.board.dropped.values()) + (0.0 if status is None else status.bad_frames)
+
+
+def _is_idle(simulation: FaultySimulation) -> float:
+    return float(simulation.machine.supervisor.state is State.IDLE)
+
+
+_SHORT_S, _BOTH = (0.15, 0.6), ("board", "host")
+# The link, 5 ms, and the ring-down of modes without an amplifier: 0.3 um in 19 ms.
+_LIFTED_MS = 25.0
+_DEADMAN_MS = 90.0  # the last frame's link delay, 50 ms, the ramp, and the ring-down from the limit
+_BAD_LINES = {
+    "a third of all frames damaged": _bad(corrupted=0.3),
+    "a third of all frames cut short": _bad(truncated=0.3),
+    "garbage on the line": _garbage,
+}
+
+KINDS = (
+    Kind("trackpad unplugged", _SHORT_S, _LIFTED_MS, _act("pull_trackpad", "plug_trackpad"), _is_idle),
+    Kind("trackpad silent", _SHORT_S, 75.0, _line(_cut, "report"), lambda run: not run.machine.pipeline.fingers),
+    Kind("board unplugged", _SHORT_S, _DEADMAN_MS, _act("pull_board", "plug_board"), _is_idle),
+    Kind(
+        "board reset",
+        (0.1, 0.1),
+        None,
+        lambda run, t_from_s, *_: run.at(t_from_s, run.reset_board),
+        lambda run: run.machine.session.reboots,
+        shows_meanwhile=False,
+    ),
+    Kind("board deaf", _SHORT_S, _DEADMAN_MS, _line(_cut, "board"), _trips, shows_meanwhile=False),
+    Kind("board mute", (1.25, 1.4), 1120.0, _line(_cut, "host"), lambda run: run.machine.session.hello is None),
+    Kind("board silent both ways", _SHORT_S, _DEADMAN_MS, _line(_cut, *_BOTH), _trips, shows_meanwhile=False),
+    Kind("daemon stopped", _SHORT_S, _DEADMAN_MS, _act("stop_daemon", "resume_daemon"), _trips, shows_meanwhile=False),
+    Kind(
+        "client stopped",
+        (0.7, 0.8),
+        540.0,
+        _act("stop_client", "resume_client"),
+        lambda run: run.machine.scene.next_expiry_ns is None,
+    ),
+    Kind(
+        "a third of all frames lost",
+        _SHORT_S,
+        None,
+        _line(_bad(lost=0.3), *_BOTH),
+        lambda run: run.machine.session.ledger.unanswered,
+        shows_meanwhile=False,
+    ),
+    *(Kind(name, _SHORT_S, None, _line(way, *_BOTH), _damaged, False) for name, way in _BAD_LINES.items()),
+    Kind("hostile messages", _SHORT_S, None, _hostile, lambda run: run.machine.clients.refused),
+)

@@ -18,11 +18,11 @@ from firmware_faults import fault
 from soak.harness import Findings, judged
 from soak.worlds import DAMPING, DRIFT_HZ, RUN_S, W_LIMIT_UM, Knots, World, draw
 
-from hapticd.bench.closed_loop import follow
 from hapticd.bench.tables import Table
 from hapticd.board_protocol import FAULTS
 from hapticd.design.campaign import TaskRunner, one_by_one
 from hapticd.sim.board.board import FLAG_LIVE, Board, BoardTrace
+from hapticd.sim.board.closed_loop import follow
 
 FAR_SHARE = 1.0 / 6.0  # of the runs
 V_ROUNDING, W_ROUNDING = 1e-6, 2e-6  # of the limits, by float32; the limiter lets references pass up to 1e-6 above
@@ -46,10 +46,7 @@ def run(hours: float = 1.0, campaign: TaskRunner = one_by_one) -> Table:
         campaign("endurance", played, tasks),
         name="endurance",
         title="firmware on random plates, with fingers and textures, by modes, wiring and control rate",
-        notes=(
-            f"damping x{DAMPING[0]:g} to x{DAMPING[1]:g}, drift within {DRIFT_HZ:g} Hz either way; a fault ends the "
-            "drive of its run",
-        ),
+        notes=(f"damping x{DAMPING[0]:g} to x{DAMPING[1]:g}, drift within {DRIFT_HZ:g} Hz; a fault ends its run",),
     )
 
 

@@ -1,12 +1,10 @@
-"""What all soaks share: runs for hours that must hold what they promise, their figures, and a sentence per violation.
+"""What both soaks share: runs for hours that must hold what they promise, their figures, and a sentence per violation.
 
 endurance  the firmware on random plates, with fingers and textures
 daemon     the daemon and the firmware amid faults
-walk       the solver for friction as asked, step after step
 
-`python tests/soak endurance --hours 100` plays so many hours of virtual time, `daemon` too.
-`walk --steps 10000000` takes so many steps of the solver. It and endurance are campaigns: on all cores, or with
---cluster, whose workers need `tests` in their PYTHONPATH.
+`python tests/soak endurance --hours 100` plays so many hours of virtual time, `daemon` too. Endurance is a campaign: on
+all cores, or with --cluster, whose workers need `tests` in their PYTHONPATH.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from hapticd.bench.tables import Table, finite_rows, render
+from hapticd.bench.tables import Table, render
 from hapticd.errors import HapticdError
 
 ALL = "all"
@@ -30,8 +28,7 @@ class Findings:
 
 
 def added(found: Iterable[Findings]) -> Findings:
-    """Return the findings of all runs: counts and hours are summed, of first and last figures the first and the last
-    stays, of others the largest."""
+    """Return the findings of all runs: counts and hours are summed, of others the largest stays."""
     rows: dict[str, dict[str, float]] = {}
     failures: list[str] = []
     for one in found:
@@ -39,16 +36,10 @@ def added(found: Iterable[Findings]) -> Findings:
         for row, figures in one.rows.items():
             own = rows.setdefault(row, {})
             for name, value in figures.items():
-                own[name] = _added(name, own[name], value) if name in own else value
+                before = own.get(name, value)
+                is_sum = name in own and name.endswith(("_count", "_h"))
+                own[name] = before + value if is_sum else max(before, value)
     return Findings(rows, failures)
-
-
-def _added(name: str, before: float, now: float) -> float:
-    if "_first_" in name:
-        return before
-    if "_last_" in name:
-        return now
-    return before + now if name.endswith(("_count", "_h")) else max(before, now)
 
 
 def judged(found: Iterable[Findings], *, name: str, title: str, notes: tuple[str, ...]) -> Table:
@@ -57,14 +48,7 @@ def judged(found: Iterable[Findings], *, name: str, title: str, notes: tuple[str
     every = added(found)
     rows = {ALL: every.rows.get(ALL) or added(Findings({ALL: row}) for row in every.rows.values()).rows[ALL]}
     rows |= {row: figures for row, figures in sorted(every.rows.items()) if row != ALL}
-    table = Table(
-        name=name,
-        title=f"{name}: {title}",
-        default=ALL,
-        rows=finite_rows([*rows.items()]),
-        compared=(),
-        notes=("peaks and times: the largest of all runs", *notes),
-    )
+    table = Table(name, f"{name}: {title}", rows, notes=("peaks and times: the largest of all runs", *notes))
     if every.failures:
         sentences = [f"{name}: {len(every.failures)} failures:", *every.failures[:MOST_SENTENCES]]
         raise HapticdError("\n".join([*sentences, render(table)]))

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hapticd.bench.closed_loop import LIMIT_V, NOISE_UM
 from hapticd.config.sections import LEAST_MODES, MOST_MODES
 from hapticd.sim.board.board import BoardConfig, PlateModel
+from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM
 from hapticd.sim.plate.wirings import IDENTITY, PAPER, wiring
 from hapticd.values import ComplexArray, FloatArray
 

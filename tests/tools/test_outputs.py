@@ -35,7 +35,6 @@ OUTPUTS = [
     (("latency", "--sim", "--json"), "f.json", "f.csv"),
     (("latency", "--sim", "--plot"), "f.PNG", "f.toml"),
     (("bench", "tick", "--json"), "f.json", "f.png"),
-    (("bench", "tick", "--plot"), "f.png", "f.json"),
     (("firmware", "sweep", "--plot"), "f.png", "f.toml"),
     (("doctor", "--bundle"), "f.tar.gz", "f.tar"),
     (("demo", "--out"), "f.png", "f.json"),

@@ -256,11 +256,11 @@ def test_another_layout_is_refused_by_its_hash() -> None:
 
 
 def test_other_modes_and_lower_limits_are_refused() -> None:
-    with pytest.raises(DeviceError, match="drives 2 modes, the mode map has 3"):
+    with pytest.raises(DeviceError, match=r"2 modes.* 3"):
         device.check_hello(hello(), modes=3, w_limit_um=(4.0, 4.0, 4.0))
-    with pytest.raises(DeviceError, match="mode 1 is set to 5 um but the board allows 4 um"):
+    with pytest.raises(DeviceError, match=r"mode 1 .*5 um.* 4 um"):
         device.check_hello(hello(), modes=2, w_limit_um=(4.0, 5.0))
-    with pytest.raises(DeviceError, match="mode 0 is set to nan um"):
+    with pytest.raises(DeviceError, match=r"mode 0 .*nan"):
         device.check_hello(hello(), modes=2, w_limit_um=(math.nan, 4.0))
 
 
@@ -290,7 +290,7 @@ def test_a_decoder_knows_which_messages_were_invalid() -> None:
 def test_a_mode_calibrated_far_from_the_drive_is_refused() -> None:
     near, far = (ModeCalibration(0, f_hz, 500.0, 5.0, 0.0) for f_hz in (29300.0, 34000.0))
     device.check_calibration(hello(), BoardCalibration((near,), 29205.0))
-    with pytest.raises(DeviceError, match="Mode 0 is calibrated at 34000 Hz but the board drives at 29205 Hz"):
+    with pytest.raises(DeviceError, match=r"Mode 0 .*34000 Hz.*29205 Hz"):
         device.check_calibration(hello(), BoardCalibration((near, far), 29205.0))
     device.check_calibration(hello(), BoardCalibration((), 31205.0))
     for drive_hz in (31206.0, 27204.0, math.nan):

@@ -26,7 +26,7 @@ Each iteration
     D. M. Young, Trans. AMS 76, 1954).
 
 It starts from the last W and the last weights, so W follows the fingers continuously: phases are free and nothing
-flips. From there it stays near the best of many starts (`hapticd bench solver`). `felt_descent` is the iteration.
+flips. From there it stays near the best of many starts (`hapticd bench felt`). `felt_descent` is the iteration.
 """
 
 from __future__ import annotations

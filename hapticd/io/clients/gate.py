@@ -21,11 +21,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import zmq
 
 from ...errors import HapticdError
+from .inbox import Inbox
 from .listeners import close_listener
 from .relay import Relay, SubscriberBytes, UnreadBytes
 
@@ -43,16 +43,6 @@ UNREAD_REPLIES = UnreadBytes(2**18, 2**22)  # the longest reply has 140 kB
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
 
-class Receiver(Protocol):
-    """What is behind one connection: a check of its bytes, and its end."""
-
-    def feed(self, data: bytes) -> bytes:
-        """Return the bytes to pass on. Raises ProtocolError."""
-
-    def close(self) -> None:
-        """End, with all that is not handled."""
-
-
 @dataclass(frozen=True, slots=True)
 class Listener:
     """A public socket that listens, and what is behind it.
@@ -65,7 +55,7 @@ class Listener:
     socket: socket.socket
     inner: Path
     most_unread: UnreadBytes | None = None
-    inbox: Callable[[Path, str | None], Receiver] | None = None
+    inbox: Callable[[Path, str | None], Inbox] | None = None
 
 
 class Gate:
@@ -189,13 +179,9 @@ class Gate:
                 inbox.close()
             self._refuse(outer, "crowded")
             return
-        on_end = _nothing if inbox is None else inbox.close
+        on_end = inbox.close if inbox is not None else lambda: None
         self._relays[number] = Relay(self, number, is_local, outer, inner, feed, listener.most_unread, on_end)
         self._connections += 1
-
-
-def _nothing() -> None:
-    """End of a connection behind which nothing is its own."""
 
 
 def _gone(connections: Sequence[socket.socket]) -> set[int]:

@@ -7,15 +7,14 @@ The same path gives the same positions in any order of calls. `Strokes` is the u
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from ...values import FloatArray
-from .strokes import Strokes, require_positive, strokes_pair, tremor_mm
-
-__all__ = ["CirclePath", "Line", "Path", "ReachPath", "Rest", "Sampled", "Strokes", "Touch", "Touches", "strokes_pair"]
+from .strokes import Strokes, require_positive, tremor_mm
 
 _Point = tuple[float, float]
 
@@ -157,6 +156,17 @@ class Touches:
         for touch in self.touches:
             positions = np.where(np.isnan(positions), touch.position_mm(t_s), positions)
         return positions
+
+
+def with_strokes(path: Path, change: Callable[[Strokes, float], Path], down_s: float = 0.0) -> Path:
+    """Return a path with its strokes changed, which land at the given instant; a path without any stays."""
+    if isinstance(path, Strokes):
+        return change(path, down_s)
+    if isinstance(path, Touch):
+        return replace(path, path=with_strokes(path.path, change, path.down_s))
+    if isinstance(path, Touches):
+        return Touches(tuple([with_strokes(touch, change) for touch in path.touches]))
+    return path
 
 
 def _back_and_forth(t_s: FloatArray, pass_s: float) -> FloatArray:

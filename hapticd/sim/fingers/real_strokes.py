@@ -4,7 +4,7 @@ A stroke is a chain of curved minimum-jerk movements (Flash and Hogan, J. Neuros
 hand turns gently and come to a stop where it turns sharply (Plamondon's kinematic theory has the same form). `HAND`
 holds the distributions that these are drawn from.
 
-How it was fitted (`python tests/hand_fit.py`): to the statistics of 184 touches, 9002 samples at 125 Hz, of
+How it was fitted: to the statistics (`tests/hand_statistics.py`) of 184 touches, 9002 samples at 125 Hz, of
 people who drew figures and letters on an Apple laptop's trackpad (public recordings of zhaorz/Touch-Calculator; no
 part of the project). The parameters were searched at random for the least sum of squared relative differences, on four
 pairs of fingers for 20 s each, as a pad with `pad_noise.FILTERED_NOISE` reports them. Left out: lifts between strokes,

@@ -15,9 +15,10 @@ import numpy.typing as npt
 from hapticd_contract.simulated import USUAL_PRESSURE_FRAC, SimulatedTouch
 from hapticd_contract.surfaces import VirtualPath
 
-from .paths import CirclePath, Line, Path, Rest, Strokes, Touch, Touches, strokes_pair
+from .paths import CirclePath, Line, Path, Rest, Touch, Touches, with_strokes
 from .pressing import RepeatedTip, SampledTip, Tip
 from .real_strokes import RealStrokes
+from .strokes import strokes_pair
 
 SLIPPERY_UM = 1.0  # the paper's W1
 STICKY_UM = 0.0
@@ -80,18 +81,10 @@ def with_motion(actors: Sequence[Actor], motion: str) -> tuple[Actor, ...]:
     """Return the same actors with strokes of this motion: each lands at the same place, and keeps its targets."""
     if motion == SMOOTH:
         return tuple(actors)
-    return tuple(actor if actor.path is None else replace(actor, path=_real(actor.path, 0.0)) for actor in actors)
-
-
-def _real(path: Path, down_s: float) -> Path:
-    """Return a path with the strokes of a hand that lands at `down_s` in place of smooth ones."""
-    if isinstance(path, Strokes):
-        return RealStrokes.like(path, down_s)
-    if isinstance(path, Touch):
-        return replace(path, path=_real(path.path, path.down_s))
-    if isinstance(path, Touches):
-        return Touches(tuple([_real(touch, down_s) for touch in path.touches]))
-    return path
+    return tuple(
+        actor if actor.path is None else replace(actor, path=with_strokes(actor.path, RealStrokes.like))
+        for actor in actors
+    )
 
 
 def _touching(path: Path, amplitude_um: float) -> Actor:

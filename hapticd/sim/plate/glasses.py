@@ -10,8 +10,7 @@ wide        220 x 220 x 3 mm, for friction that is felt as asked, and for two ha
 Patches are glued along the edges: modes are those with their mass and stiffness, and the reach is theirs, at 150 V
 (`hapticd plate --felt`).
 
-Another is read from a TOML file, as `hapticd plate --felt --glass F.toml` writes it: the keys of
-`FILE_KEYS`, and `patches` where some are glued on.
+Another is read from a TOML file, as `hapticd plate --felt --glass F.toml` writes it.
 """
 
 from __future__ import annotations
@@ -20,7 +19,9 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+import msgspec
 
 from hapticd.config.sections import LEAST_MODES, MOST_MODES
 from hapticd.errors import ConfigError, SimulationError
@@ -30,16 +31,12 @@ LEAST_PARASITIC = 2  # modes near the drive that no amplifier drives
 SUFFIX = ".toml"  # of a file that describes a plate
 FARTHEST_HZ = 1250.0  # from the drive: where the modes of a plate of a file are sought
 WRITES = "`hapticd plate --felt --glass F.toml` writes one"
-NUMBERS = {  # bounds of a file's numbers
-    "size_mm": (10.0, 1000.0),
-    "thickness_mm": (0.01, 100.0),
-    "drive_hz": (2000.0, 1e6),
-    "driven": (LEAST_MODES, MOST_MODES),
-    "reach_um": (0.01, 100.0),
-}
-FILE_KEYS = (*NUMBERS, "modes", "material")
-PATCHES = "patches"  # not of every file
-_PATCH_MM = ((-500.0, 500.0), (-500.0, 500.0), (0.01, 1000.0), (0.01, 1000.0), (0.01, 100.0))
+DRIVE_HZ = (2000.0, 1e6)  # bounds of a file's
+_Edge = Annotated[float, msgspec.Meta(ge=10.0, le=1000.0)]
+_Thickness = Annotated[float, msgspec.Meta(ge=0.01, le=100.0)]
+_Reach = Annotated[float, msgspec.Meta(ge=0.01, le=100.0)]
+_Place = Annotated[float, msgspec.Meta(ge=-500.0, le=500.0)]
+_Extent = Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)]
 
 GluedPatch = tuple[float, float, float, float, float]  # x, y, width, depth, thickness in mm
 
@@ -162,52 +159,35 @@ def driven_modes(plate: str, count: int = 0) -> int:
     return count
 
 
+class _PlateFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The keys of a file."""
+
+    size_mm: tuple[_Edge, _Edge]
+    thickness_mm: _Thickness
+    drive_hz: Annotated[float, msgspec.Meta(ge=DRIVE_HZ[0], le=DRIVE_HZ[1])]
+    driven: Annotated[int, msgspec.Meta(ge=LEAST_MODES, le=MOST_MODES)]
+    reach_um: _Reach | tuple[_Reach, ...]
+    modes: tuple[str, ...]
+    material: str
+    patches: tuple[tuple[_Place, _Place, _Extent, _Extent, _Thickness], ...] = ()
+
+
 @lru_cache(maxsize=8)
 def _of_file(path: str) -> Glass:
     try:
-        table = read_table(Path(path), WRITES)
+        found = msgspec.convert(read_table(Path(path), WRITES), _PlateFile)
     except ConfigError as error:
         raise SimulationError(str(error)) from None
-    if set(table) - {PATCHES} != set(FILE_KEYS):
-        raise SimulationError(f"{path}: must have {', '.join(FILE_KEYS)}, and nothing else; {WRITES}.")
-    for key, bounds in NUMBERS.items():
-        value = table[key]
-        is_list = isinstance(value, list) and (len(value) == 2 if key == "size_mm" else key == "reach_um")
-        numbers = value if is_list else [value]
-        if not all(_is_within(number, bounds) for number in numbers):
-            raise SimulationError(f"{path}: {key}: {shown(value)} is not within {bounds[0]:g} and {bounds[1]:g}.")
-    modes, driven = table["modes"], table["driven"]
-    if not (isinstance(modes, list) and all(isinstance(mode, str) for mode in modes) and isinstance(driven, int)):
-        raise SimulationError(f'{path}: modes are texts such as "13x0", and driven is a whole number; {WRITES}.')
+    except msgspec.ValidationError as error:
+        raise SimulationError(f"{path}: {error}; {WRITES}.") from None
+    modes, driven, reach_um = found.modes, found.driven, found.reach_um
     if len(modes) < driven + LEAST_PARASITIC or len(set(modes)) < len(modes):
         raise SimulationError(f"{path}: modes: needs {driven + LEAST_PARASITIC} or more, each once; the driven first.")
-    reach_um = table["reach_um"]
-    if isinstance(reach_um, list) and len(reach_um) != driven:
+    if isinstance(reach_um, tuple) and len(reach_um) != driven:
         raise SimulationError(f"{path}: reach_um: needs one number, or one for each of {driven} driven modes.")
-    _check_material(path, str(table["material"]))
-    drive_hz = float(table["drive_hz"])
-    return Glass(
-        size_mm=(float(table["size_mm"][0]), float(table["size_mm"][1])),
-        thickness_mm=float(table["thickness_mm"]),
-        band_hz=(drive_hz - FARTHEST_HZ, drive_hz + FARTHEST_HZ),
-        drive_hz=drive_hz,
-        modes=tuple(modes),
-        driven=driven,
-        reach_um=tuple(map(float, reach_um)) if isinstance(reach_um, list) else float(reach_um),
-        material=str(table["material"]),
-        patches=_patches(path, table.get(PATCHES, [])),
-    )
-
-
-def _patches(path: str, value: Any) -> tuple[GluedPatch, ...]:
-    found: list[GluedPatch] = []
-    for patch in value if isinstance(value, list) else [value]:
-        is_patch = isinstance(patch, list) and len(patch) == len(_PATCH_MM)
-        if not (is_patch and all(map(_is_within, patch, _PATCH_MM))):
-            raise SimulationError(f"{path}: {PATCHES}: {shown(patch)} is not x, y, width, depth, thickness in mm.")
-        x_mm, y_mm, width_mm, depth_mm, thickness_mm = map(float, patch)
-        found.append((x_mm, y_mm, width_mm, depth_mm, thickness_mm))
-    return tuple(found)
+    _check_material(path, found.material)
+    band_hz = (found.drive_hz - FARTHEST_HZ, found.drive_hz + FARTHEST_HZ)
+    return Glass(band_hz=band_hz, **msgspec.structs.asdict(found))
 
 
 def _check_material(path: str, name: str) -> None:
@@ -219,8 +199,3 @@ def _check_material(path: str, name: str) -> None:
         raise SimulationError(f"{path}: material: {error}") from None
     if not all(0.0 < number < math.inf for number in (of.young_gpa, of.density_kg_m3)):
         raise SimulationError(f"{path}: material: {shown(name)} is no solid's GPa,Poisson,kg/m3.")
-
-
-def _is_within(number: object, bounds: tuple[float, float]) -> bool:
-    is_number = isinstance(number, int | float) and not isinstance(number, bool)
-    return is_number and bounds[0] <= number <= bounds[1]  # type: ignore[operator]

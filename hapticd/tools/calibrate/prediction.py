@@ -20,8 +20,8 @@ from ...core.prediction.pad_memory import PadMemory
 from ...core.prediction.predictor import DEFAULT
 from ...errors import CalibrationError
 from ...io.devices.trackpad_source import TrackpadSource
-from ...sim.fingers.paths import Strokes
 from ...sim.fingers.sensor import SensorModel
+from ...sim.fingers.strokes import Strokes
 from ...values import FloatArray
 from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
 from .. import pads, plotting

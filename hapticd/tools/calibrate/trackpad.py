@@ -20,7 +20,6 @@ from ...io.devices.trackpad_source import TrackpadSource
 from ...values import AffineMap, TouchFrame
 from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
 from .. import pads, plotting
-from ..arguments import POSITIVE
 from . import simulated
 from .contacts import Axes, ScaleFit, fit_scale, parse_prints
 from .live_pad import reading
@@ -29,6 +28,7 @@ from .step import Step
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "trackpad.png"
+WITHIN_S = 120.0  # all marks are touched
 FARTHEST_MM = 500.0  # of a mark on the largest plate
 
 PRINTS_MM = 1.0  # of axes: as far as a person touches alike, and reads a ruler
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> Verdict:
         touched, device = _played(marks_mm, options.seed, prints_mm), {}
     else:
         chosen = pads.chosen(options)
-        pad, touched = asyncio.run(touch_marks(pads.connected(chosen), marks_mm, options.within, prints_mm))
+        pad, touched = asyncio.run(touch_marks(pads.connected(chosen), marks_mm, WITHIN_S, prints_mm))
         device = pads.settings(chosen, pad.model)
     found = fit_affine(touched.rests_mm, marks_mm)
     scale = fit_scale(_on_plate(touched.axes_mm, found.plate_from_pad), prints_mm) if prints_mm else None
@@ -236,9 +236,6 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
         metavar="'LxW ...'",
         help="length and width in mm of the contact at each mark, or one for all, from inked prints on paper: "
         "calibrates the scale of the pad's ellipses (default: contacts are discs of solver.contact_radius_mm)",
-    )
-    parser.add_argument(
-        "--within", type=POSITIVE, default=120.0, metavar="S", help="time limit for all marks (default 120)"
     )
 
 

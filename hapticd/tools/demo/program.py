@@ -122,7 +122,7 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
     if out is not None:
         draw(list(films.values()), out, seconds=PICTURE_S, source=f"{SOURCE}{seed}")
     print(summary(films, live, status))
-    print("All have a noisy map of the driven modes; hapticd also one of the parasitic modes, which fingers excite.")
+    print("All have a noisy map of the driven modes.")
     if status["board"].get("deadman_trips", 0) > 0:
         print("The board's dead-man timeout tripped: the host is too loaded to emulate it; try again.")
     if out is not None:

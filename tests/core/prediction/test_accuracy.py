@@ -48,7 +48,7 @@ def touches(motion: str, period_s: float) -> tuple[MotionTouch, ...]:
 
 @cache
 def rms_error_mm(motion: str, period_s: float, name: str = "default", ahead_s: float = 0.015) -> float:
-    return rms_mm(PREDICTORS[name], motion, touches(motion, period_s), ahead_s)
+    return rms_mm(PREDICTORS[name], touches(motion, period_s), ahead_s)
 
 
 @RATES

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hapticd.bench.baselines import PREDICTORS
 from hapticd.core.prediction.pad_memory import PadMemory, speed_class
 from hapticd.core.prediction.predictor import DEFAULT, Predictor
-from hapticd.sim.fingers.paths import Strokes
+from hapticd.sim.fingers.strokes import Strokes
 
 Array = npt.NDArray[np.float64]
 Samples = list[tuple[int, float, float]]

@@ -233,7 +233,7 @@ def test_a_device_is_what_it_declares() -> None:
 
 def test_without_the_evdev_package_the_source_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "evdev", None)
-    with pytest.raises(HapticdError, match=r"read by the evdev package: run `.* -m pip install '?evdev"):
+    with pytest.raises(HapticdError, match=r"-m pip install '?evdev"):
         EvdevTrackpad()
 
 

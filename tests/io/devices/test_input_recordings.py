@@ -186,9 +186,7 @@ def test_evemu_files_without_a_version_and_without_resolutions_are_read_too(tmp_
     bare = bare.removeprefix('# Input device name: "screen"\n').replace(" 0 0 0\n", " 0 0\n")
     path = written(tmp_path, bare)
     assert frames(path, (172.0, 97.0))[1].contacts[0].x_mm == pytest.approx(0.5)
-    with pytest.raises(
-        TrackpadError, match=r"my screen in .*touch\.yml does not say how large it is.*trackpad\.size_mm"
-    ):
+    with pytest.raises(TrackpadError, match=r"my screen .*touch\.yml .*trackpad\.size_mm"):
         read_recording(path)
 
 
@@ -267,7 +265,7 @@ def test_a_palm_of_a_recording_is_no_fingertip(tmp_path: Path) -> None:
 
 @each_program
 def test_a_recording_without_touches_is_no_pad(tmp_path: Path, text_of: Writer) -> None:
-    with pytest.raises(TrackpadError, match="declares no range of positions: choose another device"):
+    with pytest.raises(TrackpadError, match="no range of positions"):
         read_recording(written(tmp_path, text_of(BUTTONS, [])))
 
 

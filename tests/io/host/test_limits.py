@@ -51,7 +51,7 @@ def test_a_soft_limit_is_raised_as_far_as_needed(
 
 def test_a_hard_limit_that_does_not_suffice_is_named_with_what_to_do(limits: list[tuple[int, int]]) -> None:
     limits.append((64, 899))
-    with pytest.raises(HapticdError, match=r"may open 899 files .* up to 900: .*`ulimit -n 900`.*LimitNOFILE=900"):
+    with pytest.raises(HapticdError, match=r"899.* 900: .*ulimit -n 900.*LimitNOFILE=900"):
         require_descriptors(900)
     assert limits == [(64, 899)]
 
@@ -69,7 +69,7 @@ def test_threads_that_cannot_be_started_are_named_and_those_started_end(monkeypa
         begin(thread)
 
     monkeypatch.setattr(threading.Thread, "start", start)
-    with pytest.raises(HapticdError, match=r"can start 2 threads, and ZeroMQ needs 4: .*TasksMax="):
+    with pytest.raises(HapticdError, match=r"2 threads.* 4: .*TasksMax="):
         require_threads(4)
     assert threading.active_count() == before
 

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_fit import APPLE, played, sensed, statistics
+from hand_statistics import APPLE, played, sensed, statistics
 
 from hapticd.__main__ import main
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.paths import Path as FingerPath
-from hapticd.sim.fingers.paths import Touch, Touches, strokes_pair
+from hapticd.sim.fingers.paths import Touch, Touches
 from hapticd.sim.fingers.real_strokes import HAND, RealStrokes
 from hapticd.sim.fingers.scenarios import LAND_S, REAL, SCENARIOS, SMOOTH, with_motion
+from hapticd.sim.fingers.strokes import strokes_pair
 from hapticd.sim.settings import Settings
 
 OTHER_SEEDS = range(1, 6)  # than those that the hand was fitted on

@@ -12,7 +12,7 @@ from hapticd.__main__ import main
 from hapticd.config import loader as config
 from hapticd.core.prediction.pad_memory import PadMemory
 from hapticd.daemon.settings import pipeline_settings
-from hapticd.sim.fingers.paths import Strokes
+from hapticd.sim.fingers.strokes import Strokes
 from hapticd.tools.calibrate import prediction
 from hapticd.tools.calibrate.verdict import Outcome
 from hapticd.tools.touches import Trace

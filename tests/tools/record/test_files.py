@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import signal
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import msgpack
 import numpy as np
@@ -24,7 +20,20 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.errors import RecordingError
 from hapticd.files.recording import mcap_writer
 from hapticd.files.recording.header import FORMAT, Header, header_fields, header_from
-from hapticd.files.recording.kinds import HEADER, INPUTS, KINDS, MAX_MESSAGE_BYTES, Record, encode, pad_of
+from hapticd.files.recording.kinds import (
+    HEADER,
+    INPUTS,
+    KINDS,
+    MAX_MESSAGE_BYTES,
+    TEXT,
+    WHOLE,
+    Maybe,
+    Record,
+    encode,
+    fits,
+    json_schema,
+    pad_of,
+)
 from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.files.recording.mcap_writer import RecordingFile
 from hapticd.sim.plate.ground_truth import GroundTruth
@@ -100,30 +109,6 @@ def test_a_file_cut_before_its_header_ends_is_one_sentence(small: tuple[bytes, l
             open_recording(path)
 
 
-def test_what_a_killed_process_wrote_is_read_up_to_its_last_whole_chunk(tmp_path: Path, strokes: Path) -> None:
-    script = """
-import os, signal, sys
-from pathlib import Path
-from hapticd.files.recording.kinds import Record, pad_of
-from hapticd.files.recording import mcap_writer
-from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.files.recording.mcap_writer import RecordingFile
-file = RecordingFile(Path(sys.argv[2]), open_recording(Path(sys.argv[1])).header)
-for seq in range(150):
-    file.add(Record("timer", seq, seq, {}))
-    if seq == 99:
-        file.flush()
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-    path = tmp_path / "killed.mcap"
-    ended = subprocess.run([sys.executable, "-c", script, strokes, path], check=False)
-    recording = open_recording(path)
-
-    assert ended.returncode == -signal.SIGKILL
-    assert [record.seq for record in recording.records()] == list(range(100))
-    assert not recording.has_end
-
-
 # --- for other programs ---------------------------------------------------------------------------------------------
 
 
@@ -144,39 +129,34 @@ def test_other_programs_find_index_topics_schemas_and_metadata(eventful: Path) -
     assert len(summary.chunk_indexes) == summary.statistics.chunk_count
 
 
-def conforms(value: Any, schema: dict[str, Any]) -> bool:
-    """What of JSON Schema is used here, read by its own rules."""
-    match schema["type"]:
-        case "object":
-            found = set(value)
-            return set(schema["required"]) <= found <= set(schema["properties"]) and all(
-                conforms(value[name], schema["properties"][name]) for name in found
-            )
-        case "array":
-            return isinstance(value, list) and all(conforms(item, schema["items"]) for item in value)
-        case "boolean":
-            return isinstance(value, bool)
-        case "string":
-            return isinstance(value, str)
-        case "integer":
-            return isinstance(value, int) and not isinstance(value, bool)
-        case kind:
-            return kind == "number" and isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
-def test_every_decision_is_json_that_conforms_to_its_schema(eventful: Path, strokes: Path) -> None:
+def test_every_decision_is_json_with_the_schema_of_its_form(eventful: Path, strokes: Path) -> None:
     seen = set()
     for path in (eventful, strokes):
         with path.open("rb") as file:
             for schema, channel, message in make_reader(file).iter_messages():
                 if channel.message_encoding == "json":
+                    kind = next(kind for kind in KINDS.values() if kind.topic == channel.topic)
                     assert schema is not None
-                    assert schema.encoding == "jsonschema"
-                    assert conforms(json.loads(message.data), json.loads(schema.data)), channel.topic
+                    assert (schema.encoding, json.loads(schema.data)) == ("jsonschema", json_schema(kind.form))
+                    assert fits(json.loads(message.data), kind.form), channel.topic
                     seen.add(channel.topic)
     of_other_devices = {KINDS[name].topic for name in ("stream", "samples")}  # test_inlets.py
     assert seen == {kind.topic for kind in KINDS.values() if kind.encoding == "json"} - of_other_devices
     assert {KINDS[name].encoding for name in (*INPUTS, "written")} == {"msgpack"}
+
+
+def test_a_form_as_json_schema_has_its_members_and_which_are_required() -> None:
+    assert json_schema({"n": WHOLE, "rows": Maybe([{"text": TEXT}])}) == {
+        "type": "object",
+        "properties": {
+            "n": {"type": "integer"},
+            "rows": {
+                "type": "array",
+                "items": {"type": "object", "properties": {"text": {"type": "string"}}, "required": ["text"]},
+            },
+        },
+        "required": ["n"],
+    }
 
 
 # --- records and the header -----------------------------------------------------------------------------------------

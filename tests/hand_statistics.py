@@ -1,27 +1,18 @@
-"""Statistics of touches, and the fit of the simulated hand to them (`hapticd.sim.fingers.real_strokes`).
-
-    python tests/hand_fit.py F.npz GROUP    prints the touches' statistics, the hand that fits, and its own
-
-F.npz is a file of `hapticd bench prediction --traces`, GROUP the kind of its devices. The search is random around the
-best hand so far: each parameter changes by a factor, and a change stays where the differences of the statistics become
-less.
-"""
+"""Statistics of touches: those of the hand that the simulation plays are those of recorded ones."""
 
 from __future__ import annotations
 
-import math
-import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path as FilePath
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from hapticd.bench.motions import sense
-from hapticd.bench.prediction_traces import DEFAULT, compared, load, rms_mm
+from hapticd.core.prediction.pad_memory import PadMemory
 from hapticd.sim.fingers.pad_noise import FILTERED_NOISE
 from hapticd.sim.fingers.paths import Path
-from hapticd.sim.fingers.real_strokes import HAND, Hand, RealStrokes
+from hapticd.sim.fingers.real_strokes import Hand, RealStrokes
+from hapticd.tools.calibrate.prediction import errors_mm
 from hapticd.tools.touches import Trace
 from hapticd.values import FloatArray
 
@@ -30,9 +21,6 @@ _HALF, _CORNER = 2, 6  # periods: a speed spans four, a corner's arms six each
 _MOVES_MM_S, _RESTS_MM_S = 20.0, 10.0  # slower is at rest; a curvature is that of a finger that moves
 _CORNER_COS, _ARM_MM = 0.5, 0.5
 _QUANTILES = {"25": 0.25, "50": 0.5, "75": 0.75, "95": 0.95}
-_WEIGHTS: Final = {"rest_frac": 0.2, "corners_1_s": 3.0, "ahead_15ms_mm": 5.0} | {
-    f"speed_{name}_mm_s": 5.0 for name in _QUANTILES
-}  # else 1
 HARDEST_MM: Final = 0.58  # error 15 ms ahead on the harder half of the touches, and on others of the same pad
 # The statistics of the touches that `HAND` was fitted to (all of them: 0.51 mm ahead).
 APPLE: Final = {
@@ -50,9 +38,6 @@ APPLE: Final = {
     "corners_1_s": 2.00,
     "ahead_15ms_mm": HARDEST_MM,
 }
-_ROUNDS, _SECONDS, _STEP = 300, 20.0, 0.12
-_ANGLES: Final = {"corner_least_deg": 170.0}  # bounds
-_SHARES: Final = ("corner_frac", "rest_frac", "overlap_frac", "isochrony", "flat_frac")
 
 
 def statistics(touches: Sequence[Trace]) -> dict[str, float]:
@@ -74,8 +59,8 @@ def statistics(touches: Sequence[Trace]) -> dict[str, float]:
     for name, values in (("along_mm_s2", along), ("across_mm_s2", across), ("curvature_1_mm", curvature)):
         found |= {f"{name}_{share}": float(np.quantile(values, _QUANTILES[share])) for share in ("50", "95")}
     found["corners_1_s"] = corners / total_s
-    (predictors,) = compared(list(touches), group_of=lambda _: "all").values()
-    found["ahead_15ms_mm"] = rms_mm(predictors[DEFAULT], 0)
+    memory = PadMemory()
+    found["ahead_15ms_mm"] = errors_mm(touches, lambda: memory)[0]
     return found
 
 
@@ -115,45 +100,3 @@ def sensed(finger: Path, seed: int, seconds: float) -> Trace:
     """Return a finger's touch as a pad that filters reports it."""
     touch = sense(finger, seconds, seed, noise=FILTERED_NOISE, period_s=PERIOD_S)
     return Trace("simulated/hand", touch.sampled_s, np.array([(x_mm, y_mm) for _, x_mm, y_mm in touch.samples]))
-
-
-def misfit(found: Mapping[str, float], wanted: Mapping[str, float]) -> float:
-    """Return the weighted sum of squared relative differences."""
-    return sum(_WEIGHTS.get(name, 1.0) * (found[name] / wanted[name] - 1.0) ** 2 for name in wanted)
-
-
-def fit(wanted: Mapping[str, float], rounds: int = _ROUNDS, seeds: Sequence[int] = range(101, 105)) -> Hand:
-    """Return the hand whose statistics differ least from those wanted."""
-    random = np.random.default_rng(1)
-    best, least = HAND, misfit(statistics(played(HAND, seeds, _SECONDS)), wanted)
-    for _ in range(rounds):
-        changes = np.exp(_STEP * random.standard_normal(len(best)) * (random.random(len(best)) < 0.5))
-        hand = Hand(
-            *(_bounded(name, value * change) for name, value, change in zip(Hand._fields, best, changes, strict=True))
-        )
-        error = misfit(statistics(played(hand, seeds, _SECONDS)), wanted)
-        if error < least:
-            best, least = hand, error
-            print(f"{least:.4f}  {hand}", file=sys.stderr, flush=True)
-    return best
-
-
-def _bounded(name: str, value: float) -> float:
-    most = _ANGLES.get(name, 1.0 if name in _SHARES else math.inf)
-    return min(value, 0.5 if name == "overlap_frac" else most)
-
-
-def main(path: str, group: str) -> None:
-    """Fit, and print."""
-    wanted = statistics([one for one in load(FilePath(path)) if one.group == group])
-    print(f"touches  {_shown(wanted)}")
-    hand = fit(wanted | {"ahead_15ms_mm": max(wanted["ahead_15ms_mm"], HARDEST_MM)})
-    print(f"{hand}\nhand     {_shown(statistics(played(hand, range(1, 21), _SECONDS)))}")
-
-
-def _shown(found: Mapping[str, float]) -> str:
-    return "  ".join(f"{name} {value:.4g}" for name, value in found.items())
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:3])

@@ -1,7 +1,7 @@
 """Experiments on the closed loop: the firmware's own C against the plate model.
 
-Shared by `hapticd bench firmware` and the firmware's tests. Plates differ from the reference plate in quality, damping
-and drift; the board is configured with the quality alone.
+For `hapticd bench firmware`, the firmware's tests and the soak. Plates differ from the reference plate in quality,
+damping and drift; the board is configured with the quality alone.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..sim.board.board import (
+from ...values import ComplexArray, FloatArray, Knot, LimitReason, SafeDrive
+from ...wire import device
+from .board import (
     CHUNK_S,
     Board,
     BoardConfig,
@@ -23,9 +25,6 @@ from ..sim.board.board import (
     reference_decay_1_s,
     reference_gain_um_per_v_s,
 )
-from ..sim.score import rms
-from ..values import ComplexArray, FloatArray, Knot, LimitReason, SafeDrive
-from ..wire import device
 
 # of a frame that starts at an instant (s): ms after it, um
 KnotsAt = Callable[[float], list[tuple[float, ComplexArray]]]
@@ -63,19 +62,6 @@ class LoopPlate:
         """Whether the amplifiers can hold this amplitude of the first mode."""
         demand_1_s = abs(complex(self.decay_1_s, 2 * math.pi * (self.detune_hz - 10.0)))
         return amplitude_um * demand_1_s <= 0.97 * reference_gain_um_per_v_s(self.quality) * LIMIT_V
-
-
-def straight_bound_ms(plate: LoopPlate, amplitude_um: float) -> float:
-    """Shortest settling time (2 %) on a way that keeps its phase: dW/dt <= sqrt((g V)^2 - (detuning W)^2) - decay W.
-
-    The amplitude is one that the voltage holds.
-    """
-    push_um_s = reference_gain_um_per_v_s(plate.quality) * LIMIT_V
-    detuning_rad_s = 2.0 * math.pi * (plate.detune_hz - 10)
-    step_um = (1.0 - SETTLED_FRAC) * amplitude_um / 1000
-    w_um = step_um * (np.arange(1000) + 0.5)
-    speed_um_s = np.sqrt(push_um_s**2 - (detuning_rad_s * w_um) ** 2) - plate.decay_1_s * w_um
-    return float(1e3 * np.sum(step_um / speed_um_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,41 +196,3 @@ def step_trace(board: Board, from_um: ComplexArray, to_um: ComplexArray) -> Boar
     """0.1 s of one reference, then 0.1 s of another."""
     ticks = round(PHASE_S * board.config.control_hz)
     return follow(board, stepped(from_um, to_um), 2 * ticks, ticks // 10)
-
-
-def step(board: Board, from_um: ComplexArray, to_um: ComplexArray) -> ComplexArray:
-    """The plate's amplitudes from the tick of the step on."""
-    trace = step_trace(board, from_um, to_um)
-    return trace.plate_um[len(trace) // 2 :]
-
-
-def tracking_figures(reference_um: ComplexArray, plate_um: ComplexArray, tick_ms: float) -> dict[str, float]:
-    """RMS error, the delay of least error, and the error without that delay."""
-    delay_ticks = _delay_ticks(reference_um, plate_um)
-    return {
-        "error_um": rms(plate_um - reference_um),
-        "delay_ms": delay_ticks * tick_ms,
-        "residual_um": _late_error_um(reference_um, plate_um, delay_ticks),
-    }
-
-
-def _delay_ticks(reference_um: ComplexArray, plate_um: ComplexArray) -> float:
-    """The delay of least error, to a hundredth of a tick: coarse over 20 ms, then finer and finer."""
-    middle, step_ticks = 0.0, 1.0
-    candidates = np.arange(-4.0, 40.0)
-    for _ in range(3):
-        errors = [_late_error_um(reference_um, plate_um, float(ticks)) for ticks in candidates]
-        middle = float(candidates[int(np.argmin(errors))])
-        candidates = middle + step_ticks * np.linspace(-1.0, 1.0, 21)
-        step_ticks /= 10
-    return middle
-
-
-def _late_error_um(reference_um: ComplexArray, plate_um: ComplexArray, delay_ticks: float) -> float:
-    """RMS distance from the reference `delay_ticks` ago, linear between ticks; the ends are left out."""
-    ticks = np.arange(50, len(plate_um) - 50)
-    then = ticks - delay_ticks
-    whole = np.floor(then).astype(int)
-    share = (then - whole)[:, np.newaxis]
-    late_um = reference_um[whole] * (1 - share) + reference_um[whole + 1] * share
-    return rms(plate_um[ticks] - late_um)

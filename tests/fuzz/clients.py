@@ -1,8 +1,10 @@
-"""Messages from clients: RequestError in a short sentence, or values within the documented bounds."""
+"""Messages of clients, of the gateway's pages, and to the client library: a documented error, or values in bounds."""
 
 from __future__ import annotations
 
+import json
 import math
+from contextlib import suppress
 from itertools import pairwise
 
 import msgpack
@@ -10,10 +12,12 @@ from msgspec.structs import replace
 
 from fuzz.target import Cost, Target
 from hapticd.core.targets.forms import Course
-from hapticd.core.targets.layer import Layer
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
+from hapticd.tools.gateway import messages
 from hapticd.wire.client import answer, decode_request, decode_targets
+from hapticd_client.errors import HapticdError
+from hapticd_client.messages import decode_state, read_reply
 from hapticd_contract.base import (
     MAX_AMPLITUDE_UM,
     MAX_MESSAGE_BYTES,
@@ -40,73 +44,38 @@ from hapticd_contract.requests import (
     Request,
     SetRequest,
 )
+from hapticd_contract.states import PlateState
 from hapticd_contract.surfaces import MAX_PATH_POINTS, MAX_POLYGON_POINTS, Polygon, Surface
-from hapticd_contract.targets import MAX_EFFECTS, MAX_SURFACES, MAX_TARGETS, MAX_VIRTUALS, ClientTargets
+from hapticd_contract.targets import (
+    MAX_EFFECTS,
+    MAX_SURFACES,
+    MAX_TARGETS,
+    MAX_VIRTUALS,
+    ClientTargets,
+    TargetsMessage,
+)
+from hapticd_contract.web import Follow
 
 LONGEST_SENTENCE = 250
 
-BODY: dict[str, object] = {
-    "client": "study-7",
-    "ttl_s": 0.25,
-    "targets": [
-        {"finger": 3, "amplitude_um": 1.5},
-        {"finger": 4, "friction": 1},
-        {"finger": "ghost", "grating": {"period_mm": 5.0, "angle_rad": 0.5, "high_um": 2, "duty_frac": 0.25}},
-        {"finger": 6, "map": {"width": 2, "height": 3, "levels": bytes(6), "high_um": 3}},
-    ],
-    "virtuals": [{"name": "ghost", "path_mm": [[-40, 20], [40.5, 20]], "speed_mm_s": 80, "loop": False}],
-    "surfaces": [
-        {"name": "disc", "amplitude_um": 1, "circle_mm": 4.0, "position_mm": [3, -4], "z": -2, "blend": "max"},
-        {"name": "tile", "friction": 0.5, "rectangle_mm": [3, 24], "angle_rad": 0.5, "scale": 2, "turning_rad_s": -1},
-        {
-            "name": "bow",
-            "grating": {"period_mm": 5.0, "high_um": 2},
-            "polygon_mm": [[0, 0], [9, 0], [0, 5.5], [9, 9]],
-            "velocity_mm_s": [300, -20],
-            "t_pose_ns": 10**12,
-        },
-        {
-            "name": "walk",
-            "gradient": {"length_mm": 9, "to_um": 2},
-            "circle_mm": 5,
-            "path_mm": [[0, 0], [9, -9], [0, 0]],
-        },
-        {
-            "name": "rough",
-            "noise": {"shortest_mm": 1, "longest_mm": 9.5, "exponent": 0.5, "mean_um": 1, "rms_um": 0.25, "seed": 7},
-        },
-        {"name": "photo", "map": {"width": 2, "height": 2, "asset": bytes(32), "friction": [1, 0.5]}},
-    ],
-    "effects": [
-        {"name": "click", "pulse": {"height_um": -1, "length_s": 0.01}, "start": {"cause": "pressure", "threshold": 1}},
-        {"name": "hum", "modulation": {"frequency_hz": 250, "depth": 0.5}, "finger": 3, "start": {"cause": "landing"}},
-        {
-            "name": "wave",
-            "envelope": {"points": [[0, 1], [0.01, 0], [0.01, 2]], "is_factor": True},
-            "surface": "bow",
-            "start": {"cause": "crossing", "surface": "disc"},
-        },
-        {"name": "beep", "pulse": {"height_um": 1, "length_s": 9}, "start": {"cause": "at", "t_ns": 7}, "loops": True},
-    ],
-}
 
-PART: dict[str, object] = {"client": "a", "asset": bytes(range(32)), "size": 9, "offset": 4, "part": b"abcde"}
-
-
-def check(data: bytes) -> None:
+def check_client(data: bytes) -> bool:
     """The same bytes as a message of the `targets` socket and of the `control` socket."""
+    requested: ClientTargets | None = None
+    request: Request | None = None
     try:
-        check_targets(decode_targets(data))
+        requested = decode_targets(data)
     except RequestError as error:
         check_sentence(str(error))
     try:
-        request: Request | None = decode_request(data)
+        request = decode_request(data)
     except RequestError as error:
         check_sentence(str(error))
-        request = None
-    if isinstance(request, SetRequest):
-        check_targets(request.body)
+    for one in (requested, request.body if isinstance(request, SetRequest) else None):
+        if one is not None:
+            check_targets(one)
     check_answer(data, request)
+    return requested is not None or request is not None
 
 
 def check_sentence(sentence: str) -> None:
@@ -140,7 +109,10 @@ def check_targets(requested: ClientTargets) -> None:
 
 def check_surface(surface: Surface) -> None:
     """Where it is and what it covers stays finite at every instant that a clock can show."""
-    (layer,) = layers_of(surface)
+    scene = Scene(w_limit_um=4.0)
+    still = replace(surface, **(dict.fromkeys(CONTENTS) | {"amplitude_um": 1.0}))  # that every plate takes
+    assert scene.apply(ClientTargets.of("c", 1, {}, {}, surfaces={"one": still}), 0) == ()
+    (layer,) = scene.surfaces.layers
     for t_ns in (0, 10**18, 2**63 - 1):
         assert all(math.isfinite(part) for part in layer.local_mm(3.0, 4.0, t_ns))
         assert layer.amplitude_um(3.0, 4.0, t_ns) <= 4.0
@@ -151,6 +123,7 @@ def check_surface(surface: Surface) -> None:
 
 
 def check_effect(effect: Effect, requested: ClientTargets) -> None:
+    """What plays stays finite and needs a bounded number of knots, at every instant that a clock can show."""
     assert all(name in [one.name for one in requested.surfaces] for name in effect.surfaces)
     if isinstance(effect.start, OnPressure):
         assert 0.0 <= effect.start.release_frac < effect.start.threshold <= 1.0
@@ -165,24 +138,10 @@ def check_effect(effect: Effect, requested: ClientTargets) -> None:
         case Modulation(frequency_hz, depth):
             assert 1.0 <= frequency_hz <= 300.0
             assert 0.0 <= depth <= 1.0
-    check_course(effect)
-
-
-def check_course(effect: Effect) -> None:
-    """What plays stays finite and needs a bounded number of knots, at every instant that a clock can show."""
     course = Course(effect.form, effect.loops)
     assert course.length_ns > 0
-    for since_ns in (-1, 0, 10**6, 10**9 + 1, 2**62):
-        assert math.isfinite(course.value(since_ns))
+    assert all(math.isfinite(course.value(since_ns)) for since_ns in (-1, 0, 10**6, 10**9 + 1, 2**62))
     assert len(course.corners_ns(10**9, 10**9 + 10**6)) <= MAX_ENVELOPE_POINTS + 4
-
-
-def layers_of(surface: Surface) -> list[Layer]:
-    """The surface in force, with content that every plate takes."""
-    scene = Scene(w_limit_um=4.0)
-    still = replace(surface, **(dict.fromkeys(CONTENTS) | {"amplitude_um": 1.0}))
-    assert scene.set_targets(ClientTargets.of("c", 1, {}, {}, surfaces={"one": still}), 0) == ()
-    return scene.surfaces.layers
 
 
 def check_answer(data: bytes, request: Request | None) -> None:
@@ -200,43 +159,25 @@ def check_answer(data: bytes, request: Request | None) -> None:
         assert request.body.text.isprintable()
 
 
-def packed(message: dict[str, object]) -> bytes:
-    return bytes(msgpack.packb({"v": PROTOCOL_VERSION, **message}))
-
-
-def seeds() -> dict[str, bytes]:
-    found = {f"op-{op}": packed({"id": 7, "op": op}) for op in ("hello", "capabilities", "status", "clear_fault")}
-    found |= {
-        "targets": packed(BODY),
-        "least": packed({"client": "c"}),
-        "set": packed({"id": 2**32 - 1, "op": "set", "body": BODY}),
-        "release": packed({"id": 1, "op": "release", "body": {"client": "a", "finger": "ghost"}}),
-        "release-all": packed({"id": 1, "op": "release", "body": {"client": "a"}}),
-        "marker": packed({"id": 5, "op": "marker", "body": {"client": "a", "text": "trial 7: \xb5m"}}),
-        "asset": packed({"id": 6, "op": "asset", "body": PART}),
-        "later": bytes(msgpack.packb({"v": 2, "id": 1, "op": "hello"})),
-        "deep": b"\x91" * 600,
-    }
-    return found
-
-
-def extremes() -> dict[str, bytes]:
+def client_extremes() -> dict[str, bytes]:
     """As long as a message may be, in the ways that cost a reader most."""
-    paths = [{"name": f"{n:032}", "path_mm": [[n, n]] * MAX_PATH_POINTS} for n in range(MAX_VIRTUALS)]
+
+    def packed(**body: object) -> bytes:
+        return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "client": "a", **body}))
+
+    names = [f"{n:032}" for n in range(MAX_SURFACES)]
+    paths = [{"name": name, "path_mm": [[1, 1]] * MAX_PATH_POINTS} for name in names[:MAX_VIRTUALS]]
     image = {"width": 128, "height": 128, "levels": bytes(128 * 128), "high_um": 1}
-    targets = [{"finger": n + 1, "map": image} for n in (1, 2)]
     star = [[math.cos(2.4 * n), math.sin(2.4 * n)] for n in range(MAX_POLYGON_POINTS)]
-    polygons = [{"name": f"{n:032}", "amplitude_um": 1, "polygon_mm": star} for n in range(MAX_SURFACES)]
-    endless = {"name": "a", "amplitude_um": 1, "polygon_mm": [[0, 0]] * 10_000}
     thick = {"points": [[0.01 * n, 1.5] for n in range(MAX_ENVELOPE_POINTS)]}
-    envelopes = [{"name": f"{n:032}", "envelope": thick} for n in range(4)]
     long = {"name": "a", "envelope": {"points": [[n, 0] for n in range(10_000)]}}
+    endless = {"name": "a", "amplitude_um": 1, "polygon_mm": [[0, 0]] * 10_000}
     return {
-        "envelopes": packed({"client": "a", "effects": envelopes}),
-        "an envelope of 10000 points": packed({"client": "a", "effects": [long]}),
-        "longest": packed({"client": "a", "virtuals": paths, "targets": targets}),
-        "polygons": packed({"client": "a", "surfaces": polygons}),
-        "a polygon of 10000 points": packed({"client": "a", "surfaces": [endless]}),
+        "envelopes": packed(effects=[{"name": name, "envelope": thick} for name in names[:4]]),
+        "an envelope of 10000 points": packed(effects=[long]),
+        "longest": packed(virtuals=paths, targets=[{"finger": n, "map": image} for n in (2, 3)]),
+        "polygons": packed(surfaces=[{"name": name, "amplitude_um": 1, "polygon_mm": star} for name in names]),
+        "a polygon of 10000 points": packed(surfaces=[endless]),
         "brackets": b"\x91" * MAX_MESSAGE_BYTES,
         "maps": b"\x81\xa1v" * (MAX_MESSAGE_BYTES // 3),
         "wide": b"\xdc\x00\x40" + b"\xdc\x00\x40" * 63 + b"\xc0" * (MAX_MESSAGE_BYTES - 192),
@@ -245,11 +186,48 @@ def extremes() -> dict[str, bytes]:
     }
 
 
-TARGET = Target(
-    name="client",
-    check=check,
-    seeds=seeds,
-    fixed=Cost(3000, 300_000),
-    per_byte=Cost(30, 200),
-    extremes=extremes,
+def check_gateway(data: bytes) -> bool:
+    """A text of any characters: refused in a short sentence, or a message that the daemon reads as the gateway did."""
+    try:
+        message = messages.decode(data.decode("utf-8", "replace"))
+        payload = b"" if isinstance(message, Follow) else messages.encode(message)
+    except messages.RefusedMessage as error:
+        check_refusal(str(error), error.request_id)
+        return False
+    assert len(payload) <= MAX_MESSAGE_BYTES
+    if isinstance(message, Follow):
+        assert message.states in ("newest", "every", "none")
+    elif isinstance(message, TargetsMessage):
+        assert decode_targets(payload) == message
+    else:
+        assert decode_request(payload) == message
+    return True
+
+
+def check_refusal(sentence: str, request_id: int) -> None:
+    assert 0 < len(sentence) <= LONGEST_SENTENCE
+    assert UNREAD_REQUEST_ID <= request_id < 2**32
+    assert json.loads(messages.refusal(sentence, request_id))["ok"] is False
+
+
+def check_library(data: bytes) -> bool:
+    """A state or a reply, or the library's error. A daemon's values are trusted."""
+    found = False
+    with suppress(HapticdError):
+        assert isinstance(decode_state(data), PlateState)
+        found = True
+    with suppress(HapticdError):
+        body = read_reply(data, 7)
+        assert body is None or isinstance(body, dict)
+    return found
+
+
+def library_extremes() -> dict[str, bytes]:
+    return {"brackets": b"\x91" * 65536, "claims": b"\xdd\xff\xff\xff\xff", "bytes": b"\xc6\xff\xff\xff\xff"}
+
+
+TARGETS = (
+    Target("client", check_client, Cost(3000, 300_000), Cost(30, 200), extremes=client_extremes),
+    Target("gateway", check_gateway, Cost(1000, 50_000), Cost(8, 200), max_len=8192),
+    Target("library", check_library, Cost(500, 300_000), Cost(10, 200), extremes=library_extremes),
 )

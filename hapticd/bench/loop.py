@@ -1,0 +1,136 @@
+"""The simulated loop in one world: what fingers get under each scheme, before and after a minute of touching."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..board_values import BoardCalibration, ModeCalibration
+from ..daemon.recorder import header_of
+from ..files.recording.kinds import record_of
+from ..sim import lockstep
+from ..sim.fingers.scenarios import SCENARIOS
+from ..sim.perfect import perfect
+from ..sim.plate.ground_truth import GroundTruth
+from ..sim.score import Score
+from ..sim.settings import Measured, Settings, in_world, paper_settings
+from ..sim.world_errors import NEUTRAL
+from ..sim.world_tolerances import draw
+from ..tools import touch_correction as correction
+from ..tools.touch_recording import COLLECTED, Collected, Touched, touched
+
+HAPTICD, PAPER, PERFECT = "hapticd", "the paper's scheme", "perfect knowledge"
+AFTER, GUIDED = "hapticd after a minute of touching", "hapticd after a guided minute"
+TOUCHED = {AFTER: "strokes", GUIDED: "guided"}  # the scenario that each learns from
+NOTHING_WRONG = "nothing wrong"
+SCENARIO = "strokes"
+TELEMETRY_HZ = 500
+_OTHER_STROKES = 1000  # added to a seed: what is learned on some strokes is judged on others,
+_SESSION = 1  # and in another session, with another posture
+
+
+class Job(NamedTuple):
+    """A world of a level, played for `seconds`, also after having been touched for `touching_s` as each scheme of
+    `touched` does it, and with each of `causes` made perfect."""
+
+    settings: Settings
+    level: str
+    seed: int
+    seconds: float = 10.0
+    touching_s: float = 60.0
+    causes: tuple[str, ...] = ()
+    touched: tuple[str, ...] = ()
+
+
+def play(job: Job) -> dict[str, Score]:
+    """Return the score of each scheme and cause; those after touching are on other strokes than its touching."""
+    world = NEUTRAL if job.level == NOTHING_WRONG else draw(job.level, job.seed)
+    played = in_world(job.settings, world)
+
+    def run(settings: Settings, known: Measured | None = None) -> lockstep.Run:
+        return lockstep.run(SCENARIO, settings=settings, seed=job.seed, seconds=job.seconds, measured=known)
+
+    before = measured(played, job.seed)
+    ours = run(played, before)
+    scores = {HAPTICD: ours.score, PAPER: run(paper_settings(played)).score, PERFECT: perfect(ours).score}
+    for scheme in job.touched:
+        scores[scheme] = run(*_corrected(played, before, _touch(played, before, job, TOUCHED[scheme]))).score
+    for cause in job.causes:
+        without = in_world(job.settings, world.without(cause))
+        scores[cause] = run(without, measured(without, job.seed)).score
+    return scores
+
+
+def figures(scores: Sequence[Score]) -> dict[str, float]:
+    """Return medians over worlds, the worst tenth, and how near the plate came to its limits in truth."""
+
+    def of(share: float, figure: Callable[[Score], float]) -> float:
+        return float(np.quantile([figure(score) for score in scores], share))
+
+    return {
+        "felt_frac": of(0.5, lambda score: score.felt_frac),
+        "contrast": of(0.5, lambda score: score.contrast),
+        "contrast_worst_tenth": of(0.1, lambda score: score.contrast),
+        "contact_leak_um": of(0.5, lambda score: score.contact_leak_um),
+        "leak_um": of(0.5, lambda score: score.leak_um),
+        "leak_worst_tenth_um": of(0.9, lambda score: score.leak_um),
+        "slip_frac": of(0.5, lambda score: score.slip_frac),
+        "limit_most_frac": of(1.0, lambda score: score.limit_frac),
+    }
+
+
+def measured(settings: Settings, seed: int) -> Measured:
+    """Return what the scan and the sweep of a world gave, by which its daemon works."""
+    plate = GroundTruth(settings.plate)
+    rates = zip(
+        *(plate.nominal_decay_1_s.tolist(), plate.nominal_detuning_rad_s.tolist()),
+        *(plate.nominal_gain_um_per_v_s.tolist(), plate.drive.T.tolist(), plate.sense.tolist()),
+        strict=True,
+    )
+    modes = []
+    for mode, (decay_1_s, detuning_rad_s, gain_um_per_v_s, drive, sense) in enumerate(rates):
+        hz = plate.settings.drive_hz + detuning_rad_s / (2.0 * math.pi)
+        weights = tuple(map(complex, sense))
+        modes.append(ModeCalibration(mode, hz, math.pi * hz / decay_1_s, gain_um_per_v_s, 0.0, tuple(drive), weights))
+    return Measured(plate.measured_mode_map(seed), BoardCalibration(tuple(modes)))
+
+
+def _touch(settings: Settings, before: Measured, job: Job, scenario: str) -> Touched:
+    """Touch the plate in other strokes than those that are judged; return what the daemon would record."""
+    config = replace(settings.config, record=replace(settings.config.record, telemetry_hz=TELEMETRY_HZ))
+    actors = SCENARIOS[scenario].build(job.seed + _OTHER_STROKES, settings.speed_mm_s)
+    simulation = lockstep.Simulation(actors, replace(settings, session=_SESSION, config=config), job.seed, before)
+    machine, collected = simulation.machine, Collected()
+    machine.parasitic_modes = simulation.world.plate.parasitic_modes(job.seed)
+    header = header_of(machine, t_ns=lockstep.T_START_NS, utc="", is_whole=True)
+
+    def put(kind: str, t_ns: int, *values: object) -> None:
+        if kind in COLLECTED:
+            collected.take(record_of(kind, 0, t_ns, values))
+
+    machine.observer = put
+    simulation.run(job.touching_s)
+    return touched(collected, header, "touching")
+
+
+def _corrected(settings: Settings, before: Measured, found: Touched) -> tuple[Settings, Measured]:
+    """Return settings and measurements with what `hapticd calibrate touch` adopts."""
+    judged = correction.judged_by(found)
+    changes = correction.contact_settings(found, judged)
+    modes, calibration = before
+    if not judged.refusal:
+        changes["trackpad"] = changes.get("trackpad", {}) | correction.pad_settings(found, judged.calibration)
+        changes["uncertainty"] = correction.known_better(found, judged)
+        if correction.has_sensors(found):
+            calibration = correction.calibration_of(found, judged)
+        if judged.waves is not None:
+            modes = correction.mode_map(modes, judged)
+    sections = {}
+    for name, keys in changes.items():
+        values = {key: tuple(value) if isinstance(value, list) else value for key, value in keys.items()}
+        sections[name] = replace(getattr(settings.config, name), **values)
+    return replace(settings, config=replace(settings.config, **sections)), Measured(modes, calibration)
