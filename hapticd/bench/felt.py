@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..core.solver.felt import UNCERTAIN_FRAC, felt_points
+from ..core.solver.felt import felt_points
+from ..core.solver.felt_descent import UNCERTAIN_FRAC
 from ..core.solver.instant import AskedPlace, InstantSolver
 from ..sim.fingers.scenarios import REAL
 from ..sim.plate.glasses import FINGERTIP, REFERENCE, WIDE

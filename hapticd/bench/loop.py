@@ -112,7 +112,7 @@ def _touch(settings: Settings, before: Measured, job: Job, scenario: str) -> Tou
         if kind in COLLECTED:
             collected.take(record_of(kind, 0, t_ns, values))
 
-    machine.observer, machine.observer_perceives = put, False
+    machine.observer = put
     simulation.run(job.touching_s)
     return touched(collected, header, "touching")
 

@@ -48,7 +48,8 @@ class FrictionCurve:
             start_um + decay_um * math.log(relative)  # where the piece's exponential is 1
             for (start_um, relative), decay_um in zip(rising[:-1], self._decays_um, strict=True)
         ]
-        self.pieces: Final = list(zip(self._starts_um, self._origins_um, self._decays_um, strict=True))
+        ends = [self.full_um, floor_frac]
+        self.table: Final = np.array(ends + self._starts_um + self._origins_um + self._decays_um)  # of `felt_descent`
 
     @classmethod
     def from_amplitudes(

@@ -15,16 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from hapticd.core.solver.felt import (
-    COLD_ITERATIONS,
-    COLD_TURN_RAD,
-    STAY_FRAC,
-    UNCERTAIN_FRAC,
-    counted_jnd,
-    felt_points,
-    stickiness,
-)
-from hapticd.core.solver.felt_descent import descend
+from hapticd.core.solver.felt import ITERATIONS, STAY_FRAC, felt_points, finger_table
+from hapticd.core.solver.felt_descent import COLD, descend
 from hapticd.values import WEBER_FRAC, ComplexArray, FloatArray
 
 from .contact_pairs import ShapeMaps, disc, random_fingers
@@ -83,8 +75,7 @@ def settle_felt(
     """Return modal amplitudes (P, M) within the limits (M,), and each contact's error (P, N) in just noticeable
     differences: stickier is positive. Places where all are felt as asked are not started again."""
     limits = np.asarray(limits_um, np.float64)
-    start_um = np.minimum(limits, max(targets_um)) * _turned(limits.size)
-    best_um = _descended(found.solved, targets_um, limits, start_um, curve)
+    best_um = _descended(found.solved, targets_um, limits, np.zeros(limits.size, np.complex128), curve)
     best_jnd = errors_jnd(found, best_um, targets_um, curve)
     random = np.random.default_rng([1, limits.size])
     for _ in range(starts - 1):
@@ -112,37 +103,14 @@ def errors_jnd(
     return np.asarray((curve.frictions(w_um, _AT_REST) @ found.weights / asked - 1.0) / WEBER_FRAC)
 
 
-def _turned(modes: int) -> ComplexArray:
-    return np.asarray(np.exp(1j * COLD_TURN_RAD * np.arange(modes)))
-
-
 def _descended(
     solved: FloatArray, targets_um: Sequence[float], limits_um: FloatArray, start_um: ComplexArray, curve: FrictionCurve
 ) -> ComplexArray:
-    weights = [weight for _, _, weight in felt_points()]
-    frictions = [curve.friction(target_um) for target_um in targets_um]
-    counted, sticky = counted_jnd(frictions, [0] * len(frictions)), stickiness(frictions)
-    limits = tuple(limits_um.tolist())
-    modal_um = np.empty((len(solved), limits_um.size), np.complex128)
-    for place, phi in enumerate(solved):
-        d_um, q_um = start_um.real.tolist(), start_um.imag.tolist()
-        descend(
-            phi.tobytes(),
-            weights,
-            list(targets_um),
-            frictions,
-            counted,
-            sticky,
-            [1.0] * len(frictions),
-            curve.pieces,
-            (curve.full_um, curve.floor_frac),
-            limits,
-            d_um,
-            q_um,
-            [0.0] * len(frictions),
-            COLD_ITERATIONS,
-            STAY_FRAC,
-            UNCERTAIN_FRAC,
-        )
-        modal_um[place] = np.array(d_um) + 1j * np.array(q_um)
-    return modal_um
+    disc, alike = np.array(felt_points()), [1.0] * len(targets_um)
+    iterations = COLD * ITERATIONS if start_um.any() else ITERATIONS
+    limits, start, modal_um = np.ascontiguousarray(limits_um), tuple(start_um.tolist()), []
+    for phi in solved:
+        fingers = finger_table(curve, list(targets_um), [0.0] * len(alike), alike, [0] * len(alike))
+        found, _ = descend(phi.tobytes(), disc, fingers, curve.table, limits, start, iterations, STAY_FRAC, np.inf)
+        modal_um.append(found)
+    return np.array(modal_um).reshape(len(solved), -1)

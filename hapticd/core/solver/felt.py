@@ -32,111 +32,73 @@ flips. From there it stays near the best of many starts (`hapticd bench felt`). 
 from __future__ import annotations
 
 import math
+from array import array
 from typing import Final
 
+from ...values import FloatArray
 from ..friction import FrictionCurve
-from ..phasors import ModeRow
+from ..phasors import Row
 from ..plate.contact import Disc, Shapes
 from .felt_descent import descend
 
 ITERATIONS: Final = 7  # of a call
-COLD_ITERATIONS: Final = 60  # from rest
 FIRST_IN_PART: Final = 0.7  # friction from which on errors count in full where not all can be had, in part
 FIRST: Final = 0.9  # and altogether
 MOST_SLIPPERY: Final = 0.9  # of a just noticeable difference: as much of a slippery finger's error counts
 MOST_LOWER: Final = 0.7  # of what counts one priority above: in six calls 48 % of places are felt, with 0.8 36 %
 TO_ZERO: Final = (0.9, 0.97)  # frictions from which on a finger's points are pulled to 0, in part and altogether
-EXACT: Final = 2.0  # as stickiness: a point that gets 0
-UNCERTAIN_FRAC: Final = 0.01  # of a mode's amplitude: map, gain and sensor together
 STAY_FRAC: Final = 0.03  # of the mean curvature: keeps W where directions are nearly equal
-COLD_TURN_RAD: Final = 2.4  # from mode to mode at the start: no pattern of signs is preferred
-MISSED_JND: Final = 1.0  # more than this counts as limited
-AT_LIMIT_FRAC: Final = 0.99
-NEAR_FRAC: Final = 0.999  # of the square of a step: below it rounding decides nothing
-
+MISSED_JND: Final = 1.0
 RINGS: Final = 2
 SPOKES: Final = 6
 
 
 def solve_felt(
     shapes: Shapes,
-    weights: list[float],
+    disc: FloatArray,
     curve: FrictionCurve,
-    targets_um: ModeRow,
-    limits_um: ModeRow,
-    d_um: list[float],
-    q_um: list[float],
+    targets_um: list[float],
+    limits_um: FloatArray,
+    modal_um: Row,
     log_weights: list[float],
-    stretches: list[float],
+    speed_gains: list[float],
     priorities: list[int],
-) -> tuple[list[float], bool]:
-    """Move W (M,), given in its parts, to where the largest error is least; return each contact's RMS (N,), and
-    `limited`.
+    most_step_um: float = math.inf,
+) -> tuple[Row, list[float], bool]:
+    """Return W (M,), moved to where the largest error is least, each contact's RMS (N,), and `limited`.
 
-    `shapes` (N, Q, M) are those at the points of each contact (`contact_shapes`), of these `weights` (Q,); `stretches`
-    (N,) are by how much more amplitude each finger needs as it slides, `priorities` (N,) say whose errors come first.
-    Where a contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
-    `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. If W is 0, the
-    search starts from all modes alike.
+    `shapes` (N, Q, M) are those at the points of each contact, of a `disc` (Q, 3) (`contact_shapes`); `speed_gains`
+    (N,) are the gains of the amplitude that each finger needs as it slides, `priorities` (N,) say whose errors come
+    first. Where a contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are
+    least. `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. No mode
+    moves by more than `most_step_um`: a pattern that begins at rest keeps its contrast.
     """
+    fingers = len(targets_um)
     if not is_any_slippery(targets_um):
-        for k in range(len(limits_um)):
-            d_um[k] = q_um[k] = 0.0
-        return [0.0] * len(targets_um), False
-    is_cold = True
-    for k in range(len(limits_um)):
-        is_cold = is_cold and d_um[k] == 0.0 and q_um[k] == 0.0
-    if is_cold:
-        for k in range(len(limits_um)):
-            start_um, turn_rad = min(limits_um[k], max(targets_um)), COLD_TURN_RAD * k
-            d_um[k], q_um[k] = start_um * math.cos(turn_rad), start_um * math.sin(turn_rad)
-    frictions = [curve.friction(targets_um[n] / stretches[n]) for n in range(len(targets_um))]
-    errors_jnd, rms_um = descend(
-        shapes,
-        weights,
-        list(targets_um),
-        frictions,
-        counted_jnd(frictions, priorities),
-        stickiness(frictions) if len(weights) > 1 else [EXACT * (target_um == 0.0) for target_um in targets_um],
-        stretches,
-        curve.pieces,
-        (curve.full_um, curve.floor_frac),
-        limits_um,
-        d_um,
-        q_um,
-        log_weights,
-        COLD_ITERATIONS if is_cold else ITERATIONS,
-        STAY_FRAC,
-        UNCERTAIN_FRAC,
+        return (0j,) * len(modal_um), [0.0] * fingers, False
+    table = finger_table(curve, targets_um, log_weights, speed_gains, priorities)
+    moved_um, limited = descend(
+        shapes, disc, table, curve.table, limits_um, modal_um, ITERATIONS, STAY_FRAC, most_step_um
     )
-    return rms_um, _is_limited(errors_jnd, limits_um, d_um, q_um)
+    found = table.tolist()
+    log_weights[:] = found[5 * fingers : 6 * fingers]
+    return moved_um, found[7 * fingers :], limited
 
 
-def step_towards(
-    before_d_um: list[float], before_q_um: list[float], d_um: list[float], q_um: list[float], most_um: float
-) -> bool:
-    """Shorten the way of W from before to at most `most_um` in any mode; return whether it was longer.
-
-    Limits hold on the whole way, because they are discs; a pattern that begins at rest keeps its contrast.
-    """
-    largest_um, near_um2, is_near = 0.0, NEAR_FRAC * most_um * most_um, True
-    for k in range(len(d_um)):  # mostly; a call of `hypot` takes ten times as long
-        step_d_um, step_q_um = d_um[k] - before_d_um[k], q_um[k] - before_q_um[k]
-        is_near = is_near and step_d_um * step_d_um + step_q_um * step_q_um < near_um2
-    if is_near:
-        return False
-    for k in range(len(d_um)):
-        largest_um = max(largest_um, math.hypot(d_um[k] - before_d_um[k], q_um[k] - before_q_um[k]))
-    if largest_um <= most_um:
-        return False
-    share = most_um / largest_um
-    for k in range(len(d_um)):
-        d_um[k] = before_d_um[k] + share * (d_um[k] - before_d_um[k])
-        q_um[k] = before_q_um[k] + share * (q_um[k] - before_q_um[k])
-    return True
+def finger_table(
+    curve: FrictionCurve,
+    targets_um: list[float],
+    log_weights: list[float],
+    speed_gains: list[float],
+    priorities: list[int],
+) -> array[float]:
+    """Return what `descend` takes of fingers (8, N), see there."""
+    frictions = [curve.friction(targets_um[n] / speed_gains[n]) for n in range(len(targets_um))]
+    counted, answers = counted_jnd(frictions, priorities), [0.0] * (2 * len(targets_um))
+    return array("d", targets_um + frictions + counted + stickiness(frictions) + speed_gains + log_weights + answers)
 
 
-def is_any_slippery(targets_um: tuple[float, ...]) -> bool:
+def is_any_slippery(targets_um: list[float]) -> bool:
     """Return whether some finger's target is above 0."""
     is_any = False
     for target_um in targets_um:
@@ -145,7 +107,7 @@ def is_any_slippery(targets_um: tuple[float, ...]) -> bool:
 
 
 def stickiness(frictions: list[float]) -> list[float]:
-    """Return the share in which the points of each finger are pulled to 0, by the friction that is asked of it."""
+    """Return the share in which each finger's points are pulled to 0."""
     return [_between(friction, *TO_ZERO) for friction in frictions]
 
 
@@ -173,21 +135,7 @@ def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
 
 
 def _between(friction: float, low: float, high: float) -> float:
-    share = (friction - low) / (high - low)
-    return 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
-
-
-def _is_limited(errors_jnd: list[float], limits_um: ModeRow, d_um: list[float], q_um: list[float]) -> bool:
-    """Whether some mode is at its limit while a finger feels that it misses its target."""
-    misses = False
-    for error_jnd in errors_jnd:
-        misses = misses or abs(error_jnd) > MISSED_JND
-    if not misses:
-        return False
-    for k in range(len(limits_um)):
-        if d_um[k] * d_um[k] + q_um[k] * q_um[k] >= AT_LIMIT_FRAC * limits_um[k] * limits_um[k]:
-            return True
-    return False
+    return min(max((friction - low) / (high - low), 0.0), 1.0)
 
 
 def felt_points() -> Disc:

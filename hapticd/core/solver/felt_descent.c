@@ -15,8 +15,13 @@ static const double MOST_WEIGHT = 4.6;     /* of its logarithm: 100 either way *
 static const double ROUND_UM = 0.05;       /* of amplitude, about which |r| is rounded */
 static const double MOST_LESS = 1.5;       /* of its decay: by how much a point is pulled towards 0 at most; outwards once */
 enum { SWEEPS = 4 };                       /* of an iteration */
+enum { COLD = 9 };                         /* times as many iterations from rest */
 static const double PAST_FRAC = 0.1;       /* 0.2 makes larger steps */
 static const double TINY_UM = 1e-9;
+static const double UNCERTAIN_FRAC = 0.01; /* of a mode's amplitude: map, gain and sensor together */
+static const double COLD_TURN_RAD = 2.4;   /* from mode to mode at the start */
+static const double MISSED_JND = 1.0;      /* more than this counts as limited */
+static const double AT_LIMIT_FRAC = 0.995;
 static const double SAFE = 1e100;
 static const double INSIDE = 1.0 - 0x1p-50; /* of a limit: rounding leads nowhere beyond it */
 enum { MOST_MODES = 16 };
@@ -30,14 +35,15 @@ typedef double pair_t __attribute__((vector_size(2 * sizeof(double)), aligned(si
 
 typedef struct {
     Py_ssize_t fingers, points, modes, pieces, room; /* for an even number of points, N Q or one more */
-    const double *weights, *targets_um, *frictions, *counted, *stickiness, *stretches, *starts_um, *origins_um, *decays_um, *limits_um;
+    int is_point;
+    const double *weights, *targets_um, *frictions, *counted, *stickiness, *gains, *starts_um, *origins_um, *decays_um, *limits_um;
     double keep, full_um, least, uncertain; /* uncertain: the square of the share of a mode's amplitude */
     const double *shapes;                                             /* (N Q, M) */
     double *across, *squared, *row_pairs;                             /* (M, N Q), the same squared, and (N Q, pairs) */
     double *w_d_um, *w_q_um, *rms_um, *friction, *rate_1_um, *decay_um, *kappa, *pulled; /* (N Q,) */
     double *d_um, *q_um, *pull_d, *pull_q, *centre_d, *centre_q;      /* (M,) */
     double *curvature;                                                /* (M, M) */
-    double *log_weights, *errors, *got, *logs, *contact_rms_um;       /* (N,) */
+    double *log_weights, *errors, *contact_rms_um, *got, *logs;       /* (N,) */
     double *rates_1_um;                                               /* (pieces,) */
 } problem_t;
 
@@ -85,7 +91,7 @@ INLINE void move_points(problem_t *p, const Py_ssize_t modes)
 static void feel(problem_t *p)
 {
     for (Py_ssize_t finger = 0, place = 0; finger < p->fingers; finger++) {
-        const double share = 1.0 / p->stretches[finger];
+        const double share = 1.0 / p->gains[finger];
         double got = 0.0;
         for (Py_ssize_t index = 0; index < p->points; index++, place++) {
             const double at_um = p->rms_um[place] * share;
@@ -133,7 +139,7 @@ static void majorise(problem_t *p, Py_ssize_t finger)
     const double *restrict w_d_um = p->w_d_um + first, *restrict w_q_um = p->w_q_um + first;
     const double *restrict weights = p->weights;
     double *restrict kappa = p->kappa + first, *restrict pulled = p->pulled + first;
-    const double wanted = p->frictions[finger], stretch = p->stretches[finger];
+    const double wanted = p->frictions[finger], gain = p->gains[finger];
     const double alpha = exp(p->log_weights[finger]) / (WEBER_FRAC * wanted);
     const double stickiness = p->stickiness[finger];
     double outwards = (p->got[finger] - wanted) / p->got[finger];
@@ -149,7 +155,7 @@ static void majorise(problem_t *p, Py_ssize_t finger)
         for (Py_ssize_t index = 0; index < points; index++) {
             const double slope = alpha * weights[index] * friction[index] * rate_1_um[index];
             const double along = (1.0 - stickiness) * slope * rate_1_um[index];
-            double aim_um = rms_um[index] + decay_um[index] * stretch * outwards;
+            double aim_um = rms_um[index] + decay_um[index] * gain * outwards;
             aim_um = aim_um > 0.0 ? aim_um : 0.0;
             const double size_um = sqrt(w_d_um[index] * w_d_um[index] + w_q_um[index] * w_q_um[index]);
             pulled[index] = along * aim_um / (size_um > TINY_UM ? size_um : TINY_UM);
@@ -241,7 +247,7 @@ INLINE void sweep(problem_t *p, const Py_ssize_t modes, double stay_frac)
 INLINE void iterate_for(problem_t *p, const Py_ssize_t modes, double stay_frac)
 {
     move_points(p, modes);
-    if (p->points > 1) {
+    if (!p->is_point) {
         feel(p);
         weigh(p);
         for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
@@ -319,21 +325,21 @@ static const double RIDGE_FRAC = 0.3; /* of what keeps W, drawn to 0 where it is
 static const double HOLD_FRAC = 1.0; /* of the mean curvature, by which W is drawn towards what no still finger feels */
 
 /* Leaves of each slipping finger's row (N, M) what no still finger feels, of a still one's nothing. */
-static void free_rows(freedom_t *f, double *rows, double *stickiness, Py_ssize_t fingers, Py_ssize_t modes)
+static void free_rows(freedom_t *f, double *rows, const problem_t *p)
 {
+    const Py_ssize_t fingers = p->fingers, modes = p->modes;
     f->still = f->moved = f->slipping = 0;
     for (Py_ssize_t finger = 0; finger < fingers; finger++)
-        if (stickiness[finger] > 1.0)
+        if (p->targets_um[finger] == 0.0)
             f->still = with_row(f->still_rows, f->still, &rows[finger * modes], modes);
     for (Py_ssize_t finger = 0; finger < fingers; finger++) {
         double *row = &rows[finger * modes];
         const double before = sqrt(dot(row, row, modes));
         leave(f->still_rows, f->still, row, modes);
-        if (stickiness[finger] > 1.0 || f->still == modes || !(sqrt(dot(row, row, modes)) > INDEPENDENT * before))
+        if (p->targets_um[finger] == 0.0 || f->still == modes || !(sqrt(dot(row, row, modes)) > INDEPENDENT * before))
             memset(row, 0, (size_t)modes * sizeof(double));
         else
             f->slipping++, f->moved = with_row(f->moved_rows, f->moved, row, modes);
-        stickiness[finger] = stickiness[finger] > 1.0 ? 1.0 : stickiness[finger];
     }
 }
 
@@ -454,13 +460,70 @@ static void measure(problem_t *p)
     }
 }
 
-/* Of points a noticeable difference is as large a part of the amplitude asked as of a friction. */
-static void measure_points(problem_t *p)
+/* Shortens the way of W to at most so much in any mode. Limits hold on the whole way, because they are discs. */
+static void step_towards(problem_t *p, const double *before_d, const double *before_q, double most_um)
 {
-    for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
-        const double target_um = p->targets_um[finger];
-        p->errors[finger] = target_um > 0.0 ? (p->contact_rms_um[finger] / target_um - 1.0) / WEBER_FRAC : 0.0;
+    double largest_um = 0.0;
+    for (Py_ssize_t k = 0; k < p->modes; k++)
+        largest_um = fmax(largest_um, hypot(p->d_um[k] - before_d[k], p->q_um[k] - before_q[k]));
+    for (Py_ssize_t k = 0; k < p->modes && largest_um > most_um; k++) {
+        p->d_um[k] = before_d[k] + most_um / largest_um * (p->d_um[k] - before_d[k]);
+        p->q_um[k] = before_q[k] + most_um / largest_um * (p->q_um[k] - before_q[k]);
     }
+}
+
+/* Whether some mode is at its limit while a finger feels that it misses its target. */
+static int is_limited(const problem_t *p)
+{
+    int misses = 0;
+    for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
+        misses = misses || fabs(p->errors[finger]) > MISSED_JND;
+    return misses && largest_of(p, p->d_um, p->q_um) >= AT_LIMIT_FRAC;
+}
+
+/* From rest the search starts from all modes alike, turned so that no pattern of signs is preferred. */
+static void start(problem_t *p)
+{
+    double most_um = 0.0;
+    for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
+        most_um = fmax(most_um, p->targets_um[finger]);
+    for (Py_ssize_t k = 0; k < p->modes; k++) {
+        p->d_um[k] = fmin(p->limits_um[k], most_um) * cos(COLD_TURN_RAD * (double)k);
+        p->q_um[k] = fmin(p->limits_um[k], most_um) * sin(COLD_TURN_RAD * (double)k);
+    }
+}
+
+/* Moves W and the weights by so many iterations; by none the errors are those of W as it is. `freed` is room for (N, M). */
+static void descend_for(problem_t *p, Py_ssize_t iterations, double stay_frac, double *freed)
+{
+    const double *shapes = p->shapes;
+    freedom_t freedom = {.still = 0};
+    if (p->is_point) {
+        memcpy(freed, shapes, (size_t)(p->fingers * p->modes) * sizeof(double));
+        free_rows(&freedom, freed, p);
+        p->shapes = freed;
+    }
+    lay_out(p);
+    const int is_held = freedom.still > 0;
+    p->centre_d = is_held ? freedom.centre_d : p->d_um, p->centre_q = is_held ? freedom.centre_q : p->q_um;
+    p->keep = p->is_point && !is_held ? 1.0 - RIDGE_FRAC * fmax(0.0, 1.0 - 2.0 * largest_of(p, p->d_um, p->q_um)) : 1.0;
+    if (is_held)
+        begin_held(&freedom, p);
+    for (Py_ssize_t turn = 0; turn < iterations; turn++) {
+        iterate(p, is_held ? HOLD_FRAC : stay_frac);
+        if (is_held)
+            hold(&freedom, p);
+    }
+    if (iterations == 0) {
+        move_points(p, p->modes);
+        feel(p);
+    } else if (p->is_point) {
+        free_amplitudes(&freedom, p, freed);
+    }
+    p->shapes = shapes;
+    measure(p);
+    for (Py_ssize_t finger = 0; finger < p->fingers && p->is_point; finger++) /* a noticeable difference, of amplitudes */
+        p->errors[finger] = (p->contact_rms_um[finger] - p->targets_um[finger]) / (WEBER_FRAC * fmax(p->targets_um[finger], TINY_UM));
 }
 
 /* --- shapes at points: `ModeShapes.at` ---------------------------------------------------------------------------- */
@@ -509,291 +572,140 @@ static void shapes_at(const tables_t *t, double x_mm, double y_mm, double *shape
     }
 }
 
-/* --- Python's lists and tuples ------------------------------------------------------------------------------------ */
+/* --- Python's arrays: `felt_descent.pyi` has their shapes ----------------------------------------------------------- */
 
-/* The array of doubles that a memoryview shows; NULL with an exception if it is none. */
-static const Py_buffer *viewed(PyObject *object, int dimensions)
+static Py_ssize_t doubles(const Py_buffer *buffer)
 {
-    const Py_buffer *found = PyMemoryView_Check(object) ? PyMemoryView_GET_BUFFER(object) : NULL;
-    if (found != NULL && found->ndim == dimensions && strcmp(found->format, "d") == 0 && PyBuffer_IsContiguous(found, 'C'))
-        return found;
-    PyErr_SetString(PyExc_ValueError, "felt_descent: a map's table is no such array of doubles");
+    return buffer->len / (Py_ssize_t)sizeof(double);
+}
+
+static PyObject *refused(void)
+{
+    PyErr_SetString(PyExc_ValueError, "felt_descent: the arrays' lengths do not fit");
     return NULL;
 }
 
-/* Copies a sequence of `count` numbers; false with an exception if it is none. */
-static int copy(PyObject *sequence, Py_ssize_t count, double *numbers, Py_ssize_t step)
+/* W as a tuple of complex numbers. */
+static PyObject *phasors(const problem_t *p)
 {
-    PyObject *fast = PySequence_Fast(sequence, "felt_descent: give lists or tuples of numbers");
-    if (fast == NULL)
-        return 0;
-    int is_good = PySequence_Fast_GET_SIZE(fast) == count;
-    if (!is_good)
-        PyErr_SetString(PyExc_ValueError, "felt_descent: a list has another length");
-    for (Py_ssize_t i = 0; i < count && is_good; i++) {
-        numbers[i * step] = PyFloat_AsDouble(PySequence_Fast_GET_ITEM(fast, i));
-        is_good = !(numbers[i * step] == -1.0 && PyErr_Occurred());
+    PyObject *modal = PyTuple_New(p->modes);
+    for (Py_ssize_t k = 0; k < p->modes && modal != NULL; k++) {
+        PyObject *w_um = PyComplex_FromDoubles(p->d_um[k], p->q_um[k]);
+        if (w_um == NULL)
+            Py_CLEAR(modal);
+        else
+            PyTuple_SET_ITEM(modal, k, w_um);
     }
-    Py_DECREF(fast);
-    return is_good;
+    return modal;
 }
 
-static int copy_rows(PyObject *rows, Py_ssize_t count, Py_ssize_t width, double *numbers, Py_ssize_t across, Py_ssize_t down)
+static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_t iterations, double stay_frac, double most_step_um)
 {
-    if (PyList_GET_SIZE(rows) != count) {
-        PyErr_SetString(PyExc_ValueError, "felt_descent: a list has another length");
-        return 0;
+    enum { SHAPES, DISC, FINGERS, CURVE, LIMITS };
+    const double *disc = given[DISC].buf, *curve = given[CURVE].buf;
+    double *fingers = given[FINGERS].buf;
+    const Py_ssize_t n = doubles(&given[FINGERS]) / 8, q = doubles(&given[DISC]) / 3, m = doubles(&given[LIMITS]);
+    problem_t p = {.fingers = n, .points = q, .modes = m, .pieces = (doubles(&given[CURVE]) - 2) / 3, .is_point = q == 1};
+    if (m > MOST_MODES || q < 1 || doubles(&given[CURVE]) < 5 || PyTuple_GET_SIZE(modal) != m ||
+        doubles(&given[SHAPES]) != n * q * m)
+        return refused();
+    const Py_ssize_t places = n * q, room = places + places % 2;
+    double *memory = PyMem_Malloc((size_t)(room * (2 * m + 8) + places * 2 * PAIRS(m) + q + p.pieces + m * m + 6 * m + n * (m + 2) + 1) * sizeof(double));
+    if (memory == NULL)
+        return PyErr_NoMemory();
+    double *next = memory, *weights, *rates, *freed, *before_d, *before_q;
+#define TAKE(count) (next += (count), next - (count))
+    p.across = TAKE(room * m), p.squared = TAKE(room * m), p.row_pairs = TAKE(places * 2 * PAIRS(m));
+    p.w_d_um = TAKE(room), p.w_q_um = TAKE(room), p.rms_um = TAKE(room), p.friction = TAKE(room);
+    p.rate_1_um = TAKE(room), p.decay_um = TAKE(room), p.kappa = TAKE(room), p.pulled = TAKE(room);
+    p.weights = weights = TAKE(q), p.rates_1_um = rates = TAKE(p.pieces), freed = TAKE(n * m), p.got = TAKE(n), p.logs = TAKE(n);
+    p.curvature = TAKE(m * m), p.pull_d = TAKE(m), p.pull_q = TAKE(m), p.d_um = TAKE(m), p.q_um = TAKE(m);
+    before_d = TAKE(m), before_q = TAKE(m);
+#undef TAKE
+    p.room = room, p.shapes = given[SHAPES].buf, p.limits_um = given[LIMITS].buf;
+    p.uncertain = p.is_point ? 0.0 : UNCERTAIN_FRAC * UNCERTAIN_FRAC;
+    p.targets_um = fingers, p.frictions = fingers + n, p.counted = fingers + 2 * n, p.stickiness = fingers + 3 * n;
+    p.gains = fingers + 4 * n, p.log_weights = fingers + 5 * n, p.errors = fingers + 6 * n, p.contact_rms_um = fingers + 7 * n;
+    p.full_um = curve[0], p.least = curve[1];
+    p.starts_um = curve + 2, p.origins_um = p.starts_um + p.pieces, p.decays_um = p.origins_um + p.pieces;
+    for (Py_ssize_t piece = 0; piece < p.pieces; piece++)
+        rates[piece] = 1.0 / p.decays_um[piece];
+    for (Py_ssize_t index = 0; index < q; index++)
+        weights[index] = disc[3 * index + 2];
+    int is_cold = iterations > 0;
+    for (Py_ssize_t k = 0; k < m; k++) {
+        const Py_complex w_um = PyComplex_AsCComplex(PyTuple_GET_ITEM(modal, k));
+        p.d_um[k] = before_d[k] = w_um.real, p.q_um[k] = before_q[k] = w_um.imag;
+        is_cold = is_cold && w_um.real == 0.0 && w_um.imag == 0.0;
     }
-    for (Py_ssize_t i = 0; i < count; i++)
-        if (!copy(PyList_GET_ITEM(rows, i), width, &numbers[i * down], across))
-            return 0;
-    return 1;
-}
-
-static int store(PyObject *list, Py_ssize_t count, const double *numbers)
-{
-    for (Py_ssize_t i = 0; i < count; i++) {
-        PyObject *number = PyFloat_FromDouble(numbers[i]);
-        if (number == NULL || PyList_SetItem(list, i, number) < 0)
-            return 0;
+    if (PyErr_Occurred()) {
+        PyMem_Free(memory);
+        return NULL;
     }
-    return 1;
-}
-
-static PyObject *listed(Py_ssize_t count, const double *numbers)
-{
-    PyObject *list = PyList_New(count);
-    if (list != NULL && !store(list, count, numbers))
-        Py_CLEAR(list);
-    return list;
-}
-
-static PyObject *tables_name; /* "tables" */
-
-/* The numbers in a bytes object, whose storage is aligned for them. */
-static double *doubles_of(PyObject *bytes)
-{
-    return (double *)(void *)PyBytes_AS_STRING(bytes);
-}
-
-/* The shapes at all points, as bytes; `disc` and `contacts` are lists of tuples. */
-static PyObject *filled(const tables_t *t, PyObject *disc, PyObject *contacts)
-{
-    const Py_ssize_t points = PyList_GET_SIZE(disc), fingers = PyList_GET_SIZE(contacts);
-    const Py_ssize_t size = fingers * points * t->modes * (Py_ssize_t)sizeof(double);
-    PyObject *bytes = PyBytes_FromStringAndSize(NULL, size);
-    double *unit = PyMem_Malloc(((size_t)points * 3 + 1) * sizeof(double));
-    if (bytes == NULL || unit == NULL || !copy_rows(disc, points, 3, unit, 1, 3))
-        goto failed;
-    double *next = doubles_of(bytes);
-    for (Py_ssize_t finger = 0; finger < fingers; finger++) {
-        double ellipse[5];
-        if (!copy(PyList_GET_ITEM(contacts, finger), 5, ellipse, 1))
-            goto failed;
-        for (Py_ssize_t index = 0; index < points; index++, next += t->modes) {
-            const double u = unit[3 * index], v = unit[3 * index + 1];
-            shapes_at(t, ellipse[0] + (ellipse[2] * u + ellipse[3] * v), ellipse[1] + (ellipse[3] * u + ellipse[4] * v), next);
-        }
+    if (is_cold)
+        start(&p);
+    descend_for(&p, is_cold ? COLD * iterations : iterations, stay_frac, freed);
+    const int limited = is_limited(&p);
+    if (most_step_um < HUGE_VAL) {
+        step_towards(&p, before_d, before_q, most_step_um);
+        measure(&p);
     }
-    PyMem_Free(unit);
-    return bytes;
-failed:
-    if (unit == NULL)
-        PyErr_NoMemory();
-    PyMem_Free(unit);
-    Py_XDECREF(bytes);
-    return NULL;
+    PyObject *moved = phasors(&p);
+    PyMem_Free(memory);
+    return moved == NULL ? NULL : Py_BuildValue("NO", moved, limited ? Py_True : Py_False);
 }
 
 static PyObject *descend(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    PyObject *shapes, *weights, *targets, *frictions, *counted, *sticky, *stretches, *pieces, *limits, *d, *q, *log_weights, *answer = NULL;
-    problem_t p;
+    Py_buffer given[5];
+    PyObject *modal;
     Py_ssize_t iterations;
-    double stay_frac, uncertain_frac;
-    if (!PyArg_ParseTuple(arguments, "SO!O!O!O!O!O!O!(dd)O!O!O!O!ndd", &shapes, &PyList_Type, &weights, &PyList_Type, &targets,
-                          &PyList_Type, &frictions, &PyList_Type, &counted, &PyList_Type, &sticky, &PyList_Type, &stretches,
-                          &PyList_Type, &pieces, &p.full_um, &p.least,
-                          &PyTuple_Type, &limits, &PyList_Type, &d, &PyList_Type, &q, &PyList_Type, &log_weights,
-                          &iterations, &stay_frac, &uncertain_frac))
+    double stay_frac, most_step_um;
+    if (!PyArg_ParseTuple(arguments, "y*y*w*y*y*O!ndd", &given[0], &given[1], &given[2], &given[3], &given[4],
+                          &PyTuple_Type, &modal, &iterations, &stay_frac, &most_step_um))
         return NULL;
-    p.fingers = PyList_GET_SIZE(frictions), p.points = PyList_GET_SIZE(weights);
-    p.modes = PyTuple_GET_SIZE(limits), p.pieces = PyList_GET_SIZE(pieces);
-    const int is_point = p.points == 1;
-    p.uncertain = is_point ? 0.0 : uncertain_frac * uncertain_frac, p.keep = 1.0;
-    const size_t n = (size_t)p.fingers, places = n * (size_t)p.points, m = (size_t)p.modes;
-    const size_t numbers = n * m + (size_t)p.points + 10 * n + 4 * (size_t)p.pieces + m * m + 5 * m;
-    const size_t room = places + places % 2, shaped = room * (2 * m + 8) + places * 2 * (size_t)PAIRS(m);
-    if (PyBytes_GET_SIZE(shapes) != (Py_ssize_t)(places * m * sizeof(double))) {
-        PyErr_SetString(PyExc_ValueError, "felt_descent: the shapes have another length");
-        return NULL;
-    }
-    if (m > MOST_MODES) {
-        PyErr_SetString(PyExc_ValueError, "felt_descent: there are more than 16 modes");
-        return NULL;
-    }
-    double *memory = PyMem_Malloc((numbers + shaped + 1) * sizeof(double));
-    if (memory == NULL)
-        return PyErr_NoMemory();
-    double *next = memory;
-#define TAKE(count) (next += (count), next - (count))
-    p.room = (Py_ssize_t)room;
-    p.across = TAKE(room * m), p.squared = TAKE(room * m), p.row_pairs = TAKE(places * 2 * (size_t)PAIRS(m));
-    p.w_d_um = TAKE(room), p.w_q_um = TAKE(room), p.rms_um = TAKE(room), p.friction = TAKE(room);
-    p.rate_1_um = TAKE(room), p.decay_um = TAKE(room), p.kappa = TAKE(room), p.pulled = TAKE(room);
-    double *weight = TAKE((size_t)p.points), *target = TAKE(n), *friction = TAKE(n), *count = TAKE(n), *stick = TAKE(n), *stretch = TAKE(n);
-    double *piece = TAKE(3 * (size_t)p.pieces), *rate = TAKE((size_t)p.pieces), *limit = TAKE(m);
-    p.d_um = TAKE(m), p.q_um = TAKE(m), p.log_weights = TAKE(n), p.errors = TAKE(n), p.got = TAKE(n);
-    p.logs = TAKE(n), p.contact_rms_um = TAKE(n);
-    double *freed = TAKE(n * m);
-    p.curvature = TAKE(m * m), p.pull_d = TAKE(m), p.pull_q = TAKE(m);
-#undef TAKE
-    memset(p.errors, 0, n * sizeof(double));
-    if (p.pieces > 0 && copy(weights, p.points, weight, 1) && copy(targets, p.fingers, target, 1) && copy(frictions, p.fingers, friction, 1) &&
-        copy(counted, p.fingers, count, 1) && copy(sticky, p.fingers, stick, 1) && copy(stretches, p.fingers, stretch, 1) && copy_rows(pieces, p.pieces, 3, piece, p.pieces, 1) &&
-        copy(limits, p.modes, limit, 1) && copy(d, p.modes, p.d_um, 1) && copy(q, p.modes, p.q_um, 1) &&
-        copy(log_weights, p.fingers, p.log_weights, 1)) {
-        p.shapes = doubles_of(shapes), p.weights = weight, p.targets_um = target, p.frictions = friction, p.counted = count, p.stickiness = stick;
-        p.stretches = stretch, p.limits_um = limit;
-        p.starts_um = piece, p.origins_um = piece + p.pieces, p.decays_um = piece + 2 * p.pieces;
-        for (Py_ssize_t i = 0; i < p.pieces; i++)
-            rate[i] = 1.0 / p.decays_um[i];
-        p.rates_1_um = rate;
-        freedom_t freedom;
-        if (is_point) {
-            memcpy(freed, p.shapes, places * m * sizeof(double));
-            free_rows(&freedom, freed, stick, p.fingers, p.modes);
-            p.shapes = freed;
-        }
-        lay_out(&p);
-        const int is_held = is_point && freedom.still > 0;
-        p.centre_d = is_held ? freedom.centre_d : p.d_um, p.centre_q = is_held ? freedom.centre_q : p.q_um;
-        if (is_point && !is_held)
-            p.keep = 1.0 - RIDGE_FRAC * fmax(0.0, 1.0 - 2.0 * largest_of(&p, p.d_um, p.q_um));
-        if (is_held)
-            begin_held(&freedom, &p);
-        for (Py_ssize_t turn = 0; turn < iterations; turn++) {
-            iterate(&p, is_held ? HOLD_FRAC : stay_frac);
-            if (is_held)
-                hold(&freedom, &p);
-        }
-        if (is_point)
-            free_amplitudes(&freedom, &p, freed);
-        p.shapes = doubles_of(shapes);
-        measure(&p);
-        if (is_point)
-            measure_points(&p);
-        if (store(d, p.modes, p.d_um) && store(q, p.modes, p.q_um) && store(log_weights, p.fingers, p.log_weights)) {
-            PyObject *errors = listed(p.fingers, p.errors), *rms_um = listed(p.fingers, p.contact_rms_um);
-            if (errors != NULL && rms_um != NULL)
-                answer = PyTuple_Pack(2, errors, rms_um);
-            Py_XDECREF(errors);
-            Py_XDECREF(rms_um);
-        }
-    } else if (!PyErr_Occurred()) {
-        PyErr_SetString(PyExc_ValueError, "felt_descent: the friction curve has no pieces");
-    }
-    PyMem_Free(memory);
+    PyObject *answer = descend_over(given, modal, iterations, stay_frac, most_step_um);
+    for (int index = 0; index < 5; index++)
+        PyBuffer_Release(&given[index]);
     return answer;
+}
+
+static PyObject *shapes_over(const Py_buffer *given)
+{
+    enum { PATCHES, X, Y, DISC, CONTACTS };
+    tables_t t = {given[PATCHES].buf, given[X].buf, given[Y].buf, 0, doubles(&given[X]) - 1, doubles(&given[Y]) - 1};
+    const Py_ssize_t patch = t.columns * t.rows * COEFFICIENTS, points = doubles(&given[DISC]) / 3;
+    if (t.columns < 1 || t.rows < 1 || doubles(&given[PATCHES]) % patch != 0 || doubles(&given[CONTACTS]) % 5 != 0)
+        return refused();
+    t.modes = doubles(&given[PATCHES]) / patch;
+    const Py_ssize_t fingers = doubles(&given[CONTACTS]) / 5;
+    PyObject *bytes = PyBytes_FromStringAndSize(NULL, fingers * points * t.modes * (Py_ssize_t)sizeof(double));
+    double *next = bytes == NULL ? NULL : (double *)(void *)PyBytes_AS_STRING(bytes); /* aligned for them */
+    for (Py_ssize_t finger = 0; finger < fingers && next != NULL; finger++) {
+        const double *ellipse = (const double *)given[CONTACTS].buf + 5 * finger, *unit = given[DISC].buf;
+        for (Py_ssize_t index = 0; index < points; index++, unit += 3, next += t.modes)
+            shapes_at(&t, ellipse[0] + (ellipse[2] * unit[0] + ellipse[3] * unit[1]),
+                      ellipse[1] + (ellipse[3] * unit[0] + ellipse[4] * unit[1]), next);
+    }
+    return bytes;
 }
 
 static PyObject *contact_shapes(PyObject *module, PyObject *arguments)
 {
     (void)module;
-    PyObject *modes, *disc, *contacts, *answer = NULL;
-    if (!PyArg_ParseTuple(arguments, "OO!O!", &modes, &PyList_Type, &disc, &PyList_Type, &contacts))
+    Py_buffer given[5];
+    if (!PyArg_ParseTuple(arguments, "(y*y*y*)y*y*", &given[0], &given[1], &given[2], &given[3], &given[4]))
         return NULL;
-    PyObject *tables = PyObject_GetAttr(modes, tables_name), *patches, *x, *y;
-    const Py_buffer *patch, *column, *row;
-    if (tables != NULL && PyArg_ParseTuple(tables, "OOO", &patches, &x, &y) && (patch = viewed(patches, 3)) != NULL &&
-        (column = viewed(x, 1)) != NULL && (row = viewed(y, 1)) != NULL) {
-        const tables_t t = {patch->buf, column->buf, row->buf, patch->shape[1], column->shape[0] - 1, row->shape[0] - 1};
-        answer = filled(&t, disc, contacts);
-    }
-    Py_XDECREF(tables);
-    return answer;
-}
-
-/* Both parts of complex numbers, or of plain floats, as lists. */
-static PyObject *components(PyObject *module, PyObject *modal_um)
-{
-    (void)module;
-    PyObject *fast = PySequence_Fast(modal_um, "felt_descent: give a tuple of complex numbers");
-    if (fast == NULL)
-        return NULL;
-    const Py_ssize_t count = PySequence_Fast_GET_SIZE(fast);
-    PyObject *d_um = PyList_New(count), *q_um = PyList_New(count), *answer = NULL;
-    int is_good = d_um != NULL && q_um != NULL;
-    for (Py_ssize_t k = 0; k < count && is_good; k++) {
-        const Py_complex w_um = PyComplex_AsCComplex(PySequence_Fast_GET_ITEM(fast, k));
-        PyObject *d = NULL, *q = NULL;
-        if (!(w_um.real == -1.0 && PyErr_Occurred()))
-            d = PyFloat_FromDouble(w_um.real), q = PyFloat_FromDouble(w_um.imag);
-        PyList_SET_ITEM(d_um, k, d);
-        PyList_SET_ITEM(q_um, k, q);
-        is_good = d != NULL && q != NULL;
-    }
-    if (is_good)
-        answer = PyTuple_Pack(2, d_um, q_um);
-    Py_XDECREF(d_um);
-    Py_XDECREF(q_um);
-    Py_DECREF(fast);
-    return answer;
-}
-
-static PyObject *phasors(PyObject *module, PyObject *arguments)
-{
-    (void)module;
-    PyObject *d_um, *q_um;
-    if (!PyArg_ParseTuple(arguments, "O!O!", &PyList_Type, &d_um, &PyList_Type, &q_um))
-        return NULL;
-    const Py_ssize_t count = PyList_GET_SIZE(d_um);
-    if (PyList_GET_SIZE(q_um) != count) {
-        PyErr_SetString(PyExc_ValueError, "felt_descent: a list has another length");
-        return NULL;
-    }
-    PyObject *modal_um = PyTuple_New(count);
-    for (Py_ssize_t k = 0; k < count && modal_um != NULL; k++) {
-        const double d = PyFloat_AsDouble(PyList_GET_ITEM(d_um, k)), q = PyFloat_AsDouble(PyList_GET_ITEM(q_um, k));
-        PyObject *w_um = PyErr_Occurred() ? NULL : PyComplex_FromDoubles(d, q);
-        if (w_um == NULL)
-            Py_CLEAR(modal_um);
-        else
-            PyTuple_SET_ITEM(modal_um, k, w_um);
-    }
-    return modal_um;
-}
-
-static PyObject *contacts_rms_um(PyObject *module, PyObject *arguments)
-{
-    (void)module;
-    PyObject *shapes, *weights, *d, *q, *answer = NULL;
-    if (!PyArg_ParseTuple(arguments, "SO!O!O!", &shapes, &PyList_Type, &weights, &PyList_Type, &d, &PyList_Type, &q))
-        return NULL;
-    problem_t p = {.points = PyList_GET_SIZE(weights), .modes = PyList_GET_SIZE(d), .shapes = doubles_of(shapes)};
-    const Py_ssize_t numbers = PyBytes_GET_SIZE(shapes) / (Py_ssize_t)sizeof(double), contact = p.points * p.modes;
-    p.fingers = contact > 0 ? numbers / contact : 0;
-    double *memory = PyMem_Malloc((size_t)(p.points + 2 * p.modes + p.fingers + 1) * sizeof(double));
-    if (memory != NULL) {
-        p.d_um = memory + p.points, p.q_um = p.d_um + p.modes, p.contact_rms_um = p.q_um + p.modes, p.weights = memory;
-        if (copy(weights, p.points, memory, 1) && copy(d, p.modes, p.d_um, 1) && copy(q, p.modes, p.q_um, 1)) {
-            measure(&p);
-            answer = listed(p.fingers, p.contact_rms_um);
-        }
-        PyMem_Free(memory);
-    } else {
-        PyErr_NoMemory();
-    }
+    PyObject *answer = shapes_over(given);
+    for (int index = 0; index < 5; index++)
+        PyBuffer_Release(&given[index]);
     return answer;
 }
 
 static PyMethodDef methods[] = {
     {"descend", descend, METH_VARARGS, "See felt_descent.pyi."},
     {"contact_shapes", contact_shapes, METH_VARARGS, "See felt_descent.pyi."},
-    {"components", components, METH_O, "See felt_descent.pyi."},
-    {"phasors", phasors, METH_VARARGS, "See felt_descent.pyi."},
-    {"contacts_rms_um", contacts_rms_um, METH_VARARGS, "See felt_descent.pyi."},
     {NULL, NULL, 0, NULL},
 };
 
@@ -804,9 +716,8 @@ static struct PyModuleDef definition = {
 PyMODINIT_FUNC PyInit_felt_descent(void)
 {
     PyObject *module = PyModule_Create(&definition);
-    if (tables_name == NULL)
-        tables_name = PyUnicode_InternFromString("tables");
-    if (module != NULL && (tables_name == NULL || PyModule_AddObject(module, "MOST_WEIGHT", PyFloat_FromDouble(MOST_WEIGHT)) < 0))
+    if (module != NULL && (PyModule_AddObject(module, "UNCERTAIN_FRAC", PyFloat_FromDouble(UNCERTAIN_FRAC)) < 0 ||
+                           PyModule_AddObject(module, "COLD", PyLong_FromLong(COLD)) < 0))
         Py_CLEAR(module);
     return module;
 }

@@ -1,47 +1,36 @@
-"""`felt_descent.c`: the iteration of `felt`, and shapes over contacts."""
+"""`felt_descent.c`: the iteration of `felt`, and shapes over contacts; its arrays are contiguous, of float64."""
 
+from array import array
+
+from ...values import FloatArray
 from ..phasors import Row
-from ..plate.contact import Disc, Ellipse, Shapes
-from ..plate.mode_shapes import ModeShapes
+from ..plate.contact import Shapes
 
-MOST_WEIGHT: float  # of a weight's logarithm, either way
+UNCERTAIN_FRAC: float  # of a mode's amplitude: map, gain and sensor together
+COLD: int  # times as many iterations from rest
 
-def contact_shapes(modes: ModeShapes, disc: Disc, contacts: list[Ellipse], /) -> Shapes:
-    """Return the shapes at the points of each contact (N,), of a `disc` (Q,) of radius 1."""
-
-def components(modal_um: Row, /) -> tuple[list[float], list[float]]:
-    """Return the real and the imaginary parts of W (M,)."""
-
-def phasors(d_um: list[float], q_um: list[float], /) -> Row:
-    """Return W (M,) of its parts."""
+def contact_shapes(
+    tables: tuple[memoryview, memoryview, memoryview], disc: FloatArray, contacts: array[float], /
+) -> Shapes:
+    """Return the shapes of the map with these `ModeShapes.tables` at the points of contacts (N, 5), each an `Ellipse`
+    of which `disc` (Q, 3) has the points, and their weights, where it is the unit disc."""
 
 def descend(
     shapes: Shapes,
-    weights: list[float],
-    targets_um: list[float],
-    frictions: list[float],
-    counted_jnd: list[float],
-    stickiness: list[float],
-    stretches: list[float],
-    pieces: list[tuple[float, float, float]],
-    floor: tuple[float, float],
-    limits_um: tuple[float, ...],
-    d_um: list[float],
-    q_um: list[float],
-    log_weights: list[float],
+    disc: FloatArray,
+    fingers: array[float],
+    curve: FloatArray,
+    limits_um: FloatArray,
+    modal_um: Row,
     iterations: int,
     stay_frac: float,
-    uncertain_frac: float,
+    most_step_um: float,
     /,
-) -> tuple[list[float], list[float]]:
-    """Move W (M,), in its parts, and the fingers' weights (N,); return errors in just noticeable differences before the
-    last sweeps, and the RMS over each contact after them.
+) -> tuple[Row, bool]:
+    """Return W (M,), moved by at most `most_step_um`, and whether a limit keeps a finger from its target; none of the
+    `iterations` only measures. W of 0 begins with all modes alike.
 
-    `weights` (Q,) are those of a contact's points; `frictions` and `stretches` are wanted (`felt.solve_felt`),
-    `counted_jnd` is as much as each finger's error counts, `stickiness` the share in which its points are pulled to 0
-    (`felt`); `pieces` of the friction curve are where each begins, where it would be 1, and its decay; `floor` is the
-    amplitude at which the curve ends, and its friction there.
+    `fingers` (8, N) are target in um, friction, how much an error counts at most (`felt.counted_jnd`), stickiness,
+    gain with speed and logarithm of the weight; then come, as answers, errors in just noticeable differences and the
+    RMS over each contact. `curve` is a `FrictionCurve.table`.
     """
-
-def contacts_rms_um(shapes: Shapes, weights: list[float], d_um: list[float], q_um: list[float], /) -> list[float]:
-    """Return the RMS amplitude over each contact (N,)."""

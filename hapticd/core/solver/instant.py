@@ -6,17 +6,21 @@ on two modes, has a closed form (`two_modes`); everything else is solved by one 
 
 from __future__ import annotations
 
+import math
+from array import array
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from ...values import FingerKey, TouchPoint
+import numpy as np
+
+from ...values import FingerKey, FloatArray, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import ModeRow, ModeRows, Row
-from ..plate.contact import Disc, EllipseForm, Shapes, grown, many_points
+from ..plate.contact import EllipseForm, Shapes, grown, many_points
 from ..plate.mode_shapes import ModeShapes
-from .felt import COLD_ITERATIONS, ITERATIONS, felt_points, is_any_slippery, solve_felt, step_towards
-from .felt_descent import components, contact_shapes, contacts_rms_um, phasors
-from .reach import ReachProblem, reach
+from .felt import felt_points, is_any_slippery, solve_felt
+from .felt_descent import COLD, contact_shapes
+from .reach import Contacts, Reach
 from .two_modes import Pair, derated, hold_still, turned
 
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
@@ -25,7 +29,7 @@ PointSolver = Callable[[ModeRows, ModeRow, ModeRow, ModeRow | None], tuple[ModeR
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
 WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
-POINT: Final[Disc] = [(0.0, 0.0, 1.0)]
+POINT: Final = ((0.0, 0.0, 1.0),)
 
 
 class ModalSolution:
@@ -34,8 +38,6 @@ class ModalSolution:
     `achieved_um` (N,) is |w_i| at a point, the RMS over a contact. Not a named tuple: a compiled class is created in a
     quarter of the time.
     """
-
-    __slots__ = ("achieved_um", "limited", "modal_um", "places")
 
     def __init__(self, places: list[AskedPlace], achieved_um: list[float], modal_um: Row, limited: bool) -> None:
         self.places: Final = places
@@ -63,11 +65,10 @@ class InstantSolver:
     ) -> None:
         self._modes: Final = modes
         self._w_limit_um: Final = w_limit_um
-        self._wire_limit_um: Final = tuple([limit_um * WIRE_FRAC for limit_um in w_limit_um])
+        self._wire_limit_um: Final = np.array(w_limit_um) * WIRE_FRAC
         self.contact_radius_mm: Final = contact_radius_mm
         self.has_contacts: Final = contact_radius_mm > 0.0  # then places are taken with their variance
-        self._disc: Final[Disc] = felt_points() if contact_radius_mm > 0.0 else POINT
-        self._disc_weights: Final = [weight for _, _, weight in self._disc]
+        self._disc: Final = np.array(felt_points() if self.has_contacts else POINT)
         self._curve: Final = friction_curve
         self._derates: Final = derates
         self._solve: Final = solve
@@ -80,7 +81,7 @@ class InstantSolver:
 
     def cold_ns(self, fingers: int) -> float:
         """Return what the first solve from silence takes more, by the same estimate."""
-        return (COLD_ITERATIONS / ITERATIONS - 1.0) * self.cost_ns(fingers)
+        return (COLD - 1.0) * self.cost_ns(fingers)
 
     def solve(
         self,
@@ -88,46 +89,40 @@ class InstantSolver:
         previous_um: Row,
         since_ns: int,
         variances_mm2: list[float] | None = None,
-        stretches: list[float] | None = None,
+        speed_gains: list[float] | None = None,
         priorities: list[int] | None = None,
         forms: list[EllipseForm | None] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
-        `variances_mm2` (N,) of the places on each axis, and the contacts' `forms`, None for discs. By how much more
-        amplitude each sliding finger needs; the fingers' `priorities`, without them equal."""
+        `variances_mm2` (N,) of the places on each axis, and the contacts' `forms`, None for discs. `speed_gains` are
+        the gains of the amplitude that each finger needs as it slides; `priorities` without them are equal."""
         if not self.has_contacts:
             solution = self._solve_two(places, previous_um) if self._solve is None else self._by(places, previous_um)
             if solution is not None:
                 return solution
-        d_um, q_um = components(previous_um)
-        before_d_um, before_q_um = d_um.copy(), q_um.copy()
-        targets_um = tuple([target_um for _, _, target_um in places])
-        shapes = self._contact_shapes(self._disc, places, variances_mm2, forms)
-        if len(self._log_weights) != len(places):
-            self._log_weights = [0.0] * len(places)
-        ranks = [0] * len(places) if priorities is None else priorities
-        slides = [1.0] * len(places) if stretches is None else stretches
-        achieved_um, limited = solve_felt(
-            shapes,
-            self._disc_weights,
+        fingers, most_step_um = len(places), math.inf
+        targets_um = [target_um for _, _, target_um in places]
+        if len(self._log_weights) != fingers:
+            self._log_weights = [0.0] * fingers
+        if self.has_contacts and is_any_slippery(targets_um):
+            most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
+        modal_um, achieved_um, limited = solve_felt(
+            self._contact_shapes(self._disc, places, variances_mm2, forms),
+            self._disc,
             self._curve,
             targets_um,
             self._wire_limit_um,
-            d_um,
-            q_um,
+            previous_um,
             self._log_weights,
-            slides,
-            ranks,
+            [1.0] * fingers if speed_gains is None else speed_gains,
+            [0] * fingers if priorities is None else priorities,
+            most_step_um,
         )
-        if self.has_contacts and is_any_slippery(targets_um):
-            most_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
-            if step_towards(before_d_um, before_q_um, d_um, q_um, most_um):
-                achieved_um = contacts_rms_um(shapes, self._disc_weights, d_um, q_um)
-        return ModalSolution(places, achieved_um, phasors(d_um, q_um), limited)
+        return ModalSolution(places, achieved_um, modal_um, limited)
 
     def _contact_shapes(
         self,
-        disc: Disc,
+        disc: FloatArray,
         places: list[AskedPlace],
         variances_mm2: list[float] | None,
         forms: list[EllipseForm | None] | None,
@@ -136,11 +131,11 @@ class InstantSolver:
         contacts: list[EllipseForm] = [(1.0, 0.0, 1.0)] * len(places)
         if radius_mm > 0.0:
             contacts = grown(radius_mm, [0.0] * len(places) if variances_mm2 is None else variances_mm2, forms)
-        ellipses = [
-            (x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm)
-            for (x_mm, y_mm, _), (xx, xy, yy) in zip(places, contacts, strict=True)
-        ]
-        return contact_shapes(self._modes, disc, ellipses)
+        ellipses: list[float] = []
+        for finger in range(len(places)):
+            (x_mm, y_mm, _), (xx, xy, yy) = places[finger], contacts[finger]
+            ellipses += [x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm]
+        return contact_shapes(self._modes.tables, disc, array("d", ellipses))
 
     def _solve_two(self, places: list[AskedPlace], previous_um: Row) -> ModalSolution | None:
         """The paper's case; None for any other."""
@@ -188,27 +183,19 @@ class InstantSolver:
         self,
         places: list[AskedPlace],
         variances_mm2: list[float],
-        stretches: list[float],
+        speed_gains: list[float],
         priorities: list[int],
         calls: int,
         forms: list[EllipseForm | None] | None = None,
     ) -> tuple[float, float] | None:
         """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
         of the solver; None if it can feel none as asked."""
+        judging = np.array(many_points())
+        contacts = Contacts(self._contact_shapes(self._disc, places, variances_mm2, forms), self._disc)
+        judged = Contacts(self._contact_shapes(judging, places, variances_mm2, forms), judging)
         targets_um = [target_um for _, _, target_um in places[:-1]]
-        judging = many_points()
-        problem = ReachProblem(
-            self._contact_shapes(self._disc, places, variances_mm2, forms),
-            self._disc_weights,
-            self._contact_shapes(judging, places, variances_mm2, forms),
-            [weight for _, _, weight in judging],
-            self._curve,
-            targets_um,
-            self._wire_limit_um,
-            stretches,
-            priorities,
-        )
-        return reach(problem, calls)
+        problem = Reach(contacts, judged, self._curve, targets_um, self._wire_limit_um, speed_gains, priorities)
+        return problem.interval(calls)
 
 
 def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
+from array import array
 from collections.abc import Iterable
 
 import numpy as np
@@ -22,8 +23,9 @@ import numpy.typing as npt
 
 from ...values import FloatArray, Solution
 from ..friction import DEFAULT_FRICTION_CURVE
-from .felt import EXACT, solve_felt
+from .felt import solve_felt
 from .felt_descent import descend
+from .instant import POINT
 from .two_modes import SAFE, clamped, hold_still
 
 MOST_ENUMERATED = 5  # slipping fingers, whose patterns of signs are all tried
@@ -37,7 +39,6 @@ MOST_REACH = 1e3  # a target so many times out of reach acts like any farther on
 FAR = 1e12  # times what is asked for: amplitudes beyond act like it
 NOISE = 1e-12  # of the largest shape
 SETTLING_CALLS = 12  # of a contact's descent, from anywhere
-LEAST_SHARE = 1e-4  # of the mean curvature, by which that of still contacts is definite
 
 __all__ = ["solve", "solve_batch"]
 
@@ -120,7 +121,7 @@ def _solved_points(
     wanted = np.minimum(asked, 1.0 if slips.sum() == 1 else MOST_REACH)
     wanted[slips] = np.maximum(wanted[slips], 1.0 / SAFE)  # where it underflows
     wanted[~slips] = 0.0
-    box = tuple(np.clip(limits / top / unit, 1.0 / FAR, FAR).tolist())
+    box = np.clip(limits / top / unit, 1.0 / FAR, FAR)
     near, equal = np.clip(near / top, -unit * FAR, unit * FAR) / unit, EQUAL_ERROR * float(wanted @ wanted)
     found = [_descended(rows, wanted, box, start) for start in _starts(rows, wanted, near)]
     errors = np.array([float(np.sum((np.abs(rows @ modal) - wanted) ** 2)) for modal in found])
@@ -129,7 +130,7 @@ def _solved_points(
     found = [modal if near @ modal >= 0.0 else -modal for modal in found if modal @ modal <= least * (1.0 + EQUAL_NORM)]
     best = min(found, key=lambda modal: float(np.sum((modal - near) ** 2)))  # W and -W are equal for every finger
     is_missed = bool(np.any(np.abs(np.abs(rows @ best) - asked)[slips] > MISSED * asked[slips]))
-    limited = is_missed and bool(np.any(np.abs(best) >= (1.0 - MISSED) * np.array(box)))
+    limited = is_missed and bool(np.any(np.abs(best) >= (1.0 - MISSED) * box))
     return np.array([clamped(w, limit) for w, limit in zip(best * unit * top, limits, strict=True)]), limited
 
 
@@ -150,36 +151,17 @@ def _starts(rows: FloatArray, wanted: FloatArray, near: FloatArray) -> Iterable[
         yield inverse @ signed
 
 
-def _descended(rows: FloatArray, wanted: FloatArray, box: tuple[float, ...], start: FloatArray) -> FloatArray:
+def _descended(rows: FloatArray, wanted: FloatArray, box: FloatArray, start: FloatArray) -> FloatArray:
     """Return the real amplitudes, within the box, where the descent from a start settles."""
-    fingers, modes = rows.shape
-    most = np.abs(start).max()
-    d, q = (start / most * min(most, SAFE)).tolist() if most > 0.0 else list(box), [0.0] * modes
-    curve, unused = ([(0.0, 0.0, 1.0)], (1.0, 1.0)), [1.0] * fingers
-    sticky = (EXACT * (wanted == 0.0)).tolist()
-    shapes, before = rows.tobytes(), d
+    most, fingers, shapes = np.abs(start).max(), array("d", [*wanted, *[1.0] * (7 * len(wanted))]), rows.tobytes()
+    modal = tuple(map(complex, start / most * min(most, SAFE) if most > 0.0 else box))
+    iterations, curve = ITERATIONS if wanted.all() else STILL_ITERATIONS, DEFAULT_FRICTION_CURVE.table
     for _ in range(ROUNDS):
-        logs, before = [0.0] * fingers, d.copy()
-        descend(
-            shapes,
-            [1.0],
-            wanted.tolist(),
-            unused,
-            unused,
-            sticky,
-            unused,
-            *curve,
-            box,
-            d,
-            q,
-            logs,
-            ITERATIONS if wanted.all() else STILL_ITERATIONS,
-            STAY_FRAC,
-            0.0,
-        )
-        if max([abs(now - was) for now, was in zip(d, before, strict=True)]) <= SETTLED:
+        before = modal
+        modal, _ = descend(shapes, np.array(POINT), fingers, curve, box, modal, iterations, STAY_FRAC, math.inf)
+        if np.abs(np.subtract(modal, before)).max() <= SETTLED:
             break
-    return np.array(d)
+    return np.real(modal)
 
 
 # --- contacts, by their Gram matrices -------------------------------------------------------------------------------
@@ -188,42 +170,29 @@ def _descended(rows: FloatArray, wanted: FloatArray, box: tuple[float, ...], sta
 def _solved_contacts(
     grams: FloatArray, targets: FloatArray, limits: FloatArray, previous: FloatArray | None
 ) -> tuple[FloatArray, FloatArray, bool]:
-    """Solve for contacts with real amplitudes: a real start stays real. A Gram matrix is that of M points:
-    its eigenvectors, mixed by a cosine transform, so that an even vibration is even at the points too."""
+    """Solve for contacts with real amplitudes: a real start stays real, as are those in which slipping contacts differ
+    most from the others. A Gram matrix is that of M points: its eigenvectors, mixed by a cosine transform, so that an
+    even vibration is even at the points too."""
     fingers, modes = len(grams), len(limits)
     sizes, vectors = np.linalg.eigh(grams)
     mixed = np.cos(np.pi / modes * np.outer(np.arange(modes) + 0.5, np.arange(modes)[::-1])) * math.sqrt(2.0)
     mixed[:, -1] = 1.0  # of the largest one, the last
     shapes = np.einsum("qj,nj,nkj->nqk", mixed, np.sqrt(np.maximum(sizes, 0.0)), vectors).tobytes()
-    starts = [] if previous is None or not previous.any() else [previous]
-    wanted, box, weights = tuple(targets.tolist()), tuple(limits.tolist()), [1.0 / modes] * modes
-    least, best, achieved, limited = math.inf, [0.0] * modes, [0.0] * fingers, False
-    for start in [*starts, *_contrasts(grams, targets, limits)]:
-        modal, none, logs = start.tolist(), [0.0] * modes, [0.0] * fingers
-        slides, ranks = [1.0] * fingers, [0] * fingers
+    disc, slips = np.array([(*POINT[0][:2], 1.0 / modes)] * modes), targets > 0.0
+    _, contrasts = np.linalg.eigh(grams[slips].sum(axis=0) - grams[~slips].sum(axis=0))
+    starts = [contrast * np.min(limits / np.maximum(np.abs(contrast), NOISE)) for contrast in contrasts.T]
+    found = []
+    for start in [*([] if previous is None or not previous.any() else [previous]), *starts]:
+        modal, logs = tuple(map(complex, start)), [0.0] * fingers
+        given = [1.0] * fingers, [0] * fingers
         for _ in range(SETTLING_CALLS):
-            got, is_limited = solve_felt(
-                shapes, weights, DEFAULT_FRICTION_CURVE, wanted, box, modal, none, logs, slides, ranks
+            modal, got, limited = solve_felt(
+                shapes, disc, DEFAULT_FRICTION_CURVE, targets.tolist(), limits, modal, logs, *given
             )
-        missed = float(np.abs(np.array(got) - targets).max())
-        if missed < least:
-            least, best, achieved, limited = missed, modal, got, is_limited
-    modal = [clamped(w, limit) for w, limit in zip(best, box, strict=True)]
-    return np.array(modal), np.array(achieved), limited
-
-
-def _contrasts(grams: FloatArray, targets: FloatArray, limits: FloatArray) -> list[FloatArray]:
-    """Return the amplitudes from which to start: those in which slipping contacts differ most from the others."""
-    modes, slips = len(limits), targets > 0.0
-    still = grams[~slips].sum(axis=0) + LEAST_SHARE * np.trace(grams.sum(axis=0)) / modes * np.eye(modes)
-    try:
-        lower = np.linalg.inv(np.linalg.cholesky(still))
-    except np.linalg.LinAlgError:  # shapes that are all 0, or whose squares leave the range of floats
-        return [limits]
-    _, vectors = np.linalg.eigh(lower @ grams[slips].sum(axis=0) @ lower.T)
-    found = lower.T @ vectors
-    found *= np.min(limits[:, None] / np.maximum(np.abs(found), sys.float_info.min), axis=0)
-    return list(found.T[::-1])
+        within = [clamped(w, limit) for w, limit in zip(np.real(modal).tolist(), limits.tolist(), strict=True)]
+        found.append((float(np.abs(np.array(got) - targets).max()), within, got, limited))
+    _, within, got, limited = min(found)
+    return np.array(within), np.array(got), limited
 
 
 # --- figures and checks ---------------------------------------------------------------------------------------------

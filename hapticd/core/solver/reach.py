@@ -10,175 +10,122 @@ it has converged, because its time is limited: what is said to be in reach is, a
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
 
+from ...values import FloatArray
 from ..friction import FrictionCurve
+from ..phasors import Row
 from ..plate.contact import Shapes
-from .felt import (
-    COLD_ITERATIONS,
-    ITERATIONS,
-    MISSED_JND,
-    STAY_FRAC,
-    UNCERTAIN_FRAC,
-    counted_jnd,
-    solve_felt,
-    stickiness,
-)
-from .felt_descent import descend
+from .felt import MISSED_JND, STAY_FRAC, finger_table, solve_felt
+from .felt_descent import COLD, descend
 
 STEPS: Final = 8  # between bare glass and the most slippery
 HALVINGS: Final = 4  # of each end: to 0.008
 MOST_CALLS: Final = 12  # of the solver for a friction; more find hardly more
-COLD_CALLS: Final = COLD_ITERATIONS // ITERATIONS
+COLD_CALLS: Final = COLD
 TRIED: Final = STEPS + 1 + 2 * HALVINGS  # frictions
 LEAST_CALLS: Final = 2 * (COLD_CALLS + TRIED)
 SLACK_JND: Final = 0.02  # by which another finger may miss more than without this one
 
 
-class ReachProblem:
-    """The other fingers and this one, the last: shapes at the points of each contact (N, Q, M), of these `weights`
-    (Q,), and at those by which it is judged; targets (N - 1,) and how much more amplitude each needs as it slides, and
-    its priority (N,)."""
+class _State:
+    """Where a search is: amplitudes, and the fingers' weights."""
 
-    __slots__ = (
-        "curve",
-        "judged_shapes",
-        "judged_weights",
-        "limits_um",
-        "priorities",
-        "shapes",
-        "stretches",
-        "targets_um",
-        "weights",
-    )
+    def __init__(self, modal_um: Row, weights: list[float]) -> None:
+        self.modal_um = modal_um
+        self.weights = weights
+
+    def copy(self) -> _State:
+        return _State(self.modal_um, self.weights.copy())
+
+
+class Contacts(NamedTuple):
+    """The shapes (N, Q, M) at the points of contacts, each a disc with these points (Q, 3)."""
+
+    shapes: Shapes
+    disc: FloatArray
+
+
+class Reach:
+    """The other fingers and this one, the last: their contacts, as solved for and as judged, targets of the others, and
+    all fingers' gains with speed and priorities."""
 
     def __init__(
         self,
-        shapes: Shapes,
-        weights: list[float],
-        judged_shapes: Shapes,
-        judged_weights: list[float],
+        contacts: Contacts,
+        judged: Contacts,
         curve: FrictionCurve,
         targets_um: list[float],
-        limits_um: tuple[float, ...],
-        stretches: list[float],
+        limits_um: FloatArray,
+        speed_gains: list[float],
         priorities: list[int],
     ) -> None:
-        self.shapes: Final = shapes
-        self.weights: Final = weights
-        self.judged_shapes: Final = judged_shapes
-        self.judged_weights: Final = judged_weights
-        self.curve: Final = curve
-        self.targets_um: Final = targets_um
-        self.limits_um: Final = limits_um
-        self.stretches: Final = stretches
-        self.priorities: Final = priorities
+        self._contacts: Final = contacts
+        self._judged: Final = judged
+        self._curve: Final = curve
+        self._targets_um: Final = targets_um
+        self._limits_um: Final = limits_um
+        self._speed_gains: Final = speed_gains
+        self._priorities: Final = priorities
+        self._allowed_jnd: list[float] = []
+        self._calls = 0  # for each friction
 
+    def interval(self, calls: int) -> tuple[float, float] | None:
+        """Return the lowest and the highest friction in reach, as a target has it (0 .. 1), by at most so many calls of
+        the solver, LEAST_CALLS or more; None where none is."""
+        others = len(self._targets_um)
+        without_jnd = self._errors_jnd(self._targets_um, self._at_rest(others)) if others > 0 else []
+        self._allowed_jnd = [*[max(MISSED_JND, abs(error_jnd) + SLACK_JND) for error_jnd in without_jnd], MISSED_JND]
+        self._calls = min((calls - 2 * COLD_CALLS) // TRIED, MOST_CALLS)
+        state = self._at_rest(others + 1)
+        passed: list[_State] = []
+        is_good: list[bool] = []
+        for step in range(STEPS + 1):
+            is_good.append(self._is_felt(1.0 - step / STEPS, state))
+            passed.append(state.copy())
+        first, last = _longest_run(is_good)
+        return None if first > last else (self._edge(last, 1, passed), self._edge(first, -1, passed))
 
-class _State:
-    """Where a search is: amplitudes and the fingers' weights."""
-
-    __slots__ = ("d_um", "logs", "q_um")
-
-    def __init__(self, d_um: list[float], q_um: list[float], logs: list[float]) -> None:
-        self.d_um, self.q_um, self.logs = d_um, q_um, logs
-
-    def copy(self) -> _State:
-        return _State(self.d_um.copy(), self.q_um.copy(), self.logs.copy())
-
-
-def reach(problem: ReachProblem, calls: int) -> tuple[float, float] | None:
-    """Return the lowest and the highest friction in reach, as a target has it (0 .. 1), by at most so many calls of the
-    solver, LEAST_CALLS or more; None where none is."""
-    allowed_jnd = _allowed_jnd(problem)
-    each = min((calls - 2 * COLD_CALLS) // TRIED, MOST_CALLS)
-    state = _at_rest(problem, len(problem.stretches))
-    passed: list[_State] = []
-    is_good: list[bool] = []
-    for step in range(STEPS + 1):
-        is_good.append(_is_felt(problem, 1.0 - step / STEPS, state, allowed_jnd, each))
-        passed.append(state.copy())
-    first, last = _longest_run(is_good)
-    if first > last:
-        return None
-    high = _edge(problem, first, -1, passed, allowed_jnd, each)
-    low = _edge(problem, last, 1, passed, allowed_jnd, each)
-    return low, high
-
-
-def _edge(
-    problem: ReachProblem, step: int, outwards: int, passed: list[_State], allowed_jnd: list[float], each: int
-) -> float:
-    """Bisect between the last step in reach and the first beyond it."""
-    inside = 1.0 - step / STEPS
-    if not 0 <= step + outwards <= STEPS:
+    def _edge(self, step: int, outwards: int, passed: list[_State]) -> float:
+        """Bisect between the last step in reach and the first beyond it."""
+        inside = 1.0 - step / STEPS
+        if not 0 <= step + outwards <= STEPS:
+            return inside
+        beyond, state = 1.0 - (step + outwards) / STEPS, passed[step]
+        for _ in range(HALVINGS):
+            middle, tried = 0.5 * (inside + beyond), state.copy()
+            if self._is_felt(middle, tried):
+                inside, state = middle, tried
+            else:
+                beyond = middle
         return inside
-    beyond, state = 1.0 - (step + outwards) / STEPS, passed[step]
-    for _ in range(HALVINGS):
-        middle, tried = 0.5 * (inside + beyond), state.copy()
-        if _is_felt(problem, middle, tried, allowed_jnd, each):
-            inside, state = middle, tried
-        else:
-            beyond = middle
-    return inside
 
+    def _is_felt(self, friction_frac: float, state: _State) -> bool:
+        """Move the state to where this finger is asked to feel a friction; return whether all feel what they may."""
+        own_um = self._curve.amplitude_um(friction_frac) * self._speed_gains[-1]
+        for _ in range(self._calls):
+            errors_jnd = self._errors_jnd([*self._targets_um, own_um], state)
+            if all(abs(errors_jnd[n]) <= self._allowed_jnd[n] for n in range(len(errors_jnd))):
+                return True
+        return False
 
-def _is_felt(problem: ReachProblem, friction_frac: float, state: _State, allowed_jnd: list[float], calls: int) -> bool:
-    """Move the state to where this finger is asked to feel a friction, by at most so many calls; return whether all
-    feel what they may."""
-    own_um = problem.curve.amplitude_um(friction_frac) * problem.stretches[-1]
-    for _ in range(calls):
-        errors_jnd = _solved(problem, [*problem.targets_um, own_um], state)
-        is_felt = True
-        for finger in range(len(errors_jnd)):
-            is_felt = is_felt and abs(errors_jnd[finger]) <= allowed_jnd[finger]
-        if is_felt:
-            return True
-    return False
+    def _at_rest(self, fingers: int) -> _State:
+        return _State((0j,) * len(self._limits_um), [0.0] * fingers)
 
-
-def _allowed_jnd(problem: ReachProblem) -> list[float]:
-    """Return by how much each finger may miss: a just noticeable difference, or what it misses without this one."""
-    others = len(problem.targets_um)
-    if others == 0:
-        return [MISSED_JND]
-    errors_jnd = _solved(problem, problem.targets_um, _at_rest(problem, others))
-    return [*[max(MISSED_JND, abs(error_jnd) + SLACK_JND) for error_jnd in errors_jnd], MISSED_JND]
-
-
-def _at_rest(problem: ReachProblem, fingers: int) -> _State:
-    modes = len(problem.limits_um)
-    return _State([0.0] * modes, [0.0] * modes, [0.0] * fingers)
-
-
-def _solved(problem: ReachProblem, targets_um: list[float], state: _State) -> list[float]:
-    """Move the state by one call for the first fingers, which have these targets; return their errors there."""
-    count, fingers = len(targets_um), len(problem.stretches)
-    curve, stretches, priorities = problem.curve, problem.stretches[:count], problem.priorities[:count]
-    shapes = problem.shapes[: count * len(problem.shapes) // fingers]
-    targets, weights, limits_um = tuple(targets_um), problem.weights, problem.limits_um
-    solve_felt(shapes, weights, curve, targets, limits_um, state.d_um, state.q_um, state.logs, stretches, priorities)
-    frictions = [curve.friction(targets[n] / stretches[n]) for n in range(len(targets))]
-    there, floor = state.copy(), (curve.full_um, curve.floor_frac)
-    errors_jnd, _ = descend(
-        problem.judged_shapes[: count * len(problem.judged_shapes) // fingers],
-        problem.judged_weights,
-        targets_um,
-        frictions,
-        counted_jnd(frictions, priorities),
-        stickiness(frictions),
-        stretches,
-        curve.pieces,
-        floor,
-        limits_um,
-        there.d_um,
-        there.q_um,
-        there.logs,
-        1,
-        STAY_FRAC,
-        UNCERTAIN_FRAC,
-    )
-    return errors_jnd
+    def _errors_jnd(self, targets_um: list[float], state: _State) -> list[float]:
+        """Move the state by one call for the first fingers, which have these targets; return their errors there."""
+        count, limits_um, weights = len(targets_um), self._limits_um, state.weights
+        (shapes, disc), (judged_shapes, judging) = self._contacts, self._judged
+        speed_gains, priorities, fingers = self._speed_gains[:count], self._priorities[:count], len(self._speed_gains)
+        shapes = shapes[: count * len(shapes) // fingers]
+        state.modal_um, _, _ = solve_felt(
+            shapes, disc, self._curve, targets_um, limits_um, state.modal_um, weights, speed_gains, priorities
+        )
+        table = finger_table(self._curve, targets_um, weights, speed_gains, priorities)
+        judged_shapes = judged_shapes[: count * len(judged_shapes) // fingers]
+        descend(judged_shapes, judging, table, self._curve.table, limits_um, state.modal_um, 0, STAY_FRAC, math.inf)
+        return table[6 * count : 7 * count].tolist()
 
 
 def _longest_run(is_good: list[bool]) -> tuple[int, int]:

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.felt import solve_felt
-from hapticd.core.solver.felt_descent import contacts_rms_um
 from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
 from hapticd.core.touch.contact_form import ContactForm, EllipseScale
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -169,22 +168,20 @@ def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data:
         phi[-1] = phi[0]
     if data.draw(st.booleans()):
         phi[0] = 0.0
-    targets_um = tuple(
-        data.draw(st.lists(st.sampled_from((0.0, 1e-9, 0.1, 0.5, 1.0, 1e6)), min_size=fingers, max_size=fingers))
-    )
+    asked_um = st.sampled_from((0.0, 1e-9, 0.1, 0.5, 1.0, 1e6))
+    targets_um = data.draw(st.lists(asked_um, min_size=fingers, max_size=fingers))
     curve = data.draw(st.sampled_from((DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.2, 1.1), 0.3))))
-    limits_um = tuple((10.0 ** random.uniform(-3, 2, modes)).tolist())
-    shapes = phi.tobytes()
-    d_um, q_um, logs = [0.0] * modes, [0.0] * modes, [0.0] * fingers
-    priorities = random.integers(0, 4, fingers).tolist()
+    limits_um, disc = 10.0 ** random.uniform(-3, 2, modes), np.tile([0.0, 0.0, 0.2], (5, 1))
+    modal_um, logs, priorities = (0j,) * modes, [0.0] * fingers, random.integers(0, 4, fingers).tolist()
     for _ in range(4):
-        rms_um, _ = solve_felt(
-            shapes, [0.2] * 5, curve, targets_um, limits_um, d_um, q_um, logs, [1.0] * fingers, priorities
+        modal_um, rms_um, _ = solve_felt(
+            phi.tobytes(), disc, curve, targets_um, limits_um, modal_um, logs, [1.0] * fingers, priorities
         )
-        assert np.isfinite([d_um, q_um]).all()
+        assert np.isfinite(modal_um).all()
         assert np.isfinite(logs).all()
-        assert np.all(np.hypot(d_um, q_um) <= np.array(limits_um))
-        assert rms_um == contacts_rms_um(shapes, [0.2] * 5, d_um, q_um) or not max(targets_um)
+        assert np.all(np.abs(modal_um) <= limits_um)
+        expected_um = np.sqrt(np.mean(np.abs(phi @ np.array(modal_um)) ** 2, axis=1))
+        assert rms_um == pytest.approx(expected_um, rel=1e-9, abs=1e-150) or not max(targets_um)
 
 
 @given(st.data())
