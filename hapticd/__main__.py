@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from .errors import ExitCode, HapticdError, missing_library
+from .errors import ExitCode, HapticdError, UsageError, missing_library
 from .tools.arguments import Parser, add_command
 from .tools.outputs import check_arguments
 
@@ -37,25 +37,40 @@ COMMANDS = {
     "play": Command(
         "tools.play", "play a picture, a sound or a haptic pattern under every finger on the plate", "click.ahap --sim"
     ),
-    "simulate": Command(
-        "tools.simulate",
-        "run a scenario in virtual time and score it",
-        "strokes --seed 3 --json - --out strokes.npz",
+    "gateway": Command(
+        "tools.gateway.program",
+        "let web pages and programs without ZeroMQ be clients, by WebSocket and JSON",
+        "--origin http://localhost:8000",
+    ),
+    "study": Command(
+        "tools.study",
+        "run experiments with people, by default the paper's, and analyse them",
+        "report answers/",
     ),
     "calibrate": Command(
         "tools.calibrate.program",
         "measure plate, trackpad and delays step by step, each with a picture and a verdict",
         "all --sim --out DIR",
     ),
+    "doctor": Command(
+        "tools.doctor.program",
+        "check devices, files, service and host, each with its fix; measure the delays",
+        "--config hapticd.toml",
+    ),
+    "service": Command(
+        "tools.install_service",
+        "install or remove the system's service; make keys for clients on other machines",
+        "install --print",
+    ),
+    "firmware": Command(
+        "tools.firmware.program",
+        "work with the board: status, sweeps, telemetry, gains",
+        "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
+    ),
     "plate": Command(
         "tools.plate",
-        "design a plate: pairs of modes near a frequency, their shapes, and where to glue it",
+        "design a plate: pairs of modes near a frequency, their shapes, and where to glue it; map what it can do",
         "--size 137.5x137.5 --material glass --near 29200 --plot plate.png",
-    ),
-    "map": Command(
-        "tools.map.program",
-        "map the positions where another finger can be still, or slip",
-        "--finger -30,20 --plot map.png",
     ),
     "record": Command(
         "tools.record.commands",
@@ -71,75 +86,58 @@ COMMANDS = {
     ),
     "export": Command(
         "tools.record.commands",
-        "turn a recording into tables for pandas, MATLAB and others",
+        "turn a recording into tables for pandas, MATLAB and others, or a picture",
         "session.mcap --hdf5 session.h5",
         "add_export_arguments",
-    ),
-    "plot": Command(
-        "tools.record.commands",
-        "draw a recording in the manner of the paper's figures",
-        "session.mcap session.png --from 2 --to 6",
-        "add_plot_arguments",
     ),
     "stream": Command(
         "tools.stream.program",
         "stream states and metrics to Prometheus or the Lab Streaming Layer",
         "prometheus",
     ),
-    "gateway": Command(
-        "tools.gateway.program",
-        "let web pages and programs without ZeroMQ be clients, by WebSocket and JSON",
-        "--origin http://localhost:8000",
-    ),
-    "study": Command(
-        "tools.study",
-        "run experiments with people, by default the paper's, and analyse them",
-        "report answers/",
-    ),
-    "firmware": Command(
-        "tools.firmware.program",
-        "work with the board: status, sweeps, telemetry, gains",
-        "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
-    ),
-    "latency": Command(
-        "tools.latency",
-        "measure each delay from report to plate on the connected devices",
-        "--sim --seconds 10 --plot delays.png",
+    "simulate": Command(
+        "tools.simulate",
+        "run a scenario in virtual time and score it",
+        "strokes --seed 3 --json - --out strokes.npz",
     ),
     "bench": Command(
         "bench.command",
         "compare the algorithms on a touch's path, error against run time",
         "all --json bench.json",
     ),
-    "doctor": Command(
-        "tools.doctor.program",
-        "check devices, files, service and host; each check prints its fix",
-        "--config hapticd.toml",
-    ),
-    "keys": Command(
-        "tools.keys",
-        "create keys for clients on other machines, and manage the allow-list",
-        "make /etc/hapticd/keys",
-    ),
-    "install-service": Command(
-        "tools.install_service",
-        "install the service's unit, rules, users and configuration",
-        "--print",
-    ),
-    "uninstall-service": Command(
-        "tools.install_service",
-        "remove the service's unit and rules; configuration and users stay",
-        "--print",
-        "add_uninstall_arguments",
-    ),
 }
+GROUPS = {
+    "demo": "use it",
+    "calibrate": "set it up",
+    "record": "record",
+    "simulate": "develop",
+}  # by their first command
+MOVED = {
+    "map": "plate map",
+    "plot": "export F.mcap --plot",
+    "latency": "doctor latency",
+    "keys": "service keys",
+    "install-service": "service install",
+    "uninstall-service": "service remove",
+}  # commands of earlier versions
+
+
+class _Grouped(argparse.RawDescriptionHelpFormatter):
+    """A command's help with a heading above the first command of each group."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        heading = GROUPS.get(action.dest)
+        return (f"\n  {heading}:\n" if heading else "") + super()._format_action(action)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; return the exit code. An error of hapticd's own prints one sentence on stderr."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        options = parser(next((word for word in given if not word.startswith("-")), "")).parse_args(given)
+        chosen = next((word for word in given if not word.startswith("-")), "")
+        if chosen in MOVED:
+            raise UsageError(f"`hapticd {chosen}` is `hapticd {MOVED[chosen]}` now.")
+        options = parser(chosen).parse_args(given)
         check_arguments(options)
         code = int(options.command(options) or 0)
         sys.stdout.flush()
@@ -195,7 +193,7 @@ def parser(*chosen: str) -> argparse.ArgumentParser:
         prog="hapticd",
         description="Every finger on one vibrating glass plate gets its own friction.",
         epilog="example: hapticd view --sim\n\n`hapticd COMMAND --help` explains each, with an example.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=_Grouped,
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="show the version, of a checkout with its commit")
     whole.add_argument(

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from hapticd import __version__
-from hapticd.__main__ import COMMANDS, main
+from hapticd.__main__ import COMMANDS, GROUPS, MOVED, main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config import loader as config
 from hapticd.tools import install_service
@@ -63,6 +63,21 @@ def test_help_of_every_command_and_subcommand_has_an_example(command: str) -> No
         assert f"example: hapticd {name}" in parser.format_help(), name
 
 
+def test_help_groups_at_most_eighteen_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    _, output, _ = outcome(capsys, "--help")
+    places = [output.index(f"\n  {heading}:\n    {first} ") for first, heading in GROUPS.items()]
+    assert places == sorted(places)
+    assert len(COMMANDS) <= 18
+
+
+@pytest.mark.parametrize(("old", "new"), MOVED.items())
+def test_the_name_of_a_moved_command_is_answered_by_its_new_one(
+    old: str, new: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert outcome(capsys, old, "--sim") == (2, "", f"hapticd: `hapticd {old}` is `hapticd {new}` now.\n")
+    assert new.split()[0] in COMMANDS
+
+
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
     code, output, complaint = outcome(capsys, "--version")
     assert (code, complaint) == (0, "")
@@ -94,11 +109,11 @@ def test_the_printed_configuration_is_a_file_that_means_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = tmp_path / "given.toml"
-    given.write_text("[trackpad]\nrotation_deg = 90\n[limits]\nw_limit_um = [3.0, 2.5]\n", encoding="utf-8")
+    given.write_text("[trackpad]\nmatrix = [0, -1, 1, 0]\n[limits]\nw_limit_um = [3.0, 2.5]\n", encoding="utf-8")
     code, output, _ = outcome(capsys, "run", "--config", str(given), "--print-config")
     assert code == 0
     table = tomllib.loads(output)
-    assert table["trackpad"]["rotation_deg"] == 90
+    assert table["trackpad"]["matrix"] == [0, -1, 1, 0]
     assert table["limits"]["w_limit_um"] == [3.0, 2.5]
     assert table["device"]["port"] == "sim"
     assert config.from_table(table, where="printed", folder=tmp_path) == config.load(given)
@@ -190,7 +205,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence(
         raise PermissionError(errno.EACCES, "Permission denied", "/etc/hapticd")
 
     monkeypatch.setattr(install_service, "install", refused)
-    assert outcome(capsys, "install-service") == (1, "", "hapticd: /etc/hapticd: Permission denied\n")
+    assert outcome(capsys, "service", "install") == (1, "", "hapticd: /etc/hapticd: Permission denied\n")
 
 
 SIMULATE = ("simulate", "rest", "--seconds", "0.2", "--alone", "--json")

@@ -18,8 +18,8 @@ from hapticd import compiled
 from hapticd.bench.recording import play, record
 from hapticd.compiled import why_interpreted
 from hapticd.compiled.build_ext import touch_path
-from hapticd.config.sections import Config
 from hapticd.daemon.machine import Machine
+from hapticd.daemon.settings import pipeline_settings
 from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.plate.ground_truth import PlateSettings
 from hapticd.sim.settings import Settings, scheme_config
@@ -28,19 +28,17 @@ ROOT = Path(__file__).parents[1]
 MODULES = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in touch_path(ROOT)]
 PLAYED = ("strokes", "both-slip", "virtual-finger")
 POINTS, CONTACTS = Settings(), Settings(plate=PlateSettings.of("fingertip"))
-TIGHT = replace(Config(), solver=replace(Config().solver, tolerance_um=1e-4, max_knots=20))
+TIGHT = {"tolerance_um": 1e-4, "max_knots": 20}
 
 
 def said() -> dict[str, str]:
     """By scenario a digest of all that is written to the board and published, and how much it is."""
     digests = {}
-    for name, plate, configs in (
-        *((name, POINTS, (Config(), TIGHT)) for name in PLAYED),
-        ("strokes", CONTACTS, (scheme_config(CONTACTS),)),
-    ):
+    for name, plate, changes in (*((name, POINTS, ({}, TIGHT)) for name in PLAYED), ("strokes", CONTACTS, ({},))):
         seconds = 1.6 if plate is POINTS else 0.7  # as Python, contacts take a hundred times as long
         recording = record(SCENARIOS[name].build(3, 130.0), settings=plate, seed=3, seconds=seconds)
-        for config in configs:
+        config = scheme_config(plate)
+        for pipeline in changes:
             digest = hashlib.sha256()
             written: list[int] = []
 
@@ -49,9 +47,10 @@ def said() -> dict[str, str]:
                 written.append(len(data))
                 return True
 
-            machine = Machine(config, recording.modes, write_board=write, publish=digest.update)
+            settings = replace(pipeline_settings(config), **pipeline)
+            machine = Machine(config, recording.modes, write_board=write, publish=digest.update, pipeline=settings)
             play(recording, machine)
-            what = f"{len(config.limits.w_limit_um)} modes, {config.solver.max_knots} knots"
+            what = f"{len(config.limits.w_limit_um)} modes, {settings.max_knots} knots"
             digests[f"{name}, {what}"] = f"{digest.hexdigest()}, {sum(written)} bytes"
     return digests
 

@@ -161,12 +161,12 @@ CLIENT: dict[str, tuple[str, Callable[[Path], object]]] = {
 FOLDER = "."  # of the file, in place of its name
 FINGERS = "t_s,finger,x_mm,y_mm,target_um\n"
 SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
-    "a bomb of arrays": (("map", "--modes"), "a.npz", lambda path: npz(path, bytes(1 << 20))),
-    "an archive of 340 000 members": (("map", "--modes"), "a.npz", crowded_zip),
-    "a map of empty lines": (("map", "--modes"), "a.csv", lambda path: path.write_bytes(b"\n" * 16_000_000)),
-    "a map of wide text": (("map", "--modes"), "a.csv", lambda path: path.write_text("😀\n" * 3_300_000)),
+    "a bomb of arrays": (("plate", "map", "--modes"), "a.npz", lambda path: npz(path, bytes(1 << 20))),
+    "an archive of 340 000 members": (("plate", "map", "--modes"), "a.npz", crowded_zip),
+    "a map of empty lines": (("plate", "map", "--modes"), "a.csv", lambda path: path.write_bytes(b"\n" * 16_000_000)),
+    "a map of wide text": (("plate", "map", "--modes"), "a.csv", lambda path: path.write_text("😀\n" * 3_300_000)),
     "a map of many columns": (
-        ("map", "--modes"),
+        ("plate", "map", "--modes"),
         "a.csv",
         lambda path: path.write_text(
             "x_mm,y_mm," + ",".join(f"phi_{k}" for k in range(1, 1500)) + "\n" + ("0,0" + ",1" * 1499 + "\n") * 5300
@@ -204,7 +204,7 @@ SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
         "a.toml",
         lambda path: path.write_bytes(b"a=[" + b"[]," * 21_000 + b"]"),
     ),
-    "a key without end": (("keys", "allow", "./"), "a.key", lambda path: sparse(path, b"#", 400 * MB)),
+    "a key without end": (("service", "keys", "allow", "./"), "a.key", lambda path: sparse(path, b"#", 400 * MB)),
     "a header of lists": (("replay",), "a.mcap", lambda path: headed(path, lists(4_000_000))),
     "a header of maps": (
         ("replay",),

@@ -16,10 +16,10 @@ READERS = [
     ("run", "--check", "--config"),
     ("replay",),
     ("export", "--csv", "tables"),
-    ("map", "--modes"),
+    ("plate", "map", "--modes"),
     ("calibrate", "friction", "--out", "plate", "--readings"),
     ("calibrate", "modes", "--out", "plate", "--scan"),
-    ("keys", "allow", "."),
+    ("service", "keys", "allow", "."),
 ]
 
 
@@ -44,7 +44,7 @@ def test_what_is_not_a_regular_file_is_refused_at_once(
     assert name in printed.err
 
 
-@pytest.mark.parametrize("key", ["plate.modes_file", "trackpad.replay_file", "device.calibration_file"])
+@pytest.mark.parametrize("key", ["plate.modes_file", "device.calibration_file"])
 @pytest.mark.parametrize("name", ["pipe.csv", "loop.csv", "folder.csv"])
 def test_a_configuration_that_names_one_is_refused(key: str, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     section, entry = key.split(".")

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from ..compiled import why_interpreted
 from ..config.sections import Config
+from ..daemon.board_gateway import FAST_BAUD
 from ..sim.fingers.pad_ellipse import calibrated
 from ..sim.fingers.pad_noise import PadNoise
 from ..sim.fingers.scenarios import LAND_S, SCENARIOS, SPEED_MM_S, Actor
@@ -72,7 +73,7 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     def played(settings: Settings, actors: tuple[Actor, ...] = strokes, timed: str = "reports") -> _Situation:
         config = scheme_config(settings)
         if settings is eight_modes:
-            config = replace(config, device=replace(config.device, baud=config.device.fast_baud))
+            config = replace(config, device=replace(config.device, baud=FAST_BAUD))
         return _Situation(record(actors, settings=settings, seconds=span_s, timed=timed), config)
 
     def of(scenario: str, settings: Settings = points) -> _Situation:
@@ -82,7 +83,6 @@ def _situations(span_s: float) -> dict[str, _Situation]:
     return {
         "two fingers": two_fingers,
         "with telemetry": two_fingers._replace(publish=lambda _: None),
-        "a single knot": two_fingers._replace(config=replace(config, solver=replace(config.solver, max_knots=1))),
         "both slip": of("both-slip"),
         "two contacts, four modes": played(contacts),
         "two ellipses, four modes": played(ellipses),

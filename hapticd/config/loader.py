@@ -16,9 +16,49 @@ from typing import Any, cast
 from ..errors import ConfigError
 from ..formats.toml_file import read_table
 from .keys import bounds_text, checked, nearest, toml
-from .sections import MOST_MODES, SIMULATED, ClientConfig, Config, LimitsConfig, TrackpadConfig, UncertaintyConfig
+from .sections import (
+    MOST_MODES,
+    PAD_NAMES,
+    SCENARIO_NAMES,
+    SIMULATED,
+    TUIO_ADDRESS,
+    ClientConfig,
+    Config,
+    LimitsConfig,
+    TrackpadConfig,
+    UncertaintyConfig,
+)
 
 MAX_PORT = 65535
+# Keys of earlier versions, and what to do after removing the line; a constant took the place of most.
+GONE = {
+    "plate.parasitic_modes_file": "",
+    "plate.parasitic_detuning_hz": "",
+    "plate.parasitic_decay_1_s": "",
+    "trackpad.silence_ms": "",
+    "trackpad.rotation_deg": " and write trackpad.matrix",
+    "trackpad.scale": " and write trackpad.matrix",
+    "trackpad.model": " and write trackpad.device",
+    "trackpad.tuio_address": " and write trackpad.device",
+    "trackpad.replay_file": " and write trackpad.device",
+    "device.fast_baud": "",
+    "device.link_ms": "",
+    "device.loop_delay_ms": "",
+    "device.self_test": ": device.calibration_file has the board tested",
+    "limits.headroom_frac": "",
+    "prediction.noise_mm": "",
+    "solver.tolerance_um": "",
+    "solver.max_knots": "",
+    "uncertainty.touched_map_frac": "",
+    "uncertainty.touched_mm": "",
+    "uncertainty.latency_ms": "",
+    "client.runtime_dir": " and set the environment variable HAPTICD_RUNTIME_DIR",
+    "sim.fingers_file": " and write sim.scenario",
+    "realtime.lock_memory": ": realtime.fifo_priority has memory locked",
+    "realtime.stay_awake": ": realtime.fifo_priority keeps processors awake",
+    "record.max_files": "",
+}
+FINGER_FILES = (".csv", ".mcap")
 MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
 
 
@@ -46,8 +86,6 @@ def from_table(table: Mapping[str, Any], *, where: str, folder: Path | None) -> 
     _check_together(config, where)
     if folder is None:
         return config
-    if config.device.calibration_file and "self_test" not in table["device"]:
-        config = replace(config, device=replace(config.device, self_test=True))
     return _with_files(config, where, folder)
 
 
@@ -66,17 +104,11 @@ def simulated(config: Config) -> Config:
     """Return this configuration for the simulated plate: its mode map, the firmware's models, the pad centred."""
     return replace(
         config,
-        plate=replace(config.plate, modes_file="", parasitic_modes_file=""),
+        plate=replace(config.plate, modes_file=""),
         trackpad=replace(
-            config.trackpad,
-            source=SIMULATED,
-            model="auto",
-            offset_mm=(0.0, 0.0),
-            rotation_deg=0.0,
-            scale=(1.0, 1.0),
-            matrix=(),
+            config.trackpad, source=SIMULATED, device="", offset_mm=(0.0, 0.0), matrix=TrackpadConfig().matrix
         ),
-        device=replace(config.device, port=SIMULATED, calibration_file="", self_test=False),
+        device=replace(config.device, port=SIMULATED, calibration_file=""),
     )
 
 
@@ -130,6 +162,9 @@ def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
     values = {}
     for name, value in table.items():
         if name not in by_name:
+            key = f"{where.rpartition(' ')[2]}.{name}"
+            if key in GONE:
+                raise ConfigError(f"{where}.{name}: this key is gone: remove the line{GONE[key]}.")
             raise ConfigError(f"{where}.{name}: unknown key{nearest(name, by_name)}")
         values[name] = checked(by_name[name], value, f"{where}.{name}")
     return section_type(**values)
@@ -141,27 +176,22 @@ def _check_together(config: Config, where: str) -> None:
     for name, value, length in (
         ("plate.size_mm", config.plate.size_mm, 2),
         ("trackpad.offset_mm", config.trackpad.offset_mm, 2),
-        ("trackpad.scale", config.trackpad.scale, 2),
+        ("trackpad.matrix", config.trackpad.matrix, 4),
         ("trackpad.size_mm", config.trackpad.size_mm, 2 if config.trackpad.size_mm else 0),
         ("prediction.pad_weights", weights, 10 if weights else 0),
-        ("uncertainty.touched_mm", config.uncertainty.touched_mm, 4 if config.uncertainty.touched_mm else 0),
     ):
         if len(value) != length:
             raise ConfigError(f"{where}: {name}: needs {length} numbers, not {len(value)}.")
-    _check_matrix(config.trackpad.matrix, where)
-    if config.trackpad.source == "tuio":
-        _check_tuio(config.trackpad, where)
+    _check_trackpad(config.trackpad, where)
     if not 1 <= len(config.limits.w_limit_um) <= MOST_MODES:
         raise ConfigError(f"{where}: limits.w_limit_um: needs one number per mode (1 .. {MOST_MODES}).")
     curve = config.plate.friction_curve
     if curve and (len(curve) < 2 or curve[0] != 0.0 or any(a >= b for a, b in pairwise(curve))):
         raise ConfigError(f"{where}: plate.friction_curve: needs two or more rising numbers, starting at 0.")
-    plate = config.plate
-    if plate.parasitic_modes_file and not len(plate.parasitic_detuning_hz) == len(plate.parasitic_decay_1_s) > 0:
-        raise ConfigError(
-            f"{where}: plate.parasitic_modes_file: needs parasitic_detuning_hz and parasitic_decay_1_s too, "
-            "one number per mode each."
-        )
+    fingers = config.sim.fingers_file
+    if fingers and not fingers.endswith(FINGER_FILES):
+        names = ", ".join(SCENARIO_NAMES)
+        raise ConfigError(f"{where}: sim.scenario: {fingers!r} is not one of {names}, nor a CSV or recording.")
     if config.client.tcp:
         _check_tcp(config.client, where)
     if config.trackpad.source == SIMULATED and config.device.port != SIMULATED:
@@ -173,22 +203,23 @@ def _check_together(config: Config, where: str) -> None:
         raise ConfigError(f"{where}: plate.modes_file: a real plate needs its measured mode map (NPZ or CSV).")
 
 
-def _check_matrix(matrix: tuple[float, ...], where: str) -> None:
-    """Require an empty or invertible matrix."""
-    if len(matrix) not in (0, 4):
-        raise ConfigError(f"{where}: trackpad.matrix: needs 4 numbers, xx, xy, yx, yy, not {len(matrix)}.")
-    if matrix and not abs(matrix[0] * matrix[3] - matrix[1] * matrix[2]) >= MIN_DETERMINANT:
+def _check_trackpad(trackpad: TrackpadConfig, where: str) -> None:
+    """Require an invertible matrix, and what the source needs."""
+    xx, xy, yx, yy = trackpad.matrix
+    if not abs(xx * yy - xy * yx) >= MIN_DETERMINANT:
         raise ConfigError(f"{where}: trackpad.matrix: is nearly singular: measure it again.")
+    if trackpad.source == "hid" and trackpad.device not in ("", *PAD_NAMES):
+        raise ConfigError(f"{where}: trackpad.device: {trackpad.device!r} is not one of {', '.join(PAD_NAMES)}.")
+    if trackpad.source == "replay" and not trackpad.device:
+        raise ConfigError(f'{where}: trackpad.device: source = "replay" needs a recording.')
+    if trackpad.source == "tuio":
+        _check_tuio(trackpad, where)
 
 
 def _check_tuio(trackpad: TrackpadConfig, where: str) -> None:
     """Require an address with a port, and the size of the surface."""
-    host, _, port = trackpad.tuio_address.rpartition(":")
-    if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= MAX_PORT):
-        raise ConfigError(
-            f"{where}: trackpad.tuio_address: must be an address and a port, such as "
-            f'"127.0.0.1:3333", not {trackpad.tuio_address!r}.'
-        )
+    if trackpad.device:
+        _check_port(trackpad.device, where, "trackpad.device: must be an address and a port", TUIO_ADDRESS)
     if trackpad.tuio_sender:
         try:
             ip_address(trackpad.tuio_sender)
@@ -203,22 +234,24 @@ def _check_tuio(trackpad: TrackpadConfig, where: str) -> None:
 
 def _check_tcp(client: ClientConfig, where: str) -> None:
     """Require an address, three ports and keys."""
-    host, _, port = client.tcp.rpartition(":")
-    if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= MAX_PORT - 2):
-        raise ConfigError(
-            f"{where}: client.tcp: must be an address and the first of three ports, such as "
-            f'"192.168.7.1:7410", not {client.tcp!r}.'
-        )
+    what = "client.tcp: must be an address and the first of three ports"
+    _check_port(client.tcp, where, what, "192.168.7.1:7410", ports=3)
     if not client.keys_dir:
         raise ConfigError(
-            f"{where}: client.tcp: needs keys: make them with `hapticd keys make` and set client.keys_dir "
+            f"{where}: client.tcp: needs keys: make them with `hapticd service keys make` and set client.keys_dir "
             "to their directory."
         )
 
 
+def _check_port(text: str, where: str, what: str, example: str, ports: int = 1) -> None:
+    host, _, port = text.rpartition(":")
+    if not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= MAX_PORT + 1 - ports):
+        raise ConfigError(f'{where}: {what}, such as "{example}", not {text!r}.')
+
+
 def _with_files(config: Config, where: str, folder: Path) -> Config:
     """Return the configuration with absolute file names; raises ConfigError for a missing file."""
-    for section, key in _file_keys():
+    for section, key in _file_keys(config):
         name = getattr(getattr(config, section), key)
         if not name:
             continue
@@ -226,14 +259,11 @@ def _with_files(config: Config, where: str, folder: Path) -> Config:
         if not _is_file(path):
             raise ConfigError(f"{where}: {section}.{key}: there is no file {path}.")
         config = replace(config, **{section: replace(getattr(config, section), **{key: str(path)})})
-    if config.client.keys_dir:
-        config = replace(
-            config, client=replace(config.client, keys_dir=os.path.realpath(folder / config.client.keys_dir))
-        )
-    if config.record.file:
-        config = replace(config, record=replace(config.record, file=os.path.realpath(folder / config.record.file)))
-    if config.trackpad.source == "replay" and not config.trackpad.replay_file:
-        raise ConfigError(f'{where}: trackpad.replay_file: source = "replay" needs a recording.')
+    for section, key in (("client", "keys_dir"), ("record", "file")):
+        name = getattr(getattr(config, section), key)
+        if name:
+            resolved = {key: os.path.realpath(folder / name)}
+            config = replace(config, **{section: replace(getattr(config, section), **resolved)})
     return config
 
 
@@ -244,7 +274,11 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _file_keys() -> Iterator[tuple[str, str]]:
+def _file_keys(config: Config) -> Iterator[tuple[str, str]]:
+    if config.trackpad.source == "replay":
+        yield "trackpad", "device"
+    if config.sim.fingers_file:
+        yield "sim", "scenario"
     for section in fields(Config):
         for entry in fields(cast(type, section.default_factory)):
             if entry.name.endswith("_file"):

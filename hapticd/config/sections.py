@@ -12,12 +12,14 @@ from .keys import key
 
 SIMULATED = "sim"
 LEAST_MODES, MOST_MODES = 2, 8  # with an amplifier each: boards are built for these
+HEADROOM_FRAC = 0.05  # of each limit at least is kept free
 OVERSHOOT_FRAC = 0.01  # by which the plate passes a moving reference
 SIGMAS = 3.0  # of the sensors, with all modes at their limits at once: the worst of 40 worlds stay within by 1 %
 LEAST_REFERENCE_FRAC = 0.25  # of a limit, however little is known of the sensors
 
 # Repeated from pads and simulation, which are not loaded when a configuration is checked; tests compare them.
 PAD_NAMES = ("usbc-usb", "mt2-usb", "usbc-bt", "mt2-bt", "mt1")
+TUIO_ADDRESS = "127.0.0.1:3333"
 PLATE_NAMES = ("reference", "fingertip", "wide")
 WIRING_NAMES = ("identity", "paper", "swapped", "inverted")
 SCENARIO_NAMES = (
@@ -47,13 +49,6 @@ class PlateConfig:
 
     size_mm: tuple[float, ...] = key((137.5, 137.5), "width (x) and depth (y)", low=10, high=1000)
     modes_file: str = key("", "NPZ or CSV of the measured mode map; empty: the simulated plate's own map")
-    parasitic_modes_file: str = key(
-        "", "NPZ or CSV of the mode map of parasitic modes, which are near the drive but not driven; empty: none"
-    )
-    parasitic_detuning_hz: tuple[float, ...] = key(
-        (), "frequency of each parasitic mode, relative to the drive", low=-1000, high=1000
-    )
-    parasitic_decay_1_s: tuple[float, ...] = key((), "pi f / Q of each parasitic mode", low=1, high=10000)
     friction_curve: tuple[float, ...] = key(
         (),
         "amplitude in um at equally spaced frictions 1 .. 0, rising from 0; empty: the built-in curve",
@@ -80,31 +75,21 @@ class TrackpadConfig:
         "source of touch reports; evdev: any multitouch device of Linux; tuio: a tracker, by TUIO 1.1 or 2.0 over UDP",
         choices=(SIMULATED, "hid", "evdev", "tuio", "replay"),
     )
-    model: str = key(
-        "auto",
-        "model of the trackpad; auto: the one that is connected",
-        choices=("auto", *PAD_NAMES),
-    )
     device: str = key(
-        "", 'path or name of the device for source = "evdev"; empty: the first multitouch device that is found'
+        "",
+        f"which one, by its source; hid: one of {', '.join(PAD_NAMES)}, empty: the connected one; evdev: path or name, "
+        "empty: the first multitouch device; tuio: address and port to bind, empty: "
+        f"{TUIO_ADDRESS}; replay: a recording of `libinput record`, `evemu-record` or `evtest`, or JSON lines: "
+        '{"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab"} each, host time and bytes in hex',
     )
     size_mm: tuple[float, ...] = key(
         (), "width and height of the device's range of positions; empty: as it says itself", low=1, high=5000
     )
-    tuio_address: str = key("127.0.0.1:3333", 'address and port that are bound for source = "tuio"')
     tuio_sender: str = key("", "address that the tracker's datagrams must come from; empty: this computer")
-    replay_file: str = key(
-        "",
-        'reports for source = "replay": a recording of `libinput record` or `evemu-record`, or JSON lines: '
-        '{"model": "mt2-usb"}, then {"t_ns": 123, "report": "02ab"} each, host time and bytes in hex',
-    )
     offset_mm: tuple[float, ...] = key((0.0, 0.0), "the pad's centre in plate coordinates", low=-500, high=500)
-    rotation_deg: float = key(0.0, "anticlockwise rotation of the pad on the plate", low=-180, high=180)
-    scale: tuple[float, ...] = key((1.0, 1.0), "true mm per pad mm along the pad's x and y", low=0.5, high=2)
     matrix: tuple[float, ...] = key(
-        (),
-        "rotation, mirroring, scale and shear as a 2 x 2 matrix xx, xy, yx, yy, in place of rotation_deg and scale; "
-        "empty: unused",
+        (1.0, 0.0, 0.0, 1.0),
+        "rotation, mirroring, scale and shear of the pad on the plate as a 2 x 2 matrix xx, xy, yx, yy",
         low=-2,
         high=2,
     )
@@ -117,12 +102,6 @@ class TrackpadConfig:
     )
     ellipse_offset_mm: float = key(0.0, "true axes of a contact whose ellipse is reported as 0", low=-20, high=20)
     latency_ms: float = key(10.0, "delay from the finger's position to its report", low=0, high=50)
-    silence_ms: float = key(
-        40.0,
-        "fingers count as lifted after this time without a report, of a slow pad after 3.5 periods",
-        low=15,
-        high=1000,
-    )
 
 
 # Lag of the plate behind moving references under each law (`tests/firmware/test_control.py`).
@@ -135,23 +114,17 @@ class DeviceConfig:
 
     port: str = key(SIMULATED, 'serial port, such as /dev/ttyACM0; "sim": the simulated board')
     baud: int = key(921600, "serial speed", low=9600, high=5250000)
-    fast_baud: int = key(3_000_000, "serial speed of a board that offers it; 0: stay at baud", low=0, high=5250000)
-    link_ms: float = key(5.0, "initial value of the one-way delay, which is then measured", low=0, high=40)
-    loop_delay_ms: float = key(0.0, "additional lag of the plate behind its reference", low=0, high=20)
     controller: str = key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))
     calibration_file: str = key(
-        "", "TOML of the measured modes, from `hapticd firmware sweep --save`; empty: the firmware's defaults"
-    )
-    self_test: bool = key(
-        False,
-        "measure modes and wires for two seconds before the plate is first driven, and report what has moved; wires "
-        "that the loop cannot bear keep it quiet. With calibration_file the default is true",
+        "",
+        "TOML of the measured modes, from `hapticd firmware sweep --save`, against which modes and wires are tested "
+        "before the plate is first driven; empty: the firmware's defaults, no test",
     )
 
     @property
     def plate_delay_ms(self) -> float:
-        """Lag of the plate behind its reference: the control law's lag plus `loop_delay_ms`."""
-        return LAW_DELAY_MS[self.controller] + self.loop_delay_ms
+        """Lag of the plate behind its reference."""
+        return LAW_DELAY_MS[self.controller]
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +132,6 @@ class LimitsConfig:
     """Amplitude limits of the amplifiers, applied here and again by the firmware."""
 
     w_limit_um: tuple[float, ...] = key((4.0, 4.0), "largest amplitude of each mode, peak to peak", low=0.01, high=20)
-    headroom_frac: float = key(
-        0.05,
-        "least share of each limit kept free; more where uncertainty.sensors_frac needs it for the plate itself to "
-        "stay within",
-        low=0,
-        high=0.5,
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +139,6 @@ class PredictionConfig:
     """Prediction of finger positions."""
 
     period_ms: float = key(11.25, "the pad's nominal report period", low=2, high=50)
-    noise_mm: float = key(0.053, "position noise assumed by the predictor, per axis", low=0.001, high=1)
     pad_weights: tuple[float, ...] = key(
         (),
         "what `hapticd calibrate prediction` learned of the pad: weights of five corrections at 15 ms, then at 30 ms; "
@@ -194,13 +159,6 @@ class SolverConfig:
         low=0,
         high=15,
     )
-    tolerance_um: float = key(
-        0.02,
-        "largest interpolation error between knots, and deviation at which a constant reference is sent again",
-        low=1e-4,
-        high=1,
-    )
-    max_knots: int = key(16, "knots in one reference frame", low=1, high=24)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,13 +173,6 @@ class UncertaintyConfig:
         low=0,
         high=1,
     )
-    touched_map_frac: float = key(
-        0.02,
-        "the same in the part of the plate that `hapticd calibrate touch` has the map of",
-        low=0,
-        high=1,
-    )
-    touched_mm: tuple[float, ...] = key((), "least x, y and largest x, y of that part; empty: none", low=-500, high=500)
     sensors_frac: float = key(0.02, "of the board's sensors: gain, phase (rad) and crosstalk of each", low=0, high=1)
     gain_frac: float = key(
         0.0,
@@ -231,43 +182,52 @@ class UncertaintyConfig:
     )
     place_mm: float = key(
         0.9,
-        "of a contact's centre on each axis: the pad's place and centroids, and what its size makes uncertain",
+        "of a contact's centre on each axis: the pad's place and centroids, and what its size makes uncertain; 0: "
+        "known, and trackpad.latency_ms too",
         low=0,
         high=10,
     )
-    latency_ms: float = key(1.7, "of trackpad.latency_ms", low=0, high=20)
 
 
 @dataclass(frozen=True, slots=True)
 class ClientConfig:
     """Endpoints for clients."""
 
-    runtime_dir: str = key("", "directory of the ipc endpoints; empty: the service's or user's runtime directory")
     tcp: str = key("", 'address for clients with a key, such as "192.168.7.1:7410"; takes 3 ports; empty: ipc only')
-    keys_dir: str = key("", "directory of the keys for tcp, made by `hapticd keys`")
+    keys_dir: str = key("", "directory of the keys for tcp, made by `hapticd service keys`")
 
 
 @dataclass(frozen=True, slots=True)
 class SimConfig:
     """The simulated rig, for trackpad and board on \"sim\"."""
 
-    scenario: str = key("strokes", "scenario of the simulated fingers", choices=SCENARIO_NAMES)
-    fingers_file: str = key("", "CSV, or recording, of fingers that are played in place of the scenario; empty: none")
+    scenario: str = key(
+        "strokes", f"of the simulated fingers: {', '.join(SCENARIO_NAMES)}, or a CSV or recording of fingers to play"
+    )
     seed: int = key(1, "seed of fingers, noise and mode map", low=0, high=2**31 - 1)
     plate: str = key("reference", f"one of {', '.join(PLATE_NAMES)}, or a plate's file (.toml)")
     modes: int = key(0, "modes with an amplifier each; 0: the plate's own", low=0, high=MOST_MODES)
     wiring: str = key("identity", "of amplifiers and sensors to the modes; two are wrong", choices=WIRING_NAMES)
     rig_dir: str = key("", "directory of a running rig; empty: the daemon starts one")
 
+    @property
+    def fingers_file(self) -> str:
+        """The file of the fingers, empty if they are those of a scenario."""
+        return "" if self.scenario in SCENARIO_NAMES else self.scenario
+
 
 @dataclass(frozen=True, slots=True)
 class RealtimeConfig:
     """Real-time settings that the service requests of the kernel; its unit file permits them."""
 
-    fifo_priority: int = key(0, "SCHED_FIFO priority of the loop; 0: ordinary scheduling", low=0, high=90)
+    fifo_priority: int = key(
+        0,
+        "SCHED_FIFO priority of the loop, with its memory locked and processors kept out of sleep states while fingers "
+        "are down, which costs heat; 0: ordinary scheduling",
+        low=0,
+        high=90,
+    )
     processor: int = key(-1, "processor to which the loop is pinned; -1: any", low=-1, high=1023)
-    lock_memory: bool = key(False, "lock used memory pages in RAM")
-    stay_awake: bool = key(False, "keep processors out of sleep states while fingers are down; costs heat")
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,8 +235,7 @@ class RecordConfig:
     """Recording; see hapticd/tools/record/README.md."""
 
     file: str = key("", "MCAP file to record everything to, from each start on; an existing file is kept; empty: none")
-    max_mb: int = key(512, "size of a file at which it ends", low=1, high=1_000_000)
-    max_files: int = key(8, "files kept of one start: a full one is followed, the oldest removed", low=1, high=999)
+    max_mb: int = key(512, "size of a file at which the next one begins; of one start 8 stay", low=1, high=1_000_000)
     telemetry_hz: int = key(
         0,
         "control ticks per second that the board reports, for `hapticd calibrate touch`: 500; 0: none",
@@ -316,7 +275,7 @@ class Config:
         quarter of the limit at least."""
         limits, known = self.limits, self.uncertainty
         unseen_um = SIGMAS * known.sensors_frac * math.hypot(*limits.w_limit_um)
-        least_share, most_share = LEAST_REFERENCE_FRAC, 1.0 - limits.headroom_frac
+        least_share, most_share = LEAST_REFERENCE_FRAC, 1.0 - HEADROOM_FRAC
         return tuple(
             [
                 limit_um * min(max(1.0 - OVERSHOOT_FRAC - unseen_frac, least_share), most_share)

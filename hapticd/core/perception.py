@@ -104,7 +104,7 @@ class ContactPerception:
             else:
                 xx_mm = yy_mm = 2.0 * math.sqrt(place_mm2)
             size_mm2 += 4.0 * place_mm2
-        map_frac, sensors_frac = self.uncertainty.map_frac_at(x_mm, y_mm), self.uncertainty.sensors_frac
+        map_frac, sensors_frac = self.uncertainty.map_frac, self.uncertainty.sensors_frac
         parts_um = [re_im(w_um) for w_um in modal_um]
         all_um2 = 0.0
         for mode_d_um, mode_q_um in parts_um:

@@ -6,8 +6,7 @@ known, what is to be expected is a sum in quadrature:
 
     r^2 = r0^2 + map^2 sum_k |W_k|^2 + sensors^2 sum_k |phi_k|^2 sum_l |W_l|^2 + place^2 |gradient|^2
 
-map       standard deviation of each shape at each place, of its peak: its noise, and its change since the scan; less in
-          the part of the plate whose map touches have shown.
+map       standard deviation of each shape at each place, of its peak: its noise, and its change since the scan.
 sensors   of each element of the matrix of sensors by modes: gain, phase and crosstalk.
 place     of the contact's centre on each axis: the pad's place, its centroid, and along the motion its latency. With
           what the predictor expects of its own error it makes the contact larger, as for the solver (`plate.contact`).
@@ -31,16 +30,6 @@ class Uncertainty(NamedTuple):
     sensors_frac: float = 0.0
     place_mm: float = 0.0
     latency_s: float = 0.0
-    touched_map_frac: float = 0.0
-    touched_mm: tuple[float, float, float, float] | None = None  # least x, y and largest x, y
-
-    def map_frac_at(self, x_mm: float, y_mm: float) -> float:
-        """Return what is not known of the map at a place."""
-        if self.touched_mm is None:
-            return self.map_frac
-        left_mm, lower_mm, right_mm, upper_mm = self.touched_mm
-        is_touched = left_mm <= x_mm <= right_mm and lower_mm <= y_mm <= upper_mm
-        return self.touched_map_frac if is_touched else self.map_frac
 
     def place_mm2(self, predicted_mm2: float, speed_mm_s: float) -> float:
         """Return the variance of a contact's place on each axis, of a finger at this speed; `predicted_mm2` is what the

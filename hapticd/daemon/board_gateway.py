@@ -34,7 +34,7 @@ from ..wire import device as device_wire
 from ..wire.commands import encode
 from ..wire.device import FLASH
 from .observer import Observed
-from .settings import LONGEST_FRAME_S, max_knots
+from .settings import LONGEST_FRAME_S, MOST_KNOTS, max_knots
 
 log = logging.getLogger("hapticd")
 
@@ -44,6 +44,8 @@ INCOMPLETE_AFTER_NS = 1_500_000_000  # a handshake takes a tenth of that: then a
 FRESH_START = b"\0"  # ends a frame that was cut short, which would otherwise take this one with it
 # A pass on a slow machine, until frames were acknowledged: their delay, from the pass's beginning on, contains it.
 START_COMPUTE_NS = 400_000
+START_LINK_NS = 5_000_000  # delay of the link until it is measured
+FAST_BAUD = 3_000_000  # of a board that offers it
 LACK_OF = {"VERDICT": " on its controller and models", "TIME": " that continues its clock"}
 CHECK_THE_LINE = "check device.port, device.baud, the cable and the board's supply"
 EASE_THE_COMPUTER = "it is simulated, and this computer too busy for it: close other programs"
@@ -71,11 +73,11 @@ class BoardGateway:
         `supervise` receives events, with their reason and instant.
         """
         self.session = BoardSession(
-            link_start_ns=round(config.device.link_ms * 1e6) + START_COMPUTE_NS,
+            link_start_ns=START_LINK_NS + START_COMPUTE_NS,
             controller=config.device.controller,
             calibration=calibration,
             telemetry_hz=config.record.telemetry_hz,
-            fast_baud=0 if set_baud is None else config.device.fast_baud,
+            fast_baud=0 if set_baud is None else FAST_BAUD,
         )
         self.unsent = 0
         self.refused = ""  # why the present board is not accepted
@@ -185,12 +187,12 @@ class BoardGateway:
             self._report_knots(hello.modes)
 
     def _report_knots(self, modes: int) -> None:
-        """Log where the line is too slow for frames of `solver.max_knots`."""
-        knots, most = max_knots(self._config, self.baud), self._config.solver.max_knots
-        if knots < most:
+        """Log where the line is too slow for frames of MOST_KNOTS."""
+        knots = max_knots(self._config, self.baud)
+        if knots < MOST_KNOTS:
             within_ms = 1e3 * LONGEST_FRAME_S
             slow = "a reference frame of %d modes has %d knots, not %d: at %d baud more take over %g ms"
-            log.info(f"board: {slow}", modes, knots, most, self.baud, within_ms)
+            log.info(f"board: {slow}", modes, knots, MOST_KNOTS, self.baud, within_ms)
 
     def _take_status(self, message: BoardStatus, t_now_ns: int) -> None:
         booked, observer = self.session.receive_status(message, t_now_ns), self._observed.observer

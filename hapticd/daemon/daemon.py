@@ -77,7 +77,7 @@ class Daemon:
         self.runtime_dir = runtime_dir
         self._server = ClientServer(runtime_dir, remote)
         self._link = SerialLink(board_port, config.device.baud)
-        self._self_test = SelfTest(self_test, config.device, board_port) if config.device.self_test else None
+        self._self_test = SelfTest(self_test, config.device, board_port) if config.device.calibration_file else None
         self._trackpad = trackpad
         self._waiting: deque[RawReport] = deque(maxlen=BATCH)  # reports that the next pass takes
         self._reports_timer: asyncio.TimerHandle | None = None
@@ -188,13 +188,11 @@ class Daemon:
     def go_real_time(self) -> None:
         """Request the configured real-time settings from the kernel, and log what it refuses."""
         requested = self._config.realtime
-        granted = go_real_time(
-            fifo_priority=requested.fifo_priority, processor=requested.processor, lock_memory=requested.lock_memory
-        )
+        granted = go_real_time(fifo_priority=requested.fifo_priority, processor=requested.processor)
         if granted.priority > 0:
             on_processor_limit(log.error)
         refused = list(granted.refused)
-        if requested.stay_awake:
+        if requested.fifo_priority > 0:
             try:
                 self._awake = awake.CpuLatencyHold(awake.LATENCY_FILE)
             except OSError as error:

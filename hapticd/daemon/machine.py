@@ -118,7 +118,7 @@ class Machine:
         )
         self.status.publish = publish
         self._plate_from_pad = plate_from_pad(config)
-        self.trackpad = Decoder(PADS.get(config.trackpad.model, DEFAULT_PAD), self._plate_from_pad)
+        self.trackpad = Decoder(PADS.get(config.trackpad.device, DEFAULT_PAD), self._plate_from_pad)
         self.last_tick: Tick | None = None
         self.is_failing = False
         self._t_reports_ns: int | None = None

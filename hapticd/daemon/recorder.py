@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("hapticd")
 
 BYTES_PER_MB = 1_000_000
+MOST_FILES = 8  # of one start; a full one is followed, the oldest removed
 RESTART_EVERY_NS = 10_000_000_000  # recorders that attach again and again must not keep the touch from going on
 
 MakeHeader = Callable[[Machine, bool], Header]  # given whether the machine has had no input yet
@@ -209,9 +210,7 @@ def _own_recording(config: RecordConfig, header: Header) -> BackgroundWriter | N
     from ..files.recording.mcap_writer import RecordingFile
 
     try:
-        file = RecordingFile(
-            Path(config.file), header, max_bytes=config.max_mb * BYTES_PER_MB, max_files=config.max_files
-        )
+        file = RecordingFile(Path(config.file), header, max_bytes=config.max_mb * BYTES_PER_MB, max_files=MOST_FILES)
     except RecordingError as error:
         log.error("recording: there is none, the touch goes on: %s", error)
         return None

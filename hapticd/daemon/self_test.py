@@ -28,9 +28,8 @@ class SelfTest:
 
     def __init__(self, program: Sequence[str], device: DeviceConfig, port: str) -> None:
         """`program` is the command that tests, up to its arguments."""
-        compared = ["--calibration", device.calibration_file] if device.calibration_file else []
-        where = ["--port", port, "--baud", str(device.baud)]
-        self._command = [*program, *where, *compared, "--json"]
+        where = ["--port", port, "--baud", str(device.baud), "--calibration", device.calibration_file]
+        self._command = [*program, *where, "--json"]
         self.result: tuple[str, str] | None = None
         self._task: asyncio.Task[None] | None = None
 

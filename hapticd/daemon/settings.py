@@ -15,6 +15,10 @@ from ..core.uncertainty import Uncertainty
 from ..values import AffineMap
 
 LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
+MOST_KNOTS = 16  # in one reference frame without effects
+LATENCY_SIGMA_S = 1.7e-3  # of trackpad.latency_ms
+SILENCE_NS = 40_000_000  # fingers count as lifted after it without a report, of a slow pad after 3.5 periods
+RIG_SILENCE_NS = 1_000_000_000  # a loaded host that stalls the simulated pad must not lift its fingers
 LONGEST_FRAME_S = 0.003
 LONGEST_EFFECT_FRAME_S = 0.005  # while an effect plays: 24 knots of two modes at 921600 baud
 BITS_PER_BYTE = 10  # 8N1
@@ -41,25 +45,23 @@ def pipeline_settings(config: Config) -> PipelineSettings:
             DEFAULT.for_touch,
             memory=PadMemory.of(prediction.pad_weights),
             period_ms=prediction.period_ms,
-            noise_mm=prediction.noise_mm,
         ),
         contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,
         ellipse_offset_mm=config.trackpad.ellipse_offset_mm,
-        tolerance_um=solver.tolerance_um,
         max_knots=max_knots(config, config.device.baud),
         effect_knots=effect_knots(config, config.device.baud),
         sensor_latency_ns=round(config.trackpad.latency_ms * 1e6),
         loop_delay_ns=round(config.device.plate_delay_ms * 1e6),
         frame_duration_ns=round(1.5e6 * prediction.period_ms),
-        silence_ns=round(config.trackpad.silence_ms * 1e6),
+        silence_ns=RIG_SILENCE_NS if config.rig_dir else SILENCE_NS,
     )
 
 
 def max_knots(config: Config, baud: int) -> int:
     """Return the most knots of a frame on a link of this speed."""
-    most, modes = config.solver.max_knots, len(config.limits.w_limit_um)
-    return min(most, knots_in(LONGEST_FRAME_S, baud, modes)) if has_contacts(config) else most
+    modes = len(config.limits.w_limit_um)
+    return min(MOST_KNOTS, knots_in(LONGEST_FRAME_S, baud, modes)) if has_contacts(config) else MOST_KNOTS
 
 
 def effect_knots(config: Config, baud: int) -> int:
@@ -93,18 +95,9 @@ def friction_curve(config: Config) -> FrictionCurve:
 def uncertainty(config: Config) -> Uncertainty:
     """Return what is not known of plate, sensors and pad."""
     of = config.uncertainty
-    known = Uncertainty(of.map_frac, of.sensors_frac, of.place_mm, of.latency_ms * 1e-3)
-    if not of.touched_mm:
-        return known
-    left_mm, lower_mm, right_mm, upper_mm = of.touched_mm
-    return known._replace(touched_map_frac=of.touched_map_frac, touched_mm=(left_mm, lower_mm, right_mm, upper_mm))
+    return Uncertainty(of.map_frac, of.sensors_frac, of.place_mm, LATENCY_SIGMA_S if of.place_mm > 0.0 else 0.0)
 
 
 def plate_from_pad(config: Config) -> AffineMap:
     """Return the pose of the pad under the plate."""
-    pad = config.trackpad
-    if pad.matrix:
-        return AffineMap(*pad.matrix, *pad.offset_mm)
-    return AffineMap.from_placement(
-        (pad.offset_mm[0], pad.offset_mm[1]), pad.rotation_deg, (pad.scale[0], pad.scale[1])
-    )
+    return AffineMap(*config.trackpad.matrix, *config.trackpad.offset_mm)

@@ -86,9 +86,7 @@ def scheme_config(settings: Settings) -> Config:
     plate = GroundTruth(settings.plate)
     config = on_plate(settings.config, find_glass(settings.plate.plate).size_mm, plate.w_limit_um)
     config = with_uncertainty(config, plate.uncertainty)
-    if settings.scheme == "paper":
-        config = paper_config(config)
-    return replace(config, device=replace(config.device, link_ms=settings.link_ms))
+    return paper_config(config) if settings.scheme == "paper" else config
 
 
 def in_world(settings: Settings, world: WorldErrors) -> Settings:

@@ -10,9 +10,6 @@ from typing import Self
 from ..sim.rig.process import end
 from ..tools import owned_process
 
-# A loaded host that stalls the simulated pad must not lift its fingers, which would land again under other ids.
-PATIENT = "[trackpad]\nsilence_ms = 1000\n"
-
 
 class DaemonProcess:
     """Context manager of a service whose clients connect at `runtime_dir`; it takes some seconds to start.
@@ -25,12 +22,13 @@ class DaemonProcess:
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-run-")
         self.runtime_dir = Path(self._folder.name, "run")
         self._config = Path(self._folder.name, "hapticd.toml")
-        client, log = f'[client]\nruntime_dir = "{self.runtime_dir}"', f'[log]\nlevel = "{log_level}"'
-        self._config.write_text(f"[sim]\n{sim}\n{client}\n{log}\n{settings}", encoding="utf-8")
+        self._config.write_text(f'[sim]\n{sim}\n[log]\nlevel = "{log_level}"\n{settings}', encoding="utf-8")
 
     def __enter__(self) -> Self:
         command = ["run", "--sim", "--config", str(self._config)]
-        self.process = owned_process.start(command, scratch=Path(self._folder.name), stdout=subprocess.PIPE)
+        self.process = owned_process.start(
+            command, scratch=Path(self._folder.name), stdout=subprocess.PIPE, runtime_dir=self.runtime_dir
+        )
         return self
 
     def __exit__(self, *_: object) -> None:

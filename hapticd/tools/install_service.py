@@ -1,4 +1,4 @@
-"""`hapticd install-service` and `uninstall-service`: the files of `systemd/`, with this program's path in the unit.
+"""`hapticd service`: the files of `systemd/`, with this program's path in the unit.
 
 The files come from the package's data or from the source checkout. Nothing is started or stopped, and an existing
 configuration is kept.
@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import HapticdError
+from . import keys
+from .arguments import add_command
 
 DESTINATIONS = {
     "hapticd.service": Path("etc/systemd/system/hapticd.service"),
@@ -50,15 +52,17 @@ class ServiceFile:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--print", action="store_true", help="print the files with their destinations, change nothing")
-    parser.add_argument("--root", type=Path, default=Path("/"), help="install below this directory (default /)")
-    parser.set_defaults(command=_install_service)
-
-
-def add_uninstall_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--print", action="store_true", help="print what would be removed, change nothing")
-    parser.add_argument("--root", type=Path, default=Path("/"), help="remove below this directory (default /)")
-    parser.set_defaults(command=_uninstall_service)
+    actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
+    for name, command, summary in (
+        ("install", _install_service, "install the unit, rules, users and configuration"),
+        ("remove", _uninstall_service, "remove the unit and rules; configuration and users stay"),
+    ):
+        one = add_command(actions, name, summary, "--print")
+        one.add_argument("--print", action="store_true", help="print the files, change nothing")
+        one.add_argument("--root", type=Path, default=Path("/"), help="below this directory (default /)")
+        one.set_defaults(command=command)
+    summary = "create keys for clients on other machines, and manage the allow-list"
+    keys.add_arguments(add_command(actions, "keys", summary, "make /etc/hapticd/keys"))
 
 
 def _uninstall_service(options: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""`hapticd keys`: key pairs for the daemon and its remote clients, and the daemon's allow-list."""
+"""`hapticd service keys`: key pairs for the daemon and its remote clients, and the daemon's allow-list."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ RESTART = "restart hapticd to apply"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         f"{parser.epilog}\n"
-        "         hapticd keys make . study-7\n"
-        "         hapticd keys allow /etc/hapticd/keys study-7.key"
+        "         hapticd service keys make . study-7\n"
+        "         hapticd service keys allow /etc/hapticd/keys study-7.key"
     )
     actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
 

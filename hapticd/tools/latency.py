@@ -1,4 +1,4 @@
-"""`hapticd latency`: serve the devices as `hapticd run` does, and measure each delay from report to plate.
+"""`hapticd doctor latency`: serve the devices as `hapticd run` does, and measure each delay from report to plate.
 
 It prints percentiles and draws the distributions; `hapticd export` has each frame of a recording. The first finger gets
 a target of AMPLITUDE_UM, all others one of zero, so that each report leads to a frame. No clients are served meanwhile.
@@ -131,8 +131,7 @@ def run_landings(*, json_file: str | None) -> None:
 def measure(config: Config, seconds: float) -> MeasuredLatency:
     """Serve the configured devices for `seconds`. Raises HapticdError if the board applied no frame."""
     with tempfile.TemporaryDirectory(prefix="hapticd-") as folder, ConfigLoader() as config_loader:
-        config = replace(config, client=replace(config.client, runtime_dir=folder))
-        prepared = config_loader.prepare(config)
+        prepared = replace(config_loader.prepare(config), runtime_dir=Path(folder))
         daemon = prepared.daemon()
         measured = asyncio.run(while_served(daemon, prepared.modes, _watch(daemon, seconds)))
     if measured is None or not measured.lines:

@@ -21,15 +21,20 @@ MODULE = "hapticd.tools.owned_process"  # `__name__` is "__main__" in the proces
 READ_SIZE = 4096
 
 
-def start(command: Sequence[str], *, scratch: Path | None = None, stdout: int | None = None) -> subprocess.Popen[str]:
-    """Start `hapticd COMMAND...`; `scratch` is a folder of the owner, deleted if the owner dies without cleaning up.
+def start(
+    command: Sequence[str], *, scratch: Path | None = None, stdout: int | None = None, runtime_dir: Path | None = None
+) -> subprocess.Popen[str]:
+    """Start `hapticd COMMAND...`; `scratch` is a folder of the owner, deleted if the owner dies without cleaning up,
+    `runtime_dir` that of a service.
 
     The process has its own session: a Ctrl-C reaches only the owner, who then ends it and closes its `stdin`. It
     imports nothing from the current directory (-P).
     """
+    environment = {} if runtime_dir is None else {"HAPTICD_RUNTIME_DIR": str(runtime_dir)}
     arguments = [] if scratch is None else ["--scratch", str(scratch)]
     return subprocess.Popen(
         [sys.executable, "-P", "-m", MODULE, *arguments, *command],
+        env=os.environ | environment,
         stdin=subprocess.PIPE,
         stdout=stdout,
         text=True,

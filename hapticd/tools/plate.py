@@ -24,8 +24,9 @@ from ..design.stamps import Stamp, common_nodes, four_stamps
 from ..errors import CalibrationError, ModesError, UsageError
 from ..formats.mode_map import FORMATS
 from . import outputs, plate_felt, plotting
-from .arguments import POSITIVE, number, whole
+from .arguments import POSITIVE, add_command, number, whole
 from .calibrate.modes import parse_size
+from .map import program as map_program
 
 SIZE, THICKNESS = "137.5x137.5", "2"
 SPAN_FRAC = 0.05  # of the frequency, to either side: the searched band
@@ -77,6 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     outputs.add_json(parser, "pairs and stamps, or the compared plates")
     plate_felt.add_arguments(parser)
     parser.set_defaults(command=run)
+    actions = parser.add_subparsers(title="actions", metavar="ACTION")
+    mapped = "map the positions where another finger can be still, or slip"
+    map_program.add_arguments(add_command(actions, "map", mapped, "--finger -30,20 --plot map.png"))
 
 
 def run(options: argparse.Namespace) -> None:

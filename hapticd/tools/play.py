@@ -20,7 +20,7 @@ from hapticd_client.content import Score
 from ..errors import HapticdError, UsageError
 from . import glass
 from .arguments import POSITIVE, add_endpoint, number
-from .daemon_process import PATIENT, DaemonProcess
+from .daemon_process import DaemonProcess
 
 DEFAULT_UM = 1.5
 ANSWER_S, SIMULATED_ANSWER_S = 2.0, 60.0
@@ -101,7 +101,7 @@ def _plate(options: argparse.Namespace) -> Iterator[Client]:
         if options.sim:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
             plate = glass.lines(glass.chosen(options))
-            service = DaemonProcess(f'scenario = "{SCENARIO}"\n{plate}', PATIENT, log_level="error")
+            service = DaemonProcess(f'scenario = "{SCENARIO}"\n{plate}', log_level="error")
             endpoint, within_s = held.enter_context(service).runtime_dir, SIMULATED_ANSWER_S
         client = held.enter_context(Client(endpoint, timeout_s=within_s))
         if options.sim:

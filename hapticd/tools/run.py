@@ -54,7 +54,7 @@ def configuration(options: argparse.Namespace) -> Config:
 
 
 def _configuration(options: argparse.Namespace) -> Config:
-    """Return the same with --friction and the fingers of --scenario and --fingers. Raises ConfigError, UsageError."""
+    """Return the same with --friction and the fingers of --scenario. Raises ConfigError, UsageError."""
     loaded = configuration(options)
     if options.friction is not None:
         loaded = config.with_friction(loaded, options.friction)
@@ -119,7 +119,7 @@ def without_openssl() -> Iterator[None]:
 def _check_command(options: argparse.Namespace) -> list[str]:
     """Return the command `hapticd run --check` with these options."""
     command = [sys.executable, "-P", "-m", "hapticd", "run", "--check", *(["--sim"] if options.sim else [])]
-    for name in ("config", "friction", "plate", "modes", "wiring", "scenario", "fingers"):
+    for name in ("config", "friction", "plate", "modes", "wiring", "scenario"):
         if (value := getattr(options, name)) is not None:
             command += [f"--{name}", str(value)]
     return command

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import math
 import os
 import signal
 import sys
@@ -27,7 +26,8 @@ from ..daemon.lifecycle import serve
 from ..daemon.settings import warm_up
 from ..errors import ConfigError, HapticdError, ModesError, TrackpadError
 from ..files import calibration
-from ..formats.mode_map import require_usable
+from ..formats import npz
+from ..formats.mode_map import MAX_BYTES, require_usable
 from ..io.clients import gate, keys
 from ..io.clients.server import runtime_directory
 from ..io.clients.sockets import Remote
@@ -35,10 +35,11 @@ from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
 from ..io.host.limits import require_descriptors, require_threads
 from ..io.host.systemd import Notifier
+from ..regular_file import read_bounded
 from ..sim.fingers.trajectories import read_repeated
 from ..sim.plate.glasses import driven_modes, find_glass
 from ..sim.plate.wirings import wiring
-from ..sim.rig.process import MODES_FILE, PLATE_FILE, RigProcess
+from ..sim.rig.process import MODES_FILE, PARASITIC_MODES_FILE, PLATE_FILE, RigProcess
 from . import pads
 
 log = logging.getLogger("hapticd")
@@ -113,7 +114,7 @@ class ConfigLoader:
             modes,
             *_read(config, modes.M, rig_dir),
             str(rig_dir / "board") if config.device.port == SIMULATED else config.device.port,
-            Path(config.client.runtime_dir) if config.client.runtime_dir else runtime_directory(os.environ),
+            runtime_directory(os.environ),
         )
 
     def _rig_directory(self, config: Config) -> Path:
@@ -123,7 +124,7 @@ class ConfigLoader:
         sim = config.sim
         if sim not in self._rigs:
             self._rigs[sim] = RigProcess(
-                *(sim.scenario, sim.seed),
+                *(SimConfig().scenario if sim.fingers_file else sim.scenario, sim.seed),
                 fingers=sim.fingers_file,
                 plate=sim.plate,
                 modes=_driven_modes(sim),
@@ -220,7 +221,7 @@ def load_modes(config: Config, rig_dir: Path | None = None) -> ModeShapes:
     Raises ConfigError; ModesError for the rig's own map.
     """
     if config.plate.modes_file:
-        modes = _measured(config, "modes_file")
+        modes = _measured(config)
     elif rig_dir is not None and (rig_dir / MODES_FILE).is_file():
         modes = ModeShapes.load(rig_dir / MODES_FILE)
     else:
@@ -254,37 +255,33 @@ def _read(
     """Read the other files that the configuration of a plate of so many modes names. Raises HapticdError."""
     measured = config.device.calibration_file
     return (
-        load_parasitic_modes(config),
+        _parasitic_modes(rig_dir) if config.device.port == SIMULATED else None,
         calibration.load(Path(measured), modes) if measured else UNCALIBRATED,
         _trackpad(config, rig_dir),
         _remote(config),
     )
 
 
-def load_parasitic_modes(config: Config) -> ParasiticModes | None:
-    """Return the parasitic modes, if the configuration names them. Raises ConfigError."""
-    plate = config.plate
-    if not plate.parasitic_modes_file:
+def _parasitic_modes(rig_dir: Path) -> ParasiticModes | None:
+    """Return the parasitic modes of the rig's plate; no calibration step measures those of a real one."""
+    file = rig_dir / PARASITIC_MODES_FILE
+    if not file.is_file():
         return None
-    detuning_rad_s = [2.0 * math.pi * detuning_hz for detuning_hz in plate.parasitic_detuning_hz]
-    modes = _measured(config, "parasitic_modes_file")
-    try:
-        return ParasiticModes(modes, plate.parasitic_decay_1_s, detuning_rad_s)
-    except ValueError as error:
-        raise ConfigError(f"plate.parasitic_modes_file: {error}") from None
+    numbers = npz.arrays_of(read_bounded(file, MAX_BYTES), (("decay_1_s", "detuning_rad_s"),), MAX_BYTES)
+    return ParasiticModes(ModeShapes.load(file), *(array.tolist() for array in numbers.values()))
 
 
-def _measured(config: Config, key: str) -> ModeShapes:
-    """Return a map that the configuration names. Raises ConfigError."""
-    path = getattr(config.plate, key)
+def _measured(config: Config) -> ModeShapes:
+    """Return the map that the configuration names. Raises ConfigError."""
+    path = config.plate.modes_file
     try:
         modes = ModeShapes.load(path)
     except ModesError as error:
-        raise ConfigError(f"plate.{key}: {error}") from None
+        raise ConfigError(f"plate.modes_file: {error}") from None
     try:
         require_usable((modes.x_mm, modes.y_mm, modes.shapes), config.plate.size_mm)
     except ModesError as error:
-        raise ConfigError(f"plate.{key}: {path}: {error}") from None
+        raise ConfigError(f"plate.modes_file: {path}: {error}") from None
     return modes
 
 
@@ -302,27 +299,16 @@ def _driven_modes(sim: SimConfig) -> int:
 
 
 def _on_rig(config: Config, rig_dir: Path) -> Config:
-    """Add the size, limits and parasitic modes of the rig's plate, unless the configuration names files of its own."""
+    """Add the size and limits of the rig's plate, unless the configuration names a map of its own."""
     config = replace(config, sim=replace(config.sim, rig_dir=str(rig_dir)))
     file = rig_dir / PLATE_FILE
     if config.device.port != SIMULATED or not file.is_file():
         return config
     described = load(file)
-    found = described.plate
     config = with_uncertainty(config, described.uncertainty)
-    if not config.plate.modes_file:
-        config = on_plate(config, found.size_mm, described.limits.w_limit_um)
-    if config.plate.parasitic_modes_file:
+    if config.plate.modes_file:
         return config
-    return replace(
-        config,
-        plate=replace(
-            config.plate,
-            parasitic_modes_file=found.parasitic_modes_file,
-            parasitic_detuning_hz=found.parasitic_detuning_hz,
-            parasitic_decay_1_s=found.parasitic_decay_1_s,
-        ),
-    )
+    return on_plate(config, described.plate.size_mm, described.limits.w_limit_um)
 
 
 def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
@@ -332,9 +318,9 @@ def _trackpad(config: Config, rig_dir: Path) -> TrackpadSource:
         from ..io.devices.replay import ReplayTrackpad
 
         try:
-            return ReplayTrackpad(config.trackpad.replay_file, config.trackpad.size_mm)
+            return ReplayTrackpad(config.trackpad.device, config.trackpad.size_mm)
         except TrackpadError as error:
-            raise ConfigError(f"trackpad.replay_file: {error}") from None
+            raise ConfigError(f"trackpad.device: {error}") from None
     return SocketTrackpad(rig_dir / "trackpad")
 
 

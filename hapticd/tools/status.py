@@ -7,7 +7,6 @@ import json
 import os
 import textwrap
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from hapticd_client.messages import printable
@@ -32,10 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _status(options: argparse.Namespace) -> int:
     from .doctor import service  # late: it loads ZeroMQ
 
-    config = Config()
-    if options.endpoint is not None:
-        config = replace(config, client=replace(config.client, runtime_dir=options.endpoint))
-    system = service.find(config, os.environ)
+    system = service.find(Config(), os.environ, options.endpoint)
     answer = service.daemon(system)
     if system.status is None:
         raise HapticdError(f"No daemon answers: {printable(answer.text)}. {answer.remedy}")

@@ -11,7 +11,7 @@ import pytest
 from test_examples import NAMES, example
 
 from hapticd.files.recording.mcap_reader import open_recording
-from hapticd.tools.daemon_process import PATIENT, DaemonProcess
+from hapticd.tools.daemon_process import DaemonProcess
 from hapticd.tools.record.tables import tables
 from hapticd_client import Client, FingerState
 from hapticd_client.sim import Finger
@@ -48,7 +48,7 @@ EXAMPLE = re.compile(r"example: hapticd run --sim --scenario (?P<scenario>\S+) &
 
 
 def rehearsal(scenario: str) -> DaemonProcess:
-    return DaemonProcess(f'scenario = "{scenario}"', PATIENT, log_level="error")
+    return DaemonProcess(f'scenario = "{scenario}"', log_level="error")
 
 
 @pytest.fixture(scope="module")

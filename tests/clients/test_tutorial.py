@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.tools.daemon_process import PATIENT, DaemonProcess
+from hapticd.tools.daemon_process import DaemonProcess
 
 SCRIPT = Path(__file__).parents[2] / "clients/python/tutorial.py"
 PRINTED = (
@@ -26,7 +26,7 @@ PRINTED = (
 @pytest.mark.long
 @pytest.mark.timeout(180)
 def test_each_step_of_the_tutorial_says_what_it_found() -> None:
-    with DaemonProcess('scenario = "hands"', PATIENT, log_level="error") as running:
+    with DaemonProcess('scenario = "hands"', log_level="error") as running:
         there = os.environ | {"HAPTICD_RUNTIME_DIR": str(running.runtime_dir)}
         done = subprocess.run([sys.executable, SCRIPT], env=there, capture_output=True, text=True, timeout=150)
     assert done.returncode == 0, done.stderr

@@ -10,7 +10,7 @@ from pipeline_bench import PLATE
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.core.perception import ContactPerception
-from hapticd.core.uncertainty import CERTAIN, Uncertainty, interval_um
+from hapticd.core.uncertainty import Uncertainty, interval_um
 
 MODAL_UM = (1.0 + 0.5j, -0.7j)
 SIZE_UM = math.sqrt(1.0 + 0.25 + 0.49)
@@ -47,32 +47,3 @@ def test_errors_of_map_and_sensors_add_in_quadrature() -> None:
     w_um = abs(sum(phi * one_um for phi, one_um in zip(shapes, MODAL_UM, strict=True)))
     expected_um = math.hypot(w_um, 0.03 * SIZE_UM * math.hypot(*shapes))
     assert at_point.amplitude(PLATE, CREST_MM, 3.0, MODAL_UM, 0.0).rms_um == pytest.approx(expected_um, rel=1e-6)
-
-
-def test_the_map_errs_less_where_touches_have_shown_it() -> None:
-    expected = Uncertainty(map_frac=0.03, touched_map_frac=0.01, touched_mm=(-9.0, -2.0, NODE_MM, 2.0))
-    places_mm = ((NODE_MM, 0.0), (NODE_MM, -2.0), (NODE_MM, 2.1), (NODE_MM + 0.1, 0.0), (-9.1, 0.0))
-    assert [expected.map_frac_at(*place) for place in places_mm] == [0.01, 0.01, 0.03, 0.03, 0.03]
-    perception = ContactPerception(DEFAULT_FRICTION_CURVE, 5.0, expected)
-    for y_mm, frac in ((0.0, 0.01), (3.0, 0.03)):
-        alone = ContactPerception(DEFAULT_FRICTION_CURVE, 5.0, Uncertainty(map_frac=frac))
-        found, said = (one.felt(PLATE, NODE_MM, y_mm, MODAL_UM, 1.0) for one in (perception, alone))
-        assert found == said
-
-
-def test_a_place_that_is_not_known_is_expected_as_the_mean_over_all_places() -> None:
-    place_mm, random = 0.5, np.random.default_rng(3)
-    places_mm = random.normal((NODE_MM, 3.0), place_mm, (4000, 2))
-    for radius_mm in (0.0, 5.0):
-        contacts = ContactPerception(DEFAULT_FRICTION_CURVE, radius_mm)
-        mean_um2 = np.mean([contacts.amplitude(PLATE, *place, MODAL_UM, 0.0).rms_um ** 2 for place in places_mm])
-        found = contacts.amplitude(PLATE, NODE_MM, 3.0, MODAL_UM, place_mm**2)
-        assert found.rms_um == pytest.approx(math.sqrt(mean_um2), rel=0.03)
-        assert found.low_um < found.rms_um < found.high_um
-
-
-def test_along_its_motion_a_finger_is_as_uncertain_as_the_pad_s_latency() -> None:
-    expected = Uncertainty(place_mm=0.3, latency_s=0.002)
-    assert expected.place_mm2(0.01, 100.0) == pytest.approx(0.01 + 0.09 + 0.02)
-    assert expected.place_mm2(math.nan, 0.0) == pytest.approx(0.09)
-    assert CERTAIN.place_mm2(0.0, 1000.0) == 0.0

@@ -21,11 +21,13 @@ from terminal import Terminal
 from hapticd.__main__ import main
 from hapticd.config.sections import Config
 from hapticd.core.budget import OVERRUN_NS
+from hapticd.daemon import daemon as daemons
 from hapticd.daemon.daemon import Daemon, now_ns
 from hapticd.daemon.lifecycle import serve
 from hapticd.errors import AlreadyRunningError, ConfigError
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
+from hapticd.io.host.realtime import Granted
 from hapticd.io.host.runaway import RealtimeThrottle
 from hapticd.io.host.systemd import Notifier
 from hapticd.io.time_budget import TimeBudget
@@ -34,7 +36,7 @@ from hapticd.values import Finger, RawReport, Tick
 from hapticd_client import Client
 
 CONFIG = Config()
-STAY_AWAKE = replace(CONFIG, realtime=replace(CONFIG.realtime, stay_awake=True))
+REAL_TIME = replace(CONFIG, realtime=replace(CONFIG.realtime, fifo_priority=1))
 
 
 class Hardware:
@@ -178,7 +180,8 @@ async def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_
     wishes = hardware.folder / "cpu_dma_latency"
     wishes.touch()
     monkeypatch.setattr(awake, "LATENCY_FILE", wishes)
-    async with hardware.started(config=STAY_AWAKE) as service:
+    monkeypatch.setattr(daemons, "go_real_time", lambda **_: Granted(0, (), False, ()))  # this process goes on
+    async with hardware.started(config=REAL_TIME) as service:
         service.go_real_time()
         assert service.machine.status.real_time["stays_awake"] is True
         service._reports([RawReport(now_ns(), b"")])
@@ -193,7 +196,8 @@ async def test_a_wish_for_processors_awake_that_is_refused_is_told_and_the_servi
     hardware: Hardware, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(awake, "LATENCY_FILE", hardware.folder / "none")
-    async with hardware.started(config=STAY_AWAKE) as service:
+    monkeypatch.setattr(daemons, "go_real_time", lambda **_: Granted(0, (), False, ()))
+    async with hardware.started(config=REAL_TIME) as service:
         service.go_real_time()
         assert service.machine.status.real_time["stays_awake"] is False
         assert service.machine.status.real_time["refused"] == (f"{awake.LATENCY_FILE}: No such file or directory",)
@@ -306,13 +310,13 @@ def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_m
     config = tmp_path / "hapticd.toml"
     config.write_text('[client]\ntcp = "127.0.0.1:7410"\n', encoding="utf-8")
     assert main(["run", "--config", str(config)]) == 78
-    assert "client.tcp: needs keys: make them with `hapticd keys make`" in capsys.readouterr().err
+    assert "client.tcp: needs keys: make them with `hapticd service keys make`" in capsys.readouterr().err
     config.write_text('[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "keys"\n', encoding="utf-8")
     assert main(["run", "--config", str(config)]) == 78
-    assert f"run `hapticd keys make {tmp_path / 'keys'}`" in capsys.readouterr().err
-    assert main(["keys", "make", str(tmp_path / "keys")]) == 0
+    assert f"run `hapticd service keys make {tmp_path / 'keys'}`" in capsys.readouterr().err
+    assert main(["service", "keys", "make", str(tmp_path / "keys")]) == 0
     assert main(["run", "--config", str(config)]) == 78
-    assert "the allow-list is empty" in capsys.readouterr().err
+    assert "no client is allowed" in capsys.readouterr().err
 
 
 @asynchronous

@@ -26,7 +26,7 @@ from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.tools.service import SELF_TEST
 from hapticd.wire import device
 
-CONFIG = replace(Config(), device=replace(Config().device, self_test=True))
+CONFIG = replace(Config(), device=replace(Config().device, calibration_file="plate.toml"))
 SHIFTED = "Mode 0 has moved by +30.0 Hz to 29225.0 Hz."
 SWAPPED = "Amplifiers 0 and 1, or their sensors, are swapped: amplifier 0 moves sensor 1."
 
@@ -193,7 +193,18 @@ async def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path)
     waits = f"open({str(gate)!r}).read(); print({document(moved=(SHIFTED,))!r})"
     line = Line(tmp_path, [sys.executable, "-c", waits])
     port = line.daemon._link.port
-    assert line.asked[3:] == ["hapticd", "firmware", "selftest", "--port", port, "--baud", "921600", "--json"]
+    compared = ["--calibration", "plate.toml"]
+    assert line.asked[3:] == [
+        "hapticd",
+        "firmware",
+        "selftest",
+        "--port",
+        port,
+        "--baud",
+        "921600",
+        *compared,
+        "--json",
+    ]
     line.daemon.start(asyncio.get_running_loop(), PLATE)
     assert line.test.result is not None
     assert line.test.result[0] == RUNNING

@@ -78,11 +78,12 @@ class Rig:
 class Service:
     """`hapticd run` as a process; with its log in a file."""
 
-    def __init__(self, config: Path, log: Path, stderr: int | None = None) -> None:
+    def __init__(self, config: Path, runtime_dir: Path, log: Path, stderr: int | None = None) -> None:
         self._log = log
+        environ = {**os.environ, "HAPTICD_RUNTIME_DIR": str(runtime_dir)}
         with log.open("w") as file:
             command = [sys.executable, "-m", "hapticd", "run", "--config", str(config)]
-            self.process = first(subprocess.Popen(command, stderr=file if stderr is None else stderr))
+            self.process = first(subprocess.Popen(command, env=environ, stderr=file if stderr is None else stderr))
 
     @property
     def lines(self) -> list[str]:
@@ -107,11 +108,7 @@ class Bench:
         self.rig_dir.mkdir()
         self.runtime_dir = folder / "run"
         self.config = folder / "hapticd.toml"
-        self.config.write_text(
-            f'[sim]\nrig_dir = "{self.rig_dir}"\n[client]\nruntime_dir = "{self.runtime_dir}"\n'
-            "[trackpad]\nsilence_ms = 1000\n",  # a machine that stalls must not make old fingers new ones
-            encoding="utf-8",
-        )
+        self.config.write_text(f'[sim]\nrig_dir = "{self.rig_dir}"\n', encoding="utf-8")
         self._running: list[subprocess.Popen[str] | subprocess.Popen[bytes]] = []
         self._clients: list[Client] = []
         self._services = 0
@@ -124,7 +121,7 @@ class Bench:
     def service(self, stderr: int | None = None) -> Service:
         """`stderr` is a file descriptor in place of the log."""
         self._services += 1
-        service = Service(self.config, self.folder / f"log-{self._services}", stderr)
+        service = Service(self.config, self.runtime_dir, self.folder / f"log-{self._services}", stderr)
         self._running.append(service.process)
         return service
 

@@ -42,8 +42,7 @@ def served_over_both(bench: Bench) -> dict[str, list[str]]:
         keys.make_pair(folder, name)
     keys.allow(folder, folder / "eve.key")
     address = f"127.0.0.1:{free_ports()}"
-    text = bench.config.read_text().replace("[client]", f'[client]\ntcp = "{address}"\nkeys_dir = "{folder}"')
-    bench.config.write_text(text)
+    bench.configure(f'[client]\ntcp = "{address}"\nkeys_dir = "{folder}"\n')
     bench.configure("[realtime]\nfifo_priority = 20\n")  # as the system service; else a warning
     bench.folder.chmod(0o711)  # for the flooder of another user
     tcp = [f"tcp://{address}", str(folder / "hapticd.key"), str(folder / "eve.key_secret")]
@@ -110,8 +109,7 @@ def test_dear_datagrams_of_another_source_do_not_change_a_trackers_finger(bench:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         address = free.getsockname()
-    keys = f'[trackpad]\nsource = "tuio"\ntuio_address = "127.0.0.1:{address[1]}"\nsize_mm = [137.5, 137.5]\n'
-    bench.config.write_text(bench.config.read_text().replace("[trackpad]\n", keys))
+    bench.configure(f'[trackpad]\nsource = "tuio"\ndevice = "127.0.0.1:{address[1]}"\nsize_mm = [137.5, 137.5]\n')
     bench.rig()
     bench.service()
     client, ended, flooded = bench.client(), threading.Event(), threading.Event()

@@ -41,18 +41,18 @@ def test_reloads_in_a_row_trip_no_dead_man_and_leave_nothing_behind(bench: Bench
     service = bench.service()
     plain = bench.config.read_text(encoding="utf-8")
     with pulse() as longest_s:
-        for noise_mm in (0.05, 0.06, 0.05):  # the first was read at the start
+        for period_ms in (11.0, 12.0, 11.0):  # the first was read at the start
             client = bench.client()
             drive(client)
             client.close()
-            bench.config.write_text(f"{plain}[prediction]\nnoise_mm = {noise_mm}\n", encoding="utf-8")
+            bench.config.write_text(f"{plain}[prediction]\nperiod_ms = {period_ms}\n", encoding="utf-8")
             served = len(service.lines_with("serving clients in"))
             service.process.send_signal(signal.SIGHUP)
             wait_for(lambda served=served: len(service.lines_with("serving clients in")) > served)  # type: ignore[misc]
         client = bench.client()
         drive(client)
         trips = client.status()["board"]["deadman_trips"]
-    assert resident_mb(service.process.pid) <= 66.0  # with both noises' gains; 52 at the start
+    assert resident_mb(service.process.pid) <= 66.0  # with both periods' gains; 52 at the start
     if trips > 0 and longest_s[0] > STOOD_STILL_S:
         pytest.skip(f"this machine stood still for {1000.0 * longest_s[0]:.0f} ms, which is the dead-man's business")
     assert trips == 0

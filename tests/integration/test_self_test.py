@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 from service import Bench, wait_for
 
+from hapticd.bench.sweeps import swept
+from hapticd.files import calibration
+from hapticd.sim.plate.ground_truth import PlateSettings
+
 pytestmark = pytest.mark.long
 
 
+def calibrate(bench: Bench) -> None:
+    calibration.save(bench.folder / "plate.toml", swept(PlateSettings(), 1).calibration)
+    bench.configure('[device]\ncalibration_file = "plate.toml"\n')
+
+
 def test_a_sound_plate_is_measured_and_then_driven(bench: Bench) -> None:
-    bench.configure("[device]\nself_test = true\n")
+    calibrate(bench)
     bench.rig("step")
     service, client = bench.service(), bench.client()
     wait_for(lambda: bool(client.status()["board"].get("state") == "LIVE"))
@@ -22,7 +31,7 @@ def test_a_sound_plate_is_measured_and_then_driven(bench: Bench) -> None:
 
 
 def test_swapped_wires_keep_the_plate_quiet_and_are_named(bench: Bench) -> None:
-    bench.configure("[device]\nself_test = true\n")
+    calibrate(bench)
     rig = bench.rig("step", "--wiring", "swapped", record=True)
     service, client = bench.service(), bench.client()
     wait_for(lambda: "refused" in client.status()["board"])

@@ -30,7 +30,7 @@ def parsed(*words: str) -> argparse.Namespace:
         ("run", "--sim"),
         ("demo",),
         ("view", "--sim"),
-        ("latency", "--sim"),
+        ("doctor", "latency", "--sim"),
         ("play", "sound.wav", "--sim"),
         ("simulate", "strokes"),
     ],
@@ -45,7 +45,7 @@ def test_a_newcomer_is_shown_the_plate_for_whole_fingertips(monkeypatch: pytest.
     started: list[SimConfig] = []
 
     class Service:
-        def __init__(self, table: str, _settings: str) -> None:
+        def __init__(self, table: str) -> None:
             started.append(SimConfig(**parse(table, "table")))
             raise DeviceError("Enough.")
 

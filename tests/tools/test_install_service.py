@@ -1,4 +1,4 @@
-"""`hapticd install-service`: its listing, the files it writes, and the configuration that it keeps."""
+"""`hapticd service install`: its listing, the files it writes, and the configuration that it keeps."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_program_that_the_service_could_not_see_is_refused_before_anything_is_
 
 
 def test_everything_is_shown_and_nothing_changed_with_print(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["install-service", "--print"]) == 0
+    assert main(["service", "install", "--print"]) == 0
     output = capsys.readouterr().out
     assert output == listing(service_files())
     for destination in DESTINATIONS.values():
@@ -69,10 +69,10 @@ def test_what_was_installed_is_removed_and_the_configuration_kept(
 ) -> None:
     install(files(), tmp_path)
     before = sorted(path for path in tmp_path.rglob("*") if path.is_file())
-    assert main(["uninstall-service", "--root", str(tmp_path), "--print"]) == 0
+    assert main(["service", "remove", "--root", str(tmp_path), "--print"]) == 0
     assert capsys.readouterr().out.count("removed") == len(DESTINATIONS) - 1
     assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == before
-    assert main(["uninstall-service", "--root", str(tmp_path)]) == 0
+    assert main(["service", "remove", "--root", str(tmp_path)]) == 0
     left = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert left == [tmp_path / DESTINATIONS["hapticd.toml"]]
     assert "systemctl daemon-reload" in capsys.readouterr().out
@@ -83,11 +83,11 @@ def test_an_enabled_service_keeps_its_unit(tmp_path: Path, capsys: pytest.Captur
     wants = tmp_path / "etc/systemd/system/multi-user.target.wants"
     wants.mkdir()
     (wants / "hapticd.service").symlink_to("/etc/systemd/system/hapticd.service")
-    assert main(["uninstall-service", "--root", str(tmp_path)]) == 1
+    assert main(["service", "remove", "--root", str(tmp_path)]) == 1
     assert "run `systemctl disable --now hapticd` before" in capsys.readouterr().err
     assert (tmp_path / DESTINATIONS["hapticd.service"]).exists()
 
 
 def test_nothing_installed_is_nothing_to_remove(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["uninstall-service", "--root", str(tmp_path)]) == 0
+    assert main(["service", "remove", "--root", str(tmp_path)]) == 0
     assert capsys.readouterr().out == f"nothing of hapticd's service is below {tmp_path}\n"

@@ -1,4 +1,4 @@
-"""`hapticd latency`: figures of frames with known delays, and one run on the simulated rig."""
+"""`hapticd doctor latency`: figures of frames with known delays, and one run on the simulated rig."""
 
 from __future__ import annotations
 

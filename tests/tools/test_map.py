@@ -1,4 +1,4 @@
-"""`hapticd map` by its command line."""
+"""`hapticd plate map` by its command line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
 
 
 def test_the_table_has_both_maps_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["map", "--finger", "-30,20", "--cells", "21"]) == 0
+    assert main(["plate", "map", "--finger", "-30,20", "--cells", "21"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "a plate of 137.5 x 137.5 mm, 2 modes of at most 3.8, 3.8 um"
     assert lines[1] == "(1) the other finger still, while one at -30, 20 mm slips by 1 um"
@@ -33,7 +33,8 @@ def test_the_arrays_are_what_the_solver_gives_on_any_modes(tmp_path: Path) -> No
     shapes = np.stack([*PAIR.shapes, PAIR.shapes[0].T * PAIR.shapes[1]])
     modes, out = ModeShapes.from_grid(PAIR.x_mm, PAIR.y_mm, shapes), tmp_path / "map.npz"
     modes.save(tmp_path / "three.npz")
-    command = ["map", "--modes", str(tmp_path / "three.npz"), "--limit", "3,4,2", "--finger", "10,-20", "--finger"]
+    command = ["plate", "map", "--modes", str(tmp_path / "three.npz"), "--limit", "3,4,2"]
+    command += ["--finger", "10,-20", "--finger"]
     assert main([*command, "-40,8.5,0", "--target", "1.5", "--still", "--cells", "7", "--out", str(out)]) == 0
     with np.load(out) as arrays:
         assert arrays["still_target_um"].tolist() == [1.5, 0.0, 0.0]
@@ -46,7 +47,7 @@ def test_the_arrays_are_what_the_solver_gives_on_any_modes(tmp_path: Path) -> No
 
 def test_without_a_finger_all_pairs_of_positions_are_mapped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture, out = tmp_path / "pairs.png", tmp_path / "pairs.npz"
-    assert main(["map", "--cells", "9", "--plot", str(picture), "--out", str(out)]) == 0
+    assert main(["plate", "map", "--cells", "9", "--plot", str(picture), "--out", str(out)]) == 0
     with np.load(out) as arrays:
         mean, least = arrays["still"].mean(), arrays["slipping"].min()
     lines = capsys.readouterr().out.splitlines()
@@ -78,6 +79,6 @@ def test_without_a_finger_all_pairs_of_positions_are_mapped(tmp_path: Path, caps
 def test_invalid_arguments_are_refused_in_a_sentence(
     arguments: list[str], why: str, refused: Callable[..., str]
 ) -> None:
-    complaint = refused("map", *arguments)
+    complaint = refused("plate", "map", *arguments)
     assert complaint.startswith("hapticd: --")
     assert why in complaint

@@ -1,4 +1,4 @@
-"""`hapticd map --friction`: where fingers feel the frictions that are asked of them."""
+"""`hapticd plate map --friction`: where fingers feel the frictions that are asked of them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_the_map_agrees_with_the_daemon_s_solver_and_the_simulation_s_quadrature
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, picture = tmp_path / "felt.npz", tmp_path / "felt.png"
-    command = ["map", "--plate", "fingertip", "--finger=-30,20", "--friction", "0.2,1", "--cells", "9"]
+    command = ["plate", "map", "--plate", "fingertip", "--finger=-30,20", "--friction", "0.2,1", "--cells", "9"]
     limits = ",".join(map(str, LIMITS_UM))
     assert main([*command, "--limit", limits, "--out", str(out), "--plot", str(picture)]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -90,7 +90,7 @@ def test_every_random_pair_counts_once_for_each_of_its_fingers(capsys: pytest.Ca
     assert found.shares.ravel().tolist() == [found.felt_frac] * 2
     assert 0.1 < found.felt_frac < 0.9
     assert np.nanmean(pairs(4).shares, axis=(1, 2)) == pytest.approx([found.felt_frac] * 2, abs=0.05)
-    assert main(["map", "--plate", "fingertip", "--friction", "1,1", "--cells", "2"]) == 0
+    assert main(["plate", "map", "--plate", "fingertip", "--friction", "1,1", "--cells", "2"]) == 0
     assert "both as asked on 100.0 % of 200 random pairs" in capsys.readouterr().out
 
 
@@ -123,4 +123,4 @@ def test_the_pictures_have_no_text_that_is_cut_or_covered() -> None:
 def test_invalid_arguments_are_refused_in_a_sentence(
     arguments: list[str], why: str, refused: Callable[..., str]
 ) -> None:
-    assert why in refused("map", *arguments)
+    assert why in refused("plate", "map", *arguments)

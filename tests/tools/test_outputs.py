@@ -25,15 +25,15 @@ OUTPUTS = [
     (("simulate", "rest", "--out"), "f.npz", "f.json"),
     (("simulate", "rest", "--plot"), "f.png", "f.mcap"),
     (("simulate", "rest", "--record"), "f.mcap", "f.png"),
-    (("plot", "in.mcap"), "f.png", "f.mcap"),
+    (("export", "in.mcap", "--plot"), "f.png", "f.mcap"),
     (("export", "in.mcap", "--hdf5"), "f.h5", "f.mcap"),
-    (("map", "--plot"), "f.pdf", "f.npz"),
-    (("map", "--out"), "f.npz", "f.png"),
+    (("plate", "map", "--plot"), "f.pdf", "f.npz"),
+    (("plate", "map", "--out"), "f.npz", "f.png"),
     (("plate", "--out"), "f.csv", "f.png"),
     (("plate", "--plot"), "f.svg", "f.toml"),
     (("plate", "--json"), "f.json", "f"),
-    (("latency", "--sim", "--json"), "f.json", "f.csv"),
-    (("latency", "--sim", "--plot"), "f.PNG", "f.toml"),
+    (("doctor", "latency", "--sim", "--json"), "f.json", "f.csv"),
+    (("doctor", "latency", "--sim", "--plot"), "f.PNG", "f.toml"),
     (("bench", "tick", "--json"), "f.json", "f.png"),
     (("firmware", "sweep", "--plot"), "f.png", "f.toml"),
     (("doctor", "--bundle"), "f.tar.gz", "f.tar"),
@@ -88,11 +88,11 @@ def test_a_folder_that_is_missing_is_refused(
 @pytest.mark.parametrize(
     "command",
     [
-        ("plot", "same.png", "same.png"),
-        ("plot", "link.png", "same.png"),
+        ("export", "same.png", "--plot", "same.png"),
+        ("export", "link.png", "--plot", "same.png"),
         ("export", "same.h5", "--hdf5", "same.h5"),
-        ("map", "--modes", "same.npz", "--out", "same.npz"),
-        ("map", "--modes", "./same.npz", "--out", "same.npz"),
+        ("plate", "map", "--modes", "same.npz", "--out", "same.npz"),
+        ("plate", "map", "--modes", "./same.npz", "--out", "same.npz"),
     ],
     ids=" ".join,
 )
@@ -108,7 +108,7 @@ def test_an_input_is_not_overwritten_even_by_force(
 
 def test_a_forced_output_is_replaced(capsys: pytest.CaptureFixture[str]) -> None:
     Path("map.npz").write_text("old", encoding="utf-8")
-    arguments = ("map", "--finger=-30,20", "--still", "--cells", "3", "--out", "map.npz")
+    arguments = ("plate", "map", "--finger=-30,20", "--still", "--cells", "3", "--out", "map.npz")
     assert main([*arguments, "--force"]) == 0
     capsys.readouterr()
     assert Path("map.npz").read_bytes().startswith(b"PK")

@@ -31,20 +31,13 @@ from hapticd.tools import service
 from hapticd.tools.service import ConfigLoader, load_modes
 from hapticd_client import Client
 
-_POINTS_MM = [(x_mm, y_mm) for y_mm in (-60, -20, 20, 60) for x_mm in (-60, -20, 20, 60)]
-ONE_MODE_CSV = ("x_mm,y_mm,phi_1\n" + "".join(f"{x},{y},{x * y / 3600}\n" for x, y in _POINTS_MM)).encode()
-
 
 @pytest.fixture
-def configuration(tmp_path: Path) -> Config:
+def configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
     """One whose rig runs already, as far as anybody can see: a map, and neither board nor pad yet."""
     PLATE.save(tmp_path / MODES_FILE)
-    config = Config()
-    return replace(
-        config,
-        sim=replace(config.sim, rig_dir=str(tmp_path)),
-        client=replace(config.client, runtime_dir=str(tmp_path / "run")),
-    )
+    monkeypatch.setenv("HAPTICD_RUNTIME_DIR", str(tmp_path / "run"))
+    return replace(Config(), sim=replace(Config().sim, rig_dir=str(tmp_path)))
 
 
 @pytest.fixture
@@ -124,33 +117,6 @@ def test_a_rig_is_started_with_the_configured_plate(
     assert started == [("fingertip", 4, "identity"), ("fingertip", 5, "identity")]
 
 
-@pytest.mark.parametrize(
-    ("content", "detuning_hz", "says"),
-    [
-        (b"junk", "[80.0, 90.0]", "plate.npz"),
-        (None, "[80.0, 90.0]", "there is no file"),
-        (ONE_MODE_CSV, "[80.0, 90.0]", "plate.parasitic_modes_file: 1 neighbouring"),
-        (b"", "[80.0]", "plate.parasitic_modes_file: needs parasitic_detuning_hz"),
-    ],
-)
-def test_a_bad_map_of_neighbouring_modes_is_one_sentence(
-    content: bytes | None, detuning_hz: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    name = "plate.csv" if content is not None and content.startswith(b"x_mm") else "plate.npz"
-    if content is not None:
-        (tmp_path / name).write_bytes(content)
-    file = tmp_path / "hapticd.toml"
-    file.write_text(
-        f'[plate]\nparasitic_modes_file = "{name}"\nparasitic_detuning_hz = {detuning_hz}\n'
-        f'parasitic_decay_1_s = [150.0, 160.0]\n[sim]\nrig_dir = "{tmp_path}"\n',
-        encoding="utf-8",
-    )
-    assert main(["run", "--check", "--config", str(file)]) > 0
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
-
-
 def test_what_cannot_run_is_refused_and_nothing_is_opened(
     config_loader: ConfigLoader, configuration: Config, tmp_path: Path
 ) -> None:
@@ -196,7 +162,7 @@ def test_the_first_line_says_what_is_simulated(
         ('[sim]\nplate = "fingertip"\n', ""),
         ('[sim]\nplate = "fingertip"\n[limits]\nw_limit_um = [1.0, 1.0]\n', "2 limits for a plate of 4 modes"),
         ('[sim]\nplate = "fingertip"\nmodes = 7\n', "sim.modes: 7 modes cannot be driven"),
-        ('[sim]\nfingers_file = "none.csv"\n', "none.csv"),
+        ('[sim]\nscenario = "none.csv"\n', "none.csv"),
         ('[device]\ncalibration_file = "none.toml"\n', "none.toml"),
     ],
 )
@@ -220,7 +186,7 @@ async def test_a_hang_up_leads_clients_over_to_the_new_configuration_and_a_bad_o
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level("INFO", "hapticd")
-    runtime_dir = Path(configuration.client.runtime_dir)
+    runtime_dir = tmp_path / "run"
     read = [configuration]
     bad = tmp_path / "bad"
     bad.touch()
@@ -301,7 +267,7 @@ def test_a_configuration_is_checked_without_opening_anything(
 ) -> None:
     PLATE.save(tmp_path / "map.npz")
     config = tmp_path / "hapticd.toml"
-    text = f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n[client]\nruntime_dir = "{tmp_path}/run"\n'
+    text = f'[plate]\nmodes_file = "map.npz"\n[sim]\nrig_dir = "{tmp_path}"\n'
     for limits, code, said in (("[4.0, 4.0]", 0, ""), ("[4.0]", 78, "give one for each mode.")):
         config.write_text(f"{text}[limits]\nw_limit_um = {limits}\n", encoding="utf-8")
         assert main(["run", "--check", "--config", str(config)]) == code

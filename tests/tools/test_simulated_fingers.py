@@ -1,4 +1,4 @@
-"""`--scenario` and `--fingers` of the commands that touch a simulated plate in real time."""
+"""`--scenario` of the commands that touch a simulated plate in real time."""
 
 from __future__ import annotations
 
@@ -37,30 +37,29 @@ def test_the_service_and_the_page_take_a_scenario_or_fingers_of_a_file(
     monkeypatch.chdir(file.parent)
     assert served("--sim") == SimConfig()
     assert served("--sim", "--scenario", "hands") == SimConfig(scenario="hands")
-    assert served("--sim", "--fingers", "mine.csv") == SimConfig(fingers_file=str(file))
-    shown = view_program._simulated(cli_parser("view").parse_args(["view", "--sim", "--fingers", "mine.csv"]))
-    assert (shown.scenario, shown.fingers_file) == ("hands", str(file))
+    assert served("--sim", "--scenario", "mine.csv") == SimConfig(scenario=str(file))
+    shown = view_program._simulated(cli_parser("view").parse_args(["view", "--sim", "--scenario", "mine.csv"]))
+    assert shown.fingers_file == str(file)
 
 
 def test_a_configuration_s_file_gives_way_to_a_scenario(file: Path) -> None:
     config = file.with_suffix(".toml")
-    config.write_text("[sim]\nfingers_file = 'mine.csv'\n", encoding="utf-8")
+    config.write_text("[sim]\nscenario = 'mine.csv'\n", encoding="utf-8")
     assert served("--config", str(config)).fingers_file == str(file)
     assert served("--config", str(config), "--scenario", "rest") == SimConfig(scenario="rest")
 
 
 def test_the_check_of_a_reload_has_the_same_fingers(file: Path) -> None:
-    options = cli_parser("run").parse_args(["run", "--sim", "--fingers", str(file)])
-    assert run._check_command(options)[-3:] == ["--sim", "--fingers", str(file)]
+    options = cli_parser("run").parse_args(["run", "--sim", "--scenario", str(file)])
+    assert run._check_command(options)[-3:] == ["--sim", "--scenario", str(file)]
 
 
 @pytest.mark.parametrize(
     ("command", "sentence"),
     [
-        ("view --scenario rest", "--scenario and --fingers need a simulated plate: give --sim as well."),
+        ("view --scenario rest", "--scenario needs a simulated plate: give --sim as well."),
         ("run --sim --scenario dance", "--scenario: there is no 'dance': choose one of strokes,"),
-        ("run --sim --scenario rest --fingers F.csv", "in place of a --scenario: give one of them."),
-        ("run --sim --fingers none.csv", "none.csv: cannot be read (No such file or directory)"),
+        ("run --sim --scenario none.csv", "none.csv: cannot be read (No such file or directory)"),
     ],
 )
 def test_fingers_that_cannot_be_simulated_are_refused(command: str, sentence: str, refused: Callable[..., str]) -> None:

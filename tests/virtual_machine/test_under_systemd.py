@@ -1,4 +1,4 @@
-"""hapticd as a service on Debian's kernel and systemd: the unit as `install-service` puts it, and devices' nodes.
+"""hapticd as a service on Debian's kernel and systemd: the unit as `service install` puts it, and devices' nodes.
 
 One boot in QEMU (`machine.py`) runs `guest/service.py` with a virtual trackpad and touchscreen, a board on a virtual
 USB and a client; each test judges what one of its steps found. What the unit says is in force to the letter, its time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -28,10 +29,11 @@ class Rehearsal:
 
     def __enter__(self) -> Self:
         config = Path(self._folder.name, "hapticd.toml")
-        config.write_text(f'[client]\nruntime_dir = "{self.runtime_dir}"\n[log]\nlevel = "error"\n', encoding="utf-8")
+        config.write_text('[log]\nlevel = "error"\n', encoding="utf-8")
         hapticd = [sys.executable, "-P", "-m", "hapticd"]
         self._process = subprocess.Popen(
             ["/bin/sh", "-c", OWNED, "sh", *hapticd, "run", "--sim", "--scenario", SCENARIO, "--config", str(config)],
+            env=os.environ | {"HAPTICD_RUNTIME_DIR": str(self.runtime_dir)},
             stdin=subprocess.PIPE,
             start_new_session=True,  # a Ctrl-C reaches only the owner
         )

@@ -6,9 +6,7 @@ from typing import Final
 
 GREETED_WITHIN_NS: Final = 600_000_000  # at the fast speed; the board returns to its first one after 1.2 s
 NOISY_FRAMES: Final = 20  # damaged in one session: the line is too fast
-FAILED: Final = (
-    "the fast line fails: it goes on at the speed of device.baud (check the cable, or lower device.fast_baud)"
-)
+FAILED: Final = "the fast line fails: it goes on at the speed of device.baud (check the cable)"
 
 
 class LineSpeed:

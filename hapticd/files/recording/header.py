@@ -17,6 +17,7 @@ from ...config.sections import Config
 from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...errors import ConfigError, HapticdError, RecordingError
 from ...formats.toml_file import MAX_BYTES, parse
+from ...values import AffineMap
 from ...wire.trackpad import Pad, from_fields, to_fields
 from .kinds import Fields
 
@@ -98,8 +99,7 @@ def header_from(fields: Fields) -> Header:
         text = _typed(fields, "config_toml", str)
         if len(text) > MAX_BYTES:
             raise ValueError("no configuration is so long")
-        table = config.known_keys(parse(text, "configuration"))  # other hapticds had more
-        settings = config.from_table(table, where="configuration", folder=None)
+        settings = config.from_table(_known(parse(text, "configuration")), where="configuration", folder=None)
         modes = _modes(fields["modes_float64_le"])
         if len(settings.limits.w_limit_um) != modes.M:
             raise ValueError("limits and modes differ in number")
@@ -123,6 +123,15 @@ def header_from(fields: Fields) -> Header:
         raise RecordingError(f"The recording's header is not readable: {error}") from None
     except (HapticdError, ValueError, TypeError, LookupError, RecursionError):
         raise RecordingError("The recording's header is not readable: it is damaged, or not hapticd's.") from None
+
+
+def _known(table: dict[str, Any]) -> dict[str, Any]:
+    """Return the keys that this hapticd has, of those that it has not the pad's rotation and scale as its matrix."""
+    known, pad = config.known_keys(table), table.get("trackpad", {})
+    if "rotation_deg" in pad and not pad["matrix"]:
+        placed = AffineMap.from_placement((0.0, 0.0), pad["rotation_deg"], pad["scale"])
+        known["trackpad"]["matrix"] = [placed.xx, placed.xy, placed.yx, placed.yy]
+    return known
 
 
 def _typed(table: Any, name: str, kind: type) -> Any:

@@ -82,7 +82,7 @@ def revoke(directory: Path, name: str) -> None:
     try:
         listed.unlink()
     except OSError as error:
-        raise UsageError(f"{listed}: cannot be removed ({error.strerror}): see `hapticd keys list`.") from None
+        raise UsageError(f"{listed}: cannot be removed ({error.strerror}): see `hapticd service keys list`.") from None
 
 
 def allowed(directory: Path) -> dict[str, str]:
@@ -95,7 +95,7 @@ def load(directory: Path) -> ServerKeys:
     """Load the keys to serve TCP. Raises ConfigError, with the remedy, if something is missing."""
     path = directory / f"{DAEMON_NAME}.key_secret"
     if not path.is_file():
-        raise ConfigError(f"{path}: does not exist, and TCP needs keys: run `hapticd keys make {directory}`.")
+        raise ConfigError(f"{path}: does not exist, and TCP needs keys: run `hapticd service keys make {directory}`.")
     if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise ConfigError(f"{path}: other users may read this secret: run `chmod 600` on it, or make a new one.")
     try:
@@ -104,10 +104,10 @@ def load(directory: Path) -> ServerKeys:
     except UsageError as error:
         raise ConfigError(str(error)) from None
     if secret is None:
-        raise ConfigError(f"{path}: contains no secret key: run `hapticd keys make` again.")
+        raise ConfigError(f"{path}: contains no secret key: run `hapticd service keys make` again.")
     if not clients:
         raise ConfigError(
-            f"{directory / CLIENTS}: the allow-list is empty: `hapticd keys allow` a client, or clear client.tcp."
+            f"{directory / CLIENTS}: no client is allowed: `hapticd service keys allow` one, or clear client.tcp."
         )
     return ServerKeys(public, secret, clients)
 

@@ -40,8 +40,9 @@ class Granted:
     refused: tuple[str, ...]
 
 
-def go_real_time(*, fifo_priority: int = 0, processor: int = -1, lock_memory: bool = False) -> Granted:
-    """Request the settings that differ from the default, for the calling thread; a refusal is returned, not raised.
+def go_real_time(*, fifo_priority: int = 0, processor: int = -1) -> Granted:
+    """Request the settings that differ from the default, for the calling thread, and with a priority that used memory
+    is locked; a refusal is returned, not raised.
 
     Later threads and processes start with ordinary scheduling (SCHED_RESET_ON_FORK), so that none of them can block
     the machine; RLIMIT_RTTIME of the service's unit bounds this thread. A second call revokes priority and memory lock
@@ -59,7 +60,7 @@ def go_real_time(*, fifo_priority: int = 0, processor: int = -1, lock_memory: bo
             os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(fifo_priority))
         except OSError as error:
             refused.append(f"SCHED_FIFO at {fifo_priority}: {error.strerror}")
-    is_locked = _lock_memory(refused) if lock_memory else bool(_libc().munlockall())
+    is_locked = _lock_memory(refused) if fifo_priority > 0 else bool(_libc().munlockall())
     processors = tuple(sorted(os.sched_getaffinity(0)))
     return Granted(os.sched_getparam(0).sched_priority, processors, is_locked, tuple(refused))
 

@@ -43,7 +43,7 @@ _SIZED_EACH = 3  # driven modes of the reference plate whose amplifiers are size
 _LEAST_ALL = 4  # modes
 FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
-WELL_MEASURED = UncertaintyConfig(map_frac=0.003, sensors_frac=0.003, place_mm=0.0, latency_ms=0.0)
+WELL_MEASURED = UncertaintyConfig(map_frac=0.003, sensors_frac=0.003, place_mm=0.0)
 DRIFT_S = 40.0  # period of a drift: it reaches its size after 10 s
 _POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
 _POSITIVE |= {"map_step_mm", "sized_for_damping"}

@@ -18,8 +18,7 @@ from ..plate.glasses import REFERENCE
 from ..plate.wirings import IDENTITY
 
 END_WITHIN_S = 10.0
-# In the rig's directory: the mode maps of its driven and parasitic modes, and a configuration with the plate's size and
-# limits and the other measurements of the parasitic modes.
+# In the rig's directory: the mode map, the parasitic modes, and a configuration with the plate's size and limits.
 MODES_FILE = "modes.npz"
 PARASITIC_MODES_FILE = "neighbours.npz"
 PLATE_FILE = "plate.toml"

@@ -67,7 +67,7 @@ def _configuration(options: argparse.Namespace) -> Config:
 
 
 def verdict(measured: MeasuredLatency, configured: Config, *, is_simulated: bool) -> Verdict:
-    """Judge the frames, and derive the service's initial values."""
+    """Judge the frames, and derive the pad's period."""
     from ..latency import STAGES
 
     figures = tuple(
@@ -83,9 +83,7 @@ def verdict(measured: MeasuredLatency, configured: Config, *, is_simulated: bool
         f"Fingers are predicted {measured.stages['horizon'].percentile_ns(50) * 1e-6:.1f} ms ahead, "
         f"{measured.stages['link'].percentile_ns(50) * 1e-6:.1f} of them for the link.",
     )
-    settings: dict[str, dict[str, Any]] = {
-        "device": {"link_ms": round(min(measured.stages["link"].percentile_ns(50) * 1e-6, 40.0), 2)}
-    }
+    settings: dict[str, dict[str, Any]] = {}
     if abs(period_ms / configured.prediction.period_ms - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0:
         settings["prediction"] = {"period_ms": round(period_ms, 2)}
     return Verdict("latency", outcome, sentence, figures, settings, is_simulated)

@@ -91,7 +91,7 @@ def highest_um(plate: Client) -> float:
     if top_um < LEAST_TOP_UM:
         raise CalibrationError(
             f"Half of the plate gets {top_um:.2f} um at most, too little for a curve: release other clients' targets, "
-            "and see `hapticd map`."
+            "and see `hapticd plate map`."
         )
     return top_um
 

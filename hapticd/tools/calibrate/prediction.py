@@ -30,7 +30,7 @@ from ..touches import RecordedTouches, Trace, recorded
 from . import simulated
 from .delays import PERIOD_WORTH_FRAC
 from .live_pad import reading
-from .step import Step
+from .step import Step, add_config
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "prediction.png"
@@ -242,7 +242,7 @@ STEP = Step(
     summary="learn the pad's noise from a minute of strokes",
     todo="stroke the pad for a minute, to learn its noise (stop the service first)",
     example="--out DIR",
-    arguments=(pads.add_choice, _add_strokes),
+    arguments=(add_config, _add_strokes),
     check=check,
     run=run,
 )

@@ -24,7 +24,7 @@ from . import simulated
 from .contacts import Axes, ScaleFit, fit_scale, parse_prints
 from .live_pad import reading
 from .marks import APART_MM, MIN_MARKS, AffineFit, MarkPoint, TouchedMarks, fit_affine, placement
-from .step import Step
+from .step import Step, add_config
 from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 PICTURE_FILE = "trackpad.png"
@@ -187,7 +187,7 @@ def _findings(found: AffineFit, scale: ScaleFit | None, *, is_any: bool) -> Iter
         if max(map(abs, _matrix(found.plate_from_pad))) > MOST_SCALE:
             yield (
                 Outcome.FAIL,
-                "The device's size is far from the true one: measure it, and give it as --pad-size.",
+                "The device's size is far from the true one: measure it, and set trackpad.size_mm.",
             )
     elif where.scale_y < 0.0:
         yield Outcome.FAIL, "The pad seems mirrored: touch the marks in their order; x points right, y away from you."
@@ -245,7 +245,7 @@ STEP = Step(
     summary="fit the pad's position from touched marks on the plate",
     todo="touch marks on the plate to fit the pad's position (stop the service first)",
     example="--out DIR",
-    arguments=(pads.add_choice, _add_marks),
+    arguments=(add_config, _add_marks),
     check=check,
     run=run,
 )

@@ -35,7 +35,7 @@ from ...sim.score import CONTACT_RADIUS_MM
 from ...tools import owned_process
 from .. import glass, outputs, plotting
 from ..arguments import POSITIVE, whole
-from ..daemon_process import PATIENT, DaemonProcess
+from ..daemon_process import DaemonProcess
 from ..simulated_picture import Film
 from .columns import MOTION, DemoColumn, columns, live_column, virtual_film
 from .picture import draw
@@ -103,7 +103,7 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
     )
     with (
         rig,
-        DaemonProcess(f'rig_dir = "{rig.directory}"', PATIENT) as daemon,
+        DaemonProcess(f'rig_dir = "{rig.directory}"') as daemon,
         _connected(daemon) as client,
     ):
         user = _ScriptedUser(client, rig, seed)

@@ -120,7 +120,7 @@ def _recording(system: System | None, record: _Record) -> tuple[bytes, str]:
             record(file, system.directory, RECORD_S)
             return (
                 file.read_bytes(),
-                f"recording.mcap: {RECORD_S:g} s; `hapticd plot` draws it, `hapticd export` converts it to tables",
+                f"recording.mcap: {RECORD_S:g} s; `hapticd export` converts it to tables and a picture",
             )
         except (HapticdError, OSError) as error:
             return b"", f"no recording: {error}"

@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from ...config.sections import TUIO_ADDRESS
 from ...errors import DeviceError, HapticdError, pip_install, requirements
 from ...io.devices import input_nodes, tuio_trackpad
 from ...io.devices.hid_trackpad import find_pads, load_hid
@@ -54,7 +55,7 @@ def trackpad(system: System) -> CheckResult:
 
 def _hid(system: System) -> CheckResult:
     try:
-        found = list(find_pads(load_hid(), system.config.trackpad.model))
+        found = list(find_pads(load_hid(), system.config.trackpad.device))
     except (HapticdError, OSError) as error:
         return CheckResult(FAIL, str(error), pip_install("hidapi"))
     if not found:
@@ -93,14 +94,14 @@ def _evdev(system: System) -> CheckResult:
 
 
 def _tuio(system: System) -> CheckResult:
-    address = system.config.trackpad.tuio_address
+    address = system.config.trackpad.device or TUIO_ADDRESS
     try:
         tuio_trackpad.bound(address).close()
     except OSError as error:
         if system.status is not None:
             counted = system.reported("inputs", "trackpad")
             return _heard(counted if isinstance(counted, dict) else {}, address)
-        return CheckResult(FAIL, f"{address} cannot be bound ({error.strerror})", "set trackpad.tuio_address")
+        return CheckResult(FAIL, f"{address} cannot be bound ({error.strerror})", "set trackpad.device")
     return CheckResult(PASS, f"{address} is free for a TUIO tracker")
 
 
@@ -185,7 +186,7 @@ def rate(system: System, wait: Callable[[float], None] = time.sleep) -> CheckRes
             source = pads.connected(system.config.trackpad)
             measured_hz = listen(source, LISTEN_S)
             if isinstance(source, tuio_trackpad.TuioTrackpad) and any(source.counters.values()):
-                heard = _heard(source.counters, system.config.trackpad.tuio_address)
+                heard = _heard(source.counters, system.config.trackpad.device or TUIO_ADDRESS)
         except HapticdError as error:
             return CheckResult(WARN, str(error), "see trackpad above")
     else:

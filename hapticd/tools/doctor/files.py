@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...config.sections import SIMULATED, DeviceConfig, LimitsConfig
 from ...daemon.board_gateway import MOVED, UNKNOWN, UNSAFE
+from ...daemon.recorder import MOST_FILES
 from ...errors import HapticdError
 from ...files import calibration
 from ...io.clients import keys
@@ -81,7 +82,7 @@ def key_ring(system: System) -> CheckResult:
     try:
         ring = keys.load(Path(config.client.keys_dir))
     except HapticdError as error:
-        return CheckResult(FAIL, str(error), f"hapticd keys make {config.client.keys_dir or 'DIR'}")
+        return CheckResult(FAIL, str(error), f"hapticd service keys make {config.client.keys_dir or 'DIR'}")
     return CheckResult(PASS, f"{config.client.tcp}, for {', '.join(ring.clients.values())}")
 
 
@@ -99,8 +100,8 @@ def recordings(system: System) -> CheckResult:
         return CheckResult(WARN, f"{folder} cannot be read ({error.strerror})", f"ls -ld {folder}")
     if system.status is None and not os.access(folder, os.W_OK | os.X_OK):
         return CheckResult(WARN, f"{folder} is not writable by this user", f"chown hapticd: {folder}, for the service")
-    needed_mb = record.max_mb * record.max_files
+    needed_mb = record.max_mb * MOST_FILES
     text = f"{free_mb / 1e3:.1f} GB free in {folder}, recordings take up to {needed_mb / 1e3:.1f} GB"
     if free_mb < needed_mb:
-        return CheckResult(WARN, text, "free disk space, or lower record.max_mb and record.max_files")
+        return CheckResult(WARN, text, "free disk space, or lower record.max_mb")
     return CheckResult(PASS, text)

@@ -83,7 +83,7 @@ def real_time(system: System) -> CheckResult:
         if refused:
             return CheckResult(WARN, f"the system refused the daemon: {'; '.join(refused)}", "systemctl cat hapticd")
         return CheckResult(PASS, f"the daemon runs at priority {granted}, with all it requested")
-    if requested.fifo_priority == 0 and not (requested.lock_memory or requested.stay_awake):
+    if requested.fifo_priority == 0:
         return CheckResult(PASS, "not configured")
     allowed = _limit(resource.RLIMIT_RTPRIO)
     if requested.fifo_priority > allowed and not _can(system, CAP_SYS_NICE):
@@ -92,20 +92,17 @@ def real_time(system: System) -> CheckResult:
             f"this user is limited to priority {allowed:g}, the configuration requests {requested.fifo_priority}",
             "run it as the service, whose unit grants 20: sudo systemctl start hapticd",
         )
-    if requested.lock_memory and _limit(resource.RLIMIT_MEMLOCK) < MEMLOCK_BYTES and not _can(system, CAP_IPC_LOCK):
+    if _limit(resource.RLIMIT_MEMLOCK) < MEMLOCK_BYTES and not _can(system, CAP_IPC_LOCK):
         return CheckResult(
             WARN,
             f"this user may lock {_limit(resource.RLIMIT_MEMLOCK) / 2**20:g} MiB of memory, not enough for all of it",
             "run it as the service, whose unit grants 512 MiB: sudo systemctl start hapticd",
         )
     latency_file = system.root / LATENCY_FILE.relative_to("/")
-    if requested.stay_awake and not os.access(latency_file, os.W_OK):
+    if not os.access(latency_file, os.W_OK):
         text = f"this user may not write to {LATENCY_FILE}, so processors enter sleep states"
         return CheckResult(WARN, text, INSTALL)
-    parts = [f"priority {requested.fifo_priority}"] if requested.fifo_priority > 0 else []
-    parts += ["locked memory"] if requested.lock_memory else []
-    parts += ["processors kept out of sleep states"] if requested.stay_awake else []
-    return CheckResult(PASS, f"{' and '.join(parts)} within this user's limits")
+    return CheckResult(PASS, f"priority {requested.fifo_priority} is within this user's limits")
 
 
 def _limit(which: int) -> float:

@@ -12,7 +12,8 @@ from pathlib import Path
 from ...config import loader as configuration
 from ...config.sections import Config
 from ...errors import HapticdError
-from .. import outputs
+from .. import latency, outputs
+from ..arguments import add_command
 from . import bundle as bundles
 from . import devices, files, host, service
 from .finding import FAIL, PASS, WARN, CheckResult, System, as_document, has_failed
@@ -54,6 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="collect findings, configuration, status, log, versions and 10 s of recording; nothing is sent",
     )
     parser.set_defaults(command=_doctor)
+    actions = parser.add_subparsers(title="actions", metavar="ACTION")
+    measured = "measure each delay from report to plate on the connected devices"
+    latency.add_arguments(add_command(actions, "latency", measured, "--sim --seconds 10 --plot delays.png"))
 
 
 def _doctor(options: argparse.Namespace) -> int:

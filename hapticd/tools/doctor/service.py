@@ -37,10 +37,9 @@ def directories(environ: Mapping[str, str]) -> tuple[Path, ...]:
     return tuple(dict.fromkeys([*known, SYSTEM_DIRECTORY]))
 
 
-def find(config: Config, environ: Mapping[str, str]) -> System:
-    """Return the system, with the replies of its daemon if one runs."""
-    configured = config.client.runtime_dir
-    places = (Path(configured),) if configured else directories(environ)
+def find(config: Config, environ: Mapping[str, str], endpoint: str | None = None) -> System:
+    """Return the system, with the replies of its daemon if one runs, at `endpoint` or where one may be."""
+    places = directories(environ) if endpoint is None else (Path(endpoint),)
     for place in places:
         if _distrust(place):
             continue

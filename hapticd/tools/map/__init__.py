@@ -1,1 +1,1 @@
-"""`hapticd map`: where another finger can be still, or slip, for given fingers or over all pairs of places."""
+"""`hapticd plate map`: where another finger can be still, or slip, for given fingers or over all pairs of places."""

@@ -1,4 +1,4 @@
-"""Arguments of `hapticd map`: the plate and the fingers on it."""
+"""Arguments of `hapticd plate map`: the plate and the fingers on it."""
 
 from __future__ import annotations
 

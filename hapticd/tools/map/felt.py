@@ -1,4 +1,4 @@
-"""`hapticd map --friction`: where fingers feel the frictions that are asked of them."""
+"""`hapticd plate map --friction`: where fingers feel the frictions that are asked of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`hapticd map`: arguments, table and arrays of the achievability maps (`design.achievability`)."""
+"""`hapticd plate map`: arguments, table and arrays of the achievability maps (`design.achievability`)."""
 
 from __future__ import annotations
 

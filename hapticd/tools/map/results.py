@@ -1,4 +1,4 @@
-"""What the maps of `hapticd map` share of their output."""
+"""What the maps of `hapticd plate map` share of their output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`hapticd record | replay | export | plot`: arguments and calls; their modules are imported when they run."""
+"""`hapticd record | replay | export`: arguments and calls; their modules are imported when they run."""
 
 from __future__ import annotations
 
@@ -83,6 +83,9 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     forms.add_argument("--csv", type=Path, metavar="DIR", help="a folder with one CSV file for each table")
     outputs.add_file(parser, "--hdf5", outputs.HDF5, group=forms, metavar="F.h5", help="one HDF5 file with all tables")
     forms.add_argument("--parquet", type=Path, metavar="DIR", help="a folder with one Parquet file for each table")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, group=forms, metavar="F.png", help="the paper's figures of it")
+    parser.add_argument("--from", dest="start_s", type=float, default=0.0, metavar="S", help="of --plot (default 0)")
+    parser.add_argument("--to", dest="end_s", type=float, metavar="S", help="of --plot (default: its end)")
     parser.set_defaults(command=_export)
 
 
@@ -90,10 +93,11 @@ def _export(options: argparse.Namespace) -> None:
     from ...files.recording.header import texts_of
     from ...files.recording.mcap_reader import open_recording
     from . import export
+    from .picture import draw
     from .tables import tables
 
-    if options.csv is options.hdf5 is options.parquet is None:
-        raise UsageError("No format is given: add --csv DIR, --hdf5 F.h5 or --parquet DIR, or several.")
+    if options.csv is options.hdf5 is options.parquet is options.plot is None:
+        raise UsageError("No format is given: add --csv DIR, --hdf5 F.h5, --parquet DIR or --plot F.png, or several.")
     if options.hdf5 is not None:
         export.require("h5py")
     if options.parquet is not None:
@@ -113,29 +117,12 @@ def _export(options: argparse.Namespace) -> None:
         export.to_hdf5(found, texts, options.hdf5)
     for folder, _, write in folders:
         write(found, texts, folder)
+    if options.plot is not None:
+        draw(found, options.plot, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
+        written.append(options.plot)
     for name, table in found.items():
         print(f"{name:<12} {len(table['t_ns']):>9} rows: {', '.join(table)}")
     print(f"written: {', '.join(map(str, written))}")
-    _print_losses(recording.losses.report())
-
-
-def add_plot_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", nargs=1, type=Path, metavar="F.mcap", help="the recording")
-    outputs.add_file(parser, "out", outputs.PICTURE, metavar="OUT.png", help="the picture")
-    parser.add_argument("--from", dest="start_s", type=float, default=0.0, metavar="S", help="in s from its start")
-    parser.add_argument("--to", dest="end_s", type=float, metavar="S", help="default: its end")
-    parser.set_defaults(command=_plot)
-
-
-def _plot(options: argparse.Namespace) -> None:
-    from ...files.recording.mcap_reader import open_recording
-    from .picture import draw
-    from .tables import tables
-
-    recording = open_recording(options.files)
-    with Progress("reading") as recording.progress:
-        found = tables(recording)
-    draw(found, options.out, title=options.files[0].name, start_s=options.start_s, end_s=options.end_s)
     _print_losses(recording.losses.report())
 
 

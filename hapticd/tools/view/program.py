@@ -23,7 +23,7 @@ from ...sim.plate.glasses import driven_modes
 from ...sim.rig.process import watch
 from .. import glass, simulated_fingers
 from ..arguments import PORT_NUMBER, add_endpoint, whole
-from ..daemon_process import PATIENT, DaemonProcess
+from ..daemon_process import DaemonProcess
 
 SCENARIO = "hands"
 HOST = "127.0.0.1"
@@ -58,9 +58,8 @@ def run(options: argparse.Namespace) -> None:
             print("starting a simulated plate and a service for it ...", file=sys.stderr, flush=True)
             sim = _simulated(options)
             lines = {"plate": sim.plate, "modes": sim.modes, "wiring": sim.wiring, "scenario": sim.scenario}
-            lines |= {"seed": sim.seed, "fingers_file": sim.fingers_file}
-            table = "\n".join(f"{name} = {toml(value)}" for name, value in lines.items())
-            service = stack.enter_context(DaemonProcess(table, PATIENT))
+            table = "\n".join(f"{name} = {toml(value)}" for name, value in (lines | {"seed": sim.seed}).items())
+            service = stack.enter_context(DaemonProcess(table))
             endpoint = str(service.runtime_dir)
             starting = f"{Path(sim.plate).name} plate, {driven_modes(sim.plate, sim.modes)} modes"
         asyncio.run(_serve(listener, endpoint, service, starting, open_browser=not options.no_browser))

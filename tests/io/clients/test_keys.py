@@ -87,12 +87,12 @@ def test_a_revoked_key_is_off_the_list(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (lambda d: (d / "hapticd.key_secret").unlink(), "TCP needs keys: run `hapticd keys"),
+        (lambda d: (d / "hapticd.key_secret").unlink(), "TCP needs keys: run `hapticd service keys"),
         (lambda d: (d / "hapticd.key_secret").chmod(0o640), "other users may read this secret"),
         (lambda d: (d / "hapticd.key_secret").write_text("hello"), "is not a ZeroMQ certificate"),
         (lambda d: (d / "hapticd.key_secret").write_text('public-key = "short"'), "is not a ZeroMQ certificate"),
         (lambda d: (d / "hapticd.key_secret").write_bytes((d / "hapticd.key").read_bytes()), "contains no secret key"),
-        (lambda d: (d / "clients" / "study-7.key").unlink(), "the allow-list is empty"),
+        (lambda d: (d / "clients" / "study-7.key").unlink(), "no client is allowed"),
         (lambda d: (d / "clients" / "x.key").write_bytes(b'public-key = "' + b"\xff" * 40), "not a ZeroMQ certificate"),
     ],
 )
@@ -106,14 +106,14 @@ def test_missing_or_invalid_keys_are_reported_in_one_sentence(tmp_path: Path, sp
 
 def test_the_command_makes_allows_lists_and_revokes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     daemon, mine = str(tmp_path / "daemon"), str(tmp_path / "mine")
-    assert main(["keys", "make", daemon]) == 0
-    assert main(["keys", "make", mine, "study-7"]) == 0
-    assert main(["keys", "allow", daemon, f"{mine}/study-7.key"]) == 0
+    assert main(["service", "keys", "make", daemon]) == 0
+    assert main(["service", "keys", "make", mine, "study-7"]) == 0
+    assert main(["service", "keys", "allow", daemon, f"{mine}/study-7.key"]) == 0
     capsys.readouterr()
-    assert main(["keys", "list", daemon]) == 0
+    assert main(["service", "keys", "list", daemon]) == 0
     ((own, _), (name, public)) = (line.split() for line in capsys.readouterr().out.splitlines())
     assert (own, name) == ("hapticd", "study-7")
     assert keys.load(tmp_path / "daemon").clients == {public: "study-7"}
-    assert main(["keys", "revoke", daemon, "study-7"]) == 0
-    assert main(["keys", "revoke", daemon, "study-7"]) == 2
+    assert main(["service", "keys", "revoke", daemon, "study-7"]) == 0
+    assert main(["service", "keys", "revoke", daemon, "study-7"]) == 2
     assert "cannot be removed" in capsys.readouterr().err

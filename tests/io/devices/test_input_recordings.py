@@ -306,7 +306,7 @@ async def test_a_finger_that_lay_still_is_repeated_until_it_is_lifted(tmp_path: 
 
 def test_a_service_takes_the_recording_and_the_size_of_its_screen(tmp_path: Path) -> None:
     path = written(tmp_path, evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE))
-    pad = TrackpadConfig(source="replay", replay_file=str(path))
-    with pytest.raises(ConfigError, match=r"^trackpad\.replay_file: my screen .*set trackpad\.size_mm"):
+    pad = TrackpadConfig(source="replay", device=str(path))
+    with pytest.raises(ConfigError, match=r"^trackpad\.device: my screen .*set trackpad\.size_mm"):
         _trackpad(Config(trackpad=pad), Path())
     assert isinstance(_trackpad(Config(trackpad=replace(pad, size_mm=(344.0, 194.0))), Path()), ReplayTrackpad)

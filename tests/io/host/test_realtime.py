@@ -69,7 +69,7 @@ def test_refusals_of_the_kernel_are_returned_as_sentences(monkeypatch: pytest.Mo
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "sched_setaffinity", refuse)
     monkeypatch.setattr(realtime, "_lock_memory", lambda refused: refused.append("mlockall: no") or False)
-    granted = go_real_time(fifo_priority=20, processor=0, lock_memory=True)
+    granted = go_real_time(fifo_priority=20, processor=0)
     assert granted == Granted(
         0,
         tuple(sorted(os.sched_getaffinity(0))),

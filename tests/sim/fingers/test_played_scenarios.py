@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from hapticd.config.sections import Config
+from hapticd.daemon import machine
+from hapticd.daemon.settings import pipeline_settings
 from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import LAND_S, STEP_S
 from hapticd.sim.lockstep import Run
@@ -88,14 +90,17 @@ def test_a_virtual_finger_is_held_still_where_it_walks_and_the_real_one_slips() 
     assert miss_mm.max() < 40.0 * 0.017
 
 
-def test_at_rest_with_noise_most_passes_send_nothing_and_the_skipped_frames_cost_nothing() -> None:
+def test_at_rest_with_noise_most_passes_send_nothing_and_the_skipped_frames_cost_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     skipping = played("rest")
-    config = Config()
-    always = lockstep.run(
-        "rest", settings=Settings(config=replace(config, solver=replace(config.solver, tolerance_um=1e-4)))
+    usual = pipeline_settings(Config())
+    monkeypatch.setattr(
+        machine, "pipeline_settings", lambda config: replace(pipeline_settings(config), tolerance_um=1e-4)
     )
+    always = lockstep.run("rest")
 
     touch = skipping.status["touch"]
     assert touch["skipped_standing"] > 0.6 * touch["passes"]
     assert touch["solves"] < always.status["touch"]["solves"] / 2
-    assert skipping.score.leak_um < always.score.leak_um + config.solver.tolerance_um
+    assert skipping.score.leak_um < always.score.leak_um + usual.tolerance_um

@@ -19,12 +19,10 @@ def in_time(measured: MeasuredLatency) -> MeasuredLatency:
     return replace(measured, counts={**measured.counts, "frames unanswered": 0, "frames late": 0})
 
 
-def test_the_link_goes_into_the_configuration_and_a_usual_period_does_not(in_time: MeasuredLatency) -> None:
+def test_a_usual_period_is_no_setting(in_time: MeasuredLatency) -> None:
     verdict = delays.verdict(in_time, Config(), is_simulated=True)
     assert verdict.outcome is Outcome.PASS
-    assert verdict.settings == {
-        "device": {"link_ms": pytest.approx(in_time.stages["link"].percentile_ns(50) / MS, abs=0.01)}
-    }
+    assert verdict.settings == {}
     assert delays.report_period_ms(in_time) == pytest.approx(11.25, abs=0.3)
 
 

@@ -109,7 +109,6 @@ def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: p
         (["latency"], "No devices are configured"),
         (["modes", "--sim", "--size", "big"], "--size is 'big'"),
         (["trackpad", "--sim", "--marks", "1,2"], "--marks"),
-        (["trackpad", "--model", "mt9"], "--model: there is no 'mt9'"),
         (["friction", "--sim", "--seed", "-1"], "--seed: -1 is out of bounds"),
         (["all", "--port", "/dev/none", "--marks", "1,2"], "--marks needs"),
         (["wires", "--sim", "--wiring", "paper"], "--wiring: this step knows"),

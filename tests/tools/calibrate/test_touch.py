@@ -147,19 +147,15 @@ def test_map_and_sensors_are_known_better_with_the_map_but_for_the_gain_that_all
 
     usual = UncertaintyConfig()
     known, nearer_um = left(usual, 0.004)
-    box_mm = (-40.0, -35.0, 41.0, 36.0)
-    assert known == replace(
-        usual, touched_map_frac=0.009, touched_mm=box_mm, sensors_frac=0.004, gain_frac=usual.sensors_frac
-    )
+    assert known == replace(usual, sensors_frac=0.004, gain_frac=usual.sensors_frac)
     assert nearer_um > 0.05
     again, nearer_um = left(known, 0.004)
     assert again == known
     assert nearer_um == 0.0
     known, nearer_um = left(replace(usual, map_frac=0.003, sensors_frac=0.003), 0.002)
-    assert (known.touched_map_frac, known.sensors_frac) == (0.003, 0.002)
+    assert known.sensors_frac == 0.002
     assert nearer_um >= 0.0
-    assert left(usual, 0.05)[0] == replace(usual, touched_map_frac=0.009, touched_mm=box_mm)
-    assert left(usual, 0.004, has_sensors=False)[0] == replace(usual, touched_map_frac=0.009, touched_mm=box_mm)
+    assert left(usual, 0.05)[0] == left(usual, 0.004, has_sensors=False)[0] == usual
     assert known_better(touched, judged(Calibration.nominal(2))) == {}
 
 
@@ -180,7 +176,7 @@ def test_modes_that_are_mixed_otherwise_than_in_the_map_stay_within_their_limits
 
 
 def test_what_is_adopted_is_written_as_the_service_loads_it(recorded: Recorded, tmp_path: Path) -> None:
-    turned = TrackpadConfig(offset_mm=(2.0, -1.0), rotation_deg=90.0, scale=(1.01, 0.99), latency_ms=12.0)
+    turned = TrackpadConfig(offset_mm=(2.0, -1.0), matrix=(0.0, -0.99, 1.01, 0.0), latency_ms=12.0)
     touched = read(recorded(turned, 500, 2.5))
     before = [ModeCalibration(mode, 29195.0 + 20.0 * mode, 500.0, 7.5, 0.1) for mode in range(2)]
     before[1] = replace(before[1], sense=(0.01 + 0.0j, 1.02 + 0.0j))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -15,8 +16,9 @@ from input_events import END, SCREEN, lifted, packed, placed
 from virtual_board import in_virtual_time
 
 from hapticd.config.loader import from_table
+from hapticd.config.sections import TrackpadConfig
 from hapticd.daemon.settings import plate_from_pad
-from hapticd.errors import CalibrationError, HapticdError
+from hapticd.errors import CalibrationError
 from hapticd.sim.fingers.pad_ellipse import USUAL
 from hapticd.sim.fingers.paths import Line, Rest, Touch
 from hapticd.sim.fingers.paths import Path as FingerPath
@@ -291,28 +293,24 @@ def test_a_touchscreen_of_a_size_that_cannot_be_is_told_to_be_measured() -> None
     fit = fit_affine([(x / 3, y / 3) for x, y in MARKS], MARKS)
     verdict = trackpad.verdict(fit, {"source": "evdev"}, is_simulated=False)
     assert verdict.outcome is Outcome.FAIL
-    assert "--pad-size" in verdict.sentence
+    assert "trackpad.size_mm" in verdict.sentence
 
 
-def test_a_device_is_named_on_the_command_line_and_in_the_configuration_that_comes_of_it() -> None:
-    chosen = pads.chosen(options("--source", "evdev", "--device", "wall", "--pad-size", "344x194"))
-    found = pads.settings(chosen, "evdev")
-    assert found == {"source": "evdev", "device": "wall", "size_mm": [344.0, 194.0]}
-    assert from_table({"trackpad": found}, where="test", folder=None).trackpad == chosen
-    assert pads.settings(pads.chosen(options("--source", "evdev")), "evdev") == {"source": "evdev"}
-    assert pads.settings(pads.chosen(options()), "mt1") == {"source": "hid", "model": "mt1"}
-
-
-@pytest.mark.parametrize("text", ["wide", "10", "0x5", "1x2x3", "nanx5"])
-def test_a_size_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(HapticdError, match="--pad-size"):
-        pads.chosen(options("--pad-size", text))
-
-
-def test_a_tracker_needs_the_size_of_its_surface() -> None:
-    chosen = pads.chosen(options("--source", "tuio", "--pad-size", "400x200"))
-    found = pads.settings(chosen, "tuio")
-    assert found == {"source": "tuio", "tuio_address": "127.0.0.1:3333", "size_mm": [400.0, 200.0]}
-    assert from_table({"trackpad": found}, where="test", folder=None).trackpad == chosen
-    with pytest.raises(CalibrationError, match="--pad-size"):
-        pads.chosen(options("--source", "tuio"))
+@pytest.mark.parametrize(
+    "device",
+    [
+        {"source": "hid", "device": "mt1"},
+        {"source": "evdev"},
+        {"source": "evdev", "device": "wall", "size_mm": [344.0, 194.0]},
+        {"source": "tuio", "tuio_sender": "192.168.7.20", "size_mm": [400.0, 200.0]},
+    ],
+)
+def test_a_device_of_the_configuration_is_named_in_the_one_that_comes_of_it(
+    device: dict[str, object], tmp_path: Path
+) -> None:
+    config = tmp_path / "hapticd.toml"
+    config.write_text("[trackpad]\n" + "".join(f"{name} = {json.dumps(value)}\n" for name, value in device.items()))
+    chosen = pads.chosen(options("--config", str(config)))
+    assert pads.settings(chosen, "mt1") == device
+    assert from_table({"trackpad": device}, where="test", folder=None).trackpad == chosen
+    assert pads.chosen(options()) == TrackpadConfig(source="hid")

@@ -58,9 +58,9 @@ def put(path: Path, text: str) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _nothing_of_this_host(monkeypatch: pytest.MonkeyPatch) -> None:
+def _nothing_of_this_host(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Hide daemons and pads of this host."""
-    monkeypatch.setattr(service, "directories", lambda _: (Path("/nonexistent"),))
+    monkeypatch.setattr(service, "directories", lambda _: (tmp_path,))
     monkeypatch.setattr(devices, "load_hid", lambda: None)
     monkeypatch.setattr(devices, "find_pads", lambda *_: iter(()))
     monkeypatch.setattr(pads, "connected", lambda _: Pad([], (None, "no trackpad is connected")))
@@ -77,7 +77,7 @@ REAL = {"device": {"port": "/dev/ttyACM7"}, "trackpad": {"source": "hid"}, "plat
 
 
 def test_the_simulated_plate_has_no_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, output = examined(f'[client]\nruntime_dir = "{tmp_path}"\n', tmp_path, capsys)
+    code, output = examined("", tmp_path, capsys)
     assert code == 0
     assert "FAIL" not in output
     assert f"warn  daemon: none runs in {tmp_path}" in output
@@ -113,7 +113,7 @@ def test_a_missing_board_fails_with_its_remedy(tmp_path: Path, capsys: pytest.Ca
     axis_mm = np.linspace(-60.0, 60.0, 9)
     shapes = np.stack(np.meshgrid(axis_mm, axis_mm)) / 60.0
     ModeShapes.from_grid(axis_mm, axis_mm, shapes).save(tmp_path / "modes.npz")
-    text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\nreplay_file = "modes.npz"\n'
+    text = f'[device]\nport = "{tmp_path}/none"\n[trackpad]\nsource = "replay"\ndevice = "modes.npz"\n'
     code, output = examined(text + '[plate]\nmodes_file = "modes.npz"\n', tmp_path, capsys)
     assert code == 1
     assert f"FAIL  board: {tmp_path}/none does not exist\n      -> plug the board in" in output
@@ -155,12 +155,12 @@ def test_what_the_self_test_found_is_part_of_the_calibration(tmp_path: Path) -> 
 
 
 def test_recordings_need_a_folder_and_room(tmp_path: Path) -> None:
-    section = {"file": str(tmp_path / "none" / "s.mcap"), "max_mb": 1, "max_files": 1}
+    section = {"file": str(tmp_path / "none" / "s.mcap"), "max_mb": 1}
     missing = files.recordings(system(tmp_path, record=section))
     assert (missing.verdict, missing.remedy) == (FAIL, f"mkdir -p {tmp_path / 'none'}")
     section["file"] = str(tmp_path / "s.mcap")
     assert files.recordings(system(tmp_path, record=section)).verdict == PASS
-    section |= {"max_mb": 1_000_000, "max_files": 999}
+    section["max_mb"] = 1_000_000
     assert files.recordings(system(tmp_path, record=section)).verdict == WARN
 
 
@@ -171,13 +171,12 @@ def test_a_stale_socket_is_not_a_daemon_and_a_lock_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(service, "ANSWER_S", 0.05)
-    text = f'[client]\nruntime_dir = "{tmp_path}"\n'
     with socket.socket(socket.AF_UNIX) as left_behind, (tmp_path / "lock").open("wb") as lock:
         left_behind.bind(str(tmp_path / "control"))
-        output = examined(text, tmp_path, capsys)[1]
+        output = examined("", tmp_path, capsys)[1]
         assert f"warn  daemon: none runs in {tmp_path} (the socket there is stale" in output
         fcntl.flock(lock, fcntl.LOCK_EX)
-        code, output = examined(text, tmp_path, capsys)
+        code, output = examined("", tmp_path, capsys)
         assert code == 1
         assert f"FAIL  daemon: one holds {tmp_path / 'lock'}, but does not answer" in output
         assert "fuser -v" in output
@@ -186,9 +185,8 @@ def test_a_stale_socket_is_not_a_daemon_and_a_lock_is(
 def test_a_daemon_that_answers_is_asked_for_its_status(
     tmp_path: Path, fake_daemon: FakeDaemon, reported: dict[str, Any]
 ) -> None:
-    given = config.from_table({"client": {"runtime_dir": str(tmp_path)}}, where="", folder=None)
     with ThreadPoolExecutor() as pool:
-        asked = pool.submit(service.find, given, {})
+        asked = pool.submit(service.find, Config(), {}, str(tmp_path))
         assert fake_daemon.answer({"protocol": 1, "version": __version__, "instance": 7}) == "hello"
         assert fake_daemon.answer(reported) == "status"
         found = asked.result()
@@ -362,7 +360,7 @@ def test_a_trackers_address_is_free_or_is_not(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{other.getsockname()[1]}"
-        tracker = {**REAL, "trackpad": {"source": "tuio", "tuio_address": address, "size_mm": [400.0, 200.0]}}
+        tracker = {**REAL, "trackpad": {"source": "tuio", "device": address, "size_mm": [400.0, 200.0]}}
         taken = devices.trackpad(system(tmp_path, **tracker))
     assert (taken.verdict, taken.text) == (FAIL, f"{address} cannot be bound (Address already in use)")
     assert devices.trackpad(system(tmp_path, **tracker)).verdict == PASS
@@ -390,7 +388,7 @@ def test_what_a_tracker_sends_is_judged_by_the_daemons_counters(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as daemons:
         daemons.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{daemons.getsockname()[1]}"
-        tracker = {**REAL, "trackpad": {"source": "tuio", "tuio_address": address, "size_mm": [400.0, 200.0]}}
+        tracker = {**REAL, "trackpad": {"source": "tuio", "device": address, "size_mm": [400.0, 200.0]}}
         found = devices.trackpad(system(tmp_path, {"state": "ACTIVE", "inputs": {"trackpad": counted}}, **tracker))
     assert (found.verdict, bool(found.remedy)) == (verdict, verdict == WARN)
     assert named in found.text
@@ -478,34 +476,32 @@ def test_a_governor_other_than_performance_is_a_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("realtime", "limit", "capabilities", "verdict"),
+    ("priority", "limits", "capabilities", "has_file", "verdict"),
     [
-        ({}, 0, 0, PASS),
-        ({"fifo_priority": 10}, 0, 0, WARN),
-        ({"fifo_priority": 10}, 20, 0, PASS),
-        ({"fifo_priority": 10}, 0, 1 << 23, PASS),
-        ({"lock_memory": True}, 65536, 0, WARN),
-        ({"lock_memory": True}, 65536, 1 << 14, PASS),
-        ({"lock_memory": True}, resource.RLIM_INFINITY, 0, PASS),
+        (0, (0, 0), 0, False, PASS),
+        (10, (0, resource.RLIM_INFINITY), 0, True, WARN),
+        (10, (20, 65536), 0, True, WARN),
+        (10, (20, 65536), 1 << 14, True, PASS),
+        (10, (0, resource.RLIM_INFINITY), 1 << 23, True, PASS),
+        (10, (20, resource.RLIM_INFINITY), 0, False, WARN),
+        (10, (20, resource.RLIM_INFINITY), 0, True, PASS),
     ],
 )
-def test_what_real_time_needs_is_a_limit_or_a_capability(
+def test_real_time_needs_limits_or_capabilities_and_the_latency_file(
     tmp_path: Path,
-    realtime: dict[str, Any],
-    limit: int,
+    priority: int,
+    limits: tuple[int, int],
     capabilities: int,
+    has_file: bool,
     verdict: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    limit_of = dict(zip((resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK), limits, strict=True))
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (limit_of[which],) * 2)
     put(tmp_path / "proc/self/status", f"Name:\tpython\nCapEff:\t{capabilities:016x}\n")
-    assert host.real_time(system(tmp_path, realtime=realtime)).verdict == verdict
-
-
-def test_the_latency_file_must_be_writable(tmp_path: Path) -> None:
-    assert host.real_time(system(tmp_path, realtime={"stay_awake": True})).verdict == WARN
-    put(tmp_path / "dev/cpu_dma_latency", "")
-    assert host.real_time(system(tmp_path, realtime={"stay_awake": True})).verdict == PASS
+    if has_file:
+        put(tmp_path / "dev/cpu_dma_latency", "")
+    assert host.real_time(system(tmp_path, realtime={"fifo_priority": priority})).verdict == verdict
 
 
 def test_the_running_daemon_s_grants_count_more_than_this_user_s_limits(tmp_path: Path) -> None:

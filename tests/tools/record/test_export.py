@@ -151,7 +151,7 @@ def test_a_folder_that_cannot_be_created_is_one_sentence(
 def test_the_picture_is_drawn_with_truth_and_without(tmp_path: Path, strokes: Path, eventful: Path) -> None:
     for recording in (strokes, eventful):
         out = tmp_path / f"{recording.stem}.png"
-        assert main(["plot", str(recording), str(out)]) == 0
+        assert main(["export", str(recording), "--plot", str(out)]) == 0
         assert out.read_bytes().startswith(PNG)
 
 
@@ -159,5 +159,5 @@ def test_the_picture_is_drawn_with_truth_and_without(tmp_path: Path, strokes: Pa
 def test_a_part_that_is_not_there_is_one_sentence(
     span: tuple[str, str], tmp_path: Path, strokes: Path, refused: Callable[..., str]
 ) -> None:
-    complaint = refused("plot", str(strokes), str(tmp_path / "a.png"), "--from", span[0], "--to", span[1])
+    complaint = refused("export", str(strokes), "--plot", str(tmp_path / "a.png"), "--from", span[0], "--to", span[1])
     assert "there is nothing" in complaint

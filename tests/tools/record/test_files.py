@@ -190,6 +190,9 @@ def test_an_earlier_recording_names_the_model_of_its_pad(header: Header) -> None
     fields = header_fields(header)
     del fields["pad"]
     assert header_from(fields | {"trackpad_model": "mt1"}).pad is PADS["mt1"]
+    gone = "rotation_deg = 90.0\nscale = [1.01, 0.99]\nmatrix = []\nsilence_ms = 40.0\n[gone]\nx = 1\n"
+    turned = header_from(fields | {"trackpad_model": "mt1", "config_toml": f"[trackpad]\n{gone}"}).config.trackpad
+    assert turned.matrix == pytest.approx((0.0, -0.99, 1.01, 0.0))
     with pytest.raises(RecordingError):
         header_from(fields | {"trackpad_model": "mt9"})
     assert pad_of({"is_up": True, "reason": "here", "model": "mt1"}) is PADS["mt1"]
@@ -203,7 +206,7 @@ def test_an_earlier_recording_names_the_model_of_its_pad(header: Header) -> None
     [
         {"format": FORMAT + 1},
         {"format": None},
-        {"config_toml": "[solver]\nmax_knots = -1\n"},
+        {"config_toml": "[solver]\ncontact_radius_mm = -1\n"},
         {"config_toml": "x" * 70_000},
         {"config_toml": "[limits]\nw_limit_um = [4.0]\n"},
         {"modes_float64_le": {}},

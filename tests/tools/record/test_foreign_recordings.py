@@ -70,7 +70,7 @@ def test_amplitudes_of_unequal_parts_and_points_without_a_key_are_exported_and_d
     path = foreign(*touched(1, BEGIN_NS), a_pass(BEGIN_NS + 500 * MS, 1, knots=uneven, points=keyless))
 
     assert main(["export", str(path), "--csv", str(tmp_path / "out")]) == 0
-    assert main(["plot", str(path), str(tmp_path / "out.png")]) == 0
+    assert main(["export", str(path), "--plot", str(tmp_path / "out.png")]) == 0
 
 
 @pytest.mark.parametrize("name", ["age_ns", "horizon_ns", "t_apply_ns"])

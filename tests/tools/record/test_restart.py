@@ -51,14 +51,9 @@ def rig() -> Iterator[RigProcess]:
 
 
 @pytest.fixture
-def configuration(rig: RigProcess, tmp_path: Path) -> Config:
-    config = Config()
-    return replace(
-        config,
-        sim=replace(config.sim, rig_dir=str(rig.directory)),
-        trackpad=replace(config.trackpad, silence_ms=1000.0),  # this process may stall, and its fingers are no new ones
-        client=replace(config.client, runtime_dir=str(tmp_path / "run")),
-    )
+def configuration(rig: RigProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
+    monkeypatch.setenv("HAPTICD_RUNTIME_DIR", str(tmp_path / "run"))
+    return replace(Config(), sim=replace(Config().sim, rig_dir=str(rig.directory)))
 
 
 @contextmanager
@@ -87,14 +82,18 @@ def hands(rig_dir: Path) -> Iterator[None]:
         moving.join()
 
 
-def client_of(config: Config) -> Client:
-    return Client(config.client.runtime_dir, timeout_s=PATIENCE_S)
+def runtime_dir() -> Path:
+    return Path(os.environ["HAPTICD_RUNTIME_DIR"])
+
+
+def new_client() -> Client:
+    return Client(runtime_dir(), timeout_s=PATIENCE_S)
 
 
 def work(config: Config, states: int = STATES, begun: threading.Event | None = None) -> set[int]:
     """A client sets targets of two fingers, then `begun`, and releases them in the end; returns the daemon's instances
     that it saw."""
-    with client_of(config) as client, hands(Path(config.sim.rig_dir)):
+    with new_client() as client, hands(Path(config.sim.rig_dir)):
         seen: set[int] = set()
         for count, state in enumerate(client.states(timeout_s=PATIENCE_S)):
             seen.add(state.instance)
@@ -112,11 +111,11 @@ def work(config: Config, states: int = STATES, begun: threading.Event | None = N
 class Recorder(threading.Thread):
     """`hapticd record` on a thread of its own, with its notes to the person."""
 
-    def __init__(self, out: Path, config: Config, seconds: float) -> None:
+    def __init__(self, out: Path, seconds: float) -> None:
         super().__init__()
         self.out = out
         self.notes: list[str] = []
-        self._arguments = out, Path(config.client.runtime_dir), seconds
+        self._arguments = out, runtime_dir(), seconds
         self.start()
 
     def run(self) -> None:
@@ -131,7 +130,7 @@ def run(config: Config, scenario: Callable[[], Any], reread: Callable[[], Config
             prepared = await asyncio.to_thread(config_loader.prepare, config)
             serving = asyncio.create_task(service._serve(config_loader, prepared, Notifier({}), reread))
             try:
-                await until(lambda: (Path(config.client.runtime_dir) / "control").is_socket() or serving.done())
+                await until(lambda: (runtime_dir() / "control").is_socket() or serving.done())
                 await scenario()
             finally:
                 os.kill(os.getpid(), signal.SIGTERM)
@@ -157,7 +156,7 @@ def test_a_recorder_in_mid_session_waits_for_a_free_plate_and_replays(configurat
         begun = threading.Event()
         touching = asyncio.create_task(asyncio.to_thread(work, configuration, STATES, begun))
         await until(begun.is_set)
-        late = Recorder(tmp_path / "a.mcap", configuration, 2.5)
+        late = Recorder(tmp_path / "a.mcap", 2.5)
         await until(lambda: WAITING in late.notes)
         instances.append(await touching)
         await until(lambda: BEGUN in late.notes)
@@ -181,17 +180,17 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
     configuration: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recorders, "RESTART_EVERY_NS", 0)
-    endpoint = ["--endpoint", configuration.client.runtime_dir]
+    endpoint = ["--endpoint", str(runtime_dir())]
     command = [sys.executable, "-m", "hapticd", "record", str(tmp_path / "killed.mcap"), *endpoint]
     reported: list[dict[str, Any]] = []
 
     def recording() -> dict[str, Any]:
-        with client_of(configuration) as client:
+        with new_client() as client:
             return dict(client.status().get("recording", {}))
 
     async def scenario() -> None:
         for name in ("a", "b"):
-            whole = Recorder(tmp_path / f"{name}.mcap", configuration, 1.0)
+            whole = Recorder(tmp_path / f"{name}.mcap", 1.0)
             await until(lambda whole=whole: BEGUN in whole.notes)  # type: ignore[misc]
             await asyncio.to_thread(work, configuration, 25)
             await until(lambda whole=whole: not whole.is_alive())  # type: ignore[misc]
@@ -200,14 +199,14 @@ def test_one_after_another_and_one_that_is_killed_all_replay(
             assert (await asyncio.to_thread(killed.stdout.readline)).decode().strip() in (WAITING, BEGUN)
             await until(lambda: (tmp_path / "killed.mcap").exists())
             await asyncio.to_thread(work, configuration, 2 * STATES)
-            joined = Recorder(tmp_path / "joined.mcap", configuration, 0.2)
+            joined = Recorder(tmp_path / "joined.mcap", 0.2)
             reported.append(await asyncio.to_thread(recording))
             await until(lambda: not joined.is_alive())
             assert LATE in joined.notes
             killed.kill()
         while "attached" in await asyncio.to_thread(recording):
             pass
-        last = Recorder(tmp_path / "last.mcap", configuration, 0.5)
+        last = Recorder(tmp_path / "last.mcap", 0.5)
         await until(lambda: not last.is_alive())
         assert BEGUN in last.notes
 
@@ -226,7 +225,7 @@ def test_a_new_configuration_ends_the_recording_and_it_replays_to_its_end(
     caplog.set_level("INFO", "hapticd")
 
     async def scenario() -> None:
-        whole = Recorder(tmp_path / "a.mcap", configuration, 60.0)
+        whole = Recorder(tmp_path / "a.mcap", 60.0)
         await until(lambda: BEGUN in whole.notes)
         await asyncio.to_thread(work, configuration, 25)
         os.kill(os.getpid(), signal.SIGHUP)

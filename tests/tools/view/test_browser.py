@@ -21,12 +21,11 @@ from hapticd.tools.view import program
 from hapticd_client import Client
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]  # a browser with other tests on few cores is slow
-SETTINGS = "[trackpad]\nsilence_ms = 1000\n"  # a stalled host must not lift fingers
 
 
 @pytest.fixture(scope="module")
 def service() -> Iterator[DaemonProcess]:
-    with RigProcess("hands", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"', SETTINGS) as running:
+    with RigProcess("hands", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as running:
         for process in (rig.process, running.process):
             first(process)
         yield running

@@ -52,8 +52,6 @@ w_limit_um = [LIMIT, LIMIT]
 [realtime]
 fifo_priority = {PRIORITY}
 processor = 0
-lock_memory = true
-stay_awake = true
 """
 NONSENSE = "[limits]\nw_limit = 3\n"
 Found = dict[str, Any]
@@ -88,8 +86,8 @@ class Story:
         yield "uninstalled", self._uninstall
 
     def _install(self) -> Found:
-        """The README's way: `hapticd install-service`, a configuration, and what it says is to be run then."""
-        printed = manager.run(f"{PROGRAM} install-service")
+        """The README's way: `hapticd service install`, a configuration, and what it says is to be run then."""
+        printed = manager.run(f"{PROGRAM} service install")
         CONFIG.write_text(configuration(4.0), encoding="utf-8")
         CONFIG.with_name("modes.npz").write_bytes((HERE / "modes.npz").read_bytes())
         return {"commands": _run_what_is_said(printed), **manager.facts()}
@@ -168,11 +166,10 @@ class Story:
 
     def _touchscreen(self) -> Found:
         """The daemon as root, for the rules open no touchscreen: pulled under the fingers, and plugged in again."""
-        OWN_CONFIG.write_text(
-            f'{PLATE}[trackpad]\nsource = "evdev"\ndevice = "{SCREEN}"\n[client]\nruntime_dir = "{RUNTIME}"\n',
-            encoding="utf-8",
+        OWN_CONFIG.write_text(f'{PLATE}[trackpad]\nsource = "evdev"\ndevice = "{SCREEN}"\n', encoding="utf-8")
+        daemon = subprocess.Popen(
+            [PROGRAM, "run", "--config", OWN_CONFIG], env={**os.environ, "HAPTICD_RUNTIME_DIR": str(RUNTIME)}
         )
-        daemon = subprocess.Popen([PROGRAM, "run", "--config", OWN_CONFIG])
         wait_for("its sockets", lambda: (RUNTIME / "control").exists())
         found, client = [], self._new_client()
         for _ in range(2):
@@ -188,7 +185,7 @@ class Story:
 
     def _uninstall(self) -> Found:
         manager.run("systemctl disable hapticd")
-        commands = _run_what_is_said(manager.run(f"{PROGRAM} uninstall-service"))
+        commands = _run_what_is_said(manager.run(f"{PROGRAM} service remove"))
         left = [
             str(path) for folder in ("systemd", "udev", "hapticd") for path in Path("/etc", folder).rglob("*hapticd*")
         ]

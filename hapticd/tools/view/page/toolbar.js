@@ -122,7 +122,7 @@ export class RecordButton {
 
   take({ is_on, file, sentence }) {
     this.t_begun_ms = is_on ? this.t_begun_ms ?? Date.now() : null;
-    this.button.title = is_on ? `Recording to ${file}: press to end it` : "Record to a file, for hapticd plot, export and Foxglove";
+    this.button.title = is_on ? `Recording to ${file}: press to end it` : "Record to a file, for hapticd export and Foxglove";
     if (!is_on) this.notice(sentence, 12000, true);
     this.show();
   }
