@@ -29,10 +29,10 @@ class Part(NamedTuple):
 
 PARTS = {
     "modes": Part("ways to interpolate a measured mode map", 0.1),
-    "prediction": Part("predictions 15 ms ahead on 12 motions", 1.0),
+    "prediction": Part("predictions 15 ms ahead on 12 motions", 0.1),
     "solver": Part("solvers for points against general optimisers", 0.1),
-    "tick": Part("time of a pass, from the report's bytes to the frame's", 1.0),
-    "felt": Part("friction as asked over contacts: against its bound, and in the closed loop", 4.0),
+    "tick": Part("time of a pass, from the report's bytes to the frame's", 0.6),
+    "felt": Part("friction as asked over contacts: against its bound, and in the closed loop", 2.0),
     "firmware": Part("how fast and how well the plate follows", 0.1),
     "worlds": Part("what fingers get in random laboratories, and which cause costs how much", 130.0),
 }

@@ -6,7 +6,7 @@ the amplifier's voltage sets.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -58,16 +58,15 @@ def run(*, repeats: int = REPEATS, ticks: int = 2000) -> tuple[Table]:
     return (Table("firmware", title, rows, ("large_ms", "worst_ms"), notes),)
 
 
-def _corners(amplitude_um: float, detunes_hz: Sequence[float] = DETUNES_HZ) -> list[LoopPlate]:
+def _corners(amplitude_um: float) -> list[LoopPlate]:
     """The corners in which the voltage can hold the amplitude."""
-    plates = [LoopPlate(damping=damping, detune_hz=detune_hz) for damping in DAMPINGS for detune_hz in detunes_hz]
+    plates = [LoopPlate(damping=damping, detune_hz=detune_hz) for damping in DAMPINGS for detune_hz in DETUNES_HZ]
     return [plate for plate in plates if plate.reaches(amplitude_um)]
 
 
-def worst_response(law: Law, amplitude_um: float, detunes_hz: Sequence[float] = DETUNES_HZ) -> Response:
+def worst_response(law: Law, amplitude_um: float) -> Response:
     """The worst of each measure over the corners in which the voltage can hold the amplitude."""
-    plates = _corners(amplitude_um, detunes_hz)
-    found = [measure(law.respond(plate, amplitude_um), amplitude_um, law.tick_ms) for plate in plates]
+    found = [measure(law.respond(plate, amplitude_um), amplitude_um, law.tick_ms) for plate in _corners(amplitude_um)]
     return Response(*map(max, zip(*found, strict=True)))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import itertools
 import math
 import os
 import random
@@ -21,16 +20,12 @@ from fake_daemon import FakeDaemon
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd_client import (
-    Circle,
     Client,
-    Envelope,
     FingerState,
     Grating,
     Map,
-    Modulation,
     PlateEvent,
     PlateState,
-    content,
 )
 from hapticd_contract.states import EventKind
 
@@ -193,13 +188,6 @@ def test_a_detent_is_sticky_and_the_way_to_the_next_is_not(daemon: FakeDaemon) -
     assert felt_um(daemon, plate.given[1], *places_mm) == [0.0, SLIPPERY_UM, 0.0, SLIPPERY_UM, 0.0, 0.0]
 
 
-def test_the_slider_lies_on_the_plate_with_its_detents_on_top(daemon: FakeDaemon, client: Client) -> None:
-    example("slider").lay(client, 5, 0.05)
-    places_mm = ((-50.0, 0.0), (-37.5, 0.0), (0.0, 5.0), (12.5, 5.0), (12.5, 20.0), (66.0, 0.0))
-    felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
-    assert felt == [0.0, SLIPPERY_UM, 0.0, SLIPPERY_UM, 0.0, 0.0]
-
-
 def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
     daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -214,24 +202,6 @@ def test_braille_is_sticky_on_its_dots_and_slippery_beyond(
     assert felt == [0.0] * 5 + [1.5, 1.5]
     assert program.dots_mm("a") == [(-4.5, 9.0)]  # dot 1 is at the upper left
     assert capsys.readouterr().out == "az: 1 1356\n"
-
-
-def test_the_light_goes_round_while_a_camera_is_missing(
-    daemon: FakeDaemon, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    program = example("webcam")
-    monkeypatch.setattr(program, "camera", lambda _: None)
-    bright = [max(range(64), key=lambda column: program.light(t_s)[32][column]) for t_s in (0.0, 2.0)]
-    assert bright == [51, 13]
-    program.main(["--endpoint", str(daemon.directory), "--seconds", "0.05"])
-    assert capsys.readouterr().out == "the picture of a light, 10 a second\n"
-
-
-def test_the_heart_beats_twice_per_beat_at_60_hz(tmp_path: Path) -> None:
-    score = content.load(example("audio").heart(tmp_path / "heart.wav"))
-    forms = [one.form for one in score.effects]
-    assert sum(isinstance(form, Envelope) for form in forms) == 8
-    assert {round(form.frequency_hz, -1) for form in forms if isinstance(form, Modulation)} == {60.0}
 
 
 def happened(kind: EventKind, finger: int, effect: str, client: str) -> PlateEvent:
@@ -265,86 +235,6 @@ def test_each_key_of_the_piano_hums_while_a_finger_is_on_it(daemon: FakeDaemon, 
         assert held.effect.on == held.effect.start.surface == held.name
     felt = [daemon.felt_um(x_mm) for x_mm in (-56.0, 0.0, 8.0, 70.0)]
     assert felt == [2.0, 0.0, 2.0, 0.0]
-
-
-def test_the_patch_turns_at_its_ends_and_two_fingers_on_it_hold_it(capsys: pytest.CaptureFixture[str]) -> None:
-    on_it = {1: (-20.0, 0.0), 2: (-15.0, 9.0)}
-    plate = ScriptedPlate({}, {}, on_it, on_it, {1: (-20.0, 0.0)}, {}, {}, {}, {}, {}, {}, step_ns=500_000_000)
-    example("moving_patch").serve(plate, 15.0, 20.0, math.inf)
-    assert all((name, shape) == ("patch", Circle(15.0)) for name, shape, _ in plate.laid)
-    ways = [(fields["position_mm"][0], fields["velocity_mm_s"][0]) for _, _, fields in plate.laid]
-    assert ways == [(-40.0, 20.0), (-20.0, 0.0), (-20.0, 20.0), (40.0, -20.0)]
-    assert capsys.readouterr().out.splitlines()[1] == "patch at x = -20 mm: +0 mm/s"
-
-
-class FirstPlace(random.Random):
-    """Chance that puts everything at the same place."""
-
-    def uniform(self, low: float, high: float) -> float:  # noqa: ARG002
-        return 0.0
-
-
-def test_the_compass_has_a_ring_with_eight_notches_of_which_north_is_wide(
-    daemon: FakeDaemon, client: Client, capsys: pytest.CaptureFixture[str]
-) -> None:
-    program = example("compass")
-    places_mm = ((40.0, 0.0), (40.0, 3.0), (3.0, 40.0), (8.0, 40.0), (0.0, 0.0), (28.3, 28.3), (60.0, 0.0))
-    program.lay(client, 4.0)
-    felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
-    assert felt == pytest.approx([0.0, SLIPPERY_UM, 0.0, SLIPPERY_UM, 0.0, 0.0, 0.0])
-    program.serve(ScriptedPlate({1: (40.0, 2.0)}, {1: (40.0, 9.0)}, {1: (1.0, 1.0)}, {1: (-2.0, -40.0)}), math.inf)
-    assert capsys.readouterr().out.splitlines()[1:] == ["finger 1: E", "finger 1: S"]
-
-
-def test_the_maze_s_walls_stick_but_for_their_gaps_and_a_way_through_is_timed(
-    daemon: FakeDaemon, client: Client, capsys: pytest.CaptureFixture[str]
-) -> None:
-    program = example("maze")
-    program.lay(client, FirstPlace())
-    places_mm = ((0.0, -40.0), (7.0, 20.0), (9.0, 20.0), (-60.0, 0.0), (-60.0, 10.0))
-    felt = [daemon.felt_um(*place_mm) for place_mm in places_mm]
-    assert felt == pytest.approx([SLIPPERY_UM, SLIPPERY_UM, 0.0, 0.0, SLIPPERY_UM])
-    plate_of_walls = ScriptedPlate(
-        {1: (0.0, 50.0)}, {1: (0.0, -50.0)}, {1: (0.0, 30.0)}, {1: (0.0, 41.0)}, {1: (0.0, 50.0)}
-    )
-    program.play(plate_of_walls, FirstPlace(), math.inf)
-    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()[1:]] == ["finger 1"]
-    assert len(plate_of_walls.laid) == 2 * 11
-
-
-def test_a_patch_that_is_held_for_half_a_second_is_caught_and_the_next_is_faster(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    on_it, next_to_it = {1: (3.0, 4.0)}, {1: (20.0, 0.0)}
-    plate = ScriptedPlate(*[on_it] * 4, next_to_it, *[on_it] * 7)
-    example("catch").play(plate, 25.0, FirstPlace(), math.inf)
-    assert capsys.readouterr().out.splitlines()[1:] == ["1 caught; the next one runs at 30 mm/s"]
-
-
-def test_the_patch_to_catch_runs_from_place_to_place() -> None:
-    plate = ScriptedPlate(*[{}] * 300)
-    example("catch").play(plate, 25.0, random.Random(1), math.inf)
-    legs = [fields for _, _, fields in plate.laid]
-    assert len(legs) > 5
-    for before, after in itertools.pairwise(legs):
-        assert math.hypot(*before["velocity_mm_s"]) == pytest.approx(25.0)
-        span_s = (after["t_pose_ns"] - before["t_pose_ns"]) * 1e-9
-        for axis in (0, 1):
-            there_mm = before["position_mm"][axis] + before["velocity_mm_s"][axis] * span_s
-            assert after["position_mm"][axis] == pytest.approx(there_mm)
-            assert abs(there_mm) < 57.0
-
-
-def test_the_record_turns_alone_and_a_finger_drags_it_along() -> None:
-    quarter = {1: (0.0, 30.0)}
-    plate = ScriptedPlate({}, {}, {1: (30.0, 0.0)}, quarter, quarter, {}, step_ns=250_000_000)
-    example("turntable").serve(plate, Grating(6.0, 1.5), math.inf)
-    free_rad_s = -33.3 * 2 * math.pi / 60
-    turning_rad_s = [fields["turning_rad_s"] for _, _, fields in plate.laid]
-    assert turning_rad_s == pytest.approx([free_rad_s, free_rad_s, 0.0, 2 * math.pi, 0.0, free_rad_s])
-    angles_rad = [fields["angle_rad"] for _, _, fields in plate.laid]
-    turned_rad = [math.remainder(after - before, 2 * math.pi) for before, after in itertools.pairwise(angles_rad)]
-    assert turned_rad == pytest.approx([free_rad_s / 4, 0.0, math.pi / 2, 0.0, free_rad_s / 4])
 
 
 def test_the_slider_prints_each_detent_that_a_finger_reaches(capsys: pytest.CaptureFixture[str]) -> None:

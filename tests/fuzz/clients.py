@@ -18,42 +18,8 @@ from hapticd.tools.gateway import messages
 from hapticd.wire.client import answer, decode_request, decode_targets
 from hapticd_client.errors import HapticdError
 from hapticd_client.messages import decode_state, read_reply
-from hapticd_contract.base import (
-    MAX_AMPLITUDE_UM,
-    MAX_MESSAGE_BYTES,
-    MAX_PART_BYTES,
-    MAX_POSITION_MM,
-    PROTOCOL_VERSION,
-)
-from hapticd_contract.contents import CONTENTS
-from hapticd_contract.effects import (
-    MAX_ENVELOPE_POINTS,
-    MAX_LENGTH_S,
-    Effect,
-    Envelope,
-    Modulation,
-    OnPressure,
-    Pulse,
-)
-from hapticd_contract.requests import (
-    MAX_ASSET_BYTES,
-    MAX_MARKER_CHARACTERS,
-    UNREAD_REQUEST_ID,
-    AssetRequest,
-    MarkRequest,
-    Request,
-    SetRequest,
-)
+from hapticd_contract import base, contents, effects, requests, surfaces, targets
 from hapticd_contract.states import PlateState
-from hapticd_contract.surfaces import MAX_PATH_POINTS, MAX_POLYGON_POINTS, Polygon, Surface
-from hapticd_contract.targets import (
-    MAX_EFFECTS,
-    MAX_SURFACES,
-    MAX_TARGETS,
-    MAX_VIRTUALS,
-    ClientTargets,
-    TargetsMessage,
-)
 from hapticd_contract.web import Follow
 
 LONGEST_SENTENCE = 250
@@ -61,8 +27,8 @@ LONGEST_SENTENCE = 250
 
 def check_client(data: bytes) -> bool:
     """The same bytes as a message of the `targets` socket and of the `control` socket."""
-    requested: ClientTargets | None = None
-    request: Request | None = None
+    requested: targets.ClientTargets | None = None
+    request: requests.Request | None = None
     try:
         requested = decode_targets(data)
     except RequestError as error:
@@ -71,7 +37,7 @@ def check_client(data: bytes) -> bool:
         request = decode_request(data)
     except RequestError as error:
         check_sentence(str(error))
-    for one in (requested, request.body if isinstance(request, SetRequest) else None):
+    for one in (requested, request.body if isinstance(request, requests.SetRequest) else None):
         if one is not None:
             check_targets(one)
     check_answer(data, request)
@@ -84,78 +50,78 @@ def check_sentence(sentence: str) -> None:
     assert len(sentence) <= LONGEST_SENTENCE
 
 
-def check_targets(requested: ClientTargets) -> None:
+def check_targets(requested: targets.ClientTargets) -> None:
     assert 20_000_000 <= requested.ttl_ns <= 5_000_000_000
-    assert len(requested.targets) <= MAX_TARGETS
-    assert len(requested.virtuals) <= MAX_VIRTUALS
+    assert len(requested.targets) <= targets.MAX_TARGETS
+    assert len(requested.virtuals) <= targets.MAX_VIRTUALS
     for target in [one.content for one in requested.targets]:
         for name in ("amplitude_um", "friction", "low_um", "high_um", "period_mm", "duty_frac"):
             value = getattr(target, name, None)
             for number in value if isinstance(value, tuple) else (value or 0.0,):
-                assert 0 <= number <= MAX_AMPLITUDE_UM
-        assert len(getattr(target, "levels", b"")) <= MAX_PART_BYTES
+                assert 0 <= number <= base.MAX_AMPLITUDE_UM
+        assert len(getattr(target, "levels", b"")) <= base.MAX_PART_BYTES
         assert 0.1 <= getattr(target, "shortest_mm", 1.0) <= getattr(target, "longest_mm", 1000.0) <= 1000.0
         assert math.isfinite(getattr(target, "angle_rad", 0.0))
-    assert len(requested.surfaces) <= MAX_SURFACES
+    assert len(requested.surfaces) <= targets.MAX_SURFACES
     for surface in requested.surfaces:
         check_surface(surface)
-    assert len(requested.effects) <= MAX_EFFECTS
+    assert len(requested.effects) <= targets.MAX_EFFECTS
     for effect in requested.effects:
         check_effect(effect, requested)
     for path in requested.virtuals:
-        assert 1 <= len(path.path_mm) <= MAX_PATH_POINTS
-        assert all(abs(part) <= MAX_POSITION_MM for point in path.path_mm for part in point)
+        assert 1 <= len(path.path_mm) <= surfaces.MAX_PATH_POINTS
+        assert all(abs(part) <= base.MAX_POSITION_MM for point in path.path_mm for part in point)
 
 
-def check_surface(surface: Surface) -> None:
+def check_surface(surface: surfaces.Surface) -> None:
     """Where it is and what it covers stays finite at every instant that a clock can show."""
     scene = Scene(w_limit_um=4.0)
-    still = replace(surface, **(dict.fromkeys(CONTENTS) | {"amplitude_um": 1.0}))  # that every plate takes
-    assert scene.apply(ClientTargets.of("c", 1, {}, {}, surfaces={"one": still}), 0) == ()
+    still = replace(surface, **(dict.fromkeys(contents.CONTENTS) | {"amplitude_um": 1.0}))  # that every plate takes
+    assert scene.set_targets(targets.ClientTargets.of("c", 1, {}, {}, surfaces={"one": still}), 0) == ()
     (layer,) = scene.surfaces.layers
     for t_ns in (0, 10**18, 2**63 - 1):
         assert all(math.isfinite(part) for part in layer.local_mm(3.0, 4.0, t_ns))
         assert layer.amplitude_um(3.0, 4.0, t_ns) <= 4.0
         assert all(0 <= turn_ns <= 10**7 for turn_ns in layer.turns_ns(t_ns, 10**7, 8))
-    if isinstance(surface.shape, Polygon):
-        assert 3 <= len(surface.shape.corners_mm) <= MAX_POLYGON_POINTS
-        assert all(abs(part) <= MAX_POSITION_MM for point in surface.shape.corners_mm for part in point)
+    if isinstance(surface.shape, surfaces.Polygon):
+        assert 3 <= len(surface.shape.corners_mm) <= surfaces.MAX_POLYGON_POINTS
+        assert all(abs(part) <= base.MAX_POSITION_MM for point in surface.shape.corners_mm for part in point)
 
 
-def check_effect(effect: Effect, requested: ClientTargets) -> None:
+def check_effect(effect: effects.Effect, requested: targets.ClientTargets) -> None:
     """What plays stays finite and needs a bounded number of knots, at every instant that a clock can show."""
     assert all(name in [one.name for one in requested.surfaces] for name in effect.surfaces)
-    if isinstance(effect.start, OnPressure):
+    if isinstance(effect.start, effects.OnPressure):
         assert 0.0 <= effect.start.release_frac < effect.start.threshold <= 1.0
     match effect.form:
-        case Pulse(height_um, length_s) as pulse:
-            assert abs(height_um) <= MAX_AMPLITUDE_UM
-            assert 0.0 <= 2.0 * pulse.ramp_s <= length_s <= MAX_LENGTH_S
-        case Envelope(points):
-            assert 2 <= len(points) <= MAX_ENVELOPE_POINTS
-            assert all(before[0] <= after[0] <= MAX_LENGTH_S for before, after in pairwise(points))
-            assert all(abs(value) <= MAX_AMPLITUDE_UM for _, value in points)
-        case Modulation(frequency_hz, depth):
+        case effects.Pulse(height_um, length_s) as pulse:
+            assert abs(height_um) <= base.MAX_AMPLITUDE_UM
+            assert 0.0 <= 2.0 * pulse.ramp_s <= length_s <= effects.MAX_LENGTH_S
+        case effects.Envelope(points):
+            assert 2 <= len(points) <= effects.MAX_ENVELOPE_POINTS
+            assert all(before[0] <= after[0] <= effects.MAX_LENGTH_S for before, after in pairwise(points))
+            assert all(abs(value) <= base.MAX_AMPLITUDE_UM for _, value in points)
+        case effects.Modulation(frequency_hz, depth):
             assert 1.0 <= frequency_hz <= 300.0
             assert 0.0 <= depth <= 1.0
     course = Course(effect.form, effect.loops)
     assert course.length_ns > 0
     assert all(math.isfinite(course.value(since_ns)) for since_ns in (-1, 0, 10**6, 10**9 + 1, 2**62))
-    assert len(course.corners_ns(10**9, 10**9 + 10**6)) <= MAX_ENVELOPE_POINTS + 4
+    assert len(course.corners_ns(10**9, 10**9 + 10**6)) <= effects.MAX_ENVELOPE_POINTS + 4
 
 
-def check_answer(data: bytes, request: Request | None) -> None:
+def check_answer(data: bytes, request: requests.Request | None) -> None:
     """Every message has one reply, and it says yes exactly to what is understood."""
     reply = msgpack.unpackb(answer(data, lambda _: {}))
     assert reply["ok"] is (request is not None)
     if request is not None:
-        assert reply["id"] == request.id != UNREAD_REQUEST_ID
-    if isinstance(request, AssetRequest):
+        assert reply["id"] == request.id != requests.UNREAD_REQUEST_ID
+    if isinstance(request, requests.AssetRequest):
         part = request.body
         assert len(part.asset) == 32
-        assert (part.offset or 0) + len(part.part or b"") <= part.size <= MAX_ASSET_BYTES
-    if isinstance(request, MarkRequest):
-        assert 1 <= len(request.body.text) <= MAX_MARKER_CHARACTERS
+        assert (part.offset or 0) + len(part.part or b"") <= part.size <= requests.MAX_ASSET_BYTES
+    if isinstance(request, requests.MarkRequest):
+        assert 1 <= len(request.body.text) <= requests.MAX_MARKER_CHARACTERS
         assert request.body.text.isprintable()
 
 
@@ -163,13 +129,13 @@ def client_extremes() -> dict[str, bytes]:
     """As long as a message may be, in the ways that cost a reader most."""
 
     def packed(**body: object) -> bytes:
-        return bytes(msgpack.packb({"v": PROTOCOL_VERSION, "client": "a", **body}))
+        return bytes(msgpack.packb({"v": base.PROTOCOL_VERSION, "client": "a", **body}))
 
-    names = [f"{n:032}" for n in range(MAX_SURFACES)]
-    paths = [{"name": name, "path_mm": [[1, 1]] * MAX_PATH_POINTS} for name in names[:MAX_VIRTUALS]]
+    names = [f"{n:032}" for n in range(targets.MAX_SURFACES)]
+    paths = [{"name": name, "path_mm": [[1, 1]] * surfaces.MAX_PATH_POINTS} for name in names[: targets.MAX_VIRTUALS]]
     image = {"width": 128, "height": 128, "levels": bytes(128 * 128), "high_um": 1}
-    star = [[math.cos(2.4 * n), math.sin(2.4 * n)] for n in range(MAX_POLYGON_POINTS)]
-    thick = {"points": [[0.01 * n, 1.5] for n in range(MAX_ENVELOPE_POINTS)]}
+    star = [[math.cos(2.4 * n), math.sin(2.4 * n)] for n in range(surfaces.MAX_POLYGON_POINTS)]
+    thick = {"points": [[0.01 * n, 1.5] for n in range(effects.MAX_ENVELOPE_POINTS)]}
     long = {"name": "a", "envelope": {"points": [[n, 0] for n in range(10_000)]}}
     endless = {"name": "a", "amplitude_um": 1, "polygon_mm": [[0, 0]] * 10_000}
     return {
@@ -178,10 +144,10 @@ def client_extremes() -> dict[str, bytes]:
         "longest": packed(virtuals=paths, targets=[{"finger": n, "map": image} for n in (2, 3)]),
         "polygons": packed(surfaces=[{"name": name, "amplitude_um": 1, "polygon_mm": star} for name in names]),
         "a polygon of 10000 points": packed(surfaces=[endless]),
-        "brackets": b"\x91" * MAX_MESSAGE_BYTES,
-        "maps": b"\x81\xa1v" * (MAX_MESSAGE_BYTES // 3),
-        "wide": b"\xdc\x00\x40" + b"\xdc\x00\x40" * 63 + b"\xc0" * (MAX_MESSAGE_BYTES - 192),
-        "too long": bytes(MAX_MESSAGE_BYTES + 1),
+        "brackets": b"\x91" * base.MAX_MESSAGE_BYTES,
+        "maps": b"\x81\xa1v" * (base.MAX_MESSAGE_BYTES // 3),
+        "wide": b"\xdc\x00\x40" + b"\xdc\x00\x40" * 63 + b"\xc0" * (base.MAX_MESSAGE_BYTES - 192),
+        "too long": bytes(base.MAX_MESSAGE_BYTES + 1),
         "claims": b"\xdd\xff\xff\xff\xff",
     }
 
@@ -194,10 +160,10 @@ def check_gateway(data: bytes) -> bool:
     except messages.RefusedMessage as error:
         check_refusal(str(error), error.request_id)
         return False
-    assert len(payload) <= MAX_MESSAGE_BYTES
+    assert len(payload) <= base.MAX_MESSAGE_BYTES
     if isinstance(message, Follow):
         assert message.states in ("newest", "every", "none")
-    elif isinstance(message, TargetsMessage):
+    elif isinstance(message, targets.TargetsMessage):
         assert decode_targets(payload) == message
     else:
         assert decode_request(payload) == message
@@ -206,7 +172,7 @@ def check_gateway(data: bytes) -> bool:
 
 def check_refusal(sentence: str, request_id: int) -> None:
     assert 0 < len(sentence) <= LONGEST_SENTENCE
-    assert UNREAD_REQUEST_ID <= request_id < 2**32
+    assert requests.UNREAD_REQUEST_ID <= request_id < 2**32
     assert json.loads(messages.refusal(sentence, request_id))["ok"] is False
 
 
