@@ -28,25 +28,28 @@ def pi_bench() -> Bench:
     return Bench(controller="pi")
 
 
-def test_knots_are_joined_by_straight_lines_and_the_last_one_holds(pi_bench: Bench) -> None:
-    pi_bench.arm(0j, 0j)
-    t0 = pi_bench.board.t_us
-    pi_bench.say(pi_bench.polyline((0, (0j, 1j)), (10, (2 + 0j, 1j)), (15, (1 + 1j, 0j)), t_apply_us=t0))
-    t_ms = 0.5 * (1 + np.arange(60))
-    expected = np.interp(t_ms, [0, 10, 15], [0, 2, 1]) + 1j * np.interp(t_ms, [0, 10, 15], [0, 0, 1])
-    trace = pi_bench.run(60)
-    np.testing.assert_allclose(trace.reference_um[:, 0], expected, rtol=0, atol=FLOAT32_UM)
-    np.testing.assert_allclose(trace.reference_um[:, 1], 1j * np.interp(t_ms, [10, 15], [1, 0]), atol=FLOAT32_UM)
+T_MS = 0.5 * (1 + np.arange(80))
 
 
-def test_the_old_reference_goes_on_until_the_new_one_begins(pi_bench: Bench) -> None:
+@pytest.mark.parametrize(
+    ("frames", "expected_um"),
+    [
+        ([(0, (0, 0j), (10, 2 + 0j), (15, 1 + 1j))], np.interp(T_MS, [0, 10, 15], [0, 2, 1 + 1j])),
+        ([(0, (0, 0j), (100, 2 + 0j)), (20, (0, 3 + 0j))], np.where(T_MS < 20, 2 * T_MS / 100, 3)),
+        ([(30, (0, 3 + 0j)), (10, (0, 1 + 0j))], np.where(T_MS < 10, 0, 1)),
+    ],
+    ids=["straight lines, and the last knot holds", "the old one until the new", "an earlier plan replaces a later"],
+)
+def test_a_reference_is_followed_in_time(
+    pi_bench: Bench, frames: list[tuple[float, *tuple[tuple[float, complex], ...]]], expected_um: np.ndarray
+) -> None:
     pi_bench.arm(0j, 0j)
     t0 = pi_bench.board.t_us
-    pi_bench.say(pi_bench.polyline((0, (0j, 0j)), (100, (2 + 0j, 0j)), t_apply_us=t0))
-    pi_bench.say(pi_bench.polyline((0, (3 + 0j, 0j)), t_apply_us=t0 + 20_000))
-    reference_um = pi_bench.run(60).reference_um[:, 0]
-    t_ms = 0.5 * (1 + np.arange(60))
-    np.testing.assert_allclose(reference_um, np.where(t_ms < 20, 2 * t_ms / 100, 3), atol=FLOAT32_UM)
+    for begin_ms, *knots in frames:
+        line = ((ms, (w, -0.5j * w)) for ms, w in knots)
+        pi_bench.say(pi_bench.polyline(*line, t_apply_us=t0 + round(1000 * begin_ms)))
+    trace = pi_bench.run(len(T_MS))
+    np.testing.assert_allclose(trace.reference_um.T, [expected_um, -0.5j * expected_um], rtol=0, atol=FLOAT32_UM)
 
 
 def test_a_late_frame_is_joined_in_the_middle(pi_bench: Bench) -> None:
@@ -67,15 +70,6 @@ def test_frames_sent_faster_than_their_horizon_still_move_the_plate(
         pi_bench.say(pi_bench.polyline((0, (0.02 * i + 0j, 0j)), t_apply_us=pi_bench.board.t_us + ahead_us))
         reference_um = pi_bench.run(4).reference_um[-1, 0].real
     assert 0.02 * newest[0] < reference_um <= 0.02 * newest[1]
-
-
-def test_a_newer_plan_for_an_earlier_time_replaces_what_was_planned_later(pi_bench: Bench) -> None:
-    pi_bench.arm(0j, 0j)
-    t0 = pi_bench.board.t_us
-    pi_bench.say(pi_bench.polyline((0, (3 + 0j, 0j)), t_apply_us=t0 + 30_000))
-    pi_bench.say(pi_bench.polyline((0, (1 + 0j, 0j)), t_apply_us=t0 + 10_000))
-    t_ms = 0.5 * (1 + np.arange(80))
-    np.testing.assert_array_equal(pi_bench.run(80).reference_um[:, 0], np.where(t_ms < 10, 0, 1))
 
 
 def test_duplicates_and_older_frames_change_nothing(pi_bench: Bench) -> None:
@@ -129,32 +123,26 @@ def test_times_too_far_ahead_and_stale_are_dropped(pi_bench: Bench, dt_us: int) 
     assert (pi_bench.run(5).reference_um == 0).all()
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("place", [0, 3])
-def test_a_frame_with_anything_not_finite_is_refused_whole(pi_bench: Bench, value: float, place: int) -> None:
+def test_damaged_frames_are_refused_whole(pi_bench: Bench) -> None:
+    """Knots out of order, wrong counts, anything not finite."""
     pi_bench.arm(0j, 0j)
-    parts = [1.0] * 4
-    parts[place] = value
-    broken = (complex(*parts[:2]), complex(*parts[2:]))
-    pi_bench.say(pi_bench.polyline((0, (1 + 0j, 1 + 0j)), (5, broken)))
-    assert (pi_bench.run(20).reference_um == 0).all()
-    assert pi_bench.status().bad_frames == 1
 
+    def head(knots: int, modes: int = 2) -> bytes:
+        return protocol.REFERENCE.pack(9, pi_bench.board.t_us, knots, modes)
 
-def test_knots_out_of_order_and_wrong_counts_are_refused(pi_bench: Bench) -> None:
-    pi_bench.arm(0j, 0j)
-    good = protocol.REFERENCE.pack(9, pi_bench.board.t_us, 2, 2)
     knot = (1.0, 0.0, 1.0, 0.0)
     frames = [
-        good + struct.pack("<H4fH4f", 5, *knot, 5, *knot),
-        good + struct.pack("<H4fH4f", 5, *knot, 4, *knot),
-        good + struct.pack("<H4f", 5, *knot),
-        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 0, 2),
-        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 1, 3) + struct.pack("<H6f", 0, *knot, 0.0, 0.0),
-        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 1, 3) + struct.pack("<H4f", 0, *knot),
-        protocol.REFERENCE.pack(9, pi_bench.board.t_us, 1, 2) + struct.pack("<H4fB", 0, *knot, 0),
-        good[:3],
+        head(2) + struct.pack("<H4fH4f", 5, *knot, 5, *knot),
+        head(2) + struct.pack("<H4fH4f", 5, *knot, 4, *knot),
+        head(2) + struct.pack("<H4f", 5, *knot),
+        head(0),
+        head(1, 3) + struct.pack("<H6f", 0, *knot, 0.0, 0.0),
+        head(1, 3) + struct.pack("<H4f", 0, *knot),
+        head(1) + struct.pack("<H4fB", 0, *knot, 0),
+        head(1)[:3],
     ]
+    for value in (math.nan, math.inf, -math.inf):
+        frames += [head(2) + struct.pack("<H4fH4f", 0, *knot, 5, *knot[:k], value, *knot[k + 1 :]) for k in (0, 3)]
     for payload in frames:
         pi_bench.say(encode_frame(bytes((protocol.MSG_REFERENCE,)) + payload))
     assert pi_bench.status().bad_frames == len(frames)
