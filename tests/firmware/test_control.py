@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.bench.firmware import worst_response
-from hapticd.board_values import BoardStatus
+from hapticd.board_protocol import CommandResult
+from hapticd.board_values import BoardStatus, SetController
 from hapticd.config.sections import LAW_DELAY_MS
 from hapticd.sim.board.board import FLAG_LIVE, Board, BoardConfig
 from hapticd.sim.board.board import reference_decay_1_s as decay_1_s
@@ -28,7 +29,7 @@ from hapticd.sim.score import rms
 from hapticd.values import ComplexArray
 from hapticd.wire import device
 
-from .bench import nominal_plate, of_kind
+from .bench import Bench, constantly, nominal_plate, of_kind
 
 DEADBEAT, PI_FF, PI = Law("deadbeat"), Law("pi_ff"), Law("pi")
 FAST = Law("deadbeat", 5000.0)
@@ -215,3 +216,19 @@ def test_amplifiers_that_need_many_times_the_voltage_for_it_are_held_back(law: L
         w_um = crossed(law, 0.8, quality, wanted_um)
         assert (np.abs(w_um[-20:]) <= np.abs(wanted_um) + 0.02).all()
         assert np.abs(w_um[-20:] - wanted_um).max() < 0.6
+
+
+@pytest.mark.parametrize("control_hz", [2000.0, 5000.0])
+@pytest.mark.parametrize("law", ["pi", "pi_ff", "deadbeat"])
+def test_gains_are_taken_exactly_where_the_plate_comes_to_rest(law: str, control_hz: float) -> None:
+    """Gains with which the loop would swing on its own plate are refused."""
+    for bandwidth_1_s in (10.0, 500.0, 2400.0, 5000.0, 20000.0):
+        for integral_time_s in (0.0001, 0.0007, 0.005, 1.0):
+            gains = {"bandwidth_1_s": bandwidth_1_s, "integral_time_s": integral_time_s}
+            verdict = Bench(control_hz=control_hz).verdict(SetController(law, bandwidth_1_s, integral_time_s))
+            driven = Bench(control_hz=control_hz, controller=law, **gains).board
+            ticks = round(0.2 * control_hz)
+            trace = follow(driven, constantly(0.3, -0.1), ticks, ticks // 20)
+            held_v = trace.voltage_v[3 * ticks // 4 :]  # probes of sensors that little is asked of end within 0.14 s
+            swings = not held_v.any() or bool(np.abs(np.diff(held_v, axis=0)).max() > 1.0)
+            assert (verdict is CommandResult.DONE) is not swings, gains

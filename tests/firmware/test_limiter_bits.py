@@ -24,6 +24,7 @@ LIMIT_V = np.float32(149.9)
 AT_UM = LIMIT_UM[0] * OVER
 ABOVE_UM = np.nextafter(AT_UM, np.float32(9))
 ABOVE_V = np.nextafter(LIMIT_V, np.float32(200))
+MOST = float(np.finfo(np.float32).max)
 
 
 class Phasor(ctypes.Structure):
@@ -56,7 +57,8 @@ def limited(phasors: Floats) -> tuple[int, Floats]:
     """The amplitude limit's formula."""
     factor = np.float32(1)
     for k, limit in enumerate(LIMIT_UM):
-        found = magnitude(*phasors[2 * k : 2 * k + 2])
+        with np.errstate(over="ignore"):
+            found = magnitude(*phasors[2 * k : 2 * k + 2])
         if found > limit * OVER:
             factor = min(factor, ROUND_DOWN * limit / found)
     return (UNTOUCHED if factor == 1 else SCALED), factor * phasors
@@ -75,6 +77,7 @@ def limited(phasors: Floats) -> tuple[int, Floats]:
         [ABOVE_UM, 0.0, 0.1, 0.2],
         [0.0, -AT_UM, 1.0, 0.0],
         [0.0, ABOVE_UM, 1.0, 0.0],
+        *[[MOST * (k == place) for k in range(4)] for place in range(4)],  # a number still, and scaled away
     ],
 )
 def test_amplitudes_are_scaled_to_the_last_bit(values: list[float], guard: float) -> None:
@@ -120,15 +123,6 @@ def test_what_is_not_finite_is_silence_in_these_modes_alone(bad: float, place: i
     assert library.hd_limit_voltages(address(voltages), ctypes.c_float(LIMIT_V)) == NOT_FINITE
     for silenced in (amplitudes, voltages):
         assert inside(silenced).tobytes() == bytes(16)
-
-
-@pytest.mark.parametrize("place", range(4))
-def test_the_largest_float_is_a_number_still_and_scaled_away(place: int) -> None:
-    values = [0.0, 0.0, 0.5, 0.0]
-    values[place] = float(np.finfo(np.float32).max)
-    amplitudes, limits = between(1e6, values), between(1e-3, LIMIT_UM)
-    assert firmware.load(2).hd_limit_amplitudes(address(amplitudes), address(limits)) == SCALED
-    assert not inside(amplitudes).any()
 
 
 @pytest.mark.parametrize("d", [ABOVE_V, np.float32(-160.5), np.float32(3e19)])

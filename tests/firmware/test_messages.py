@@ -141,44 +141,32 @@ def verdicts(bench: Bench, kind: int, *payloads: bytes) -> list[CommandResult]:
     return [answer.verdict for answer in found]
 
 
-def test_gains_out_of_bounds_are_refused_by_the_board_too(bench: Bench) -> None:
-    sound = (1, 900.0, 0.0025)
-    senseless = (
-        (9, 900.0, 0.0025),
-        (1, 20001.0, 0.0025),
-        (1, -900.0, 0.0025),
-        (1, math.nan, 0.0025),
-        (1, 900.0, math.inf),
-        (1, 900.0, 0.9e-4),
-    )
-    payloads = [protocol.SET_CONTROLLER.pack(*gains) for gains in (*senseless, sound)]
-    assert verdicts(bench, protocol.MSG_SET_CONTROLLER, *payloads) == [CommandResult.OUT_OF_RANGE] * 6 + [
-        CommandResult.DONE
-    ]
-    (controller,) = bench.say(device.encode(ControllerRequest()))
-    assert (controller.law, controller.bandwidth_1_s) == ("pi_ff", 900.0)
+GAINS, MODEL = (1, 900.0, 0.0025), (1, 180.0, 60.0, 5.0, 0.6, 0.8)
+WRONG_GAINS = ((0, 9), (1, 20001.0), (1, -900.0), (1, math.nan), (2, math.inf), (2, 0.9e-4))
+WRONG_MODEL = (
+    *((0, value) for value in (2, 255)),
+    *((1, value) for value in (0.5, 10001.0, -180.0, math.nan, math.inf)),
+    *((2, value) for value in (20001.0, -20001.0, math.nan, -math.inf)),
+    *((3, value) for value in (0.0, 1e-4, 10001.0, math.nan)),
+    *((4, value) for value in (0.0, 0.603, math.nan, 1e30)),
+    *((5, value) for value in (0.0, 0.797, -math.inf)),
+)
 
 
 @pytest.mark.parametrize(
-    ("place", "values"),
-    [
-        (0, (2, 255)),
-        (1, (0.5, 10001.0, -180.0, math.nan, math.inf)),
-        (2, (20001.0, -20001.0, math.nan, -math.inf)),
-        (3, (0.0, 1e-4, 10001.0, math.nan)),
-        (4, (0.0, 0.603, math.nan, 1e30)),
-        (5, (0.0, 0.797, -math.inf)),
-    ],
-    ids=["mode", "decay", "detuning", "gain", "loop d", "loop q"],
+    ("name", "sound", "wrong"), [("SET_CONTROLLER", GAINS, WRONG_GAINS), ("SET_MODEL", MODEL, WRONG_MODEL)]
 )
-def test_a_model_with_a_figure_out_of_bounds_is_refused_whole(
-    bench: Bench, place: int, values: tuple[float, ...]
+def test_gains_or_a_model_with_one_figure_out_of_bounds_are_refused_whole(
+    bench: Bench, name: str, sound: tuple[float, ...], wrong: tuple[tuple[int, float], ...]
 ) -> None:
     before = bench.say(device.encode(ControllerRequest()))
-    sound = [1, 180.0, 60.0, 5.0, 0.6, 0.8]
-    payloads = [protocol.SET_MODEL.pack(*sound[:place], value, *sound[place + 1 :]) for value in values]
-    assert verdicts(bench, protocol.MSG_SET_MODEL, *payloads) == [CommandResult.OUT_OF_RANGE] * len(values)
+    kind, layout = getattr(protocol, f"MSG_{name}"), getattr(protocol, name)
+    for place, value in wrong:
+        payload = layout.pack(*sound[:place], value, *sound[place + 1 :])
+        assert verdicts(bench, kind, payload) == [CommandResult.OUT_OF_RANGE], (place, value)
     assert bench.say(device.encode(ControllerRequest())) == before
+    assert verdicts(bench, kind, layout.pack(*sound)) == [CommandResult.DONE]
+    assert bench.say(device.encode(ControllerRequest())) != before
 
 
 def test_a_refusal_is_not_hidden_by_a_later_success(bench: Bench) -> None:
@@ -247,3 +235,18 @@ def test_a_change_of_controller_ramps_the_drive_in_anew(bench: Bench) -> None:
     assert abs(trace.reference_um[0, 0]) == pytest.approx(0.1)
     assert abs(trace.plate_um[-1, 0] - 2) < 0.01
     assert bench.status().state is BoardState.LIVE
+
+
+@settings(max_examples=150)
+@given(
+    st.integers(1, 255),
+    st.one_of(st.binary(max_size=300), st.integers(0, 630).map(lambda n: b"\x2a" * n)),
+)
+def test_board_and_host_frame_alike(kind: int, payload: bytes) -> None:
+    library = firmware.load(2)
+    library.hd_frame_encode.restype = ctypes.c_size_t
+    out = ctypes.create_string_buffer(800)
+    n = library.hd_frame_encode(ctypes.c_uint8(kind), payload, ctypes.c_size_t(len(payload)), out)
+    message = bytes((kind,)) + payload
+    assert FrameSplitter(800).feed(out.raw[:n]) == [message]
+    assert out.raw[:n] == encode_frame(message)
