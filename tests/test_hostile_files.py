@@ -183,11 +183,11 @@ SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
         lambda path: sparse(path, b"1", 400 * MB),
     ),
     "fingers of a long file": (
-        ("simulate", "--seconds", "0.1", "--fingers"),
+        ("simulate", "--seconds", "0.1"),
         "a.csv",
         lambda path: path.write_text(FINGERS + "".join(f"{n}e-4,1,,,\n" for n in range(1_000_000))),
     ),
-    "fingers of empty lines": (("simulate", "--fingers"), "a.csv", lambda path: path.write_bytes(b"\n" * 60 * MB)),
+    "fingers of empty lines": (("simulate",), "a.csv", lambda path: path.write_bytes(b"\n" * 60 * MB)),
     "a world of lists": (
         ("simulate", "strokes", "--world"),
         "a.json",

@@ -56,10 +56,3 @@ def test_each_package_has_hashes_and_none_has_an_address() -> None:
         assert re.fullmatch(r"[a-z0-9.-]+==[\w.]+(?: ; [^\\\n]*)?(?: \\\n    --hash=sha256:[0-9a-f]{64})+", block), (
             block
         )
-
-
-def test_make_installs_these_files_and_the_demo_what_the_readmes_lines_need() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert re.findall(r"\$\(LOCKED\) \.lock/(\w+)\.txt", makefile) == ORDER
-    first = [package for name in ("build", "demo") for package, _ in pinned(TEXTS[name], MACHINES[0])]
-    assert {"aiohttp", "matplotlib", "msgpack", "pyzmq"} <= set(first)

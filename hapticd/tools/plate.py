@@ -32,7 +32,8 @@ SIZE, THICKNESS = "137.5x137.5", "2"
 SPAN_FRAC = 0.05  # of the frequency, to either side: the searched band
 ROWS = 10  # of the tables
 MAP_STEP_MM = 1.375
-MOST_UM = 20.0  # of a mode, as in the service's configuration
+SPLITTING_HZ = 60.0  # largest of a pair
+AMPLITUDE_UM = 4.0  # of both modes, under a stamp
 DRAWN = 2  # pairs in the picture
 
 
@@ -47,25 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--material", default="glass", metavar="NAME", help="see below, or GPa,Poisson,kg/m3 (default glass)"
     )
     parser.add_argument("--near", dest="near_hz", type=POSITIVE, default=29200.0, metavar="HZ", help="default 29200")
-    parser.add_argument(
-        "--splitting",
-        dest="splitting_hz",
-        type=number(0.0),
-        default=60.0,
-        metavar="HZ",
-        help="largest of a pair (default 60)",
-    )
     parser.add_argument("--pair", type=whole(1), default=1, metavar="N", help="select a pair of the table (default 1)")
     parser.add_argument(
         "--stamp", dest="stamp_mm", type=number(0.0), default=2.0, metavar="MM", help="radius (default 2)"
-    )
-    parser.add_argument(
-        "--amplitude",
-        dest="amplitude_um",
-        type=number(0.0, MOST_UM),
-        default=4.0,
-        metavar="UM",
-        help="of both modes (default 4)",
     )
     outputs.add_file(parser, "--out", FORMATS, metavar="F.npz", help="write the pair's shapes as a mode file")
     outputs.add_file(
@@ -123,15 +108,13 @@ def _pairs(options: argparse.Namespace, size_mm: tuple[float, float], of: Materi
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"--thickness: {error}.") from None
     modes = free_modes(size_mm, thickness_mm, of, band_hz)
-    return mode_pairs(modes, options.near_hz, options.splitting_hz)
+    return mode_pairs(modes, options.near_hz, SPLITTING_HZ)
 
 
 def _no_pair(options: argparse.Namespace, pairs: int) -> str:
     if pairs == 0:
-        near = (
-            f"within {100 * SPAN_FRAC:g} % of {options.near_hz:g} Hz no two modes lie {options.splitting_hz:g} Hz apart"
-        )
-        return f"No pair: {near}: give another --near, or more --splitting."
+        near = f"within {100 * SPAN_FRAC:g} % of {options.near_hz:g} Hz no two modes lie {SPLITTING_HZ:g} Hz apart"
+        return f"No pair: {near}: give another --near."
     return f"--pair is {options.pair}: give 1 .. {pairs}."
 
 
@@ -150,7 +133,7 @@ def _pair_table(pairs: Sequence[ModePair], taken: int) -> str:
 def _stamp_table(pair: ModePair, nodes: Sequence[Stamp], chosen: Sequence[Stamp], options: argparse.Namespace) -> str:
     if not nodes:
         return f"\n{pair.name}: no common node has room for a stamp of {options.stamp_mm:g} mm."
-    um = options.amplitude_um
+    um = AMPLITUDE_UM
     lines = [
         f"\n{pair.name}: {len(nodes)} common nodes. With both modes at {um:g} um a stamp of {options.stamp_mm:g} mm "
         f"radius is moved by {um * nodes[0].moved_frac:.2f} to {um * nodes[-1].moved_frac:.2f} um.",

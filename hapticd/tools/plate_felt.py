@@ -40,7 +40,7 @@ MOST_TARGET_UM = 20.0
 TOML = (".toml",)
 _BELONGING = (
     *("modes", "drive", "config", "glass", "tolerances", "seed"),
-    *("q", "radius", "farthest", "patch", "place", "friction"),
+    *("patch", "place", "friction"),
     *campaigns.OPTIONS,
 )
 
@@ -60,10 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--modes", metavar="N", help=f"driven modes, 2 .. 8 (default {MODES})")
     group.add_argument("--drive", metavar="HZ", help=f"drive frequency, or the range to search (default {DRIVES})")
-    group.add_argument("--q", type=number(1.0, 1e5), metavar="Q", help=f"quality of the modes (default {Q_FACTOR:g})")
-    group.add_argument(
-        "--radius", type=number(0.1, 15.0), metavar="MM", help=f"of a contact (default {RADIUS_MM:g} mm)"
-    )
     group.add_argument(
         "--patch",
         action="append",
@@ -72,12 +68,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--place", metavar="AxBxC", help="sizes of patches to choose from and to place, such as 10x10x0.5/20x10x0.3"
-    )
-    group.add_argument(
-        "--farthest",
-        type=number(1.0, 1000.0),
-        metavar="HZ",
-        help=f"of a driven mode from the drive (default {FARTHEST_HZ:g}; the firmware controls 300)",
     )
     group.add_argument(
         "--tolerances",
@@ -126,16 +116,14 @@ def run(options: argparse.Namespace) -> FeltDesign:
         raise UsageError("--place: --patch says where the patches are: omit one of them.")
     if options.config is not None and options.out is None:
         raise UsageError("--config: names the plate's mode file: add --out F.npz.")
-    if options.glass is not None and options.q is not None:
-        raise UsageError(f"--glass: a simulated plate has a quality of {Q_FACTOR:g}: omit --q.")
     person = PlateConfig() if options.friction is None else _person(options.friction)
     task = FeltTask((), curve_um=person.friction_curve, floor_frac=person.friction_floor_frac)
     task = replace(
         task,
         targets_um=_targets_um(options.felt, task.curve),
-        q_factor=Q_FACTOR if options.q is None else options.q,
-        radius_mm=RADIUS_MM if options.radius is None else options.radius,
-        farthest_hz=FARTHEST_HZ if options.farthest is None else options.farthest,
+        q_factor=Q_FACTOR,
+        radius_mm=RADIUS_MM,
+        farthest_hz=FARTHEST_HZ,
         seed=SEED if options.seed is None else options.seed,
     )
     campaign = campaigns.of(options)
@@ -180,7 +168,7 @@ def _searched(options: argparse.Namespace, task: FeltTask, campaign: TaskRunner)
     if not designs:
         raise CalibrationError(
             f"No plate with its patches has {min(counts)} modes within {task.farthest_hz:g} Hz of a drive of "
-            f"{drive_hz[0]:g} to {drive_hz[1]:g} Hz: give another --drive, a larger --size, more --farthest, smaller "
+            f"{drive_hz[0]:g} to {drive_hz[1]:g} Hz: give another --drive, a larger --size, smaller "
             "patches, or fewer --modes."
         )
     return designs

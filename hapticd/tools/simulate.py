@@ -10,37 +10,31 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..config.sections import Config
 from ..errors import UsageError, reason
 from ..regular_file import named_when_whole, read_bounded
 from ..sim.fingers.scenarios import MOTIONS, REAL, SCENARIOS, SMOOTH, SPEED_MM_S, Scenario
 from ..sim.plate.glasses import find_glass
 from . import glass, outputs
-from .arguments import number, whole
+from .arguments import number, suggestion, whole
 from .progress import Progress
 
 if TYPE_CHECKING:
-    from ..sim.fingers.fingertip import Fingertip
-    from ..sim.fingers.pad_noise import PadNoise
     from ..sim.world_errors import WorldErrors
 
 WORLD_BYTES = 1 << 20
 IDEAL = "ideal"
 LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 MOST_S = 3600.0  # all of it is kept in memory until the end
-LEAST_HZ, MOST_HZ = 60.0, 1000.0  # of a camera, and of the fastest sensors
-MOST_MM_S, MOST_NOISE_MM = 2000.0, 10.0  # faster and noisier than any finger on a pad
+MOST_MM_S = 2000.0  # faster than any finger on a pad
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     scenarios = "\n".join(f"  {scenario.name:<16} {scenario.summary}" for scenario in SCENARIOS.values())
     parser.epilog = f"{parser.epilog}\n\nscenarios:\n{scenarios}"
-    parser.add_argument("scenario", nargs="?", choices=sorted(SCENARIOS), metavar="SCENARIO", help="see below")
     parser.add_argument(
-        "--fingers",
-        type=Path,
-        metavar="F.csv",
-        help="fingers of your own in place of a scenario, with the columns t_s,finger,x_mm,y_mm,target_um "
+        "scenario",
+        metavar="SCENARIO",
+        help="see below, or a CSV of your own fingers, with the columns t_s,finger,x_mm,y_mm,target_um "
         "(hapticd/sim/README.md)",
     )
     parser.add_argument("--seed", type=whole(0), default=1, help="of fingers, noise and mode map (default 1)")
@@ -56,30 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=MOTIONS,
         help="of strokes: real (speeds, stops and turns as of recorded hands, the default) or smooth (straight, ramps "
         "of 0.3 s; the default with --speed)",
-    )
-    parser.add_argument(
-        "--noise",
-        type=number(0.0, MOST_NOISE_MM),
-        metavar="MM",
-        help="white noise of the pad, RMS on each axis (default: noise that its firmware has filtered)",
-    )
-    parser.add_argument(
-        "--report-hz",
-        type=number(LEAST_HZ, MOST_HZ),
-        metavar="HZ",
-        help="reports a second of the pad, as 120 of a touchscreen, which nothing tells the daemon (default 88.9, of a "
-        "Magic Trackpad 2); the paper's scheme keeps its 100",
-    )
-    parser.add_argument(
-        "--contact",
-        metavar="MM",
-        help="the fingers' true contacts: the radius of discs, as 6, or an ellipse's axes along x and y, as 8x11 "
-        "(default 5, as the daemon takes them)",
-    )
-    parser.add_argument(
-        "--ellipses",
-        action="store_true",
-        help="the daemon takes contacts as the pad reports their ellipses, as after `calibrate trackpad`",
     )
     glass.add_arguments(parser)
     parser.add_argument(
@@ -103,7 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _simulate(options: argparse.Namespace) -> None:
     from ..sim import lockstep, report
-    from ..sim.fingers import pad_ellipse
     from ..sim.plate.ground_truth import PlateSettings
     from ..sim.settings import Settings
 
@@ -111,16 +80,10 @@ def _simulate(options: argparse.Namespace) -> None:
     plate = replace(PlateSettings.of(sim.plate, sim.modes or None, sim.wiring), world=_world(options))
     scenario = _scenario(options)
     speed_mm_s = SPEED_MM_S if options.speed is None else options.speed
-    usual = Settings()
-    settings = replace(
-        usual,
-        report_period_ms=_report_period_ms(options, plate.world, usual.report_period_ms),
+    settings = Settings(
         motion=_motion(options),
         speed_mm_s=speed_mm_s,
-        noise=_noise(options),
-        fingertip=_fingertip(options, plate.world),
         plate=plate,
-        config=pad_ellipse.calibrated(Config()) if options.ellipses else Config(),
     )
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
@@ -159,42 +122,6 @@ def _motion(options: argparse.Namespace) -> str:
     return usual if options.motion is None else str(options.motion)
 
 
-def _noise(options: argparse.Namespace) -> PadNoise:
-    from ..sim.fingers.pad_noise import FILTERED_NOISE, PadNoise
-
-    return FILTERED_NOISE if options.noise is None else PadNoise(options.noise)
-
-
-def _report_period_ms(options: argparse.Namespace, world: WorldErrors, usual_ms: float) -> float:
-    """Return the period of --report-hz. Raises UsageError where the world's pad has one."""
-    if options.report_hz is None:
-        return usual_ms
-    if world.report_period_ms is not None:
-        raise UsageError("--report-hz: the pad of that --world has a period of its own: leave one of them out.")
-    return 1e3 / float(options.report_hz)
-
-
-def _fingertip(options: argparse.Namespace, world: WorldErrors) -> Fingertip:
-    """Return the true contact of --contact. Raises UsageError."""
-    from ..sim.fingers.fingertip import MOST_SEMI_MM, USUAL, Fingertip
-
-    if options.contact is None:
-        return USUAL
-    if world.contacts is not None:
-        raise UsageError("--contact: the fingers of that --world have contacts of their own.")
-    try:
-        sizes_mm = [float(size) for size in options.contact.split("x")]
-        if len(sizes_mm) == 1:
-            return Fingertip(*sizes_mm, *sizes_mm)
-        along_x_mm, along_y_mm = sizes_mm
-        return Fingertip(along_x_mm / 2.0, along_y_mm / 2.0)
-    except ValueError:
-        raise UsageError(
-            f"--contact {options.contact}: give a radius in mm, such as 6, or the axes of an ellipse, such as 8x11, "
-            f"of at most {2.0 * MOST_SEMI_MM:g} mm."
-        ) from None
-
-
 def _world(options: argparse.Namespace) -> WorldErrors:
     """Return the world of --world. Raises UsageError."""
     from ..sim import world_tolerances
@@ -214,13 +141,14 @@ def _world(options: argparse.Namespace) -> WorldErrors:
 
 
 def _scenario(options: argparse.Namespace) -> Scenario:
-    """Return the named scenario, or that of --fingers. Raises UsageError."""
-    if (options.scenario is None) == (options.fingers is None):
-        raise UsageError("Give either a SCENARIO, such as strokes, or --fingers F.csv.")
-    if options.fingers is None:
-        return SCENARIOS[options.scenario]
+    """Return the named scenario, or that of a file. Raises UsageError."""
+    name: str = options.scenario
+    if name in SCENARIOS:
+        return SCENARIOS[name]
+    if not Path(name).suffix:
+        raise UsageError(f"SCENARIO: there is no {name!r}{suggestion(name, SCENARIOS) or '; see --help'}")
     if options.speed is not None:
-        raise UsageError("--speed: is that of a scenario's fingers: --fingers has its own.")
+        raise UsageError("--speed: is that of a scenario's fingers: a file has its own.")
     from ..sim.fingers import trajectories
 
-    return trajectories.read(options.fingers, find_glass(glass.chosen(options).plate).size_mm)
+    return trajectories.read(Path(name), find_glass(glass.chosen(options).plate).size_mm)

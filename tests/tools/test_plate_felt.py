@@ -21,13 +21,14 @@ from hapticd.tools import plate_felt
 from hapticd.tools.service import load_modes
 
 SMALL = ["plate", "--felt", "--size", "100x100", "--thickness", "2", "--modes", "2", "--drive", "28000..30500"]
-KIT = ["--place", "8x8x0.3", "--farthest", "600"]
+KIT = ["--place", "8x8x0.3"]
 
 
 @pytest.fixture
 def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, less in {"JUDGE_PLACES": 100, "SEARCH_PLACES": 30, "MORE_ROUNDS": 3, "ROUNDS": 1}.items():
         monkeypatch.setattr(felt_search, name, less)
+    monkeypatch.setattr(plate_felt, "FARTHEST_HZ", 600.0)
 
 
 @pytest.mark.usefixtures("short_search")
@@ -73,7 +74,7 @@ def test_a_plate_is_searched_and_its_files_fit_together(tmp_path: Path, capsys: 
 @pytest.mark.usefixtures("short_search")
 def test_a_plate_is_judged_with_the_patches_that_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     patches, made = ["--patch=-46,0,8x8x0.3", "--patch=0,46,8x8x0.3"], tmp_path / "made.json"
-    assert main([*SMALL, "--farthest", "600", *patches, "--json", str(made)]) == 0
+    assert main([*SMALL, *patches, "--json", str(made)]) == 0
     (design,) = json.loads(made.read_text())["designs"]
     assert design["patches"] == [[-46.0, 0.0, 8.0, 8.0, 0.3], [0.0, 46.0, 8.0, 8.0, 0.3]]
     assert 0.0 < design["felt_frac"] <= design["within_volts_frac"]
@@ -154,7 +155,6 @@ def test_a_person_s_friction_decides_what_is_asked(tmp_path: Path) -> None:
         ([*SMALL[1:], "--patch=45,45,8x8x0.3"], "1 patches drive 2 modes; glue one for each."),
         ([*SMALL[1:], "--patch", "48,0,8x8x0.3"], "the patch at 48,0 mm reaches over the plate's edge"),
         (["--felt", "--config", "x.toml"], "--config: names the plate's mode file: add --out F.npz."),
-        (["--felt", "--glass", "x.toml", "--q", "300"], "--glass: a simulated plate has a quality of 500: omit --q."),
         (["--felt", "--place", "8x8"], "--place: '8x8': write sizes of patches in mm"),
         ([*SMALL[1:], "--modes", "8"], "No plate with its patches has 8 modes within 180 Hz of a drive"),
         ([*SMALL[1:], *KIT, "--place", "60x60x0.3"], "patches of 60x60 mm are too large for the plate's edges."),

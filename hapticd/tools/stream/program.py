@@ -14,16 +14,14 @@ import hapticd_client
 from hapticd_client.endpoint import find
 
 from ...errors import HapticdError, UsageError, missing_library
-from ..arguments import PORT_NUMBER, add_command, add_endpoint, whole
+from ..arguments import PORT_NUMBER, add_command, add_endpoint
 
 PROMETHEUS_PORT = 9873
-FINGERS, MAX_FINGERS = 5, 16
+FINGERS = 5  # with channels of their own
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.epilog = (
-        f"example: hapticd stream prometheus --port {PROMETHEUS_PORT}\n         hapticd stream lsl --fingers 2"
-    )
+    parser.epilog = f"example: hapticd stream prometheus --port {PROMETHEUS_PORT}\n         hapticd stream lsl"
     actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
     prometheus = _action(actions, "prometheus", "serve the daemon's status as metrics over HTTP", "--port 9100")
     prometheus.add_argument("--host", default="127.0.0.1", help="address to serve at (default 127.0.0.1)")
@@ -32,14 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     prometheus.set_defaults(command=_prometheus)
 
-    lsl = _action(actions, "lsl", "offer fingers, modes and markers as Lab Streaming Layer outlets", "--fingers 2")
-    lsl.add_argument(
-        "--fingers",
-        type=whole(1, MAX_FINGERS),
-        default=FINGERS,
-        metavar="N",
-        help=f"number of fingers with channels of their own (default {FINGERS})",
-    )
+    lsl = _action(actions, "lsl", "offer fingers, modes and markers as Lab Streaming Layer outlets", "")
     lsl.set_defaults(command=_lsl)
 
 
@@ -64,7 +55,7 @@ def _lsl(options: argparse.Namespace) -> None:
     from .lsl import run
 
     lsl = pylsl()
-    _streaming(options.endpoint, lambda: run(lsl, options.endpoint, options.fingers))
+    _streaming(options.endpoint, lambda: run(lsl, options.endpoint, FINGERS))
 
 
 def _streaming(endpoint: str | None, run: Callable[[], None]) -> None:

@@ -92,7 +92,7 @@ def test_own_fingers_are_played_and_compared_and_all_arrays_are_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = written(tmp_path, FINGERS), tmp_path / "run.npz"
-    assert main(["simulate", "--fingers", str(file), "--seconds", "0.7", "--out", str(out)]) == 0
+    assert main(["simulate", str(file), "--seconds", "0.7", "--out", str(out)]) == 0
     assert "the paper's scheme leaks" in capsys.readouterr().err
     with np.load(out) as arrays:
         assert arrays["finger_true_mm"][-1, 1].tolist() == [30.0, 10.0]
@@ -103,12 +103,9 @@ def test_own_fingers_are_played_and_compared_and_all_arrays_are_written(
         assert sticky_um.max() < np.abs(arrays["paper_truth_um"][-400:, 1]).max()
 
 
-@pytest.mark.parametrize(
-    "arguments", [[], ["strokes", "--fingers", "f.csv"], ["--fingers", "f.csv", "--speed", "50"]], ids=" ".join
-)
-def test_a_scenario_or_a_file_is_given_and_not_both(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", *arguments]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_fingers_of_a_file_have_a_speed_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "f.csv", "--speed", "50"]) == 2
+    assert capsys.readouterr().err.startswith("hapticd: --speed: ")
 
 
 def test_the_readme_s_example_is_a_file_that_is_read(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from hapticd.__main__ import main
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (("lsl", "--fingers", "17"), "--fingers: 17 is out of bounds"),
         (("prometheus", "--port", "70000"), "--port: 70000 is out of bounds"),
         (("prometheus", "--port", "0", "--endpoint", "tcp://plate:7410"), "needs two keys"),
     ],
