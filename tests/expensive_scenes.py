@@ -52,7 +52,9 @@ def _surface(rng: random.Random, index: int) -> Message:
     surface["rectangle_mm"] = [rng.uniform(20.0, 200.0), rng.uniform(20.0, 200.0)]
     if index % 4 == 0:
         return {**surface, **_noise(rng), **_path(rng), "turning_rad_s": 6.0}
-    content = rng.choice(({"amplitude_um": 0.5}, {"map": {"width": 40, "height": 40, "levels": rng.randbytes(1600)}}))
+    content = rng.choice(
+        ({"amplitude_um": 0.5}, {"map": {"width": 40, "height": 40, "levels": rng.randbytes(1600), "high_um": 1.0}})
+    )
     return {**surface, **content, "velocity_mm_s": [rng.uniform(-200.0, 200.0), 50.0]}
 
 

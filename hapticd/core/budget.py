@@ -67,7 +67,7 @@ def allot(
 ) -> Allotment:
     """Return what a pass may do for these fingers, while `touched` are down. `is_silent`: the plate has no amplitudes
     that a solve could begin from."""
-    layers, effects = float(len(scene.surfaces.layers)), scene.effects
+    layers, effects = float(scene.surfaces.weight), scene.effects
     way_ns = _LAYER_WAY_NS * layers
     fixed_ns = _PASS_NS + touched * (_TOUCHED_NS + way_ns + _EFFECT_NS * len(effects.held))
     places_ns, solve_ns, count = 0.0, 0.0, 0

@@ -24,7 +24,8 @@ from .textures.texture import AmplitudeAt
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
-MAX_EXPENSIVE: Final = 16  # of noise, on a path or turning: each takes a finger as long as five others
+MAX_EXPENSIVE: Final = 16  # of noise, on a path or turning
+EXPENSIVE: Final = 5  # each of them takes a finger as long as so many others
 MAX_EDGES: Final = 8  # of one layer, and corners of its path, that a finger meets in one frame
 NEVER_NS: Final = 2**62
 MAX_REFINED: Final = 16  # crossings of all fingers whose instant is refined for one frame: it has room for knots at 11
@@ -65,7 +66,7 @@ class SurfaceSet:
         sliding: Sliding,
     ) -> None:
         self.layers: list[Layer] = []
-        self.has_edges = False
+        self.weight = 0  # layers, of which an expensive one counts as EXPENSIVE
         self.version = 0  # counts changes; a refreshed surface is none
         self.t_expires_ns = NEVER_NS  # the next one does
         self._w_limit_um: Final = w_limit_um
@@ -210,7 +211,7 @@ class SurfaceSet:
         if stacked != self.layers:
             self.version += 1
         self.layers = stacked
-        self.has_edges = any(not layer.is_whole for layer in layers)
+        self.weight = sum([EXPENSIVE if layer.is_expensive else 1 for layer in layers])
         self.t_expires_ns = min((layer.t_expires_ns for layer in layers), default=NEVER_NS)
 
 
