@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from service import Bench, wait_for
 
-from hapticd.bench.sweeps import swept
+from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.files import calibration
-from hapticd.sim.plate.ground_truth import PlateSettings
+from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 
 pytestmark = pytest.mark.long
 
 
 def calibrate(bench: Bench) -> None:
-    calibration.save(bench.folder / "plate.toml", swept(PlateSettings(), 1).calibration)
+    plate = GroundTruth(PlateSettings())
+    modes = []
+    for mode in range(2):
+        frequency_hz = plate.settings.drive_hz + plate.nominal_detuning_rad_s[mode] / (2.0 * math.pi)
+        quality = math.pi * frequency_hz / plate.nominal_decay_1_s[mode]
+        modes.append(ModeCalibration(mode, frequency_hz, quality, float(plate.nominal_gain_um_per_v_s[mode]), 0.0))
+    calibration.save(bench.folder / "plate.toml", BoardCalibration(tuple(modes)))
     bench.configure('[device]\ncalibration_file = "plate.toml"\n')
 
 

@@ -1,1 +1,1 @@
-"""`hapticd record`, `replay`, `export` and `plot`."""
+"""`hapticd record`, `replay` and `export`."""

@@ -12,7 +12,7 @@ from browserpage import PATIENCE_S, Page, drag, lay_down
 from PIL import Image
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
-from test_browser import SETTINGS, WRITTEN, written
+from test_browser import WRITTEN, written
 from viewprocess import View, first
 
 from hapticd.files.recording.mcap_reader import open_recording
@@ -52,7 +52,7 @@ class Drawn:
 
 @pytest.fixture
 def drawn(browser: Chrome, tmp_path: Path) -> Iterator[Drawn]:
-    with RigProcess("hands", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"', SETTINGS) as running:
+    with RigProcess("hands", 1) as rig, DaemonProcess(f'rig_dir = "{rig.directory}"') as running:
         for process in (rig.process, running.process):
             first(process)
         with Client(running.runtime_dir, name="study", timeout_s=PATIENCE_S) as client:
