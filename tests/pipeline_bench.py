@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hapticd.core.phasors import Row
+from hapticd.core.phasors import Phasors
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.pipeline_settings import PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
@@ -85,7 +85,7 @@ class Bench:
         return [self.report(*positions_mm) for _ in range(reports)]
 
 
-def felt_um(modal_um: Row, at_mm: tuple[float, float]) -> float:
+def felt_um(modal_um: Phasors, at_mm: tuple[float, float]) -> float:
     return abs(sum(phi * w_um for phi, w_um in zip(PLATE.at(*at_mm), modal_um, strict=True)))
 
 

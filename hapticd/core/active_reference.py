@@ -6,8 +6,8 @@ import math
 from typing import Final
 
 from ..values import SafeDrive, TouchPoint
-from .frame import NO_FINGERS, FramePlan, Participants, Ways, moved_mm
-from .phasors import Row
+from .frame import NO_FINGERS, FramePlan, KnotPlanner, Participants, moved_mm
+from .phasors import Phasors
 from .plate.contact import EllipseForm
 from .solver.instant import AskedPlace
 from .trajectory.gate import silence
@@ -15,29 +15,27 @@ from .trajectory.gate import silence
 _KEPT: Final = 6  # of references: the one in force at the newest sample is up to three passes old
 
 
-class Past:
+class PlayedReference:
     """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, by
-    how much more amplitude it needs as it slides, and the form of its contact, where that is known."""
-
-    __slots__ = ("forms", "modal_um", "places", "stretches")
+    how much more amplitude it needs as it gains, and the form of its contact, where that is known."""
 
     def __init__(
         self,
-        modal_um: Row,
+        modal_um: Phasors,
         places: list[AskedPlace],
-        stretches: list[float],
+        speed_gains: list[float],
         forms: list[EllipseForm | None] | None = None,
     ) -> None:
         self.modal_um: Final = modal_um
         self.places: Final = places
-        self.stretches: Final = stretches
+        self.speed_gains: Final = speed_gains
         self.forms: Final = forms
 
 
 class ActiveReference:
     """The last reference that was made, and those before it, back to what the plate did at the newest sample."""
 
-    def __init__(self, modes: int, ways: Ways, tolerance_um: float) -> None:
+    def __init__(self, modes: int, planner: KnotPlanner, tolerance_um: float) -> None:
         self.drive = silence(0, modes)
         self.fingers = NO_FINGERS  # for whom it was made
         self.is_sent = True  # the board has it, or takes it next
@@ -46,7 +44,7 @@ class ActiveReference:
         self._places: list[AskedPlace] = []
         self._t_settled_ns = 0
         self._recent = [self.drive]
-        self._ways: Final = ways
+        self._planner: Final = planner
         self._tolerance_um: Final = tolerance_um
 
     @property
@@ -73,30 +71,30 @@ class ActiveReference:
         """Return whether it is for these fingers, and no longer changes: it may hold on."""
         return self.is_sent and t_apply_ns >= self._t_settled_ns and fingers.are(self.fingers)
 
-    def stands(self, plan: FramePlan, begin: list[AskedPlace], end: list[AskedPlace], most_knots: int) -> bool:
+    def still_holds(self, plan: FramePlan, begin: list[AskedPlace], end: list[AskedPlace], most_knots: int) -> bool:
         """Return whether it, having settled, still holds: from a frame's beginning to its end the fingers stay where
         it was made for."""
-        steepness_um_mm = self._ways.steepness_1_mm * sum(abs(w_um) for w_um in self.drive.knots[-1].modal_um)
+        steepness_um_mm = self._planner.steepness_1_mm * sum(abs(w_um) for w_um in self.drive.knots[-1].modal_um)
         for places in (begin, end):
             for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, self._places, strict=True):
                 moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
                 if target_um != was_um or not moved_um <= self._tolerance_um:
                     return False
-        if steepness_um_mm > 0.0 and not self._ways.has_surfaces:
+        if steepness_um_mm > 0.0 and not self._planner.has_surfaces:
             return True  # while the plate is silent, fingers may move far: over stripes, to the same target
         ways_mm = moved_mm(begin, end)
-        pieces, _, edges_ns = self._ways.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, most_knots)
+        pieces, _, edges_ns = self._planner.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, most_knots)
         return pieces == 1 and not edges_ns
 
     def points_at(self, places: list[AskedPlace]) -> tuple[TouchPoint, ...]:
         """Return its fingers' points, at their present places."""
         return tuple(map(_moved, self.points, places))
 
-    def um(self, t_ns: int) -> Row:
+    def um(self, t_ns: int) -> Phasors:
         """Return its amplitudes at an instant: another continues them."""
         return interpolated_um(self.drive, t_ns)
 
-    def past_um(self, t_ns: int) -> Row:
+    def past_um(self, t_ns: int) -> Phasors:
         """Return the amplitudes of the reference that was in force at `t_ns`, there."""
         active = self._recent[0]
         for drive in self._recent:
@@ -111,7 +109,7 @@ def _moved(point: TouchPoint, now: AskedPlace) -> TouchPoint:
     return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)
 
 
-def interpolated_um(drive: SafeDrive, t_ns: int) -> Row:
+def interpolated_um(drive: SafeDrive, t_ns: int) -> Phasors:
     """Amplitudes of a polyline at `t_ns` as the board plays it: a new polyline continues them."""
     since_ns = t_ns - drive.t_apply_ns
     before_ns, before_um = drive.knots[0]

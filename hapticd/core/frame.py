@@ -9,7 +9,7 @@ from functools import partial
 from typing import Final
 
 from ..values import FingerKey, Knot
-from .phasors import Row, magnitude, re_im
+from .phasors import Phasors
 from .pipeline_settings import PipelineCounters
 from .plate.contact import EllipseForm
 from .solver.instant import AskedPlace, InstantSolver, ModalSolution
@@ -26,8 +26,6 @@ class Participants:
     """The fingers that take part in a pass, the priority of each, and the forms of their contacts: None where all are
     discs, or points."""
 
-    __slots__ = ("forms", "keys", "priorities")
-
     def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[EllipseForm | None] | None) -> None:
         self.keys: Final = keys
         self.priorities: Final = priorities
@@ -43,20 +41,16 @@ NO_FINGERS: Final = Participants([], [], None)
 
 class Instant:
     """The fingers at one instant: where each will be with which target, and, where friction depends on the speed, by
-    how much more amplitude it needs as it slides."""
+    how much more amplitude it needs as it gains."""
 
-    __slots__ = ("places", "stretches")
-
-    def __init__(self, places: list[AskedPlace], stretches: list[float] | None) -> None:
+    def __init__(self, places: list[AskedPlace], speed_gains: list[float] | None) -> None:
         self.places: Final = places
-        self.stretches: Final = stretches
+        self.speed_gains: Final = speed_gains
 
 
 class FramePlan:
     """A frame before it is solved: for whom, from when on the plate, how long, with how many knots by how many solves,
     and the corners of effects in it."""
-
-    __slots__ = ("corners_ns", "fingers", "most_knots", "most_solves", "span_ns", "t_ns")
 
     def __init__(
         self,
@@ -75,8 +69,8 @@ class FramePlan:
         self.corners_ns: Final = corners_ns
 
 
-class Ways:
-    """What the knots of a frame depend on, apart from the solutions themselves."""
+class KnotPlanner:
+    """Planner of a frame's knots: what they depend on, apart from the solutions themselves."""
 
     def __init__(self, scene: Scene, fingers: Fingers, steepness_1_mm: float, tolerance_um: float) -> None:
         self._scene: Final = scene
@@ -123,11 +117,7 @@ class Ways:
 
     def bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
         """Return the largest error of a chord over so short a way: W (steepness * way)^2 / 8."""
-        largest_um = 0.0
-        for _, modal_um in ends:
-            for w_um in modal_um:
-                w_d_um, w_q_um = re_im(w_um)
-                largest_um = max(largest_um, magnitude(w_d_um, w_q_um))
+        largest_um = max([abs(w_um) for _, modal_um in ends for w_um in modal_um])
         change = self.steepness_1_mm * sum(moved_mm)
         return largest_um * (change * change) / 8.0
 
@@ -149,7 +139,7 @@ class FrameSolver:
         scene: Scene,
         fingers: Fingers,
         solver: InstantSolver,
-        ways: Ways,
+        planner: KnotPlanner,
         tolerance_um: float,
         counters: PipelineCounters,
     ) -> None:
@@ -158,26 +148,26 @@ class FrameSolver:
         self._effects: Final = scene.effects
         self._fingers: Final = fingers
         self._solver: Final = solver
-        self._ways: Final = ways
+        self._planner: Final = planner
         self._tolerance_um: Final = tolerance_um
         self._counters: Final = counters
 
     def at(self, keys: Sequence[FingerKey], t_ns: int) -> Instant:
         """Predict the fingers, and look up what each should feel where it will be."""
         scene = self._scene
-        stretches: list[float] | None = [] if scene.depends_on_speed else None
+        speed_gains: list[float] | None = [] if scene.depends_on_speed else None
         places: list[AskedPlace] = []
         for key in keys:
             x_mm, y_mm = self._predicted_mm(key, t_ns)
-            if stretches is not None:
-                stretches.append(scene.slide(self._speed_mm_s(key, t_ns, x_mm, y_mm)))
+            if speed_gains is not None:
+                speed_gains.append(scene.speed_gain(self._speed_mm_s(key, t_ns, x_mm, y_mm)))
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
             if self._effects.felt:
                 target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
             places.append((x_mm, y_mm, target_um))
-        return Instant(places, stretches)
+        return Instant(places, speed_gains)
 
     def speed_mm_s(self, key: FingerKey, t_ns: int) -> float:
         """Return how fast a finger will slide."""
@@ -198,7 +188,7 @@ class FrameSolver:
         return self._fingers.forms(keys) if self._solver.has_contacts else None
 
     def polyline(
-        self, plan: FramePlan, begin: Instant, end: Instant, previous_um: Row
+        self, plan: FramePlan, begin: Instant, end: Instant, previous_um: Phasors
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
         fingers, span_ns, tolerance_um = plan.fingers, plan.span_ns, self._tolerance_um
@@ -206,14 +196,14 @@ class FrameSolver:
         if plan.most_knots == 1:
             return first, first, [Knot(0, first.modal_um)]
         last = self._solve(fingers, plan.t_ns + span_ns, end, first.modal_um, span_ns)
-        knots = [tuple.__new__(Knot, (0, first.modal_um)), tuple.__new__(Knot, (span_ns, last.modal_um))]
+        knots = [Knot(0, first.modal_um), Knot(span_ns, last.modal_um)]
         ways_mm = moved_mm(first.places, last.places)
         room = plan.most_knots - len(plan.corners_ns)
-        pieces, smooth, edges_ns = self._ways.pieces(fingers.keys, ways_mm, plan.t_ns, span_ns, room)
+        pieces, smooth, edges_ns = self._planner.pieces(fingers.keys, ways_mm, plan.t_ns, span_ns, room)
         is_plain = pieces == 1 and smooth and not edges_ns
-        is_plain = is_plain and self._ways.bend_um(knots, ways_mm) <= tolerance_um
+        is_plain = is_plain and self._planner.bend_um(knots, ways_mm) <= tolerance_um
 
-        def solve(dt_ns: int, before: Knot) -> Row:
+        def solve(dt_ns: int, before: Knot) -> Phasors:
             t_ns = plan.t_ns + dt_ns
             at = self.at(fingers.keys, t_ns)
             return self._solve(fingers, t_ns, at, before.modal_um, dt_ns - before.dt_ns).modal_um
@@ -228,10 +218,12 @@ class FrameSolver:
             knots = refine(solve, knots, tolerance_um, plan.most_knots, solves, smooth=smooth)
         return first, last, knots
 
-    def _solve(self, fingers: Participants, t_ns: int, at: Instant, previous_um: Row, since_ns: int) -> ModalSolution:
+    def _solve(
+        self, fingers: Participants, t_ns: int, at: Instant, previous_um: Phasors, since_ns: int
+    ) -> ModalSolution:
         """Evaluate the modes and solve, for one instant `since_ns` after another."""
         self._counters.solves += 1
         if not self._solver.has_contacts:
             return self._solver.solve(at.places, previous_um, since_ns)
         variances_mm2, ranks = self._fingers.variances_mm2(fingers.keys, t_ns), fingers.priorities
-        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.stretches, ranks, fingers.forms)
+        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.speed_gains, ranks, fingers.forms)

@@ -25,7 +25,7 @@ class FrictionCurve:
     """Friction against amplitude through (friction_frac, amplitude_um) knots.
 
     Friction 1 is bare glass, so the last knot is (1, 0); friction 0 is the most slippery the plate can usefully do:
-    `floor_frac` of bare glass's. The amplitude falls strictly from knot to knot. A finger that slides at `speed_mm_s`
+    `floor_frac` of bare glass's. The amplitude falls strictly from knot to knot. A finger that gains at `speed_mm_s`
     needs twice the amplitude of one at rest, for any friction; at inf, speed changes nothing. Raises ValueError
     otherwise.
     """
@@ -88,7 +88,7 @@ class FrictionCurve:
 
     def friction(self, amplitude_um: float, sliding_mm_s: float = 0.0) -> float:
         """The friction that an amplitude gives, relative to that of bare glass; the inverse of `amplitude_um`."""
-        at_um = amplitude_um / self.stretch(sliding_mm_s)
+        at_um = amplitude_um / self.speed_gain(sliding_mm_s)
         if not at_um < self.full_um:
             return self.floor_frac
         if at_um <= 0.0:
@@ -104,7 +104,7 @@ class FrictionCurve:
         """The friction over its slope at an amplitude of a finger at rest; beyond the floor that of the last piece."""
         return self._decays_um[self._piece(amplitude_um)]
 
-    def stretch(self, sliding_mm_s: float) -> float:
+    def speed_gain(self, sliding_mm_s: float) -> float:
         """By how much more amplitude a finger needs at this speed than at rest."""
         return 1.0 + sliding_mm_s / self.speed_mm_s
 

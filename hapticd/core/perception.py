@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from .friction import FrictionCurve
-from .phasors import re_im
 from .plate.contact import Disc, EllipseForm, disc_points, many_points
 from .plate.mode_shapes import ModeShapes
 from .uncertainty import CERTAIN, Uncertainty, interval_um
@@ -50,20 +49,22 @@ class ContactPerception:
         x_mm: float,
         y_mm: float,
         modal_um: Sequence[complex],
-        stretch: float,
+        speed_gain: float,
         place_mm2: float = 0.0,
         form: EllipseForm | None = None,
     ) -> Felt:
         """Return what is felt over a contact whose place has this variance on each axis.
 
-        `modal_um` (M,) moves the plate; a sliding finger needs `stretch` times the amplitude of one at rest; `form` is
-        that of an ellipse.
+        `modal_um` (M,) moves the plate; a sliding finger needs `speed_gain` times the amplitude of one at rest; `form`
+        is that of an ellipse.
         """
-        friction, amplitude = self._expected(self._many, modes, x_mm, y_mm, modal_um, stretch, place_mm2, form)
+        friction, amplitude = self._expected(self._many, modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, form)
         friction = min(friction, 1.0)  # rounding may add to bare glass's
         rms_um, low_um, high_um = amplitude
-        per = friction / self.curve.friction(rms_um / stretch)  # as the curve changes from one amplitude to the other
-        low, high = per * self.curve.friction(high_um / stretch), per * self.curve.friction(low_um / stretch)
+        per = friction / self.curve.friction(
+            rms_um / speed_gain
+        )  # as the curve changes from one amplitude to the other
+        low, high = per * self.curve.friction(high_um / speed_gain), per * self.curve.friction(low_um / speed_gain)
         return Felt(friction, min(low, friction), min(max(high, friction), 1.0), amplitude)
 
     def amplitude(
@@ -79,9 +80,9 @@ class ContactPerception:
         _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, form)
         return amplitude
 
-    def asked(self, target_um: float, stretch: float) -> float:
+    def asked(self, target_um: float, speed_gain: float) -> float:
         """Return the friction that an amplitude asks for: that of the same amplitude all over the contact."""
-        return self.curve.friction(target_um / stretch)
+        return self.curve.friction(target_um / speed_gain)
 
     def _expected(
         self,
@@ -90,7 +91,7 @@ class ContactPerception:
         x_mm: float,
         y_mm: float,
         modal_um: Sequence[complex],
-        stretch: float,
+        speed_gain: float,
         place_mm2: float,
         form: EllipseForm | None,
     ) -> tuple[float, ExpectedAmplitude]:
@@ -105,7 +106,7 @@ class ContactPerception:
                 xx_mm = yy_mm = 2.0 * math.sqrt(place_mm2)
             size_mm2 += 4.0 * place_mm2
         map_frac, sensors_frac = self.uncertainty.map_frac, self.uncertainty.sensors_frac
-        parts_um = [re_im(w_um) for w_um in modal_um]
+        parts_um = [(w_um.real, w_um.imag) for w_um in modal_um]
         all_um2 = 0.0
         for mode_d_um, mode_q_um in parts_um:
             all_um2 += mode_d_um * mode_d_um + mode_q_um * mode_q_um
@@ -122,7 +123,7 @@ class ContactPerception:
                 shapes += phi * phi
             size_um2 = w_d_um * w_d_um + w_q_um * w_q_um
             error_um2 = map_um2 + shapes * sensors_um2
-            friction += weight * self.curve.friction(math.sqrt(size_um2 + error_um2) / stretch)
+            friction += weight * self.curve.friction(math.sqrt(size_um2 + error_um2) / speed_gain)
             known_um2 += weight * size_um2
             errors_um2 += weight * error_um2
             mean_d_um += weight * w_d_um

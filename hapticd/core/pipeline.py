@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from ..values import Drive, Finger, FingerFrame, FingerKey, LinkTiming, SafeDrive, Tick, TouchFrame, TouchPoint
-from .active_reference import ActiveReference, Past
+from .active_reference import ActiveReference, PlayedReference
 from .budget import BUDGET_NS, allot, solves_of_request
-from .frame import NO_FINGERS, FramePlan, FrameSolver, Participants, Ways
-from .phasors import Row
+from .frame import NO_FINGERS, FramePlan, FrameSolver, KnotPlanner, Participants
+from .phasors import Phasors
 from .pipeline_settings import PipelineCounters, PipelineSettings
 from .plate.mode_shapes import ModeShapes
 from .solver.instant import InstantSolver, points
@@ -69,9 +69,11 @@ class Pipeline:
         )
         self._triggers = Triggers(scene, self._fingers, settings.frame_duration_ns * 2 // 3)
         self.events = self._triggers.events
-        self._ways = Ways(scene, self._fingers, modes.steepest_1_mm(), settings.tolerance_um)
-        self._frame = FrameSolver(scene, self._fingers, self._solver, self._ways, settings.tolerance_um, self.counters)
-        self._active = ActiveReference(modes.M, self._ways, settings.tolerance_um)
+        self._planner = KnotPlanner(scene, self._fingers, modes.steepest_1_mm(), settings.tolerance_um)
+        self._frame = FrameSolver(
+            scene, self._fingers, self._solver, self._planner, settings.tolerance_um, self.counters
+        )
+        self._active = ActiveReference(modes.M, self._planner, settings.tolerance_um)
 
     def set_knot_limits(self, max_knots: int, effect_knots: int) -> None:
         """Set how many knots a frame may have, and while an effect plays: a faster line carries more."""
@@ -168,7 +170,7 @@ class Pipeline:
         may_stand = not self._effects.felt and active.has_settled(fingers, t_apply_ns)
         begin = self._frame.at(keys, t_plate_ns)
         end = self._frame.at(keys, t_plate_ns + plan.span_ns) if may_stand or plan.most_knots > 1 else begin
-        if may_stand and active.stands(plan, begin.places, end.places, self.max_knots):
+        if may_stand and active.still_holds(plan, begin.places, end.places, self.max_knots):
             self.counters.skipped_standing += 1
             return self._tick(t_now_ns, t_plate_ns, None, active.points_at(begin.places), active.limited)
 
@@ -203,19 +205,19 @@ class Pipeline:
         """The board does not have the last reference: the next pass sends one."""
         self._active.is_sent = False
 
-    def past(self, keys: Sequence[FingerKey], t_ns: int) -> Past:
+    def past(self, keys: Sequence[FingerKey], t_ns: int) -> PlayedReference:
         """What the plate did, and where these fingers were with which targets, at an instant not before the newest
         sample: there a finger's place is known best, and the plate has followed its reference."""
         at, modal_um = self._frame.at(keys, t_ns), self._active.past_um(t_ns - self._settings.loop_delay_ns)
-        return Past(modal_um, at.places, at.stretches or [1.0] * len(keys), self._fingers.forms(keys))
+        return PlayedReference(modal_um, at.places, at.speed_gains or [1.0] * len(keys), self._fingers.forms(keys))
 
     def motions(self, keys: Sequence[FingerKey], t_ns: int) -> list[tuple[float, float]]:
         """How sure the place of each of these fingers is at an instant, its variance in mm^2 on each axis, and how fast
-        it slides, in mm/s."""
+        it gains, in mm/s."""
         variances_mm2 = self._fingers.variances_mm2(keys, t_ns)
         return [(variances_mm2[n], self._frame.speed_mm_s(keys[n], t_ns)) for n in range(len(keys))]
 
-    def asked_um(self, t_ns: int) -> Row:
+    def asked_um(self, t_ns: int) -> Phasors:
         """What the board's sensors should have read at an instant not long ago."""
         return self._active.past_um(t_ns - self._settings.loop_delay_ns)
 
@@ -236,12 +238,12 @@ class Pipeline:
         if isinstance(key, int) and key not in self._fingers.predictors:
             raise ValueError(f"finger {key} does not touch the plate.")
         at, variances_mm2 = self._frame.at(keys, t_now_ns), self._fingers.variances_mm2(keys, t_now_ns)
-        places, stretches, forms = at.places, at.stretches or [1.0] * len(keys), self._frame.forms(keys)
+        places, speed_gains, forms = at.places, at.speed_gains or [1.0] * len(keys), self._frame.forms(keys)
         if key is None:
-            places, variances_mm2, stretches = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*stretches, 1.0]
+            places, variances_mm2, speed_gains = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*speed_gains, 1.0]
             forms = None if forms is None else [*forms, None]
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
-        return self._solver.reach(places, variances_mm2, stretches, priorities, calls, forms)
+        return self._solver.reach(places, variances_mm2, speed_gains, priorities, calls, forms)
 
     # --- the steps of a pass ---
 

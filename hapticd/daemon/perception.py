@@ -18,7 +18,7 @@ from hapticd_contract.states import Perceived
 from ..board_protocol import BoardState
 from ..core.board.session import BoardSession
 from ..core.perception import ContactPerception, ExpectedAmplitude, Felt
-from ..core.phasors import Row
+from ..core.phasors import Phasors
 from ..core.pipeline import Pipeline
 from ..core.plate.contact import EllipseForm
 from ..core.touch.contact_form import axes
@@ -86,14 +86,14 @@ class Perception:
         achieved = self._achieved(tick, forms)
         places_mm2 = self._places_mm2(keys, t_ns)
         felt = {
-            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, stretch, place_mm2, forms[key])
-            for key, (x_mm, y_mm, _), stretch, place_mm2 in zip(
-                keys, past.places, past.stretches, places_mm2, strict=True
+            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, forms[key])
+            for key, (x_mm, y_mm, _), speed_gain, place_mm2 in zip(
+                keys, past.places, past.speed_gains, places_mm2, strict=True
             )
         }
         self._changes = {
-            key: felt[key].friction / self._contacts.asked(target_um, stretch) - 1.0
-            for key, (_, _, target_um), stretch in zip(keys, past.places, past.stretches, strict=True)
+            key: felt[key].friction / self._contacts.asked(target_um, speed_gain) - 1.0
+            for key, (_, _, target_um), speed_gain in zip(keys, past.places, past.speed_gains, strict=True)
             if key in solved
         }
         self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
@@ -127,7 +127,7 @@ class Perception:
             for key, (variance_mm2, speed_mm_s) in zip(keys, self._pipeline.motions(keys, t_ns), strict=True)
         ]
 
-    def _missing_um(self, t_now_ns: int) -> Row | None:
+    def _missing_um(self, t_now_ns: int) -> Phasors | None:
         """Return what the sensors read less the reference, where the board's voltage ended; else the plate follows its
         reference more closely than one reading says."""
         status, clock = self._session.status, self._session.clock

@@ -43,7 +43,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
     )
     t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
     known_mm = forms_mm(played.fingertips, t_s)[..., (0, 0, 1), (0, 1, 1)]
-    stretches = 1.0 + np.nan_to_num(speeds_mm_s(t_s, finger_mm)) / curve.speed_mm_s
+    speed_gains = 1.0 + np.nan_to_num(speeds_mm_s(t_s, finger_mm)) / curve.speed_mm_s
     modes = plate.settings.driven_modes
     plate_um = np.zeros((len(t_s), len(plate.decay_1_s)), dtype=np.complex128)
     limited = np.zeros(len(t_s), dtype=bool)
@@ -60,8 +60,8 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
             forms: list[EllipseForm | None] = [
                 (xx_mm, xy_mm, yy_mm) for xx_mm, xy_mm, yy_mm in known_mm[index, counts].tolist()
             ]
-            slides = stretches[index, counts].tolist()
-            solution = solver.solve(places, previous_um, every * TICK_NS, None, slides, None, forms)
+            gains = speed_gains[index, counts].tolist()
+            solution = solver.solve(places, previous_um, every * TICK_NS, None, gains, None, forms)
             previous_um, limited[index] = solution.modal_um, solution.limited
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)

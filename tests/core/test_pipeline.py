@@ -253,7 +253,7 @@ def test_the_past_has_the_reference_that_was_in_force_and_where_the_fingers_were
     [(x_mm, y_mm, target_um)] = past.places
     assert (x_mm, y_mm) == pytest.approx((SLIPPERY[0] + 19.5, SLIPPERY[1]), abs=0.1)
     assert target_um == 1.0
-    assert past.stretches == [1.0]
+    assert past.speed_gains == [1.0]
     now = bench.pipeline.past([1], before.drive.t_apply_ns)
     assert now.modal_um == pytest.approx(before.drive.knots[0].modal_um)
     assert abs(np.array(past.modal_um) - np.array(now.modal_um)).max() > 0.01

@@ -12,7 +12,7 @@ import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.board_protocol import BoardState
-from hapticd.core.active_reference import Past
+from hapticd.core.active_reference import PlayedReference
 from hapticd.core.board.session import BoardSession
 from hapticd.core.friction import FrictionCurve
 from hapticd.core.perception import ContactPerception
@@ -43,10 +43,10 @@ class Given:
         self.status: Any = None
         self.clock: Any = None
 
-    def past(self, keys: Sequence[int], t_ns: int) -> Past:
+    def past(self, keys: Sequence[int], t_ns: int) -> PlayedReference:
         self.asked_ns.append(t_ns)
         places = [(CREST_MM, 0.0, self.targets_um[key] or 0.0) for key in keys]
-        return Past(self.modal_um, places, [1.0] * len(keys), self.forms)
+        return PlayedReference(self.modal_um, places, [1.0] * len(keys), self.forms)
 
     def asked_um(self, _: int) -> tuple[complex, ...]:
         return self.modal_um

@@ -28,8 +28,6 @@ class BicubicSurfaces:
     y; for each surface the powers x^c y^d, y fastest, of the distances to the cell's lower left corner.
     """
 
-    __slots__ = ("_by_power", "patches", "x_knots", "y_knots")
-
     def __init__(self, x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> None:
         """Interpolate `values` (M, ny, nx), all finite, over increasing knots (nx,), (ny,), at least 4 of each."""
         self.x_knots, self.y_knots = x_knots, y_knots
@@ -87,11 +85,6 @@ class BicubicPatch:
 
     `u`, `v` are the distances to the cell's lower left corner.
     """
-
-    __slots__ = (
-        *("_a0", "_a1", "_a2", "_a3", "_b0", "_b1", "_b2", "_b3"),
-        *("_c0", "_c1", "_c2", "_c3", "_d0", "_d1", "_d2", "_d3"),
-    )
 
     def __init__(self, coefficients: Sequence[float]) -> None:
         self._a0, self._b0, self._c0, self._d0 = coefficients[0:4]

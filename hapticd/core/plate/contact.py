@@ -35,7 +35,7 @@ RIM_POINTS: Final = 6
 RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
 RING_WEIGHTS: Final = (0.1739274226, 0.3260725774, 0.3260725774, 0.1739274226)
 SPOKES: Final = 12
-MOST_STRETCH: Final = 1.5  # a finger whose place is less certain than that is better served as it was
+MOST_GROWTH: Final = 1.5  # a finger whose place is less certain than that is better served as it was
 
 
 def disc_points(radius_mm: float) -> Disc:
@@ -58,11 +58,11 @@ def many_points() -> Disc:
     return points
 
 
-def stretch(variance_mm2: float, radius_mm: float) -> float:
-    """Return by how much a disc grows if its centre is uncertain, `variance_mm2` on each axis: up to MOST_STRETCH, and
+def growth(variance_mm2: float, radius_mm: float) -> float:
+    """Return by how much a disc grows if its centre is uncertain, `variance_mm2` on each axis: up to MOST_GROWTH, and
     not where the variance is unknown (NaN)."""
     square = 4.0 * variance_mm2 / (radius_mm * radius_mm)
-    return min(math.sqrt(1.0 + square), MOST_STRETCH) if square > 0.0 else 1.0
+    return min(math.sqrt(1.0 + square), MOST_GROWTH) if square > 0.0 else 1.0
 
 
 def grown(radius_mm: float, variances_mm2: list[float], forms: list[EllipseForm | None] | None) -> list[EllipseForm]:
@@ -72,12 +72,12 @@ def grown(radius_mm: float, variances_mm2: list[float], forms: list[EllipseForm 
     for finger in range(len(variances_mm2)):
         form = None if forms is None else forms[finger]
         if form is None:
-            disc = stretch(variances_mm2[finger], radius_mm)
+            disc = growth(variances_mm2[finger], radius_mm)
             found.append((disc, 0.0, disc))
         else:
             xx_mm, xy_mm, yy_mm = form
             area_mm2 = xx_mm * yy_mm - xy_mm * xy_mm
-            scale = stretch(variances_mm2[finger], math.sqrt(area_mm2)) / radius_mm
+            scale = growth(variances_mm2[finger], math.sqrt(area_mm2)) / radius_mm
             found.append((scale * xx_mm, scale * xy_mm, scale * yy_mm))
     return found
 

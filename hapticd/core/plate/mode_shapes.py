@@ -43,12 +43,6 @@ class ModeShapes:
     `tables` is what C takes `at` from: views of `BicubicSurfaces.patches`, and of the knots x_mm and y_mm.
     """
 
-    __slots__ = (
-        *("M", "shapes", "tables", "x_mm", "y_mm"),
-        *("_cells", "_columns", "_columns_per_mm", "_rows_per_mm", "_steepest_1_mm", "_surfaces"),
-        *("_x_knots", "_y_knots", "_zeros"),
-    )
-
     def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
         """See `from_grid`."""
         self.x_mm, self.y_mm = _axis(x_mm, "x_mm"), _axis(y_mm, "y_mm")

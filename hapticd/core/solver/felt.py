@@ -37,7 +37,7 @@ from typing import Final
 
 from ...values import FloatArray
 from ..friction import FrictionCurve
-from ..phasors import Row
+from ..phasors import Phasors
 from ..plate.contact import Disc, Shapes
 from .felt_descent import descend
 
@@ -59,12 +59,12 @@ def solve_felt(
     curve: FrictionCurve,
     targets_um: list[float],
     limits_um: FloatArray,
-    modal_um: Row,
+    modal_um: Phasors,
     log_weights: list[float],
     speed_gains: list[float],
     priorities: list[int],
     most_step_um: float = math.inf,
-) -> tuple[Row, list[float], bool]:
+) -> tuple[Phasors, list[float], bool]:
     """Return W (M,), moved to where the largest error is least, each contact's RMS (N,), and `limited`.
 
     `shapes` (N, Q, M) are those at the points of each contact, of a `disc` (Q, 3) (`contact_shapes`); `speed_gains`

@@ -3,7 +3,7 @@
 from array import array
 
 from ...values import FloatArray
-from ..phasors import Row
+from ..phasors import Phasors
 from ..plate.contact import Shapes
 
 UNCERTAIN_FRAC: float  # of a mode's amplitude: map, gain and sensor together
@@ -21,12 +21,12 @@ def descend(
     fingers: array[float],
     curve: FloatArray,
     limits_um: FloatArray,
-    modal_um: Row,
+    modal_um: Phasors,
     iterations: int,
     stay_frac: float,
     most_step_um: float,
     /,
-) -> tuple[Row, bool]:
+) -> tuple[Phasors, bool]:
     """Return W (M,), moved by at most `most_step_um`, and whether a limit keeps a finger from its target; none of the
     `iterations` only measures. W of 0 begins with all modes alike.
 

@@ -15,12 +15,12 @@ import numpy as np
 
 from ...values import FingerKey, FloatArray, TouchPoint
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from ..phasors import ModeRow, ModeRows, Row
+from ..phasors import ModeRow, ModeRows, Phasors
 from ..plate.contact import EllipseForm, Shapes, grown, many_points
 from ..plate.mode_shapes import ModeShapes
 from .felt import felt_points, is_any_slippery, solve_felt
 from .felt_descent import COLD, contact_shapes
-from .reach import Contacts, Reach
+from .reach import Contacts, ReachSearch
 from .two_modes import Pair, derated, hold_still, turned
 
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
@@ -39,7 +39,7 @@ class ModalSolution:
     quarter of the time.
     """
 
-    def __init__(self, places: list[AskedPlace], achieved_um: list[float], modal_um: Row, limited: bool) -> None:
+    def __init__(self, places: list[AskedPlace], achieved_um: list[float], modal_um: Phasors, limited: bool) -> None:
         self.places: Final = places
         self.achieved_um: Final = achieved_um
         self.modal_um: Final = modal_um
@@ -86,7 +86,7 @@ class InstantSolver:
     def solve(
         self,
         places: list[AskedPlace],
-        previous_um: Row,
+        previous_um: Phasors,
         since_ns: int,
         variances_mm2: list[float] | None = None,
         speed_gains: list[float] | None = None,
@@ -137,7 +137,7 @@ class InstantSolver:
             ellipses += [x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm]
         return contact_shapes(self._modes.tables, disc, array("d", ellipses))
 
-    def _solve_two(self, places: list[AskedPlace], previous_um: Row) -> ModalSolution | None:
+    def _solve_two(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution | None:
         """The paper's case; None for any other."""
         if not (len(places) == 2 == len(self._w_limit_um)):
             return None
@@ -170,7 +170,7 @@ class InstantSolver:
         row = self._modes.at(place[0], place[1])
         return row[0], row[1]
 
-    def _by(self, places: list[AskedPlace], previous_um: Row) -> ModalSolution:
+    def _by(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution:
         """The solution by another rule for points, with real amplitudes."""
         assert self._solve is not None
         rows = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
@@ -194,7 +194,7 @@ class InstantSolver:
         contacts = Contacts(self._contact_shapes(self._disc, places, variances_mm2, forms), self._disc)
         judged = Contacts(self._contact_shapes(judging, places, variances_mm2, forms), judging)
         targets_um = [target_um for _, _, target_um in places[:-1]]
-        problem = Reach(contacts, judged, self._curve, targets_um, self._wire_limit_um, speed_gains, priorities)
+        problem = ReachSearch(contacts, judged, self._curve, targets_um, self._wire_limit_um, speed_gains, priorities)
         return problem.interval(calls)
 
 

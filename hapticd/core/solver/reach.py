@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 from ...values import FloatArray
 from ..friction import FrictionCurve
-from ..phasors import Row
+from ..phasors import Phasors
 from ..plate.contact import Shapes
 from .felt import MISSED_JND, STAY_FRAC, finger_table, solve_felt
 from .felt_descent import COLD, descend
@@ -32,7 +32,7 @@ SLACK_JND: Final = 0.02  # by which another finger may miss more than without th
 class _State:
     """Where a search is: amplitudes, and the fingers' weights."""
 
-    def __init__(self, modal_um: Row, weights: list[float]) -> None:
+    def __init__(self, modal_um: Phasors, weights: list[float]) -> None:
         self.modal_um = modal_um
         self.weights = weights
 
@@ -47,7 +47,7 @@ class Contacts(NamedTuple):
     disc: FloatArray
 
 
-class Reach:
+class ReachSearch:
     """The other fingers and this one, the last: their contacts, as solved for and as judged, targets of the others, and
     all fingers' gains with speed and priorities."""
 

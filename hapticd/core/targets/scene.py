@@ -151,10 +151,10 @@ class Scene:
         held = self._held.get(key)
         return None if held is None else held.owner
 
-    def slide(self, speed_mm_s: float) -> float:
+    def speed_gain(self, speed_mm_s: float) -> float:
         """From now on look up amplitudes for a finger of this predicted speed; return by how much more amplitude it
         needs. The speed of one that hardly moves is noise."""
-        self._sliding.gain = self.friction_curve.stretch(max(speed_mm_s - NOISE_MM_S, 0.0))
+        self._sliding.gain = self.friction_curve.speed_gain(max(speed_mm_s - NOISE_MM_S, 0.0))
         return self._sliding.gain
 
     def amplitude_um(self, key: FingerKey, x_mm: float, y_mm: float) -> float | None:

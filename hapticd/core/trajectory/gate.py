@@ -72,9 +72,7 @@ def _whole_ns(timed: Sequence[object]) -> int | None:
 def _is_within(modal_um: Sequence[complex], limit_um: Sequence[float]) -> bool:
     within = True
     for mode, limit in enumerate(limit_um):
-        w_um = modal_um[mode]
-        size_um = abs(w_um) if isinstance(w_um, float) else math.hypot(w_um.real, w_um.imag)
-        within = within and size_um <= limit
+        within = within and math.hypot(modal_um[mode].real, modal_um[mode].imag) <= limit
     return within
 
 

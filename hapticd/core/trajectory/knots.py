@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from ...values import Knot
-from ..phasors import Row, magnitude, re_im
+from ..phasors import Phasors
 
-Solve = Callable[[int, Knot], Row]  # an instant after the first knot, and the knot before it: the amplitudes there
+Solve = Callable[[int, Knot], Phasors]  # an instant after the first knot, and the knot before it: the amplitudes there
 
 SHORTEST_NS: Final = 500_000  # the board's control tick: a finer polyline is never seen
 GRAIN_NS: Final = 4_000  # the wire's unit of time
@@ -63,15 +63,8 @@ def _missed(solve: Solve, left: Knot, right: Knot, tolerance_um: float) -> _Miss
     share = half_ns / span_ns
     error_um = 0.0
     for mode in range(len(before_um)):
-        before_d_um, before_q_um = re_im(before_um[mode])
-        middle_d_um, middle_q_um = re_im(middle_um[mode])
-        after_d_um, after_q_um = re_im(after_um[mode])
-        miss_um = magnitude(
-            middle_d_um - before_d_um - share * (after_d_um - before_d_um),
-            middle_q_um - before_q_um - share * (after_q_um - before_q_um),
-        )
-        if miss_um > error_um:
-            error_um = miss_um
+        chord_um = before_um[mode] + share * (after_um[mode] - before_um[mode])
+        error_um = max(error_um, abs(middle_um[mode] - chord_um))
     return (error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
 
 

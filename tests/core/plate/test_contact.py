@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.core.plate.contact import contact_gram, contact_grams, disc_points, stretch
+from hapticd.core.plate.contact import contact_gram, contact_grams, disc_points, growth
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import disc
@@ -29,7 +29,7 @@ def test_an_uncertain_disc_is_the_mean_over_the_places_where_it_may_be(modes: Mo
     random, sigma_mm = np.random.default_rng(3), 0.8
     places_mm = np.array([12.0, -30.0]) + sigma_mm * random.normal(size=(4000, 2))
     expected = contact_grams(modes, places_mm, 5.0).mean(axis=0)
-    grown = stretch(sigma_mm**2, 5.0)
+    grown = growth(sigma_mm**2, 5.0)
     stretched = np.array(contact_gram(modes, disc_points(5.0), 12.0, -30.0, (grown, 0.0, grown)))
     certain = np.array(contact_gram(modes, disc_points(5.0), 12.0, -30.0))
     assert np.abs(stretched - expected).max() < 0.3 * np.abs(certain - expected).max()

@@ -11,7 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pipeline_bench import PLATE
 
-from hapticd.core.phasors import Row
+from hapticd.core.phasors import Phasors
 from hapticd.core.plate.contact import contact_grams
 from hapticd.core.solver.instant import LEAST_STEP_UM, AskedPlace, InstantSolver, ModalSolution
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
@@ -28,7 +28,7 @@ def solver() -> InstantSolver:
 def walked(chosen: InstantSolver, first_um: float, second_um: float) -> list[ModalSolution]:
     """The second finger crosses the plate, and with it many singular positions; the first one rests."""
     solutions: list[ModalSolution] = []
-    previous_um: Row = (0j, 0j)
+    previous_um: Phasors = (0j, 0j)
     for step in range(2000):
         places: list[AskedPlace] = [(-9.0, -4.0, first_um), (-50.0 + 0.05 * step, 21.0 - 0.011 * step, second_um)]
         solutions.append(chosen.solve(places, previous_um, STEP_NS))
@@ -94,7 +94,9 @@ def test_when_one_of_two_slipping_fingers_lifts_the_other_feels_nothing_of_it() 
     places=[(0.0, 0.0, 0.0), (16.0, 0.0, 0.3), (-29.0, 0.0, 0.3)], previous_um=(5e-324 + 3j, 0j), since_ns=0
 )
 @settings(max_examples=60)
-def test_no_mode_passes_its_limit_for_any_targets(places: list[AskedPlace], previous_um: Row, since_ns: int) -> None:
+def test_no_mode_passes_its_limit_for_any_targets(
+    places: list[AskedPlace], previous_um: Phasors, since_ns: int
+) -> None:
     solution = solver().solve(places, previous_um, since_ns)
     assert all(math.hypot(w.real, w.imag) <= limit for w, limit in zip(solution.modal_um, W_LIMIT_UM, strict=True))
 
@@ -118,7 +120,7 @@ def test_a_finger_that_lands_turns_the_amplitudes_no_faster_than_the_plate_follo
     plate = GroundTruth(PlateSettings.of("fingertip"))
     chosen = InstantSolver(plate.true_mode_map(), plate.w_limit_um, contact_radius_mm=5.0)
     slipping, landed = (-40.0, 10.0, 1.0), (35.0, -20.0, 0.0)
-    modal_um: Row = (0j,) * 4
+    modal_um: Phasors = (0j,) * 4
     for _ in range(20):
         modal_um = chosen.solve([slipping], modal_um, 8_000_000).modal_um
     first = chosen.solve([slipping, landed], modal_um, 0)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
 
-import mpmath
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.phasors import Row, magnitude
+from hapticd.core.phasors import Phasors
 from hapticd.core.trajectory.knots import GRAIN_NS, SHORTEST_NS, refine
 from hapticd.values import Knot
 
@@ -24,7 +22,7 @@ class Curve:
         self.modes = modes
         self.asked = 0
 
-    def __call__(self, dt_ns: int, _: Knot | None = None) -> Row:
+    def __call__(self, dt_ns: int, _: Knot | None = None) -> Phasors:
         self.asked += 1
         return tuple(mode(dt_ns * 1e-9) for mode in self.modes)
 
@@ -92,16 +90,3 @@ def test_where_knots_are_short_the_worst_chord_is_mended_first() -> None:
     knots = refine(curve, curve.ends(), 1e-4, 6, 99, smooth=False)
     assert len(knots) == 6
     assert all(knot.dt_ns < SPAN_NS / 2 + GRAIN_NS for knot in knots[:-1])
-
-
-# --- magnitudes ---
-
-floats = st.floats(allow_nan=False, allow_infinity=False) | st.sampled_from((5e-324, 1e-160, -1e-140, 1e154, 1.5e308))
-
-
-@given(floats, floats)
-def test_a_magnitude_is_right_to_the_last_bit_but_one_wherever_its_square_would_end(w_d: float, w_q: float) -> None:
-    with mpmath.workprec(200):
-        exact = mpmath.sqrt(mpmath.mpf(w_d) ** 2 + mpmath.mpf(w_q) ** 2)
-        if exact <= sys.float_info.max:
-            assert abs(magnitude(w_d, w_q) - exact) <= 2.0 * math.ulp(float(exact))
