@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,9 +9,7 @@ import pytest
 from hapticd.bench import worlds
 from hapticd.bench.loop import AFTER, GUIDED, HAPTICD, NOTHING_WRONG, PAPER, PERFECT, Job, play
 from hapticd.bench.tables import Table
-from hapticd.config.sections import Config, PredictionConfig
 from hapticd.sim import lockstep
-from hapticd.sim.fingers.pad_noise import PadNoise
 from hapticd.sim.settings import Settings
 from hapticd.sim.world_tolerances import LEVELS
 from hapticd.tools import campaigns
@@ -20,7 +17,7 @@ from hapticd.tools import campaigns
 pytestmark = pytest.mark.long
 
 
-SECONDS, TOUCHING_S = 1.0, 6.0
+SECONDS, TOUCHING_S = 1.0, 12.0
 SOME = ("pad_pose", "sensors", "stamp_jitter_ms")
 
 
@@ -88,8 +85,3 @@ def strokes_leak_um(**errors: Any) -> float:
 
 def test_stamps_that_jitter_by_3_ms_cost_a_tenth_at_most() -> None:
     assert strokes_leak_um(stamp_jitter_ms=3.0) < 1.1 * strokes_leak_um()
-
-
-def test_noise_four_times_the_expected_costs_a_fifth_more_than_if_it_were_configured() -> None:
-    known = replace(Config(), prediction=PredictionConfig(noise_mm=0.2))
-    assert strokes_leak_um(noise=PadNoise(0.2)) < 1.2 * strokes_leak_um(noise=PadNoise(0.2), config=known)
