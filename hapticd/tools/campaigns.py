@@ -116,7 +116,9 @@ def _processes(jobs: int) -> Iterator[tuple[Any, ...]]:
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
     from multiprocessing import active_children, get_context
 
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin) as pool:
+    with ProcessPoolExecutor(
+        jobs, mp_context=get_context("spawn"), initializer=_begin, initargs=(os.getpid(),)
+    ) as pool:
         try:
             yield pool.submit, as_completed, (BrokenExecutor,)
         except BaseException:  # minutes of work that are of no use any more
@@ -125,10 +127,12 @@ def _processes(jobs: int) -> Iterator[tuple[Any, ...]]:
             raise
 
 
-def _begin() -> None:
-    """Leave Ctrl-C to the campaign, and be killed with it: a queue alone would wait for ever."""
+def _begin(campaign: int) -> None:
+    """Leave Ctrl-C to the campaign, a process, and be killed with it: a queue alone would wait for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+    if os.getppid() != campaign:  # it died while this process started
+        os._exit(1)
 
 
 @contextmanager

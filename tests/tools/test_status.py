@@ -26,7 +26,7 @@ REPORTED: dict[str, Any] = {
 
 
 def run(monkeypatch: pytest.MonkeyPatch, reported: Mapping[str, Any] | None, *arguments: str) -> int:
-    monkeypatch.setattr(service, "find", lambda config, _: System(config, Path("/run/here"), reported, "0.1.0"))
+    monkeypatch.setattr(service, "find", lambda config, *_: System(config, Path("/run/here"), reported, "0.1.0"))
     return main(["status", *arguments])
 
 
