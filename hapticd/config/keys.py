@@ -33,10 +33,6 @@ def checked(entry: Field[Any], value: Any, where: str) -> Any:
         if entry.metadata["choices"] and value not in entry.metadata["choices"]:
             raise ConfigError(f"{where}: {shown(value)} is not one of {', '.join(entry.metadata['choices'])}.")
         return value
-    if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise ConfigError(f"{where}: must be true or false, not {shown(value)}.")
-        return value
     if isinstance(default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
         raise ConfigError(f"{where}: must be a whole number, not {shown(value)}.")
     if not _is_number(value):
@@ -70,8 +66,6 @@ def nearest(name: str, valid: Mapping[str, Any]) -> str:
 
 def toml(value: Any) -> str:
     """Format a value as TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, tuple):

@@ -150,15 +150,19 @@ def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_file_names_are_taken_from_the_configurations_own_folder(tmp_path: Path) -> None:
-    (tmp_path / "modes.npz").write_bytes(b"x")
+    for name in ("modes.npz", "pad.jsonl", "fingers.csv"):
+        (tmp_path / name).write_bytes(b"x")
     loaded = load(
         "[plate]\nmodes_file = 'modes.npz'\n"
+        "[trackpad]\nsource = 'replay'\ndevice = 'pad.jsonl'\n[sim]\nscenario = 'fingers.csv'\n"
         "[client]\ntcp = '[::1]:7410'\nkeys_dir = 'keys'\n"
         "[record]\nfile = 'all.mcap'\n",
         tmp_path,
     )
-    found = loaded.plate.modes_file, loaded.client.keys_dir, loaded.record.file
-    assert found == tuple(str(tmp_path.resolve() / name) for name in ("modes.npz", "keys", "all.mcap"))
+    found = loaded.plate.modes_file, loaded.trackpad.device, loaded.sim.scenario
+    found += loaded.client.keys_dir, loaded.record.file
+    names = ("modes.npz", "pad.jsonl", "fingers.csv", "keys", "all.mcap")
+    assert found == tuple(str(tmp_path.resolve() / name) for name in names)
 
 
 @given(st.text(max_size=200))
