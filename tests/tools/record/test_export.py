@@ -107,7 +107,7 @@ def test_the_readme_s_lines_give_texts_that_match(
 def test_one_call_writes_all_formats_and_pandas_reads_the_parquet(
     tmp_path: Path, strokes: Path, refused: Callable[..., str]
 ) -> None:
-    assert "--csv DIR, --hdf5 F.h5 or --parquet DIR" in refused("export", str(strokes))
+    assert "--csv DIR, --hdf5 F.h5, --parquet DIR" in refused("export", str(strokes))
     forms = ["--parquet", str(tmp_path), "--csv", str(tmp_path), "--hdf5", str(tmp_path / "s.h5")]
     assert main(["export", str(strokes), *forms]) == 0
 
