@@ -27,7 +27,7 @@ def test_the_demo_shows_two_fingers_and_writes_its_picture(bench: Bench) -> None
     faults = [line for line in complaints.splitlines() if not re.search(of_a_busy_machine, line)]
     assert (process.returncode, faults) == (0, [])
     lines = output.splitlines()
-    live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +[\d.]+/s  horizon", line)]
+    live = [line for line in lines if re.match(r"(ACTIVE|ARMED|IDLE) +horizon", line)]
     assert 2 <= len(live) <= 4
     assert any("1.00 -> " in line for line in live)  # a pad that was late may have lifted both by the last line
     assert any(re.fullmatch(r"sticky contact, um RMS( +\d+\.\d+){3}", line) for line in lines)
