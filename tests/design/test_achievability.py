@@ -15,7 +15,7 @@ from .reference_plate import grid_points
 PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
 SIZE_MM = (137.5, 137.5)
 OUT_OF_REACH_UM = 1e6
-DESCENT_FRAC = 0.03  # of its reach that a finger beside still ones may lack on more modes than they fix
+DESCENT_FRAC = 0.03  # of its reach that a finger among still ones may lack on more modes than they fix
 EXACT_UM = 1e-7
 
 

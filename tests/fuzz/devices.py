@@ -127,11 +127,11 @@ def check_tracker(data: bytes) -> bool:
 
 def tracker_seeds() -> dict[str, bytes]:
     one, both = {1: (0.25, 0.5)}, {1: (0.25, 0.5), 2: (0.75, 0.5)}
-    told = {
+    sent = {
         "1.1": (tuio1(7, one), tuio1(8, both), tuio.REPEAT, tuio1(9, {2: (0.75, 0.5)})),
         "2.0": (tuio2(7, 3800 * 10**9, one), tuio2(8, 3801 * 10**9, both)),
     }
-    return {name: b"".join(bytes((len(one) // 4, 1)) + one for one in datagrams) for name, datagrams in told.items()}
+    return {name: b"".join(bytes((len(one) // 4, 1)) + one for one in datagrams) for name, datagrams in sent.items()}
 
 
 def check_board(data: bytes) -> bool:

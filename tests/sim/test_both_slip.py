@@ -23,5 +23,6 @@ def figures(settings: Settings) -> tuple[float, float, float]:
 @pytest.mark.long
 def test_free_phases_pass_singular_positions_without_the_catch_of_the_paper_s_signs() -> None:
     ours = Settings(motion=REAL)
-    for phases, signs in zip(figures(ours), figures(paper_settings(ours)), strict=True):
-        assert phases < 0.75 * signs  # 0.46, 0.18 and 0.73
+    most = (0.55, 0.25, 0.75)  # measured: 0.46, 0.18 and 0.73
+    for phases, signs, share in zip(figures(ours), figures(paper_settings(ours)), most, strict=True):
+        assert phases < share * signs

@@ -216,7 +216,7 @@ class SurfaceSet:
 
 
 def _lack_of_room(others: list[Layer], layer: Layer) -> str:
-    """Return why there is no room for a layer beside the others; empty if there is."""
+    """Return why there is no room for another layer; empty if there is."""
     if len(others) >= MAX_SURFACES:
         return f"is one too many: the plate has at most {MAX_SURFACES} surfaces."
     if layer.corners > (corners := MAX_CORNERS - sum([other.corners for other in others])):

@@ -165,7 +165,7 @@ class Chip:
     resets: Mapping[tuple[str, int], tuple[str, ...]]  # a bit of a reset register -> blocks
     references: Mapping[str, tuple[Field, ...]]  # ADCs that read the internal reference, and what that needs
     reference_channel: int
-    boost: int = 0  # bits of an ADC's control register that may stand beside its regulator's
+    boost: int = 0  # bits of an ADC's control register that may be set with its regulator's
     effects: Callable[[Registers], dict[str, Effect]] = lambda _: {}
     identity_at: int
     reference_at: int  # the factory's calibration word of the internal reference
