@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import json
 import logging
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,16 +13,13 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hapticd import __version__
 from hapticd.__main__ import COMMANDS, GROUPS, MOVED, main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config import loader as config
-from hapticd.tools import install_service
 from hapticd.tools.demo import program as demo
-from hapticd.tools.version import version_text
 
 
 @pytest.fixture(autouse=True)
@@ -96,27 +91,6 @@ def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> Non
     assert re.fullmatch(rf"hapticd {re.escape(__version__)}( \(commit [0-9a-f]{{7,}}(-dirty)?\))?\n", output)
 
 
-def git(folder: Path, *words: str) -> str:
-    as_someone = ["-c", "user.name=T", "-c", "user.email=t@example.org"]
-    command = ["git", "-C", str(folder), *as_someone, *words]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-
-@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
-def test_the_version_of_a_checkout_has_its_commit_and_that_of_a_package_has_none(tmp_path: Path) -> None:
-    assert version_text(tmp_path) == __version__
-    git(tmp_path, "init", "--quiet")
-    (tmp_path / "file").write_text("1", encoding="utf-8")
-    git(tmp_path, "add", "file")
-    git(tmp_path, "commit", "--quiet", "--message", "first")
-    commit = git(tmp_path, "rev-parse", "--short", "HEAD")
-    assert version_text(tmp_path) == f"{__version__} (commit {commit})"
-    (tmp_path / "file").write_text("2", encoding="utf-8")
-    assert version_text(tmp_path) == f"{__version__} (commit {commit}-dirty)"
-    (tmp_path / ".git" / "HEAD").write_text("damaged", encoding="utf-8")
-    assert version_text(tmp_path) == __version__
-
-
 def test_the_printed_configuration_is_a_file_that_means_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,17 +103,6 @@ def test_the_printed_configuration_is_a_file_that_means_the_same(
     assert table["limits"]["w_limit_um"] == [3.0, 2.5]
     assert table["device"]["port"] == "sim"
     assert config.from_table(table, where="printed", folder=tmp_path) == config.load(given)
-
-
-def test_a_played_scenario_gives_figures_and_arrays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "run.npz"
-    arguments = ("simulate", "strokes", "--seconds", "0.8", "--alone", "--json", "-", "--out", str(out))
-    code, output, report = outcome(capsys, *arguments)
-    assert code == 0
-    assert json.loads(output)
-    assert "0.8 s of virtual time" in report
-    with np.load(out) as arrays:
-        assert arrays["truth_um"].shape == (1600, 2)
 
 
 def test_a_world_is_drawn_or_comes_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -165,16 +128,6 @@ def test_the_service_imports_no_other_command() -> None:
     others = {command.module for name, command in COMMANDS.items() if name != "run"}
     assert not {f"hapticd.{module}" for module in others} & set(loaded)
     assert not any(name.startswith(("hapticd.sim", "numpy")) for name in loaded)
-
-
-def test_a_file_that_cannot_be_written_is_one_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def refused(*_: object) -> str:
-        raise PermissionError(errno.EACCES, "Permission denied", "/etc/hapticd")
-
-    monkeypatch.setattr(install_service, "install", refused)
-    assert outcome(capsys, "service", "install") == (1, "", "hapticd: /etc/hapticd: Permission denied\n")
 
 
 SIMULATE = ("simulate", "rest", "--seconds", "0.2", "--alone", "--json")
@@ -209,15 +162,3 @@ def test_a_demo_without_matplotlib_says_so_at_its_start_and_goes_on(
     assert output.startswith(f"without a picture: A picture needs matplotlib: run `{sys.executable} -m pip install ")
     assert outcome(capsys, "demo", "--out", "no-picture-yet.png")[0] == 1  # it was asked for
     assert len(played) == 1
-
-
-def test_a_demo_keeps_an_earlier_picture_unless_it_is_forced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    played: list[Path | None] = []
-    monkeypatch.setattr(demo, "_play", lambda _options, _sim, out: played.append(out))
-    monkeypatch.chdir(tmp_path)
-    Path("demo.png").write_text("a day's work", encoding="utf-8")
-    assert outcome(capsys, "demo")[0] == 2
-    assert outcome(capsys, "demo", "--force")[0] == 0
-    assert played == [Path("demo.png")]

@@ -36,8 +36,3 @@ def test_bash_completes_commands_and_their_options(tmp_path: Path, capsys: pytes
     assert completed("sim") == {"simulate"}
     assert {"--seed", "--scenario"} & completed("simulate", "--s")
     assert "--participant" in completed("calibrate", "friction", "--p")
-
-
-def test_an_unknown_shell_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--completion", "fish"]) != 0
-    assert "there is no 'fish'" in capsys.readouterr().err

@@ -135,25 +135,6 @@ def test_no_arrow_between_parts_runs_back_up() -> None:
     assert_no_circle({part: {name.split(".")[0] for name in allowed} for part, allowed in ALLOWED.items()})
 
 
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ('run([executable, "-P", "-m", "hapticd.sim.rig.program"])', {"hapticd.sim.rig.program"}),
-        ('PROCESS = "hapticd.sim.rig.program"', {"hapticd.sim.rig.program"}),
-        ('import_module("hapticd.bench")', {"hapticd.bench"}),
-        ('import_module(".machine", __package__)', {"hapticd.daemon.machine"}),
-        ('run(("-m", "hapticd", "firmware", "selftest"))', {"hapticd.tools.firmware.program"}),
-        ('log = getLogger("hapticd")', set()),
-        ('path = "hapticd.toml"', set()),
-    ],
-)
-def test_what_is_imported_or_run_by_a_string_is_seen(source: str, found: set[str], tmp_path: Path) -> None:
-    part = tmp_path / "hapticd" / "daemon" / "some.py"
-    part.parent.mkdir(parents=True)
-    part.write_text(source, encoding="utf-8")
-    assert named_modules(part, tmp_path / "hapticd") == found
-
-
 def assert_no_circle(graph: dict[str, set[str]]) -> None:
     try:
         TopologicalSorter(graph).prepare()
@@ -239,21 +220,6 @@ def test_a_heavy_library_is_imported_where_it_is_needed_alone(libraries: set[str
         roots = {name.split(".")[0] for name in imported_names(path)}
         is_allowed = str(path.relative_to(PACKAGE)).startswith(parts)
         assert is_allowed or not roots & libraries, path
-
-
-def test_a_name_of_many_homes_has_one() -> None:
-    """What misled most: the same word for another thing, or for the same one written again."""
-    homes: dict[str, list[str]] = {}
-    for path in PACKAGE.rglob("*.py"):
-        for node in parsed(path).body:
-            if isinstance(node, ast.ClassDef):
-                homes.setdefault(node.name, []).append(module_of(path))
-            elif isinstance(node, ast.Assign):
-                for target in node.targets:
-                    if isinstance(target, ast.Name):
-                        homes.setdefault(target.id, []).append(module_of(path))
-    single = ("Verdict", "Predictor", "Problem", "FloatArray", "ComplexArray", "FingerKey", "PeriodicTimer")
-    assert {name: homes[name] for name in single if len(homes.get(name, [])) > 1} == {}
 
 
 def test_what_only_tests_use_lives_in_tests() -> None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
 
 import hapticd.sim
@@ -59,21 +57,6 @@ def test_references_predictors_and_clients_have_these_functions() -> None:
     for predictor in predictors:
         assert all(callable(getattr(predictor, name)) for name in ("update", "predict", "reset", "covariance"))
     assert all(callable(getattr(Client, name)) for name in ("fingers", "states", "status", "__enter__"))
-
-
-def test_inside_says_which_points_lie_on_the_map() -> None:
-    axis_mm = np.linspace(-10.0, 10.0, 5)
-    modes = ModeShapes.from_grid(axis_mm, axis_mm, np.ones((2, 5, 5)))
-    points_mm = [[10.0, -10.0], [10.01, 0.0], [0.0, -math.inf], [math.nan, 0.0], [0.0, 0.0]]
-    assert modes.M == 2
-    assert modes.inside(points_mm).tolist() == [True, False, False, False, True]
-
-
-def test_a_free_plates_mode_is_a_function_of_places() -> None:
-    frequency_hz, shape = free_plate_modes()[0]
-    points_mm = np.array([[0.0, 0.0], [10.0, -20.0]])
-    assert 28000.0 < frequency_hz < 30500.0
-    assert shape(points_mm).tolist() == shape.evaluate(points_mm).tolist()
 
 
 def test_a_run_has_its_arrays_by_name_and_takes_settings_by_name() -> None:

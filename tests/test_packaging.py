@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import runpy
 import shutil
 import subprocess
 import sys
@@ -42,11 +41,6 @@ def listed_paths() -> Iterator[str]:
 @pytest.mark.parametrize("path", sorted(set(listed_paths())))
 def test_a_path_that_pyproject_names_is_there(path: str) -> None:
     assert [*ROOT.glob(path)] if path != "." else ROOT.is_dir()
-
-
-def test_all_is_every_extra_that_people_use() -> None:
-    extras = PYPROJECT["project"]["optional-dependencies"]
-    assert extras["all"] == [f"hapticd[{','.join(sorted(set(extras) - {'all', 'docs', 'lint', 'test'}))}]"]
 
 
 @pytest.mark.parametrize(
@@ -143,17 +137,3 @@ def test_without_a_compiler_a_build_ends_with_that_sentence(checkout: Path, no_c
     assert re.search(r"^error: hapticd is not built: .*sudo apt install build-essential", done.stderr.splitlines()[-1])
     assert "Traceback" not in done.stderr
     assert not [*(checkout / "build").rglob("*.c")]  # mypyc did not begin
-
-
-def test_a_compiler_without_pythons_header_is_named_with_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    prerequisites = runpy.run_path(str(ROOT / "hapticd/compiled/prerequisites.py"))
-    assert prerequisites["missing"]() == ""
-    monkeypatch.setattr(prerequisites["sysconfig"], "get_path", lambda _name: "/nowhere")
-    assert re.search(r"cannot build a module for Python \(.*Python\.h.*\)", prerequisites["missing"]())
-
-
-def test_an_old_python_is_told_which_one_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    prerequisites = runpy.run_path(str(ROOT / "hapticd/compiled/prerequisites.py"))
-    assert PYPROJECT["project"]["requires-python"] == ">={}.{}".format(*prerequisites["OLDEST_PYTHON"])
-    monkeypatch.setattr(sys, "version_info", (3, 10, 13, "final", 0))
-    assert re.match(r"hapticd needs Python 3\.11 or newer, and .* is 3\.10: name another", prerequisites["missing"]())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import subprocess
 import sys
@@ -34,20 +33,6 @@ def tasks_of(load: str, **environ: str) -> list[str]:
 )
 def test_an_entry_point_starts_no_threads_for_numpy(entry: str) -> None:
     assert tasks_of(f"import {entry}") == ["1", "1", "1", "1"]
-
-
-def started_commands(path: Path) -> list[list[ast.expr]]:
-    """The lists of words in a file that begin with the interpreter."""
-    text = path.read_text(encoding="utf-8")
-    nodes = ast.walk(ast.parse(text)) if "sys.executable" in text else ()
-    lists = [node for node in nodes if isinstance(node, ast.List)]
-    return [one.elts for one in lists if one.elts and ast.unparse(one.elts[0]) == "sys.executable"]
-
-
-def test_every_child_process_is_started_isolated_from_the_current_directory() -> None:
-    found = [command for path in sorted(PACKAGE.rglob("*.py")) for command in started_commands(path)]
-    assert len(found) >= 4
-    assert [ast.unparse(command[1]) for command in found] == ["'-P'"] * len(found)
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 from pathlib import Path
 
@@ -84,65 +83,3 @@ def test_content_that_is_not_a_regular_file_is_refused_at_once(name: str, suffix
 
 
 # --- one place ------------------------------------------------------------------------------------------------------
-
-ROOT = Path(__file__).parents[1]
-PACKAGES = (ROOT / "hapticd", ROOT / "clients" / "python" / "hapticd_client")
-OPENERS = {
-    *(
-        "open",
-        "io.open",
-        "os.open",
-        "Image.open",
-        "wave.open",
-        "tarfile.open",
-        "np.load",
-        "np.loadtxt",
-        "np.genfromtxt",
-    ),
-    *("np.fromfile", "np.memmap", "h5py.File", "zipfile.ZipFile", "zmq.auth.load_certificate", "tomllib.load"),
-}
-READING_METHODS = {"read_text", "read_bytes"}
-READ_ELSEWHERE = {
-    "regular_file.py": "the one place",
-    "compiled/build_ext.py": "the checkout's pyproject.toml",
-    "formats/npz.py": "an archive in memory",
-    "tools/plotting.py": "a picture in memory",
-    "files/recording/mcap_writer.py": "writes",
-    "io/devices/replay.py": "writes",
-    "io/clients/runtime_dir.py": "its own lock",
-    "io/host/cpu_latency.py": "the kernel's device",
-    "io/host/journal.py": "its own standard error",
-    "sim/plate/stored.py": "its own package's file",
-    "sim/rig/process.py": "the history that its own process wrote",
-    "tools/campaigns.py": "its own package's files",
-    "tools/doctor/bundle.py": "its own recording, and the archive that it writes",
-    "tools/doctor/finding.py": "the kernel's files",
-    "tools/doctor/service.py": "the daemon's lock",
-    "tools/record/export.py": "writes",
-    "tools/firmware/program.py": "/dev/null",
-    "tools/firmware/text.py": "/dev/null",
-    "tools/install_service.py": "its own package's files",
-    "tools/web/application.py": "its own package's page",
-    "__main__.py": "/dev/null",
-    "image.py": "a picture in memory, of two formats",
-}
-
-
-def opens(path: Path) -> bool:
-    """Whether a module opens files by itself."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call):
-            name = ast.unparse(node.func)
-            is_path = isinstance(node.func, ast.Attribute) and node.func.attr == "open" and bool(node.args)
-            is_mode = is_path and isinstance(node.args[0], ast.Constant) and isinstance(node.args[0].value, str)
-            if name in OPENERS or is_mode or name.rpartition(".")[2] in READING_METHODS:
-                return True
-    return False
-
-
-def test_files_are_opened_for_reading_in_one_place_of_each_package() -> None:
-    found = {
-        path.relative_to(package).as_posix() for package in PACKAGES for path in package.rglob("*.py") if opens(path)
-    }
-    assert found - READ_ELSEWHERE.keys() == set()
-    assert READ_ELSEWHERE.keys() - found == set()

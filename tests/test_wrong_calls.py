@@ -36,8 +36,6 @@ def _in_an_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("simulate strokes --sped 50", "usage: hapticd simulate ", "unknown argument --sped: did you mean --speed?"),
         ("service keys make . --forse", "usage: hapticd service keys make ", "unknown argument --forse"),
-        ("calibrate modes --sacn x.csv", "usage: hapticd calibrate modes ", "did you mean --scan?"),
-        ("firmware telemetry --sim --rates 5", "usage: hapticd firmware telemetry ", "did you mean --rate?"),
         ("status a.mcap", "usage: hapticd status ", "unknown argument a.mcap"),
         ("--vresion", "usage: hapticd ", ""),
     ],
@@ -56,25 +54,12 @@ def test_an_unknown_word_gets_the_usage_of_its_own_command_and_the_nearest_word(
     [
         ("simulat strokes", "COMMAND: there is no 'simulat': did you mean simulate?"),
         ("simulate stroke", "SCENARIO: there is no 'stroke': did you mean strokes?"),
-        ("service keys mak .", "ACTION: there is no 'mak': did you mean make?"),
         ("play a.png --seconds 0", "--seconds: 0 is out of bounds, it must be above 0."),
         ("simulate strokes --seconds abc", "--seconds: 'abc' is not a number."),
-        ("simulate strokes --seed 1.5", "--seed: '1.5' is not a whole number."),
-        ("plate map --cells=-1", "--cells: -1 is out of bounds, it must be 2 .. 401."),
         ("firmware telemetry --sim --rate 0", "--rate: 0 is out of bounds, it must be 1 .. 65535."),
-        ("firmware telemetry --sim --rate 70000", "--rate: 70000 is out of bounds, it must be 1 .. 65535."),
-        ("calibrate prediction --strokes nan", "--strokes: nan is out of bounds, it must be above 0."),
         ("simulate strokes --seconds 1e12", "--seconds: 1e+12 is out of bounds, it must be 0.01 .. 3600."),
-        ("simulate strokes --speed 1e9", "--speed: 1e+09 is out of bounds, it must be above 0 and at most 2000."),
-        ("stream prometheus --port nan", "--port: 'nan' is not a whole number."),
-        ("stream prometheus --port 65536", "--port: 65536 is out of bounds, it must be 0 .. 65535."),
         ("view --port -1", "--port: -1 is out of bounds, it must be 0 .. 65535."),
-        ("record a.mcap --seconds nan", "--seconds: nan is out of bounds, it must be above 0."),
         ("firmware raw --sim --volts nan", "--volts: 'nan' is not a finite number."),
-        ("firmware raw --sim --volts 5 --phase=inf", "--phase: 'inf' is not a finite number."),
-        ("firmware telemetry --sim --seconds=-3", "--seconds: -3 is out of bounds, it must be above 0."),
-        ("firmware sweep --sim --points 1.5", "--points: '1.5' is not a whole number."),
-        ("play a.png --width-mm 0", "--width-mm: 0 is out of bounds, it must be 0.1 .. 1000."),
         (
             "play .",
             ".: must end in one of .png, .jpg, .jpeg, .npy, .wav, .ahap, .hjif.",
@@ -93,18 +78,12 @@ def test_a_wrong_value_is_one_sentence_with_the_name_that_was_typed(
     [
         # a file that is not there
         "replay none.mcap",
-        "export none.mcap --plot a.png",
-        "plate map --modes none.npz",
-        "calibrate modes --scan none.csv",
         "calibrate friction --readings none.csv",
         "service keys allow . none.key",
         # a value that cannot be
         "simulate strokes --speed nan",
-        "simulate dance",
-        "plate --material cheese",
         "plate map --finger 900,0",
         "service keys make . a/b",
-        "firmware info --sim --baud 1",
         "calibrate trackpad --sim --marks 1",
         # an option that is missing
         "firmware info",

@@ -30,34 +30,6 @@ from .sections import (
 )
 
 MAX_PORT = 65535
-# Keys of earlier versions, and what to do after removing the line; a constant took the place of most.
-GONE = {
-    "plate.parasitic_modes_file": "",
-    "plate.parasitic_detuning_hz": "",
-    "plate.parasitic_decay_1_s": "",
-    "trackpad.silence_ms": "",
-    "trackpad.rotation_deg": " and write trackpad.matrix",
-    "trackpad.scale": " and write trackpad.matrix",
-    "trackpad.model": " and write trackpad.device",
-    "trackpad.tuio_address": " and write trackpad.device",
-    "trackpad.replay_file": " and write trackpad.device",
-    "device.fast_baud": "",
-    "device.link_ms": "",
-    "device.loop_delay_ms": "",
-    "device.self_test": ": device.calibration_file has the board tested",
-    "limits.headroom_frac": "",
-    "prediction.noise_mm": "",
-    "solver.tolerance_um": "",
-    "solver.max_knots": "",
-    "uncertainty.touched_map_frac": "",
-    "uncertainty.touched_mm": "",
-    "uncertainty.latency_ms": "",
-    "client.runtime_dir": " and set the environment variable HAPTICD_RUNTIME_DIR",
-    "sim.fingers_file": " and write sim.scenario",
-    "realtime.lock_memory": ": realtime.fifo_priority has memory locked",
-    "realtime.stay_awake": ": realtime.fifo_priority keeps processors awake",
-    "record.max_files": "",
-}
 FINGER_FILES = (".csv", ".mcap")
 MIN_DETERMINANT = 0.1  # of trackpad.matrix: scales of 0.5, the least allowed, have 0.25
 
@@ -162,9 +134,6 @@ def _section(section_type: type, table: Mapping[str, Any], where: str) -> Any:
     values = {}
     for name, value in table.items():
         if name not in by_name:
-            key = f"{where.rpartition(' ')[2]}.{name}"
-            if key in GONE:
-                raise ConfigError(f"{where}.{name}: this key is gone: remove the line{GONE[key]}.")
             raise ConfigError(f"{where}.{name}: unknown key{nearest(name, by_name)}")
         values[name] = checked(by_name[name], value, f"{where}.{name}")
     return section_type(**values)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from asynchronous import wait_for
 from fake_daemon import FakeDaemon
-from PIL import Image
 
 from hapticd.core.targets import assets as store
-from hapticd_client import Asset, Client, HapticdError, Map, Rectangle, RefusedError, asset
+from hapticd_client import Asset, Client, HapticdError, Map, Rectangle, asset
 from hapticd_client.asset import upload
-from hapticd_contract.contents import MAX_ASSET_SIDE
-from hapticd_contract.requests import MAX_ASSET_BYTES
 
 STRIPES = np.tile(np.array([0, 255] * 512, dtype=np.uint8), (1024, 1))
 PITCH_MM = 137.5 / 1023
@@ -27,10 +22,6 @@ def felt_um(daemon: FakeDaemon, column: float) -> float:
     return daemon.felt_um((column - 511.5) * PITCH_MM)
 
 
-def test_the_library_and_the_daemon_have_the_same_bounds() -> None:
-    assert MAX_ASSET_BYTES == store.MAX_ASSET_BYTES == MAX_ASSET_SIDE**2
-
-
 def test_a_picture_of_1024_pixels_is_felt_at_its_own_resolution_and_shared(daemon: FakeDaemon, client: Client) -> None:
     picture = client.asset(STRIPES)
     client.surface("photo", map=Map(picture, high_um=2.0))
@@ -38,12 +29,6 @@ def test_a_picture_of_1024_pixels_is_felt_at_its_own_resolution_and_shared(daemo
     client.set(1, map=Map(picture, high_um=1.0))
     assert [felt_um(daemon, column) for column in (510, 511, 512, 513)] == pytest.approx([0, 2, 0, 2], abs=1e-9)
     assert daemon.scene.assets.report() == {"count": 1, "uploads": 0, "bytes": 2**20}
-
-
-def test_a_picture_file_is_an_asset(client: Client, tmp_path: Path) -> None:
-    Image.fromarray(STRIPES[:40, :60]).save(tmp_path / "stripes.png")
-    picture = client.asset(tmp_path / "stripes.png")
-    assert (picture.width, picture.height) == (40, 40)  # the middle square
 
 
 def test_a_restarted_daemon_gets_the_assets_in_use_again(daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,22 +56,6 @@ def test_a_client_that_changes_its_picture_all_the_time_always_finds_room(daemon
         levels = bytes([frame]) * 1024
         client.surface("video", map=Map(client.asset([levels] * 1024), high_um=2.55))
     assert felt_um(daemon, 0) == pytest.approx(0.01 * frame)
-
-
-@pytest.mark.parametrize(
-    ("source", "sentence"),
-    [
-        ([[256]], "map: levels must be whole numbers from 0 to 255."),
-        ([], "map: 0 x 0 pixels, each side must have 1 .. 1024."),
-        ([[0] * 1025], "map: 1025 x 1 pixels, each side must have 1 .. 1024."),
-        (7, "map: must have rows of numbers, such as a two-dimensional array."),
-        ("no such file.png", "no such file.png: cannot be read (No such file or directory)."),
-    ],
-)
-def test_a_wrong_source_is_one_sentence(source: Any, sentence: str, client: Client) -> None:
-    with pytest.raises(RefusedError) as refused:
-        client.asset(source)
-    assert str(refused.value) == sentence
 
 
 def test_a_daemon_that_keeps_no_part_is_not_asked_forever() -> None:
@@ -118,14 +87,3 @@ def test_the_end_of_a_client_does_not_wait_for_a_daemon_per_asset(
         assert keeper._thread is not None
         keeper._thread.join(20.0)
     assert asked == ["asset"]
-
-
-def test_a_client_that_is_closed_on_a_thread_of_its_program_has_released_when_that_returns(daemon: FakeDaemon) -> None:
-    def body() -> None:
-        with Client(daemon.directory) as client:
-            client.surface("pad", Rectangle(10, 10), amplitude_um=1.0)
-
-    thread = threading.Thread(target=body, name="hapticd-view")
-    thread.start()
-    thread.join()
-    assert daemon.scene.surfaces.layers == []

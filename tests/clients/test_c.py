@@ -86,27 +86,6 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ctypes.CDLL]:
     return loaded
 
 
-def test_another_language_sets_targets_and_reads_states_by_its_foreign_functions(
-    library: ctypes.CDLL, daemon: FakeDaemon
-) -> None:
-    daemon.fingers = {1: (-20.5, 4.0)}
-    plate = library.hapticd_open(str(daemon.directory).encode(), b"ctypes", PATIENCE_S)
-    assert library.hapticd_error(plate) == b""
-    assert library.hapticd_set_friction(plate, 1, 0.2) == 0
-    state = State()
-    for _ in range(200):  # for longer than its time to live
-        assert library.hapticd_read(plate, state, PATIENCE_S) == 0
-    assert state.fingers == 1
-    finger = state.finger[0]
-    assert (finger.id, finger.x_mm, finger.y_mm) == (1, -20.5, 4.0)
-    assert finger.target_um > 0.0
-    assert library.hapticd_set_friction(plate, 1, 1.5) == REFUSED
-    assert b"out of bounds" in library.hapticd_error(plate)
-    assert daemon.scene.owner_of(1) == "ctypes"
-    library.hapticd_close(plate)
-    assert daemon.scene.owner_of(1) is None
-
-
 def test_a_finger_that_lifted_is_forgotten_so_that_others_find_room(library: ctypes.CDLL, daemon: FakeDaemon) -> None:
     plate = library.hapticd_open(str(daemon.directory).encode(), b"ctypes", PATIENCE_S)
     state = State()

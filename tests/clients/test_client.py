@@ -187,37 +187,6 @@ def test_an_older_daemon_is_not_sent_what_it_does_not_know(
     assert daemon.refusals == []
 
 
-def test_a_priority_is_sent_with_its_target_until_the_next_one(daemon: FakeDaemon, client: Client) -> None:
-    client.virtual("ghost", (0.0, 0.0))
-    client.set(1, friction=0.5, priority=2)
-    client.set("ghost", friction=0.5, priority=3)
-    assert daemon.scene.priorities([1, 2, "ghost"]) == [2, 0, 3]
-    client.set(1, friction=0.4)
-    assert daemon.scene.priorities([1, "ghost"]) == [0, 3]
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {},
-        {"friction": 0.5, "amplitude_um": 1.0},
-        {"friction": 1.5},
-        {"amplitude_um": 1.0, "ttl_s": 0.001},
-        {"map": Map(np.array([[0.5]]), high_um=1.0)},
-        {"map": Map([[0] * 129], high_um=1.0)},
-    ],
-)
-def test_an_invalid_target_is_refused_without_waiting_and_leaves_other_fingers(
-    daemon: FakeDaemon, client: Client, arguments: dict[str, Any]
-) -> None:
-    daemon.fingers = {1: (0.0, 0.0)}
-    client.set(1, amplitude_um=1.0)
-    with pytest.raises(RefusedError):
-        client.set(2, **arguments, wait=False)
-    state_when(client, lambda state: target_um(state, 1) == 1.0)
-    assert daemon.refusals == []
-
-
 def test_more_maps_than_a_message_holds_are_refused_before_they_cost_the_connection(
     daemon: FakeDaemon, client: Client
 ) -> None:
@@ -239,20 +208,6 @@ def test_a_virtual_finger_walks_feels_and_is_released_by_its_name(client: Client
     state_when(client, lambda state: abs(finger_of(state, "ghost").x_mm - first.x_mm) > 5)
     client.release("ghost")
     state_when(client, lambda state: finger_of(state, "ghost") is None)
-
-
-def test_a_virtual_finger_needs_a_place_or_a_path(client: Client) -> None:
-    bad: list[dict[str, Any]] = [
-        {},
-        {"position_mm": (0, 0), "path": [(0, 0)]},
-        {"path": []},
-        {"path": [(0, 0)] * 65},
-        {"position_mm": (0, math.nan)},
-        {"position_mm": (0, 0, 0)},
-    ]
-    for arguments in bad:
-        with pytest.raises(RefusedError):
-            client.virtual("ghost", **arguments)
 
 
 # --- time to live -----------------------------------------------------------------------------------------------
@@ -487,33 +442,6 @@ def test_what_cannot_be_recorded_is_one_sentence(daemon: FakeDaemon, tmp_path: P
             pass
     with pytest.raises(HapticdError, match="this daemon is on another machine"):
         Recording(Endpoint(host="10.0.0.1", port=7410), tmp_path / "b.mcap", (), replays=False)
-
-
-def test_a_program_whose_python_lacks_hapticd_records_by_the_command_in_its_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("hapticd_client.recording.find_spec", lambda _name: None)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(HapticdError, match="install it in this Python, or put its folder into PATH"):
-        Recording(Endpoint(tmp_path), tmp_path / "a.mcap", (), replays=False)
-    command = tmp_path / "hapticd"
-    command.write_text('#!/bin/sh\necho "asked: $1 $2"\n')
-    command.chmod(0o755)
-    with (
-        pytest.raises(HapticdError, match=f"asked: record {tmp_path}/a.mcap"),
-        Recording(Endpoint(tmp_path), tmp_path / "a.mcap", (), replays=False),
-    ):
-        pass
-
-
-def test_a_marker_reaches_the_daemon_and_comes_back_with_its_instant(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory, "study") as client:
-        t_ns = client.marker("trial 7 begins")
-        client.marker("onset", pulse=True)
-
-    assert [(one.client, one.text) for one in daemon.markers] == [("study", "trial 7 begins"), ("study", "onset")]
-    assert [one.pulse for one in daemon.markers] == [False, True]
-    assert t_ns > 0
 
 
 def test_the_reach_is_that_of_a_finger_or_of_a_place(daemon: FakeDaemon, client: Client) -> None:

@@ -6,7 +6,6 @@ import json
 import math
 import struct
 import wave
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -443,18 +442,27 @@ def test_a_file_that_cannot_be_played_is_one_sentence(name: str, data: bytes, se
     assert str(refused.value).endswith(".") or "must end in one of" in sentence
 
 
-NAMES = (
-    *("Pattern", "Event", "EventType", "Time", "EventDuration", "EventParameters", "ParameterID", "ParameterValue"),
-    *("ParameterCurve", "ParameterCurveControlPoints", "Parameter", "perceptions", "perception_modality", "channels"),
-    *("bands", "band_type", "effects", "effect_type", "id", "position", "keyframes", "relative_position", "timescale"),
-    *("amplitude_modulation", "frequency_modulation", "effect_library", "unit_exponent", "gain", "base_signal"),
-)
-TEXTS = ("HapticTransient", "HapticContinuous", "HapticIntensity", "HapticIntensityControl", "HapticSharpnessControl")
-TEXTS += ("Friction", "Vibrotactile", "Vibrotactile Texture", "Curve", "Wave", "Transient", "Basis", "Reference")
-leaves = st.sampled_from(TEXTS) | st.sampled_from([0, 1, -1, 0.3, 250, 1e9, -1e300, 1e300, None, True]) | st.floats()
+leaves = st.sampled_from(["HapticTransient", "Wave", 0, -1, 250, -1e300, 1e300, None, True]) | st.floats()
 strange = st.recursive(
-    leaves, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(NAMES), inner, max_size=6)
+    leaves, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=3)
 )
+WHOLE = {
+    "Pattern": [
+        event("HapticContinuous", 0.0, 1.0, HapticIntensity=0.8),
+        curve("HapticIntensityControl", 0.0, (0.0, 1.0), (0.5, 0.5)),
+    ],
+    "timescale": 1000,
+    "perceptions": [
+        perception(
+            "Vibrotactile",
+            band("Wave", effect(0, (0, 0.5, 60), (200, 1.0, None)), {"effect_type": "Reference", "id": 7}),
+            band("Transient", effect(1000, (0, 0.8, 250))),
+            library=[effect(0, (0, 1.0, None), (9, 0.5, None)) | {"id": 7}],
+        ),
+        perception("Friction", band("Curve", effect(0, (0, 1.0, None), (137, 0.0, None)), curve_type="Linear")),
+        perception("Vibrotactile Texture", band("Wave", effect(0, (0, 0.5, 250)))),
+    ],
+}
 
 
 def damaged(document: Any, path: list[int], value: Any) -> Any:
@@ -466,29 +474,6 @@ def damaged(document: Any, path: list[int], value: Any) -> Any:
     copy = document.copy()
     copy[key] = damaged(copy[key], path[1:], value)
     return copy
-
-
-WHOLE = {
-    "Pattern": [
-        event("HapticTransient", 0.1, HapticIntensity=0.5, HapticSharpness=0.0),
-        event("HapticContinuous", 0.0, 1.0, HapticIntensity=0.8),
-        curve("HapticIntensityControl", 0.0, (0.0, 1.0), (0.5, 0.5)),
-        curve("HapticSharpnessControl", 0.0, (0.0, 0.5)),
-        {"Parameter": {"ParameterID": "HapticIntensityControl", "ParameterValue": 1, "Time": 0.2}},
-    ],
-    "timescale": 1000,
-    "perceptions": [
-        perception(
-            "Vibrotactile",
-            band("Wave", effect(0, (0, 0.5, 60), (200, 1.0, None)), {"effect_type": "Reference", "id": 7}),
-            band("Curve", effect(5, (0, 0.5, None), (200, 1.0, None)), curve_type="Linear"),
-            band("Transient", effect(1000, (0, 0.8, 250))),
-            library=[effect(0, (0, 1.0, None), (9, 0.5, None)) | {"id": 7}],
-        ),
-        perception("Friction", band("Curve", effect(0, (0, 1.0, None), (137, 0.0, None)))),
-        perception("Vibrotactile Texture", band("Wave", effect(0, (0, 0.5, 250)))),
-    ],
-}
 
 
 @pytest.mark.filterwarnings("ignore::hapticd_client.content.DroppedWarning")
@@ -506,31 +491,6 @@ def test_a_damaged_file_is_refused_or_gives_effects_that_the_library_sends(
     for one in score.effects:
         assert one.begin_s >= 0.0
         assert checked(one.form)
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda path: path / "no.wav", "cannot be read (No such file or directory)."),
-        (lambda path: path / "no.ahap", "cannot be read (No such file or directory)."),
-        (lambda path: path / "no.npy", "cannot be read (No such file or directory)."),
-        (lambda path: wav(path / "a.wav", np.zeros(800)), "has no sound."),
-        (
-            lambda path: wav(path / "a.wav", np.ones(8), rate_hz=100),
-            "a.wav: has 100 samples per second, it must have 200 .. 192000: save it at another rate.",
-        ),
-        (
-            lambda path: wav(path / "a.wav", np.ones(640 * 200), rate_hz=200),
-            "a.wav: lasts 640 s, it must last 600 s at most: divide it.",
-        ),
-    ],
-)
-def test_a_file_that_is_missing_or_silent_is_one_sentence(
-    make: Callable[[Path], Path], sentence: str, tmp_path: Path
-) -> None:
-    with pytest.raises(RefusedError) as refused:
-        content.load(make(tmp_path))
-    assert sentence in str(refused.value)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])

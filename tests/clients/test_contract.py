@@ -19,14 +19,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-import hapticd_client
 from hapticd.core.targets import client_registry as client_registry
 from hapticd.errors import RequestError
 from hapticd.wire import client as wire
 from hapticd_client import HapticdError, Map, RefusedError, endpoint, messages, target_set
 from hapticd_client.checks import checked
-from hapticd_client.endpoint import default_directory, directory
-from hapticd_contract import contents
+from hapticd_client.endpoint import default_directory
 from hapticd_contract.contents import Grating, Noise
 from hapticd_contract.effects import Effect, Envelope, Pulse
 from hapticd_contract.requests import UNREAD_REQUEST_ID, SetRequest
@@ -131,18 +129,6 @@ def test_what_the_library_takes_the_daemon_takes_and_nothing_else(content: Any) 
     assert taken(lambda: checked(content)) == taken(lambda: wire.decode_targets(payload))
 
 
-@given(st.lists(st.lists(st.integers(-1, 256), max_size=3), max_size=3), any_number)
-@settings(max_examples=200)
-def test_what_the_library_takes_for_a_map_is_one(rows: list[list[int]], high: float) -> None:
-    good = len(rows) > 0 and len(rows[0]) > 0 and len({len(row) for row in rows}) == 1
-    good = good and all(0 <= level <= 255 for row in rows for level in row) and 0 <= high <= 1000
-    if good:
-        assert Map(rows, high_um=high).message.levels == bytes(level for row in rows for level in row)
-    else:
-        with pytest.raises(RefusedError):
-            _ = Map(rows, high_um=high).message
-
-
 CLICK = Effect.of(Pulse(1.0, 0.01))
 
 
@@ -240,10 +226,6 @@ def test_a_late_reply_is_not_mistaken_for_another() -> None:
 # --- where the daemon is ----------------------------------------------------------------------------------------
 
 
-def test_an_endpoint_is_a_directory_with_or_without_ipc(tmp_path: Path) -> None:
-    assert directory(tmp_path, {}) == directory(f"ipc://{tmp_path}", {}) == directory(str(tmp_path), {}) == tmp_path
-
-
 def test_the_daemon_is_found_where_its_sockets_are(tmp_path: Path) -> None:
     mine, systems = tmp_path / "user" / "hapticd", tmp_path / "system"
     environ = {"XDG_RUNTIME_DIR": str(tmp_path / "user"), "RUNTIME_DIRECTORY": f"{systems}:/other"}
@@ -284,9 +266,3 @@ def test_what_a_daemon_says_cannot_command_the_terminal() -> None:
     with pytest.raises(RefusedError) as raised:
         messages.read_reply(reply, 1)
     assert str(raised.value) == r"no \x1b]0;owned\x07 \x1b[2J µ"
-
-
-def test_each_texture_has_its_name_in_the_client_library() -> None:
-    made_of_numbers = {contents.Amplitude, contents.Friction}  # given as such; a map is the library's own
-    textures = set(contents.NAMES) - made_of_numbers - {contents.LevelMap}
-    assert {getattr(hapticd_client, texture.__name__, None) for texture in textures} == textures

@@ -66,16 +66,6 @@ def test_an_effect_is_kept_until_it_is_stopped_or_what_it_names_has_gone() -> No
         full.with_effect(Effect.of(CLICK, "patch", name="e"), 0.2)
 
 
-def test_more_points_than_a_message_may_have_are_refused_before_they_are_sent() -> None:
-    thick = Envelope(tuple((0.1 * n, 1.0) for n in range(256)))
-    full = target_set.TargetSet()
-    for n in range(4):
-        full = full.with_effect(Effect.of(thick, name=f"{n}"), 0.5)
-    assert len(wire.decode_targets(full.payload("c", None)).effects) == 4
-    with pytest.raises(RefusedError, match="may have 1024 points in all"):
-        full.with_effect(Effect.of(thick, name="more"), 0.5)
-
-
 # --- effects and events with a daemon ---------------------------------------------------------------------------
 
 
@@ -101,15 +91,6 @@ def test_effects_are_in_force_until_they_are_stopped_or_the_client_ends(daemon: 
     assert held(daemon) == {}
 
 
-def test_what_a_frame_cannot_carry_is_refused_with_the_reason(daemon: FakeDaemon, client: Client) -> None:
-    client.effect("good", CLICK)
-    with pytest.raises(RefusedError, match="a sine has at most 261 Hz"):
-        client.effect("fast", Modulation(300.0))
-    with pytest.raises(RefusedError, match="effect 'much' cannot have 9 um: ask for at most 4 um"):
-        client.effect("much", Pulse(9.0, 0.1))
-    assert list(held(daemon)) == ["good"]
-
-
 def test_every_event_is_read_in_order_whatever_else_the_reader_does(daemon: FakeDaemon, client: Client) -> None:
     kinds = [EventKind.LANDED, EventKind.PRESSED, EventKind.BEGUN, EventKind.ENDED, EventKind.LIFTED]
     events = client.events(seconds=5.0)
@@ -122,19 +103,6 @@ def test_every_event_is_read_in_order_whatever_else_the_reader_does(daemon: Fake
     assert [(event.seq, event.kind) for event in read] == [(n + 1, kind.value) for n, kind in enumerate(kinds)]
     assert (read[0].finger, read[0].x_mm, read[0].y_mm, read[0].effect) == (1, 2.0, 3.0, "click")
     assert read[0].t_device_ns == read[0].t_ns - 10
-
-
-def test_a_second_reading_of_events_begins_with_those_after_its_call(daemon: FakeDaemon, client: Client) -> None:
-    client.events()
-    next(client.states())  # the daemon has a subscriber
-    daemon.happens += [EventKind.LANDED] * 3
-    while daemon.happens:
-        next(client.states())
-    for _ in range(3):
-        next(client.states())
-    events = client.events()
-    daemon.happens.append(EventKind.LIFTED)
-    assert next(events).kind == EventKind.LIFTED.value
 
 
 def test_a_daemon_that_has_gone_ends_the_reading_of_events(daemon: FakeDaemon, client: Client) -> None:

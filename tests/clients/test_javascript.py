@@ -31,30 +31,6 @@ def test_the_types_follow_from_the_contract() -> None:
     assert runpy.run_path(str(SCHEMA / "typescript.py"))["with_types"](text) == text
 
 
-def test_targets_hold_while_the_program_runs_and_are_released_at_its_end(daemon: FakeDaemon) -> None:
-    daemon.fingers = {1: (0.0, 0.0), 2: (9.0, 0.0)}
-    printed = node(
-        daemon,
-        """
-        await plate.set(1, { friction: 0.2 });
-        await plate.set(2, { amplitude_um: 1.5, priority: 2 });
-        const states = [];
-        await new Promise((resolve) => plate.follow((state) => states.push(state) > 900 && resolve(), "every"));
-        const numbers = states.map((state) => state.seq - states[0].seq);
-        console.log(JSON.stringify({
-          held: states.every((state) => state.fingers.every((finger) => finger.target_um !== null)),
-          target_um: states[900].fingers[1].target_um,
-          whole: numbers.every((number, index) => number === index),
-        }));
-        await plate.close();
-        """,
-    )
-    assert json.loads(printed) == {"held": True, "target_um": 1.5, "whole": True}
-    assert {1, 2} <= set(daemon.released) or daemon.scene.owner_of(1) is None
-    assert daemon.messages > 3  # repeated
-    assert daemon.overtaken <= 2  # by each request at most the refresh that is on its way
-
-
 def test_a_refused_change_throws_and_changes_nothing(daemon: FakeDaemon) -> None:
     printed = node(
         daemon,
@@ -89,11 +65,6 @@ def test_bytes_are_sent_and_received_as_they_are(daemon: FakeDaemon) -> None:
         """,
     )
     assert printed.split() == ["0,255,128,7", "0,255,128,7"]
-
-
-def test_without_a_gateway_the_sentence_says_what_to_do() -> None:
-    printed = run_node("await hapticd.connect('ws://127.0.0.1:9/client').catch((error) => console.log(error.message));")
-    assert "run `hapticd gateway`" in printed
 
 
 def test_the_readme_s_program_runs_as_printed_in_a_copy_of_the_folder(daemon: FakeDaemon, tmp_path: Path) -> None:

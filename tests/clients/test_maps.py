@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,13 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_daemon import FakeDaemon
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd_client import Client, Grating, HapticdError, Map, RefusedError
+from hapticd_client import Map, RefusedError
 
 CLIENT = Path(__file__).parents[2] / "clients" / "python"
 
@@ -74,15 +71,6 @@ def saved(tmp_path: Path, picture: Image.Image, name: str = "picture.png", **opt
     return path
 
 
-def test_white_slips_and_black_sticks_from_the_top_left_on(tmp_path: Path) -> None:
-    grey = np.zeros((8, 8), dtype=np.uint8)
-    grey[0, 0], grey[7, 3] = 255, 128
-    image = Map.from_image(saved(tmp_path, Image.fromarray(grey)), high_um=2.0, low_um=0.5)
-    assert (levels(image) == grey).all()
-    assert amplitudes_um(image)[0, 0] == 2.0
-    assert amplitudes_um(image)[1, 1] == 0.5
-
-
 @pytest.mark.parametrize("size", [(300, 200), (200, 300)])
 def test_of_a_photograph_the_middle_square_is_felt_as_finely_as_a_map_can(
     size: tuple[int, int], tmp_path: Path
@@ -116,24 +104,3 @@ def test_a_file_that_is_no_picture_is_one_sentence(tmp_path: Path) -> None:
         path.write_bytes(data)
         with pytest.raises(RefusedError, match=name):
             Map.from_image(path, high_um=1.0)
-
-
-def test_without_pillow_the_error_names_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "PIL", None)
-    with pytest.raises(HapticdError, match=f"run `{sys.executable} -m pip install 'pillow>="):
-        Map.from_image(tmp_path / "picture.png", high_um=1.0)
-
-
-def test_the_readme_s_textures_are_lines_that_run(daemon: FakeDaemon, tmp_path: Path) -> None:
-    text = (CLIENT / "README.md").read_text(encoding="utf-8")
-    block = next(block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "from_image" in block)
-    lines = block.replace("portrait.jpg", str(saved(tmp_path, Image.new("L", (90, 60), 200), "portrait.jpg")))
-    daemon.fingers = {1: (0.0, 0.0)}
-    felt_um = []
-    with Client(daemon.directory) as plate:
-        for line in lines.splitlines():
-            exec(line, {"plate": plate, "finger": 1, "Grating": Grating, "Map": Map, "np": np})
-            felt_um.append(daemon.scene.amplitude_um(1, 0.0, 0.0))
-    nearest_um = 1 + math.cos(9 * math.sqrt(2) / 63)  # the four pixels round the centre
-    grey_um = DEFAULT_FRICTION_CURVE.amplitude_um(1.0 - 0.9 * 200 / 255)
-    assert felt_um == pytest.approx([1.5, grey_um, nearest_um], abs=0.01)

@@ -127,12 +127,3 @@ def test_each_trial_lays_two_frictions_marks_what_happens_and_keeps_the_answer(
         row["is_right"] == marker.fields["is_right"] for row, marker in zip(rows, daemon.markers[2::3], strict=True)
     )
     assert screen.is_closed
-
-
-def test_escape_ends_the_session_and_keeps_what_was_answered(
-    daemon: FakeDaemon, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    screen, _ = run(daemon, ["1", "escape"], monkeypatch)
-    ((_, rows),) = screen.saved
-    assert [row.get("answer") for row in rows] == ["first", None]
-    assert screen.is_closed

@@ -104,11 +104,6 @@ def test_the_client_needs_nothing_that_windows_lacks(remote: FakeDaemon, key_fil
     assert [one.fields for one in remote.markers] == [{"trial": 1}]
 
 
-def test_a_client_on_the_same_machine_needs_no_key_while_tcp_is_served(remote: FakeDaemon) -> None:
-    with Client(remote.directory) as near:
-        near.set(1, amplitude_um=1.0)
-
-
 def test_a_key_that_is_not_allowed_gets_no_answer_and_is_counted(remote: FakeDaemon, key_files: Path) -> None:
     with pytest.raises(DaemonGoneError, match="and that it allows yours"):
         client(remote, key_files, "eve", timeout_s=REFUSED_S)
@@ -127,14 +122,6 @@ def test_a_client_without_keys_gets_no_answer_on_any_port(remote: FakeDaemon) ->
                 event = zmq.POLLIN if kind == zmq.SUB else zmq.POLLOUT
                 assert naked.poll(int(REFUSED_S * 1000), event) == 0
     assert remote.messages == 0
-
-
-def test_a_client_does_not_speak_to_a_daemon_that_only_claims_to_be_the_one(
-    remote: FakeDaemon, key_files: Path
-) -> None:
-    own_key = key_files / "ann.key_secret"
-    with pytest.raises(DaemonGoneError):
-        Client(address(remote), timeout_s=REFUSED_S, server_key=key_files / "eve.key", own_key=own_key)
 
 
 def test_a_name_is_its_keys_and_its_users_alone(remote: FakeDaemon, key_files: Path) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import msgpack
 import pytest
 import zmq
 
@@ -84,15 +83,6 @@ def test_a_finger_lifts_when_it_is_closed_and_moves_no_more(rig: Rig, tmp_path: 
         finger.land(0, 0)
 
 
-def test_each_finger_is_a_sender_of_its_own(rig: Rig, tmp_path: Path) -> None:
-    with Finger(Plate(tmp_path)) as first, Finger(Plate(tmp_path)) as second:  # type: ignore[arg-type]
-        first.land(1, 0)
-        second.land(2, 0)
-        senders = {rig.until(SimulatedTouch(1.0, 0.0)), rig.until(SimulatedTouch(2.0, 0.0))}
-    assert len(senders) == 2
-    assert all(len(sender) <= 32 for sender in senders)
-
-
 def test_a_way_has_a_step_each_hundredth_of_a_second_and_ends_where_it_leads() -> None:
     start, end = SimulatedTouch(0.0, 0.0, 0.1), SimulatedTouch(10.0, -5.0, 0.5)
     steps = list(sim.ways(start, end, 0.1))
@@ -134,9 +124,3 @@ def test_what_a_finger_cannot_do_is_one_sentence(move: Any, sentence: str, tmp_p
 def test_a_plate_that_is_not_simulated_here_cannot_be_touched(has_directory: bool, tmp_path: Path) -> None:
     with pytest.raises(HapticdError, match="Only a simulated plate can be touched"):
         Finger(Plate(tmp_path if has_directory else None))  # type: ignore[arg-type]
-
-
-def test_a_message_is_of_the_rigs_contract() -> None:
-    assert msgpack.unpackb(sim.message("me", None)) == {"fingers": {}, "sender": "me"}
-    touched = decode_hands(sim.message("me", SimulatedTouch(1.0, 2.0, 0.3)))
-    assert touched.fingers == {"finger": SimulatedTouch(1.0, 2.0, 0.3)}

@@ -14,7 +14,6 @@ from hapticd_client import (
     Noise,
     Polygon,
     Rectangle,
-    RefusedError,
 )
 from hapticd_contract.surfaces import VirtualPath
 
@@ -50,30 +49,12 @@ def test_a_surface_walks_a_path_and_has_gradients_and_noise(daemon: FakeDaemon, 
     assert walk.surface.path == VirtualPath(((0.0, 0.0), (30.0, 0.0)), 0.0, True)
 
 
-def test_a_finger_s_release_leaves_the_surfaces_and_a_release_of_all_removes_them(
-    daemon: FakeDaemon, client: Client
-) -> None:
-    client.surface("plate", friction=1.0)
-    client.set(1, amplitude_um=1.0)
-    client.release(1)
-    assert names(daemon) == ["plate"]
-    client.release()
-    assert names(daemon) == []
-
-
 def test_surfaces_are_refreshed_without_starting_their_motion_again(daemon: FakeDaemon, client: Client) -> None:
     client.surface("patch", Circle(3.0), amplitude_um=1.0, velocity_mm_s=(1, 0), ttl_s=0.1)
     (layer,) = daemon.scene.surfaces.layers
     before = layer.t_expires_ns
     wait_for(lambda: layer.t_expires_ns >= before + 200_000_000)
     assert daemon.scene.surfaces.layers == [layer]
-
-
-def test_a_refused_surface_leaves_the_others_as_they_were(daemon: FakeDaemon, client: Client) -> None:
-    client.surface("good", Circle(3.0), amplitude_um=1.0)
-    with pytest.raises(RefusedError, match="surface 'much' cannot have 900 um"):
-        client.surface("much", amplitude_um=900.0)
-    assert names(daemon) == ["good"]
 
 
 def test_all_surfaces_on_the_plate_can_be_read_as_they_were_laid(daemon: FakeDaemon) -> None:

@@ -18,7 +18,6 @@ from asynchronous import PATIENCE_S, asynchronous, until
 from machine_bench import PLATE
 from terminal import Terminal
 
-from hapticd.__main__ import main
 from hapticd.config.sections import Config
 from hapticd.core.budget import OVERRUN_NS
 from hapticd.daemon import daemon as daemons
@@ -33,7 +32,6 @@ from hapticd.io.host.systemd import Notifier
 from hapticd.io.time_budget import TimeBudget
 from hapticd.tools.service import SELF_TEST
 from hapticd.values import Finger, RawReport, Tick
-from hapticd_client import Client
 
 CONFIG = Config()
 REAL_TIME = replace(CONFIG, realtime=replace(CONFIG.realtime, fifo_priority=1))
@@ -162,18 +160,6 @@ async def test_the_watchdog_is_fed_while_passes_succeed_and_not_while_they_fail(
 
 
 @asynchronous
-async def test_reports_feed_the_watchdog_as_well_for_while_they_come_no_tick_does(hardware: Hardware) -> None:
-    manager = Manager()
-    async with hardware.started(notifier=manager) as service:
-        service.ready()
-        service._reports([RawReport(now_ns(), b"")])
-        assert manager.heard == ["ready", "status", "watchdog"]
-        service.machine._decide = None  # type: ignore[assignment]
-        service._reports([RawReport(now_ns(), b"")])
-        assert manager.heard == ["ready", "status", "watchdog"]
-
-
-@asynchronous
 async def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_service(
     hardware: Hardware, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,34 +175,6 @@ async def test_processors_are_kept_awake_from_the_first_touch_to_the_end_of_the_
         service.machine.pipeline._fingers.down = (Finger(1, 0, 0.0, 0.0, True),)
         service._reports([RawReport(now_ns(), b"")])
         assert wishes.read_bytes() == bytes(4)
-
-
-@asynchronous
-async def test_a_wish_for_processors_awake_that_is_refused_is_told_and_the_service_goes_on(
-    hardware: Hardware, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(awake, "LATENCY_FILE", hardware.folder / "none")
-    monkeypatch.setattr(daemons, "go_real_time", lambda **_: Granted(0, (), False, ()))
-    async with hardware.started(config=REAL_TIME) as service:
-        service.go_real_time()
-        assert service.machine.status.real_time["stays_awake"] is False
-        assert service.machine.status.real_time["refused"] == (f"{awake.LATENCY_FILE}: No such file or directory",)
-        service._reports([RawReport(now_ns(), b"")])
-
-
-@asynchronous
-async def test_each_batch_of_reports_is_timed_from_its_reading(hardware: Hardware) -> None:
-    async with hardware.started() as service:
-        pad, _ = await asyncio.to_thread(hardware.pad.accept)
-        with pad:
-            before = service.machine.status.loop.wait.count
-            pad.send(b"\x02" + bytes(11))
-            pad.send(b"\x02" + bytes(11))
-            await until(lambda: service.machine.status.loop.wait.count > before)
-        timing = service.machine.status.loop
-        assert timing.wait.count == timing.compute.count
-        assert timing.wait.count + timing.joined_reports == 2
-        assert timing.wait.shortest_ns >= 0
 
 
 @asynchronous
@@ -289,34 +247,6 @@ async def test_a_second_daemon_is_refused_in_its_own_words_and_opens_no_device(h
         assert refused.value.exit_code == 75
         assert hardware.terminal.heard() == b""
         assert (hardware.folder / "run" / "control").is_socket()
-
-
-@asynchronous
-async def test_telemetry_is_built_while_somebody_listens(hardware: Hardware) -> None:
-    async with hardware.started() as service:
-        machine = service.machine
-        await until(lambda: machine.session is not None and machine.last_tick is not None)
-        assert machine.status.published == 0
-        client = await asyncio.to_thread(Client, hardware.folder / "run", timeout_s=PATIENCE_S)
-        assert await asyncio.to_thread(client.fingers, PATIENCE_S) == []
-        assert machine.status.published > 0
-        await asyncio.to_thread(client.close)
-        await until(lambda: machine.status.publish is None)
-
-
-def test_tcp_without_keys_is_refused_at_start_with_a_sentence_that_says_how_to_make_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    config = tmp_path / "hapticd.toml"
-    config.write_text('[client]\ntcp = "127.0.0.1:7410"\n', encoding="utf-8")
-    assert main(["run", "--config", str(config)]) == 78
-    assert "client.tcp: needs keys: make them with `hapticd service keys make`" in capsys.readouterr().err
-    config.write_text('[client]\ntcp = "127.0.0.1:7410"\nkeys_dir = "keys"\n', encoding="utf-8")
-    assert main(["run", "--config", str(config)]) == 78
-    assert f"run `hapticd service keys make {tmp_path / 'keys'}`" in capsys.readouterr().err
-    assert main(["service", "keys", "make", str(tmp_path / "keys")]) == 0
-    assert main(["run", "--config", str(config)]) == 78
-    assert "no client is allowed" in capsys.readouterr().err
 
 
 @asynchronous

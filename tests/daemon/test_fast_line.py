@@ -13,8 +13,6 @@ from hapticd.board_protocol import BoardState
 from hapticd.board_values import UNCALIBRATED, BoardCalibration, BoardStatus, ModeCalibration
 from hapticd.config import Config
 from hapticd.daemon.machine import Machine
-from hapticd.files.recording import kinds
-from hapticd.files.recording.kinds import record_of
 from hapticd.sim.board.board import FLAG_SYNC, Board, BoardConfig, BoardTrace, PlateModel
 
 FIRST, FAST = 921600, 3_000_000
@@ -116,15 +114,6 @@ def test_a_board_that_offers_a_faster_line_is_driven_at_it() -> None:
     assert rig.board_report()["baud"] == FAST
 
 
-def test_a_core_that_takes_over_a_fast_port_finds_its_board_even_if_that_was_reset_meanwhile() -> None:
-    rig = Rig(baud_max=FAST).run(600)
-    rig.plug_in_a_board()
-    rig.connect()
-    assert rig.port_baud == FAST
-    assert rig.run(3000).follows
-    assert (rig.port_baud, rig.board_baud) == (FAST, FAST)
-
-
 def test_a_cable_that_does_not_carry_the_fast_line_ends_at_the_first_speed(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     rig = Rig(baud_max=FAST)
@@ -159,11 +148,6 @@ def test_a_calibrated_drive_is_set_with_the_models_in_its_frame() -> None:
     assert again.hello.drive_hz == pytest.approx(29205.0)
 
 
-def test_a_drive_out_of_the_boards_reach_is_refused_in_one_sentence() -> None:
-    rig = Rig(calibration=BoardCalibration((X, Y), 32000.0)).run(400)
-    assert "The calibration file sets the drive to 32000 Hz" in str(rig.board_report()["refused"])
-
-
 def test_a_marker_with_a_pulse_raises_the_sync_output_with_the_next_reference() -> None:
     rig = Rig().run(400)
     before = len(rig.flags)
@@ -175,19 +159,6 @@ def test_a_marker_with_a_pulse_raises_the_sync_output_with_the_next_reference() 
         status.seq for status in rig.statuses if status.pulsed and status.applied
     ]
     assert sum(status.pulsed for status in rig.statuses) == 1
-
-
-def test_the_recorded_status_names_the_frame_with_which_the_output_rose() -> None:
-    rig = Rig().run(400)
-    rig.mark(pulse=True)
-    rig.run(60)
-    rose = next(status for status in rig.statuses if status.pulsed)
-    fields = record_of("status", 1, rig.t_ns, (rose,)).fields
-    assert (fields["is_pulsed"], fields["seq"], fields["t_applied_us"]) == (True, rose.seq, rose.t_applied_us)
-    decoded = kinds.decode("status", kinds.encode("status", fields))
-    assert decoded["is_pulsed"]
-    del fields["is_pulsed"]
-    assert kinds.decode("status", kinds.encode("status", fields)) == fields, "earlier recordings"
 
 
 def test_a_resting_board_is_woken_for_a_pulse() -> None:

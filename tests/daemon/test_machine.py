@@ -47,25 +47,6 @@ def test_the_last_thing_said_is_silence() -> None:
     assert bench.state is State.STOPPED
 
 
-def test_telemetry_is_built_for_listeners_only() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    assert bench.machine.status.published == 0
-    states = bench.published()
-    bench.run(100)
-    assert 8 <= len(states) <= 10
-    assert [state["seq"] for state in states] == list(range(1, len(states) + 1))
-    last = states[-1]
-    assert (last["state"], last["instance"]) == ("ACTIVE", 4)
-    assert [(finger["id"], finger["target_um"]) for finger in last["fingers"]] == [(1, 1.0), (2, 0.0)]
-    assert last["fingers"][0]["x_mm"] == pytest.approx(-30.2, abs=0.1)
-    still = last["fingers"][1]
-    ends_um = (still["achieved_um_low"], still["achieved_um_high"])
-    assert 0.0 < ends_um[0] < still["achieved_um"] < ends_um[1] < 0.8  # what may be wrong with a plate
-    bench.machine.status.publish = None
-    bench.run(100)
-    assert bench.machine.status.published == len(states)
-
-
 def test_a_listener_changes_nothing_of_what_the_board_hears_and_the_unbuilt_are_counted() -> None:
     alone, watched = Bench(SLIPPERY, STICKY).driven(), Bench(SLIPPERY, STICKY).driven()
     states: list[bytes] = []

@@ -47,18 +47,6 @@ def test_after_a_dead_man_trip_still_fingers_are_driven_again() -> None:
     assert bench.board.peak_um > 0.5
 
 
-def test_a_reference_that_the_line_did_not_take_is_said_again() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    bench.run(500)
-    bench.board.plugged = False  # the port's buffer is full, while the link is up
-    bench.set_targets({1: 0.7, 2: 0.0})
-    bench.run(30)
-    bench.board.plugged = True
-    assert bench.machine.board.unsent > 0
-    assert references(bench.run(30))
-    assert bench.ask("status")["body"]["board"]["unsent"] == bench.machine.board.unsent
-
-
 def test_a_reference_lost_on_the_line_is_said_again_before_the_dead_man_notices() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(500)
@@ -160,18 +148,6 @@ def test_a_board_at_rest_is_armed_by_the_message_that_wants_something() -> None:
     assert bench.board.state == LIVE
 
 
-def test_while_somebody_looks_on_the_board_does_not_rest() -> None:
-    bench = Bench()
-    bench.machine.status.publish = lambda _: None
-    bench.run(4000)
-    assert bench.board.state == LIVE
-    bench.machine.status.publish = None
-    rested(bench)
-    bench.machine.status.publish = lambda _: None
-    bench.run(100)
-    assert bench.board.state == LIVE
-
-
 def test_a_board_whose_farewell_the_line_lost_is_kept_alive_and_left_again_later() -> None:
     bench = Bench()
     bench.run(1900)
@@ -248,13 +224,6 @@ def test_a_fault_whose_cause_persists_stays_and_an_old_request_does_not_clear_a_
     assert bench.state is State.FAULT
 
 
-def test_clearing_where_there_is_no_fault_is_harmless() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    assert bench.ask("clear_fault")["ok"]
-    assert "clear fault" not in {each.name for each in bench.run(100)}
-    assert bench.state is State.ACTIVE
-
-
 def test_a_board_is_left_with_a_greeting_and_one_that_never_answered_with_nothing() -> None:
     bench = Bench(SLIPPERY, STICKY)
     assert not bench.machine.disconnect(bench.t_ns)
@@ -263,13 +232,6 @@ def test_a_board_is_left_with_a_greeting_and_one_that_never_answered_with_nothin
     assert bench.machine.disconnect(bench.t_ns)
     zero, leave = bench.board.heard[-2:]
     assert (zero.name, zero.peak_um, leave.name) == ("reference", 0.0, "hello")
-
-
-def test_a_refused_board_s_fault_is_none_of_ours() -> None:
-    bench = Bench(SLIPPERY, protocol_hash=1)
-    bench.board.state, bench.board.fault_code = FAULT, 3
-    bench.run(500)
-    assert bench.state is State.IDLE
 
 
 def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> None:
@@ -283,17 +245,6 @@ def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> N
     ]
 
 
-def test_a_calibration_reaches_the_board_with_every_greeting() -> None:
-    bench = Bench(
-        SLIPPERY, STICKY, calibration=BoardCalibration((ModeCalibration(1, 29215.0, 500.0, 5.0, 0.0),))
-    ).driven()
-    assert [each.name for each in bench.board.heard].count("model") == 1
-    bench.board.mute = True
-    bench.run(1100)
-    bench.board.mute = False
-    assert [each.name for each in bench.run(600)].count("model") == 1
-
-
 def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
     wired = ModeCalibration(0, 29195.0, 500.0, 5.0, 0.0, sense=(1.0 + 0.0j, 0.02 + 0.0j))
     config = Config(record=RecordConfig(telemetry_hz=500))
@@ -301,15 +252,6 @@ def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
     heard = [each.name for each in bench.board.heard]
     settings = [name for name in heard if name in ("controller", "model", "wiring", "telemetry")]
     assert settings == ["controller", "model", "wiring", "telemetry"]
-
-
-def test_a_board_that_wakes_sends_telemetry_again() -> None:
-    bench = Bench(config=Config(record=RecordConfig(telemetry_hz=500)))
-    bench.run(3500)
-    assert bench.machine.session.is_on_standby
-    bench.board.heard.clear()
-    bench.machine.board.wake(bench.t_ns)
-    assert [each.name for each in bench.board.heard].count("telemetry") == 1
 
 
 def test_while_reports_come_no_timer_is_needed() -> None:

@@ -56,12 +56,6 @@ def test_what_is_not_on_the_plate_is_refused_with_a_sentence(machine: Machine) -
     assert asked(machine, x_mm=500.0, y_mm=0.0) == "x_mm and y_mm: the place must lie on the plate."
 
 
-def test_where_a_pass_has_no_time_for_it_it_is_refused(machine: Machine) -> None:
-    machine.pipeline.budget_frac = 1.0 / 64.0
-    assert "too many" in asked(machine, x_mm=0.0, y_mm=0.0)
-    machine.pipeline.budget_frac = 1.0
-
-
 def test_a_plate_driven_for_points_knows_no_reach() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     assert "over contacts" in asked(bench.machine, finger=1)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import msgpack
 import pytest
-from machine_bench import LIVE, MS, SLIPPERY, STICKY, Bench
+from machine_bench import MS, SLIPPERY, STICKY, Bench
 
 from hapticd.core.targets.assets import Assets
 from hapticd.core.targets.layer import Layer
@@ -24,15 +24,6 @@ def landing(bench: Bench) -> int:
     while not bench.machine.pipeline.fingers:
         bench.run(1)
     return bench.t_ns
-
-
-def test_a_board_stays_armed_while_a_surface_lies_on_the_plate_and_rests_when_it_has_gone() -> None:
-    bench = Bench()
-    publish(bench, {"name": "plate", "amplitude_um": 1.0})
-    bench.run(3000)
-    assert (bench.machine.session.is_on_standby, bench.board.state) == (False, LIVE)
-    bench.run(5000)
-    assert bench.machine.session.is_on_standby
 
 
 def test_status_lists_all_surfaces_topmost_first_with_their_owners() -> None:
@@ -105,16 +96,6 @@ def test_the_version_changes_with_the_surfaces_and_not_with_their_refreshes_or_m
     bench.run(100)
     counts.append(version(bench))
     assert [after - before for before, after in pairwise(counts)] == [1, 0, 1, 1, 2]
-
-
-def test_a_reader_gets_a_large_map_small() -> None:
-    bench = Bench(SLIPPERY)
-    levels = bytes(column * 2 for _ in range(100) for column in range(128))
-    publish(bench, {"name": "picture", "map": {"width": 128, "height": 100, "levels": levels, "high_um": 1.5}})
-    (picture,) = bench.ask("surfaces")["body"]["surfaces"]
-    image = picture["map"]
-    assert (image["width"], image["height"], len(image["levels"])) == (32, 32, 32 * 32)
-    assert (image["levels"][0], image["levels"][31], image["levels"][-1]) == (0, 254, 254)
 
 
 def test_a_reader_that_asks_again_costs_no_description_of_what_did_not_change(monkeypatch: pytest.MonkeyPatch) -> None:

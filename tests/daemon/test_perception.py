@@ -20,7 +20,6 @@ from hapticd.core.pipeline import Pipeline
 from hapticd.core.plate.contact import EllipseForm
 from hapticd.core.uncertainty import CERTAIN, Uncertainty
 from hapticd.daemon.perception import Perception
-from hapticd.files.recording.header import Header
 from hapticd.files.recording.kinds import record_of
 from hapticd.values import Finger, Tick, TouchPoint
 from hapticd_contract.states import Perceived
@@ -76,29 +75,12 @@ def test_a_finger_s_friction_is_that_of_the_plate_relative_to_what_was_asked() -
     assert [perceived[n].error_jnd for n in (1, 2, 3)] == pytest.approx([-0.4 / 0.11, 0.0, 2.0 / 0.11], abs=0.01)
 
 
-@pytest.mark.parametrize("asked", [0.0, 0.3, 0.9, 1.0])
-def test_a_contact_that_feels_what_a_target_asks_has_the_friction_of_the_target(asked: float) -> None:
-    amplitude_um = CURVE.amplitude_um(asked)
-    given = Given(amplitude_um)
-    given.modal_um = (amplitude_um, 0.0)
-    perceived = perception_of(given).judge(given.tick(0))[1][1]
-    assert perceived.felt_friction == pytest.approx(asked, abs=1e-3)
-    assert perceived.friction_change == pytest.approx(0.0, abs=1e-3)
-
-
 def test_a_finger_without_a_target_feels_the_plate_but_nothing_was_asked_for_it() -> None:
     given = Given(None)
     (perceived,) = perception_of(given).judge(given.tick(0))[1].values()
     assert perceived.felt_friction == pytest.approx(0.5, abs=1e-3)
     assert perceived.contact_um == pytest.approx(1.0, abs=1e-3)
     assert (perceived.friction_change, perceived.weber_frac, perceived.error_jnd) == (None, None, None)
-
-
-def test_where_the_plate_is_driven_for_points_a_contact_has_no_error() -> None:
-    given = Given(1.0)
-    (perceived,) = perception_of(given, has_contacts=False).judge(given.tick(0))[1].values()
-    assert perceived.error_jnd is None
-    assert perceived.friction_change == pytest.approx(0.0, abs=1e-3)
 
 
 def test_the_share_of_time_beyond_the_weber_fraction_begins_again_with_each_touch() -> None:
@@ -204,16 +186,6 @@ def test_telemetry_and_recordings_report_the_same_friction_and_amplitude_of_cont
             assert point.get(name) == finger[name]
     rms_um = [point["contact_um"] for point in sorted(recorded["points"], key=lambda point: point["target_um"])]
     assert 0.0 < rms_um[0] < rms_um[1]  # contact leak and contact slip
-
-
-def test_without_a_subscriber_or_a_recording_nothing_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    monkeypatch.setattr(Perception, "judge", lambda *_: pytest.fail("judged"))
-    bench.run(100)
-
-
-def no_header(*_: object) -> Header:
-    return pytest.fail("no recording begins")
 
 
 def test_a_pass_goes_on_and_is_reported_where_perception_fails(

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import msgpack
 import numpy as np
 import pytest
-from machine_bench import MS, PLATE, SLIPPERY, STICKY, Bench
+from machine_bench import MS, SLIPPERY, STICKY, Bench
 from msgspec.msgpack import decode, encode
 
-from hapticd.config import Config
 from hapticd.daemon import status
-from hapticd.daemon.machine import Machine
-from hapticd.sim.fingers.paths import Line
 
 
 def plain(value: object) -> bool:
@@ -101,14 +97,6 @@ def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     assert len(msgpack.packb(said)) < 65536
 
 
-def test_a_simulated_rig_is_reported_with_its_directory() -> None:
-    on_rig = replace(Config(), sim=replace(Config().sim, rig_dir="/rig"))
-    with_pad = replace(on_rig, trackpad=replace(on_rig.trackpad, source="hid"))
-    for config, expected in ((Config(), None), (on_rig, "/rig"), (with_pad, None)):
-        machine = Machine(config, PLATE, write_board=lambda _: 0)
-        assert machine.describe_plate().simulated == machine.report_status(0)["simulated"] == expected
-
-
 def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
     bench = Bench(SLIPPERY, STICKY)
     bench.run(400)
@@ -125,19 +113,6 @@ def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
         assert abs(w_um) == pytest.approx(finger["achieved_um"], abs=0.03)
 
 
-def test_a_virtual_finger_is_told_by_its_name_where_it_is() -> None:
-    bench = Bench(SLIPPERY)
-    bench.run(400)
-    states = bench.published()
-    path = {"name": "post", "path_mm": [[7.0, 9.0]], "speed_mm_s": 0.0}
-    bench.send(targets=[{"finger": "post", "amplitude_um": 0.5}], virtuals=[path])
-    bench.run(30)
-    real, virtual = states[-1]["fingers"]
-    assert real["target_um"] is None
-    assert (virtual["id"], virtual["virtual"], virtual["x_mm"], virtual["y_mm"]) == ("post", True, 7.0, 9.0)
-    assert virtual["target_um"] == 0.5
-
-
 def test_how_late_the_timer_is_and_how_long_the_collector_held_all_is_in_status_and_in_each_state() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     states = bench.published()
@@ -151,11 +126,3 @@ def test_how_late_the_timer_is_and_how_long_the_collector_held_all_is_in_status_
     assert (timing["histograms"]["pause"]["count"], timing["histograms"]["pause"]["max_ms"]) == (2, 2.0)
     last = states[-1]
     assert (last["tick_late_ms"], last["missed_ticks"], last["pauses"]) == (0.25, 3, 1)
-
-
-def test_what_was_held_back_from_a_board_that_does_not_answer_is_in_status() -> None:
-    bench = Bench(Line((-40.0, 5.0), (40.0, 5.0), 60.0), STICKY).driven()
-    before: Any = bench.ask("status")["body"]["board"]["held_back"]
-    bench.board.mute = True
-    bench.run(300)
-    assert bench.ask("status")["body"]["board"]["held_back"] >= before + 20

@@ -45,16 +45,3 @@ def test_a_burst_after_a_pause_is_no_longer_than_the_bound() -> None:
     while source.handle(100_000):
         items += 1
     assert items == 22 or items == 23  # two more, by the time that they take
-
-
-def test_a_debt_ends_after_a_second() -> None:
-    source = Source(share=0.1, burst_ns=2 * MS)
-    source.handle(60_000 * MS)
-    assert source.budget.wait_s == pytest.approx(1.0)
-    source.t_ns += 1001 * MS
-    assert source.handle(1)
-
-
-def test_time_that_another_program_had_costs_nothing() -> None:
-    source = Source(share=0.1, burst_ns=2 * MS)
-    assert all(source.handle(1_000, waited_ns=50 * MS) for _ in range(100))

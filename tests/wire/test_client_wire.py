@@ -23,13 +23,11 @@ from hapticd_contract.effects import (
     Envelope,
     Modulation,
     Now,
-    OnEntering,
     OnLeaving,
     OnLifting,
     OnPressure,
     Pulse,
 )
-from hapticd_contract.replies import Capabilities
 from hapticd_contract.requests import AssetPart, MarkerRequest, ReachQuery, Release
 from hapticd_contract.states import EventKind, FingerState, PlateEvent, PlateState
 from hapticd_contract.surfaces import Circle, Polygon, Rectangle, Surface, VirtualPath
@@ -135,49 +133,6 @@ def refusal(payload: bytes) -> str:
 # --- what is understood -----------------------------------------------------------------------------------------
 
 
-def test_a_full_message_is_read_to_the_last_field() -> None:
-    assert client.decode_targets(packed()) == sent(
-        client="study-7",
-        ttl_ns=250_000_000,
-        targets={
-            3: Amplitude(1.5),
-            4: Friction(1.0),
-            "ghost": Grating(period_mm=5.0, angle_rad=0.5, low_um=0.1, high_um=2.0, duty_frac=0.25),
-            6: LevelMap(width=2, height=3, levels=b"\x00\x10\x20\x30\x40\xff", low_um=0.0, high_um=3.0),
-        },
-        virtuals={
-            "ghost": VirtualPath(path_mm=((-40.0, 20.0), (40.5, 20.0)), speed_mm_s=80.0, loop=False),
-            "post": VirtualPath(path_mm=((0.0, 0.0),), speed_mm_s=50.0, loop=True),
-        },
-        surfaces={
-            "all": Surface.of(Friction(1.0)),
-            "patch": Surface.of(
-                content=Amplitude(1.5),
-                shape=Polygon(((0.0, 0.0), (9.0, 0.0), (0.0, 5.5))),
-                position_mm=(3.0, -4.0),
-                angle_rad=0.5,
-                scale=2.0,
-                velocity_mm_s=(300.0, -20.0),
-                turning_rad_s=-1.0,
-                t_pose_ns=10**12,
-                z=-3,
-                blend="max",
-            ),
-        },
-        effects={
-            "click": Effect.of(Pulse(1.0, 0.01)),
-            "bump": Effect.of(
-                Envelope(((0.0, 1.0), (0.5, 2.0), (0.5, 0.0)), is_factor=True),
-                on="patch",
-                start=OnPressure(threshold=0.5, release=0.25),
-            ),
-            "buzz": Effect.of(Modulation(250.0, 0.5, "square", 2.0), on=4, start=OnEntering(surface="all"), loops=True),
-            "hum": Effect.of(Modulation(1.0, 1.0), start=At(t_ns=10**15)),
-        },
-        priorities={"ghost": 3},
-    )
-
-
 def test_defaults_are_the_ramp_of_a_short_pulse_and_the_hysteresis_of_a_button() -> None:
     message = client.decode_targets(
         with_effect(pulse={"height_um": -1, "length_s": 0.001}, start={"cause": "pressure", "threshold": 0.4})
@@ -188,19 +143,9 @@ def test_defaults_are_the_ramp_of_a_short_pulse_and_the_hysteresis_of_a_button()
     assert (effect.form.ramp_s, effect.start.release_frac) == (0.0005, pytest.approx(0.3))
 
 
-def test_a_rectangle_is_centred_on_its_layer() -> None:
-    (tile,) = client.decode_targets(with_surface(friction=1, rectangle_mm=[6, 4])).surfaces
-    assert tile.shape == Polygon(((-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0)))
-
-
 def test_the_smallest_message_has_no_targets_and_the_default_time_to_live() -> None:
     payload = bytes(msgpack.packb({"v": 1, "client": "c"}))
     assert client.decode_targets(payload) == sent(client="c", ttl_ns=500_000_000)
-
-
-def test_whole_numbers_become_floats_and_stay_exact() -> None:
-    (target,) = client.decode_targets(with_target(amplitude_um=3)).targets
-    assert type(target.amplitude_um) is float
 
 
 @pytest.mark.parametrize(
@@ -538,6 +483,7 @@ def test_an_answer_carries_what_the_handler_returned() -> None:
     ("payload", "request_id", "sentence"),
     [
         (b"\xc1", 0, "not valid MessagePack"),
+        (msgpack.packb({"v": 1, "op": "status"}), 0, "id: is missing"),
         (request("status", 0), 0, "id: 0 is out of bounds"),
         (request("status", v=2), 7, "update the daemon"),
         (request("explode"), 7, "op: must be one of hello,"),
@@ -620,71 +566,13 @@ def test_an_event_is_sent_with_the_fields_that_it_has(event: PlateEvent, fields:
 
 
 def test_a_state_is_sent_with_all_its_fields_and_only_finite_numbers() -> None:
-    state = PlateState(
-        instance=99,
-        seq=12,
-        t_ns=2**40,
-        state="ACTIVE",
-        fingers=(
-            FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True, friction_change=-0.25, weber_frac=math.nan),
-        ),
-        modal_um=(1.0, -4.0),
-        modal_q_um=(0.0, 0.5),
-        limited=True,
-        age_ms=10.5,
-        horizon_ms=16.0,
-        measured_d_q_um=((1.1, 0.1), (math.nan, 2.0)),
-        tick_late_ms=0.25,
-        missed_ticks=3,
-        pauses=1,
-        surfaces_version=5,
-    )
-    assert msgpack.unpackb(client.encode_state(state)) == {
-        "v": 1,
-        "instance": 99,
-        "seq": 12,
-        "t_ns": 2**40,
-        "state": "ACTIVE",
-        "fingers": [
-            {
-                "id": "ghost",
-                "x_mm": 1.0,
-                "y_mm": 2.0,
-                "predicted_x_mm": 1.5,
-                "predicted_y_mm": 2.5,
-                "target_um": None,
-                "achieved_um": None,
-                "virtual": True,
-                "owner": None,
-                "friction_change": -0.25,
-                "weber_frac": None,
-                "contact_um": None,
-                "felt_friction": None,
-                "error_jnd": None,
-                **dict.fromkeys(("contact_um_low", "contact_um_high", "felt_friction_low", "felt_friction_high")),
-                **dict.fromkeys(("achieved_um_low", "achieved_um_high", "misses_target")),
-                **dict.fromkeys(("contact_major_mm", "contact_minor_mm", "contact_angle_rad")),
-                **dict.fromkeys(("pressure_frac", "area_mm2")),
-            }
-        ],
-        "modal_um": [1.0, -4.0],
-        "modal_q_um": [0.0, 0.5],
-        "measured_um": [[1.1, 0.1], [None, 2.0]],
-        "limited": True,
-        "age_ms": 10.5,
-        "horizon_ms": 16.0,
-        "tick_late_ms": 0.25,
-        "missed_ticks": 3,
-        "pauses": 1,
-        "surfaces_version": 5,
-    }
-
-
-def test_the_capabilities_can_be_sent_as_they_are() -> None:
-    reply = msgpack.unpackb(client.encode_reply(1, Capabilities()))
-    assert reply["body"]["ops"] == list(requests.OPS)
-    assert reply["body"]["max_message_bytes"] == MAX_MESSAGE_BYTES
-    assert "stamp" in reply["body"]["optional"]  # so that clients know whether to send one
+    ghost = FingerState("ghost", 1.0, 2.0, 1.5, 2.5, None, math.nan, True, weber_frac=math.nan)
+    state = PlateState(9, 12, 2**40, "ACTIVE", (ghost,), (1.0,), True, 10.5, 16.0, measured_d_q_um=((math.nan, 2.0),))
+    sent = msgpack.unpackb(client.encode_state(state))
+    (finger,) = sent["fingers"]
+    assert {*finger} == {*FingerState.__struct_fields__}
+    assert (finger["achieved_um"], finger["weber_frac"], sent["measured_um"]) == (None, None, [[None, 2.0]])
+    assert (sent["t_ns"], sent["modal_um"], sent["limited"]) == (2**40, [1.0], True)
 
 
 # --- stamps ------------------------------------------------------------------------------------------------------
@@ -724,10 +612,3 @@ def test_the_refusal_of_a_field_that_is_too_long_has_the_request_s_id(body: obje
 @pytest.mark.parametrize("request_id", [-1, 2**32, 1.0, "7", None])
 def test_the_refusal_of_an_id_that_is_none_has_the_id_0(request_id: object) -> None:
     assert replied(request("hello", request_id))["id"] == 0
-
-
-@pytest.mark.parametrize(
-    ("request_", "found"), [({"op": 1, "id": 7}, 7), ({"op": 1}, None), ({"id": "7"}, None), ([], None)]
-)
-def test_the_number_of_a_request_that_is_refused_is_found_where_there_is_one(request_: object, found: object) -> None:
-    assert client.peek_whole(msgpack.packb(request_), "id") == found

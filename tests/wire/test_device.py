@@ -96,11 +96,6 @@ def test_rounding_to_float32_never_lets_a_magnitude_grow(rows: list[tuple[comple
                     assert abs(part_sent - part) <= 2.0**-23 * abs(part)
 
 
-def test_what_float32_can_hold_is_sent_as_it_is() -> None:
-    values = (1.0 + 0.5j, -4.0 + 0.0j)
-    assert decoded_knots(device.encode_reference(0, drive(Knot(0, values)), 0)) == [(0, list(values))]
-
-
 @given(st.lists(st.integers(0, commands.OFFSET_MAX_NS), min_size=1, max_size=24, unique=True).map(sorted))
 def test_knots_stay_in_order_and_within_two_microseconds_of_their_time(dt_ns: list[int]) -> None:
     spread = [dt for dt, after in pairwise([*dt_ns, math.inf]) if after - dt >= protocol.KNOT_UNIT_NS] or dt_ns[:1]
@@ -108,11 +103,6 @@ def test_knots_stay_in_order_and_within_two_microseconds_of_their_time(dt_ns: li
     offsets = [offset for offset, _ in decoded_knots(line)]
     assert all(a < b for a, b in pairwise(offsets))
     assert all(abs(o * protocol.KNOT_UNIT_NS - dt) <= 2000 for o, dt in zip(offsets, spread, strict=True))
-
-
-def test_knots_closer_than_the_unit_are_put_one_unit_apart() -> None:
-    line = device.encode_reference(0, drive(Knot(0, (0j,)), Knot(100, (1j,)), Knot(200, (2j,))), 0)
-    assert [offset for offset, _ in decoded_knots(line)] == [0, 1, 2]
 
 
 def test_sequence_number_and_time_wrap() -> None:
@@ -238,10 +228,6 @@ def test_no_contents_of_a_sound_frame_make_the_decoder_raise(kind: int, payload:
 def hello(payload: bytes = HELLO) -> BoardHello:
     (message,) = device.Decoder().feed(frame(protocol.MSG_HELLO, payload))
     return message
-
-
-def test_a_board_that_allows_the_settings_is_accepted() -> None:
-    device.check_hello(hello(), modes=2, w_limit_um=(4.0, 3.5))
 
 
 def test_a_later_version_with_a_longer_hello_is_refused_by_its_version() -> None:

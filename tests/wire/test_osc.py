@@ -30,15 +30,6 @@ def test_a_bundle_is_its_messages_also_of_nested_ones() -> None:
     assert elements(bundle()) == elements(bundle(bundle())) == []
 
 
-def test_numbers_of_64_bits_are_whole_and_exact() -> None:
-    assert decoded(message("/a", -(1 << 62), 0.1, kinds="hd")).arguments == [-(1 << 62), 0.1]
-
-
-def test_a_time_is_in_ns_to_the_last_one() -> None:
-    for t_ns in (1_500_000_001, (1 << 32) * 1_000_000_000 - 1):
-        assert decoded(message("/a", t_ns, times=(0,))).arguments == [t_ns]
-
-
 def test_without_the_package_a_tracker_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pythonosc", None)
     with pytest.raises(HapticdError, match="python-osc"):

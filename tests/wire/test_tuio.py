@@ -9,7 +9,7 @@ from datagrams import bundle, message, tuio1, tuio2
 
 from hapticd.values import AffineMap, TouchFrame
 from hapticd.wire import osc
-from hapticd.wire.trackpad import Decoder, from_fields, to_fields, tuio
+from hapticd.wire.trackpad import Decoder, tuio
 
 MS = 1_000_000
 PAD = tuio.surface(400.0, 200.0)
@@ -36,21 +36,6 @@ def test_contacts_are_where_they_are_on_the_surface_until_they_are_no_longer_ali
     assert places(both) == {7: (0.0, 0.0), 8: (100.0, 50.0)}
     assert places(one) == {8: (100.0, 100.0)}
     assert none.contacts == ()
-
-
-def test_a_contact_that_is_alive_and_not_set_has_not_moved() -> None:
-    still = bundle(message("/tuio/2Dcur", "alive", 7), message("/tuio/2Dcur", "fseq", 2))
-    first = bundle(
-        message("/tuio/2Dcur", "alive", 7),
-        message("/tuio/2Dcur", "set", 7, 0.5, 0.5, 0.0, 0.0, 0.0),
-        message("/tuio/2Dcur", "fseq", 1),
-    )
-    assert [places(frame) for frame in heard(Decoder(PAD), first, still)] == [{7: (0.0, 0.0)}] * 2
-
-
-def test_an_empty_bundle_repeats_the_last_frame() -> None:
-    first, again = heard(Decoder(PAD), tuio1(1, {7: (0.5, 0.5)}), bundle())
-    assert (places(again), again.t_ns - first.t_ns) == (places(first), 10 * MS)
 
 
 def test_tuio_2_has_pressure_and_the_trackers_own_time() -> None:
@@ -129,14 +114,6 @@ def test_what_is_no_frame_is_refused(data: bytes) -> None:
     assert decoder.decode(data, 0) == ()
     counters = decoder.counters
     assert counters["length"] + counters["foreign"] == 1
-
-
-def test_one_message_alone_may_be_a_frame() -> None:
-    assert len(heard(Decoder(PAD), message("/tuio/2Dcur", "fseq", 1))) == 1
-
-
-def test_the_surface_is_known_from_a_file() -> None:
-    assert from_fields(to_fields(PAD)).geometry == PAD.geometry
 
 
 CUR = "/tuio/2Dcur"

@@ -21,21 +21,10 @@ from hapticd.io.clients import server as server_module
 from hapticd.io.clients.inbox import MAX_READS
 from hapticd.io.clients.record_socket import RecordSocket
 from hapticd.io.clients.runtime_dir import own_directory
-from hapticd.io.clients.senders import BURST
 from hapticd.io.clients.server import BREAK_S, MAX_MESSAGE_BYTES, ClientServer, runtime_directory
 from hapticd.io.clients.sockets import Remote
 
 # --- targets ----------------------------------------------------------------------------------------------------
-
-
-@asynchronous
-async def test_each_message_of_targets_arrives_in_order_without_a_sweep(tmp_path: Path) -> None:
-    async with served(tmp_path) as running:
-        with connected(tmp_path, zmq.PUSH, "targets") as client:
-            for n in range(BURST):
-                client.send(b"message %d" % n)
-                await until(lambda n=n: len(running.messages) > n)
-            assert running.messages == [b"message %d" % n for n in range(BURST)]
 
 
 @asynchronous
@@ -180,19 +169,6 @@ async def test_an_oversize_message_costs_its_sender_only_that_message(tmp_path: 
 # --- control ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", [zmq.REQ, zmq.DEALER])
-@asynchronous
-async def test_a_reply_goes_to_the_requester(tmp_path: Path, kind: int) -> None:
-    async with served(tmp_path):
-        with connected(tmp_path, kind, "control") as one, connected(tmp_path, kind, "control") as other:
-            one.send(b"one")
-            other.send(b"other")
-            assert await in_thread(one.recv) == b"answer to one"
-            assert await in_thread(other.recv) == b"answer to other"
-            one.send(b"again")
-            assert await in_thread(one.recv) == b"answer to again"
-
-
 @asynchronous
 async def test_a_request_in_several_parts_is_refused_and_the_next_is_answered(tmp_path: Path) -> None:
     async with served(tmp_path) as running:
@@ -229,21 +205,6 @@ async def test_the_last_of_several_listeners_ends_the_telemetry(tmp_path: Path) 
             await in_thread(lambda: received_while(stays))
             assert server.has_subscribers
         await running.until(lambda: not server.has_subscribers)
-
-
-@asynchronous
-async def test_subscribing_to_something_else_costs_nothing(tmp_path: Path) -> None:
-    async with served(tmp_path) as running:
-        with (
-            connected(tmp_path, zmq.SUB, "telemetry") as odd,
-            connected(tmp_path, zmq.DEALER, "control") as client,
-        ):
-            odd.subscribe(b"no state begins so")
-            client.send(b"sync")
-            await in_thread(client.recv)
-            for _ in range(5):
-                running.server.sweep()
-            assert not running.server.has_subscribers
 
 
 # --- the directory ----------------------------------------------------------------------------------------------
@@ -328,12 +289,6 @@ async def _start_and_stop(directory: Path) -> None:
 )
 def test_the_runtime_directory_is_the_nearest_that_is_named(environ: dict[str, str], directory: str) -> None:
     assert runtime_directory(environ) == Path(directory)
-
-
-def test_a_missing_directory_is_made_for_owner_and_group_only(tmp_path: Path) -> None:
-    own_directory(tmp_path / "run")
-    assert stat.S_IMODE((tmp_path / "run").stat().st_mode) & 0o027 == 0
-    own_directory(tmp_path / "run")
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])

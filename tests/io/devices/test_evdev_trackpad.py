@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import errno
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +14,7 @@ from input_events import END, axis, lifted, packed, placed
 from input_node import AXES, FakeNode
 from listener import Listener
 
-from hapticd.errors import HapticdError, TrackpadError
+from hapticd.errors import TrackpadError
 from hapticd.io.devices import evdev_trackpad, input_nodes
 from hapticd.io.devices.evdev_trackpad import EvdevTrackpad
 from hapticd.io.devices.input_nodes import Axis, InputNode, describe, find_nodes
@@ -107,22 +105,6 @@ async def test_after_dropped_events_all_slots_are_told_and_the_finger_stays(monk
 
 
 @asynchronous
-async def test_a_device_that_sends_too_much_is_read_again_after_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(evdev_trackpad, "BURST_NS", 1)
-    monkeypatch.setattr(evdev_trackpad, "SHARE", 0.001)
-    node, listener = FakeNode(), Listener()
-    plugged(monkeypatch, node)
-    source = EvdevTrackpad("screen")
-    listener.listen(source)
-    for number in range(1, 4):
-        await listener.until(lambda: len(listener.reports) >= number)  # noqa: B023 - awaited here
-        node.say(*lifted(0), END, t_ns=number * MS)
-    await listener.until(lambda: len(listener.reports) == 4)
-    assert source.counters["pauses"] in (1, 2)
-    await source.close()
-
-
-@asynchronous
 async def test_a_finger_that_lies_still_is_reported_again_and_a_lifted_one_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -193,18 +175,6 @@ async def test_a_device_without_a_size_is_a_sentence_and_sizes_can_be_given(monk
     assert (pad.geometry.width_mm, pad.geometry.height_mm) == (344.0, 194.0)
 
 
-@asynchronous
-async def test_closing_before_anything_was_found_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    plugged(monkeypatch)
-    source = EvdevTrackpad()
-    await source.close()
-    listener = Listener()
-    listener.listen(source)
-    await source.close()
-    await asyncio.sleep(0)
-    assert listener.events == []
-
-
 @pytest.mark.parametrize(
     ("axes", "word"),
     [
@@ -229,25 +199,6 @@ def test_a_device_is_what_it_declares() -> None:
         pad, name="event7", geometry=replace(pad.geometry, pressure_max_raw=0, quarter_turn_raw=0)
     )
     assert FakeNode(bare).slot_count() == 0
-
-
-def test_without_the_evdev_package_the_source_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "evdev", None)
-    with pytest.raises(HapticdError, match=r"-m pip install '?evdev"):
-        EvdevTrackpad()
-
-
-def test_a_device_whose_name_is_no_text_is_passed_by_and_by_its_path_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def opened(*_: object, **__: object) -> None:
-        b"\xff".decode()
-
-    (tmp_path / "event0").touch()
-    monkeypatch.setattr(evdev, "InputDevice", opened)
-    assert list(find_nodes("", tmp_path)) == []
-    with pytest.raises(OSError, match="multibyte"):
-        next(find_nodes(str(tmp_path / "event0")))
 
 
 def test_a_node_is_as_evdev_describes_it_with_stamps_of_the_monotonic_clock(

@@ -16,10 +16,10 @@ from listener import Listener
 
 from hapticd.config.sections import Config, TrackpadConfig
 from hapticd.errors import ConfigError, TrackpadError
-from hapticd.io.devices.replay import MAX_EVENT_LINES, ReplayTrackpad, read_recording, write_recording
+from hapticd.io.devices.replay import MAX_EVENT_LINES, ReplayTrackpad, read_recording
 from hapticd.tools.service import _trackpad
 from hapticd.values import TouchFrame
-from hapticd.wire.trackpad import Decoder, to_fields
+from hapticd.wire.trackpad import Decoder
 
 in_virtual_time = functools.partial(asynchronous, loop_factory=VirtualTimeLoop)
 
@@ -152,35 +152,6 @@ def test_lifts_of_slots_that_held_nothing_and_a_touch_from_before_the_recording_
     assert [frame.contacts[0].x_mm for frame in seen if frame.contacts] == [0.0, 1.0, 2.0]
 
 
-def test_values_padded_as_evemu_pads_them_of_a_panel_that_reports_only_what_changes(tmp_path: Path) -> None:
-    panel = {0x2F: (0, 4, 0), 0x35: (0, 1279, 0), 0x36: (0, 767, 0), 0x39: (0, 65535, 0)}  # as an EP0430M09 declares
-    changes: list[Event] = [
-        *((0, 3, 0x39, 1), (0, 3, 0x35, 400), (0, 3, 0x36, 384), (0, 3, 0x2F, 1), (0, 3, 0x39, 2)),
-        *((0, 3, 0x35, 930), (0, 3, 0x36, 384), (0, 1, 330, 1), (0, 3, 0, 400), (0, 3, 1, 384), (0, 0, 0, 0)),
-        *((119, 3, 0x36, 96), (119, 0, 0, 0)),
-        *((126, 3, 0x35, 934), (126, 3, 0x2F, 0), (126, 3, 0x39, -1), (126, 3, 0, 934), (126, 0, 0, 0)),
-        *((140, 3, 0x2F, 1), (140, 3, 0x39, -1), (140, 1, 330, 0), (140, 0, 0, 0)),
-    ]
-    plain = evemu(panel, changes)
-    padded = re.sub(r"(?m)(-?)(\d+)\t#", lambda found: f"{found[1]}{int(found[2]):0{4 - len(found[1])}d}\t#", plain)
-    assert "0039 -001\t" in padded
-    seen = [
-        {one.contact_id: (round(one.x_mm), round(one.y_mm)) for one in frame.contacts}
-        for frame in frames(written(tmp_path, padded), (127.9, 76.7))
-    ]
-    assert seen == [{1: (-24, 0), 2: (29, 0)}, {1: (-24, 0), 2: (29, 29)}, {2: (29, 29)}, {}]
-
-
-def test_what_libinput_record_adds_between_events_is_passed_over(tmp_path: Path) -> None:
-    whole = libinput(node(SCREEN, STROKE))
-    begin, events = whole.split("  - evdev:\n")
-    hid = "  hid: [\n    0x05, 0x0d, 0x09, 0x04,\n    0xa1, 0x01\n  ]\n  quirks:\n  - AttrSizeHint=344x97\n"
-    hidraw = "  - hidraw:\n      hidraw0: [\n        01, 02, 03, 04, 05\n      ]\n"
-    neutral = "                                     # Touch device in neutral state\n  # Current time is 12:35:00\n"
-    path = written(tmp_path, begin.replace("  quirks:\n", hid) + hidraw + "  - evdev:\n" + events + neutral + hidraw)
-    assert [len(frame.contacts) for frame in frames(path)] == [1, 1, 1, 0]
-
-
 def test_evemu_files_without_a_version_and_without_resolutions_are_read_too(tmp_path: Path) -> None:
     bare = evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE, version="")
     bare = bare.removeprefix('# Input device name: "screen"\n').replace(" 0 0 0\n", " 0 0\n")
@@ -223,11 +194,6 @@ def test_lines_before_the_header_are_passed_over(tmp_path: Path, text_of: Writer
     assert read_recording(written(tmp_path, before + text_of(SCREEN, STROKE))) == whole
 
 
-def test_comments_and_blank_lines_may_precede_hapticds_own_form_too(tmp_path: Path) -> None:
-    path = written(tmp_path, '\n# mine\n{"model": "mt2-usb"}\n{"t_ns": 0, "report": "02"}\n')
-    assert len(read_recording(path)[1]) == 1
-
-
 def events_only(text: str) -> str:
     """Without what the device declares."""
     return "".join(line for line in text.splitlines(keepends=True) if re.match(r"E: | *- \[|Event: ", line))
@@ -257,18 +223,6 @@ def test_what_is_missing_is_named_with_the_program_that_wrote_it(
     assert missing in str(refused.value)
 
 
-def test_a_palm_of_a_recording_is_no_fingertip(tmp_path: Path) -> None:
-    palm: list[Event] = [STROKE[0], (0, 3, 0x37, 2), *STROKE[1:]]
-    seen = frames(written(tmp_path, evemu(SCREEN | {0x37: (0, 2, 0)}, palm)))
-    assert [[one.touching for one in frame.contacts] for frame in seen] == [[False]] * 3 + [[]]
-
-
-@each_program
-def test_a_recording_without_touches_is_no_pad(tmp_path: Path, text_of: Writer) -> None:
-    with pytest.raises(TrackpadError, match="no range of positions"):
-        read_recording(written(tmp_path, text_of(BUTTONS, [])))
-
-
 def test_a_report_keeps_no_more_events_than_a_device_has_axes_and_a_device_no_more_axes(tmp_path: Path) -> None:
     events: list[Event] = [(0, 3, 0x35, value) for value in range(5000)]
     pad, reports = read_recording(written(tmp_path, evemu(SCREEN, [*events, (0, 0, 0, 0)])))
@@ -276,14 +230,6 @@ def test_a_report_keeps_no_more_events_than_a_device_has_axes_and_a_device_no_mo
     many = SCREEN | dict.fromkeys(range(0x100, 0x400), (0, 1, 0))
     assert read_recording(written(tmp_path, evemu(many, STROKE)))[0] == pad
     assert MAX_EVENT_LINES == 4_000_000
-
-
-def test_what_was_read_is_written_in_hapticds_own_form(tmp_path: Path) -> None:
-    pad, reports = read_recording(written(tmp_path, evemu(SCREEN, STROKE)))
-    again = tmp_path / "again.jsonl"
-    write_recording(again, pad, reports)
-    pad_again, reports_again = read_recording(again)
-    assert (to_fields(pad_again), reports_again) == (to_fields(pad), reports)
 
 
 @in_virtual_time

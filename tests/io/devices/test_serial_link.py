@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from asynchronous import PATIENCE_S, until
+from asynchronous import until
 from terminal import Terminal
 from virtual_board import in_virtual_time
 
@@ -203,19 +203,6 @@ async def test_a_port_in_use_is_reported(bench: Bench) -> None:
 
 
 @played
-async def test_draining_ends_when_all_is_sent_and_at_once_where_there_is_no_port(bench: Bench) -> None:
-    await bench.link.drained(PATIENCE_S)  # never started
-    bench.start()
-    await bench.link.drained(PATIENCE_S)  # no port
-    bench.port.plug()
-    await until(lambda: len(bench.links) == 2)
-    assert bench.link.write(b"the last word")
-    async with asyncio.timeout(PATIENCE_S / 2):
-        await bench.link.drained(PATIENCE_S)
-    assert bench.port.heard() == b"the last word"
-
-
-@played
 async def test_bytes_that_may_wait_do_so_until_they_are_read(bench: Bench) -> None:
     bench.open()
     bench.link.wait(True)
@@ -233,17 +220,6 @@ async def test_bytes_that_may_wait_do_so_until_they_are_read(bench: Bench) -> No
     assert bench.data == b"onetwo"
     bench.link.wait(False)  # the loop does
     await until(lambda: bench.data == b"onetwolate")
-
-
-@played
-async def test_a_port_whose_bytes_another_program_read_is_not_lost(bench: Bench) -> None:
-    bench.open()
-    bench.port.say(b"taken")
-    assert bench.port.taken() == b"taken"
-    bench.link.read()  # as if the loop had seen them first
-    assert [up for up, _ in bench.links] == [True]
-    bench.port.say(b"ours")
-    await until(lambda: bench.data == b"ours")
 
 
 @played

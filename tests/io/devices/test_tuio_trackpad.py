@@ -6,7 +6,7 @@ import socket
 
 import pytest
 from asynchronous import asynchronous, until
-from datagrams import bundle, message, tuio1, tuio2
+from datagrams import bundle, message, tuio1
 from listener import Listener
 
 from hapticd.io.devices import tuio_trackpad
@@ -28,22 +28,6 @@ def sender(address: str) -> socket.socket:
     host, _, port = address.rpartition(":")
     endpoint.connect((host, int(port)))
     return endpoint
-
-
-@asynchronous
-async def test_a_trackers_frames_are_reports_and_other_datagrams_go_no_further(free: str) -> None:
-    listener, source = Listener(), TuioTrackpad(free, PAD)
-    listener.listen(source)
-    await listener.until(lambda: bool(listener.links))
-    assert listener.links == [(PAD, f"TUIO tracker at {free}")]
-    sent = [tuio1(1, {1: (0.5, 0.5)}), tuio2(2, 0, {1: (0.5, 0.5)}), tuio1(3, {})]
-    with sender(free) as tracker:
-        for data in (b"hello", sent[0], bytes(3000), sent[2]):
-            tracker.send(data)
-        await listener.until(lambda: len(listener.reports) >= 2)
-    source.request_enable()
-    await source.close()
-    assert [one.data for one in listener.reports if one.data in sent] == [sent[0], sent[2]]
 
 
 @asynchronous

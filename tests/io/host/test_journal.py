@@ -98,13 +98,6 @@ def test_a_flood_of_lines_from_one_place_becomes_one_line_in_ten_seconds(tmp_pat
     assert re.fullmatch(r"flood 512\d \(25\d\d more lines of this kind were dropped\)", lines[-1])
 
 
-def test_the_same_line_five_times_a_second_is_one_line_in_ten_seconds(tmp_path: Path) -> None:
-    lines = written(tmp_path, [record("silent", n / 5) for n in range(99)])
-    assert lines[0] == "silent"
-    assert lines[1].startswith("silent (")
-    assert len(lines) == 2
-
-
 def test_a_wall_clock_that_steps_back_ends_no_line_for_long(tmp_path: Path) -> None:
     lines = written(
         tmp_path,

@@ -5,12 +5,11 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
-import threading
 
 import pytest
 
 from hapticd.errors import HapticdError
-from hapticd.io.host.limits import require_descriptors, require_threads
+from hapticd.io.host.limits import require_descriptors
 from hapticd.tools.service import MAX_DESCRIPTORS
 
 WITHIN_S = 120.0
@@ -54,24 +53,6 @@ def test_a_hard_limit_that_does_not_suffice_is_named_with_what_to_do(limits: lis
     with pytest.raises(HapticdError, match=r"899.* 900: .*ulimit -n 900.*LimitNOFILE=900"):
         require_descriptors(900)
     assert limits == [(64, 899)]
-
-
-def test_threads_that_cannot_be_started_are_named_and_those_started_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = threading.active_count()
-    left = 2
-
-    def start(thread: threading.Thread, begin: object = threading.Thread.start) -> None:
-        nonlocal left
-        if left == 0:
-            raise RuntimeError("can't start new thread")
-        left -= 1
-        assert callable(begin)
-        begin(thread)
-
-    monkeypatch.setattr(threading.Thread, "start", start)
-    with pytest.raises(HapticdError, match=r"2 threads.* 4: .*TasksMax="):
-        require_threads(4)
-    assert threading.active_count() == before
 
 
 def test_the_service_is_refused_in_a_sentence_where_it_may_not_open_enough_files() -> None:

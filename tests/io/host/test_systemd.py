@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import socket
-import sys
 
 import pytest
 
@@ -25,16 +24,6 @@ def received(manager: socket.socket) -> list[bytes]:
 
 def environ(manager: socket.socket, **more: str) -> dict[str, str]:
     return {"NOTIFY_SOCKET": manager.getsockname(), **more}
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's")
-def test_an_abstract_socket_is_found() -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(f"\0hapticd-test-{os.getpid()}")
-        notifier = Notifier({"NOTIFY_SOCKET": f"@hapticd-test-{os.getpid()}"})
-        assert notifier.notify(ready=1)
-        assert listening.recv(100) == b"READY=1"
-        notifier.close()
 
 
 def test_the_watchdog_is_fed_three_times_within_its_time_and_no_oftener(manager: socket.socket) -> None:
