@@ -1,10 +1,9 @@
 """Gate in front of the ZeroMQ sockets: accepts clients' connections, bounds what they cost, and relays their bytes.
 
-libzmq bounds messages per peer, but neither connections, nor subscriptions, nor the bytes that a peer leaves unread.
-Here the connections have a number and a rate, a subscriber's inbound bytes are bounded, and a client that leaves too
-many bytes of replies unread is disconnected. Behind the gate libzmq serves sockets that only the daemon's user may
-open: one for all subscribers, and one for each connection that sends messages, so that none of them is handled after
-its connection has ended.
+libzmq bounds messages per peer, but neither connections nor subscriptions. Here the connections have a number and a
+rate, and a subscriber's inbound bytes are bounded. Behind the gate libzmq serves sockets that only the daemon's user
+may open: one for all subscribers, and one for each connection that sends messages, so that none of them is handled
+after its connection has ended.
 
 Accepting is cheap and admitting is not, so they are two steps. A wake-up accepts many connections and drops those that
 are closed again, so that a flood does not fill the kernel's queue. What is left waits, and is admitted one at a time.
@@ -19,42 +18,40 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import zmq
 
 from ...errors import HapticdError
 from .inbox import Inbox
 from .listeners import close_listener
-from .relay import Relay, SubscriberBytes, UnreadBytes
+from .relay import Inbound, Relay
 
 MAX_CONNECTIONS = 64  # of this computer's clients, and as many over TCP; 16 clients have 48
+# Of a subscriber, over TCP and on this computer: libzmq keeps each distinct subscription, and its parsing costs the
+# daemon. A handshake has up to 900; with heartbeats a local one is reconnected after half an hour.
+MAX_SUBSCRIBER_BYTES, MAX_LOCAL_BYTES = 1024, 16_384
 
 ACCEPTS = 16  # per wake-up of a listener: some 0.3 ms, lest connecting delays the touch
-REST_S = 0.001  # after a wake-up that found as many, at least
+PAUSE_S = 0.001  # after a wake-up that found as many, at least
 ADMIT_EVERY_S = 0.01  # 100 a second, each with sockets of its own
 # Most descriptors of a gate: an admitted connection has one to the client, one to libzmq, and three of libzmq's own.
 MAX_DESCRIPTORS = 5 * 2 * MAX_CONNECTIONS + ACCEPTS
 DRAIN_EVERY_S = 0.001
-# Closed before it was admitted, too many, replies not read, more bytes than a subscriber sends
-CAUSES = ("gone_early", "crowded", "unread", "broken")
-UNREAD_REPLIES = UnreadBytes(2**18, 2**22)  # the longest reply has 140 kB
+CAUSES = ("gone_early", "crowded", "broken")  # closed before it was admitted, too many, more bytes than a subscriber's
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
 
-@dataclass(frozen=True, slots=True)
-class Listener:
+class Listener(NamedTuple):
     """A public socket that listens, and what is behind it.
 
     That is the inner ipc path of a publisher; or `inbox`, which binds a socket for one connection to an inner path,
-    given its user on this machine. Beyond `most_unread` a client is disconnected; without that ZeroMQ drops messages at
-    its high-water mark.
+    given its user on this machine.
     """
 
     socket: socket.socket
     inner: Path
-    most_unread: UnreadBytes | None = None
     inbox: Callable[[Path, str | None], Inbox] | None = None
 
 
@@ -63,32 +60,31 @@ class Gate:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.counters = dict.fromkeys(CAUSES, 0)
-        self.loop = loop
+        self._loop = loop
         self._listeners: list[Listener] = []
         self._waiting: deque[tuple[Listener, socket.socket]] = deque()  # to be admitted
-        self._relays: dict[int, Relay] = {}  # by a number that no other connection gets
+        self._relays: set[Relay] = set()
         self._connections = 0
-        self._rests: dict[Listener, asyncio.TimerHandle] = {}
+        self._pauses: dict[Listener, asyncio.TimerHandle] = {}
         self._admission: asyncio.TimerHandle | None = None
 
     def open(self, listener: Listener) -> None:
         """Accept connections of a listener."""
         self._listeners.append(listener)
-        self.loop.add_reader(listener.socket, self._accept, listener)
+        self._loop.add_reader(listener.socket, self._accept, listener)
 
     def close(self) -> None:
         """Pass on what ZeroMQ has sent, close all connections and remove the socket files."""
-        for rest in self._rests.values():
-            rest.cancel()
-        if self._admission is not None:
-            self._admission.cancel()
+        for timer in (*self._pauses.values(), *([] if self._admission is None else [self._admission])):
+            timer.cancel()
         for listener in self._listeners:
-            self.unwatch(listener.socket)
+            if not self._loop.is_closed():
+                self._loop.remove_reader(listener.socket)
             close_listener(listener.socket)
             listener.inner.unlink(missing_ok=True)
         while self._waiting:
             self._waiting.popleft()[1].close()
-        for relay in tuple(self._relays.values()):
+        for relay in tuple(self._relays):
             relay.finish()
 
     def drain(self, is_over: Callable[[], bool], within_s: float) -> None:
@@ -96,25 +92,9 @@ class Gate:
         t_end_s = time.monotonic() + within_s
         while time.monotonic() < t_end_s:
             was_over = is_over()
-            relays = tuple(self._relays.values())
-            if sum(relay.pump() for relay in relays) == 0 and was_over:
+            if sum([relay.pump() for relay in tuple(self._relays)]) == 0 and was_over:
                 return
             time.sleep(DRAIN_EVERY_S)
-
-    def unwatch(self, one: socket.socket) -> None:
-        """Remove a socket from the loop, which may be closed."""
-        if not self.loop.is_closed():
-            self.loop.remove_reader(one)
-            self.loop.remove_writer(one)
-
-    def forget(self, relay: Relay) -> None:
-        """Remove a connection that is closed."""
-        del self._relays[relay.number]
-
-    def leaves_too_much(self, relay: Relay, most: UnreadBytes) -> bool:
-        """Return whether a connection that leaves bytes unread has to be closed."""
-        in_all = sum(len(one.to_client) for one in self._relays.values() if one.most_unread is not None)
-        return len(relay.to_client) > most.connection or in_all > most.in_all
 
     def _accept(self, listener: Listener) -> None:
         """Accept at most ACCEPTS connections; those that may stay wait to be admitted."""
@@ -126,7 +106,7 @@ class Gate:
                 break
         gone, is_local = _gone(accepted), _is_local(listener.socket)
         for outer in accepted:
-            present = [_is_local(one) for _, one in self._waiting] + [one.is_local for one in self._relays.values()]
+            present = [_is_local(one) for _, one in self._waiting] + [one.is_local for one in self._relays]
             if outer.fileno() in gone:
                 self._refuse(outer, "gone_early")
             elif present.count(is_local) >= MAX_CONNECTIONS:
@@ -135,9 +115,9 @@ class Gate:
                 self._waiting.append((listener, outer))
         if self._admission is None:
             self._admit()
-        self.loop.remove_reader(listener.socket)
-        self._rests[listener] = self.loop.call_later(
-            REST_S, self.loop.add_reader, listener.socket, self._accept, listener
+        self._loop.remove_reader(listener.socket)
+        self._pauses[listener] = self._loop.call_later(
+            PAUSE_S, self._loop.add_reader, listener.socket, self._accept, listener
         )
 
     def _refuse(self, outer: socket.socket, cause: str) -> None:
@@ -153,35 +133,54 @@ class Gate:
                 self._refuse(outer, "gone_early")
                 continue
             self._relay(listener, outer)
-            self._admission = self.loop.call_later(ADMIT_EVERY_S, self._admit)
+            self._admission = self._loop.call_later(ADMIT_EVERY_S, self._admit)
             return
 
     def _relay(self, listener: Listener, outer: socket.socket) -> None:
-        number, is_local = self._connections, _is_local(outer)
-        inner, inbox = socket.socket(socket.AF_UNIX), None
+        is_local = _is_local(outer)
+        inner, inbox, path = socket.socket(socket.AF_UNIX), None, listener.inner
         try:
             inner.setblocking(False)
             outer.setblocking(False)
             if not is_local:
                 outer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            if listener.inbox is None:
-                inner.connect(str(listener.inner))
-                feed = SubscriberBytes(is_local=is_local).feed
-            else:
-                path = listener.inner.with_name(f".{number % 10**6}")  # not longer than that of a public socket
+            if listener.inbox is not None:
+                path = path.with_name(f".{self._connections % 10**6}")  # not longer than that of a public socket
                 inbox = listener.inbox(path, _user(outer) if is_local else None)
-                feed = inbox.feed
-                inner.connect(str(path))
-                path.unlink()
+            inner.connect(str(path))
         except (OSError, zmq.ZMQError, HapticdError):  # libzmq is behind with accepting, or the client is gone
             inner.close()
             if inbox is not None:
                 inbox.close()
             self._refuse(outer, "crowded")
             return
-        on_end = inbox.close if inbox is not None else lambda: None
-        self._relays[number] = Relay(self, number, is_local, outer, inner, feed, listener.most_unread, on_end)
+        if inbox is None:
+            inbound = self._bounded(MAX_LOCAL_BYTES if is_local else MAX_SUBSCRIBER_BYTES)
+        else:
+            path.unlink()
+            inbound = inbox.note_arrival
+
+        def on_close(relay: Relay) -> None:
+            self._relays.discard(relay)
+            if inbox is not None:
+                inbox.close()
+
+        relay = Relay(self._loop, outer, inner, inbound, on_close)
+        if inbox is not None:
+            inbox.relay = relay
+        self._relays.add(relay)
         self._connections += 1
+
+    def _bounded(self, left: int) -> Inbound:
+        """Return what ends a connection after so many bytes."""
+
+        def take(count: int) -> bool:
+            nonlocal left
+            left -= count
+            self.counters["broken"] += left < 0
+            return left >= 0
+
+        return take
 
 
 def _gone(connections: Sequence[socket.socket]) -> set[int]:

@@ -8,12 +8,15 @@ from typing import NamedTuple
 
 import zmq
 
-from .senders import RateLimiter, remote_user
+from .relay import Relay
 from .sockets import MAX_MESSAGE_BYTES, RECEIVE_HIGH_WATER, Socket
 
 MAX_READS = RECEIVE_HIGH_WATER  # at once: all that ZeroMQ holds, which of `targets` is a flood
 MAX_PARTS = 3  # of a request: identity, an empty delimiter from REQ clients, payload
 MAX_WAITING_BYTES = RECEIVE_HIGH_WATER * MAX_MESSAGE_BYTES  # of requests; of `targets` only the newest message matters
+RATE_HZ = 500.0  # messages of one connection; the plate is updated 90 times a second
+BURST = 100  # messages at once after a pause
+UNKNOWN = "an unknown user"
 
 
 class ClientMessage(NamedTuple):
@@ -37,23 +40,37 @@ class Inbox:
         """`user` is None over TCP, where each frame has a key. `lost` counts messages by why they are dropped."""
         self.socket = socket
         self.fd = socket.FD
-        self.rate_limiter = RateLimiter(now_s())
+        self.relay: Relay | None = None  # of its connection, once that is admitted
         self.is_control = socket.type == zmq.ROUTER
         self._waiting: deque[ClientMessage] = deque()
         self._waiting_bytes = 0
         self._user, self._lost = user, lost
         self._now_s, self._on_close = now_s, on_close
-        self._t_arrived_s = now_s()
+        self._t_arrived_s = self._t_admitted_s = now_s()
+        self._tokens = float(BURST)
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether the client leaves replies unread: then its requests wait."""
+        return self.relay is not None and self.relay.is_behind
 
     @property
     def has_more(self) -> bool:
         """Whether messages may be left; consumes the edge of the socket's descriptor."""
         return bool(self._waiting) or bool(int(self.socket.getsockopt(zmq.EVENTS)) & zmq.POLLIN)
 
-    def feed(self, data: bytes) -> bytes:
-        """Keep the instant at which bytes have arrived."""
+    def note_arrival(self, _bytes: int) -> bool:
+        """Keep the instant at which bytes have arrived; the connection goes on."""
         self._t_arrived_s = self._now_s()
-        return data
+        return True
+
+    def admit(self, t_s: float) -> bool:
+        """Return whether the rate limit, RATE_HZ and BURST at once, lets a message pass now."""
+        self._tokens = min(self._tokens + max(t_s - self._t_admitted_s, 0.0) * RATE_HZ, BURST)
+        self._t_admitted_s = t_s
+        is_admitted = self._tokens >= 1.0
+        self._tokens -= is_admitted
+        return is_admitted
 
     def read(self, refusal_of_parts: bytes) -> bool:
         """Read what waits in the socket; return whether there is a message to handle."""
@@ -72,9 +89,11 @@ class Inbox:
         return bool(self._waiting)
 
     def user_by(self, key_names: Mapping[str, str]) -> str:
-        """Return the sender, over TCP by the key of the message that waits, which is that of the connection."""
+        """Return the sender, over TCP by the key of the message that waits, which is that of the connection: libzmq
+        keeps the User-Id that the authenticator assigned. `key_names` maps public keys (Z85) to names."""
         if self._user is None:
-            self._user = remote_user(self._waiting[0].frames[-1], key_names)
+            name = key_names.get(str(self._waiting[0].frames[-1].get("User-Id")))
+            self._user = UNKNOWN if name is None else f"key {name}"
         return self._user
 
     def pop(self) -> ClientMessage:

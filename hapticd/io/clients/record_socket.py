@@ -1,10 +1,9 @@
 """The `record` socket: the records of a running daemon, for `hapticd record` on the same machine.
 
-XPUB, ipc://<directory>/record. Without a subscriber nothing is encoded. A subscriber that is too slow is disconnected;
-after reconnecting it sees by their numbers which records it lost. A subscription to everything (`NOW`) requests the
-records from now on; one to `WHOLE`, with which each record begins, a recording from a core's first input on. Where that
-has to wait, the subscribers of `WAITS` get that message, followed by the directory of the simulated rig if the trackpad
-is simulated.
+XPUB, ipc://<directory>/record. Without a subscriber nothing is encoded. A subscriber that is too slow
+sees by their numbers which records it lost. A subscription to everything (`NOW`) requests the records from now on; one
+to `WHOLE`, with which each record begins, a recording from a core's first input on. Where that has to wait, the
+subscribers of `WAITS` get that message, followed by the directory of the simulated rig if the trackpad is simulated.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import zmq
 from ...errors import HapticdError
 from .gate import Gate, Listener
 from .listeners import bind_inner, inner_path, local_listener
-from .relay import UnreadBytes
 from .runtime_dir import endpoint_path
 from .sockets import HANDSHAKE_MS, MAX_SUBSCRIPTION_BYTES
 
@@ -27,11 +25,11 @@ NAME = "record"
 NOW = b""
 WHOLE = b"record"
 WAITS = b"waits"
-SEND_HIGH_WATER = 20_000  # records on the way to the gate, which takes them at once; also a recorder's own limit
-UNREAD_RECORDS = UnreadBytes(2**23, 2**25)  # half a minute of two fingers, and dozens of headers
+SEND_HIGH_WATER = 2_000  # records, of four seconds, for a recorder that does not read; it misses the next
+RECEIVE_HIGH_WATER = 20_000  # of a recorder
 LINGER_MS = 200  # for the last record, when the daemon stops
 MAX_READS = 64
-REST_S = 0.1  # between two reads of subscriptions: a recorder that attaches all the time must not hold up a pass
+PAUSE_S = 0.1  # between two reads of subscriptions: a recorder that attaches all the time must not hold up a pass
 
 
 class RecordSocket:
@@ -61,7 +59,7 @@ class RecordSocket:
         path = endpoint_path(self._directory, NAME)
         try:
             bind_inner(self._socket, inner_path(path))
-            self._gate.open(Listener(local_listener(path), inner_path(path), UNREAD_RECORDS))
+            self._gate.open(Listener(local_listener(path), inner_path(path)))
         except HapticdError:
             self.close()
             raise
@@ -101,10 +99,10 @@ class RecordSocket:
                 self._on_recorder(topic, True)
 
     def _on_readable(self) -> None:
-        """Read at once, and not again for REST_S."""
+        """Read at once, and not again for PAUSE_S."""
         self.sweep()
         self._loop.remove_reader(self._socket.FD)
-        self._loop.call_later(REST_S, self._watch)
+        self._loop.call_later(PAUSE_S, self._watch)
 
     def _watch(self) -> None:
         if self._context is not None:

@@ -11,8 +11,8 @@ look for more, each send reads to the end, and `sweep`, called periodically by t
 left. zmq.asyncio is not used for messages: it receives five times slower, and its tail is a tick long under load.
 
 A flood cannot block the loop: a wake-up handles messages for BUDGET_S, then pauses for BREAK_S, or for as long as it
-took where messages are expensive or the machine is slow; each connection has a rate limit (senders.py). Losses are
-counted and logged.
+took where messages are expensive or the machine is slow; each connection has a rate limit. A client that leaves replies
+unread gets no further ones. Losses are counted and logged.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pathlib import Path
 import zmq
 
 from ...errors import HapticdError
-from .gate import CAUSES, UNREAD_REPLIES, Gate, Listener
+from .gate import CAUSES, Gate, Listener
 from .inbox import MAX_READS, Inbox, received
 from .listeners import inner_path, local_listener, remote_listener
 from .runtime_dir import endpoint_path, locked, own_directory, runtime_directory
@@ -154,12 +154,11 @@ class ClientServer:
     def _listen(self, gate: Gate, paths: Sequence[Path]) -> None:
         """Accept clients at the public paths of ENDPOINTS and at `remote`'s ports. Raises HapticdError, OSError."""
         for index, (path, kind) in enumerate(zip(paths, ENDPOINTS.values(), strict=True)):
-            most_unread = UNREAD_REPLIES if kind == zmq.ROUTER else None
             inbox = None if kind == zmq.XPUB else partial(self._attach, kind)
-            gate.open(Listener(local_listener(path), inner_path(path), most_unread, inbox))
+            gate.open(Listener(local_listener(path), inner_path(path), inbox))
             if self._remote is not None:
                 socket = remote_listener(self._remote.host, self._remote.port + index)
-                gate.open(Listener(socket, inner_path(path, is_remote=True), most_unread, inbox))
+                gate.open(Listener(socket, inner_path(path, is_remote=True), inbox))
 
     def _attach(self, kind: int, path: Path, user: str | None) -> Inbox:
         """Bind a socket for one connection. Raises zmq.ZMQError, HapticdError."""
@@ -201,10 +200,10 @@ class ClientServer:
         while self._ready:
             inbox = next(iter(self._ready))
             del self._ready[inbox]
-            if not inbox.read(service.refusal_of_parts):
+            if inbox.is_behind or not inbox.read(service.refusal_of_parts):
                 continue
             user = inbox.user_by(self._key_names)
-            if not inbox.rate_limiter.admit(t_s):
+            if not inbox.admit(t_s):
                 held.append(inbox)
                 continue
             self._handle(service, inbox, user)

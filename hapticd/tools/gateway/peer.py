@@ -14,7 +14,7 @@ from hapticd_contract.requests import Request
 from hapticd_contract.targets import TargetsMessage
 from hapticd_contract.web import Follow
 
-from ...io.clients.senders import BURST, RATE_HZ
+from ...io.clients.inbox import BURST, RATE_HZ
 from ..web.sockets import Outbox, Pace, read, until_one_ends
 from . import messages
 from .messages import RefusedMessage

@@ -23,7 +23,7 @@ from ...errors import HapticdError, RecordingError
 from ...files.recording.header import header_from
 from ...files.recording.kinds import HEADER, Record
 from ...files.recording.mcap_writer import RecordingFile, check_destination
-from ...io.clients.record_socket import NAME, NOW, SEND_HIGH_WATER, WAITS, WHOLE
+from ...io.clients.record_socket import NAME, NOW, RECEIVE_HIGH_WATER, WAITS, WHOLE
 from ...io.clients.runtime_dir import endpoint_path, runtime_directory
 from ..view.rig import PadSender
 from .inlets import Inlets
@@ -89,7 +89,7 @@ def record(
     context = zmq.Context()
     socket = context.socket(zmq.SUB)
     socket.linger = 0
-    socket.rcvhwm = SEND_HIGH_WATER
+    socket.rcvhwm = RECEIVE_HIGH_WATER
     try:
         socket.connect(f"ipc://{endpoint_path(directory, NAME)}")
         for topic in (NOW,) if is_now else (WAITS, WHOLE):

@@ -19,7 +19,7 @@ import zmq
 from asynchronous import asynchronous
 from client_sockets import connected, greeted, in_thread, served
 
-from hapticd.io.clients.senders import BURST
+from hapticd.io.clients.inbox import BURST
 from hapticd.io.clients.sockets import MAX_SUBSCRIPTION_BYTES
 
 STATE = bytes(400)
