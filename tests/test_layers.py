@@ -172,9 +172,6 @@ def test_only_commands_import_the_calibration() -> None:
     for path in layer_files():
         if part_of(path) != "tools":
             assert not any(name.startswith("tools.calibrate") for name in ours(imported_names(path))), path
-    program = PACKAGE / "tools" / "calibrate" / "program.py"
-    names = ours(imported_names(program, at_load=True))
-    assert all(name.startswith("tools.arguments") for name in names)
 
 
 def test_clients_share_nothing_with_the_daemon_but_the_contract() -> None:

@@ -58,7 +58,7 @@ def judge_stop(*, stopped: bool, is_logged: bool, drives_again: bool) -> Judgeme
 
 def judge_loop(held: Sequence[HeldMode], fault: str) -> Judgement:
     """Judge modes that were held one after the other; `fault` is what ended it, empty if nothing did."""
-    findings = [Diagnosis(f"The board ended the drive: {fault}.")] if fault else []
+    findings = [*_faults(fault)]
     for mode, one in enumerate(held):
         off = abs(one.mean_um - one.asked_um) / one.asked_um
         share = one.volts_v / one.expected_v
@@ -84,9 +84,14 @@ def judge_loop(held: Sequence[HeldMode], fault: str) -> Judgement:
     return Judgement("Every mode follows its reference.", tuple(findings), tuple(figures))
 
 
-def judge_touch(still_v: float, touched_v: float) -> Judgement:
-    """Judge a finger on the driven plate by the volts that hold its amplitude."""
+def judge_touch(still_v: float, touched_v: float, fault: str) -> Judgement:
+    """Judge a finger on the driven plate by the volts that hold its amplitude; `fault` as in `judge_loop`."""
     figures = (("volts", f"{still_v:.1f} V without a finger, {touched_v:.1f} V with one"),)
     unfelt = Diagnosis("The finger does not show in the volts: press more firmly, on a place where the plate moves.")
     findings = () if touched_v >= FELT_FRAC * still_v else (unfelt,)
-    return Judgement("The finger damps the plate, and the loop holds its amplitude.", findings, figures)
+    passed = "The finger damps the plate, and the loop holds its amplitude."
+    return Judgement(passed, (*_faults(fault), *findings), figures)
+
+
+def _faults(fault: str) -> tuple[Diagnosis, ...]:
+    return (Diagnosis(f"The board ended the drive: {fault}."),) if fault else ()

@@ -60,6 +60,11 @@ class Judgement:
     def is_passed(self) -> bool:
         return not self.findings
 
+    def and_then(self, other: Judgement) -> Judgement:
+        """Return both as one."""
+        findings, figures = (*self.findings, *other.findings), (*self.figures, *other.figures)
+        return Judgement(f"{self.passed} {other.passed}", findings, figures)
+
     @property
     def sentence(self) -> str:
         return " ".join(finding.sentence for finding in self.findings) or self.passed

@@ -6,10 +6,10 @@ import argparse
 import asyncio
 import contextlib
 import math
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from ...board_protocol import ClearFault, ControllerRequest
 from ...board_values import BoardController, BoardStatus
@@ -20,8 +20,10 @@ from ...sim.plate.wirings import IDENTITY
 from .. import glass
 from ..firmware.conversation import Conversation, Link
 from ..firmware.program import named_port
-from .step import Step, add_config
-from .verdict import Outcome, Verdict
+from .step import Outcome, Step, Verdict, add_config
+
+if TYPE_CHECKING:
+    from ...sim.bench import SimulatedBench
 
 PRESS_S: Final = 60.0  # until a stop that was pressed counts as without effect
 TOUCH_S: Final = 5.0  # to find the plate with a finger, and to rest there
@@ -31,32 +33,12 @@ LATER: Final = "Stopped: `hapticd calibrate all` with the same --out goes on her
 _Result = TypeVar("_Result")
 
 
-class Person(Protocol):
-    """A person at the bench, or a simulated one. A reading is None where it was not taken."""
-
-    async def read_supply(self, place: int) -> float | None: ...
-
-    async def read_idle(self, sensor: int) -> float | None: ...
-
-    async def read_output(self, amplifier: int, asked_v: float) -> float | None: ...
-
-    async def pull_cable(self) -> None: ...
-
-    async def plug_cable(self) -> None: ...
-
-    async def push_stop(self, pushed: bool) -> None: ...
-
-    async def touch_plate(self, touched: bool) -> None: ...
-
-    def mend(self, findings: Sequence[Diagnosis]) -> bool: ...
-
-
 @dataclass(frozen=True, slots=True)
 class Bench:
     """A rig: the person, a new line to its board, and the settings that name it. A stop has `press_s` to be pressed,
     a finger `touch_s` to land and rest."""
 
-    person: Person
+    person: Terminal | SimulatedBench
     new_link: Callable[[], Link]
     where: str
     out: Path
@@ -111,10 +93,8 @@ class Terminal:
         return await _volts(f"DC at the ADC pin of sensor {sensor}, V")
 
     async def read_output(self, amplifier: int, asked_v: float) -> float | None:
-        return await _volts(
-            f"peak at the output of amplifier {amplifier} ({asked_v:g} V is asked for), V; negative if it falls where "
-            "the DAC's pin rises"
-        )
+        where = f"peak at the output of amplifier {amplifier} ({asked_v:g} V is asked for), V"
+        return await _volts(f"{where}; negative if it falls where the DAC's pin rises")
 
     async def pull_cable(self) -> None:
         tell("Pull the board's USB cable NOW.")
@@ -138,7 +118,6 @@ class Terminal:
 
 
 def tell(text: str) -> None:
-    """Show a sentence or a picture at once."""
     print(f"  {text}", flush=True)
 
 
@@ -182,19 +161,16 @@ def bench_step(
     summary: str,
     request: str,
     picture: str,
-    measure: Callable[[Bench], Awaitable[Judgement]],
+    measure: Callable[[Bench], Coroutine[Any, Any, Judgement]],
     *,
     back_to: str,
 ) -> Step:
     """Return a step of a bare rig, which shows what to do with a drawing, then measures and judges."""
 
-    async def measured(bench: Bench) -> Judgement:
-        return await measure(bench)
-
     def run(options: argparse.Namespace) -> Verdict:
         print(f"\n{request}\n\n{picture}", flush=True)
         with at_bench(options) as bench:
-            judgement = bench.run(measured(bench))
+            judgement = bench.run(measure(bench))
         width = max((len(what) for what, _ in judgement.figures), default=0)
         for what, value in judgement.figures:
             tell(f"{what:<{width}}  {value}")
@@ -204,8 +180,7 @@ def bench_step(
     return Step(
         name=name,
         order=order,
-        summary=summary,
-        todo=f"{summary} (stop the service first)",
+        summary=f"{summary} (stop the service first)",
         example="--port /dev/ttyACM0 --out DIR",
         arguments=(add_board, add_config, glass.add_arguments),
         check=check,

@@ -1,8 +1,6 @@
 """Delays from report to plate, which determine how far ahead fingers are predicted.
 
-The service measures the horizon itself, frame by frame. This step provides its initial values: the link's delay and the
-pad's report period. The sensor's own delay, from the finger's position to the report, shows in no host clock:
-`trackpad.latency_ms` stays unchanged.
+The sensor's own delay, from the finger's position to the report, shows in no host clock: `trackpad.latency_ms` stays.
 """
 
 from __future__ import annotations
@@ -10,23 +8,21 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...config import loader as config
-from ...config.sections import SIMULATED, Config
+from ...config.sections import SIMULATED, Config, PredictionConfig
 from ...errors import CalibrationError
 from ..arguments import POSITIVE
 from .folder import CONFIG_FILE
-from .step import Step, add_config
-from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
+from .step import PICTURE, Figure, Finding, Outcome, Step, Verdict, add_config, judge
 
 if TYPE_CHECKING:
     from ..latency import MeasuredLatency
 
 LEDGER_FILE = "latency.csv"
-PICTURE_FILE = "latency.png"
 STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # share of frames that are late or never applied
 PERIOD_WORTH_FRAC = 0.03  # least change of the report period that is worth a setting
 LEAST_FRAMES = 50
@@ -48,7 +44,7 @@ def run(options: argparse.Namespace) -> Verdict:
     from .. import latency  # late, with the daemon: half of the time in which the steps are listed
 
     measured = latency.measure(configured, options.seconds)
-    latency.draw(measured, options.out / PICTURE_FILE, **PICTURE)
+    latency.draw(measured, options.out / "latency.png", **PICTURE)
     latency.write_ledger(measured.lines, options.out / LEDGER_FILE)
     return verdict(measured, configured, is_simulated=options.sim)
 
@@ -57,8 +53,8 @@ def _configuration(options: argparse.Namespace) -> Config:
     """Return the configuration of --config, else that of earlier steps, else the simulated plate."""
     made: Path = options.out / CONFIG_FILE
     if options.config is not None:
-        named: Path = options.config
-        return config.simulated(config.load(named)) if options.sim else config.load(named)
+        named = config.load(options.config)
+        return config.simulated(named) if options.sim else named
     if made.exists():
         return config.load(made)
     if options.sim:
@@ -75,7 +71,9 @@ def verdict(measured: MeasuredLatency, configured: Config, *, is_simulated: bool
         for name, what in STAGES.items()
         for percent in (50, 95, 99)
     )
-    lost_frac = _lost_frac(measured)
+    counts = measured.counts
+    unanswered = counts["frames unanswered"]
+    lost_frac = (counts["frames late"] + unanswered) / max(counts["frames"] + unanswered, 1)
     period_ms = report_period_ms(measured)
     figures += (Figure("report period", period_ms, "ms"), Figure("frames late or lost", 100.0 * lost_frac, "%"))
     outcome, sentence = judge(
@@ -83,23 +81,20 @@ def verdict(measured: MeasuredLatency, configured: Config, *, is_simulated: bool
         f"Fingers are predicted {measured.stages['horizon'].percentile_ns(50) * 1e-6:.1f} ms ahead, "
         f"{measured.stages['link'].percentile_ns(50) * 1e-6:.1f} of them for the link.",
     )
-    settings: dict[str, dict[str, Any]] = {}
-    if abs(period_ms / configured.prediction.period_ms - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0:
-        settings["prediction"] = {"period_ms": round(period_ms, 2)}
-    return Verdict("latency", outcome, sentence, figures, settings, is_simulated)
+    period = period_setting(period_ms, configured.prediction)
+    return Verdict("latency", outcome, sentence, figures, {"prediction": period} if period else {}, is_simulated)
+
+
+def period_setting(period_ms: float, before: PredictionConfig) -> dict[str, float]:
+    """Return the setting of a measured report period that differs from that before."""
+    differs = abs(period_ms / before.period_ms - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0
+    return {"period_ms": round(period_ms, 2)} if differs else {}
 
 
 def report_period_ms(measured: MeasuredLatency) -> float:
     """Return the median time between samples that led to frames; NaN for fewer than two."""
     samples_ns = np.unique([line.t_sample_ns for line in measured.lines])
     return float(np.median(np.diff(samples_ns))) * 1e-6 if len(samples_ns) > 1 else float("nan")
-
-
-def _lost_frac(measured: MeasuredLatency) -> float:
-    counts = measured.counts
-    return (counts["frames late"] + counts["frames unanswered"]) / max(
-        counts["frames"] + counts["frames unanswered"], 1
-    )
 
 
 def _findings(measured: MeasuredLatency, lost_frac: float) -> Iterator[Finding]:
@@ -123,8 +118,7 @@ def _add_seconds(parser: argparse.ArgumentParser) -> None:
 STEP = Step(
     name="latency",
     order=10,
-    summary="measure the delays that the prediction must cover",
-    todo="measure the delays that prediction must cover (stop the service first)",
+    summary="measure the delays that the prediction must cover (stop the service first)",
     example="--out DIR --seconds 20",
     arguments=(add_config, _add_seconds),
     check=check,

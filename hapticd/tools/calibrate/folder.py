@@ -13,14 +13,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from ...config import loader as config
 from ...errors import CalibrationError, ConfigError, reason
 from ...regular_file import read_bounded
 from ...sim.plate.wirings import IDENTITY
 from ..outputs import check, create_folder, has_mark, write_text
-from .step import in_order
+from .step import FoundSettings, Outcome, Verdict, in_order
 from .step import steps as all_steps
-from .verdict import FoundSettings, Outcome, Verdict, as_text, from_json, to_json
 
 CONFIG_FILE = "hapticd.toml"
 PARTICIPANTS = "participants"  # folder of those who have results of their own, each in a folder of its name
@@ -31,7 +32,7 @@ HEADER = "# Written by `hapticd calibrate`, and overwritten by each of its steps
 def prepare(
     directory: Path,
     steps: Sequence[str] = (),
-    inputs: Iterable[Path | None] = (),
+    inputs: Iterable[Path] = (),
     *,
     is_simulated: bool,
     is_forced: bool = False,
@@ -41,13 +42,11 @@ def prepare(
     A step replaces its own earlier result, and no other file. Raises CalibrationError, UsageError.
     """
     create_folder(directory)
-    done = load(directory)
+    done, given = load(directory), list(inputs)
     for step, verdict in done.items():
         if verdict.is_simulated != is_simulated:
             plate = "the simulated plate" if verdict.is_simulated else "a real plate"
             raise CalibrationError(f"{directory}: its result of {step} is of {plate}: choose another --out.")
-
-    given = [path for path in inputs if path is not None]
     for step in steps:
         check(_files(directory, step), inputs=given, is_forced=is_forced or step in done)
     if steps:
@@ -66,22 +65,19 @@ def load(directory: Path) -> dict[str, Verdict]:
     found = {}
     for step in all_steps():
         path = directory / f"{step}.json"
-        if not path.exists():
-            continue
-        try:
-            verdict = from_json(read_bounded(path, MAX_BYTES).decode())
-        except (OSError, ValueError) as error:
-            raise CalibrationError(
-                f"{path}: cannot be read ({reason(error)}): delete it and repeat the step."
-            ) from None
-        found[step] = verdict
+        if path.exists():
+            try:
+                found[step] = msgspec.json.decode(read_bounded(path, MAX_BYTES), type=Verdict)
+            except (OSError, ValueError, RecursionError) as error:
+                why = f"cannot be read ({reason(error)})"
+                raise CalibrationError(f"{path}: {why}: delete it and repeat the step.") from None
     return found
 
 
 def save(directory: Path, verdict: Verdict) -> Path:
     """Write the step's result and the merged configuration; return the latter's path. Raises HapticdError."""
-    path = directory / CONFIG_FILE
-    write_text(to_json(verdict), directory / f"{verdict.step}.json")
+    path, result = directory / CONFIG_FILE, msgspec.json.encode(verdict, enc_hook=float)  # of NumPy's numbers
+    write_text(msgspec.json.format(result, indent=2).decode() + "\n", directory / f"{verdict.step}.json")
     write_text(HEADER + as_toml(merged(load(directory).values())), path)
     return path
 
@@ -152,12 +148,10 @@ def overview(directory: Path, *, is_simulated: bool = False) -> str:
     found = load(directory)
     lines = [f"Steps, in this order; results go to {directory} (--out):", ""]
     for place, (step, one) in enumerate(all_steps().items(), 1):
-        lines.append(f"Later: {step:<7} {one.todo}" if one.order is None else f"{place}. {step:<10} {one.todo}")
+        lines.append(f"{'Later:' if one.order is None else f'{place}.'} {step:<10} {one.summary}")
         if step in found:
-            last = as_text(found[step]).splitlines()[-1]
-            lines.append(
-                f"   done{' (simulated)' if found[step].is_simulated else ''}: {last.removeprefix(step + ': ')}"
-            )
+            done = f"   done{' (simulated)' if found[step].is_simulated else ''}"
+            lines.append(f"{done}: {found[step].outcome.name}: {found[step].sentence}")
     if next_steps := left(found):
         arguments = f"{'--sim ' if is_simulated else ''}--out {directory}"
         lines += ["", f"Next: hapticd calibrate {next_steps[0]} {arguments}"]

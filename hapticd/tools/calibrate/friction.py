@@ -1,12 +1,9 @@
 """Fit of the friction curve to measured friction against amplitude.
 
-Readings are coefficients of friction, forces or anything proportional; there may be several at each amplitude. The fit
-assumes only that friction does not rise with amplitude: isotonic regression (R. E. Barlow et al., Statistical Inference
-under Order Restrictions, 1972), its blocks joined by a monotone cubic (F. N. Fritsch and R. E. Carlson, SIAM J. Numer.
-Anal. 17 (1980) 238). Bare glass maps to 1, the floor to 0. Readings beyond OUTLIER_SIGMA are left out and counted.
-
-The curve ends where the floor begins: beyond it amplitude costs voltage without lowering friction. Where the readings
-have speeds, their effect is fitted first (`friction_speed`), and the curve is that of a finger at rest.
+The fit assumes only that friction does not rise with amplitude: isotonic regression (R. E. Barlow et al., Statistical
+Inference under Order Restrictions, 1972), its blocks joined by a monotone cubic (F. N. Fritsch and R. E. Carlson, SIAM
+J. Numer. Anal. 17 (1980) 238). Bare glass maps to 1, the floor, where the curve ends, to 0. Where the readings have
+speeds, their effect is fitted first (`friction_speed`), and the curve is that of a finger at rest.
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,10 +23,8 @@ from ...values import FloatArray
 from .. import plotting
 from . import simulated
 from .friction_speed import BARE_UM, fit_speed
-from .step import MissingInput, Step
-from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
+from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, judge
 
-PICTURE_FILE = "friction.png"
 COLUMNS = ("amplitude_um", "friction")
 SPEED_COLUMN = "speed_mm_s"  # optional
 KNOTS = 17  # of the curve, at equally spaced frictions
@@ -66,42 +60,21 @@ def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError."""
     if options.sim:
         return
-    if options.lsl is not None:
-        if options.readings is not None:
-            raise CalibrationError("--lsl measures readings of its own: it cannot be combined with --readings.")
-        return
     if options.readings is None:
-        raise MissingInput(
-            "No readings are given: add --readings F.csv with amplitude_um,friction, --lsl with a sensor, or --sim."
-        )
+        raise MissingInput("No readings are given: add --readings F.csv with amplitude_um,friction, or --sim.")
     read(options.readings)
 
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    if options.sim:
-        readings = _Readings(*simulated.friction_readings(options.seed))
-    elif options.lsl is not None:
-        from . import friction_live  # with the client library and recordings
-
-        readings = _Readings(*friction_live.measure(options.endpoint, options.lsl))
-    else:
-        readings = read(options.readings)
-    found = fit_friction(*readings)
-    draw(found, options.out / PICTURE_FILE, source=simulated.source(options))
+    found = fit_friction(*(simulated.friction_readings(options.seed) if options.sim else read(options.readings)))
+    draw(found, options.out / "friction.png", source=simulated.source(options))
     return verdict(found, is_simulated=options.sim)
 
 
-class _Readings(NamedTuple):
-    """Amplitudes, frictions and, where they were noted, sliding speeds (N,)."""
-
-    amplitude_um: FloatArray
-    friction: FloatArray
-    speed_mm_s: FloatArray | None = None
-
-
-def read(path: Path) -> _Readings:
-    """Read a CSV file with the header COLUMNS, and SPEED_COLUMN if it has speeds. Raises CalibrationError."""
+def read(path: Path) -> FloatArray:
+    """Return amplitudes, frictions and, where they were noted, sliding speeds (2 or 3, N) of a CSV file with the header
+    COLUMNS, and SPEED_COLUMN if it has speeds. Raises CalibrationError."""
     try:
         lines = read_lines(path, 2 * MAX_READINGS)  # some of them empty
         rows = csv_rows(lines)
@@ -116,19 +89,18 @@ def read(path: Path) -> _Readings:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
     if not table:
         raise CalibrationError(f"{path}: holds no readings: add a line for each.")
-    return _Readings(*np.array(table).T)
+    return np.array(table).T
 
 
 def _row(path: Path, place: int, cells: Sequence[str], columns: int) -> list[float]:
     if place > MAX_READINGS:
         raise CalibrationError(f"{path}: has more than {MAX_READINGS} readings: average them first.")
     try:
-        numbers = [float(cell) for cell in cells]
+        (*numbers,) = map(float, cells)
     except ValueError:
         numbers = []
     if len(numbers) != columns:
-        count = "two" if columns == len(COLUMNS) else "three"
-        raise CalibrationError(f"{path}: reading {place} is not {count} numbers: correct or delete it.")
+        raise CalibrationError(f"{path}: reading {place} is not {columns} numbers: correct or delete it.")
     return numbers
 
 
@@ -147,7 +119,9 @@ def fit_friction(
         raise CalibrationError("An amplitude is negative, or a reading is no finite number: correct or delete it.")
     if len(np.unique(amplitude)) < MIN_LEVELS or not amplitude.min() <= BARE_UM:
         raise CalibrationError(f"Measure bare glass (0 um) and at least {MIN_LEVELS - 1} amplitudes above it.")
-    speeds = None if speed_mm_s is None else _checked_speeds(speed_mm_s, len(amplitude))
+    speeds = None if speed_mm_s is None else np.asarray(speed_mm_s, np.float64)
+    if speeds is not None and not ((speeds > 0.0) & (speeds <= LARGEST)).all():
+        raise CalibrationError("A speed is not above 0, or no finite number: correct or delete its reading.")
     v0_mm_s, about_speed, amplitude, value = fit_speed(amplitude, value, speeds)
     left_out = _left_out(amplitude, value)
     kept, heights = amplitude[~left_out], value[~left_out]
@@ -158,13 +132,6 @@ def fit_friction(
     curve_um = _inverted(*_blocks(levels, falling, weights, noise))
     bare, floor = float(falling[0]), float(falling[-1])
     return FrictionFit(curve_um, bare, floor, noise, left_out, v0_mm_s, about_speed, (amplitude, value))
-
-
-def _checked_speeds(speed_mm_s: npt.ArrayLike, count: int) -> FloatArray:
-    speeds = np.asarray(speed_mm_s, np.float64)
-    if speeds.shape != (count,) or not ((speeds > 0.0) & (speeds <= LARGEST)).all():
-        raise CalibrationError("A speed is not above 0, or no finite number: correct or delete its reading.")
-    return speeds
 
 
 def _left_out(amplitude: FloatArray, value: FloatArray) -> npt.NDArray[np.bool_]:
@@ -210,23 +177,17 @@ def _blocks(
 
 
 def _inverted(at_um: FloatArray, height: FloatArray) -> FloatArray:
-    """Return the amplitude at KNOTS equally spaced frictions 1 .. 0, by bisection: the cubic falls strictly."""
+    """Return the amplitude at KNOTS equally spaced frictions 1 .. 0: the cubic falls strictly."""
     from scipy.interpolate import PchipInterpolator
 
     curve = PchipInterpolator(at_um, (height - height[-1]) / (height[0] - height[-1]))
-    target = np.linspace(1.0, 0.0, KNOTS)[1:-1]
-    low, high = np.zeros(len(target)), np.full(len(target), at_um[-1])
-    for _ in range(60):
-        middle = (low + high) / 2.0
-        is_above = curve(middle) > target
-        low, high = np.where(is_above, middle, low), np.where(is_above, high, middle)
-    return np.concatenate(([0.0], (low + high) / 2.0, at_um[-1:]))
+    between = [curve.solve(share, extrapolate=False)[0] for share in np.linspace(1.0, 0.0, KNOTS)[1:-1]]
+    return np.array([0.0, *between, at_um[-1]])
 
 
 def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
     """Judge the curve and its uncertainty."""
-    fall = found.bare - found.floor
-    noise_frac = found.noise_rms / fall
+    noise_frac = found.noise_rms / (found.bare - found.floor)
     figures = (
         Figure("friction of bare glass", found.bare, ""),
         Figure("friction at the floor", found.floor, ""),
@@ -242,11 +203,9 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
     if found.left_out.mean() > 0.1:
         findings.append((Outcome.WARN, "More than a tenth of the readings are outliers: check them."))
     fallen = f"Friction falls to {100.0 * found.floor / found.bare:.0f} % at {found.amplitude_um[-1]:.2f} um."
-    sentence = f"{fallen} {found.about_speed}"
-    outcome, sentence = judge(findings, sentence)
-    curve_um = [round(um, 5) for um in found.amplitude_um.tolist()]
+    outcome, sentence = judge(findings, f"{fallen} {found.about_speed}")
     plate = {
-        "friction_curve": curve_um,
+        "friction_curve": [round(um, 5) for um in found.amplitude_um.tolist()],
         "friction_floor_frac": round(min(max(found.floor / found.bare, LEAST_FLOOR_FRAC), MOST_FLOOR_FRAC), 4),
         "friction_speed_mm_s": round(found.speed_mm_s, 1) if math.isfinite(found.speed_mm_s) else 0.0,
     }
@@ -256,8 +215,7 @@ def verdict(found: FrictionFit, *, is_simulated: bool) -> Verdict:
 def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
     """Draw readings, outliers and the curve, as of a finger at rest. Raises HapticdError."""
     figure, ((plot,),) = plotting.subplots(6.0, 4.0, source=source)
-    amplitude_um, friction = found.at_rest
-    left_out = found.left_out
+    (amplitude_um, friction), left_out = found.at_rest, found.left_out
     plot.plot(amplitude_um[~left_out], friction[~left_out], ".", label="readings")
     if left_out.any():
         plot.plot(amplitude_um[left_out], friction[left_out], "x", label="left out")
@@ -270,23 +228,15 @@ def draw(found: FrictionFit, path: Path, *, source: str = "") -> None:
 
 
 def _add_readings(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--readings", type=Path, metavar="F.csv", help="columns amplitude_um,friction, and optionally speed_mm_s"
-    )
-    parser.add_argument(
-        "--lsl",
-        metavar="NAME",
-        help="measure them now, on the running service: a force sensor's stream of the Lab Streaming Layer",
-    )
-    parser.add_argument("--endpoint", type=Path, metavar="DIR", help="the service's runtime directory, for --lsl")
+    columns = "columns amplitude_um,friction, and optionally speed_mm_s"
+    parser.add_argument("--readings", type=Path, metavar="F.csv", help=columns)
     parser.add_argument("--participant", metavar="NAME", help="of whose finger they are: for `hapticd run --friction`")
 
 
 STEP = Step(
     name="friction",
     order=12,
-    summary="fit friction against amplitude",
-    todo="fit friction against amplitude (--readings FILE)",
+    summary="fit friction against amplitude (--readings FILE)",
     example="--readings friction.csv --out DIR",
     arguments=(_add_readings,),
     check=check,

@@ -41,39 +41,33 @@ class SpeedFit(NamedTuple):
 
 def fit_speed(amplitude_um: FloatArray, friction: FloatArray, speed_mm_s: FloatArray | None) -> SpeedFit:
     """Fit v0 to readings (N,) whose speeds are known, or say why not."""
-    missing = _missing(amplitude_um, speed_mm_s)
+    missing = "The readings have no speed_mm_s" if speed_mm_s is None else _missing(amplitude_um, speed_mm_s)
     if speed_mm_s is None or missing:
-        return SpeedFit(math.inf, missing, amplitude_um, friction)
+        return SpeedFit(math.inf, f"{missing}: the curve is taken as that of all speeds.", amplitude_um, friction)
     relative = friction / _of_bare(amplitude_um, friction, speed_mm_s)
-    slow, fast = float(speed_mm_s.min()), float(speed_mm_s.max())
-    none = _residuals(amplitude_um, relative)
-    clip = CLIP_SIGMA * 1.4826 * float(np.median(np.abs(none))) + 1e-9
-    tried = np.geomspace(slow / 30.0, fast * 30.0, TRIED)
-    sums = [_squares(_residuals(amplitude_um / (1.0 + speed_mm_s / v0), relative), clip) for v0 in tried.tolist()]
-    best = int(np.argmin(sums))
-    count = len(amplitude_um)
-    gain = count * math.log(max(_squares(none, clip), 1e-30) / max(sums[best], 1e-30)) - math.log(count)
-    if gain < LEAST_BIC:
+    slow, fast, count = float(speed_mm_s.min()), float(speed_mm_s.max()), len(amplitude_um)
+    tried = [math.inf, *np.geomspace(slow / 30.0, fast * 30.0, TRIED).tolist()]
+    residuals = np.abs([_residuals(amplitude_um / (1.0 + speed_mm_s / v0), relative) for v0 in tried])
+    clip = CLIP_SIGMA * 1.4826 * float(np.median(residuals[0])) + 1e-9
+    squares = np.maximum((np.minimum(residuals, clip) ** 2).sum(axis=1), 1e-30)
+    v0 = tried[int(np.argmin(squares))]
+    if count * math.log(squares[0] / squares.min()) - math.log(count) < LEAST_BIC:
         why = f"Speed changes nothing that the readings show, from {slow:.0f} to {fast:.0f} mm/s."
         return SpeedFit(math.inf, why, amplitude_um, friction)
-    v0 = float(tried[best])
     sentence = f"A finger at {v0:.0f} mm/s needs twice the amplitude of one at rest."
     return SpeedFit(v0, sentence, _sorted_um(amplitude_um / (1.0 + speed_mm_s / v0)), relative)
 
 
-def _missing(amplitude_um: FloatArray, speed_mm_s: FloatArray | None) -> str:
+def _missing(amplitude_um: FloatArray, speed_mm_s: FloatArray) -> str:
     """Return what the readings lack for a fit; empty if nothing."""
-    always = "the curve is taken as that of all speeds"
-    if speed_mm_s is None:
-        return f"The readings have no speed_mm_s: {always}."
     first, ninth = np.quantile(speed_mm_s, (0.1, 0.9))
-    if ninth < LEAST_SPAN * first:
-        return f"The speeds span less than a factor of {LEAST_SPAN:g}: {always}."
     is_bare, is_fast = amplitude_um <= BARE_UM, speed_mm_s > np.median(speed_mm_s)
+    if ninth < LEAST_SPAN * first:
+        return f"The speeds span less than a factor of {LEAST_SPAN:g}"
     if is_bare.sum() < LEAST_BARE or np.ptp(speed_mm_s[is_bare]) == 0.0:
-        return f"Bare glass was not measured at several speeds: {always}."
+        return "Bare glass was not measured at several speeds"
     if min(len(np.unique(amplitude_um[half])) for half in (is_fast, ~is_fast)) < LEAST_LEVELS:
-        return f"Slow and fast readings have fewer than {LEAST_LEVELS} amplitudes each: {always}."
+        return f"Slow and fast readings have fewer than {LEAST_LEVELS} amplitudes each"
     return ""
 
 
@@ -93,10 +87,6 @@ def _residuals(amplitude_um: FloatArray, friction: FloatArray) -> FloatArray:
     hats = np.array([np.interp(amplitude_um, knots_um, unit) for unit in np.eye(KNOTS)]).T
     heights, *_ = np.linalg.lstsq(hats, friction, rcond=None)
     return np.asarray(friction - hats @ heights)
-
-
-def _squares(residuals: FloatArray, clip: float) -> float:
-    return float(np.sum(np.minimum(np.abs(residuals), clip) ** 2))
 
 
 def _sorted_um(amplitude_um: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 
 from ...io.devices.trackpad_source import TrackpadSource
 from ...values import RawReport, TouchFrame
-from ...wire.trackpad import Decoder, Pad
+from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
 
 
 @asynccontextmanager
@@ -16,17 +16,15 @@ async def reading(
     pad: TrackpadSource, take: Callable[[TouchFrame], None], on_link: Callable[[Pad | None], None]
 ) -> AsyncIterator[None]:
     """Context in which `take` gets each frame, and `on_link` the pad that is connected; it is closed at the end."""
-    decoder: Decoder | None = None
+    decoder = Decoder(DEFAULT_PAD)
 
-    def linked(found: Pad | None, reason: str) -> None:
+    def linked(found: Pad | None, reason: str) -> None:  # before its first report
         nonlocal decoder
         print(f"trackpad: {reason}", flush=True)
-        if found is not None:
-            decoder = Decoder(found)
+        decoder = Decoder(found or DEFAULT_PAD)
         on_link(found)
 
     def reported(reports: Sequence[RawReport]) -> None:
-        assert decoder is not None  # the pad is linked before its first report
         for report in reports:
             for frame in decoder.decode(report.data, report.t_host_ns):
                 take(frame)

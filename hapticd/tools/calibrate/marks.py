@@ -16,7 +16,6 @@ import numpy.typing as npt
 from ...core.touch.tracking import Tracker
 from ...errors import CalibrationError
 from ...values import AffineMap, Finger, FloatArray, TouchFrame
-from .contacts import Axes, mean_axes_mm
 
 REST_NS = 500_000_000
 REST_WITHIN_MM = 0.5  # of the mean, for the whole rest
@@ -26,17 +25,15 @@ MIN_MARKS = 4  # three determine the map, a fourth its error
 MIN_SPREAD_MM = 5.0  # RMS of the marks about the line that fits them best
 
 MarkPoint = tuple[float, float]
-_Sample = tuple[int, float, float, float, float, float]  # t_ns, x_mm, y_mm, and the ellipse: its axes and angle
 
 
 class TouchedMarks:
-    """Positions touched so far, in order, in the pad's frame, and the axes of the ellipse that it reported at each."""
+    """Positions touched so far, in order, in the pad's frame."""
 
     def __init__(self) -> None:
         self.rests_mm: list[MarkPoint] = []
-        self.axes_mm: list[Axes] = []
         self._tracker = Tracker()
-        self._paths: dict[int, deque[_Sample]] = {}
+        self._paths: dict[int, deque[tuple[int, float, float]]] = {}
         self._counted: set[int] = set()
 
     def update(self, frame: TouchFrame) -> MarkPoint | None:
@@ -47,8 +44,7 @@ class TouchedMarks:
         for finger in now.fingers:
             path = self._paths.setdefault(finger.finger_id, deque())
             if not path or now.t_ns > path[-1][0]:
-                ellipse = (finger.major_mm, finger.minor_mm, finger.angle_rad)
-                path.append((now.t_ns, finger.x_mm, finger.y_mm, *ellipse))
+                path.append((now.t_ns, finger.x_mm, finger.y_mm))
             while now.t_ns - path[0][0] > REST_NS:
                 path.popleft()
         for finger in now.fingers:
@@ -56,7 +52,6 @@ class TouchedMarks:
             if rest is not None:
                 self._counted.add(finger.finger_id)
                 self.rests_mm.append(rest)
-                self.axes_mm.append(mean_axes_mm([ellipse for _, _, _, *ellipse in self._paths[finger.finger_id]]))
                 return rest
         return None
 
@@ -66,7 +61,7 @@ class TouchedMarks:
         is_whole = len(path) >= LEAST_FRAMES and t_ns - path[0][0] + period_ns >= REST_NS
         if not is_whole or finger.finger_id in self._counted:
             return None
-        points_mm = np.array([(x_mm, y_mm) for _, x_mm, y_mm, *_ in path])
+        points_mm = np.array([place_mm for _, *place_mm in path])
         mean_mm = points_mm.mean(axis=0)
         others_mm = [(one.x_mm, one.y_mm) for one in fingers if one is not finger] + self.rests_mm
         is_apart = all(np.hypot(*(mean_mm - other)) >= APART_MM for other in others_mm)

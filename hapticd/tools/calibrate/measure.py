@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,25 +38,16 @@ WRAP_US = 1 << 32
 
 async def at_rest(board: Conversation) -> tuple[FloatArray, ComplexArray]:
     """Return unwrapped times in us (T,) and measured amplitudes (T, M) of ticks over REST_S."""
-    size = 16 + 32 * board.hello.modes
+    size, samples, loop = 16 + 32 * board.hello.modes, list[TelemetrySample](), asyncio.get_running_loop()
     await board.demand(SetTelemetry(min(500, LINE_BYTES_S // size)))
-    samples = await _telemetry(board, REST_S)
+    end_s = loop.time() + REST_S
+    while (sample := await board.wait_for(TelemetrySample, end_s - loop.time())) is not None:
+        samples.append(sample)
     await board.demand(SetTelemetry(0))
-    t_us = np.unwrap(np.array([sample.t_board_us for sample in samples], np.float64), period=WRAP_US)
-    return t_us, np.array([[mode.measured_um for mode in sample.modes] for sample in samples])
-
-
-async def _telemetry(board: Conversation, seconds: float) -> list[TelemetrySample]:
-    samples: list[TelemetrySample] = []
-    loop = asyncio.get_running_loop()
-    end_s = loop.time() + seconds
-    while (left_s := end_s - loop.time()) > 0.0:
-        message = await board.receive(left_s)
-        if isinstance(message, TelemetrySample):
-            samples.append(message)
     if len(samples) < 2:
         raise DeviceError("The board sends no telemetry: use a faster --baud, or another cable.")
-    return samples
+    t_us = np.unwrap(np.array([sample.t_board_us for sample in samples], np.float64), period=WRAP_US)
+    return t_us, np.array([[mode.measured_um for mode in sample.modes] for sample in samples])
 
 
 def short_plan(design: PlateDesign, volts: float) -> Sweep:
@@ -75,11 +67,10 @@ def search_plan(design: PlateDesign) -> Sweep:
 
 async def swept(board: Conversation, plan: Sweep) -> list[AmplifierSweep]:
     """Return the responses to each amplifier in turn. Raises DeviceError."""
-    found = []
-    for amplifier in range(board.hello.modes):
-        one = Sweep(amplifier, plan.start_hz, plan.stop_hz, plan.points, plan.dwell_ms, plan.voltage_v)
-        found.append(AmplifierSweep.of(amplifier, await measured_again(board, one, TRIES)))
-    return found
+    return [
+        AmplifierSweep.of(amplifier, await measured_again(board, replace(plan, mode=amplifier), TRIES))
+        for amplifier in range(board.hello.modes)
+    ]
 
 
 @contextlib.asynccontextmanager
@@ -109,11 +100,6 @@ async def status(board: Conversation) -> BoardStatus:
     return found
 
 
-async def up_to_date(board: Conversation) -> None:
-    """Drop what the board said before now: while a person types, its messages wait."""
-    await board.ask(TimeRequest(0), BoardTime)
-
-
 async def drives(board: Conversation) -> bool:
     """Return whether the board accepts a hundredth of a volt and keeps it."""
     await quiet(board)
@@ -125,8 +111,8 @@ async def drives(board: Conversation) -> bool:
 
 
 async def quiet(board: Conversation) -> None:
-    """Wait until a tool has ramped down."""
-    await up_to_date(board)
+    """Wait until a tool has ramped down. What the board sent before, while a person typed, is dropped."""
+    await board.ask(TimeRequest(0), BoardTime)
     for _ in range(10):
         if (await status(board)).state is not BoardState.TOOL:
             return

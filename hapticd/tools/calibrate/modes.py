@@ -1,21 +1,20 @@
 """Fit of a vibrometer's or microphone's scan, or of added masses, to the mode map that the service solves with.
 
-`design.cartography` aligns, denoises and fits twice, by the plate equation and by free-plate modes, with what glue and
-added mass make of them; the better fit is taken, the other one is the cross-check. The map's cross-validated error is
-propagated through the solver.
+`design.cartography` fits twice, by the plate equation and by free-plate modes; the better fit is taken, the other one
+is the cross-check. The map's cross-validated error is propagated through the solver.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ...config.sections import LimitsConfig, SimConfig, SolverConfig
 from ...core.plate.mode_shapes import ModeShapes
@@ -24,20 +23,20 @@ from ...daemon.settings import LEAST_CONTACT_MODES
 from ...design import CartographyFit, fit_scan, nearest_free_modes
 from ...design.added_mass import signed
 from ...design.cartography import REFERENCE_SIZE_MM
+from ...design.contact_pairs import random_fingers
 from ...design.felt_places import settle_felt, touches_at
 from ...errors import CalibrationError, ModesError
 from ...formats.mode_map import LoweredScan, Scan, read_scan
 from ...sim.plate.glasses import find_glass
 from ...sim.plate.ground_truth import GroundTruth, PlateSettings
+from ...values import ComplexArray, FloatArray
 from .. import glass, plotting
 from ..progress import Progress
 from . import simulated
-from .step import MissingInput, Step
+from .step import PICTURE, Figure, Finding, MissingInput, Outcome, Step, Verdict, judge
 from .universal_file import PER_METRE, SUFFIXES, read_universal
-from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
 
 MODES_FILE = "modes.npz"
-PICTURE_FILE = "modes.png"
 
 USUAL_LIMIT_UM = LimitsConfig().w_limit_um
 GOOD_LEAK_UM, USABLE_LEAK_UM = 0.05, 0.3  # at the sticky finger, for 1 um at the other
@@ -51,9 +50,6 @@ RUNAWAY = 3.0  # times the largest readings: a larger map is extrapolated betwee
 TARGETS_UM = (1.0, 0.0)  # of the pairs for which the leak is estimated
 W_LIMIT_UM = 4.0
 PAIRS = 1000
-MARGIN_MM = 8.0  # least distance of fingers from an edge
-APART_MM = 15.0  # and from each other
-CONTACT_RADIUS_MM = SolverConfig().contact_radius_mm
 SCAN_PT2 = 8  # area of a reading's mark in the picture
 
 
@@ -73,7 +69,7 @@ class FittedMap:
     """
 
     fit: CartographyFit
-    other_differs_rms: npt.NDArray[np.float64]
+    other_differs_rms: FloatArray
     like: tuple[tuple[str, float], ...]
     beyond: float
     leak: ExpectedLeak
@@ -82,15 +78,8 @@ class FittedMap:
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises CalibrationError, UsageError."""
     glass.chosen(options, is_simulated=options.sim)
-    _size_mm(options)
     if not options.sim:
         _read(options)
-
-
-def _size_mm(options: argparse.Namespace) -> tuple[float, float]:
-    if options.size is not None:
-        return parse_size(options.size)
-    return find_glass(glass.chosen(options).plate).size_mm if options.sim else REFERENCE_SIZE_MM
 
 
 def _read(options: argparse.Namespace) -> tuple[Scan, Mapping[str, int]]:
@@ -110,7 +99,8 @@ def _read(options: argparse.Namespace) -> tuple[Scan, Mapping[str, int]]:
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises CalibrationError."""
-    size_mm, plate = _size_mm(options), glass.chosen(options) if options.sim else None
+    plate = glass.chosen(options) if options.sim else None
+    size_mm = options.size or (REFERENCE_SIZE_MM if plate is None else find_glass(plate.plate).size_mm)
     scan, left_out = _read(options) if plate is None else (Scan(*simulated.scan(options.seed, plate)), {})
     if isinstance(scan, LoweredScan):
         scan = _with_signs(scan, size_mm)
@@ -118,7 +108,7 @@ def run(options: argparse.Namespace) -> Verdict:
     with Progress("fitting the scan twice") as progress:
         found = fit_map(scan, size_mm, normalise=not (options.own_scale or options.sim), progress=progress)
     found.fit.modes.save(options.out / MODES_FILE)
-    draw(scan, found, options.out / PICTURE_FILE, source=simulated.source(options))
+    draw(scan, found, options.out / "modes.png", source=simulated.source(options))
     return verdict(found, len(scan.points_mm), size_mm, plate, left_out)
 
 
@@ -149,13 +139,10 @@ def fit_map(
     best = fits[0]
     differs = best.modes.shapes - fits[-1].modes.shapes
     differs_rms = np.sqrt((differs**2).mean(axis=(1, 2))) if len(fits) > 1 else np.full(best.modes.M, np.nan)
-    return FittedMap(
-        best,
-        differs_rms,
-        nearest_free_modes(best.modes, best.wavelength_mm, size_mm),
-        _beyond(best, scan),
-        expected_leak(best.modes, best.map_error_rms.tolist()),
-    )
+    largest = np.nanpercentile(np.abs(scan.readings / best.scale), 99.0, axis=0)
+    beyond = float((np.abs(best.modes.shapes).max(axis=(1, 2)) / largest).max())
+    like = nearest_free_modes(best.modes, best.wavelength_mm, size_mm)
+    return FittedMap(best, differs_rms, like, beyond, expected_leak(best.modes, best.map_error_rms, size_mm))
 
 
 def _with_signs(scan: LoweredScan, size_mm: tuple[float, float]) -> Scan:
@@ -177,10 +164,7 @@ def verdict(
     figures = [
         Figure("points", float(points), ""),
         Figure("points left out", float(fit.left_out), ""),
-        *(
-            Figure(f"left out of the file: {what}", float(count), "functions")
-            for what, count in (left_out or {}).items()
-        ),
+        *(Figure(f"left out of the file: {what}", count, "functions") for what, count in (left_out or {}).items()),
         Figure("wavelength", fit.wavelength_mm, "mm"),
         Figure("scan turned by", math.degrees(fit.pose.rotation_rad), "degrees"),
         Figure("scan shifted by", math.hypot(fit.pose.x_mm, fit.pose.y_mm), "mm"),
@@ -191,7 +175,7 @@ def verdict(
             Figure(f"mode {mode} noise of a reading", 100.0 * fit.noise_rms[mode], "% of the peak"),
             Figure(f"mode {mode} error of the map", 100.0 * fit.map_error_rms[mode], "% of the peak"),
             Figure(f"mode {mode} other fit differs by", 100.0 * found.other_differs_rms[mode], "% of the peak"),
-            *_corrected(fit, mode),
+            Figure(f"mode {mode} residual", 100.0 * fit.residual_rms[mode], "% of the peak"),
             Figure(f"mode {mode} is like {name}", 100.0 * correlation, "%"),
         ]
     figures += [
@@ -213,13 +197,6 @@ def verdict(
     return Verdict("modes", outcome, sentence, tuple(figures), settings, simulated is not None)
 
 
-def _corrected(fit: CartographyFit, mode: int) -> Iterator[Figure]:
-    """Give the residual without and with what free-plate modes lack, where that was added."""
-    if math.isfinite(fit.free_plate_rms[mode]):
-        for name, rms in (("by free-plate modes", fit.free_plate_rms), ("with what they lack", fit.residual_rms)):
-            yield Figure(f"mode {mode} residual {name}", 100.0 * rms[mode], "% of the peak")
-
-
 def _findings(found: FittedMap, points: int, is_simulated: bool) -> Iterator[Finding]:
     fit, leak_um = found.fit, found.leak.rms_um
     if leak_um > GOOD_LEAK_UM:
@@ -231,10 +208,12 @@ def _findings(found: FittedMap, points: int, is_simulated: bool) -> Iterator[Fin
     if found.beyond > RUNAWAY:
         beyond = f"The map goes {found.beyond:.1f} times beyond the largest readings"
         yield Outcome.FAIL, f"{beyond}: measure closer points, up to the edges."
-    for first, second in zip(*np.triu_indices(fit.modes.M, 1), strict=True):
-        if _correlation(fit.modes, int(first), int(second)) > ALIKE_FRAC:
-            yield Outcome.FAIL, f"Modes {first} and {second} have the same shape: drive each of them alone."
     sizes = np.sqrt((fit.modes.shapes**2).mean(axis=(1, 2)))
+    unit = fit.modes.shapes.reshape(fit.modes.M, -1) / sizes[:, None]
+    alike = (unit @ unit.T / unit.shape[1]) ** 2
+    for first, second in combinations(range(fit.modes.M), 2):
+        if alike[first, second] > ALIKE_FRAC:
+            yield Outcome.FAIL, f"Modes {first} and {second} have the same shape: drive each of them alone."
     for mode, noise_frac in enumerate(fit.noise_rms / sizes):
         if not noise_frac <= USABLE_NOISE_FRAC:
             yield Outcome.FAIL, f"Mode {mode} is mostly noise: measure longer at each point."
@@ -261,45 +240,27 @@ def _limits_um(modes: int, simulated: SimConfig | None) -> list[float]:
     return [min(USUAL_LIMIT_UM)] * modes
 
 
-def _beyond(fit: CartographyFit, scan: Scan) -> float:
-    """Return the map's largest value over the readings' 99th percentile, the largest of all modes."""
-    largest = np.nanpercentile(np.abs(scan.readings / fit.scale), 99.0, axis=0)
-    return float((np.abs(fit.modes.shapes).max(axis=(1, 2)) / largest).max())
-
-
-def _correlation(modes: ModeShapes, first: int, second: int) -> float:
-    one, other = modes.shapes[first].ravel(), modes.shapes[second].ravel()
-    return float((one @ other) ** 2 / ((one @ one) * (other @ other)))
-
-
-def finger_pairs_mm(modes: ModeShapes, pairs: int, seed: int) -> npt.NDArray[np.float64]:
-    """Return random positions of two fingers (pairs, 2, 2) on the map, apart and clear of its edges."""
-    random = np.random.default_rng(seed)
-    low = np.array((modes.x_mm[0], modes.y_mm[0])) + MARGIN_MM
-    high = np.array((modes.x_mm[-1], modes.y_mm[-1])) - MARGIN_MM
-    drawn = random.uniform(low, high, (4 * pairs, 2, 2))
-    apart_mm = np.linalg.norm(drawn[:, 0] - drawn[:, 1], axis=1)
-    return np.asarray(drawn[apart_mm >= APART_MM][:pairs], np.float64)
-
-
-def solved_um(modes: ModeShapes, pairs_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
+def solved_um(modes: ModeShapes, pairs_mm: FloatArray) -> ComplexArray:
     """Return the modal amplitudes (pairs, M) that the service would find on the map, for points or for contacts."""
     if modes.M >= LEAST_CONTACT_MODES:
-        found = touches_at(modes, pairs_mm, CONTACT_RADIUS_MM)
+        found = touches_at(modes, pairs_mm, SolverConfig().contact_radius_mm)
         return settle_felt(found, TARGETS_UM, [W_LIMIT_UM] * modes.M, starts=1)[0]
     phi = modes.evaluate(pairs_mm.reshape(-1, 2)).reshape(*pairs_mm.shape[:2], modes.M)
     return solve_batch(phi, TARGETS_UM, W_LIMIT_UM).astype(np.complex128)
 
 
-def expected_leak(modes: ModeShapes, map_error_rms: Sequence[float]) -> ExpectedLeak:
+def expected_leak(modes: ModeShapes, map_error_rms: FloatArray, size_mm: tuple[float, float]) -> ExpectedLeak:
     """Return the vibration at a sticky finger caused by the map's errors `map_error_rms` (M,), in units of the shapes.
 
     Random pairs of fingers, one slippery, one sticky, are solved on the map. The sticky finger then gets sum_k W_k e_k,
     where the map's error e_k is independent between modes and has the cross-validated RMS everywhere. All other leaks
-    are left out, of which prediction is the largest.
+    are left out, of which prediction is the largest. Raises CalibrationError for a plate without room for two.
     """
-    modal_um = solved_um(modes, finger_pairs_mm(modes, PAIRS, seed=1))
-    variance_um2 = np.abs(modal_um) ** 2 @ np.asarray(map_error_rms, np.float64) ** 2
+    try:
+        pairs_mm = random_fingers(size_mm, PAIRS, seed=1)
+    except ValueError as error:
+        raise CalibrationError(f"--size: {error}") from None
+    variance_um2 = np.abs(solved_um(modes, pairs_mm)) ** 2 @ map_error_rms**2
     return ExpectedLeak(float(np.sqrt(variance_um2.mean())), float(np.sqrt(np.percentile(variance_um2, 95.0))))
 
 
@@ -336,17 +297,16 @@ def draw(scan: Scan, found: FittedMap, path: Path, *, source: str = "") -> None:
 def _add_scan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scan", type=Path, metavar="FILE", help="the readings: CSV, NPZ or UFF")
     parser.add_argument("--unit", choices=[*PER_METRE], help="of positions in a UFF that does not say it (default m)")
-    parser.add_argument("--size", metavar="MMxMM", help="of the plate (default 137.5x137.5, or the simulated plate's)")
-    parser.add_argument(
-        "--own-scale", action="store_true", help="the readings are divided by the modal amplitude: keep their scale"
-    )
+    size = "of the plate (default 137.5x137.5, or the simulated plate's)"
+    parser.add_argument("--size", type=parse_size, metavar="MMxMM", help=size)
+    own = "the readings are divided by the modal amplitude: keep their scale"
+    parser.add_argument("--own-scale", action="store_true", help=own)
 
 
 STEP = Step(
     name="modes",
     order=8,
-    summary="fit the vibrometer's scan of the mode shapes",
-    todo="fit the vibrometer's scan of the mode shapes (--scan FILE)",
+    summary="fit the vibrometer's scan of the mode shapes (--scan FILE)",
     example="--scan scan.csv --out DIR",
     arguments=(_add_scan, glass.add_arguments),
     check=check,

@@ -1,8 +1,7 @@
-"""What a minute of strokes teaches the predictor of this pad, and what the pad adds to them.
+"""Initial weights of the predictor for this pad, learned from a minute of strokes, and the pad's noise.
 
-The predictor learns while the plate is used; this step gives it what it would have learned by then. Weights are learned
-on one half of the touches and judged on the other. Nothing is kept that is no better there than the weights of many
-pads.
+Weights are learned on one half of the touches and judged on the other. None are kept that are no better there than
+those of many pads.
 """
 
 from __future__ import annotations
@@ -23,17 +22,15 @@ from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.sensor import SensorModel
 from ...sim.fingers.strokes import Strokes
 from ...values import FloatArray
-from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
+from ...wire.trackpad import DEFAULT_PAD, Pad
 from .. import pads, plotting
 from ..arguments import POSITIVE
 from ..touches import RecordedTouches, Trace, recorded
 from . import simulated
-from .delays import PERIOD_WORTH_FRAC
+from .delays import period_setting
 from .live_pad import reading
-from .step import Step, add_config
-from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
+from .step import PICTURE, Figure, Finding, Outcome, Step, Verdict, add_config, judge
 
-PICTURE_FILE = "prediction.png"
 SIMULATED_SPEED_MM_S = 100.0
 AHEADS_MS = (15, 25)
 FEWEST_SAMPLES = 1000  # ten seconds of strokes: fewer teach less than many pads do
@@ -61,7 +58,7 @@ class Learned(NamedTuple):
 
 
 class _PadNoise(NamedTuple):
-    """What the pad adds to a moving finger, RMS: across its way, along it as a time, and reports that repeat."""
+    """Errors of a moving finger's reports, RMS: across its path, along it as a time, and the share that repeats."""
 
     across_mm: float
     along_ms: float
@@ -88,16 +85,15 @@ def run(options: argparse.Namespace) -> Verdict:
             f"The touches have fewer than {FEWEST_SAMPLES} samples: stroke the pad for a minute, slowly and fast."
         )
     found = learned(traces)
-    draw(found, options.out / PICTURE_FILE, source=simulated.source(options))
+    draw(found, options.out / "prediction.png", source=simulated.source(options))
     return verdict(traces, found, is_simulated=options.sim)
 
 
 def strokes(seed: int, seconds: float) -> list[Trace]:
     """Return the touch that the simulated pad reports of a finger's strokes."""
-    touches, decoder = RecordedTouches(), Decoder(DEFAULT_PAD)
-    for report in SensorModel(seed=seed).reports([Strokes(seed, SIMULATED_SPEED_MM_S)], seconds):
-        for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
-            touches.add(frame)
+    touches = RecordedTouches()
+    for frame in simulated.frames(SensorModel(seed=seed).reports([Strokes(seed, SIMULATED_SPEED_MM_S)], seconds)):
+        touches.add(frame)
     return touches.traces(DEFAULT_PAD.model)
 
 
@@ -129,22 +125,20 @@ def learned(traces: Sequence[Trace]) -> Learned:
 def pieces(trace: Trace) -> list[Trace]:
     """Cut a trace into touches of PIECE_SAMPLES."""
     starts = range(0, len(trace.t_s) - PIECE_SAMPLES + 1, PIECE_SAMPLES)
-    cuts = [slice(start, start + PIECE_SAMPLES) for start in starts] or [slice(None)]
-    return [Trace(trace.device, trace.t_s[cut], trace.xy_mm[cut]) for cut in cuts]
+    return [_cut(trace, slice(start, start + PIECE_SAMPLES)) for start in starts] or [trace]
+
+
+def _cut(trace: Trace, part: slice) -> Trace:
+    return trace._replace(t_s=trace.t_s[part], xy_mm=trace.xy_mm[part])
 
 
 def halves(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
     """Return the traces of the first and of the second half of all samples; the one in the middle is cut."""
-    left = sum(len(trace.t_s) for trace in traces) // 2
-    first: list[Trace] = []
-    second: list[Trace] = []
-    for trace in traces:
-        cut = min(left, len(trace.t_s))
-        left -= cut
-        for part, some in ((slice(None, cut), first), (slice(cut, None), second)):
-            if len(trace.t_s[part]) > 1:
-                some.append(Trace(trace.device, trace.t_s[part], trace.xy_mm[part]))
-    return first, second
+    ends = np.cumsum([len(trace.t_s) for trace in traces])
+    before = np.clip(ends[-1] // 2 - ends + np.diff(ends, prepend=0), 0, None).tolist()
+    first = [_cut(trace, slice(None, count)) for trace, count in zip(traces, before, strict=True)]
+    second = [_cut(trace, slice(count, None)) for trace, count in zip(traces, before, strict=True)]
+    return [one for one in first if len(one.t_s) > 1], [one for one in second if len(one.t_s) > 1]
 
 
 def errors_mm(traces: Sequence[Trace], memory: Callable[[], PadMemory]) -> tuple[float, ...]:
@@ -204,13 +198,11 @@ def verdict(traces: Sequence[Trace], found: Learned, *, is_simulated: bool) -> V
         ),
     )
     findings: list[Finding] = []
-    settings: dict[str, list[float] | float] = {}
+    settings: dict[str, list[float] | float] = {**period_setting(period_ms, PredictionConfig())}
     if found.is_better:
         settings["pad_weights"] = [round(weight, 4) for weight in found.weights]
     else:
         findings.append((Outcome.WARN, "The weights of many pads are as good: none are kept. Longer strokes may help."))
-    if abs(period_ms / PredictionConfig().period_ms - 1.0) > PERIOD_WORTH_FRAC and 2.0 <= period_ms <= 50.0:
-        settings["period_ms"] = round(period_ms, 2)
     if added.repeated_frac > HELD_WORTH_FRAC:
         findings.append((Outcome.WARN, "More than half of the reports repeat: keep the fingers moving."))
     gain = 100.0 * (1.0 - found.after_mm[0] / found.before_mm[0])
@@ -239,8 +231,7 @@ def _add_strokes(parser: argparse.ArgumentParser) -> None:
 STEP = Step(
     name="prediction",
     order=11,
-    summary="learn the pad's noise from a minute of strokes",
-    todo="stroke the pad for a minute, to learn its noise (stop the service first)",
+    summary="learn the pad's noise from a minute of strokes (stop the service first)",
     example="--out DIR",
     arguments=(add_config, _add_strokes),
     check=check,

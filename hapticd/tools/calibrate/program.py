@@ -1,16 +1,22 @@
 """`hapticd calibrate`: arguments of all steps; each step measures, judges, draws and saves.
 
-Without a step it prints the overview. Each step is a module with a STEP
-(`step`), found when this command is chosen: no other imports them.
+Without a step it prints the overview. On a bare rig a step that fails is mended and run again, and nothing after it
+runs before.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ...errors import CalibrationError, DeviceError
 from ..arguments import add_command, whole
+from ..outputs import require_matplotlib
+from . import folder
+from .bench import at_bench
+from .step import MissingInput, Outcome, Step, Verdict, in_order, steps
 
 DEFAULT_OUT = Path("calibration")
 
@@ -21,21 +27,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, default=DEFAULT_OUT, metavar="DIR", help="results (default calibration)")
     parser.add_argument("--sim", action="store_true", help="measure the simulated plate")
     parser.set_defaults(command=_run, step=None)
-    steps = parser.add_subparsers(title="steps", metavar="STEP")
-    from .step import in_order  # late, for the sake of what steps import
-    from .step import steps as all_steps
-
-    for one in all_steps().values():
-        step = _step(steps, one.name, one.summary, one.example, is_sim_asked=one.is_simulated is None)
+    commands = parser.add_subparsers(title="steps", metavar="STEP")
+    for one in steps().values():
+        step = _add_step(commands, one.name, one.summary, one.example, is_sim_asked=one.is_simulated is None)
         for add in one.arguments:
             add(step)
-    whole_plate = _step(steps, "all", "run in order all steps that have not passed yet", "--sim --out DIR")
-    for add in dict.fromkeys(add for name in in_order() for add in all_steps()[name].arguments):
+    whole_plate = _add_step(commands, "all", "run in order all steps that have not passed yet", "--sim --out DIR")
+    for add in dict.fromkeys(add for name in in_order() for add in steps()[name].arguments):
         add(whole_plate)
 
 
-def _step(steps: Any, name: str, summary: str, example: str, *, is_sim_asked: bool = True) -> argparse.ArgumentParser:
-    parser = add_command(steps, name, summary, example)
+def _add_step(
+    commands: Any, name: str, summary: str, example: str, *, is_sim_asked: bool = True
+) -> argparse.ArgumentParser:
+    parser = add_command(commands, name, summary, example)
     # Suppressed, so that the default of the parent parser remains.
     parser.add_argument("--out", type=Path, default=argparse.SUPPRESS, metavar="DIR", help="results")
     parser.add_argument("--force", action="store_true", help="overwrite files in DIR that no step wrote")
@@ -48,12 +53,6 @@ def _step(steps: Any, name: str, summary: str, example: str, *, is_sim_asked: bo
 
 def _run(options: argparse.Namespace) -> int:
     """Run one step, all steps, or print the overview; 1 if a step failed."""
-    from ...errors import CalibrationError
-    from ..outputs import require_matplotlib
-    from . import folder, walk
-    from .step import in_order, steps
-    from .verdict import Outcome
-
     if options.step is None:
         print(folder.overview(options.out, is_simulated=options.sim))
         return 0
@@ -71,6 +70,84 @@ def _run(options: argparse.Namespace) -> int:
     names = [step.name for step in chosen]
     folder.prepare(options.out, names, given, is_simulated=options.sim, is_forced=options.force)
     if options.step == "all":
-        return walk.all_steps(options)
+        return _all(options)
     chosen[0].check(options)
-    return 1 if walk.run_step(chosen[0], options).outcome is Outcome.FAIL else 0
+    return 1 if run_step(chosen[0], options).outcome is Outcome.FAIL else 0
+
+
+def _all(options: argparse.Namespace) -> int:
+    """Run what has not passed yet of all steps, in their order; 1 if one fails, or lacks what it reads.
+
+    Raises HapticdError.
+    """
+    done, wiring = folder.load(options.out), options.wiring
+    chosen: list[str] = []
+    lacking = ""
+    for name in folder.left(done, wiring):
+        try:
+            steps()[name].check(options)  # what is wrong with the last step is said before the first
+        except MissingInput as error:
+            if not chosen:
+                raise
+            lacking = lacking or f"{error}\nGo on with the same --out ({options.out})."
+        if not lacking:
+            chosen.append(name)
+    outcome = walk([steps()[name] for name in folder.in_all(done, wiring)], options, chosen)
+    if outcome is not Outcome.FAIL:
+        print(lacking or f"All steps have passed: hapticd run --config {options.out / folder.CONFIG_FILE}")
+    return 1 if lacking or outcome is Outcome.FAIL else 0
+
+
+def walk(order: Sequence[Step], options: argparse.Namespace, left: Sequence[str]) -> Outcome:
+    """Run the steps that are left, in their order; return FAIL if one of them failed. Raises HapticdError.
+
+    On a bare rig it goes back to where a mended flaw may have been measured, and ends where nothing is found to mend.
+    """
+    names, to_run, outcome = [step.name for step in order], set(left), Outcome.PASS
+    is_bare = any(step.is_of_bare_rig for step in order)
+    while to_run:
+        place = next(place for place, name in enumerate(names) if name in to_run)
+        step = order[place]
+        is_mendable = is_bare and step.back_to is not None
+        print(f"\n{f' {place + 1} of {len(order)}: {step.name} ':=^78}", flush=True)
+        try:
+            verdict = run_step(step, options)
+        except DeviceError as error:
+            if not is_mendable:
+                raise
+            verdict = Verdict(step.name, Outcome.FAIL, str(error), (), {}, options.sim)
+            keep(verdict, options)
+        to_run.discard(step.name)
+        if verdict.outcome is Outcome.FAIL and not is_mendable:
+            outcome = Outcome.FAIL
+        elif verdict.outcome is Outcome.FAIL:
+            if not _is_mended(verdict, options):
+                return Outcome.FAIL
+            again = names[names.index(step.back_to or step.name) : place + 1]
+            folder.forget(options.out, again)
+            to_run.update(again)
+    return outcome
+
+
+def _is_mended(verdict: Verdict, options: argparse.Namespace) -> bool:
+    with at_bench(options) as bench:
+        return bench.person.mend(verdict.findings)
+
+
+def run_step(step: Step, options: argparse.Namespace) -> Verdict:
+    """Run one step, and keep its verdict. Raises HapticdError."""
+    verdict = folder.accepted(step.run(options))
+    keep(verdict, options)
+    return verdict
+
+
+def keep(verdict: Verdict, options: argparse.Namespace) -> None:
+    """Write a verdict to the folder, and print it. Raises HapticdError."""
+    path = folder.save(options.out, verdict)
+    print(verdict, flush=True)
+    if verdict.outcome is Outcome.FAIL:
+        picture = options.out / f"{verdict.step}.png"
+        print(f"{path} stays without this step{f'; its picture is {picture}' if picture.exists() else ''}.\n")
+    elif verdict.settings:
+        print(f"Settings, written to {path}:")
+        print(folder.as_toml(verdict.settings), flush=True)

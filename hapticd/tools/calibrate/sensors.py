@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from ...design.commissioning import rest
 from ...design.commissioning.findings import Judgement
-from . import measure, pictures
+from . import measure
 from .bench import Bench, bench_step, design_of
+
+PICTURE = """\
+   plate  |~~~~~~  no drive, no finger on it
+
+   sensor k --coax--> front end --> ADC k
+                                    noise? hum?
+"""
 
 
 async def _rest(bench: Bench) -> Judgement:
@@ -20,7 +27,7 @@ STEP = bench_step(
     2,
     "measure noise and hum of the sensors at rest",
     "Take everything off the plate and keep still for two seconds.",
-    pictures.REST,
+    PICTURE,
     _rest,
     back_to="sensors",
 )

@@ -1,14 +1,13 @@
 """Simulated measurements for the steps that need no board: scan, touches and friction readings.
 
-The scan shows the plate's driven modes with noise of 2 % of the peak, 3 % of the points lost, 1 % wrong, and the phase
-of a drive; the pad lies as the rig's pad does; friction follows the scene's built-in curve. Left out: a rotated scan,
-fingers that miss their mark, friction that drifts as a finger dries.
+The pad lies as the rig's pad does; friction follows the scene's built-in curve. Left out: a rotated scan, fingers that
+miss their mark, friction that drifts as a finger dries.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +15,12 @@ import numpy.typing as npt
 from ...config.sections import SimConfig
 from ...core.friction import DEFAULT_FRICTION_CURVE
 from ...design import sample_scan
-from ...sim.fingers.fingertip import Fingertip
 from ...sim.fingers.paths import Rest, Touch, Touches
 from ...sim.fingers.sensor import Report, SensorModel, SensorSettings
 from ...sim.plate.glasses import as_built, driven_modes, find_glass
 from ...sim.plate.shapes import theory
-from ...values import FloatArray
+from ...values import FloatArray, TouchFrame
+from ...wire.trackpad import DEFAULT_PAD, Decoder
 
 SCAN_NOISE_FRAC, SCAN_MISSING_FRAC, SCAN_DROPOUT_FRAC = 0.02, 0.03, 0.01
 DRIVE_PHASE_RAD, PHASE_STEP_RAD = 0.4, -1.5  # of the first mode's readings, caused by the drive, and to the next mode's
@@ -56,21 +55,23 @@ def scan(seed: int, plate: SimConfig) -> tuple[FloatArray, npt.NDArray[np.comple
 
 
 def touch_reports(
-    marks_mm: Sequence[tuple[float, float]],
-    seed: int,
-    settings: SensorSettings | None = None,
-    prints_mm: Sequence[tuple[float, float]] = (),
+    marks_mm: Sequence[tuple[float, float]], seed: int, settings: SensorSettings | None = None
 ) -> list[Report]:
-    """Return the pad's reports while one finger after the other rests on each mark, with contacts of these lengths and
-    widths, which point away from the user."""
+    """Return the pad's reports while one finger after the other rests on each mark."""
     touches = tuple(
         Touch(Rest(mark, TREMOR_MM, seed + place), place * (HOLD_S + AWAY_S), place * (HOLD_S + AWAY_S) + HOLD_S)
         for place, mark in enumerate(marks_mm)
     )
-    model = SensorModel(SensorSettings() if settings is None else settings, seed)
-    tips = [Fingertip(length_mm / 2.0, width_mm / 2.0, np.pi / 2.0) for length_mm, width_mm in prints_mm]
-    paths = [Touches((touch,)) for touch in touches] if tips else [Touches(touches)]
-    return model.reports(paths, len(marks_mm) * (HOLD_S + AWAY_S), tips or None)
+    return SensorModel(settings or SensorSettings(), seed).reports(
+        [Touches(touches)], len(marks_mm) * (HOLD_S + AWAY_S)
+    )
+
+
+def frames(reports: Sequence[Report]) -> Iterator[TouchFrame]:
+    """Yield what the simulated pad's reports show."""
+    decoder = Decoder(DEFAULT_PAD)
+    for report in reports:
+        yield from decoder.decode(report.data, round(report.t_arrive_s * 1e9))
 
 
 def friction_readings(seed: int) -> tuple[FloatArray, FloatArray]:

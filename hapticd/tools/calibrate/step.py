@@ -1,29 +1,90 @@
-"""A step of the calibration: its module here has a STEP, by which the program finds it."""
+"""A step of the calibration, and its verdict: its module here has a STEP, by which the program finds it."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import Any
 
+from ...design.commissioning.findings import Diagnosis
 from ...errors import CalibrationError
-from .verdict import Verdict
 
 AddArguments = Callable[[argparse.ArgumentParser], None]
+FoundSettings = Mapping[str, Mapping[str, Any]]  # of the service: section, key, value
+
+PICTURE = {"dpi": 80, "colours": 64}  # of all steps: small enough for a mail
 
 
 class MissingInput(CalibrationError):
     """What a step reads is not given: `all` ends before it."""
 
 
+class Outcome(Enum):
+    """Usable; usable once a person has looked at it; unusable. Sorted by severity."""
+
+    PASS = "pass"
+    WARN = "warn"
+    FAIL = "fail"
+
+
+Finding = tuple[Outcome, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One measured number; `unit` is "" for a pure one, `value` None, in a file, for one that is not finite."""
+
+    name: str
+    value: float | None
+    unit: str
+
+    def __str__(self) -> str:
+        """The value with its unit: four digits, and from 1000 on hundredths, as frequencies need."""
+        value = float("nan") if self.value is None else self.value
+        number = f"{value:.2f}".rstrip("0").rstrip(".") if 1e3 <= abs(value) < 1e9 else f"{value:.4g}"
+        return f"{number} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A step's name, outcome, reason, figures, and settings for the service.
+
+    `is_simulated` keeps results of the simulated plate apart from those of a real one; `findings` are likely causes.
+    """
+
+    step: str
+    outcome: Outcome
+    sentence: str
+    figures: tuple[Figure, ...]
+    settings: FoundSettings
+    is_simulated: bool
+    findings: tuple[Diagnosis, ...] = ()
+
+    def __str__(self) -> str:
+        """One line per figure, then the verdict."""
+        width = max((len(figure.name) for figure in self.figures), default=0)
+        rows = [f"  {figure.name:<{width}}  {figure}" for figure in self.figures]
+        return "\n".join([*rows, f"{self.step}: {self.outcome.name}: {self.sentence}"])
+
+
+def judge(found: Iterable[Finding], passed: str) -> Finding:
+    """Return the worst outcome with the sentences of all findings that have it; `passed` without findings."""
+    findings, severity = list(found), list(Outcome)
+    worst = max((outcome for outcome, _ in findings), key=severity.index, default=Outcome.PASS)
+    sentences = [sentence for outcome, sentence in findings if outcome is worst]
+    return worst, " ".join(sentences) or passed
+
+
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step. `order` sorts them; None: at any time, of a plate in use. `todo` is its line of the overview.
+    """A step. `order` sorts them; None: at any time, of a plate in use.
 
     `check` raises for arguments that `run` could not use. `files` are those that it writes, besides result and picture.
     `back_to` is the step from which `all` measures again once something was mended here; `is_of_bare_rig`: no plate in
@@ -33,7 +94,6 @@ class Step:
     name: str
     order: int | None
     summary: str
-    todo: str
     example: str
     arguments: tuple[AddArguments, ...]
     check: Callable[[argparse.Namespace], None]
@@ -45,7 +105,7 @@ class Step:
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
-    """Add what several steps ask for: `all` asks for it once, as each function adds its arguments once."""
+    """Add what several steps ask for: `all` adds the arguments of each function once."""
     parser.add_argument(
         "--config", type=Path, help="the service's configuration (default, of the delays: DIR/hapticd.toml)"
     )

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from ...design.commissioning import rest
 from ...design.commissioning.findings import Judgement
-from . import measure, pictures
+from . import measure
 from .bench import Bench, bench_step
 
 CONFIG_FAULT = 6  # the board refuses its own configuration
+PICTURE = """\
+   3.3 V pin ----o meter     +24 V o---+---o drive
+   ADC pin k ----o meter, DC   0 V o---+
+   ground    ----o           -24 V o---+---o drive
+
+   PB14 (PC6) o--[thermostat]----o ground
+   PB15 (PC7) o--[stop, closed]--o ground
+"""
 
 
 async def _supplies(bench: Bench) -> Judgement:
@@ -31,7 +39,7 @@ STEP = bench_step(
     1,
     "read supplies, idle levels and interlocks of a bare rig",
     "Switch the supplies on. Read VDDA at the board's 3.3 V pin, both rails, and the DC at each ADC pin.",
-    pictures.SUPPLY,
+    PICTURE,
     _supplies,
     back_to="supplies",
 )

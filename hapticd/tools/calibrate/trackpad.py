@@ -1,4 +1,4 @@
-"""Fit of the pad's position under the plate to touched marks, and of the scale of its ellipses to prints.
+"""Fit of the pad's position under the plate to touched marks.
 
 The pad is read as the service reads it, so the service must not run. On the simulated plate the reports are generated
 in virtual time.
@@ -17,21 +17,17 @@ import numpy as np
 
 from ...errors import CalibrationError
 from ...io.devices.trackpad_source import TrackpadSource
-from ...values import AffineMap, TouchFrame
-from ...wire.trackpad import DEFAULT_PAD, Decoder, Pad
+from ...values import TouchFrame
+from ...wire.trackpad import Pad
 from .. import pads, plotting
 from . import simulated
-from .contacts import Axes, ScaleFit, fit_scale, parse_prints
 from .live_pad import reading
 from .marks import APART_MM, MIN_MARKS, AffineFit, MarkPoint, TouchedMarks, fit_affine, placement
-from .step import Step, add_config
-from .verdict import PICTURE, Figure, Finding, Outcome, Verdict, judge
+from .step import PICTURE, Figure, Finding, Outcome, Step, Verdict, add_config, judge
 
-PICTURE_FILE = "trackpad.png"
 WITHIN_S = 120.0  # all marks are touched
 FARTHEST_MM = 500.0  # of a mark on the largest plate
 
-PRINTS_MM = 1.0  # of axes: as far as a person touches alike, and reads a ruler
 GOOD_MM, USABLE_MM = 1.0, 3.0  # of the left-out residual: a fingertip aims to about half a millimetre
 TURNED_DEG = 45.0  # a larger rotation is probably an error
 SCALE = (0.9, 1.1)  # of a pad's own millimetres, which are accurate to some per cent
@@ -41,24 +37,21 @@ ENLARGED = 20.0  # magnification of the residuals in the picture
 
 def check(options: argparse.Namespace) -> None:
     """Check the arguments. Raises HapticdError."""
-    parse_prints(options.prints, len(parse_marks(options.marks)))
     pads.chosen(options)
 
 
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step. Raises HapticdError."""
-    marks_mm = parse_marks(options.marks)
-    prints_mm = parse_prints(options.prints, len(marks_mm))
+    marks_mm, device = options.marks, {}
     if options.sim:
-        touched, device = _played(marks_mm, options.seed, prints_mm), {}
+        touched_mm = _played(marks_mm, options.seed)
     else:
         chosen = pads.chosen(options)
-        pad, touched = asyncio.run(touch_marks(pads.connected(chosen), marks_mm, WITHIN_S, prints_mm))
+        pad, touched_mm = asyncio.run(touch_marks(pads.connected(chosen), marks_mm, WITHIN_S))
         device = pads.settings(chosen, pad.model)
-    found = fit_affine(touched.rests_mm, marks_mm)
-    scale = fit_scale(_on_plate(touched.axes_mm, found.plate_from_pad), prints_mm) if prints_mm else None
-    draw(marks_mm, touched.rests_mm, found, options.out / PICTURE_FILE, source=simulated.source(options))
-    return verdict(found, device, scale, is_simulated=options.sim)
+    found = fit_affine(touched_mm, marks_mm)
+    draw(marks_mm, touched_mm, found, options.out / "trackpad.png", source=simulated.source(options))
+    return verdict(found, device, is_simulated=options.sim)
 
 
 def parse_marks(text: str) -> list[MarkPoint]:
@@ -74,39 +67,40 @@ def parse_marks(text: str) -> list[MarkPoint]:
     return marks
 
 
-def _played(marks_mm: Sequence[MarkPoint], seed: int, prints_mm: Sequence[Axes] = ()) -> TouchedMarks:
+def _played(marks_mm: Sequence[MarkPoint], seed: int) -> list[MarkPoint]:
     """Return the touches that the simulated pad reports."""
-    decoder, touched = Decoder(DEFAULT_PAD), TouchedMarks()
-    for report in simulated.touch_reports(marks_mm, seed, prints_mm=prints_mm):
-        for frame in decoder.decode(report.data, round(report.t_arrive_s * 1e9)):
-            touched.update(frame)
+    touched = TouchedMarks()
+    for frame in simulated.frames(simulated.touch_reports(marks_mm, seed)):
+        touched.update(frame)
     if len(touched.rests_mm) < len(marks_mm):
         missing = marks_mm[len(touched.rests_mm)]
         raise CalibrationError(
             f"The simulated pad does not reach the mark {missing}: choose marks nearer to the centre."
         )
-    return touched
+    return touched.rests_mm
 
 
 async def touch_marks(
-    source: TrackpadSource,
-    marks_mm: Sequence[MarkPoint],
-    within_s: float,
-    prints_mm: Sequence[Axes] = (),
-) -> tuple[Pad, TouchedMarks]:
+    source: TrackpadSource, marks_mm: Sequence[MarkPoint], within_s: float
+) -> tuple[Pad, list[MarkPoint]]:
     """Prompt for one mark after the other; return the pad and the touches."""
     touched, done, pads = TouchedMarks(), asyncio.Event(), list[Pad]()
+
+    def ask() -> None:
+        if (place := len(touched.rests_mm)) < len(marks_mm):
+            x_mm, y_mm = marks_mm[place]
+            print(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm, and hold", flush=True)
+        else:
+            done.set()
 
     def on_link(pad: Pad | None) -> None:
         if pad is not None:
             pads.append(pad)
-            _ask(marks_mm, len(touched.rests_mm), prints_mm)
+            ask()
 
     def take(frame: TouchFrame) -> None:
         if not done.is_set() and touched.update(frame) is not None:
-            _ask(marks_mm, len(touched.rests_mm), prints_mm)
-            if len(touched.rests_mm) == len(marks_mm):
-                done.set()
+            ask()
 
     try:
         async with reading(source, take, on_link):
@@ -116,21 +110,11 @@ async def touch_marks(
             f"{len(touched.rests_mm)} of {len(marks_mm)} marks were touched in {within_s:g} s: rest one finger on each "
             "for half a second, lift it in between, and stop the service first if no touch is detected."
         ) from None
-    return pads[-1], touched
+    return pads[-1], touched.rests_mm
 
 
-def _ask(marks_mm: Sequence[MarkPoint], place: int, prints_mm: Sequence[Axes]) -> None:
-    if place < len(marks_mm):
-        (x_mm, y_mm), how = marks_mm[place], ""
-        if prints_mm:
-            how = ", as for the print of {:g} x {:g} mm".format(*prints_mm[place])
-        print(f"touch mark {place + 1} of {len(marks_mm)}, at ({x_mm:g}, {y_mm:g}) mm{how}, and hold", flush=True)
-
-
-def verdict(
-    found: AffineFit, device: dict[str, object], scale: ScaleFit | None = None, *, is_simulated: bool
-) -> Verdict:
-    """Judge whether the marks agree, and whether the placement is plausible; `scale` is that of the pad's ellipses.
+def verdict(found: AffineFit, device: dict[str, object], *, is_simulated: bool) -> Verdict:
+    """Judge whether the marks agree, and whether the placement is plausible.
 
     A trackpad is the right way up and knows its size; another device may lie in any way, and have any scale.
     """
@@ -146,45 +130,22 @@ def verdict(
         Figure("residual, RMS", float(np.sqrt((found.residual_mm**2).sum(axis=1).mean())), "mm"),
         Figure("residual of a mark left out, RMS", found.left_out_rms_mm, "mm"),
         Figure("residual of a mark left out, largest", float(found.left_out_mm.max()), "mm"),
-        *_scale_figures(scale),
     )
-    matrix = [round(value, 6) for value in _matrix(here)]
-    offset_mm = [round(here.offset_x_mm, 4), round(here.offset_y_mm, 4)]
     outcome, sentence = judge(
-        _findings(found, scale, is_any=device.get("source") in pads.LIE_ANYHOW),
+        _findings(found, is_any=device.get("source") in pads.LIE_ANYHOW),
         f"{len(found.left_out_mm)} marks agree to {found.left_out_rms_mm:.2f} mm.",
     )
-    ellipses: dict[str, float] = {}
-    if scale is not None:
-        ellipses = {"ellipse_scale": round(scale.scale, 4), "ellipse_offset_mm": round(scale.offset_mm, 4)}
-    settings = {"trackpad": {**device, "offset_mm": offset_mm, "matrix": matrix, **ellipses}}
-    return Verdict("trackpad", outcome, sentence, figures, settings, is_simulated)
+    pose = {
+        "offset_mm": [round(here.offset_x_mm, 4), round(here.offset_y_mm, 4)],
+        "matrix": [round(value, 6) for value in (here.xx, here.xy, here.yx, here.yy)],
+    }
+    return Verdict("trackpad", outcome, sentence, figures, {"trackpad": {**device, **pose}}, is_simulated)
 
 
-def _matrix(here: AffineMap) -> tuple[float, float, float, float]:
-    return here.xx, here.xy, here.yx, here.yy
-
-
-def _on_plate(axes_mm: Sequence[Axes], here: AffineMap) -> list[Axes]:
-    """Return axes in the plate's millimetres, in which the service takes them."""
-    size = math.sqrt(abs(here.xx * here.yy - here.xy * here.yx))
-    return [(size * major_mm, size * minor_mm) for major_mm, minor_mm in axes_mm]
-
-
-def _scale_figures(scale: ScaleFit | None) -> tuple[Figure, ...]:
-    if scale is None:
-        return ()
-    return (
-        Figure("scale of ellipses", scale.scale, ""),
-        Figure("offset of their axes", scale.offset_mm, "mm"),
-        Figure("residual of prints, RMS", scale.rms_mm, "mm"),
-    )
-
-
-def _findings(found: AffineFit, scale: ScaleFit | None, *, is_any: bool) -> Iterator[Finding]:
-    where = placement(found.plate_from_pad)
+def _findings(found: AffineFit, *, is_any: bool) -> Iterator[Finding]:
+    here, where = found.plate_from_pad, placement(found.plate_from_pad)
     if is_any:
-        if max(map(abs, _matrix(found.plate_from_pad))) > MOST_SCALE:
+        if max(abs(here.xx), abs(here.xy), abs(here.yx), abs(here.yy)) > MOST_SCALE:
             yield (
                 Outcome.FAIL,
                 "The device's size is far from the true one: measure it, and set trackpad.size_mm.",
@@ -201,8 +162,6 @@ def _findings(found: AffineFit, scale: ScaleFit | None, *, is_any: bool) -> Iter
         yield Outcome.WARN, f"{disagree}, mark {np.argmax(found.left_out_mm) + 1} most: touch them again."
     if not is_any and not all(SCALE[0] <= abs(scale) <= SCALE[1] for scale in (where.scale_x, where.scale_y)):
         yield Outcome.WARN, "The pad's scale differs from the plate's: check the positions of the marks."
-    if scale is not None and scale.rms_mm > PRINTS_MM:
-        yield Outcome.WARN, f"Ellipses and prints disagree by {scale.rms_mm:.1f} mm: touch as firmly as for each print."
 
 
 def draw(
@@ -214,12 +173,11 @@ def draw(
     mapped = np.array([found.plate_from_pad.apply(*touch) for touch in touches_mm])
     plot.plot(*marks.T, "s", markersize=9, fillstyle="none", label="marks")
     plot.plot(*mapped.T, "+", markersize=9, label="touches, mapped")
-    for mark, residual_mm in zip(marks, found.residual_mm, strict=True):
-        tip = mark - ENLARGED * residual_mm
-        plot.plot([mark[0], tip[0]], [mark[1], tip[1]], color="tab:red", linewidth=1.5)
-    for place, mark in enumerate(marks, 1):
+    tips = marks - ENLARGED * found.residual_mm
+    for place, (mark, tip) in enumerate(zip(marks, tips, strict=True), 1):
+        label = f"difference, {ENLARGED:g} times" if place == 1 else None
+        plot.plot(*np.stack((mark, tip)).T, color="tab:red", linewidth=1.5, label=label)
         plot.annotate(str(place), mark, xytext=(8, 8), textcoords="offset points")
-    plot.plot([], [], color="tab:red", label=f"difference, {ENLARGED:g} times")
     plot.set(xlabel="x, mm", ylabel="y, mm", aspect="equal", title=f"left out: {found.left_out_rms_mm:.3f} mm RMS")
     plot.margins(0.2)
     plot.legend(fontsize=8, loc="center")
@@ -228,22 +186,18 @@ def draw(
 
 def _add_marks(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--marks", default="-50,-40 50,-40 50,40 -50,40", metavar="'X,Y ...'", help="on the plate in mm, 4 or more"
-    )
-    parser.add_argument(
-        "--prints",
-        default="",
-        metavar="'LxW ...'",
-        help="length and width in mm of the contact at each mark, or one for all, from inked prints on paper: "
-        "calibrates the scale of the pad's ellipses (default: contacts are discs of solver.contact_radius_mm)",
+        "--marks",
+        type=parse_marks,
+        default="-50,-40 50,-40 50,40 -50,40",
+        metavar="'X,Y ...'",
+        help="on the plate in mm, 4 or more",
     )
 
 
 STEP = Step(
     name="trackpad",
     order=9,
-    summary="fit the pad's position from touched marks on the plate",
-    todo="touch marks on the plate to fit the pad's position (stop the service first)",
+    summary="fit the pad's position from touched marks on the plate (stop the service first)",
     example="--out DIR",
     arguments=(add_config, _add_marks),
     check=check,

@@ -1,9 +1,9 @@
-"""What was fitted, tried before it is written: the firmware's own loop, in simulation, on the plate as it was fitted.
+"""Trial of a calibration before it is written: the firmware's own loop, in simulation, on the plate as it was fitted.
 
-The plate has the fitted modes, the parasitic ones among them. Where noise hides modes outside the sweep, their share of
-the constant would be believed as feedthrough, and a fast loop swings by 2 nm/V of that: there the loop must also bear
-each plate that explains the sweeps better than the believed one. A wide sweep shows modes up to 2 kHz away; where they
-make a fast loop swing, or would with gains a tenth larger, a slower law may hold.
+Where noise hides modes outside the sweep, their share of the constant would be believed as feedthrough, and a fast loop
+swings by 2 nm/V of that: there the loop must also bear each plate that explains the sweeps better than the believed
+one. A wide sweep shows modes up to 2 kHz away; where they make a fast loop swing, or would with gains a tenth larger, a
+slower law may hold.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -36,16 +36,11 @@ LAW: Final = DeviceConfig().controller  # what the service sets, unless its conf
 SLOWER: Final = ("pi_ff", "pi")
 
 
-@dataclass(frozen=True, slots=True)
-class Tried:
+class Tried(NamedTuple):
     """A sentence if what was fitted could not be tried, or does not bear the usual law, and the law that it bears."""
 
     sentence: str = ""
     controller: str = ""
-
-    def settings(self) -> dict[str, str]:
-        """Return what the configuration's section `device` needs for it."""
-        return {"controller": self.controller} if self.controller else {}
 
 
 NO_REMARK: Final = Tried()
@@ -63,7 +58,10 @@ def try_out(
     them: without wide sweeps, if the service's does not.
     """
     others = as_likely(sweeps, found)
-    tried = _with_margin(with_far_modes(found, [*sweeps, *wide], PLATE_MODES_MAX - len(modes))) if wide else found
+    tried = found
+    if wide:
+        tried = with_far_modes(found, [*sweeps, *wide], PLATE_MODES_MAX - len(modes))
+        tried = replace(tried, parasitic=tried.parasitic.scaled(1.0, MARGIN))
     try:
         own = fault_on([tried], modes, hello, LAW, drive_hz)
         fault = own or fault_on(others, modes, hello, LAW, drive_hz)
@@ -93,10 +91,6 @@ def try_out(
     )
 
 
-def _with_margin(found: MeasuredWiring) -> MeasuredWiring:
-    return replace(found, parasitic=found.parasitic.scaled(1.0, MARGIN))
-
-
 def fault_on(
     plates: Sequence[MeasuredWiring],
     modes: Sequence[ModeCalibration],
@@ -108,7 +102,22 @@ def fault_on(
 
     Raises ValueError if the firmware refuses the calibration, DeviceError without its build for this host.
     """
-    config = _board_config(modes, hello, law, drive_hz)
+    models = [mode.model(drive_hz) for mode in modes]
+    through = [mode.feedthrough_um_per_v for mode in modes]
+    config = BoardConfig(
+        w_limit_um=hello.w_limit_um,
+        v_limit_v=hello.v_limit_v,
+        control_hz=hello.control_hz,
+        drive_hz=drive_hz,
+        decay_1_s=tuple(model.decay_1_s for model in models),
+        detuning_rad_s=tuple(model.detuning_rad_s for model in models),
+        gain_um_per_v_s=tuple(model.gain_um_per_v_s for model in models),
+        loop_phase_rad=tuple(cmath.phase(model.loop) for model in models),
+        drive=np.array([mode.drive for mode in modes]).T,
+        sense=np.array([mode.sense for mode in modes]),
+        feedthrough_um_per_v=np.array(through) if all(through) else None,
+        controller=law,
+    )
     faults = (_fault(Board(fitted_plate(plate, drive_hz, hello.v_limit_v), config=config)) for plate in plates)
     return next((fault for fault in faults if fault), 0)
 
@@ -137,25 +146,6 @@ def fitted_plate(found: MeasuredWiring, drive_hz: float, v_limit_v: float) -> Pl
         noise_um=NOISE_UM,
         amplifier_limit_v=v_limit_v,
         through_um_per_v=found.background_um_per_v,
-    )
-
-
-def _board_config(modes: Sequence[ModeCalibration], hello: BoardHello, law: str, drive_hz: float) -> BoardConfig:
-    models = [mode.model(drive_hz) for mode in modes]
-    through = [mode.feedthrough_um_per_v for mode in modes]
-    return BoardConfig(
-        w_limit_um=hello.w_limit_um,
-        v_limit_v=hello.v_limit_v,
-        control_hz=hello.control_hz,
-        drive_hz=drive_hz,
-        decay_1_s=tuple(model.decay_1_s for model in models),
-        detuning_rad_s=tuple(model.detuning_rad_s for model in models),
-        gain_um_per_v_s=tuple(model.gain_um_per_v_s for model in models),
-        loop_phase_rad=tuple(cmath.phase(model.loop) for model in models),
-        drive=np.array([mode.drive for mode in modes]).T,
-        sense=np.array([mode.sense for mode in modes]),
-        feedthrough_um_per_v=np.array(through) if all(through) else None,
-        controller=law,
     )
 
 

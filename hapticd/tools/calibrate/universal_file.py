@@ -64,9 +64,8 @@ def read_universal(path: Path, unit: str | None = None) -> UniversalScan:
         copy.flush()
         try:
             file = pyuff.UFF(copy.name)
-            wanted = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (*NODES, UNITS, FUNCTION)]
-            sets = [file.read_sets(k) for k in wanted[:MAX_SETS]]
-            return scan_of(sets, unit)
+            known = [k for k, kind in enumerate(file.get_set_types()) if int(kind) in (*NODES, UNITS, FUNCTION)]
+            return scan_of([file.read_sets(k) for k in known[:MAX_SETS]], unit)
         except ModesError as error:
             raise ModesError(f"{path}: {error}") from None
         except Exception as error:  # pyuff raises whatever Python does for a damaged file
@@ -80,9 +79,10 @@ def scan_of(sets: Sequence[_Set], unit: str | None = None) -> UniversalScan:
     own: dict[_Reference, dict[int, _Set]] = {}
     for one in functions:
         node, times = int(one["rsp_node"]), 0
-        while node in own.setdefault(key := (times, *_driven_by(one)), {}):
+        driven_by = int(one["load_case_id"]), int(one["ref_node"]), int(one["ref_dir"])
+        while node in own.setdefault((times, *driven_by), {}):
             times += 1
-        own[key][node] = one
+        own[times, *driven_by][node] = one
     if not (positions_mm and functions):
         others = f" (but {', '.join(left_out)})" if left_out else ""
         raise ModesError(
@@ -95,15 +95,15 @@ def scan_of(sets: Sequence[_Set], unit: str | None = None) -> UniversalScan:
         raise ModesError(f"has no position of node {unknown}; export the geometry too.")
     if len(nodes) > MAX_LINES**2:
         raise ModesError(f"has more than {MAX_LINES**2} points; measure on a coarser grid.")
-    place = {node: k for k, node in enumerate(nodes)}
     readings = np.full((len(nodes), len(own)), np.nan, np.complex128)
     for mode, key in enumerate(sorted(own)):
-        readings[[place[node] for node in own[key]], mode] = _at_peak([*own[key].values()])
+        readings[np.searchsorted(nodes, [*own[key]]), mode] = _at_peak([*own[key].values()])
     is_real = not np.nan_to_num(readings.imag).any()
     points_mm = np.array([positions_mm[node] for node in nodes])
-    if not np.ptp(points_mm, axis=0).max() <= MOST_EXTENT_MM:
+    extent_mm = np.ptp(points_mm, axis=0).max()
+    if not extent_mm <= MOST_EXTENT_MM:
         raise ModesError(
-            f"has points {np.ptp(points_mm, axis=0).max() / 1e3:g} m apart by its unit (metres where it says none): "
+            f"has points {extent_mm / 1e3:g} m apart by its unit (metres where it says none): "
             f"give --unit mm, or another one of {', '.join(PER_METRE)}."
         )
     return UniversalScan(Scan(points_mm, readings.real if is_real else readings), left_out)
@@ -141,17 +141,12 @@ def _positions_mm(sets: Sequence[_Set], unit: str | None) -> dict[int, FloatArra
     return found
 
 
-def _driven_by(one: _Set) -> tuple[int, int, int]:
-    return int(one["load_case_id"]), int(one["ref_node"]), int(one["ref_dir"])
-
-
 def _at_peak(functions: Sequence[_Set]) -> ComplexArray:
     """Return each function's value at the frequency where all of them together are largest. Raises ModesError."""
     lengths = {len(one["data"]) for one in functions}
     if len(lengths) != 1 or not min(lengths):
         raise ModesError("has functions of different lengths, or without values; export one band for all points.")
-    values = np.array([one["data"] for one in functions], np.complex128)
-    values *= np.array([NORMAL[int(one["rsp_dir"])] for one in functions])[:, None]
+    values = np.array([NORMAL[int(one["rsp_dir"])] * np.asarray(one["data"], np.complex128) for one in functions])
     with np.errstate(over="ignore"):  # of damaged values: the fit judges them
         power = np.nansum(np.abs(values) ** 2, axis=0)
     return values[:, int(power.argmax())]

@@ -3,18 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ...design.commissioning import plate, wires
 from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
 from ...design.wiring import AmplifierSweep, fit_wiring
+from ...values import FloatArray
 from ..firmware.conversation import Conversation
-from . import measure, pictures
+from . import measure
 from .bench import Bench, bench_step, design_of
 
 SILENT_V_FRAC = 0.1  # of the voltage limit: for what shows nothing at a volt
+WIDTH, HEIGHT = 61, 8  # of a chart
+PICTURE = """\
+   DAC k --> amplifier k --+--> patch k ==+
+                           |              | plate
+                         scope            |
+   ADC k <-------------------- sensor k ==+
+
+   scope: 1 V peak at the patch, and its sign
+          against the DAC's pin
+"""
+POLARITY = """\
+   drive    /\\    /\\    /
+           /  \\  /  \\  /
+          /    \\/    \\/
+
+   sensor     /\\    /\\     right: at resonance it
+             /  \\  /  \\           lags by a quarter
+            /    \\/    \\    inverted: it leads
+"""
 
 
 async def _wires(bench: Bench) -> Judgement:
@@ -37,8 +56,7 @@ async def _wires(bench: Bench) -> Judgement:
         found = fit_wiring(sweeps)
     except ValueError as error:
         return Judgement("", (Diagnosis(str(error)),))
-    matrices = plate.judge_matrices(found)
-    return replace(matrices, passed=f"{answers.passed} {polarity.passed} {matrices.passed}")
+    return answers.and_then(polarity).and_then(plate.judge_matrices(found))
 
 
 async def _answers(board: Conversation, design: PlateDesign, outputs_v: Sequence[float | None]) -> Judgement:
@@ -52,13 +70,24 @@ async def _answers(board: Conversation, design: PlateDesign, outputs_v: Sequence
     shares = wires.shares_of(wires.stacked(sweeps), design)
     if shares.diagonal().min() < wires.SILENT and shares.max() < wires.STRONG:
         sweeps = await measure.swept(board, measure.short_plan(design, SILENT_V_FRAC * design.v_limit_v))
-    print(pictures.matrix(wires.shares_of(wires.stacked(sweeps), design), "sensor", "amplifier"), flush=True)
     return wires.judge_answers(sweeps, design, outputs_v, measure.ASKED_V)
 
 
 def _draw(sweeps: Sequence[AmplifierSweep]) -> None:
     own = [np.abs(sweep.response_um_per_v[:, sweep.amplifier]) * 1e3 for sweep in sweeps]
-    print(pictures.chart(sweeps[0].frequency_hz, own, "nm/V, each amplifier by its own sensor"), flush=True)
+    print(chart(sweeps[0].frequency_hz, own, "nm/V, each amplifier by its own sensor"), flush=True)
+
+
+def chart(x_hz: FloatArray, curves: Sequence[FloatArray], unit: str) -> str:
+    """Return curves (n,) over frequencies (n,) as lines of text, the k-th drawn with the digit k."""
+    most = float(np.max(curves)) or 1.0
+    grid = np.full((HEIGHT, WIDTH), " ")
+    columns = np.round((WIDTH - 1) * (x_hz - x_hz.min()) / np.ptp(x_hz)).astype(int)
+    for k, curve in enumerate(curves):
+        grid[HEIGHT - 1 - np.round((HEIGHT - 1) * curve / most).astype(int), columns] = str(k % 10)
+    rows = [f"   |{''.join(row).rstrip()}" for row in grid]
+    ends = f"   {x_hz.min():.0f} .. {x_hz.max():.0f} Hz"
+    return "\n".join([f"   {most:.3g} {unit}", *rows, f"   +{'-' * WIDTH}", ends])
 
 
 STEP = bench_step(
@@ -67,7 +96,7 @@ STEP = bench_step(
     "find out whether each amplifier moves its own sensor, the right way round",
     "Goggles on, hands off the plate. With an oscilloscope, read each amplifier's output while it has 1 V; then each "
     "is swept, at last at a tenth of its voltage.",
-    pictures.ANSWER + "\n" + pictures.POLARITY,
+    PICTURE + "\n" + POLARITY,
     _wires,
     back_to="wires",
 )

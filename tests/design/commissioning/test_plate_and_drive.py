@@ -82,5 +82,6 @@ def test_a_loop_passes_if_all_modes_follow_at_the_volts_of_the_calibration() -> 
 
 
 def test_a_finger_shows_in_the_volts() -> None:
-    assert judge_touch(10.0, 12.0).is_passed
-    assert not judge_touch(10.0, 10.1).is_passed
+    assert judge_touch(10.0, 12.0, "").is_passed
+    assert not judge_touch(10.0, 10.1, "").is_passed
+    assert "it swings" in judge_touch(10.0, 12.0, "it swings").sentence

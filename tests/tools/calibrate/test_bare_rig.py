@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,12 +16,13 @@ from mistakes import DANGEROUS, KINDS, Mistake, random_mistake
 
 from hapticd.__main__ import main
 from hapticd.design.commissioning.findings import Diagnosis, Flaw
+from hapticd.errors import HapticdError
 from hapticd.sim import bench
 from hapticd.sim.board.board import PlateModel
 from hapticd.sim.plate.ground_truth import PlateSettings
-from hapticd.tools.calibrate import folder, program, walk
-from hapticd.tools.calibrate.step import Step, in_order, steps
-from hapticd.tools.calibrate.verdict import Outcome, Verdict
+from hapticd.tools.calibrate import folder, program
+from hapticd.tools.calibrate.bench import Terminal
+from hapticd.tools.calibrate.step import Outcome, Step, Verdict, in_order, steps
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]  # on a loaded host
 
@@ -54,13 +57,13 @@ def walked(rig: FaultyRig, out: Path, monkeypatch: pytest.MonkeyPatch, order: Se
 
     with monkeypatch.context() as patched:
         patched.setattr(bench, "SimulatedBench", lambda _: rig)
-        patched.setattr(walk, "keep", keep)
+        patched.setattr(program, "keep", keep)
         parser = argparse.ArgumentParser("hapticd calibrate")
         parser.epilog = ""
         program.add_arguments(parser)
         options = parser.parse_args(["--sim", "all", "--out", str(out), "--points", "21", "--dwell", "66"])
         folder.prepare(out, is_simulated=True)
-        outcome = walk.walk(order, options, [step.name for step in order])
+        outcome = program.walk(order, options, [step.name for step in order])
     return Walked(outcome is not Outcome.FAIL, tuple(named), tuple(misled), said)
 
 
@@ -85,16 +88,11 @@ def test_each_mistake_is_named_and_mended_before_the_loop_closes(
 
 
 def test_three_mistakes_at_once_on_four_modes_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    mistakes = (
-        Mistake(Flaw.AMPLIFIERS_SWAPPED, (1, 3)),
-        Mistake(Flaw.SENSOR_OPEN, (0,)),
-        Mistake(Flaw.MAINS_HUM, (), 300),
-    )
+    swapped, hum = Mistake(Flaw.AMPLIFIERS_SWAPPED, (1, 3)), Mistake(Flaw.MAINS_HUM, (), 300)
+    mistakes = {swapped, Mistake(Flaw.SENSOR_OPEN, (0,)), hum}
     rig = FaultyRig(PlateSettings.of("fingertip", 4), mistakes, 5)
     found = walked(rig, tmp_path, monkeypatch, OPEN_LOOP)
-    assert set(found.named) == set(mistakes)
-    assert found.is_done, found.said
-    assert rig.mistakes == []
+    assert (set(found.named), found.is_done, rig.mistakes) == (mistakes, True, []), found.said
 
 
 class Unmended(FaultyRig):
@@ -136,23 +134,15 @@ class Ringing(FaultyRig):
         )
 
 
-def test_modes_far_beyond_the_sweep_get_a_slower_law_with_which_the_rig_is_driven(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("driven_frac", "is_done"), [(0.16, True), (0.2, False)])
+def test_modes_far_beyond_the_sweep_get_a_slower_law_or_the_loop_stays_open(
+    driven_frac: float, is_done: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = walked(Ringing(0.16), tmp_path, monkeypatch)
-    assert found.is_done, found.said
-    assert "(27405 Hz, 29805 Hz" in found.said["resonance"]
-    assert 'controller = "pi"' in (tmp_path / "hapticd.toml").read_text()
-
-
-def test_loop_stays_open_where_no_law_bears_modes_far_beyond_the_sweep(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rig = Ringing(0.2)
+    rig = Ringing(driven_frac)
     found = walked(rig, tmp_path, monkeypatch)
-    assert not found.is_done
-    assert not rig.was_driven
-    assert "(27405 Hz, 29805 Hz)" in found.said["resonance"]
+    assert "(27405 Hz, 29805 Hz" in found.said["resonance"]
+    assert (found.is_done, rig.was_driven) == (is_done, is_done), found.said
+    assert ('controller = "pi"' in (tmp_path / "hapticd.toml").read_text()) is is_done
 
 
 def test_all_goes_on_at_the_step_that_failed(
@@ -178,11 +168,13 @@ def test_what_a_mended_flaw_may_have_changed_is_measured_again(tmp_path: Path, m
         folder.save(options.out, verdict)
         return verdict
 
-    monkeypatch.setattr(walk, "run_step", run_step)
-    monkeypatch.setattr(walk, "_is_mended", lambda *_: ran == ["wires", "limits"] and len(folder.load(tmp_path)) == 2)
+    monkeypatch.setattr(program, "run_step", run_step)
+    monkeypatch.setattr(
+        program, "_is_mended", lambda *_: ran == ["wires", "limits"] and len(folder.load(tmp_path)) == 2
+    )
     chosen = [steps()["wires"], steps()["limits"]]
     options = argparse.Namespace(out=tmp_path, sim=True)
-    assert walk.walk(chosen, options, ["wires", "limits"]) is Outcome.PASS
+    assert program.walk(chosen, options, ["wires", "limits"]) is Outcome.PASS
     assert ran == ["wires", "limits", "wires", "limits"]
 
 
@@ -193,3 +185,21 @@ def test_a_plate_that_was_calibrated_before_needs_no_steps_of_a_bare_rig() -> No
     assert folder.left({"resonance": resonance})[0] == "modes"
     assert folder.left({"supplies": supplies, "resonance": resonance})[0] == "sensors"
     assert folder.left({}, "paper")[0] == "resonance"
+
+
+def test_answers_are_numbers_or_nothing_and_nonsense_is_asked_for_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("about three\nnan\n3.31\n1,65\n\n"))
+    person = Terminal()
+    assert asyncio.run(person.read_supply(0)) == 3.31
+    assert asyncio.run(person.read_idle(1)) == 1.65
+    assert asyncio.run(person.read_output(0, 1.0)) is None
+    assert "'about three' is no number of volts" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["q\n", ""])
+def test_q_and_the_end_of_input_stop_with_how_to_go_on(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(text))
+    with pytest.raises(HapticdError, match="goes on here"):
+        Terminal().mend([])

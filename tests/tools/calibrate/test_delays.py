@@ -10,7 +10,7 @@ from machine_bench import MS
 from hapticd.config.sections import Config, PredictionConfig
 from hapticd.core.board.ledger import Histogram
 from hapticd.tools.calibrate import delays
-from hapticd.tools.calibrate.verdict import Outcome
+from hapticd.tools.calibrate.step import Outcome
 from hapticd.tools.latency import MeasuredLatency
 
 
@@ -19,17 +19,13 @@ def in_time(measured: MeasuredLatency) -> MeasuredLatency:
     return replace(measured, counts={**measured.counts, "frames unanswered": 0, "frames late": 0})
 
 
-def test_a_usual_period_is_no_setting(in_time: MeasuredLatency) -> None:
-    verdict = delays.verdict(in_time, Config(), is_simulated=True)
-    assert verdict.outcome is Outcome.PASS
-    assert verdict.settings == {}
-    assert delays.report_period_ms(in_time) == pytest.approx(11.25, abs=0.3)
-
-
-def test_another_period_than_the_configured_one_becomes_a_setting(in_time: MeasuredLatency) -> None:
-    slow = Config(prediction=PredictionConfig(period_ms=16.0))
-    found = delays.verdict(in_time, slow, is_simulated=True).settings
-    assert found["prediction"]["period_ms"] == pytest.approx(11.25, abs=0.3)
+@pytest.mark.parametrize(("period_ms", "is_set"), [(11.25, False), (16.0, True)])
+def test_another_period_than_the_configured_one_becomes_a_setting(
+    period_ms: float, is_set: bool, in_time: MeasuredLatency
+) -> None:
+    found = delays.verdict(in_time, Config(prediction=PredictionConfig(period_ms=period_ms)), is_simulated=True)
+    expected = {"prediction": {"period_ms": pytest.approx(11.25, abs=0.3)}} if is_set else {}
+    assert (found.outcome, found.settings) == (Outcome.PASS, expected)
 
 
 @pytest.mark.parametrize(
@@ -51,11 +47,6 @@ def test_few_frames_and_an_unsteady_link_want_a_look(in_time: MeasuredLatency) -
     unsteady = Histogram()
     for span_ns in [5 * MS] * 90 + [12 * MS] * 10:
         unsteady.add(span_ns)
+    assert few.settings == delays.verdict(replace(in_time, lines=()), Config(), is_simulated=True).settings == {}
     changed = replace(in_time, stages={**in_time.stages, "link": unsteady})
     assert "varies by" in delays.verdict(changed, Config(), is_simulated=True).sentence
-
-
-def test_without_frames_the_period_is_unknown(in_time: MeasuredLatency) -> None:
-    empty = replace(in_time, lines=())
-    assert delays.report_period_ms(empty) != delays.report_period_ms(empty)
-    assert "prediction" not in delays.verdict(empty, Config(), is_simulated=True).settings

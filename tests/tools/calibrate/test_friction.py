@@ -14,7 +14,7 @@ from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.errors import CalibrationError
 from hapticd.tools.calibrate import friction, simulated
 from hapticd.tools.calibrate.friction import KNOTS, fit_friction, read
-from hapticd.tools.calibrate.verdict import Outcome
+from hapticd.tools.calibrate.step import Outcome
 
 LEVELS_UM = np.repeat(np.linspace(0.0, 3.0, 25), 5)
 
@@ -59,13 +59,10 @@ def test_whatever_the_noise_the_curve_rises_strictly_and_does_not_know_the_unit(
     np.testing.assert_allclose(scaled.amplitude_um, found.amplitude_um, rtol=1e-6, atol=1e-9)
 
 
-def test_the_service_accepts_the_curve_of_the_verdict() -> None:
+def test_wide_scatter_of_readings_is_a_warning_and_little_a_curve_for_the_service() -> None:
     verdict = friction.verdict(fit_friction(*simulated.friction_readings(4)), is_simulated=True)
     assert verdict.outcome is Outcome.PASS
     assert len(from_table(dict(verdict.settings), where="x", folder=Path()).plate.friction_curve) == KNOTS
-
-
-def test_readings_that_scatter_widely_want_a_look() -> None:
     value = falling(LEVELS_UM) + 0.12 * np.random.default_rng(1).standard_normal(len(LEVELS_UM))
     assert friction.verdict(fit_friction(LEVELS_UM, value), is_simulated=True).outcome is Outcome.WARN
 
@@ -91,32 +88,33 @@ def test_readings_that_show_no_curve_are_refused(amplitude_um: list[float], valu
         fit_friction(amplitude_um, value)
 
 
-def test_a_file_is_read_and_what_is_none_refused_in_a_sentence(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"# a dry finger\namplitude_um, friction\n0,0.8\n\n1,0.4\n", [[0.0, 1.0], [0.8, 0.4]]),
+        (b"amplitude_um,friction,speed_mm_s\n0,0.8,50\n1,0.4,99\n", [[0.0, 1.0], [0.8, 0.4], [50.0, 99.0]]),
+        (b"", "header"),
+        (b"a,b\n", "header"),
+        (b"amplitude_um;friction\n0,0;1,0\n", "with commas between cells and points in numbers"),
+        (b"amplitude_um,friction\n", "no readings"),
+        (b"amplitude_um,friction\n1\n", "reading 1 is not 2 numbers"),
+        (b"amplitude_um,friction\n1,2\nx,y\n", "reading 2 is not 2 numbers"),
+        (b"amplitude_um,friction,speed_mm_s\n1,2\n", "reading 1 is not 3 numbers"),
+        (b"\xff\x00\xfe", "cannot be read"),
+        (None, "cannot be read"),
+    ],
+)
+def test_file_is_read_with_its_columns_and_another_refused(
+    content: bytes | None, found: str | list[list[float]], tmp_path: Path
+) -> None:
     path = tmp_path / "friction.csv"
-    path.write_text("# a dry finger\namplitude_um, friction\n0,0.8\n\n1,0.4\n")
-    amplitude_um, value, speed_mm_s = read(path)
-    assert (amplitude_um.tolist(), value.tolist(), speed_mm_s) == ([0.0, 1.0], [0.8, 0.4], None)
-    path.write_text("amplitude_um,friction,speed_mm_s\n0,0.8,50\n1,0.4,100\n")
-    speeds = read(path).speed_mm_s
-    assert speeds is not None
-    assert speeds.tolist() == [50.0, 100.0]
-    for text, sentence in (
-        ("", "header"),
-        ("a,b\n", "header"),
-        ("amplitude_um;friction\n0,0;1,0\n", "with commas between cells and points in numbers"),
-        ("amplitude_um,friction\n", "no readings"),
-        ("amplitude_um,friction\n1\n", "reading 1 is not two numbers"),
-        ("amplitude_um,friction\n1,2\nx,y\n", "reading 2 is not two numbers"),
-        ("amplitude_um,friction,speed_mm_s\n1,2\n", "reading 1 is not three numbers"),
-    ):
-        path.write_text(text)
-        with pytest.raises(CalibrationError, match=sentence):
+    if content is not None:
+        path.write_bytes(content)
+    if isinstance(found, str):
+        with pytest.raises(CalibrationError, match=found):
             read(path)
-    path.write_bytes(b"\xff\x00\xfe")
-    with pytest.raises(CalibrationError, match="cannot be read"):
-        read(path)
-    with pytest.raises(CalibrationError, match="cannot be read"):
-        read(tmp_path / "none.csv")
+    else:
+        assert read(path).tolist() == found
 
 
 # --- speed ------------------------------------------------------------------------------------------------------
@@ -146,15 +144,12 @@ def test_the_speed_that_needs_twice_the_amplitude_is_found_with_the_curve(v0_mm_
     assert from_table(dict(made.settings), where="x", folder=Path()).plate.friction_speed_mm_s > 0.0
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4, 5])
-def test_readings_that_show_no_effect_of_speed_give_none(seed: int) -> None:
-    found = fit_friction(*sliding(np.inf, seed))
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_readings_without_an_effect_of_speed_give_none(seed: int) -> None:
+    amplitude_um, value, speed_mm_s = sliding(np.inf, seed)
+    found = fit_friction(amplitude_um, value, speed_mm_s)
     assert found.speed_mm_s == np.inf
     assert found.about_speed.startswith("Speed changes nothing that the readings show, from 2")
-
-
-def test_bare_glass_that_is_the_same_at_every_speed_is_no_failure() -> None:
-    amplitude_um, _, speed_mm_s = sliding(np.inf, 1)
     found = fit_friction(amplitude_um, np.exp(-amplitude_um), speed_mm_s)  # as a sensor without noise has it
     assert (found.speed_mm_s, found.bare) == (np.inf, pytest.approx(1.0))
 

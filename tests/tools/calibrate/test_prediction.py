@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,14 @@ from hapticd.__main__ import main
 from hapticd.config import loader as config
 from hapticd.core.prediction.pad_memory import PadMemory
 from hapticd.daemon.settings import pipeline_settings
+from hapticd.sim.fingers.paths import Rest
+from hapticd.sim.fingers.sensor import SensorModel
 from hapticd.sim.fingers.strokes import Strokes
 from hapticd.tools.calibrate import prediction
-from hapticd.tools.calibrate.verdict import Outcome
+from hapticd.tools.calibrate.step import Outcome
 from hapticd.tools.touches import Trace
-from hapticd.values import FloatArray
+from hapticd.values import FloatArray, RawReport
+from hapticd.wire.trackpad import DEFAULT_PAD, Pad
 
 
 def stroked(seed: int, *, across_mm: float = 0.02, along_ms: float = 0.0, seconds: float = 12.0) -> Trace:
@@ -38,15 +42,12 @@ def filtered() -> Trace:
 
 
 @pytest.mark.parametrize(("across_mm", "along_ms"), [(0.02, 0.0), (0.05, 0.0), (0.02, 0.8)])
-def test_the_noise_across_and_the_time_error_along_are_measured(across_mm: float, along_ms: float) -> None:
-    found = prediction.noise([stroked(1, across_mm=across_mm, along_ms=along_ms)])
+def test_noise_across_time_error_along_and_repeated_reports_are_measured(across_mm: float, along_ms: float) -> None:
+    one = stroked(1, across_mm=across_mm, along_ms=along_ms)
+    found = prediction.noise([one])
     assert found.across_mm == pytest.approx(across_mm, rel=0.1)
     assert found.along_ms == pytest.approx(along_ms, abs=0.1)
     assert found.repeated_frac == 0.0
-
-
-def test_reports_that_repeat_are_counted() -> None:
-    one = stroked(1)
     held = one._replace(xy_mm=np.repeat(one.xy_mm[::2], 2, axis=0))
     assert prediction.noise([held]).repeated_frac == pytest.approx(0.5, abs=0.01)
 
@@ -95,7 +96,40 @@ def test_too_few_strokes_and_a_missing_recording_are_refused(tmp_path: Path, ref
     assert "is not a file: give a recording" in refused(*step, "--recording", str(tmp_path / "none.mcap"))
 
 
-@pytest.mark.parametrize("weights", [[0.1] * 9, [0.1] * 9 + [9.0]])
-def test_a_configuration_with_other_weights_is_refused(weights: list[float]) -> None:
-    with pytest.raises(Exception, match=r"prediction\.pad_weights"):
-        config.from_table({"prediction": {"pad_weights": weights}}, where="test", folder=None)
+MOUSE_REPORT = bytes((0x02, *bytes(7)))
+
+
+class ReconnectedPad:
+    """A pad that reports as a mouse, is unplugged, and then reports a finger."""
+
+    def __init__(self) -> None:
+        self.enabled, self.is_closed = 0, False
+        self.counters: dict[str, int | str] = {}
+
+    def start(
+        self,
+        _: asyncio.AbstractEventLoop,
+        on_reports: Callable[[Sequence[RawReport]], None],
+        on_link: Callable[[Pad | None, str], None],
+    ) -> None:
+        on_link(DEFAULT_PAD, "plugged in")
+        on_reports([RawReport(0, MOUSE_REPORT)])
+        on_link(None, "unplugged")
+        on_link(DEFAULT_PAD, "plugged in")
+        reports = SensorModel(seed=1).reports([Rest((10.0, 5.0))], 0.2)
+        on_reports([RawReport(round(report.t_arrive_s * 1e9), report.data) for report in reports])
+
+    def request_enable(self) -> None:
+        self.enabled += 1
+
+    async def close(self) -> None:
+        self.is_closed = True
+
+
+def test_a_pad_is_enabled_read_after_a_reconnect_and_closed(capsys: pytest.CaptureFixture[str]) -> None:
+    pad = ReconnectedPad()
+    (trace,) = asyncio.run(prediction._touched(pad, 0.01))
+    assert pad.enabled == 1
+    assert pad.is_closed
+    assert trace.xy_mm.mean(axis=0) == pytest.approx((10.0, 5.0), abs=0.2)
+    assert capsys.readouterr().out.count("stroke the pad for 0.01 s") == 2

@@ -15,7 +15,7 @@ from hapticd.errors import SweepEndedError
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.tools.calibrate import resonance
 from hapticd.tools.calibrate.resonance import refined, sweep_modes
-from hapticd.tools.calibrate.verdict import Outcome, Verdict
+from hapticd.tools.calibrate.step import Outcome, Verdict
 from hapticd.tools.firmware.conversation import Conversation
 from hapticd.tools.firmware.sweep import ModeSweep
 

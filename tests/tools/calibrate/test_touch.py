@@ -18,6 +18,7 @@ from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.daemon.settings import plate_from_pad
 from hapticd.design.touch.contacts import spreads_of
 from hapticd.design.touch.fit import Fit
+from hapticd.design.touch.guide import GUIDED_S
 from hapticd.design.touch.judge import Judged
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.waves import Waves
@@ -27,7 +28,7 @@ from hapticd.files.recording.kinds import Record
 from hapticd.sim import lockstep
 from hapticd.sim.settings import Settings
 from hapticd.tools.calibrate import folder, touch
-from hapticd.tools.record import simulated
+from hapticd.tools.record import attach, simulated
 from hapticd.tools.touch_correction import contact_settings, joined, known_better
 from hapticd.tools.touch_recording import Collected, Touched, read
 from hapticd.values import Knot, LimitReason, SafeDrive
@@ -286,3 +287,50 @@ def test_a_misplaced_pad_is_mended_in_part_by_ten_seconds_of_strokes(
     ]
     assert leaks[1] > 3.0 * leaks[0]
     assert leaks[2] < 0.75 * leaks[1]
+
+
+def test_it_says_where_to_touch_from_the_recording_s_start_on_and_ends() -> None:
+    said: list[str] = []
+    begun: list[float] = []
+    t_s = 0.0
+    guide = touch.Guide(lambda: begun.append(t_s), said.append, lambda: t_s)
+    guide.notify(attach.WAITING)
+    t_s = 5.0
+    assert not guide.is_ended()
+    assert said == [attach.WAITING]
+    guide.notify(attach.BEGUN)
+    guide.notify(attach.LATE)
+    assert begun == [5.0]
+    ends = []
+    for tick in range(round(10 * GUIDED_S) + 1):
+        t_s = 5.0 + 0.1 * tick
+        ends.append(guide.is_ended())
+    assert ends.index(True) == round(10 * GUIDED_S)
+    assert said[3] == " 60 s left: stroke the lower left quarter with one finger, the upper right one with another"
+    assert 60 <= len(said) < 80
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("--guided", "session.mcap"), "either a RECORDING"),
+        ((), "either a RECORDING"),
+        (("session.mcap", "--sim"), "only with --guided"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(
+    arguments: tuple[str, ...], why: str, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    assert why in refused("calibrate", "touch", *arguments, "--out", str(tmp_path / "out"))
+
+
+@pytest.mark.long
+def test_simulated_fingers_are_recorded_and_calibrated_by(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(touch, "GUIDED_S", 2.0)
+    out = tmp_path / "out"
+    for _ in range(2):  # the recording of the run before is replaced
+        assert main(["calibrate", "touch", "--guided", "--sim", "--out", str(out)]) == 1
+        assert "Nothing is adopted. Only 2.0 s of touching" in capsys.readouterr().out
+    assert (out / "touch.mcap").is_file()
