@@ -12,7 +12,6 @@ from hapticd.core.friction import FrictionCurve
 from hapticd.values import FloatArray
 
 from ..values import OnProgress
-from .achievability import cell_centres
 from .contact_pairs import EDGE_MM, ShapeMaps, random_fingers
 from .felt_places import ENOUGH_JND, settle_felt, touches_at
 
@@ -64,7 +63,7 @@ def felt_map(
     progress: OnProgress = lambda _: None,
 ) -> FeltMap:
     """Return the map of cells x cells; `frictions` (N + 1,), 0 .. 1, are asked of the fingers, the other one last."""
-    x_mm, y_mm, points_mm = cell_centres(size_mm, cells)
+    x_mm, y_mm, points_mm = _cell_centres(size_mm, cells)
     given_mm = np.broadcast_to(np.array(fingers_mm, np.float64), (len(points_mm), len(fingers_mm), 2))
     places_mm = np.concatenate((given_mm, points_mm[:, None, :]), axis=1)
     errors_jnd = _errors_jnd(shapes, places_mm, frictions, limits_um, curve, radius_mm, progress)
@@ -88,9 +87,15 @@ def felt_pairs(
     errors_jnd = _errors_jnd(shapes, places_mm, frictions, limits_um, curve, radius_mm, progress)
     is_felt = np.abs(errors_jnd).max(axis=1) <= ENOUGH_JND
     room_mm = size_mm[0] - 2.0 * EDGE_MM, size_mm[1] - 2.0 * EDGE_MM
-    x_mm, y_mm, _ = cell_centres(room_mm, cells)
+    x_mm, y_mm, _ = _cell_centres(room_mm, cells)
     shares = [_shares(places_mm[:, finger], is_felt, room_mm, cells) for finger in range(2)]
     return FeltPairs(x_mm, y_mm, np.array(shares), float(is_felt.mean()), count)
+
+
+def _cell_centres(size_mm: tuple[float, float], cells: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return x_mm (cells,), y_mm (cells,) and all centres (cells^2, 2), by rows, of cells that tile the plate."""
+    x_mm, y_mm = (edge_mm * ((np.arange(cells) + 0.5) / cells - 0.5) for edge_mm in size_mm)
+    return x_mm, y_mm, np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
 
 
 def _shares(at_mm: FloatArray, is_felt: FloatArray, room_mm: tuple[float, float], cells: int) -> FloatArray:

@@ -95,6 +95,18 @@ def whole(low: int, high: float = math.inf) -> Callable[[str], int]:
     return parsed
 
 
+def numbers(low: float, high: float, count: int = 0) -> Callable[[str], tuple[float, ...]]:
+    """Return the type of an argument of finite numbers from `low` to `high` with commas between, `count` or any."""
+
+    def parsed(text: str) -> tuple[float, ...]:
+        parts = text.split(",")
+        if count not in (0, len(parts)):
+            raise argparse.ArgumentTypeError(f"{text!r} is not {count} numbers with commas between")
+        return tuple(map(number(low, high), parts))
+
+    return parsed
+
+
 PORT_NUMBER = whole(0, 65535)  # the type of an argument that is a port; 0 is any free one
 
 

@@ -2,7 +2,6 @@
 
 It prints percentiles and draws the distributions; `hapticd export` has each frame of a recording. The first finger gets
 a target of AMPLITUDE_UM, all others one of zero, so that each report leads to a frame. No clients are served meanwhile.
-With `--landing` it needs no devices: fingers land on the simulated rig in virtual time (`sim.landing`).
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from ..daemon.daemon import Daemon, now_ns
 from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
 from ..daemon.status import histogram_fields
-from ..errors import HapticdError, UsageError
+from ..errors import HapticdError
 from ..regular_file import opened
 from ..values import FloatArray, LedgerLine
 from . import outputs, plotting
@@ -79,20 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=POSITIVE, default=10.0, help=what)
     outputs.add_json(parser)
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw the distributions")
-    parser.add_argument(
-        "--landing",
-        action="store_true",
-        help="measure on the simulated rig, in virtual time, how long a landing finger waits for its amplitude",
-    )
     parser.set_defaults(command=_latency)
 
 
 def _latency(options: argparse.Namespace) -> None:
-    if options.landing:
-        if options.plot is not None:
-            raise UsageError("--landing: has no frames to draw: leave --plot out.")
-        run_landings(json_file=options.json)
-        return
     loaded = configuration(options)
     log_to_stderr(loaded.log.level)
     run(loaded, options.seconds, json_file=options.json, plot=options.plot)
@@ -109,23 +98,6 @@ def run(config: Config, seconds: float, *, json_file: str | None, plot: Path | N
         outputs.write_json(figures(measured), json_file)
     if plot is not None:
         draw(measured, plot)
-
-
-def run_landings(*, json_file: str | None) -> None:
-    """Measure landings on the simulated rig, print a row for each way, and write figures as JSON."""
-    from ..sim import landing  # late: the simulation is for this alone
-
-    with Progress("measuring") as progress:
-        found = landing.measure(progress=progress)
-    out = outputs.table_stream(json_file)
-    what = f"landing to {landing.REACHED_FRAC:.0%} of {landing.TARGET_UM:g} um, ms"
-    print(f"{what:<34}{'p50':>8}{'p95':>8}{'max':>8}  of {landing.LANDINGS} landings, in virtual time", file=out)
-    for way, spans_ms in found.items():
-        row = "".join(f"{value_ms:>8.1f}" for value_ms in landing.percentiles_ms(spans_ms).values())
-        print(f"{way:<34}{row}", file=out)
-    if json_file is not None:
-        plain = {way: landing.percentiles_ms(spans_ms) for way, spans_ms in found.items()}
-        outputs.write_json(plain, json_file)
 
 
 def measure(config: Config, seconds: float) -> MeasuredLatency:

@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     plate_felt.add_arguments(parser)
     parser.set_defaults(command=run)
     actions = parser.add_subparsers(title="actions", metavar="ACTION")
-    mapped = "map the positions where another finger can be still, or slip"
-    map_program.add_arguments(add_command(actions, "map", mapped, "--finger -30,20 --plot map.png"))
+    mapped = "map where fingers feel the frictions asked of them"
+    map_program.add_arguments(add_command(actions, "map", mapped, "--plate wide --finger -30,20 --plot map.png"))
 
 
 def run(options: argparse.Namespace) -> None:

@@ -1,1 +1,1 @@
-"""`hapticd plate map`: where another finger can be still, or slip, for given fingers or over all pairs of places."""
+"""`hapticd plate map`: where fingers feel the frictions that are asked of them, for given fingers or random pairs."""
