@@ -11,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from machine_bench import SLIPPERY, STICKY, Bench, Heard, references
 
+from hapticd.daemon.client_gateway import MAX_MARKERS
+
 VICTIM, ATTACKER = "uid 1000", "uid 666"
 FINGERS = st.integers(1, 4) | st.sampled_from(["ghost", "walker"])
 AMPLITUDES_UM = st.sampled_from([0.0, 1e-300, 4.0, math.nextafter(4.0, 5.0), 1000.0]) | st.floats(0.0, 1000.0)
@@ -140,3 +142,12 @@ def test_a_message_that_waited_holds_for_what_is_left_of_its_ttl(op: str, waited
     expiry_ns = bench.machine.scene.next_expiry_ns
     assert bench.machine.scene.owner_of(1) is None
     assert (0 if expiry_ns is None else expiry_ns - bench.t_ns) == left_ms * 1_000_000
+
+
+def test_markers_that_no_state_takes_do_not_pile_up() -> None:
+    bench = Bench(SLIPPERY)
+    for _ in range(2 * MAX_MARKERS):
+        bench.ask("marker", client="study", text="again")
+    assert len(bench.machine.clients.markers) == MAX_MARKERS
+    bench.run(60)
+    assert bench.machine.clients.markers == []

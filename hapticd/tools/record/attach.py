@@ -1,4 +1,4 @@
-"""`hapticd record`: writes the records of a running daemon to a file, with the ground truth of a simulated plate.
+"""`hapticd record`: writes the records of a running daemon to a file.
 
 Only a recording that begins with the daemon's core replays exactly. So the daemon is requested to restart its core,
 which it does as soon as no finger touches and no target stands; the scripted fingers of a simulated plate are lifted
@@ -11,15 +11,14 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Protocol
 
 import msgpack
 import zmq
 
-from ...errors import HapticdError, RecordingError
+from ...errors import HapticdError
 from ...files.recording.header import header_from
 from ...files.recording.kinds import HEADER, Record
 from ...files.recording.mcap_writer import RecordingFile, check_destination
@@ -27,7 +26,6 @@ from ...io.clients.record_socket import NAME, NOW, RECEIVE_HIGH_WATER, WAITS, WH
 from ...io.clients.runtime_dir import endpoint_path, runtime_directory
 from ..view.rig import PadSender
 from .inlets import Inlets
-from .truth import RigTruth
 
 HEADER_WITHIN_S = 3.0
 SOON_S = 0.5  # an idle daemon begins within 0.1 s: no need to ask for hands off the plate
@@ -37,18 +35,9 @@ SYNC_EVERY_S = 1.0  # that much is lost where this process is killed
 WAITING = "Hands off the plate, please: the recording begins without fingers and targets (--now: at once)."
 BEGUN = "The recording has begun."
 LATE = "Something is recorded already: this recording begins in mid-session, and so it cannot be replayed bit for bit."
+NO_STREAMS = Inlets()
 
 Notify = Callable[[str], None]
-
-
-class Others(Protocol):
-    """What is recorded besides the daemon's own records."""
-
-    def note(self, record: Record) -> None:
-        """Take a record of the daemon."""
-
-    def records(self, seq: int) -> Iterable[Record]:
-        """Return what came since the last call, under the number of the daemon's newest record."""
 
 
 @contextmanager
@@ -73,24 +62,18 @@ def record(
     wait_s: float = math.inf,
     notify: Notify = lambda text: print(text, flush=True),
     is_ended: Callable[[], bool] = lambda: False,
-    inlets: Inlets | None = None,
+    inlets: Inlets = NO_STREAMS,
 ) -> str:
     """Record for `seconds`, until `is_ended` or KeyboardInterrupt, or until the daemon stops.
 
-    Returns a sentence on the file.
-
-    `notify` is given what a person should know meanwhile; `inlets` are recorded too. Raises HapticdError;
-    RecordingError, before the daemon is asked, if the file cannot be made.
+    Returns a sentence on the file. `notify` is given what a person should know meanwhile; `inlets` are recorded too.
+    Raises HapticdError; RecordingError, before the daemon is asked, if the file cannot be made.
     """
-    if seconds is not None and not 0.0 < seconds < math.inf:
-        raise RecordingError(f"--seconds {seconds:g}: give a finite number above 0.")
     check_destination(out)
     directory = runtime_directory(os.environ) if directory is None else directory
-    context = zmq.Context()
-    socket = context.socket(zmq.SUB)
-    socket.linger = 0
-    socket.rcvhwm = RECEIVE_HIGH_WATER
-    try:
+    with zmq.Context() as context, context.socket(zmq.SUB) as socket:
+        socket.linger = 0
+        socket.rcvhwm = RECEIVE_HIGH_WATER
         socket.connect(f"ipc://{endpoint_path(directory, NAME)}")
         for topic in (NOW,) if is_now else (WAITS, WHOLE):
             socket.subscribe(topic)
@@ -101,24 +84,18 @@ def record(
         if not is_now and not (header.is_whole and opening.seq == 0):
             notify(LATE)
         file = RecordingFile(out, header, seq=opening.seq)
-        with closing(RigTruth(context, header)) as truth:
-            if inlets is not None:
-                inlets.drop()
-            others: tuple[Others, ...] = (truth,) if inlets is None else (truth, inlets)
-            said = _record(socket, others, opening, file, seconds, is_ended)
-            return said if inlets is None else said + inlets.summary()
-    finally:
-        socket.close()
-        context.term()
+        for inlet in inlets:
+            inlet.drop()
+        return _record(socket, opening, file, seconds, is_ended, inlets)
 
 
 def _record(
     socket: zmq.Socket[bytes],
-    others: Sequence[Others],
     opening: Record,
     file: RecordingFile,
     seconds: float | None,
     is_ended: Callable[[], bool],
+    inlets: Inlets,
 ) -> str:
     records, lost, next_seq = 0, 0, opening.seq
     begun_s = synced_s = time.monotonic()
@@ -132,7 +109,7 @@ def _record(
         return newest_ns > t_end_ns or time.monotonic_ns() > t_end_ns + TAIL_NS
 
     try:
-        try:
+        with closing(file):
             for message in _messages(socket, math.inf if seconds is None else begun_s + seconds, is_over):
                 found = _decoded(message)
                 if found is not None and found.kind == HEADER:
@@ -142,21 +119,18 @@ def _record(
                     file.add(found)
                     newest_ns = found.t_ns
                     records, lost, next_seq = records + 1, lost + max(found.seq - next_seq, 0), found.seq + 1
-                    for other in others:
-                        other.note(found)
                     if found.kind == "end":
                         break
-                for one in (one for other in others for one in other.records(next_seq - 1) if records):
-                    file.add(one)
+                for inlet in inlets if records else ():
+                    for measured in inlet.records(next_seq - 1):
+                        file.add(measured)
                 if time.monotonic() - synced_s >= SYNC_EVERY_S:
                     synced_s = time.monotonic()
                     file.sync()
-        finally:
-            file.close()
     except OSError as error:
         raise HapticdError(f"{file.path}: the recording ends here ({error.strerror}): make room.") from None
     missing = f"; {lost} came too fast and are missing" if lost else ""
-    return f"{file.path}: {records} records of {time.monotonic() - begun_s:.1f} s{missing}"
+    return f"{file.path}: {records} records of {time.monotonic() - begun_s:.1f} s{missing}{inlets.summary()}"
 
 
 def _opening(socket: zmq.Socket[bytes], directory: Path, wait: _Wait, is_ended: Callable[[], bool]) -> Record:
@@ -169,7 +143,7 @@ def _opening(socket: zmq.Socket[bytes], directory: Path, wait: _Wait, is_ended: 
         if message.startswith(WAITS):
             wait.begin(message.removeprefix(WAITS))
         wait.look(time.monotonic())
-        if not wait.is_begun and time.monotonic() > deadline_s:
+        if wait.t_begin_s == math.inf and time.monotonic() > deadline_s:
             raise HapticdError(f"No hapticd answers in {directory}: start one, or name its directory with --endpoint.")
     raise HapticdError("Nothing is recorded: it ended before the recording began.")
 
@@ -181,33 +155,25 @@ class _Wait:
         self, context: zmq.Context[zmq.Socket[bytes]], socket: zmq.Socket[bytes], wait_s: float, notify: Notify
     ) -> None:
         self._context, self._socket, self._notify = context, socket, notify
-        self._wait_s = wait_s
-        self._t_begin_s = math.inf
-        self._is_notified = False
+        self._now_s, self._notify_s = wait_s, SOON_S  # after the begin, each once
+        self.t_begin_s = math.inf
         self._pad: PadSender | None = None
-
-    @property
-    def is_begun(self) -> bool:
-        """The daemon has answered that it waits."""
-        return self._t_begin_s < math.inf
 
     def begin(self, rig_directory: bytes) -> None:
         """The daemon waits, on the simulated plate of that rig unless it is empty."""
-        if self.is_begun:
-            return
-        self._t_begin_s = time.monotonic()
-        if rig_directory:
-            self._pad = PadSender(self._context, Path(os.fsdecode(rig_directory)))
+        if self.t_begin_s == math.inf:
+            self.t_begin_s = time.monotonic()
+            self._pad = PadSender(self._context, Path(os.fsdecode(rig_directory))) if rig_directory else None
 
     def look(self, t_now_s: float) -> None:
         """Keep scripted fingers lifted, notify a person, and in the end have the recording begin in mid-session."""
         if self._pad is not None:
             self._pad.lift_scripted()
-        if t_now_s - self._t_begin_s > SOON_S and not self._is_notified:
-            self._is_notified = True
+        if t_now_s - self.t_begin_s > self._notify_s:
+            self._notify_s = math.inf
             self._notify(WAITING)
-        if t_now_s - self._t_begin_s > self._wait_s:
-            self._wait_s = math.inf
+        if t_now_s - self.t_begin_s > self._now_s:
+            self._now_s = math.inf
             self._socket.unsubscribe(WHOLE)
             self._socket.subscribe(NOW)
 

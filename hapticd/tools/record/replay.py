@@ -16,15 +16,7 @@ from ...values import RawReport
 from ...wire.framing import FrameSplitter
 
 LONGEST_LINE_BYTES = 4096  # what is written to the board in one piece is far shorter
-NAMES = {
-    protocol.MSG_HELLO_REQUEST: "a greeting",
-    protocol.MSG_REFERENCE: "a reference",
-    protocol.MSG_KEEPALIVE: "a keep-alive",
-    protocol.MSG_TIME_REQUEST: "a time request",
-    protocol.MSG_CLEAR_FAULT: "a clearing of the fault",
-    protocol.MSG_SET_CONTROLLER: "a choice of controller",
-    protocol.MSG_SET_MODEL: "a model",
-}
+NAMES = {value: name for name, value in vars(protocol).items() if name.startswith("MSG_")}
 
 
 class Difference(NamedTuple):
@@ -49,13 +41,6 @@ class _Outcome:
     def is_identical(self) -> bool:
         """Every byte that was compared is the same, and all were compared."""
         return self.difference is None and self.lost_seq is None
-
-
-class _Step(NamedTuple):
-    """One input of the machine, and its records before the next: lines to the board, a pass."""
-
-    input: Record
-    effects: tuple[Record, ...]
 
 
 @dataclass(slots=True)
@@ -110,31 +95,32 @@ def replay(recording: Recording) -> _Outcome:
         calibration=header.calibration,
         parasitic_modes=header.parasitic_modes,
     )
-    for step in steps(recording.records()):
+    for given, lines in _steps(recording.records()):
         if recording.losses.any:
             outcome.lost_seq = recording.losses.first_seq
             break
-        board.expected.extend(record for record in step.effects if record.kind == "written")
-        board.t_ns, board.seq = step.input.t_ns, step.input.seq
-        feed(machine, step.input)
+        board.expected.extend(lines)
+        board.t_ns, board.seq = given.t_ns, given.seq
+        feed(machine, given)
         board.end_step()
         if outcome.difference is not None:
             break
     return outcome
 
 
-def steps(records: Iterable[Record]) -> Iterator[_Step]:
-    """The inputs in their order. A loss within a step shows in the recording's `losses` before it is given. Without an
-    "end" record the last is left out, for its effects may be missing."""
+def _steps(records: Iterable[Record]) -> Iterator[tuple[Record, list[Record]]]:
+    """The inputs in their order, each with the lines to the board before the next. A loss within a step shows in the
+    recording's `losses` before it is given. Without an "end" record the last is left out, for its lines may be
+    missing."""
     current: Record | None = None
-    effects: list[Record] = []
+    lines: list[Record] = []
     for record in records:
-        if record.kind in (*INPUTS, "end"):
+        if record.kind == "written":
+            lines.append(record)
+        elif record.kind in (*INPUTS, "end"):
             if current is not None:
-                yield _Step(current, tuple(effects))
-            current, effects = record if record.kind != "end" else None, []
-        elif record.kind in ("written", "pass"):
-            effects.append(record)
+                yield current, lines
+            current, lines = record, []
 
 
 def feed(machine: Machine, record: Record) -> None:
@@ -168,13 +154,9 @@ def message_of(line: bytes) -> int | None:
     return frames[0][0] if frames and frames[0] else None
 
 
-def described(line: bytes) -> str:
+def _described(line: bytes) -> str:
     """A line to the board, for a person."""
-    if not line:
-        return "nothing"
-    message = message_of(line)
-    name = "something" if message is None else NAMES.get(message, f"message {message:#04x}")
-    return f"{name}: {line.hex()}"
+    return f"{NAMES.get(message_of(line) or 0, 'no message')} {line.hex()}" if line else "nothing"
 
 
 def report(recording: Recording, outcome: _Outcome) -> str:
@@ -185,7 +167,7 @@ def report(recording: Recording, outcome: _Outcome) -> str:
         after_s = (t_ns - recording.header.t_start_ns) * 1e-9
         return (
             f"first difference after {compared}: at {after_s:.6f} s, in the effects of record {seq}\n"
-            f"recorded: {described(recorded)}\nreplayed: {described(replayed)}"
+            f"recorded: {_described(recorded)}\nreplayed: {_described(replayed)}"
         )
     losses = recording.losses.report()
     if outcome.lost_seq is not None:

@@ -116,17 +116,6 @@ def test_a_recording_in_parts_is_replayed_as_one(tmp_path: Path) -> None:
         replay(open_recording(files[1:]))
 
 
-def said_of_a_full(file: RecordingFile, caplog: pytest.LogCaptureFixture) -> list[str]:
-    """What is logged while so much is put that the writer ends by itself."""
-    with caplog.at_level(logging.WARNING):
-        writer = BackgroundWriter(file)
-        for t_ns in range(400):
-            writer.put("timer", t_ns)
-        wait_for(lambda: writer.is_over)
-        writer.close(0, "over")
-    return lines(caplog)
-
-
 def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_others(
     tmp_path: Path, header: Header, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,6 +128,12 @@ def test_where_no_file_can_follow_the_recording_ends_and_closes_no_file_of_other
         raise OSError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(file, "_created", refuse)
-    assert [line for line in said_of_a_full(file, caplog) if "Permission denied" not in line] == []
+    with caplog.at_level(logging.WARNING):
+        writer = BackgroundWriter(file)
+        for t_ns in range(400):
+            writer.put("timer", t_ns)
+        wait_for(lambda: writer.is_over)
+        writer.close(0, "over")
+    assert [line for line in lines(caplog) if "Permission denied" not in line] == []
     os.close(others[0])  # raises where it was closed
     assert sum(1 for _ in open_recording(tmp_path / "a.mcap").records()) > 0

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import struct
+import zlib
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
@@ -41,7 +46,9 @@ from hapticd.wire.trackpad import DEFAULT_PAD, PADS
 
 from .conftest import written
 
+DATA = Path(__file__).parents[2] / "data"
 CHUNKS, IN_EACH = 5, 7  # of the small file
+CHUNK_HEAD_BYTES = 9 + 40  # of an uncompressed chunk
 
 
 @pytest.fixture(scope="module")
@@ -63,11 +70,17 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[int]]:
     return path.read_bytes(), ends
 
 
-def test_a_reading_tells_how_much_of_its_files_is_read(small: tuple[bytes, list[int]], tmp_path: Path) -> None:
+@pytest.fixture
+def sound(small: tuple[bytes, list[int]], tmp_path: Path) -> Path:
+    """That file."""
     path = tmp_path / "small.mcap"
     path.write_bytes(small[0])
+    return path
+
+
+def test_a_reading_tells_how_much_of_its_files_is_read(sound: Path) -> None:
     shares: list[float] = []
-    recording = open_recording([path, path])
+    recording = open_recording([sound, sound])
     recording.progress = shares.append
     assert len(list(recording.records())) == 2 * CHUNKS * IN_EACH
     assert shares == sorted(shares)
@@ -106,6 +119,47 @@ def test_a_file_cut_before_its_header_ends_is_one_sentence(small: tuple[bytes, l
     for cut in (*range(40), *range(40, header_ends, 397), header_ends):
         path.write_bytes(whole[:cut])
         with pytest.raises(RecordingError, match=r"is no recording of hapticd's|header is missing"):
+            open_recording(path)
+
+
+def test_a_damaged_chunk_is_lost_alone(small: tuple[bytes, list[int]], tmp_path: Path) -> None:
+    whole, ends = small
+    path = tmp_path / "damaged.mcap"
+    for number, begin in enumerate(ends[:-1]):
+        data = bytearray(whole)
+        data[begin + CHUNK_HEAD_BYTES + 30] ^= 1
+        path.write_bytes(data)
+        recording, lost = open_recording(path), range(number * IN_EACH, (number + 1) * IN_EACH)
+        assert [one.seq for one in recording.records()] == [n for n in range(CHUNKS * IN_EACH) if n not in lost]
+        assert recording.losses.skipped_bytes == 9 + int.from_bytes(whole[begin + 1 : begin + 9], "little")
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+def test_a_recording_is_read_however_its_chunks_are_compressed(
+    sound: Path, compression: CompressionType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_writer, "COMPRESSION", compression)
+    recording = open_recording(sound)
+    path = written(sound.with_name("packed.mcap"), recording.header, recording.records())
+    assert list(open_recording(path).records()) == list(recording.records())
+
+
+def test_an_uncompressed_recording_of_an_earlier_hapticd_is_read() -> None:
+    recording = open_recording(DATA / "recording-uncompressed.mcap")
+    assert [record.fields["text"] for record in recording.records()] == ["x" * seq for seq in range(35)]
+    assert not recording.losses.any
+    assert recording.losses.skipped_bytes == 0
+
+
+def test_a_chunk_that_claims_to_unpack_to_too_much_is_damaged(tmp_path: Path) -> None:
+    zeros = bytes(1 << 23)
+    packed = zstandard.compress(zeros)
+    path = tmp_path / "bomb.mcap"
+    for claimed in (len(zeros), 9):  # also where the packed bytes alone say how many they are
+        body = struct.pack("<QQQII", 0, 0, claimed, zlib.crc32(zeros), 4) + b"zstd"
+        body += struct.pack("<Q", len(packed)) + packed
+        path.write_bytes(b"\x89MCAP0\r\n" + (struct.pack("<BQ", 6, len(body)) + body) * 1000)
+        with pytest.raises(RecordingError, match="is no recording of hapticd's"):
             open_recording(path)
 
 
@@ -227,33 +281,39 @@ def test_a_bad_header_is_one_sentence(header: Header, change: dict[str, object])
     assert str(refused.value).endswith(".")
 
 
-def foreign(path: Path, *, topic: str = "/a", data: bytes = b"{}") -> bytes:
+def foreign(topic: str = "/a", data: bytes = b"{}", profile: str = "ros2", **options: Any) -> bytes:
     """The file of another program."""
-    with path.open("wb") as file:
-        other = McapWriter(file)
-        other.start()
-        channel = other.register_channel(topic, "msgpack", 0)
-        other.add_message(channel, 1, data, 1)
-        other.finish()  # type: ignore[no-untyped-call]
-    return path.read_bytes()
+    file = io.BytesIO()
+    other = McapWriter(file, **options)
+    other.start(profile=profile)
+    other.add_message(other.register_channel(topic, "msgpack", 0), 1, data, 1)
+    other.finish()  # type: ignore[no-untyped-call]
+    return file.getvalue()
 
 
-def test_what_is_no_recording_is_one_sentence_that_names_the_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"", "does not begin as one"),
+        (b"text", "does not begin as one"),
+        (foreign(), "names another program"),
+        (foreign(use_chunking=False), "names another program"),
+        (foreign(compression=CompressionType.LZ4), "names another program"),
+        (foreign(profile="hapticd"), "header is missing or damaged"),
+        (foreign("/header", b"\xc1"), "form of its kind"),
+        (foreign("/header", b"\x80"), "header is not readable"),
+        (None, "cannot be read"),
+    ],
+)
+def test_what_is_no_recording_is_one_sentence_that_names_the_file(
+    data: bytes | None, sentence: str, tmp_path: Path
+) -> None:
     path = tmp_path / "bad.mcap"
-    cases: dict[str, tuple[bytes, str]] = {
-        "empty": (b"", "does not begin as one"),
-        "text": (b"text", "does not begin as one"),
-        "another program's": (foreign(path), "names another program"),
-        "a header of nothing": (foreign(path, topic="/header", data=b"\xc1"), "form of its kind"),
-        "an empty header": (foreign(path, topic="/header", data=b"\x80"), "header is not readable"),
-    }
-    for data, sentence in cases.values():
+    if data is not None:
         path.write_bytes(data)
-        with pytest.raises(RecordingError, match=sentence) as refused:
-            open_recording(path)
-        assert str(path) in str(refused.value)
-    with pytest.raises(RecordingError, match="cannot be read"):
-        open_recording(path.with_name("nowhere.mcap"))
+    with pytest.raises(RecordingError, match=sentence) as refused:
+        open_recording(path)
+    assert str(path) in str(refused.value)
 
 
 def test_a_newer_hapticds_records_are_passed_over(

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 from tools.record.test_attach import SLIPPERY, STICKY, Bench, recorders, served
 
@@ -29,32 +30,31 @@ from hapticd.tools.record.tables import tables
 AGO_S = 60.0
 
 
-class FakeInfo:
-    """A stream's description."""
+class FakeStream:
+    """A stream: its description, and a connection to it."""
 
-    def __init__(self, name: str, form: str, labels: Sequence[str] | None, channels: int) -> None:
-        self._name, self._form, self._labels, self._channels = name, form, labels, channels
+    def __init__(
+        self, name: str, form: str = "double64", labels: Sequence[str] | None = None, channels: int = 2
+    ) -> None:
+        self.named = name
+        self.waiting: list[tuple[list[Any], float]] = []
+        self.is_closed = False
+        self.type = lambda: "Force"
+        self.channel_count = lambda: channels
+        self.channel_format = lambda: form
+        self.nominal_srate = lambda: 100.0
+        self.get_channel_labels = lambda: labels
+        self.get_channel_units = lambda: None if labels is None else ["N"] * channels
+        self.info = lambda _timeout_s: self
+        self.open_stream = lambda _timeout_s: None
 
-    def name(self) -> str:
-        return self._name
+    def pull_chunk(self, timeout: float, max_samples: int) -> tuple[list[list[Any]], list[float]]:
+        assert timeout == 0.0
+        now, self.waiting[:] = self.waiting[:max_samples], self.waiting[max_samples:]
+        return [values for values, _ in now], [t_s for _, t_s in now]
 
-    def type(self) -> str:
-        return "Force"
-
-    def channel_count(self) -> int:
-        return self._channels
-
-    def channel_format(self) -> str:
-        return self._form
-
-    def nominal_srate(self) -> float:
-        return 100.0
-
-    def get_channel_labels(self) -> list[str] | None:
-        return None if self._labels is None else list(self._labels)
-
-    def get_channel_units(self) -> list[str] | None:
-        return None if self._labels is None else ["N"] * self._channels
+    def close_stream(self) -> None:
+        self.is_closed = True
 
 
 class FakeLsl:
@@ -62,103 +62,71 @@ class FakeLsl:
 
     proc_clocksync, cf_string = 1, "string"
 
-    def __init__(self, *infos: FakeInfo, offset_s: float = 0.0) -> None:
-        self._infos = infos
-        self.offset_s = offset_s
-        self.waiting: dict[str, list[tuple[list[Any], float]]] = {info.name(): [] for info in infos}
-        self.closed: list[str] = []
+    def __init__(self, *streams: FakeStream, offset_s: float = 0.0) -> None:
+        self._streams, self.offset_s = streams, offset_s
 
     def local_clock(self) -> float:
         return time.monotonic() - self.offset_s
 
-    def resolve_byprop(self, prop: str, name: str, minimum: int, timeout: float) -> list[FakeInfo]:
+    def resolve_byprop(self, prop: str, name: str, minimum: int, timeout: float) -> list[FakeStream]:
         assert (prop, minimum, timeout) == ("name", 1, inlets.FOUND_WITHIN_S)
-        return [info for info in self._infos if info.name() == name]
+        return [stream for stream in self._streams if stream.named == name]
 
-    def StreamInlet(self, info: FakeInfo, max_buflen: int, processing_flags: int) -> FakeStream:
+    def StreamInlet(self, stream: FakeStream, max_buflen: int, processing_flags: int) -> FakeStream:
         assert (max_buflen, processing_flags) == (inlets.KEPT_S, self.proc_clocksync)
-        return FakeStream(self, info)
+        return stream
 
 
-class FakeStream:
-    """A connection to one stream."""
-
-    def __init__(self, lsl: FakeLsl, info: FakeInfo) -> None:
-        self._lsl, self._info = lsl, info
-
-    def info(self, _timeout_s: float) -> FakeInfo:
-        return self._info
-
-    def open_stream(self, _timeout_s: float) -> None:
-        pass
-
-    def pull_chunk(self, timeout: float, max_samples: int) -> tuple[list[list[Any]], list[float]]:
-        assert timeout == 0.0
-        waiting = self._lsl.waiting[self._info.name()]
-        now, waiting[:] = waiting[:max_samples], waiting[max_samples:]
-        return [values for values, _ in now], [t_s for _, t_s in now]
-
-    def close_stream(self) -> None:
-        self._lsl.closed.append(self._info.name())
+def force() -> FakeStream:
+    return FakeStream("force", labels=("Fx", "Fz"))
 
 
-FORCE = FakeInfo("force", "double64", ("Fx", "Fz"), 2)
+def found_in(opened: Inlets, seq: int = 0) -> list[Record]:
+    return [one for inlet in opened for one in inlet.records(seq)]
 
 
 def test_samples_come_on_the_daemons_clock_behind_a_description_of_their_stream() -> None:
-    lsl = FakeLsl(FORCE, offset_s=1000.0)
-    with Inlets.opened(["force"], lsl) as opened:
-        lsl.waiting["force"] += [([0.1, 2.0], 5.0), ([math.nan, 2.0], 5.01), ([0.3, 2.5], 5.02), ([0.3, 2.5], -2000.0)]
-        described, sampled = opened.records(7)
-        assert list(opened.records(8)) == []
+    stream = force()
+    with Inlets.opened(["force"], FakeLsl(stream, offset_s=1000.0)) as opened:
+        stream.waiting += [([0.1, 2.0], 5.0), ([math.nan, 2.0], 5.01), ([0.3, 2.5], 5.02), ([0.3, 2.5], -2000.0)]
+        described, sampled = found_in(opened, 7)
+        assert found_in(opened, 8) == []
         assert opened.summary() == "; force: 2 samples, 2 left out"
-        assert lsl.closed == []
+        assert not stream.is_closed
     channels = [{"name": "Fx", "unit": "N"}, {"name": "Fz", "unit": "N"}]
     assert described.fields == {"stream": "force", "about": "Force", "rate_hz": 100.0, "channels": channels}
     assert [one["values"] for one in sampled.fields["samples"]] == [[0.1, 2.0], [0.3, 2.5]]
     stamps_s = [one["t_ns"] * 1e-9 for one in sampled.fields["samples"]]
     assert stamps_s == pytest.approx([1005.0, 1005.02], abs=1e-3)
     assert (described.seq, sampled.seq) == (7, 7)
-    assert lsl.closed == ["force"]
-
-
-def test_a_stream_without_a_description_has_channels_without_names() -> None:
-    lsl = FakeLsl(FakeInfo("eeg", "double64", None, 3))
-    with Inlets.opened(["eeg", "eeg"], lsl) as opened:
-        lsl.waiting["eeg"] += [([1.0, 2.0, 3.0], 5.0)]
-        described, _ = opened.records(0)
-    assert described.fields["channels"] == [{"name": "", "unit": ""}] * 3
+    assert stream.is_closed
 
 
 def test_texts_of_a_stream_are_markers_and_many_values_come_in_parts() -> None:
-    wide = FakeInfo("wide", "float32", None, inlets.MOST_CHANNELS)
-    lsl = FakeLsl(FakeInfo("psychopy", FakeLsl.cf_string, None, 1), wide)
-    with Inlets.opened(["psychopy", "wide"], lsl) as opened:
-        lsl.waiting["psychopy"] += [(["trial 1"], 5.0), (["x" * 5000], 6.0)]
-        lsl.waiting["wide"] += [([0.0] * inlets.MOST_CHANNELS, 5.0)] * 20
-        found = list(opened.records(0))
+    psychopy = FakeStream("psychopy", FakeLsl.cf_string, channels=1)
+    wide = FakeStream("wide", "float32", channels=inlets.MOST_CHANNELS)
+    with Inlets.opened(["psychopy", "wide", "wide"], FakeLsl(psychopy, wide)) as opened:
+        psychopy.waiting += [(["trial 1"], 5.0), (["x" * 5000], 6.0)]
+        wide.waiting += [([0.0] * inlets.MOST_CHANNELS, 5.0)] * 20
+        found = found_in(opened)
     assert [one.fields["client"] for one in found if one.kind == "marker"] == ["psychopy"] * 2
     assert [len(one.fields["text"]) for one in found if one.kind == "marker"] == [7, inlets.MOST_CHARACTERS]
+    (described,) = (one for one in found if one.kind == "stream")
+    assert described.fields["channels"] == [{"name": "", "unit": ""}] * inlets.MOST_CHANNELS
     assert [len(one.fields["samples"]) for one in found if one.kind == "samples"] == [8, 8, 4]
 
 
 @pytest.mark.parametrize(
-    ("info", "sentence"),
+    ("stream", "sentence"),
     [
-        (FORCE, "--lsl eeg: no such stream came within 5 s: start its outlet first."),
-        (FakeInfo("eeg", "double64", None, 513), "--lsl eeg: has 513 channels, at most 512 are taken."),
+        (force(), "--lsl eeg: no such stream came within 5 s: start its outlet first."),
+        (FakeStream("eeg", channels=513), "--lsl eeg: has 513 channels, at most 512 are taken."),
     ],
 )
-def test_a_stream_that_cannot_be_recorded_is_one_sentence(info: FakeInfo, sentence: str) -> None:
-    with pytest.raises(UsageError) as refused, Inlets.opened(["eeg"], FakeLsl(info)):
+def test_a_stream_that_cannot_be_recorded_is_one_sentence(stream: FakeStream, sentence: str) -> None:
+    with pytest.raises(UsageError) as refused, Inlets.opened(["eeg"], FakeLsl(stream)):
         pass
     assert str(refused.value) == sentence
-
-
-def test_without_a_stream_nothing_is_loaded() -> None:
-    with Inlets.opened([]) as opened:
-        assert list(opened.records(0)) == []
-        assert opened.summary() == ""
 
 
 @pytest.fixture(scope="module")
@@ -167,11 +135,12 @@ def touched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("measured")
     simulated.run("strokes", folder / "plain.mcap", settings=Settings(), seed=1, seconds=1.0)
     plain = open_recording(folder / "plain.mcap")
-    lsl = FakeLsl(FORCE, offset_s=time.monotonic())
+    stream = force()
+    lsl = FakeLsl(stream, offset_s=time.monotonic())
     file = RecordingFile(folder / "force.mcap", plain.header)
     with Inlets.opened(["force"], lsl) as opened:
-        lsl.waiting["force"] += [([math.sin(10 * t_s), 2.0], t_s) for t_s in np.arange(0.0, 1.0, 0.01).tolist()]
-        measured = [_moved(one, plain.header.t_start_ns - round(lsl.offset_s * 1e9)) for one in opened.records(0)]
+        stream.waiting += [([math.sin(10 * t_s), 2.0], t_s) for t_s in np.arange(0.0, 1.0, 0.01).tolist()]
+        measured = [_moved(one, plain.header.t_start_ns - round(lsl.offset_s * 1e9)) for one in found_in(opened)]
     for number, one in enumerate(plain.records()):
         file.add(one)
         if number == 0:
@@ -186,38 +155,24 @@ def _moved(one: Record, by_ns: int) -> Record:
     return one._replace(t_ns=one.t_ns + by_ns, fields=one.fields | ({"samples": samples} if samples else {}))
 
 
-def test_a_recording_with_a_stream_replays_as_without_and_lacks_nothing(touched: Path) -> None:
+def test_measured_values_are_a_table_with_one_value_a_row_at_its_own_instant(touched: Path, tmp_path: Path) -> None:
     recording = open_recording(touched)
     assert replay(recording).is_identical
     assert not recording.losses.any
+    assert main(["export", str(touched), "--csv", str(tmp_path / "out")]) == 0
+    streams, measured = (pandas.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("streams", "measured"))
+    assert (streams["name"].tolist(), streams["unit"].tolist()) == (["Fx", "Fz"], ["N", "N"])
+    assert (len(measured), set(measured["stream"])) == (200, {"force"})
+    fx = measured[measured["channel"] == 1]
+    np.testing.assert_allclose(fx["value"], np.sin(10 * fx["t_s"]), atol=0.05)
+    np.testing.assert_allclose(np.diff(fx["t_s"]), 0.01, atol=1e-6)
 
 
-def test_measured_values_are_a_table_with_one_value_a_row_at_its_own_instant(touched: Path) -> None:
-    found = tables(open_recording(touched))
-    assert found["streams"]["name"].tolist() == ["Fx", "Fz"]
-    assert found["streams"]["unit"].tolist() == ["N", "N"]
-    measured = found["measured"]
-    assert len(measured["value"]) == 200
-    fx = measured["channel"] == 1
-    np.testing.assert_allclose(measured["value"][fx], np.sin(10 * measured["t_s"][fx]), atol=0.05)
-    np.testing.assert_allclose(np.diff(measured["t_s"][fx]), 0.01, atol=1e-6)
-
-
-def test_the_picture_has_a_panel_for_each_stream(touched: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn: list[Any] = []
-    monkeypatch.setattr(picture.plotting, "save", lambda figure, _path: drawn.append(figure))
+def test_the_picture_has_a_panel_for_each_stream(touched: Path, figures: list[Any]) -> None:
     picture.draw(tables(open_recording(touched)), Path("p.png"))
-    (figure,) = drawn
-    last = figure.axes[-1]
+    last = figures[0].axes[-1]
     assert [line.get_label() for line in last.lines] == ["Fx", "Fz"]
     assert (last.get_ylabel(), last.get_xlabel()) == ("force, N", "time, s")
-
-
-def test_export_writes_both_tables(touched: Path, tmp_path: Path) -> None:
-    assert main(["export", str(touched), "--csv", str(tmp_path / "out")]) == 0
-    head = (tmp_path / "out" / "measured.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert head == "t_s,t_ns,stream,channel,value"
-    assert (tmp_path / "out" / "streams.csv").is_file()
 
 
 def test_a_real_outlet_is_recorded_beside_the_daemon_at_the_instants_of_its_samples(tmp_path: Path) -> None:

@@ -158,4 +158,4 @@ def test_the_command_reports_identity_or_shows_the_difference(
     assert main(["replay", str(strokes)]) == 1
     printed = capsys.readouterr().out
     assert printed.startswith("first difference after 0 references, 0 lines to the board: at 0.000000 s")
-    assert "recorded: a greeting: " in printed
+    assert "recorded: MSG_HELLO_REQUEST " in printed
