@@ -15,7 +15,7 @@ import sys
 import tarfile
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -34,33 +34,28 @@ RECORD_S = 10.0
 WAIT_S = 3.0  # for an idle plate, whose recording replays; then the recording begins in mid-session
 LOG_LINES = 5000
 LOG_WITHIN_S = 20.0
-PACKAGES = ("hapticd", "hapticd-client", "hidapi", "mcap", "msgpack", "numpy", "pyserial", "pyzmq")
 SECRET = re.compile(r'(secret[\w-]*"?\s*[=:]\s*)("[^"\n]*"|\S+)', re.IGNORECASE)  # as ZeroMQ's certificates write it
 
-_Record = Callable[[Path, Path | None, float | None], str]
 
-
-def collect(
-    path: Path,
-    system: System | None,
-    config_path: Path | None,
-    found: Sequence[CheckResult],
-    *,
-    record: _Record = lambda *arguments: attach.record(*arguments, wait_s=WAIT_S),
-    log: Callable[[], str] | None = None,
-) -> str:
+def collect(path: Path, system: System | None, config_path: Path | None, found: Sequence[CheckResult]) -> str:
     """Write the bundle, readable by its owner only; return a list of its contents. Raises HapticdError."""
     parts = {
         "doctor.txt": "".join(f"{finding}\n" for finding in found),
         "doctor.json": as_document(found),
         "versions.txt": versions(),
-        "log.txt": (journal if log is None else log)(),
-        **_configuration(system, config_path),
+        "log.txt": journal(),
     }
+    if config_path is not None:
+        try:
+            parts["hapticd.toml"] = read_bounded(config_path, MAX_BYTES).decode(errors="replace")
+        except OSError as error:
+            parts["hapticd.toml"] = f"# {config_path}: cannot be read ({error.strerror})\n"
+    if system is not None:
+        parts["in-force.toml"] = configuration.render(system.config)
     if system is not None and system.status is not None:
         parts["status.json"] = json.dumps(system.status, indent=2, default=repr)
     contents = {name: SECRET.sub(r'\1"(redacted)"', text).encode() for name, text in parts.items()}
-    recorded, why = _recording(system, record)
+    recorded, why = _recording(system)
     if recorded:
         contents["recording.mcap"] = recorded
     _write(path, contents)
@@ -70,18 +65,14 @@ def collect(
 
 
 def versions() -> str:
-    """Return the versions of the program, its platform and its libraries."""
+    """Return the versions of the program, its platform and all that is installed beside it."""
     lines = [
         f"hapticd {version_text()}",
         f"python {sys.version.split()[0]} ({platform.python_implementation()})",
         f"system {platform.platform()}",
         f"zeromq {zmq.zmq_version()}",
+        *sorted(f"{one.name} {one.version}" for one in metadata.distributions()),
     ]
-    for name in PACKAGES:
-        try:
-            lines.append(f"{name} {metadata.version(name)}")
-        except metadata.PackageNotFoundError:
-            lines.append(f"{name} is not installed")
     return "\n".join(lines) + "\n"
 
 
@@ -98,30 +89,14 @@ def journal() -> str:
     return ended.stdout + ended.stderr
 
 
-def _configuration(system: System | None, config_path: Path | None) -> Mapping[str, str]:
-    """Return the configuration file, and the active configuration."""
-    parts = {}
-    if config_path is not None:
-        try:
-            parts["hapticd.toml"] = read_bounded(config_path, MAX_BYTES).decode(errors="replace")
-        except OSError as error:
-            parts["hapticd.toml"] = f"# {config_path}: cannot be read ({error.strerror})\n"
-    if system is not None:
-        parts["in-force.toml"] = configuration.render(system.config)
-    return parts
-
-
-def _recording(system: System | None, record: _Record) -> tuple[bytes, str]:
+def _recording(system: System | None) -> tuple[bytes, str]:
     if system is None or system.status is None:
         return b"", "no recording: no daemon answered"
     with tempfile.TemporaryDirectory(prefix="hapticd-doctor-") as folder:
         file = Path(folder, "recording.mcap")
         try:
-            record(file, system.directory, RECORD_S)
-            return (
-                file.read_bytes(),
-                f"recording.mcap: {RECORD_S:g} s; `hapticd export` converts it to tables and a picture",
-            )
+            attach.record(file, system.directory, RECORD_S, wait_s=WAIT_S)
+            return file.read_bytes(), f"recording.mcap: {RECORD_S:g} s; `hapticd export` makes tables and a picture"
         except (HapticdError, OSError) as error:
             return b"", f"no recording: {error}"
 

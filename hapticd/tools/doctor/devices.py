@@ -121,48 +121,18 @@ def _heard(counted: Mapping[str, Any], address: str) -> CheckResult:
 
 
 _UNHEARD = (  # the counter of what a tracker sends, that of what has not come of it, and what it means
-    (
-        "other_address",
-        "frames",
-        "datagrams come from {refused_address}, which is not the tracker's address",
-        "set trackpad.tuio_sender to it if the tracker is there",
-    ),
-    (
-        "unended",
-        "frames",
-        "a tracker sends, but each datagram is alone and none ends a frame (`fseq`)",
-        "let it send a frame's messages as one OSC bundle",
-    ),
+    ("other_address", "frames", "datagrams come from {refused_address} alone", "set trackpad.tuio_sender to it"),
+    ("unended", "frames", "each datagram is alone, none ends a frame (`fseq`)", "send a frame as one OSC bundle"),
     (
         "outside",
         "contacts",
-        "a tracker sends positions that are no shares of its surface (0 to 1)",
+        "positions are no shares of the surface (0 to 1)",
         "let it send 0 to 1, no pixels",
     ),
-    (
-        "hovering",
-        "contacts",
-        "a tracker sends fingers above its surface alone",
-        "touch it; calibrate the tracker's height",
-    ),
-    (
-        "other_profiles",
-        "frames",
-        "a tracker sends objects and no fingers",
-        "let it send cursors: /tuio/2Dcur or /tuio2/ptr",
-    ),
-    (
-        "length",
-        "frames",
-        "datagrams come that are damaged or longer than 4096 bytes",
-        "let the tracker send shorter bundles",
-    ),
-    (
-        "foreign",
-        "frames",
-        "datagrams come that are no frames of TUIO 1.1 or 2.0",
-        "see what sends there: sudo ss -uanp",
-    ),
+    ("hovering", "contacts", "all fingers are above the surface", "touch it; calibrate the tracker's height"),
+    ("other_profiles", "frames", "a tracker sends objects and no fingers", "let it send /tuio/2Dcur or /tuio2/ptr"),
+    ("length", "frames", "datagrams are damaged or longer than 4096 bytes", "let the tracker send shorter bundles"),
+    ("foreign", "frames", "datagrams are no frames of TUIO 1.1 or 2.0", "see what sends there: sudo ss -uanp"),
 )
 OTHER_SENDERS = "another program sends to that port, and could touch the plate: sudo ss -uanp shows both"
 
@@ -212,22 +182,11 @@ def _counted_rate_hz(system: System, wait: Callable[[float], None]) -> float | N
 
 
 def steady_rate_hz(samples: Sequence[tuple[int, int]]) -> float | None:
-    """Return the rate over the longest run of (t_ns, counter) with a rising counter; None without one.
-
-    A run that begins or ends with a touch has short first and last steps: they are dropped if enough remain.
-    """
-    runs: list[list[tuple[int, int]]] = [[]]
-    for sample in samples:
-        if runs[-1] and not (sample[1] > runs[-1][-1][1] and sample[0] > runs[-1][-1][0]):
-            runs.append([])
-        runs[-1].append(sample)
-    longest = max(runs, key=len)
-    if len(longest) >= 5 and len(longest) < len(samples):
-        longest = longest[1:-1]
-    if len(longest) < 2:
-        return None
-    (t_first_ns, first), (t_last_ns, last) = longest[0], longest[-1]
-    return (last - first) / ((t_last_ns - t_first_ns) * 1e-9)
+    """Return the highest rate of (t_ns, counter) over two steps, as a touch may begin or end meanwhile; None without a
+    rising counter. Where another daemon counts from 0 it falls."""
+    steps = zip(samples, samples[2:], strict=False)
+    rates_hz = [1e9 * (end[1] - begin[1]) / (end[0] - begin[0]) for begin, end in steps if end[0] > begin[0]]
+    return max((rate_hz for rate_hz in rates_hz if rate_hz > 0.0), default=None)
 
 
 def listen(source: TrackpadSource, seconds: float) -> float | None:
@@ -246,12 +205,7 @@ def listen(source: TrackpadSource, seconds: float) -> float | None:
     pads = [pad for pad, _ in links if pad is not None]
     if not pads:
         raise HapticdError(links[-1][1] if links else "the pad could not be opened")
-    return frame_rate_hz(reports, pads[-1])
-
-
-def frame_rate_hz(reports: Sequence[RawReport], pad: Pad) -> float | None:
-    """Return the rate of the touch frames in raw reports, from their median interval on the pad's clock."""
-    decoder = Decoder(pad)
+    decoder = Decoder(pads[-1])
     t_ns = [frame.t_ns for report in reports for frame in decoder.decode(report.data, report.t_host_ns)]
     gaps_ns = [later - earlier for earlier, later in pairwise(t_ns) if later > earlier]
     return 1e9 / median(gaps_ns) if gaps_ns else None

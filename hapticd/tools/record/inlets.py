@@ -92,7 +92,7 @@ class Inlet:
 
     def _sample(self, row: Sequence[Any], stamp_s: float) -> Fields | None:
         t_s = stamp_s + self._offset_s
-        values = [str(text)[:MOST_CHARACTERS] for text in row] if self._is_text else list(map(float, row))
+        values: list[Any] = [str(text)[:MOST_CHARACTERS] for text in row] if self._is_text else list(map(float, row))
         is_sound = 0.0 <= t_s < MAX_WHOLE * 1e-9 and (self._is_text or all(map(math.isfinite, values)))
         return {"t_ns": round(t_s * 1e9), "values": values} if is_sound else None
 

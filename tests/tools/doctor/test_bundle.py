@@ -14,9 +14,11 @@ from hapticd.config import loader as config
 from hapticd.config.sections import Config
 from hapticd.errors import RecordingError
 from hapticd.io.clients import keys
-from hapticd.tools.doctor.bundle import collect, versions
+from hapticd.tools.doctor import bundle
+from hapticd.tools.doctor.bundle import collect
 from hapticd.tools.doctor.finding import PASS, CheckResult, System
 
+NOWHERE = Path("/nowhere")
 FOUND = [CheckResult(PASS, "simulated", check="board")]
 
 
@@ -32,37 +34,40 @@ def members(path: Path) -> dict[str, bytes]:
     return contents
 
 
-def recorded(out: Path, directory: Path | None, seconds: float | None) -> str:
-    out.write_bytes(f"{seconds:g} s of {directory}".encode())
-    return "recorded"
+@pytest.fixture(autouse=True)
+def _recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording that is made at once, and a log of one line."""
+
+    def record(out: Path, directory: Path | None, seconds: float | None, **_: object) -> str:
+        if directory == NOWHERE:
+            raise RecordingError("No hapticd answers here.")
+        out.write_bytes(f"{seconds:g} s of {directory}".encode())
+        return "recorded"
+
+    monkeypatch.setattr(bundle.attach, "record", record)
+    monkeypatch.setattr(bundle, "journal", lambda: "a line\n")
 
 
 def test_with_a_running_daemon_it_has_status_and_recording(tmp_path: Path) -> None:
     path = tmp_path / "report.tar.gz"
-    system = System(Config(), tmp_path, {"state": "ACTIVE"})
-    listing = collect(path, system, None, FOUND, record=recorded, log=lambda: "a line\n")
+    listing = collect(path, System(Config(), tmp_path, {"state": "ACTIVE"}), None, FOUND)
     held = members(path)
     assert held["recording.mcap"] == f"10 s of {tmp_path}".encode()
     assert json.loads(held["status.json"]) == {"state": "ACTIVE"}
     assert held["doctor.txt"] == b"pass  board: simulated\n"
     assert held["log.txt"] == b"a line\n"
     assert json.loads(held["doctor.json"])["failed"] is False
+    assert all(name in held["versions.txt"] for name in (b"hapticd ", b"python 3", b"zeromq ", b"numpy "))
     assert "nothing was sent" in listing
     assert all(name in listing for name in held)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-
-
-def test_a_recording_that_fails_costs_nothing_else(tmp_path: Path) -> None:
-    def refuse(*_: object) -> str:
-        raise RecordingError("No hapticd answers here.")
-
-    path = tmp_path / "report.tar.gz"
-    listing = collect(path, System(Config(), tmp_path, {}), None, FOUND, record=refuse, log=str)
-    assert "no recording: No hapticd answers here." in listing
+    assert "no recording: No hapticd answers here." in collect(path, System(Config(), NOWHERE, {}), None, FOUND)
     assert "status.json" in members(path)
 
 
-def test_no_secret_key_is_in_it_even_where_one_was_pasted_into_the_configuration(tmp_path: Path) -> None:
+def test_no_secret_key_is_in_it_even_where_one_was_pasted_into_the_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "keys"
     _, secret_file = keys.make_pair(folder, keys.DAEMON_NAME)
     public_file, _ = keys.make_pair(tmp_path, "study-7")
@@ -75,7 +80,8 @@ def test_no_secret_key_is_in_it_even_where_one_was_pasted_into_the_configuration
         encoding="utf-8",
     )
     path = tmp_path / "report.tar.gz"
-    collect(path, System(config.load(given), tmp_path), given, FOUND, record=recorded, log=secret_file.read_text)
+    monkeypatch.setattr(bundle, "journal", secret_file.read_text)
+    collect(path, System(config.load(given), tmp_path), given, FOUND)
     held = members(path)
     assert secret not in b"".join(held.values())
     assert b"(redacted)" in held["hapticd.toml"]
@@ -95,8 +101,3 @@ def test_without_a_daemon_it_gives_the_reason_for_the_missing_recording(
     assert held["hapticd.toml"] == given.read_bytes()
     assert b"did you mean w_limit_um?" in held["doctor.txt"]
     assert "recording.mcap" not in held
-
-
-def test_versions_name_the_program_and_its_libraries() -> None:
-    text = versions()
-    assert all(name in text for name in ("hapticd ", "python 3", "zeromq ", "numpy ", "pyserial "))
