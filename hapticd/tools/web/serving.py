@@ -34,8 +34,8 @@ def bound(host: str, port: int, option: str = "--port") -> socket.socket:
 @asynccontextmanager
 async def served(app: web.Application, listener: socket.socket) -> AsyncIterator[None]:
     """Serve at a listener, which is closed in the end."""
-    log = logging.getLogger("aiohttp.server")
-    log.addFilter(_is_no_malformed_request)
+    log = logging.getLogger("aiohttp.server")  # a malformed request gets a 400, and no line
+    log.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
     runner = web.AppRunner(app, access_log=None, logger=log, shutdown_timeout=END_WITHIN_S)
     await runner.setup()
     try:
@@ -43,11 +43,6 @@ async def served(app: web.Application, listener: socket.socket) -> AsyncIterator
         yield
     finally:
         await runner.cleanup()
-
-
-def _is_no_malformed_request(record: logging.LogRecord) -> bool:
-    """Filter of the log: a malformed request gets a 400, and no line."""
-    return record.exc_info is None or not isinstance(record.exc_info[1], HttpProcessingError)
 
 
 def ended_by_signal() -> asyncio.Event:

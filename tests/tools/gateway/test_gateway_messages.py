@@ -16,7 +16,6 @@ from hapticd.wire import client as wire
 from hapticd_contract.base import MAX_MESSAGE_BYTES
 from hapticd_contract.requests import AssetRequest, Request
 from hapticd_contract.targets import TargetsMessage
-from hapticd_contract.web import Follow
 
 DIGEST = base64.b64encode(bytes(32)).decode()
 TARGETS: dict[str, Any] = {
@@ -27,12 +26,6 @@ TARGETS: dict[str, Any] = {
         {"finger": 4, "map": {"width": 2, "height": 2, "levels": "AP8A/w==", "high_um": 2}},
     ],
 }
-
-
-def refusal(text: str) -> RefusedMessage:
-    with pytest.raises(RefusedMessage) as found:
-        messages.decode(text)
-    return found.value
 
 
 def test_targets_reach_the_daemon_as_they_are_with_base64_as_bytes() -> None:
@@ -53,10 +46,6 @@ def test_a_request_reaches_the_daemon_as_it_is() -> None:
     assert wire.decode_request(messages.encode(message)) == message
 
 
-def test_what_to_follow_is_the_gateways_own_message() -> None:
-    assert messages.decode('{"v": 1, "states": "every"}') == Follow(v=1, states="every")
-
-
 def test_a_field_that_holds_bytes_somewhere_holds_a_text_nowhere() -> None:
     texts: set[str] = set()
     for request in get_args(Request):
@@ -70,24 +59,17 @@ def test_a_field_that_holds_bytes_somewhere_holds_a_text_nowhere() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "as_whole"),
+    "text",
     [
-        ('{"v": 1.0, "client": "a", "stamp": 7.0}', '{"v": 1, "client": "a", "stamp": 7}'),
-        (
-            '{"v": 1.0, "client": "a", "targets": [{"finger": 3.0, "friction": 1.0, "priority": 2.0}]}',
-            '{"v": 1, "client": "a", "targets": [{"finger": 3, "friction": 1, "priority": 2}]}',
-        ),
-        (
-            '{"v": 1, "client": "a", "surfaces": [{"name": "b", "z": -4.0, "amplitude_um": 1.5}]}',
-            '{"v": 1, "client": "a", "surfaces": [{"name": "b", "z": -4, "amplitude_um": 1.5}]}',
-        ),
-        ('{"v": 1.0, "id": 9.0, "op": "hello"}', '{"v": 1, "id": 9, "op": "hello"}'),
-        ('{"v": 1.0, "states": "newest"}', '{"v": 1, "states": "newest"}'),
+        '{"v": 1.0, "client": "a", "stamp": 7.0}',
+        '{"v": 1.0, "client": "a", "targets": [{"finger": 3.0, "friction": 1.0, "priority": 2.0}]}',
+        '{"v": 1, "client": "a", "surfaces": [{"name": "b", "z": -4.0, "amplitude_um": 1.5}]}',
+        '{"v": 1.0, "id": 9.0, "op": "hello"}',
+        '{"v": 1.0, "states": "newest"}',
     ],
 )
-def test_a_whole_number_written_as_a_float_is_one(text: str, as_whole: str) -> None:
-    message = messages.decode(text)
-    assert repr(message) == repr(messages.decode(as_whole))
+def test_a_whole_number_written_as_a_float_is_one(text: str) -> None:
+    assert repr(messages.decode(text)) == repr(messages.decode(text.replace(".0", "")))
 
 
 @pytest.mark.parametrize(
@@ -116,17 +98,13 @@ def test_a_whole_number_written_as_a_float_is_one(text: str, as_whole: str) -> N
             3,
             "body.asset: must be bytes (base64 in JSON)",
         ),
-        (
-            '{"v": 1, "id": 3, "op": "asset", "body": {"client": "a", "size": 1, "asset": "ä"}}',
-            3,
-            "body.asset: must be bytes (base64 in JSON)",
-        ),
     ],
 )
 def test_a_wrong_text_is_refused_in_a_sentence(text: str, request_id: int, sentence: str) -> None:
-    refused = refusal(text)
-    assert str(refused).startswith(sentence)
-    assert refused.request_id == request_id
+    with pytest.raises(RefusedMessage) as refused:
+        messages.decode(text)
+    assert str(refused.value).startswith(sentence)
+    assert refused.value.request_id == request_id
 
 
 def test_what_is_too_long_for_the_daemon_is_refused_here() -> None:

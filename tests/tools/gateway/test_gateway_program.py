@@ -25,7 +25,6 @@ from hapticd.tools.view.server import Viewer
     [
         (["--origin", "localhost:8000"], "--origin: 'localhost:8000' is none: give scheme, host and port"),
         (["--origin", "http://localhost:8000/page"], "is none: give scheme, host and port"),
-        (["--origin", "*"], "is none: give scheme, host and port"),
         (["--port", "70000"], "--port: 70000 is out of bounds"),
         (["--port", "0", "--endpoint", "/nowhere"], "--endpoint: /nowhere is not a directory"),
     ],
@@ -73,9 +72,11 @@ def test_the_process_prints_an_address_that_works_and_ends_when_told_to(daemon: 
 @asynchronous
 async def test_the_viewer_is_a_gateway_too_for_programs_and_its_own_page(daemon: FakeDaemon) -> None:
     async with running(Viewer(str(daemon.directory), key=KEY).app()) as port, ClientSession() as session:
-        address = f"ws://127.0.0.1:{port}/client"
+        own, address = f"http://127.0.0.1:{port}", f"ws://127.0.0.1:{port}/client"
         client = Program(await session.ws_connect(f"{address}?key={KEY}"))
         assert (await client.ask("hello"))["ok"]
         for query, headers in (("", {}), (f"?key={KEY}", {"Origin": "http://localhost:8000"})):
             with pytest.raises(WSServerHandshakeError, match="403"):
                 await session.ws_connect(address + query, headers=headers)
+        for path, code in (("/", 403), ("/shapes", 403), ("/main.js", 200), ("/server.py", 404), (f"/?key={KEY}", 200)):
+            assert (await session.get(own + path)).status == code

@@ -5,28 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from machine_bench import SLIPPERY, STICKY, Bench
 from tools.stream.daemon_states import FakeDaemon, state_fields
 from tools.stream.fake_lsl import FakeLsl
 
 from hapticd.tools.stream import lsl, states
-from hapticd.tools.stream.samples import Sampler
-from hapticd_client.messages import decode_state
 from hapticd_contract.states import PlateState
-
-
-def test_what_the_daemon_sends_becomes_a_sample_with_both_fingers() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    sent: list[bytes] = []
-    bench.machine.status.publish = sent.append
-    bench.run(100)
-    sampler = Sampler(2)
-    for payload in sent:
-        sample = lsl.finger_sample(decode_state(payload), sampler)
-    labels = [channel.label for channel in lsl.finger_channels(2)]
-    last = dict(zip(labels, sample, strict=True))
-    assert {last["finger_1_id"], last["finger_2_id"]} == {1.0, 2.0}
-    assert {last["finger_1_target_um"], last["finger_2_target_um"]} == {0.0, 1.0}
 
 
 def test_a_silent_daemon_and_its_return_are_reported_once(

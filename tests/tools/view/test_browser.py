@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import http.client
-import json
 import re
 from collections.abc import Iterator
-from urllib.parse import urlsplit
 
 import pytest
 from browserpage import PATIENCE_S, Page, drag, lay_down
@@ -17,7 +13,6 @@ from viewprocess import View, first
 
 from hapticd.sim.rig.process import RigProcess
 from hapticd.tools.daemon_process import DaemonProcess
-from hapticd.tools.view import program
 from hapticd_client import Client
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]  # a browser with other tests on few cores is slow
@@ -65,13 +60,6 @@ def test_the_page_loads_shows_a_plate_at_rest_and_takes_nothing_from_elsewhere(p
     assert len(names) > 8
     assert all(name.startswith(origin) for name in names)
     assert page.complaints() == []
-
-
-def test_the_private_file_that_the_browser_is_given_leads_to_the_page(browser: Chrome, view: View) -> None:
-    with program._private_link(view.address) as link:
-        browser.get(link)
-        Page(browser).until(lambda: browser.current_url == view.address)
-    assert browser.title == "hapticd: the plate"
 
 
 def test_a_dragged_finger_moves_the_field_and_a_second_one_holds_its_place(page: Page) -> None:
@@ -235,44 +223,6 @@ def test_a_dead_daemon_and_its_return_are_shown(page: Page, service: DaemonProce
     drag(page, 10)
     page.until(lambda: any("of 1.00" in row for row in page.fingers()))
     ActionChains(page.browser).release().perform()
-
-
-# --- foreign requests ---------------------------------------------------------------------------------------------
-
-
-def answered(view: View, path: str, **headers: str) -> tuple[int, str]:
-    place = urlsplit(view.address)
-    with contextlib.closing(http.client.HTTPConnection(place.netloc, timeout=PATIENCE_S)) as connection:
-        connection.request("GET", path, headers={"Host": place.netloc, **headers})
-        answer = connection.getresponse()
-        return answer.status, answer.read().decode(errors="replace")
-
-
-def test_foreign_requests_are_refused_in_a_sentence(view: View) -> None:
-    place = urlsplit(view.address)
-    key = f"?{place.query}"
-    upgrade = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13"}
-    upgrade |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA=="}
-    assert answered(view, f"/{key}")[0] == 200
-    assert answered(view, "/") == (403, "Open the address that `hapticd view` printed: it ends with a key.\n")
-    assert answered(view, "/?key=wrong")[0] == 403
-    assert answered(view, f"/{key}", Host="evil.example")[0] == 403
-    assert answered(view, f"/shapes{key}", Origin="http://evil.example")[0] == 403
-    assert answered(view, f"/socket{key}", **upgrade, Origin="http://evil.example")[0] == 403
-    assert answered(view, f"/socket{key}", **upgrade)[0] == 403
-    for path in ("/../server.py", "/%2e%2e/server.py", "/server.py", "/__init__.py"):
-        assert answered(view, path)[0] == 404
-
-
-def test_an_invalid_message_is_refused_without_harm(page: Page) -> None:
-    page.browser.execute_script(
-        "const key = new URLSearchParams(location.search).get('key');"
-        "window.received = []; window.own = new WebSocket(`ws://${location.host}/socket?key=${key}`);"
-        "own.onmessage = (event) => received.push(JSON.parse(event.data)); own.onopen = () => own.send('{\"op\": 1}')"
-    )
-    page.until(lambda: "op: must be" in json.dumps(page.browser.execute_script("return received")))
-    page.browser.execute_script("own.close()")
-    page.until(lambda: "0 fingers" in page["state"].text)
 
 
 def test_whole_contacts_are_shown_on_a_plate_that_has_them(browser: Chrome) -> None:

@@ -6,32 +6,29 @@ import pytest
 
 from hapticd.tools.web import application
 
-
-@pytest.mark.parametrize("host", ["127.0.0.1:8017", "localhost:8017"])
-def test_its_own_page_is_admitted(host: str) -> None:
-    assert application.refusal(8017, {"Host": host}, needs_origin=False) == ""
-    assert application.refusal(8017, {"Host": host, "Origin": f"http://{host}"}, needs_origin=True) == ""
+OWN = {"Host": "127.0.0.1:8017"}
 
 
 @pytest.mark.parametrize(
-    "host", ["", "127.0.0.1", "127.0.0.1:80", "evil.example:8017", "localhost.evil:8017", "[::1]:8017"]
+    ("port", "headers", "is_admitted"),
+    [
+        *((8017, {"Host": host, "Origin": f"http://{host}"}, True) for host in ("127.0.0.1:8017", "localhost:8017")),
+        (80, {"Host": "localhost", "Origin": "http://localhost"}, True),  # which browsers leave out
+        *(  # names that were bound to this address
+            (8017, {"Host": host, "Origin": "http://127.0.0.1:8017"}, False)
+            for host in ("", "127.0.0.1", "127.0.0.1:80", "evil.example:8017", "localhost.evil:8017", "[::1]:8017")
+        ),
+        *(
+            (8017, OWN | {"Origin": origin}, False)
+            for origin in ("http://evil.example", "null", "https://127.0.0.1:8017", "http://127.0.0.1:9", "")
+        ),
+    ],
 )
-def test_a_name_that_was_bound_to_this_address_is_refused(host: str) -> None:
-    assert "127.0.0.1" in application.refusal(8017, {"Host": host}, needs_origin=False)
-
-
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:8017", "http://127.0.0.1:9", ""])
-@pytest.mark.parametrize("needs_origin", [True, False])
-def test_another_page_is_refused(origin: str, needs_origin: bool) -> None:
-    assert application.refusal(8017, {"Host": "127.0.0.1:8017", "Origin": origin}, needs_origin=needs_origin)
-
-
-def test_a_websocket_without_an_origin_is_no_browser_s() -> None:
-    assert application.refusal(8017, {"Host": "127.0.0.1:8017"}, needs_origin=True)
-
-
-def test_the_port_of_http_itself_is_left_out_of_names() -> None:
-    assert application.refusal(80, {"Host": "localhost", "Origin": "http://localhost"}, needs_origin=True) == ""
+def test_host_and_origin_decide(port: int, headers: dict[str, str], is_admitted: bool) -> None:
+    for needs_origin in (False, True):
+        assert (application.refusal(port, headers, needs_origin=needs_origin) == "") == is_admitted
+    assert application.refusal(8017, OWN, needs_origin=False) == ""  # a program, which brings the key
+    assert application.refusal(8017, OWN, needs_origin=True)  # a WebSocket of no browser
 
 
 def test_the_browser_loads_nothing_from_elsewhere() -> None:
