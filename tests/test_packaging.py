@@ -108,7 +108,7 @@ def test_an_sdist_has_all_that_a_build_reads_and_the_client(checkout: Path, tmp_
     read += ["firmware/core/*.[ch]"]
     read += ["hapticd/py.typed", "clients/python/hapticd_client/**/*.py", "clients/python/hapticd_client/py.typed"]
     read += [*TOOL["setuptools"]["ext-modules"][0]["sources"], "firmware/boards/host/*.h"]
-    read += TOOL["setuptools"]["data-files"]["share/hapticd/systemd"]
+    read += [file for files in TOOL["setuptools"]["data-files"].values() for file in files]
     for pattern in read:
         wanted = relative(ROOT.glob(pattern), ROOT)
         assert wanted

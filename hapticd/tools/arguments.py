@@ -9,6 +9,7 @@ import argparse
 import difflib
 import math
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from ..errors import UsageError
@@ -66,6 +67,13 @@ def add_command(commands: Any, name: str, summary: str, example: str, descriptio
 def add_endpoint(parser: argparse.ArgumentParser, **options: Any) -> None:
     """Add --endpoint; `options` as `add_argument`."""
     parser.add_argument("--endpoint", metavar="DIR", help="the service's runtime directory (default: found)", **options)
+
+
+def runtime_directory(text: str) -> str:
+    """The type of an --endpoint that must be a directory of this computer."""
+    if not Path(text.removeprefix("ipc://")).is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is not a directory: give the service's runtime directory")
+    return text
 
 
 def suggestion(word: str, valid: Iterable[str]) -> str:

@@ -118,7 +118,7 @@ class Peer:
             if await _is_writable(self._control_socket, int(ANSWER_S * 1000)):
                 await self._control_socket.send(payload)
             else:
-                sentence = f"No hapticd answers at {self._daemon.endpoint}: start one, then try again."
+                sentence = f"No hapticd answers at {self._daemon.find()}: start one, then try again."
                 self._outbox.add(messages.refusal(sentence, request_id))
 
     async def _receive_replies(self) -> None:

@@ -9,16 +9,13 @@ import re
 import secrets
 import socket
 import stat
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from ...errors import HapticdError, UsageError, missing_library
+from ...errors import UsageError, missing_library
 from ...regular_file import opened, read_bounded
 from ...wire.osc import require_package
-from ..arguments import PORT_NUMBER, add_endpoint
-
-if TYPE_CHECKING:
-    from hapticd_client.endpoint import Endpoint
+from ..arguments import PORT_NUMBER, add_endpoint, runtime_directory
 
 HOST = "127.0.0.1"
 PORT = 8018
@@ -27,7 +24,7 @@ ORIGIN = re.compile(r"null|https?://[A-Za-z0-9.\-]+(:\d{1,5})?")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_endpoint(parser)
+    add_endpoint(parser, type=runtime_directory)
     parser.add_argument("--port", type=PORT_NUMBER, default=PORT, help=f"to listen on, 0: any (default {PORT})")
     parser.add_argument(
         "--origin",
@@ -70,19 +67,7 @@ def run(options: argparse.Namespace) -> None:
     from ..web.serving import bound
 
     with bound(options.host, options.port) as listener:
-        asyncio.run(_serve(listener, _endpoint(options.endpoint), key, options))
-
-
-def _endpoint(given: str | None) -> Endpoint:
-    import hapticd_client
-    from hapticd_client.endpoint import find
-
-    if given is not None and not Path(given.removeprefix("ipc://")).is_dir():
-        raise UsageError(f"--endpoint: {given} is not a directory: give the service's runtime directory.")
-    try:
-        return find(given, os.environ)
-    except hapticd_client.HapticdError as error:
-        raise HapticdError(str(error)) from None
+        asyncio.run(_serve(listener, key, options))
 
 
 def _key(path: Path) -> str:
@@ -98,13 +83,16 @@ def _key(path: Path) -> str:
     return text
 
 
-async def _serve(listener: socket.socket, endpoint: Endpoint, key: str, options: argparse.Namespace) -> None:
+async def _serve(listener: socket.socket, key: str, options: argparse.Namespace) -> None:
+    from hapticd_client.endpoint import find
+
     from ..web.application import HOSTS, application
     from ..web.serving import ended_by_signal, served
     from .server import Gateway
 
     names = HOSTS if options.host == HOST else (options.host, *HOSTS)
-    app, gateway = application("gateway", key, hosts=names, origins=options.origin), Gateway(endpoint, options.osc)
+    app = application("gateway", key, hosts=names, origins=options.origin)
+    gateway = Gateway(partial(find, options.endpoint, os.environ), options.osc)
     gateway.add_to(app)
     ended = ended_by_signal()
     async with served(app, listener):

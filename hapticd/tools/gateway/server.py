@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import weakref
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 
 from aiohttp import WSCloseCode, web
 
+import hapticd_client
 from hapticd_client.endpoint import Endpoint
 
 from ...errors import HapticdError
@@ -19,15 +20,17 @@ from .peer import Peer
 from .shared_daemon import SharedDaemon
 
 PATH = "/client"
+MAX_REASON_BYTES = 123  # of a WebSocket's closing
 MAX_PEERS = 16  # of the 64 connections that the daemon grants its computer, each has two and all together one
 
 
 class Gateway:
-    """All WebSockets of one daemon, and with `osc_port` all OSC senders; 0 is any port, and then it tells which."""
+    """All WebSockets of the daemon that `find` returns, and with `osc_port` all OSC senders; 0 is any port, and then it
+    tells which."""
 
-    def __init__(self, endpoint: Endpoint, osc_port: int | None = None) -> None:
+    def __init__(self, find: Callable[[], Endpoint], osc_port: int | None = None) -> None:
         self.osc_port = osc_port
-        self._endpoint = endpoint
+        self._find = find
         self._sockets: weakref.WeakSet[web.WebSocketResponse] = weakref.WeakSet()
 
     def add_to(self, app: web.Application) -> None:
@@ -37,7 +40,7 @@ class Gateway:
         app.on_shutdown.append(self._close)
 
     async def _run(self, _: web.Application) -> AsyncIterator[None]:
-        self._daemon = SharedDaemon(self._endpoint)
+        self._daemon = SharedDaemon(self._find)
         osc = None if self.osc_port is None else await self._listen_to_osc(self.osc_port)
         yield
         if osc is not None:
@@ -64,6 +67,8 @@ class Gateway:
             self._sockets.add(socket)
             try:
                 await Peer(self._daemon).relay(socket)
+            except hapticd_client.HapticdError as error:
+                await socket.close(message=str(error).encode()[:MAX_REASON_BYTES])
             finally:
                 self._sockets.discard(socket)
                 await socket.close()

@@ -25,19 +25,20 @@ class SharedDaemon:
     `names` are the clients' names in use: each peer has one, so that no page speaks for another.
     """
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        self.endpoint = endpoint
+    def __init__(self, find: Callable[[], Endpoint]) -> None:
+        self.find = find
         self.names: set[str] = set()
         self._context = zmq.asyncio.Context()
         self._followers: dict[object, Take] = {}
         self._reading: asyncio.Task[None] | None = None
 
     def connected(self, kind: int, name: str) -> zmq.asyncio.Socket:
-        """Return a socket to the daemon's of this name, which queues nothing without one."""
+        """Return a socket to the daemon's of this name, which queues nothing without one. Raises the client library's
+        HapticdError where there can be none."""
         socket = self._context.socket(kind)
         socket.linger = 0
         socket.immediate = True
-        self.endpoint.connect(socket, name)
+        self.find().connect(socket, name)
         return socket
 
     def follow(self, follower: object, take: Take) -> None:
@@ -61,7 +62,7 @@ class SharedDaemon:
         try:
             socket.rcvhwm = STATES
             socket.subscribe(b"")
-            self.endpoint.connect(socket, "telemetry")
+            self.find().connect(socket, "telemetry")
             while True:
                 text = text_of(await socket.recv())
                 for take in tuple(self._followers.values()):

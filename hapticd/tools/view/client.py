@@ -1,7 +1,7 @@
-"""The viewer's client of the daemon, on a thread of its own: it receives states and executes the pages' requests.
+"""The viewer's client of the daemon, on a thread of its own: it receives states and passes them on to the pages.
 
 It is connected only while a page is open, so that the daemon builds no unused telemetry. It reports a lost daemon and
-reconnects.
+reconnects. What pages request of the daemon they send as clients of their own (`../gateway`).
 """
 
 from __future__ import annotations
@@ -11,16 +11,14 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import zmq
 
 import hapticd_client
-from hapticd_contract.contents import GivenContent, content_fields
-from hapticd_contract.surfaces import Surface
 
 from ...config import loader as config
 from ...core.plate.mode_shapes import ModeShapes
@@ -29,7 +27,6 @@ from ...sim.rig.process import PLATE_FILE
 from ..served_friction import served_curve
 from . import messages
 from .layers import LAYERS, LayerFinger
-from .messages import ClearBoardFault, DrawSurface, EraseSurface, PlayEffect, ReleaseTarget, SetTarget
 from .rig import TruthSubscriber
 from .surfaces import SurfacePainter
 
@@ -40,19 +37,15 @@ STATUS_EVERY_S = 1.0
 MAX_EVENTS = 64  # between two frames
 SURFACES_EVERY_S = 0.1  # while they change
 FRAME_EVERY_S = 1 / 62  # slightly above the refresh rate of a screen
-MAX_REQUESTS = 32  # queued, of different fingers: two for each that a client may hold
 GRID = 101  # points of the page's shapes per side; the browser interpolates between them
 
 _Publish = Callable[[str, str, "PagePlate | None"], None]
-Action = SetTarget | ReleaseTarget | DrawSurface | PlayEffect | EraseSurface | ClearBoardFault
-_Request = tuple[Action, Callable[[str], None]]
-TargetKey = tuple[str, int | str]
 
 
 class PagePlate:
     """The daemon's plate: its description for the page, the grid of its shapes, the folder of its rig."""
 
-    def __init__(self, body: Mapping[str, Any], client: str) -> None:
+    def __init__(self, body: Mapping[str, Any]) -> None:
         simulated = body.get("simulated")
         self.rig_dir = Path(simulated) if simulated and Path(simulated, "fingers").is_socket() else None
         self.modes = modes_of(body)
@@ -61,7 +54,7 @@ class PagePlate:
         self.grid = picture_grid(self.modes, self.size_mm)
         self.fingers: tuple[LayerFinger, ...] = ()  # those that have a target
         self.painter = SurfacePainter(served_curve(body), self.size_mm, max(map(float, body["w_limit_um"])))
-        self.text = messages.plate(body, client, sorted(LAYERS), _name(self.rig_dir))
+        self.text = messages.plate(body, sorted(LAYERS), _name(self.rig_dir))
 
 
 class PlateClient:
@@ -69,11 +62,8 @@ class PlateClient:
     plate if it changed."""
 
     def __init__(self, endpoint: str | None, publish: _Publish) -> None:
-        self.name = f"view-{os.getpid()}"
         self._endpoint = endpoint
         self._publish = publish
-        self._requests: dict[TargetKey, _Request] = {}  # the newest of each finger, and of each surface
-        self._lock = threading.Lock()  # of the requests
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hapticd-view", daemon=True)
 
@@ -82,41 +72,26 @@ class PlateClient:
         self._thread.start()
 
     def close(self) -> None:
-        """Release all fingers and disconnect; return when that is done."""
+        """Disconnect; return when that is done."""
         self._ending.set()
         self._thread.join()
-
-    def request(self, request: Action, refuse: Callable[[str], None]) -> None:
-        """Queue a request; a newer one for the same finger or surface replaces it. `refuse` gets the error."""
-        key = _key(request)
-        with self._lock:
-            is_queued = key in self._requests or len(self._requests) < MAX_REQUESTS
-            if is_queued:
-                self._requests[key] = request, refuse
-        if not is_queued:
-            refuse(messages.refused(f"{MAX_REQUESTS} requests are queued for the daemon already: try again."))
 
     def _run(self) -> None:
         while not self._ending.is_set():
             try:
-                with hapticd_client.Client(self._endpoint, name=self.name, timeout_s=ANSWER_S) as client:
-                    self._serve(client)
+                with (
+                    hapticd_client.Client(self._endpoint, name=f"view-{os.getpid()}", timeout_s=ANSWER_S) as client,
+                    contextlib.ExitStack() as stack,
+                ):
+                    plate, subscriber = PagePlate(client.plate()), None
+                    self._publish("plate", plate.text, plate)
+                    if plate.rig_dir is not None:
+                        subscriber = TruthSubscriber(stack.enter_context(zmq.Context()), plate.rig_dir)
+                        stack.callback(subscriber.close)
+                    self._follow(client, plate, subscriber)
             except (hapticd_client.HapticdError, HapticdError) as error:
-                self._publish("gone", messages.gone(str(error)), None)
-                for _, refuse in self._pending():
-                    refuse(messages.refused(str(error)))
+                self._publish("gone", messages.sentence("gone", str(error)), None)
                 self._ending.wait(RETRY_S)
-
-    def _serve(self, client: hapticd_client.Client) -> None:
-        plate = PagePlate(client.plate(), client.name)
-        self._publish("plate", plate.text, plate)
-        with contextlib.ExitStack() as stack:
-            subscriber = None
-            if plate.rig_dir is not None:
-                context = stack.enter_context(zmq.Context())
-                subscriber = TruthSubscriber(context, plate.rig_dir)
-                stack.callback(subscriber.close)
-            self._follow(client, plate, subscriber)
 
     def _follow(self, client: hapticd_client.Client, plate: PagePlate, subscriber: TruthSubscriber | None) -> None:
         t_frame_s = t_status_s = t_surfaces_s = -1.0
@@ -128,7 +103,6 @@ class PlateClient:
                 return  # another daemon, perhaps with another plate
             instance = state.instance
             events.extend(state.events)
-            self._execute(client)
             t_now_s = time.monotonic()
             if t_now_s - t_frame_s >= FRAME_EVERY_S:
                 t_frame_s = t_now_s
@@ -146,73 +120,6 @@ class PlateClient:
             if t_now_s - t_status_s >= STATUS_EVERY_S:
                 t_status_s = t_now_s
                 self._publish("status", messages.status(client.status()), None)
-
-    def _execute(self, client: hapticd_client.Client) -> None:
-        for request, refuse in self._pending():
-            try:
-                _send(client, request)
-            except hapticd_client.RefusedError as error:
-                refuse(messages.refused(str(error)))
-
-    def _pending(self) -> Iterator[_Request]:
-        """Remove and yield queued requests, at most MAX_REQUESTS: pages may send faster than the daemon replies."""
-        for _ in range(MAX_REQUESTS):
-            with self._lock:
-                if not self._requests:
-                    return
-                request = self._requests.pop(next(iter(self._requests)))
-            yield request
-
-
-def _key(request: Action) -> TargetKey:
-    match request:
-        case SetTarget(finger) | ReleaseTarget(finger):
-            return "finger", finger
-        case DrawSurface(surface):
-            return "surface", surface.name
-        case PlayEffect(effect):
-            return "effect", effect.name
-        case EraseSurface(name):
-            return "surface", name
-        case ClearBoardFault():
-            return "fault", 0
-
-
-def _send(client: hapticd_client.Client, request: Action) -> None:
-    match request:
-        case SetTarget(finger, amplitude_um):
-            client.set(finger, amplitude_um=amplitude_um)
-        case ReleaseTarget(finger):
-            client.release(finger)
-        case DrawSurface(surface):
-            _draw(client, surface)
-        case PlayEffect(effect):
-            client.effect(effect.name, effect.form, on=effect.on, start=effect.start, loops=effect.loops)
-        case EraseSurface(name):
-            client.remove(name)
-        case ClearBoardFault():
-            client.clear_fault()
-
-
-def _draw(client: hapticd_client.Client, surface: Surface) -> None:
-    client.surface(
-        surface.name,
-        surface.shape,
-        position_mm=surface.position_mm,
-        angle_rad=surface.angle_rad,
-        scale=surface.scale,
-        z=surface.z,
-        **_content(surface),
-    )
-
-
-def _content(surface: Surface) -> GivenContent:
-    """Return the one content as the library takes it, which has a class of its own for maps."""
-    levels = surface.map
-    if levels is None:
-        return cast("GivenContent", content_fields(surface.content))
-    rows = [levels.levels[at : at + levels.width] for at in range(0, len(levels.levels), levels.width)]
-    return {"map": hapticd_client.Map(rows, levels.high_um, levels.low_um, levels.friction)}
 
 
 def _name(rig_dir: Path | None) -> str | None:

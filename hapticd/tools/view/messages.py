@@ -1,13 +1,7 @@
 """Messages between page and server over the websocket, as JSON. Pure.
 
 page -> server   {"op": "fingers", "fingers": {"1": [x_mm, y_mm, pressure_frac], ..}}   all held on the simulated pad
-                 {"op": "set", "finger": 3, "amplitude_um": 1.0}         set a finger's target
-                 {"op": "release", "finger": 3}                          release this page's target
-                 {"op": "draw", "surface": {..}}      lay or move a surface of this viewer, as in a `targets` message
-                 {"op": "erase", "surface": "name"}   remove it
-                 {"op": "play", "effect": {..}}       an effect of this viewer, as in a `targets` message
                  {"op": "record", "is_on": true}      record to a file of the viewer's, until false
-                 {"op": "clear_fault"}
 server -> page   {"kind": "plate", ..} {"kind": "frame", ..} {"kind": "status", ..}
                  {"kind": "surfaces", ..}
                  {"kind": "recording", "is_on": true, "file": "..", "sentence": ""}
@@ -24,11 +18,9 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict
 
-from hapticd_contract.base import AmplitudeUm, Contract, Key, Name
-from hapticd_contract.effects import Effect
+from hapticd_contract.base import Contract, Key, Name
 from hapticd_contract.simulated import SimulatedTouch, problem_of_touches
 from hapticd_contract.states import Perceived
-from hapticd_contract.surfaces import Surface
 
 from ...wire.client import read
 from ..served_friction import served_curve
@@ -60,60 +52,13 @@ class Hold(_Message, frozen=True, tag="fingers", rename={"touches": "fingers"}):
         return problem_of_touches(self.touches)
 
 
-class SetTarget(_Message, frozen=True, tag="set"):
-    """Set a finger's amplitude."""
-
-    finger: Key
-    amplitude_um: AmplitudeUm
-
-
-class ReleaseTarget(_Message, frozen=True, tag="release"):
-    """Release this page's target."""
-
-    finger: Key
-
-
-class DrawSurface(_Message, frozen=True, tag="draw"):
-    """Lay a surface, or change the one of that name."""
-
-    surface: Surface
-
-    def problem(self) -> str:
-        if problem := self.surface.problem():
-            return f".surface{problem}"
-        if self.surface.shape is None:
-            return ".surface: a page draws a shape."
-        return ".surface.map: needs levels." if self.surface.map is not None and not self.surface.map.levels else ""
-
-
-class PlayEffect(_Message, frozen=True, tag="play"):
-    """Play an effect, or replace the one of that name; with the surface that it names it ends."""
-
-    effect: Effect
-
-    def problem(self) -> str:
-        problem = self.effect.problem()
-        return f".effect{problem}" if problem else ""
-
-
 class RecordPage(_Message, frozen=True, tag="record"):
     """Begin to record, or end it."""
 
     is_on: bool
 
 
-class EraseSurface(_Message, frozen=True, tag="erase"):
-    """Remove a surface, and the effects on it."""
-
-    surface: Name
-
-
-class ClearBoardFault(_Message, frozen=True, tag="clear_fault"):
-    """Clear a latched fault."""
-
-
-_Layer = DrawSurface | PlayEffect | EraseSurface
-Message = Hold | SetTarget | ReleaseTarget | _Layer | RecordPage | ClearBoardFault
+Message = Hold | RecordPage
 
 
 def decode(text: str) -> Message:
@@ -155,8 +100,8 @@ def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] =
     )
 
 
-def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated: str | None) -> str:
-    """Return the plate's constants: sizes, limits, this client's name, and that of a simulated plate.
+def plate(body: Mapping[str, Any], layers: Sequence[str], simulated: str | None) -> str:
+    """Return the plate's constants: sizes, limits, and the name of a simulated plate.
 
     The page can touch a simulated one. Contacts are drawn with `contact_radius_mm`; with `has_contacts` amplitudes
     count over them.
@@ -168,7 +113,6 @@ def plate(body: Mapping[str, Any], client: str, layers: Sequence[str], simulated
             "size_mm": body["size_mm"],
             "w_limit_um": body["w_limit_um"],
             "modes": body["modes"],
-            "client": client,
             "layers": list(layers),
             "contact_radius_mm": contact_radius_mm or CONTACT_RADIUS_MM,
             "has_contacts": contact_radius_mm > 0.0,
@@ -203,24 +147,14 @@ def status(body: Mapping[str, Any]) -> str:
     )
 
 
-def starting(plate: str) -> str:
-    """Return the message that the service of a simulated plate starts."""
-    return _text({"kind": "starting", "sentence": f"Starting: {plate} …"})
-
-
-def gone(sentence: str) -> str:
-    """Return the message that no daemon answers."""
-    return _text({"kind": "gone", "sentence": sentence})
+def sentence(kind: str, text: str) -> str:
+    """Return a message that is a sentence: that the service is "starting" or "gone", or that something is "refused"."""
+    return _text({"kind": kind, "sentence": text})
 
 
 def recording(file: str, *, is_on: bool, sentence: str = "") -> str:
     """Return the message that a recording to this file has begun, or how it ended."""
     return _text({"kind": "recording", "is_on": is_on, "file": file, "sentence": sentence})
-
-
-def refused(sentence: str) -> str:
-    """Return the message that a request was refused."""
-    return _text({"kind": "refused", "sentence": sentence})
 
 
 def _finger(finger: FingerState) -> dict[str, object]:

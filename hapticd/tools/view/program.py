@@ -22,7 +22,7 @@ from ...errors import HapticdError, UsageError, missing_library
 from ...sim.plate.glasses import driven_modes
 from ...sim.rig.process import watch
 from .. import glass, simulated_fingers
-from ..arguments import PORT_NUMBER, add_endpoint, whole
+from ..arguments import PORT_NUMBER, add_endpoint, runtime_directory, whole
 from ..daemon_process import DaemonProcess
 
 SCENARIO = "hands"
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=whole(0, 2**31 - 1), default=1, help="of its fingers, noise and mode map (default 1)"
     )
     glass.add_arguments(parser, glass.SHOWN)
-    add_endpoint(parser)
+    add_endpoint(parser, type=runtime_directory)
     parser.add_argument(
         "--port", type=PORT_NUMBER, default=PORT, help=f"of the page on this computer, 0: any (default {PORT})"
     )
@@ -73,8 +73,6 @@ def _check(options: argparse.Namespace) -> None:
     if options.sim and options.endpoint is not None:
         raise UsageError("--sim starts a service of its own: it cannot be combined with --endpoint.")
     _simulated(options)
-    if options.endpoint is not None and not Path(options.endpoint.removeprefix("ipc://")).is_dir():
-        raise UsageError(f"--endpoint: {options.endpoint} is not a directory: give the service's runtime directory.")
 
 
 def _simulated(options: argparse.Namespace) -> SimConfig:

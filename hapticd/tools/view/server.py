@@ -2,8 +2,8 @@
 
 /            the page; needs the key       /shapes           the plate's mode shapes, float32
 /<file>      its styles and scripts        /layer?name=..    layer over the picture for &finger=.. (layers.py)
-/socket      frames out, requests in (messages.py)
-/client      a WebSocket of the gateway: the client protocol as JSON (../gateway)
+/socket      frames out, simulated fingers in (messages.py)
+/client      a WebSocket of the gateway: the client protocol as JSON (../gateway), for the page's requests too
 """
 
 from __future__ import annotations
@@ -11,57 +11,45 @@ from __future__ import annotations
 import asyncio
 import os
 import secrets
-from contextlib import suppress
+import sysconfig
 from functools import partial
+from pathlib import Path
 
 import zmq
 from aiohttp import WSMessage, WSMsgType, web
 
-import hapticd_client
 from hapticd_client.endpoint import find
 from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch
 
-from ...errors import RequestError
+from ...errors import CHECKOUT, RequestError
 from ..gateway.server import PATH, Gateway
 from ..web.application import add_page, application
 from ..web.sockets import Outbox, Pace, opened, read, until_one_ends
 from . import layers, messages
-from .client import Action, PagePlate, PlateClient
-from .messages import Hold, RecordPage, ReleaseTarget, SetTarget
+from .client import PagePlate, PlateClient
+from .messages import Hold
 from .recording import PageRecording
 from .rig import PadSender
 
 KEYED = ("/", "/shapes", "/layer", "/socket", PATH)  # all but the page's own files
+INSTALLED = Path(sysconfig.get_path("data"), "share", "hapticd", "javascript")
+CLIENT_LIBRARY = (INSTALLED if INSTALLED.is_dir() else CHECKOUT / "clients" / "javascript") / "hapticd.js"
 MAX_PAGES = 8
 MAX_KINDS = 16  # of messages to a page
-MAX_HELD = 16  # fingers that a client may hold
 
 
 class Page:
-    """One open page: its queued messages, the fingers it holds on the pad, and those it set targets for."""
+    """One open page: its queued messages, and the fingers that it holds on the pad."""
 
     def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
         self.socket = socket
         self.number = number
         self.held: dict[str, SimulatedTouch] = {}
-        self.targeted: dict[int | str, None] = {}  # the newest MAX_HELD, in their order
         self.outbox = Outbox(MAX_KINDS)
 
     def send(self, kind: str, text: str) -> None:
         """Queue a message; it replaces an unsent one of the same kind."""
         self.outbox.newest(kind, text)
-
-    def remember(self, request: SetTarget | ReleaseTarget) -> int | str | None:
-        """Note a finger whose target is released when this page closes. Returns one whose target must go now, as a
-        client holds no more: the finger of long ago, which may have left the plate."""
-        self.targeted.pop(request.finger, None)
-        if isinstance(request, SetTarget):
-            self.targeted[request.finger] = None
-        if len(self.targeted) <= MAX_HELD:
-            return None
-        oldest = next(iter(self.targeted))
-        del self.targeted[oldest]
-        return oldest
 
 
 class Viewer:
@@ -74,7 +62,7 @@ class Viewer:
         self._opened = 0
         self._client: PlateClient | None = None
         self._plate: PagePlate | None = None
-        self._last = {"starting": messages.starting(starting)} if starting else {}
+        self._last = {"starting": messages.sentence("starting", f"Starting: {starting} …")} if starting else {}
         self._context = zmq.Context()
         self._pad: PadSender | None = None
         self._closing: set[asyncio.Task[None]] = set()
@@ -90,14 +78,17 @@ class Viewer:
         app.router.add_get("/layer", self._layer)
         app.router.add_get("/socket", self._socket)
         app.on_shutdown.append(self._close)
-        with suppress(hapticd_client.HapticdError):  # the page says it when it connects
-            Gateway(find(self._endpoint, os.environ)).add_to(app)
+        app.router.add_get("/hapticd.js", self._client_library)
+        Gateway(partial(find, self._endpoint, os.environ)).add_to(app)
         return app
 
     # --- responses ---
 
     async def _shapes(self, _: web.Request) -> web.StreamResponse:
         return web.Response(body=self._described_plate().grid, content_type="application/octet-stream")
+
+    async def _client_library(self, _: web.Request) -> web.StreamResponse:
+        return web.Response(body=CLIENT_LIBRARY.read_bytes(), content_type="text/javascript", charset="utf-8")
 
     def _described_plate(self) -> PagePlate:
         if self._plate is None:
@@ -152,9 +143,6 @@ class Viewer:
     def _leave(self, page: Page) -> None:
         self._pages.remove(page)
         if self._pages:
-            targeted_elsewhere = set().union(*(other.targeted for other in self._pages))
-            for finger in page.targeted.keys() - targeted_elsewhere:
-                self._request(page, ReleaseTarget(finger))
             if page.held:
                 self._hold()
             return
@@ -173,29 +161,13 @@ class Viewer:
         try:
             message = messages.decode(received.data)
         except RequestError as error:
-            page.send("refused", messages.refused(str(error)))
+            page.send("refused", messages.sentence("refused", str(error)))
             return
         if isinstance(message, Hold):
             page.held = message.touches
             self._hold()
-        elif isinstance(message, RecordPage):
-            self._recording.request(is_on=message.is_on)
         else:
-            self._request(page, message)
-
-    def _request(self, page: Page, request: Action) -> None:
-        if self._client is None:
-            return
-        if isinstance(request, SetTarget | ReleaseTarget):
-            oldest = page.remember(request)
-            if oldest is not None:
-                self._client.request(ReleaseTarget(oldest), lambda _: None)
-        loop = asyncio.get_running_loop()
-
-        def refuse(text: str) -> None:
-            loop.call_soon_threadsafe(page.send, "refused", text)
-
-        self._client.request(request, refuse)
+            self._recording.request(is_on=message.is_on)
 
     def _hold(self) -> None:
         """Send the fingers of all pages, with names that are unique per page."""

@@ -42,7 +42,7 @@ class OscSender:
 
 @asynccontextmanager
 async def senders(folder: Path, count: int) -> AsyncIterator[list[OscSender]]:
-    app, gateway = application("gateway", KEY), Gateway(Endpoint(folder), osc_port=0)
+    app, gateway = application("gateway", KEY), Gateway(lambda: Endpoint(folder), osc_port=0)
     gateway.add_to(app)
     async with running(app):
         assert gateway.osc_port

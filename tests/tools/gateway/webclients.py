@@ -25,7 +25,7 @@ ORIGIN = "http://localhost:8000"
 async def gateway(folder: Path) -> AsyncIterator[str]:
     """Yield the address of a gateway of the daemon in this folder."""
     app = application("gateway", KEY, origins=(ORIGIN,))
-    Gateway(Endpoint(folder)).add_to(app)
+    Gateway(lambda: Endpoint(folder)).add_to(app)
     async with running(app) as port:
         yield f"ws://127.0.0.1:{port}/client"
 

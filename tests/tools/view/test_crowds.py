@@ -1,16 +1,14 @@
-"""Too many pages and too many requests: bounded, with an error in a sentence."""
+"""Too many pages, and messages that are too long."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from aiohttp import ClientSession, WSCloseCode, WSMsgType
 from asynchronous import asynchronous
 from web_apps import running
 
-from hapticd.tools.view.client import PlateClient
-from hapticd.tools.view.messages import MAX_MESSAGE_BYTES, ClearBoardFault, SetTarget
+from hapticd.tools.view.messages import MAX_MESSAGE_BYTES
 from hapticd.tools.view.server import MAX_PAGES, Viewer
 
 
@@ -28,19 +26,3 @@ async def test_a_page_too_many_gets_the_reason_and_a_message_too_long_closes_its
             while (message := await pages[0].receive()).type is WSMsgType.TEXT:
                 pass
             assert message.type in (WSMsgType.CLOSE, WSMsgType.CLOSED, WSMsgType.ERROR)
-
-
-@pytest.fixture
-def client() -> PlateClient:
-    """Not started: requests stay queued."""
-    return PlateClient(None, lambda *_: None)
-
-
-def test_of_a_flood_of_requests_for_one_finger_the_newest_is_queued(client: PlateClient) -> None:
-    refused: list[str] = []
-    for step in range(10_000):
-        client.request(SetTarget(1, step * 1e-4), refused.append)
-    client.request(ClearBoardFault(), refused.append)
-
-    assert [request for request, _ in client._pending()] == [SetTarget(1, 9999 * 1e-4), ClearBoardFault()]
-    assert refused == []

@@ -5,36 +5,21 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hapticd.errors import RequestError
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.rig.files import write_measured
 from hapticd.tools.view import messages
 from hapticd.tools.view.client import GRID, _name, modes_of, picture_grid
-from hapticd.tools.view.messages import (
-    ClearBoardFault,
-    DrawSurface,
-    Hold,
-    PlayEffect,
-    RecordPage,
-    ReleaseTarget,
-    SetTarget,
-)
+from hapticd.tools.view.messages import Hold, RecordPage
 from hapticd.tools.view.rig import Truth, decode_truth
 from hapticd_client import FingerState, PlateEvent, PlateState
-from hapticd_contract.contents import LevelMap
-from hapticd_contract.effects import Effect, Modulation
 from hapticd_contract.simulated import SimulatedTouch
-from hapticd_contract.surfaces import Surface
 
-PICTURE = {"width": 2, "height": 1, "high_um": 1.5}
 STATE = PlateState(
     instance=7,
     seq=1,
@@ -56,31 +41,16 @@ LONG = "9" * 3000  # no float holds it; Python reads no whole number of twice as
 
 
 @pytest.mark.parametrize(
-    ("sent", "decoded"),
+    ("text", "decoded"),
     [
-        ({"op": "fingers", "fingers": {"mouse": [1, -2.5]}}, Hold({"mouse": SimulatedTouch(1.0, -2.5)})),
-        ({"op": "fingers", "fingers": {"mouse": [1, -2.5, 0.6]}}, Hold({"mouse": SimulatedTouch(1.0, -2.5, 0.6)})),
-        ({"op": "fingers", "fingers": {}}, Hold({})),
-        ({"op": "set", "finger": 3, "amplitude_um": 0}, SetTarget(3, 0.0)),
-        ({"op": "set", "finger": "post", "amplitude_um": 1.5}, SetTarget("post", 1.5)),
-        ({"op": "release", "finger": 3}, ReleaseTarget(3)),
-        ({"op": "clear_fault"}, ClearBoardFault()),
-        ({"op": "record", "is_on": True}, RecordPage(True)),
-        (
-            {"op": "play", "effect": {"name": "hum", "surface": "tile", "modulation": {"frequency_hz": 60}}},
-            PlayEffect(Effect(name="hum", surface="tile", modulation=Modulation(60.0))),
-        ),
-        (
-            {
-                "op": "draw",
-                "surface": {"name": "a", "circle_mm": 5, "map": PICTURE | {"levels": "AP8="}},
-            },
-            DrawSurface(Surface(name="a", circle_mm=5.0, map=LevelMap(2, 1, bytes((0, 255)), high_um=1.5))),
-        ),
+        ('{"op": "fingers", "fingers": {"mouse": [1, -2.5]}}', Hold({"mouse": SimulatedTouch(1.0, -2.5)})),
+        ('{"op": "fingers", "fingers": {"mouse": [1, -2.5, 0.6]}}', Hold({"mouse": SimulatedTouch(1.0, -2.5, 0.6)})),
+        ('{"op": "fingers", "fingers": {}}', Hold({})),
+        ('{"op": "record", "is_on": true}', RecordPage(True)),
     ],
 )
-def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> None:
-    assert messages.decode(json.dumps(sent)) == decoded
+def test_a_page_s_request_is_decoded(text: str, decoded: object) -> None:
+    assert messages.decode(text) == decoded
 
 
 @pytest.mark.parametrize(
@@ -91,38 +61,19 @@ def test_a_page_s_request_is_decoded(sent: dict[str, Any], decoded: object) -> N
         "{}",
         "[" * 5000,
         '{"op": "explode"}',
-        '{"op": "set", "finger": 0, "amplitude_um": 1}',
-        '{"op": "set", "finger": 1, "amplitude_um": NaN}',
-        '{"op": "set", "finger": 1, "amplitude_um": 1e9}',
-        '{"op": "set", "finger": 1, "amplitude_um": true}',
-        '{"op": "release"}',
+        '{"op": "record"}',
+        '{"op": "record", "is_on": true, "more": 1}',
         '{"op": "fingers", "fingers": {"a": [1]}}',
         '{"op": "fingers", "fingers": {"a": [1, Infinity]}}',
         '{"op": "fingers", "fingers": [1, 2]}',
-        '{"op": "clear_fault", "more": 1}',
-        '{"op": "record"}',
-        '{"op": "play", "effect": {"name": "hum", "modulation": {"frequency_hz": 60}, "finger": 1, "surface": "a"}}',
-        f'{{"op": "set", "finger": 1, "amplitude_um": {LONG}}}',
-        f'{{"op": "set", "finger": 1, "amplitude_um": -{LONG}}}',
-        f'{{"op": "set", "finger": {LONG}, "amplitude_um": 1}}',
         f'{{"op": "fingers", "fingers": {{"a": [1, {LONG}]}}}}',
-        f'{{"op": "draw", "surface": {{"name": "a", "amplitude_um": 1, "circle_mm": 5, "z": {LONG}}}}}',
-        f'{{"op": "draw", "surface": {{"name": "a", "amplitude_um": 1, "circle_mm": {LONG}}}}}',
         f'{{"op": {LONG}}}',
-        f'{{"op": "set", "finger": 1, "amplitude_um": {2 * LONG}}}',
+        f'{{"op": "fingers", "fingers": {{"a": [1, {2 * LONG}]}}}}',
     ],
 )
 def test_an_invalid_request_is_refused_in_a_sentence(text: str) -> None:
     with pytest.raises(RequestError, match=r"^.{1,120}\.$"):
         messages.decode(text)
-
-
-@given(st.text(max_size=60) | st.dictionaries(st.sampled_from(["op", "finger", "fingers"]), st.integers()).map(str))
-def test_any_text_is_a_message_or_refused(text: str) -> None:
-    try:
-        messages.decode(text)
-    except RequestError:
-        return
 
 
 def test_a_frame_is_complete_and_valid_json() -> None:
@@ -165,11 +116,6 @@ def test_the_ground_truth_is_decoded_and_anything_else_is_none() -> None:
         assert decode_truth(msgpack.packb(fields | change)) is None
 
 
-@given(st.binary(max_size=60))
-def test_any_bytes_are_a_truth_or_none(payload: bytes) -> None:
-    decode_truth(payload)
-
-
 # --- the shapes ---------------------------------------------------------------------------------------------------
 
 
@@ -189,19 +135,8 @@ def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
 def test_the_page_of_a_daemon_that_sends_no_friction_curve_has_the_built_in_one() -> None:
     body = {"size_mm": [200.0, 200.0], "w_limit_um": [4.0, 4.0], "modes": 2}
     without, measured = (
-        json.loads(messages.plate({**body, **more}, "view", (), None))["friction_curve"]
+        json.loads(messages.plate({**body, **more}, (), None))["friction_curve"]
         for more in ({}, {"friction_curve": [[0.0, 1.0], [1.5, 0.2]]})
     )
     assert measured == [[0.0, 1.0], [1.5, 0.2]]
     assert without == [[0.0, 1.0], [2.0, pytest.approx(0.0574, abs=1e-4)]]
-
-
-def test_a_board_that_answers_after_the_page_has_opened_tells_its_drive() -> None:
-    timing = {"histograms": {}, "missed_ticks": 0, "late_frames": 0}
-    drives_hz = [
-        json.loads(messages.status({"timing": timing, "board": board, "state_changes": [], "latency_ms": {}}))["board"][
-            "drive_hz"
-        ]
-        for board in ({"ready": False}, {"ready": True, "drive_hz": 29205.0})
-    ]
-    assert drives_hz == [None, 29205.0]

@@ -1,4 +1,4 @@
-"""Surfaces as the page gets them, and those that a page draws."""
+"""Surfaces as the page gets them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,9 @@ from typing import Any
 import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from hapticd.errors import RequestError
 from hapticd.tools.served_friction import served_curve
 from hapticd.tools.view import messages
-from hapticd.tools.view.messages import DrawSurface, EraseSurface
 from hapticd.tools.view.surfaces import SIDE, SurfacePainter
-from hapticd_contract.contents import Amplitude
-from hapticd_contract.surfaces import Circle, Surface
 
 PLATE_MM = (137.5, 137.5)
 TILE: dict[str, Any] = {"name": "tile", "amplitude_um": 1.5, "circle_mm": 8.0, "position_mm": [3.0, -4.0], "z": 100}
@@ -48,31 +44,6 @@ def test_content_that_varies_is_a_picture_over_the_layer_s_box() -> None:
     assert (layer["box_mm"], layer["most_um"], len(levels)) == ([40.0, 18.0], 1.2, SIDE * SIDE)
     row = levels[:SIDE]
     assert row == levels[-SIDE:] == bytes(SIDE // 4) + b"\xff" * (SIDE // 2) + bytes(SIDE // 4)
-
-
-def test_a_drawn_surface_is_decoded_and_removed_by_its_name() -> None:
-    tile = Surface.of(Amplitude(1.5), Circle(8.0), position_mm=(3.0, -4.0), z=100, name="tile")
-    assert messages.decode(json.dumps({"op": "draw", "surface": TILE})) == DrawSurface(tile)
-    assert messages.decode('{"op": "erase", "surface": "tile"}') == EraseSurface("tile")
-
-
-@pytest.mark.parametrize(
-    "surface",
-    [
-        None,
-        [],
-        {},
-        {**TILE, "circle_mm": -1},
-        {**TILE, "amplitude_um": 1e9},
-        {**TILE, "more": 1},
-        {"name": "all", "amplitude_um": 1.0},
-        {"name": "map", "map": {"width": 2, "height": 1, "levels": "no base64", "high_um": 1.0}, "circle_mm": 8.0},
-        {"name": "effect", "pulse": {"height_um": 1.0, "length_s": 0.02}, "circle_mm": 8.0},
-    ],
-)
-def test_what_a_page_cannot_draw_is_refused_in_a_sentence(surface: object) -> None:
-    with pytest.raises(RequestError, match=r"\.$"):
-        messages.decode(json.dumps({"op": "draw", "surface": surface}))
 
 
 def test_the_daemon_s_friction_curve_is_the_one_that_paints() -> None:

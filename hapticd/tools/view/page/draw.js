@@ -8,8 +8,8 @@ const Z = 100; // over the layers of most clients
 
 export class Drawing {
   /** `content` returns content and effect of a new layer by its name, or null; `now` the instant shown. */
-  constructor(canvas, tool, surfaces, { send, content, now }) {
-    Object.assign(this, { canvas, tool, surfaces, send, content, now });
+  constructor(canvas, tool, surfaces, { ask, content, now }) {
+    Object.assign(this, { canvas, tool, surfaces, ask, content, now });
     this.size_mm = null;
     this.chosen = null; // the name of a layer of ours
     this.corners = []; // of a polygon that is not closed
@@ -94,13 +94,14 @@ export class Drawing {
   }
 
   erase() {
-    if (this.chosen !== null) this.send({ op: "erase", surface: this.chosen });
+    const name = this.chosen;
+    if (name !== null) this.ask((client) => client.remove(name));
     this.chosen = null;
   }
 
   lay({ name, shape, position_mm, z }) {
     const outline = shape.radius_mm ? { circle_mm: shape.radius_mm } : { polygon_mm: shape.corners_mm };
-    this.send({ op: "draw", surface: { name, ...this.contents.get(name), ...outline, position_mm, z } });
+    this.ask((client) => client.surface(name, { ...this.contents.get(name), ...outline, position_mm, z }));
   }
 
   // --- new ones ---
@@ -143,7 +144,7 @@ export class Drawing {
     this.contents.set(name, made.content);
     this.surfaces.effects.set(name, made.about);
     this.lay({ name, z: Z, ...figure });
-    if (made.effect) this.send({ op: "play", effect: made.effect });
+    if (made.effect) this.ask((client) => client.effect(made.effect.name, made.effect));
   }
 
   /** Draw what is not laid yet. */

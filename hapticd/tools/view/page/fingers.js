@@ -5,11 +5,11 @@ const STEP_UM = 0.05;
 const SLIPPERY_UM = 1;
 
 export class FingerList {
-  /** `send` sends a request, `choose` selects the finger that the keys control. */
-  constructor(list, untouched, send, choose) {
+  /** `ask` has the page's client do something, `choose` selects the finger that the keys control. */
+  constructor(list, untouched, ask, choose) {
     this.list = list;
     this.untouched = untouched;
-    this.send = send;
+    this.ask = ask;
     this.choose = choose;
     this.rows = new Map();
   }
@@ -40,20 +40,20 @@ export class FingerList {
     const slider = made("input");
     Object.assign(slider, { type: "range", min: 0, max: MOST_UM, step: STEP_UM });
     slider.setAttribute("aria-label", `Amplitude for finger ${id}, micrometres`);
-    slider.addEventListener("input", () => this.send({ op: "set", finger: id, amplitude_um: Number(slider.value) }));
+    slider.addEventListener("input", () => this.ask((client) => client.set(id, { amplitude_um: Number(slider.value) })));
     const choices = made("span", "choices");
-    const sticky = this.choice("Sticky", { op: "set", finger: id, amplitude_um: 0 });
-    const slippery = this.choice("Slippery", { op: "set", finger: id, amplitude_um: SLIPPERY_UM });
-    const release = this.choice("Release", { op: "release", finger: id });
+    const sticky = this.choice("Sticky", (client) => client.set(id, { amplitude_um: 0 }));
+    const slippery = this.choice("Slippery", (client) => client.set(id, { amplitude_um: SLIPPERY_UM }));
+    const release = this.choice("Release", (client) => client.release(id));
     choices.append(sticky, slippery, release);
     box.append(name, amounts, slider, choices, owner);
     this.list.append(box);
     return { box, name, amounts, owner, slider, sticky, slippery, release };
   }
 
-  choice(text, request) {
+  choice(text, change) {
     const button = made("button", "", text);
-    button.addEventListener("click", () => this.send(request));
+    button.addEventListener("click", () => this.ask(change));
     return button;
   }
 

@@ -118,18 +118,19 @@ const link = new Link({
   },
 });
 const send = (request) => link.send(request);
+const ask = (change) => link.ask(change);
 const [tools, record] = [new Tools($("tool")), new RecordButton($("record"), send, notice)];
 const content = new LayerContent({ kind: $("content"), amount: $("amount"), text: $("amount-text"), button: $("file"), file: $("file-input") },
   notice);
 const drawing = new Drawing($("plate"), tools, surfaces, {
-  send,
+  ask,
   content: (name) => content.of(name),
   now: () => history.newest?.t_s ?? 0,
 });
 const hands = new Hands($("plate"), send, pointedAt);
 const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
-const flags = new Flags($("flags"), () => send({ op: "clear_fault" }));
-const list = new FingerList($("fingers"), $("untouched"), send, choose);
+const flags = new Flags($("flags"), () => ask((client) => client.request("clear_fault")));
+const list = new FingerList($("fingers"), $("untouched"), ask, choose);
 
 function stopped(state, sentence) {
   isLive = false;
@@ -179,22 +180,22 @@ function mover() {
   return targeted.length > 1 && targeted.some(({ id }) => id === chosen) ? chosen : null;
 }
 
-/** Send a request for the selected finger, if it exists and no other client owns it. */
-function requestForChosen(request) {
+/** Have the client change the selected finger, if it exists and no other client owns it. */
+function changeChosen(change) {
   const finger = history.newest?.fingers.find(({ id }) => id === chosen);
   if (!finger) return;
-  if (finger.owner !== null && finger.owner !== plate?.client) {
+  if (finger.owner !== null && finger.owner !== link.name) {
     notice(`Finger ${finger.id} is held by '${finger.owner}': only that client can change it.`, 6000, true);
     return;
   }
-  send({ ...request, finger: chosen });
+  ask((client) => change(client, finger.id));
 }
 
 let wayBefore = ""; // of new fingers, before surfaces lay there
 /** Take the surfaces in force. The first of them sets the menu, so that new fingers feel them; the last one back. */
 function lay(described) {
   const layBefore = surfaces.layers.length > 0;
-  surfaces.take(described, plate?.client);
+  surfaces.take(described, link.name);
   if (layBefore === described.length > 0) return;
   if (!layBefore) wayBefore = $("new").value;
   if (!layBefore || $("new").value === "nothing") $("new").value = layBefore ? wayBefore : "nothing";
@@ -205,14 +206,14 @@ const greeted = new Set();
 function giveTargets(frame) {
   if (!plate?.simulated || history.paused) return;
   const way = $("new").value;
-  let isSlippery = frame.fingers.some(({ owner, target_um }) => owner === plate.client && target_um > 0);
+  let isSlippery = frame.fingers.some(({ owner, target_um }) => owner === link.name && target_um > 0);
   for (const finger of frame.fingers) {
     if (finger.virtual || greeted.has(finger.id) || !hands.holds(...finger.seen_mm)) continue;
     greeted.add(finger.id);
     chosen = finger.id;
     if (finger.owner !== null || way === "nothing") continue;
     const sticks = way === "sticky" || (way === "both" && isSlippery);
-    send({ op: "set", finger: finger.id, amplitude_um: sticks ? 0 : 1 });
+    ask((client) => client.set(finger.id, { amplitude_um: sticks ? 0 : 1 }));
     isSlippery ||= !sticks;
   }
 }
@@ -250,9 +251,10 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     pause(!history.paused);
   } else if (/^[0-9]$/.test(event.key)) {
-    requestForChosen({ op: "set", amplitude_um: Number((event.key * STEP_UM).toFixed(1)) });
+    const amplitude_um = Number((event.key * STEP_UM).toFixed(1));
+    changeChosen((client, finger) => client.set(finger, { amplitude_um }));
   } else if (event.key.toLowerCase() === "r") {
-    requestForChosen({ op: "release" });
+    changeChosen((client, finger) => client.release(finger));
   }
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (colours = theme()));
@@ -284,7 +286,7 @@ function draw(t_ms) {
 
 /** The texts, for readers and for screen readers. */
 function writeTexts(frame) {
-  list.show(frame?.fingers ?? [], chosen, plate?.client, isLive && !history.paused);
+  list.show(frame?.fingers ?? [], chosen, link.name, isLive && !history.paused);
   drawLatency($("latency"), status?.latency ?? {}, colours);
   flags.show(frame, status, isLive);
   if (!frame) return;
