@@ -108,7 +108,7 @@ def test_an_input_is_not_overwritten_even_by_force(
 
 def test_a_forced_output_is_replaced(capsys: pytest.CaptureFixture[str]) -> None:
     Path("map.npz").write_text("old", encoding="utf-8")
-    arguments = ("plate", "map", "--finger=-30,20", "--still", "--cells", "3", "--out", "map.npz")
+    arguments = ("plate", "map", "--finger=-30,20", "--cells", "3", "--out", "map.npz")
     assert main([*arguments, "--force"]) == 0
     capsys.readouterr()
     assert Path("map.npz").read_bytes().startswith(b"PK")
