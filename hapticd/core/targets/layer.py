@@ -11,7 +11,7 @@ from typing import Final
 from hapticd_contract.contents import Content, Noise
 from hapticd_contract.surfaces import Circle, Polygon, Surface
 
-from .textures.texture import AmplitudeAt, Detail
+from .textures import AmplitudeAt, Detail
 from .virtual_paths import Walk
 
 OUTSIDE_UM: Final = -1.0  # no amplitude is negative

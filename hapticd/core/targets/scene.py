@@ -16,11 +16,9 @@ from hapticd_contract.targets import ClientTargets
 
 from ...values import FingerKey
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from .assets import Assets
 from .effects import Effects
 from .surfaces import NEVER_NS, SurfaceSet
-from .textures.registry import Sliding, amplitude, detail, refusal
-from .textures.texture import NO_DETAIL, AmplitudeAt, Detail
+from .textures import NO_DETAIL, AmplitudeAt, Detail, Textures, detail
 from .virtual_paths import Walk
 
 MAX_CLIENTS = 16  # names cost a client nothing, so their number is bounded
@@ -53,13 +51,12 @@ class Scene:
         friction_curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
         plate_size_mm: tuple[float, float] = (137.5, 137.5),
     ) -> None:
-        self._w_limit_um = w_limit_um
         self.friction_curve = friction_curve
-        self._plate_size_mm = plate_size_mm
         self.depends_on_speed = friction_curve.speed_mm_s < math.inf
-        self._sliding = Sliding()
-        self.assets = Assets()
-        self.surfaces = SurfaceSet(w_limit_um, friction_curve, plate_size_mm, self.assets, self._sliding)
+        self._plate_size_mm = plate_size_mm
+        self._textures = Textures(friction_curve, plate_size_mm, w_limit_um)
+        self.assets = self._textures.assets
+        self.surfaces = SurfaceSet(self._textures)
         self.effects = Effects(w_limit_um, self.surfaces)
         self._held: dict[FingerKey, _Held] = {}
         self._released: dict[FingerKey, None] = {}  # in the order in which they were released
@@ -154,8 +151,8 @@ class Scene:
     def speed_gain(self, speed_mm_s: float) -> float:
         """From now on look up amplitudes for a finger of this predicted speed; return by how much more amplitude it
         needs. The speed of one that hardly moves is noise."""
-        self._sliding.gain = self.friction_curve.speed_gain(max(speed_mm_s - NOISE_MM_S, 0.0))
-        return self._sliding.gain
+        self._textures.speed_gain = self.friction_curve.speed_gain(max(speed_mm_s - NOISE_MM_S, 0.0))
+        return self._textures.speed_gain
 
     def amplitude_um(self, key: FingerKey, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
@@ -211,7 +208,7 @@ class Scene:
             return f"{_spoken(key)} is held by {owner!r}: wait until that client releases it."
         if isinstance(key, str) and path is None:
             return f"{_spoken(key)} has a target but no path: send its path in the same message."
-        if path is not None and not self._is_on_plate(path):
+        if path is not None and not all(self.holds_place(x_mm, y_mm) for x_mm, y_mm in path.path_mm):
             width_mm, depth_mm = self._plate_size_mm
             return (
                 f"{_spoken(key)} leaves the plate: its path must lie within ±{0.5 * width_mm:g} mm in x and "
@@ -219,15 +216,7 @@ class Scene:
             )
         if isinstance(key, str) and room < 1:
             return f"{_spoken(key)} is one too many: the plate has at most {MAX_VIRTUALS} virtual fingers."
-        return self._refusal_of_target(key, content)
-
-    def _is_on_plate(self, path: VirtualPath) -> bool:
-        return all(self.holds_place(x_mm, y_mm) for x_mm, y_mm in path.path_mm)
-
-    def _refusal_of_target(self, key: FingerKey, target: Content | None) -> str | None:
-        if target is None:
-            return None
-        why = refusal(target, self.friction_curve, self._w_limit_um) or self.assets.refusal(target)
+        why = "" if content is None else self._textures.refusal(content)
         return f"{_spoken(key)} {why}" if why else None
 
     def _hold(
@@ -241,21 +230,13 @@ class Scene:
     ) -> _Held:
         """Return the finger's new entry; what did not change is kept, so that a refreshed path keeps its phase."""
         before = self._held.get(key, _UNHELD)
-        return _Held(
-            owner=message.client,
-            t_expires_ns=t_ns + message.ttl_ns,
-            target=target,
-            priority=priority,
-            texture=before.texture if before.target == target else self._texture(target),
-            detail=detail(target, self._plate_size_mm),
-            walk=_walk(path, t_ns, before.walk),
-        )
-
-    def _texture(self, target: Content | None) -> AmplitudeAt | None:
-        if target is None:
-            return None
-        resolved, curve = self.assets.resolved(target), self.friction_curve
-        return amplitude(resolved, curve, self._plate_size_mm, self._w_limit_um, self._sliding)
+        texture, fine, walk = before.texture, before.detail, before.walk
+        if target != before.target:
+            texture = None if target is None else self._textures.amplitude(target)
+            fine = NO_DETAIL if target is None else detail(target, self._plate_size_mm)
+        if path is None or walk is None or walk.path != path:
+            walk = None if path is None else Walk(path, t_ns)
+        return _Held(message.client, t_ns + message.ttl_ns, target, priority, texture, fine, walk)
 
     def _in_force(self) -> list[Content]:
         """Return all targets and contents in force."""
@@ -283,12 +264,6 @@ class Scene:
         for key in keys:
             del self._held[key]
             self._released[key] = None
-
-
-def _walk(path: VirtualPath | None, t_ns: int, before: Walk | None) -> Walk | None:
-    if path is None:
-        return None
-    return before if before is not None and before.path == path else Walk(path, t_ns)
 
 
 def _spoken(key: FingerKey) -> str:

@@ -11,16 +11,12 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from hapticd_contract.contents import Content
 from hapticd_contract.surfaces import Circle, Surface
 from hapticd_contract.targets import ClientTargets
 
-from ..friction import FrictionCurve
 from ..trajectory.knots import GRAIN_NS
-from .assets import Assets
 from .layer import Layer
-from .textures.registry import Sliding, amplitude, detail, fills_shape, refusal
-from .textures.texture import AmplitudeAt
+from .textures import Textures, detail, fills_shape
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -57,23 +53,13 @@ class Way(NamedTuple):
 class SurfaceSet:
     """All layers, topmost first. Instants are arguments in ns on one monotonic axis."""
 
-    def __init__(
-        self,
-        w_limit_um: float,
-        curve: FrictionCurve,
-        plate_size_mm: tuple[float, float],
-        assets: Assets,
-        sliding: Sliding,
-    ) -> None:
+    def __init__(self, textures: Textures) -> None:
         self.layers: list[Layer] = []
         self.weight = 0  # layers, of which an expensive one counts as EXPENSIVE
         self.version = 0  # counts changes; a refreshed surface is none
         self.t_expires_ns = NEVER_NS  # the next one does
-        self._w_limit_um: Final = w_limit_um
-        self._curve: Final = curve
-        self._plate_size_mm: Final = plate_size_mm
-        self._assets: Final = assets
-        self._sliding: Final = sliding
+        self._textures: Final = textures
+        self._w_limit_um: Final = textures.w_limit_um
         self._born = 0
 
     # --- requests of clients ---
@@ -88,17 +74,15 @@ class SurfaceSet:
         mine: list[Layer] = []
         refusals: list[str] = []
         for surface in message.surfaces:
-            name, refusal = surface.name, self._refusal(surface.content)
+            name, refusal = surface.name, self._textures.refusal(surface.content)
+            if not refusal:
+                layer = self._layer(message.client, surface, before.get(name), t_ns)
+                refusal = _lack_of_room(others + mine, layer)
             if refusal:
                 refusals.append(f"surface {name!r} {refusal}")
-                continue
-            layer = self._layer(message.client, surface, before.get(name), t_ns)
-            refusal = _lack_of_room(others + mine, layer)
-            if refusal:
-                refusals.append(f"surface {name!r} {refusal}")
-                continue
-            layer.t_expires_ns = t_ns + message.ttl_ns
-            mine.append(layer)
+            else:
+                layer.t_expires_ns = t_ns + message.ttl_ns
+                mine.append(layer)
         self._stack(others + mine)
         return refusals
 
@@ -185,10 +169,6 @@ class SurfaceSet:
 
     # --- the stack ---
 
-    def _refusal(self, content: Content) -> str:
-        """Return why a surface is refused that has room; empty if it is not."""
-        return refusal(content, self._curve, self._w_limit_um) or self._assets.refusal(content)
-
     def _layer(self, owner: str, surface: Surface, before: Layer | None, t_ns: int) -> Layer:
         """Return the surface's layer; what did not change is kept, so that a refreshed one stays where it is."""
         if before is not None and before.surface == surface:
@@ -198,13 +178,9 @@ class SurfaceSet:
             t_pose_ns = before.t_pose_ns
         born = self._born if before is None else before.born
         self._born += before is None
-        size_mm = _size_mm(surface, self._plate_size_mm)
-        content = surface.content
-        fine = detail(content, size_mm)
-        return Layer(owner, surface, content, self._texture(content, size_mm), fine, born, t_pose_ns)
-
-    def _texture(self, content: Content, size_mm: tuple[float, float]) -> AmplitudeAt:
-        return amplitude(self._assets.resolved(content), self._curve, size_mm, self._w_limit_um, self._sliding)
+        content, size_mm = surface.content, _size_mm(surface, self._textures.plate_size_mm)
+        texture, fine = self._textures.amplitude(content, size_mm), detail(content, size_mm)
+        return Layer(owner, surface, content, texture, fine, born, t_pose_ns)
 
     def _stack(self, layers: list[Layer]) -> None:
         stacked = sorted(layers, key=lambda layer: (-layer.z, -layer.born))

@@ -13,7 +13,7 @@ from hapticd_contract.contents import NAMES, Amplitude, Content, Friction, Grati
 from hapticd_contract.surfaces import Circle, Surface
 
 from ...core.friction import FrictionCurve
-from ...core.targets.textures.registry import amplitude
+from ...core.targets.textures import Textures
 from ...errors import RequestError
 from ...wire.client import read
 
@@ -25,9 +25,7 @@ class SurfacePainter:
     """Turns the daemon's descriptions into what the page draws; the pictures of unchanged content are kept."""
 
     def __init__(self, curve: FrictionCurve, size_mm: tuple[float, float], most_um: float) -> None:
-        self._curve = curve
-        self._size_mm = size_mm
-        self._most_um = most_um
+        self._textures = Textures(curve, size_mm, most_um)
         self._pictures: dict[tuple[Content, tuple[float, float]], Picture] = {}
 
     def painted(self, described: Iterable[Mapping[str, Any]]) -> list[dict[str, object]]:
@@ -39,7 +37,7 @@ class SurfacePainter:
                 surface: Surface = read({key: fields[key] for key in fields if key != "client"}, Surface)
             except RequestError:
                 continue
-            box_mm = _box_mm(surface, self._size_mm)
+            box_mm = _box_mm(surface, self._textures.plate_size_mm)
             layers.append({"client": fields.get("client"), "name": surface.name, **_pose(surface), "box_mm": box_mm})
             layers[-1] |= self._content(surface.content, box_mm, used)
         self._pictures = used
@@ -49,7 +47,7 @@ class SurfacePainter:
         if isinstance(content, Amplitude):
             return {"about": f"{content.amplitude_um:.2f} µm", "amplitude_um": content.amplitude_um}
         if isinstance(content, Friction):
-            amplitude_um = min(self._curve.amplitude_um(content.friction), self._most_um)
+            amplitude_um = self._textures.amplitude(content)(0.0, 0.0)
             return {"about": f"friction {content.friction:.2f}", "amplitude_um": amplitude_um}
         key = content, box_mm
         used[key] = self._pictures.get(key) or self._picture(content, box_mm)
@@ -59,7 +57,7 @@ class SurfacePainter:
         return {"about": about, "levels": levels, "most_um": most_um}
 
     def _picture(self, content: Content, box_mm: tuple[float, float]) -> Picture:
-        amplitude_um = amplitude(content, self._curve, box_mm, self._most_um)
+        amplitude_um = self._textures.amplitude(content, box_mm)
         x_mm, y_mm = ([(index + 0.5) / SIDE - 0.5 for index in range(SIDE)] for _ in range(2))
         values = [amplitude_um(x * box_mm[0], -y * box_mm[1]) for y in y_mm for x in x_mm]
         most_um = max(*values, 1e-9)

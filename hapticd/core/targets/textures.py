@@ -1,0 +1,303 @@
+"""The textures of targets and surfaces: amplitude in um over plate mm, friction turned into amplitude.
+
+Each class of `Content` has a `Texture` in `_TEXTURES`. Its amplitude is a function that is made once per request and
+called at every knot: plain arithmetic, about a microsecond. It is finite and within the content's two amplitudes for
+every finite position; NaN and positions far from any plate give what silence would.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+
+from msgspec.structs import replace
+
+from hapticd_contract.contents import Amplitude, Content, Friction, Gradient, Grating, LevelMap, Noise
+
+from ..friction import FrictionCurve
+from .assets import Assets
+
+FINEST_MM: Final = 1e-3
+FAR_MM: Final = 1e6  # no plate is that large: beyond, a wave's phase is rounding noise
+PIECES_PER_WAVE: Final = 4.0  # a smooth wave shows its curvature in the middle of a quarter of it
+WAVES: Final = 16  # of a noise
+MOST_RMS: Final = 3.0  # beyond so many deviations, where 16 waves seldom are, the noise is cut
+_MASK: Final = 2**64 - 1
+_GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
+
+AmplitudeAt = Callable[[float, float], float]  # um over plate mm
+T = TypeVar("T", bound=Content)
+_Wave = tuple[float, float, float, float]  # rad/mm along x and y, rad, um
+
+
+class Detail(NamedTuple):
+    """How finely a texture must be sampled along a path: its corners lie at least `finest_mm` apart; a `smooth` one has
+    none."""
+
+    finest_mm: float
+    smooth: bool
+
+
+NO_DETAIL = Detail(math.inf, True)
+
+
+class Texture(Generic[T]):
+    """The texture of one class of content.
+
+    `highest_um` is the largest amplitude anywhere. Content that `asks_for_friction` gets at most the plate's limit,
+    and more amplitude as a finger slides; one that asks for more amplitude than the limit is refused. `fills_shape`: on
+    a surface it is spread over the shape, not the plate.
+    """
+
+    def __init__(
+        self,
+        amplitude: Callable[[T, Textures, tuple[float, float]], AmplitudeAt],
+        highest_um: Callable[[T, FrictionCurve], float],
+        detail: Callable[[T, tuple[float, float]], Detail] = lambda _content, _size_mm: NO_DETAIL,
+        asks_for_friction: Callable[[T], bool] = lambda _content: False,
+        *,
+        fills_shape: bool = False,
+    ) -> None:
+        self.amplitude: Final = amplitude
+        self.highest_um: Final = highest_um
+        self.detail: Final = detail
+        self.asks_for_friction: Final = asks_for_friction
+        self.fills_shape: Final = fills_shape
+
+
+class Textures:
+    """The textures of one plate: of its friction, within its largest amplitude."""
+
+    def __init__(self, curve: FrictionCurve, plate_size_mm: tuple[float, float], w_limit_um: float = math.inf) -> None:
+        self.curve: Final = curve
+        self.plate_size_mm: Final = plate_size_mm
+        self.w_limit_um: Final = w_limit_um
+        self.assets: Final = Assets()
+        self.speed_gain = 1.0  # of the amplitudes that give a friction, at the speed of the finger looked up next
+
+    def refusal(self, content: Content) -> str:
+        """Return why content asks for too much or lacks its asset; empty if it does not. A friction asks for as much as
+        the plate can do."""
+        texture = _TEXTURES[type(content)]
+        asked_um = texture.highest_um(content, self.curve)
+        if asked_um <= self.w_limit_um or texture.asks_for_friction(content):
+            return self.assets.refusal(content)
+        return f"cannot have {asked_um:g} um: ask for at most {self.w_limit_um:g} um."
+
+    def amplitude(self, content: Content, size_mm: tuple[float, float] | None = None) -> AmplitudeAt:
+        """Return the amplitude in um over mm, of a map that is spread over `size_mm`, else over the plate. A friction
+        that needs more than the limit gets that."""
+        texture = _TEXTURES[type(content)]
+        size_mm = self.plate_size_mm if size_mm is None else size_mm
+        at_rest = texture.amplitude(self.assets.resolved(content), self, size_mm)
+        if self.curve.speed_mm_s == math.inf or not texture.asks_for_friction(content):
+            return at_rest
+        return lambda x_mm, y_mm: min(at_rest(x_mm, y_mm) * self.speed_gain, self.w_limit_um)
+
+
+def detail(content: Content, size_mm: tuple[float, float]) -> Detail:
+    """Return how finely content must be sampled; what is finer than FINEST_MM is not felt."""
+    fine = _TEXTURES[type(content)].detail(content, size_mm)
+    return fine if fine.finest_mm >= FINEST_MM else Detail(FINEST_MM, fine.smooth)
+
+
+def fills_shape(content: Content) -> bool:
+    """Return whether content is spread over the shape of its surface."""
+    return _TEXTURES[type(content)].fills_shape
+
+
+# --- amplitudes and details of each ---
+
+
+def _even(amplitude_um: float) -> AmplitudeAt:
+    return lambda _x_mm, _y_mm: amplitude_um
+
+
+def _gradient(gradient: Gradient, _textures: Textures, _size_mm: tuple[float, float]) -> AmplitudeAt:
+    """Linear along a direction, and constant beyond."""
+    along_x, along_y = math.cos(gradient.angle_rad), math.sin(gradient.angle_rad)
+    length_mm, from_um, to_um = gradient.length_mm, gradient.from_um, gradient.to_um
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        share = (x_mm * along_x + y_mm * along_y) / length_mm + 0.5
+        if not share > 0.0:  # NaN too
+            return from_um
+        return from_um * (1.0 - share) + to_um * share if share < 1.0 else to_um
+
+    return amplitude_um
+
+
+def _grating(grating: Grating, _textures: Textures, _size_mm: tuple[float, float]) -> AmplitudeAt:
+    return _sine(grating) if grating.duty_frac == 0.0 else _stripes(grating)
+
+
+def _sine(grating: Grating) -> AmplitudeAt:
+    along_x, along_y = math.cos(grating.angle_rad), math.sin(grating.angle_rad)
+    mean_um = 0.5 * (grating.low_um + grating.high_um)
+    half_um = 0.5 * (grating.high_um - grating.low_um)
+    wavenumber = 2.0 * math.pi / grating.period_mm
+    low_um, cos = grating.low_um, math.cos
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        along_mm = x_mm * along_x + y_mm * along_y
+        if not -FAR_MM <= along_mm <= FAR_MM:
+            return low_um
+        return mean_um + half_um * cos(wavenumber * along_mm)
+
+    return amplitude_um
+
+
+def _stripes(grating: Grating) -> AmplitudeAt:
+    along_x, along_y = math.cos(grating.angle_rad), math.sin(grating.angle_rad)
+    period_mm, half_crest_mm = grating.period_mm, 0.5 * grating.duty_frac * grating.period_mm
+    low_um, high_um, remainder = grating.low_um, grating.high_um, math.remainder
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        along_mm = x_mm * along_x + y_mm * along_y
+        if not -FAR_MM <= along_mm <= FAR_MM:
+            return low_um
+        return high_um if abs(remainder(along_mm, period_mm)) <= half_crest_mm else low_um
+
+    return amplitude_um
+
+
+def _grating_detail(grating: Grating, _size_mm: tuple[float, float]) -> Detail:
+    period_mm, duty_frac = grating.period_mm, grating.duty_frac
+    if duty_frac == 0.0:
+        return Detail(period_mm / PIECES_PER_WAVE, True)
+    return NO_DETAIL if duty_frac == 1.0 else Detail(min(duty_frac, 1.0 - duty_frac) * period_mm, False)
+
+
+def _map(image: LevelMap, textures: Textures, size_mm: tuple[float, float]) -> AmplitudeAt:
+    if image.friction is None:
+        return _image(image, size_mm)
+    low, high = image.friction
+    frictions = [low + (high - low) * level / 255.0 for level in range(256)]
+    levels_um = [min(textures.curve.amplitude_um(friction), textures.w_limit_um) for friction in frictions]
+    return _looked_up(_image(replace(image, low_um=0.0, high_um=255.0), size_mm), levels_um)
+
+
+def _looked_up(level_of: AmplitudeAt, levels_um: list[float]) -> AmplitudeAt:
+    """Amplitudes of an image's 256 levels: bilinear in friction, which the curve turned into amplitude."""
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        level = level_of(x_mm, y_mm)
+        below = min(int(level), 254)
+        share = level - below
+        return levels_um[below] * (1.0 - share) + levels_um[below + 1] * share
+
+    return amplitude_um
+
+
+def _image(image: LevelMap, size_mm: tuple[float, float]) -> AmplitudeAt:
+    """Bilinear between pixel centres; the outermost lie on the plate's edges and reach beyond them."""
+    width, height, levels = image.width, image.height, image.levels
+    last_column, last_row = float(width - 1), float(height - 1)
+    left_mm, top_mm = -0.5 * size_mm[0], 0.5 * size_mm[1]
+    columns_per_mm, rows_per_mm = last_column / size_mm[0], last_row / size_mm[1]
+    low_um, high_um = image.amplitudes_um
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        column = (x_mm - left_mm) * columns_per_mm
+        row = (top_mm - y_mm) * rows_per_mm
+        if not column > 0.0:  # NaN too
+            column = 0.0
+        elif column > last_column:
+            column = last_column
+        if not row > 0.0:
+            row = 0.0
+        elif row > last_row:
+            row = last_row
+        left, upper = int(column), int(row)
+        right_share, lower_share = column - left, row - upper
+        here = upper * width + left
+        next_column = 1 if left < last_column else 0
+        below = here + width if upper < last_row else here
+        top_level = levels[here] + (levels[here + next_column] - levels[here]) * right_share
+        bottom_level = levels[below] + (levels[below + next_column] - levels[below]) * right_share
+        share = (top_level + (bottom_level - top_level) * lower_share) / 255.0
+        return low_um * (1.0 - share) + high_um * share
+
+    return amplitude_um
+
+
+def _map_detail(image: LevelMap, size_mm: tuple[float, float]) -> Detail:
+    return Detail(min(size_mm[0] / max(image.width - 1, 1), size_mm[1] / max(image.height - 1, 1)), False)
+
+
+def _highest_of_map_um(image: LevelMap, curve: FrictionCurve) -> float:
+    return max(image.amplitudes_um) if image.friction is None else curve.amplitude_um(min(image.friction))
+
+
+def _noise(target: Noise, _textures: Textures, _size_mm: tuple[float, float]) -> AmplitudeAt:
+    """A sum of plane waves, the same for the same seed on every machine."""
+    waves = _waves(target)
+    mean_um = target.mean_um
+    low_um, high_um = max(mean_um - MOST_RMS * target.rms_um, 0.0), mean_um + MOST_RMS * target.rms_um
+
+    def amplitude_um(x_mm: float, y_mm: float) -> float:
+        if not (-FAR_MM <= x_mm <= FAR_MM and -FAR_MM <= y_mm <= FAR_MM):
+            return mean_um
+        sum_um = mean_um
+        for x_rad_mm, y_rad_mm, phase_rad, height_um in waves:
+            # `math.cos` by its name is one call of C; a local name for it costs four times as much in machine code.
+            sum_um += height_um * math.cos(x_rad_mm * x_mm + y_rad_mm * y_mm + phase_rad)
+        return min(max(sum_um, low_um), high_um)
+
+    return amplitude_um
+
+
+def _waves(target: Noise) -> list[_Wave]:
+    """Return the waves: evenly spread over octaves and directions (by the golden ratio, so that few look alike from all
+    sides), with random phases and their sum's RMS as asked."""
+    numbers = _uniform(target.seed, 3 * WAVES)
+    octaves = math.log2(target.longest_mm / target.shortest_mm)
+    waves: list[_Wave] = []
+    for index in range(WAVES):
+        octave, turn, phase = numbers[3 * index : 3 * index + 3]
+        wavelength_mm = target.shortest_mm * 2.0 ** (octaves * (index + octave) / WAVES)
+        angle_rad = math.pi * (index * _GOLDEN + turn / WAVES)
+        rad_mm = 2.0 * math.pi / wavelength_mm
+        height = (wavelength_mm / target.longest_mm) ** target.exponent
+        waves.append((rad_mm * math.cos(angle_rad), rad_mm * math.sin(angle_rad), 2.0 * math.pi * phase, height))
+    rms = math.sqrt(0.5 * math.fsum([height * height for _, _, _, height in waves]))
+    return [(x, y, phase_rad, height / rms * target.rms_um) for x, y, phase_rad, height in waves]
+
+
+def _uniform(seed: int, count: int) -> list[float]:
+    """Return numbers in 0 .. 1, below 1, by SplitMix64 (Steele, Lea and Flood 2014): exact integer arithmetic."""
+    state, numbers = seed & _MASK, list[float]()
+    for _ in range(count):
+        state = (state + 0x9E3779B97F4A7C15) & _MASK
+        mixed = ((state ^ (state >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+        mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) & _MASK
+        numbers.append(((mixed ^ (mixed >> 31)) >> 11) * 2.0**-53)
+    return numbers
+
+
+_TEXTURES: Final[dict[type, Texture[Any]]] = {
+    Amplitude: Texture[Amplitude](
+        lambda even, textures, _size_mm: _even(min(even.amplitude_um, textures.w_limit_um)),
+        lambda even, _curve: even.amplitude_um,
+    ),
+    Friction: Texture[Friction](
+        lambda even, textures, _size_mm: _even(min(textures.curve.amplitude_um(even.friction), textures.w_limit_um)),
+        lambda even, curve: curve.amplitude_um(even.friction),
+        asks_for_friction=lambda _even: True,
+    ),
+    Gradient: Texture[Gradient](
+        _gradient,
+        lambda gradient, _curve: max(gradient.from_um, gradient.to_um),
+        lambda gradient, _size_mm: Detail(gradient.length_mm, False),
+    ),
+    Grating: Texture[Grating](_grating, lambda grating, _curve: max(grating.low_um, grating.high_um), _grating_detail),
+    LevelMap: Texture[LevelMap](
+        _map, _highest_of_map_um, _map_detail, lambda image: image.friction is not None, fills_shape=True
+    ),
+    Noise: Texture[Noise](  # where it is cut it is nearly flat, and its waves are smooth: no corners
+        _noise,
+        lambda noise, _curve: noise.mean_um + MOST_RMS * noise.rms_um,
+        lambda noise, _size_mm: Detail(noise.shortest_mm / PIECES_PER_WAVE, True),
+    ),
+}
