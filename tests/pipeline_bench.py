@@ -8,7 +8,7 @@ from hapticd.core.phasors import Phasors
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.pipeline_settings import PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.prediction.predictor import DEFAULT
+from hapticd.core.prediction.motion import AdaptivePredictor
 from hapticd.core.targets.scene import Scene
 from hapticd.core.touch.fingers import FingerPredictor
 from hapticd.values import Contact, FingerFrame, LinkTiming, Tick, TouchFrame
@@ -38,7 +38,7 @@ class CountedPredictor(FingerPredictor):
     predictions = 0
 
     def __init__(self) -> None:
-        self._predictor = DEFAULT.for_touch()
+        self._predictor = AdaptivePredictor()
         self.update = self._predictor.update  # type: ignore[method-assign]
         self.covariance = self._predictor.covariance  # type: ignore[method-assign]
 
@@ -52,7 +52,7 @@ class Bench:
 
     def __init__(self, **settings: object) -> None:
         self.scene = Scene(w_limit_um=4.0)
-        chosen = {"w_limit_um": (4.0, 4.0), "make_predictor": DEFAULT.for_touch, **settings}
+        chosen = {"w_limit_um": (4.0, 4.0), "make_predictor": AdaptivePredictor, **settings}
         self.pipeline = Pipeline(PLATE, self.scene, PipelineSettings(**chosen))  # type: ignore[arg-type]
         self.t_ns = START_NS
         self.period_ns = PERIOD_NS

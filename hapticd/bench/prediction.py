@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from ..core.prediction.predictor import Predictor
+from ..core.prediction import Predictor
 from ..sim.fingers.pad_noise import FILTERED_NOISE
 from ..sim.fingers.paths import ReachPath
 from ..values import FloatArray

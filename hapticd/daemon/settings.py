@@ -9,8 +9,8 @@ from ..board_protocol import KNOTS_MAX, REFERENCE
 from ..config.sections import Config
 from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..core.pipeline_settings import PipelineSettings
+from ..core.prediction.motion import AdaptivePredictor
 from ..core.prediction.pad_memory import PadMemory
-from ..core.prediction.predictor import DEFAULT
 from ..core.uncertainty import Uncertainty
 from ..values import AffineMap
 
@@ -42,9 +42,7 @@ def pipeline_settings(config: Config) -> PipelineSettings:
     return PipelineSettings(
         w_limit_um=config.reference_limit_um,
         make_predictor=partial(
-            DEFAULT.for_touch,
-            memory=PadMemory.of(prediction.pad_weights),
-            period_ms=prediction.period_ms,
+            AdaptivePredictor, memory=PadMemory.of(prediction.pad_weights), period_ms=prediction.period_ms
         ),
         contact_radius_mm=solver.contact_radius_mm if are_contacts else 0.0,
         ellipse_scale=config.trackpad.ellipse_scale if solver.contact_radius_mm > 0.0 else 0.0,

@@ -13,46 +13,37 @@ import numpy as np
 from ..config import Config
 from ..core.phasors import ModeRow, ModeRows
 from ..core.pipeline_settings import PipelineSettings
-from ..core.prediction.motion import MotionModel, Sample
-from ..core.prediction.predictor import PredictorFactory
 from ..core.solver import solve
 from ..core.solver.two_modes import clamped
+from ..core.touch.fingers import FingerPredictor
 from ..daemon.settings import pipeline_settings
 
 
-class SampleHold(MotionModel):
+class SampleHold(FingerPredictor):
     """The last position: the paper's prediction. NaN before the first sample."""
 
-    __slots__ = ("_place_mm", "_velocity_mm_s")
-
     def __init__(self) -> None:
-        self._place_mm = self._velocity_mm_s = math.nan, math.nan
+        super().__init__()
+        self._place_mm = math.nan, math.nan
 
     def start(self, x_mm: float, y_mm: float) -> None:
         """Take the first sample of a touch."""
-        self._place_mm, self._velocity_mm_s = (x_mm, y_mm), (0.0, 0.0)
+        self._place_mm = x_mm, y_mm
 
-    def step(self, sample: Sample) -> None:
+    def step(self, interval_s: float, x_mm: float, y_mm: float) -> None:  # noqa: ARG002
         """Take the next sample."""
-        self._place_mm = sample.x_mm, sample.y_mm
+        self._place_mm = x_mm, y_mm
 
     def position(self, ahead_s: float) -> tuple[float, float]:  # noqa: ARG002
         """Position in mm, at any time after the last sample."""
         return self._place_mm
-
-    def velocity(self, ahead_s: float) -> tuple[float, float]:  # noqa: ARG002
-        """Velocity in mm/s."""
-        return self._velocity_mm_s
-
-
-HOLD = PredictorFactory.of(SampleHold)
 
 
 def paper_pipeline(config: Config) -> PipelineSettings:
     """Return the pipeline's settings under the paper's scheme."""
     return replace(
         pipeline_settings(config),
-        make_predictor=HOLD.for_touch,
+        make_predictor=SampleHold,
         solve=invert,
         contact_radius_mm=0.0,
         max_knots=1,

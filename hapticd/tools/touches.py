@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.touch.tracking import Tracker
+from ..core.touch.fingers import Tracker
 from ..errors import UsageError
 from ..files.recording.kinds import pad_of
 from ..files.recording.mcap_reader import open_recording

@@ -22,7 +22,7 @@ from hapticd.core.board.session import BoardSession
 from hapticd.core.pipeline import Pipeline
 from hapticd.core.pipeline_settings import PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.prediction.predictor import DEFAULT
+from hapticd.core.prediction.motion import AdaptivePredictor
 from hapticd.core.targets.scene import Scene
 from hapticd.values import Contact, LinkTiming, TouchFrame
 from hapticd.wire.commands import encode
@@ -55,7 +55,7 @@ class Rig:
         self.scene = Scene(w_limit_um=4.0)
         limits = (4.0,) * 4
         self.pipeline = Pipeline(
-            self.modes, self.scene, PipelineSettings(w_limit_um=limits, make_predictor=DEFAULT.for_touch)
+            self.modes, self.scene, PipelineSettings(w_limit_um=limits, make_predictor=AdaptivePredictor)
         )
         self.bench = Bench(G474, G474.image(5000))
         self.session = BoardSession(link_start_ns=MS_NS, controller="deadbeat", calibration=UNCALIBRATED)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ...core.touch.tracking import Tracker
+from ...core.touch.fingers import Tracker
 from ...errors import CalibrationError
 from ...values import AffineMap, Finger, FloatArray, TouchFrame
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...config.sections import PredictionConfig
+from ...core.prediction import make_predictor
 from ...core.prediction.pad_memory import PadMemory
-from ...core.prediction.predictor import DEFAULT
 from ...errors import CalibrationError
 from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.sensor import SensorModel
@@ -145,7 +145,7 @@ def errors_mm(traces: Sequence[Trace], memory: Callable[[], PadMemory]) -> tuple
     """Return RMS distances to the pad's own later reports, by horizon; `memory` is that of one trace and learns."""
     squares: list[list[FloatArray]] = [[] for _ in AHEADS_MS]
     for trace in traces:
-        predictor = DEFAULT(memory=memory())
+        predictor = make_predictor(memory=memory())
         predicted = []
         for t_ns, x_mm, y_mm in trace.samples:
             predictor.update(t_ns, x_mm, y_mm)

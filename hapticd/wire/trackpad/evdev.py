@@ -149,7 +149,7 @@ class InputEvents(Layout):
 class ContactNumbers:
     """Numbers for contacts of a device that gives none: each keeps that of the nearest one of the report before.
 
-    `core.touch.tracking` judges by how fingers move whether a number can be right.
+    `core.touch.fingers` judges by how fingers move whether a number can be right.
     """
 
     def __init__(self, geometry: PadGeometry) -> None:

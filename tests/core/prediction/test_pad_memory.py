@@ -7,14 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.prediction.pad_memory import (
-    MOST_WEIGHT,
-    NEAR_S,
-    HorizonFit,
-    PadMemory,
-    Spread,
-)
-from hapticd.core.prediction.prior import FAR, NEAR, SPREADS_MM, MotionVector
+from hapticd.core.prediction.pad_memory import FAR, MOST_WEIGHT, NEAR, NEAR_S, HorizonFit, MotionVector, PadMemory
 
 TRUE = (0.05, 0.5, -0.3, 0.2, 0.4)
 
@@ -55,14 +48,3 @@ def test_for_any_corrections_the_weights_stay_finite_and_bounded(
     for sample in samples:
         fit.learn(*sample)
     assert all(abs(weight) <= MOST_WEIGHT for weight in fit.weights)
-
-
-@pytest.mark.parametrize("sigma_mm", [0.02, 0.3, 2.0])
-def test_the_spread_holds_two_thirds_of_the_errors(sigma_mm: float) -> None:
-    rng = np.random.default_rng(5)
-    spread = Spread(SPREADS_MM[0][0])
-    errors_mm, within = (sigma_mm * rng.standard_normal(3000)).tolist(), []
-    for error_mm in errors_mm:
-        within.append(abs(error_mm) <= spread.at(3))
-        spread.learn(3, error_mm)
-    assert np.mean(within[300:]) == pytest.approx(0.683, abs=0.02)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.prediction.predictor import DEFAULT
+from hapticd.core.prediction.motion import AdaptivePredictor
 from hapticd.core.touch.contact_form import LEAST_MM, MOST_MM, PLAY_MM, ContactForm, EllipseScale
 from hapticd.core.touch.fingers import Fingers
 from hapticd.sim.fingers.fingertip import Fingertip
@@ -127,8 +127,8 @@ def frame(t_ns: int, major_mm: float) -> TouchFrame:
 
 
 def test_only_fingers_of_a_calibrated_pad_have_forms_and_a_new_finger_has_its_own() -> None:
-    plain = Fingers(DEFAULT.for_touch, sensor_latency_ns=0, silence_ns=40 * MS)
-    pad = Fingers(DEFAULT.for_touch, sensor_latency_ns=0, silence_ns=40 * MS, ellipse_scale=AS_REPORTED)
+    plain = Fingers(AdaptivePredictor, sensor_latency_ns=0, silence_ns=40 * MS)
+    pad = Fingers(AdaptivePredictor, sensor_latency_ns=0, silence_ns=40 * MS, ellipse_scale=AS_REPORTED)
     for fingers in (plain, pad):
         fingers.touch(frame(1000 * MS, 9.0), 1000 * MS)
     assert plain.forms([1, "virtual"]) is None

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hapticd.core.prediction.predictor import DEFAULT
+from hapticd.core.prediction.motion import AdaptivePredictor
 from hapticd.core.touch.fingers import LONGEST_SILENCE_NS, Fingers
 from hapticd.values import Contact, TouchFrame
 
@@ -16,7 +16,7 @@ START_NS = 50_000 * MS
 
 
 def fingers() -> Fingers:
-    return Fingers(DEFAULT.for_touch, sensor_latency_ns=10 * MS, silence_ns=40 * MS)
+    return Fingers(AdaptivePredictor, sensor_latency_ns=10 * MS, silence_ns=40 * MS)
 
 
 def frame(t_ns: int) -> TouchFrame:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import random
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
 
-from hapticd.core.touch.tracking import Tracker
+from hapticd.core.touch.fingers import Tracker, _least_cost_columns
 from hapticd.values import Contact, FingerFrame, TouchFrame
 
 PERIOD_NS = 11_250_000
@@ -113,13 +115,6 @@ def test_contacts_that_do_not_touch_or_are_nowhere_are_ignored() -> None:
     assert left.lifted == (1,)
 
 
-def test_of_two_records_with_one_id_the_one_on_the_finger_s_way_counts() -> None:
-    for order in (0, 1):
-        spots: list[Spot] = [(1, 1.2, 0.0), (1, 14.0, 3.0)]
-        _, doubled = track(frame(0, (1, 0.0, 0.0)), frame(1, *(reversed(spots) if order else spots)))
-        assert ids_by_place(doubled) == {(1.2, 0.0): 1}
-
-
 @pytest.mark.parametrize("late_ns", [0, -1, -PERIOD_NS])
 def test_a_frame_out_of_order_changes_nothing(late_ns: int) -> None:
     tracker = Tracker()
@@ -190,6 +185,17 @@ def test_permuted_contact_ids_give_the_same_paths(spots: list[list[Spot]], rng: 
         return {tuple(path) for path in path_of.values()}
 
     assert paths(scrambled) == paths(spots)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (3, 3), (4, 9), (10, 16)])
+def test_the_assignment_of_contacts_to_fingers_costs_as_little_as_scipys(rows: int, columns: int) -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        costs = rng.uniform(0.0, 100.0, (rows, columns))
+        found = _least_cost_columns(costs.tolist())
+        assert len(set(found)) == rows
+        assert costs[range(rows), found].sum() == pytest.approx(costs[linear_sum_assignment(costs)].sum())
+    assert _least_cost_columns([[math.inf, 1.0, 9.0], [math.inf, 2.0, 9.0]]) == [1, 2]
 
 
 places_mm = st.floats(-70.0, 70.0) | st.floats()
