@@ -7,7 +7,6 @@ report repeated, of fingers that lie still.
 
 from __future__ import annotations
 
-import asyncio
 import os
 import struct
 import time
@@ -19,16 +18,15 @@ from ...wire.trackpad import Pad, StillContacts, evdev
 from ..time_budget import TimeBudget
 from .input_nodes import InputNode, describe, find_nodes, packed, require_package
 from .repeats import RepeatedReports
-from .trackpad_source import BATCH, OnLink, OnReports
+from .trackpad_source import BATCH, LoopSource
 
 _NATIVE = struct.Struct("@llHHi")  # as this kernel writes it; reports are of a 64-bit one
-_RESCAN_S = 1.0
 SHARE, BURST_NS = 0.3, 10_000_000  # of the loop's time: what it cannot take meanwhile the kernel drops, and says so
 _Event = tuple[int, int, int]  # type, code, value
 _END = (evdev.EV_SYN, evdev.SYN_REPORT, 0)
 
 
-class EvdevTrackpad:
+class EvdevTrackpad(LoopSource):
     """A multitouch device by its path or name, or the first one found; searched for every second while none is there.
 
     `size_mm` is the size of its range of positions, where it has no resolution. Raises HapticdError without the `evdev`
@@ -43,13 +41,11 @@ class EvdevTrackpad:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         require_package()
+        super().__init__(clock_ns)
         self._device, self._size_mm = device, size_mm
-        self._clock_ns = clock_ns
         self._node: InputNode | None = None
-        self._timer: asyncio.Handle | None = None
         self._still = StillContacts()
         self._repeats = RepeatedReports(self._still, _repeated, clock_ns)
-        self._last_link: tuple[Pad | None, str] | None = None
         self._budget = TimeBudget(SHARE, BURST_NS, clock_ns=clock_ns)
         self._pauses = self._dropped = 0
 
@@ -58,75 +54,45 @@ class EvdevTrackpad:
         """Pauses of a device that sends too much, and how often the kernel dropped events."""
         return {"pauses": self._pauses, "dropped": self._dropped}
 
-    def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
-        self._loop, self._on_link = loop, on_link
-        self._repeats.start(loop, on_reports)
-        self._timer = loop.call_soon(self._connect)
-
-    def request_enable(self) -> None:
-        """Does nothing: the kernel's driver has set its mode."""
-
-    async def close(self) -> None:
-        self._disconnect()
-
     # --- the link ---
 
-    def _connect(self) -> None:
+    def _open(self) -> tuple[Pad, str]:
         try:
-            self._open()
-        except TrackpadError as error:
-            self._retry(str(error))
-        except OSError as error:
-            self._retry(f"{self._device or 'the touch device'} cannot be opened ({error.strerror}): see hapticd doctor")
-
-    def _open(self) -> None:
-        self._node = next(find_nodes(self._device), None)
-        if self._node is None:
-            wanted = f"{self._device!r}" if self._device else "that this user may read"
-            self._retry(f"no multitouch device {wanted} is connected: plug one in, or see hapticd doctor")
-            return
-        try:
+            self._node = next(find_nodes(self._device), None)
+            if self._node is None:
+                which = f"{self._device!r}" if self._device else "that this user may read"
+                raise TrackpadError(f"no multitouch device {which} is connected: plug one in, or see hapticd doctor")
             pad = describe(self._node, self._size_mm)
             self._node.claim()
             self._slot_count = self._node.slot_count()
-        except (TrackpadError, OSError):
-            self._disconnect()
-            raise
-        self._rest = b""
-        self._slot, self._down, self._was_dropped = 0, set[int](), False
-        self._events: list[_Event] = []
-        self._still.reset()
-        self._report_link(pad, f"{pad.name} at {self._node.path}")
-        self._repeats.pass_on([self._all_slots()])
+            self._rest, self._events = b"", list[_Event]()
+            self._slot, self._down, self._was_dropped = 0, set[int](), False
+            self._still.reset()
+            self._first = self._all_slots()
+        except OSError as error:
+            device = self._device or "the touch device"
+            raise TrackpadError(f"{device} cannot be opened ({error.strerror}): see hapticd doctor") from None
+        return pad, f"{pad.name} at {self._node.path}"
+
+    def _begin(self) -> None:
+        self._repeats.start(self._loop, self._on_reports)
+        self._repeats.pass_on([self._first])
         self._watch()
 
     def _watch(self) -> None:
         assert self._node is not None
         self._loop.add_reader(self._node.fd, self._on_readable)
 
-    def _lost(self, why: str) -> None:
+    def _end(self, why: str) -> None:
         assert self._node is not None
-        path = self._node.path
-        self._disconnect()
-        self._retry(f"{path} was lost ({why}): searching for it")
+        self._lost(f"{self._node.path} was lost ({why}): searching for it")
 
-    def _disconnect(self) -> None:
+    def _release(self) -> None:
         self._repeats.stop()
-        if self._timer is not None:
-            self._timer.cancel()
         if self._node is not None:
             self._loop.remove_reader(self._node.fd)
             self._node.close()
             self._node = None
-
-    def _retry(self, reason: str) -> None:
-        self._report_link(None, reason)
-        self._timer = self._loop.call_later(_RESCAN_S, self._connect)
-
-    def _report_link(self, pad: Pad | None, reason: str) -> None:
-        if self._last_link != (pad, reason) and (pad or not self._last_link or self._last_link[0]):
-            self._last_link = (pad, reason)
-            self._on_link(pad, reason)
 
     # --- reports ---
 
@@ -144,12 +110,12 @@ class EvdevTrackpad:
         except BlockingIOError:
             return
         except OSError as error:
-            self._lost(str(error.strerror))
+            self._end(str(error.strerror))
             return
         if batch:
             self._repeats.pass_on(batch)
         elif not data:
-            self._lost("end of file")
+            self._end("end of file")
 
     def _reports(self, data: bytes) -> Iterator[RawReport]:
         """Split what was read into reports; after what the kernel dropped, all slots are reported."""

@@ -8,7 +8,6 @@ programs are read as they are (`input_recordings`).
 
 from __future__ import annotations
 
-import asyncio
 import itertools
 import json
 import os
@@ -22,7 +21,7 @@ from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad, StillContacts, evdev, from_fields, to_fields
 from .input_nodes import packed
 from .input_recordings import InputRecording
-from .trackpad_source import REPORT_BYTES, OnLink, OnReports
+from .trackpad_source import REPORT_BYTES, LoopSource
 
 MAX_LINES = 500_000  # of a recording: an hour of reports
 MAX_EVENT_LINES = 8 * MAX_LINES  # of a recording of events: eight of a report
@@ -104,7 +103,7 @@ def _fields(line: str, form: str) -> dict[str, object]:
     return fields
 
 
-class ReplayTrackpad:
+class ReplayTrackpad(LoopSource):
     """Trackpad source that plays a recording once, with its original timing.
 
     Reports get the host times at which they are due, so their spacing is exact to the nanosecond. Of an input device,
@@ -120,31 +119,20 @@ class ReplayTrackpad:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._pad, self._reports = read_recording(path, size_mm)
+        super().__init__(clock_ns)
         self._path = os.fspath(path)
-        self._clock_ns = clock_ns
         self._next = 0
-        self._timer: asyncio.Handle | None = None
         self._decoder = Decoder(self._pad)
         self._still = StillContacts()  # by the recording's clock
 
-    @property
-    def counters(self) -> dict[str, int | str]:
-        return {}
+    def _open(self) -> tuple[Pad, str]:
+        return self._pad, f"replay of {len(self._reports)} reports from {self._path}"
 
-    def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
-        self._loop, self._on_reports, self._on_link = loop, on_reports, on_link
-        self._timer = loop.call_soon(self._begin)
-
-    def request_enable(self) -> None:
-        """Does nothing: a recording has no mode to enable."""
-
-    async def close(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
+    def _release(self) -> None:
+        """Nothing is open."""
 
     def _begin(self) -> None:
         self._t_begin_s, self._t_begin_ns = self._loop.time(), self._clock_ns()
-        self._on_link(self._pad, f"replay of {len(self._reports)} reports from {self._path}")
         self._arm()
 
     def _arm(self) -> None:

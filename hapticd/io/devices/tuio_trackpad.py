@@ -6,23 +6,22 @@ sends, datagrams of other sockets are dropped unread, and each of both kinds has
 
 from __future__ import annotations
 
-import asyncio
 import socket
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import Final
 
+from ...errors import TrackpadError
 from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad, StillContacts, tuio
 from ..time_budget import TimeBudget
 from .repeats import RepeatedReports
-from .trackpad_source import BATCH, REPORT_BYTES, OnLink, OnReports
+from .trackpad_source import BATCH, REPORT_BYTES, LoopSource
 
 SHARE, BURST_NS = 0.2, 4_000_000  # of the tracker: ten contacts take 0.1 ms to decode
 OTHERS_SHARE, OTHERS_BURST_NS = 0.05, 1_000_000  # until one of them is the tracker
 _LOOPBACK: Final = ("127.0.0.1", "::1")
-_RETRY_S: Final = 1.0
 
 
 def bound(address: str) -> socket.socket:
@@ -41,7 +40,7 @@ def bound(address: str) -> socket.socket:
     return endpoint
 
 
-class TuioTrackpad:
+class TuioTrackpad(LoopSource):
     """Frames of a tracker that sends to `address`; `pad` is the surface that it watches.
 
     It must send from `sender`, this computer where that is empty. `counters` has what arrived and what became of it.
@@ -50,13 +49,12 @@ class TuioTrackpad:
     def __init__(
         self, address: str, pad: Pad, sender: str = "", *, clock_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
+        super().__init__(clock_ns)
         self._address, self._pad = address, pad
-        self._clock_ns = clock_ns
         self._decoder = Decoder(pad)
         self._still = StillContacts(tuio.SILENT_NS)
         self._repeats = RepeatedReports(self._still, lambda _: tuio.REPEAT, clock_ns)
         self._socket: socket.socket | None = None
-        self._timer: asyncio.Handle | None = None
         self._budget = TimeBudget(SHARE, BURST_NS, clock_ns=clock_ns)
         self._budget_of_others = TimeBudget(OTHERS_SHARE, OTHERS_BURST_NS, clock_ns=clock_ns)
         hosts = (sender,) if sender else (*_LOOPBACK, address.rpartition(":")[0].strip("[]"))
@@ -65,14 +63,8 @@ class TuioTrackpad:
         self._t_tracker_ns = 0
         self._is_steady = False  # that socket has sent twice: not each datagram comes from a new one
         self._parts: deque[RawReport] = deque(maxlen=BATCH)  # of the frame that is not whole yet
-        self._is_reported = False
         self._counts = dict.fromkeys(("other_address", "other_sender", "left_out"), 0)
         self._refused_address = ""
-
-    def start(self, loop: asyncio.AbstractEventLoop, on_reports: OnReports, on_link: OnLink) -> None:
-        self._loop, self._on_link = loop, on_link
-        self._repeats.start(loop, on_reports)
-        self._timer = loop.call_soon(self._bind)
 
     @property
     def counters(self) -> dict[str, int | str]:
@@ -80,31 +72,25 @@ class TuioTrackpad:
         sender = "" if self._tracker is None else f"{self._tracker[0]} port {self._tracker[1]}"
         return {**self._decoder.counters, **self._counts, "refused_address": self._refused_address, "sender": sender}
 
-    def request_enable(self) -> None:
-        """Does nothing: a tracker has no mode to enable."""
+    def _open(self) -> tuple[Pad, str]:
+        try:
+            self._socket = bound(self._address)
+        except OSError as error:
+            why = f"{self._address} cannot be bound ({error.strerror}): does another program listen there?"
+            raise TrackpadError(why) from None
+        return self._pad, f"{self._pad.name} at {self._address}"
 
-    async def close(self) -> None:
+    def _begin(self) -> None:
+        assert self._socket is not None
+        self._repeats.start(self._loop, self._on_reports)
+        self._loop.add_reader(self._socket, self._on_readable, self._socket)
+
+    def _release(self) -> None:
         self._repeats.stop()
-        if self._timer is not None:
-            self._timer.cancel()
         if self._socket is not None:
             self._loop.remove_reader(self._socket)
             self._socket.close()
             self._socket = None
-
-    def _bind(self) -> None:
-        try:
-            self._socket = bound(self._address)
-        except OSError as error:
-            if not self._is_reported:
-                self._is_reported = True
-                self._on_link(
-                    None, f"{self._address} cannot be bound ({error.strerror}): does another program listen there?"
-                )
-            self._timer = self._loop.call_later(_RETRY_S, self._bind)
-            return
-        self._on_link(self._pad, f"{self._pad.name} at {self._address}")
-        self._loop.add_reader(self._socket, self._on_readable, self._socket)
 
     def _on_readable(self, endpoint: socket.socket) -> None:
         batch: list[RawReport] = []

@@ -42,7 +42,7 @@ def plugged(monkeypatch: pytest.MonkeyPatch, *nodes: FakeNode | OSError | None) 
         yield from () if node is None else (node,)
 
     monkeypatch.setattr(evdev_trackpad, "find_nodes", find)
-    monkeypatch.setattr(evdev_trackpad, "_RESCAN_S", 0.0)
+    monkeypatch.setattr(EvdevTrackpad, "RETRY_S", 0.0)
 
 
 def contacts(listener: Listener, pad: Pad) -> list[dict[int, tuple[float, float]]]:

@@ -129,7 +129,7 @@ async def test_only_the_configured_address_may_send(free: str, configured: str, 
 async def test_an_address_that_is_taken_is_one_line_and_is_tried_again(
     free: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tuio_trackpad, "_RETRY_S", 0.0)
+    monkeypatch.setattr(TuioTrackpad, "RETRY_S", 0.0)
     listener, source = Listener(), TuioTrackpad(free, PAD)
     host, _, port = free.rpartition(":")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
