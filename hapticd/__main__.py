@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from .errors import ExitCode, HapticdError, UsageError, missing_library
+from .errors import ExitCode, HapticdError, missing_library
 from .tools.arguments import Parser, add_command
 from .tools.outputs import check_arguments
 
@@ -112,14 +112,6 @@ GROUPS = {
     "record": "record",
     "simulate": "develop",
 }  # by their first command
-MOVED = {
-    "map": "plate map",
-    "plot": "export F.mcap --plot",
-    "latency": "doctor latency",
-    "keys": "service keys",
-    "install-service": "service install",
-    "uninstall-service": "service remove",
-}  # commands of earlier versions
 
 
 class _Grouped(argparse.RawDescriptionHelpFormatter):
@@ -135,8 +127,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         chosen = next((word for word in given if not word.startswith("-")), "")
-        if chosen in MOVED:
-            raise UsageError(f"`hapticd {chosen}` is `hapticd {MOVED[chosen]}` now.")
         options = parser(chosen).parse_args(given)
         check_arguments(options)
         code = int(options.command(options) or 0)

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from hapticd import __version__
-from hapticd.__main__ import COMMANDS, GROUPS, MOVED, main
+from hapticd.__main__ import COMMANDS, GROUPS, main
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config import loader as config
 from hapticd.tools.demo import program as demo
@@ -75,14 +75,6 @@ def test_at_most_ninety_long_options_are_shown() -> None:
         if option.startswith("--") and option != "--help"
     }
     assert len(shown) <= 90
-
-
-@pytest.mark.parametrize(("old", "new"), MOVED.items())
-def test_the_name_of_a_moved_command_is_answered_by_its_new_one(
-    old: str, new: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert outcome(capsys, old, "--sim") == (2, "", f"hapticd: `hapticd {old}` is `hapticd {new}` now.\n")
-    assert new.split()[0] in COMMANDS
 
 
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:

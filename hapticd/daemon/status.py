@@ -31,6 +31,8 @@ RECENT_NS = 10_000_000_000  # frames older than this do not describe the present
 CHANGES_SHOWN = 5
 LOOP_PARTS = ("read_age", "wait", "compute", "wire", "tick_late", "pause")
 LINK_PARTS = ("age", "link", "horizon", "late")
+OF_STATUS = ("fault_code", "saturated", "limited", "deadman_trips", "bad_frames", "late_frames")  # of the board
+OF_LOOP = ("joined_reports", "missed_ticks", "pauses", "overruns", "throttled")
 MAP_POINTS = 64  # per axis: a dozen for each wave of the reference plate
 
 
@@ -220,11 +222,7 @@ class Status:
         histograms: dict[str, Histogram] = {name: getattr(loop, name) for name in LOOP_PARTS}
         histograms |= {name: getattr(ledger, name) for name in LINK_PARTS}
         return {
-            "joined_reports": loop.joined_reports,
-            "missed_ticks": loop.missed_ticks,
-            "pauses": loop.pauses,
-            "overruns": loop.overruns,
-            "throttled": loop.throttled,
+            **{name: getattr(loop, name) for name in OF_LOOP},
             "budget_frac": self._pipeline.budget_frac,
             "late_frames": ledger.late_frames,
             "unanswered_frames": ledger.unanswered,
@@ -305,12 +303,7 @@ def _board(board: BoardGateway, max_knots: int) -> dict[str, object]:
     if last is not None:
         fields |= {
             "state": last.state.name,
-            "fault_code": last.fault_code,
-            "saturated": last.saturated,
-            "limited": last.limited,
-            "deadman_trips": last.deadman_trips,
-            "bad_frames": last.bad_frames,
-            "late_frames": last.late_frames,
+            **{name: getattr(last, name) for name in OF_STATUS},
             "measured_um": [[w_um.real, w_um.imag] for w_um in last.measured_um],
         }
     if last is not None and last.refusal:

@@ -33,7 +33,7 @@ from ..io.clients.server import runtime_directory
 from ..io.clients.sockets import Remote
 from ..io.devices.socket_trackpad import SocketTrackpad
 from ..io.devices.trackpad_source import TrackpadSource
-from ..io.host.limits import require_descriptors, require_threads
+from ..io.host.limits import require_descriptors
 from ..io.host.systemd import Notifier
 from ..regular_file import read_bounded
 from ..sim.fingers.trajectories import read_repeated
@@ -47,7 +47,6 @@ log = logging.getLogger("hapticd")
 GATES = 2  # of clients, and of recorders
 OWN_DESCRIPTORS = 128  # of listeners, devices, files, pipes, libzmq itself: on the simulated plate there are 40
 MAX_DESCRIPTORS = GATES * gate.MAX_DESCRIPTORS + OWN_DESCRIPTORS
-ZMQ_THREADS = 2 * GATES  # of each context one for I/O, and one that closes sockets
 WATCHDOG_EVERY_S = 0.2  # watchdog period while a configuration is prepared
 CHECK_WITHIN_S = 30.0
 SELF_TEST = (sys.executable, "-P", "-m", "hapticd", "firmware", "selftest")
@@ -90,7 +89,6 @@ class ConfigLoader:
     def __enter__(self) -> ConfigLoader:
         """Raises HapticdError where this process may not open or start what the clients can make necessary."""
         require_descriptors(MAX_DESCRIPTORS)
-        require_threads(ZMQ_THREADS)
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,9 +1,8 @@
-"""Limits of this process that libzmq does not survive: without a descriptor or a thread it ends the process (abort)."""
+"""The limit of open files, which libzmq does not survive: without a descriptor it ends the process (abort)."""
 
 from __future__ import annotations
 
 import resource
-import threading
 
 from ...errors import HapticdError
 
@@ -19,22 +18,3 @@ def require_descriptors(needed: int) -> None:
             f"the hard limit with `ulimit -n {needed}` as root, or LimitNOFILE={needed} in the unit."
         )
     resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
-
-
-def require_threads(needed: int) -> None:
-    """Start as many threads and end them again. Raises HapticdError if that fails."""
-    begun, ending = [], threading.Event()
-    try:
-        for _ in range(needed):
-            thread = threading.Thread(target=ending.wait)
-            thread.start()
-            begun.append(thread)
-    except RuntimeError:
-        raise HapticdError(
-            f"This process can start {len(begun)} threads, and ZeroMQ needs {needed}: end other processes of this "
-            "user, or raise RLIMIT_NPROC (`ulimit -u`), or TasksMax= in the unit."
-        ) from None
-    finally:
-        ending.set()
-        for thread in begun:
-            thread.join()

@@ -1,4 +1,4 @@
-"""The description of a pad: all that must be known of a touch device, in one record that its link carries.
+"""The description of a pad, all that must be known of a touch device, and the decoder of its reports.
 
 Each family of devices has a file here: its pads, and the decoders of their reports. A device whose size and period are
 known when it is opened gets its record then: its source makes it with `dataclasses.replace`, or from scratch.
@@ -20,6 +20,8 @@ USB, BLUETOOTH = 1, 2  # hidapi's bus_type
 # 1, finger (3) and state (3); then major, minor, and three bytes that differ between the models.
 RECORD = struct.Struct("<I5B")
 MAX_RECORDS = 15
+_MOUSE = 0x02
+_MOUSE_LENGTHS = range(3, 10)  # what a pad sends before the multitouch enable, or after losing it
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +110,7 @@ class PlateMap:
     def position(self, word: int) -> tuple[float, float, int, int]:
         """Decode a record's first word, two 13-bit two's complement numbers: plate x, y in mm, and both raw."""
         raw_x, raw_y = ((word & 0x1FFF) ^ 0x1000) - 0x1000, ((word >> 13 & 0x1FFF) ^ 0x1000) - 0x1000
-        return (
-            self._x_x * raw_x + self._x_y * raw_y + self._x_0,
-            self._y_x * raw_x + self._y_y * raw_y + self._y_0,
-            raw_x,
-            raw_y,
-        )
+        return (*self.at(raw_x, raw_y), raw_x, raw_y)
 
     def at(self, raw_x: float, raw_y: float) -> tuple[float, float]:
         """Plate x, y in mm of a raw position, y up."""
@@ -172,6 +169,70 @@ class Layout(ABC):
     @abstractmethod
     def reset(self) -> None:
         """Discard contacts and clock state."""
+
+
+class ReportDecoder:
+    """Decode reports of one trackpad to TouchFrames in the plate frame.
+
+    `decode` accepts any bytes: a report that is no whole multitouch report gives no frame, is counted by reason and
+    never raises.
+
+    Every record of a report is in the frame but those of places beyond the pad; `touching` marks those that press the
+    glass (Magic Trackpad 2: state 4 or 5, Magic Trackpad 1: any but 0). A contact missing from a Magic Trackpad 2 frame
+    has ended. On the Magic Trackpad 1 it stays at its last position until its state is 0 or it is missing for 100 ms.
+
+    `angle_rad` is in [0, pi). Lengths of the contact ellipse follow the kernel (raw byte x 4 in position units);
+    their scale is undocumented. `pressure_frac` is raw / 253, on the Magic Trackpad 1 contact size / 63.
+    """
+
+    def __init__(self, pad: Pad, layout: Layout) -> None:
+        self.pad = pad
+        self._refused = dict.fromkeys(("foreign", "length", "duplicate_id", "mouse"), 0)
+        self._frames = self._off_pad = 0
+        self.was_refused = False  # the last report; another one without a frame is part of one
+        self._reach_raw = self.pad.geometry.reach_raw
+        self.needs_enable = False  # the pad reports as a mouse: it needs the multitouch enable; until a touch frame
+        self._layout = layout
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Counts since construction: frames decoded, reports refused by reason, contacts beyond the pad, steps of the
+        device's clock."""
+        counts = {"frames": self._frames, **self._refused, "off_pad": self._off_pad}
+        return counts | {"clock_steps": self._layout.clock_steps} | self._layout.counts
+
+    def reset(self) -> None:
+        """Discard contacts and clock state, as after a reconnect. Counters stay."""
+        self.needs_enable = False
+        self._layout.reset()
+
+    def decode(self, report: bytes, t_host_ns: int) -> tuple[TouchFrame, ...]:
+        """Return the frames of one report (report id first, as from hidraw): one, two from a 0xF7, none if refused.
+
+        `t_ns` of a frame is the device's millisecond stamp, unwrapped and anchored to the host time of the first
+        report; on the Magic Trackpad 1, whose stamp is not understood, it is `t_host_ns`, less one period for the
+        first of a pair.
+        """
+        self.was_refused = False
+        try:
+            frames = self._layout.decode(report, t_host_ns)
+        except RefusedError as refused:
+            is_mouse = len(self.pad.enable) > 0 and len(report) in _MOUSE_LENGTHS and report[0] == _MOUSE
+            self.needs_enable = self.needs_enable or is_mouse
+            self.was_refused = True
+            self._refused["mouse" if is_mouse else refused.reason] += 1
+            return ()
+        self.needs_enable = False
+        self._frames += len(frames)
+        return tuple([self._on_pad(frame) for frame in frames])
+
+    def _on_pad(self, frame: TouchFrame) -> TouchFrame:
+        """Return the frame without contacts beyond the pad."""
+        x_min, x_max, y_min, y_max = self._reach_raw
+        on_pad = [one for one in frame.contacts if x_min <= one.raw_x <= x_max and y_min <= one.raw_y <= y_max]
+        off_pad = len(frame.contacts) - len(on_pad)
+        self._off_pad += off_pad
+        return TouchFrame(frame.t_ns, tuple(on_pad), frame.button) if off_pad else frame
 
 
 class Family(NamedTuple):
