@@ -4,7 +4,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-version-check
+INSTALL := $(PIP) --no-build-isolation --no-deps --editable .
 LOCKED := $(PIP) --no-deps --require-hashes --requirement
+PACKAGES := $(VENV)/.packages
 HAPTICD := $(VENV)/.hapticd
 TESTS := $(VENV)/.tests
 LINT := $(VENV)/.lint
@@ -12,7 +14,10 @@ DOCS := $(VENV)/.docs
 
 .PHONY: demo test test-all coverage fuzz lint bench firmware docs view-picture lock version clean
 
-demo: $(HAPTICD)
+# The first demo runs as Python, for machine code takes longer to build than all else; `make test` builds it.
+demo: $(PACKAGES)
+	@test -e $(HAPTICD) || (HAPTICD_PURE=1 $(INSTALL))
+	@! test -e $(HAPTICD) || $(MAKE) --no-print-directory $(HAPTICD)
 	$(BIN)/hapticd demo --force
 
 # Proves the product. Property tests look at the same examples each time: everybody gets the same answer. (A third of the
@@ -82,14 +87,17 @@ COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] firmware
 hapticd/board_protocol.py:
 	@! test -e $(HAPTICD) || $(PYTHON) firmware/make_protocol.py
 
-# Without pip's isolated build, which would download and unpack mypy and numpy a second time; and beside it, on the core
-# that mypyc leaves idle, what the demo and the viewer import.
-$(HAPTICD): pyproject.toml .lock/build.txt .lock/demo.txt $(COMPILED) | hapticd/board_protocol.py
+$(PACKAGES): .lock/build.txt .lock/demo.txt | hapticd/board_protocol.py
 	@$(PYTHON) hapticd/compiled/prerequisites.py
-	@echo "Everything goes into $(VENV). Compiling the touch path takes about half a minute."
+	@echo "Everything goes into $(VENV)."
 	$(PYTHON) -m venv $(VENV)
-	$(LOCKED) .lock/build.txt
-	$(LOCKED) .lock/demo.txt & imports=$$!; $(PIP) --no-build-isolation --no-deps --editable . && wait $$imports
+	$(LOCKED) .lock/build.txt & build=$$!; $(LOCKED) .lock/demo.txt && wait $$build
+	touch $@
+
+# Without pip's isolated build, which would download and unpack mypy and numpy a second time.
+$(HAPTICD): pyproject.toml $(PACKAGES) $(COMPILED)
+	@echo "Compiling the touch path takes about half a minute."
+	$(INSTALL)
 	touch $@
 
 $(TESTS): $(HAPTICD) .lock/test.txt clients/study/pyproject.toml
