@@ -23,7 +23,6 @@ from ..board_values import UNCALIBRATED
 from ..core.plate.mode_shapes import ModeShapes
 from ..daemon.machine import TIMER_NS, Machine
 from ..daemon.observer import Observer
-from ..daemon.settings import pipeline_settings
 from ..errors import SimulationError
 from ..values import RawReport
 from .active_reference import Passes
@@ -34,16 +33,14 @@ from .fingers.scripted import ScriptedClient, virtual_name
 from .fingers.sensor import SensorModel
 from .paper_scheme import paper_pipeline
 from .plate.ground_truth import GroundTruth
-from .score import Score, score, with_contacts
-from .settings import Measured, Settings, as_settings, scheme_config
+from .score import Score, score
+from .settings import Measured, Settings, scheme_config
 from .world import World
 from .world_causes import JitteryLink, played_actors, sensed_paths, sensor_settings
 
 T_START_NS = 1_000_000_000_000  # the virtual host clock starts at an awkward, non-zero instant
 BOARD_START_US = 2**32 - 2_000_000  # and the board's wraps after two seconds
 TICK_NS = 500_000  # the board's control period
-FED_NS = 1_000_000_000  # of reports and timers, pushed at a time
-_NEVER_NS = 1 << 62
 LEAST_S = 0.01  # a shorter run has no sample to score
 
 
@@ -75,11 +72,6 @@ class Run:
     fingertips: tuple[Tip, ...]  # of each finger
     played: Scenario | None = None
 
-    @property
-    def has_contacts(self) -> bool:
-        """Whether the scheme solves for whole contacts, not for points."""
-        return pipeline_settings(scheme_config(self.settings)).contact_radius_mm > 0.0
-
 
 def run(
     scenario: str | Scenario,
@@ -107,7 +99,10 @@ def run(
         raise SimulationError(f"a run of {seconds} s cannot be played: give a finite number, at least {LEAST_S}.")
     if seed < 0:
         raise SimulationError(f"the seed is {seed}: give 0 or more.")
-    chosen = as_settings(settings)
+    try:
+        chosen = settings if isinstance(settings, Settings) else Settings(**(settings or {}))
+    except TypeError as error:
+        raise SimulationError(f"{error}: choose from {', '.join(Settings.__match_args__)}.") from None
     try:
         actors = played.build(seed, chosen.speed_mm_s)
     except ValueError as error:
@@ -173,13 +168,17 @@ class Simulation:
     def run(self, seconds: float, progress: Callable[[float], None] = lambda _: None) -> None:
         """Run from the start for `seconds`."""
         t_end_ns = T_START_NS + round(seconds * 1e9)
-        feed = self._feed(seconds)
-        t_fed_ns = next(feed)
+        inputs = self._inputs(seconds)
+        due = next(inputs, None)
+        self._rank = _Rank.AFTER
         self.machine.trackpad_link(True, "simulated", T_START_NS)
         self.machine.board_link(True, "simulated", T_START_NS)
         while True:
-            while t_fed_ns < _NEVER_NS and not (self._events and self._events[0][0] < t_fed_ns):
-                t_fed_ns = next(feed)
+            while due is not None and not (self._events and self._events[0][0] < due[0]):
+                t_ns, self._rank, kind, data = due
+                self._push(t_ns, kind, data)
+                due = next(inputs, None)
+            self._rank = _Rank.AFTER
             if not self._events or self._events[0][0] > t_end_ns:
                 break
             output = self.world.advance((self._events[0][0] - T_START_NS) * 1e-9)
@@ -198,25 +197,15 @@ class Simulation:
         """Return the contacts of the fingers that move along paths."""
         return [tip for actor, tip in zip(self.actors, self.fingertips, strict=True) if actor.path is not None]
 
-    def _feed(self, seconds: float) -> Iterator[int]:
-        """Push the run's reports and timers some time ahead; yields the instant up to which that is done."""
+    def _inputs(self, seconds: float) -> Iterator[tuple[int, _Rank, str, bytes]]:
+        """Yield the run's reports and timers in the order of their instants."""
         paths = sensed_paths(paths_of(self.actors), self.settings.plate.world, self.settings.session)
-        reports = self._sensor.until(paths, seconds, self._tips())
-        timers = iter(range(T_START_NS, T_START_NS + round(seconds * 1e9), TIMER_NS))
-        report, t_timer_ns, t_fed_ns = next(reports, None), next(timers, None), T_START_NS
-        while report is not None or t_timer_ns is not None:
-            t_fed_ns += FED_NS
-            self._rank = _Rank.REPORT
-            while report is not None and (t_ns := T_START_NS + round(report.t_arrive_s * 1e9)) < t_fed_ns:
-                self._push(t_ns, "report", report.data)
-                report = next(reports, None)
-            self._rank = _Rank.TIMER
-            while t_timer_ns is not None and t_timer_ns < t_fed_ns:
-                self._push(t_timer_ns, "timer", b"")
-                t_timer_ns = next(timers, None)
-            self._rank = _Rank.AFTER
-            yield t_fed_ns
-        yield _NEVER_NS
+        reports = (
+            (T_START_NS + round(report.t_arrive_s * 1e9), _Rank.REPORT, "report", report.data)
+            for report in self._sensor.until(paths, seconds, self._tips())
+        )
+        instants = range(T_START_NS, T_START_NS + round(seconds * 1e9), TIMER_NS)
+        return heapq.merge(reports, ((t_ns, _Rank.TIMER, "timer", b"") for t_ns in instants))
 
     def _handle(self, kind: str, data: bytes, t_ns: int) -> None:
         if kind == "board":
@@ -276,7 +265,6 @@ class Simulation:
         truth_um[~np.isfinite(true_mm[..., 0])] = np.nan
         limited = self._passes.limited(t_s)
         modal_um = recording.plate_um[:, : recording.reference_um.shape[1]]
-        peak_frac = float((np.abs(modal_um) / self._config.limits.w_limit_um).max(initial=0.0))
         return Run(
             scenario=scenario,
             seed=self.seed,
@@ -293,10 +281,11 @@ class Simulation:
             plate_um=recording.plate_um,
             truth_um=truth_um,
             limited=limited,
-            score=with_contacts(
-                replace(score(t_s, target_um, truth_um, recording.reference_um, limited), limit_frac=peak_frac),
-                *(t_s, true_mm, target_um, recording.plate_um),
-                self.world.plate.shapes,
+            score=score(
+                *(t_s, true_mm, target_um, truth_um, recording.plate_um, self.world.plate.shapes),
+                reference_um=recording.reference_um,
+                limited=limited,
+                limit_frac=float((np.abs(modal_um) / self._config.limits.w_limit_um).max(initial=0.0)),
                 friction=self.machine.scene.friction_curve.frictions,
                 fingertips=self.fingertips,
                 friction_factor=self.settings.plate.world.friction_factor,

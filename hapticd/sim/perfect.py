@@ -14,7 +14,7 @@ from ..core.solver.instant import InstantSolver
 from ..daemon.settings import friction_curve, pipeline_settings
 from .lockstep import TICK_NS, Run
 from .plate.ground_truth import GroundTruth
-from .score import Score, forms_mm, score, speeds_mm_s, with_contacts
+from .score import Score, forms_mm, score, speeds_mm_s
 from .settings import scheme_config
 
 
@@ -65,11 +65,10 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
             previous_um, limited[index] = solution.modal_um, solution.limited
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)
-    judged = score(t_s, target_um, truth_um, plate_um[:, :modes], limited)
-    contacts = (t_s, finger_mm, target_um, plate_um, plate.shapes)
-    judged = with_contacts(
-        judged,
-        *contacts,
+    judged = score(
+        *(t_s, finger_mm, target_um, truth_um, plate_um, plate.shapes),
+        reference_um=plate_um[:, :modes],
+        limited=limited,
         every=1,
         friction=curve.frictions,
         fingertips=played.fingertips,

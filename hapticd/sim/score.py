@@ -20,15 +20,16 @@ A finger counts from 0.1 s after it landed or its target changed: the system can
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..values import WEBER_FRAC, FloatArray
+from ..values import WEBER_FRAC, ComplexArray, FloatArray
 
 FrictionLaw = Callable[[FloatArray, FloatArray], FloatArray]  # of amplitudes in um, and of sliding speeds in mm/s
 
@@ -67,56 +68,50 @@ class Score:
     slip_frac: float
     limited_frac: float
     largest_reference_um: float
-    contact_leak_um: float = float("nan")
-    contact_slip_um: float = float("nan")
-    contrast: float = float("nan")
-    contrast_median: float = float("nan")
-    still_friction_change: float = float("nan")
-    slip_friction_change: float = float("nan")
-    weber_frac: float = float("nan")
-    felt_frac: float = float("nan")
-    limit_frac: float = float("nan")
-    fingers: tuple[FingerFriction, ...] = ()
+    contact_leak_um: float
+    contact_slip_um: float
+    contrast: float
+    contrast_median: float
+    still_friction_change: float
+    slip_friction_change: float
+    weber_frac: float
+    felt_frac: float
+    limit_frac: float
+    fingers: tuple[FingerFriction, ...]
 
 
 def score(
     t_s: FloatArray,
-    target_um: FloatArray,
-    truth_um: npt.NDArray[np.complex128],
-    reference_um: npt.NDArray[np.complex128],
-    limited: npt.NDArray[np.bool_],
-) -> Score:
-    """Score a run: t_s (T,), target_um and truth_um (T,N), NaN where a finger is absent, reference_um (T,M)."""
-    counts = settled(t_s, target_um)
-    finger_um = np.abs(truth_um)
-    still = counts & (target_um == 0)
-    slipping = counts & (target_um > 0)
-    return Score(
-        leak_um=rms(finger_um[still]),
-        slip_error_um=rms(finger_um[slipping] - target_um[slipping]),
-        slip_frac=float(np.mean(finger_um[slipping] / target_um[slipping])) if slipping.any() else float("nan"),
-        limited_frac=float(np.mean(limited)) if limited.size else float("nan"),
-        largest_reference_um=float(np.abs(reference_um).max(initial=0.0)),
-    )
-
-
-def with_contacts(
-    judged: Score,
-    t_s: FloatArray,
     finger_mm: FloatArray,
     target_um: FloatArray,
-    plate_um: npt.NDArray[np.complex128],
+    truth_um: ComplexArray,
+    plate_um: ComplexArray,
     shapes: Callable[[FloatArray], FloatArray],
+    *,
+    reference_um: ComplexArray,
+    limited: npt.NDArray[np.bool_],
+    limit_frac: float = math.nan,
     every: int = _EVERY_TICKS,
     friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
     fingertips: Sequence[TrueContact] | None = None,
     friction_factor: float = 1.0,
 ) -> Score:
-    """Add what is felt over contacts: `finger_mm` (T,N,2), `plate_um` (T,P) of all modes, whose `shapes` are true; the
-    fingers' `fingertips` (N,), without them discs of CONTACT_RADIUS_MM. An amplitude gives them the friction that
-    `friction_factor` times as much gives by `friction`, by which is asked."""
+    """Score a run: t_s (T,), finger_mm (T,N,2), target_um and truth_um (T,N), NaN where a finger is absent,
+    reference_um (T,M), plate_um (T,P) of all modes, whose `shapes` are true; `fingertips` (N,), without them discs of
+    CONTACT_RADIUS_MM. An amplitude gives the friction that `friction_factor` times as much gives by `friction`, by
+    which is asked."""
+    counts, finger_um = settled(t_s, target_um), np.abs(truth_um)
+    still, slipping = counts & (target_um == 0), counts & (target_um > 0)
+    points = {
+        "leak_um": rms(finger_um[still]),
+        "slip_error_um": rms(finger_um[slipping] - target_um[slipping]),
+        "slip_frac": float(np.mean(finger_um[slipping] / target_um[slipping])) if slipping.any() else math.nan,
+        "limited_frac": float(np.mean(limited)) if limited.size else math.nan,
+        "largest_reference_um": float(np.abs(reference_um).max(initial=0.0)),
+        "limit_frac": limit_frac,
+    }
     part = slice(None, None, every)
-    counts = settled(t_s, target_um)[part]
+    counts, still, slipping = counts[part], still[part], slipping[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
     sliding_mm_s = speeds_mm_s(t_s, finger_mm)
     forms = None if fingertips is None else forms_mm(fingertips, t_s)
@@ -124,14 +119,13 @@ def with_contacts(
         *(finger_mm, plate_um, shapes),
         *(lambda w_um, v_mm_s: friction(friction_factor * w_um, v_mm_s), sliding_mm_s, forms),
     )
-    still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0
-    return replace(
-        judged,
+    return Score(
+        **points,
         contact_leak_um=leak_um,
         contact_slip_um=slip_um,
-        contrast=slip_um / leak_um if leak_um > 0.0 else float("nan"),
+        contrast=slip_um / leak_um if leak_um > 0.0 else math.nan,
         contrast_median=_median_contrast(rms_um, still, slipping),
         still_friction_change=_friction(change[still]).friction_change,
         slip_friction_change=_friction(change[slipping]).friction_change,
@@ -143,7 +137,7 @@ def with_contacts(
 
 def _friction(change: FloatArray) -> FingerFriction:
     if not change.size:
-        return FingerFriction(*[float("nan")] * 4)
+        return FingerFriction(*[math.nan] * 4)
     errors_jnd = np.abs(change) / WEBER_FRAC
     middle_jnd, most_jnd = np.quantile(errors_jnd, (0.5, 0.95))
     return FingerFriction(
@@ -155,7 +149,7 @@ def _felt_frac(change: FloatArray, counts: npt.NDArray[np.bool_]) -> float:
     """Return the share of time in which all fingers that count feel what was asked."""
     is_judged = np.asarray(counts.any(axis=1))
     is_wrong = np.asarray((counts & ~(np.abs(change) <= WEBER_FRAC)).any(axis=1))
-    return 1.0 - float(np.mean(is_wrong[is_judged])) if is_judged.any() else float("nan")
+    return 1.0 - float(np.mean(is_wrong[is_judged])) if is_judged.any() else math.nan
 
 
 def speeds_mm_s(t_s: FloatArray, finger_mm: FloatArray) -> FloatArray:
@@ -167,7 +161,7 @@ def speeds_mm_s(t_s: FloatArray, finger_mm: FloatArray) -> FloatArray:
 
 def felt(
     finger_mm: FloatArray,
-    plate_um: npt.NDArray[np.complex128],
+    plate_um: ComplexArray,
     shapes: Callable[[FloatArray], FloatArray],
     friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
     sliding_mm_s: FloatArray | None = None,
@@ -214,7 +208,7 @@ def _median_contrast(rms_um: FloatArray, still: npt.NDArray[np.bool_], slipping:
     """Return the median over time of the least slipping contact's RMS over the largest still one's."""
     both = still.any(axis=1) & slipping.any(axis=1)
     if not both.any():
-        return float("nan")
+        return math.nan
     largest_um = np.where(still, rms_um, 0.0).max(axis=1)[both]
     least_um = np.where(slipping, rms_um, np.inf).min(axis=1)[both]
     return float(np.median(least_um / np.maximum(largest_um, 1e-9)))
@@ -235,4 +229,4 @@ def settled(t_s: FloatArray, target_um: FloatArray) -> npt.NDArray[np.bool_]:
 def rms(values: npt.ArrayLike) -> float:
     """Return the root of the mean square of real or complex values; NaN where there is none."""
     sizes = np.abs(values)
-    return float(np.sqrt(np.mean(sizes**2))) if sizes.size else float("nan")
+    return float(np.sqrt(np.mean(sizes**2))) if sizes.size else math.nan

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.loader import on_plate, with_uncertainty
@@ -63,19 +62,6 @@ class Measured(NamedTuple):
 
     modes: ModeShapes
     calibration: BoardCalibration = UNCALIBRATED
-
-
-def as_settings(given: Settings | Mapping[str, Any] | None) -> Settings:
-    """Return `given` as Settings. Raises SimulationError for an unknown name."""
-    if given is None:
-        return Settings()
-    if isinstance(given, Settings):
-        return given
-    valid = [entry.name for entry in fields(Settings)]
-    unknown = [name for name in given if name not in valid]
-    if unknown:
-        raise SimulationError(f"there is no setting {unknown[0]!r}: choose from {', '.join(valid)}.")
-    return Settings(**given)
 
 
 def scheme_config(settings: Settings) -> Config:

@@ -6,11 +6,10 @@ knowledge of a cause is its field at the neutral value: `without`.
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 import numpy as np
@@ -21,6 +20,13 @@ from ..values import FloatArray
 from .fingers.pad_noise import PadNoise
 from .score import CONTACT_RADIUS_MM
 
+# Bounds of a world in a file.
+_Size = Annotated[float, msgspec.Meta(ge=0.0)]
+_Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+_Share = Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)]
+_Radius = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+_Scale = Annotated[float, msgspec.Meta(gt=-1.0)]  # minus 1
+
 
 @dataclass(frozen=True, slots=True)
 class PadPose:
@@ -29,7 +35,7 @@ class PadPose:
     x_mm: float = 0.0
     y_mm: float = 0.0
     angle_deg: float = 0.0
-    scale_frac: float = 0.0
+    scale_frac: _Scale = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +71,10 @@ class FingerLoad:
     of `spread_frac` of its size: 0 is its centre, 1 the whole.
     """
 
-    damping_factor: float = 1.0
+    damping_factor: _Positive = 1.0
     detuning_hz: float = 0.0
-    force_frac: float = 0.0
-    spread_frac: float = 0.0
+    force_frac: _Share = 0.0
+    spread_frac: _Size = 0.0
 
     def force(self, seed: int, finger: int, t_s: FloatArray) -> FloatArray:
         """Return a finger's force (T,), relative to its mean."""
@@ -84,8 +90,8 @@ class MapChange:
     the shape's peak.
     """
 
-    waves_frac: float = 0.0
-    local_frac: float = 0.0
+    waves_frac: _Size = 0.0
+    local_frac: _Size = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +105,10 @@ class CentroidErrors:
     own pressure shows the force.
     """
 
-    finger_mm: float = 0.0
-    posture_mm: float = 0.0
-    wander_mm: float = 0.0
-    pressure_mm: float = 0.0
+    finger_mm: _Size = 0.0
+    posture_mm: _Size = 0.0
+    wander_mm: _Size = 0.0
+    pressure_mm: _Size = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,16 +117,16 @@ class ContactSizes:
     uniform up to `aspect`, at any angle; each finger has its own. Left out: contacts that are no ellipse, and that
     grow with the force."""
 
-    least_mm: float = CONTACT_RADIUS_MM
-    most_mm: float = CONTACT_RADIUS_MM
-    aspect: float = 1.0
+    least_mm: _Radius = CONTACT_RADIUS_MM
+    most_mm: _Radius = CONTACT_RADIUS_MM
+    aspect: Annotated[float, msgspec.Meta(ge=1.0, le=4.0)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class EllipseErrors:
     """How the pad's law of ellipses differs from that of `pad_ellipse.USUAL`: scale over its less 1, and its offset."""
 
-    scale_frac: float = 0.0
+    scale_frac: _Scale = 0.0
     offset_mm: float = 0.0
 
 
@@ -151,46 +157,40 @@ class WorldErrors:
     centroid_shift_mm: float = 0.0
     latency_ms: float = 0.0
     noise: PadNoise | None = None
-    stamp_jitter_ms: float = 0.0
-    link_jitter_ms: float = 0.0
+    stamp_jitter_ms: _Size = 0.0
+    link_jitter_ms: _Size = 0.0
     map_change: MapChange = field(default_factory=MapChange)
-    map_noise_frac: float = 0.0
-    glue_frac: float = 0.0
+    map_noise_frac: _Size = 0.0
+    glue_frac: _Size = 0.0
     sensors: SensorErrors = field(default_factory=SensorErrors)
     finger_load: FingerLoad = field(default_factory=FingerLoad)
     drift_hz: tuple[float, ...] = ()
     mistuning_hz: float = 0.0
-    stop_ramp_s: float | None = None
+    stop_ramp_s: _Positive | None = None
     centroids: CentroidErrors = field(default_factory=CentroidErrors)
-    pad_warp_mm: float = 0.0
+    pad_warp_mm: _Size = 0.0
     mixing_deg: float = 0.0
-    chip_mm: float = 0.0
-    supports_hz: float = 0.0
+    chip_mm: _Size = 0.0
+    supports_hz: _Size = 0.0
     drift_hz_per_min: float = 0.0
     contacts: ContactSizes | None = None
-    friction_factor: float = 1.0
+    friction_factor: _Positive = 1.0
     ellipses: EllipseErrors = field(default_factory=EllipseErrors)
-    seed: int = 0
-    map_step_mm: float | None = None
-    report_period_ms: float | None = None
-    lost_frac: float = 0.0
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+    map_step_mm: _Positive | None = None
+    report_period_ms: _Positive | None = None
+    lost_frac: _Share = 0.0
 
-    def __post_init__(self) -> None:
-        """Raise SimulationError, a ValueError, for values out of bounds."""
-        for name, value in _numbers(asdict(self)):
-            if not math.isfinite(value):
-                raise SimulationError(f"the world's {name} is {value}: give a finite number.")
-            leaf = name.rpartition(".")[2]
-            if leaf in _NOT_NEGATIVE and value < 0.0:
-                raise SimulationError(f"the world's {name} is {value}: give 0 or more.")
-            if leaf in _POSITIVE and value <= 0.0:
-                raise SimulationError(f"the world's {name} is {value}: give a number above 0.")
-        for name, share in (("force_frac", self.finger_load.force_frac), ("lost_frac", self.lost_frac)):
-            if share >= 1.0:
-                raise SimulationError(f"the world's {name} is {share}: give less than 1.")
-        for name, scale_frac in (("pad_pose", self.pad_pose.scale_frac), ("ellipses", self.ellipses.scale_frac)):
-            if scale_frac <= -1.0:
-                raise SimulationError(f"the world's {name}.scale_frac is {scale_frac}: give more than -1.")
+    @property
+    def of_plate(self) -> WorldErrors:
+        """The errors of its plate's shapes alone."""
+        causes = ("map_change", "glue_frac", "mixing_deg", "chip_mm", "supports_hz", "seed")
+        return WorldErrors(**{cause: getattr(self, cause) for cause in causes})
+
+    @property
+    def couples_modes(self) -> bool:
+        """Whether modes of the plate mix (`plate.coupled_modes`)."""
+        return any((self.mixing_deg, self.chip_mm, self.supports_hz))
 
     def without(self, cause: str) -> WorldErrors:
         """Return this world with perfect knowledge of one of `CAUSES`."""
@@ -200,42 +200,18 @@ class WorldErrors:
     def parsed(cls, text: str) -> WorldErrors:
         """Return the world of a JSON object with some of the fields, as `asdict` nests them. Raises SimulationError."""
         try:
-            given = json.loads(text)
-            made = msgspec.convert(given, cls)
-        except (ValueError, RecursionError) as error:  # those of `__post_init__` too
+            made = msgspec.json.decode(text, type=cls)
+            _check_names(msgspec.json.decode(text), asdict(made), "world")
+        except (ValueError, RecursionError) as error:
             raise SimulationError(f"This is no world: {error}. Give a JSON object with some of its fields.") from None
-        _check_names(given, asdict(made), "world")
         return made
 
 
-_NOT_NEGATIVE: Final = {
-    *("stamp_jitter_ms", "link_jitter_ms", "waves_frac", "local_frac"),
-    *("map_noise_frac", "glue_frac", "force_frac", "spread_frac", "seed", "lost_frac"),
-    *("finger_mm", "posture_mm", "wander_mm", "pressure_mm", "pad_warp_mm", "chip_mm", "supports_hz"),
-}
-_POSITIVE: Final = {
-    *("damping_factor", "stop_ramp_s", "map_step_mm", "report_period_ms"),
-    *("least_mm", "most_mm", "aspect", "friction_factor"),
-}
-
-
-def _numbers(nested: object, name: str = "") -> Iterator[tuple[str, float]]:
-    """Yield all numbers of nested mappings and sequences with their dotted names."""
-    if isinstance(nested, dict):
-        for key, value in nested.items():
-            yield from _numbers(value, f"{name}.{key}" if name else key)
-    elif isinstance(nested, tuple):
-        for value in nested:
-            yield from _numbers(value, name)
-    elif isinstance(nested, (int, float)):
-        yield name, float(nested)
-
-
-def _check_names(given: dict[str, Any], valid: dict[str, Any], name: str) -> None:
+def _check_names(given: Mapping[str, Any], valid: Mapping[str, Any], name: str) -> None:
     """Raise SimulationError for a name that the world has not."""
     for key, value in given.items():
         if key not in valid:
-            raise SimulationError(f"{name} has no {shown(key)}: choose from {', '.join(valid)}.")
+            raise SimulationError(f"{name} has no {shown(key)}: choose from {', '.join(valid)}")
         if isinstance(value, dict):
             _check_names(value, valid[key], key)
 

@@ -5,19 +5,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..sim.fingers.scenarios import STEP_S
 from ..sim.lockstep import Run
 from ..sim.plate.ground_truth import GroundTruth, PlateSettings
-from ..sim.score import CONTACT_RADIUS_MM, Score, felt, score, with_contacts
-from ..sim.settings import scheme_config
+from ..sim.score import CONTACT_RADIUS_MM, Score, felt, score
+from ..values import ComplexArray, FloatArray
 from . import plotting
 
 # As in the paper: blue is mode X, green mode Y.
@@ -32,7 +31,7 @@ STEP_WINDOW_S = (STEP_S - 0.01, STEP_S + 0.04)
 INCHES_PER_S = 2.8  # single strokes stay distinct
 LEAST_IN, MOST_IN = 7.0, 14.0
 CONTACT_EVERY = 8  # ticks: 4 ms, in which a finger moves 0.4 mm
-_ARRAYS = ("t_s", "finger_mm", "target_um", "reference_um", "modal_um", "plate_um", "truth_um")
+_ARRAYS = ("t_s", "finger_true_mm", "target_um", "reference_um", "modal_um", "plate_um", "truth_um")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,66 +40,50 @@ class Film:
 
     title: str
     plate: PlateSettings
-    w_limit_um: float
-    t_s: npt.NDArray[np.float64]
-    finger_mm: npt.NDArray[np.float64]
-    target_um: npt.NDArray[np.float64]
-    reference_um: npt.NDArray[np.complex128]
-    modal_um: npt.NDArray[np.complex128]
-    plate_um: npt.NDArray[np.complex128]
-    truth_um: npt.NDArray[np.complex128]
+    t_s: FloatArray
+    finger_true_mm: FloatArray
+    target_um: FloatArray
+    reference_um: ComplexArray
+    modal_um: ComplexArray
+    plate_um: ComplexArray
+    truth_um: ComplexArray
     score: Score
 
     @classmethod
     def of(cls, run: Run, title: str) -> Film:
         """A lock-step run as it was judged."""
-        limit_um = max(scheme_config(run.settings).limits.w_limit_um)
-        arrays = {name: getattr(run, "finger_true_mm" if name == "finger_mm" else name) for name in _ARRAYS}
-        return cls(title, run.settings.plate, limit_um, **arrays, score=run.score)
+        return cls(title, run.settings.plate, score=run.score, **{name: getattr(run, name) for name in _ARRAYS})
 
     @classmethod
-    def judged(cls, title: str, plate: PlateSettings, w_limit_um: float, arrays: Mapping[str, Any]) -> Film:
+    def judged(cls, title: str, plate: PlateSettings, arrays: Mapping[str, Any]) -> Film:
         """Arrays on a plate, judged by themselves."""
-        t_s, target_um, reference_um = arrays["t_s"], arrays["target_um"], arrays["reference_um"]
-        points = score(t_s, target_um, arrays["truth_um"], reference_um, np.zeros(len(t_s), dtype=bool))
-        film = cls(title, plate, w_limit_um, **{name: arrays[name] for name in _ARRAYS}, score=points)
-        contacts = t_s, film.finger_mm, target_um, film.plate_um, film._shapes
-        return replace(film, score=with_contacts(points, *contacts, every=CONTACT_EVERY))
+        own = {name: arrays[name] for name in _ARRAYS}
+        judged = score(
+            *(own["t_s"], own["finger_true_mm"], own["target_um"], own["truth_um"], own["plate_um"]),
+            GroundTruth(plate).shapes,
+            limited=np.zeros(len(own["t_s"]), dtype=bool),
+            every=CONTACT_EVERY,
+            reference_um=own["reference_um"],
+        )
+        return cls(title, plate, score=judged, **own)
 
     def between(self, start_s: float, end_s: float) -> Film:
         """A window of it, judged by itself."""
         part = (self.t_s >= start_s) & (self.t_s < end_s)
-        return Film.judged(
-            self.title, self.plate, self.w_limit_um, {name: getattr(self, name)[part] for name in _ARRAYS}
-        )
+        return Film.judged(self.title, self.plate, {name: getattr(self, name)[part] for name in _ARRAYS})
 
-    def contacts_um(self, seconds: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return instants of the first `seconds` (T',), and then the RMS amplitude over each contact (T',N)."""
-        part = self._first(seconds)
-        return self.t_s[part], felt(self.finger_mm[part], self.plate_um[part], self._shapes)[0]
+    def contacts(self, seconds: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return instants of the first `seconds` (T',), then over each contact (T',N) the RMS amplitude, the friction
+        relative to bare glass, by the built-in curve, and the friction that was asked."""
+        part = slice(None, int(np.searchsorted(self.t_s, self.t_s[0] + seconds)), CONTACT_EVERY)
+        rms_um, got = felt(self.finger_true_mm[part], self.plate_um[part], GroundTruth(self.plate).shapes)
+        asked = DEFAULT_FRICTION_CURVE.frictions(self.target_um[part], np.zeros_like(got))
+        return self.t_s[part], rms_um, got, asked
 
-    def frictions(self, seconds: float) -> tuple[npt.NDArray[np.float64], ...]:
-        """Return instants of the first `seconds` (T',), and the frictions that contacts feel and are asked (T',N).
-
-        Relative to bare glass, by the built-in curve.
-        """
-        part = self._first(seconds)
-        got = felt(self.finger_mm[part], self.plate_um[part], self._shapes)[1]
-        return self.t_s[part], got, DEFAULT_FRICTION_CURVE.frictions(self.target_um[part], np.zeros_like(got))
-
-    def _first(self, seconds: float) -> slice:
-        return slice(None, int(np.searchsorted(self.t_s, self.t_s[0] + seconds)), CONTACT_EVERY)
-
-    def field_um(
-        self, index: int, x_mm: npt.NDArray[np.float64], y_mm: npt.NDArray[np.float64]
-    ) -> npt.NDArray[np.float64]:
+    def field_um(self, index: int, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
         """Return the plate's amplitude on a grid (Y, X) at one instant."""
         points_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1)
-        w_um = self._shapes(points_mm.reshape(-1, 2)) @ self.plate_um[index]
-        return np.asarray(np.abs(w_um), np.float64).reshape(points_mm.shape[:2])
-
-    def _shapes(self, points_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return GroundTruth(self.plate).shapes(points_mm)[..., : self.plate_um.shape[1]]
+        return np.asarray(np.abs(GroundTruth(self.plate).shapes(points_mm) @ self.plate_um[index]))
 
     @property
     def seconds(self) -> float:
@@ -109,10 +92,9 @@ class Film:
 
 def draw_run(run: Run, path: Path) -> None:
     """Write a picture of one lock-step run: its first seconds, so that single strokes are seen, of the step only the
-    moments around it. With contacts the RMS over each is drawn, and the amplitude at its centre behind it."""
-    title = run.scenario if run.settings.scheme == "hapticd" else f"{run.scenario}, the paper's scheme"
-    film, is_step = Film.of(run, title), run.scenario == "step" and run.t_s[-1] >= STEP_WINDOW_S[1]
-    if is_step:
+    moments around it; of each finger the RMS over its contact, and the amplitude at its centre behind it."""
+    film = Film.of(run, run.scenario)
+    if run.scenario == "step" and run.t_s[-1] >= STEP_WINDOW_S[1]:
         film = film.between(*STEP_WINDOW_S)
     shown_s = min(MOST_IN / INCHES_PER_S, film.seconds)
     width_in = min(max(INCHES_PER_S * shown_s, LEAST_IN), MOST_IN)
@@ -121,12 +103,10 @@ def draw_run(run: Run, path: Path) -> None:
     modes, quadrature, fingers = axes[:, 0]
     _draw_modes(modes, film)
     _draw_quadrature(quadrature, film)
-    _draw_fingers(fingers, film, shown_s if run.has_contacts else 0.0)
+    _draw_fingers(fingers, film, shown_s)
     part = f", {shown_s:g} s of {film.seconds:.0f} s" if shown_s < 0.9 * film.seconds else ""
     modes.set_title(film.title + part, loc="left", pad=TITLE_PT)
     fingers.set_xlim(film.t_s[0], film.t_s[0] + shown_s)
-    if is_step:  # it explains how long a target that changes once takes to reach the plate
-        _draw_delay(fingers, film, run.settings.link_ms)
     plotting.save(figure, path)
 
 
@@ -138,7 +118,7 @@ def _modes(film: Film) -> list[tuple[str, str]]:
 
 
 def _draw_modes(axis: Any, film: Film) -> None:
-    w_limit_um = film.w_limit_um
+    w_limit_um = max(GroundTruth(film.plate).w_limit_um)
     for mode, (name, colour) in enumerate(_modes(film)):
         axis.plot(film.t_s, film.reference_um[:, mode].real, color=colour, **REFERENCE)
         axis.plot(film.t_s, film.modal_um[:, mode].real, color=colour, lw=1.0, label=f"$W_{{{name}d}}$")
@@ -161,40 +141,27 @@ def _draw_quadrature(axis: Any, film: Film) -> None:
     _legend(axis)
 
 
-def _draw_fingers(axis: Any, film: Film, contacts_s: float) -> None:
-    """Draw what each finger gets: its centre, and for the first `contacts_s` its contact."""
-    has_contacts = contacts_s > 0.0
-    t_contact_s, contacts_um = film.contacts_um(contacts_s)
+def _draw_fingers(axis: Any, film: Film, shown_s: float) -> None:
+    t_contact_s, contacts_um, _, _ = film.contacts(shown_s)
     for finger in range(film.target_um.shape[1]):
         colour, name = FINGER_COLOURS[finger % len(FINGER_COLOURS)], f"finger {finger + 1}"
-        centre_um, style = np.abs(film.truth_um[:, finger]), CENTRE if has_contacts else {"lw": 1.0, "label": name}
-        axis.plot(film.t_s, centre_um, color=colour, **style)
-        if has_contacts:
-            axis.plot(t_contact_s, contacts_um[:, finger], color=colour, lw=1.6, label=name)
+        axis.plot(film.t_s, np.abs(film.truth_um[:, finger]), color=colour, **CENTRE)
+        axis.plot(t_contact_s, contacts_um[:, finger], color=colour, lw=1.6, label=name)
         axis.step(film.t_s, film.target_um[:, finger], "--", where="post", color=colour, lw=0.8)
-    if has_contacts:
-        axis.plot([], [], color="grey", label="at its centre", **CENTRE)
+    axis.plot([], [], color="grey", label="at its centre", **CENTRE)
     if np.isfinite(film.target_um).any():
         axis.plot([], [], "--", color="grey", lw=0.8, label="targets")
     else:
         plotting.mark_empty(axis, "no finger has a target")
     plotting.show_at_least(axis, 0.0, LEAST_UM)
-    axis.set_ylabel("vibration over the contact, µm RMS" if has_contacts else "vibration at the finger, µm")
+    axis.set_ylabel("vibration over the contact, µm RMS")
     axis.set_xlabel("time, s")
-    axis.set_title(_caption(film, has_contacts=has_contacts), loc="left", fontsize="small", pad=TITLE_PT)
+    if math.isfinite(film.score.contrast):
+        caption = f"over {CONTACT_RADIUS_MM:g} mm: sticky {film.score.contact_leak_um:.2f} µm RMS, "
+        caption += f"slippery {film.score.contact_slip_um:.2f}; contrast {film.score.contrast:.1f} "
+        caption += f"(in {film.seconds:.0f} s; sticky centre {film.score.leak_um:.3f})"
+        axis.set_title(caption, loc="left", fontsize="small", pad=TITLE_PT)
     _legend(axis)
-
-
-def _draw_delay(axis: Any, film: Film, link_ms: float) -> None:
-    """Mark the time from the change of the first finger's target until the plate moves."""
-    target_um, reached_um = film.target_um[:, 0], np.abs(film.truth_um[:, 0])
-    asked, moves = int(np.argmax(target_um > 0)), int(np.argmax(reached_um > 0.01 * target_um[-1]))
-    t_asked_s, t_moves_s, half_um = film.t_s[asked], film.t_s[moves - 1], target_um[-1] / 2
-    axis.annotate(
-        "", (t_moves_s, half_um), (t_asked_s, half_um), arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0}
-    )
-    span = f"{1e3 * (t_moves_s - t_asked_s):.1f} ms: the link's {link_ms:g} ms,\nand the board's next control period"
-    axis.text(t_moves_s + 0.001, half_um, span, va="center", fontsize="small")
 
 
 def _legend(axis: Any) -> None:
@@ -203,17 +170,3 @@ def _legend(axis: Any) -> None:
     if handles:
         style = {"fontsize": "small", "frameon": False, "borderpad": 0.1, "handlelength": 1.4, "columnspacing": 1.2}
         axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), **style)
-
-
-def _caption(film: Film, *, has_contacts: bool) -> str:
-    """Return the scores of a film, as far as it has any."""
-    if has_contacts and math.isfinite(film.score.contrast):
-        contact = f"over {CONTACT_RADIUS_MM:g} mm: sticky {film.score.contact_leak_um:.2f} µm RMS, "
-        contact += f"slippery {film.score.contact_slip_um:.2f}; contrast {film.score.contrast:.1f}"
-        return f"{contact} (in {film.seconds:.0f} s; sticky centre {film.score.leak_um:.3f})"
-    judged, parts = film.score, []
-    if math.isfinite(judged.leak_um):
-        parts.append(f"sticky: {judged.leak_um:.3f} µm RMS")
-    if math.isfinite(judged.slip_frac):
-        parts.append(f"slippery: {100 * judged.slip_frac:.0f} % of the target")
-    return ", ".join(parts) + (f" (in {film.seconds:.0f} s)" if parts else "")

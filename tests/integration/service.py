@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from hapticd.board_protocol import BoardState
 from hapticd.board_values import BoardStatus
+from hapticd.sim.rig.process import HISTORY_FILE, RigSettings, command
 from hapticd.wire import device
 from hapticd_client import Client, PlateState
 
@@ -42,13 +43,10 @@ def first(process: Process) -> Process:
 class Rig:
     """The simulated rig as a process, in a directory that outlives it."""
 
-    def __init__(self, directory: Path, scenario: str, record: Path | None, *options: str) -> None:
-        command = [sys.executable, "-m", "hapticd.sim.rig.program", str(directory), "--scenario", scenario, "--owned"]
-        command += options
-        if record is not None:
-            command += ["--record", str(record)]
-        self._record = record
-        self.process = first(subprocess.Popen(command, stdin=PIPE, stdout=PIPE, text=True))
+    def __init__(self, directory: Path, settings: RigSettings) -> None:
+        self._record = directory / HISTORY_FILE
+        line = command(directory, settings)
+        self.process = first(subprocess.Popen(line, stdin=PIPE, stdout=PIPE, text=True))
         assert self.process.stdout is not None
         self.t_start_s = float(self.process.stdout.readline().split()[1])
 
@@ -65,7 +63,6 @@ class Rig:
 
     def recording(self) -> dict[str, npt.NDArray[np.complex128]]:
         """End it, and what the plate did."""
-        assert self._record is not None
         self.process.terminate()
         self.close()
         with np.load(self._record) as arrays:
@@ -113,8 +110,8 @@ class Bench:
         self._clients: list[Client] = []
         self._services = 0
 
-    def rig(self, scenario: str = "circles", *options: str, record: bool = False) -> Rig:
-        rig = Rig(self.rig_dir, scenario, self.folder / "plate.npz" if record else None, *options)
+    def rig(self, scenario: str = "circles", **others: Any) -> Rig:
+        rig = Rig(self.rig_dir, RigSettings(scenario, 1, **others))
         self._running.append(rig.process)
         return rig
 

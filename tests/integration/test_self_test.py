@@ -40,7 +40,7 @@ def test_a_sound_plate_is_measured_and_then_driven(bench: Bench) -> None:
 
 def test_swapped_wires_keep_the_plate_quiet_and_are_named(bench: Bench) -> None:
     calibrate(bench)
-    rig = bench.rig("step", "--wiring", "swapped", record=True)
+    rig = bench.rig("step", wiring="swapped", record=True)
     service, client = bench.service(), bench.client()
     wait_for(lambda: "refused" in client.status()["board"])
     board = client.status()["board"]

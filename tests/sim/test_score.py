@@ -8,18 +8,23 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from hapticd.core.friction import DEFAULT_FRICTION_CURVE
-from hapticd.sim.score import SETTLE_S, Score, score, settled, with_contacts
+from hapticd.sim.score import SETTLE_S, Score, score, settled
 
 T_S = (np.arange(2000) + 1) / 2000.0
 SETTLE_TICKS = 200
 
 
-def judge(target_um: np.ndarray, truth_um: np.ndarray, **arrays: np.ndarray) -> Score:
-    quiet = np.zeros((len(T_S), 2), dtype=np.complex128)
-    reference_um = arrays.get("reference_um", quiet)
-    limited = arrays.get("limited", np.zeros(len(T_S), dtype=bool))
-    return score(T_S, target_um, truth_um.astype(np.complex128), reference_um, limited)
+def judge(target_um: np.ndarray, truth_um: np.ndarray, plate_um: np.ndarray | None = None) -> Score:
+    """The score of fingers that slide at 100 mm/s on a plate whose one mode is 1 everywhere."""
+    slide_mm = np.stack((100.0 * T_S, np.zeros(len(T_S))), axis=1)
+    finger_mm = np.stack([slide_mm] * target_um.shape[1], axis=1)
+    plate_um = np.zeros(len(T_S)) if plate_um is None else plate_um
+    return score(
+        *(T_S, finger_mm, target_um, truth_um + 0j, plate_um[:, None] + 0j),
+        lambda places_mm: np.ones((*places_mm.shape[:-1], 1)),
+        reference_um=np.zeros((len(T_S), 2), dtype=np.complex128),
+        limited=np.zeros(len(T_S), dtype=bool),
+    )
 
 
 def constant(*values: float) -> np.ndarray:
@@ -69,13 +74,7 @@ def test_without_fingers_figures_are_nan() -> None:
 
 
 def perceived(target_um: np.ndarray, plate_um: np.ndarray) -> Score:
-    """The score of fingers that slide at 100 mm/s on a plate whose one mode is 1 everywhere."""
-    slide_mm = 100.0 * T_S
-    finger_mm = np.stack([np.stack((slide_mm, np.zeros(len(T_S))), axis=1)] * target_um.shape[1], axis=1)
-    nothing = Score(*[float("nan")] * 5)
-    shapes = lambda places_mm: np.ones((*places_mm.shape[:-1], 1))  # noqa: E731
-    law = DEFAULT_FRICTION_CURVE.frictions
-    return with_contacts(nothing, T_S, finger_mm, target_um, plate_um[:, None] + 0j, shapes, friction=law)
+    return judge(target_um, np.zeros(target_um.shape), plate_um)
 
 
 def test_friction_is_judged_relative_to_what_was_asked_of_each_finger() -> None:

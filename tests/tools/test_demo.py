@@ -83,14 +83,14 @@ def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_pa
     draw([paper, ours], tmp_path / "demo.png", seconds=1.0, source="demo")
     papers, hapticds, plate, _ = figures[0].axes
     at = typical_instant(ours, 1.0)
-    t_s, got, asked = ours.frictions(1.0)
+    t_s, _, got, asked = ours.contacts(1.0)
     here = t_s.tolist().index(ours.t_s[at])
     assert asked[here].tolist() == pytest.approx([math.exp(-1.0 / 0.7), 1.0])
     assert [text.get_text() for text in plate.texts] == [
         f"finger 1: asked 0.24, feels {got[here, 0]:.2f}",
         f"finger 2: asked 1.00, feels {got[here, 1]:.2f}",
     ]
-    assert {tuple(patch.center) for patch in plate.patches} == {tuple(place) for place in ours.finger_mm[at]}
+    assert {tuple(patch.center) for patch in plate.patches} == {tuple(place) for place in ours.finger_true_mm[at]}
     assert papers.get_title(loc="left") == f"the paper's scheme: as asked {paper.score.felt_frac:.0%} of the time"
     assert hapticds.get_title(loc="left") == f"hapticd: as asked {ours.score.felt_frac:.0%} of the time"
     assert papers.get_ylim() == hapticds.get_ylim()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ...config.sections import MOST_MODES
 from .carrier import Converters, Lead
-from .firmware import LeadSetup, Setup, doubles, load
+from .firmware import ConverterSetup, LeadSetup, Setup, doubles, load
 from .trace import BoardTrace as BoardTrace
 from .trace import TickBuffers
 
@@ -270,7 +270,8 @@ class Board:
         """Put these leads (M,) between sensors and converters; only with a carrier."""
         if len(leads) != self.model.modes:
             raise ValueError(f"There are {len(leads)} leads for {self.model.modes} sensors.")
-        if not self._library.hd_board_leads(self._board, (LeadSetup * len(leads))(*(lead.setup() for lead in leads))):
+        setups = (LeadSetup * len(leads))(*(LeadSetup(*astuple(lead)) for lead in leads))
+        if not self._library.hd_board_leads(self._board, setups):
             raise ValueError("Leads need converters: this board has none.")
 
     def interlock(self, event: int) -> None:
@@ -311,7 +312,7 @@ def _setup(
         noise_um=model.noise_um,
         amplifier_limit_v=model.amplifier_limit_v,
         seed=seed,
-        converters=None if converters is None else ctypes.pointer(converters.setup()),
+        converters=None if converters is None else ctypes.pointer(ConverterSetup(*astuple(converters))),
         t_start_us=t_start_us,
         boot_id=boot_id,
         w_limit_um=doubles(config.w_limit_um),

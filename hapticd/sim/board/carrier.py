@@ -7,10 +7,8 @@ resonators, instead of envelopes.
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Final
-
-from .firmware import ConverterSetup, LeadSetup
 
 SAMPLE_HZ: Final = 1_000_000
 
@@ -29,21 +27,10 @@ class Converters:
     noise_lsb: float = 1.0
     amplifier_lag_us: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not (0.0 < self.volts_per_lsb < math.inf and 0.0 < self.um_per_lsb < math.inf):
-            raise ValueError("Converters: volts_per_lsb and um_per_lsb are positive and finite.")
-        if not (math.isfinite(self.offset_lsb) and 0.0 <= self.noise_lsb < math.inf):
-            raise ValueError("Converters: offset_lsb is finite, noise_lsb neither negative nor infinite.")
-        if not (self.amplifier_lag_us == 0.0 or 0.1 <= self.amplifier_lag_us < math.inf):
-            raise ValueError(f"Converters: amplifier_lag_us is {self.amplifier_lag_us}: give 0, or at least 0.1.")
-
     def loop_phase_rad(self, drive_hz: float) -> float:
         """Return the constant phase of this loop: half a sample of the DAC's hold, and the amplifier's lag."""
         lag_rad = math.atan(2.0 * math.pi * drive_hz * self.amplifier_lag_us * 1e-6)
         return -math.pi * drive_hz / SAMPLE_HZ - lag_rad
-
-    def setup(self) -> ConverterSetup:
-        return ConverterSetup(*astuple(self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +47,3 @@ class Lead:
     hum_hz: float = 50.0
     clip_lsb: float = 0.0
     heard_lsb_per_v: float = 0.0
-
-    def setup(self) -> LeadSetup:
-        return LeadSetup(*astuple(self))

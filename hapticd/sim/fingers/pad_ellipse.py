@@ -20,6 +20,7 @@ from ...wire.trackpad import PadGeometry
 
 CELL_MM: Final = 5.1  # 30 x 22 cells on 156 x 110 mm
 MOST_COUNTS: Final = 255
+ORIENTATIONS: Final = 8
 _UNITS_PER_COUNT: Final = 4
 
 
@@ -54,10 +55,9 @@ Reported = tuple[int, int, int]  # major and minor in counts, and the code of th
 class EllipseSensor:
     """What a pad makes of one contact's form, over the blocks of its scans."""
 
-    def __init__(self, of: PadEllipse, pad: PadGeometry, orientations: int, random: np.random.Generator) -> None:
+    def __init__(self, of: PadEllipse, pad: PadGeometry, random: np.random.Generator) -> None:
         self._of = of
         self._random = random
-        self._codes = orientations
         self._mm_per_count = _UNITS_PER_COUNT / (sum(pad.units_per_mm) / 2.0)
         self._noise = np.zeros(3)
 
@@ -72,7 +72,7 @@ class EllipseSensor:
         along_mm = along_mm + size_mm * (noise[:, 1] + cells[:, 0] - cells[:, 1])
         across_mm = across_mm + size_mm * noise[:, 2]
         half_mm = np.hypot(along_mm, across_mm)
-        codes = np.rint(0.5 * np.arctan2(across_mm, along_mm) * self._codes / math.pi).astype(int) % self._codes
+        codes = np.rint(0.5 * np.arctan2(across_mm, along_mm) * ORIENTATIONS / math.pi).astype(int) % ORIENTATIONS
         counts = [self._counts(mean_mm + half_mm), self._counts(mean_mm - half_mm), codes.tolist()]
         return list(zip(*counts, strict=True))
 

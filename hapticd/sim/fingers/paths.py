@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from ...values import FloatArray
-from .strokes import Strokes, require_positive, tremor_mm
+from .strokes import Strokes, tremor_mm
 
 _Point = tuple[float, float]
 
@@ -52,7 +52,6 @@ class Line:
     turnaround_s: float = 0.1
 
     def __post_init__(self) -> None:
-        require_positive("speed_mm_s", self.speed_mm_s)
         needed_mm = 2 * self._turn_mm
         if not needed_mm < math.dist(self.start_mm, self.end_mm) < math.inf:
             raise ValueError(f"the points of a line must be more than {needed_mm:.3g} mm apart for the finger to turn")
@@ -65,7 +64,8 @@ class Line:
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         length_mm = math.dist(self.start_mm, self.end_mm)
         pass_s = (length_mm - 2 * self._turn_mm) / self.speed_mm_s + self.turnaround_s
-        since_turn_s = _back_and_forth(t_s, pass_s)
+        phase_s = np.mod(t_s, 2 * pass_s)
+        since_turn_s = np.minimum(phase_s, 2 * pass_s - phase_s)
         is_nearer_start = since_turn_s < pass_s / 2
         from_end_mm = self._leave_turn_mm(np.where(is_nearer_start, since_turn_s, pass_s - since_turn_s))
         distance_mm = np.where(is_nearer_start, from_end_mm, length_mm - from_end_mm)
@@ -90,9 +90,6 @@ class ReachPath:
     duration_s: float = 0.45
     hold_s: float = 0.3
 
-    def __post_init__(self) -> None:
-        require_positive("duration_s", self.duration_s)
-
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         cycle_s = self.duration_s + self.hold_s
         phase_s = np.mod(t_s, 2 * cycle_s)
@@ -110,9 +107,6 @@ class CirclePath:
     radius_mm: float
     speed_mm_s: float = 100.0
     start_rad: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_positive("radius_mm", self.radius_mm)
 
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         angle_rad = self.start_rad + np.asarray(t_s) * (self.speed_mm_s / self.radius_mm)
@@ -158,6 +152,17 @@ class Touches:
         return positions
 
 
+@dataclass(frozen=True)
+class Repeated:
+    """A path that begins again every `period_s`."""
+
+    path: Path
+    period_s: float
+
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
+        return self.path.position_mm(np.mod(t_s, self.period_s))
+
+
 def with_strokes(path: Path, change: Callable[[Strokes, float], Path], down_s: float = 0.0) -> Path:
     """Return a path with its strokes changed, which land at the given instant; a path without any stays."""
     if isinstance(path, Strokes):
@@ -167,12 +172,6 @@ def with_strokes(path: Path, change: Callable[[Strokes, float], Path], down_s: f
     if isinstance(path, Touches):
         return Touches(tuple([with_strokes(touch, change) for touch in path.touches]))
     return path
-
-
-def _back_and_forth(t_s: FloatArray, pass_s: float) -> FloatArray:
-    """Time folded onto one pass."""
-    phase_s = np.mod(t_s, 2 * pass_s)
-    return np.minimum(phase_s, 2 * pass_s - phase_s)
 
 
 def _between(start_mm: _Point, end_mm: _Point, part: FloatArray) -> FloatArray:

@@ -10,9 +10,8 @@ has none of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import count, takewhile
 from typing import NamedTuple
 
@@ -26,20 +25,19 @@ from .pad_noise import FILTERED_NOISE, Firmware, PadNoise
 from .paths import Path
 from .pressing import Tip
 
-_TOUCHING, _OUT_OF_RANGE, _NONE, _MT1_START = 4, 7, 0, 3
-_MT1_ORIENTATIONS, _MT2_ORIENTATIONS = 64, 8
+_TOUCHING, _OUT_OF_RANGE, _NONE = 4, 7, 0
+_IS_USB = {"mt2-usb": True, "mt2-bt": False}  # by the layout of a pad's reports
 BLOCK = 64  # frames whose positions are computed at once
 _OFF_PAD_MM = 3.0  # a finger's centre may lie this far beyond the declared range and still be sensed
 _MAX_RAW = 4095
 _PRESSURE_RISE = (0.4, 0.7, 1.0)  # of the first frames of a contact
-_MOST_PRESSURE, _MT1_MOST_SIZE = 253, 63  # of the decoder's `pressure_frac`
+_MOST_PRESSURE = 253  # of the decoder's `pressure_frac`
 _NOBODY: FloatArray = np.empty((BLOCK, 0))
-_CENTRED = AffineMap()
 _ELLIPSES = 11  # a stream of random numbers of its own: positions do not depend on ellipses
 
 
 class PadRecord(NamedTuple):
-    """One contact record in raw units. `orientation` is 0..7 on the Magic Trackpad 2, 0..63 on the first."""
+    """One contact record of a Magic Trackpad 2 in raw units; `orientation` is 0..7."""
 
     contact_id: int
     x: int
@@ -61,13 +59,6 @@ class Report(NamedTuple):
     data: bytes
 
 
-class _Scan(NamedTuple):
-    """One scan of the pad with its reports at the host: none, one, or one twice."""
-
-    t_sample_s: float
-    reports: tuple[Report, ...]
-
-
 @dataclass(frozen=True, slots=True)
 class SensorSettings:
     """The pad and its errors.
@@ -84,59 +75,21 @@ class SensorSettings:
     ellipse: PadEllipse = pad_ellipse.USUAL
     stamp_jitter_ms: float = 1.0
     lost_frac: float = 0.0
-    duplicate_frac: float = 0.0
-    plate_from_pad: AffineMap = _CENTRED
+    plate_from_pad: AffineMap = field(default_factory=AffineMap)
 
 
-_DEFAULT = SensorSettings()
-
-
-def encode_mt2(t_ms: int, records: Sequence[PadRecord], *, usb: bool, button: bool = False) -> bytes:
-    """Encode a Magic Trackpad 2 report, 0x02 or 0x31. Raises ValueError if a field does not fit."""
+def encode_mt2(t_ms: int, records: Sequence[PadRecord], *, usb: bool) -> bytes:
+    """Encode a Magic Trackpad 2 report, 0x02 or 0x31."""
     stamp_ms = t_ms % STAMP_WRAP_MS
-    header = bytes((0x31, stamp_ms << 3 & 0xF8 | button, stamp_ms >> 5 & 0xFF, stamp_ms >> 13))
-    prefix = bytes((0x02, button, 0, 0, 0, 0, 0, bool(records))) if usb else b""
-    return prefix + header + b"".join(map(_mt2_record, _fitting(records, _MT2_ORIENTATIONS)))
+    header = bytes((0x31, stamp_ms << 3 & 0xF8, stamp_ms >> 5 & 0xFF, stamp_ms >> 13))
+    prefix = bytes((0x02, 0, 0, 0, 0, 0, 0, bool(records))) if usb else b""
+    return prefix + header + b"".join(map(_record, records))
 
 
-def encode_mt1(t_ms: int, records: Sequence[PadRecord], *, button: bool = False) -> bytes:
-    """Encode a Magic Trackpad 1 report, 0x28, without pressure. Raises ValueError if a field does not fit."""
-    header = bytes((0x28, (t_ms & 63) << 2 | button, t_ms >> 6 & 0xFF, t_ms >> 14 & 0xFF))
-    return header + b"".join(map(_mt1_record, _fitting(records, _MT1_ORIENTATIONS)))
-
-
-def _fitting(records: Sequence[PadRecord], orientations: int) -> Sequence[PadRecord]:
-    if len(records) > MAX_RECORDS:
-        raise ValueError(f"a report holds at most {MAX_RECORDS} records, not {len(records)}")
-    limits = PadRecord(16, 4096, 4096, 8, 256, 256, 256, 256, orientations, 8)
-    for record in records:
-        for name, value, limit in zip(PadRecord._fields, record, limits, strict=True):
-            if not (-limit if name in "xy" else 0) <= value < limit:
-                raise ValueError(f"{name} {value} does not fit in a contact record: it must be below {limit}")
-    return records
-
-
-def _mt2_record(record: PadRecord) -> bytes:
-    word = _position_word(record) | record.finger << 26 | record.state << 29
+def _record(record: PadRecord) -> bytes:
+    word = record.x & 0x1FFF | (record.y & 0x1FFF) << 13 | record.finger << 26 | record.state << 29
     last = record.contact_id | record.orientation << 5
     return RECORD.pack(word, record.major, record.minor, record.size, record.pressure, last)
-
-
-def _mt1_record(record: PadRecord) -> bytes:
-    size_and_id = min(record.size, 63) | (record.contact_id & 3) << 6
-    id_and_angle = record.contact_id >> 2 | record.orientation << 2
-    return RECORD.pack(_position_word(record), record.major, record.minor, size_and_id, id_and_angle, record.state << 4)
-
-
-def _position_word(record: PadRecord) -> int:
-    return record.x & 0x1FFF | (record.y & 0x1FFF) << 13
-
-
-ENCODERS: dict[str, Callable[..., bytes]] = {  # by the layout of a pad's reports
-    "mt1": encode_mt1,
-    "mt2-usb": partial(encode_mt2, usb=True),
-    "mt2-bt": partial(encode_mt2, usb=False),
-}
 
 
 class SensorModel:
@@ -147,9 +100,10 @@ class SensorModel:
     it cannot make, or a singular `plate_from_pad`.
     """
 
-    def __init__(self, settings: SensorSettings = _DEFAULT, seed: int = 0, *, block: int = BLOCK) -> None:
-        if settings.pad.layout not in ENCODERS:
-            raise ValueError(f"{settings.pad.name} is not simulated: use a pad that reports as {', '.join(ENCODERS)}")
+    def __init__(self, settings: SensorSettings | None = None, seed: int = 0, *, block: int = BLOCK) -> None:
+        settings = SensorSettings() if settings is None else settings
+        if settings.pad.layout not in _IS_USB:
+            raise ValueError(f"{settings.pad.name} is not simulated: use a pad that reports as {', '.join(_IS_USB)}")
         self.settings = settings
         self.seed = seed
         self._block = block
@@ -164,42 +118,38 @@ class SensorModel:
     def until(self, paths: Sequence[Path], t_end_s: float, fingertips: Sequence[Tip] | None = None) -> Iterator[Report]:
         """Return the same, computed as they are taken."""
         scans = takewhile(lambda scan: scan.t_sample_s < t_end_s, self.scans(paths, fingertips))
-        return (report for scan in scans for report in scan.reports)
+        return (scan for scan in scans if scan.data)
 
-    def scans(self, paths: Sequence[Path], fingertips: Sequence[Tip] | None = None) -> Iterator[_Scan]:
-        """Return an endless stream of scans: without touch or when lost they have no report, when duplicated two."""
+    def scans(self, paths: Sequence[Path], fingertips: Sequence[Tip] | None = None) -> Iterator[Report]:
+        """Yield a report for each scan, without end; without touch, or when it is lost, its data are empty."""
         if len(paths) > MAX_RECORDS:
             raise ValueError(f"a pad senses at most {MAX_RECORDS} fingers, not {len(paths)}")
         tips: Sequence[Tip] = [fingertip.USUAL] * len(paths) if fingertips is None else fingertips
-        return self._scan(paths, tips, np.random.default_rng([self.seed, len(paths)]))
-
-    def _scan(self, paths: Sequence[Path], fingertips: Sequence[Tip], rng: np.random.Generator) -> Iterator[_Scan]:
+        rng = np.random.default_rng([self.seed, len(paths)])
         settings = self.settings
-        is_mt1 = settings.pad.layout == "mt1"
+        usb = _IS_USB[settings.pad.layout]
         firmware = [Firmware(settings.noise) for _ in paths]
-        pad, orientations = settings.pad.geometry, _MT1_ORIENTATIONS if is_mt1 else _MT2_ORIENTATIONS
         ellipses = [
-            EllipseSensor(settings.ellipse, pad, orientations, np.random.default_rng([self.seed, index, _ELLIPSES]))
+            EllipseSensor(settings.ellipse, settings.pad.geometry, np.random.default_rng([self.seed, index, _ELLIPSES]))
             for index in range(len(paths))
         ]
-        contacts = _Contacts([_appearance(rng, is_mt1=is_mt1) for _ in paths], is_mt1=is_mt1)
+        contacts = _Contacts([_appearance(rng) for _ in paths])
         start_ms = STAMP_WRAP_MS - int(rng.integers(1, 10_000))
         first = rng.random()  # the phase of the pad's scans is independent of the run
         size = self._block
         for block in count(step=size):
             t_s: FloatArray = (first + np.arange(block, block + size, dtype=np.float64)) * np.float64(settings.period_s)
             stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, size) * settings.stamp_jitter_ms)
-            points, copies = self._raw_points(paths, firmware, t_s, rng), self._copies(rng)
-            forms = [self._ellipses(*each, t_s) for each in zip(points, ellipses, fingertips, strict=True)]
-            pressures_frac = np.stack([tip.pressure_frac(t_s) for tip in fingertips], axis=1) if fingertips else _NOBODY
+            points = self._raw_points(paths, firmware, t_s, rng)
+            is_lost, _ = rng.random((2, size)) < settings.lost_frac
+            forms = [self._ellipses(*each, t_s) for each in zip(points, ellipses, tips, strict=True)]
+            pressures_frac = np.stack([tip.pressure_frac(t_s) for tip in tips], axis=1) if tips else _NOBODY
             for i, t_sample_s in enumerate(t_s.tolist()):
                 felt = [path_points[i] for path_points in points], [form[i] for form in forms]
                 records = contacts.scan(*felt, pressures_frac[i].tolist())
-                if records is None:
-                    yield _Scan(t_sample_s, ())
-                    continue
-                data = ENCODERS[settings.pad.layout](int(stamps_ms[i]), records)
-                yield _Scan(t_sample_s, (Report(t_sample_s, t_sample_s + settings.latency_s, data),) * copies[i])
+                is_silent = records is None or is_lost[i]
+                data = b"" if is_silent else encode_mt2(int(stamps_ms[i]), records or (), usb=usb)
+                yield Report(t_sample_s, t_sample_s + settings.latency_s, data)
 
     def _raw_points(
         self, paths: Sequence[Path], firmware: Sequence[Firmware], t_s: FloatArray, rng: np.random.Generator
@@ -227,21 +177,12 @@ class SensorModel:
         places_mm = (np.array([point or (0, 0) for point in points]) - pad.centre_raw) / pad.units_per_mm
         return sensor.reported(self._pad_from_plate @ tip.forms_mm(t_s), places_mm)
 
-    def _copies(self, rng: np.random.Generator) -> list[int]:
-        """Draw how many times the report of each scan of a block is delivered."""
-        shares = [[self.settings.lost_frac], [self.settings.duplicate_frac]]
-        is_lost, is_duplicated = rng.random((2, self._block)) < shares
-        copies: list[int] = np.where(is_lost, 0, 1 + is_duplicated).tolist()
-        return copies
-
 
 class _Contacts:
     """Contact table of the pad: id of each finger, start and end of each contact."""
 
-    def __init__(self, appearances: Sequence[PadRecord], *, is_mt1: bool) -> None:
+    def __init__(self, appearances: Sequence[PadRecord]) -> None:
         self._appearances = appearances
-        self._is_mt1 = is_mt1
-        self._states = (_MT1_START, _TOUCHING) if is_mt1 else (_TOUCHING, _TOUCHING)
         self._down: dict[int, tuple[int, PadRecord]] = {}  # by path: frames down and the last record
         self._ending: list[PadRecord] = []
         self._was_silent = True
@@ -272,25 +213,15 @@ class _Contacts:
             if contact_id is None:
                 return  # every id is in use: the finger is sensed once one is free
             record = record._replace(contact_id=contact_id)
-        usual = self._pressed(path, press_frac)
-        pressure = round(usual.pressure * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
-        state = self._states[min(age, 1)]
-        record = record._replace(x=x, y=y, major=major, minor=minor, orientation=orientation)
-        self._down[path] = (age + 1, record._replace(state=state, size=usual.size, pressure=pressure))
-
-    def _pressed(self, path: int, press_frac: float) -> PadRecord:
-        """Return the finger as it presses; the Magic Trackpad 1 has its contact's size in place of a pressure."""
-        usual = self._appearances[path]
-        if math.isnan(press_frac):
-            return usual
-        if self._is_mt1:
-            return usual._replace(size=round(press_frac * _MT1_MOST_SIZE))
-        return usual._replace(pressure=round(press_frac * _MOST_PRESSURE))
+        usual = self._appearances[path].pressure if math.isnan(press_frac) else round(press_frac * _MOST_PRESSURE)
+        pressure = round(usual * _PRESSURE_RISE[min(age, len(_PRESSURE_RISE) - 1)])
+        record = record._replace(x=x, y=y, major=major, minor=minor, orientation=orientation, pressure=pressure)
+        self._down[path] = age + 1, record._replace(state=_TOUCHING)
 
 
-def _appearance(rng: np.random.Generator, *, is_mt1: bool) -> PadRecord:
+def _appearance(rng: np.random.Generator) -> PadRecord:
     """Draw an index finger's size and pressure."""
-    for bounds in ((28, 37) if is_mt1 else (3, 6), (90, 107), (76, 90)):
+    for bounds in ((3, 6), (90, 107), (76, 90)):
         rng.integers(*bounds)  # an ellipse was drawn here: the noise of positions stays as it was
     size, pressure = int(rng.integers(34, 47)), int(rng.integers(20, 37))
-    return PadRecord(1, 0, 0, _TOUCHING, size=size, pressure=pressure)
+    return PadRecord(1, 0, 0, size=size, pressure=pressure)

@@ -43,10 +43,6 @@ class Strokes:
     ramp_s: float = 0.3
     avoid: Strokes | None = None
 
-    def __post_init__(self) -> None:
-        require_positive("speed_mm_s", self.speed_mm_s)
-        require_positive("ramp_s", self.ramp_s)
-
     @cached_property
     def _wobble_phase_rad(self) -> float:
         return float(np.random.default_rng([self.seed, 2]).uniform(0, 2 * math.pi))
@@ -177,8 +173,3 @@ def tremor_mm(t_s: FloatArray, amplitude_mm: float, seed: int) -> FloatArray:
     frequency_hz, phase_rad = rng.uniform(*_TREMOR_HZ, 2), rng.uniform(0, 2 * math.pi, 2)
     tremor: FloatArray = amplitude_mm * np.sin(2 * math.pi * frequency_hz * np.asarray(t_s)[:, np.newaxis] + phase_rad)
     return tremor
-
-
-def require_positive(name: str, value: float) -> None:
-    if not 0 < value < math.inf:
-        raise ValueError(f"{name} must be above 0 and finite, not {value!r}")

@@ -8,59 +8,38 @@ no moment at a free corner), what springs damp, and that patches drive and sense
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
+from hapticd.design import ModeShape
+
 from ...values import FloatArray
+from ..world_errors import WorldErrors
 
 _SUPPORTS = 4
 _STREAM = 3  # of a seed; those of `shape_tables` are 1 and 2
 _MM2_PER_SQUARE = 0.5  # a corner breaks off as a right-angled triangle
 
 
-class Coupling(NamedTuple):
-    """What joins the modes: sides of the corner that broke off (mm), springs at the edge (Hz, `WorldErrors`), an angle
-    (degrees) by which the modes of a pair are mixed, and the seed of where."""
-
-    chip_mm: float = 0.0
-    supports_hz: float = 0.0
-    mixing_deg: float = 0.0
-    seed: int = 0
-
-
-class Plain(NamedTuple):
-    """A plate's modes without coupling: frequencies (P,), mean squares of the shapes (P,), its size and areal mass."""
-
-    frequency_hz: FloatArray
-    mean_square: FloatArray
-    size_mm: tuple[float, float]
-
-
-def places_mm(how: Coupling, size_mm: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Return the corner (1, 2) that broke, at the middle of the piece, and the springs (S, 2)."""
-    random = np.random.default_rng([how.seed, _STREAM])
-    half_mm = np.array(size_mm) / 2.0
-    signs = random.choice((-1.0, 1.0), 2)
-    corner = signs * (half_mm - how.chip_mm / 3.0)
-    along = random.uniform(-1.0, 1.0, _SUPPORTS)
-    ends = np.array(((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)))
-    springs = half_mm * (ends + along[:, None] * np.abs(ends[:, ::-1]))
-    return corner[None], springs
-
-
-def mixed(how: Coupling, plain: Plain, at_corner: FloatArray, at_springs: FloatArray) -> tuple[FloatArray, FloatArray]:
+def coupled(
+    world: WorldErrors, bare: Sequence[ModeShape], mean_square: FloatArray, frequency_hz: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return how the modes mix (P, P), new by old, and by how much their frequencies rise (P,), in Hz.
 
-    `at_corner` (1, P) and `at_springs` (S, P) are the shapes at `places_mm`.
+    The arrays (P,) are the mean squares of the bare shapes over the plate, and their frequencies.
     """
-    norm = np.sqrt(plain.mean_square)  # shapes / norm have unit mass for a plate of mass 1
-    omega = 2.0 * math.pi * plain.frequency_hz
-    area_mm2 = _MM2_PER_SQUARE * how.chip_mm**2
-    lost = area_mm2 / (plain.size_mm[0] * plain.size_mm[1])
-    corner, springs = at_corner / norm, at_springs / norm
+    size_mm = bare[0].size_mm
+    corner, springs = (
+        np.stack([shape.evaluate(points_mm) for shape in bare], axis=-1) for points_mm in _places_mm(world, size_mm)
+    )
+    norm = np.sqrt(mean_square)  # shapes / norm have unit mass for a plate of mass 1
+    omega = 2.0 * math.pi * frequency_hz
+    area_mm2 = _MM2_PER_SQUARE * world.chip_mm**2
+    lost = area_mm2 / (size_mm[0] * size_mm[1])
+    corner, springs = corner / norm, springs / norm
     # a spring that raises a mode by `supports_hz` where its shape is 1: 2 w dw = k phi^2 / m
-    stiffness = 2.0 * omega.mean() * 2.0 * math.pi * how.supports_hz * plain.mean_square.mean()
+    stiffness = 2.0 * omega.mean() * 2.0 * math.pi * world.supports_hz * mean_square.mean()
     mass = np.eye(len(omega)) - lost * corner.T @ corner
     spring = np.diag(omega**2) + stiffness * springs.T @ springs
     root = np.linalg.inv(np.linalg.cholesky(mass))
@@ -69,15 +48,27 @@ def mixed(how: Coupling, plain: Plain, at_corner: FloatArray, at_springs: FloatA
     rank = np.argsort(np.argsort(omega, kind="stable"), kind="stable")
     own, new_hz = own[:, rank], np.sqrt(squares[rank]) / (2.0 * math.pi)
     own = own * np.where(np.diag(own) < 0.0, -1.0, 1.0)
-    return _turned(how, own.T * norm[:, None] / norm), new_hz - plain.frequency_hz
+    return _turned(world, own.T * norm[:, None] / norm), new_hz - frequency_hz
 
 
-def _turned(how: Coupling, mix: FloatArray) -> FloatArray:
+def _places_mm(world: WorldErrors, size_mm: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+    """Return the corner (1, 2) that broke, at the middle of the piece, and the springs (S, 2)."""
+    random = np.random.default_rng([world.seed, _STREAM])
+    half_mm = np.array(size_mm) / 2.0
+    signs = random.choice((-1.0, 1.0), 2)
+    corner = signs * (half_mm - world.chip_mm / 3.0)
+    along = random.uniform(-1.0, 1.0, _SUPPORTS)
+    ends = np.array(((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)))
+    springs = half_mm * (ends + along[:, None] * np.abs(ends[:, ::-1]))
+    return corner[None], springs
+
+
+def _turned(world: WorldErrors, mix: FloatArray) -> FloatArray:
     """Return the mix with the modes of each pair turned into each other, either way."""
     turn = np.eye(len(mix))
-    signs = np.random.default_rng([how.seed, _STREAM, 1]).choice((-1.0, 1.0), len(mix))
+    signs = np.random.default_rng([world.seed, _STREAM, 1]).choice((-1.0, 1.0), len(mix))
     for first in range(0, len(mix) - 1, 2):
-        angle_rad = signs[first] * math.radians(how.mixing_deg)
+        angle_rad = signs[first] * math.radians(world.mixing_deg)
         cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
         turn[first : first + 2, first : first + 2] = ((cosine, sine), (-sine, cosine))
     return np.asarray(turn @ mix)

@@ -19,7 +19,7 @@ Sources: the paper, sections II and III (frequencies, sizes, limits) and eq. 5-6
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -29,9 +29,8 @@ from hapticd.core.plate.mode_shapes import ModeShapes, ParasiticModes
 
 from ...values import FloatArray
 from ..world_errors import NEUTRAL, SensorErrors, WorldErrors
-from .coupled_modes import Coupling
 from .glasses import GLASSES, LEAST_PARASITIC, REFERENCE, as_built, find_glass, most_driven
-from .shape_tables import Disturbed, ModeScan, coupled, mode_map, true_grid, true_surfaces
+from .shape_tables import ModeScan, coupled, mode_map, true_grid, true_surfaces
 from .shapes import theory
 from .stored import SCANS
 from .wirings import IDENTITY, wiring
@@ -45,9 +44,6 @@ FINGER_DECAY_1_S = 115.0  # on the reference plate
 _PARASITIC_NOISE = 3.0  # of their measurement, relative to that of the driven modes
 WELL_MEASURED = UncertaintyConfig(map_frac=0.003, sensors_frac=0.003, place_mm=0.0)
 DRIFT_S = 40.0  # period of a drift: it reaches its size after 10 s
-_POSITIVE = {"f_x_hz", "f_y_hz", "drive_hz", "q_factor", "w_limit_um", "v_limit_v", "damping_factor"}
-_POSITIVE |= {"map_step_mm", "sized_for_damping"}
-_NOT_NEGATIVE = {"finger_decay_1_s", "sensor_noise_um", "map_noise_frac"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +83,6 @@ class PlateSettings:
     loop_phase_rad: float = 0.0  # phase of amplifiers, electrodes and sensors, the same in both loops
 
     detune_hz: float = 0.0  # all modes drift together, as with temperature
-    damping_factor: float = 1.0
 
     map_step_mm: float = 4.5
     map_noise_frac: float = 0.02
@@ -95,9 +90,9 @@ class PlateSettings:
     @classmethod
     def of(cls, plate: str, driven_modes: int | None = None, wiring: str = IDENTITY) -> PlateSettings:
         """Return the settings of a plate (`find_glass`) with this many amplifiers. Raises ValueError."""
-        if plate == REFERENCE:
-            return cls(driven_modes=GLASSES[plate].driven if driven_modes is None else driven_modes, wiring=wiring)
         driven = find_glass(plate).driven if driven_modes is None else driven_modes
+        if plate == REFERENCE:
+            return cls(driven_modes=driven, wiring=wiring)
         glass = find_glass(as_built(plate, driven))
         return cls(
             plate=plate,
@@ -119,25 +114,12 @@ class PlateSettings:
         if not LEAST_MODES <= self.driven_modes <= most:
             raise ValueError(f"PlateSettings.driven_modes is {self.driven_modes}; give {LEAST_MODES} to {most}.")
         wiring(self.wiring, self.driven_modes)
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, (str, WorldErrors)):
-                continue
-            numbers = value if isinstance(value, tuple) else (value,)
-            if len(numbers) not in (1, self.driven_modes):
-                raise ValueError(f"PlateSettings.{field.name} is {value}; give one number, or one per driven mode.")
-            if not all(map(math.isfinite, numbers)):
-                raise ValueError(f"PlateSettings.{field.name} is {value}; give a finite number.")
-            if field.name in _POSITIVE and not all(number > 0.0 for number in numbers):
-                raise ValueError(f"PlateSettings.{field.name} is {value}; give a positive number.")
-            if field.name in _NOT_NEGATIVE and not value >= 0.0:
-                raise ValueError(f"PlateSettings.{field.name} is {value}; give zero or a positive number.")
 
 
 class GroundTruth:
     """True parameters of the plate for the board model: read-only arrays for P modes, M actuators and sensors.
 
-    `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q times the damping factor, and 2 pi (f - drive), at the
+    `frequency_hz`, `decay_1_s`, `detuning_rad_s` (P,): pi f / Q, and 2 pi (f - drive), at the
     start; `drifted_rad_s` gives later detunings.
     `gain_um_per_v_s` (P, M): at the design damping and without drift, `v_limit_v` just holds `w_limit_um` (M,).
     `nominal_decay_1_s`, `nominal_detuning_rad_s`, `nominal_gain_um_per_v_s` (M,): result of a sweep of
@@ -154,14 +136,10 @@ class GroundTruth:
         driven_hz = built_hz[: settings.driven_modes]
         world = settings.world
         names = find_glass(settings.glass).modes[: len(built_hz)]
-        joined = Coupling(world.chip_mm, world.supports_hz, world.mixing_deg, world.seed)
-        disturbed = Disturbed(world.glue_frac, world.map_change.waves_frac, world.map_change.local_frac, world.seed)
-        risen_hz = np.zeros(len(built_hz))
-        if joined != Coupling(seed=world.seed):
-            disturbed = disturbed._replace(coupling=joined, frequency_hz=tuple(built_hz.tolist()))
-            risen_hz = coupled(settings.glass, names, joined, disturbed.frequency_hz)[1]
+        disturbed = settings.glass, names, world.of_plate, tuple(built_hz.tolist())
+        risen_hz = coupled(*disturbed)[1] if world.couples_modes else np.zeros(len(built_hz))
         self.frequency_hz = _read_only(built_hz + settings.detune_hz + world.mistuning_hz + risen_hz)
-        self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor * settings.damping_factor)
+        self.decay_1_s = _read_only(math.pi * self.frequency_hz / settings.q_factor)
         self.detuning_rad_s = _read_only(2.0 * math.pi * (self.frequency_hz - settings.drive_hz))
         own, self.w_limit_um = _amplifiers(settings, driven_hz)
         parasitic = len(built_hz) - len(own)
@@ -178,8 +156,7 @@ class GroundTruth:
         mass_ratio = settings.finger_decay_1_s / FINGER_DECAY_1_S  # a finger changes a heavier plate less
         self.finger_detuning_rad_s = 2.0 * math.pi * world.finger_load.detuning_hz * mass_ratio
         self._names = names
-        self._grid = true_grid(settings.glass, self._names, disturbed)
-        self._surfaces = true_surfaces(settings.glass, self._names, disturbed)
+        self._grid, self._surfaces = true_grid(*disturbed), true_surfaces(*disturbed)
 
     @property
     def uncertainty(self) -> UncertaintyConfig:
@@ -235,14 +212,14 @@ class GroundTruth:
         """
         return mode_map(self.settings.glass, *self.scan(seed, is_driven=True))
 
-    def scan(self, seed: int, is_driven: bool) -> tuple[tuple[str, ...], ModeScan, Disturbed]:
-        """Return modes and scan of a mode map, and what is glued to the plate."""
+    def scan(self, seed: int, is_driven: bool) -> tuple[tuple[str, ...], ModeScan]:
+        """Return modes and scan of a mode map."""
         settings, world = self.settings, self.settings.world
         first, end = (0, settings.driven_modes) if is_driven else (settings.driven_modes, None)
         noise_frac = (1.0 if is_driven else _PARASITIC_NOISE) * (settings.map_noise_frac + world.map_noise_frac)
-        glued = Disturbed(glue_frac=world.glue_frac, seed=world.seed if world.glue_frac else 0)
         step_mm = settings.map_step_mm if world.map_step_mm is None else world.map_step_mm
-        return self._names[first:end], ModeScan(step_mm, noise_frac, seed % SCANS, first), glued
+        glue = world.glue_frac, world.seed if world.glue_frac else 0
+        return self._names[first:end], ModeScan(step_mm, noise_frac, seed % SCANS, first, *glue)
 
 
 def _built_hz(settings: PlateSettings) -> FloatArray:

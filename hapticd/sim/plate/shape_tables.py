@@ -16,8 +16,8 @@ from hapticd.design import ModeShape, fit_cartography, sample_cartography
 from hapticd.design.cartography import map_axis
 from hapticd.values import FloatArray
 
+from ..world_errors import WorldErrors
 from . import coupled_modes, stored
-from .coupled_modes import Coupling, Plain
 from .glasses import find_glass
 from .shapes import theory
 
@@ -32,40 +32,31 @@ _CUSP_MM = (6.0, 15.0)  # in which a cusp falls to 1/e
 _NORM_POINTS = 101
 
 
-class Disturbed(NamedTuple):
-    """How the shapes differ from theory: the shares of `WorldErrors` and its seed, and what joins the modes, whose
-    frequencies are `frequency_hz`."""
-
-    glue_frac: float = 0.0
-    waves_frac: float = 0.0
-    local_frac: float = 0.0
-    seed: int = 0
-    coupling: Coupling = Coupling()
-    frequency_hz: tuple[float, ...] = ()
-
-
 class ModeScan(NamedTuple):
-    """A scan of some modes: its grid, noise and seed. `first` mode: each map has noise of its own."""
+    """A scan of some modes: its grid, noise and seed, and the glue that it meets. `first` mode: each map has noise of
+    its own."""
 
     step_mm: float
     noise_frac: float
     seed: int
     first: int
+    glue_frac: float
+    glue_seed: int
 
 
 def _added(
-    axes_mm: tuple[FloatArray, FloatArray], bare: tuple[ModeShape, ...], first: int, how: Disturbed
+    axes_mm: tuple[FloatArray, FloatArray], bare: tuple[ModeShape, ...], first: int, world: WorldErrors
 ) -> FloatArray:
     """Return what is added to the bare shapes, the first of which is mode `first`, on a grid: (modes, ny, nx)."""
     added = np.zeros((len(bare), len(axes_mm[1]), len(axes_mm[0])))
     for index, shape in enumerate(bare):
-        for purpose, frac in ((GLUE, how.glue_frac), (_CHANGE, how.waves_frac)):
+        for purpose, frac in ((GLUE, world.glue_frac), (_CHANGE, world.map_change.waves_frac)):
             if frac:
-                stream = how.seed, purpose, first + index
+                stream = world.seed, purpose, first + index
                 added[index] += frac * _rms(shape) * waves(*axes_mm, shape.size_mm, stream)
-        if how.local_frac:
-            stream = how.seed, _CHANGE, first + index
-            added[index] += how.local_frac * _cusps(*axes_mm, shape.size_mm, stream)
+        if world.map_change.local_frac:
+            stream = world.seed, _CHANGE, first + index
+            added[index] += world.map_change.local_frac * _cusps(*axes_mm, shape.size_mm, stream)
     return added
 
 
@@ -116,46 +107,45 @@ def _bare_grid(glass: str, names: tuple[str, ...]) -> tuple[FloatArray, FloatArr
 
 
 @lru_cache(maxsize=_KEPT)
-def true_grid(glass: str, names: tuple[str, ...], disturbed: Disturbed) -> tuple[FloatArray, FloatArray, FloatArray]:
+def true_grid(
+    glass: str, names: tuple[str, ...], world: WorldErrors, frequency_hz: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the axes of a grid, and on it the shapes of modes of these frequencies in a world of a plate's errors."""
     x_mm, y_mm, shapes = _bare_grid(glass, names)
-    if disturbed.coupling != Coupling():
-        mix, _ = coupled(glass, names, disturbed.coupling, disturbed.frequency_hz)
-        shapes = np.einsum("nk,kyx->nyx", mix, shapes)
-    return x_mm, y_mm, shapes + _added((x_mm, y_mm), _bare(glass, names), 0, disturbed)
+    if world.couples_modes:
+        shapes = np.einsum("nk,kyx->nyx", coupled(glass, names, world, frequency_hz)[0], shapes)
+    return x_mm, y_mm, shapes + _added((x_mm, y_mm), _bare(glass, names), 0, world)
 
 
 def coupled(
-    glass: str, names: tuple[str, ...], how: Coupling, frequency_hz: tuple[float, ...]
+    glass: str, names: tuple[str, ...], world: WorldErrors, frequency_hz: tuple[float, ...]
 ) -> tuple[FloatArray, FloatArray]:
     """Return how the modes mix (P, P), new by old, and by how much their frequencies rise (P,)."""
     bare = _bare(glass, names)
-    corner_mm, springs_mm = coupled_modes.places_mm(how, bare[0].size_mm)
-    at_corner, at_springs = (
-        np.stack([shape.evaluate(points_mm) for shape in bare], axis=-1) for points_mm in (corner_mm, springs_mm)
-    )
-    plain = Plain(np.array(frequency_hz), np.array([_rms(shape) ** 2 for shape in bare]), bare[0].size_mm)
-    return coupled_modes.mixed(how, plain, at_corner, at_springs)
+    return coupled_modes.coupled(world, bare, np.array([_rms(shape) ** 2 for shape in bare]), np.array(frequency_hz))
 
 
 @lru_cache(maxsize=_KEPT)
-def true_surfaces(glass: str, names: tuple[str, ...], disturbed: Disturbed) -> BicubicSurfaces:
-    return BicubicSurfaces(*true_grid(glass, names, disturbed))
+def true_surfaces(
+    glass: str, names: tuple[str, ...], world: WorldErrors, frequency_hz: tuple[float, ...]
+) -> BicubicSurfaces:
+    return BicubicSurfaces(*true_grid(glass, names, world, frequency_hz))
 
 
 @lru_cache(maxsize=16)
-def mode_map(glass: str, names: tuple[str, ...], scan: ModeScan, glued: Disturbed) -> ModeShapes:
-    coefficients = stored.find(find_glass(glass), names, scan, glued)
+def mode_map(glass: str, names: tuple[str, ...], scan: ModeScan) -> ModeShapes:
+    coefficients = stored.find(find_glass(glass), names, scan)
     if coefficients is None:
-        return fitted(glass, names, scan, glued)
+        return fitted(glass, names, scan)
     size_mm = find_glass(glass).size_mm
     axes_mm = map_axis(size_mm[0]), map_axis(size_mm[1])
     return ModeShapes.from_grid(*axes_mm, stored.series(coefficients, size_mm, *axes_mm))
 
 
-def fitted(glass: str, names: tuple[str, ...], scan: ModeScan, glued: Disturbed) -> ModeShapes:
+def fitted(glass: str, names: tuple[str, ...], scan: ModeScan) -> ModeShapes:
     """Return the map that the fit of a scan gives."""
     bare = _bare(glass, names)
     seed = scan.seed if scan.first == 0 else (scan.seed, scan.first)
     x_mm, y_mm, shapes = sample_cartography(bare, step_mm=scan.step_mm, noise_frac=scan.noise_frac, seed=seed)
-    shapes += _added((x_mm, y_mm), bare, scan.first, glued)
+    shapes += _added((x_mm, y_mm), bare, scan.first, WorldErrors(glue_frac=scan.glue_frac, seed=scan.glue_seed))
     return fit_cartography(x_mm, y_mm, shapes, size_mm=bare[0].size_mm, normalise=False).modes

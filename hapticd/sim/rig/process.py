@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,42 +52,47 @@ def end(process: subprocess.Popen[str]) -> None:
             pipe.close()
 
 
-class RigProcess:
-    """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
+class RigSettings(NamedTuple):
+    """What a rig plays.
 
     `motion` is that of strokes, one of `scenarios.MOTIONS`; `fingers` a CSV that is played in place of the scenario.
     `plate` is one of `glasses.GLASSES` or a file, `modes` the number of those that are driven, 0 for its own,
-    `wiring` one of `wirings.WIRINGS`.
+    `wiring` one of `wirings.WIRINGS`. With `record` it writes HISTORY_FILE at its end.
+    """
+
+    scenario: str
+    seed: int
+    motion: str = SMOOTH
+    fingers: str = ""
+    plate: str = REFERENCE
+    modes: int = 0
+    wiring: str = IDENTITY
+    record: bool = False
+
+
+def command(directory: Path, settings: RigSettings) -> list[str]:
+    """Return the command line of a rig that ends with its standard input."""
+    # -P: nothing is imported from the current directory.
+    return [sys.executable, "-P", "-m", "hapticd.sim.rig.program", str(directory), json.dumps(settings._asdict())]
+
+
+class RigProcess:
+    """A running rig: `directory` holds what a daemon opens, `t_start_s` is its time zero on the monotonic clock.
+
     With `record`, `history` are the recorded arrays after `close`; until then they lie in `directory`, which the rig
     deletes if its owner dies.
     """
 
-    def __init__(
-        self,
-        scenario: str,
-        seed: int,
-        *,
-        motion: str = SMOOTH,
-        fingers: str = "",
-        plate: str = REFERENCE,
-        modes: int = 0,
-        wiring: str = IDENTITY,
-        record: bool = False,
-    ) -> None:
+    def __init__(self, scenario: str, seed: int, **others: Any) -> None:
+        """Start a rig of these `RigSettings`."""
+        settings = RigSettings(scenario, seed, **others)
         self._directory = tempfile.TemporaryDirectory(prefix="hapticd-rig-")
         self.directory = Path(self._directory.name)
-        # -P: nothing is imported from the current directory.
-        command = [sys.executable, "-P", "-m", "hapticd.sim.rig.program", str(self.directory), "--owned"]
-        command += ["--scenario", scenario, "--motion", motion, "--seed", str(seed)]
-        command += ["--plate", plate, "--modes", str(modes), "--wiring", wiring]
-        if fingers:
-            command += ["--fingers", fingers]
-        if record:
-            command += ["--record", str(self.directory / HISTORY_FILE)]
         # Its own session, so that a Ctrl-C does not stop the rig before the daemon. The pipe to its input closes with
         # this process, however that ends, and stops the rig.
+        line = command(self.directory, settings)
         self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+            line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
         assert self.process.stdout is not None
         try:

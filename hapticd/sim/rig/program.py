@@ -1,7 +1,6 @@
 """The simulated rig in real time: a process that simulates the hardware.
 
-    python -m hapticd.sim.rig.program DIRECTORY [--scenario NAME] [--fingers FILE] [--seed N] [--plate NAME]
-        [--modes N] [--record FILE]
+    python -P -m hapticd.sim.rig.program DIRECTORY SETTINGS    (`process.RigSettings`, as JSON)
 
 Files in DIRECTORY:
 
@@ -20,7 +19,7 @@ Not modelled: the serial line's speed beyond the constant delay, and the detunin
 
 from __future__ import annotations
 
-import argparse
+import json
 import os
 import selectors
 import shutil
@@ -28,7 +27,7 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -38,15 +37,15 @@ from ..fingers.fingertip import USUAL
 from ..fingers.hands import Hands, YieldingPath
 from ..fingers.paths import Path as FingerPath
 from ..fingers.pressing import Tip
-from ..fingers.scenarios import MOTIONS, SCENARIOS, SMOOTH, SPEED_MM_S, Actor, paths_of, with_motion
-from ..fingers.sensor import Report, SensorModel, SensorSettings
+from ..fingers.scenarios import SCENARIOS, SPEED_MM_S, Actor, paths_of, with_motion
+from ..fingers.sensor import Report, SensorModel
 from ..fingers.trajectories import read_repeated
-from ..plate.glasses import REFERENCE, driven_modes, find_glass
+from ..plate.glasses import driven_modes, find_glass
 from ..plate.ground_truth import GroundTruth, PlateSettings
-from ..plate.wirings import IDENTITY, WIRINGS
 from ..world import World
 from .files import write_measured
 from .plugs import READ_SIZE, BoardPlug, TrackpadPlug
+from .process import HISTORY_FILE, RigSettings
 from .sockets import RigSockets
 
 STEP_S = 0.002  # longest interval between two steps of the board
@@ -60,25 +59,16 @@ MOST_AT_ONCE_S = 0.004  # simulated between two looks at clock and line
 class Rig:
     """Board and trackpad of one scenario, served in `directory` until `stop`; its time starts at construction."""
 
-    def __init__(
-        self,
-        directory: Path,
-        scenario: str,
-        seed: int,
-        *,
-        keep: bool,
-        motion: str = SMOOTH,
-        fingers: Path | None = None,
-        plate: PlateSettings | None = None,
-    ) -> None:
-        self.plate = GroundTruth(plate)
+    def __init__(self, directory: Path, settings: RigSettings) -> None:
+        driven = driven_modes(settings.plate, settings.modes)
+        self.plate = GroundTruth(PlateSettings.of(settings.plate, driven, settings.wiring))
         self.actors: tuple[Actor, ...] = (
-            with_motion(SCENARIOS[scenario].build(seed, SPEED_MM_S), motion)
-            if fingers is None
-            else read_repeated(fingers, find_glass(self.plate.settings.plate).size_mm)
+            read_repeated(Path(settings.fingers), find_glass(settings.plate).size_mm)
+            if settings.fingers
+            else with_motion(SCENARIOS[settings.scenario].build(settings.seed, SPEED_MM_S), settings.motion)
         )
         self.hands = Hands()
-        self._files = write_measured(self.plate, seed, directory)
+        self._files = write_measured(self.plate, settings.seed, directory)
         paths: list[FingerPath] = [
             *(YieldingPath(path, self.hands) for path in paths_of(self.actors)),
             *self.hands.fingers,
@@ -87,13 +77,13 @@ class Rig:
             paths,
             self.plate,
             w_limit_um=self.plate.w_limit_um,
-            seed=seed,
+            seed=settings.seed,
             boot_id=os.getpid() & 0x7FFFFFFF,
-            keep=keep,
+            keep=settings.record,
             chunk_ticks=CHUNK_TICKS,
         )
         tips: list[Tip] = [actor.fingertip or USUAL for actor in self.actors if actor.path is not None]
-        self._scans = SensorModel(SensorSettings(), seed, block=1).scans(paths, [*tips, *self.hands.fingers])
+        self._scans = SensorModel(seed=settings.seed, block=1).scans(paths, [*tips, *self.hands.fingers])
         self._sockets = RigSockets(directory)
         self._reports: deque[Report] = deque()
         self._t_scan_s = 0.0
@@ -181,16 +171,17 @@ class Rig:
 
     def _publish_truth(self) -> None:
         now = self.world.now()
-        shapes = self.plate.shapes(now.finger_mm)[:, : len(now.plate_um)]
+        shapes = self.plate.shapes(now.finger_mm)
         t_s = self.world.t_s
         self._sockets.publish(t_s, round((self.t_start_s + t_s) * 1e9), now, shapes @ now.plate_um)
 
     def _scan(self, now_s: float) -> None:
         """Sample up to now; reports wait in `_reports` for the sensor's latency."""
         while self._t_scan_s <= now_s:
-            scan = next(self._scans)
-            self._t_scan_s = scan.t_sample_s
-            self._reports += scan.reports
+            report = next(self._scans)
+            self._t_scan_s = report.t_sample_s
+            if report.data:
+                self._reports.append(report)
 
     def _run_to(self, t_s: float) -> None:
         while output := self.world.advance(t_s):
@@ -209,8 +200,7 @@ class Rig:
         target_um[:, :scripted] = np.reshape(targets_um, (scripted, len(recording.t_s))).T
         absent = ~np.isfinite(finger_mm[..., 0])
         target_um[absent] = np.nan
-        shapes = self.plate.shapes(finger_mm)[..., : recording.plate_um.shape[1]]
-        truth_um = np.einsum("tnp,tp->tn", shapes, recording.plate_um)
+        truth_um = np.einsum("tnp,tp->tn", self.plate.shapes(finger_mm), recording.plate_um)
         truth_um[absent] = np.nan
         np.savez_compressed(
             path,
@@ -224,53 +214,28 @@ class Rig:
         )
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the process until SIGTERM or SIGINT."""
-    parser = argparse.ArgumentParser(prog="hapticd.sim.rig.program", description="The simulated rig in real time.")
-    parser.add_argument("directory", type=Path, help="directory for the endpoints")
-    parser.add_argument("--scenario", default="strokes", choices=sorted(SCENARIOS))
-    parser.add_argument("--fingers", type=Path, help="play those of this CSV instead, again and again")
-    parser.add_argument("--motion", default=SMOOTH, choices=MOTIONS, help="of strokes")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--plate", default=REFERENCE, help="a name, or a file")
-    parser.add_argument("--modes", type=int, default=0, help="those that are driven; 0: the plate's own")
-    parser.add_argument("--wiring", default=IDENTITY, choices=WIRINGS)
-    parser.add_argument("--record", type=Path, help="write the history (NPZ) at the end")
-    parser.add_argument(
-        "--owned", action="store_true", help="stop at the end of standard input too, and delete the directory"
-    )
-    options = parser.parse_args(arguments)
+def main() -> None:
+    """Run the process until SIGTERM, SIGINT or the end of its standard input, with which its directory goes."""
+    directory, settings = Path(sys.argv[1]), RigSettings(**json.loads(sys.argv[2]))
     try:
-        _run(options)
+        rig = Rig(directory, settings)
     except (DeviceError, UsageError, ValueError) as error:
         sys.exit(f"hapticd.sim.rig.program: {error}")
-
-
-def _run(options: argparse.Namespace) -> None:
-    rig = Rig(
-        options.directory,
-        options.scenario,
-        options.seed,
-        keep=options.record is not None,
-        motion=options.motion,
-        fingers=options.fingers,
-        plate=PlateSettings.of(options.plate, driven_modes(options.plate, options.modes), options.wiring),
-    )
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: rig.stop())
     signal.signal(signal.SIGUSR1, lambda *_: rig.replug_board())
     signal.signal(signal.SIGUSR2, lambda *_: rig.replug_trackpad())
     try:
         print(f"ready {rig.t_start_s}", flush=True)
-        rig.serve(sys.stdin.fileno() if options.owned else None)
+        rig.serve(sys.stdin.fileno())
     except BrokenPipeError:  # the owner has died
         rig.is_orphaned = True
     finally:
         rig.close()
     if rig.is_orphaned:
-        shutil.rmtree(options.directory, ignore_errors=True)  # the owner, who has died, would have deleted it
-    elif options.record is not None:
-        rig.save(options.record)
+        shutil.rmtree(directory, ignore_errors=True)  # the owner, who has died, would have deleted it
+    elif settings.record:
+        rig.save(directory / HISTORY_FILE)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def draw(films: list[Film], path: Path, *, seconds: float, source: str) -> None:
 
 def typical_instant(film: Film, seconds: float) -> int:
     """Return the index of the instant at which both contacts' frictions are nearest to their medians over the run."""
-    t_s, got, _ = film.frictions(seconds)
+    t_s, _, got, _ = film.contacts(seconds)
     is_complete = np.isfinite(got).all(axis=1)
     if not is_complete.any():
         return 0
@@ -71,15 +71,15 @@ def _draw_plate(figure: Any, axis: Any, film: Film, seconds: float) -> None:
         cmap=plotting.stepped("viridis", LEVELS),
         norm=PowerNorm(0.5, vmin=0.0),  # small amplitudes matter as much as large ones
     )
-    instants_s, felt, wanted = film.frictions(seconds)
-    found = int(np.searchsorted(instants_s, film.t_s[at]))
-    for finger, (place_mm, got, asked) in enumerate(zip(film.finger_mm[at], felt[found], wanted[found], strict=True)):
+    instants_s, _, *frictions = film.contacts(seconds)
+    felt, wanted = (each[int(np.searchsorted(instants_s, film.t_s[at]))] for each in frictions)
+    for finger, (place_mm, got, asked) in enumerate(zip(film.finger_true_mm[at], felt, wanted, strict=True)):
         if not np.isfinite(asked):
             continue
         colour = ON_FIELD[_colour(asked)]
         for edge, width in (("black", 5.0), (colour, 2.6)):
             axis.add_patch(Circle(place_mm, CONTACT_RADIUS_MM, fill=False, ec=edge, lw=width))
-        is_above = place_mm[1] >= np.nanmax(film.finger_mm[at][:, 1]) and place_mm[1] < depth_mm / 2 - 2 * LABEL_MM
+        is_above = place_mm[1] >= np.nanmax(film.finger_true_mm[at][:, 1]) and place_mm[1] < depth_mm / 2 - 2 * LABEL_MM
         away_mm = LABEL_MM if is_above else -LABEL_MM  # of two fingers one above and one below: apart
         axis.text(
             np.clip(place_mm[0], -0.23 * width_mm, 0.23 * width_mm),
@@ -104,7 +104,7 @@ def _draw_plate(figure: Any, axis: Any, film: Film, seconds: float) -> None:
 
 
 def _draw_time(axis: Any, film: Film, seconds: float) -> None:
-    t_s, got, asked = film.frictions(seconds)
+    t_s, _, got, asked = film.contacts(seconds)
     t_s = t_s - film.t_s[0]  # windows of different runs, over one axis
     for finger in range(asked.shape[1]):
         known = asked[np.isfinite(asked[:, finger]), finger]

@@ -28,7 +28,6 @@ from ...config.sections import SimConfig
 from ...errors import HapticdError
 from ...sim.fingers.scenarios import SCENARIOS, SPEED_MM_S, with_motion
 from ...sim.fingers.scripted import ScriptedClient
-from ...sim.plate.ground_truth import GroundTruth
 from ...sim.plate.wirings import IDENTITY
 from ...sim.rig.process import RigProcess
 from ...sim.score import CONTACT_RADIUS_MM
@@ -263,6 +262,4 @@ def line(state: PlateState) -> str:
 def _film(history: Mapping[str, Any], live: DemoColumn, start_s: float, end_s: float) -> Film:
     """Return a window of the rig's recording."""
     part = (history["t_s"] >= start_s) & (history["t_s"] < end_s)
-    arrays = {name: array[part] for name, array in history.items()}
-    arrays["finger_mm"] = arrays["finger_true_mm"]
-    return Film.judged(f"{live.title}, live", live.plate, max(GroundTruth(live.plate).w_limit_um), arrays)
+    return Film.judged(f"{live.title}, live", live.plate, {name: array[part] for name, array in history.items()})

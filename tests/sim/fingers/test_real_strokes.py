@@ -11,13 +11,11 @@ import pytest
 from hand_statistics import APPLE, played, sensed, statistics
 
 from hapticd.__main__ import main
-from hapticd.sim import lockstep
 from hapticd.sim.fingers.paths import Path as FingerPath
 from hapticd.sim.fingers.paths import Touch, Touches
 from hapticd.sim.fingers.real_strokes import HAND, RealStrokes
 from hapticd.sim.fingers.scenarios import LAND_S, REAL, SCENARIOS, SMOOTH, with_motion
 from hapticd.sim.fingers.strokes import strokes_pair
-from hapticd.sim.settings import Settings
 
 OTHER_SEEDS = range(1, 6)  # than those that the hand was fitted on
 
@@ -88,14 +86,6 @@ def test_a_hand_that_lifts_and_lands_again_goes_on_with_its_movements() -> None:
         assert steady is not None
         assert np.array_equal(found.position_mm(t_s)[is_down], steady.position_mm(t_s)[is_down])
         assert np.isnan(found.position_mm(t_s)[~is_down]).all()
-
-
-def test_a_run_with_real_motion_repeats_itself_and_is_no_smooth_one() -> None:
-    first, again = (lockstep.run("strokes", settings={"motion": REAL}, seconds=0.8) for _ in range(2))
-    assert first.plate_um.tobytes() == again.plate_um.tobytes()
-    assert not np.array_equal(first.finger_true_mm, lockstep.run("strokes", seconds=0.8).finger_true_mm)
-    with pytest.raises(ValueError, match="choose one of real, smooth"):
-        Settings(motion="wild")
 
 
 def test_a_command_plays_real_hands_unless_a_speed_or_smooth_ones_are_asked_for(tmp_path: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -45,10 +43,13 @@ def test_the_shapes_are_the_theory_s(truth: GroundTruth) -> None:
     np.testing.assert_allclose(truth.shapes(points), expected, rtol=0.0, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("q_factor", 0.0), ("v_limit_v", -1.0), ("f_x_hz", math.nan), ("detune_hz", math.inf), ("sensor_noise_um", -1e-3)],
-)
-def test_a_plate_that_cannot_be_is_refused(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"PlateSettings.{name}"):
-        PlateSettings(**{name: value})
+def test_a_third_mode_has_an_amplifier_a_sensor_and_a_place_on_the_map() -> None:
+    truth = GroundTruth(PlateSettings(driven_modes=3))
+
+    assert truth.gain_um_per_v_s.shape == truth.sensor.T.shape == (4, 3)
+    np.testing.assert_array_equal(np.diag(truth.sensor), 1.0)
+    driven = -1j * np.diag(truth.gain_um_per_v_s) * 150.0
+    held_um = driven / (1.5 * truth.nominal_decay_1_s - 1j * truth.nominal_detuning_rad_s)
+    np.testing.assert_allclose(np.abs(held_um), 4.0)
+    assert truth.true_mode_map().M == 3
+    assert [len(truth.scan(1, is_driven)[0]) for is_driven in (True, False)] == [3, 1]

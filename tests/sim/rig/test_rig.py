@@ -25,7 +25,7 @@ from hapticd.core.board.session import BoardSession
 from hapticd.errors import DeviceError
 from hapticd.sim.fingers.hands import RETURN_S
 from hapticd.sim.rig import sockets as rigsockets
-from hapticd.sim.rig.process import RigProcess
+from hapticd.sim.rig.process import RigProcess, RigSettings
 from hapticd.sim.rig.program import Rig
 from hapticd.sim.world import CONTROL_HZ
 from hapticd.wire import device
@@ -41,7 +41,7 @@ PATIENCE_S = 10.0
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Rig, Path]]:
     """A rig with fingers that lie still, served by a thread."""
     directory = tmp_path_factory.mktemp("rig")
-    made = Rig(directory, "rest", 1, keep=True)
+    made = Rig(directory, RigSettings("rest", 1, record=True))
     thread = threading.Thread(target=made.serve)
     thread.start()
     yield made, directory
@@ -172,7 +172,7 @@ def test_a_users_fingers_replace_the_scenarios_until_they_lift() -> None:
 
 
 def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None:
-    made = Rig(tmp_path, "hands", 1, keep=True)
+    made = Rig(tmp_path, RigSettings("hands", 1, record=True))
     sensed: list[bytes] = []
     made._pad.send = sensed.append  # type: ignore[method-assign]
     made.hands.hold({"1": SimulatedTouch(7.0, -3.0, 0.5)}, 0.05)
@@ -195,7 +195,7 @@ def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None
 
 
 def test_the_pad_reports_the_scenarios_fingers_again_after_a_persons(tmp_path: Path) -> None:
-    made = Rig(tmp_path, "strokes", 1, keep=False)
+    made = Rig(tmp_path, RigSettings("strokes", 1))
     counts: list[int] = []
     decoder = Decoder("mt2-usb")
     made._pad.send = lambda data: counts.extend(len(frame.contacts) for frame in decoder.decode(data, 0))  # type: ignore[method-assign]
@@ -214,7 +214,7 @@ class BusyRig(Rig):
     t_s = 0.0
 
     def __init__(self, directory: Path) -> None:
-        super().__init__(directory, "rest", 1, keep=True)
+        super().__init__(directory, RigSettings("rest", 1, record=True))
         advance = self.world.advance
 
         def slowly(t_s: float) -> bytes:
@@ -307,5 +307,5 @@ def test_a_ctrl_c_while_a_rig_starts_leaves_nothing_behind(
 
 def test_a_rig_that_does_not_start_is_one_sentence(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(DeviceError, match="The simulated rig did not start"):
-        RigProcess("no-such-scenario", 1)
-    assert "invalid choice: 'no-such-scenario'" in capfd.readouterr().err
+        RigProcess("rest", 1, plate="no-such-plate")
+    assert "there is no plate 'no-such-plate'" in capfd.readouterr().err
