@@ -1,4 +1,4 @@
-"""A device goes, comes back, falls silent, restarts or is another."""
+"""A board that restarts, or is another."""
 
 from __future__ import annotations
 
@@ -6,59 +6,13 @@ import math
 
 import pytest
 from faulty_simulation import BOOT_S, FaultySimulation, Way
-from stand import (
-    HANDSHAKE_MS,
-    LED_DOWN_MS,
-    LINK_MS,
-    PERIOD_MS,
-    RING_DOWN_MS,
-    SILENCE_MS,
-    SILENT_MS,
-    TIMER_MS,
-    agrees,
-    cut,
-    doing,
-    lines,
-    passing,
-    seconds,
-    worst,
-)
+from stand import HANDSHAKE_MS, RING_DOWN_MS, agrees, doing, lines, seconds, worst
 
 from hapticd import board_protocol as protocol
-from hapticd.daemon.machine import PAD_IS_SILENT
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
-THREE_FRAMES_MS = 4 * PERIOD_MS + LINK_MS  # that the board takes as a sign of life, and one that moves
 STATUS_EVERY_MS = 100.0
 TIME_EVERY_MS = 500.0
-GREET_EVERY_MS = 250.0
-BOARD_SILENT_MS = 1000.0
-
-
-def test_a_pulled_trackpad_is_a_quiet_plate_within_one_zero_frame(caplog: pytest.LogCaptureFixture) -> None:
-    after = worst(doing(FaultySimulation.pull_trackpad, FaultySimulation.plug_trackpad), 0.5)
-    assert after.quiet_ms <= LINK_MS + LED_DOWN_MS
-    assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
-    assert after.board["deadman_trips"] == 0
-    assert lines(caplog) == ["WARNING trackpad: lost", "INFO trackpad: open"]
-    agrees("trackpad unplugged", after)
-
-
-def test_a_trackpad_that_falls_silent_under_fingers_lifts_them(caplog: pytest.LogCaptureFixture) -> None:
-    after = worst(passing(cut, "report"), 0.5)
-    assert after.quiet_ms <= SILENCE_MS + TIMER_MS + LINK_MS + LED_DOWN_MS
-    assert after.back_ms <= 3 * PERIOD_MS + LINK_MS
-    assert lines(caplog) == [f"WARNING {PAD_IS_SILENT}"]
-    agrees("trackpad silent under fingers", after)
-
-
-def test_a_pulled_board_quiets_itself_and_is_driven_again_after_a_handshake(caplog: pytest.LogCaptureFixture) -> None:
-    after = worst(doing(FaultySimulation.pull_board, FaultySimulation.plug_board), 0.5)
-    assert after.quiet_ms <= SILENT_MS
-    assert after.back_ms <= HANDSHAKE_MS
-    assert after.board["reboots"] == 0  # it ran on
-    assert lines(caplog) == ["WARNING board: the port is lost", "INFO board: open"]
-    agrees("serial device unplugged", after)
 
 
 # The board's clock wraps at 2 s. A reset half a second before looks like half a second that passed: then only the next
@@ -94,41 +48,6 @@ def test_a_board_of_another_firmware_is_refused_in_one_sentence(caplog: pytest.L
     agrees("board of another firmware", after)
 
 
-def test_a_board_that_is_mute_is_let_go_after_a_second(caplog: pytest.LogCaptureFixture) -> None:
-    after = worst(passing(cut, "host"), 1.5)
-    # It hears, and follows; then the greeting makes it let go.
-    assert after.quiet_ms <= BOARD_SILENT_MS + STATUS_EVERY_MS + RING_DOWN_MS + LINK_MS
-    assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
-    assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
-    agrees("board mute, but listening", after)
-
-
-def test_a_board_that_is_deaf_quiets_itself(caplog: pytest.LogCaptureFixture) -> None:
-    after = worst(passing(cut, "board"), 0.5)
-    assert after.quiet_ms <= SILENT_MS
-    assert after.back_ms <= THREE_FRAMES_MS
-    assert after.board["deadman_trips"] == 1
-    assert lines(caplog) == []  # `status` tells the trip
-    agrees("board deaf, but speaking", after)
-
-
-def test_a_silent_board_quiets_itself_and_is_greeted_until_it_answers(caplog: pytest.LogCaptureFixture) -> None:
-    after = worst(passing(cut, "host", "board"), 1.5)
-    assert after.quiet_ms <= SILENT_MS
-    assert after.back_ms <= GREET_EVERY_MS + HANDSHAKE_MS
-    assert lines(caplog) == ["WARNING board: silent; requesting its hello until it answers"]
-    agrees("board silent both ways", after)
-
-
-def test_half_a_frame_for_ever_is_silence_and_costs_no_frame_behind_it(caplog: pytest.LogCaptureFixture) -> None:
-    after = worst(passing(half_a_frame_and_no_more, "board"), 0.5)
-    assert after.quiet_ms <= SILENT_MS + PERIOD_MS  # the half frame is no sign of life
-    assert after.back_ms <= THREE_FRAMES_MS
-    assert after.board["bad_frames"] == 1  # the half alone: each frame begins by ending what was on the line before
-    assert lines(caplog) == []
-    agrees("half a frame for ever", after)
-
-
 def as_another_firmware(t_from_s: float) -> Way:
     """From then on hellos say another version of the protocol."""
     splitter = FrameSplitter(1000)
@@ -144,18 +63,5 @@ def as_another_firmware(t_from_s: float) -> Way:
                 message = message[:1] + protocol.HELLO.pack(*head) + message[1 + protocol.HELLO.size :]
             said += encode_frame(message)
         return [(t_ns, said)]
-
-    return way
-
-
-def half_a_frame_and_no_more(t_from_s: float, t_until_s: float) -> Way:
-    is_cut = False
-
-    def way(t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
-        nonlocal is_cut
-        if not t_from_s <= seconds(t_ns) < t_until_s:
-            return [(t_ns, data)]
-        was_cut, is_cut = is_cut, True
-        return [] if was_cut else [(t_ns, data[: len(data) // 2])]
 
     return way

@@ -4,8 +4,8 @@ Runs of 30 s, numbered from 0, each with a new board and a plate within its tole
 to 300 Hz from the drive. Run N is always the same: `play(N)` or `play(N, far=True)` repeats it. A board that faults,
 leaves LIVE or passes a limit is a failure.
 
-Not covered: the daemon (`daemon`), broken wires and sensors (`hapticd bench firmware`), and fault 10, which takes 100 s
-at the voltage limit.
+Not covered: the daemon (`tests/faults`), broken wires and sensors (`hapticd bench firmware`), and fault 10, which takes
+100 s at the voltage limit.
 """
 
 from __future__ import annotations

@@ -1,10 +1,7 @@
-"""What both soaks share: runs for hours that must hold what they promise, their figures, and a sentence per violation.
+"""Figures of runs for hours that must hold what they promise, and a sentence per violation.
 
-endurance  the firmware on random plates, with fingers and textures
-daemon     the daemon and the firmware amid faults
-
-`python tests/soak endurance --hours 100` plays so many hours of virtual time, `daemon` too. Endurance is a campaign: on
-all cores, or with --cluster, whose workers need `tests` in their PYTHONPATH.
+`python tests/soak endurance --hours 100` plays so many hours of virtual time: a campaign on all cores, or with
+--cluster, whose workers need `tests` in their PYTHONPATH.
 """
 
 from __future__ import annotations

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from soak import daemon as soak_daemon
 from soak import endurance, worlds
 from soak import harness as soak
-from soak.harness import ALL
 
 from hapticd.errors import HapticdError
 
@@ -48,22 +46,3 @@ def test_a_limit_passed_and_a_board_that_leaves_live_are_failures(what: str, fra
     left, passed = endurance._violations(figures | {f"peak_{what}_frac": frac}, trace, 0, 2000.0)
     assert left == "the board left LIVE after 0.030 s, without a fault."
     assert passed.startswith(f"a {what} was")
-
-
-@pytest.mark.long
-def test_half_a_minute_of_faults_has_no_failure() -> None:
-    found = soak_daemon.play(7)
-    assert found.failures == []
-    assert {*found.rows} == {ALL, *(kind.name for kind in soak_daemon.KINDS)}  # each kind at least once
-    assert found.rows[ALL]["frames_count"] > 1000
-    assert 1.0 < found.rows[ALL]["peak_reference_um"] <= 4.0
-
-
-@pytest.mark.long
-def test_an_undetected_fault_and_a_plate_that_still_moves_are_failures(monkeypatch: pytest.MonkeyPatch) -> None:
-    nothing = soak_daemon.Kind("nothing", (0.3, 0.4), 5.0, lambda *_: None, lambda _: 0.0)
-    monkeypatch.setattr(soak_daemon, "KINDS", (nothing,))
-    monkeypatch.setattr(soak_daemon, "RUN_S", 4.2)
-    failures = soak_daemon.play(1).failures
-    assert any("not detected" in sentence for sentence in failures)
-    assert any("the plate still moved after 3" in sentence for sentence in failures)
