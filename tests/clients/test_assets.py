@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from fake_daemon import FakeDaemon
 
 from hapticd.core.targets import assets as store
 from hapticd_client import Asset, Client, HapticdError, Map, Rectangle, asset
-from hapticd_client.asset import upload
 
 STRIPES = np.tile(np.array([0, 255] * 512, dtype=np.uint8), (1024, 1))
 PITCH_MM = 137.5 / 1023
@@ -43,31 +41,11 @@ def test_a_restarted_daemon_gets_the_assets_in_use_again(daemon: FakeDaemon, mon
         assert daemon.scene.assets.report()["count"] == 1  # what no map uses is not uploaded again
 
 
-def test_a_handle_that_the_daemon_has_dropped_is_uploaded_when_it_is_used(daemon: FakeDaemon, client: Client) -> None:
-    picture = client.asset([[0, 255]])
-    daemon.scene.assets.look((), time.monotonic_ns() + 10**11)
-    assert daemon.scene.assets.report()["count"] == 0
-    client.surface("photo", map=Map(picture, high_um=1.0))
-    assert felt_um(daemon, 1023) == 1.0
-
-
 def test_a_client_that_changes_its_picture_all_the_time_always_finds_room(daemon: FakeDaemon, client: Client) -> None:
     for frame in range(store.MAX_BYTES // 2**20 + 2):
         levels = bytes([frame]) * 1024
         client.surface("video", map=Map(client.asset([levels] * 1024), high_um=2.55))
     assert felt_um(daemon, 0) == pytest.approx(0.01 * frame)
-
-
-def test_a_daemon_that_keeps_no_part_is_not_asked_forever() -> None:
-    asked: list[dict[str, object]] = []
-
-    def ask(body: dict[str, object]) -> dict[str, object]:
-        asked.append(body)
-        return {"have": 0}
-
-    with pytest.raises(HapticdError, match="does not keep its parts"):
-        upload(ask, "a", asset.asset_of([[1] * 1000] * 100))
-    assert len(asked) == 15
 
 
 def test_the_end_of_a_client_does_not_wait_for_a_daemon_per_asset(

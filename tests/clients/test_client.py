@@ -62,17 +62,6 @@ def target_um(state: PlateState, finger_id: int | str) -> float | None:
 # --- asking -----------------------------------------------------------------------------------------------------
 
 
-def test_fingers_are_those_on_the_plate_and_not_the_virtual_ones(daemon: FakeDaemon, client: Client) -> None:
-    daemon.fingers = {1: (-20.0, 5.0), 2: (30.0, -5.0)}
-    client.virtual("ghost", position_mm=(0, 0))
-    state = state_when(client, lambda state: len(state.fingers) == 3)
-    assert [(finger.id, finger.x_mm, finger.y_mm) for finger in client.fingers()] == [
-        (1, -20.0, 5.0),
-        (2, 30.0, -5.0),
-    ]
-    assert [finger.virtual for finger in state.fingers] == [False, False, True]
-
-
 def test_each_finger_gets_what_was_set_by_the_time_set_returns(daemon: FakeDaemon, client: Client) -> None:
     daemon.fingers = dict.fromkeys(range(1, 6), (0.0, 0.0))
     one, *_ = client.fingers()
@@ -370,15 +359,6 @@ def test_a_daemon_of_another_protocol_is_refused(daemon: FakeDaemon) -> None:
     daemon.protocol = 2
     with pytest.raises(HapticdError, match="has protocol version 2, this library 1"):
         Client(daemon.directory)
-
-
-def test_status_capabilities_and_hello_are_the_daemons_own_words(daemon: FakeDaemon, client: Client) -> None:
-    assert client.hello["protocol"] == 1
-    assert "grating" in client.capabilities()["targets"]
-    client.set(1, friction=0.5)
-    assert client.status().keys() == {"messages", "t_ns"}
-    client.clear_fault()
-    assert daemon.fault_cleared
 
 
 def test_a_closed_client_raises(daemon: FakeDaemon) -> None:

@@ -42,9 +42,7 @@ def test_the_command_plays_a_file_prints_what_is_dropped_and_ends(
     ("width_mm", "sentence"),
     [
         ("900", "900 x 450 mm is larger than the plate of 137.5 x 137.5 mm: give 0.1 .. 137.5."),
-        ("137.6", "137.6 x 68.8 mm is larger than the plate of 137.5 x 137.5 mm: give 0.1 .. 137.5."),
         ("0.05", "--width-mm: 0.05 is out of bounds, it must be 0.1 .. 1000."),
-        ("nan", "--width-mm: nan is out of bounds, it must be 0.1 .. 1000."),
     ],
 )
 def test_a_picture_wider_than_the_plate_is_refused_before_it_is_laid(

@@ -74,15 +74,6 @@ def test_a_finger_lands_moves_presses_and_lifts(rig: Rig, tmp_path: Path) -> Non
         rig.until(None)
 
 
-def test_a_finger_lifts_when_it_is_closed_and_moves_no_more(rig: Rig, tmp_path: Path) -> None:
-    with Finger(Plate(tmp_path)) as finger:  # type: ignore[arg-type]
-        finger.land(0, 0)
-        rig.until(SimulatedTouch(0.0, 0.0))
-    rig.until(None)
-    with pytest.raises(HapticdError, match="This finger is closed"):
-        finger.land(0, 0)
-
-
 def test_a_way_has_a_step_each_hundredth_of_a_second_and_ends_where_it_leads() -> None:
     start, end = SimulatedTouch(0.0, 0.0, 0.1), SimulatedTouch(10.0, -5.0, 0.5)
     steps = list(sim.ways(start, end, 0.1))

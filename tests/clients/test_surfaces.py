@@ -55,12 +55,3 @@ def test_surfaces_are_refreshed_without_starting_their_motion_again(daemon: Fake
     before = layer.t_expires_ns
     wait_for(lambda: layer.t_expires_ns >= before + 200_000_000)
     assert daemon.scene.surfaces.layers == [layer]
-
-
-def test_all_surfaces_on_the_plate_can_be_read_as_they_were_laid(daemon: FakeDaemon) -> None:
-    with Client(daemon.directory, name="one") as one, Client(daemon.directory, name="other") as other:
-        one.surface("track", Rectangle(100, 24), amplitude_um=1.5)
-        other.surface("patch", Circle(8.0), friction=0.2, position_mm=(3.0, 4.0), z=2)
-        patch, track = one.surfaces()
-    assert (patch["client"], patch["friction"], patch["circle_mm"], patch["position_mm"]) == ("other", 0.2, 8.0, [3, 4])
-    assert (track["client"], track["amplitude_um"], len(track["polygon_mm"])) == ("one", 1.5, 4)

@@ -23,7 +23,6 @@ from hapticd.config.sections import (
     Config,
     DeviceConfig,
     PlateConfig,
-    TrackpadConfig,
     UncertaintyConfig,
 )
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
@@ -46,6 +45,7 @@ def test_an_empty_file_is_the_default_and_the_default_is_the_simulated_plate(tmp
     loaded = load("", tmp_path)
     assert loaded == Config()
     assert loaded.trackpad.source == loaded.device.port == SIMULATED
+    assert config.simulated(Config(device=DeviceConfig(port="/dev/ttyACM0"))) == Config()
     assert (loaded.rig_dir, loaded.device.plate_delay_ms) == ("", 0.0)
     tracked = load('[trackpad]\nsource = "tuio"\ndevice = "127.0.0.1:3334"\nsize_mm = [200.0, 150.0]\n', tmp_path)
     assert (tracked.trackpad.size_mm, tracked.rig_dir) == ((200.0, 150.0), "")
@@ -170,15 +170,6 @@ def test_no_text_raises_anything_but_a_config_error(text: str) -> None:
         return
     with contextlib.suppress(ConfigError):
         config.from_table(table, where="x", folder=Path("/nonexistent"))
-
-
-def test_the_simulated_plate_takes_nothing_measured_of_a_real_one() -> None:
-    real = Config(
-        plate=PlateConfig(modes_file="a.npz"),
-        trackpad=TrackpadConfig(source="hid", offset_mm=(1.0, 2.0), matrix=(1.0, 0.1, 0.0, 1.0)),
-        device=DeviceConfig(port="/dev/ttyACM0"),
-    )
-    assert config.simulated(real) == Config()
 
 
 def test_at_most_forty_keys_are_left() -> None:

@@ -193,32 +193,6 @@ async def test_after_a_pass_that_overran_the_loop_sleeps_the_next_passes_do_less
 
 
 @asynchronous
-async def test_what_a_followed_board_sends_is_read_with_the_next_pass_or_tick_and_before_it(
-    hardware: Hardware, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async with hardware.started() as service:
-        await until(lambda: service._t_awake_ns is not None)
-        calls: list[str] = []
-        monkeypatch.setattr(service.machine, "timer", lambda _: calls.append("tick"))
-        monkeypatch.setattr(service.machine, "reports", lambda *_: calls.append("pass"))
-        monkeypatch.setattr(service.machine, "board_bytes", lambda *_: calls.append("read"))
-        for does, make in {
-            "pass": lambda: service._reports([RawReport(now_ns(), b"")]),
-            "tick": lambda: service._on_timer(0, 0),
-        }.items():
-            assert service._timer is not None
-            service._timer.set_period(3_600_000_000_000)
-            service._link.wait(True)
-            calls.clear()
-            os.write(hardware.terminal.master, b"a status")
-            await until(lambda: hardware.terminal.waiting > 0)
-            assert calls == []
-            make()
-            assert calls == ["read", does]
-        monkeypatch.undo()
-
-
-@asynchronous
 async def test_after_a_stall_of_the_process_the_log_names_it_and_the_board_is_read_before_it_is_judged(
     hardware: Hardware, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

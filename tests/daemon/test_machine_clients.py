@@ -120,15 +120,6 @@ def test_a_request_that_a_newer_message_overtook_is_an_error_and_changes_nothing
     assert bench.machine.scene.owner_of(1) is None
 
 
-def test_an_overtaken_refresh_is_dropped_and_counted_not_refused() -> None:
-    bench = held()
-    assert bench.ask("release", by=VICTIM, client="study", stamp=101)["ok"]
-    bench.send(by=VICTIM, client="study", stamp=100, targets=[{"finger": 1, "amplitude_um": 1.0}])
-    assert bench.machine.scene.owner_of(1) is None
-    clients = bench.ask("status")["body"]["clients"]
-    assert (clients["overtaken"], clients["refused"]) == (1, 0)
-
-
 @pytest.mark.parametrize("op", ["targets", "set"])
 @pytest.mark.parametrize(("waited_ms", "left_ms"), [(0, 500), (300, 200), (500, 0), (9000, 0)])
 def test_a_message_that_waited_holds_for_what_is_left_of_its_ttl(op: str, waited_ms: int, left_ms: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from itertools import pairwise
 
 import msgpack
 import pytest
@@ -83,19 +82,6 @@ def test_a_reader_gets_all_surfaces_as_they_were_laid_with_their_owner_and_the_i
     assert (plate["client"], plate["friction"]) == ("other", 0.5)
     assert "circle_mm" not in plate
     assert body["version"] == version(bench)
-
-
-def test_the_version_changes_with_the_surfaces_and_not_with_their_refreshes_or_motions() -> None:
-    bench = Bench(SLIPPERY)
-    tile: dict[str, object] = {"name": "tile", "amplitude_um": 1.0, "velocity_mm_s": [5.0, 0.0]}
-    counts = [version(bench)]
-    for surfaces in ((tile,), (tile,), ({**tile, "amplitude_um": 0.5},), ()):
-        publish(bench, *surfaces, ttl_s=1.0)
-        counts.append(version(bench))
-    publish(bench, tile, ttl_s=0.02)
-    bench.run(100)
-    counts.append(version(bench))
-    assert [after - before for before, after in pairwise(counts)] == [1, 0, 1, 1, 2]
 
 
 def test_a_reader_that_asks_again_costs_no_description_of_what_did_not_change(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,16 +44,6 @@ def test_status_is_plain_data_at_any_time(when: str) -> None:
     assert msgpack.unpackb(msgpack.packb(said)).keys() == said.keys()
 
 
-def test_what_a_busy_computer_costs_names_only_what_it_cost() -> None:
-    bench = Bench(SLIPPERY, STICKY).driven()
-    said = bench.machine.status
-    said.loop.missed_ticks = 7
-    assert said.lost() == {}
-    said.loop.throttled = 2
-    bench.machine.session.ledger.late_frames = 3
-    assert said.lost() == {"frames late": 3, "passes put off": 2}
-
-
 def test_status_tells_rates_ages_counters_and_how_the_state_came_to_be() -> None:
     bench = Bench(SLIPPERY, STICKY).driven()
     bench.run(95)
@@ -95,22 +85,6 @@ def test_the_plate_tells_its_size_limits_drive_and_shapes() -> None:
     )
     assert (said["x_mm"][0], said["x_mm"][-1]) == (modes.x_mm[0], modes.x_mm[-1])
     assert len(msgpack.packb(said)) < 65536
-
-
-def test_two_slipping_fingers_are_told_with_the_phase_between_them() -> None:
-    bench = Bench(SLIPPERY, STICKY)
-    bench.run(400)
-    states = bench.published()
-    bench.set_targets({1: 1.0, 2: 1.0})
-    bench.run(200)
-    state = states[-1]
-    assert [finger["owner"] for finger in state["fingers"]] == ["test", "test"]
-    for finger in state["fingers"]:
-        shapes = bench.machine.modes.at(finger["predicted_x_mm"], finger["predicted_y_mm"])
-        w_um = sum(
-            phi * complex(d, q) for phi, d, q in zip(shapes, state["modal_um"], state["modal_q_um"], strict=True)
-        )
-        assert abs(w_um) == pytest.approx(finger["achieved_um"], abs=0.03)
 
 
 def test_how_late_the_timer_is_and_how_long_the_collector_held_all_is_in_status_and_in_each_state() -> None:

@@ -26,18 +26,6 @@ def calibrate(bench: Bench) -> None:
     bench.configure('[device]\ncalibration_file = "plate.toml"\n')
 
 
-def test_a_sound_plate_is_measured_and_then_driven(bench: Bench) -> None:
-    calibrate(bench)
-    bench.rig("step")
-    service, client = bench.service(), bench.client()
-    wait_for(lambda: bool(client.status()["board"].get("state") == "LIVE"))
-    assert client.status()["board"]["self_test"] == {
-        "outcome": "passed",
-        "text": "nothing has moved since the calibration.",
-    }
-    assert service.lines_with("self-test: nothing has moved since the calibration.")
-
-
 def test_swapped_wires_keep_the_plate_quiet_and_are_named(bench: Bench) -> None:
     calibrate(bench)
     rig = bench.rig("step", wiring="swapped", record=True)

@@ -12,7 +12,6 @@ from hapticd.values import AffineMap, Contact, TouchFrame
 from hapticd.wire.trackpad import Decoder, StillContacts, evdev
 from hapticd.wire.trackpad.evdev import (
     BTN_LEFT,
-    DISTANCE,
     EV_KEY,
     EV_MSC,
     EV_SYN,
@@ -22,7 +21,6 @@ from hapticd.wire.trackpad.evdev import (
     POSITION_X,
     POSITION_Y,
     PRESSURE,
-    SLOT,
     SYN_DROPPED,
     SYN_MT_REPORT,
     TOOL_TYPE,
@@ -78,11 +76,6 @@ def test_ten_contacts_are_ten_and_slots_beyond_sixteen_are_not_seen() -> None:
     assert sorted(places(full)) == list(range(MAX_CONTACTS))
 
 
-def test_a_contact_that_returns_without_having_moved_is_where_it_was() -> None:
-    *_, back = frames(Decoder(SCREEN), placed(0, 2000, 2000, 7), lifted(0), [axis(SLOT, 0), axis(TRACKING_ID, 8)])
-    assert places(back) == {8: (0.0, 0.0)}
-
-
 def test_an_ellipse_turns_clockwise_from_forward_in_units_of_positions() -> None:
     events = [*placed(0, 0, 0, 1), axis(TOUCH_MAJOR, 150), axis(TOUCH_MINOR, 75)]
     forward, turned = frames(Decoder(SCREEN), events, [axis(ORIENTATION, 90)])
@@ -102,11 +95,6 @@ def test_pressure_is_a_share_of_the_highest_and_none_where_the_device_has_none()
     events = [*placed(0, 0, 0, 1), axis(PRESSURE, 51)]
     assert only(frames(Decoder(SCREEN), events)[0]).pressure_frac == pytest.approx(0.2)
     assert only(frames(Decoder(BARE_SCREEN), events)[0]).pressure_frac == 0.0
-
-
-def test_a_contact_at_a_distance_does_not_touch() -> None:
-    hovering, touching = frames(Decoder(SCREEN), [*placed(0, 0, 0, 1), axis(DISTANCE, 3)], [axis(DISTANCE, 0)])
-    assert (only(hovering).touching, only(touching).touching) == (False, True)
 
 
 @pytest.mark.parametrize("tool", [1, 2, 10, -1])  # pen, palm, dial, and none that the kernel knows

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import signal
-import socket
-import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,10 +14,9 @@ from pathlib import Path
 import pytest
 import zmq
 from asynchronous import asynchronous
-from client_sockets import connected, greeted, in_thread, served
+from client_sockets import connected, in_thread, served
 
 from hapticd.io.clients.inbox import BURST
-from hapticd.io.clients.sockets import MAX_SUBSCRIPTION_BYTES
 
 STATE = bytes(400)
 
@@ -145,25 +141,3 @@ async def test_a_stopped_subscriber_delays_no_other_and_queues_a_bounded_number_
                     break
             assert await in_thread(listening.recv)
             stopped.send_signal(signal.SIGCONT)
-
-
-@asynchronous
-async def test_a_subscription_longer_than_any_client_needs_costs_its_sender_the_connection(tmp_path: Path) -> None:
-    async with served(tmp_path) as running, greeted(tmp_path / "telemetry", Socket_Type=b"SUB") as greedy:
-        server = running.server
-        with connected(tmp_path, zmq.SUB, "telemetry") as modest:
-            modest.subscribe(b"")
-            await running.until(lambda: server.has_subscribers)
-            greedy.sendall(b"\x02" + struct.pack(">Q", MAX_SUBSCRIPTION_BYTES + 1) + b"\x01")
-            assert await in_thread(lambda: all_received(greedy)) is not None
-            server.publish(STATE)
-            assert await in_thread(modest.recv) == STATE
-
-
-def all_received(rude: socket.socket) -> bytes:
-    """What came until the other side closed."""
-    received = b""
-    with contextlib.suppress(ConnectionResetError):
-        while part := rude.recv(4096):
-            received += part
-    return received

@@ -238,17 +238,6 @@ async def test_a_second_daemon_is_refused_and_the_first_keeps_its_sockets(tmp_pa
 
 
 @asynchronous
-async def test_closing_removes_the_sockets_and_frees_the_directory_for_the_next(tmp_path: Path) -> None:
-    for _ in range(3):
-        async with served(tmp_path) as running:
-            assert (tmp_path / "control").is_socket()
-        assert [path.name for path in tmp_path.iterdir()] == ["lock"]
-        running.server.close()
-        running.server.publish(b"into the void")
-        running.server.sweep()
-
-
-@asynchronous
 async def test_sockets_left_by_a_killed_daemon_are_taken_over(tmp_path: Path) -> None:
     with zmq.Context() as context, context.socket(zmq.PULL) as killed:
         killed.bind(f"ipc://{tmp_path / 'targets'}")
@@ -323,11 +312,3 @@ def test_another_users_directory_or_link_is_refused(tmp_path: Path, monkeypatch:
     for path in (tmp_path, link):
         with pytest.raises(HapticdError, match="belongs to another user"):
             own_directory(path)
-
-
-def test_what_cannot_be_a_directory_is_refused_by_name(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(HapticdError, match="file: "):
-        own_directory(tmp_path / "file")
-    with pytest.raises(HapticdError, match="does not exist"):
-        own_directory(tmp_path / "none" / "run")

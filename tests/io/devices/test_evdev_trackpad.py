@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import evdev
 import pytest
 from asynchronous import asynchronous
 from input_events import END, axis, lifted, packed, placed
@@ -20,7 +19,6 @@ from hapticd.io.devices.evdev_trackpad import EvdevTrackpad
 from hapticd.io.devices.input_nodes import Axis, InputNode, describe, find_nodes
 from hapticd.wire.trackpad import Decoder, Pad
 from hapticd.wire.trackpad.evdev import (
-    EV_ABS,
     EV_SYN,
     POSITION_X,
     POSITION_Y,
@@ -199,37 +197,6 @@ def test_a_device_is_what_it_declares() -> None:
         pad, name="event7", geometry=replace(pad.geometry, pressure_max_raw=0, quarter_turn_raw=0)
     )
     assert FakeNode(bare).slot_count() == 0
-
-
-def test_a_node_is_as_evdev_describes_it_with_stamps_of_the_monotonic_clock(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Device:
-        fd, name = 7, "a\tscreen"
-
-        def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
-            assert not absinfo
-            return {EV_ABS: [POSITION_X]}
-
-        def absinfo(self, code: int) -> evdev.AbsInfo:
-            return evdev.AbsInfo(value=code, min=-5, max=90, fuzz=1, flat=2, resolution=12)
-
-        def grab(self) -> None:
-            calls.append("grab")
-
-        def close(self) -> None:
-            calls.append("close")
-            raise OSError
-
-    calls: list[object] = []
-    monkeypatch.setattr(evdev, "InputDevice", lambda _, readonly: Device() if readonly else None)
-    monkeypatch.setattr(input_nodes.fcntl, "ioctl", lambda fd, *call: calls.append((fd, *call)))
-    node = InputNode(Path("/dev/input/event7"))
-    assert (node.fd, node.name) == (7, "ascreen")
-    assert (node.axis(POSITION_X), node.axis(POSITION_Y)) == (Axis(POSITION_X, -5, 90, 12), None)
-    node.claim()
-    node.close()
-    assert calls == [(7, 0x400445A0, b"\1\0\0\0"), "grab", "close"]
 
 
 def test_a_file_that_is_no_input_device_is_not_chosen(tmp_path: Path) -> None:

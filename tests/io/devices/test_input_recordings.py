@@ -6,7 +6,6 @@ import asyncio
 import functools
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,10 +13,8 @@ import pytest
 from asynchronous import VirtualTimeLoop, asynchronous
 from listener import Listener
 
-from hapticd.config.sections import Config, TrackpadConfig
-from hapticd.errors import ConfigError, TrackpadError
+from hapticd.errors import TrackpadError
 from hapticd.io.devices.replay import MAX_EVENT_LINES, ReplayTrackpad, read_recording
-from hapticd.tools.service import _trackpad
 from hapticd.values import TouchFrame
 from hapticd.wire.trackpad import Decoder
 
@@ -140,18 +137,6 @@ def test_of_several_devices_the_first_with_touches_is_played(tmp_path: Path) -> 
     assert (pad.name, pad.geometry.width_mm, len(reports)) == ("my screen", 344.0, 4)
 
 
-@each_program
-def test_lifts_of_slots_that_held_nothing_and_a_touch_from_before_the_recording_are_no_contacts(
-    tmp_path: Path, text_of: Writer
-) -> None:
-    lifts: list[Event] = [(0, 3, 0x2F, 1), (0, 3, 0x39, -1), (0, 3, 0x2F, 0), (0, 3, 0x39, -1), (0, 0, 0, 0)]
-    before: list[Event] = [(4, 3, 0x2F, 2), (4, 3, 0x35, 100), (4, 0, 0, 0), (6, 3, 0x2F, 0), (6, 0, 0, 0)]
-    stroke: list[Event] = [(ms + 8, *what) for ms, *what in STROKE]  # type: ignore[misc]
-    seen = frames(written(tmp_path, text_of(SCREEN, [*lifts, *before, *stroke])))
-    assert [len(frame.contacts) for frame in seen] == [0, 0, 0, 1, 1, 1, 0]
-    assert [frame.contacts[0].x_mm for frame in seen if frame.contacts] == [0.0, 1.0, 2.0]
-
-
 def test_evemu_files_without_a_version_and_without_resolutions_are_read_too(tmp_path: Path) -> None:
     bare = evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE, version="")
     bare = bare.removeprefix('# Input device name: "screen"\n').replace(" 0 0 0\n", " 0 0\n")
@@ -248,11 +233,3 @@ async def test_a_finger_that_lay_still_is_repeated_until_it_is_lifted(tmp_path: 
     assert {(one[0].x_mm, one[0].y_mm) for one in contacts[2:-1]} == {(2.0, 0.0)}
     assert contacts[-1] == ()
     await source.close()
-
-
-def test_a_service_takes_the_recording_and_the_size_of_its_screen(tmp_path: Path) -> None:
-    path = written(tmp_path, evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE))
-    pad = TrackpadConfig(source="replay", device=str(path))
-    with pytest.raises(ConfigError, match=r"^trackpad\.device: my screen .*set trackpad\.size_mm"):
-        _trackpad(Config(trackpad=pad), Path())
-    assert isinstance(_trackpad(Config(trackpad=replace(pad, size_mm=(344.0, 194.0))), Path()), ReplayTrackpad)

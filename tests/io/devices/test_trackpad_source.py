@@ -172,24 +172,6 @@ def test_of_a_pads_nodes_only_the_touch_interface_counts_and_each_path_once() ->
 
 
 @asynchronous
-async def test_reports_that_waited_come_in_one_batch_in_order_with_the_time_they_were_read() -> None:
-    hid, listener = FakeHid(node("mt2-usb")), Listener()
-    ticks = iter(range(0, 10**12, 1000))
-    source = hid_source(hid, clock_ns=lambda: next(ticks))
-    waiting = [bytes((2, i)) for i in range(40)]
-    for report in waiting:
-        hid.waiting.put(report)
-    listener.listen(source)
-    await listener.until(lambda: len(listener.reports) == 40)
-    assert listener.events[0] == (PADS["mt2-usb"], "Magic Trackpad 2 on USB at /dev/hidraw3")
-    assert [report.data for report in listener.reports] == waiting
-    times = [report.t_host_ns for report in listener.reports]
-    assert times == sorted(set(times))
-    assert len(listener.events) == 2
-    await source.close()
-
-
-@asynchronous
 async def test_an_unplugged_pad_is_reported_once_and_enabled_again_after_reconnecting() -> None:
     hid, listener = FakeHid(node("mt2-usb")), Listener()
     source = hid_source(hid)

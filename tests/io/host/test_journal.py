@@ -96,11 +96,3 @@ def test_a_flood_of_lines_from_one_place_becomes_one_line_in_ten_seconds(tmp_pat
     assert len(lines) == BURST + 2
     assert lines[0] == "flood 0"
     assert re.fullmatch(r"flood 512\d \(25\d\d more lines of this kind were dropped\)", lines[-1])
-
-
-def test_a_wall_clock_that_steps_back_ends_no_line_for_long(tmp_path: Path) -> None:
-    lines = written(
-        tmp_path,
-        [record(f"before {n}", 9000.0) for n in range(100)] + [record(f"after {n}", 11.0 + 11.0 * n) for n in range(2)],
-    )
-    assert lines[BURST:] == [f"after 1 ({100 - BURST + 1} more lines of this kind were dropped)"]
