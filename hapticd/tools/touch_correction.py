@@ -168,7 +168,7 @@ def known_better(touched: Touched, judged: Judged) -> dict[str, Any]:
     """
     config = touched.header.config
     before, limits_um = config.uncertainty, config.limits.w_limit_um
-    if judged.touched_mm is None:
+    if judged.waves is None:
         return _room_for_other_modes(touched, judged)
     if not has_sensors(touched):
         return {}

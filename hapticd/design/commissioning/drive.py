@@ -26,34 +26,29 @@ class HeldMode:
 
 def judge_deadman(*, is_silent: bool, was_pulled: bool, is_quiet: bool) -> Judgement:
     """Judge the dead-man: `is_silent`, a voltage ended without keep-alives; `is_quiet`, so it did without a cable."""
-    findings = []
+    wrong = ""
     if not is_silent:
-        findings.append(Diagnosis("The board went on without keep-alives: do not go on, flash the firmware again."))
+        wrong = "The board went on without keep-alives: do not go on, flash the firmware again."
     elif not was_pulled:
-        findings.append(Diagnosis("The cable was not pulled: the line stayed up. Pull the board's plug when asked."))
+        wrong = "The cable was not pulled: the line stayed up. Pull the board's plug when asked."
     elif not is_quiet:
-        findings.append(
-            Diagnosis("The board did not stop when the cable was pulled: do not go on, flash the firmware again.")
-        )
-    return Judgement("Without its host the board went quiet by itself, and logged it.", tuple(findings))
+        wrong = "The board did not stop when the cable was pulled: do not go on, flash the firmware again."
+    findings = (Diagnosis(wrong),) if wrong else ()
+    return Judgement("Without its host the board went quiet by itself, and logged it.", findings)
 
 
 def judge_stop(*, stopped: bool, is_logged: bool, drives_again: bool) -> Judgement:
     """Judge the pressed stop: whether the voltage ended, the log has it, and the board drives after its release."""
-    findings = []
+    findings: tuple[Diagnosis, ...] = ()
     if not (stopped and is_logged):
-        findings.append(
-            Diagnosis(
-                "The stop was pressed and the board drove on: its third pole is not in PB15's circuit. Take the bridge "
-                "off, and wire PB15 through the stop's closed contact to ground.",
-                (Flaw.STOP_LINE,),
-            )
+        bridged = (
+            "The stop was pressed and the board drove on: its third pole is not in PB15's circuit. Take the bridge "
+            "off, and wire PB15 through the stop's closed contact to ground."
         )
+        findings = (Diagnosis(bridged, (Flaw.STOP_LINE,)),)
     elif not drives_again:
-        findings.append(
-            Diagnosis("The board does not drive after the stop's release: is it released, and PB15 closed?")
-        )
-    return Judgement("The stop ended the drive, and the board drives again after its release.", tuple(findings))
+        findings = (Diagnosis("The board does not drive after the stop's release: is it released, and PB15 closed?"),)
+    return Judgement("The stop ended the drive, and the board drives again after its release.", findings)
 
 
 def judge_loop(held: Sequence[HeldMode], fault: str) -> Judgement:
@@ -63,20 +58,14 @@ def judge_loop(held: Sequence[HeldMode], fault: str) -> Judgement:
         off = abs(one.mean_um - one.asked_um) / one.asked_um
         share = one.volts_v / one.expected_v
         if off > FOLLOWED_FRAC:
-            findings.append(
-                Diagnosis(
-                    f"Mode {mode} is at {one.mean_um:.3f} um where {one.asked_um:g} um were asked for.", (), (mode,)
-                )
-            )
+            where = f"Mode {mode} is at {one.mean_um:.3f} um where {one.asked_um:g} um were asked for."
+            findings.append(Diagnosis(where, (), (mode,)))
         elif not VOLTS_FRAC[0] <= share <= VOLTS_FRAC[1]:
-            findings.append(
-                Diagnosis(
-                    f"Mode {mode} takes {one.volts_v:.1f} V for {one.asked_um:g} um, where its calibration says "
-                    f"{one.expected_v:.1f}: its sensor is cut off, or something lies on the plate.",
-                    (Flaw.PREAMPLIFIER_CLIPS,),
-                    (mode,),
-                )
+            takes = (
+                f"Mode {mode} takes {one.volts_v:.1f} V for {one.asked_um:g} um, where its calibration says "
+                f"{one.expected_v:.1f}: its sensor is cut off, or something lies on the plate."
             )
+            findings.append(Diagnosis(takes, (Flaw.PREAMPLIFIER_CLIPS,), (mode,)))
     figures = [
         (f"mode {k}", f"{one.mean_um:.4f} um, {1e3 * one.deviation_um:.1f} nm about it, {one.volts_v:.1f} V")
         for k, one in enumerate(held)

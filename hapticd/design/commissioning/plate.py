@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from ...board_values import ModeCalibration
 from ...values import FloatArray
 from ..resonance import Resonance
 from ..wiring import MeasuredWiring
@@ -34,87 +33,59 @@ def _row(values: FloatArray) -> str:
     return " ".join(f"{value:.2f}" for value in values)
 
 
-def judge_resonance(modes: Sequence[ModeCalibration], fits: Sequence[Resonance], design: PlateDesign) -> Judgement:
+def judge_resonance(fits: Sequence[Resonance], design: PlateDesign) -> Judgement:
     """Judge frequency, quality and gain of each mode against the design."""
-    moved = float(np.median([one.frequency_hz / two for one, two in zip(fits, design.frequency_hz, strict=True)])) - 1.0
+    own_hz = np.array(design.frequency_hz)
+    moved = float(np.median([fit.frequency_hz for fit in fits] / own_hz)) - 1.0
+    quality = np.array([fit.q_factor for fit in fits]) * design.decay_1_s / (np.pi * own_hz)
+    gain = np.array([fit.gain_um_per_v_s for fit in fits]) / design.gain_um_per_v_s
     findings = []
     if abs(moved) > MOVED_FRAC:
-        findings.append(
-            Diagnosis(
-                f"All resonances are {100.0 * moved:+.1f} % from the design: measure the plate's thickness and edges.",
-                (Flaw.DIMENSIONS,),
-            )
-        )
-    quality = [
-        fit.q_factor * decay_1_s / (np.pi * hz)
-        for fit, hz, decay_1_s in zip(fits, design.frequency_hz, design.decay_1_s, strict=True)
-    ]
-    gain = [fit.gain_um_per_v_s / own for fit, own in zip(fits, design.gain_um_per_v_s, strict=True)]
+        where = f"All resonances are {100.0 * moved:+.1f} % from the design: measure the plate's thickness and edges."
+        findings.append(Diagnosis(where, (Flaw.DIMENSIONS,)))
     damped = [k for k in range(len(fits)) if quality[k] < LEAST_QUALITY]
-    if damped:
-        k = min(damped, key=lambda mode: gain[mode])
-        findings.append(
-            Diagnosis(
-                f"Modes {', '.join(map(str, damped))} are damped: Q {fits[k].q_factor:.0f} is {100.0 * quality[k]:.0f} "
-                f"% of the design's, patch {k} has {100.0 * gain[k]:.0f} % of its force. If nothing lies on it, it is "
-                f"soft or thick glue, or a rim of it, at patch {k}: glue it again.",
-                (Flaw.GLUE,),
-                (k,),
+    for k in sorted(damped, key=lambda mode: float(gain[mode]))[:1]:
+        soft = (
+            f"Modes {', '.join(map(str, damped))} are damped: Q {fits[k].q_factor:.0f} is {100.0 * quality[k]:.0f} % "
+            f"of the design's, patch {k} has {100.0 * gain[k]:.0f} % of its force. If nothing lies on it, it is soft "
+            f"or thick glue, or a rim of it, at patch {k}: glue it again."
+        )
+        findings.append(Diagnosis(soft, (Flaw.GLUE,), (k,)))
+    for k in range(len(fits)):
+        if k not in damped and gain[k] < LEAST_GAIN:
+            cracked = (
+                f"Mode {k} has {100.0 * gain[k]:.0f} % of its force at its usual quality: patch {k} is cracked. "
+                "Measure its capacitance: a cracked one has lost as much, a half bonded one has not."
             )
-        )
-    findings += [
-        Diagnosis(
-            f"Mode {k} has {100.0 * gain[k]:.0f} % of its force at its usual quality: patch {k} is cracked. "
-            "Measure its capacitance: a cracked one has lost as much, a half bonded one has not.",
-            (Flaw.PATCH_CRACKED,),
-            (k,),
-        )
-        for k in range(len(fits))
-        if k not in damped and gain[k] < LEAST_GAIN
-    ]
+            findings.append(Diagnosis(cracked, (Flaw.PATCH_CRACKED,), (k,)))
     figures = [
-        (
-            f"mode {one.mode}",
-            f"{fit.frequency_hz:.1f} Hz, Q {fit.q_factor:.0f} ({100.0 * quality[k]:.0f} %), "
-            f"gain {100.0 * gain[k]:.0f} %",
-        )
-        for k, (one, fit) in enumerate(zip(modes, fits, strict=True))
+        (f"mode {k}", f"{fit.frequency_hz:.1f} Hz, Q {fit.q_factor:.0f} ({100.0 * q:.0f} %), gain {100.0 * g:.0f} %")
+        for k, (fit, q, g) in enumerate(zip(fits, quality, gain, strict=True))
     ]
     return Judgement("Frequencies, qualities and gains are the design's.", tuple(findings), tuple(figures))
 
 
-def judge_limits(straight: FloatArray, most_um: FloatArray, design: PlateDesign) -> Judgement:
+def judge_limits(straight: FloatArray, most_um: FloatArray) -> Judgement:
     """Judge the chain at the largest voltage open loop.
 
     `straight` (sensors, amplifiers) is the response per volt over that at a tenth of the volts, NaN where a sensor sees
     too little of an amplifier; `most_um` (M,) the amplitude of each mode at that voltage.
     """
     findings = []
-    for k in range(design.modes):
+    for k in range(len(most_um)):
         own, others = straight[k, k], np.delete(straight[:, k], k)
         if not own < STRAIGHT:
             continue
-        is_drive = bool((others < STRAIGHT).any())
-        what = (
-            f"Amplifier {k} gives less at more volts: check its supply and its current limit."
-            if is_drive
-            else f"Sensor {k} is cut off: at {most_um[k]:.2f} um it shows {100.0 * own:.0f} % of what it should. Its "
-            "preamplifier clips: check its supply, its middle and R5."
-        )
-        findings.append(
-            Diagnosis(
-                what,
-                (Flaw.SUPPLY_LOW,) if is_drive else (Flaw.PREAMPLIFIER_CLIPS,),
-                () if is_drive else (k,),
+        if (others < STRAIGHT).any():
+            weak = f"Amplifier {k} gives less at more volts: check its supply and its current limit."
+            findings.append(Diagnosis(weak, (Flaw.SUPPLY_LOW,)))
+        else:
+            cut = (
+                f"Sensor {k} is cut off: at {most_um[k]:.2f} um it shows {100.0 * own:.0f} % of what it should. Its "
+                "preamplifier clips: check its supply, its middle and R5."
             )
-        )
-    figures = [
-        (
-            f"mode {k}",
-            f"{most_um[k]:.2f} um at a fifth of the voltage, {100.0 * straight[k, k]:.1f} % of a straight line",
-        )
-        for k in range(design.modes)
-    ]
-    return Judgement(
-        "Amplifiers and sensors are straight up to the largest open-loop voltage.", tuple(findings), tuple(figures)
-    )
+            findings.append(Diagnosis(cut, (Flaw.PREAMPLIFIER_CLIPS,), (k,)))
+    line = "{:.2f} um at a fifth of the voltage, {:.1f} % of a straight line"
+    figures = [(f"mode {k}", line.format(um, 100.0 * straight[k, k])) for k, um in enumerate(most_um.tolist())]
+    passed = "Amplifiers and sensors are straight up to the largest open-loop voltage."
+    return Judgement(passed, tuple(findings), tuple(figures))

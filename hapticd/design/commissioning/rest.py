@@ -18,6 +18,18 @@ IDLE_OFF_V: Final = 0.05  # from the middle of VDDA: 62 steps of a 12-bit conver
 AMPLIFIER_FAULT, EMERGENCY_STOP, SUPPLY = 99, 100, 98  # events of a board's log
 MAINS_HZ: Final = (50.0, 60.0)
 MOST_NOISE_UM: Final = 0.001  # standard deviation of a component at 2 kHz: four times that of one step of 12 bits
+OPEN_CIRCUITS: Final = {
+    EMERGENCY_STOP: Diagnosis(
+        "The board reads the emergency stop as pushed: PB15 (STM32G474 and STM32H743: PC7) is open. Wire it through "
+        "the stop's closed contact to ground.",
+        (Flaw.STOP_LINE,),
+    ),
+    AMPLIFIER_FAULT: Diagnosis(
+        "The board reads an amplifier's fault: PB14 (STM32G474 and STM32H743: PC6) is open. The contact must be closed "
+        "while all is well: a normally open one is the wrong way round.",
+        (Flaw.FAULT_LINE,),
+    ),
+}
 HUM_UM: Final = 0.0002  # amplitude of a line that is no noise any more
 CLEAR: Final = 5.0  # times the noise of a line
 
@@ -34,59 +46,42 @@ class MeterReadings:
 
 @dataclass(frozen=True, slots=True)
 class SensorsAtRest:
-    """Sensors at rest (M,): standard deviation of each component without hum, hum, and its share of what the sensor
-    has (`hum_frac`), by which a hum in steps is known from what the demodulation leaves of it."""
+    """Sensors at rest (M,): standard deviation of each component without hum, and what the demodulation leaves of hum,
+    `hum_frac` of that at the converter."""
 
     noise_um: FloatArray
     hum_um: FloatArray
     hum_hz: float
     hum_frac: float
 
+    def hum(self, sensor: int) -> str:
+        """Return a sensor's hum in words."""
+        hum_um = float(self.hum_um[sensor])
+        at_converter = f", {hum_um / self.hum_frac:.1f} um at the converter" if self.hum_frac >= 1e-4 else ""
+        return f"{1e3 * hum_um:.1f} nm at {self.hum_hz:.0f} Hz{at_converter}"
+
 
 def judge_supply(
     readings: MeterReadings, interlock: int | None, *, is_configured: bool, supply_fell: bool
 ) -> Judgement:
     """Judge supplies and idle levels. `interlock` is the log's event that forbids to drive now, None without one."""
-    findings = [*_supplies(readings), *_idle(readings)]
+    findings = [*_wrong_levels(readings)]
     if supply_fell and not findings:
-        findings.append(
-            Diagnosis("The board's log says that its 3.3 V fell below 2.9 V: check its supply.", (Flaw.SUPPLY_LOW,))
-        )
-    if interlock == EMERGENCY_STOP:
-        findings.append(
-            Diagnosis(
-                "The board reads the emergency stop as pushed: PB15 (STM32G474 and STM32H743: PC7) is open. "
-                "Wire it through the stop's closed contact to ground.",
-                (Flaw.STOP_LINE,),
-            )
-        )
-    elif interlock is not None:
-        findings.append(
-            Diagnosis(
-                "The board reads an amplifier's fault: PB14 (STM32G474 and STM32H743: PC6) is open. "
-                "The contact must be closed while all is well: a normally open one is the wrong way round.",
-                (Flaw.FAULT_LINE,),
-            )
-        )
+        fell = "The board's log says that its 3.3 V fell below 2.9 V: check its supply."
+        findings.append(Diagnosis(fell, (Flaw.SUPPLY_LOW,)))
+    if interlock is not None:
+        findings.append(OPEN_CIRCUITS[interlock])
     if not (is_configured or findings):
-        findings.append(
-            Diagnosis("The board refuses its own configuration: see `hapticd firmware log`, and flash again.")
-        )
-    figures = [
-        (name, "not measured" if value is None else f"{value:.2f} V")
-        for name, value in (
-            ("board, VDDA", readings.board_v),
-            ("supply, plus", readings.plus_v),
-            ("supply, minus", readings.minus_v),
-            *((f"sensor {k}, at its ADC pin", value) for k, value in enumerate(readings.idle_v)),
-        )
-    ]
-    return Judgement(
-        "Supplies and idle levels are right, and both interlocks are closed.", tuple(findings), tuple(figures)
-    )
+        refused = "The board refuses its own configuration: see `hapticd firmware log`, and flash again."
+        findings.append(Diagnosis(refused))
+    read = {"board, VDDA": readings.board_v, "supply, plus": readings.plus_v, "supply, minus": readings.minus_v}
+    read |= {f"sensor {k}, at its ADC pin": value for k, value in enumerate(readings.idle_v)}
+    figures = ((name, "not measured" if value is None else f"{value:.2f} V") for name, value in read.items())
+    passed = "Supplies and idle levels are right, and both interlocks are closed."
+    return Judgement(passed, tuple(findings), tuple(figures))
 
 
-def _supplies(readings: MeterReadings) -> Iterator[Diagnosis]:
+def _wrong_levels(readings: MeterReadings) -> Iterator[Diagnosis]:
     wrong = [
         f"{name} is {value:.2f} V, not {least:g} to {most:g}"
         for name, value, (least, most) in (
@@ -97,12 +92,8 @@ def _supplies(readings: MeterReadings) -> Iterator[Diagnosis]:
         if value is not None and not least <= value <= most
     ]
     if wrong:
-        yield Diagnosis(
-            f"The {'; the '.join(wrong)}: check fuse, wires and setting of that supply.", (Flaw.SUPPLY_LOW,)
-        )
-
-
-def _idle(readings: MeterReadings) -> Iterator[Diagnosis]:
+        check = "check fuse, wires and setting of that supply"
+        yield Diagnosis(f"The {'; the '.join(wrong)}: {check}.", (Flaw.SUPPLY_LOW,))
     middle_v = (3.3 if readings.board_v is None else readings.board_v) / 2.0
     for sensor, value in enumerate(readings.idle_v):
         if value is not None and abs(value - middle_v) > IDLE_OFF_V:
@@ -123,8 +114,7 @@ def at_rest(t_board_us: FloatArray, measured_um: ComplexArray, design: PlateDesi
     t_s = np.asarray(t_board_us, np.float64) * 1e-6
     turned = measured_um * np.exp(2j * math.pi * design.drive_hz * t_s)[:, None]
     best_hz, best_um = MAINS_HZ[0], np.zeros(measured_um.shape[1])
-    left = measured_um - measured_um.mean(axis=0)
-    cleaned = left
+    cleaned = measured_um - measured_um.mean(axis=0)
     for hum_hz in MAINS_HZ:
         waves = np.exp(2j * math.pi * np.outer(t_s, (hum_hz, -hum_hz)))
         basis = np.column_stack([np.exp(2j * math.pi * design.drive_hz * t_s), waves])
@@ -147,7 +137,7 @@ def judge_rest(rest: SensorsAtRest, design: PlateDesign, ticks: int) -> Judgemen
     floating = hums if len(hums) == 1 else [k for k in hums if k in noisy]
     findings = [
         Diagnosis(
-            f"Sensor {sensor} alone picks up the mains ({_hum(rest, sensor)}): is its lead on, its screen grounded?",
+            f"Sensor {sensor} alone picks up the mains ({rest.hum(sensor)}): is its lead on, its screen grounded?",
             (Flaw.SENSOR_FLOATING,),
             (sensor,),
         )
@@ -156,7 +146,7 @@ def judge_rest(rest: SensorsAtRest, design: PlateDesign, ticks: int) -> Judgemen
     if len(hums) > 1 and not floating:
         findings.append(
             Diagnosis(
-                f"All of sensors {', '.join(map(str, hums))} hum ({_hum(rest, hums[0])}): check the grounds' star, "
+                f"All of sensors {', '.join(map(str, hums))} hum ({rest.hum(hums[0])}): check the grounds' star, "
                 "the screens and where mains transformers stand.",
                 (Flaw.MAINS_HUM,),
             )
@@ -178,12 +168,6 @@ def judge_rest(rest: SensorsAtRest, design: PlateDesign, ticks: int) -> Judgemen
     return Judgement("All sensors are quiet at rest.", tuple(findings), tuple(figures))
 
 
-def _hum(rest: SensorsAtRest, sensor: int) -> str:
-    read = f"{1e3 * rest.hum_um[sensor]:.1f} nm at {rest.hum_hz:.0f} Hz"
-    return read if rest.hum_frac < 1e-4 else f"{read}, {rest.hum_um[sensor] / rest.hum_frac:.1f} um at the converter"
-
-
 def interlock_of(events: tuple[int, ...]) -> int | None:
     """Return the newest event that an open circuit leaves, None without one."""
-    known = [event for event in events if event in (AMPLIFIER_FAULT, EMERGENCY_STOP)]
-    return known[-1] if known else None
+    return next((event for event in reversed(events) if event in OPEN_CIRCUITS), None)

@@ -8,6 +8,7 @@ by the resonance that an answer has: swapped sensors leave each amplifier its ow
 from __future__ import annotations
 
 import cmath
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from itertools import combinations
@@ -59,11 +60,11 @@ def judge_search(sweeps: Sequence[AmplifierSweep], design: PlateDesign) -> Diagn
     moved_hz = found_hz - design.frequency_hz[int(amplifier)]
     if abs(moved_hz) <= MOVED_HZ:
         return None
-    share = moved_hz / design.frequency_hz[int(amplifier)]
+    share = f"{100.0 * moved_hz / design.frequency_hz[int(amplifier)]:+.1f} %"
     return Diagnosis(
-        f"The plate answers at {found_hz:.0f} Hz, {100.0 * share:+.1f} % from the design: frequencies go with the "
-        f"thickness and inversely with the square of the length: measure it ({100.0 * share:+.1f} % of thickness "
-        "are enough), and take another one, or set DRIVE_HZ and MODE_HZ for this one.",
+        f"The plate answers at {found_hz:.0f} Hz, {share} from the design: frequencies go with the thickness and "
+        f"inversely with the square of the length: measure it ({share} of thickness are enough), and take another one, "
+        "or set DRIVE_HZ and MODE_HZ for this one.",
         (Flaw.DIMENSIONS,),
     )
 
@@ -93,16 +94,16 @@ def judge_answers(
 
 def _shorted(responses: ComplexArray, shares: FloatArray) -> Iterator[Diagnosis]:
     for i, j in combinations(range(len(shares)), 2):
-        rows = _difference(responses[i], responses[j]), Flaw.SENSORS_SHORTED
-        columns = _difference(responses[:, i], responses[:, j]), Flaw.DRIVES_SHORTED
-        difference, cause = min(rows, columns, key=lambda one: one[0])
-        heard = shares[[i, j]].max() if cause is Flaw.SENSORS_SHORTED else shares[:, [i, j]].max()
-        if difference < ALIKE and heard > SILENT:
-            what = "Sensors" if cause is Flaw.SENSORS_SHORTED else "The patches of amplifiers"
-            seen = "show the same" if cause is Flaw.SENSORS_SHORTED else "move the plate alike"
-            yield Diagnosis(
-                f"{what} {i} and {j} {seen}: their leads touch; look for solder or a strand.", (cause,), (i, j)
-            )
+        rows = _difference(responses[i], responses[j])
+        columns = _difference(responses[:, i], responses[:, j])
+        if rows <= columns:
+            cause, what, heard = Flaw.SENSORS_SHORTED, "Sensors {} and {} show the same", shares[[i, j]]
+        else:
+            cause, heard = Flaw.DRIVES_SHORTED, shares[:, [i, j]]
+            what = "The patches of amplifiers {} and {} move the plate alike"
+        if min(rows, columns) < ALIKE and heard.max() > SILENT:
+            touching = f"{what.format(i, j)}: their leads touch; look for solder or a strand."
+            yield Diagnosis(touching, (cause,), (i, j))
 
 
 def _difference(one: ComplexArray, other: ComplexArray) -> float:
@@ -119,18 +120,12 @@ def _outputs(outputs_v: Sequence[float | None], asked_v: float) -> Iterator[Diag
         if abs(share) < DEAD_OUTPUT:
             yield Diagnosis(f"{read}: is it muted, or without supply?", (), (amplifier,))
         elif not RIGHT_OUTPUT[0] <= abs(share) <= RIGHT_OUTPUT[1]:
-            yield Diagnosis(
-                f"{read}: check R3 and R4 of its feedback, the transformer's turns, and AMPLIFIER_V_PER_V.",
-                (Flaw.AMPLIFIER_GAIN,),
-                (amplifier,),
-            )
+            gain = f"{read}: check R3 and R4 of its feedback, the transformer's turns, and AMPLIFIER_V_PER_V."
+            yield Diagnosis(gain, (Flaw.AMPLIFIER_GAIN,), (amplifier,))
         elif share < 0.0:
-            yield Diagnosis(
-                f"Amplifier {amplifier} is inverted: its output goes down where the DAC goes up. Turn over the "
-                "transformer's secondary.",
-                (Flaw.AMPLIFIER_INVERTED,),
-                (amplifier,),
-            )
+            falls = f"Amplifier {amplifier} is inverted: its output goes down where the DAC goes up."
+            turn = f"{falls} Turn over the transformer's secondary."
+            yield Diagnosis(turn, (Flaw.AMPLIFIER_INVERTED,), (amplifier,))
 
 
 def _swapped(sweeps: Sequence[AmplifierSweep], shares: FloatArray, design: PlateDesign) -> Iterator[Diagnosis]:
@@ -139,15 +134,13 @@ def _swapped(sweeps: Sequence[AmplifierSweep], shares: FloatArray, design: Plate
         if not (is_crossed and min(shares[j, i], shares[i, j]) > SILENT):
             continue
         causes: tuple[Flaw, ...] = (Flaw.AMPLIFIERS_SWAPPED, Flaw.SENSORS_SWAPPED)
-        try:
+        with contextlib.suppress(ValueError):
             found_hz = [
                 fit_resonance(sweeps[a].frequency_hz, sweeps[a].response_um_per_v[:, s]).frequency_hz
                 for a, s in ((i, j), (j, i))
             ]
             own = (found_hz[0] - found_hz[1]) * (design.frequency_hz[i] - design.frequency_hz[j]) > 0.0
             causes = causes[1:] if own else causes[:1]
-        except ValueError:
-            pass
         what = " or ".join("sensors" if cause is Flaw.SENSORS_SWAPPED else "patches" for cause in causes)
         yield Diagnosis(
             f"Amplifier {i} moves sensor {j}, and amplifier {j} sensor {i}: the leads of the two {what} are swapped.",
@@ -173,18 +166,11 @@ def _own(
     others = float(max((shares[j, k] for j in range(len(shares)) if j != k), default=0.0))
     shown = f"Sensor {k} shows {100.0 * own:.3g} % of what it should"
     if own < SILENT and others > CROSSTALK:
-        yield Diagnosis(
-            f"{shown}, though amplifier {k} moves the plate: is its lead on its ADC pin, and on the patch?",
-            (Flaw.SENSOR_OPEN,),
-            (k,),
-        )
+        unheard = f"{shown}, though amplifier {k} moves the plate: is its lead on its ADC pin, and on the patch?"
+        yield Diagnosis(unheard, (Flaw.SENSOR_OPEN,), (k,))
     elif own < SILENT:
-        yield Diagnosis(
-            f"Amplifier {k} moves nothing: {shown[0].lower()}{shown[1:]}, and no other sensor shows anything. "
-            f"Is patch {k} on its amplifier?",
-            (Flaw.DRIVE_OPEN,),
-            (k,),
-        )
+        unmoved = f"Amplifier {k} moves nothing: {shown[0].lower()}{shown[1:]}, and no other sensor shows anything."
+        yield Diagnosis(f"{unmoved} Is patch {k} on its amplifier?", (Flaw.DRIVE_OPEN,), (k,))
     elif not WEAK <= force <= STRONG:
         is_output_right = outputs_v[k] is not None
         causes = (Flaw.SENSOR_GAIN,) if is_output_right else (Flaw.SENSOR_GAIN, Flaw.AMPLIFIER_GAIN)

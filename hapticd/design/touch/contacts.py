@@ -37,11 +37,10 @@ class TouchSizes(NamedTuple):
 
 
 class EllipseLaw(NamedTuple):
-    """A true axis is `scale` times the one that the pad reports, plus `offset_mm`; one sigma of a radius by it."""
+    """A true axis is `scale` times the one that the pad reports, plus `offset_mm`."""
 
     scale: float
     offset_mm: float
-    sigma_mm: float
 
 
 def contact_sizes(found: Fit, modes: ModeShapes) -> TouchSizes:
@@ -85,5 +84,5 @@ def ellipse_law(sizes: TouchSizes, reported_mm: FloatArray) -> EllipseLaw | None
     true_mm = 2.0 * sizes.radius_mm[has_axis] / sigma_mm
     scale, offset_mm = covariance @ (design.T @ true_mm + known * np.array((SCALE_PRIOR, 0.0)))
     usual = np.array((float(np.average(axes_mm, weights=sigma_mm**-2.0)), 1.0))
-    law = EllipseLaw(float(scale), float(offset_mm), 0.5 * float(np.sqrt(usual @ covariance @ usual)))
-    return law if law.sigma_mm < KNOWN_MM and law.scale > 0.0 else None
+    is_known = 0.5 * float(np.sqrt(usual @ covariance @ usual)) < KNOWN_MM  # of a radius
+    return EllipseLaw(float(scale), float(offset_mm)) if is_known and scale > 0.0 else None

@@ -35,25 +35,14 @@ def map_sigma(waves: Waves, precision: FloatArray, modes: ModeShapes) -> FloatAr
     """Return one sigma of the map with its waves in each ninth of the plate (3, 3), as `touched_s`: RMS over modes and
     places. `precision` (M K, M K) is the inverse of the waves' covariance; what they leave out is as unknown as before.
     """
-    plate_mm = np.array([(axis[0], axis[-1]) for axis in (modes.x_mm, modes.y_mm)]).T
-    return np.asarray(np.sqrt(_variance(waves, precision, plate_mm).mean(axis=(1, 3))), np.float64)
-
-
-def box_sigma(waves: Waves, precision: FloatArray, box_mm: FloatArray) -> float:
-    """Return the same in a box, its least and largest x and y (2, 2)."""
-    return float(np.sqrt(_variance(waves, precision, box_mm).mean()))
-
-
-def _variance(waves: Waves, precision: FloatArray, box_mm: FloatArray) -> FloatArray:
-    """Return the square of one sigma at _EACH x _EACH places of each ninth of a box (3, _EACH, 3, _EACH)."""
-    x_mm, y_mm = (box_mm[0] + (box_mm[1] - box_mm[0]) * ((np.arange(3 * _EACH) + 0.5) / (3 * _EACH))[:, None]).T
+    inner = (np.arange(3 * _EACH) + 0.5) / (3 * _EACH)
+    x_mm, y_mm = (axis[0] + (axis[-1] - axis[0]) * inner for axis in (modes.x_mm, modes.y_mm))
     at = waves.at(np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2))
-    modes = len(waves.prior)
-    covariance = np.linalg.inv(precision).reshape(modes, len(waves), modes, len(waves))
-    variance = np.mean([((at @ covariance[mode, :, mode]) * at).sum(axis=1) for mode in range(modes)], axis=0)
+    covariance = np.linalg.inv(precision).reshape(modes.M, len(waves), modes.M, len(waves))
+    variance = np.mean([((at @ covariance[mode, :, mode]) * at).sum(axis=1) for mode in range(modes.M)], axis=0)
     smooth = slice(waves.smooth)
     variance += np.maximum(MAP_PRIOR**2 - (at[:, smooth] ** 2) @ waves.prior[0, smooth] ** 2, 0.0)
-    return np.asarray(variance.reshape(3, _EACH, 3, _EACH), np.float64)
+    return np.asarray(np.sqrt(variance.reshape(3, _EACH, 3, _EACH).mean(axis=(1, 3))), np.float64)
 
 
 def known_sentence(sigma: FloatArray) -> str:

@@ -1,7 +1,7 @@
 """Fit of pad, sensors and map: Gauss-Newton with the loads of all windows eliminated (variable projection).
 
-Each step solves for everything at once; the loads of a window meet no other window, so they leave by their Schur
-complement. It costs O(T P^2) for T ticks and P parameters.
+The loads of a window meet no other window, so they leave by their Schur complement: O(T P^2) for T ticks and P
+parameters.
 
 Source: G. Golub and V. Pereyra, Inverse Problems 19 (2003) R1.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...values import ComplexArray, FloatArray
-from .model import FORCE_S, LOAD_PRIOR_FRAC, PAD_PRIOR, Calibration, FitState, Free, Model
+from .model import FORCE_S, LOAD_PRIOR_FRAC, Calibration, FitState, Free, Model, stepped
 from .normal import OUTLIER, Normal, covariance_of, normal_of, precision_of
 from .observations import WINDOW_S, Windows
 from .problem import TouchProblem, complex_of
@@ -70,34 +70,31 @@ def fit(
     `judged_by_um_s` (M,) is the noise in units of which the result's cost is; without, its own.
     """
     model = Model(windows, modes, start, waves, parasitic_modes, free.apart)
-    problem = TouchProblem(model, free, start, are_points)
+    problem = TouchProblem(model, free, are_points)
     state = FitState.start(start, model, problem.spread_mm2)
-    settled = _settled(replace(problem, free=Free()), state)
-    pad, sense, lacking = problem.sizes[:3]
-    found, covariance, precision = settled, np.zeros((sum(problem.sizes),) * 2), np.zeros((lacking, lacking))
+    found = _settled(replace(problem, free=Free()), state)
+    sizes = [part.size for part in problem.parts(state)]
+    pad, sense, lacking = sizes[:3]
+    covariance, precision = np.zeros((sum(sizes), sum(sizes))), np.zeros((lacking, lacking))
     if any(free):
-        found, normal = _descended(problem, settled)
+        found, normal = _descended(problem, found)
         covariance = covariance_of(normal, windows)
         precision = precision_of(normal, slice(pad + sense, pad + sense + lacking))
     state, noise = found.state, found.noise
+    own_hz = (model.splines @ state.own.T).imag / (2.0 * np.pi)
     return Fit(
         state.calibration,
-        _sigma(problem, np.sqrt(np.diag(covariance))),
+        _sigma(problem, state, np.sqrt(np.diag(covariance))),
         covariance[:pad, :pad],
         _window_cost(model, state, noise if judged_by_um_s is None else judged_by_um_s),
         noise,
-        _drift_hz(model, state),
+        np.max([np.ptp(own_hz[chosen], axis=(0, 1)) for chosen in windows.sessions], axis=0),
         state.loads,
         state.spread_mm2,
         np.sqrt(np.diag(covariance))[len(covariance) - len(state.spread_mm2) :],
         precision,
         np.asarray(model.contrasts @ state.apart_mm, np.float64),
     )
-
-
-def _drift_hz(model: Model, state: FitState) -> FloatArray:
-    own_hz = (model.splines @ state.own.T).imag / (2.0 * np.pi)
-    return np.asarray(np.max([np.ptp(own_hz[chosen], axis=(0, 1)) for chosen in model.windows.sessions], axis=0))
 
 
 class _Settled(NamedTuple):
@@ -122,10 +119,8 @@ def _settled(problem: TouchProblem, state: FitState) -> _Settled:
 
 
 def _descended(problem: TouchProblem, found: _Settled) -> tuple[_Settled, Normal]:
-    """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little.
-
-    Returns the normal equations of the last one, too.
-    """
+    """Take Gauss-Newton steps, damped after each that raises the cost (Levenberg-Marquardt), until they gain little;
+    return also the normal equations of the last one."""
     left = _MOST_WITH_WAVES if problem.free.waves else _MOST_STEPS
     cost, damping, normal = _cost(problem, *found), 0.0, normal_of(problem, *found)
     while left > 0 and damping < _MOST_DAMPING:
@@ -168,7 +163,7 @@ def _window_cost(model: Model, state: FitState, noise: FloatArray) -> FloatArray
 
 def _cost(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> float:
     data = float(_window_cost(problem.model, state, noise).sum())
-    known = float(((problem.offsets(state) / problem.priors(state)) ** 2).sum())
+    known = float(((np.concatenate(problem.parts(state)) / problem.priors(state)) ** 2).sum())
     return data + known + float((np.abs(state.loads - mean) ** 2).sum()) / spread**2
 
 
@@ -189,12 +184,8 @@ def _load_prior(windows: Windows, state: FitState, normal: Normal) -> tuple[Comp
     return mean, spread
 
 
-def _sigma(problem: TouchProblem, sigma: FloatArray) -> Calibration:
-    pad, sense, waves, *_ = np.split(sigma, np.cumsum(problem.sizes)[:-1])
-    modes = len(problem.start.sense)
-    flat = np.concatenate(((0.0,), complex_of(sense))) if sense.size else np.zeros(modes * modes)
-    return Calibration(
-        pad if pad.size else np.zeros(len(PAD_PRIOR)),
-        flat.reshape(modes, modes).astype(np.complex128),
-        waves.reshape(problem.start.waves.shape) if waves.size else np.zeros_like(problem.start.waves),
-    )
+def _sigma(problem: TouchProblem, state: FitState, sigma: FloatArray) -> Calibration:
+    pad, sense, waves, *_ = problem.split(state, sigma)
+    found = state.calibration
+    none = Calibration(np.zeros_like(found.pad), np.zeros_like(found.sense), np.zeros_like(found.waves))
+    return stepped(none, pad, complex_of(sense), waves)

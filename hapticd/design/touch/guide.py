@@ -17,11 +17,10 @@ GUIDED_S = EACH_S * _ROUNDS * len(_PLACES)
 
 
 class GuidedPlaces(NamedTuple):
-    """Quarters (column, row) of two fingers from the middle, -1 or 1 each, and how long they are to stay."""
+    """Quarters (column, row) of two fingers from the middle, -1 or 1 each."""
 
     first: tuple[int, int]
     second: tuple[int, int]
-    left_s: float
 
     def sentence(self, of_s: float) -> str:
         """Return what to do, of `of_s` seconds that are left in all."""
@@ -33,4 +32,4 @@ def places_at(t_s: float) -> GuidedPlaces:
     """Return where the fingers are to be `t_s` seconds after the start; at the last places after the end."""
     step = min(int(t_s / EACH_S), _ROUNDS * len(_PLACES) - 1)
     column, row = _PLACES[step % len(_PLACES)]
-    return GuidedPlaces((column, row), (-column, -row), max((step + 1) * EACH_S - t_s, 0.0))
+    return GuidedPlaces((column, row), (-column, -row))

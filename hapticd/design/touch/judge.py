@@ -1,20 +1,22 @@
-"""Self-calibration with a verdict: what moved, and whether touches that taught nothing confirm it.
+"""Self-calibration with a verdict: what moved, and whether held-out touches confirm it.
 
-The windows are divided by sessions, or those of one by turns of a second (`evidence`). Each half is fitted, and judged
-on the other one: by how much the residual falls there against the calibration before, in units of what chance does.
-What is not confirmed on both is not adopted.
+The windows are divided by sessions, or those of one by turns of a second. Each half is fitted, and judged on the other
+one: by how much the residual of the plate's own sensors falls there against the calibration before, in units of what
+chance does. The residual's square is summed over turns, which then count alike: a few with much residual would hide the
+others. What is not confirmed on both halves is not adopted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ...values import FloatArray
-from .coverage import Ninth, box_sigma, map_sigma, touched_box, where_next
-from .evidence import SURE, TURN_S, WORTH_FRAC, HeldOutGain, gain_of
+from .coverage import map_sigma, touched_box, where_next
 from .fit import Fit, fit
 from .model import CENTROID, CENTROID_MM_S, LATENCY, LEAST_SIZED_MODES, PAD_PRIOR, Apart, Calibration, Free
 from .observations import WINDOW_S, Windows
@@ -22,6 +24,9 @@ from .posture import PASSING, session_postures_mm, transferable, without_bias
 from .waves import Waves, wave_number
 
 LEAST_TOUCHED_S = 5.0
+TURN_S = 1.0  # turns are as good as independent, so that their spread tells how sure the mean is
+SURE = 3.0  # standard errors
+WORTH_FRAC = 0.002  # of the residual's square: less is not felt
 SENSE_OF_MAP = 0.012  # what a map as it is scanned, with 2 % of noise, passes for in an element of the sensors
 MOST_WINDOWS = 1500  # for pad and sensors, evenly from all: more add time, not accuracy
 MOST_FOR_MAP = 3600  # 72 s, as the service has at most: memory and time of a fit grow with them
@@ -38,14 +43,25 @@ APART = 6.0  # sigmas by which halves may differ, and this much in units of UNKN
 _FAR = "The fit is far from the calibration before: repeat `hapticd calibrate trackpad` or `resonance` first."
 
 
+class HeldOutGain(NamedTuple):
+    """By how much of itself the residual's square falls, and of how many standard errors a turn's gain is."""
+
+    frac: float
+    standard_errors: float
+
+    @property
+    def confirms(self) -> bool:
+        """Whether it is worth something, and no mere chance."""
+        return self.frac >= WORTH_FRAC and self.standard_errors >= 1.0
+
+
 @dataclass(frozen=True, slots=True)
 class Judged:
     """The calibration to adopt, which is the one in force if `refusal` says why; `fitted` is what the fit found.
 
     `gain_frac`: by how much of itself the held-out residual's square falls, of pad and sensors, and of the map.
-    `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none, and
-    `next_place` where more touching would help then. `map_sigma` (3, 3) is one sigma of the changed map by ninths
-    (`coverage`), `touched_sigma` that in the box that was touched, `touched_mm` (2, 2), its least and largest x and y.
+    `touched_s`: the windows' time. `waves` is the basis of the map's change, `map_refusal` why it has none. `map_sigma`
+    (3, 3) is one sigma of the changed map by ninths (`coverage`).
     """
 
     calibration: Calibration
@@ -60,10 +76,7 @@ class Judged:
     map_refusal: str = ""
     waves: Waves | None = None
     fit: Fit | None = None
-    next_place: Ninth | None = None
     map_sigma: FloatArray | None = None
-    touched_mm: FloatArray | None = None
-    touched_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +87,12 @@ class _Fitter:
     parasitic_modes: ParasiticModes | None
     waves: Waves | None = None
     are_points: bool = False
+
+    @property
+    def free(self) -> Free:
+        """On few modes errors of the map pass for centroids of single touches."""
+        apart = Apart.TOUCHES if self.modes.M >= LEAST_SIZED_MODES else Apart.SESSIONS
+        return Free(pad=True, sense=True, waves=self.waves is not None, apart=apart)
 
     def fit(self, windows: Windows, free: Free, start: Calibration, judged_by_um_s: FloatArray | None = None) -> Fit:
         return fit(
@@ -86,7 +105,12 @@ class _Fitter:
     def gain(self, held_out: Windows, before: Calibration, after: Calibration) -> HeldOutGain:
         """Return what a calibration gains on windows that did not teach it."""
         at_start = self.fit(held_out, Free(), before)
-        return gain_of(held_out, at_start, self.fit(held_out, Free(), after, at_start.noise_um_s))
+        at_end = self.fit(held_out, Free(), after, at_start.noise_um_s)  # both costs in units of the same noise
+        turn = np.unique(np.floor(held_out.start_s / TURN_S), return_inverse=True)[1]
+        before_cost, after_cost = np.bincount(turn, at_start.cost), np.bincount(turn, at_end.cost)
+        worth = np.log(before_cost / after_cost)
+        error = float(np.std(worth)) / np.sqrt(len(worth)) + 1e-12
+        return HeldOutGain(float(1.0 - after_cost.sum() / before_cost.sum()), float(worth.mean()) / error)
 
 
 def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticModes | None = None) -> Judged:
@@ -100,28 +124,20 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
         )
         return Judged(before, before, before, touched_s, 0.0, np.inf, 0.0, 0.0, refusal, refusal)
     few = _evenly(windows, MOST_WINDOWS)
-    free = Free(pad=True, sense=True)
     fitter = _Fitter(modes, parasitic_modes, are_points=True)
-    near = fitter.fit(_evenly(windows, FEW_WINDOWS), free, before).calibration
+    near = fitter.fit(_evenly(windows, FEW_WINDOWS), Free(pad=True, sense=True), before).calibration
     fitter = replace(fitter, are_points=_are_points(_evenly(windows, FEW_WINDOWS), fitter, near))
-    free = free._replace(apart=_apart_on(modes))
     first, second = _halves(few)
-    one = fitter.fit(first, free, near)
-    other = fitter.fit(second, free, one.calibration)
+    one = fitter.fit(first, fitter.free, near)
+    other = fitter.fit(second, fitter.free, one.calibration)
     lessons = ((second, transferable(windows, one.calibration)), (first, transferable(windows, other.calibration)))
     gains = [fitter.gain(part, before, lesson) for part, lesson in lessons]
-    found = fitter.fit(few, free, other.calibration)
+    found = fitter.fit(few, fitter.free, other.calibration)
     latency_s, latency_sigma_s = effective_latency(few, found)
-    refusal = (
-        _unknown(found.sigma, latency_sigma_s)
-        or _implausible(found.calibration)
-        or _adrift(found)
-        or _differ(one, other, len(windows.sessions))
-        or _unconfirmed(gains)
-    )
-    adopted = before if refusal else _effective(found.calibration, latency_s)
+    refusals = _refusals(found, latency_sigma_s, one, other, len(windows.sessions))
+    refusal = next(refusals, "") or _unconfirmed(gains)
     judged = Judged(
-        calibration=adopted,
+        calibration=before if refusal else _without_gains(_effective(found.calibration, latency_s)),
         fitted=found.calibration,
         sigma=found.sigma,
         touched_s=touched_s,
@@ -131,17 +147,12 @@ def calibrate(windows: Windows, modes: ModeShapes, parasitic_modes: ParasiticMod
         refusal=refusal,
         fit=found,
     )
-    judged = _with_map(_without_gains(judged, before), _evenly(windows, MOST_FOR_MAP), fitter)
-    if not judged.refusal and _is_crossed(judged.fitted):
-        return replace(judged, calibration=before, refusal=_FAR, map_refusal=_FAR, waves=None, touched_mm=None)
+    judged = _with_map(judged, _evenly(windows, MOST_FOR_MAP), fitter)
     if judged.refusal:
         return judged
+    if _is_crossed(judged.fitted):
+        return replace(judged, calibration=before, refusal=_FAR, map_refusal=_FAR, waves=None)
     return replace(judged, calibration=without_bias(judged.calibration, session_postures_mm(few, found)))
-
-
-def _apart_on(modes: ModeShapes) -> Apart:
-    """On few modes errors of the map pass for centroids of single touches."""
-    return Apart.TOUCHES if modes.M >= LEAST_SIZED_MODES else Apart.SESSIONS
 
 
 def _are_points(windows: Windows, fitter: _Fitter, near: Calibration) -> bool:
@@ -159,9 +170,8 @@ def effective_latency(windows: Windows, found: Fit) -> tuple[float, float]:
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
     speed = speed[np.isfinite(speed)]
     drawn = speed / np.hypot(speed, CENTROID_MM_S)
-    s_per_mm = float((drawn * speed).sum() / max(float((speed**2).sum()), 1e-9))
     weights = np.zeros(len(found.calibration.pad))
-    weights[LATENCY], weights[CENTROID] = 1.0, s_per_mm
+    weights[LATENCY], weights[CENTROID] = 1.0, (drawn * speed).sum() / max(float((speed**2).sum()), 1e-9)
     variance = float(weights @ found.covariance @ weights)
     return float(weights @ found.calibration.pad), float(np.sqrt(max(variance, 0.0)))
 
@@ -185,23 +195,32 @@ def _halves(windows: Windows) -> tuple[Windows, Windows]:
     return windows.part(is_first), windows.part(~is_first)
 
 
-def _unknown(sigma: Calibration, latency_sigma_s: float) -> str:
-    """Return why the recording does not determine the pad."""
-    if (sigma.pad[: len(UNKNOWN)] > UNKNOWN).any():
-        return (
+def _refusals(found: Fit, latency_sigma_s: float, one: Fit, other: Fit, sessions: int) -> Iterator[str]:
+    """Yield why nothing is to be adopted of a fit and those of its halves."""
+    size, sigma = len(UNKNOWN), found.sigma
+    if (sigma.pad[:size] > UNKNOWN).any():
+        yield (
             f"The touches do not tell where the pad lies (x, y to within {sigma.pad[0]:.2f}, {sigma.pad[1]:.2f} mm): "
             "the fingers crossed too few node lines. Move them over the whole plate, along x and y."
         )
     if latency_sigma_s > UNKNOWN_LATENCY_S:
-        return (
+        yield (
             f"The touches do not tell the pad's latency (to within {1e3 * latency_sigma_s:.1f} ms): "
             "move the fingers faster, in all directions."
         )
-    return ""
-
-
-def _implausible(found: Calibration) -> str:
-    return _FAR if (np.abs(found.pad) > MOST_SIGMAS * PAD_PRIOR).any() else ""
+    if (np.abs(found.calibration.pad) > MOST_SIGMAS * PAD_PRIOR).any():
+        yield _FAR
+    mode = int(np.argmax(found.drift_hz))
+    if found.drift_hz[mode] > MOST_DRIFT_HZ:
+        yield (
+            f"Mode {mode} moved by {found.drift_hz[mode]:.0f} Hz while the plate was touched, more than a fit follows: "
+            "let the plate warm up, and record again."
+        )
+    away = np.abs(one.calibration.pad - other.calibration.pad)[:size]
+    posture = PASSING if sessions > 1 else np.zeros(size)
+    allowed = APART * np.hypot(np.hypot(one.sigma.pad, other.sigma.pad)[:size], posture) + UNKNOWN
+    if (away > allowed).any():
+        yield "The two halves of the touches disagree: something moved meanwhile, or the fit failed. Record again."
 
 
 def _is_crossed(found: Calibration) -> bool:
@@ -212,64 +231,37 @@ def _is_crossed(found: Calibration) -> bool:
     return bool((sense > MOST_CROSSTALK).any())
 
 
-def _adrift(found: Fit) -> str:
-    mode = int(np.argmax(found.drift_hz))
-    if found.drift_hz[mode] > MOST_DRIFT_HZ:
-        return (
-            f"Mode {mode} moved by {found.drift_hz[mode]:.0f} Hz while the plate was touched, more than a fit follows: "
-            "let the plate warm up, and record again."
-        )
-    return ""
-
-
-def _differ(one: Fit, other: Fit, sessions: int) -> str:
-    size = len(UNKNOWN)
-    away = np.abs(one.calibration.pad - other.calibration.pad)[:size]
-    posture = PASSING if sessions > 1 else np.zeros(size)
-    allowed = APART * np.hypot(np.hypot(one.sigma.pad, other.sigma.pad)[:size], posture) + UNKNOWN
-    if (away > allowed).any():
-        return "The two halves of the touches disagree: something moved meanwhile, or the fit failed. Record again."
-    return ""
-
-
 def _unconfirmed(gains: list[HeldOutGain]) -> str:
     """Both halves have to be sure together, and each for its part."""
     together = sum(gain.standard_errors for gain in gains) / np.sqrt(len(gains))
-    return NO_CHANGE if together < SURE or not all(map(_confirms, gains)) else ""
-
-
-def _confirms(half: HeldOutGain) -> bool:
-    return half.frac >= WORTH_FRAC and half.standard_errors >= 1.0
+    return NO_CHANGE if together < SURE or not all(gain.confirms for gain in gains) else ""
 
 
 def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
     """Fit and judge the map from where pad and sensors are."""
     if judged.refusal not in ("", NO_CHANGE):
         return replace(judged, map_refusal=judged.refusal)
-    parasitic = None if fitter.parasitic_modes is None else fitter.parasitic_modes.modes
+    modes, parasitic = fitter.modes, fitter.parasitic_modes
     # On fewer modes, whose fingers are points, finer surfaces take up what contacts do: in one laboratory of four it
     # cost 3 % of the leak.
-    box_mm = touched_box(windows, fitter.modes)
-    has_fine = fitter.modes.M >= LEAST_SIZED_MODES
-    waves = Waves(fitter.modes, wave_number(fitter.modes), parasitic, box_mm if has_fine else None)
+    box_mm = touched_box(windows, modes) if modes.M >= LEAST_SIZED_MODES else None
+    waves = Waves(modes, wave_number(modes), None if parasitic is None else parasitic.modes, box_mm)
     fitter = replace(fitter, waves=waves)
-    start = replace(judged.calibration, waves=np.zeros((fitter.modes.M, len(waves))))
+    start = replace(judged.calibration, waves=np.zeros((modes.M, len(waves))))
     halves = _halves(windows)
-    free = Free(pad=True, sense=True, waves=True, apart=_apart_on(fitter.modes))
     fits, gains = [], []
     for taught, held_out in (halves, halves[::-1]):
-        fits.append(fitter.fit(taught, free, start))
+        fits.append(fitter.fit(taught, fitter.free, start))
         lesson = fits[-1].calibration
         if len(windows.sessions) > 1:
             lesson = replace(lesson, pad=start.pad)
         gains.append(fitter.gain(held_out, start, lesson))
-        if not _confirms(gains[-1]):
+        if not gains[-1].confirms:
             break  # which the other half cannot mend
     judged = replace(judged, map_gain_frac=float(np.mean([gain.frac for gain in gains])))
     if _unconfirmed(gains):
-        place = where_next(windows, fitter.modes)
-        sentence = place.sentence(len(windows) * WINDOW_S)
-        return replace(judged, map_refusal=f"The map stays as it is. {sentence}", next_place=place)
+        place = where_next(windows, modes).sentence(len(windows) * WINDOW_S)
+        return replace(judged, map_refusal=f"The map stays as it is. {place}")
     found = _mean(*fits)
     # Both halves know the priors, which count once.
     precision = fits[0].waves_precision + fits[1].waves_precision - np.diag(waves.prior.ravel() ** -2.0)
@@ -285,9 +277,7 @@ def _with_map(judged: Judged, windows: Windows, fitter: _Fitter) -> Judged:
         refusal="",
         waves=waves,
         fit=found,
-        map_sigma=map_sigma(waves, precision, fitter.modes),
-        touched_mm=box_mm,
-        touched_sigma=box_sigma(waves, precision, box_mm),
+        map_sigma=map_sigma(waves, precision, modes),
     )
 
 
@@ -301,31 +291,28 @@ def _with_gains_in_map(found: Calibration, waves: Waves) -> Calibration:
     return replace(found, sense=found.sense / gains[:, None], waves=waves.scaled(found.waves, gains))
 
 
-def _without_gains(judged: Judged, before: Calibration) -> Judged:
+def _without_gains(found: Calibration) -> Calibration:
     """Return pad and sensors alone, these as far as they are above what the map's errors pass for (James and Stein).
 
     Gains stay as they were: errors of the map pass for them, but not for crosstalk.
     """
-    if judged.refusal:
-        return judged
-    away = judged.calibration.sense - before.sense
+    nominal = np.eye(len(found.sense), dtype=np.complex128)
+    away = found.sense - nominal
     sure = np.maximum(0.0, 1.0 - SENSE_OF_MAP**2 / np.maximum(np.abs(away) ** 2, 1e-12))
     np.fill_diagonal(sure, 0.0)
-    sense = np.asarray(before.sense + sure * away, np.complex128)
-    return replace(judged, calibration=replace(judged.calibration, sense=sense))
+    return replace(found, sense=nominal + sure * away)
 
 
 def _mean(one: Fit, other: Fit) -> Fit:
     """The mean of both halves' fits, as good as a fit of all, whose cost it spares."""
-    found, twin = one.calibration, other.calibration
-    mean = Calibration((found.pad + twin.pad) / 2.0, (found.sense + twin.sense) / 2.0, (found.waves + twin.waves) / 2.0)
-    a, b = one.sigma, other.sigma
+    found, twin, a, b = one.calibration, other.calibration, one.sigma, other.sigma
     sense = np.hypot(a.sense.real, b.sense.real) / 2.0 + 1j * np.hypot(a.sense.imag, b.sense.imag) / 2.0
-    sigma = Calibration(np.hypot(a.pad, b.pad) / 2.0, sense, np.hypot(a.waves, b.waves) / 2.0)
     return replace(
         one,
-        calibration=mean,
-        sigma=sigma,
+        calibration=Calibration(
+            (found.pad + twin.pad) / 2.0, (found.sense + twin.sense) / 2.0, (found.waves + twin.waves) / 2.0
+        ),
+        sigma=Calibration(np.hypot(a.pad, b.pad) / 2.0, sense, np.hypot(a.waves, b.waves) / 2.0),
         covariance=(one.covariance + other.covariance) / 4.0,
         spread_mm2=(one.spread_mm2 + other.spread_mm2) / 2.0,
         spread_sigma_mm2=np.hypot(one.spread_sigma_mm2, other.spread_sigma_mm2) / 2.0,

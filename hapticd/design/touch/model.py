@@ -4,13 +4,12 @@ In coordinates of what the sensors report, y with W = C y, the plate follows (de
 
     dy/dt = C^-1 D C y + A y + B V - sum_i load_i C^-1 G_i C y,      G_i = phi phi^T + r_i grad phi . grad phi^T at P_i
 
-G_i is what a finger is: not a point but a disc of radius a, over which a wave of k rad/mm has, to second order, the
-mean (1 - a^2 k^2 / 4) phi phi^T + a^2 / 4 grad phi . grad phi^T; the load takes the first factor, and r_i (mm2) tells
-the size.
-D, each mode's own rate, drifts smoothly with the temperature; it is diagonal in the plate's modes, so that modes of
-different frequencies show what of each a sensor sees. A is small. B and what the control law does within a tick are
-free and linear, as are the loads in each window. What is sought is where P_i is (pad), C (sensors) and phi (map). C is
-known up to a factor, which the loads take: C[0, 0] stays 1.
+G_i is a finger: a disc of radius a, over which a wave of k rad/mm has, to second order, the mean (1 - a^2 k^2 / 4)
+phi phi^T + a^2 / 4 grad phi . grad phi^T; the load takes the first factor, and r_i (mm2) tells the size. D, each mode's
+own rate, drifts smoothly with the temperature; it is diagonal in the plate's modes, so that modes of different
+frequencies show what of each a sensor sees. A is small. B and what the control law does within a tick are free and
+linear, as are the loads in each window. What is sought is where P_i is (pad), C (sensors) and phi (map). C is known up
+to a factor, which the loads take: C[0, 0] stays 1.
 """
 
 from __future__ import annotations
@@ -103,36 +102,24 @@ class FitState:
         """Return that of a plate without fingers on it."""
         modes, windows = len(calibration.sense), model.windows
         shapes = (modes, model.terms.shape[-1]), (modes, model.splines.shape[-1]), windows.track.shape
-        zero = [np.zeros(shape, np.complex128) for shape in shapes]
+        rates, own, loads = (np.zeros(shape, np.complex128) for shape in shapes)
         spreads_mm2 = np.full(len(windows.tracks), spread_mm2)
-        return cls(calibration, zero[0], zero[1], zero[2], spreads_mm2, np.zeros((model.contrasts.shape[1], 2)))
+        return cls(calibration, rates, own, loads, spreads_mm2, np.zeros((model.contrasts.shape[1], 2)))
 
 
-@dataclass(frozen=True, slots=True)
-class ModelPoint:
-    """The model at one state: residual (B, S, M) in um/s and its derivatives (B, S, M, ..).
-
-    They are by the pad's 7, the elements of `sense` without the first, M waves, M own rates, N loads, R contrasts of
-    touches along x and y, and T spreads.
-    """
+class ModelPoint(NamedTuple):
+    """The model at one state: residual (B, S, M) in um/s, its derivatives (B, S, M, P) by what is free, real parts and
+    imaginary ones in the order of `TouchProblem.parts`, and by N loads."""
 
     residual: ComplexArray
-    by_pad: ComplexArray
-    by_sense: ComplexArray
-    by_waves: ComplexArray
-    by_own: ComplexArray
+    columns: ComplexArray
     by_loads: ComplexArray
-    by_apart: ComplexArray
-    by_spread: ComplexArray
 
 
 class Placed(NamedTuple):
-    """Fingers of all windows as a calibration has them: what it makes of positions and velocities (B, S, N, 2).
-
-    `drawn` is the direction in which a centroid is drawn, `phi` (B, S, N, 3, M) the shapes and their derivatives along
-    x and y, `seen_um` (B, S, M) what the sensors saw, `under_um` (B, S, N, 3) what the driven modes make of each
-    under a finger.
-    """
+    """Fingers of all windows as a calibration has them: positions and velocities (B, S, N, 2) as reported, `points` as
+    corrected, `drawn`, the direction in which a centroid is drawn, `phi` (B, S, N, 3, M), shapes and their derivatives
+    along x and y, `seen_um` (B, S, M) of the sensors, and `under_um` (B, S, N, 3), what driven modes make of `phi`."""
 
     position: FloatArray
     velocity: FloatArray
@@ -142,17 +129,10 @@ class Placed(NamedTuple):
     seen_um: ComplexArray
     under_um: ComplexArray
 
-    def part(self, rows: slice) -> Placed:
-        """Return some windows alone."""
-        return Placed._make(one[rows] for one in self)
-
 
 class Model:
-    """Residual and derivatives over some windows.
-
-    The waves are evaluated once, where `start` has the fingers: they are some per cent of a map, and positions move by
-    some per cent of a wavelength.
-    """
+    """Residual and derivatives over some windows. The waves are evaluated once, where `start` has the fingers: they are
+    some per cent of a map, and positions move by some per cent of a wavelength."""
 
     def __init__(
         self,
@@ -191,7 +171,9 @@ class Model:
             position, velocity = self.windows.fingers_mm(float(found.pad[LATENCY]))
             points, drawn = _moved(found, position, velocity)
             points = points + (self._touches @ self.contrasts @ apart_mm)[:, None]
-            phi = self._phi(points, found)
+            phi = shapes_at(self.modes, points)
+            if self.waves is not None:
+                phi = phi + self._shapes @ found.waves.T.astype(np.float32)
             seen_um = self.windows.measured_um @ found.sense.T
             under_um = np.asarray(np.einsum("bsnqk,bsk->bsnq", phi, seen_um), np.complex128)
             self._placed = found, apart_mm, Placed(position, velocity, points, drawn, phi, seen_um, under_um)
@@ -231,7 +213,7 @@ class Model:
     def at(self, state: FitState, rows: slice, free: Free) -> ModelPoint:
         """Return the model at `state` for some windows, with derivatives by what is free."""
         found = state.calibration
-        placed = self._place(state).part(rows)
+        placed = Placed._make(one[rows] for one in self._place(state))
         phi, loads = placed.phi, self._shared(state, rows)
         inverse = np.asarray(np.linalg.inv(found.sense), np.complex128)
         out = np.asarray(phi @ inverse.T, np.complex128)  # C^-1 phi
@@ -241,8 +223,7 @@ class Model:
         own = self.splines[rows] @ state.own.T
         moving = (own * placed.seen_um) @ inverse.T
         residual = self._known[rows] + self.terms[rows] @ state.rates.T + moving + force
-        by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[rows])
-        by_pad = by_apart = by_sense = by_waves = np.zeros((*residual.shape, 0), np.complex128)
+        columns: list[ComplexArray] = []
         if free.pad or free.waves or free.apart:
             # By phi_m of finger n: load (C^-1[:, m] phi.Cy + C^-1 phi (Cy)_m).
             by_phi = loads[..., None, None] * (
@@ -251,26 +232,39 @@ class Model:
         if free.pad or free.apart:
             by_place = np.einsum("bsnqkm,bsnqmd->bsnkd", by_phi, self._slope(placed.points), optimize=True)
         if free.pad:
-            by_pad = np.einsum("bsnkd,bsndp->bskp", by_place, _by_pad(placed, found), optimize=True)
-        if free.apart:
-            by_apart = np.einsum("bsnkd,bnr->bskrd", by_place, self._touches[rows] @ self.contrasts, optimize=True)
-            by_apart = by_apart.reshape(*residual.shape, -1)
+            columns.append(np.einsum("bsnkd,bsndp->bskp", by_place, _by_pad(placed, found), optimize=True))
         if free.sense:
             turned = moving + np.einsum("bznq,bsnqk->bsk", loads, pushed)
             scaled = np.einsum("bsnqk,bsnqm->bskm", loads[..., None] * out, phi) + inverse * own[..., None, :]
             by_sense = _by_sense(self.windows.measured_um[rows], turned, scaled, inverse)
+            columns += [by_sense, 1j * by_sense]
         if free.waves:
-            by_waves = _by_waves(by_phi, self._shapes[rows])
-        by_own = by_own.reshape(*residual.shape, -1)
+            columns.append(_by_waves(by_phi, self._shapes[rows]))
+        by_own = np.einsum("km,bsm,bsl->bskml", inverse, placed.seen_um, self.splines[rows])
+        by_rates = np.einsum("km,bsl->bskml", np.eye(len(inverse)), self._expected_terms(state, residual, rows))
+        for linear in (one.reshape(*residual.shape, -1) for one in (by_own, by_rates)):
+            columns += [linear, 1j * linear]
+        if free.apart:
+            by_apart = np.einsum("bsnkd,bnr->bskrd", by_place, self._touches[rows] @ self.contrasts, optimize=True)
+            columns.append(by_apart.reshape(*residual.shape, -1))
+        columns.append(
+            np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows]) @ self._touches[rows][:, None]
+        )
         ones = self._shared(replace(state, loads=np.ones_like(state.loads)), rows)
         by_loads = np.einsum("bsnqk,bznq->bskn", pushed, ones)
-        by_spread = np.einsum("bsnqk,bn->bskn", pushed[..., 1:, :], state.loads[rows]) @ self._touches[rows][:, None]
-        return ModelPoint(residual, by_pad, by_sense, by_waves, by_own, by_loads, by_apart, by_spread)
+        return ModelPoint(residual, np.concatenate(columns, axis=-1), by_loads)
 
-    def _phi(self, points: FloatArray, found: Calibration) -> FloatArray:
-        """Return the shapes and their derivatives (B, S, N, 3, M), zero where there is no finger."""
-        phi = shapes_at(self.modes, points)
-        return phi + self._shapes @ found.waves.T.astype(np.float32) if self.waves is not None else phi
+    def _expected_terms(self, state: FitState, residual: ComplexArray, rows: slice) -> ComplexArray:
+        """Return the linear terms (B, S, L) with the voltages that the model expects.
+
+        A tick's own voltage holds what the control law makes of the sensors' noise. Noise in a regressor makes its
+        coefficient, and with it all forces, too small.
+        """
+        terms, volts = self.terms[rows].copy(), slice(residual.shape[-1], 2 * residual.shape[-1])
+        gain = state.rates[:, volts]
+        if gain.any():
+            terms[..., volts] -= residual @ np.linalg.inv(gain).T
+        return terms
 
     def _slope(self, points: FloatArray) -> FloatArray:
         """Return the gradient of the same of the map (B, S, N, 3, M, 2), zero where there is no finger."""
@@ -321,7 +315,8 @@ def stepped(found: Calibration, pad: FloatArray, sense: ComplexArray, waves: Flo
     modes = len(found.sense)
     step = np.concatenate(((0.0,), sense)).reshape(modes, modes) if len(sense) else 0.0
     lacking = waves.reshape(found.waves.shape) if waves.size else 0.0
-    return replace(found, pad=found.pad + pad, sense=found.sense + step, waves=found.waves + lacking)
+    moved = found.pad + pad if pad.size else found.pad
+    return replace(found, pad=moved, sense=found.sense + step, waves=found.waves + lacking)
 
 
 def _by_pad(placed: Placed, found: Calibration) -> FloatArray:

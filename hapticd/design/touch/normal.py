@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...values import ComplexArray, FloatArray
-from .model import FitState, ModelPoint
+from .model import FitState
 from .observations import Windows
 from .problem import TouchProblem
 
@@ -30,7 +30,7 @@ class Normal(NamedTuple):
 
 def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: ComplexArray, spread: float) -> Normal:
     prior = problem.priors(state)
-    matrix, right = np.diag(prior**-2.0), -problem.offsets(state) / prior**2
+    matrix, right = np.diag(prior**-2.0), -np.concatenate(problem.parts(state)) / prior**2
     fingers = state.loads.shape[1]
     windows = len(state.loads)
     from_right, from_step = np.empty((windows, 2 * fingers)), np.empty((windows, 2 * fingers, len(prior)), np.float32)
@@ -39,10 +39,11 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: C
     for start in range(0, windows, block):
         rows = slice(start, start + block)
         point = problem.model.at(state, rows, problem.free)
-        weight = _weights(point.residual, problem.model.windows.is_used[rows], noise * problem.model.doubt[rows])
-        columns = _columns(point, _regressors(problem, state, point, rows)) * weight[..., None]
+        one_sigma = noise * problem.model.doubt[rows]
+        weight = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(point.residual) / one_sigma, 1e-12))) / one_sigma
+        weight = problem.model.windows.is_used[rows][..., None] * weight
         loads = point.by_loads * weight[..., None]
-        left = _stacked(columns)
+        left = _stacked(point.columns * weight[..., None])
         own = _stacked(np.concatenate((loads, 1j * loads), axis=-1))
         rest = _stacked((point.residual * weight)[..., None])
         inner = own.transpose(0, 2, 1) @ own
@@ -60,39 +61,6 @@ def normal_of(problem: TouchProblem, state: FitState, noise: FloatArray, mean: C
         scores[rows] = (left.transpose(0, 2, 1) @ rest + mixed.transpose(0, 2, 1) @ back[..., -1:])[..., 0]
         right -= scores[rows].sum(axis=0)
     return Normal(matrix, right, from_right, from_step, weights, scores)
-
-
-def _regressors(problem: TouchProblem, state: FitState, point: ModelPoint, rows: slice) -> ComplexArray:
-    """Return the linear terms (B, S, L) with the voltages that the model expects.
-
-    A tick's own voltage holds what the control law makes of the sensors' noise. Noise in a regressor makes its
-    coefficient, and with it all forces, too small.
-    """
-    terms = problem.model.terms[rows]
-    modes = point.residual.shape[-1]
-    gain = state.rates[:, modes : 2 * modes]
-    if not gain.any():
-        return terms
-    volts = terms[..., modes : 2 * modes] - point.residual @ np.linalg.inv(gain).T
-    return np.concatenate((terms[..., :modes], volts, terms[..., 2 * modes :]), axis=-1)
-
-
-def _columns(point: ModelPoint, terms: ComplexArray) -> ComplexArray:
-    """Derivatives by all parameters (B, S, M, P), which are real."""
-    modes = point.residual.shape[-1]
-    parts = point.by_pad, point.by_sense, 1j * point.by_sense, point.by_waves, point.by_own, 1j * point.by_own
-    rates = np.zeros((*point.residual.shape, modes, terms.shape[-1]), np.complex128)
-    for mode in range(modes):
-        rates[:, :, mode, mode] = terms
-    flat = rates.reshape(*point.residual.shape, -1)
-    return np.concatenate((*parts, flat, 1j * flat, point.by_apart, point.by_spread), axis=-1)
-
-
-def _weights(
-    residual: ComplexArray, is_used: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], noise: FloatArray
-) -> FloatArray:
-    size = np.abs(residual) / noise
-    return is_used[..., None] * np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(size, 1e-12))) / noise
 
 
 def covariance_of(normal: Normal, windows: Windows) -> FloatArray:

@@ -102,7 +102,7 @@ class Windows(Ticks):
         return [session == one for one in np.unique(session)]
 
     def part(self, chosen: npt.NDArray[np.bool_] | npt.NDArray[np.int64] | slice) -> Windows:
-        """Return the chosen windows alone, by a mask (B,) or their indices."""
+        """Return the chosen windows, by a mask (B,) or their indices."""
         arrays = {one.name: getattr(self, one.name)[chosen] for one in fields(self) if one.name != "tracks"}
         return replace(self, **arrays)
 
@@ -136,10 +136,8 @@ def in_windows(ticks: Ticks, tracks: Sequence[Track], most_shift_s: float) -> Wi
     Ticks without a finger or with more than MOST_FINGERS, and windows of too few, are left out. Ticks next to each
     other are averaged: a finger moves by half a millimetre meanwhile.
     """
-    is_down = np.array(
-        [(ticks.t_s > one.t_s[0] + most_shift_s) & (ticks.t_s < one.t_s[-1] - most_shift_s) for one in tracks]
-    )
-    is_down = is_down.reshape(len(tracks), len(ticks.t_s))
+    ends_s = np.array([(one.t_s[0] + most_shift_s, one.t_s[-1] - most_shift_s) for one in tracks]).reshape(-1, 2, 1)
+    is_down = (ticks.t_s > ends_s[:, 0]) & (ticks.t_s < ends_s[:, 1])
     cell = np.floor(ticks.t_s / WINDOW_S)
     is_new = (np.diff(cell) != 0) | (np.diff(is_down, axis=1) != 0).any(axis=0)
     groups = np.split(np.arange(len(ticks.t_s)), np.flatnonzero(is_new) + 1)

@@ -18,7 +18,6 @@ from .model import (
     SENSE_PRIOR,
     SPREAD_MM2,
     SPREAD_PRIOR_MM2,
-    Calibration,
     FitState,
     Free,
     Model,
@@ -32,67 +31,58 @@ _LOOSE, _FIXED = 1e6, 1e-6  # sigma of what has no prior, and of what is known
 class TouchProblem:
     model: Model
     free: Free
-    start: Calibration
     are_points: bool = False  # fingers act where their centre is
-
-    @property
-    def sizes(self) -> tuple[int, int, int, int, int, int, int]:
-        """Real parameters: pad, sense, waves, own rates, rates, contrasts of touches, spreads."""
-        modes, waves = self.start.waves.shape
-        pad = len(PAD_PRIOR) if self.free.pad else 0
-        sense = 2 * (modes * modes - 1) if self.free.sense else 0
-        return pad, sense, modes * waves if self.free.waves else 0, *self._linear
-
-    @property
-    def _linear(self) -> tuple[int, int, int, int]:
-        modes, model = len(self.start.sense), self.model
-        own, rates = (2 * modes * each.shape[-1] for each in (model.splines, model.terms))
-        return own, rates, 2 * model.contrasts.shape[1] if self.free.apart else 0, len(model.windows.tracks)
 
     @property
     def spread_mm2(self) -> float:
         """What the spread of a touch is taken to be."""
         return 0.0 if self.are_points else SPREAD_MM2
 
-    @property
-    def spread_prior_mm2(self) -> float:
-        """One sigma of it."""
-        return _FIXED if self.are_points else SPREAD_PRIOR_MM2
-
-    def priors(self, state: FitState) -> FloatArray:
-        """One sigma of each parameter; how far apart touches are, is learned from them."""
-        modes = len(self.start.sense)
-        own = np.where(np.arange(self.model.splines.shape[-1]) == 0, _LOOSE, DRIFT_PRIOR_1_S)
-        rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
-        pad, sense, waves, _, _, apart, touches = self.sizes
-        lacking = np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()
-        linear = np.tile(own, 2 * modes), np.tile(rate, 2 * modes), np.full(apart, apart_prior_mm(state))
-        known = np.full(touches, self.spread_prior_mm2)
-        return np.concatenate((PAD_PRIOR[:pad], np.full(sense, SENSE_PRIOR), lacking[:waves], *linear, known))
-
-    def offsets(self, state: FitState) -> FloatArray:
-        """Distance of each parameter from its prior's mean."""
-        found = state.calibration
-        modes = len(found.sense)
-        sense = (found.sense - np.eye(modes)).ravel()[1:]
-        parts = [
-            found.pad if self.free.pad else np.zeros(0),
-            np.concatenate((sense.real, sense.imag)) if self.free.sense else np.zeros(0),
-            found.waves.ravel() if self.free.waves else np.zeros(0),
-            *(part.ravel() for linear in (state.own, state.rates) for part in (linear.real, linear.imag)),
-            state.apart_mm.ravel() if self.free.apart else np.zeros(0),
+    def parts(self, state: FitState) -> list[FloatArray]:
+        """Return the parameters as distances from their priors' means, real: pad, sense, waves, own rates, rates,
+        contrasts of touches, spreads; those that are not free are empty."""
+        found, none = state.calibration, np.zeros(0)
+        return [
+            found.pad if self.free.pad else none,
+            _reals((found.sense - np.eye(len(found.sense))).ravel()[1:]) if self.free.sense else none,
+            found.waves.ravel() if self.free.waves else none,
+            _reals(state.own.ravel()),
+            _reals(state.rates.ravel()),
+            state.apart_mm.ravel() if self.free.apart else none,
             state.spread_mm2 - self.spread_mm2,
         ]
-        return np.concatenate(parts)
+
+    def split(self, state: FitState, vector: FloatArray) -> list[FloatArray]:
+        """Return the `parts` of a vector (P,)."""
+        return np.split(vector, np.cumsum([part.size for part in self.parts(state)])[:-1])
+
+    def priors(self, state: FitState) -> FloatArray:
+        """One sigma of each parameter; how far apart touches are, is learned from them (a variance of inverse gamma
+        distribution makes it Student's)."""
+        pad, sense, waves, _, _, apart, touches = (part.size for part in self.parts(state))
+        modes = len(state.own)
+        own = np.where(np.arange(self.model.splines.shape[-1]) == 0, _LOOSE, DRIFT_PRIOR_1_S)
+        rate = np.where(np.arange(self.model.terms.shape[-1]) < modes, COUPLING_PRIOR_1_S, _LOOSE)
+        square_mm2 = APART_WEIGHT * APART_PRIOR_MM**2 + float((state.apart_mm**2).sum())
+        apart_mm = math.sqrt(square_mm2 / (APART_WEIGHT + state.apart_mm.size))
+        return np.concatenate(
+            (
+                PAD_PRIOR[:pad],
+                np.full(sense, SENSE_PRIOR),
+                np.zeros(0) if self.model.waves is None else self.model.waves.prior.ravel()[:waves],
+                np.tile(own, 2 * modes),
+                np.tile(rate, 2 * modes),
+                np.full(apart, apart_mm),
+                np.full(touches, _FIXED if self.are_points else SPREAD_PRIOR_MM2),
+            )
+        )
 
     def stepped(self, state: FitState, step: FloatArray, loads: ComplexArray) -> FitState:
         """Return the state after a step of all parameters (P,) and loads (B, N)."""
-        pad, sense, waves, own, rates, apart, spread = np.split(step, np.cumsum(self.sizes)[:-1])
+        pad, sense, waves, own, rates, apart, spread = self.split(state, step)
         found = state.calibration
-        if any(self.free):
-            found = stepped(found, pad if pad.size else np.zeros(len(PAD_PRIOR)), complex_of(sense), waves)
         return FitState(
-            found,
+            stepped(found, pad, complex_of(sense), waves) if any(self.free) else found,
             state.rates + complex_of(rates).reshape(state.rates.shape),
             state.own + complex_of(own).reshape(state.own.shape),
             state.loads + loads,
@@ -101,11 +91,8 @@ class TouchProblem:
         )
 
 
-def apart_prior_mm(state: FitState) -> float:
-    """Return one sigma of how far touches are apart: the prior's, and what these touches show, each by its numbers (a
-    variance of inverse gamma distribution makes it Student's)."""
-    square_mm2 = APART_WEIGHT * APART_PRIOR_MM**2 + float((state.apart_mm**2).sum())
-    return math.sqrt(square_mm2 / (APART_WEIGHT + state.apart_mm.size))
+def _reals(values: ComplexArray) -> FloatArray:
+    return np.concatenate((values.real, values.imag))
 
 
 def complex_of(parts: FloatArray) -> ComplexArray:

@@ -31,9 +31,8 @@ _MARGIN = 0.25  # of a wave: a contact reaches that far beyond its centre
 class Waves:
     """K surfaces over the plate, and how far each may be from 0 in each of M modes: `prior` (M, K).
 
-    First are smooth ones, of mean square 1 in the box that is `touched_mm` (2, 2), its least and largest x and y: the
-    likeliest there, finer than as many for the whole plate, which they are for without a box. Then come the shapes of
-    `modes`, then those of the `parasitic` modes, if known.
+    First are smooth ones, of mean square 1, the likeliest in the box `touched_mm` (2, 2), its least and largest x and
+    y, or without one on the whole plate; then the shapes of `modes`, then those of the `parasitic` modes, if known.
     """
 
     def __init__(
@@ -49,10 +48,9 @@ class Waves:
             for axis in (modes.x_mm, modes.y_mm)
         )
         points = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-        is_near = np.ones(len(points), np.bool_)
-        if touched_mm is not None:
-            margin_mm = _MARGIN * wave_mm
-            is_near = ((points > touched_mm[0] - margin_mm) & (points < touched_mm[1] + margin_mm)).all(axis=1)
+        least_mm, most_mm = (points.min(axis=0), points.max(axis=0)) if touched_mm is None else touched_mm
+        margin_mm = _MARGIN * wave_mm
+        is_near = ((points > least_mm - margin_mm) & (points < most_mm + margin_mm)).all(axis=1)
         count = int(is_near.sum())
         far_mm = np.sqrt(((points[:, None] - points[is_near]) ** 2).sum(axis=-1))
         covariance = _OWN_SHARE * _ring(wave_rad_mm, far_mm) + (1.0 - _OWN_SHARE) * _matern(far_mm, _SCALE * wave_mm)

@@ -37,8 +37,8 @@ async def _limits(bench: Bench) -> Judgement:
         volts = protocol.RAW_LIMIT_FRAC * design.v_limit_v  # the most that a tool may have
         least, most = [await _around(board, modes, frac * volts) for frac in (0.1, 1.0)]
     straight = np.where(least * 0.1 * volts > SEEN_UM, most / np.maximum(least, 1e-12), np.nan)
-    judged = plate.judge_limits(straight, volts * most.diagonal(), design)
-    return plate.judge_resonance(modes, found.fits, design).and_then(judged) if judged.is_passed else judged
+    judged = plate.judge_limits(straight, volts * most.diagonal())
+    return plate.judge_resonance(found.fits, design).and_then(judged) if judged.is_passed else judged
 
 
 async def _around(board: Conversation, modes: Sequence[ModeCalibration], volts: float) -> FloatArray:

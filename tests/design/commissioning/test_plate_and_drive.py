@@ -23,7 +23,7 @@ def causes(judgement: Judgement) -> list[Flaw]:
 
 
 def resonance(design: PlateDesign) -> Judgement:
-    return judge_resonance(FOUND.calibrations(), FOUND.fits, design)
+    return judge_resonance(FOUND.fits, design)
 
 
 def test_a_plate_like_its_design_passes() -> None:
@@ -53,9 +53,9 @@ def test_what_differs_from_the_design_is_named(
 def test_a_cut_off_sensor_is_told_from_a_weak_amplifier() -> None:
     most_um = np.array([1.2, 1.2])
     nothing = np.nan
-    assert judge_limits(np.array([[1.0, nothing], [nothing, 0.99]]), most_um, DESIGN).is_passed
-    (sensor,) = judge_limits(np.array([[0.8, nothing], [1.0, 1.0]]), most_um, DESIGN).findings
-    (amplifier,) = judge_limits(np.array([[0.8, nothing], [0.8, 1.0]]), most_um, DESIGN).findings
+    assert judge_limits(np.array([[1.0, nothing], [nothing, 0.99]]), most_um).is_passed
+    (sensor,) = judge_limits(np.array([[0.8, nothing], [1.0, 1.0]]), most_um).findings
+    (amplifier,) = judge_limits(np.array([[0.8, nothing], [0.8, 1.0]]), most_um).findings
     assert (sensor.causes, sensor.wires) == ((Flaw.PREAMPLIFIER_CLIPS,), (0,))
     assert amplifier.causes == (Flaw.SUPPLY_LOW,)
 

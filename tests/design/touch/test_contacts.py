@@ -21,12 +21,8 @@ def test_a_fingers_load_shows_how_large_it_is() -> None:
     sizes = contact_sizes(fit(windows, mode_map(), Free(pad=True, sense=True), NOMINAL), mode_map())
     assert np.abs(sizes.radius_mm - TRUE_MM).max() < 0.4
     assert sizes.mean_mm()[0] == pytest.approx(5.0, abs=0.3)
-
-
-def test_a_point_is_found_to_be_one() -> None:
-    windows = Touching(NOMINAL, seconds=6.0, noise_um_s=0.3).windows()
-    sizes = contact_sizes(fit(windows, mode_map(), Free(), NOMINAL), mode_map())
-    assert sizes.radius_mm.max() < 2.0
+    points = Touching(NOMINAL, seconds=6.0, noise_um_s=0.3).windows()
+    assert contact_sizes(fit(points, mode_map(), Free(), NOMINAL), mode_map()).radius_mm.max() < 2.0
 
 
 def test_a_larger_disc_has_more_of_its_load_beside_its_centre() -> None:
@@ -51,19 +47,12 @@ def test_two_sizes_tell_the_law_of_the_pads_ellipses() -> None:
     assert law is not None
     assert law.scale == pytest.approx(LAW[0], abs=0.05)
     assert law.offset_mm == pytest.approx(LAW[1], abs=0.4)
-    assert law.sigma_mm < 0.1
 
 
-def test_one_size_tells_the_scale_alone() -> None:
+def test_one_size_tells_the_scale_alone_and_no_or_unknown_ones_no_law() -> None:
     law = ellipse_law(sizes_of(np.array((5.0, 5.0))), np.array((8.0, 8.0)))
     assert law is not None
     assert 0.5 * (law.scale * 8.0 + law.offset_mm) == pytest.approx(5.0, abs=0.1)
     assert abs(law.offset_mm) < 0.2
-
-
-def test_a_pad_without_ellipses_has_no_law() -> None:
     assert ellipse_law(sizes_of(TRUE_MM), np.full(2, np.nan)) is None
-
-
-def test_sizes_that_are_not_known_tell_no_law() -> None:
     assert ellipse_law(TouchSizes(TRUE_MM, np.full(2, 3.0)), 2.0 * TRUE_MM) is None

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from hapticd.design.touch import judge
-from hapticd.design.touch.fit import Fit
 from hapticd.design.touch.judge import calibrate
 from hapticd.design.touch.model import Calibration
 from hapticd.design.touch.observations import in_sessions, in_windows
@@ -75,7 +74,6 @@ def test_modes_that_turned_into_each_other_are_no_mistake_but_sensors_that_were_
     judged = calibrate(Touching(turned, seconds=8.0).windows(), mode_map())
     assert judged.refusal == ""
     assert np.abs(judged.calibration.sense - turned.sense)[0, 1] < 0.05
-    assert "far from the calibration before" in judge._implausible(replace(WRONG, pad=12.0 * WRONG.pad))
     swapped = Touching(SWAPPED, seconds=8.0).windows()
     judged = calibrate(swapped, mode_map())
     assert "far from the calibration before" in judged.refusal
@@ -95,15 +93,19 @@ def test_sensors_that_seem_swapped_without_the_map_are_none_with_it(monkeypatch:
     assert np.array_equal(judged.calibration.sense, WRONG.sense)
 
 
-def test_a_frequency_that_moves_ends_the_fit_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    fitted = judge.fit
-
-    def drifting(*given: Any, **named: Any) -> Fit:
-        return replace(fitted(*given, **named), drift_hz=np.array((3.0, 250.0)))
-
-    monkeypatch.setattr(judge, "fit", drifting)
+@pytest.mark.parametrize(
+    ("bar", "value", "refusal"),
+    [
+        ("MOST_DRIFT_HZ", 0.0, r"Mode \d moved by \d+ Hz while the plate was touched"),
+        ("MOST_SIGMAS", 0.1, "The fit is far from the calibration before"),
+    ],
+)
+def test_fit_beyond_what_a_laboratory_meets_is_refused(
+    bar: str, value: float, refusal: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(judge, bar, value)
     judged = calibrate(Touching(WRONG, seconds=8.0).windows(), mode_map())
-    assert judged.refusal.startswith("Mode 1 moved by 250 Hz while the plate was touched")
+    assert re.match(refusal, judged.refusal)
     assert judged.map_refusal == judged.refusal
     assert is_nominal(judged.calibration)
 
@@ -161,3 +163,14 @@ def test_gains_stay_as_calibrated_and_the_map_moves_the_plate_as_found() -> None
         for one in (found, kept)
     )
     assert after_um == pytest.approx(before_um)
+
+
+def test_pads_share_of_a_pose_grows_with_sessions_and_falls_with_their_distance() -> None:
+    one, two, five = (pose_share(np.zeros((sessions, 2))) for sessions in (1, 2, 5))
+    assert (one < two).all()
+    assert (two < five).all()
+    assert (five < 1.0).all()
+    apart = pose_share(np.array(((0.8, 0.0), (-0.8, 0.0))))
+    assert apart[0] < two[0]
+    assert np.array_equal(apart[2:], two[2:])
+    assert np.array_equal(pose_share(np.array(((0.8, 0.3),))), one)  # alone it is its own mean

@@ -37,14 +37,11 @@ def test_modes_may_have_turned_into_each_other_and_into_those_beside_them(waves:
     assert turned.at(points) @ coefficients.T == pytest.approx(expected)
 
 
-def test_a_change_that_only_scales_the_map_is_none_since_loads_pass_for_it(waves: Waves) -> None:
-    coefficients = np.zeros((2, len(waves)))
-    coefficients[0, 300] = coefficients[1, 301] = 0.05
-    assert waves.of_scale(coefficients) == pytest.approx(0.0, abs=1e-12)
-
-
 def test_a_change_of_form_stays_and_the_map_keeps_its_scale(waves: Waves) -> None:
     modes = mode_map()
+    coefficients = np.zeros((2, len(waves)))
+    coefficients[0, 300] = coefficients[1, 301] = 0.05  # which loads pass for
+    assert waves.of_scale(coefficients) == pytest.approx(0.0, abs=1e-12)
     coefficients = np.random.default_rng(2).normal(0.0, 0.02, (2, len(waves))) * (waves.prior > 1e-3)
     coefficients[0, 300] += 0.03
     before, after = (
@@ -55,18 +52,15 @@ def test_a_change_of_form_stays_and_the_map_keeps_its_scale(waves: Waves) -> Non
     assert after / after[0, 40, 40] == pytest.approx(before / before[0, 40, 40])
 
 
-def test_what_a_change_is_on_the_whole_is_its_rms(waves: Waves) -> None:
-    coefficients = np.zeros((2, len(waves)))
-    coefficients[1, 3] = -0.02
-    assert waves.rms(coefficients) == pytest.approx((0.0, 0.02), rel=1e-6)
-
-
-def test_a_grid_has_the_values_of_its_points(waves: Waves) -> None:
+def test_grid_has_the_values_of_its_points_and_a_change_its_rms(waves: Waves) -> None:
     coefficients = np.random.default_rng(1).standard_normal((2, len(waves)))
     x_mm, y_mm = np.array((-50.0, 3.0, 40.0)), np.array((-20.0, 60.0))
     grid = waves.on_grid(coefficients, x_mm, y_mm)
     assert grid.shape == (2, 2, 3)
     assert grid[:, 1, 2] == pytest.approx(waves.at(np.array([(40.0, 60.0)]))[0] @ coefficients.T)
+    one = np.zeros((2, len(waves)))
+    one[1, 3] = -0.02
+    assert waves.rms(one) == pytest.approx((0.0, 0.02), rel=1e-6)
 
 
 def test_surfaces_of_a_touched_box_are_finer_there_and_fade_away_from_it(waves: Waves) -> None:

@@ -117,14 +117,9 @@ def test_a_short_recording_is_refused_and_changes_no_setting(
     assert folder.merged(folder.load(out).values()) == {}
 
 
-BOX_MM = np.array(((-40.0, -35.0), (41.0, 36.0)))
-
-
 def judged(found: Calibration, waves: Waves | None = None) -> Judged:
-    """A calibration that is adopted; with a map it is known to 0.9 % where it was touched."""
-    nothing = Calibration.nominal(2)
-    one = Judged(found, found, nothing, 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
-    return one if waves is None else replace(one, touched_mm=BOX_MM, touched_sigma=0.009)
+    """A calibration that is adopted."""
+    return Judged(found, found, Calibration.nominal(2), 60.0, 1e-3, 1e-4, 0.1, 0.1, "", "", waves, None)
 
 
 def test_map_and_sensors_are_known_better_with_the_map_but_for_the_gain_that_all_sensors_share(
