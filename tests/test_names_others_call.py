@@ -64,5 +64,5 @@ def test_a_run_has_its_arrays_by_name_and_takes_settings_by_name() -> None:
     assert run.settings.speed_mm_s == 50.0
     names = ("t_s", "finger_true_mm", "finger_predicted_mm", "target_um", "reference_um", "modal_um", "truth_um")
     assert {len(getattr(run, name)) for name in (*names, "limited")} == {len(run.t_s)}
-    with pytest.raises(ValueError, match=r"'speed': choose from [^\n]*\.$"):
+    with pytest.raises(ValueError, match=r"^there is no setting 'speed': choose from [^\n]*\.$"):
         hapticd.sim.run("strokes", settings={"speed": 50.0})

@@ -99,10 +99,10 @@ def run(
         raise SimulationError(f"a run of {seconds} s cannot be played: give a finite number, at least {LEAST_S}.")
     if seed < 0:
         raise SimulationError(f"the seed is {seed}: give 0 or more.")
-    try:
-        chosen = settings if isinstance(settings, Settings) else Settings(**(settings or {}))
-    except TypeError as error:
-        raise SimulationError(f"{error}: choose from {', '.join(Settings.__match_args__)}.") from None
+    valid = Settings.__match_args__
+    if not isinstance(settings, Settings) and (unknown := {*(settings or {})} - {*valid}):
+        raise SimulationError(f"there is no setting {unknown.pop()!r}: choose from {', '.join(valid)}.")
+    chosen = settings if isinstance(settings, Settings) else Settings(**(settings or {}))
     try:
         actors = played.build(seed, chosen.speed_mm_s)
     except ValueError as error:

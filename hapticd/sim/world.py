@@ -31,7 +31,6 @@ class WorldRecording:
     finger_mm: npt.NDArray[np.float64]
     reference_um: npt.NDArray[np.complex128]
     plate_um: npt.NDArray[np.complex128]
-    flags: npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +169,6 @@ class World:
             finger_mm=np.concatenate([fingers_mm for _, fingers_mm, _ in self._kept])[done],
             reference_um=np.concatenate([trace.reference_um for _, _, trace in self._kept])[done],
             plate_um=np.concatenate([trace.plate_um for _, _, trace in self._kept])[done],
-            flags=np.concatenate([trace.flags for _, _, trace in self._kept])[done],
         )
 
     def _state_at(self, tick: int) -> PlateInstant:

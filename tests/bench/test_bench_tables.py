@@ -23,21 +23,16 @@ TABLE = Table(
 )
 
 
-def test_ratios_are_to_the_first_row_and_nothing_has_none() -> None:
-    assert TABLE.ratio("other", "time_us") == 4.0
-    assert TABLE.ratio("other", "leak_um") == pytest.approx(8.0)
-    assert TABLE.ratio("ours", "leak_um") == 1.0
-    assert all(math.isnan(TABLE.ratio(*which)) for which in (("exact", "leak_um"), ("other", "limits_broken_count")))
+def test_ratios_are_to_the_first_row_and_what_is_not_finite_is_left_out() -> None:
+    assert math.isnan(TABLE.ratio("exact", "leak_um"))
+    assert math.isnan(TABLE.ratio("other", "limits_broken_count"))
     with pytest.raises(KeyError):
         TABLE.figure("none", "time_us")
-
-
-def test_the_json_is_plain_and_leaves_out_what_is_not_finite() -> None:
-    plain_table = json.loads(json.dumps(plain(TABLE), allow_nan=False))
-    assert plain_table["default"] == "ours"
-    assert plain_table["alternatives"]["other"]["limits_broken_count"] == 3
-    assert plain_table["alternatives"]["other"]["time_us_ratio"] == 4.0
-    assert "slip_error_um" not in plain_table["alternatives"]["exact"]
+    written = json.loads(json.dumps(plain(TABLE), allow_nan=False))
+    assert written["default"] == "ours"
+    assert written["alternatives"]["other"]["limits_broken_count"] == 3
+    assert written["alternatives"]["other"]["time_us_ratio"] == 4.0
+    assert "slip_error_um" not in written["alternatives"]["exact"]
 
 
 def test_the_text_has_a_column_for_each_figure_with_its_ratio_and_the_notes() -> None:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hapticd.__main__ import parser as cli_parser
 from hapticd.config.sections import SimConfig
 from hapticd.errors import UsageError
 from hapticd.sim.fingers import trajectories
-from hapticd.sim.fingers.trajectories import MOST_IN_REAL_TIME, PAUSE_S
+from hapticd.sim.fingers.trajectories import MOST_IN_REAL_TIME
 from hapticd.tools import run
 from hapticd.tools.view import program as view_program
 
@@ -64,14 +63,6 @@ def test_the_check_of_a_reload_has_the_same_fingers(file: Path) -> None:
 )
 def test_fingers_that_cannot_be_simulated_are_refused(command: str, sentence: str, refused: Callable[..., str]) -> None:
     assert sentence in refused(*command.split())
-
-
-def test_fingers_of_a_file_begin_again_after_a_pause(file: Path) -> None:
-    (actor,) = trajectories.read_repeated(file, SIZE_MM)
-    assert actor.path is not None
-    period_s = 1.5 + PAUSE_S
-    x_mm = actor.path.position_mm(np.array([0.4, 1.0, 1.6, period_s + 0.4, period_s + 1.0, 7 * period_s + 1.0]))[:, 0]
-    np.testing.assert_allclose(x_mm, [np.nan, -30.0, np.nan, np.nan, -30.0, -30.0], atol=1e-6)
 
 
 def test_in_real_time_a_user_s_own_fingers_have_room_on_the_pad(file: Path) -> None:

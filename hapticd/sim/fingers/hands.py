@@ -19,14 +19,12 @@ from hapticd_contract.simulated import MAX_TOUCHES, SimulatedTouch, SimulatedTou
 from ...values import FloatArray
 from ...wire.client import read, unpack
 from .paths import Path
-from .pressing import form_of, matrices
+from .pressing import Row, SampledFinger, row_of
 
 GLIDE_S = 0.03  # two reports of a typical pointing device
 TIMEOUT_S = 0.5  # without a message for so long, all fingers lift
 RETURN_S = 3.0  # after a user's last finger the scenario's land again: longer than a hand takes to touch elsewhere
 KEPT_S = 0.25  # of past positions, for a sensor that samples a little later
-
-_Values = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's form
 
 
 class HeldFinger:
@@ -34,37 +32,37 @@ class HeldFinger:
 
     def __init__(self) -> None:
         self.t_up_s = -math.inf  # when it was lifted; inf while it is down
-        self._knots: deque[tuple[float, *_Values]] = deque()
+        self._knots: deque[tuple[float, *Row]] = deque()
 
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         """Return positions (T, 2) at recent times (T,); NaN where the finger is lifted."""
         t_s = np.asarray(t_s, dtype=np.float64)
         if not self._knots or self.t_up_s <= t_s[0]:
             return np.full((len(t_s), 2), np.nan)
-        position = self._between(t_s, 1, 2)
-        position[(t_s < self._knots[0][0]) | (t_s >= self.t_up_s)] = np.nan
+        position = self._sampled.position_mm(np.minimum(t_s, self._knots[-1][0]))
+        position[t_s >= self.t_up_s] = np.nan
         return position
 
     def pressure_frac(self, t_s: FloatArray) -> FloatArray:
         """Return the pressure (T,), also where the finger is lifted, where it means nothing."""
-        return self._between(t_s, 3)[:, 0]
+        return self._sampled.pressure_frac(t_s) if self._knots else np.full(len(t_s), np.nan)
 
     def forms_mm(self, t_s: FloatArray) -> FloatArray:
         """Return the symmetric matrices (T, 2, 2) that make the contact of the unit disc, as `pressure_frac`."""
-        return matrices(self._between(t_s, 4, 5, 6))
+        return self._sampled.forms_mm(t_s) if self._knots else np.full((len(t_s), 2, 2), np.nan)
 
     def land(self, t_s: float, touch: SimulatedTouch) -> None:
         """Land at `t_s`; the finger must be lifted."""
         self.t_up_s = math.inf
-        self._knots = deque([(t_s, *_values(touch))])
+        self._knots = deque([(t_s, *row_of(touch))])
 
     def move(self, t_s: float, touch: SimulatedTouch) -> None:
         """Start moving to a place at `t_s`, which must not precede that of the last call."""
-        x_mm, y_mm, pressure_frac, xx_mm, xy_mm, yy_mm = self._between(np.array([t_s]), *range(1, 7))[0].tolist()
+        knots = np.array(self._knots)
+        now: Row = tuple(float(np.interp(t_s, knots[:, 0], column)) for column in knots.T[1:])  # type: ignore[assignment]
         while self._knots and self._knots[-1][0] >= t_s:
             self._knots.pop()
-        here = (t_s, x_mm, y_mm, pressure_frac, xx_mm, xy_mm, yy_mm)
-        self._knots += (here, (t_s + GLIDE_S, *_values(touch)))
+        self._knots += ((t_s, *now), (t_s + GLIDE_S, *row_of(touch)))
         while len(self._knots) > 2 and self._knots[1][0] < t_s - KEPT_S:
             if len(self._knots) > 3 or self._knots[0][0] < t_s - KEPT_S:
                 self._knots.popleft()
@@ -73,16 +71,10 @@ class HeldFinger:
         """Lift at `t_s`."""
         self.t_up_s = t_s
 
-    def _between(self, t_s: FloatArray, *columns: int) -> FloatArray:
-        """Return columns of the knots (T, columns), straight between them; NaN without any."""
-        if not self._knots:
-            return np.full((len(t_s), len(columns)), np.nan)
+    @property
+    def _sampled(self) -> SampledFinger:
         knots = np.array(self._knots)
-        return np.stack([np.interp(t_s, knots[:, 0], knots[:, column]) for column in columns], axis=1)
-
-
-def _values(touch: SimulatedTouch) -> _Values:
-    return touch.x_mm, touch.y_mm, touch.pressure_frac, *form_of(touch)
+        return SampledFinger(knots[:, 0], knots[:, 1:])
 
 
 class Hands:

@@ -16,6 +16,7 @@ import numpy as np
 from ...values import FloatArray
 from .strokes import Strokes, tremor_mm
 
+TURNAROUND_S = 0.1
 _Point = tuple[float, float]
 
 
@@ -40,7 +41,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class Line:
-    """Back and forth between two points at a constant speed, turning in `turnaround_s` as a half cosine of speed.
+    """Back and forth between two points at a constant speed, turning in TURNAROUND_S as a half cosine of speed.
 
     The points are the extremes; time 0 is the middle of the turn at `start_mm`. Raises ValueError if the two turns do
     not fit between them.
@@ -49,7 +50,6 @@ class Line:
     start_mm: _Point
     end_mm: _Point
     speed_mm_s: float = 100.0
-    turnaround_s: float = 0.1
 
     def __post_init__(self) -> None:
         needed_mm = 2 * self._turn_mm
@@ -59,11 +59,11 @@ class Line:
     @property
     def _turn_mm(self) -> float:
         """Length of a half turn."""
-        return self.speed_mm_s * self.turnaround_s / math.pi
+        return self.speed_mm_s * TURNAROUND_S / math.pi
 
     def position_mm(self, t_s: FloatArray) -> FloatArray:
         length_mm = math.dist(self.start_mm, self.end_mm)
-        pass_s = (length_mm - 2 * self._turn_mm) / self.speed_mm_s + self.turnaround_s
+        pass_s = (length_mm - 2 * self._turn_mm) / self.speed_mm_s + TURNAROUND_S
         phase_s = np.mod(t_s, 2 * pass_s)
         since_turn_s = np.minimum(phase_s, 2 * pass_s - phase_s)
         is_nearer_start = since_turn_s < pass_s / 2
@@ -73,8 +73,8 @@ class Line:
 
     def _leave_turn_mm(self, t_s: FloatArray) -> FloatArray:
         """Distance from the middle of a turn."""
-        half_s = self.turnaround_s / 2
-        turned = np.minimum(t_s / half_s, 1.0) if half_s > 0 else np.ones_like(t_s)
+        half_s = TURNAROUND_S / 2
+        turned = np.minimum(t_s / half_s, 1.0)
         return self._turn_mm * (1 - np.cos(turned * math.pi / 2)) + self.speed_mm_s * np.maximum(t_s - half_s, 0.0)
 
 
@@ -128,18 +128,6 @@ class Touch:
 
 
 @dataclass(frozen=True)
-class Sampled:
-    """A path through samples: `at_s` (K,) rising, `at_mm` (K, 2), NaN where the finger is lifted."""
-
-    at_s: FloatArray
-    at_mm: FloatArray
-
-    def position_mm(self, t_s: FloatArray) -> FloatArray:
-        lines = [np.interp(t_s, self.at_s, along_mm, left=np.nan, right=np.nan) for along_mm in self.at_mm.T]
-        return np.stack(lines, axis=-1)
-
-
-@dataclass(frozen=True)
 class Touches:
     """One finger that lands several times; where touches overlap, the first counts."""
 
@@ -150,17 +138,6 @@ class Touches:
         for touch in self.touches:
             positions = np.where(np.isnan(positions), touch.position_mm(t_s), positions)
         return positions
-
-
-@dataclass(frozen=True)
-class Repeated:
-    """A path that begins again every `period_s`."""
-
-    path: Path
-    period_s: float
-
-    def position_mm(self, t_s: FloatArray) -> FloatArray:
-        return self.path.position_mm(np.mod(t_s, self.period_s))
 
 
 def with_strokes(path: Path, change: Callable[[Strokes, float], Path], down_s: float = 0.0) -> Path:

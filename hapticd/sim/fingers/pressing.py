@@ -22,6 +22,8 @@ from ..score import CONTACT_RADIUS_MM, TrueContact
 LEAST_RADIUS_MM: Final = 3.0
 MOST_RADIUS_MM: Final = 8.0  # a finger pad is no larger, however hard it presses
 
+Row = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's form
+
 
 class Tip(TrueContact, Protocol):
     """What touches the plate: a contact, and how hard it presses."""
@@ -31,38 +33,50 @@ class Tip(TrueContact, Protocol):
 
 
 @dataclass(frozen=True)
-class SampledTip:
-    """A fingertip through samples: `at_s` (K,) rising, `pressures_frac` (K,), `forms` (K, 3), each a `EllipseForm`."""
+class SampledFinger:
+    """A path and its tip through samples, straight between them: `at_s` (K,) rising, `rows` (K, 6), each x_mm and y_mm,
+    NaN where the finger is lifted, the pressure, and the `EllipseForm`."""
 
     at_s: FloatArray
-    pressures_frac: FloatArray
-    forms: FloatArray
+    rows: FloatArray
 
     @classmethod
-    def of(cls, at_s: FloatArray, touches: Sequence[SimulatedTouch]) -> SampledTip:
-        """Return the tip that presses so at each instant."""
-        pressures_frac = np.array([touch.pressure_frac for touch in touches])
-        return cls(at_s, pressures_frac, np.array([form_of(touch) for touch in touches]))
+    def of(cls, at_s: FloatArray, touches: Sequence[SimulatedTouch]) -> SampledFinger:
+        """Return the finger that touches so at each instant."""
+        return cls(at_s, np.array([row_of(touch) for touch in touches]))
+
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
+        lines = [np.interp(t_s, self.at_s, along_mm, left=np.nan, right=np.nan) for along_mm in self.rows.T[:2]]
+        return np.stack(lines, axis=-1)
 
     def pressure_frac(self, t_s: FloatArray) -> FloatArray:
-        return np.interp(t_s, self.at_s, self.pressures_frac)
+        return np.interp(t_s, self.at_s, self.rows[:, 2])
 
     def forms_mm(self, t_s: FloatArray) -> FloatArray:
-        return matrices(np.stack([np.interp(t_s, self.at_s, part) for part in self.forms.T], axis=-1))
+        forms = np.stack([np.interp(t_s, self.at_s, part) for part in self.rows.T[3:]], axis=-1)
+        return np.asarray(forms[:, (0, 1, 1, 2)].reshape(-1, 2, 2))
 
 
 @dataclass(frozen=True)
-class RepeatedTip:
-    """A fingertip that begins again every `period_s`."""
+class Repeated:
+    """A finger that begins again every `period_s`."""
 
-    tip: Tip
+    finger: SampledFinger
     period_s: float
 
+    def position_mm(self, t_s: FloatArray) -> FloatArray:
+        return self.finger.position_mm(np.mod(t_s, self.period_s))
+
     def pressure_frac(self, t_s: FloatArray) -> FloatArray:
-        return self.tip.pressure_frac(np.mod(t_s, self.period_s))
+        return self.finger.pressure_frac(np.mod(t_s, self.period_s))
 
     def forms_mm(self, t_s: FloatArray) -> FloatArray:
-        return self.tip.forms_mm(np.mod(t_s, self.period_s))
+        return self.finger.forms_mm(np.mod(t_s, self.period_s))
+
+
+def row_of(touch: SimulatedTouch) -> Row:
+    """Return the row of a `SampledFinger`."""
+    return touch.x_mm, touch.y_mm, touch.pressure_frac, *form_of(touch)
 
 
 def form_of(touch: SimulatedTouch) -> EllipseForm:
@@ -79,8 +93,3 @@ def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> EllipseForm:
     mean_mm, half_mm = (major_mm + minor_mm) / 4.0, (major_mm - minor_mm) / 4.0
     along_mm, across_mm = half_mm * math.cos(2.0 * angle_rad), half_mm * math.sin(2.0 * angle_rad)
     return mean_mm + along_mm, across_mm, mean_mm - along_mm
-
-
-def matrices(forms: FloatArray) -> FloatArray:
-    """Return forms (T, 3) as matrices (T, 2, 2)."""
-    return np.asarray(forms[:, (0, 1, 1, 2)].reshape(-1, 2, 2))

@@ -19,8 +19,7 @@ from ...files.recording.mcap_reader import open_recording
 from ...values import Contact, TouchFrame
 from ...wire.trackpad import Decoder
 from . import pad_ellipse
-from .paths import Sampled
-from .pressing import LEAST_RADIUS_MM, MOST_RADIUS_MM, SampledTip, ellipse
+from .pressing import LEAST_RADIUS_MM, MOST_RADIUS_MM, SampledFinger, ellipse
 from .scenarios import LAND_S, Actor, Scenario
 
 MOST_SAMPLES: Final = 250_000  # of all fingers: 20 minutes of two at 100 Hz
@@ -110,7 +109,5 @@ def _form(contact: Contact) -> EllipseForm:
 
 def _actor(rows: list[_Row], start_s: float) -> Actor:
     samples = np.array(rows)
-    at_s = samples[:, 0] - start_s
-    return Actor(
-        ((0.0, 0.0),), Sampled(at_s, samples[:, 1:3]), fingertip=SampledTip(at_s, samples[:, 3], samples[:, 4:])
-    )
+    finger = SampledFinger(samples[:, 0] - start_s, samples[:, 1:])
+    return Actor(((0.0, 0.0),), finger, fingertip=finger)

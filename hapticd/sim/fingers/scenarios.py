@@ -16,7 +16,7 @@ from hapticd_contract.simulated import USUAL_PRESSURE_FRAC, SimulatedTouch
 from hapticd_contract.surfaces import VirtualPath
 
 from .paths import CirclePath, Line, Path, Rest, Touch, Touches, with_strokes
-from .pressing import RepeatedTip, SampledTip, Tip
+from .pressing import Repeated, SampledFinger, Tip
 from .real_strokes import RealStrokes
 from .strokes import strokes_pair
 
@@ -216,7 +216,7 @@ def _press(_seed: int, _speed_mm_s: float) -> tuple[Actor, ...]:
     light, hard = (SimulatedTouch(0.0, 0.0, pressure_frac) for pressure_frac in (USUAL_PRESSURE_FRAC, PRESSED_FRAC))
     at_s = np.array([0.0, 0.4, 0.5, 0.8, 0.9, 1.0])
     touches = (light, light, hard, hard, light, light)
-    pressing = RepeatedTip(SampledTip.of(at_s, touches), period_s=1.0)
+    pressing = Repeated(SampledFinger.of(at_s, touches), period_s=1.0)
     return (replace(_touching(Rest((0.0, 0.0)), SLIPPERY_UM), fingertip=pressing),)
 
 

@@ -17,8 +17,7 @@ from hapticd_contract.simulated import MAX_TOUCHES, USUAL_PRESSURE_FRAC, AxisMm,
 from ...errors import UsageError, reason
 from ...regular_file import csv_rows, read_lines
 from ...wire.trackpad import MAX_RECORDS
-from .paths import Repeated, Sampled
-from .pressing import RepeatedTip, SampledTip
+from .pressing import Repeated, SampledFinger
 from .scenarios import Actor, Scenario
 
 COLUMNS = ("t_s", "finger", "x_mm", "y_mm", "target_um")
@@ -69,14 +68,12 @@ def read_repeated(path: FilePath, size_mm: Sequence[float]) -> tuple[Actor, ...]
     if len(actors) > MOST_IN_REAL_TIME:
         raise UsageError(f"{path}: has {len(actors)} fingers: in real time at most {MOST_IN_REAL_TIME} can be played.")
     period_s = scenario.seconds + PAUSE_S
-    return tuple(
-        replace(
-            actor,
-            path=actor.path and Repeated(actor.path, period_s),
-            fingertip=actor.fingertip and RepeatedTip(actor.fingertip, period_s),
-        )
-        for actor in actors
-    )
+    repeated = []
+    for actor in actors:
+        assert isinstance(actor.path, SampledFinger)
+        finger = Repeated(actor.path, period_s)
+        repeated.append(replace(actor, path=finger, fingertip=actor.fingertip and finger))
+    return tuple(repeated)
 
 
 def _scenario(name: str, lines: Iterable[tuple[int, str]], size_mm: Sequence[float]) -> Scenario:
@@ -120,12 +117,11 @@ def _sample(row: Sequence[str], columns: Sequence[str], size_mm: Sequence[float]
 
 
 def _actor(finger: int, samples: Sequence[_Sample], columns: Sequence[str]) -> Actor:
-    at_s, at_mm = np.array([sample.t_s for sample in samples]), np.array([(one.x_mm, one.y_mm) for one in samples])
-    if np.isfinite(at_mm[:, 0]).sum() < 2:
+    touches = [SimulatedTouch(*(getattr(one, name) for name in ("x_mm", "y_mm", *PRESSED))) for one in samples]
+    if sum(math.isfinite(touch.x_mm) for touch in touches) < 2:
         raise ValueError(f"finger {finger} has fewer than two positions: give one for each instant that it touches.")
     steps_um = tuple((sample.t_s, sample.target_um) for sample in samples if not math.isnan(sample.target_um))
     if not steps_um:
         raise ValueError(f"finger {finger} has no target_um: give one in its first line.")
-    touches = [SimulatedTouch(0.0, 0.0, *(getattr(one, name) for name in PRESSED)) for one in samples]
-    tip = SampledTip.of(at_s, touches) if len(columns) > len(COLUMNS) else None
-    return Actor(steps_um, path=Sampled(at_s, at_mm), fingertip=tip)
+    path = SampledFinger.of(np.array([sample.t_s for sample in samples]), touches)
+    return Actor(steps_um, path=path, fingertip=path if len(columns) > len(COLUMNS) else None)
