@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import csv
-import io
 import math
 import tempfile
 import time
@@ -30,7 +28,6 @@ from ..daemon.lifecycle import while_served
 from ..daemon.machine import Machine
 from ..daemon.status import histogram_fields
 from ..errors import HapticdError
-from ..regular_file import opened
 from ..values import FloatArray, LedgerLine
 from . import outputs, plotting
 from .arguments import POSITIVE
@@ -196,14 +193,6 @@ def sparkline(histogram: Histogram) -> str:
         columns[min(int(place), len(columns) - 1)] += count
     highest = max(columns)
     return "".join(_BARS[-(-count * (len(_BARS) - 1) // highest)] if highest else " " for count in columns)
-
-
-def write_ledger(lines: Sequence[LedgerLine], path: Path) -> None:
-    """Write one CSV line per frame; the columns are the fields of `LedgerLine`. Raises HapticdError."""
-    with opened(path) as file, io.TextIOWrapper(file, "ascii", newline="") as text:
-        writer = csv.writer(text)
-        writer.writerow(LedgerLine._fields)
-        writer.writerows(lines)
 
 
 def verdict(measured: MeasuredLatency) -> str:

@@ -11,10 +11,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from ...board_protocol import ClearFault, ControllerRequest
-from ...board_values import BoardController, BoardStatus
+from ...board_protocol import (
+    BoardState,
+    BoardTime,
+    ClearFault,
+    ControllerRequest,
+    LogRequest,
+    RawVoltage,
+    Stop,
+    TimeRequest,
+)
+from ...board_values import BoardController, BoardLog, BoardStatus
 from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
-from ...errors import HapticdError, UsageError
+from ...errors import DeviceError, HapticdError, UsageError
 from ...io.devices.serial_link import SerialLink
 from ...sim.plate.wirings import IDENTITY
 from .. import glass
@@ -27,10 +36,67 @@ if TYPE_CHECKING:
 
 PRESS_S: Final = 60.0  # until a stop that was pressed counts as without effect
 TOUCH_S: Final = 5.0  # to find the plate with a finger, and to rest there
+EXTENDED_MS, EXTEND_EVERY_S = 400, 0.15  # of a voltage
+STATUS_WITHIN_S: Final = 0.5
+WRAP_US: Final = 1 << 32
 SUPPLIES: Final = ("VDDA at the board's 3.3 V pin", "the +24 V rail", "the -24 V rail")
 LATER: Final = "Stopped: `hapticd calibrate all` with the same --out goes on here."
 
 _Result = TypeVar("_Result")
+
+
+class BareRig(Conversation):
+    """A conversation with the board of a rig, and measurements by the board's own tools."""
+
+    async def design(self) -> PlateDesign:
+        """Return what the board's firmware expects of its plate."""
+        return PlateDesign.of(self.hello, await self.ask(ControllerRequest(), BoardController))
+
+    async def status(self) -> BoardStatus:
+        """Return the next status. Raises DeviceError."""
+        found = await self.wait_for(BoardStatus, STATUS_WITHIN_S)
+        if found is None:
+            raise DeviceError("The board sends no status: reset it, and try again.")
+        return found
+
+    async def events(self) -> tuple[int, tuple[int, ...]]:
+        """Return how many events the board has ever logged, and the codes of the newest, oldest first."""
+        log = await self.ask(LogRequest(), BoardLog)
+        return log.events, tuple(entry.code for entry in log.entries if entry.boot_id == self.hello.boot_id)
+
+    @contextlib.asynccontextmanager
+    async def raw(self, amplifier: int, volts: float) -> AsyncIterator[None]:
+        """Context in which an amplifier has a voltage, until it ends by itself, a dead-man or a stop."""
+
+        async def extend() -> None:
+            while True:
+                await asyncio.sleep(EXTEND_EVERY_S)
+                self.send(RawVoltage(amplifier, complex(volts), EXTENDED_MS))
+
+        with self.driving():
+            await self.demand(RawVoltage(amplifier, complex(volts), EXTENDED_MS))
+            extending = asyncio.get_running_loop().create_task(extend())
+            try:
+                yield
+            finally:
+                extending.cancel()
+                self.send(Stop())
+
+    async def drives(self) -> bool:
+        """Return whether the board accepts a hundredth of a volt and keeps it."""
+        await self.quiet()
+        with self.driving():
+            await self.demand(RawVoltage(0, 0.01 + 0j, EXTENDED_MS))
+            states = [(await self.status()).state for _ in range(3)]
+            self.send(Stop())
+        return states[-1] is BoardState.TOOL
+
+    async def quiet(self) -> None:
+        """Wait until a tool has ramped down. What the board sent before, while a person typed, is dropped."""
+        await self.ask(TimeRequest(0), BoardTime)
+        for _ in range(10):
+            if (await self.status()).state is not BoardState.TOOL:
+                return
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +119,11 @@ class Bench:
             return runner.run(what)
 
     @contextlib.asynccontextmanager
-    async def board(self) -> AsyncIterator[Conversation]:
+    async def board(self) -> AsyncIterator[BareRig]:
         """Context of a conversation with the board, whose fault is cleared: a step begins with a quiet plate."""
-        async with Conversation(self.new_link(), self.where) as board:
+        async with BareRig(self.new_link(), self.where) as board:
             await board.ask(ClearFault(), BoardStatus)
             yield board
-
-
-async def design_of(board: Conversation) -> PlateDesign:
-    """Return what the board's firmware expects of its plate."""
-    return PlateDesign.of(board.hello, await board.ask(ControllerRequest(), BoardController))
 
 
 @contextlib.contextmanager

@@ -22,7 +22,6 @@ from .step import PICTURE, Figure, Finding, Outcome, Step, Verdict, add_config, 
 if TYPE_CHECKING:
     from ..latency import MeasuredLatency
 
-LEDGER_FILE = "latency.csv"
 STEADY_FRAC, USABLE_FRAC = 0.02, 0.25  # share of frames that are late or never applied
 PERIOD_WORTH_FRAC = 0.03  # least change of the report period that is worth a setting
 LEAST_FRAMES = 50
@@ -45,7 +44,6 @@ def run(options: argparse.Namespace) -> Verdict:
 
     measured = latency.measure(configured, options.seconds)
     latency.draw(measured, options.out / "latency.png", **PICTURE)
-    latency.write_ledger(measured.lines, options.out / LEDGER_FILE)
     return verdict(measured, configured, is_simulated=options.sim)
 
 
@@ -123,5 +121,4 @@ STEP = Step(
     arguments=(add_config, _add_seconds),
     check=check,
     run=run,
-    files=(LEDGER_FILE,),
 )

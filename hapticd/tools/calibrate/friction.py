@@ -109,8 +109,7 @@ def fit_friction(
 ) -> FrictionFit:
     """Fit a falling curve to readings (N,) in any order, and its dependence on speed where they show one.
 
-    Raises CalibrationError for readings that are not finite, absurdly large, too few or of the wrong sign, and for
-    readings without bare glass or without a fall.
+    Raises CalibrationError for readings that show no curve.
     """
     amplitude, value = np.asarray(amplitude_um, np.float64), np.asarray(friction, np.float64)
     if amplitude.shape != value.shape or amplitude.ndim != 1:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 
-from ...board_protocol import BoardState
+from ...board_protocol import BoardState, RawVoltage
 from ...design.commissioning import drive
 from ...design.commissioning.findings import Judgement
 from ...design.commissioning.rest import EMERGENCY_STOP
 from ...errors import DeviceError
-from ..firmware.conversation import Conversation
-from . import measure
-from .bench import Bench, bench_step
+from .bench import EXTENDED_MS, BareRig, Bench, bench_step
 
 PULL_WITHIN_S, PLUG_WITHIN_S = 120.0, 120.0
 RETRY_S = 0.5
+SILENCE_S = 0.2  # far beyond the dead-man's 50 ms, and within the voltage's own time
+TOOL_STOPPED = 65  # of the board's log
 PULLED_V_FRAC = 0.05  # of the voltage limit: what stands while the cable or the stop is pulled
 PICTURE = """\
    computer ===X=== board --> amplifiers
@@ -38,12 +38,12 @@ async def _deadman(bench: Bench) -> Judgement:
     was_pulled = is_quiet = False
     async with bench.board() as board:
         volts, loop = PULLED_V_FRAC * board.hello.v_limit_v, asyncio.get_running_loop()
-        is_silent = await measure.stops_in_silence(board, volts)
-        boot_id, (before, _) = board.hello.boot_id, await measure.events(board)
+        is_silent = await _stops_in_silence(board, volts)
+        boot_id, (before, _) = board.hello.boot_id, await board.events()
         if is_silent:
             with contextlib.suppress(DeviceError):
                 was_pulled = True
-                async with measure.raw(board, 0, volts):
+                async with board.raw(0, volts):
                     await bench.person.pull_cable()
                     end_s = loop.time() + PULL_WITHIN_S
                     while loop.time() < end_s:
@@ -55,6 +55,15 @@ async def _deadman(bench: Bench) -> Judgement:
     return drive.judge_deadman(is_silent=is_silent, was_pulled=was_pulled, is_quiet=is_quiet)
 
 
+async def _stops_in_silence(board: BareRig, volts: float) -> bool:
+    """Return whether a voltage ends, and is logged, if no keep-alive follows it."""
+    before, _ = await board.events()
+    await board.demand(RawVoltage(0, complex(volts), EXTENDED_MS))
+    await asyncio.sleep(SILENCE_S)
+    after, codes = await board.events()
+    return after > before and TOOL_STOPPED in codes
+
+
 async def _came_back_quiet(bench: Bench, boot_id: int, before: int) -> bool:
     """Return whether the board is quiet once its cable is plugged in again: logged by the dead-man, or switched off
     with the cable that feeds it. Raises DeviceError."""
@@ -63,9 +72,9 @@ async def _came_back_quiet(bench: Bench, boot_id: int, before: int) -> bool:
     while True:
         try:
             async with bench.board() as board:
-                after, codes = await measure.events(board)
-                is_logged = after > before and measure.TOOL_STOPPED in codes
-                is_quiet = (await measure.status(board)).state is BoardState.QUIET
+                after, codes = await board.events()
+                is_logged = after > before and TOOL_STOPPED in codes
+                is_quiet = (await board.status()).state is BoardState.QUIET
                 return is_quiet and (is_logged or board.hello.boot_id != boot_id)
         except DeviceError:
             if loop.time() > end_s:
@@ -75,25 +84,25 @@ async def _came_back_quiet(bench: Bench, boot_id: int, before: int) -> bool:
 
 async def _stop(bench: Bench) -> Judgement:
     async with bench.board() as board:
-        before, _ = await measure.events(board)
-        async with measure.raw(board, 0, PULLED_V_FRAC * board.hello.v_limit_v):
+        before, _ = await board.events()
+        async with board.raw(0, PULLED_V_FRAC * board.hello.v_limit_v):
             await bench.person.push_stop(True)
             stopped = await _ends(board, bench.press_s)
-        after, codes = await measure.events(board)
+        after, codes = await board.events()
         await bench.person.push_stop(False)
-        await measure.quiet(board)
-        drives_again = await measure.drives(board)
+        await board.quiet()
+        drives_again = await board.drives()
     return drive.judge_stop(
         stopped=stopped, is_logged=after > before and EMERGENCY_STOP in codes, drives_again=drives_again
     )
 
 
-async def _ends(board: Conversation, within_s: float) -> bool:
+async def _ends(board: BareRig, within_s: float) -> bool:
     """Return whether the voltage ends within that; a board whose stop is pushed cannot drive again."""
     loop = asyncio.get_running_loop()
     end_s, quiet = loop.time() + within_s, 0
     while loop.time() < end_s:
-        quiet = quiet + 1 if (await measure.status(board)).state is not BoardState.TOOL else 0
+        quiet = quiet + 1 if (await board.status()).state is not BoardState.TOOL else 0
         if quiet >= 2:
             return True
     return False

@@ -14,11 +14,9 @@ from ...design.commissioning import plate
 from ...design.commissioning.findings import Diagnosis, Judgement
 from ...design.wiring import AmplifierSweep, fit_wiring
 from ...values import FloatArray
-from ..firmware.conversation import Conversation
 from ..firmware.sweep import measured_again
-from . import measure
-from .bench import Bench, bench_step, design_of
-from .wires import PICTURE
+from .bench import BareRig, Bench, bench_step
+from .wires import PICTURE, TRIES, VOLTS_FRAC, short_plan, swept
 
 POINTS = 25
 NEAR_HZ = 10.0  # to either side of a resonance, where limits are measured
@@ -27,10 +25,10 @@ SEEN_UM = 0.005  # least amplitude at a tenth of the volts that shows whether a 
 
 async def _limits(bench: Bench) -> Judgement:
     async with bench.board() as board:
-        design = await design_of(board)
-        plan = measure.short_plan(design, measure.VOLTS_FRAC * design.v_limit_v)
+        design = await board.design()
+        plan = short_plan(design, VOLTS_FRAC * design.v_limit_v)
         try:
-            found = fit_wiring(await measure.swept(board, replace(plan, points=max(POINTS, plan.points))))
+            found = fit_wiring(await swept(board, replace(plan, points=max(POINTS, plan.points))))
             modes = found.calibrations()  # raises where a mode has no resonance that a calibration can hold
         except ValueError as error:
             return Judgement("", (Diagnosis(str(error)),))
@@ -41,13 +39,13 @@ async def _limits(bench: Bench) -> Judgement:
     return plate.judge_resonance(found.fits, design).and_then(judged) if judged.is_passed else judged
 
 
-async def _around(board: Conversation, modes: Sequence[ModeCalibration], volts: float) -> FloatArray:
+async def _around(board: BareRig, modes: Sequence[ModeCalibration], volts: float) -> FloatArray:
     """Return the largest responses (sensors, amplifiers) near each amplifier's own resonance."""
     columns = []
     for amplifier, own in enumerate(modes):
         plan = Sweep(amplifier, own.frequency_hz - NEAR_HZ, own.frequency_hz + NEAR_HZ, 3, 60, volts)
-        swept = AmplifierSweep.of(amplifier, await measured_again(board, plan, measure.TRIES))
-        columns.append(np.abs(swept.response_um_per_v).max(axis=0))
+        near = AmplifierSweep.of(amplifier, await measured_again(board, plan, TRIES))
+        columns.append(np.abs(near.response_um_per_v).max(axis=0))
     return np.array(columns).T
 
 

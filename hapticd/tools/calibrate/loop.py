@@ -22,8 +22,7 @@ from ...files import calibration
 from ...values import Drive, Knot
 from ..firmware.conversation import Conversation
 from . import folder
-from .bench import Bench, bench_step
-from .measure import WRAP_US
+from .bench import WRAP_US, Bench, bench_step
 from .resonance import CALIBRATION_FILE
 from .trial import LAW
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -48,8 +49,7 @@ class TouchedMarks:
             while now.t_ns - path[0][0] > REST_NS:
                 path.popleft()
         for finger in now.fingers:
-            rest = self._rest(finger, now.fingers, now.t_ns)
-            if rest is not None:
+            if (rest := self._rest(finger, now.fingers, now.t_ns)) is not None:
                 self._counted.add(finger.finger_id)
                 self.rests_mm.append(rest)
                 return rest
@@ -85,12 +85,9 @@ class AffineFit:
         return float(np.sqrt((self.left_out_mm**2).mean()))
 
 
-@dataclass(frozen=True, slots=True)
-class _Placement:
-    """Decomposition of an affine map: A = R(rotation) (1 shear; 0 1) diag(scale), rotation anticlockwise.
-
-    `scale_y` is negative for a mirrored pad.
-    """
+class _Placement(NamedTuple):
+    """Decomposition of an affine map: A = R(rotation) (1 shear; 0 1) diag(scale), rotation anticlockwise; `scale_y` is
+    negative for a mirrored pad."""
 
     rotation_deg: float
     scale_x: float
@@ -104,9 +101,9 @@ def fit_affine(pad_mm: npt.ArrayLike, plate_mm: npt.ArrayLike) -> AffineFit:
     Raises CalibrationError for fewer than MIN_MARKS, marks on one line, or numbers that are not finite.
     """
     pad, plate = np.asarray(pad_mm, np.float64), np.asarray(plate_mm, np.float64)
-    if pad.shape != plate.shape or pad.ndim != 2 or pad.shape[1] != 2 or len(pad) < MIN_MARKS:
+    if pad.shape != plate.shape or len(pad) < MIN_MARKS:
         raise CalibrationError(f"Give {MIN_MARKS} marks or more, and touch each of them.")
-    if not (np.isfinite(pad).all() and np.isfinite(plate).all()):
+    if not np.isfinite((pad, plate)).all():
         raise CalibrationError("A mark or a touch has no finite position: repeat it.")
     for what, points in (("marks", plate), ("touches", pad)):
         across_mm = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / math.sqrt(len(points))

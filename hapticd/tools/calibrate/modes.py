@@ -54,7 +54,7 @@ SCAN_PT2 = 8  # area of a reading's mark in the picture
 
 
 class ExpectedLeak(NamedTuple):
-    """RMS and 95th percentile over all pairs of fingers, in um for the TARGETS_UM."""
+    """RMS and 95th percentile over pairs of fingers, in um for the TARGETS_UM."""
 
     rms_um: float
     most_um: float
@@ -182,18 +182,17 @@ def verdict(
         Figure("expected leak, RMS", found.leak.rms_um, "um for 1 um"),
         Figure("expected leak, 95 %", found.leak.most_um, "um for 1 um"),
     ]
-    taken = {"plate_equation": "the plate equation", "free_plate": "free-plate modes"}[fit.by]
-    if fit.by == "free_plate" and np.isfinite(fit.free_plate_rms).all():
-        taken += " and what they lack"
-    outcome, sentence = judge(
-        _findings(found, points, simulated is not None),
-        f"The map, by {taken}, leaks {found.leak.rms_um:.4f} um for 1 um.",
-    )
+    taken = "free-plate modes" if fit.by == "free_plate" else "the plate equation"
+    taken += " and what they lack" if fit.by == "free_plate" and np.isfinite(fit.free_plate_rms).all() else ""
+    passed = f"The map, by {taken}, leaks {found.leak.rms_um:.4f} um for 1 um."
+    outcome, sentence = judge(_findings(found, points, simulated is not None), passed)
     settings: dict[str, dict[str, Any]] = {"plate": {"size_mm": [*size_mm], "modes_file": MODES_FILE}}
     if simulated is not None:
         settings |= glass.settings(simulated)
-    if len(USUAL_LIMIT_UM) != fit.modes.M:
-        settings["limits"] = {"w_limit_um": _limits_um(fit.modes.M, simulated)}
+    if len(USUAL_LIMIT_UM) != fit.modes.M:  # the service requires one for each mode
+        usual_um = [min(USUAL_LIMIT_UM)] * fit.modes.M
+        built = None if simulated is None else GroundTruth(PlateSettings.of(simulated.plate, fit.modes.M))
+        settings["limits"] = {"w_limit_um": usual_um if built is None else [*built.w_limit_um]}
     return Verdict("modes", outcome, sentence, tuple(figures), settings, simulated is not None)
 
 
@@ -233,13 +232,6 @@ def _findings(found: FittedMap, points: int, is_simulated: bool) -> Iterator[Fin
         yield Outcome.WARN, f"The scan lay {turned_deg:+.1f} degrees and {shifted_mm:.1f} mm off: check its axes."
 
 
-def _limits_um(modes: int, simulated: SimConfig | None) -> list[float]:
-    """One limit for each mode, as the service requires: what the simulated amplifiers reach, or the usual plate's."""
-    if simulated is not None:
-        return [*GroundTruth(PlateSettings.of(simulated.plate, modes)).w_limit_um]
-    return [min(USUAL_LIMIT_UM)] * modes
-
-
 def solved_um(modes: ModeShapes, pairs_mm: FloatArray) -> ComplexArray:
     """Return the modal amplitudes (pairs, M) that the service would find on the map, for points or for contacts."""
     if modes.M >= LEAST_CONTACT_MODES:
@@ -252,9 +244,9 @@ def solved_um(modes: ModeShapes, pairs_mm: FloatArray) -> ComplexArray:
 def expected_leak(modes: ModeShapes, map_error_rms: FloatArray, size_mm: tuple[float, float]) -> ExpectedLeak:
     """Return the vibration at a sticky finger caused by the map's errors `map_error_rms` (M,), in units of the shapes.
 
-    Random pairs of fingers, one slippery, one sticky, are solved on the map. The sticky finger then gets sum_k W_k e_k,
-    where the map's error e_k is independent between modes and has the cross-validated RMS everywhere. All other leaks
-    are left out, of which prediction is the largest. Raises CalibrationError for a plate without room for two.
+    Random pairs of fingers, one slippery, one sticky, are solved on the map. The sticky one then gets sum_k W_k e_k,
+    where the map's error e_k is independent between modes and has the cross-validated RMS everywhere. Raises
+    CalibrationError for a plate without room for two.
     """
     try:
         pairs_mm = random_fingers(size_mm, PAIRS, seed=1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ...design.commissioning import rest
 from ...design.commissioning.findings import Judgement
-from . import measure
 from .bench import Bench, bench_step
 
 CONFIG_FAULT = 6  # the board refuses its own configuration
@@ -27,9 +26,9 @@ async def _supplies(bench: Bench) -> Judgement:
             minus_v=await person.read_supply(2),
             idle_v=tuple([await person.read_idle(sensor) for sensor in range(board.hello.modes)]),
         )
-        is_configured = (await measure.status(board)).fault_code != CONFIG_FAULT
-        _, events = await measure.events(board)
-        drives = is_configured and await measure.drives(board)
+        is_configured = (await board.status()).fault_code != CONFIG_FAULT
+        _, events = await board.events()
+        drives = is_configured and await board.drives()
         interlock = None if drives else rest.interlock_of(events)
     return rest.judge_supply(readings, interlock, is_configured=is_configured, supply_fell=rest.SUPPLY in events)
 

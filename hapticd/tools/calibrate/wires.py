@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ... import board_protocol as protocol
+from ...board_protocol import Sweep
 from ...design.commissioning import plate, wires
 from ...design.commissioning.findings import Diagnosis, Judgement, PlateDesign
 from ...design.wiring import AmplifierSweep, fit_wiring
 from ...values import FloatArray
-from ..firmware.conversation import Conversation
-from . import measure
-from .bench import Bench, bench_step, design_of
+from ..firmware.sweep import measured_again
+from .bench import BareRig, Bench, bench_step
 
+ASKED_V = 1.0  # of the first voltage on a new amplifier
+TRIES = 4
+STEP_HZ, DWELL_MS = 15.0, 40  # of a short sweep: half of it settles, 4 time constants at Q 500
+BESIDE_HZ = 120.0  # to either side of the outermost mode: good plates lie 40 Hz off
+SEARCH_STEP_HZ, SEARCH_DWELL_MS = 20.0, 20
+VOLTS_FRAC = 0.1
 SILENT_V_FRAC = 0.1  # of the voltage limit: for what shows nothing at a volt
 WIDTH, HEIGHT = 61, 8  # of a chart
 PICTURE = """\
@@ -36,18 +45,41 @@ POLARITY = """\
 """
 
 
+def short_plan(design: PlateDesign, volts: float) -> Sweep:
+    """Return a sweep over all modes that the design expects, of amplifier 0."""
+    low_hz, high_hz = min(design.frequency_hz) - BESIDE_HZ, max(design.frequency_hz) + BESIDE_HZ
+    points = max(math.ceil((high_hz - low_hz) / STEP_HZ) + 1, 2 * design.modes + 3)
+    return Sweep(0, low_hz, high_hz, points, DWELL_MS, volts)
+
+
+def search_plan(design: PlateDesign) -> Sweep:
+    """Return a sweep over all that the board can sweep."""
+    reach_hz = protocol.SWEEP_OFFSET_MAX_HZ
+    low_hz, high_hz = design.drive_hz - reach_hz, design.drive_hz + reach_hz
+    points = math.ceil((high_hz - low_hz) / SEARCH_STEP_HZ) + 1
+    return Sweep(0, low_hz, high_hz, points, SEARCH_DWELL_MS, VOLTS_FRAC * design.v_limit_v)
+
+
+async def swept(board: BareRig, plan: Sweep) -> list[AmplifierSweep]:
+    """Return the responses to each amplifier in turn. Raises DeviceError."""
+    return [
+        AmplifierSweep.of(amplifier, await measured_again(board, replace(plan, mode=amplifier), TRIES))
+        for amplifier in range(board.hello.modes)
+    ]
+
+
 async def _wires(bench: Bench) -> Judgement:
     async with bench.board() as board:
-        design = await design_of(board)
+        design = await board.design()
         outputs_v = []
         for amplifier in range(board.hello.modes):
-            async with measure.raw(board, amplifier, measure.ASKED_V):
-                outputs_v.append(await bench.person.read_output(amplifier, measure.ASKED_V))
-            await measure.quiet(board)
+            async with board.raw(amplifier, ASKED_V):
+                outputs_v.append(await bench.person.read_output(amplifier, ASKED_V))
+            await board.quiet()
         answers = await _answers(board, design, outputs_v)
         if not answers.is_passed:
             return answers
-        sweeps = await measure.swept(board, measure.short_plan(design, measure.VOLTS_FRAC * design.v_limit_v))
+        sweeps = await swept(board, short_plan(design, VOLTS_FRAC * design.v_limit_v))
     _draw(sweeps)
     polarity = wires.judge_polarity(sweeps, design, outputs_v)
     if not polarity.is_passed:
@@ -59,18 +91,18 @@ async def _wires(bench: Bench) -> Judgement:
     return answers.and_then(polarity).and_then(plate.judge_matrices(found))
 
 
-async def _answers(board: Conversation, design: PlateDesign, outputs_v: Sequence[float | None]) -> Judgement:
+async def _answers(board: BareRig, design: PlateDesign, outputs_v: Sequence[float | None]) -> Judgement:
     """Sweep by a volt, all that the board can sweep where nothing answers, and by more volts what is silent."""
-    sweeps = await measure.swept(board, measure.short_plan(design, measure.ASKED_V))
+    sweeps = await swept(board, short_plan(design, ASKED_V))
     if wires.is_elsewhere(sweeps, design):
-        found = wires.judge_search(await measure.swept(board, measure.search_plan(design)), design)
+        found = wires.judge_search(await swept(board, search_plan(design)), design)
         if found is not None:
             _draw(sweeps)
             return Judgement("", (found,))
     shares = wires.shares_of(wires.stacked(sweeps), design)
     if shares.diagonal().min() < wires.SILENT and shares.max() < wires.STRONG:
-        sweeps = await measure.swept(board, measure.short_plan(design, SILENT_V_FRAC * design.v_limit_v))
-    return wires.judge_answers(sweeps, design, outputs_v, measure.ASKED_V)
+        sweeps = await swept(board, short_plan(design, SILENT_V_FRAC * design.v_limit_v))
+    return wires.judge_answers(sweeps, design, outputs_v, ASKED_V)
 
 
 def _draw(sweeps: Sequence[AmplifierSweep]) -> None:

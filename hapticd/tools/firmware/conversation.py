@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterator
-from typing import Protocol, TypeVar
+from typing import Protocol, Self, TypeVar
 
 from ... import board_protocol as protocol
 from ...board_protocol import BoardVerdict, CommandResult, HelloRequest, Keepalive, Stop
@@ -57,7 +57,7 @@ class Conversation:
         self._is_driving = False
         self.hello: BoardHello
 
-    async def __aenter__(self) -> Conversation:
+    async def __aenter__(self) -> Self:
         opened: asyncio.Future[str | None] = asyncio.get_running_loop().create_future()
 
         def on_link(up: bool, reason: str) -> None:

@@ -245,21 +245,19 @@ def test_the_size_of_contacts_is_adopted_with_the_law_of_the_pads_ellipses(recor
     assert ("radius of a contact, mean", 5.5) in [(figure.name, round(figure.value, 1)) for figure in verdict.figures]
 
 
-def test_a_size_that_no_finger_has_or_that_is_not_known_is_not_adopted(recorded: Recorded) -> None:
-    touched = with_contacts(read(recorded(TrackpadConfig(), 500, 2.5)))
+def test_impossible_or_unknown_size_and_uncalibrated_sensors_are_not_adopted(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    touched = read(recorded(TrackpadConfig(), 500, 2.5))
+    assert set(touch.saved(touched, judged(Calibration.nominal(2)), tmp_path)) == {"trackpad"}
+    assert list(tmp_path.iterdir()) == []
+    touched = with_contacts(touched)
     assert contact_settings(touched, of_size(touched, 1.5)) == {}
     assert contact_settings(touched, of_size(touched, 5.5, sigma_mm2=20.0)) == {}
     unknown = replace(of_size(touched, 5.5), refusal="The touches do not tell where the pad lies.")
     assert contact_settings(touched, unknown) == {}
     without = touched._replace(tracks=tuple(replace(track, axis_mm=np.nan) for track in touched.tracks))
     assert set(contact_settings(without, of_size(touched, 5.5))) == {"solver"}
-
-
-def test_without_a_calibration_of_the_modes_no_board_gets_one(recorded: Recorded, tmp_path: Path) -> None:
-    touched = read(recorded(TrackpadConfig(), 500, 2.5))
-    settings = touch.saved(touched, judged(Calibration.nominal(2)), tmp_path)
-    assert set(settings) == {"trackpad"}
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.long

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from hapticd.errors import HapticdError, ModesError
@@ -74,50 +76,41 @@ def written(folder: Path, sets: list[dict[str, Any]], name: str = "scan.uff") ->
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pyuff writes one with files left open
-@pytest.mark.parametrize("binary", [0, 1], ids=["text", "binary"])
-@pytest.mark.parametrize("per_metre", [1.0, 1000.0, 39.37007874])
+@pytest.mark.parametrize(
+    ("sets", "readings"),
+    [
+        *(([*nodes(per_metre), *functions()], READINGS) for per_metre in (1.0, 1000.0, 39.37007874)),
+        ([*nodes(), *functions(binary=1)], READINGS),
+        ([*nodes(), *functions(ref_node=101)], READINGS),
+        ([*nodes(), *functions(rsp_dir=-3)], -READINGS),
+        ([nodes(1.0)[1], *functions()[1:]], np.where(np.eye(3, 2) * [[1], [0], [0]] > 0, np.nan, READINGS)),
+    ],
+    ids=["m", "mm", "in", "binary", "a reference again is the next mode", "the other face", "metres, a lost point"],
+)
 def test_points_and_readings_come_back_in_mm_with_a_mode_for_each_reference(
-    binary: int, per_metre: float, tmp_path: Path
+    sets: list[dict[str, Any]], readings: npt.NDArray[np.complex128], tmp_path: Path
 ) -> None:
-    scan, _ = read_universal(written(tmp_path, [*nodes(per_metre), *functions(binary=binary)]))
+    scan, _ = read_universal(written(tmp_path, sets))
     np.testing.assert_allclose(scan.points_mm, POINTS_MM, atol=1e-3)
+    np.testing.assert_allclose(scan.readings, readings, atol=1e-9)
+
+
+OTHERS = {6: "coherence", 2: "auto spectrum", 9: "power spectral density", 3: "cross spectrum"}
+
+
+@pytest.mark.parametrize(
+    ("kinds", "left_out"),
+    [((4, *OTHERS), OTHERS.values()), ((3, 6), ["coherence"])],
+    ids=["frequency responses first", "else cross spectra"],
+)
+def test_functions_beside_the_scans_are_counted_by_what_they_are(
+    kinds: tuple[int, ...], left_out: Iterable[str], tmp_path: Path
+) -> None:
+    others = [one for kind in kinds for one in functions(func_type=kind)]
+    along = functions(func_type=kinds[0], rsp_dir=1)
+    scan, found = read_universal(written(tmp_path, [*nodes(), *others, *along]))
     np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
-
-
-def test_a_reference_that_comes_again_is_the_next_mode(tmp_path: Path) -> None:
-    scan, _ = read_universal(written(tmp_path, [*nodes(), *functions(ref_node=101)]))
-    np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
-
-
-def test_a_sensor_that_looks_at_the_other_face_is_turned(tmp_path: Path) -> None:
-    scan, _ = read_universal(written(tmp_path, [*nodes(), *functions(rsp_dir=-3)]))
-    np.testing.assert_allclose(scan.readings, -READINGS, atol=1e-9)
-
-
-def test_without_units_positions_are_metres_and_a_lost_point_is_missing(tmp_path: Path) -> None:
-    lost = functions()[1:]
-    scan, _ = read_universal(written(tmp_path, [nodes(1.0)[1], *lost]))
-    np.testing.assert_allclose(scan.points_mm, POINTS_MM, atol=1e-3)
-    assert np.isnan(scan.readings[0, 0])
-    assert np.isfinite(scan.readings).sum() == 5
-
-
-def test_frequency_responses_are_chosen_and_what_is_left_out_is_counted(tmp_path: Path) -> None:
-    others = [one for kind in (6, 2, 9) for one in functions(func_type=kind)]
-    scan, left_out = read_universal(
-        written(tmp_path, [*nodes(), *others, *functions(), *functions(rsp_dir=1), *functions(func_type=3)])
-    )
-    np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
-    assert left_out == {
-        **dict.fromkeys(("coherence", "auto spectrum", "power spectral density", "cross spectrum"), 6),
-        "response along the plate": 6,
-    }
-
-
-def test_without_frequency_responses_cross_spectra_are_a_scan(tmp_path: Path) -> None:
-    scan, left_out = read_universal(written(tmp_path, [*nodes(), *functions(func_type=3), *functions(func_type=6)]))
-    np.testing.assert_allclose(scan.readings, READINGS, atol=1e-9)
-    assert left_out == {"coherence": 6}
+    assert found == {**dict.fromkeys(left_out, 6), "response along the plate": 6}
 
 
 @pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1000.0), ("cm", 100.0), ("in", 39.37007874)])
