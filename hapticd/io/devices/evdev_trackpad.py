@@ -10,11 +10,11 @@ from __future__ import annotations
 import os
 import struct
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 from ...errors import TrackpadError
 from ...values import RawReport
-from ...wire.trackpad import Pad, StillContacts, evdev
+from ...wire.trackpad import Decoder, Pad, StillContacts, evdev
 from ..time_budget import TimeBudget
 from .input_nodes import InputNode, describe, find_nodes, packed, require_package
 from .repeats import RepeatedReports
@@ -22,7 +22,7 @@ from .trackpad_source import BATCH, LoopSource
 
 _NATIVE = struct.Struct("@llHHi")  # as this kernel writes it; reports are of a 64-bit one
 SHARE, BURST_NS = 0.3, 10_000_000  # of the loop's time: what it cannot take meanwhile the kernel drops, and says so
-_Event = tuple[int, int, int]  # type, code, value
+_MOST_BYTES = (evdev.MAX_EVENTS - 1) * evdev.EVENT.size  # of a report, before its end
 _END = (evdev.EV_SYN, evdev.SYN_REPORT, 0)
 
 
@@ -65,8 +65,7 @@ class EvdevTrackpad(LoopSource):
             pad = describe(self._node, self._size_mm)
             self._node.claim()
             self._slot_count = self._node.slot_count()
-            self._rest, self._events = b"", list[_Event]()
-            self._slot, self._down, self._was_dropped = 0, set[int](), False
+            self._rest, self._decoder = b"", Decoder(pad)
             self._still.reset()
             self._first = self._all_slots()
         except OSError as error:
@@ -121,31 +120,21 @@ class EvdevTrackpad(LoopSource):
         """Split what was read into reports; after what the kernel dropped, all slots are reported."""
         for second_s, microsecond_us, kind, code, value in _NATIVE.iter_unpack(data):
             is_end = (kind, code) == _END[:2]
-            if is_end or len(self._events) < evdev.MAX_EVENTS - 1:  # no device has so many axes
+            if is_end or len(self._rest) < _MOST_BYTES:  # no device has so many axes
                 self._rest += evdev.EVENT.pack(second_s, microsecond_us, kind, code, value)
-                self._events.append((kind, code, value))
             if is_end:
-                t_now_ns, whole = self._clock_ns(), self._rest
-                self._rest = b""
-                self._note(second_s * 1_000_000_000 + microsecond_us * 1000, self._events)
-                self._events.clear()
-                yield RawReport(t_now_ns, whole)
-                if self._was_dropped:
+                report, self._rest = RawReport(self._clock_ns(), self._rest), b""
+                is_whole = self._note(report, second_s * 1_000_000_000 + microsecond_us * 1000)
+                yield report
+                if not is_whole:
                     self._dropped += 1
                     yield self._all_slots()
 
-    def _note(self, t_ns: int, events: Sequence[_Event]) -> None:
-        """Track which contacts are there after a report."""
-        self._was_dropped = False
-        for kind, code, value in events:
-            self._was_dropped |= (kind, code) == (evdev.EV_SYN, evdev.SYN_DROPPED)
-            if (kind, code) == (evdev.EV_ABS, evdev.SLOT):
-                self._slot = value
-            elif (kind, code) == (evdev.EV_ABS, evdev.TRACKING_ID) and value >= 0:
-                self._down.add(self._slot)
-            elif (kind, code) == (evdev.EV_ABS, evdev.TRACKING_ID):
-                self._down.discard(self._slot)
-        self._still.took(t_ns, are_down=self._slot_count > 0 and len(self._down) > 0)
+    def _note(self, report: RawReport, t_ns: int) -> bool:
+        """Track whether contacts are there after a report; return False for one of which the kernel dropped some."""
+        frames = self._decoder.decode(report.data, report.t_host_ns)
+        self._still.took(t_ns, are_down=self._slot_count > 0 and any(frame.contacts for frame in frames[-1:]))
+        return len(frames) > 0
 
     def _all_slots(self) -> RawReport:
         """Return a report of all slots as they are now. Raises OSError if the device is gone."""
@@ -161,8 +150,9 @@ class EvdevTrackpad(LoopSource):
                 events += [(evdev.EV_ABS, code, values[code][index]) for code in known]
             slot = self._node.axis(evdev.SLOT)
             events.append((evdev.EV_ABS, evdev.SLOT, slot.present if slot is not None else 0))
-        self._note(t_ns, events)
-        return RawReport(t_ns, packed(t_ns, [*events, _END]))
+        report = RawReport(t_ns, packed(t_ns, [*events, _END]))
+        self._note(report, t_ns)
+        return report
 
 
 def _repeated(t_ns: int) -> bytes:

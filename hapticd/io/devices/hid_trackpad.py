@@ -203,8 +203,7 @@ class _Mailbox:
         self._loop = loop
         self._on_reports = on_reports
         self._on_link = on_link
-        self._lock = threading.Lock()
-        self._waiting: deque[RawReport] | None = None
+        self._waiting = deque[RawReport](maxlen=BATCH)  # a longer stall keeps the newest
         self._closed = False
         self.left_out = 0  # reports
 
@@ -212,29 +211,24 @@ class _Mailbox:
         self._closed = True
 
     def put(self, reports: Sequence[RawReport]) -> None:
-        with self._lock:
-            if self._waiting is not None:
-                self.left_out += max(len(self._waiting) + len(reports) - BATCH, 0)
-                self._waiting.extend(reports)
-                return
-            self._waiting = deque(reports, maxlen=BATCH)  # a longer stall keeps the newest
-            self.post(self._deliver, self._waiting)
+        self.left_out += max(len(self._waiting) + len(reports) - BATCH, 0)
+        self._waiting.extend(reports)
+        self.post(self._deliver, self._waiting)
 
     def put_link(self, pad: Pad | None, reason: str) -> None:
-        with self._lock:
-            self._waiting = None  # later reports follow this event
-            self.post(self._deliver_link, pad, reason)
+        self._waiting = deque(maxlen=BATCH)  # later reports follow this event
+        self.post(self._deliver_link, pad, reason)
 
     def post(self, callback: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(callback, *arguments)
 
-    def _deliver(self, reports: deque[RawReport]) -> None:
-        with self._lock:
-            if self._waiting is reports:
-                self._waiting = None
-        if not self._closed:
-            self._on_reports(tuple(reports))
+    def _deliver(self, waiting: deque[RawReport]) -> None:
+        batch = []
+        while waiting:
+            batch.append(waiting.popleft())
+        if batch and not self._closed:
+            self._on_reports(batch)
 
     def _deliver_link(self, pad: Pad | None, reason: str) -> None:
         if not self._closed:

@@ -21,6 +21,7 @@ from ...values import RawReport
 from ...wire.trackpad import Decoder, Pad, StillContacts, evdev, from_fields, to_fields
 from .input_nodes import packed
 from .input_recordings import InputRecording
+from .repeats import RepeatedReports
 from .trackpad_source import REPORT_BYTES, LoopSource
 
 MAX_LINES = 500_000  # of a recording: an hour of reports
@@ -123,53 +124,49 @@ class ReplayTrackpad(LoopSource):
         self._path = os.fspath(path)
         self._next = 0
         self._decoder = Decoder(self._pad)
-        self._still = StillContacts()  # by the recording's clock
+        self._still = StillContacts()
+        self._repeats = RepeatedReports(self._still, self._repeated, clock_ns)
 
     def _open(self) -> tuple[Pad, str]:
         return self._pad, f"replay of {len(self._reports)} reports from {self._path}"
 
     def _release(self) -> None:
-        """Nothing is open."""
+        self._repeats.stop()
 
     def _begin(self) -> None:
         self._t_begin_s, self._t_begin_ns = self._loop.time(), self._clock_ns()
+        self._repeats.start(self._loop, self._on_reports)
         self._arm()
 
     def _arm(self) -> None:
-        """Set when the next report is due, or the last one is repeated before that."""
+        """Set when the next report is due."""
         if self._next == len(self._reports):
+            self._repeats.stop()
             self._on_link(None, "replay ended")
             return
-        due_ns, play = self._due_ns(self._reports[self._next].t_host_ns), self._play
-        t_repeat_ns = self._still.due_ns
-        if t_repeat_ns is not None and self._due_ns(t_repeat_ns) < due_ns:
-            due_ns, play = self._due_ns(t_repeat_ns), self._repeat
-        self._timer = self._loop.call_at(self._t_begin_s + due_ns * 1e-9, play)
+        due_s = self._t_begin_s + self._due_ns(self._reports[self._next]) * 1e-9
+        self._timer = self._loop.call_at(due_s, self._play)
 
     def _play(self) -> None:
         """Deliver the report that the timer was set for, and those that fell due while the loop was busy."""
-        elapsed_ns = self._elapsed_ns()
+        elapsed_ns = (self._loop.time() - self._t_begin_s) * 1e9
         first = self._next
         self._next += 1
-        while self._next < len(self._reports) and self._due_ns(self._reports[self._next].t_host_ns) <= elapsed_ns:
+        while self._next < len(self._reports) and self._due_ns(self._reports[self._next]) <= elapsed_ns:
             self._next += 1
-        self._on_reports([self._played(report) for report in self._reports[first : self._next]])
+        self._repeats.pass_on([self._played(report) for report in self._reports[first : self._next]])
         self._arm()
 
     def _played(self, report: RawReport) -> RawReport:
+        played = RawReport(self._t_begin_ns + self._due_ns(report), report.data)
         if self._pad.layout == "evdev" and (frames := self._decoder.decode(report.data, report.t_host_ns)):
-            self._still.took(report.t_host_ns, are_down=len(frames[-1].contacts) > 0)
-        return RawReport(self._t_begin_ns + self._due_ns(report.t_host_ns), report.data)
+            self._still.took(played.t_host_ns, are_down=len(frames[-1].contacts) > 0)
+        return played
 
-    def _repeat(self) -> None:
-        t_read_ns = self._reports[0].t_host_ns + round(self._elapsed_ns())
-        data = packed(self._still.repeat(t_read_ns), [(evdev.EV_SYN, evdev.SYN_REPORT, 0)])
-        self._on_reports([RawReport(self._t_begin_ns + self._due_ns(t_read_ns), data)])
-        self._arm()
+    def _repeated(self, t_ns: int) -> bytes:
+        """The last report once more, stamped by the recording's clock."""
+        return packed(t_ns - self._t_begin_ns + self._reports[0].t_host_ns, [(evdev.EV_SYN, evdev.SYN_REPORT, 0)])
 
-    def _elapsed_ns(self) -> float:
-        return (self._loop.time() - self._t_begin_s) * 1e9
-
-    def _due_ns(self, t_recorded_ns: int) -> int:
-        """Time of an instant of the recording since its first report."""
-        return t_recorded_ns - self._reports[0].t_host_ns
+    def _due_ns(self, report: RawReport) -> int:
+        """Return when a report was recorded, since the first one."""
+        return report.t_host_ns - self._reports[0].t_host_ns
