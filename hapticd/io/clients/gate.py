@@ -15,7 +15,6 @@ import asyncio
 import select
 import socket
 import struct
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -38,7 +37,6 @@ PAUSE_S = 0.001  # after a wake-up that found as many, at least
 ADMIT_EVERY_S = 0.01  # 100 a second, each with sockets of its own
 # Most descriptors of a gate: an admitted connection has one to the client, one to libzmq, and three of libzmq's own.
 MAX_DESCRIPTORS = 5 * 2 * MAX_CONNECTIONS + ACCEPTS
-DRAIN_EVERY_S = 0.001
 CAUSES = ("gone_early", "crowded", "broken")  # closed before it was admitted, too many, more bytes than a subscriber's
 _CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
 
@@ -86,15 +84,6 @@ class Gate:
             self._waiting.popleft()[1].close()
         for relay in tuple(self._relays):
             relay.finish()
-
-    def drain(self, is_over: Callable[[], bool], within_s: float) -> None:
-        """Relay to the clients while the loop does not run, until ZeroMQ has sent all of it and they have it."""
-        t_end_s = time.monotonic() + within_s
-        while time.monotonic() < t_end_s:
-            was_over = is_over()
-            if sum([relay.pump() for relay in tuple(self._relays)]) == 0 and was_over:
-                return
-            time.sleep(DRAIN_EVERY_S)
 
     def _accept(self, listener: Listener) -> None:
         """Accept at most ACCEPTS connections; those that may stay wait to be admitted."""

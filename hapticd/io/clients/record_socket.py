@@ -9,7 +9,6 @@ subscribers of `WAITS` get that message, followed by the directory of the simula
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -116,11 +115,7 @@ class RecordSocket:
         if not self._loop.is_closed():
             self._loop.remove_reader(self._socket.FD)
         self._socket.close()
-        closing = threading.Thread(target=self._context.term)  # which waits until the last records have left
-        closing.start()
-        if self._gate is not None and not self._loop.is_closed():
-            self._gate.drain(lambda: not closing.is_alive(), 2e-3 * LINGER_MS)
-        closing.join()
+        self._context.term()  # waits until the last records have left for the gate
         self._context = None
         if self._gate is not None:
             self._gate.close()

@@ -68,7 +68,6 @@ class Relay:
         self._is_closed = False
         _Pipe(loop, outer, inner, self.close, inbound)
         self._to_client = _Pipe(loop, inner, outer, self.close)
-        self.pump = self._to_client.move
 
     @property
     def is_behind(self) -> bool:
@@ -77,7 +76,7 @@ class Relay:
 
     def finish(self) -> None:
         """Pass on what ZeroMQ has sent, as far as the client takes it at once, and close."""
-        while self.pump() and not self.is_behind:
+        while self._to_client.move() and not self.is_behind:
             pass
         self.close()
 
