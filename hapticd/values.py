@@ -4,7 +4,7 @@ What fingers should feel and what is reported of them is in `hapticd_contract`, 
 `board_values`.
 
 Units stand in the names. Instants are integer nanoseconds (`t_..._ns`) on the host's monotonic clock, unless the
-name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.board.clock_sync`).
+name says `board` (the board's wrapped microsecond counter, unwrapped to nanoseconds by `core.board.link`).
 Positions are millimetres in the plate frame: origin at the plate's centre, x to the right, y away from the user.
 Amplitudes are peak-to-peak micrometres; a complex amplitude W = W_d + j W_q is a phasor in the rotating frame
 w(t) = W_d cos(wt) - W_q sin(wt).

@@ -127,7 +127,7 @@ class Status:
         ledger, touch = self._board.session.ledger, self._pipeline.counters
         counts = {
             "frames late": ledger.late_frames,
-            "frames unanswered": ledger.unanswered,
+            "frames unanswered": self._board.session.window.unanswered,
             "passes put off": self.loop.throttled,
             "fingers left out of a pass": touch.left_out_fingers,
         }
@@ -190,7 +190,7 @@ class Status:
             "recording": dict(self.recording()),
             "real_time": dict(self.real_time),
             "timing": self._timing(),
-            "latency_ms": _latency([line for line in ledger if t_now_ns - line.t_sent_ns <= RECENT_NS]),
+            "latency_ms": _latency([line for line in ledger.lines if t_now_ns - line.t_sent_ns <= RECENT_NS]),
         }
 
     def _surfaces(self, t_now_ns: int) -> list[dict[str, object]]:
@@ -225,7 +225,7 @@ class Status:
             **{name: getattr(loop, name) for name in OF_LOOP},
             "budget_frac": self._pipeline.budget_frac,
             "late_frames": ledger.late_frames,
-            "unanswered_frames": ledger.unanswered,
+            "unanswered_frames": self._board.session.window.unanswered,
             "histograms": {
                 name: histogram_fields(histogram) for name, histogram in histograms.items() if histogram.count
             },

@@ -122,7 +122,7 @@ async def _watch(daemon: Daemon, seconds: float) -> MeasuredLatency:
                 t_from_ns, computed_ns = now_ns(), time.process_time_ns()
             machine.set_targets(_targets(machine), now_ns())
             counted, before = ledger.age.count, counted  # only the new ones: this process measures itself, too
-            lines += [ledger[n] for n in range(-min(counted - before, len(ledger)), 0)]
+            lines += [ledger.lines[n] for n in range(-min(counted - before, len(ledger.lines)), 0)]
             await asyncio.sleep(POLL_EVERY_S)
     share = (time.process_time_ns() - computed_ns) / max(now_ns() - t_from_ns, 1)
     return replace(gather(machine, lines), processor_percent=100.0 * share)
@@ -145,7 +145,7 @@ def gather(machine: Machine, lines: Sequence[LedgerLine]) -> MeasuredLatency:
     counts = {
         "frames": ledger.late.count,
         "frames late": ledger.late_frames,
-        "frames unanswered": ledger.unanswered,
+        "frames unanswered": machine.session.window.unanswered,
         "reports joined": loop.joined_reports,
         "ticks missed": loop.missed_ticks,
     }

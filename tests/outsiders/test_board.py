@@ -19,7 +19,7 @@ from outsiders.board import Board
 
 from hapticd.board_values import UNCALIBRATED, BoardCalibration, ModeCalibration
 from hapticd.config.sections import Config, DeviceConfig
-from hapticd.core.board.outbox import MOST_UNREAD
+from hapticd.core.board.link import MOST_UNREAD
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import TIMER_NS, Machine
 from hapticd.sim.fingers.pad_noise import PadNoise

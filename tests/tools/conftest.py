@@ -50,7 +50,7 @@ def measured() -> MeasuredLatency:
         bench.machine.pipeline.invalidate_reference()
         bench.run(1)
         bench.board.status()
-    return gather(bench.machine, list(bench.machine.session.ledger))
+    return gather(bench.machine, list(bench.machine.session.ledger.lines))
 
 
 @pytest.fixture(scope="session")

@@ -7,17 +7,15 @@ loop that carries the touch. A histogram costs one shift and one addition a valu
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 from ...board_values import BoardStatus
-from ...values import LedgerLine, Tick
-from .clock_sync import BoardClock, LinkLatency
+from ...values import LedgerLine
+from .link import BoardClock, Flight, LinkLatency
 
 LEDGER_LENGTH: Final = 512
 PAUSE_NS: Final = 1_000_000  # of Python's collector: longer ones are counted
-FORGOTTEN_NS: Final = 1_000_000_000  # a frame in flight: it was lost, or replaced by the next
 LATE_NS: Final = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
 _SUB_BITS: Final = 4  # sixteen buckets an octave: a bucket's middle is within 3.2 % of what fell into it
 _LONGEST_NS: Final = (1 << 40) - 1  # 18 minutes: all that is longer is one bucket
@@ -80,36 +78,18 @@ def _edges_ns(bucket: int) -> tuple[int, int]:
 
 
 class Ledger:
-    """Frames in flight, the newest that the board applied, oldest first, and histograms of all since the start."""
+    """The newest frames that the board applied, oldest first, and histograms of all since the start."""
 
     def __init__(self) -> None:
         self.age, self.horizon, self.link, self.late = Histogram(), Histogram(), Histogram(), Histogram()
         self.late_frames = 0
-        self.unanswered = 0  # frames that the board never acknowledged as applied: lost, or replaced by the next
-        self._lines: deque[LedgerLine] = deque(maxlen=LEDGER_LENGTH)
-        self._in_flight: dict[int, tuple[int, int, Tick]] = {}
+        self.lines: deque[LedgerLine] = deque(maxlen=LEDGER_LENGTH)
 
-    def clear_sent(self) -> None:
-        """Drop all frames in flight: the board was reset or replaced."""
-        self._in_flight.clear()
-
-    def sent(self, seq: int, t_sent_ns: int, t_apply_ns: int, tick: Tick) -> None:
-        """Take note of a frame that is sent."""
-        for oldest, (t_before_ns, _, _) in list(self._in_flight.items()):
-            if t_sent_ns - t_before_ns <= FORGOTTEN_NS:
-                break
-            del self._in_flight[oldest]
-            self.unanswered += 1
-        self._in_flight[seq] = t_sent_ns, t_apply_ns, tick
-
-    def acknowledged(
-        self, status: BoardStatus, clock: BoardClock, latency: LinkLatency, t_now_ns: int
+    def applied(
+        self, flight: Flight, status: BoardStatus, clock: BoardClock, latency: LinkLatency, t_now_ns: int
     ) -> LedgerLine | None:
-        """Add the frame that a status acknowledges as applied; return its line, None where there is none."""
-        sent = self._in_flight.pop(status.seq, None) if status.applied and clock.ready else None
-        if sent is None:
-            return None
-        t_sent_ns, t_apply_ns, tick = sent
+        """Add a frame that a status acknowledges as applied; return its line, None for a zero frame."""
+        t_sent_ns, t_apply_ns, tick = flight
         link_ns = clock.to_host_ns(status.t_received_us, near=t_now_ns) - t_sent_ns
         t_applied_ns = clock.to_host_ns(status.t_applied_us, near=t_now_ns)
         latency.update(link_ns)
@@ -123,21 +103,12 @@ class Ledger:
 
     def book(self, line: LedgerLine) -> None:
         """Add a frame that the board applied."""
-        self._lines.append(line)
+        self.lines.append(line)
         self.age.add(line.age_ns)
         self.horizon.add(line.horizon_ns)
         self.link.add(line.link_ns)
         self.late.add(line.late_ns)
         self.late_frames += line.late_ns > LATE_NS
-
-    def __len__(self) -> int:
-        return len(self._lines)
-
-    def __iter__(self) -> Iterator[LedgerLine]:
-        return iter(self._lines)
-
-    def __getitem__(self, index: int) -> LedgerLine:
-        return self._lines[index]
 
 
 @dataclass(slots=True)

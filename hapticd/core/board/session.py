@@ -13,6 +13,7 @@ references held back only the newest is kept, and is sent when the board answers
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from ... import board_protocol as protocol
@@ -28,10 +29,9 @@ from ...board_values import (
 )
 from ...values import LedgerLine, SafeDrive, Tick
 from ..trajectory.gate import silence
-from .clock_sync import BoardClock, LinkLatency
+from .handshake import FAILED, BoardSettings, LineSpeed
 from .ledger import Ledger
-from .line_speed import FAILED, LineSpeed
-from .outbox import BoardSettings, PolledTimer, SendWindow
+from .link import BoardClock, Flight, LinkLatency, SendWindow
 
 GREET_EVERY_NS: Final = 250_000_000
 SETTLE_TIME_EVERY_NS: Final = 20_000_000  # until the clock is known
@@ -59,6 +59,25 @@ def _leapt(before_us: int, after_us: int) -> bool:
     """Whether the board's wrapped clock moved by more than a slow line explains."""
     half_us = CLOCK_WRAP_US // 2
     return abs((after_us - before_us + half_us) % CLOCK_WRAP_US - half_us) > LEAP_US
+
+
+@dataclass(slots=True)
+class PolledTimer:
+    """Due once every `every_ns`. Instants are arguments."""
+
+    every_ns: int
+    t_last_ns: int = 0
+
+    def restart(self, t_now_ns: int) -> None:
+        """Count the period from now."""
+        self.t_last_ns = t_now_ns
+
+    def due(self, t_now_ns: int) -> bool:
+        """Return whether the period has passed; then the next one starts."""
+        if t_now_ns - self.t_last_ns < self.every_ns:
+            return False
+        self.t_last_ns = t_now_ns
+        return True
 
 
 class BoardSession:
@@ -93,7 +112,7 @@ class BoardSession:
         self._boot_id: int | None = None
         self._seq = 0
         self._t_numbered_ns = 0
-        self._window = SendWindow()
+        self.window = SendWindow()
         self._held: tuple[SafeDrive, Tick] | None = None
         self._t_received_ns = 0
         self._t_status_ns = 0
@@ -114,7 +133,7 @@ class BoardSession:
         """The message that the handshake lacks, by its name in firmware/PROTOCOL.md; "" if it is complete."""
         if self.hello is None:
             return "HELLO"
-        if self.setting is not None:
+        if self._settings.next is not None:
             return "VERDICT"
         if not self.clock.ready:
             return "TIME"
@@ -223,8 +242,8 @@ class BoardSession:
         self._t_received_ns = t_now_ns
         was_known, relocks = self.clock.ready, self.clock.relocks
         if self.clock.update(reply, t_now_ns) and not self._is_mute(t_now_ns):
-            self._window.read_until(min(reply.t_host_ns, t_now_ns - self._patience_ns), t_now_ns)
-            self._window.answered()
+            self.window.read_until(min(reply.t_host_ns, t_now_ns - self._patience_ns), t_now_ns)
+            self.window.answered()
         if self.clock.senseless >= SENSELESS_TIMES:
             self.clock.reset()
         elif self.clock.relocks == relocks:
@@ -247,12 +266,13 @@ class BoardSession:
             self.lost_statuses += (status.number - self.status.number - 1) & 0xFFFF
         self.status = status
         self._is_reporting = True
-        self._window.named(status.seq)
-        self._window.answered()
+        self.window.named(status.seq)
+        self.window.answered()
         if self.clock.ready:  # a board that sends also reads: frames missing from the acknowledgement were lost
             t_status_ns = self.clock.to_host_ns(status.t_board_us, near=t_now_ns)
-            self._window.read_until(t_status_ns - self._patience_ns, t_now_ns)
-        return self.ledger.acknowledged(status, self.clock, self.latency, t_now_ns)
+            self.window.read_until(t_status_ns - self._patience_ns, t_now_ns)
+        flight = self.window.applied(status.seq) if status.applied and self.clock.ready else None
+        return None if flight is None else self.ledger.applied(flight, status, self.clock, self.latency, t_now_ns)
 
     def reference(self, drive: SafeDrive, tick: Tick, t_now_ns: int) -> list[BoardCommand]:
         """Number a drive and convert it to the board's clock; nothing while the board is not ready. While it does not
@@ -263,9 +283,9 @@ class BoardSession:
             self.held_back += 1
             self._held = drive, tick
             return self._question(t_now_ns)
-        is_overdue = self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns)
+        is_overdue = self.window.is_overdue(t_now_ns, 2 * self.latency.link_ns)
         commands = self._numbered(drive, t_now_ns)
-        self.ledger.sent(self._seq, t_now_ns, drive.t_apply_ns, tick)
+        self.window.follow(self._seq, Flight(t_now_ns, drive.t_apply_ns, tick))
         return [*commands, *self._question(t_now_ns)] if is_overdue else commands
 
     def resume(self, t_now_ns: int) -> list[BoardCommand]:
@@ -300,7 +320,7 @@ class BoardSession:
         if self.status.state is BoardState.TOOL:
             return commands  # a tool's sweep or voltage must end with the tool: no keep-alives from here
         is_full = self._must_wait(t_now_ns)
-        if is_full or self._window.is_overdue(t_now_ns, 2 * self.latency.link_ns):
+        if is_full or self.window.is_overdue(t_now_ns, 2 * self.latency.link_ns):
             commands += self._question(t_now_ns)
         if is_full:
             return commands
@@ -347,16 +367,15 @@ class BoardSession:
 
     def _must_wait(self, t_now_ns: int) -> bool:
         """Whether another reference would only be queued, or followed without a report."""
-        return self._is_mute(t_now_ns) or self._window.is_full(t_now_ns, self._patience_ns)
+        return self._is_mute(t_now_ns) or self.window.is_full(t_now_ns, self._patience_ns)
 
     def _question(self, t_now_ns: int) -> list[BoardCommand]:
         """Return a time request, which a board that reads answers at once, if one is due."""
-        return [TimeRequest(self.clock.request(t_now_ns))] if self._window.may_ask(t_now_ns) else []
+        return [TimeRequest(self.clock.request(t_now_ns))] if self.window.may_ask(t_now_ns) else []
 
     def _forget_sent(self) -> None:
         """Drop all frames in flight."""
-        self.ledger.clear_sent()
-        self._window.clear()
+        self.window.clear()
         self._held = None
 
     def _start_over(self, reason: str) -> None:
@@ -371,7 +390,7 @@ class BoardSession:
         self._t_numbered_ns = t_now_ns
         self._keeping_alive.restart(t_now_ns)
         self._arming.restart(t_now_ns)
-        self._window.wrote(self._seq, t_now_ns)
+        self.window.wrote(self._seq, t_now_ns)
         self._held = None
         has_pulse, self.must_pulse = self.must_pulse, False
         return [ReferenceFrame(self._seq, self.clock.to_board_us(drive.t_apply_ns), drive, has_pulse)]

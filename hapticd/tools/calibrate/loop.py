@@ -12,7 +12,7 @@ import numpy as np
 from ... import board_protocol as protocol
 from ...board_protocol import BoardTime, SetTelemetry, Stop, TimeRequest
 from ...board_values import BoardCalibration, BoardStatus, ReferenceFrame, TelemetrySample
-from ...core.board.outbox import BoardSettings
+from ...core.board.handshake import BoardSettings
 from ...core.trajectory.gate import gate
 from ...design.commissioning import drive
 from ...design.commissioning.drive import HeldMode

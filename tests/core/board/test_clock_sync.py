@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.board_protocol import BoardTime
-from hapticd.core.board.clock_sync import BoardClock, LinkLatency
+from hapticd.core.board.link import BoardClock, LinkLatency
 from hapticd.core.touch.sensor_clock import SensorClock
 
 US, MS, S = 1_000, 1_000_000, 1_000_000_000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapticd.core.board.outbox import (
+from hapticd.core.board.link import (
     BAD_FOR_NS,
     PATIENT_QUESTION_EVERY_NS,
     QUESTION_EVERY_NS,

@@ -359,8 +359,8 @@ def test_an_applied_frame_is_booked_once_with_its_delays(bench: Bench) -> None:
         bench.say(**applied)  # accepted, its first knot still to come
         bench.say(**applied, applied=True)
         bench.say(**applied, applied=True)
-    assert len(bench.session.ledger) == 10
-    line = bench.session.ledger[-1]
+    assert len(bench.session.ledger.lines) == 10
+    line = bench.session.ledger.lines[-1]
     assert (line.age_ns, line.horizon_ns) == (11 * MS, 16 * MS)
     assert line.link_ns == pytest.approx(3 * MS, abs=5000)
     assert line.late_ns == pytest.approx(2 * MS, abs=5000)
@@ -372,7 +372,7 @@ def test_frames_that_are_never_acknowledged_are_forgotten_after_a_second(bench: 
         bench.t_ns += 11 * MS
         bench.say()
         bench.send()
-    assert len(bench.session.ledger._in_flight) <= SILENT_AFTER_NS // (11 * MS) + 2
+    assert len(bench.session.window._flights) <= SILENT_AFTER_NS // (11 * MS) + 2
 
 
 def kinds(commands: list[BoardCommand]) -> list[type]:

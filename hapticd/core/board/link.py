@@ -1,4 +1,5 @@
-"""The board's clock against the host's, and how long a frame takes to get there.
+"""The link to the board: its clock against the host's, how long a frame takes to get there, and the references that are
+on their way.
 
 The board's counter is a slope near 1 and an offset, seen through delays that can only be late. The board answers, so
 the exchanges with the shortest round trip are nearest the truth (Cristian 1989; the clock filter of NTP, RFC 5905
@@ -13,9 +14,17 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from ...board_protocol import BoardTime
+from ...values import Tick
 
 _SENSELESS_NS: Final = 1_000_000_000  # a simulated board that catches up holds a reply for longer than the round trip
 _WRAP_US = 2**32  # the board's counter: 71.6 min
+MOST_UNREAD: Final = 2  # references; more are only under way at once where a round trip takes longer than two reports
+MOST_ON_A_BAD_LINE: Final = 4  # an acknowledgement may be lost there, and the board's dead-man timeout is 50 ms
+BAD_FOR_NS: Final = 1_000_000_000  # since the last known loss
+FORGOTTEN_NS: Final = 1_000_000_000  # a reference in flight: it was lost, or replaced by the next
+QUESTION_EVERY_NS: Final = 4_000_000
+QUESTIONS: Final = 12  # at that rate; by then the board's dead-man has tripped
+PATIENT_QUESTION_EVERY_NS: Final = 100_000_000
 
 
 class Exchange(NamedTuple):
@@ -213,3 +222,87 @@ class LinkLatency:
         """Another link: back to the start value."""
         self._delays.clear()
         self.link_ns = self._start_ns
+
+
+class Flight(NamedTuple):
+    """A reference under way: when it was sent, when it takes effect, and its pass."""
+
+    t_sent_ns: int
+    t_apply_ns: int
+    tick: Tick
+
+
+class SendWindow:
+    """The references under way: those that the board may not have read yet, oldest first, those that it has not applied
+    yet, and the requests sent after them.
+
+    A terminal buffers thousands of bytes for a board that has stopped reading. The board acknowledges each reference
+    that took effect, so one that is not acknowledged after a round trip was lost or is still unread. A time request
+    decides: the line keeps the order, so a board that answers it has read everything before it.
+    """
+
+    def __init__(self) -> None:
+        self.unanswered = 0  # references that were never acknowledged as applied: lost, or replaced by the next
+        self._unread: deque[tuple[int, int]] = deque()
+        self._flights: dict[int, Flight] = {}
+        self._questions = 0
+        self._t_question_ns = 0
+        self._t_lost_ns = -BAD_FOR_NS
+
+    def clear(self) -> None:
+        """Reset: the board was reset or replaced."""
+        self._unread.clear()
+        self._flights.clear()
+        self._questions = 0
+
+    def wrote(self, seq: int, t_now_ns: int) -> None:
+        """Take note that reference `seq` was sent."""
+        self._unread.append((seq, t_now_ns))
+
+    def follow(self, seq: int, flight: Flight) -> None:
+        """Follow this reference until it is applied."""
+        for oldest, before in list(self._flights.items()):
+            if flight.t_sent_ns - before.t_sent_ns <= FORGOTTEN_NS:
+                break
+            del self._flights[oldest]
+            self.unanswered += 1
+        self._flights[seq] = flight
+
+    def applied(self, seq: int) -> Flight | None:
+        """Return the reference that the board applied, once; None for one that is not followed."""
+        return self._flights.pop(seq, None)
+
+    def named(self, seq: int) -> None:
+        """Take note that the board has this reference, and so has read all before it."""
+        if any(seq == unread for unread, _ in self._unread):
+            while self._unread.popleft()[0] != seq:
+                pass
+
+    def read_until(self, t_ns: int, t_now_ns: int) -> None:
+        """Take note that the board has read all that was sent until `t_ns`. Frames missing from the acknowledgement
+        were lost."""
+        while self._unread and self._unread[0][1] <= t_ns:
+            self._unread.popleft()
+            self._t_lost_ns = t_now_ns
+
+    def answered(self) -> None:
+        """Take note that the board answered: requests start again at the fast rate."""
+        self._questions = 0
+
+    def is_overdue(self, t_now_ns: int, patience_ns: int) -> bool:
+        """Whether the oldest was sent longer than `patience_ns` ago."""
+        return len(self._unread) > 0 and t_now_ns - self._unread[0][1] > patience_ns
+
+    def is_full(self, t_now_ns: int, patience_ns: int) -> bool:
+        """Whether another reference would only be queued."""
+        most = MOST_ON_A_BAD_LINE if t_now_ns - self._t_lost_ns < BAD_FOR_NS else MOST_UNREAD
+        return len(self._unread) >= most and self.is_overdue(t_now_ns, patience_ns)
+
+    def may_ask(self, t_now_ns: int) -> bool:
+        """Return whether a request is due; it then counts as sent."""
+        every_ns = QUESTION_EVERY_NS if self._questions < QUESTIONS else PATIENT_QUESTION_EVERY_NS
+        if self._questions > 0 and t_now_ns - self._t_question_ns < every_ns:
+            return False
+        self._questions += 1
+        self._t_question_ns = t_now_ns
+        return True
