@@ -48,26 +48,22 @@ class Crossings:
         self._surfaces: Final = surfaces
         self._fingers: Final = fingers
         self.period_ns = period_ns
-        self._layers: list[Layer] = []
-        self._known: set[Layer] = set()  # layers at the last pass
+        self.layers: list[Layer] = []  # of the last pass
+        self._known: set[Layer] = set()  # the same
         self._new: set[Layer] = set()
         self._named: dict[tuple[str, str], Layer] = {}
         self._left = MAX_FOLLOWED
 
-    def begin(self) -> bool:
-        """Begin a pass; False where there are no layers and were none."""
-        self._left = MAX_FOLLOWED
-        layers = self._surfaces.layers
-        if not layers and not self._layers:
-            return False
-        if layers is not self._layers:
-            self._layers = layers
+    def begin(self) -> None:
+        """Begin a pass."""
+        self._left, layers = MAX_FOLLOWED, self._surfaces.layers
+        if layers is not self.layers:
+            self.layers = layers
             self._new = set(layers) - self._known
             self._known = set(layers)
             self._named = {(layer.owner, layer.name): layer for layer in layers}
         elif self._new:
             self._new = set()
-        return True
 
     def changes(self, touched: TouchedContents, t_now_ns: int, t_plate_ns: int) -> list[Change]:
         """Return what has changed for a finger by now, then the edges that it will cross, in order."""
@@ -83,7 +79,7 @@ class Crossings:
         span_s = (t_to_ns - t_from_ns) * 1e-9
         t_change_ns = t_now_ns if touched.is_seen else touched.t_ns
         crossed: list[Change] = []
-        for layer in self._layers:
+        for layer in self.layers:
             was_on = layer in touched.on
             if layer.is_whole and was_on:
                 continue

@@ -79,6 +79,7 @@ class Triggers:
         """`period_ns`: from one frame to the next."""
         self.events: Final = Events()
         self._effects: Final = scene.effects
+        self._surfaces: Final = scene.surfaces
         self._fingers: Final = fingers
         self._period_ns = period_ns
         self._crossings: Final = Crossings(scene.surfaces, fingers, period_ns)
@@ -105,8 +106,7 @@ class Triggers:
 
     def lift_all(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
-        for finger_id in list(self._touched):
-            touched = self._touched[finger_id]
+        for finger_id, touched in list(self._touched.items()):
             self._lift(finger_id, touched.t_ns, touched.t_device_ns)
 
     def _lift(self, finger_id: int, t_ns: int, t_device_ns: int) -> None:
@@ -131,7 +131,8 @@ class Triggers:
             effects.resolve()
         if effects.playing:
             self._end(t_now_ns, t_plate_ns)
-        if self._crossings.begin():
+        if self._surfaces.layers or self._crossings.layers:
+            self._crossings.begin()
             for touched in self._touched.values():
                 for change in self._crossings.changes(touched, t_now_ns, t_plate_ns):
                     self._apply(change, touched, t_plate_ns)
@@ -143,12 +144,11 @@ class Triggers:
         for touched in self._touched.values():
             touched.is_seen = True
         for one in effects.playing:
-            if one.finger_id != EVERYONE:
-                self._fingers.release((one.finger_id,))
-            elif one.held.on is None:
+            on = one.held.on if one.finger_id == EVERYONE else one.finger_id
+            if on is None:
                 self._fingers.hold_all()
-            elif isinstance(one.held.on, int):
-                self._fingers.release((one.held.on,))
+            elif isinstance(on, int):
+                self._fingers.release((on,))
 
     def _apply(self, change: Change, touched: TouchedContents, t_plate_ns: int) -> None:
         """Take note of a layer that a finger enters or leaves."""
@@ -158,21 +158,16 @@ class Triggers:
             self._add_event(EventKind.CROSSED, touched, t_ns, layer=layer)
             self._start(OnCrossing, touched, t_ns, layer)
         if change.is_on:
-            self._enter(touched, layer, t_ns, t_begin_ns)
-        else:
-            self._leave(touched, layer, t_ns, t_begin_ns)
-
-    def _enter(self, touched: TouchedContents, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
-        touched.on[layer] = None
-        self._add_event(EventKind.ENTERED, touched, t_ns, layer=layer)
-        self._end_by(OnLeaving, touched, layer, t_ns)
-        self._start(OnEntering, touched, t_begin_ns, layer, t_ns)
-
-    def _leave(self, touched: TouchedContents, layer: Layer, t_ns: int, t_begin_ns: int) -> None:
-        self._add_event(EventKind.LEFT, touched, t_ns, layer=layer)
-        self._end_by(OnEntering, touched, layer, t_ns)
-        self._start(OnLeaving, touched, t_begin_ns, layer, t_ns)
-        touched.on.pop(layer, None)
+            touched.on[layer] = None
+        kind = EventKind.ENTERED if change.is_on else EventKind.LEFT
+        cause, opposite = (OnEntering, OnLeaving) if change.is_on else (OnLeaving, OnEntering)
+        self._add_event(kind, touched, t_ns, layer=layer)
+        for held in [one.held for one in self._effects.playing]:  # what only its opposite ends
+            if held.cause is opposite and held.trigger is layer:
+                self._end_one(held, touched, t_ns)
+        self._start(cause, touched, t_begin_ns, layer, t_ns)
+        if not change.is_on:
+            touched.on.pop(layer, None)
 
     def _check_effects(self, t_plate_ns: int) -> None:
         for held in self._effects.held:
@@ -262,13 +257,6 @@ class Triggers:
             elif one.held.is_gone or (one.finger_id != EVERYONE and one.finger_id not in self._touched):
                 self._stop(one, t_now_ns)
 
-    def _end_by(self, cause: Cause, touched: TouchedContents, layer: Layer, t_ns: int) -> None:
-        """End what this cause started and only its opposite ends."""
-        for one in self._effects.playing:
-            held = one.held
-            if held.cause is cause and held.trigger is layer:
-                self._end_one(held, touched, t_ns)
-
     def _end_one(self, held: Held, touched: TouchedContents, t_ns: int) -> None:
         for one in self._effects.playing:
             if one.held is held and one.finger_id == touched.finger.finger_id and one.end_ns >= ENDLESS_NS:
@@ -276,12 +264,8 @@ class Triggers:
 
     def _stop(self, one: Playing, t_ns: int) -> None:
         self._effects.playing = [other for other in self._effects.playing if other is not one]
-        touched = self._touched.get(one.finger_id)
-        if touched is None and one.finger_id != EVERYONE:  # it has lifted
-            client, effect = one.held.owner, one.held.name
-            self.events.add(EventKind.ENDED, t_ns, finger_id=one.finger_id, client=client, effect=effect)
-        else:
-            self._add_event(EventKind.ENDED, touched, t_ns, held=one.held)
+        touched, finger_id = self._touched.get(one.finger_id), None if one.finger_id == EVERYONE else one.finger_id
+        self._add_event(EventKind.ENDED, touched, t_ns, held=one.held, finger_id=finger_id)
 
     def _add_event(
         self,
@@ -290,12 +274,14 @@ class Triggers:
         t_ns: int | None = None,
         layer: Layer | None = None,
         held: Held | None = None,
+        finger_id: int | None = None,
     ) -> None:
+        """Add one; `finger_id` is that of a finger that has lifted."""
         client = layer.owner if layer is not None else held.owner if held is not None else ""
         surface = "" if layer is None else layer.name
         effect = "" if held is None else held.name
         if touched is None:
-            self.events.add(kind, t_ns or 0, client=client, surface=surface, effect=effect)
+            self.events.add(kind, t_ns or 0, finger_id=finger_id, client=client, surface=surface, effect=effect)
             return
         finger = touched.finger
         if t_ns is None:

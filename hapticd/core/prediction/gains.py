@@ -51,33 +51,18 @@ def kalman_gains(
 ) -> FloatArray:
     """Return gains (steps, intervals, densities, 5) from the second sample of a touch on, in the order of a `Gain`."""
     transition, process = process_model(np.asarray(intervals_s)[:, None], np.asarray(densities), order)
-    covariance = start_covariance(noise_mm, order)
     noise_mm2 = noise_mm * noise_mm
+    covariance = np.diag([noise_mm2, *_START_VARIANCES[: order - 1]])
     gains = np.zeros((steps, len(intervals_s), len(densities), 5))
     for step in gains:
-        covariance, gain, spread = riccati_step(covariance, transition, process, noise_mm2)
-        step[..., :order] = gain
+        ahead = transition @ covariance @ transition.swapaxes(-1, -2) + process
+        spread = ahead[..., 0, 0] + noise_mm2
+        step[..., :order] = gain = ahead[..., 0] / spread[..., None]
         step[..., 4] = spread
+        covariance = ahead - gain[..., :, None] * ahead[..., None, 0, :]
+        first = (noise_mm2 / spread)[..., None] * ahead[..., 0]  # without 1 - k's cancellation
+        covariance[..., 0, :] = covariance[..., :, 0] = first
     return gains
-
-
-def riccati_step(
-    covariance: FloatArray, transition: FloatArray, process: FloatArray, noise_mm2: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Predict, then measure a position: covariance (..., n, n) after, gain (..., n), innovation variance (...)."""
-    ahead = transition @ covariance @ transition.swapaxes(-1, -2) + process
-    spread = ahead[..., 0, 0] + noise_mm2
-    gain = ahead[..., 0] / spread[..., None]
-    after = ahead - gain[..., :, None] * ahead[..., None, 0, :]
-    after[..., 0, :] = after[..., :, 0] = (noise_mm2 / spread)[..., None] * ahead[
-        ..., 0
-    ]  # without 1 - k's cancellation
-    return after, gain, spread
-
-
-def start_covariance(noise_mm: float, order: int) -> FloatArray:
-    """Return the covariance (n, n) after the first sample of a touch."""
-    return np.diag([noise_mm * noise_mm, *_START_VARIANCES[: order - 1]])
 
 
 def process_model(

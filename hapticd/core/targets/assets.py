@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from msgspec.structs import replace
@@ -37,20 +37,15 @@ class _Asset:
     is_used: bool = False
 
 
+@dataclass(slots=True)
 class _Upload:
     """An asset that has not arrived in whole. Its hash is taken part by part, so that no message takes long."""
 
-    def __init__(self, size: int, t_ns: int) -> None:
-        self.size: Final = size
-        self.t_first_ns: Final = t_ns
-        self.t_ns = t_ns
-        self.parts = bytearray()
-        self.hash = hashlib.sha256()
-
-    def add(self, part: bytes, t_ns: int) -> None:
-        self.parts += part
-        self.hash.update(part)
-        self.t_ns = t_ns
+    size: int
+    t_first_ns: int
+    t_ns: int
+    parts: bytearray = field(default_factory=bytearray)
+    hash: hashlib._Hash = field(default_factory=hashlib.sha256)
 
 
 class Assets:
@@ -75,13 +70,15 @@ class Assets:
             if not part or offset > 0:
                 return 0
             self._make_room(len(part), 1)
-            upload = self._uploads[client, digest] = _Upload(size, t_ns)
+            upload = self._uploads[client, digest] = _Upload(size, t_ns, t_ns)
         if not part or offset != len(upload.parts):
             return len(upload.parts)
         if size != upload.size or offset + len(part) > size:
             raise RequestError(f"asset: has {upload.size} bytes, not {size}, and no part goes beyond.")
         self._make_room(len(part), 0)
-        upload.add(part, t_ns)
+        upload.parts += part
+        upload.hash.update(part)
+        upload.t_ns = t_ns
         if len(upload.parts) == size:
             del self._uploads[client, digest]
             if upload.hash.digest() != digest:

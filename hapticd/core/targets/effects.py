@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from hapticd_contract.effects import At, Effect, Envelope, Now, OnEdge, Pulse, Start
+from hapticd_contract.effects import At, Effect, Now, OnEdge, Start
 from hapticd_contract.targets import ClientTargets
 
 from ...values import FingerKey
@@ -73,8 +73,6 @@ class Effects:
         self._w_limit_um: Final = w_limit_um
         self._surfaces: Final = surfaces
         self._layers: list[Layer] = []
-        self._of_layers: dict[Layer, list[Held]] = {}  # those that entering, leaving or crossing it starts
-        self._of_fingers: dict[Cause, list[Held]] = {}  # those that a finger starts by itself
         self._start_ids: dict[tuple[str, str], int] = {}  # of the newest start by owner and name, oldest first
         self._max_knots = 24
         self._least_span_ns = 12_000_000
@@ -144,7 +142,7 @@ class Effects:
             held.is_gone = held not in kept
         self.held = kept
         self.t_expires_ns = min([held.t_expires_ns for held in kept], default=NEVER_NS)
-        self._layers, self._of_layers, self._of_fingers = [], {}, {}
+        self._layers = []
 
     def _refusal(self, held: Held, owner_of: OwnerOf) -> str:
         """Return why an effect is refused; empty if it is not."""
@@ -155,7 +153,7 @@ class Effects:
         owner = None if effect.finger is None else owner_of(effect.finger)
         if owner is not None and owner != held.owner:
             return f"is on finger {effect.finger}, which is held by {owner!r}: wait until that client releases it."
-        asked_um = _largest_um(held)
+        asked_um = 0.0 if held.course.is_factor else held.course.largest()
         if asked_um > self._w_limit_um:
             return f"cannot have {asked_um:g} um: ask for at most {self._w_limit_um:g} um."
         room = self._max_knots - 2
@@ -173,7 +171,9 @@ class Effects:
     def start(self, held: Held, finger_id: int, begin_ns: int) -> bool:
         """Begin to play an effect, from its beginning if it plays already; False where there is no room."""
         playing = [one for one in self.playing if one.held is not held or one.finger_id != finger_id]
-        if not self._has_room([one.held for one in playing], held):
+        waves = [one.held.corners for one in playing if one.held.is_wave]
+        is_full = held.is_wave and len(waves) > 0 and sum(waves) + held.corners > self._max_knots - 2
+        if is_full or len(playing) >= MAX_PLAYING:  # of waves no more than their knots
             self.skipped += 1
             return False
         playing.append(Playing(held, finger_id, begin_ns))
@@ -181,34 +181,21 @@ class Effects:
         self.begun += 1
         return True
 
-    def _has_room(self, playing: list[Held], held: Held) -> bool:
-        """Whether one more may play: at most MAX_PLAYING, and of waves no more than their knots."""
-        if len(playing) >= MAX_PLAYING:
-            return False
-        waves = [one.corners for one in playing if one.is_wave]
-        return not held.is_wave or not waves or sum(waves) + held.corners <= self._max_knots - 2
-
     def resolve(self) -> None:
         """Find the layers that effects name, where the layers have changed."""
         layers = self._surfaces.layers
         if self._layers is layers:
             return
-        self._layers, self._of_layers, self._of_fingers = layers, {}, {}
+        self._layers = layers
         named = {(layer.owner, layer.name): layer for layer in layers}
         for held in self.held:
             on, start = held.on, held.effect.start
             held.layer = named.get((held.owner, on)) if isinstance(on, str) else None
             held.trigger = named.get((held.owner, start.surface)) if isinstance(start, OnEdge) else None
-            if held.trigger is not None:
-                self._of_layers.setdefault(held.trigger, []).append(held)
-            else:
-                self._of_fingers.setdefault(held.cause, []).append(held)
 
     def caused(self, cause: Cause, layer: Layer | None) -> list[Held]:
-        """Return the effects that this cause starts; `layer` is the one that was entered, left or crossed."""
-        if layer is None:
-            return self._of_fingers.get(cause, [])
-        return [held for held in self._of_layers.get(layer, []) if held.cause is cause]
+        """Return the effects that this cause starts; `layer` is the one entered, left or crossed, else None."""
+        return [held for held in self.held if held.cause is cause and held.trigger is layer]
 
     # --- reading, for the touch path ---
 
@@ -298,10 +285,3 @@ def _is_met(
     u_mm, v_mm = layer.local_mm(x_mm, y_mm, from_ns)
     to_u_mm, to_v_mm = layer.local_mm(to_x_mm, to_y_mm, to_ns)
     return layer.holds(u_mm, v_mm) or len(layer.crossings(u_mm, v_mm, to_u_mm, to_v_mm)) > 0
-
-
-def _largest_um(held: Held) -> float:
-    """Return the largest amplitude that an effect adds or takes away."""
-    form = held.effect.form
-    is_um = isinstance(form, Pulse) or (isinstance(form, Envelope) and not form.is_factor)
-    return held.course.largest() if is_um else 0.0

@@ -25,8 +25,6 @@ class Walk:
         there_mm, length_mm = list(self._arc_mm), self._arc_mm[-1]
         back_mm = [2.0 * length_mm - mm for mm in there_mm[-2::-1]] if path.loop else []
         self._corners_mm = there_mm + back_mm  # of one lap
-        self._found_for = (0, 0, 0)
-        self._found_ns: list[int] = []
 
     def position_mm(self, t_ns: int) -> tuple[float, float]:
         """The position at an instant; before the start, the first point."""
@@ -41,13 +39,7 @@ class Walk:
 
     def turns_ns(self, t_ns: int, span_ns: int, most: int) -> list[int]:
         """Return when the path has a corner, ends or begins within `span_ns` from `t_ns` on: ns from there, `most` in
-        all. All fingers of a pass ask for the same span."""
-        asked = (t_ns, span_ns, most)
-        if asked != self._found_for:
-            self._found_for, self._found_ns = asked, self._turns_ns(t_ns, span_ns, most)
-        return self._found_ns
-
-    def _turns_ns(self, t_ns: int, span_ns: int, most: int) -> list[int]:
+        all."""
         speed_mm_s, corners_mm = self.path.speed_mm_s, self._corners_mm
         if not (speed_mm_s > 0.0 and self._arc_mm[-1] >= SHORT_MM):
             return []
