@@ -338,17 +338,6 @@ def test_nothing_is_computed_while_no_effect_plays_and_a_standing_reference_stan
     assert plain.pipeline.counters.skipped_standing > 5
 
 
-def test_a_finger_at_rest_gets_frames_while_an_effect_plays_and_none_after(player: Player) -> None:
-    player.lay({}, {"plate": Surface.of(ONE)})
-    player.play(10, SLIPPERY)
-    before = len(player.drives)
-    player.lay({"click": Effect.of(Pulse(1.0, 0.05))}, {"plate": Surface.of(ONE)})
-    player.play(5, SLIPPERY)
-    assert len(player.drives) == before + 5
-    player.play(10, SLIPPERY)
-    assert len(player.drives) <= before + 7
-
-
 @pytest.mark.parametrize(
     ("form", "sentence"),
     [
@@ -369,14 +358,6 @@ def test_what_a_frame_or_the_plate_cannot_carry_is_refused_with_the_reason(form:
     player.lay({"x": Effect.of(form), "good": Effect.of(CLICK)})
     assert player.refused == (sentence,)
     assert [held.name for held in player.scene.effects.held] == ["good"]
-
-
-def test_a_slow_link_refuses_what_a_fast_one_carries(player: Player) -> None:
-    player.pipeline.set_knot_limits(max_knots=8, effect_knots=12)
-    player.lay({"x": Effect.of(Modulation(120.0, 1.0)), "y": Effect.of(Modulation(100.0, 1.0))})
-    assert player.refused == (
-        "effect 'x' needs 11 knots in 12.5 ms, a frame on this link has 10: a sine has at most 114 Hz.",
-    )
 
 
 def test_two_waves_that_do_not_fit_into_one_frame_do_not_play_at_once(player: Player) -> None:

@@ -23,12 +23,6 @@ def wrote(*seqs: int) -> SendWindow:
     return flow
 
 
-def test_one_that_is_overdue_leaves_room_for_another() -> None:
-    flow = wrote(1)
-    assert flow.is_overdue(T0_NS + 20 * MS, PATIENCE_NS)
-    assert not flow.is_full(T0_NS + 20 * MS, PATIENCE_NS)
-
-
 def test_the_one_that_is_named_was_read_and_all_before_it_across_the_wrap() -> None:
     flow = wrote(0xFFFE, 0xFFFF, 0, 1)
     flow.named(0)
@@ -36,13 +30,6 @@ def test_the_one_that_is_named_was_read_and_all_before_it_across_the_wrap() -> N
     assert flow.is_overdue(T0_NS + 1000 * MS, PATIENCE_NS)
     flow.named(1)
     assert not flow.is_overdue(T0_NS + 1000 * MS, PATIENCE_NS)
-
-
-def test_an_answer_clears_what_was_written_before_its_question_and_nothing_after() -> None:
-    flow = wrote(1, 2, 3)
-    flow.read_until(T0_NS + 11 * MS, T0_NS + 30 * MS)
-    assert not flow.is_full(T0_NS + 100 * MS, PATIENCE_NS)
-    assert flow.is_overdue(T0_NS + 100 * MS, PATIENCE_NS)
 
 
 def test_a_line_that_was_known_to_lose_may_hold_twice_as_many_for_a_second() -> None:

@@ -133,21 +133,6 @@ def moved_mm(one: MotionTouch, other: MotionTouch) -> Array:
 
 
 @RATES
-def test_a_stale_duplicate_moves_the_mean_prediction_by_at_most_0_25_mm(period_s: float) -> None:
-    """The pad repeats a report 6 ms after it, in place of the next, at every 60th sample."""
-    largest_mm = []
-    for seed in range(20):
-        touched = touch(MOTIONS["slide"], seed, period_s)
-        samples = touched.samples.copy()
-        for k in range(60, len(samples), 60):
-            t_ns, x_mm, y_mm = samples[k - 1]
-            samples[k] = (t_ns + 6_000_000, x_mm, y_mm)
-        largest_mm.append(moved_mm(touched._replace(samples=samples), touched).max())
-    assert 0.0 < np.mean(largest_mm) < 0.25
-    assert max(largest_mm) < 0.4
-
-
-@RATES
 @pytest.mark.parametrize("off_ns", [-4_000_000, 4_000_000])
 def test_a_stamp_4_ms_off_moves_the_prediction_by_less_than_0_33_mm(off_ns: int, period_s: float) -> None:
     touched = sampled(straight_mm, 3.0, period_s, seed=6)

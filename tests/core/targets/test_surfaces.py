@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hapticd.core.targets.scene import Scene
 from hapticd.core.targets.surfaces import MAX_CORNERS, MAX_EXPENSIVE, MAX_SURFACES, Predicted
-from hapticd_contract.contents import Amplitude, Friction, Grating, LevelMap, Noise
+from hapticd_contract.contents import Amplitude, Grating, LevelMap, Noise
 from hapticd_contract.surfaces import Circle, Polygon, Surface, VirtualPath
 from hapticd_contract.targets import ClientTargets
 
@@ -73,12 +73,6 @@ def test_a_map_is_spread_over_the_box_of_its_shape() -> None:
     for shape in (SQUARE, Circle(5.0)):
         scene = a_scene(image=Surface.of(image, shape, (30.0, 0.0)))
         assert [felt_um(scene, x_mm) for x_mm in (25.5, 30.0, 34.5)] == pytest.approx([0.05, 0.5, 0.95])
-
-
-def test_friction_is_converted_by_the_curve_and_limited_by_the_plate() -> None:
-    scene = Scene(w_limit_um=1.5)
-    publish(scene, bare=Surface.of(Friction(1.0), SQUARE), slippery=Surface.of(Friction(0.0), SQUARE, (20.0, 0.0)))
-    assert [felt_um(scene, x_mm) for x_mm in (0.0, 20.0)] == [0.0, 1.5]
 
 
 # --- several layers ---------------------------------------------------------------------------------------------
@@ -150,40 +144,34 @@ def test_surfaces_are_requests_that_expire_and_own_no_finger() -> None:
     assert scene.owner_of(1) is None
 
 
-def test_so_many_surfaces_are_on_the_plate_and_a_refresh_needs_no_room() -> None:
+RING = Polygon(tuple((10.0 * math.cos(0.4 * k), 10.0 * math.sin(0.4 * k)) for k in range(16)))
+NOISE = Noise(seed=1, shortest_mm=0.5, longest_mm=50.0, exponent=1.0, mean_um=0.5, rms_um=0.1)
+PATH = VirtualPath(((0.0, 0.0), (1.0, 0.0)), 50.0, True)
+
+
+@pytest.mark.parametrize(
+    ("most", "kinds", "late", "refused"),
+    [
+        (MAX_SURFACES, (Surface.of(ONE),), (), f"at most {MAX_SURFACES} surfaces"),
+        (MAX_CORNERS // 16, (Surface.of(ONE, RING),), (Surface.of(ONE, Circle(5.0)),), "corners: 0 are left"),
+        (
+            MAX_EXPENSIVE,
+            (Surface.of(NOISE), Surface.of(ONE, turning_rad_s=6.0), Surface.of(ONE, path=PATH)),
+            (Surface.of(ONE, Circle(5.0)),),
+            f"at most {MAX_EXPENSIVE} surfaces",
+        ),
+    ],
+)
+def test_surfaces_corners_and_expensive_surfaces_are_bounded_and_a_refresh_needs_no_room(
+    most: int, kinds: tuple[Surface, ...], late: tuple[Surface, ...], refused: str
+) -> None:
     scene = Scene(w_limit_um=4.0)
-    for client in range(MAX_SURFACES // 16):
-        assert publish(scene, f"client {client}", **{f"s{n}": Surface.of(ONE) for n in range(16)}) == ()
-    (refusal,) = publish(scene, "late", one=Surface.of(ONE))
-    assert f"at most {MAX_SURFACES} surfaces" in refusal
-    assert publish(scene, "client 0", **{f"s{n}": Surface.of(ONE) for n in range(16)}) == ()
-
-
-def test_so_many_surfaces_are_noise_turn_or_follow_a_path_and_others_have_room_beside_them() -> None:
-    scene, path = Scene(w_limit_um=4.0), VirtualPath(((0.0, 0.0), (1.0, 0.0)), 50.0, True)
-    noise = Noise(seed=1, shortest_mm=0.5, longest_mm=50.0, exponent=1.0, mean_um=0.5, rms_um=0.1)
-    kinds = (Surface.of(noise), Surface.of(ONE, turning_rad_s=6.0), Surface.of(ONE, path=path))
-    assert publish(scene, **{f"s{n}": kinds[n % 3] for n in range(MAX_EXPENSIVE)}) == ()
-    (refusal,) = publish(scene, "late", one=kinds[0], plain=Surface.of(ONE, Circle(5.0)))
-    assert f"at most {MAX_EXPENSIVE} surfaces" in refusal
-    assert len(scene.surfaces.layers) == MAX_EXPENSIVE + 1
-
-
-def test_all_shapes_together_have_so_many_corners_and_a_refresh_needs_no_room() -> None:
-    scene = Scene(w_limit_um=4.0)
-    ring = Polygon(tuple((10.0 * math.cos(0.4 * k), 10.0 * math.sin(0.4 * k)) for k in range(16)))
-    stack = {f"s{n}": Surface.of(ONE, ring) for n in range(MAX_CORNERS // 16)}
-    assert publish(scene, **stack) == ()
-    (refusal,) = publish(scene, "late", one=Surface.of(ONE, SQUARE), disc=Surface.of(ONE, Circle(5.0)))
-    assert "'one' has too many corners: 0 are left" in refusal
-    assert publish(scene, **stack) == ()
-
-
-def test_more_than_the_plate_can_do_is_refused_and_the_other_surfaces_are_active() -> None:
-    scene = Scene(w_limit_um=4.0)
-    (refusal,) = publish(scene, much=Surface.of(Amplitude(4.001)), good=Surface.of(ONE))
-    assert refusal == "surface 'much' cannot have 4.001 um: ask for at most 4 um."
-    assert stack(scene) == ["good"]
+    for _ in range(2):
+        for client in range(-(-most // 16)):
+            assert publish(scene, f"client {client}", **{f"s{n}": kinds[n % len(kinds)] for n in range(16)}) == ()
+    (refusal,) = publish(scene, "late", one=kinds[0], **{f"late{n}": one for n, one in enumerate(late)})
+    assert refused in refusal
+    assert len(scene.surfaces.layers) == most + len(late)
 
 
 # --- edges ------------------------------------------------------------------------------------------------------

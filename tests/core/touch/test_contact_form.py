@@ -79,15 +79,6 @@ def test_a_form_is_continuous_in_axes_and_angle(
     assert np.abs(there - here).max() <= 2e-5
 
 
-@given(AXES, AXES, ANGLES)
-def test_half_a_turn_or_axes_named_the_other_way_round_are_the_same_form(
-    major_mm: float, minor_mm: float, angle_rad: float
-) -> None:
-    here = form_of(major_mm, minor_mm, angle_rad)
-    assert form_of(major_mm, minor_mm, angle_rad + math.pi) == pytest.approx(here, abs=1e-9)
-    assert form_of(minor_mm, major_mm, angle_rad + math.pi / 2.0) == pytest.approx(here, abs=1e-9)
-
-
 def test_a_form_follows_a_finger_that_presses_harder_within_five_reports_and_without_a_step() -> None:
     contact = ContactForm(AS_REPORTED)
     contact.update(8.0, 8.0, 0.0)

@@ -140,27 +140,6 @@ def test_stamps_that_are_off_by_6_ms_lock_no_filter_to_a_wrong_phase(seeds: Sequ
     assert max(regular) < 0.7 * WORST_S / math.sqrt(3.0), "and some of the jitter is gone"
 
 
-@settings(max_examples=25, deadline=None)
-@given(
-    kind=st.sampled_from(KINDS),
-    rate_hz=st.floats(60.0, 240.0),
-    lost_frac=st.floats(0.0, 0.05),
-    error_s=st.floats(0.0, 6e-3),
-    seed=st.integers(0, 10**6),
-)
-def test_whatever_the_rate_and_the_stamps_the_phase_is_that_of_their_mean(
-    kind: str, rate_hz: float, lost_frac: float, error_s: float, seed: int
-) -> None:
-    one = train(kind, rate_hz, lost_frac, seed, max(error_s, 1e-5), seconds=5.0)
-    assert abs(left(one).mean_s) < 2e-3
-
-
-def test_stamps_that_jitter_more_than_expected_are_trusted_less() -> None:
-    for seed in range(10):
-        one = train("uniform", 88.9, 0.0, seed, 3e-3, seconds=4.0)
-        assert left(one).rms_s < 0.25 * 3e-3 / math.sqrt(3.0)
-
-
 @pytest.mark.parametrize("off_ms", [-8.0, -4.0, 4.0, 7.0])
 def test_a_touch_down_off_the_sampling_grid_is_forgotten_by_the_third_sample(off_ms: float) -> None:
     period_s = 1.0 / 60.0
