@@ -92,7 +92,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "pyproject.toml",
         "core/trajectory/knots.py",
         f"core/trajectory/knots{EXTENSION_SUFFIXES[0]}",
-        "core/targets/client_registry.py",
+        "core/targets/assets.py",
     ):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -24,12 +24,12 @@ from hapticd_contract.targets import ClientTargets
 from .. import __version__
 from ..core.pipeline import Pipeline
 from ..core.targets.assets import Assets
-from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.layer import Layer
 from ..core.targets.scene import Scene
 from ..errors import RequestError
 from ..wire import client as client_wire
 from .board_gateway import BoardGateway
+from .client_registry import ClientRegistry
 from .observer import Observed
 
 MAX_MARKERS = 64  # in one state; more between two passes are dropped

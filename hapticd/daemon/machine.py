@@ -23,12 +23,12 @@ from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline
 from ..core.pipeline_settings import PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
-from ..core.targets.client_registry import ClientRegistry
 from ..core.targets.scene import Scene
 from ..values import LinkTiming, RawReport, Tick
 from ..wire.trackpad import DEFAULT_PAD, PADS, Decoder, Pad
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
+from .client_registry import ClientRegistry
 from .observer import Observed, Observer
 from .perception import Perception
 from .settings import effect_knots, friction_curve, max_knots, pipeline_settings, plate_from_pad, uncertainty

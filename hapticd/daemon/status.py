@@ -16,7 +16,7 @@ from hapticd_contract.states import FingerState, Perceived, PlateEvent, PlateSta
 
 from .. import board_protocol as protocol
 from ..config.sections import Config
-from ..core.board.ledger import Histogram, LoopTiming
+from ..core.board.ledger import Histogram
 from ..core.board.supervisor import Supervisor
 from ..core.pipeline import Pipeline
 from ..core.plate.mode_shapes import ModeShapes
@@ -26,6 +26,7 @@ from ..wire.client import encode_state
 from ..wire.trackpad import Decoder
 from .board_gateway import BoardGateway
 from .client_gateway import ClientGateway
+from .loop_timing import LoopTiming
 
 RECENT_NS = 10_000_000_000  # frames older than this do not describe the present
 CHANGES_SHOWN = 5

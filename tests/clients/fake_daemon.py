@@ -11,9 +11,9 @@ from pathlib import Path
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hapticd.core.targets.client_registry import ClientRegistry
 from hapticd.core.targets.scene import Scene
 from hapticd.daemon.client_gateway import described
+from hapticd.daemon.client_registry import ClientRegistry
 from hapticd.errors import RequestError
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote

@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from hapticd.core.targets import client_registry as client_registry
+from hapticd.daemon import client_registry as client_registry
 from hapticd.errors import RequestError
 from hapticd.wire import client as wire
 from hapticd_client import HapticdError, Map, RefusedError, endpoint, messages, target_set

@@ -1,13 +1,8 @@
-"""Latency ledger: counters and histograms of each reference frame and of each part of the touch path.
-
-Pure. `Ledger` keeps the last frames line by line and all frames as histograms; `LoopTiming` is the same for the event
-loop that carries the touch. A histogram costs one shift and one addition a value, and its memory does not grow.
-"""
+"""Latency ledger: the last reference frames line by line, and histograms of all."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
 from typing import Final
 
 from ...board_values import BoardStatus
@@ -15,7 +10,6 @@ from ...values import LedgerLine
 from .link import BoardClock, Flight, LinkLatency
 
 LEDGER_LENGTH: Final = 512
-PAUSE_NS: Final = 1_000_000  # of Python's collector: longer ones are counted
 LATE_NS: Final = 1_000_000  # a frame that takes effect later than planned by more than the clocks' error
 _SUB_BITS: Final = 4  # sixteen buckets an octave: a bucket's middle is within 3.2 % of what fell into it
 _LONGEST_NS: Final = (1 << 40) - 1  # 18 minutes: all that is longer is one bucket
@@ -24,7 +18,8 @@ _BUCKETS: Final = ((40 - _SUB_BITS) << _SUB_BITS) + _FULL
 
 
 class Histogram:
-    """Spans of time in buckets whose width is a sixteenth of their octave; below 32 ns each has its own."""
+    """Spans of time in buckets whose width is a sixteenth of their octave; below 32 ns each has its own. A value
+    costs one shift and one addition, and the memory does not grow."""
 
     def __init__(self) -> None:
         self.clear()
@@ -109,53 +104,3 @@ class Ledger:
         self.link.add(line.link_ns)
         self.late.add(line.late_ns)
         self.late_frames += line.late_ns > LATE_NS
-
-
-@dataclass(slots=True)
-class LoopTiming:
-    """The event loop's part: a report's age when it was read, from its reading to its pass, the pass with all that
-    follows it, from reading to the written frame, the timer, and the pauses of Python's collector. The age is only
-    known while a finger is down.
-
-    `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
-    loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS; `overruns` are
-    passes that took more than `core.budget.OVERRUN_NS` of the processor, `throttled` the sleeps of a loop that was too
-    busy.
-    """
-
-    read_age: Histogram = field(default_factory=Histogram)
-    wait: Histogram = field(default_factory=Histogram)
-    compute: Histogram = field(default_factory=Histogram)
-    wire: Histogram = field(default_factory=Histogram)
-    tick_late: Histogram = field(default_factory=Histogram)
-    pause: Histogram = field(default_factory=Histogram)
-    joined_reports: int = 0
-    missed_ticks: int = 0
-    pauses: int = 0
-    overruns: int = 0
-    throttled: int = 0
-    last_late_ns: int = 0  # of the newest tick
-
-    def passed(self, t_read_ns: int, t_begin_ns: int, t_end_ns: int, reports: int, age_ns: int | None) -> None:
-        """A batch was read, its newest report at `t_read_ns`, and a pass made of it; `age_ns` is that report's age when
-        the pass began, None where no finger was down."""
-        if age_ns is not None:
-            self.read_age.add(age_ns - (t_begin_ns - t_read_ns))
-        self.wait.add(t_begin_ns - t_read_ns)
-        self.compute.add(t_end_ns - t_begin_ns)
-        self.joined_reports += reports - 1
-
-    def ticked(self, late_ns: int, missed: int) -> None:
-        """The timer fired, `late_ns` after it was due, and skipped `missed` ticks."""
-        self.tick_late.add(late_ns)
-        self.last_late_ns = late_ns
-        self.missed_ticks += missed
-
-    def wrote(self, t_read_ns: int, t_written_ns: int) -> None:
-        """The reference made from the report read at `t_read_ns` was in the port's hands at `t_written_ns`."""
-        self.wire.add(t_written_ns - t_read_ns)
-
-    def paused(self, span_ns: int) -> None:
-        """A garbage collection held everything for so long."""
-        self.pause.add(span_ns)
-        self.pauses += span_ns > PAUSE_NS

@@ -187,7 +187,10 @@ class Scene:
 
     def virtual_position_mm(self, name: str, t_ns: int) -> tuple[float, float]:
         """Where a virtual finger is at any instant, also one to come. Raises KeyError where there is none."""
-        return self._walk_of(name).position_mm(t_ns)
+        walk = self._held[name].walk
+        if walk is None:
+            raise KeyError(name)
+        return walk.position_mm(t_ns)
 
     def holds_place(self, x_mm: float, y_mm: float) -> bool:
         """Whether a place lies on the plate."""
@@ -247,12 +250,6 @@ class Scene:
         for key, held in self._held.items():
             if isinstance(key, str) and held.walk is not None:
                 yield key, held, held.walk
-
-    def _walk_of(self, name: str) -> Walk:
-        walk = self._held[name].walk
-        if walk is None:
-            raise KeyError(name)
-        return walk
 
     def _keys_of(self, client: str) -> list[FingerKey]:
         return [key for key, held in self._held.items() if held.owner == client]

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.board.ledger import LATE_NS, Histogram, Ledger, LoopTiming
+from hapticd.core.board.ledger import LATE_NS, Histogram, Ledger
+from hapticd.daemon.loop_timing import LoopTiming
 from hapticd.values import LedgerLine
 
 MS = 1_000_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hapticd.core.targets.client_registry import KEPT_NS, MAX_NAMES, ClientRegistry
+from hapticd.daemon.client_registry import KEPT_NS, MAX_NAMES, ClientRegistry
 from hapticd.errors import RequestError
 
 S = 1_000_000_000
@@ -46,7 +46,7 @@ def test_invented_names_fill_no_more_than_their_room_and_spare_those_in_use(clie
     with pytest.raises(RequestError, match=f"{MAX_NAMES} client names"):
         say(client_registry, 1, 0, "uid 666", "one more")
     assert say(client_registry, 2, KEPT_NS - 1, name="mine")
-    assert len(client_registry) == MAX_NAMES
+    assert len(client_registry._clients) == MAX_NAMES
     assert say(client_registry, 1, KEPT_NS, "uid 2", "newcomer")
     assert not say(client_registry, 1, KEPT_NS, name="mine")  # the others were forgotten, this one was not
-    assert len(client_registry) == 2
+    assert len(client_registry._clients) == 2

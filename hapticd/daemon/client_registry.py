@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...errors import RequestError
+from ..errors import RequestError
 
 MAX_NAMES = 64  # names cost a client nothing, so their number is bounded
 KEPT_NS = 5_000_000_000  # a name is kept at least this long: no message is under way for longer
@@ -26,9 +26,6 @@ class ClientRegistry:
 
     def __init__(self) -> None:
         self._clients: dict[str, _Client] = {}
-
-    def __len__(self) -> int:
-        return len(self._clients)
 
     def is_newest(self, name: str, user: str, stamp: int | None, ttl_ns: int, t_ns: int) -> bool:
         """Return whether a message is at least as new as all earlier ones of this client. One without a stamp always
