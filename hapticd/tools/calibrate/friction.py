@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,24 +83,19 @@ def read(path: Path) -> FloatArray:
                 f"{path}: does not begin with the header {','.join(COLUMNS)}: add it, with commas between cells and "
                 "points in numbers."
             )
-        table = [_row(path, place, row, len(header)) for place, (_, row) in enumerate(rows, 1)]
+        cells = [row for _, row in rows]
     except (OSError, ValueError) as error:
         raise CalibrationError(f"{path}: cannot be read ({reason(error)}): save the readings as CSV.") from None
-    if not table:
-        raise CalibrationError(f"{path}: holds no readings: add a line for each.")
-    return np.array(table).T
-
-
-def _row(path: Path, place: int, cells: Sequence[str], columns: int) -> list[float]:
-    if place > MAX_READINGS:
-        raise CalibrationError(f"{path}: has more than {MAX_READINGS} readings: average them first.")
-    try:
-        (*numbers,) = map(float, cells)
-    except ValueError:
-        numbers = []
-    if len(numbers) != columns:
-        raise CalibrationError(f"{path}: reading {place} is not {columns} numbers: correct or delete it.")
-    return numbers
+    if not 0 < len(cells) <= MAX_READINGS:
+        raise CalibrationError(f"{path}: holds {len(cells)} readings: give 1 to {MAX_READINGS}, a line for each.")
+    found = np.full((len(cells), len(header)), np.nan)
+    for place, row in enumerate(cells):
+        try:
+            found[place] = np.array(row, np.float64).reshape(len(header))
+        except ValueError:
+            why = f"reading {place + 1} is not {len(header)} numbers"
+            raise CalibrationError(f"{path}: {why}: correct or delete it.") from None
+    return found.T
 
 
 def fit_friction(

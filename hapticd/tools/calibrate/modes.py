@@ -76,8 +76,7 @@ class FittedMap:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Check the arguments. Raises CalibrationError, UsageError."""
-    glass.chosen(options, is_simulated=options.sim)
+    """Check the arguments. Raises CalibrationError."""
     if not options.sim:
         _read(options)
 

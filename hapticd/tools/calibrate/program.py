@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import CalibrationError, DeviceError
+from .. import glass
 from ..arguments import add_command, whole
 from ..outputs import require_matplotlib
 from . import folder
@@ -61,6 +62,8 @@ def _run(options: argparse.Namespace) -> int:
         if options.step == "all":
             raise CalibrationError("--participant is for the friction alone: hapticd calibrate friction --participant.")
         options.out = folder.of_participant(options.out, options.participant)
+    if hasattr(options, "plate"):
+        glass.chosen(options, is_simulated=options.sim)
     chosen = [steps()[name] for name in (in_order() if options.step == "all" else [options.step])]
     for step in chosen:
         if step.is_simulated is not None:  # its inputs are of one plate or the other

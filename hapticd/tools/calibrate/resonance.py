@@ -70,11 +70,6 @@ class MeasuredModes:
     trial: Tried = NO_REMARK
 
 
-def check(options: argparse.Namespace) -> None:
-    """Check the arguments. Raises UsageError."""
-    glass.chosen(options, is_simulated=options.sim)
-
-
 def run(options: argparse.Namespace) -> Verdict:
     """Run the step on the board named by `options`. Raises HapticdError."""
     with at_bench(options) as bench:
@@ -255,7 +250,7 @@ STEP = Step(
     summary="sweep each amplifier of the board; fit modes, wires and drive (stop the service first)",
     example="--port /dev/ttyACM0 --out DIR",
     arguments=(add_board, add_config, _add_sweep, glass.add_arguments),
-    check=check,
+    check=lambda _: None,
     run=run,
     files=(CALIBRATION_FILE,),
     back_to="wires",

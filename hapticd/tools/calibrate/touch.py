@@ -272,10 +272,6 @@ def _add_recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=whole(0), default=1, help="of the simulated fingers (default 1)")
 
 
-def _is_simulated(options: argparse.Namespace) -> bool:
-    return bool(options.sim_guided) if options.guided else any(map(is_simulated, options.recordings))
-
-
 STEP = Step(
     name="touch",
     order=None,
@@ -285,5 +281,5 @@ STEP = Step(
     check=check,
     run=run,
     files=(CALIBRATION_FILE, MODES_FILE, RECORDING_FILE),
-    is_simulated=_is_simulated,
+    is_simulated=lambda given: given.sim_guided if given.guided else any(map(is_simulated, given.recordings)),
 )

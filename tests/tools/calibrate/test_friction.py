@@ -96,7 +96,7 @@ def test_readings_that_show_no_curve_are_refused(amplitude_um: list[float], valu
         (b"", "header"),
         (b"a,b\n", "header"),
         (b"amplitude_um;friction\n0,0;1,0\n", "with commas between cells and points in numbers"),
-        (b"amplitude_um,friction\n", "no readings"),
+        (b"amplitude_um,friction\n", "holds 0 readings"),
         (b"amplitude_um,friction\n1\n", "reading 1 is not 2 numbers"),
         (b"amplitude_um,friction\n1,2\nx,y\n", "reading 2 is not 2 numbers"),
         (b"amplitude_um,friction,speed_mm_s\n1,2\n", "reading 1 is not 3 numbers"),
