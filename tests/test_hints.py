@@ -45,11 +45,3 @@ def test_a_copy_without_metadata_names_what_it_needs_without_a_command(
 ) -> None:
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     assert str(module.missing_library("It needs it", "image")) == "It needs it."  # type: ignore[attr-defined]
-
-
-def test_a_checkout_is_built_again_in_place_and_elsewhere_it_is_named_to_be_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert shlex.split(errors.rebuild())[-3:] == ["--no-deps", "--editable", str(ROOT)]
-    monkeypatch.setattr(errors, "CHECKOUT", tmp_path)
-    assert "--editable" not in errors.rebuild()

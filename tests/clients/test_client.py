@@ -117,14 +117,6 @@ def test_streaming_ends_with_the_newest(daemon: FakeDaemon, client: Client) -> N
     assert daemon.refusals == []
 
 
-def test_no_refresh_undoes_a_later_request(daemon: FakeDaemon, client: Client) -> None:
-    for n in range(150):
-        client.set(1 + n % 15, amplitude_um=n / 100, wait=n % 2 == 0, ttl_s=0.3)
-    client.set(16, friction=1.0)
-    assert [daemon.scene.owner_of(n) for n in range(1, 17)] == [client.name] * 16
-    assert daemon.released == []
-
-
 def test_a_message_that_arrives_after_a_newer_one_changes_nothing(daemon: FakeDaemon) -> None:
     with Client(daemon.directory) as client, zmq.Context() as context, context.socket(zmq.PUSH) as late:
         before = stamp_now()

@@ -198,17 +198,6 @@ def test_fields_of_a_newer_daemon_are_ignored() -> None:
     assert messages.decode_state(msgpack.packb(newer)) == messages.decode_state(msgpack.packb(example))
 
 
-def test_a_state_of_an_older_daemon_lacks_only_what_it_did_not_tell() -> None:
-    example, *_ = examples("telemetry")
-    older = {name: value for name, value in example.items() if name not in ("modal_q_um", "measured_um")}
-    older["fingers"] = [
-        {name: value for name, value in finger.items() if name != "owner"} for finger in older["fingers"]
-    ]
-    state = messages.decode_state(msgpack.packb(older))
-    assert (state.modal_q_um, state.measured_um, state.fingers[0].owner) == ((), (), None)
-    assert state.modal_um == tuple(example["modal_um"])
-
-
 @pytest.mark.parametrize("fields", [{}, {"id": None}, {"id": "1", "ok": True}, {"id": True, "ok": True}])
 def test_a_reply_to_no_request_is_none_of_the_daemon_s(fields: dict[str, Any]) -> None:
     with pytest.raises(HapticdError, match="does not use hapticd's protocol"):

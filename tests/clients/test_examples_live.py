@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,9 +9,7 @@ from pathlib import Path
 import pytest
 from test_examples import NAMES, example
 
-from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.tools.daemon_process import DaemonProcess
-from hapticd.tools.record.tables import tables
 from hapticd_client import Client, FingerState
 from hapticd_client.sim import Finger
 
@@ -44,9 +41,6 @@ EXPECTED = {
 }
 
 
-EXAMPLE = re.compile(r"example: hapticd run --sim --scenario (?P<scenario>\S+) &  python button\.py\n")
-
-
 def rehearsal(scenario: str) -> DaemonProcess:
     return DaemonProcess(f'scenario = "{scenario}"', log_level="error")
 
@@ -74,19 +68,6 @@ def test_an_example_runs_on_the_simulated_plate(name: str, service: Path, capsys
 
 
 @pytest.mark.timeout(180)
-def test_the_documented_example_of_the_button_clicks(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        example("button").main(["--help"])
-    documented = EXAMPLE.search(capsys.readouterr().out)
-    assert documented is not None
-    with rehearsal(documented["scenario"]) as running:
-        with Client(running.runtime_dir, timeout_s=PATIENCE_S) as client:
-            next(state for state in client.states(PATIENCE_S) if state.fingers)
-        example("button").main(["--endpoint", str(running.runtime_dir), "--seconds", "5"])
-    assert re.search(r"^finger \d+: click 2$", capsys.readouterr().out, re.MULTILINE)
-
-
-@pytest.mark.timeout(180)
 def test_a_programs_finger_clicks_the_button_by_pressing_and_is_where_it_was_moved() -> None:
     button = example("button")
     with (
@@ -107,24 +88,6 @@ def test_a_programs_finger_clicks_the_button_by_pressing_and_is_where_it_was_mov
         next(state for state in plate.states(PATIENCE_S) if not state.fingers)
     assert {light.id, clicked.finger, hard.id, moved.id} == {light.id}
     assert hard.area_mm2 > 1.5 * light.area_mm2
-
-
-@pytest.mark.timeout(180)
-def test_a_program_records_what_it_does_with_its_markers(tmp_path: Path) -> None:
-    with (
-        rehearsal("strokes") as running,
-        Client(running.runtime_dir, timeout_s=PATIENCE_S) as plate,
-    ):
-        with plate.record(tmp_path / "P03.mcap") as recording:
-            t_ns = plate.marker({"event": "begin", "trial": 7})
-            plate.marker("a dog barks")
-        later_ns = plate.marker("after it")
-    found = tables(open_recording(recording.path))
-    assert recording.summary.startswith(f"{tmp_path / 'P03.mcap'}: ")
-    assert found["markers"]["text"].tolist() == ["event=begin trial=7", "a dog barks"]
-    assert [json.loads(one or "{}") for one in found["markers"]["fields_json"]] == [{"event": "begin", "trial": 7}, {}]
-    assert found["markers"]["t_ns"][0] == t_ns < later_ns
-    assert found["passes"]["t_ns"][-1] < later_ns
 
 
 def seen(plate: Client, is_there: Callable[[FingerState], bool]) -> FingerState:

@@ -86,13 +86,6 @@ def test_a_page_holds_two_fingers_beside_a_python_client_and_misses_no_state(
     assert daemon.refusals == []
 
 
-def test_a_page_of_another_origin_is_refused_with_a_sentence(browser: Chrome, origin: str, daemon: FakeDaemon) -> None:  # noqa: F811
-    with gateway_process(daemon.directory) as address:
-        answer = ran(browser, origin, HOLD, address)
-    assert isinstance(answer, dict)
-    assert "give it the origin of this page" in answer["error"]
-
-
 def test_a_page_paints_what_fingers_feel(browser: Chrome, origin: str, daemon: FakeDaemon) -> None:  # noqa: F811
     with gateway_process(daemon.directory, origin) as address:
         browser.get("about:blank")

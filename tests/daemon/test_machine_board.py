@@ -11,8 +11,6 @@ import pytest
 from machine_bench import FAULT, LIVE, MS, QUIET, SLIPPERY, STICKY, Bench, lines, references
 
 from hapticd import board_protocol as protocol
-from hapticd.board_values import BoardCalibration, ModeCalibration
-from hapticd.config.sections import Config, RecordConfig
 from hapticd.core.board.supervisor import State
 from hapticd.daemon.machine import STANDBY_EVERY_NS, TIMER_NS
 from hapticd.sim.fingers.paths import Line
@@ -243,15 +241,6 @@ def test_what_the_board_refuses_is_logged(caplog: pytest.LogCaptureFixture) -> N
     assert [line for line in lines(caplog) if "refused" in line] == [
         "board refused: The board refuses the calibration of a mode: a value is out of range."
     ]
-
-
-def test_a_board_that_has_its_wiring_and_sends_telemetry_is_driven() -> None:
-    wired = ModeCalibration(0, 29195.0, 500.0, 5.0, 0.0, sense=(1.0 + 0.0j, 0.02 + 0.0j))
-    config = Config(record=RecordConfig(telemetry_hz=500))
-    bench = Bench(SLIPPERY, STICKY, calibration=BoardCalibration((wired,)), config=config).driven()
-    heard = [each.name for each in bench.board.heard]
-    settings = [name for name in heard if name in ("controller", "model", "wiring", "telemetry")]
-    assert settings == ["controller", "model", "wiring", "telemetry"]
 
 
 def test_while_reports_come_no_timer_is_needed() -> None:

@@ -137,15 +137,6 @@ def test_of_several_devices_the_first_with_touches_is_played(tmp_path: Path) -> 
     assert (pad.name, pad.geometry.width_mm, len(reports)) == ("my screen", 344.0, 4)
 
 
-def test_evemu_files_without_a_version_and_without_resolutions_are_read_too(tmp_path: Path) -> None:
-    bare = evemu({code: (low, high, 0) for code, (low, high, _) in SCREEN.items()}, STROKE, version="")
-    bare = bare.removeprefix('# Input device name: "screen"\n').replace(" 0 0 0\n", " 0 0\n")
-    path = written(tmp_path, bare)
-    assert frames(path, (172.0, 97.0))[1].contacts[0].x_mm == pytest.approx(0.5)
-    with pytest.raises(TrackpadError, match=r"my screen .*touch\.yml .*trackpad\.size_mm"):
-        read_recording(path)
-
-
 @each_program
 @pytest.mark.parametrize(
     ("events", "reason"),

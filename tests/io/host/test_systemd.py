@@ -42,15 +42,6 @@ def test_a_watchdog_that_is_not_ours_is_not_fed(manager: socket.socket, more: di
     notifier.close()
 
 
-def test_a_manager_that_is_gone_or_does_not_read_is_no_trouble_of_ours(manager: socket.socket) -> None:
-    notifier = Notifier(environ(manager))
-    while notifier.notify(watchdog=1):  # until its queue is full
-        pass
-    manager.close()
-    assert not notifier.notify(stopping=1)
-    notifier.close()
-
-
 @pytest.mark.parametrize(("level", "priority"), [("DEBUG", 7), ("INFO", 6), ("WARNING", 4), ("ERROR", 3)])
 def test_each_line_for_the_journal_has_its_priority(level: str, priority: int) -> None:
     number = logging.getLevelNamesMapping()[level]
