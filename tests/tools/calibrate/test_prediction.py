@@ -69,16 +69,12 @@ def test_weights_of_a_pad_that_filters_are_kept_and_the_service_begins_with_them
     assert verdict.outcome is Outcome.PASS
     kept = verdict.settings["prediction"]["pad_weights"]
     assert verdict.settings["prediction"]["period_ms"] == pytest.approx(8.0)
+    same = prediction.Learned(found.weights, found.before_mm, found.before_mm)  # no better than many pads'
+    none = prediction.verdict(traces, same, is_simulated=True)
+    assert (none.outcome, "pad_weights" in none.settings["prediction"]) == (Outcome.WARN, False)
     loaded = config.from_table({"prediction": {"pad_weights": kept}}, where="test", folder=None)
     make = pipeline_settings(loaded).make_predictor
     assert make.keywords["memory"].kept == pytest.approx(PadMemory.of(kept).kept)  # type: ignore[attr-defined]
-
-
-def test_weights_that_help_no_more_than_those_of_many_pads_are_not_kept() -> None:
-    same = (0.1, 0.2)
-    verdict = prediction.verdict([filtered()], prediction.Learned((0.0,) * 10, same, same), is_simulated=True)
-    assert verdict.outcome is Outcome.WARN
-    assert "pad_weights" not in verdict.settings["prediction"]
 
 
 def test_the_step_runs_on_the_simulated_pad_and_writes_its_files(
