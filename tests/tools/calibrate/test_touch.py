@@ -25,12 +25,14 @@ from hapticd.design.touch.waves import Waves
 from hapticd.errors import CalibrationError
 from hapticd.files import calibration as calibration_file
 from hapticd.files.recording.kinds import Record
+from hapticd.files.recording.mcap_reader import open_recording
 from hapticd.sim import lockstep
 from hapticd.sim.settings import Settings
 from hapticd.tools.calibrate import folder, touch
 from hapticd.tools.record import attach, simulated
 from hapticd.tools.touch_correction import contact_settings, joined, known_better
-from hapticd.tools.touch_recording import Collected, Touched, read
+from hapticd.tools.touch_recording import COLLECTED, Collected, Touched, read
+from hapticd.tools.touch_recording import touched as touched_by
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire.commands import encode_reference
 
@@ -74,6 +76,27 @@ def test_a_recording_has_ticks_and_fingers_on_one_clock(recorded: Recorded) -> N
     assert np.all(np.diff(touched.ticks.t_s) > 0.0)
     # These ticks are away from the steps between references, so the plate is where they are.
     assert np.median(np.abs(touched.ticks.behind_um_s)) * 5e-4 < 0.01  # um
+
+
+def test_ticks_at_the_voltage_limit_have_the_slope_of_those_before_and_after(recorded: Recorded) -> None:
+    recording, seen = open_recording(recorded(TrackpadConfig(), 500, 2.5)), Collected()
+    for record in recording.records():
+        if record.kind in COLLECTED:
+            seen.take(record)
+    header = recording.header
+    free = touched_by(seen, header, "the touching").ticks
+    limited = range(100, len(seen.samples) - 1, 10)
+    for index in limited:
+        seen.samples[index] = replace(seen.samples[index], saturated=True)
+    ticks = touched_by(seen, header, "the touching").ticks
+    assert len(ticks.t_s) == pytest.approx(len(free.t_s), abs=3)
+    voltages_v = [mode.voltage_v for index in limited for mode in seen.samples[index].modes]
+    at = np.flatnonzero(np.isin(free.voltage_v, voltages_v).all(axis=1))
+    assert len(at) > 30
+    where = np.searchsorted(ticks.t_s, free.t_s[at] - 1e-6)
+    moved_um_s = np.abs(ticks.slope_um_s[where] - free.slope_um_s[at])
+    assert (moved_um_s > 0.0).mean() > 0.9  # by what was measured, no longer by the reference
+    assert np.median(moved_um_s) < 0.1 * np.median(np.abs(free.slope_um_s[at]))
 
 
 def test_recordings_of_several_sessions_are_one_as_the_last_would_have_shown_them(recorded: Recorded) -> None:
