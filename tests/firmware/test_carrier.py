@@ -103,18 +103,6 @@ def test_samples_are_those_of_exact_integer_arithmetic(
     np.testing.assert_array_equal(samples[:, 2], expected)
 
 
-def test_samples_are_within_a_step_and_a_half_of_the_wave_that_is_meant() -> None:
-    chain = SignalChain(DRIVE_HZ)
-    chain.drive((LARGEST_LSB, 0.3 + 0.2j))
-    angles_rad = 2 * np.pi * phases(chain, chain.phase, 400 * CHUNK) / TURN
-    error = steps(np.concatenate([chain.synthesise() for _ in range(400)])) - np.stack(
-        [(level * np.exp(1j * angles_rad)).real for level in (LARGEST_LSB, 0.3 + 0.2j)], axis=1
-    )
-    assert np.abs(error[:, 0]).max() < 0.5 + LARGEST_LSB * (math.pi / ENTRIES + 0.75 / ONE)
-    assert np.sqrt((error**2).mean(axis=0)).max() < 0.5
-    assert np.abs(error[:, 1]).max() < 0.55  # a small amplitude is not lost, but dithers between steps
-
-
 @given(st.floats(LARGEST_LSB, 1e17), st.floats(-math.pi, math.pi), PHASES)
 def test_a_level_out_of_range_keeps_its_phase_and_never_wraps(magnitude: float, angle_rad: float, phase: int) -> None:
     chain, bounded = (SignalChain(DRIVE_HZ, phase=phase) for _ in range(2))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hapticd.board_protocol import FAULTS
+from hapticd.sim.board.carrier import Converters
 
 WITHIN_MS = {"out of reach, 3.9 um": 101e3}
 # A phase of 80 degrees is nearly that of motion against the drive, and either is found first; so it is with a dead
@@ -48,6 +49,7 @@ def stroked(driven: firmware_faults.Board) -> firmware_faults.Run:
 
 def test_a_board_that_is_right_has_no_fault() -> None:
     board = firmware_faults.board
-    for run in (firmware_faults.held(board(), (3.0, 0.5)), stroked(board())):
+    offset = firmware_faults.held(board(converters=Converters(offset_lsb=1500.0)), (2.0, 0.0))  # leaves room for 2 um
+    for run in (firmware_faults.held(board(), (3.0, 0.5)), stroked(board()), offset):
         assert firmware_faults.figures(run)["fault_code"] == 0.0
         assert run[1].voltage_v[-1].any()

@@ -2,17 +2,14 @@
 
 It begins just before the board's clock wraps. What the sensors say is given, so no law of control has a part in it.
 After a wanted change `python tests/firmware/test_golden.py` writes the file, and the examples in the protocol's text.
-Commands that came later are in LATER: the examples pin their bytes, and the file stays as it is.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import struct
-from collections.abc import Iterator, Sequence
-from enum import Enum
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +32,7 @@ from hapticd.board_protocol import (
 )
 from hapticd.board_values import ModeModel, ReferenceFrame, SetController, SetModel, SetWiring
 from hapticd.sim.board.board import Board, BoardConfig, BoardTrace, PlateModel
+from hapticd.tools.firmware.text import plain
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire.commands import ALL_COMMANDS, encode
 from hapticd.wire.device import Decoder
@@ -87,8 +85,6 @@ SCRIPT: tuple[Any, ...] = (
     ClearFault(),
 )
 
-LATER: tuple[Any, ...] = ()
-
 
 def new_board() -> Board:
     config = BoardConfig(
@@ -107,19 +103,6 @@ def new_board() -> Board:
     return board
 
 
-def plain(value: Any) -> Any:
-    """A value as JSON has it; complex numbers become pairs."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Enum):
-        return value.name
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {name: plain(item) for name, item in value._asdict().items()}
-    if isinstance(value, tuple):
-        return [plain(item) for item in value]
-    return [value.real, value.imag] if isinstance(value, complex) else value
-
-
 def heard(board: Board) -> Iterator[dict[str, Any]]:
     """What the board wants to say, frame by frame."""
     while said := board.transmit():
@@ -132,16 +115,16 @@ def heard(board: Board) -> Iterator[dict[str, Any]]:
 def run(board: Board, ticks: int) -> Iterator[dict[str, Any]]:
     """Runs the board; it is listened to as soon as it has something to say."""
     trace, done = BoardTrace(ticks, 2, 2), 0
-    nobody = np.zeros((ticks, 0, 2)), np.zeros((ticks, 0))
+    untouched = np.zeros((ticks, 0, 2)), np.zeros((ticks, 0))
     while done < ticks:
-        done += board.run(ticks - done, *nobody, trace, done, stop_on_transmit=True)
+        done += board.run(ticks - done, *untouched, trace, done, stop_on_transmit=True)
         yield from heard(board)
 
 
-def conversation(script: Sequence[Any] = SCRIPT) -> Iterator[dict[str, Any]]:
-    """A script played to the firmware's C, and all that is said on either side."""
+def conversation() -> Iterator[dict[str, Any]]:
+    """The script played to the firmware's C, and all that is said on either side."""
     board = new_board()
-    for step in script:
+    for step in SCRIPT:
         if isinstance(step, int):
             yield from run(board, step)
         elif isinstance(step, np.ndarray):
@@ -167,8 +150,8 @@ def golden() -> list[dict[str, Any]]:
 
 
 def lines() -> list[bytes]:
-    """All frames of the file, and of what came later."""
-    return [bytes.fromhex(row["line"]) for row in (*golden(), *conversation(LATER))]
+    """All frames of the file."""
+    return [bytes.fromhex(row["line"]) for row in golden()]
 
 
 def test_host_and_board_say_what_they_said_when_the_file_was_written() -> None:
@@ -185,13 +168,12 @@ SHOWN = ("HELLO_REQUEST", "HELLO", "TIME_REQUEST", "TIME", "SET_CONTROLLER", "SE
 
 
 def examples() -> str:
-    """The first lines of a session's messages and of what came later, as the protocol's text shows them."""
+    """The first lines of a session's messages, as the protocol's text shows them."""
     first: dict[str, str] = {}
     for line in lines():
         (message,) = FrameSplitter(512).feed(line)
         first.setdefault(NAMES[message[0]], line.hex(" "))
-    later = [bytes.fromhex(row["line"]).hex(" ") for row in conversation(LATER)]
-    return "".join(f"{name:<14} {line}\n" for name, line in first.items() if name in SHOWN or line in later)
+    return "".join(f"{name:<14} {line}\n" for name, line in first.items() if name in SHOWN)
 
 
 def test_the_examples_in_the_protocol_text_are_these_lines() -> None:

@@ -53,63 +53,58 @@ def magnitude(d: np.float32, q: np.float32) -> np.float32:
     return np.sqrt(d * d + q * q)
 
 
-def limited(phasors: Floats) -> tuple[int, Floats]:
-    """The amplitude limit's formula."""
-    factor = np.float32(1)
-    for k, limit in enumerate(LIMIT_UM):
-        with np.errstate(over="ignore"):
-            found = magnitude(*phasors[2 * k : 2 * k + 2])
-        if found > limit * OVER:
-            factor = min(factor, ROUND_DOWN * limit / found)
-    return (UNTOUCHED if factor == 1 else SCALED), factor * phasors
+AMPLITUDES = [
+    [0.3, -0.4, 1.0, 2.0],
+    [30.0, 40.0, 0.3, -0.7],
+    [0.3, 0.5, -6.0, 8.1],
+    [-5.0, 3.1, 3.0, 7.7],
+    [6.0, -2.3, 2.0, 2.9],
+    [AT_UM, 0.0, 0.0, 0.0],
+    [ABOVE_UM, 0.0, 0.1, 0.2],
+    [0.0, -AT_UM, 1.0, 0.0],
+    [0.0, ABOVE_UM, 1.0, 0.0],
+    *[[MOST * (k == place) for k in range(4)] for place in range(4)],  # a number still, and scaled away
+]
+VOLTAGES = [
+    [3.0, -4.0, 100.0, 20.0],
+    [300.0, 40.0, 3.0, -7.0],
+    [3.0, 5.0, -60.0, 810.0],
+    [-500.0, 310.0, 300.0, 7.7],
+    [LIMIT_V, 0.0, 0.0, -LIMIT_V],
+    [ABOVE_V, 0.0, 0.0, 1.0],
+]
+
+
+def factors(phasors: Floats, limits: Sequence[np.float32], over: np.float32) -> list[np.float32]:
+    """By which a phasor above its limit is scaled."""
+    with np.errstate(over="ignore"):
+        found = [magnitude(*phasors[at : at + 2]) for at in (0, 2)]
+    return [
+        np.float32(1) if size <= limit * over else ROUND_DOWN * limit / size
+        for size, limit in zip(found, limits, strict=True)
+    ]
 
 
 @pytest.mark.parametrize("guard", [np.nan, 1e6])
-@pytest.mark.parametrize(
-    "values",
-    [
-        [0.3, -0.4, 1.0, 2.0],
-        [30.0, 40.0, 0.3, -0.7],
-        [0.3, 0.5, -6.0, 8.1],
-        [-5.0, 3.1, 3.0, 7.7],
-        [6.0, -2.3, 2.0, 2.9],
-        [AT_UM, 0.0, 0.0, 0.0],
-        [ABOVE_UM, 0.0, 0.1, 0.2],
-        [0.0, -AT_UM, 1.0, 0.0],
-        [0.0, ABOVE_UM, 1.0, 0.0],
-        *[[MOST * (k == place) for k in range(4)] for place in range(4)],  # a number still, and scaled away
-    ],
-)
-def test_amplitudes_are_scaled_to_the_last_bit(values: list[float], guard: float) -> None:
+@pytest.mark.parametrize("values", AMPLITUDES)
+def test_amplitudes_are_scaled_together_to_the_last_bit(values: list[float], guard: float) -> None:
     phasors, limits = between(guard, values), between(1e-3, LIMIT_UM)
-    reason, wanted = limited(inside(phasors).copy())
-    assert firmware.load(2).hd_limit_amplitudes(address(phasors), address(limits)) == reason
+    factor = min(factors(inside(phasors), LIMIT_UM, OVER))
+    wanted = factor * inside(phasors)
+    reason = firmware.load(2).hd_limit_amplitudes(address(phasors), address(limits))
+    assert reason == (UNTOUCHED if factor == 1 else SCALED)
     np.testing.assert_array_equal(inside(phasors), wanted)
 
 
 @pytest.mark.parametrize("guard", [np.nan, 1e6])
-@pytest.mark.parametrize(
-    "values",
-    [
-        [3.0, -4.0, 100.0, 20.0],
-        [300.0, 40.0, 3.0, -7.0],
-        [3.0, 5.0, -60.0, 810.0],
-        [-500.0, 310.0, 300.0, 7.7],
-        [LIMIT_V, 0.0, 0.0, -LIMIT_V],
-        [ABOVE_V, 0.0, 0.0, 1.0],
-    ],
-)
+@pytest.mark.parametrize("values", VOLTAGES)
 def test_voltages_are_scaled_each_by_itself_to_the_last_bit(values: list[float], guard: float) -> None:
     voltages = between(guard, values)
-    before = inside(voltages).copy()
-    result = firmware.load(2).hd_limit_voltages(address(voltages), ctypes.c_float(LIMIT_V))
-    scaled = False
-    for k in range(0, 4, 2):
-        found = magnitude(*before[k : k + 2])
-        factor = np.float32(1) if found <= LIMIT_V else ROUND_DOWN * LIMIT_V / found
-        scaled |= bool(found > LIMIT_V)
-        np.testing.assert_array_equal(inside(voltages)[k : k + 2], factor * before[k : k + 2])
-    assert result == (SCALED if scaled else UNTOUCHED)
+    each = factors(inside(voltages), (LIMIT_V, LIMIT_V), np.float32(1))
+    wanted = np.repeat(each, 2) * inside(voltages)
+    reason = firmware.load(2).hd_limit_voltages(address(voltages), ctypes.c_float(LIMIT_V))
+    assert reason == (UNTOUCHED if min(each) == 1 else SCALED)
+    np.testing.assert_array_equal(inside(voltages), wanted)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

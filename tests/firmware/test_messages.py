@@ -31,7 +31,7 @@ from hapticd.board_protocol import (
 from hapticd.board_values import BoardController, BoardHello, BoardLog, BoardStatus, ModeModel, SetController, SetModel
 from hapticd.sim.board import firmware
 from hapticd.values import Knot, LimitReason, SafeDrive
-from hapticd.wire import board_messages, commands, device
+from hapticd.wire import board_messages, device
 from hapticd.wire.framing import FrameSplitter, encode_frame
 
 from .bench import Bench, of_kind
@@ -52,25 +52,6 @@ TO_BOARD = {
     "LOG_REQUEST": device.encode(LogRequest()),
     "STOP": device.encode(Stop()),
 }
-
-
-def test_the_hello_tells_versions_limits_and_rates(bench: Bench) -> None:
-    (hello,) = bench.say(device.encode(HelloRequest()))
-    assert hello == BoardHello(
-        protocol_version=protocol.PROTOCOL_VERSION,
-        protocol_hash=protocol.PROTOCOL_HASH,
-        firmware_version="0.1.0",
-        boot_id=0x1234,
-        modes=2,
-        control_hz=2000.0,
-        drive_hz=29205.0,
-        deadman_ms=50,
-        w_limit_um=(4.0, 4.0),
-        v_limit_v=150.0,
-        has_sync=True,
-        commands=commands.ALL_COMMANDS,
-    )
-    device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
 
 
 def test_a_time_request_comes_back_with_the_boards_clock() -> None:
@@ -184,12 +165,6 @@ def test_one_frame_after_any_noise_the_board_understands_again(name: str, noise:
     board.receive(noise + TO_BOARD[name][:cut] + TO_BOARD["KEEPALIVE"])
     board.receive(TO_BOARD["HELLO_REQUEST"])
     assert of_kind(BoardHello, device.Decoder().feed(board.transmit()))
-
-
-def test_statuses_are_numbered_so_that_a_lost_one_shows(bench: Bench) -> None:
-    first, second = bench.status().number, bench.status().number
-    bench.say(device.encode(HelloRequest()))
-    assert (second, bench.status().number) == (first + 1, first + 2)
 
 
 @pytest.mark.parametrize(

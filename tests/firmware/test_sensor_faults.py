@@ -15,15 +15,13 @@ import numpy as np
 import pytest
 from soak import endurance
 
-from hapticd.sim.board.board import Board, BoardConfig, BoardTrace
-from hapticd.sim.board.carrier import Converters
+from hapticd.sim.board.board import Board, BoardConfig
 from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, follow
 
 from .bench import Bench, constantly, nominal_plate, quiet_after_ms
 
 QUIET_WITHIN_MS = 120.0
 CONFIG = BoardConfig()
-SWAPPED, ONE_INVERTED = np.array([[0.0, 1.0], [1.0, 0.0]]), np.diag([-1.0, 1.0])
 
 
 def board(config: BoardConfig = CONFIG, **changes: Any) -> Board:
@@ -33,27 +31,6 @@ def board(config: BoardConfig = CONFIG, **changes: Any) -> Board:
 def held_ms(broken: Board, asked_um: tuple[float, ...]) -> float:
     """How long there is any voltage, in a run of 0.4 s that asks for these amplitudes; infinite if to its end."""
     return quiet_after_ms(follow(broken, constantly(*asked_um), 800, 100))
-
-
-def test_no_inverted_or_swapped_wire_of_a_hundred_drives_two_modes_for_longer() -> None:
-    """Damping x0.5 to x3, up to 30 Hz of drift and 20 Hz between the modes, 0.5 to 4 um of each."""
-    random = np.random.default_rng(16)
-    wires = ONE_INVERTED, -ONE_INVERTED, SWAPPED
-    longest_ms = []
-    for case in range(100):
-        wire = wires[random.integers(3)]
-        bad = board(
-            **({"sensor": wire} if case % 2 else {"gain_um_per_v_s": np.diag(CONFIG.gain_um_per_v_s) @ wire}),
-            decay_1_s=random.uniform(0.5, 3.0) * np.array(CONFIG.decay_1_s),
-            detuning_rad_s=np.array(CONFIG.detuning_rad_s)
-            + 2.0 * np.pi * (random.uniform(-30.0, 30.0) + random.uniform(-10.0, 10.0, 2)),
-        )
-        asked_um = random.uniform(0.5, 4.0, 2) * random.choice([-1.0, 1.0], 2)
-        if not (abs(wire[0, 1]) == 1.0 and abs(abs(asked_um[0]) - abs(asked_um[1])) < 0.1):
-            longest_ms.append(held_ms(bad, tuple(asked_um)))
-    *others_ms, slowest_ms = sorted(longest_ms)
-    assert others_ms[-1] <= QUIET_WITHIN_MS
-    assert slowest_ms <= 2 * QUIET_WITHIN_MS, "held at the amplitude that its voltage is limited to meanwhile"
 
 
 @pytest.mark.parametrize(("glitch_um", "code"), [(20.0, 7), (1e10, 7), (1e18, 7), (1e25, 2), (1e38, 2)])
@@ -69,17 +46,6 @@ def test_one_absurd_measurement_is_a_fault_and_moves_the_plate_within_its_limit(
     assert bench.messages[-1].fault_code == code
     assert not trace.voltage_v[-1].any()
     assert np.abs(trace.plate_um).max() <= 4.0
-
-
-def clipped(offset_lsb: float, asked_um: float) -> BoardTrace:
-    converters = Converters(offset_lsb=offset_lsb)
-    config = replace(CONFIG, loop_phase_rad=(converters.loop_phase_rad(CONFIG.drive_hz),) * 2)
-    driven = Board(nominal_plate(CONFIG), config=config, converters=converters)
-    return follow(driven, constantly(asked_um, 0j), 300, 100)
-
-
-def test_an_offset_that_leaves_room_for_the_amplitude_is_no_fault() -> None:
-    assert clipped(1500.0, 2.0).voltage_v[-1].any()
 
 
 @pytest.mark.parametrize("modes", [2, 4, 6, 8])
@@ -130,28 +96,12 @@ def test_drift_damping_fingers_and_any_references_are_no_fault() -> None:
 
 
 # Sound plates that earlier rules judged faulty: amplitudes alternate above 100 Hz while the drive is far off, with and
-# without heavy fingers; fingers couple the modes at full voltage; a mode that others hold still; a texture in
-# step with the modes' turns.
-ALTERNATING, ALTERNATING_TOUCHED, COUPLED, HELD, IN_STEP = (
-    (142, 150, 208),
-    (688, 870, 1006, 1222, 1240),
-    (57, 74, 231),
-    (119, 196),
-    (11050,),
-)
+# without heavy fingers; fingers couple the modes at full voltage; a mode that others hold still; a texture in step with
+# the modes' turns.
+JUDGED_FAULTY = (142, 150, 208, 688, 870, 1006, 1222, 1240, 57, 74, 231, 119, 196, 11050)
 
 
 @pytest.mark.long
-def test_no_plate_of_a_hundred_is_judged_faulty() -> None:
-    assert [sentence for seed in range(12, 112) for sentence in endurance.play(seed, 10.0).failures] == []
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [*ALTERNATING_TOUCHED, *COUPLED, *HELD, *IN_STEP])
-def test_a_sound_plate_that_was_judged_faulty_is_not(seed: int) -> None:
-    assert endurance.play(seed).failures == []
-
-
-@pytest.mark.parametrize("seed", ALTERNATING)
-def test_amplitudes_that_alternate_off_resonance_are_no_fault(seed: int) -> None:
+@pytest.mark.parametrize("seed", [*range(12, 112), *JUDGED_FAULTY])
+def test_no_sound_plate_is_judged_faulty(seed: int) -> None:
     assert endurance.play(seed, 10.0).failures == []

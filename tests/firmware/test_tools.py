@@ -13,20 +13,15 @@ from hapticd.board_protocol import (
     BoardState,
     BoardVerdict,
     CommandResult,
-    ControllerRequest,
     HelloRequest,
     Keepalive,
     RawVoltage,
     SetTelemetry,
     Stop,
     Sweep,
-    TimeRequest,
 )
 from hapticd.board_values import (
-    BoardController,
-    ModeModel,
     SetController,
-    SetModel,
     SweepPoint,
     TelemetrySample,
 )
@@ -223,20 +218,6 @@ def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
     assert bench.verdict(command) is CommandResult.NOT_QUIET
 
 
-def test_a_board_at_rest_takes_a_model_and_keeps_it_through_a_greeting(bench: Bench) -> None:
-    model = ModeModel(150.0, 30.0, 4.0, 0.6 + 0.8j)
-    bench.arm(1 + 0j, 0j)
-    assert bench.verdict(SetModel(1, model)) is CommandResult.NOT_QUIET
-    bench.say(encode(HelloRequest()))
-    assert bench.verdict(SetModel(1, model)) is CommandResult.DONE
-    bench.say(encode(HelloRequest()))
-    (controller,) = bench.say(encode(ControllerRequest()))
-    assert isinstance(controller, BoardController)
-    assert controller.models[1].decay_1_s == 150
-    assert controller.models[1].loop == pytest.approx(0.6 + 0.8j, abs=1e-7)
-    assert controller.models[0].loop == 1
-
-
 @pytest.mark.parametrize(("asked_hz", "ticks"), [(2000, 1), (5000, 1), (1999, 2), (1000, 2), (999, 3), (1, 2000)])
 def test_telemetry_comes_at_the_highest_divisor_of_the_control_rate_not_above_the_asked(
     bench: Bench, asked_hz: int, ticks: int
@@ -269,14 +250,6 @@ def test_a_line_too_slow_for_telemetry_loses_the_oldest_samples_and_counts_them(
     heard = bench.heard(TelemetrySample)
     assert [sample.t_board_us for sample in heard] == [500 * tick for tick in range(85, 101)]
     assert {sample.dropped for sample in heard} == {84}
-
-
-def test_a_stream_does_not_keep_the_clock_and_the_state_waiting(bench: Bench) -> None:
-    bench.say(encode(SetTelemetry(2000)))
-    untouched(bench.board, 300)
-    bench.board.receive(encode(TimeRequest(1)))
-    kinds = [type(message).__name__ for message in bench.listen()]
-    assert kinds[:3] == ["BoardTime", "BoardStatus", "TelemetrySample"]
 
 
 def test_a_greeting_and_rate_zero_end_the_stream(bench: Bench) -> None:

@@ -29,8 +29,7 @@ class Target:
     """One decoder. `check` takes any bytes and raises only where a promise is broken; its documented error is caught.
     It returns whether the bytes meant anything.
 
-    `seeds` are sound inputs made by the project's own encoders, next to those of the corpus; `extremes` strain the
-    bounds, and are too large for it.
+    `seeds` are sound inputs made by the project's own encoders, next to those of the corpus.
     """
 
     name: str
@@ -38,7 +37,6 @@ class Target:
     fixed: Cost
     per_byte: Cost
     seeds: Callable[[], dict[str, bytes]] = dict
-    extremes: Callable[[], dict[str, bytes]] = dict
     max_len: int = 2048
 
     @property

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from fuzz import clients, devices, files, recordings
 from fuzz.explore import MISSING
-from fuzz.table import TARGETS
 from fuzz.target import measured
 
+TARGETS = {target.name: target for target in (*devices.TARGETS, *clients.TARGETS, recordings.TARGET, *files.TARGETS)}
 NEW_INPUTS = 500  # to each decoder, a second at most: `make fuzz` tries as many as it has time for
 INPUTS = {name: target.inputs() for name, target in TARGETS.items()}
 each = pytest.mark.parametrize("name", TARGETS)
@@ -33,13 +34,12 @@ def test_inputs_keep_the_promises_at_a_bounded_cost_and_some_mean_something(name
 
 
 @pytest.mark.long
+def test_what_strains_a_decoder_most_stays_within_its_bounds() -> None:
+    for data in clients.client_extremes().values():
+        check_cost("client", data)
+
+
 @each
-def test_what_strains_a_decoder_most_stays_within_its_bounds(name: str) -> None:
-    for data in TARGETS[name].extremes().values():
-        check_cost(name, data)
-
-
-@pytest.mark.parametrize("name", sorted(TARGETS.keys() - {"modes-npz"}))  # numpy reads a header by `ast.literal_eval`
 def test_what_a_decoder_leaves_is_gone_without_the_garbage_collector(name: str) -> None:
     """Which sleeps while fingers are down; what waits for it holds whole files, and the heap between them."""
     assert min(left_behind(name) for _ in range(3)) == 0  # the first fills caches; threads leave their own

@@ -1,37 +1,29 @@
-"""A board written from firmware/PROTOCOL.md alone: framing, clock, references, limits, dead-man, and a plate.
+"""A board written from firmware/PROTOCOL.md alone: framing, clock, references and their receipts, dead-man.
 
-It shares no code with hapticd or the firmware. Tools are answered "busy". `censor` makes it hostile.
+It shares no code with hapticd or the firmware. Its plate is where the newest reference goes, and any setting is taken.
+`censor` makes it hostile.
 """
 
 from __future__ import annotations
 
-import cmath
 import math
 import re
 import struct
-from collections import deque
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 PROTOCOL = Path(__file__).parents[2] / "firmware" / "PROTOCOL.md"
 
 HELLO_REQUEST, REFERENCE, KEEPALIVE, TIME_REQUEST, CLEAR_FAULT, SET_CONTROLLER, SET_MODEL = range(1, 8)
-SWEEP, RAW_VOLTAGE, SET_TELEMETRY, STOP = 9, 10, 11, 13
 HELLO, STATUS, TIME, VERDICT = 0x81, 0x82, 0x83, 0x88
-QUIET, LIVE, FAULT = 0, 1, 2
+SIZES = {HELLO_REQUEST: 0, KEEPALIVE: 2, TIME_REQUEST: 8, CLEAR_FAULT: 0, SET_CONTROLLER: 9, SET_MODEL: 21}
+QUIET, LIVE = 0, 1
 DONE, OUT_OF_RANGE, BUSY = 0, 1, 2
-
-CONTROL_HZ, DRIVE_HZ, V_LIMIT_V = 2000.0, 29205.0, 150.0
-TICK_US = 500
-STATUS_US, DEADMAN_US, RAMP_TICKS = 100_000, 50_000, 20
-AHEAD_US, STALE_US = 1_000_000, 50_000
-ARMING = 3
+W_LIMIT_UM, ARMING = 4.0, 3
+TICK_US, STATUS_US, DEADMAN_US = 500, 100_000, 50_000
 WRAP = 1 << 32
-DECAY_1_S, GAIN_UM_PER_V_S = 183.5, 5.17  # of both modes; they lie 10 Hz to either side of the drive
-DETUNING_RAD_S = (-62.8, 62.8)
-
-Polyline = list[tuple[int, list[complex]]]  # knots: instant on the unwrapped clock, phasor of each mode
+PPM = 40.0  # by which its clock is fast
 
 
 def crc16(data: bytes) -> int:
@@ -85,47 +77,46 @@ def examples() -> dict[str, bytes]:
     return {name: bytes.fromhex(line) for name, line in re.findall(r"^([A-Z_]+) +((?:[0-9a-f]{2} ?)+)$", text, re.M)}
 
 
+class Receipt(NamedTuple):
+    """Of a reference: what STATUS says of it, and its largest amplitude."""
+
+    seq: int
+    received_us: int
+    applied_us: int
+    has_effect: bool
+    peak_um: float
+
+
 class Board:
     """One board. `advance` takes it to an instant of true time; `feed` is what arrives, `said` what it sends."""
 
-    def __init__(self, *, boot_id: int = 0x51AB, w_limit_um: float = 4.0, ppm: float = 40.0) -> None:
-        self.boot_id, self.w_limit_um, self.ppm = boot_id, w_limit_um, ppm
+    def __init__(self) -> None:
         self.said = bytearray()
         self.censor: Callable[[int, bytes], bytes | None] = lambda _, payload: payload
         self.runs_backwards = False
         self.received: list[tuple[int, int]] = []  # true time in us and type of every sound frame
         self.peaks_um: list[tuple[int, float]] = []  # true time in us, largest amplitude of the plate
         self.t_us = 0  # true time
+        self.trips = self.bad_frames = self.worst_late_us = 0
         self._buffer = bytearray()
-        self._w_um = [0j, 0j]
-        self.reset(boot_id)
+        self.reset(0x51AB)
 
     def reset(self, boot_id: int) -> None:
-        """As by the reset pin: clock and session start again, and the plate rings down."""
-        self.boot_id, self._t_boot_us = boot_id, self.t_us
-        self.state, self.fault = QUIET, 0
-        self.trips = self.bad_frames = self.late_frames = self.worst_late_us = 0
-        self.saturated = self.limited = False
-        self._ramp = 0
-        self._t_status_us = self.now_us
-        self._quiet()
+        """As by the reset pin: clock and session start again."""
+        self._boot_id, self._t_boot_us = boot_id, self.t_us
+        self._begin_session()
 
-    def _quiet(self) -> None:
-        """No session: no references, no trust."""
-        self._lines: deque[tuple[int, int, int, Polyline]] = deque()  # start, seq, received, knots
-        self._line: tuple[int, int, int, Polyline] | None = None
-        self._seq: int | None = None
-        self._newest = self._applied = (0, 0, 0, False)  # seq, received, applied, has taken effect
-        self._good, self._t_alive_us = 0, self.now_us
-        self._last_um = [0j, 0j]
+    def _begin_session(self) -> None:
+        self.state, self._good = QUIET, 0
+        self._newest = self._applied = Receipt(0, 0, 0, False, 0.0)
+        self._waiting: list[tuple[int, Receipt]] = []
+        self._t_alive_us = self._t_status_us = self.now_us
 
     @property
     def now_us(self) -> int:
         """The board's clock, unwrapped: it starts 1.2 s before its wrap."""
-        passed_us = (self.t_us - self._t_boot_us) * (1 + self.ppm * 1e-6)
+        passed_us = (self.t_us - self._t_boot_us) * (1 + PPM * 1e-6)
         return WRAP - 1_200_000 + round(-passed_us if self.runs_backwards else passed_us)
-
-    # --- the line ---
 
     def feed(self, data: bytes) -> None:
         for byte in data:
@@ -134,119 +125,55 @@ class Board:
             elif self._buffer:
                 message = unframed(bytes(self._buffer))
                 self._buffer.clear()
-                if message is None:
-                    self._refuse()
+                if message is None or not self._obey(*message):
+                    self.bad_frames += 1
                 else:
                     self.received.append((self.t_us, message[0]))
-                    self._obey(*message)
 
     def _say(self, kind: int, payload: bytes) -> None:
         let_pass = self.censor(kind, payload)
         if let_pass is not None:
             self.said += framed(kind, let_pass)
 
-    def _refuse(self) -> None:
-        self.bad_frames += 1
-        self._good = 0
-
-    def _obey(self, kind: int, payload: bytes) -> None:
-        sizes = {HELLO_REQUEST: 0, KEEPALIVE: 2, TIME_REQUEST: 8, CLEAR_FAULT: 0, SET_CONTROLLER: 9, SET_MODEL: 21}
+    def _obey(self, kind: int, payload: bytes) -> bool:
+        """Whether the message is sound."""
         if kind == REFERENCE:
-            self._reference(payload)
-        elif kind in (SWEEP, RAW_VOLTAGE, SET_TELEMETRY, STOP):
-            self._say(VERDICT, bytes((kind, BUSY)))
-        elif sizes.get(kind) != len(payload):
-            self._refuse()
+            return self._take_reference(payload)
+        if kind == KEEPALIVE and payload == struct.pack("<H", self._newest.seq):
+            self._t_alive_us = self.now_us
         elif kind == HELLO_REQUEST:
-            self._hello()
-        elif kind == KEEPALIVE:
-            self._keep_alive(*struct.unpack("<H", payload))
+            self._begin_session()
+            _, example = unframed(examples()["HELLO"][:-1]) or (0, b"")
+            version_and_hash = example[:6]
+            head = struct.pack("<B16sIffHf", 2, b"outsider", self._boot_id, 2000.0, 29205.0, DEADMAN_US // 1000, 150.0)
+            self._say(HELLO, version_and_hash + head + struct.pack("<2f", W_LIMIT_UM, W_LIMIT_UM))
         elif kind == TIME_REQUEST:
-            received_us = self.now_us
-            sent_us = received_us + (-30 if self.runs_backwards else 30)
-            self._say(TIME, payload + struct.pack("<II", received_us % WRAP, sent_us % WRAP))
-        elif kind == CLEAR_FAULT:
-            self.fault = 0
-            self._enter(QUIET)
-        else:
-            self._set(kind, payload)
+            self._say(TIME, payload + struct.pack("<II", self.now_us % WRAP, self.now_us % WRAP))
+        elif kind != CLEAR_FAULT and kind != KEEPALIVE:
+            is_busy = kind == SET_MODEL and self.state == LIVE
+            self._say(VERDICT, bytes((kind, BUSY if is_busy else DONE)))
+        return SIZES.get(kind, len(payload)) == len(payload)
 
-    def _hello(self) -> None:
-        self._ramp = 0
-        self._quiet()
-        if self.state != FAULT:
-            self.state = QUIET
-        _, example = unframed(examples()["HELLO"][:-1]) or (0, b"")
-        version_and_hash = example[:6]
-        head = struct.pack("<B16sIffHf", 2, b"outsider", self.boot_id, CONTROL_HZ, DRIVE_HZ, 50, V_LIMIT_V)
-        self._say(HELLO, version_and_hash + head + struct.pack("<2f", self.w_limit_um, self.w_limit_um))
-
-    def _set(self, kind: int, payload: bytes) -> None:
-        if kind == SET_CONTROLLER:
-            law, bandwidth_1_s, integral_time_s = struct.unpack("<Bff", payload)
-            is_sound = law <= 2 and (bandwidth_1_s == 0 or 10 <= bandwidth_1_s <= 20000)
-            is_sound = is_sound and (integral_time_s == 0 or 1e-4 <= integral_time_s <= 1)
-        else:
-            mode, decay, detuning, gain, loop_d, loop_q = struct.unpack("<Bfffff", payload)
-            is_sound = mode < 2 and 1 <= decay <= 10000 and abs(detuning) <= 20000 and 1e-3 <= gain <= 1e4
-            is_sound = is_sound and abs(math.hypot(loop_d, loop_q) - 1) <= 1e-3
-        if kind == SET_CONTROLLER and is_sound:
-            self._ramp = 0
-        is_busy = kind == SET_MODEL and self.state == LIVE
-        self._say(VERDICT, bytes((kind, OUT_OF_RANGE if not is_sound else BUSY if is_busy else DONE)))
-
-    # --- references and the dead-man ---
-
-    def _reference(self, payload: bytes) -> None:
-        if len(payload) < 8:
-            return self._refuse()
+    def _take_reference(self, payload: bytes) -> bool:
         seq, t_apply, knots, modes = struct.unpack_from("<HIBB", payload)
         if modes != 2 or not 1 <= knots <= 24 or len(payload) != 8 + 18 * knots:
-            return self._refuse()
+            return False
         # The instant of the 32-bit count that lies nearest to now.
         ahead_us = (t_apply - self.now_us + WRAP // 2) % WRAP - WRAP // 2
         rows = list(struct.iter_unpack("<H4f", payload[8:]))
+        peak_um = max(math.hypot(*row[at : at + 2]) for row in rows for at in (1, 3))
         offsets = [row[0] for row in rows]
-        is_sound = all(map(math.isfinite, (part for row in rows for part in row[1:]))) and ahead_us <= AHEAD_US
-        if not is_sound or offsets != sorted(set(offsets)):
-            return self._refuse()
-        if self._seq is not None and not 0 < (seq - self._seq) % 65536 < 32768:
-            self.late_frames += 1
-            return None
-        if ahead_us < -STALE_US:
-            self.late_frames += 1
-            self._good = 0
-            return None
-        line = [
-            (self.now_us + ahead_us + 4 * offset, self._within([complex(d0, q0), complex(d1, q1)]))
-            for offset, d0, q0, d1, q1 in rows
-        ]
-        if line[0][0] < self.now_us:
-            self.late_frames += 1
-            self.worst_late_us = max(self.worst_late_us, self.now_us - line[0][0])
-        while self._lines and self._lines[-1][0] >= line[0][0]:
-            self._lines.pop()
-        if len(self._lines) < 7:
-            self._lines.append((line[0][0], seq, self.now_us, line))
-        self._seq, self._newest = seq, (seq, self.now_us, 0, False)
-        self._good += 1
-        self._t_alive_us = self.now_us
-        return None
-
-    def _within(self, modal_um: list[complex]) -> list[complex]:
-        factor = min(1.0, *(self.w_limit_um / max(abs(w_um), 1e-12) for w_um in modal_um))
-        if factor >= 1.0 - 1e-6:
-            return modal_um
-        self.limited = True
-        return [factor * w_um for w_um in modal_um]
-
-    def _keep_alive(self, seq: int) -> None:
-        if seq == self._seq:
-            self._t_alive_us = self.now_us
-        else:
-            self.late_frames += 1
-
-    # --- time ---
+        if not peak_um <= W_LIMIT_UM * (1 + 1e-6) or offsets != sorted(set(offsets)) or abs(ahead_us) > 1_000_000:
+            return False
+        self.worst_late_us = max(self.worst_late_us, -ahead_us)
+        if self._newest.received_us and not 0 < (seq - self._newest.seq) % 65536 < 32768:
+            return False
+        start_us = self.now_us + ahead_us
+        self._newest = Receipt(seq, self.now_us, 0, False, peak_um)
+        self._waiting = [(t_us, receipt) for t_us, receipt in self._waiting if t_us < start_us]
+        self._waiting.append((start_us, self._newest))
+        self._good, self._t_alive_us = self._good + 1, self.now_us
+        return True
 
     def advance(self, t_us: int) -> None:
         """Run all ticks until `t_us` of true time."""
@@ -255,70 +182,31 @@ class Board:
             self._tick()
 
     def _tick(self) -> None:
-        is_silent = abs(self.now_us - self._t_alive_us) > DEADMAN_US
-        if is_silent:
-            self._good = 0
-        if self.state == LIVE and is_silent:
-            self.trips += 1
-            self._lines.clear()
-            self._line = None
-            self._enter(QUIET)
-        elif self.state == QUIET and self._ramp == 0 and self._good >= ARMING:
-            self._enter(LIVE)
-        self._start_due()
-        self._drive()
+        if abs(self.now_us - self._t_alive_us) > DEADMAN_US:
+            self.trips += self.state == LIVE
+            self.state, self._good, self._waiting = QUIET, 0, []
+        elif self._good >= ARMING:
+            self.state = LIVE
+        while self._waiting and self._waiting[0][0] <= self.now_us:
+            receipt = self._waiting.pop(0)[1]._replace(applied_us=self.now_us, has_effect=True)
+            self._applied = receipt
+            self._newest = receipt if self._newest.seq == receipt.seq else self._newest
+            self._status(receipt)
+        self.peaks_um.append((self.t_us, self._applied.peak_um if self.state == LIVE else 0.0))
         if abs(self.now_us - self._t_status_us) >= STATUS_US:
             self._status(self._newest)
 
-    def _start_due(self) -> None:
-        while self._lines and self._lines[0][0] <= self.now_us:
-            self._line = self._lines.popleft()
-            _, seq, received_us, _ = self._line
-            self._applied = (seq, received_us, self.now_us, True)
-            if self._newest[0] == seq:
-                self._newest = self._applied
-            self._status(self._applied)
-
-    def _drive(self) -> None:
-        """One tick of ramp, reference and plate: dW/dt = (-s + jD) W + g u, V = j u, exact over the tick."""
-        self._ramp = min(self._ramp + 1, RAMP_TICKS) if self.state == LIVE else max(self._ramp - 1, 0)
-        if self.state == LIVE:
-            self._last_um = self._reference_um()
-        ramp = self._ramp / RAMP_TICKS
-        self.voltage_v = [0j, 0j]
-        for k, w_um in enumerate(self._w_um):
-            rate = complex(-DECAY_1_S, DETUNING_RAD_S[k])
-            keep = cmath.exp(rate * TICK_US * 1e-6)
-            push = GAIN_UM_PER_V_S * (keep - 1) / rate
-            u_v = (ramp * self._last_um[k] - keep * w_um) / push if ramp else 0j
-            if abs(u_v) > ramp * V_LIMIT_V:
-                u_v *= ramp * V_LIMIT_V / abs(u_v)
-                self.saturated = True
-            self.voltage_v[k] = 1j * u_v
-            self._w_um[k] = keep * w_um + push * u_v
-        self.peaks_um.append((self.t_us, max(map(abs, self._w_um))))
-
-    def _reference_um(self) -> list[complex]:
-        if self._line is None:
-            return [0j, 0j]
-        knots, now_us = self._line[3], self.now_us
-        for (t0_us, first), (t1_us, second) in pairwise(knots):
-            if now_us < t1_us:
-                part = max(now_us - t0_us, 0) / (t1_us - t0_us)
-                return [a + part * (b - a) for a, b in zip(first, second, strict=True)]
-        return knots[-1][1]
-
-    def _enter(self, state: int) -> None:
-        if self.state != state:
-            self.state = state
-            self._status(self._newest)
-
-    def _status(self, receipt: tuple[int, int, int, bool]) -> None:
-        seq, received_us, applied_us, has_effect = receipt
-        flags = has_effect | self.saturated << 1 | self.limited << 2
-        self._t_status_us, self.saturated, self.limited = self.now_us, False, False
-        head = (self.now_us % WRAP, self.state, flags, self.fault, 2, seq, received_us % WRAP, applied_us % WRAP)
-        payload = struct.pack("<IBBBBHIIHII", *head, self.trips, self.bad_frames, self.late_frames)
-        for w_um, v_v in zip(self._w_um, getattr(self, "voltage_v", [0j, 0j]), strict=True):
-            payload += struct.pack("<4f", w_um.real, w_um.imag, v_v.real, v_v.imag)
-        self._say(STATUS, payload)
+    def _status(self, of: Receipt) -> None:
+        self._t_status_us, w_um = self.now_us, self.peaks_um[-1][1] if self.peaks_um else 0.0
+        head = (
+            self.now_us % WRAP,
+            self.state,
+            of.has_effect,
+            0,
+            2,
+            of.seq,
+            of.received_us % WRAP,
+            of.applied_us % WRAP,
+        )
+        payload = struct.pack("<IBBBBHIIHII", *head, self.trips, self.bad_frames, 0)
+        self._say(STATUS, payload + 2 * struct.pack("<4f", w_um, 0.0, 0.0, 0.0))

@@ -35,97 +35,69 @@ def directives(name: str) -> list[str]:
     return re.findall(rf"^{name}=(.*)$", UNIT.read_text(encoding="utf-8"), re.MULTILINE)
 
 
-@pytest.fixture
-def installed_unit(tmp_path: Path) -> Path:
-    """The unit with a program that exists on every machine, for systemd looks whether it does."""
-    text = UNIT.read_text(encoding="utf-8")
-    unit = tmp_path / UNIT.name
-    unit.write_text(re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", text, flags=re.MULTILINE), encoding="utf-8")
-    return unit
-
-
 def analyze(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         ["systemd-analyze", "--no-pager", *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
     )
 
 
-def check(unit: Path, max_exposure: float) -> None:
+@needs_systemd
+@pytest.mark.parametrize(("drop_in", "max_exposure"), [("", MAX_EXPOSURE), (TCP.read_text("utf-8"), MAX_EXPOSURE_TCP)])
+def test_systemd_accepts_unit_and_drop_in_without_a_word_and_leaves_them_next_to_nothing(
+    drop_in: str, max_exposure: float, tmp_path: Path
+) -> None:
+    """With a program that exists on every machine, for systemd looks whether it does; a drop-in's lines come last."""
+    unit = tmp_path / UNIT.name
+    text = re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", UNIT.read_text("utf-8"), flags=re.MULTILINE)
+    unit.write_text(f"{text}\n{drop_in}", encoding="utf-8")
     verified = analyze("verify", unit)
     assert (verified.returncode, verified.stderr) == (0, "")  # an unknown key is only a line on stderr
     judged = analyze("security", "--offline=true", f"--threshold={round(max_exposure * 10)}", unit)
     assert judged.returncode == 0, judged.stdout[-300:]
 
 
-@needs_systemd
-def test_systemd_accepts_the_unit_without_a_word_and_the_service_is_left_with_next_to_nothing(
-    installed_unit: Path,
-) -> None:
-    check(installed_unit, MAX_EXPOSURE)
-
-
-def test_the_only_folder_on_a_disk_that_it_may_write_is_the_one_that_the_configuration_names_for_recordings() -> None:
+def test_the_only_folder_on_a_disk_that_it_may_write_is_the_configurations_for_recordings() -> None:
     (name,) = directives("StateDirectory")
     assert f'# file = "/var/lib/{name}/session.mcap"' in CONFIGURATION.read_text(encoding="utf-8")
-    assert directives("ProtectSystem") == ["strict"]
-    assert directives("ReadWritePaths") == []
-
-
-@needs_systemd
-def test_the_drop_in_for_tcp_is_accepted_and_opens_next_to_nothing(installed_unit: Path, tmp_path: Path) -> None:
-    merged = tmp_path / "merged" / UNIT.name  # a drop-in's lines are read after the unit's own
-    merged.parent.mkdir()
-    merged.write_text(f"{installed_unit.read_text()}\n{TCP.read_text(encoding='utf-8')}", encoding="utf-8")
-    check(merged, MAX_EXPOSURE_TCP)
 
 
 def test_the_drop_in_opens_the_three_ports_of_one_address_range_and_no_more() -> None:
     lines = [line for line in TCP.read_text(encoding="utf-8").splitlines() if "=" in line and not line.startswith("#")]
     opened = dict(line.split("=", 1) for line in lines)
-    assert opened["SocketBindDeny"] == "any"
-    assert opened["SocketBindAllow"] == "tcp:7410-7412"
+    assert (opened["SocketBindDeny"], opened["SocketBindAllow"]) == ("any", "tcp:7410-7412")
     assert "any" not in opened["IPAddressAllow"].split()
     assert "IPAddressDeny" not in opened  # the unit's own, any, stays
-    assert directives("IPAddressDeny") == ["any"]
 
 
-def test_the_unit_starts_the_program_with_the_configuration_that_is_installed() -> None:
-    assert directives("ExecStart") == ["/opt/hapticd/bin/hapticd run --config /etc/hapticd/hapticd.toml"]
-    assert (directives("Type"), directives("NotifyAccess"), directives("WatchdogSec")) == (["notify"], ["main"], ["1"])
-    assert directives("ExecReload") == ["/bin/kill -HUP $MAINPID"]
+DIRECTIVES = {
+    "IPAddressDeny": ["any"],
+    "ProtectSystem": ["strict"],
+    "ReadWritePaths": [],
+    "ExecStart": ["/opt/hapticd/bin/hapticd run --config /etc/hapticd/hapticd.toml"],
+    "Type": ["notify"],
+    "NotifyAccess": ["main"],
+    "WatchdogSec": ["1"],
+    "ExecReload": ["/bin/kill -HUP $MAINPID"],
+    "RestartPreventExitStatus": [str(ConfigError.exit_code)],  # a wrong configuration is not started again
+    "SyslogLevel": ["err"],  # of last words
+    "LimitNOFILE": [str(MAX_DESCRIPTORS)],  # of all clients together
+    "RestrictRealtime": [],
+    "LimitRTPRIO": ["20"],
+    "LimitMEMLOCK": directives("MemoryMax"),  # mlockall counts address space, not what is touched
+    "DevicePolicy": ["closed"],
+    "DeviceAllow": [
+        "char-hidraw rw", "char-ttyACM rw", "char-ttyUSB rw", "/dev/ptmx rw", "char-pts rw", f"{LATENCY_FILE} w"
+    ],
+    "RestrictAddressFamilies": ["AF_UNIX AF_NETLINK"],
+}  # fmt: skip
 
 
-def test_a_configuration_that_is_wrong_is_not_started_again_and_last_words_are_errors() -> None:
-    assert directives("RestartPreventExitStatus") == [str(ConfigError.exit_code)]
-    assert directives("SyslogLevel") == ["err"]
-
-
-def test_the_service_may_open_what_all_clients_together_need() -> None:
-    assert directives("LimitNOFILE") == [str(MAX_DESCRIPTORS)]
-
-
-def test_the_unit_grants_what_the_configuration_may_ask_for_and_stops_a_runaway() -> None:
-    assert directives("RestrictRealtime") == []
-    assert int(directives("LimitRTPRIO")[0]) == 20
+def test_the_unit_grants_what_the_daemon_needs_and_nothing_else() -> None:
+    assert {name: directives(name) for name in DIRECTIVES} == DIRECTIVES
     soft_us, hard_us = map(int, directives("LimitRTTIME")[0].split(":"))  # of a loop that never sleeps
     assert soft_us < hard_us <= 200_000
-    assert directives("LimitMEMLOCK") == directives("MemoryMax")  # mlockall counts address space, not what is touched
-    assert {"sched_setscheduler", "sched_setaffinity"} <= {
-        call for calls in directives("SystemCallFilter") for call in calls.split()
-    }
-
-
-def test_the_unit_may_open_what_the_daemon_opens_and_nothing_else() -> None:
-    assert directives("DevicePolicy") == ["closed"]
-    assert set(directives("DeviceAllow")) == {
-        "char-hidraw rw",
-        "char-ttyACM rw",
-        "char-ttyUSB rw",
-        "/dev/ptmx rw",
-        "char-pts rw",
-        f"{LATENCY_FILE} w",
-    }
-    assert set(directives("RestrictAddressFamilies")) == {"AF_UNIX AF_NETLINK"}
+    calls = {call for listed in directives("SystemCallFilter") for call in listed.split()}
+    assert {"sched_setscheduler", "sched_setaffinity"} <= calls
 
 
 def test_every_user_and_group_named_is_made_by_sysusers() -> None:

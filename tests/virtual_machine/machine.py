@@ -6,9 +6,7 @@ read-only, and runs its systemd with hapticd in /opt; what it finds it writes to
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import platform
 import shutil
 import subprocess
@@ -26,8 +24,7 @@ FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[1]
 KERNEL = ROOT / "build/virtual_machine/vmlinuz"
 INITRAMFS = ROOT / "build/virtual_machine/initramfs.img"
-UDEVD = Path("/lib/systemd/systemd-udevd")
-SYSTEMD = Path("/lib/systemd/systemd")
+SYSTEMD = Path("/lib/systemd")
 PROCESSOR = "Nehalem,+rdrand"  # what wheels ask for; without AVX, for emulated it is slower than doing without
 # Mitigations change the page tables at each system call, which takes QEMU a quarter of a boot.
 KERNEL_WORDS = "console=ttyS0 quiet panic=-1 mitigations=off"
@@ -42,16 +39,11 @@ def missing() -> str | None:
     """Why no guest can run here, in one sentence; None where it can."""
     if platform.machine() != "x86_64":
         return f"the guest runs this machine's own Python on an x86_64 kernel, and this is {platform.machine()}"
-    if shutil.which(QEMU) is None:
-        return f"{QEMU} is not installed (Debian: qemu-system-x86)"
-    if not UDEVD.exists():
-        return f"{UDEVD} is not there (Debian: udev)"
-    if not all(file.is_file() for file in (KERNEL, INITRAMFS)):
-        return "there is no guest: tests/virtual_machine/make_guest.sh makes it (Debian: busybox-static, cpio, kmod)"
-    if INITRAMFS.stat().st_mtime < max((FOLDER / name).stat().st_mtime for name in ("make_guest.sh", "init.sh")):
-        return "the guest is older than its recipe: run tests/virtual_machine/make_guest.sh again"
-    if not SYSTEMD.exists():
-        return f"{SYSTEMD} is not there (Debian: systemd)"
+    if shutil.which(QEMU) is None or not all((SYSTEMD / name).exists() for name in ("systemd", "systemd-udevd")):
+        return f"{QEMU}, systemd or udev is not installed (Debian: qemu-system-x86, systemd, udev)"
+    recipes_s = [(FOLDER / name).stat().st_mtime for name in ("make_guest.sh", "init.sh")]
+    if not KERNEL.is_file() or not INITRAMFS.is_file() or INITRAMFS.stat().st_mtime < max(recipes_s):
+        return "no guest of this recipe: run tests/virtual_machine/make_guest.sh (Debian: busybox-static, cpio, kmod)"
     if installed.interpreter() is None:
         return f"{sys.base_prefix} is hidden from a service, and no other Python of this version is installed"
     return None
@@ -67,13 +59,10 @@ class Boot:
     def step(self, name: str) -> Any:
         """What a step of the guest's program found. AssertionError with its traceback and the console if it failed."""
         file = self.results / f"{name}.json"
-        if not file.is_file():
-            raise AssertionError(f"the guest never came to the step {name}; its console:\n{self.console[-_TAIL:]}")
-        step = json.loads(file.read_text(encoding="utf-8"))
+        step = json.loads(file.read_text("utf-8")) if file.is_file() else {"error": "it never came to it"}
         if step["error"] is not None:
-            raise AssertionError(
-                f"the guest's step {name} failed:\n{step['error']}\nits console:\n{self.console[-_TAIL:]}"
-            )
+            said = f"the guest's step {name} failed:\n{step['error']}\nits console:\n{self.console[-_TAIL:]}"
+            raise AssertionError(said)
         return step["found"]
 
 
@@ -87,7 +76,6 @@ def boot(results: Path) -> Boot:
         installed.lay_out(Path(opt))
         command = [*_command(results), *OWN_CLOCK, *_share(opt, "opt", "readonly=on")]
         with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file) as machine:
-            _hurry(machine)
             try:
                 machine.wait(BOOT_S)
             except subprocess.TimeoutExpired:
@@ -95,12 +83,6 @@ def boot(results: Path) -> Boot:
             finally:
                 machine.kill()  # if it is still there: an interrupted test leaves no machine behind
     return Boot(results, console.read_text(encoding="utf-8", errors="replace"))
-
-
-def _hurry(process: subprocess.Popen[Any]) -> None:
-    """What is slow already must not wait for other programs, if it may."""
-    with contextlib.suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, process.pid, -10)
 
 
 def _command(results: Path) -> list[str]:

@@ -168,7 +168,7 @@ async def _info(board: Conversation, options: argparse.Namespace) -> None:
     controller = await board.ask(ControllerRequest(), BoardController)
     log = await board.ask(LogRequest(), BoardLog)
     if options.json:
-        parts = {"hello": board.hello, "status": status._asdict(), "controller": controller, "log": log}
+        parts = {"hello": board.hello, "status": status, "controller": controller, "log": log}
         print(text.as_json(parts | {"round_trip_ms": round_trip_ms}))
         return
     print(text.board(board.hello, status, round_trip_ms))

@@ -36,9 +36,11 @@ def show(line: str, *, is_all: bool) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return a value for JSON: dataclasses become maps, complex numbers pairs, enums their names."""
+    """Return a value for JSON: dataclasses and named tuples become maps, complex numbers pairs, enums their names."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return plain(value._asdict())
     if isinstance(value, dict):
         return {name: plain(item) for name, item in value.items()}
     if isinstance(value, (tuple, list)):

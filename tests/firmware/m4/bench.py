@@ -1,13 +1,15 @@
 """The flashed program on its board, with a plate on its converters and a host on its line, chunk by chunk.
 
-Nothing of the firmware's own is looked at: addresses, rates and routes come from the registers that it wrote, the plate
-gets what the memory holds that the DMA would read, the host hears what the DMA would send. A chunk's interrupt comes
-when its last sample is in memory, and takes no time.
+The plate gets what the memory holds that the DMA would read by the addresses in its registers, the host hears what the
+DMA would send. That converters and clocks run as the chip's table says follows from the registers of the start, which a
+test compares. A chunk's interrupt comes when its last sample is in memory, and takes no time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,17 +19,24 @@ from hapticd.board_values import BoardLog, BoardMessage, BoardStatus
 from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 
-from .chip import Chip, Registers
+from .chip import Chip, Registers, Route
 from .cpu import Cpu
 from .image import Image
 from .plate import Plate
-from .wiring import Wiring
 
 AMPLIFIERS = 1 << 12  # PB12
 MONOSTABLE_US = 2210  # HARDWARE.md's, from a rising edge of PB12 on
 KEEPALIVE_MS = 20
 TICK = 14 - 16  # PendSV, as an interrupt of the vector table
 _BITS_PER_BYTE = 10
+_SETTINGS = re.compile(r"(ADC|DAC|DMA|OPAMP|SPI|TIM).*\.(C(?!NT|DR)|M0AR|PAR|S[MQ])")
+
+
+class Lanes(NamedTuple):
+    """Of each mode the address of its first word, and the bytes from one to the next."""
+
+    played: list[tuple[int, int]]
+    sampled: list[tuple[int, int]]
 
 
 class Bench:
@@ -60,16 +69,39 @@ class Bench:
         self.registers.on_reset = self.cpu.stop
         self.cpu.load()
         assert self.cpu.run_to("board_wait")
-        self.wires = Wiring(registers)
-        self.sampling = self.wires.sampling()
-        self.ring = self.wires.streams()["RX"]
-        self.chunk = self.sampling.samples // 2
-        self.plate.sample_s = 1 / self.sampling.sample_hz
-        self.chunk_us = round(1e6 * self.chunk / self.sampling.sample_hz)
-        self.chunks = 0
+        board = self.board
+        self.chunk, self.chunk_us = board.chunk_samples, round(1e6 * board.chunk_samples / board.sample_hz)
+        self.plate.sample_s = 1 / board.sample_hz
+        self.chunk_interrupt = board.chunk(board.modes)
+        self.begin()
+        self.settings = self.converters()
+        self._ring, self._ring_items = registers[f"{board.receives}.M0AR"], registers[f"{board.receives}.NDTR"]
         self._ring_at = 0
         self._sending = b""
         self._decoder = device.Decoder()
+
+    def begin(self) -> None:
+        """The firmware has started the converters: their buffers begin at the beginning."""
+        self.lanes = Lanes(self._places(self.board.played), self._places(self.board.sampled))
+        self.chunks = 0
+
+    def _places(self, routes: Callable[[int], list[Route]]) -> list[tuple[int, int]]:
+        found, p = [], self.registers
+        for stream, register, size, items, modes in routes(self.board.modes):
+            assert (p[f"{stream}.CR"] & 1, p[f"{stream}.NDTR"]) == (1, 2 * self.chunk * items)
+            assert p[f"{stream}.PAR"] == self.board.addresses[register]
+            stride = size * items
+            found += [(p[f"{stream}.M0AR"] + stride // modes * k, stride) for k in range(modes)]
+        return found
+
+    def converters(self) -> dict[str, int]:
+        """What sets them up, their clock and their streams."""
+        line = (self.board.receives, self.board.sends[0])
+        return {n: v for n, v in self.registers.values.items() if _SETTINGS.match(n) and not n.startswith(line)}
+
+    @property
+    def baud(self) -> float:
+        return self.board.line_hz / self.registers[f"{self.board.line}.BRR"]
 
     @property
     def status(self) -> BoardStatus:
@@ -129,7 +161,7 @@ class Bench:
 
     def interrupt(self) -> None:
         """The chunk's, and the tick's where it asked for one of its own."""
-        self.cpu.interrupt(self.sampling.chunk.irq)
+        self.cpu.interrupt(self.chunk_interrupt.irq)
         self.compute_tick()
 
     def compute_tick(self) -> None:
@@ -139,26 +171,23 @@ class Bench:
 
     def convert(self) -> None:
         """One chunk of the converters and of the line; its interrupt is pending then."""
-        half = self.chunks % 2
-        lanes = self.sampling.lanes
-        words = np.stack(
-            [self._lane(lane.played_at, lane.played_stride, half) >> lane.played_shift for lane in lanes], axis=1
-        )
-        delays = [lane.delay_frac for lane in lanes]
+        half, board = self.chunks % 2, self.board
+        words = np.stack([self._lane(*place, half) >> board.played_shift for place in self.lanes.played], axis=1)
+        delays = [board.delay_frac(k) for k in range(board.modes)]
         sampled, motion_um = self.plate.advance(words, connected=self.amplifiers, delay_frac=delays)
-        for lane, column in zip(lanes, sampled.T, strict=True):
-            self._fill_lane(lane.sampled_at, lane.sampled_stride, half, column)
+        for place, column in zip(self.lanes.sampled, sampled.T, strict=True):
+            self._fill_lane(*place, half, column)
         self.motion_um.append(motion_um)
         self.played.append(words)
         self.chunks += 1
         self.registers.now_us += self.chunk_us
-        chunk = self.sampling.chunk
-        self.registers[chunk.flags] |= (chunk.half, chunk.complete)[half]
-        left, items = self.chunk if half == 0 else self.sampling.samples, self.sampling.items
-        for name in self.sampling.sampling:
-            self.registers[f"{name}.NDTR"] = left * items[name]
-        for name in self.sampling.playing:  # one word ahead
-            self.registers[f"{name}.NDTR"] = left * items[name] - 1
+        _, flags, *bits = self.chunk_interrupt
+        self.registers[flags] |= bits[half]
+        left = self.chunk * (2 - (half == 0))
+        for route in board.sampled(board.modes):
+            self.registers[f"{route.stream}.NDTR"] = left * route.items
+        for route in board.played(board.modes):  # one word ahead
+            self.registers[f"{route.stream}.NDTR"] = left * route.items - 1
         self._move_line()
 
     def _lane(self, at: int, stride: int, half: int) -> npt.NDArray[np.uint16]:
@@ -180,30 +209,36 @@ class Bench:
         return self.cpu.run_to("board_wait", instructions=instructions)
 
     def restarted(self) -> None:
-        """The firmware has started the converters anew: their buffers begin at the beginning."""
-        self.sampling = self.wires.sampling()
-        self.chunks = 0
+        """The firmware has started the converters anew."""
+        assert self.converters() == self.settings
+        self.begin()
 
     def _move_line(self) -> None:
-        room = int(self.chunk_us * 1e-6 * self.wires.baud() / _BITS_PER_BYTE)
-        for byte in b"" if self.wires.deaf() else self.to_board[:room]:
-            self.cpu.write(self.ring.memory + self._ring_at, bytes([byte]))
-            self._ring_at = (self._ring_at + 1) % self.ring.items
+        room, p = int(self.chunk_us * 1e-6 * self.baud / _BITS_PER_BYTE), self.registers
+        # RM0090, 30.6.1: an overrun keeps the line from receiving; RM0440, 41.7.4: with OVRDIS it loses its byte alone.
+        is_deaf = p.field(self.board.line_flags, 3, 1) and not p.field(f"{self.board.line}.CR3", 12, 1)
+        for byte in b"" if is_deaf else self.to_board[:room]:
+            self.cpu.write(self._ring + self._ring_at, bytes([byte]))
+            self._ring_at = (self._ring_at + 1) % self._ring_items
         del self.to_board[:room]
-        self.registers[f"{self.ring.name}.NDTR"] = self.ring.items - self._ring_at
+        p[f"{self.board.receives}.NDTR"] = self._ring_items - self._ring_at
         self._send(room)
 
     def _send(self, room: int) -> None:
-        stream = self.wires.streams().get("TX")
-        if stream is None or (stream.items == 0 and not self._sending):
+        """RM0090, 10.5.5, EN: a stream disables itself; RM0440, 12.6.3: a channel stays enabled, with nothing left."""
+        p, (stream, flags, complete) = self.registers, self.board.sends
+        items = p[f"{stream}.NDTR"]
+        if not p[f"{stream}.CR"] & 1 or (items == 0 and not self._sending):
             return
-        assert (stream.to_peripheral, stream.circular, stream.memory_size) == (True, False, 1)
-        self._sending = self._sending or self.cpu.read(stream.memory, stream.items)
+        self._sending = self._sending or self.cpu.read(p[f"{stream}.M0AR"], items)
         self.messages += self._decoder.feed(self._sending[:room])
         self._sending = self._sending[room:]
-        self.registers[f"{stream.name}.NDTR"] = max(1, len(self._sending))
+        p[f"{stream}.NDTR"] = max(1, len(self._sending))
         if not self._sending:
-            self.wires.finish_sending()
+            p[f"{stream}.NDTR"] = 0
+            if f"{stream}.FCR" in p.values:
+                p[f"{stream}.CR"] &= ~1
+            p[flags] |= complete
 
     def amplitudes_um(self, ms: float) -> npt.NDArray[np.float64]:
         """|W| of each mode in truth, sample by sample over the last `ms`: (samples, modes)."""

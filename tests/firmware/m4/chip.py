@@ -49,75 +49,39 @@ _RESET: Final = {
     "WWDG.CR": 0x7F,
 }
 _UPDATE_READS: Final = 3  # of the watchdog's status until its slow clock has taken a new reload on
-INTERNAL_HZ: Final = 16e6
 
 Effect = Callable[[int], None]  # of the value written
 
 
-class Field(NamedTuple):
-    """Bits of a register, and the value that they have to have."""
-
-    register: str
-    at: int
-    width: int
-    value: int
-
-
-def whole(register: str, value: int) -> Field:
-    return Field(register, 0, 32, value)
-
-
 class Route(NamedTuple):
-    """A DMA stream of the converters: who asks for its transfers, the register at its other end, the size of an item in
-    bytes in memory and there, items for each sample, and modes, where an item holds more than one's."""
+    """A DMA stream of the converters: the register at its other end, the bytes of an item in memory, items for each
+    sample, and modes, where an item holds more than one's."""
 
-    request: str
+    stream: str
     register: str
-    memory_size: int
-    peripheral_size: int
+    size: int
     items: int = 1
     modes: int = 1
 
 
-class Clocks(NamedTuple):
-    """Of the core, the timers, the ADCs, the line at a divider of 1, the window watchdog."""
+class Interrupt(NamedTuple):
+    """The chunks': the bits of both halves of the buffer in a register of flags."""
 
-    core_hz: float
-    timer_hz: float
-    adc_hz: float
-    line_hz: float
-    window_hz: float
-
-
-class Dma(NamedTuple):
-    """How one kind of DMA unit names its streams, and where the fields of their control register are."""
-
-    stream: str
-    first: int
-    count: int
-    increments: int
-    circular: int
-    to_peripheral: int
-    memory_size: int
-    peripheral_size: int
-    priority: int
+    irq: int
+    flags: str
     half: int
     complete: int
-    error: int
-    is_channels: bool
 
 
-STREAMS = Dma("DMA{}_S{}", 0, 8, 10, 8, 6, 13, 11, 16, half=3, complete=4, error=2, is_channels=False)  # RM0090, 10.5
-CHANNELS = Dma("DMA{}_C{}", 1, 8, 7, 5, 4, 10, 8, 12, half=2, complete=1, error=3, is_channels=True)  # RM0440, 12.6
-
-
-def dma_blocks(base: int, dma: Dma) -> Blocks:
-    """The streams of two DMA units."""
-    at, step, fields = (0x08, 0x14, "CR NDTR PAR M0AR") if dma.is_channels else (0x10, 0x18, "CR NDTR PAR M0AR _ FCR")
+def dma_blocks(base: int, *, is_channels: bool = False) -> Blocks:
+    """The streams of two DMA units: RM0090, 10.5; of channels RM0440, 12.6."""
+    first, at, step, fields = (
+        (1, 0x08, 0x14, "CR NDTR PAR M0AR") if is_channels else (0, 0x10, 0x18, "CR NDTR PAR M0AR _ FCR")
+    )
     return {
-        dma.stream.format(unit, dma.first + i): (base + 0x400 * (unit - 1) + at + step * i, fields)
+        f"DMA{unit}_{'C' if is_channels else 'S'}{first + i}": (base + 0x400 * (unit - 1) + at + step * i, fields)
         for unit in (1, 2)
-        for i in range(dma.count)
+        for i in range(8)
     }
 
 
@@ -139,39 +103,32 @@ class Chip:
     """A board's chip and what its image may take of it.
 
     `reset_flags` in the order of their causes: power-up, pin, software, watchdog, brown-out (None where the chip cannot
-    tell it from power-up), low-power. `expected` is what the registers hold while the converters run, with any number
-    of modes, `silent` what they hold at mid-rail; `timing` when in a period of TIM2 the DACs move, in s.
+    tell it from power-up), low-power. `silent` is what registers hold at mid-rail.
     """
 
     name: str
     modes: int
     blocks: Blocks
     reset: Mapping[str, int]
-    dma: Dma
-    requests: Mapping[int, str]  # by a number of the multiplexer, or stream and channel
-    memory: range  # that the DMA reaches
-    clocks: Callable[[Registers], Clocks]
-    expected: Callable[[int], list[Field]]
-    silent: Callable[[int], list[Field]]
+    silent: Callable[[int], Mapping[str, int]]
     sampled: Callable[[int], list[Route]]
     played: Callable[[int], list[Route]]
-    inputs: Mapping[tuple[str, int], tuple[str, int]]  # ADC and channel -> port and pin
-    sequence: tuple[str, int, int, int]  # of channels: register, first bit, bits to the next, and the length's in SQR1
-    sample_cycles: tuple[float, ...]
-    conversion_cycles: float
-    converts_past_moves: bool = False
-    timing: Callable[[Any], float] = lambda _: 0.0
+    chunk: Callable[[int], Interrupt]
+    sample_hz: float = 1e6
+    chunk_samples: int = 50
+    moved_s: float = 0.0  # in a period of the samples, when the DACs move
+    sampled_s: Callable[[int], float] = lambda _: 0.5e-6  # and when a mode's sensor is
     played_shift: int = 0
     resets: Mapping[tuple[str, int], tuple[str, ...]]  # a bit of a reset register -> blocks
-    references: Mapping[str, tuple[Field, ...]]  # ADCs that read the internal reference, and what that needs
     reference_channel: int
-    boost: int = 0  # bits of an ADC's control register that may be set with its regulator's
     effects: Callable[[Registers], dict[str, Effect]] = lambda _: {}
     identity_at: int
     reference_at: int  # the factory's calibration word of the internal reference
     reference_word: int  # what it read
     reference_v: float  # VDDA meanwhile
     core_hz: float
+    line_hz: float  # at a divider of 1
+    window_hz: float  # of the window watchdog
     load_max: float  # the share of the processor that the program may take
     reset_flags: tuple[int | None, ...]
     power_on_flags: int
@@ -181,16 +138,15 @@ class Chip:
     switch_bits: int = 2
     pll_source: str = "RCC.PLLCFGR"
     pll_from_crystal: tuple[int, int]  # mask and value in it
-    chunk_flags: str
     line: str
     line_flags: str
+    receives: str  # a stream
+    sends: tuple[str, str, int]  # a stream, and its flag at the end
     window_prescaler: tuple[int, int]
     port: str  # of the circuits of amplifier fault and emergency stop
     fault_pin: int
     stop_pin: int
     interlock_irq: int
-    has_tick: Callable[[int], bool]  # whether a tick has an interrupt of its own
-    supply_detector: Field
     brown_out_off: Mapping[str, int]  # option bytes as the chip is delivered
     weak_supply: Mapping[str, int]
     wait_states: int = 0  # of the flash, as they are counted; 0: they are left out
@@ -205,6 +161,10 @@ class Chip:
         blocks = COMMON | self.blocks
         found = {f"{name}.{r}": base + at for name, (base, text) in blocks.items() for r, at in _layout(text).items()}
         object.__setattr__(self, "addresses", found | {f"NVIC.IPR{i}": _IPR + i for i in range(102)})
+
+    def delay_frac(self, mode: int) -> float:
+        """Of a period: from the move of the DACs to a mode's sample."""
+        return (self.sampled_s(mode) - self.moved_s) * self.sample_hz % 1.0
 
     def image(self, control_hz: int = 2000, setup: str = "") -> Image:
         return image.build(self.name, self.modes, control_hz, setup, self.core.lower())
@@ -223,7 +183,7 @@ class Registers:
         self, chip: Chip, *, crystal: bool = True, pll: bool = True, reset_flags: int | None = None, **also: int
     ) -> None:
         flags = chip.power_on_flags if reset_flags is None else reset_flags
-        self.chip = chip
+        self.chip, self.chunk_flags = chip, chip.chunk(chip.modes).flags
         self.names = {address: name for name, address in chip.addresses.items()}
         self.values = dict.fromkeys(chip.addresses, 0) | _RESET | chip.reset | {chip.reset_register: flags} | also
         self.trace: list[tuple[str, int]] = []
@@ -244,7 +204,6 @@ class Registers:
         self._crystal, self._pll = crystal, pll
         self._updating = 0
         self._read_last = ""
-        self._calibrated: set[str] = set()
         self._effects = self._own_effects() | chip.effects(self)
 
     def _own_effects(self) -> dict[str, Effect]:
@@ -288,15 +247,12 @@ class Registers:
     def field(self, name: str, at: int, width: int) -> int:
         return self.values[name] >> at & ((1 << width) - 1)
 
-    def wrong(self, fields: list[Field]) -> list[tuple[Field, int]]:
-        """Fields that have another value, and that."""
-        return [(one, found) for one in fields if (found := self.field(*one[:3])) != one.value]
-
     @property
     def is_silent(self) -> bool:
         """Whether the registers, and what hangs on pins that were moved by hand, are at mid-rail without a trigger."""
         levels = [level for dac in self.dacs for level in dac.level]
-        return not self.wrong(self.chip.silent(self.chip.modes)) and levels == [2048] * len(levels)
+        silent = self.chip.silent(self.chip.modes)
+        return silent.items() <= self.values.items() and levels == [2048] * len(levels)
 
     def read(self, address: int, size: int) -> int:
         self.reads += 1
@@ -308,7 +264,7 @@ class Registers:
             self._updating = max(0, self._updating - 1)
             return 3 if self._updating else 0
         value = self.values[name]
-        if name == self.chip.chunk_flags:
+        if name == self.chunk_flags:
             self.on_look()
         self._was_read(name)
         return value
@@ -358,7 +314,7 @@ class Registers:
 
     def _clear(self, flags: str, value: int) -> None:
         self.values[flags] &= ~value
-        if flags == self.chip.chunk_flags:
+        if flags == self.chunk_flags:
             self.on_clear()
 
     def _watchdog_key(self, value: int) -> None:
@@ -374,16 +330,9 @@ class Registers:
         self.values[f"{name}.ISR"] &= ~value
 
     def _adc_control(self, name: str, value: int) -> None:
-        """Of the ADCs of the G4 and the H7. Calibration ends at once. One is ready if its regulator ran, and it was
-        calibrated."""
-        before = self[f"{name}.CR"]
-        if value & 1 << 31:
-            assert before & ~self.chip.boost == 1 << 28, "calibrated without its regulator, or while enabled"
-            self._calibrated.add(name)
-        if value & 1 and not before & 1:
-            assert name in self._calibrated, "enabled before it was calibrated"
+        """Of the ADCs of the G4 and the H7: calibrated and ready at once."""
+        if value & 1 and not self[f"{name}.CR"] & 1:
             self.values[f"{name}.ISR"] |= 1
-        assert not value & 4 or before & 1, "started before it was enabled"
         self[f"{name}.CR"] = value & ~(1 << 31)
         if value & 4 and self.field(f"{name}.SQR1", 6, 5) == self.chip.reference_channel:
             self.convert_reference(name)
@@ -391,7 +340,6 @@ class Registers:
 
     def convert_reference(self, name: str) -> None:
         """Once, by software."""
-        assert (wrong := self.wrong(list(self.chip.references[name]))) == [], wrong
         self[f"{name}.DR"] = round(self.chip.reference_word * self.chip.reference_v / self.supply_v)
         self.values[f"{name}.{'SR' if f'{name}.SR' in self.values else 'ISR'}"] |= self.end_of_conversion(name)
 

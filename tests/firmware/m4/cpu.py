@@ -33,7 +33,7 @@ class Cpu:
         self._uc.ctl_set_cpu_model(getattr(arm, f"UC_CPU_ARM_CORTEX_{board.core}"))
         for base, size in (*board.memories, (SCRATCH, 1 << 20)):
             self._uc.mem_map(base, size)
-        self._flash_size = dict(board.memories)[_FLASH]
+        self.flash = range(_FLASH, _FLASH + dict(board.memories)[_FLASH])
         self._uc.mem_map(board.identity_at & ~0xFFF, 0x1000)
         self._uc.mem_write(board.identity_at, bytes(range(1, 13)))
         self._uc.mem_write(board.reference_at, board.reference_word.to_bytes(2, "little"))
@@ -53,7 +53,7 @@ class Cpu:
 
     def load(self) -> None:
         """Flashes the image and stands at its reset vector; the RAM stays as it is."""
-        self._uc.mem_write(_FLASH, b"\xff" * self._flash_size)
+        self._uc.mem_write(_FLASH, b"\xff" * len(self.flash))
         for address, data in self.image.segments:
             self._uc.mem_write(address, data)
         if self.damaged is not None:
@@ -148,23 +148,13 @@ class Cpu:
         """Whether the program holds interrupts off."""
         return bool(self._uc.reg_read(arm.UC_ARM_REG_BASEPRI))
 
-    def on_flash_read(self, callback: Callable[[int], None]) -> Callable[[], None]:
-        """`callback` gets the address of every datum read from the flash; the result removes it."""
-        hook = self._uc.hook_add(
-            unicorn.UC_HOOK_MEM_READ,
-            lambda _uc, _access, address, _size, _value, _: callback(address),
-            begin=_FLASH,
-            end=_FLASH + self._flash_size - 1,
-        )
-        return lambda: self._uc.hook_del(hook)
-
-    def on_bus_access(self, callback: Callable[[bool], None]) -> Callable[[], None]:
-        """`callback` hears of every access between 0x30000000 and 0x5FFFFFFF, memory behind buses: True for a write."""
+    def on_access(self, addresses: range, callback: Callable[[bool], None]) -> Callable[[], None]:
+        """`callback` hears of every access to data there, True for a write; the result removes it."""
         hook = self._uc.hook_add(
             unicorn.UC_HOOK_MEM_READ | unicorn.UC_HOOK_MEM_WRITE,
             lambda _uc, access, _address, _size, _value, _: callback(access == unicorn.UC_MEM_WRITE),
-            begin=0x30000000,
-            end=0x5FFFFFFF,
+            begin=addresses.start,
+            end=addresses.stop - 1,
         )
         return lambda: self._uc.hook_del(hook)
 

@@ -1,4 +1,4 @@
-"""Instructions and cycles of a piece of program, by the tables of the Cortex-M4's manual, on an M7 too, which has none.
+"""Cycles of a piece of program, by the tables of the Cortex-M4's manual, on an M7 too, which has none.
 
 ARM DDI 0439B, table 3-1 with its notes 3.3.2 and 3.3.3, and table 7-1: a load takes 2 cycles and 1 right after another
 load or store, a store with an immediate offset 1, an address made by the instruction before one more, a floating-point
@@ -12,9 +12,10 @@ from __future__ import annotations
 import re
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 
+from .chip import Chip
 from .cpu import Cpu
 from .image import Image, Instruction
 
@@ -77,17 +78,6 @@ def cycles(instruction: Instruction, before: Instruction | None = None) -> int:
 
 
 @dataclass(slots=True)
-class Count:
-    """Of instructions executed, and of the cycles they take."""
-
-    instructions: int = 0
-    cycles: int = 0
-
-    def __add__(self, other: Count) -> Count:
-        return Count(self.instructions + other.instructions, self.cycles + other.cycles)
-
-
-@dataclass(slots=True)
 class Flash:
     """A flash with wait states behind its cache of instructions, read in lines of 64 bits, as with two banks.
 
@@ -96,13 +86,13 @@ class Flash:
     """
 
     wait_states: int
-    lines: int = 128
-    line_bytes: int = 8
+    lines: int
+    line_bytes: int
     _cached: OrderedDict[int, None] = field(default_factory=OrderedDict)
 
     def fetched(self, address: int, size: int) -> int:
         """The cycles that a block of instructions waits."""
-        if not 0x08000000 <= address < 0x10000000:
+        if self.wait_states == 0 or not 0x08000000 <= address < 0x10000000:
             return 0
         waited = 0
         for line in range(address // self.line_bytes, (address + size - 1) // self.line_bytes + 1):
@@ -116,71 +106,55 @@ class Flash:
 
 
 class Meter:
-    """Counts what the processor executes between `start` and `stop`; `watch` calls back where a function begins. A word
-    that it reads beyond its buses takes the first of `bus_cycles` more, one that it writes there the second."""
+    """`cycles` of what the processor has executed; `watch` calls back where a function begins. A word that is read or
+    written beyond the core's memories takes the chip's `bus_cycles` more."""
 
-    def __init__(self, cpu: Cpu, flash: Flash | None = None, *, bus_cycles: tuple[int, int] = (0, 0)) -> None:
-        self._cpu = cpu
-        self._flash = flash
-        self._blocks: dict[tuple[int, int], tuple[Count, int]] = {}
-        self._watched: dict[int, Callable[[], object]] = {}
-        self._count = Count()
+    def __init__(self, cpu: Cpu, board: Chip) -> None:
+        self.cycles = 0
+        self.watch: dict[int, Callable[[], object]] = {}
+        self._image, self._bus_cycles = cpu.image, board.bus_cycles
+        self._flash = Flash(board.wait_states, *board.flash_cache)
+        self._blocks: dict[tuple[int, int], tuple[int, int]] = {}
         self._fallthrough = 0
         self._removes = [cpu.on_block(self._enter)]
-        if flash is not None:
-            self._removes.append(cpu.on_flash_read(self._wait_for_datum))
-        self._bus_cycles = bus_cycles
-        if any(bus_cycles):
-            self._removes.append(cpu.on_bus_access(self._wait_for_bus))
+        if board.wait_states:
+            self._removes.append(cpu.on_access(cpu.flash, self._wait_for_datum))
+        if any(board.bus_cycles):
+            self._removes.append(cpu.on_access(range(0x30000000, 0x60000000), self._wait_for_bus))
 
-    def measure(self, action: Callable[[], object]) -> Count:
-        self.start()
+    def measure(self, action: Callable[[], object]) -> int:
+        before, self._fallthrough = self.cycles, 0
         action()
-        return self.stop()
-
-    def start(self) -> None:
-        self._count = Count()
-        self._fallthrough = 0
-
-    def stop(self) -> Count:
-        return replace(self._count)
-
-    def watch(self, address: int, callback: Callable[[], object]) -> None:
-        self._watched[address] = callback
+        return self.cycles - before
 
     def remove(self) -> None:
         for remove in reversed(self._removes):
             remove()
 
-    def _wait_for_datum(self, _address: int) -> None:
-        assert self._flash is not None
-        self._count.cycles += self._flash.wait_states
+    def _wait_for_datum(self, _is_write: bool) -> None:
+        self.cycles += self._flash.wait_states
 
     def _wait_for_bus(self, is_write: bool) -> None:
-        self._count.cycles += self._bus_cycles[is_write]
+        self.cycles += self._bus_cycles[is_write]
 
     def _enter(self, address: int, size: int) -> None:
-        if address in self._watched:
-            self._watched[address]()
+        if address in self.watch:
+            self.watch[address]()
         key = (address, size)
         if key not in self._blocks:
-            self._blocks[key] = _block(self._cpu.image, address, size)
+            self._blocks[key] = _block(self._image, address, size)
         if self._fallthrough not in (0, address):
-            self._count.cycles += _REFILL
-        count, self._fallthrough = self._blocks[key]
-        self._count.instructions += count.instructions
-        self._count.cycles += count.cycles
-        if self._flash is not None:
-            self._count.cycles += self._flash.fetched(address, size)
+            self.cycles += _REFILL
+        spent, self._fallthrough = self._blocks[key]
+        self.cycles += spent + self._flash.fetched(address, size)
 
 
-def _block(image: Image, address: int, size: int) -> tuple[Count, int]:
+def _block(image: Image, address: int, size: int) -> tuple[int, int]:
     """What a basic block costs, and what follows it if it ends without a branch."""
-    count, at, before = Count(), address, None
+    spent, at, before = 0, address, None
     while at < address + size:
         instruction = image.instructions[at]
-        count.instructions += 1
-        count.cycles += cycles(instruction, before)
+        spent += cycles(instruction, before)
         before = instruction
         at += instruction.size
-    return count, at
+    return spent, at

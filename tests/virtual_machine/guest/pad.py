@@ -70,8 +70,8 @@ class BluetoothPad:
                 os.write(self._fd, struct.pack("<IIHH4096s", UHID_GET_REPORT_REPLY, request, EIO, 0, b""))
 
 
-class Hand:
-    """Fingers that rest: calls `report` at a pad's pace with the frame's number, from the construction to `freeze`."""
+class RestingFingers:
+    """Calls `report` at a pad's pace with the frame's number, from the construction to `freeze`."""
 
     PERIOD_S = 0.01125
 

@@ -21,7 +21,7 @@ import manager
 import msgspec
 from board import PORT
 from kernel import PATIENCE_S, access, hidraw_of, wait_for
-from pad import HID_ID, BluetoothPad, Hand
+from pad import HID_ID, BluetoothPad, RestingFingers
 from plate import MOVES_UM, RESTS_UM, is_as_asked, measured_um, wait_state
 from touchscreen import Touchscreen
 
@@ -35,7 +35,7 @@ RUNTIME = Path("/run/hapticd")
 TRACE = Path("/run/board-trace")
 PLACES = {1: (-824, 275), 2: (1317, -386)}  # raw, of two fingers on the pad
 PLACES_MM = [(-20.0, 7.5), (25.0, -7.5)]  # and on the touchscreen
-STRANGER = 64445
+OTHER_USER = 64445
 PRIORITY = 20
 SCREEN = "virtual touchscreen"
 PLATE = f"""
@@ -57,7 +57,7 @@ NONSENSE = "[limits]\nw_limit = 3\n"
 Found = dict[str, Any]
 
 
-class Story:
+class Rig:
     """What the steps share."""
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Story:
         process = subprocess.Popen([sys.executable, HERE / "board.py", TRACE])
         os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))  # it has its own processor
         self._hidraw = hidraw_of(HID_ID)
-        self._hand: Hand | None = None
+        self._fingers: RestingFingers | None = None
         self._client: Client | None = None
 
     def steps(self) -> Iterator[tuple[str, Callable[[], Found]]]:
@@ -78,8 +78,7 @@ class Story:
         yield "back", self._plug_in
         yield "killed", lambda: self._strike(signal.SIGKILL)
         yield "hung", lambda: self._strike(signal.SIGSTOP)
-        yield "refused", lambda: self._reload(NONSENSE, "The present configuration stays.")
-        yield "reloaded", lambda: self._reload(configuration(3.0), "applying the new configuration")
+        yield "reloaded", self._reload
         yield "stopped", self._stop
         yield "misconfigured", self._start_on_nonsense
         yield "touchscreen", self._touchscreen
@@ -96,7 +95,7 @@ class Story:
         facts = manager.facts()
         status = RUNTIME.stat()
         sockets = sorted(entry for entry in RUNTIME.iterdir() if entry.is_socket())
-        member, stranger = f"--groups={status.st_gid}", "--clear-groups"
+        member, other = f"--groups={status.st_gid}", "--clear-groups"
         return {
             **facts,
             "process": manager.process(int(facts["MainPID"])),
@@ -107,23 +106,23 @@ class Story:
             "board": manager.run(f"udevadm info --query=property --name={PORT}"),
             "sockets": [entry.name for entry in sockets],
             "member_may": [_may_write(member, entry) for entry in sockets],
-            "stranger_may": [_may_write(stranger, entry) for entry in sockets],
+            "others_may": [_may_write(other, entry) for entry in sockets],
         }
 
     def _drive(self) -> Found:
         """Two fingers land; a client gives them opposite targets, and looks until the board measures it. It stays, and
         the plate moves on."""
-        if self._hand is None:
+        if self._fingers is None:
             pad = self._pad
-            self._hand = Hand(lambda _: pad.touch(PLACES))
+            self._fingers = RestingFingers(lambda _: pad.touch(PLACES))
         return _driven(self._new_client()) | self._saw()
 
     def _pull(self) -> Found:
         """Under the fingers."""
-        assert self._hand is not None
+        assert self._fingers is not None
         assert self._client is not None
-        self._hand.freeze()
-        self._hand = None
+        self._fingers.freeze()
+        self._fingers = None
         self._pad.unplug()
         return {"quiet": _quiet(self._client)}
 
@@ -139,11 +138,16 @@ class Story:
         after = manager.wait_restarted(before)
         return {"before": before, "after": after, "driven": self._drive(), **_motion_since(t_struck_ns)}
 
-    def _reload(self, text: str, answer: str) -> Found:
+    def _reload(self) -> Found:
+        """With nonsense first, which changes nothing."""
         before = manager.facts()
-        CONFIG.write_text(text, encoding="utf-8")
-        manager.run("systemctl reload hapticd")
-        manager.wait_said(answer)
+        for text, answer in (
+            (NONSENSE, "configuration stays."),
+            (configuration(3.0), "applying the new configuration"),
+        ):
+            CONFIG.write_text(text, encoding="utf-8")
+            manager.run("systemctl reload hapticd")
+            manager.wait_said(answer)
         return {"before": before, "after": manager.facts(), "driven": self._drive()}
 
     def _stop(self) -> Found:
@@ -174,9 +178,9 @@ class Story:
         found, client = [], self._new_client()
         for _ in range(2):
             screen = Touchscreen(SCREEN)
-            hand = Hand(lambda frame, screen=screen: screen.touch(PLACES_MM, frame))
+            fingers = RestingFingers(lambda frame, screen=screen: screen.touch(PLACES_MM, frame))
             driven = _driven(client)
-            hand.freeze()
+            fingers.freeze()
             screen.unplug()
             found.append(driven | {"quiet": _quiet(client)})
         client.close()
@@ -238,7 +242,7 @@ def _quiet(client: Client) -> Found:
 
 
 def _may_write(groups: str, path: Path) -> bool:
-    who = f"setpriv --reuid={STRANGER} --regid={STRANGER} {groups}"
+    who = f"setpriv --reuid={OTHER_USER} --regid={OTHER_USER} {groups}"
     return subprocess.run([*who.split(), "test", "-w", path]).returncode == 0
 
 
@@ -273,9 +277,9 @@ def step(name: str, look: Callable[[], Any]) -> bool:
 
 
 def main() -> None:
-    stories: list[Story] = []
-    if step("plugged", lambda: stories.append(Story())):
-        for name, look in stories[0].steps():
+    rigs: list[Rig] = []
+    if step("plugged", lambda: rigs.append(Rig())):
+        for name, look in rigs[0].steps():
             if not step(name, look):
                 break
     step("journal", manager.journal)
