@@ -137,6 +137,8 @@ def peak_um(payload: bytes) -> float:
 class Bench:
     """A machine between a pad, a board and a client, and the instant they are at."""
 
+    new_board: Callable[..., Any] = FakeBoard
+
     def __init__(
         self,
         *paths: Path,
@@ -148,7 +150,7 @@ class Bench:
     ) -> None:
         self.t_ns = START_NS
         self.from_board: list[bytes] = []
-        self.board = FakeBoard(self, protocol_hash)
+        self.board = self.new_board(self, protocol_hash)
         config = Config() if config is None else config
         self.machine = Machine(
             *(config, PLATE),

@@ -70,9 +70,6 @@ class SignalChain:
         """Phase of the next output sample."""
         return int(self._carrier.spoken.phase)
 
-    def tune(self, drive_hz: float) -> None:
-        self._library.hd_carrier_tune(ctypes.byref(self._carrier), ctypes.c_float(drive_hz))
-
     def drive(self, level_lsb: npt.ArrayLike) -> None:
         """Set the amplitudes (M,) complex for the next chunks."""
         levels = np.ascontiguousarray(level_lsb, dtype=np.complex64)

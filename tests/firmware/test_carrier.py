@@ -5,7 +5,6 @@ from __future__ import annotations
 import cmath
 import ctypes
 import math
-from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
@@ -57,26 +56,6 @@ def least_squares(angles_rad: Floats, x: Floats) -> complex:
     return complex(d, q)
 
 
-@settings(max_examples=1000)
-@given(DRIVES_HZ)
-@example(DRIVE_HZ)
-def test_the_step_is_the_nearest_to_the_frequency(drive_hz: float) -> None:
-    assert SignalChain(drive_hz).step == round(Fraction(drive_hz) * TURN / SAMPLE_HZ)
-
-
-@given(st.integers(1, 1 << 40))
-def test_the_phase_is_exact_wherever_it_wraps(chunks_before: int) -> None:
-    """A jump to any later chunk lands on the phase, and on the samples, that the closed form tells."""
-    here = SignalChain(DRIVE_HZ)
-    there = SignalChain(DRIVE_HZ, phase=chunks_before * CHUNK * here.step % TURN)
-    assert there.phase == ((chunks_before + 2) * CHUNK * here.step) % TURN
-    near = SignalChain(DRIVE_HZ, phase=(TURN - here.phase - 7 * here.step) % TURN)
-    near.drive((1000.0, 1000.0))
-    expected = synthesised(near, near.phase, 1000 + 0j)
-    np.testing.assert_array_equal(near.synthesise()[:, 0], expected)
-    assert near.phase == 43 * here.step % TURN
-
-
 def synthesised(chain: SignalChain, phase: int, level_lsb: complex) -> npt.NDArray[np.uint16]:
     """A chunk by exact integers: sixteenths of a step times 2^14, rounded once to a step."""
     index = (phases(chain, phase, CHUNK) + TURN // ENTRIES // 2) % TURN // (TURN // ENTRIES)
@@ -113,24 +92,6 @@ def test_a_level_out_of_range_keeps_its_phase_and_never_wraps(magnitude: float, 
     assert np.abs(steps(samples) - steps(bounded.synthesise())).max() <= 1
 
 
-def test_the_new_frequency_is_heard_as_well_as_the_old_one() -> None:
-    """Two chunks of the old one are still on their way: the tick after those is right again."""
-    chain = SignalChain(DRIVE_HZ)
-    chain.drive((1500j, 700))
-    chunks = [np.full((CHUNK, 2), MID_RAIL, dtype=np.uint16)] * 2
-    heard = []
-    for i in range(40):
-        chunks.append(np.empty(0, dtype=np.uint16))
-        measured = chain.demodulate(chunks[i])
-        heard += [] if measured is None else [measured]
-        if i == 19:
-            chain.tune(30205.0)
-        chunks[i + 2] = chain.synthesise()
-    np.testing.assert_allclose(heard[1], (1500j, 700), rtol=3e-4, atol=0.3)
-    np.testing.assert_allclose(heard[2], (1500j, 700), rtol=0.02)
-    np.testing.assert_allclose(heard[3], (1500j, 700), rtol=3e-4, atol=0.3)
-
-
 @settings(max_examples=300)
 @given(
     st.floats(25000, 60000, width=32),
@@ -155,15 +116,6 @@ def test_the_amplitude_is_that_of_least_squares_within_half_a_thousandth(
     rounding = 0.5 * 4 / math.pi * math.tan(math.pi * drive_hz / SAMPLE_HZ)
     assert measured[0] == measured[1]
     assert abs(measured[0] - expected) < 0.0005 * (magnitude + abs(offset)) + rounding
-
-
-def test_a_full_scale_square_wave_fills_the_longest_tick_without_overflow() -> None:
-    chain = SignalChain(DRIVE_HZ, 500.0)
-    angles_rad = 2 * np.pi * phases(chain, 0, 2000) / TURN
-    x = np.where(np.cos(angles_rad) > 0, 2047.0, -2048.0)
-    (measured,) = chain.measure(np.stack((sampled(x), sampled(-1 - x)), axis=1))
-    assert measured[0] == pytest.approx(least_squares(angles_rad, x), rel=5e-4)
-    assert measured[1] == pytest.approx(-measured[0], rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -172,3 +172,26 @@ def test_gains_are_taken_exactly_where_the_plate_comes_to_rest(law: str, control
             held_v = trace.voltage_v[3 * ticks // 4 :]  # probes of sensors that little is asked of end within 0.14 s
             swings = not held_v.any() or bool(np.abs(np.diff(held_v, axis=0)).max() > 1.0)
             assert (verdict is CommandResult.DONE) is not swings, gains
+
+
+@settings(max_examples=40)
+@given(
+    st.sampled_from(LAWS),
+    st.floats(200.0, 1000.0),
+    st.floats(0.5, 1.5),
+    st.floats(-20.0, 20.0),
+    st.floats(0.3, 1.5),
+    st.floats(-3.2, 3.2),
+)
+def test_damping_and_detuning_are_learned_from_holding_an_amplitude(
+    law: Law, quality: float, damping: float, detune_hz: float, amplitude_um: float, phase_rad: float
+) -> None:
+    """Under the sensors' noise and under any law: 5 % of the decay and 1 Hz within a quarter of a second."""
+    plate = LoopPlate(quality, damping, detune_hz)
+    board = law.board(plate)
+    asked_um = amplitude_um * np.exp(1j * phase_rad)
+    follow(board, constantly(asked_um, -asked_um), round(0.25 * law.control_hz), round(0.02 * law.control_hz))
+    for mode, (decay, detuning) in enumerate(board.estimate()):
+        assert decay == pytest.approx(damping * decay_1_s(quality)[mode], rel=0.05)
+        true_hz = (-10.0, 10.0)[mode] + detune_hz
+        assert detuning / (2 * np.pi) == pytest.approx(true_hz, abs=1.0)

@@ -103,18 +103,6 @@ def test_after_a_trip_three_fresh_references_ramp_the_drive_in_again(bench: Benc
     assert not (trace.flags & FLAG_DEADMAN).any()
 
 
-def test_what_the_host_wanted_before_a_trip_does_not_come_back(bench: Bench) -> None:
-    bench.arm(3 + 0j, 0j)
-    t0 = bench.board.t_us
-    bench.say(bench.polyline((0, (3 + 0j, 0j)), t_apply_us=t0 + 300_000))
-    bench.run(300)
-    for _ in range(3):
-        bench.say(bench.polyline((0, (0j, 0j)), t_apply_us=t0 + 600_000))
-    trace = bench.hold(1000)
-    assert live(trace.flags).all()
-    assert (trace.reference_um == 0).all()
-
-
 def test_references_that_come_back_during_the_ramp_wait_for_its_end(bench: Bench) -> None:
     bench.arm(2 + 0j, 0j)
     bench.run(90)

@@ -55,13 +55,6 @@ def test_the_drive_follows_a_plate_that_drifts_and_keeps_its_reach() -> None:
     assert drive_hz(left) == DRIVE_HZ
 
 
-def test_the_drive_follows_within_its_reach_only() -> None:
-    near = board()
-    near.receive(encode(SetDrive(DRIVE_HZ, 2.0)))
-    drifting(near, 4.0, 10.0)
-    assert drive_hz(near) == pytest.approx(DRIVE_HZ + 2.0, abs=0.01)
-
-
 def test_a_set_drive_leaves_the_modes_where_they_are(bench: Bench) -> None:
     assert bench.verdict(SetDrive(DRIVE_HZ + 10.0, 0.0)) is CommandResult.DONE
     (controller,) = of_kind(BoardController, bench.say(encode(ControllerRequest())))

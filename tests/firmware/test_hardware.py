@@ -47,15 +47,3 @@ def test_every_part_says_what_to_order_and_every_net_is_met_twice(hardware: Simp
         ends = [net for part in circuit.parts for net in part.nets] + list(circuit.ports)
         assert [net for net in circuit.nets if ends.count(net) < 2] == []
         assert set(circuit.ports) <= set(circuit.nets)
-
-
-def test_each_mode_of_an_image_has_a_drive_and_a_sensor(hardware: SimpleNamespace) -> None:
-    makefile = (FIRMWARE / "Makefile").read_text(encoding="utf-8")
-    modes = {board: int(n) for board, n in re.findall(r"^modes_of_(\w+) := (\d)$", makefile, re.MULTILINE)}
-    assert set(modes) == set(hardware.pins.boards())
-    for board, n in modes.items():
-        purposes = [pin.purpose for pin in hardware.pins.pins(board)]
-        assert sum("sensor of mode" in purpose for purpose in purposes) >= n, board
-        drives = sum("drive of mode" in purpose for purpose in purposes)
-        chips = sum(re.match("DIN of the DACs of modes . to", purpose) is not None for purpose in purposes)
-        assert drives + 4 * chips >= n, board

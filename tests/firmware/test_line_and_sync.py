@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 
 import numpy as np
-import pytest
 
 from hapticd import board_protocol as protocol
 from hapticd.board_protocol import CommandResult, HelloRequest, SetBaud, TimeRequest
@@ -69,16 +68,6 @@ def test_the_sync_output_rises_for_5_ms_at_the_tick_at_which_the_reference_takes
     assert applied[0].seq == bench.seq
 
 
-@pytest.mark.parametrize("marked", [True, False])
-def test_a_mark_outlives_its_reference_and_no_other_reference_pulses(bench: Bench, marked: bool) -> None:
-    bench.arm()
-    if marked:
-        pulsed(bench)
-    bench.say(bench.constant(0.5, 0.0))
-    assert rises(bench.run(40).flags) == [0] * marked
-    assert any(status.pulsed for status in bench.heard(BoardStatus)) is marked
-
-
 def test_pulses_come_20_ms_apart_at_least(bench: Bench) -> None:
     bench.arm()
     flags = []
@@ -88,17 +77,6 @@ def test_pulses_come_20_ms_apart_at_least(bench: Bench) -> None:
     starts = rises(np.concatenate(flags))
     assert (np.diff(starts) * TICK_US >= 20_000).all()
     assert len(starts) == 3
-
-
-def test_a_board_without_the_output_says_so_and_follows_the_reference_alone() -> None:
-    bench = Bench(has_sync=False)
-    (hello,) = bench.say(device.encode(HelloRequest()))
-    assert not hello.has_sync
-    bench.arm()
-    pulsed(bench)
-    trace = bench.run(40)
-    assert rises(trace.flags) == []
-    assert trace.reference_um[-1, 0].real > 0.9
 
 
 def hello_of(payload: bytes) -> list[BoardHello]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import struct
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from hapticd.values import Knot, LimitReason, SafeDrive
 from hapticd.wire import device
 from hapticd.wire.commands import encode
 
-from .m4.boards import F405, G474, H743, every_board, needs_compiler
+from .m4.boards import G474, H743, every_board, needs_compiler
 from .m4.chip import Chip
 from .m4.cpu import SCRATCH, Cpu
 from .test_golden import SCRIPT
@@ -137,37 +136,6 @@ def test_control_ticks_and_frames_give_the_same_bits(board: Chip, law: str) -> N
     assert {"BoardStatus", "BoardVerdict", "BoardLog", "SweepPoint", "TelemetrySample"} <= kinds
 
 
-def chunks(rng: np.random.Generator, n: int, modes: int) -> list[bytes]:
-    t = np.arange(n * CHUNK)
-    steps = np.array([[1400.0], [600.0], [900.0], [500.0]])[:modes]
-    wave = 2048 + steps * np.cos(2 * np.pi * 0.029205 * t + rng.uniform(0, 6, (modes, 1)))
-    words = (np.clip(np.rint(wave + rng.normal(0, 2, wave.shape)), 0, 4095).astype("<u2")).T
-    edges = np.arange(0, len(words) + 1, CHUNK)
-    return [words[a:b].tobytes() for a, b in pairwise(edges)]
-
-
-@pytest.mark.parametrize("board", [F405, G474], ids=str)
-def test_synthesis_and_demodulation_give_the_same_bits(board: Chip) -> None:
-    """2000 chunks of samples in, as many out, the voltages and the frequency changing under way."""
-    rng = np.random.default_rng(10)
-    twins, n = Twins(board, "hd_carrier_init", CONVERTERS), board.modes
-    ticks, words = 0, set()
-    for i, samples in enumerate(chunks(rng, 2000, n)):
-        _, complete = twins.call("hd_carrier_listen", samples)
-        if complete & 0xFF:
-            ticks += 1
-            measured, _ = twins.call("hd_carrier_measure", out=8 * n)
-            assert np.all(np.isfinite(np.frombuffer(measured, "<f4")))
-            voltage_v = rng.normal(0, 90, 2 * n) if i % 30 else rng.choice(EXTREMES, 2 * n)
-            twins.call("hd_carrier_drive", voltage_v.astype("<f4").tobytes())
-        if i % 100 == 99:
-            tune(twins, float(rng.uniform(28000, 31000)))
-        played, _ = twins.call("hd_carrier_speak", out=2 * n * CHUNK)
-        words.update(struct.unpack(f"<{n * CHUNK}H", played))
-    assert ticks == 200
-    assert len(words) > 3000
-
-
 def planes(words: np.ndarray) -> bytes:
     """The samples of a chunk as the STM32G474's DMA leaves them: each mode's half of its buffer."""
     return b"".join(column.tobytes() + bytes(2 * len(words)) for column in np.ascontiguousarray(words.T))
@@ -220,11 +188,3 @@ def test_a_boards_own_way_through_its_samples_gives_the_cores_bits(
         assert cpu.read(core, 400) == cpu.read(mine, 400)
         levels.update(asked.ravel().tolist())
     assert len(levels) > 500
-
-
-def tune(twins: Twins, drive_hz: float) -> None:
-    """The one call that takes a float: in s0 there, in a register of its own here."""
-    twins.cpu.set_float(0, drive_hz)
-    twins.cpu.call("hd_carrier_tune", OBJECT)
-    twins.host.hd_carrier_tune.argtypes = [ctypes.c_char_p, ctypes.c_float]
-    twins.host.hd_carrier_tune(twins.object, drive_hz)

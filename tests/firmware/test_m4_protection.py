@@ -14,7 +14,6 @@ from hapticd.board_protocol import (
     BoardState,
     BoardTime,
     BoardVerdict,
-    ClearFault,
     CommandResult,
     HelloRequest,
     SetBaud,
@@ -73,14 +72,6 @@ def test_a_board_that_must_not_drive_says_why(board: Chip, made: Callable[[Chip]
     if reason == REFERENCE:
         shown_v = next(entry.value for entry in bench.log().entries if entry.code == REFERENCE)
         assert shown_v == pytest.approx(registers.supply_v, abs=0.005)
-
-
-@every_board
-@pytest.mark.parametrize("supply_v", [3.22, 3.38])
-def test_converters_that_are_within_three_percent_drive(board: Chip, supply_v: float) -> None:
-    bench = Bench(board, registers=on_converters_of(board, supply_v))
-    drive(bench)
-    assert bench.amplifiers
 
 
 @pytest.mark.parametrize("supply_v", [3.18, 3.42])
@@ -196,22 +187,6 @@ def test_the_amplifiers_are_enabled_by_pulses_or_a_level_and_only_while_ticks_co
     assert any(levels)
     bench.run(100)
     assert not any(bench.enable_line for _ in range(4) if bench.run(0.5) is None), "low without a drive"
-
-
-@pytest.mark.parametrize("is_wired", [False, True])
-def test_wires_of_the_setup_share_a_mode_among_the_amplifiers(is_wired: bool) -> None:
-    """The paper's sum and difference, on a plate that is wired otherwise: the first ticks show what is meant."""
-    sense = "{{{1.0f, 0.0f}, {0.0f, 0.0f}}, {{0.0f, 0.0f}, {1.0f, 0.0f}}}"
-    wires = f'-DWIRING="{{.drive = {{{{0.5f, 0.5f}}, {{0.5f, -0.5f}}}}, .sense = {sense}}}"'
-    bench = Bench(F405, F405.image(2000, wires) if is_wired else None)
-    bench.arm(0.5)
-    bench.run(2)
-    bench.messages.clear()
-    bench.to_board += device.encode(ClearFault())  # which asks for a status
-    bench.run(2)
-    first, second = (abs(volts) for volts in bench.status.voltage_v)
-    assert first > 1.0
-    assert (second > 0.3 * first) is is_wired
 
 
 @every_board

@@ -54,12 +54,6 @@ TO_BOARD = {
 }
 
 
-def test_a_time_request_comes_back_with_the_boards_clock() -> None:
-    bench = Bench(t_start_us=2**32 - 50)
-    bench.board.receive(device.encode(TimeRequest(2**63 + 5)), at_us=2**32 - 20)
-    assert bench.listen(at_us=2**32 + 30) == (BoardTime(2**63 + 5, 2**32 - 20, 30),)
-
-
 def test_a_buffer_for_the_longest_message_gets_whole_frames_one_by_one(bench: Bench) -> None:
     """The most urgent first: the clock's exchange and the state do not wait for what a person asked."""
     asked = ("HELLO_REQUEST", "LOG_REQUEST", "CONTROLLER_REQUEST", "STOP", "CLEAR_FAULT", "TIME_REQUEST")
@@ -87,17 +81,6 @@ def test_every_flipped_bit_is_refused_by_the_board(bench: Bench, name: str) -> N
         assert status.bad_frames > before.bad_frames
         assert (status.seq, status.t_received_us, status.late_frames) == (0, 0, 0)
         before = status
-
-
-@settings(max_examples=40)
-@given(st.lists(st.sampled_from(sorted(TO_BOARD)), max_size=8), st.integers(1, 40))
-def test_pieces_of_any_size_do_the_same_to_the_board(names: list[str], size: int) -> None:
-    line = b"\x07\x03noise\x00" + b"".join(TO_BOARD[name] for name in names) + TO_BOARD["CLEAR_FAULT"]
-    whole, piecewise = Bench().board, Bench().board
-    whole.receive(line)
-    for start in range(0, len(line), size):
-        piecewise.receive(line[start : start + size])
-    assert piecewise.transmit() == whole.transmit() != b""
 
 
 @pytest.mark.parametrize("modes", [2, 3, 8])
@@ -210,18 +193,3 @@ def test_a_change_of_controller_ramps_the_drive_in_anew(bench: Bench) -> None:
     assert abs(trace.reference_um[0, 0]) == pytest.approx(0.1)
     assert abs(trace.plate_um[-1, 0] - 2) < 0.01
     assert bench.status().state is BoardState.LIVE
-
-
-@settings(max_examples=150)
-@given(
-    st.integers(1, 255),
-    st.one_of(st.binary(max_size=300), st.integers(0, 630).map(lambda n: b"\x2a" * n)),
-)
-def test_board_and_host_frame_alike(kind: int, payload: bytes) -> None:
-    library = firmware.load(2)
-    library.hd_frame_encode.restype = ctypes.c_size_t
-    out = ctypes.create_string_buffer(800)
-    n = library.hd_frame_encode(ctypes.c_uint8(kind), payload, ctypes.c_size_t(len(payload)), out)
-    message = bytes((kind,)) + payload
-    assert FrameSplitter(800).feed(out.raw[:n]) == [message]
-    assert out.raw[:n] == encode_frame(message)

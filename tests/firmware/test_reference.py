@@ -7,17 +7,14 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from hapticd import board_protocol as protocol
-from hapticd.board_protocol import Keepalive
 from hapticd.board_values import BoardStatus, SetController
-from hapticd.sim.board.board import FLAG_LIMITED, Board, BoardConfig
+from hapticd.sim.board.board import FLAG_LIMITED
 from hapticd.wire import device
 from hapticd.wire.framing import encode_frame
 
-from .bench import Bench, nominal_plate, untouched
+from .bench import Bench
 
 FLOAT32_UM = 4 * 2.0**-23
 
@@ -52,14 +49,6 @@ def test_a_reference_is_followed_in_time(
     np.testing.assert_allclose(trace.reference_um.T, [expected_um, -0.5j * expected_um], rtol=0, atol=FLOAT32_UM)
 
 
-def test_a_late_frame_is_joined_in_the_middle(pi_bench: Bench) -> None:
-    pi_bench.arm(0j, 0j)
-    t0 = pi_bench.board.t_us
-    pi_bench.say(pi_bench.polyline((0, (0j, 0j)), (40, (4 + 0j, 0j)), t_apply_us=t0 - 20_000))
-    assert pi_bench.run(1).reference_um[0, 0] == pytest.approx(2.05, abs=FLOAT32_UM)
-    assert pi_bench.status().late_frames == 1
-
-
 @pytest.mark.parametrize(("ahead_us", "newest"), [(12_000, (93.9999, 94.0001)), (40_000, (60, 80))])
 def test_frames_sent_faster_than_their_horizon_still_move_the_plate(
     pi_bench: Bench, ahead_us: int, newest: tuple[float, float]
@@ -70,17 +59,6 @@ def test_frames_sent_faster_than_their_horizon_still_move_the_plate(
         pi_bench.say(pi_bench.polyline((0, (0.02 * i + 0j, 0j)), t_apply_us=pi_bench.board.t_us + ahead_us))
         reference_um = pi_bench.run(4).reference_um[-1, 0].real
     assert 0.02 * newest[0] < reference_um <= 0.02 * newest[1]
-
-
-def test_duplicates_and_older_frames_change_nothing(pi_bench: Bench) -> None:
-    pi_bench.arm(0j, 0j)
-    older = pi_bench.constant(3 + 0j, 0j)
-    newer = pi_bench.constant(1 + 0j, 0j)
-    pi_bench.say(newer)
-    pi_bench.say(older)
-    pi_bench.say(newer)
-    assert pi_bench.run(10).reference_um[-1, 0] == 1
-    assert pi_bench.status().late_frames == 2
 
 
 @pytest.mark.parametrize("t_start_us", [2**32 - 80_000, 2**32 - 10_250, 2**31 - 50_000])
@@ -97,20 +75,6 @@ def test_the_clock_may_wrap_in_the_middle_of_a_run(t_start_us: int) -> None:
         return [getattr(part, name).tobytes() for part in parts for name in part.__slots__]
 
     assert history(t_start_us) == history(3_000_000)
-
-
-def test_a_reference_renewed_every_five_seconds_stands_for_longer_than_half_a_wrap() -> None:
-    bench = Bench(controller="pi", control_hz=500.0)
-    bench.arm(1 + 0j, 0.5j)
-    minutes, spans_a_minute = 37, 60 * 500 // 24
-    for span in range(minutes * spans_a_minute):
-        if span % (spans_a_minute // 12) == 0:
-            bench.say(bench.constant(1 + 0j, 0.5j))
-        else:
-            bench.board.receive(device.encode(Keepalive(bench.seq)))
-        trace = untouched(bench.board, 24)
-        assert trace.voltage_v[-1].any()
-    np.testing.assert_array_equal(trace.reference_um, np.tile([1, 0.5j], (24, 1)))
 
 
 @pytest.mark.parametrize("dt_us", [1_000_001, 2**31 - 1, -50_001, -(2**31)])
@@ -163,25 +127,6 @@ def test_an_amplitude_above_the_limit_is_scaled_with_all_modes_and_flagged(pi_be
     assert not pi_bench.status().limited
 
 
-FLOATS = st.floats(width=32, allow_nan=True, allow_infinity=True)
-
-
-@settings(max_examples=150)
-@given(st.lists(st.lists(FLOATS, min_size=4, max_size=4), min_size=1, max_size=24), st.sampled_from(["pi", "pi_ff"]))
-def test_no_frame_makes_the_reference_or_the_voltage_pass_its_limit(rows: list[list[float]], controller: str) -> None:
-    config = BoardConfig(controller=controller)
-    board = Board(nominal_plate(config, amplifier_limit_v=1e9), config=config)
-    for seq in range(3):
-        head = protocol.REFERENCE.pack(seq, 0, len(rows), 2)
-        knots = b"".join(struct.pack("<H4f", 500 * i, *row) for i, row in enumerate(rows))
-        board.receive(encode_frame(bytes((protocol.MSG_REFERENCE,)) + head + knots))
-    trace = untouched(board, 100)
-    assert np.abs(trace.reference_um).max() <= 4 * (1 + 1.2e-6)
-    assert np.abs(trace.voltage_v).max() <= 150 * (1 + 1e-7)
-    if not np.isfinite(rows).all():
-        assert (trace.voltage_v == 0).all()
-
-
 def test_each_reference_is_acknowledged_once_when_it_takes_effect(pi_bench: Bench) -> None:
     pi_bench.arm(0j, 0j)
     pi_bench.messages.clear()
@@ -205,8 +150,3 @@ def test_a_change_of_law_at_the_start_of_a_polyline_does_not_skip_it(bench: Benc
     bench.run(1)
     bench.say(device.encode(SetController("pi")))
     assert np.abs(bench.run(1).reference_um).max() == 0
-
-
-def test_a_status_comes_every_100_ms_without_an_event(bench: Bench) -> None:
-    bench.run(2000)
-    assert [m.t_board_us for m in bench.messages] == list(range(100_000, 1_000_001, 100_000))

@@ -1,51 +1,70 @@
-"""Wires and sensors that are far from a reference's modes quieten the plate within 120 ms too (the plain ones are
-test_faults'); a plate that drifts or is touched does not.
+"""What is not as the board believes ends in a fault that fits, in time; a plate that drifts or is touched does not.
 
 Half a sensor's gain looks like a damped plate and is left to the self-test.
 """
 
 from __future__ import annotations
 
-import cmath
-import math
-from dataclasses import replace
-from typing import Any
-
+import firmware_faults
 import numpy as np
 import pytest
 from soak import endurance
 
+from hapticd.board_protocol import FAULTS
 from hapticd.sim.board.board import Board, BoardConfig
-from hapticd.sim.board.closed_loop import LIMIT_V, NOISE_UM, follow
+from hapticd.sim.board.carrier import Converters
+from hapticd.sim.board.closed_loop import NOISE_UM, follow
 
-from .bench import Bench, constantly, nominal_plate, quiet_after_ms
+from .bench import constantly, nominal_plate, quiet_after_ms
 
 QUIET_WITHIN_MS = 120.0
 CONFIG = BoardConfig()
 
 
-def board(config: BoardConfig = CONFIG, **changes: Any) -> Board:
-    return Board(nominal_plate(CONFIG, **{"noise_um": NOISE_UM} | changes), config=config)
+WITHIN_MS = {"out of reach, 3.9 um": 101e3}
+# A phase of 80 degrees is nearly that of motion against the drive, and either is found first; so it is with a dead
+# sensor where each of them sees both modes.
+CODES = {"sensors dead": {4}, "one sensor dead": {4}, "paper's wiring, sensor dead": {4, 8}, "swapped": {8}}
+CODES |= {"inverted": {8}, "50 degrees": {7}, "80 degrees": {7, 8}, "gain": {7}}
+CODES |= {"ADC": {9}, "out of reach": {10}}
 
 
-def held_ms(broken: Board, asked_um: tuple[float, ...]) -> float:
-    """How long there is any voltage, in a run of 0.4 s that asks for these amplitudes; infinite if to its end."""
-    return quiet_after_ms(follow(broken, constantly(*asked_um), 800, 100))
+@pytest.fixture(scope="module")
+def rows() -> dict[str, dict[str, float]]:
+    return {name: firmware_faults.row(runs()) for name, runs in firmware_faults.causes().items()}
 
 
-@pytest.mark.parametrize(("glitch_um", "code"), [(20.0, 7), (1e10, 7), (1e18, 7), (1e25, 2), (1e38, 2)])
-def test_one_absurd_measurement_is_a_fault_and_moves_the_plate_within_its_limit(
-    bench: Bench, glitch_um: float, code: int
-) -> None:
-    bench.arm(1 + 0j, 0.5 + 0j)
-    bench.hold(40)
-    bench.board.fake_measurement(np.full(2, complex(glitch_um)))
-    bench.run(1)
-    bench.board.fake_measurement(None)
-    trace = bench.hold(120)
-    assert bench.messages[-1].fault_code == code
-    assert not trace.voltage_v[-1].any()
-    assert np.abs(trace.plate_um).max() <= 4.0
+def test_every_cause_is_quiet_within_its_time(rows: dict[str, dict[str, float]]) -> None:
+    for name, figures in rows.items():
+        print(f"\n{name:36} {figures}", end="")
+        assert figures["quiet_ms"] <= WITHIN_MS.get(name, QUIET_WITHIN_MS), name
+        assert figures["peak_v"] <= 150.0 * (1.0 + 1e-6), name
+        assert int(figures["fault_code"]) in FAULTS.keys() - {0}, name
+
+
+def test_its_fault_says_what_it_is(rows: dict[str, dict[str, float]]) -> None:
+    for word, codes in CODES.items():
+        found = {int(figures["fault_code"]) for name, figures in rows.items() if word in name}
+        assert found, word
+        assert found <= codes, word
+
+
+def stroked(driven: firmware_faults.Board) -> firmware_faults.Run:
+    """Ask for amplitudes near 1.5 um that bend every 2.5 ms, as those of fingers on a stroke."""
+    random, modal_um = np.random.default_rng(4), np.array([1.5, -1.0], complex)
+
+    def knots(_: float) -> list[tuple[float, firmware_faults.Phasors]]:
+        return [(2.5 * i, modal_um + random.uniform(-0.15, 0.15, 2).astype(complex)) for i in range(4)]
+
+    return driven, firmware_faults.follow(driven, knots, round(firmware_faults.SECONDS * 2000), 20)
+
+
+def test_a_board_that_is_right_has_no_fault() -> None:
+    board = firmware_faults.board
+    offset = firmware_faults.held(board(converters=Converters(offset_lsb=1500.0)), (2.0, 0.0))  # leaves room for 2 um
+    for run in (firmware_faults.held(board(), (3.0, 0.5)), stroked(board()), offset):
+        assert firmware_faults.figures(run)["fault_code"] == 0.0
+        assert run[1].voltage_v[-1].any()
 
 
 @pytest.mark.parametrize("modes", [2, 4, 6, 8])
@@ -62,33 +81,8 @@ def test_a_dead_sensor_of_a_mode_far_from_the_drive_quietens_the_plate(modes: in
     for dead in range(modes):
         alive = np.diag([float(k != dead) for k in range(modes)])
         plate = nominal_plate(config, sensor=alive, noise_um=NOISE_UM)
-        assert held_ms(Board(plate, config=config), (3.9 * scale,) * modes) <= QUIET_WITHIN_MS
-
-
-@pytest.mark.parametrize("detuned_frac", [-0.5, 0.0, 0.5])
-@pytest.mark.parametrize("asked_um", [(0.0, 0.7), (0.7, 0.0), (0.1, 0.7), (0.3, 0.5)])
-def test_a_mode_that_a_heavy_finger_pushes_from_its_reference_is_no_fault(
-    asked_um: tuple[float, float], detuned_frac: float
-) -> None:
-    ticks, heavy_1_s = 2000, 600.0
-    phi, load_1_s = np.ones((ticks, 1, 2)), np.full((ticks, 1), heavy_1_s)
-    touch = (phi, load_1_s, detuned_frac * load_1_s)
-    trace = follow(board(), constantly(*asked_um), ticks, 100, touch)
-    assert (np.abs(trace.voltage_v[-1]) > 0.5 * LIMIT_V).any()
-
-
-@pytest.mark.parametrize("known", [0.9, 1.1])
-@pytest.mark.parametrize("angle_deg", range(0, 360, 45))
-def test_feedthrough_that_is_known_to_a_tenth_does_not_look_like_wrong_wires(angle_deg: float, known: float) -> None:
-    """On a plate of half the damping, 100 Hz off."""
-    through = 0.02 * cmath.exp(1j * math.radians(angle_deg)) * np.eye(2)
-    sound = board(
-        replace(CONFIG, feedthrough_um_per_v=known * through),
-        decay_1_s=0.5 * np.array(CONFIG.decay_1_s),
-        detuning_rad_s=np.array(CONFIG.detuning_rad_s) + 2.0 * np.pi * 100.0,
-        through_um_per_v=through,
-    )
-    assert held_ms(sound, (1.0, 0.6)) == math.inf
+        trace = follow(Board(plate, config=config), constantly(*(3.9 * scale,) * modes), 800, 100)
+        assert quiet_after_ms(trace) <= QUIET_WITHIN_MS
 
 
 def test_drift_damping_fingers_and_any_references_are_no_fault() -> None:

@@ -59,14 +59,6 @@ def test_no_amplifier_is_ever_above_its_limit_and_both_modes_reach_theirs() -> N
         np.testing.assert_allclose(held.plate_um[-50:].mean(axis=0), [3.9, 3.9 * sign], atol=0.01)
 
 
-def test_what_the_wires_mix_the_modes_do_not_see() -> None:
-    """A step of one mode leaves the other alone, as with an amplifier and a sensor for each."""
-    for name in (IDENTITY, PAPER):
-        trace = follow(board(name), constantly(2.0, 0.0), 200, 100)
-        assert np.abs(trace.plate_um[:, 1]).max() < 0.01
-        assert np.abs(trace.plate_um[-20:, 0] - 2.0).max() < 0.01
-
-
 def test_a_board_that_is_given_its_wiring_drives_the_papers_plate(bench: Bench) -> None:
     wires = wiring(PAPER, 2)
     bench.board = Board(board().model, config=OWN)

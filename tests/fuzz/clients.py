@@ -1,8 +1,7 @@
-"""Messages of clients, of the gateway's pages: a documented error, or values in bounds."""
+"""Messages of clients: a documented error, or values in bounds."""
 
 from __future__ import annotations
 
-import json
 import math
 
 import msgpack
@@ -12,10 +11,8 @@ from fuzz.target import Cost, Target
 from hapticd.core.targets.forms import Course
 from hapticd.core.targets.scene import Scene
 from hapticd.errors import RequestError
-from hapticd.tools.gateway import messages
 from hapticd.wire.client import answer, decode_request, decode_targets
 from hapticd_contract import base, effects, requests, surfaces, targets
-from hapticd_contract.web import Follow
 
 LONGEST_SENTENCE = 250
 LONGEST_LIST = max(targets.MAX_TARGETS, targets.MAX_SURFACES, surfaces.MAX_PATH_POINTS, surfaces.MAX_POLYGON_POINTS)
@@ -118,31 +115,4 @@ def client_extremes() -> dict[str, bytes]:
     }
 
 
-def check_gateway(data: bytes) -> bool:
-    """A text of any characters: refused in a short sentence, or a message that the daemon reads as the gateway did."""
-    try:
-        message = messages.decode(data.decode("utf-8", "replace"))
-        payload = b"" if isinstance(message, Follow) else messages.encode(message)
-    except messages.RefusedMessage as error:
-        check_refusal(str(error), error.request_id)
-        return False
-    assert len(payload) <= base.MAX_MESSAGE_BYTES
-    if isinstance(message, Follow):
-        assert message.states in ("newest", "every", "none")
-    elif isinstance(message, targets.TargetsMessage):
-        assert decode_targets(payload) == message
-    else:
-        assert decode_request(payload) == message
-    return True
-
-
-def check_refusal(sentence: str, request_id: int) -> None:
-    assert 0 < len(sentence) <= LONGEST_SENTENCE
-    assert requests.UNREAD_REQUEST_ID <= request_id < 2**32
-    assert json.loads(messages.refusal(sentence, request_id))["ok"] is False
-
-
-TARGETS = (
-    Target("client", check_client, Cost(3000, 300_000), Cost(30, 200)),
-    Target("gateway", check_gateway, Cost(1000, 50_000), Cost(8, 200), max_len=8192),
-)
+TARGETS = (Target("client", check_client, Cost(3000, 300_000), Cost(30, 200)),)

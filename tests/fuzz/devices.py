@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
-import dataclasses
 import json
 import math
 from collections.abc import Iterable, Iterator
@@ -13,7 +11,6 @@ from datagrams import tuio1, tuio2
 
 from fuzz.target import CORPORA, Cost, Target
 from hapticd.values import Contact, TouchFrame
-from hapticd.wire import device
 from hapticd.wire.trackpad import MAX_RECORDS, PADS, Decoder, Pad, PadGeometry, evdev, tuio
 
 MODELS = tuple(PADS)
@@ -22,7 +19,6 @@ SCREEN = Pad("evdev", "screen", "evdev", PadGeometry(0, 4000, -4000, 0, 400.0, 2
 SURFACE = tuio.surface(400.0, 200.0)
 FARTHEST_MM = 2.5 * math.hypot(400.0, 200.0)  # from the surface's centre: a share of its sides is at most 2
 LONGEST_NS = 1 << 33  # between a frame's instant and its report's
-BUFFER_MAX = 512  # hapticd.wire.board_messages.FRAME_MAX, as FrameSplitter is given it
 EVENT_BYTES, KINDS = 8, (0, 1, 3, 4)  # type, code and value of an input event, in the corpus's short form
 
 
@@ -132,45 +128,9 @@ def tracker_seeds() -> dict[str, bytes]:
     return {name: b"".join(bytes((len(one) // 4, 1)) + one for one in datagrams) for name, datagrams in sent.items()}
 
 
-def check_board(data: bytes) -> bool:
-    """A byte for the size of the pieces, then the line: in any pieces it gives the same sound messages."""
-    line, size = data[1:], max(data[0] if data else 1, 1)
-    whole, piecewise = device.Decoder(), device.Decoder()
-    messages = whole.feed(line)
-    pieces = [line[at : at + size] for at in range(0, len(line), size)]
-    assert repr(tuple(m for piece in pieces for m in piecewise.feed(piece))) == repr(messages)
-    assert piecewise.counters == whole.counters
-    assert len(messages) + sum(whole.counters.values()) <= line.count(0)
-    assert len(piecewise._splitter._rest) <= BUFFER_MAX + 1  # by which one shows that it is too long
-    for message in messages:
-        for value in dataclasses.astuple(message) if dataclasses.is_dataclass(message) else message:
-            check_finite(value)
-    return bool(messages)
-
-
-def check_finite(value: object) -> None:
-    """Whatever a message holds, its numbers can be used."""
-    if isinstance(value, (tuple, list)):
-        for item in value:
-            check_finite(item)
-    elif isinstance(value, (complex, float)):
-        assert cmath.isfinite(value)
-
-
-def board_seeds() -> dict[str, bytes]:
-    """A line of each kind of message in the golden conversation, and all of them."""
-    lines: dict[str, bytes] = {}
-    for row in map(json.loads, (CORPORA / "board-golden.jsonl").read_text(encoding="utf-8").splitlines()):
-        if "board" in row:
-            lines.setdefault(row["board"], bytes.fromhex(row["line"]))
-    found = {name: b"\x07" + line for name, line in lines.items()}
-    return found | {"cut": b"\x01" + b"".join(line[: len(line) // 2] + line for line in lines.values())}
-
-
 PAD_COSTS = Cost(3000, 100_000), Cost(60, 500)
 TARGETS = (
     Target("trackpad", check_trackpad, *PAD_COSTS, trackpad_seeds),
     Target("touchscreen", check_touchscreen, *PAD_COSTS),
     Target("tracker", check_tracker, *PAD_COSTS, tracker_seeds),
-    Target("device", check_board, Cost(3000, 200_000), Cost(100, 800), board_seeds),
 )

@@ -1,5 +1,5 @@
-"""Files that a person writes: configuration and recordings of a trackpad. (Maps of the mode shapes, calibration files
-and what strains a reader most have tests of their own.)
+"""Files that a person writes: configuration and recordings of a trackpad. (Maps of the mode shapes, calibrations, the
+daemon's own recordings, frames of the board, and what strains a reader most have tests of their own.)
 
 Each is read from a real file, as the programs do; what is refused is refused in one printable sentence.
 """

@@ -5,15 +5,14 @@ from __future__ import annotations
 import logging
 import math
 import struct
-from collections import deque
 from itertools import pairwise
 from typing import Any
 
 import machine_bench
-import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from machine_bench import MS, SLIPPERY, STICKY
 from outsiders import board as outsider
 from outsiders.board import Board
 
@@ -21,15 +20,8 @@ from hapticd.board_values import UNCALIBRATED, BoardCalibration, ModeCalibration
 from hapticd.config.sections import Config, DeviceConfig
 from hapticd.core.board.link import MOST_UNREAD
 from hapticd.core.board.supervisor import State
-from hapticd.daemon.machine import TIMER_NS, Machine
-from hapticd.sim.fingers.pad_noise import PadNoise
-from hapticd.sim.fingers.paths import Line, Path, Rest, Touch
-from hapticd.sim.fingers.sensor import SensorModel, SensorSettings
+from hapticd.sim.fingers.paths import Line, Path
 
-MS = 1_000_000
-START_NS = 30_000_000_000
-LINK_NS = 2 * MS
-SLIPPERY, STICKY = Rest((-30.2, 5.1)), Rest((21.3, -14.9))
 STROKE = Line((-40.0, 5.0), (40.0, 5.0), 60.0)
 
 
@@ -38,76 +30,59 @@ def _everything_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "hapticd")
 
 
-class Stand:
-    """The daemon's machine and the outsider's board at either end of a line of 2 ms, with fingers on the pad."""
+class Port:
+    """The outsider's board in place of `machine_bench.FakeBoard`."""
 
-    def __init__(
-        self, board: Board, *paths: Path, calibration: BoardCalibration = UNCALIBRATED, port: str = "/dev/ttyACM0"
-    ) -> None:
-        self.board, self.t_ns = board, START_NS
+    plugged, heard = True, ()
+
+    def __init__(self, bench: Stand, _protocol_hash: int) -> None:
+        self.bench = bench
         self.is_cut = False  # what the host writes is lost
+
+    def write(self, line: bytes) -> int:
+        if not self.is_cut:
+            self.bench.outsider.feed(line)
+        return self.bench.t_ns
+
+    def status(self) -> None:
+        """It sends its own."""
+
+
+class Stand(machine_bench.Bench):
+    """The daemon's machine and the outsider's board, with fingers on the pad."""
+
+    new_board = Port
+
+    def __init__(self, *paths: Path, calibration: BoardCalibration = UNCALIBRATED, censor: Any = None) -> None:
+        self.outsider = Board()
+        self.outsider.censor = censor or self.outsider.censor
         self.is_stopped = False  # the host, as by SIGSTOP
-        self._to_board: deque[tuple[int, bytes]] = deque()
-        self._to_host: deque[tuple[int, bytes]] = deque()
-        config = Config(device=DeviceConfig(port=port))
-        self.machine = Machine(config, machine_bench.PLATE, write_board=self._write, calibration=calibration)
-        sensor = SensorModel(SensorSettings(noise=PadNoise(0.0), stamp_jitter_ms=0.0), 1)
-        self._reports = iter(sensor.reports([Touch(path, 0.3) for path in paths], 10.0))
-        self._report = next(self._reports, None)
-        self.machine.trackpad_link(True, "a pad", self.t_ns)
-        self.machine.board_link(True, "a board", self.t_ns)
+        super().__init__(*paths, calibration=calibration, config=Config(device=DeviceConfig(port="/dev/ttyACM0")))
 
-    def _write(self, line: bytes) -> int:
-        self._to_board.append((self.t_ns + LINK_NS, line))
-        return self.t_ns
-
-    def run(self, milliseconds: int) -> None:
-        """Half a millisecond at a time: the board's tick."""
-        for step in range(2 * milliseconds):
-            self.t_ns += MS // 2
-            while self._to_board and self._to_board[0][0] <= self.t_ns:
-                _, line = self._to_board.popleft()
-                if not self.is_cut:
-                    self.board.feed(line)
-            self.board.advance((self.t_ns - START_NS) // 1000)
-            if self.board.said:
-                self._to_host.append((self.t_ns + LINK_NS, bytes(self.board.said)))
-                self.board.said.clear()
-            if self.is_stopped:
-                continue
-            if (self.t_ns - START_NS) % TIMER_NS == 0:
-                self.machine.timer(self.t_ns)
-            while self._to_host and self._to_host[0][0] <= self.t_ns:
-                self.machine.board_bytes(self._to_host.popleft()[1], self.t_ns)
-            self._touch()
-            if step % 200 == 0 and self.machine.pipeline.fingers:
-                self.set_targets()
-
-    def _touch(self) -> None:
-        while self._report is not None and START_NS + self._report.t_arrive_s * 1e9 <= self.t_ns:
-            self.machine.reports([machine_bench.RawReport(self.t_ns, self._report.data)], self.t_ns)
-            self._report = next(self._reports, None)
-
-    def set_targets(self) -> None:
-        ids = [finger.finger_id for finger in self.machine.pipeline.fingers]
-        targets = [{"finger": key, "amplitude_um": float(key == ids[0])} for key in ids]
-        payload = msgpack.packb({"v": 1, "client": "test", "ttl_s": 1.0, "targets": targets})
-        self.machine.targets(payload, self.t_ns)
+    def _step(self) -> None:
+        board = self.outsider
+        board.advance((self.t_ns - machine_bench.START_NS) // 1000)
+        self.from_board += [bytes(board.said)] if board.said else []
+        board.said.clear()
+        if not self.is_stopped:
+            super()._step()
+            if self.t_ns // MS % 100 == 0 and (fingers := self.machine.pipeline.fingers):
+                self.set_targets({one.finger_id: float(one is fingers[0]) for one in fingers}, ttl_s=1.0)
 
     def driven(self) -> Stand:
         self.run(600)
-        assert self.machine.supervisor.state is State.ACTIVE
+        assert self.state is State.ACTIVE
         assert self.peak_um(100) > 0.3
         return self
 
     def peak_um(self, milliseconds: int) -> float:
         """The plate's largest amplitude in the last ones."""
-        return max(um for t_us, um in self.board.peaks_um if t_us > self.board.t_us - 1000 * milliseconds)
+        return max(um for t_us, um in self.outsider.peaks_um if t_us > self.outsider.t_us - 1000 * milliseconds)
 
     def references(self, milliseconds: int) -> int:
         """How many the board has received in the last ones."""
-        from_us = self.board.t_us - 1000 * milliseconds
-        return sum(kind == outsider.REFERENCE and t_us > from_us for t_us, kind in self.board.received)
+        from_us = self.outsider.t_us - 1000 * milliseconds
+        return sum(kind == outsider.REFERENCE and t_us > from_us for t_us, kind in self.outsider.received)
 
     @property
     def status(self) -> dict[str, Any]:
@@ -130,8 +105,8 @@ def test_the_outsiders_frames_are_those_of_the_examples() -> None:
 def test_fingers_are_driven_and_nothing_that_is_sent_is_late_invalid_or_beyond_a_limit(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    board = Board()
-    stand = Stand(board, STROKE, STICKY).driven()
+    stand = Stand(STROKE, STICKY).driven()
+    board = stand.outsider
     stand.run(1500)  # past the wrap of the board's clock
     assert (board.state, board.trips, board.bad_frames) == (outsider.LIVE, 0, 0)
     assert board.worst_late_us <= outsider.TICK_US  # the latency is measured: half of the frames are just late
@@ -141,8 +116,8 @@ def test_fingers_are_driven_and_nothing_that_is_sent_is_late_invalid_or_beyond_a
 
 
 def test_still_fingers_are_kept_alive_within_the_dead_man_time() -> None:
-    board = Board()
-    stand = Stand(board, SLIPPERY, STICKY).driven()
+    stand = Stand(SLIPPERY, STICKY).driven()
+    board = stand.outsider
     stand.run(1000)
     alive = [t_us for t_us, kind in board.received if kind in (outsider.REFERENCE, outsider.KEEPALIVE)]
     assert max(after - before for before, after in pairwise(alive)) <= 25_000
@@ -151,40 +126,40 @@ def test_still_fingers_are_kept_alive_within_the_dead_man_time() -> None:
 
 
 def test_a_cut_line_quiets_the_plate_within_the_dead_man_time_and_is_driven_again_afterwards() -> None:
-    stand = Stand(Board(), STROKE, STICKY).driven()
-    stand.is_cut = True
+    stand = Stand(STROKE, STICKY).driven()
+    stand.board.is_cut = True
     stand.run(150)
     assert stand.peak_um(50) < 0.01
-    assert stand.board.trips == 1
-    stand.is_cut = False
+    assert stand.outsider.trips == 1
+    stand.board.is_cut = False
     stand.run(100)
-    assert stand.board.state == outsider.LIVE
+    assert stand.outsider.state == outsider.LIVE
     assert stand.peak_um(20) > 0.3
 
 
 def test_a_stopped_daemon_blames_no_board_and_drives_again(caplog: pytest.LogCaptureFixture) -> None:
-    stand = Stand(Board(), SLIPPERY, STICKY).driven()
+    stand = Stand(SLIPPERY, STICKY).driven()
     stand.is_stopped = True
     stand.run(4995)
     assert stand.peak_um(1000) < 0.01
-    while sum(len(data) for _, data in stand._to_host) > 1024:
-        stand._to_host.pop()  # of a terminal whose buffer is full the newest are lost
+    while sum(map(len, stand.from_board)) > 1024:
+        stand.from_board.pop()  # of a terminal whose buffer is full the newest are lost
     stand.is_stopped = False
     stand.run(150)
     assert [line for line in said(caplog) if line.startswith("board")] == []
-    assert stand.board.state == outsider.LIVE
+    assert stand.outsider.state == outsider.LIVE
     assert stand.peak_um(20) > 0.3
 
 
 def test_a_reset_board_is_greeted_calibrated_and_driven_again() -> None:
     calibration = BoardCalibration((ModeCalibration(0, 29195.0, 500.0, 5.17, 0.1),))
-    stand = Stand(Board(), STROKE, STICKY, calibration=calibration).driven()
-    stand.board.reset(boot_id=9)
+    stand = Stand(STROKE, STICKY, calibration=calibration).driven()
+    stand.outsider.reset(boot_id=9)
     stand.run(900)
-    kinds = [kind for _, kind in stand.board.received]
+    kinds = [kind for _, kind in stand.outsider.received]
     assert kinds.count(outsider.SET_CONTROLLER) == kinds.count(outsider.SET_MODEL) == 2
     assert stand.status["reboots"] == 1
-    assert stand.board.state == outsider.LIVE
+    assert stand.outsider.state == outsider.LIVE
     assert stand.peak_um(50) > 0.3
 
 
@@ -204,15 +179,15 @@ def with_status_of_nan(kind: int, payload: bytes) -> bytes | None:
 def test_a_board_that_answers_the_time_but_sends_no_status_is_not_driven(
     censor: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
-    stand = Stand(Board(), STROKE, STICKY).driven()
-    stand.board.censor = censor
-    before = len(stand.board.received)
+    stand = Stand(STROKE, STICKY).driven()
+    stand.outsider.censor = censor
+    before = len(stand.outsider.received)
     stand.run(170)
-    sent = [kind for _, kind in stand.board.received[before:]].count(outsider.REFERENCE)
+    sent = [kind for _, kind in stand.outsider.received[before:]].count(outsider.REFERENCE)
     assert 10 < sent <= MOST_WITHOUT_STATUS
-    before = len(stand.board.received)
+    before = len(stand.outsider.received)
     stand.run(3830)
-    later = [kind for _, kind in stand.board.received[before:]]
+    later = [kind for _, kind in stand.outsider.received[before:]]
     assert later.count(outsider.REFERENCE) <= 2
     assert later.count(outsider.KEEPALIVE) == 0
     assert later.count(outsider.TIME_REQUEST) <= 60
@@ -220,20 +195,20 @@ def test_a_board_that_answers_the_time_but_sends_no_status_is_not_driven(
     (sentence,) = said(caplog)
     assert "sends no status" in sentence
     assert stand.status["lacking"] == sentence.removeprefix("board: ")
-    assert stand.machine.supervisor.state is State.IDLE
+    assert stand.state is State.IDLE
     caplog.clear()
-    stand.board.censor = lambda _, payload: payload
+    stand.outsider.censor = lambda _, payload: payload
     stand.run(200)
     assert stand.peak_um(20) > 0.3
     assert "lacking" not in stand.status
 
 
 def test_a_board_that_answers_nothing_is_sent_two_references() -> None:
-    stand = Stand(Board(), STROKE, STICKY).driven()
-    before = len(stand.board.received)
-    stand.board.censor = lambda *_: None
+    stand = Stand(STROKE, STICKY).driven()
+    before = len(stand.outsider.received)
+    stand.outsider.censor = lambda *_: None
     stand.run(900)
-    kinds = [kind for _, kind in stand.board.received[before:]]
+    kinds = [kind for _, kind in stand.outsider.received[before:]]
     assert kinds.count(outsider.REFERENCE) == MOST_UNREAD
     assert kinds.count(outsider.TIME_REQUEST) >= 10
     assert stand.peak_um(800) < 0.01
@@ -253,8 +228,9 @@ def hello_with(**fields: object) -> Any:
     return censor
 
 
-def refusing(kind: int, payload: bytes) -> bytes:
-    return bytes((payload[0], outsider.OUT_OF_RANGE)) if kind == outsider.VERDICT else payload
+def refusing(result: int) -> Any:
+    """A censor of verdicts."""
+    return lambda kind, payload: bytes((payload[0], result)) if kind == outsider.VERDICT else payload
 
 
 @pytest.mark.parametrize(
@@ -270,15 +246,13 @@ def refusing(kind: int, payload: bytes) -> bytes:
         (hello_with(control_hz=0.0), "control_hz is 0, not within 500..50000"),
         (only(outsider.VERDICT), "no VERDICT on its controller and models"),
         (only(outsider.TIME), "no TIME that continues its clock"),
-        (refusing, "refuses the control law or its gains: a value is out of range"),
+        (refusing(outsider.OUT_OF_RANGE), "refuses the control law or its gains: a value is out of range"),
     ],
 )
 def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_the_status(
     censor: Any, named: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    board = Board()
-    board.censor = censor
-    stand = Stand(board, SLIPPERY, STICKY)
+    stand = Stand(SLIPPERY, STICKY, censor=censor)
     stand.run(2000)
     (sentence,) = said(caplog)
     assert named in sentence
@@ -287,25 +261,23 @@ def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_t
     stand.run(2000)
     assert said(caplog) == [sentence]
     assert stand.references(4000) == 0
-    assert board.state == outsider.QUIET
+    assert stand.outsider.state == outsider.QUIET
 
 
 def test_a_refused_setting_is_repeated_until_the_board_takes_it(caplog: pytest.LogCaptureFixture) -> None:
-    board = Board()
-    board.censor = lambda kind, p: bytes((p[0], outsider.BUSY)) if kind == outsider.VERDICT else p
-    stand = Stand(board, STROKE, STICKY)
+    stand = Stand(STROKE, STICKY, censor=refusing(outsider.BUSY))
     stand.run(1000)
     assert stand.references(1000) == 0
     assert "refuses the control law or its gains: it is busy" in "".join(said(caplog))
-    board.censor = lambda _, payload: payload
+    stand.outsider.censor = lambda _, payload: payload
     stand.run(400)
     assert stand.peak_um(100) > 0.3
     assert "refused" not in stand.status
 
 
 def test_a_clock_that_runs_backwards_is_said_and_the_board_is_not_driven(caplog: pytest.LogCaptureFixture) -> None:
-    stand = Stand(Board(), STROKE, STICKY).driven()
-    stand.board.runs_backwards = True
+    stand = Stand(STROKE, STICKY).driven()
+    stand.outsider.runs_backwards = True
     stand.run(4000)
     first, *others = dict.fromkeys(said(caplog))
     assert "Clock discontinuity" in first
@@ -324,7 +296,7 @@ WHIMS: dict[str, Any] = {
     "HELLO of NaN": hello_with(limits=(math.nan, math.nan)),
     "HELLO of no modes": hello_with(modes=0),
     "HELLO without a dead-man": hello_with(deadman_ms=0),
-    "refusing": refusing,
+    "refusing": refusing(outsider.OUT_OF_RANGE),
 }
 
 
@@ -334,8 +306,8 @@ WHIMS: dict[str, Any] = {
 def test_a_board_of_any_whims_is_driven_only_while_it_reports_and_again_once_it_is_in_order(
     whims: list[tuple[str, int]],
 ) -> None:
-    stand, reported_us = Stand(Board(), SLIPPERY, STICKY), [0]
-    board = stand.board
+    stand, reported_us = Stand(SLIPPERY, STICKY), [0]
+    board = stand.outsider
 
     def witnessed(kind: int, payload: bytes) -> bytes | None:
         let_pass = censor(kind, payload)

@@ -137,12 +137,8 @@ def test_rules_open_the_trackpads_that_the_daemon_looks_for_and_no_others() -> N
     known = {(ids.bus == BLUETOOTH, (ids.vendor_id, ids.product_id)) for pad in PADS.values() if (ids := pad.ids)}
     assert usb == {ids for is_bluetooth, ids in known if not is_bluetooth}
     assert bluetooth == {ids for is_bluetooth, ids in known if is_bluetooth}
-
-
-def test_modem_manager_leaves_the_board_alone() -> None:
-    boards = [line for line in rule_lines() if "ttyACM" in line]
-    assert len(boards) == 1
-    assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in boards[0]
+    (board,) = [line for line in rule_lines() if "ttyACM" in line]
+    assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in board, "ModemManager leaves it alone"
 
 
 def test_the_configuration_runs_the_simulated_plate_as_it_stands() -> None:

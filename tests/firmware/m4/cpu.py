@@ -99,11 +99,6 @@ class Cpu:
             raise AssertionError(f"{symbol} did not return: pc is {self._uc.reg_read(arm.UC_ARM_REG_PC):#x}")
         return int(self._uc.reg_read(arm.UC_ARM_REG_R0))
 
-    def set_float(self, register: int, value: float) -> None:
-        """The next call's float arguments are in s0, s1, ..."""
-        (bits,) = struct.unpack("<I", struct.pack("<f", value))
-        self._uc.reg_write(arm.UC_ARM_REG_S0 + register, bits)
-
     def interrupt(self, irq: int, *, amid: Callable[[], object] | None = None, instructions: int = 0) -> None:
         """Calls a handler as an interrupt would: whatever ran before goes on as if nothing had happened.
 

@@ -157,7 +157,7 @@ H743 = Chip(
     core_hz=384e6,
     line_hz=96e6,
     window_hz=96e6,
-    load_max=0.63,
+    load_max=0.61,
     reset_flags=(
         1 << 23 | 1 << 21 | _PIN,
         _PIN,

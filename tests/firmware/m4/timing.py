@@ -1,10 +1,9 @@
 """Cycles of a piece of program, by the tables of the Cortex-M4's manual, on an M7 too, which has none.
 
-ARM DDI 0439B, table 3-1 with its notes 3.3.2 and 3.3.3, and table 7-1: a load takes 2 cycles and 1 right after another
-load or store, a store with an immediate offset 1, an address made by the instruction before one more, a floating-point
-result needed by the next instruction one more, division and square root 14, an integer division its 12. A taken branch
-refills the pipeline in 3 cycles, the slowest of 1 to 3. To enter and to leave an interrupt take 12 cycles each, and 17
-more for the FPU's registers. Bus contention is left out, and so are wait states, but for those of a `Flash`.
+ARM DDI 0439B, tables 3-1 and 7-1: a load takes 2 cycles, 1 right after a load or a store, a store 1, division and
+square root 14, an integer division its 12. A taken branch refills the pipeline in 3 cycles, the slowest of 1 to 3. To
+enter and to leave an interrupt take 12 cycles each, and 17 more for the FPU's registers. Left out: bus contention,
+waits for an address or a floating-point result, and wait states but for a `Flash`'s.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import re
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 
 from .chip import Chip
 from .cpu import Cpu
@@ -21,12 +19,14 @@ from .image import Image, Instruction
 
 INTERRUPT_CYCLES = 2 * (12 + 17)
 _REFILL = 3
-_DIVISION = 12
-_FLOAT_SLOW = {"vdiv.f32": 14, "vsqrt.f32": 14, "vmla.f32": 3, "vmls.f32": 3, "vfma.f32": 3, "vfms.f32": 3}
-_FLOAT_RESULT = re.compile(r"v(add|sub|mul|div|sqrt|cvt|neg|abs|mla|mls|fma|fms|nmul)\b")
-_MULTIPLE = re.compile(r"(v?push|v?pop|v?ldm|v?stm)(ia|db)?(\.[nw])?")
-_SINGLE = re.compile(r"v?(ldr|str)(b|h|sb|sh)?(eq|ne|cs|cc|mi|pl|hi|ls|ge|lt|gt|le)?(\.[nw])?")
-_IMMEDIATE_STORE = re.compile(r"v?str\S* .*\[\w+(, #-?\d+)?\]")
+_ACCESS = re.compile(r"v?(ldr|str)(?!d)")
+_CYCLES = {
+    r"ldrd|strd|v(ldr|str).* d|v(ml|fm)[as]\.": 3,
+    r"v?ldr|ml[as] |[di]sb|msr |mrs ": 2,
+    r"vdiv|vsqrt": 14,
+    r"[us]div": 12,
+    r"tb[bh]": 2 + _REFILL,
+}
 
 
 def _registers(operands: str) -> int:
@@ -39,42 +39,12 @@ def _registers(operands: str) -> int:
     return count
 
 
-def _single(instruction: Instruction, before: Instruction | None) -> int:
-    """A load or a store of one register, or of two."""
+def _cycles(instruction: Instruction) -> int:
+    """Without the refill of a branch that is taken."""
     text = f"{instruction.mnemonic} {instruction.operands}"
-    if "strd" in text or "ldrd" in text or re.match(r"v(ldr|str)\S* d", text):
-        return 3
-    address = text[text.find("[") :]
-    if before is not None and not _touches_memory(before) and re.search(rf"\b{_result(before)}\b", address):
-        return 3
-    follows = before is not None and _SINGLE.fullmatch(before.mnemonic)
-    return 1 if follows or _IMMEDIATE_STORE.match(text) else 2
-
-
-def _touches_memory(instruction: Instruction) -> bool:
-    return bool(_SINGLE.fullmatch(instruction.mnemonic) or _MULTIPLE.fullmatch(instruction.mnemonic))
-
-
-def _result(instruction: Instruction) -> str:
-    return instruction.operands.partition(",")[0].strip() or "none"
-
-
-@cache
-def cycles(instruction: Instruction, before: Instruction | None = None) -> int:
-    """Of an instruction that follows `before`, without the refill of a branch that is taken."""
-    name = instruction.mnemonic
-    waits = before is not None and _FLOAT_RESULT.match(before.mnemonic) is not None
-    stall = 1 if waits and re.search(rf"\b{_result(before)}\b", instruction.operands) else 0
-    if _MULTIPLE.fullmatch(name):
-        return 1 + _registers(instruction.operands) + stall
-    if name.startswith(("ldr", "str", "vldr", "vstr")):
-        return _single(instruction, before) + stall
-    if name.startswith(("sdiv", "udiv")):
-        return _DIVISION
-    if name.startswith(("tbb", "tbh")):
-        return 2 + _REFILL
-    slow = 2 if name in ("mla", "mls", "dsb", "isb", "msr", "mrs") else 1
-    return _FLOAT_SLOW.get(name, slow) + stall
+    if re.match(r"v?(push|pop|ldm|stm)", text):
+        return 1 + _registers(instruction.operands)
+    return next((most for pattern, most in _CYCLES.items() if re.match(pattern, text)), 1)
 
 
 @dataclass(slots=True)
@@ -151,10 +121,11 @@ class Meter:
 
 def _block(image: Image, address: int, size: int) -> tuple[int, int]:
     """What a basic block costs, and what follows it if it ends without a branch."""
-    spent, at, before = 0, address, None
+    spent, at, follows_access = 0, address, False
     while at < address + size:
         instruction = image.instructions[at]
-        spent += cycles(instruction, before)
-        before = instruction
+        is_access = _ACCESS.match(instruction.mnemonic) is not None
+        spent += 1 if is_access and follows_access else _cycles(instruction)
+        follows_access = is_access
         at += instruction.size
     return spent, at

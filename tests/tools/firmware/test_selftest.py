@@ -17,7 +17,6 @@ from hapticd.board_values import BoardCalibration, ModeCalibration
 from hapticd.errors import DeviceError, UsageError
 from hapticd.files import calibration
 from hapticd.sim.board.board import Board, BoardConfig
-from hapticd.tools.firmware import selftest
 
 TypeIn = Callable[..., str]
 OWN = BoardConfig()
@@ -83,19 +82,7 @@ DRIFT = np.array(OWN.detuning_rad_s) + 2 * np.pi * 30
         ({"sensor": SWAPPED}, ["are swapped"], "Amplifiers 0 and 1, or their sensors, are swapped"),
         ({"sensor": np.diag([-1.0, 1.0])}, ["0 is inverted"], "Amplifier 0 or sensor 0 is inverted"),
     ],
-    ids=[
-        "frequency",
-        "finger",
-        "half",
-        "feedthrough",
-        "sense",
-        "turned",
-        "phase",
-        "gain",
-        "weak",
-        "swapped",
-        "inverted",
-    ],
+    ids=str,
 )
 def test_it_says_what_has_moved_and_what_the_loop_cannot_bear(
     changes: dict[str, Any], moved: list[str], unsafe: str, tested: Tested
@@ -141,9 +128,3 @@ def test_it_compares_with_a_calibration_file(link: BoardLink, type_in: TypeIn, t
     found = json.loads(type_in(link, "selftest", "--calibration", str(saved), "--json"))
     assert found["moved"] == []
     assert [mode["q_factor"] for mode in found["modes"]] == pytest.approx([500.0, 500.0], rel=0.02)
-
-
-def test_what_lies_within_the_tolerances_has_not_moved() -> None:
-    known = ModeCalibration(0, 29195.0, 500.0, 5.0, 0.0)
-    near = replace(known, frequency_hz=29199.0, q_factor=560.0, gain_um_per_v_s=5.6, loop_phase_rad=0.08)
-    assert list(selftest.changes(near, known)) == []

@@ -32,9 +32,3 @@ def hidraw_of(hid_id: str) -> Path:
         return None
 
     return wait_for(f"a hidraw node of {hid_id}", look)
-
-
-def access(node: Path) -> list[str | int]:
-    """Path, mode and group."""
-    status = node.stat()
-    return [str(node), f"{status.st_mode & 0o777:04o}", status.st_gid]

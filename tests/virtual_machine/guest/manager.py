@@ -75,6 +75,6 @@ def _entry(entry: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def wait_said(text: str) -> None:
-    """Until a line of the journal has this in it."""
-    wait_for(f"{text!r} in the journal", lambda: any(text in entry["text"] for entry in journal()), POLL_S)
+def lines(text: str) -> list[dict[str, Any]]:
+    """The journal's lines with this in them, once there is one."""
+    return wait_for(f"{text!r} in the journal", lambda: [one for one in journal() if text in one["text"]], POLL_S)

@@ -1,30 +1,34 @@
 """What runs under systemd in the guest: hapticd is installed as a user would, touched, its pad pulled and plugged in;
-it is killed, hung, given other configurations, stopped, started on a touchscreen, and uninstalled. Steps only look;
-`test_under_systemd.py` outside judges.
+it is killed, hung, given other configurations, stopped, started on a touchscreen, and uninstalled. Each step of `Rig`
+is a test of `test_under_systemd.py` outside.
 """
 
 from __future__ import annotations
 
-import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import board
 import manager
-import msgspec
 from board import PORT
-from kernel import PATIENCE_S, access, hidraw_of, wait_for
+from kernel import PATIENCE_S, hidraw_of, wait_for
+from manager import lines
 from pad import HID_ID, BluetoothPad, RestingFingers
 from plate import MOVES_UM, RESTS_UM, is_as_asked, measured_um, wait_state
 from touchscreen import Touchscreen
 
+from hapticd.compiled import why_interpreted
+from hapticd.tools.install_service import AFTER_REMOVAL, AFTERWARDS
+from hapticd.wire.trackpad import PADS
 from hapticd_client import Client, PlateState
 
 HERE, RESULTS = Path(__file__).parent, Path("/run/results")
@@ -54,11 +58,11 @@ fifo_priority = {PRIORITY}
 processor = 0
 """
 NONSENSE = "[limits]\nw_limit = 3\n"
-Found = dict[str, Any]
+ERROR, INFO = 3, 6  # syslog(3)
 
 
 class Rig:
-    """What the steps share."""
+    """What the steps share. Each is a method, in order."""
 
     def __init__(self) -> None:
         board.plug_in()
@@ -69,77 +73,95 @@ class Rig:
         self._hidraw = hidraw_of(HID_ID)
         self._fingers: RestingFingers | None = None
         self._client: Client | None = None
+        self._finger_ids: set[int] = set()
+        self._trips = 0
 
-    def steps(self) -> Iterator[tuple[str, Callable[[], Found]]]:
-        yield "installed", self._install
-        yield "ready", self._ready
-        yield "driven", self._drive
-        yield "pulled", self._pull
-        yield "back", self._plug_in
-        yield "killed", lambda: self._strike(signal.SIGKILL)
-        yield "hung", lambda: self._strike(signal.SIGSTOP)
-        yield "reloaded", self._reload
-        yield "stopped", self._stop
-        yield "misconfigured", self._start_on_nonsense
-        yield "touchscreen", self._touchscreen
-        yield "uninstalled", self._uninstall
-
-    def _install(self) -> Found:
-        """The README's way: `hapticd service install`, a configuration, and what it says is to be run then."""
+    def installed(self) -> None:
+        """The commands that `service install` prints start the unit as it is written."""
         printed = manager.run(f"{PROGRAM} service install")
         CONFIG.write_text(configuration(4.0), encoding="utf-8")
         CONFIG.with_name("modes.npz").write_bytes((HERE / "modes.npz").read_bytes())
-        return {"commands": _run_what_is_said(printed), **manager.facts()}
+        expect(_run_what_is_said(printed), AFTERWARDS.splitlines())
+        found = manager.facts()
+        expect([found[name] for name in ("ActiveState", "SubState", "UnitFileState")], ["active", "running", "enabled"])
+        expect((found["FragmentPath"], found["DropInPaths"]), ("/etc/systemd/system/hapticd.service", ""))
+        expect([found[name] for name in ("WatchdogUSec", "RestartUSec", "TimeoutStopUSec")], ["1s", "250ms", "2s"])
 
-    def _ready(self) -> Found:
-        facts = manager.facts()
+    def ready(self) -> None:
+        """When clients are served, it says where."""
+        found = manager.facts()
+        expect(found["StatusText"], f"serving clients in {RUNTIME}")
+        serving, started = (lines(text)[0]["t_s"] for text in ("serving clients in", "Started hapticd.service"))
+        assert serving <= started
+
+    def confined(self) -> None:
+        """A user of its own without capabilities, behind a filter; the core compiled, where no memory may be made
+        executable."""
+        process = self._process()
+        uid, gid = (manager.run(f"id {which} hapticd").strip() for which in ("-u", "-g"))
+        devices = manager.run("getent group hapticd-dev").split(":")[2]
+        expect((set(process["Uid"]), set(process["Gid"])), ({uid}, {gid}))
+        expect(set(process["Groups"]), {gid, devices})
+        expect([int(process[name][0], 16) for name in ("CapEff", "CapBnd")], [0, 0])
+        expect((process["NoNewPrivs"], process["Seccomp"]), (["1"], ["2"]))
+        expect(process["runs_compiled"], why_interpreted() == "")
+
+    def sockets(self) -> None:
+        """Open to its group alone; ZeroMQ's own are the daemon's."""
         status = RUNTIME.stat()
-        sockets = sorted(entry for entry in RUNTIME.iterdir() if entry.is_socket())
-        member, other = f"--groups={status.st_gid}", "--clear-groups"
-        return {
-            **facts,
-            "process": manager.process(int(facts["MainPID"])),
-            "runtime": [f"{status.st_mode & 0o7777:04o}", status.st_uid, status.st_gid],
-            "ids": [int(manager.run(f"id {which} hapticd")) for which in ("-u", "-g")],
-            "devices_gid": int(manager.run("getent group hapticd-dev").split(":")[2]),
-            "nodes": [access(PORT), access(self._hidraw)],
-            "board": manager.run(f"udevadm info --query=property --name={PORT}"),
-            "sockets": [entry.name for entry in sockets],
-            "member_may": [_may_write(member, entry) for entry in sockets],
-            "others_may": [_may_write(other, entry) for entry in sockets],
-        }
+        expect(status.st_mode & 0o7777, 0o750)
+        nodes = sorted(entry for entry in RUNTIME.iterdir() if entry.is_socket())
+        open_to_members = {node.name for node in nodes if _may_write(f"--groups={status.st_gid}", node)}
+        expect(open_to_members, {"control", "targets", "telemetry", "record"})
+        assert not any(_may_write("--clear-groups", node) for node in nodes)
 
-    def _drive(self) -> Found:
-        """Two fingers land; a client gives them opposite targets, and looks until the board measures it. It stays, and
-        the plate moves on."""
-        if self._fingers is None:
-            pad = self._pad
-            self._fingers = RestingFingers(lambda _: pad.touch(PLACES))
-        return _driven(self._new_client()) | self._saw()
+    def nodes(self) -> None:
+        """The rules give it trackpad and board, and the hardening lets it open them; ModemManager leaves them alone."""
+        devices = int(manager.run("getent group hapticd-dev").split(":")[2])
+        for node in (PORT, self._hidraw):
+            expect((node.stat().st_mode & 0o777, node.stat().st_gid), (0o660, devices))
+            assert str(node) in self._process()["opened"]
+        assert "ID_MM_DEVICE_IGNORE=1" in manager.run(f"udevadm info --query=property --name={PORT}")
 
-    def _pull(self) -> Found:
-        """Under the fingers."""
+    def driven(self) -> None:
+        """As the client asked; the loop alone has the real time that it asked for."""
+        self._finger_ids = self._drive()
+        process, real_time = self._process(), self._status()["real_time"]
+        expect((process["policies"][True], process["priority"]), (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, PRIORITY))
+        expect(process["policies"][False], 0)
+        assert process["locked_kb"] > 0
+        expect((real_time["priority"], real_time["processors"]), (PRIORITY, [0]))
+        expect((real_time["memory_locked"], real_time["stays_awake"]), (True, True))
+        self._trips = self._status()["board"]["deadman_trips"]
+
+    def pulled(self) -> None:
+        """Under the fingers, which lift; the next plug brings new ones. The daemon enables multitouch as the kernel's
+        driver does."""
         assert self._fingers is not None
         assert self._client is not None
         self._fingers.freeze()
         self._fingers = None
         self._pad.unplug()
-        return {"quiet": _quiet(self._client)}
-
-    def _plug_in(self) -> Found:
+        _expect_silence(self._client)
         self._pad = BluetoothPad()
         wait_for("two enables, the driver's and the daemon's", lambda: len(self._pad.features) >= 2)
-        return self._drive() | {"features": [feature.hex() for feature in self._pad.features]}
+        assert not self._drive() & self._finger_ids
+        expect(set(self._pad.features), {PADS["mt2-bt"].enable})
+        pad = "trackpad: Magic Trackpad 2 on Bluetooth"
+        said = [entry["text"] for entry in lines(pad) if "cannot be opened" not in entry["text"]]
+        expect(said[:3:2], [f"{pad} at /dev/hidraw0"] * 2)
+        assert "was lost" in said[1]
 
-    def _strike(self, number: signal.Signals) -> Found:
-        before = manager.facts()
-        t_struck_ns = time.monotonic_ns()
-        os.kill(int(before["MainPID"]), number)
-        after = manager.wait_restarted(before)
-        return {"before": before, "after": after, "driven": self._drive(), **_motion_since(t_struck_ns)}
+    def killed(self) -> None:
+        self._strike(signal.SIGKILL, "code=killed, status=9/KILL")
 
-    def _reload(self) -> Found:
-        """With nonsense first, which changes nothing."""
+    def hung(self) -> None:
+        """The watchdog ends it."""
+        self._strike(signal.SIGSTOP, "status=6/ABRT")
+        assert lines("Watchdog timeout (limit 1s)!")
+
+    def reloaded(self) -> None:
+        """With nonsense, which changes nothing, and with a sound configuration: by the same process."""
         before = manager.facts()
         for text, answer in (
             (NONSENSE, "configuration stays."),
@@ -147,53 +169,102 @@ class Rig:
         ):
             CONFIG.write_text(text, encoding="utf-8")
             manager.run("systemctl reload hapticd")
-            manager.wait_said(answer)
-        return {"before": before, "after": manager.facts(), "driven": self._drive()}
+            lines(answer)
+        (line,) = lines("configuration stays.")
+        assert "limits.w_limit" in line["text"]
+        expect(line["priority"], ERROR)
+        self._drive()
+        expect(manager.facts()["MainPID"], before["MainPID"])
+        assert self._client is not None
+        expect(list(self._client.plate()["w_limit_um"]), [3.0, 3.0])
 
-    def _stop(self) -> Found:
+    def stopped(self) -> None:
+        """Within its time, the plate silent, and nothing left."""
         uid = int(manager.run("id -u hapticd"))
         t_asked_ns = time.monotonic_ns()
         manager.run("systemctl stop hapticd")
-        took_s = (time.monotonic_ns() - t_asked_ns) * 1e-9
-        return {
-            **manager.facts(),
-            "took_s": took_s,
-            "processes": [entry.name for entry in Path("/proc").glob("[0-9]*") if entry.stat().st_uid == uid],
-            "runtime": RUNTIME.exists(),
-            **_motion_since(t_asked_ns),
-        }
+        assert time.monotonic_ns() - t_asked_ns < 2 * 10**9
+        expect([manager.facts()[name] for name in ("ActiveState", "Result")], ["inactive", "success"])
+        silent_ms, driven_ms = _motion_since(t_asked_ns)
+        assert silent_ms is not None
+        assert driven_ms is None
+        assert not [entry for entry in Path("/proc").glob("[0-9]*") if entry.stat().st_uid == uid]
+        assert not RUNTIME.exists()
+        (stopping,) = lines("SIGTERM: stopping")
+        assert not [entry for entry in manager.journal() if "kill" in entry["text"] and entry["t_s"] > stopping["t_s"]]
 
-    def _start_on_nonsense(self) -> Found:
+    def misconfigured(self) -> None:
+        """A start fails once, with an error that names the key."""
         CONFIG.write_text(NONSENSE, encoding="utf-8")
-        started = subprocess.run(["systemctl", "start", "hapticd"], capture_output=True)
-        return {"exit": started.returncode, **manager.facts()}
+        assert subprocess.run(["systemctl", "start", "hapticd"], capture_output=True).returncode != 0
+        found = manager.facts()
+        expect([found[name] for name in ("ActiveState", "Result", "NRestarts")], ["failed", "exit-code", "0"])
+        (line,) = [entry for entry in lines("limits.w_limit") if "SIGHUP" not in entry["text"]]
+        expect(line["priority"], ERROR)
 
-    def _touchscreen(self) -> Found:
+    def touchscreen(self) -> None:
         """The daemon as root, for the rules open no touchscreen: pulled under the fingers, and plugged in again."""
         OWN_CONFIG.write_text(f'{PLATE}[trackpad]\nsource = "evdev"\ndevice = "{SCREEN}"\n', encoding="utf-8")
         daemon = subprocess.Popen(
             [PROGRAM, "run", "--config", OWN_CONFIG], env={**os.environ, "HAPTICD_RUNTIME_DIR": str(RUNTIME)}
         )
         wait_for("its sockets", lambda: (RUNTIME / "control").exists())
-        found, client = [], self._new_client()
+        client = self._new_client()
         for _ in range(2):
             screen = Touchscreen(SCREEN)
             fingers = RestingFingers(lambda frame, screen=screen: screen.touch(PLACES_MM, frame))
-            driven = _driven(client)
+            found = sorted((finger.x_mm, finger.y_mm) for finger in _driven(client).fingers)
+            for place_mm, asked_mm in zip(found, PLACES_MM, strict=True):
+                assert math.dist(place_mm, asked_mm) < 0.3, place_mm
             fingers.freeze()
             screen.unplug()
-            found.append(driven | {"quiet": _quiet(client)})
+            _expect_silence(client)
         client.close()
         daemon.terminate()
-        return {"plugs": found, "exit": daemon.wait(PATIENCE_S)}
+        expect(daemon.wait(PATIENCE_S), 0)
 
-    def _uninstall(self) -> Found:
+    def uninstalled(self) -> None:
+        """The configuration stays."""
         manager.run("systemctl disable hapticd")
-        commands = _run_what_is_said(manager.run(f"{PROGRAM} service remove"))
-        left = [
-            str(path) for folder in ("systemd", "udev", "hapticd") for path in Path("/etc", folder).rglob("*hapticd*")
-        ]
-        return {"commands": commands, "left": left, **manager.facts()}
+        expect(_run_what_is_said(manager.run(f"{PROGRAM} service remove")), AFTER_REMOVAL.splitlines())
+        left = [path for folder in ("systemd", "udev", "hapticd") for path in Path("/etc", folder).rglob("*hapticd*")]
+        expect(left, [CONFIG])
+        assert manager.facts()["ActiveState"] != "active"
+
+    def logged(self) -> None:
+        """Every line of its own has a priority, and no prefix is left."""
+        own = [entry for entry in manager.journal() if not entry["by_systemd"]]
+        assert {INFO, ERROR} <= {entry["priority"] for entry in own}
+        expect([entry["text"] for entry in own if re.match(r"<\d>|\d\d:\d\d:\d\d", entry["text"])], [])
+
+    def _strike(self, number: signal.Signals, ending: str) -> None:
+        """The board silences the plate by itself, systemd starts the daemon again after the unit's pause."""
+        before, t_struck_ns = manager.facts(), time.monotonic_ns()
+        os.kill(int(before["MainPID"]), number)
+        after = manager.wait_restarted(before)
+        expect(int(after["NRestarts"]), int(before["NRestarts"]) + 1)
+        assert after["MainPID"] != before["MainPID"]
+        (again,) = lines(f"Scheduled restart job, restart counter is at {after['NRestarts']}.")
+        ended = [entry for entry in lines("Main process exited") if entry["t_s"] < again["t_s"]][-1]
+        assert 0.25 <= again["t_s"] - ended["t_s"] < 0.75
+        assert ending in ended["text"]
+        self._drive()
+        silent_ms, driven_ms = _motion_since(t_struck_ns)
+        assert silent_ms is not None
+        assert 25.0 < silent_ms < 100.0, silent_ms  # 50 ms after the last frame, 10 ms of ramp, the plate's own decay
+        assert driven_ms is not None
+        assert driven_ms > silent_ms
+        assert self._status()["board"]["deadman_trips"] > self._trips
+
+    def _drive(self) -> set[int]:
+        """Two fingers land, and a client gives them opposite targets until the board measures it. They stay, and the
+        plate moves on."""
+        if self._fingers is None:
+            pad = self._pad
+            self._fingers = RestingFingers(lambda _: pad.touch(PLACES))
+        state = _driven(self._new_client())
+        expect(self._status()["real_time"]["refused"], [])
+        return {finger.id for finger in state.fingers}
 
     def _new_client(self) -> Client:
         if self._client is not None:
@@ -201,15 +272,16 @@ class Rig:
         self._client = Client(RUNTIME, timeout_s=PATIENCE_S)
         return self._client
 
-    def _saw(self) -> Found:
+    def _status(self) -> dict[str, Any]:
         assert self._client is not None
-        status = self._client.status()
-        return {
-            "real_time": status["real_time"],
-            "board": status["board"],
-            "w_limit_um": self._client.plate()["w_limit_um"],
-            "process": manager.process(int(manager.facts()["MainPID"])),
-        }
+        return self._client.status()
+
+    def _process(self) -> dict[str, Any]:
+        return manager.process(int(manager.facts()["MainPID"]))
+
+
+def expect(found: object, wanted: object) -> None:
+    assert found == wanted, f"{found}, not {wanted}"
 
 
 def configuration(limit_um: float) -> str:
@@ -223,22 +295,21 @@ def _run_what_is_said(printed: str) -> list[str]:
     return commands
 
 
-def _driven(client: Client) -> Found:
-    moved_um = 0.0
+def _driven(client: Client) -> PlateState:
+    """The state once the plate is driven as asked, and moves by what the board measures."""
+    state = wait_state(
+        client, "a plate that is driven", lambda state: is_as_asked(client, state) and measured_um(client) > MOVES_UM
+    )
+    left, right = sorted(state.fingers, key=lambda finger: finger.x_mm)
+    assert abs(left.achieved_um - 1.0) <= 0.15, left
+    assert right.achieved_um < 0.6, right  # of what is not known of a plate
+    return state
 
-    def moves(state: PlateState) -> bool:
-        nonlocal moved_um
-        moved_um = measured_um(client) if is_as_asked(client, state) else 0.0
-        return moved_um > MOVES_UM
 
-    state = wait_state(client, "a plate that is driven and moves", moves)
-    return {"state": msgspec.to_builtins(state), "plate_um": moved_um}
-
-
-def _quiet(client: Client) -> Found:
-    state = wait_state(client, "a quiet plate", lambda state: not state.fingers and not any(state.modal_um))
+def _expect_silence(client: Client) -> None:
+    state = wait_state(client, "a silent plate", lambda state: not state.fingers and not any(state.modal_um))
     wait_for("a plate at rest", lambda: measured_um(client) < RESTS_UM)
-    return msgspec.to_builtins(state)
+    expect(state.state, "IDLE")
 
 
 def _may_write(groups: str, path: Path) -> bool:
@@ -246,7 +317,7 @@ def _may_write(groups: str, path: Path) -> bool:
     return subprocess.run([*who.split(), "test", "-w", path]).returncode == 0
 
 
-def _motion_since(t_ns: int) -> dict[str, float | None]:
+def _motion_since(t_ns: int) -> tuple[float | None, float | None]:
     """From the plate itself: after how long it was quiet, and after how long it moved again; None if it did not."""
     lines = (line.split() for line in TRACE.read_text(encoding="ascii").splitlines()[:-1])
     rows = [(int(t), float(um)) for t, um in lines]
@@ -259,30 +330,29 @@ def _motion_since(t_ns: int) -> dict[str, float | None]:
         elif t_quiet_ns is not None and t - t_quiet_ns >= LASTS_NS:
             break
     t_again_ns = next((t for t, um in rows if t_quiet_ns is not None and t > t_quiet_ns and um > MOVES_UM), None)
-    instants = {"quiet_after_ms": t_quiet_ns, "driven_after_ms": t_again_ns}
-    return {name: None if t is None else (t - t_ns) * 1e-6 for name, t in instants.items()}
+    t_silent_ms, t_again_ms = (None if t is None else (t - t_ns) * 1e-6 for t in (t_quiet_ns, t_again_ns))
+    return t_silent_ms, t_again_ms
 
 
-def step(name: str, look: Callable[[], Any]) -> bool:
-    """Run it and keep what it found, or how it failed and the journal; False if it failed."""
+def run(name: str, step: Callable[[], object]) -> bool:
+    """Keep how it failed, and the journal; False if it did."""
     print(f"guest: {name}", flush=True)
-    found, error = None, None
+    error = ""
     try:
-        found = look()
+        step()
     except Exception:
-        log = "\n".join(entry["text"] for entry in manager.journal())
-        error = f"{traceback.format_exc()}\nthe daemon said:\n{log}"
-    (RESULTS / f"{name}.json").write_text(json.dumps({"found": found, "error": error}, default=str))
-    return error is None
+        said = "\n".join(entry["text"] for entry in manager.journal())
+        error = f"{traceback.format_exc()}\nthe daemon said:\n{said}"
+    (RESULTS / name).write_text(error, encoding="utf-8")
+    return not error
 
 
 def main() -> None:
     rigs: list[Rig] = []
-    if step("plugged", lambda: rigs.append(Rig())):
-        for name, look in rigs[0].steps():
-            if not step(name, look):
+    if run("plugged", lambda: rigs.append(Rig())):
+        for name in (name for name in vars(Rig) if not name.startswith("_")):
+            if not run(name, getattr(rigs[0], name)):
                 break
-    step("journal", manager.journal)
 
 
 if __name__ == "__main__":
