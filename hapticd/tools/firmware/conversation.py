@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterator
-from typing import Protocol, Self, TypeVar
+from collections.abc import Iterator
+from typing import Self, TypeVar
 
 from ... import board_protocol as protocol
 from ...board_protocol import BoardVerdict, CommandResult, HelloRequest, Keepalive, Stop
 from ...board_values import BoardCommand, BoardHello, BoardMessage
 from ...errors import DeviceError, UsageError
+from ...io.devices.serial_link import SerialLink
+from ...sim.board.virtual_link import VirtualLink
 from ...wire.commands import encode
 from ...wire.device import Decoder, check_protocol
 
@@ -23,25 +25,8 @@ REMEDIES = {
     CommandResult.NOT_QUIET: ": see `hapticd firmware info`, and `clear-fault`",
 }
 
-_Message = BoardMessage
-_Answer = TypeVar("_Answer", bound=_Message)
-
-
-class Link(Protocol):
-    """A line to a board, as `SerialLink` is one."""
-
-    def start(
-        self,
-        loop: asyncio.AbstractEventLoop,
-        on_bytes: Callable[[bytes], None],
-        on_link: Callable[[bool, str], None],
-    ) -> None: ...
-
-    def write(self, data: bytes) -> bool: ...
-
-    async def drained(self, within_s: float) -> None: ...
-
-    def close(self) -> None: ...
+Link = SerialLink | VirtualLink
+_Answer = TypeVar("_Answer", bound=BoardMessage)
 
 
 class Conversation:
@@ -53,7 +38,7 @@ class Conversation:
     def __init__(self, link: Link, where: str) -> None:
         self._link, self._where = link, where
         self._decoder = Decoder()
-        self._received: asyncio.Queue[_Message | DeviceError] = asyncio.Queue()
+        self._received: asyncio.Queue[BoardMessage | DeviceError] = asyncio.Queue()
         self._is_driving = False
         self.hello: BoardHello
 
@@ -96,12 +81,11 @@ class Conversation:
             raise UsageError(str(error)) from None
         self._link.write(line)
 
-    async def receive(self, within_s: float) -> _Message | None:
+    async def receive(self, within_s: float) -> BoardMessage | None:
         """Return the next message from the board, None after `within_s` without one."""
         try:
-            async with asyncio.timeout(
-                within_s
-            ):  # Python 3.11's wait_for loses a cancellation that comes with a message
+            # Python 3.11's wait_for loses a cancellation that comes with a message.
+            async with asyncio.timeout(within_s):
                 received = await self._received.get()
         except TimeoutError:
             return None

@@ -48,11 +48,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         commands, "log", "show the cause of the last reset and the logged events", "--port /dev/ttyACM0", json=True
     )
     _command(commands, "clear-fault", "clear a latched fault", "--port /dev/ttyACM0")
-    _add_gains(commands)
-    _add_selftest(commands)
-    _add_sweep(commands)
-    _add_raw(commands)
-    _add_telemetry(commands)
+    summary = "show or set the control law, its gains and models"
+    parser = _command(commands, "gains", summary, "--sim --law deadbeat", json=True)
+    parser.add_argument("--law", help="pi, pi_ff or deadbeat; until the service or a reset sets another")
+    parser.add_argument("--bandwidth", type=float, metavar="1_S", help="in 1/s (default: the firmware's own)")
+    parser.add_argument("--integral-time", type=float, metavar="S", help="in seconds (default: the firmware's own)")
+    summary = "measure modes and wires in two seconds, and say what has moved"
+    parser = _command(commands, "selftest", summary, "--sim", json=True)
+    compared = "what to compare with (default: the board's own models)"
+    parser.add_argument("--calibration", type=Path, metavar="F.toml", help=compared)
+    summary = "measure a mode: resonance, quality, gain and loop phase"
+    parser = _command(commands, "sweep", summary, "--sim --mode 0 --plot mode-0.png", json=True)
+    parser.add_argument("--mode", type=int, default=0, help="which mode, from 0 (default 0)")
+    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
+    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
+    parser.add_argument("--points", type=int, default=41, help="frequencies (default 41)")
+    parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
+    parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
+    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw amplitude and circle")
+    parser.add_argument("--save", type=Path, metavar="F.toml", help="write the mode to a calibration file")
+    parser = _command(commands, "raw", "put a voltage on one amplifier, open loop, for at most 1 s", "--sim --volts 10")
+    parser.add_argument("--mode", type=int, default=0, help="which amplifier, from 0 (default 0)")
+    parser.add_argument("--volts", type=float, required=True, help="magnitude, at most a fifth of the board's limit")
+    parser.add_argument("--phase", type=float, default=0.0, metavar="DEG", help="relative to the drive (default 0)")
+    parser.add_argument("--ms", type=int, default=500, help="duration, at most 1000 (default 500)")
+    parser = _command(commands, "telemetry", "stream control ticks as CSV", "--sim > ticks.csv", json=True)
+    parser.add_argument(
+        "--rate", type=whole(1, MOST_RATE_HZ), default=100, metavar="HZ", help="samples a second, at most (default 100)"
+    )
+    parser.add_argument("--seconds", type=POSITIVE, default=2.0, help="duration (default 2)")
 
 
 def _command(commands: Any, name: str, summary: str, example: str, *, json: bool = False) -> argparse.ArgumentParser:
@@ -67,51 +91,6 @@ def _command(commands: Any, name: str, summary: str, example: str, *, json: bool
         parser.add_argument("--json", action="store_true", help="write JSON")
     parser.set_defaults(command=run, subcommand=name)
     return parser
-
-
-def _add_gains(commands: Any) -> None:
-    summary = "show or set the control law, its gains and models"
-    parser = _command(commands, "gains", summary, "--sim --law deadbeat", json=True)
-    parser.add_argument("--law", help="pi, pi_ff or deadbeat; until the service or a reset sets another")
-    parser.add_argument("--bandwidth", type=float, metavar="1_S", help="in 1/s (default: the firmware's own)")
-    parser.add_argument("--integral-time", type=float, metavar="S", help="in seconds (default: the firmware's own)")
-
-
-def _add_selftest(commands: Any) -> None:
-    summary = "measure modes and wires in two seconds, and say what has moved"
-    parser = _command(commands, "selftest", summary, "--sim", json=True)
-    parser.add_argument(
-        "--calibration", type=Path, metavar="F.toml", help="what to compare with (default: the board's own models)"
-    )
-
-
-def _add_sweep(commands: Any) -> None:
-    summary = "measure a mode: resonance, quality, gain and loop phase"
-    parser = _command(commands, "sweep", summary, "--sim --mode 0 --plot mode-0.png", json=True)
-    parser.add_argument("--mode", type=int, default=0, help="which mode, from 0 (default 0)")
-    parser.add_argument("--from", dest="start_hz", type=float, metavar="HZ", help="default: 100 Hz below the drive")
-    parser.add_argument("--to", dest="stop_hz", type=float, metavar="HZ", help="default: 100 Hz above the drive")
-    parser.add_argument("--points", type=int, default=41, help="frequencies (default 41)")
-    parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
-    parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
-    outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw amplitude and circle")
-    parser.add_argument("--save", type=Path, metavar="F.toml", help="write the mode to a calibration file")
-
-
-def _add_raw(commands: Any) -> None:
-    parser = _command(commands, "raw", "put a voltage on one amplifier, open loop, for at most 1 s", "--sim --volts 10")
-    parser.add_argument("--mode", type=int, default=0, help="which amplifier, from 0 (default 0)")
-    parser.add_argument("--volts", type=float, required=True, help="magnitude, at most a fifth of the board's limit")
-    parser.add_argument("--phase", type=float, default=0.0, metavar="DEG", help="relative to the drive (default 0)")
-    parser.add_argument("--ms", type=int, default=500, help="duration, at most 1000 (default 500)")
-
-
-def _add_telemetry(commands: Any) -> None:
-    parser = _command(commands, "telemetry", "stream control ticks as CSV", "--sim > ticks.csv", json=True)
-    parser.add_argument(
-        "--rate", type=whole(1, MOST_RATE_HZ), default=100, metavar="HZ", help="samples a second, at most (default 100)"
-    )
-    parser.add_argument("--seconds", type=POSITIVE, default=2.0, help="duration (default 2)")
 
 
 def run(options: argparse.Namespace) -> None:

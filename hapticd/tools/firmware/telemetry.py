@@ -6,21 +6,17 @@ import argparse
 import asyncio
 import json
 import sys
-from typing import get_type_hints
 
 from ...board_protocol import SetTelemetry
-from ...board_values import ModeSample, TelemetrySample
+from ...board_values import TelemetrySample
 from . import text
 from .conversation import Conversation
 
 FIRST_WITHIN_S = 2.0  # at the slowest rate
-KINDS = get_type_hints(ModeSample)  # phasors and figures
 
 
 async def run(board: Conversation, options: argparse.Namespace) -> None:
     """Stream for --seconds; then print the number of samples received and dropped."""
-    if not options.json:
-        print(header(board.hello.modes))
     loop = asyncio.get_running_loop()
     samples, dropped, t_first_us = 0, 0, None
     await board.demand(SetTelemetry(options.rate))
@@ -31,31 +27,22 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
             break
         t_first_us = sample.t_board_us if t_first_us is None else t_first_us
         t_s = ((sample.t_board_us - t_first_us) & 0xFFFFFFFF) / 1e6
+        cells = columns(t_s, sample)
+        if samples == 0 and not options.json:
+            print(",".join(cells))
+        print(json.dumps({"t_s": t_s} | text.plain(sample)) if options.json else ",".join(cells.values()))
         samples, dropped = samples + 1, sample.dropped
-        print(json.dumps({"t_s": t_s} | text.plain(sample)) if options.json else row(t_s, sample))
     await board.demand(SetTelemetry(0))
     damaged = board.damaged_frames
     print(f"{samples} samples, {dropped} dropped by the board, {damaged} frames damaged", file=sys.stderr)
 
 
-def header(modes: int) -> str:
-    """Return the names of the columns."""
-    names = ["t_s", "t_board_us", "state", "saturated", "limited", "dropped"]
-    for k in range(modes):
-        for name, kind in KINDS.items():
-            names += [f"mode{k}_{name}_{axis}" for axis in "dq"] if kind is complex else [f"mode{k}_{name}"]
-    return ",".join(names)
-
-
-def row(t_s: float, sample: TelemetrySample) -> str:
-    """Return one line of the table."""
-    cells = [f"{t_s:.6f}", str(sample.t_board_us), sample.state.name, str(int(sample.saturated))]
-    cells += [str(int(sample.limited)), str(sample.dropped)]
-    for mode in sample.modes:
-        cells += _cells(mode)
-    return ",".join(cells)
-
-
-def _cells(mode: ModeSample) -> list[str]:
-    values = [getattr(mode, name) for name in KINDS]
-    return [f"{part:.7g}" for w in values for part in ((w.real, w.imag) if isinstance(w, complex) else (w,))]
+def columns(t_s: float, sample: TelemetrySample) -> dict[str, str]:
+    """Return the cells of one line of the table, by their columns' names."""
+    cells = {"t_s": f"{t_s:.6f}", "t_board_us": str(sample.t_board_us), "state": sample.state.name}
+    cells |= {name: str(int(getattr(sample, name))) for name in ("saturated", "limited", "dropped")}
+    for k, mode in enumerate(sample.modes):
+        for name, value in text.plain(mode).items():
+            parts = dict(zip(("_d", "_q"), value, strict=True)) if isinstance(value, list) else {"": value}
+            cells |= {f"mode{k}_{name}{axis}": f"{part:.7g}" for axis, part in parts.items()}
+    return cells
