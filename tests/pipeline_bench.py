@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapticd.core.phasors import Phasors
-from hapticd.core.pipeline import Pipeline
-from hapticd.core.pipeline_settings import PipelineSettings
+from hapticd.core.pipeline import Pipeline, PipelineSettings
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.prediction.motion import AdaptivePredictor
 from hapticd.core.targets.scene import Scene

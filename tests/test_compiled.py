@@ -90,8 +90,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delenv("HAPTICD_PURE", raising=False)
     for name in (
         "pyproject.toml",
-        "core/trajectory/knots.py",
-        f"core/trajectory/knots{EXTENSION_SUFFIXES[0]}",
+        "core/trajectory/gate.py",
+        f"core/trajectory/gate{EXTENSION_SUFFIXES[0]}",
         "core/targets/assets.py",
     ):
         path = tmp_path / name
@@ -102,7 +102,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_source_edited_after_the_build_runs_as_python(checkout: Path) -> None:
-    os.utime(checkout / "core/trajectory/knots.py", ns=(1001, 1001))
+    os.utime(checkout / "core/trajectory/gate.py", ns=(1001, 1001))
     assert "edited after the build" in why_interpreted()
 
 

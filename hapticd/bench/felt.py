@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..core.friction import DEFAULT_FRICTION_CURVE
-from ..core.solver.felt import felt_points
+from ..core.plate.contact import SOLVED_DISC
 from ..core.solver.felt_descent import UNCERTAIN_FRAC
 from ..core.solver.instant import AskedPlace, InstantSolver
 from ..sim.fingers.scenarios import REAL
@@ -73,7 +73,7 @@ class _Problem:
         before_mm = points_mm + random.normal(scale=1.0, size=points_mm.shape)
         before, self._now = (_places(places_mm, targets_um) for places_mm in (before_mm, points_mm))
         modes_map = plate.true_mode_map(modes)
-        points = np.array(felt_points()) * (CONTACT_RADIUS_MM, CONTACT_RADIUS_MM, 1.0)
+        points = np.array(SOLVED_DISC) * (CONTACT_RADIUS_MM, CONTACT_RADIUS_MM, 1.0)
         self._weights = points[:, 2]
         self._phi = modes_map.evaluate((points_mm[:, None] + points[:, :2]).reshape(-1, 2)).reshape(fingers, -1, modes)
         self._asked = np.array([DEFAULT_FRICTION_CURVE.friction(target_um) for target_um in targets_um])

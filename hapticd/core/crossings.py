@@ -10,7 +10,7 @@ from .targets.effects import Held
 from .targets.layer import Layer
 from .targets.surfaces import MAX_EDGES, SurfaceSet, crossing_ns, meeting
 from .touch.fingers import Fingers
-from .trajectory.knots import GRAIN_NS
+from .trajectory.gate import GRAIN_NS
 
 MAX_FOLLOWED: Final = 32  # crossings in one pass, of all fingers; of further layers only what has changed at its end
 

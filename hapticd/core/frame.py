@@ -1,32 +1,61 @@
 """One frame of the reference: the fingers that take part, where they will be at each of its knots, into how many spans
-textures and edges divide their ways, and the amplitudes at each knot."""
+textures and edges divide their ways, the amplitudes at each knot; and the reference in force, which may still hold.
+
+Between knots the board interpolates linearly. A chord of span h errs by h^2 W''/8 at most, in the middle of a smooth
+piece: so the middle is looked at, and becomes a knot if the chord misses it. A half then errs by a quarter, and is
+taken as it is where that is within the tolerance; next to an inflection, or the corner where a mode meets its limit, it
+may err by a little more. Where the target itself has corners (a square grating's edges, a map's pixels) every half is
+checked in turn, down to the board's control tick.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from ..values import FingerKey, Knot
+from ..values import FingerKey, Knot, SafeDrive, TouchPoint
 from .phasors import Phasors
-from .pipeline_settings import PipelineCounters
-from .plate.contact import EllipseForm
+from .plate.contact import ContactEllipse
 from .solver.instant import AskedPlace, InstantSolver, ModalSolution
 from .targets.scene import Scene
 from .targets.surfaces import Crossing
 from .touch.fingers import Fingers
-from .trajectory.knots import SHORTEST_NS, refine
+from .trajectory.gate import GRAIN_NS, SHORTEST_NS, silence
 
+Solve = Callable[[int, Knot], Phasors]  # an instant after the first knot, and the knot before it: the amplitudes there
+
+_Miss = tuple[float, Knot, Knot, Knot]  # by how much a chord misses its middle, in um; left knot, middle, right one
 _STEP_NS: Final = 1_000_000  # over which a predicted speed is taken
 _NO_EDGES: Final[Sequence[int]] = ()
+_KEPT: Final = 6  # of references: the one in force at the newest sample is up to three passes old
+
+
+@dataclass(slots=True)
+class PipelineCounters:
+    """How often each thing was done or spared; shown in `status`."""
+
+    frames: int = 0
+    passes: int = 0
+    solves: int = 0
+    limited: int = 0
+    gated: int = 0
+    knots: int = 0
+    skipped_knots: int = 0
+    left_out_knots: int = 0
+    left_out_fingers: int = 0
+    skipped_no_finger: int = 0
+    skipped_no_target: int = 0
+    skipped_standing: int = 0
 
 
 class Participants:
     """The fingers that take part in a pass, the priority of each, and the forms of their contacts: None where all are
     discs, or points."""
 
-    def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[EllipseForm | None] | None) -> None:
+    def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[ContactEllipse | None] | None) -> None:
         self.keys: Final = keys
         self.priorities: Final = priorities
         self.forms: Final = forms
@@ -131,6 +160,15 @@ def moved_mm(before: Sequence[AskedPlace], after: Sequence[AskedPlace]) -> list[
     return distances_mm
 
 
+def touch_points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
+    """Return the fingers at a frame's first knot, with the amplitude that each gets there."""
+    found: list[TouchPoint] = []
+    for n in range(len(first.places)):
+        (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _) = first.places[n], last.places[n]
+        found.append(TouchPoint(keys[n], x_mm, y_mm, target_um, first.achieved_um[n], end_x_mm, end_y_mm))
+    return tuple(found)
+
+
 class FrameSolver:
     """The fingers of a scene at any instant, and the polyline of a frame through some of them."""
 
@@ -183,7 +221,7 @@ class FrameSolver:
             return self._scene.virtual_position_mm(key, t_ns)
         return self._fingers.predicted_mm(key, t_ns)
 
-    def forms(self, keys: Sequence[FingerKey]) -> list[EllipseForm | None] | None:
+    def forms(self, keys: Sequence[FingerKey]) -> list[ContactEllipse | None] | None:
         """Return the forms of contacts that the plate is driven for; None where all are discs, or points."""
         return self._fingers.forms(keys) if self._solver.has_contacts else None
 
@@ -227,3 +265,175 @@ class FrameSolver:
             return self._solver.solve(at.places, previous_um, since_ns)
         variances_mm2, ranks = self._fingers.variances_mm2(fingers.keys, t_ns), fingers.priorities
         return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.speed_gains, ranks, fingers.forms)
+
+
+# --- knots ---
+
+
+def refine(
+    solve: Solve, start: Sequence[Knot], tolerance_um: float, most: int, solves: int, *, smooth: bool
+) -> list[Knot]:
+    """`start` (two knots or more, in order) and what must lie between, `most` knots in all, and at most so many solves;
+    the worst chords first.
+
+    `solve(dt_ns, knot)` gives the amplitudes at an instant, continuing those of the knot to its left. `smooth`
+    promises that no span of `start` hides a corner or a whole wave.
+    """
+    knots = list(start)
+    spans = [(knots[i], knots[i + 1]) for i in range(len(knots) - 1)]
+    settled_um = 4.0 * tolerance_um if smooth else 0.0
+    while spans and len(knots) < most and solves > 0:
+        spans = spans[:solves]
+        solves -= len(spans)
+        misses = [miss for left, right in spans if (miss := _missed(solve, left, right, tolerance_um)) is not None]
+        room = most - len(knots)
+        if len(misses) > room:
+            misses = sorted(misses, key=_severity)[:room]
+        spans = []
+        for error_um, left, middle, right in misses:
+            knots.append(middle)
+            if error_um > settled_um:
+                spans += ((left, middle), (middle, right))
+    if len(knots) > len(start):
+        knots.sort()
+    return knots
+
+
+def _missed(solve: Solve, left: Knot, right: Knot, tolerance_um: float) -> _Miss | None:
+    left_ns, before_um = left
+    right_ns, after_um = right
+    span_ns = right_ns - left_ns
+    if span_ns < 2 * SHORTEST_NS:
+        return None
+    half_ns = span_ns // (2 * GRAIN_NS) * GRAIN_NS
+    middle_um = solve(left_ns + half_ns, left)
+    share = half_ns / span_ns
+    error_um = 0.0
+    for mode in range(len(before_um)):
+        chord_um = before_um[mode] + share * (after_um[mode] - before_um[mode])
+        error_um = max(error_um, abs(middle_um[mode] - chord_um))
+    return (error_um, left, Knot(left_ns + half_ns, middle_um), right) if error_um > tolerance_um else None
+
+
+def _severity(miss: _Miss) -> tuple[float, int]:
+    error_um, left, _, _ = miss
+    return -error_um, left.dt_ns
+
+
+# --- the reference in force ---
+
+
+class PlayedReference:
+    """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, by
+    how much more amplitude it needs as it gains, and the form of its contact, where that is known."""
+
+    def __init__(
+        self,
+        modal_um: Phasors,
+        places: list[AskedPlace],
+        speed_gains: list[float],
+        forms: list[ContactEllipse | None] | None = None,
+    ) -> None:
+        self.modal_um: Final = modal_um
+        self.places: Final = places
+        self.speed_gains: Final = speed_gains
+        self.forms: Final = forms
+
+
+class ActiveReference:
+    """The last reference that was made, and those before it, back to what the plate did at the newest sample."""
+
+    def __init__(self, modes: int, planner: KnotPlanner, tolerance_um: float) -> None:
+        self.drive = silence(0, modes)
+        self.fingers = NO_FINGERS  # for whom it was made
+        self.is_sent = True  # the board has it, or takes it next
+        self.points: tuple[TouchPoint, ...] = ()
+        self.limited = False
+        self._places: list[AskedPlace] = []
+        self._t_settled_ns = 0
+        self._recent = [self.drive]
+        self._planner: Final = planner
+        self._tolerance_um: Final = tolerance_um
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether it ends without any amplitude."""
+        return not any(self.drive.knots[-1].modal_um)
+
+    def activate(
+        self,
+        drive: SafeDrive,
+        fingers: Participants,
+        places: list[AskedPlace],
+        points: tuple[TouchPoint, ...],
+        *,
+        limited: bool,
+    ) -> None:
+        """Put another in its place, made for these fingers, who are at `places` at its end."""
+        self.drive, self.fingers, self._places, self.is_sent = drive, fingers, places, True
+        self.points, self.limited = points, limited
+        self._t_settled_ns = settles_ns(drive, self._tolerance_um)
+        self._recent = [*self._recent[1 - _KEPT :], drive]
+
+    def has_settled(self, fingers: Participants, t_apply_ns: int) -> bool:
+        """Return whether it is for these fingers, and no longer changes: it may hold on."""
+        return self.is_sent and t_apply_ns >= self._t_settled_ns and fingers.are(self.fingers)
+
+    def still_holds(self, plan: FramePlan, begin: list[AskedPlace], end: list[AskedPlace], most_knots: int) -> bool:
+        """Return whether it, having settled, still holds: from a frame's beginning to its end the fingers stay where
+        it was made for."""
+        steepness_um_mm = self._planner.steepness_1_mm * sum(abs(w_um) for w_um in self.drive.knots[-1].modal_um)
+        for places in (begin, end):
+            for (x_mm, y_mm, target_um), (was_x_mm, was_y_mm, was_um) in zip(places, self._places, strict=True):
+                moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
+                if target_um != was_um or not moved_um <= self._tolerance_um:
+                    return False
+        if steepness_um_mm > 0.0 and not self._planner.has_surfaces:
+            return True  # while the plate is silent, fingers may move far: over stripes, to the same target
+        ways_mm = moved_mm(begin, end)
+        pieces, _, edges_ns = self._planner.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, most_knots)
+        return pieces == 1 and not edges_ns
+
+    def points_at(self, places: list[AskedPlace]) -> tuple[TouchPoint, ...]:
+        """Return its fingers' points, at their present places."""
+        return tuple(map(_moved, self.points, places))
+
+    def um(self, t_ns: int) -> Phasors:
+        """Return its amplitudes at an instant: another continues them."""
+        return interpolated_um(self.drive, t_ns)
+
+    def past_um(self, t_ns: int) -> Phasors:
+        """Return the amplitudes of the reference that was in force at `t_ns`, there."""
+        active = self._recent[0]
+        for drive in self._recent:
+            if drive.t_apply_ns <= t_ns:
+                active = drive
+        return interpolated_um(active, t_ns)
+
+
+def _moved(point: TouchPoint, now: AskedPlace) -> TouchPoint:
+    """A finger's point at its present place, for a reference that stays in force."""
+    x_mm, y_mm, _ = now
+    return point._replace(x_mm=x_mm, y_mm=y_mm, end_x_mm=x_mm, end_y_mm=y_mm)
+
+
+def interpolated_um(drive: SafeDrive, t_ns: int) -> Phasors:
+    """Amplitudes of a polyline at `t_ns` as the board plays it: a new polyline continues them."""
+    since_ns = t_ns - drive.t_apply_ns
+    before_ns, before_um = drive.knots[0]
+    for after_ns, after_um in drive.knots[1:]:
+        if since_ns < after_ns:
+            share = max((since_ns - before_ns) / (after_ns - before_ns), 0.0)
+            return tuple([before_um[n] + (after_um[n] - before_um[n]) * share for n in range(len(before_um))])
+        before_ns, before_um = after_ns, after_um
+    return before_um
+
+
+def settles_ns(drive: SafeDrive, tolerance_um: float) -> int:
+    """Time from which a polyline is within the tolerance of its last knot: its start or its end."""
+    last_ns, last_um = drive.knots[-1]
+    for _, modal_um in drive.knots[:-1]:
+        for mode in range(len(last_um)):
+            if not abs(modal_um[mode] - last_um[mode]) <= tolerance_um:
+                return drive.t_apply_ns + last_ns
+    return drive.t_apply_ns

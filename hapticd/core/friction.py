@@ -49,7 +49,8 @@ class FrictionCurve:
             for (start_um, relative), decay_um in zip(rising[:-1], self._decays_um, strict=True)
         ]
         ends = [self.full_um, floor_frac]
-        self.table: Final = np.array(ends + self._starts_um + self._origins_um + self._decays_um)  # of `felt_descent`
+        rates_1_um = [1.0 / decay_um for decay_um in self._decays_um]
+        self.table: Final = np.array(ends + self._starts_um + self._origins_um + rates_1_um)  # of `felt_descent`
 
     @classmethod
     def from_amplitudes(

@@ -6,12 +6,18 @@ Friction has a cusp wherever the amplitude is 0, which only many points resolve.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+import numpy as np
+
+from ..values import FloatArray
 from .friction import FrictionCurve
-from .plate.contact import Disc, EllipseForm, disc_points, many_points
+from .plate.bicubic import POINT
+from .plate.contact import JUDGED_DISC, ContactEllipse, disc_points
 from .plate.mode_shapes import ModeShapes
+from .plate.surfaces import evaluate
 from .uncertainty import CERTAIN, Uncertainty, interval_um
 
 
@@ -40,8 +46,8 @@ class ContactPerception:
         self.curve: Final = curve
         self.uncertainty = uncertainty
         self.radius_mm = radius_mm
-        self._many: Final = many_points()
-        self._few: Final = disc_points(1.0)
+        self._many: Final = np.array(JUDGED_DISC)
+        self._few: Final = np.array(disc_points(1.0))
 
     def felt(
         self,
@@ -51,7 +57,7 @@ class ContactPerception:
         modal_um: Sequence[complex],
         speed_gain: float,
         place_mm2: float = 0.0,
-        form: EllipseForm | None = None,
+        form: ContactEllipse | None = None,
     ) -> Felt:
         """Return what is felt over a contact whose place has this variance on each axis.
 
@@ -74,7 +80,7 @@ class ContactPerception:
         y_mm: float,
         modal_um: Sequence[complex],
         place_mm2: float,
-        form: EllipseForm | None = None,
+        form: ContactEllipse | None = None,
     ) -> ExpectedAmplitude:
         """Return the amplitude over a contact, or at a point, whose place has this variance on each axis."""
         _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, form)
@@ -86,14 +92,14 @@ class ContactPerception:
 
     def _expected(
         self,
-        disc: Disc,
+        disc: FloatArray,
         modes: ModeShapes,
         x_mm: float,
         y_mm: float,
         modal_um: Sequence[complex],
         speed_gain: float,
         place_mm2: float,
-        form: EllipseForm | None,
+        form: ContactEllipse | None,
     ) -> tuple[float, ExpectedAmplitude]:
         """Return the friction and the amplitude over a contact, at the points of a rule for the unit disc."""
         xx_mm, xy_mm, yy_mm = (self.radius_mm, 0.0, self.radius_mm) if form is None else form
@@ -112,11 +118,14 @@ class ContactPerception:
             all_um2 += mode_d_um * mode_d_um + mode_q_um * mode_q_um
         map_um2, sensors_um2 = map_frac * map_frac * all_um2, sensors_frac * sensors_frac * all_um2
         friction = known_um2 = errors_um2 = mean_d_um = mean_q_um = 0.0
-        for u, v, weight in disc if size_mm2 > 0.0 else [(0.0, 0.0, 1.0)]:
-            row = modes.at(x_mm + (xx_mm * u + xy_mm * v), y_mm + (xy_mm * u + yy_mm * v))
+        disc = disc if size_mm2 > 0.0 else POINT
+        over = evaluate(modes.tables, disc, array("d", (x_mm, y_mm, xx_mm, xy_mm, yy_mm)), False)
+        rows, weights = array("d", over), disc[:, 2].tolist()
+        for point in range(len(weights)):
+            weight: float = weights[point]
             w_d_um = w_q_um = shapes = 0.0
-            for mode in range(len(row)):
-                phi = row[mode]
+            for mode in range(len(parts_um)):
+                phi: float = rows[point * len(parts_um) + mode]
                 mode_d_um, mode_q_um = parts_um[mode]
                 w_d_um += phi * mode_d_um
                 w_q_um += phi * mode_q_um

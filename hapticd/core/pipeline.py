@@ -4,7 +4,7 @@
     drive():  touch() each frame that came; find the fingers that take part in the solve; for each knot time predict
               their positions, look up their targets there, evaluate the mode matrix and solve for the modal
               amplitudes; then gate the polyline. The number of knots follows from the tolerance
-              (`core.trajectory.knots`)
+              (`core.frame`)
 
 Pure: all instants are arguments, and the same calls give the same drives bit for bit. What a scene does not need is
 skipped and counted: no finger, no target, or fingers so still that the last reference still holds.
@@ -12,21 +12,30 @@ skipped and counted: no finger, no target, or fingers so still that the last ref
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from ..values import Drive, Finger, FingerFrame, FingerKey, LinkTiming, SafeDrive, Tick, TouchFrame, TouchPoint
-from .active_reference import ActiveReference, PlayedReference
 from .budget import BUDGET_NS, allot, solves_of_request
-from .frame import NO_FINGERS, FramePlan, FrameSolver, KnotPlanner, Participants
+from .frame import (
+    NO_FINGERS,
+    ActiveReference,
+    FramePlan,
+    FrameSolver,
+    KnotPlanner,
+    Participants,
+    PipelineCounters,
+    PlayedReference,
+    touch_points,
+)
 from .phasors import Phasors
-from .pipeline_settings import PipelineCounters, PipelineSettings
 from .plate.mode_shapes import ModeShapes
-from .solver.instant import InstantSolver, points
-from .solver.reach import LEAST_CALLS
+from .solver.instant import InstantSolver, PointSolver
+from .solver.reach import LEAST_CALLS, ReachSearch
 from .targets.scene import Scene
 from .touch.contact_form import EllipseScale
-from .touch.fingers import Fingers
+from .touch.fingers import FingerPredictor, Fingers
 from .trajectory.gate import UNTOUCHED, gate, silence
 from .triggers import Triggers
 
@@ -34,6 +43,33 @@ _DURATION_STEP_NS: Final = (
     1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
 )
 _LONGEST_DURATION_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineSettings:
+    """Pipeline settings.
+
+    `contact_radius_mm` above 0 makes
+    fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_form`).
+    `frame_duration_ns` is how long one frame must last: one and a half report periods, to
+    bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
+    may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
+    reference late. `solve` takes the place of all rules for points.
+    """
+
+    w_limit_um: tuple[float, ...]
+    make_predictor: Callable[[], FingerPredictor]
+    contact_radius_mm: float = 0.0
+    ellipse_scale: float = 0.0
+    ellipse_offset_mm: float = 0.0
+    tolerance_um: float = 0.02
+    max_knots: int = 16
+    effect_knots: int = 24
+    sensor_latency_ns: int = 10_000_000
+    loop_delay_ns: int = 0
+    frame_duration_ns: int = 17_000_000
+    silence_ns: int = 40_000_000
+    solve: PointSolver | None = None
 
 
 class Pipeline:
@@ -185,7 +221,7 @@ class Pipeline:
         self.counters.skipped_knots += max(self.max_knots - len(knots), 0)
         self.counters.limited += limited
         self.counters.gated += drive.reasons is not UNTOUCHED
-        touched = points(keys, first, last)
+        touched = touch_points(keys, first, last)
         active.activate(drive, fingers, last.places, touched, limited=limited)
         return self._tick(t_now_ns, t_plate_ns, drive, touched, limited)
 
@@ -243,7 +279,7 @@ class Pipeline:
             places, variances_mm2, speed_gains = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*speed_gains, 1.0]
             forms = None if forms is None else [*forms, None]
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
-        return self._solver.reach(places, variances_mm2, speed_gains, priorities, calls, forms)
+        return ReachSearch(self._solver, places, variances_mm2, speed_gains, priorities, forms).interval(calls)
 
     # --- the steps of a pass ---
 

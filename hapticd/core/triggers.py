@@ -20,7 +20,7 @@ from .targets.forms import ENDLESS_NS
 from .targets.layer import Layer
 from .targets.scene import Scene
 from .touch.fingers import Fingers
-from .trajectory.knots import GRAIN_NS
+from .trajectory.gate import GRAIN_NS
 
 LEAST_GAP_NS: Final = 10_000_000  # between two starts of an effect by a finger: an edge under a resting finger
 MAX_AT_ONCE: Final = 256  # in one state: further ones wait for the next. 32 effects begin and 32 end in a pass

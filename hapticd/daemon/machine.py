@@ -20,8 +20,7 @@ from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
 from ..core.board.supervisor import Event, State, Supervisor
 from ..core.perception import ContactPerception
-from ..core.pipeline import Pipeline
-from ..core.pipeline_settings import PipelineSettings
+from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..core.targets.scene import Scene
 from ..values import LinkTiming, RawReport, Tick

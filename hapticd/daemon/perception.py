@@ -20,7 +20,7 @@ from ..core.board.session import BoardSession
 from ..core.perception import ContactPerception, ExpectedAmplitude, Felt
 from ..core.phasors import Phasors
 from ..core.pipeline import Pipeline
-from ..core.plate.contact import EllipseForm
+from ..core.plate.contact import ContactEllipse
 from ..core.touch.contact_form import axes
 from ..values import WEBER_FRAC, Finger, FingerKey, Tick, TouchPoint
 
@@ -105,7 +105,7 @@ class Perception:
         return tick._replace(points=points), perceived
 
     def _achieved(
-        self, tick: Tick, forms: Mapping[FingerKey, EllipseForm | None]
+        self, tick: Tick, forms: Mapping[FingerKey, ContactEllipse | None]
     ) -> dict[FingerKey, ExpectedAmplitude]:
         """Return what each finger in the solve will get at the first knot."""
         points, pipeline = tick.points, self._pipeline
@@ -142,7 +142,7 @@ class Perception:
         share = square_um2 / (square_um2 + READING_UM * READING_UM)  # the best estimate where both are noise
         return tuple([share * less_um for less_um in missing_um])
 
-    def _felt_only(self, felt: Felt, form: EllipseForm | None, finger: Finger | None) -> Perceived:
+    def _felt_only(self, felt: Felt, form: ContactEllipse | None, finger: Finger | None) -> Perceived:
         """Return what is perceived at a finger without a target, and how the pad reports it; None is not on the pad."""
         curve = self._contacts.curve
         major_mm, minor_mm, angle_rad = (None, None, None) if form is None else axes(form)

@@ -8,7 +8,7 @@ from functools import partial
 from ..board_protocol import KNOTS_MAX, REFERENCE
 from ..config.sections import Config
 from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from ..core.pipeline_settings import PipelineSettings
+from ..core.pipeline import PipelineSettings
 from ..core.prediction.motion import AdaptivePredictor
 from ..core.prediction.pad_memory import PadMemory
 from ..core.uncertainty import Uncertainty

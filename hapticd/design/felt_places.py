@@ -1,9 +1,9 @@
 """Friction as asked of fingers at random places on a plate: the daemon's own rule, from several starts.
 
-`core.solver.felt` makes the largest error over contacts, in just noticeable differences, least. Fingers in motion keep
-it near the best of many starts; fingers at random places have no past, so here it starts from several amplitudes, and
-the best counts. Errors are those of the friction that the contacts have on the true shapes, by a finer rule of points
-than the solver's.
+`core.solver.instant` makes the largest error over contacts, in just noticeable differences, least. Fingers in motion
+keep it near the best of many starts; fingers at random places have no past, so here it starts from several amplitudes,
+and the best counts. Errors are those of the friction that the contacts have on the true shapes, by a finer rule of
+points than the solver's.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
-from hapticd.core.solver.felt import ITERATIONS, STAY_FRAC, felt_points, finger_table
+from hapticd.core.plate.contact import SOLVED_DISC
 from hapticd.core.solver.felt_descent import COLD, descend
+from hapticd.core.solver.instant import ITERATIONS, finger_table
 from hapticd.values import WEBER_FRAC, ComplexArray, FloatArray
 
 from .contact_pairs import ShapeMaps, disc, random_fingers
@@ -54,7 +55,7 @@ def touches(
 
 def touches_at(shapes: ShapeMaps, places_mm: FloatArray, radius_mm: float) -> PlateTouches:
     """Return the contacts of N fingers at each of P places, `places_mm` (P, N, 2)."""
-    rule_mm = radius_mm * np.array([(dx, dy) for dx, dy, _ in felt_points()])
+    rule_mm = radius_mm * np.array([(dx, dy) for dx, dy, _ in SOLVED_DISC])
     offsets_mm, weights = disc(radius_mm, *FINE)
 
     def at(around_mm: FloatArray) -> FloatArray:
@@ -106,11 +107,11 @@ def errors_jnd(
 def _descended(
     solved: FloatArray, targets_um: Sequence[float], limits_um: FloatArray, start_um: ComplexArray, curve: FrictionCurve
 ) -> ComplexArray:
-    disc, alike = np.array(felt_points()), [1.0] * len(targets_um)
+    weights, alike = np.array(SOLVED_DISC)[:, 2].copy(), [1.0] * len(targets_um)
     iterations = COLD * ITERATIONS if start_um.any() else ITERATIONS
     limits, start, modal_um = np.ascontiguousarray(limits_um), tuple(start_um.tolist()), []
     for phi in solved:
         fingers = finger_table(curve, list(targets_um), [0.0] * len(alike), alike, [0] * len(alike))
-        found, _ = descend(phi.tobytes(), disc, fingers, curve.table, limits, start, iterations, STAY_FRAC, np.inf)
+        found, _ = descend(phi.tobytes(), weights, fingers, curve.table, limits, start, iterations, np.inf)
         modal_um.append(found)
     return np.array(modal_um).reshape(len(solved), -1)

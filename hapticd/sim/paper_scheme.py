@@ -12,7 +12,7 @@ import numpy as np
 
 from ..config import Config
 from ..core.phasors import ModeRow, ModeRows
-from ..core.pipeline_settings import PipelineSettings
+from ..core.pipeline import PipelineSettings
 from ..core.solver import solve
 from ..core.solver.two_modes import clamped
 from ..core.touch.fingers import FingerPredictor
@@ -55,12 +55,11 @@ def paper_config(config: Config) -> Config:
     return replace(config, device=replace(config.device, controller="pi"))
 
 
-def invert(rows: ModeRows, targets: ModeRow, limits: ModeRow, previous: ModeRow | None = None) -> tuple[ModeRow, bool]:
+def invert(rows: ModeRows, targets: ModeRow, limits: ModeRow) -> tuple[ModeRow, bool]:
     """Modal amplitudes by the inverse of Phi, scaled into the limits (paper, section IV.B), and `limited`.
 
     Defined for two fingers on two modes; any other number by `core.solver.solve`, without continuity.
     """
-    del previous
     if len(rows) != 2 or len(limits) != 2:
         found = solve(np.reshape(rows, (len(rows), len(limits))), targets, limits)
         return tuple(found.modal_um.tolist()), found.limited

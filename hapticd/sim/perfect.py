@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..core.plate.contact import EllipseForm
+from ..core.plate.contact import ContactEllipse
 from ..core.solver.instant import InstantSolver
 from ..daemon.settings import friction_curve, pipeline_settings
 from .lockstep import TICK_NS, Run
@@ -57,7 +57,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
         ]
         if places:
             counts = np.isfinite(target_um[index])
-            forms: list[EllipseForm | None] = [
+            forms: list[ContactEllipse | None] = [
                 (xx_mm, xy_mm, yy_mm) for xx_mm, xy_mm, yy_mm in known_mm[index, counts].tolist()
             ]
             gains = speed_gains[index, counts].tolist()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapticd.core.active_reference import interpolated_um
+from hapticd.core.frame import interpolated_um
 from hapticd.core.trajectory.gate import silence
 from hapticd.values import Knot, LimitReason, SafeDrive
 

@@ -12,12 +12,12 @@ import pytest
 from machine_bench import PLATE, SLIPPERY, STICKY, Bench
 
 from hapticd.board_protocol import BoardState
-from hapticd.core.active_reference import PlayedReference
 from hapticd.core.board.session import BoardSession
+from hapticd.core.frame import PlayedReference
 from hapticd.core.friction import FrictionCurve
 from hapticd.core.perception import ContactPerception
 from hapticd.core.pipeline import Pipeline
-from hapticd.core.plate.contact import EllipseForm
+from hapticd.core.plate.contact import ContactEllipse
 from hapticd.core.uncertainty import CERTAIN, Uncertainty
 from hapticd.daemon.perception import Perception
 from hapticd.files.recording.kinds import record_of
@@ -38,7 +38,7 @@ class Given:
         self.targets_um = dict(enumerate(targets_um, 1))
         self.fingers = tuple(Finger(n, n, CREST_MM, 0.0, False) for n in self.targets_um)
         self.asked_ns: list[int] = []
-        self.forms: list[EllipseForm | None] | None = None
+        self.forms: list[ContactEllipse | None] | None = None
         self.status: Any = None
         self.clock: Any = None
 

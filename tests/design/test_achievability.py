@@ -13,7 +13,7 @@ from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 PAIR = GroundTruth(PlateSettings()).measured_mode_map(1)
 OUT_OF_REACH_UM = 1e6
 DESCENT_FRAC = 0.03  # of its reach that a finger among still ones may lack on more modes than they fix
-EXACT_UM = 1e-7
+EXACT_UM = 1e-6
 
 
 def shapes_of(modes: int) -> ModeShapes:

@@ -9,14 +9,12 @@ Source: C. de Boor, A Practical Guide to Splines, ch. IV (slopes, not-a-knot) an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-import numpy.typing as npt
 
 from ...values import FloatArray
+from .surfaces import evaluate
 
-COEFFICIENTS = 16  # of one surface in one cell, powers of y fastest
+POINT = np.array([(0.0, 0.0, 1.0)])  # of the unit disc: its centre
 
 _FILL_STEPS = 500  # far more than scattered gaps need; a gap too wide to converge is still filled smoothly
 
@@ -24,8 +22,9 @@ _FILL_STEPS = 500  # far more than scattered gaps need; a gap too wide to conver
 class BicubicSurfaces:
     """M surfaces over one rectangular grid, evaluated many points at a time.
 
-    `patches` (cells, M, 16) are the coefficients for single points (`BicubicPatch`): cells row by row from the lowest
-    y; for each surface the powers x^c y^d, y fastest, of the distances to the cell's lower left corner.
+    `tables` is what `surfaces.c` takes: views of the coefficients (cells, M, 16), and of the knots along x and y. Cells
+    are row by row from the lowest y; a surface has the powers x^c y^d, y fastest, of the distances to the cell's lower
+    left corner.
     """
 
     def __init__(self, x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> None:
@@ -37,80 +36,23 @@ class BicubicSurfaces:
         # cold cache. Python floats would take four times the memory.
         by_cell = np.ascontiguousarray(patches.transpose(1, 3, 4, 2, 0))
         by_cell.setflags(write=False)
-        self.patches = by_cell.reshape(-1, values.shape[0], COEFFICIENTS)
-        self._by_power = self.patches.reshape(-1, values.shape[0], 4, 4).transpose(3, 2, 0, 1)
+        x_knots, y_knots = np.ascontiguousarray(x_knots, np.float64), np.ascontiguousarray(y_knots, np.float64)
+        self._surfaces = values.shape[0]
+        self.tables = by_cell.data, x_knots.data, y_knots.data
 
     def evaluate(self, points: FloatArray) -> FloatArray:
         """Return values (N, M) at `points` (N, 2); points outside are clamped to the edge, NaN gives zeros."""
-        cell, u, v = self._locate(points)
-        value = self._row(3, cell, u)
-        for power in (2, 1, 0):
-            value = value * v + self._row(power, cell, u)
-        return _silence_nan(value, points)
+        return self._at(points, has_slopes=False)[..., 0]
 
     def gradient(self, points: FloatArray) -> FloatArray:
         """Return the derivatives (N, M, 2) of `evaluate` along x and y; outside, those across the edge are zero."""
-        cell, u, v = self._locate(points)
-        along_x = self._row_slope(3, cell, u)
-        for power in (2, 1, 0):
-            along_x = along_x * v + self._row_slope(power, cell, u)
-        along_y = 3.0 * self._row(3, cell, u) * v + 2.0 * self._row(2, cell, u)
-        along_y = along_y * v + self._row(1, cell, u)
-        held = np.column_stack((_outside(points[:, 0], self.x_knots), _outside(points[:, 1], self.y_knots)))
-        return _silence_nan(np.where(held[:, None, :], 0.0, np.stack((along_x, along_y), axis=-1)), points)
+        return self._at(points, has_slopes=True)[..., 1:]
 
-    def _locate(self, points: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray, FloatArray]:
-        """The cell of each point (N,), and its offsets (N, 1) from the cell's lower left corner."""
-        x = np.clip(points[:, 0], self.x_knots[0], self.x_knots[-1])
-        y = np.clip(points[:, 1], self.y_knots[0], self.y_knots[-1])
-        column = np.searchsorted(self.x_knots[1:-1], x, side="right")
-        row = np.searchsorted(self.y_knots[1:-1], y, side="right")
-        offsets = (x - self.x_knots[column])[:, None], (y - self.y_knots[row])[:, None]
-        return row * (self.x_knots.size - 1) + column, *offsets
-
-    def _row(self, power: int, cell: npt.NDArray[np.intp], u: FloatArray) -> FloatArray:
-        """The cubic in x that multiplies y^power, (N, M)."""
-        c0, c1, c2, c3 = self._by_power[power]
-        value: FloatArray = ((c3[cell] * u + c2[cell]) * u + c1[cell]) * u + c0[cell]
-        return value
-
-    def _row_slope(self, power: int, cell: npt.NDArray[np.intp], u: FloatArray) -> FloatArray:
-        _, c1, c2, c3 = self._by_power[power]
-        slope: FloatArray = (3.0 * c3[cell] * u + 2.0 * c2[cell]) * u + c1[cell]
-        return slope
-
-
-class BicubicPatch:
-    """One surface in one cell, for single points: attributes, which are plain doubles as machine code.
-
-    `u`, `v` are the distances to the cell's lower left corner.
-    """
-
-    def __init__(self, coefficients: Sequence[float]) -> None:
-        self._a0, self._b0, self._c0, self._d0 = coefficients[0:4]
-        self._a1, self._b1, self._c1, self._d1 = coefficients[4:8]
-        self._a2, self._b2, self._c2, self._d2 = coefficients[8:12]
-        self._a3, self._b3, self._c3, self._d3 = coefficients[12:16]
-
-    def value(self, u: float, v: float) -> float:
-        """Return the value at one point."""
-        a = ((self._a3 * u + self._a2) * u + self._a1) * u + self._a0
-        b = ((self._b3 * u + self._b2) * u + self._b1) * u + self._b0
-        c = ((self._c3 * u + self._c2) * u + self._c1) * u + self._c0
-        d = ((self._d3 * u + self._d2) * u + self._d1) * u + self._d0
-        return ((d * v + c) * v + b) * v + a
-
-    def slope(self, u: float, v: float) -> tuple[float, float, float]:
-        """Return the value and the derivatives along x and y."""
-        a1, a2, a3 = self._a1, self._a2, self._a3
-        b1, b2, b3 = self._b1, self._b2, self._b3
-        c1, c2, c3 = self._c1, self._c2, self._c3
-        d1, d2, d3 = self._d1, self._d2, self._d3
-        a, a_x = ((a3 * u + a2) * u + a1) * u + self._a0, (3.0 * a3 * u + 2.0 * a2) * u + a1
-        b, b_x = ((b3 * u + b2) * u + b1) * u + self._b0, (3.0 * b3 * u + 2.0 * b2) * u + b1
-        c, c_x = ((c3 * u + c2) * u + c1) * u + self._c0, (3.0 * c3 * u + 2.0 * c2) * u + c1
-        d, d_x = ((d3 * u + d2) * u + d1) * u + self._d0, (3.0 * d3 * u + 2.0 * d2) * u + d1
-        return ((d * v + c) * v + b) * v + a, ((d_x * v + c_x) * v + b_x) * v + a_x, (3.0 * d * v + 2.0 * c) * v + b
+    def _at(self, points: FloatArray, *, has_slopes: bool) -> FloatArray:
+        """Values, and slopes, (N, M, 1 or 3)."""
+        contacts = np.column_stack((points, np.zeros((len(points), 3))))
+        found = np.frombuffer(bytearray(evaluate(self.tables, POINT, contacts, has_slopes)))
+        return found.reshape(len(points), self._surfaces, 3 if has_slopes else 1)
 
 
 def fill_gaps(x_knots: FloatArray, y_knots: FloatArray, values: FloatArray) -> FloatArray:
@@ -183,13 +125,3 @@ def _end_row(
 ) -> tuple[tuple[float, float], FloatArray]:
     both = outer + inner
     return (inner, both), ((outer + 2.0 * both) * inner * outer_secant + outer * outer * inner_secant) / both
-
-
-def _outside(coordinate: FloatArray, knots: FloatArray) -> npt.NDArray[np.bool_]:
-    return np.asarray((coordinate < knots[0]) | (coordinate > knots[-1]), np.bool_)
-
-
-def _silence_nan(values: FloatArray, points: FloatArray) -> FloatArray:
-    """Set values to zero where a coordinate is NaN: no amplitude is the safe answer for an unknown position."""
-    values[np.isnan(points).any(axis=1)] = 0.0
-    return values

@@ -18,24 +18,16 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from ...values import FloatArray
 from .mode_shapes import ModeShapes
 
-Gram = list[list[float]]  # (M, M), symmetric
 Disc = list[tuple[float, float, float]]  # points of a contact: dx, dy from its centre, weight
-EllipseForm = tuple[
-    float, float, float
-]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes an ellipse of the unit disc
-Ellipse = tuple[float, float, float, float, float]  # x_mm, y_mm, and its form
-Shapes = bytes  # of doubles (N, Q, M): the shapes at the Q points of N contacts
+ContactEllipse = tuple[float, float, float]  # xx_mm, xy_mm, yy_mm: the symmetric matrix that makes it of the unit disc
 
 CENTRE_WEIGHT: Final = 0.25
 RIM_WEIGHT: Final = 0.125
 RIM_FRAC: Final = math.sqrt(2.0 / 3.0)
 RIM_POINTS: Final = 6
-RINGS_FRAC: Final = (0.0694318442, 0.3300094782, 0.6699905218, 0.9305681558)  # Gauss's nodes, of the radius squared
-RING_WEIGHTS: Final = (0.1739274226, 0.3260725774, 0.3260725774, 0.1739274226)
-SPOKES: Final = 12
-MOST_GROWTH: Final = 1.5  # a finger whose place is less certain than that is better served as it was
 
 
 def disc_points(radius_mm: float) -> Disc:
@@ -46,62 +38,26 @@ def disc_points(radius_mm: float) -> Disc:
     return [(0.0, 0.0, CENTRE_WEIGHT), *rim]
 
 
-def many_points() -> Disc:
-    """Return points (u, v, weight) of the unit disc by which friction is judged, its rings turned against each other:
-    it has a cusp wherever the amplitude is 0."""
+def disc_rule(rings: int, spokes: int) -> Disc:
+    """Return points (u, v, weight) of the unit disc: Gauss's rule along the radius squared, the rings turned against
+    each other. Friction needs more of them than an RMS: it has a cusp wherever the amplitude is 0."""
     points = []
-    for ring in range(len(RING_WEIGHTS)):
-        reach = math.sqrt(RINGS_FRAC[ring])
-        for spoke in range(SPOKES):
-            turn_rad = 2.0 * math.pi * (spoke + 0.5 * (ring % 2)) / SPOKES
-            points.append((reach * math.cos(turn_rad), reach * math.sin(turn_rad), RING_WEIGHTS[ring] / SPOKES))
+    nodes, weights = (found.tolist() for found in np.polynomial.legendre.leggauss(rings))
+    for ring in range(rings):
+        radius = math.sqrt(0.5 * (nodes[ring] + 1.0))
+        for spoke in range(spokes):
+            turn_rad = 2.0 * math.pi * (spoke + 0.5 * (ring % 2)) / spokes
+            points.append((radius * math.cos(turn_rad), radius * math.sin(turn_rad), 0.5 * weights[ring] / spokes))
     return points
 
 
-def growth(variance_mm2: float, radius_mm: float) -> float:
-    """Return by how much a disc grows if its centre is uncertain, `variance_mm2` on each axis: up to MOST_GROWTH, and
-    not where the variance is unknown (NaN)."""
-    square = 4.0 * variance_mm2 / (radius_mm * radius_mm)
-    return min(math.sqrt(1.0 + square), MOST_GROWTH) if square > 0.0 else 1.0
+SOLVED_DISC: Final = disc_rule(2, 6)  # for friction as the solver has it
+JUDGED_DISC: Final = disc_rule(4, 12)  # and as it is judged
 
 
-def grown(radius_mm: float, variances_mm2: list[float], forms: list[EllipseForm | None] | None) -> list[EllipseForm]:
-    """Return each contact's form (N,) relative to a disc of this radius, grown by how uncertain its place is; `forms`
-    are discs of this radius where there is none."""
-    found: list[EllipseForm] = []
-    for finger in range(len(variances_mm2)):
-        form = None if forms is None else forms[finger]
-        if form is None:
-            disc = growth(variances_mm2[finger], radius_mm)
-            found.append((disc, 0.0, disc))
-        else:
-            xx_mm, xy_mm, yy_mm = form
-            area_mm2 = xx_mm * yy_mm - xy_mm * xy_mm
-            scale = growth(variances_mm2[finger], math.sqrt(area_mm2)) / radius_mm
-            found.append((scale * xx_mm, scale * xy_mm, scale * yy_mm))
-    return found
-
-
-def contact_gram(modes: ModeShapes, disc: Disc, x_mm: float, y_mm: float, form: EllipseForm = (1.0, 0.0, 1.0)) -> Gram:
-    """Return G of the disc about one point, as plain floats, or of the ellipse that this matrix (xx, xy, yy) makes of
-    it. Points beyond the map have its edge's shapes."""
-    count = modes.M
-    xx, xy, yy = form
-    rows = [modes.at(x_mm + (xx * dx_mm + xy * dy_mm), y_mm + (xy * dx_mm + yy * dy_mm)) for dx_mm, dy_mm, _ in disc]
-    weights = [weight for _, _, weight in disc]
-    gram = [[0.0] * count for _ in range(count)]
-    for k in range(count):
-        for other in range(k, count):
-            total = 0.0
-            for point in range(len(rows)):
-                phi = rows[point]
-                total += weights[point] * (phi[k] * phi[other])
-            gram[k][other] = gram[other][k] = total
-    return gram
-
-
-def contact_grams(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float) -> npt.NDArray[np.float64]:
-    """Return G (N, M, M) of discs of `radius_mm` about `points_mm` (N, 2), for `solve(..., gram=)`.
+def contact_grams(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float) -> FloatArray:
+    """Return G (N, M, M) of discs of `radius_mm` about `points_mm` (N, 2), for `solve(..., gram=)`. Points beyond the
+    map have its edge's shapes.
 
     Raises ValueError for points of another form and for a radius that is negative or not finite.
     """
@@ -110,7 +66,6 @@ def contact_grams(modes: ModeShapes, points_mm: npt.ArrayLike, radius_mm: float)
         raise ValueError(f"points_mm has shape {points.shape}; give (N, 2), a row per point.")
     if not 0.0 <= radius_mm < math.inf:
         raise ValueError(f"radius_mm is {radius_mm}; give a contact's radius in mm.")
-    disc = disc_points(radius_mm)
-    return np.array([contact_gram(modes, disc, x_mm, y_mm) for x_mm, y_mm in points.tolist()]).reshape(
-        -1, modes.M, modes.M
-    )
+    disc = np.array(disc_points(radius_mm))
+    shapes = modes.evaluate((points[:, None] + disc[:, :2]).reshape(-1, 2)).reshape(len(points), len(disc), modes.M)
+    return np.asarray(np.einsum("nqk,q,nql->nkl", shapes, disc[:, 2], shapes))

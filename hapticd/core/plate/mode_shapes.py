@@ -1,8 +1,7 @@
 """Mode shapes: from a measured mode map to the mode matrix Phi at the fingers (paper eq. 1-3).
 
-A map is values on a rectangular grid; between its points the shapes are bicubic splines. `at` and `at_with_gradient`
-evaluate one point in plain Python floats, for the tick; `evaluate` and `gradient` take arrays of points. Both do the
-same operations in the same order and agree to the last bit. README.md compares interpolators.
+A map is values on a rectangular grid; between its points the shapes are bicubic splines, which C evaluates
+(`surfaces.c`). README.md compares interpolators.
 
 Outside the map the shapes are those of the nearest edge point, which `inside` reports; a NaN position gives zeros.
 """
@@ -10,14 +9,16 @@ Outside the map the shapes are those of the nearest edge point, which `inside` r
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from array import array
 from collections.abc import Sequence
+from struct import Struct
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.plate.bicubic import BicubicPatch, BicubicSurfaces, fill_gaps
+from hapticd.core.plate.bicubic import POINT, BicubicSurfaces, fill_gaps
+from hapticd.core.plate.surfaces import evaluate
 from hapticd.errors import ModesError
 from hapticd.values import FloatArray
 
@@ -34,13 +35,13 @@ _MAX_POINTS = 400  # along one axis
 _MAX_VALUES = 250_000  # of all modes, which take 0.15 kB each; two modes on 350 x 350 points
 _MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
 _MIN_STEP_MM, _MAX_POSITION_MM, _MAX_VALUE = 1e-6, 1e6, 1e12  # beyond is a damaged file, and could overflow
-_FEW_POINTS = 32  # up to here the scalar path beats numpy's fixed cost
+_SLOPE = Struct("3d")
 
 
 class ModeShapes:
     """M mode shapes over the plate. Immutable; `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) are read-only.
 
-    `tables` is what C takes `at` from: views of `BicubicSurfaces.patches`, and of the knots x_mm and y_mm.
+    `tables` is what C takes `at` from (`BicubicSurfaces`).
     """
 
     def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
@@ -48,15 +49,9 @@ class ModeShapes:
         self.x_mm, self.y_mm = _axis(x_mm, "x_mm"), _axis(y_mm, "y_mm")
         self.shapes = _whole_shapes(self.x_mm, self.y_mm, shapes)
         self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
-        self.tables = self._surfaces.patches.data, self.x_mm.data, self.y_mm.data
+        self.tables = self._surfaces.tables
         self.M = int(self.shapes.shape[0])
-        self._cells: list[tuple[BicubicPatch, ...] | None] = [None] * len(self._surfaces.patches)
-        self._columns = int(self.x_mm.size) - 1
-        self._columns_per_mm = self._columns / float(self.x_mm[-1] - self.x_mm[0])
-        self._rows_per_mm = (int(self.y_mm.size) - 1) / float(self.y_mm[-1] - self.y_mm[0])
-        self._x_knots: tuple[float, ...] = tuple(self.x_mm.tolist())
-        self._y_knots: tuple[float, ...] = tuple(self.y_mm.tolist())
-        self._zeros = (0.0,) * self.M
+        self._row = Struct(f"{self.M}d")
         self._steepest_1_mm: float | None = None
 
     @classmethod
@@ -88,64 +83,21 @@ class ModeShapes:
 
     def at(self, x_mm: float, y_mm: float) -> _Row:
         """Return all M shapes at one point as floats; clamped outside, zeros for NaN."""
-        cell, u, v = self._located(x_mm, y_mm)
-        return self._zeros if cell < 0 else tuple([patch.value(u, v) for patch in self._patches(cell)])
+        place = array("d", (x_mm, y_mm, 0.0, 0.0, 0.0))
+        return self._row.unpack(evaluate(self.tables, POINT, place, False))
 
     def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[_Slope, ...]:
         """Return (phi, dphi/dx, dphi/dy) of all M shapes at one point, in 1 and 1/mm: `at` and `gradient` in one."""
-        if not self._is_on_map(x_mm, y_mm):
-            return self._beyond_with_gradient(x_mm, y_mm)
-        cell, u, v = self._located(x_mm, y_mm)
-        return tuple([patch.slope(u, v) for patch in self._patches(cell)])
-
-    def _is_on_map(self, x_mm: float, y_mm: float) -> bool:
-        """False for NaN."""
-        x_knots, y_knots = self._x_knots, self._y_knots
-        return x_knots[0] <= x_mm <= x_knots[-1] and y_knots[0] <= y_mm <= y_knots[-1]
-
-    def _located(self, x_mm: float, y_mm: float) -> tuple[int, float, float]:
-        """Cell of the nearest point on the map, and distances to its lower left corner; cell -1 for NaN."""
-        x_knots, y_knots = self._x_knots, self._y_knots
-        if not self._is_on_map(x_mm, y_mm):
-            if x_mm != x_mm or y_mm != y_mm:
-                return -1, 0.0, 0.0
-            x_mm = min(max(x_mm, x_knots[0]), x_knots[-1])
-            y_mm = min(max(y_mm, y_knots[0]), y_knots[-1])
-        column = _interval(x_knots, self._columns_per_mm, x_mm)
-        row = _interval(y_knots, self._rows_per_mm, y_mm)
-        return row * self._columns + column, x_mm - x_knots[column], y_mm - y_knots[row]
-
-    def _patches(self, cell: int) -> tuple[BicubicPatch, ...]:
-        """The cell's surfaces, built on first use."""
-        patches = self._cells[cell]
-        if patches is None:
-            patches = self._cells[cell] = tuple([BicubicPatch(row) for row in self._surfaces.patches[cell].tolist()])
-        return patches
-
-    def _beyond_with_gradient(self, x_mm: float, y_mm: float) -> tuple[_Slope, ...]:
-        """Outside the map: the shapes of the edge, with zero slope across it."""
-        if x_mm != x_mm or y_mm != y_mm:
-            return ((0.0, 0.0, 0.0),) * self.M
-        edge_x_mm = min(max(x_mm, self._x_knots[0]), self._x_knots[-1])
-        edge_y_mm = min(max(y_mm, self._y_knots[0]), self._y_knots[-1])
-        is_on_x, is_on_y = edge_x_mm == x_mm, edge_y_mm == y_mm
-        slopes = self.at_with_gradient(edge_x_mm, edge_y_mm)
-        return tuple([(phi, dx if is_on_x else 0.0, dy if is_on_y else 0.0) for phi, dx, dy in slopes])
+        place = array("d", (x_mm, y_mm, 0.0, 0.0, 0.0))
+        return tuple(_SLOPE.iter_unpack(evaluate(self.tables, POINT, place, True)))
 
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the mode matrix (N, M) at `points_mm` (N, 2). Raises ValueError for another shape."""
-        points = _points(points_mm)
-        if len(points) <= _FEW_POINTS:
-            return np.array([self.at(x_mm, y_mm) for x_mm, y_mm in points.tolist()], float).reshape(-1, self.M)
-        return self._surfaces.evaluate(points)
+        return self._surfaces.evaluate(_points(points_mm))
 
     def gradient(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return d(evaluate)/dx and /dy, (N, M, 2) in 1/mm, at `points_mm` (N, 2); outside, along the edge only."""
-        points = _points(points_mm)
-        if len(points) <= _FEW_POINTS:
-            rows = [self.at_with_gradient(x_mm, y_mm) for x_mm, y_mm in points.tolist()]
-            return np.array(rows, float).reshape(-1, self.M, 3)[..., 1:]
-        return self._surfaces.gradient(points)
+        return self._surfaces.gradient(_points(points_mm))
 
     def steepest_1_mm(self) -> float:
         """Return the greatest slope of any mode, in 1/mm, at the map's points and halfway between them.
@@ -184,15 +136,6 @@ class ParasiticModes:
         self.modes = modes
         self.decay_1_s = tuple(decay_1_s)
         self.detuning_rad_s = tuple(detuning_rad_s)
-
-
-def _interval(knots: tuple[float, ...], per_mm: float, position_mm: float) -> int:
-    """Index of the knot interval of a position within the knots: computed on an even grid, else by bisection."""
-    last = len(knots) - 1
-    guess = min(int((position_mm - knots[0]) * per_mm), last - 1)
-    if knots[guess] <= position_mm < knots[guess + 1]:
-        return guess
-    return bisect_right(knots, position_mm, 1, last) - 1
 
 
 def _points(points_mm: npt.ArrayLike) -> FloatArray:

@@ -1,35 +1,67 @@
 """The plate at one instant: the fingers' places and targets, and the modal amplitudes that serve them.
 
-Fingers are contacts, or points where the contact's radius is 0. The paper's case of points, one slipping and one still
-on two modes, has a closed form (`two_modes`); everything else is solved by one descent (`felt`).
+Fingers are contacts, or points where the contact's radius is 0. Friction is convex in amplitude: a contact whose RMS is
+as asked feels stickier, the more so the less even the vibration is. So what counts is its mean over the contact. With F
+the friction curve, phi_q the shapes at the contact's points q, c_q their weights, and F_i* the friction that the
+finger's target has when it is the same all over the contact,
+
+    u_i = (F_i - F_i*) / (WEBER_FRAC F_i*),    F_i = sum_q c_q F(r_q)
+    r_q^2 = |phi_q W|^2 + UNCERTAIN_FRAC^2 sum_k |phi_qk W_k|^2
+
+are the errors, and max |u_i| is least within |W_k| <= L_k. r_q is what is to be expected: each mode errs by a share of
+its amplitude, by map, gain and sensor together. Where not all can be had, the error of a finger that should stick
+counts in full, and of any other at most MOST_SLIPPERY of a just noticeable difference: the sticky one is as asked, and
+the others get what is left. Priorities come before that: of a finger whose priority is lower than another's, less
+counts (`counted_jnd`).
+
+Each iteration
+
+1.  weighs the fingers: the logarithm of alpha_i moves by RATE towards that of |u_i|, less the mean over the fingers
+    (multiplicative weights: S. Arora, E. Hazan and S. Kale, Theory of Computing 8, 2012);
+2.  replaces sum alpha_i |F_i - F_i*| by a sum of squares, point by point, that has its slope at the present W. A sticky
+    finger's points are pulled to 0, as |r| is (iteratively reweighted least squares); another's to r
+    plus the change that would make F_i right if all points changed alike. Over the frictions TO_ZERO one passes into
+    the other, within what is felt;
+3.  sweeps over the modes, each moved to its best, or PAST_FRAC past it, and into its limit (over-relaxation:
+    D. M. Young, Trans. AMS 76, 1954).
+
+It starts from the last W and the last weights, so W follows the fingers continuously: phases are free and nothing
+flips. From there it stays near the best of many starts (`hapticd bench felt`). `felt_descent.c` is the iteration.
 """
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from struct import Struct
 from typing import Final
 
 import numpy as np
 
-from ...values import FingerKey, FloatArray, TouchPoint
+from ...values import FloatArray
 from ..friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..phasors import ModeRow, ModeRows, Phasors
-from ..plate.contact import EllipseForm, Shapes, grown, many_points
+from ..plate.bicubic import POINT
+from ..plate.contact import SOLVED_DISC, ContactEllipse
 from ..plate.mode_shapes import ModeShapes
-from .felt import felt_points, is_any_slippery, solve_felt
-from .felt_descent import COLD, contact_shapes
-from .reach import Contacts, ReachSearch
+from ..plate.surfaces import evaluate
+from .felt_descent import COLD, descend
 from .two_modes import Pair, derated, hold_still, turned
 
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
-PointSolver = Callable[[ModeRows, ModeRow, ModeRow, ModeRow | None], tuple[ModeRow, bool]]
+PointSolver = Callable[[ModeRows, ModeRow, ModeRow], tuple[ModeRow, bool]]  # rows, targets_um, limits_um: W, `limited`
 
+ITERATIONS: Final = 7  # of a call
+FIRST: Final = (0.7, 0.9)  # frictions from which on errors count in full where not all can be had: in part, altogether
+MOST_SLIPPERY: Final = 0.9  # of a just noticeable difference: as much of a slippery finger's error counts
+MOST_LOWER: Final = 0.7  # of what counts one priority above: in six calls 48 % of places are felt, with 0.8 36 %
+TO_ZERO: Final = (0.9, 0.97)  # frictions from which on a finger's points are pulled to 0, in part and altogether
 SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and lifting turn amplitudes at this speed
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
 WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
-POINT: Final = ((0.0, 0.0, 1.0),)
+MOST_GROWTH: Final = 1.5  # of a contact: one whose place is less certain than that is better served as it was
+_PAIRS: Final = Struct("4d")
 
 
 class ModalSolution:
@@ -49,8 +81,9 @@ class ModalSolution:
 class InstantSolver:
     """Solver of one plate.
 
-    `contact_radius_mm`: fingers are discs of it where their forms are not known, points if it is 0; `friction_curve` is
-    what they feel. `derates`: amplitude gives way in the paper's case. `solve` takes the place of all rules for points.
+    `contact_radius_mm`: fingers are discs of it where their ellipses are not known, points if it is 0; `friction_curve`
+    is what they feel. `derates`: amplitude gives way in the paper's case. `solve` takes the place of all rules for
+    points.
     """
 
     def __init__(
@@ -63,13 +96,14 @@ class InstantSolver:
         derates: bool = True,
         solve: PointSolver | None = None,
     ) -> None:
-        self._modes: Final = modes
-        self._w_limit_um: Final = w_limit_um
-        self._wire_limit_um: Final = np.array(w_limit_um) * WIRE_FRAC
+        self.limits_um: Final = np.array(w_limit_um) * WIRE_FRAC
         self.contact_radius_mm: Final = contact_radius_mm
         self.has_contacts: Final = contact_radius_mm > 0.0  # then places are taken with their variance
-        self._disc: Final = np.array(felt_points() if self.has_contacts else POINT)
-        self._curve: Final = friction_curve
+        self.curve: Final = friction_curve
+        self._modes: Final = modes
+        self._w_limit_um: Final = w_limit_um
+        self._disc: Final = np.array(SOLVED_DISC) if self.has_contacts else POINT
+        self._weights: Final = self._disc[:, 2].copy()
         self._derates: Final = derates
         self._solve: Final = solve
         self._log_weights: list[float] = []
@@ -91,13 +125,15 @@ class InstantSolver:
         variances_mm2: list[float] | None = None,
         speed_gains: list[float] | None = None,
         priorities: list[int] | None = None,
-        forms: list[EllipseForm | None] | None = None,
+        ellipses: list[ContactEllipse | None] | None = None,
     ) -> ModalSolution:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
-        `variances_mm2` (N,) of the places on each axis, and the contacts' `forms`, None for discs. `speed_gains` are
-        the gains of the amplitude that each finger needs as it slides; `priorities` without them are equal."""
+        `variances_mm2` (N,) of each place on each axis, `speed_gains` (N,), the gains of the amplitude that each finger
+        needs as it slides, `priorities` (N,), and `ellipses` (N,) where they are known."""
         if not self.has_contacts:
-            solution = self._solve_two(places, previous_um) if self._solve is None else self._by(places, previous_um)
+            solution = (
+                self._solve_two(places, previous_um) if self._solve is None else self._solve_by(self._solve, places)
+            )
             if solution is not None:
                 return solution
         fingers, most_step_um = len(places), math.inf
@@ -107,35 +143,36 @@ class InstantSolver:
         if self.has_contacts and is_any_slippery(targets_um):
             most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
         modal_um, achieved_um, limited = solve_felt(
-            self._contact_shapes(self._disc, places, variances_mm2, forms),
-            self._disc,
-            self._curve,
+            self.shapes(self._disc, places, variances_mm2, ellipses),
+            self._weights,
+            self.curve,
             targets_um,
-            self._wire_limit_um,
+            self.limits_um,
             previous_um,
             self._log_weights,
-            [1.0] * fingers if speed_gains is None else speed_gains,
-            [0] * fingers if priorities is None else priorities,
+            speed_gains or [1.0] * fingers,
+            priorities or [0] * fingers,
             most_step_um,
         )
         return ModalSolution(places, achieved_um, modal_um, limited)
 
-    def _contact_shapes(
+    def shapes(
         self,
         disc: FloatArray,
         places: list[AskedPlace],
-        variances_mm2: list[float] | None,
-        forms: list[EllipseForm | None] | None,
-    ) -> Shapes:
-        radius_mm = self.contact_radius_mm
-        contacts: list[EllipseForm] = [(1.0, 0.0, 1.0)] * len(places)
-        if radius_mm > 0.0:
-            contacts = grown(radius_mm, [0.0] * len(places) if variances_mm2 is None else variances_mm2, forms)
-        ellipses: list[float] = []
+        variances_mm2: list[float] | None = None,
+        ellipses: list[ContactEllipse | None] | None = None,
+    ) -> bytes:
+        """Return the shapes (N, Q, M) at the points of each contact, a unit disc that has these (Q, 3)."""
+        contacts: list[float] = []
         for finger in range(len(places)):
-            (x_mm, y_mm, _), (xx, xy, yy) = places[finger], contacts[finger]
-            ellipses += [x_mm, y_mm, xx * radius_mm, xy * radius_mm, yy * radius_mm]
-        return contact_shapes(self._modes.tables, disc, array("d", ellipses))
+            x_mm, y_mm, _ = places[finger]
+            ellipse = None if ellipses is None else ellipses[finger]
+            if ellipse is None:
+                ellipse = (self.contact_radius_mm, 0.0, self.contact_radius_mm)
+            scale = 1.0 if variances_mm2 is None else growth(variances_mm2[finger], ellipse)
+            contacts += [x_mm, y_mm, scale * ellipse[0], scale * ellipse[1], scale * ellipse[2]]
+        return evaluate(self._modes.tables, disc, array("d", contacts), False)
 
     def _solve_two(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution | None:
         """The paper's case; None for any other."""
@@ -145,63 +182,112 @@ class InstantSolver:
         target_um = places[moved][2]
         if not (target_um > 0.0 and places[held][2] == 0.0):
             return None
-        slipping, still = self._pair_at(places[moved]), self._pair_at(places[held])
+        x, y, other_x, other_y = _PAIRS.unpack(self.shapes(POINT, [places[moved], places[held]]))
+        slipping, still = (x, y), (other_x, other_y)
         if still == (0.0, 0.0):  # on a node of both modes: still, whatever they do
             return None
         limits_um = self._w_limit_um[0], self._w_limit_um[1]
         modal_um, phase, limited = hold_still(slipping, target_um, still, limits_um, (previous_um[0], previous_um[1]))
         if self._derates:
-            share = min(1.0, abs(slipping[0] * modal_um[0] + slipping[1] * modal_um[1]) / target_um) if limited else 1.0
-            x_mm, y_mm, _ = places[held]
-            modal_um = derated(
-                modal_um,
-                share,
-                lambda: self._modes.at_with_gradient(x_mm, y_mm),
-                still,
-                self._modes.steepest_1_mm(),
-                limited=limited,
-            )
+            share = min(1.0, _at(slipping, modal_um) / target_um) if limited else 1.0
+            modal_um = derated(modal_um, share, still, self._modes, places[held], limited=limited)
         got_um = [0.0, 0.0]
-        got_um[moved] = abs(slipping[0] * modal_um[0] + slipping[1] * modal_um[1])
-        got_um[held] = abs(still[0] * modal_um[0] + still[1] * modal_um[1])
+        got_um[moved], got_um[held] = _at(slipping, modal_um), _at(still, modal_um)
         return ModalSolution(places, got_um, turned(modal_um, phase, limits_um), limited)
 
-    def _pair_at(self, place: AskedPlace) -> Pair:
-        row = self._modes.at(place[0], place[1])
-        return row[0], row[1]
-
-    def _by(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution:
+    def _solve_by(self, solve: PointSolver, places: list[AskedPlace]) -> ModalSolution:
         """The solution by another rule for points, with real amplitudes."""
-        assert self._solve is not None
         rows = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
-        targets_um = tuple([target_um for _, _, target_um in places])
-        modal_um, limited = self._solve(rows, targets_um, self._w_limit_um, tuple([w_um.real for w_um in previous_um]))
+        modal_um, limited = solve(rows, tuple([target_um for _, _, target_um in places]), self._w_limit_um)
         got_um = [abs(sum([phi * w_um for phi, w_um in zip(row, modal_um, strict=True)])) for row in rows]
         return ModalSolution(places, got_um, tuple(map(complex, modal_um)), limited)
 
-    def reach(
-        self,
-        places: list[AskedPlace],
-        variances_mm2: list[float],
-        speed_gains: list[float],
-        priorities: list[int],
-        calls: int,
-        forms: list[EllipseForm | None] | None = None,
-    ) -> tuple[float, float] | None:
-        """Return the interval of friction (0 .. 1) that the last finger can feel beside the others, by so many calls
-        of the solver; None if it can feel none as asked."""
-        judging = np.array(many_points())
-        contacts = Contacts(self._contact_shapes(self._disc, places, variances_mm2, forms), self._disc)
-        judged = Contacts(self._contact_shapes(judging, places, variances_mm2, forms), judging)
-        targets_um = [target_um for _, _, target_um in places[:-1]]
-        problem = ReachSearch(contacts, judged, self._curve, targets_um, self._wire_limit_um, speed_gains, priorities)
-        return problem.interval(calls)
+
+def _at(row: Pair, modal_um: Pair) -> float:
+    return abs(row[0] * modal_um[0] + row[1] * modal_um[1])
 
 
-def points(keys: Sequence[FingerKey], first: ModalSolution, last: ModalSolution) -> tuple[TouchPoint, ...]:
-    """The fingers at a frame's first knot, with the amplitude that each gets there."""
-    found: list[TouchPoint] = []
-    for n in range(len(first.places)):
-        (x_mm, y_mm, target_um), (end_x_mm, end_y_mm, _) = first.places[n], last.places[n]
-        found.append(TouchPoint(keys[n], x_mm, y_mm, target_um, first.achieved_um[n], end_x_mm, end_y_mm))
-    return tuple(found)
+def growth(variance_mm2: float, ellipse: ContactEllipse) -> float:
+    """Return by how much a contact grows if its centre is uncertain, `variance_mm2` on each axis (`plate.contact`): up
+    to MOST_GROWTH, and not where the variance is unknown (NaN)."""
+    xx_mm, xy_mm, yy_mm = ellipse
+    square = 4.0 * variance_mm2 / (xx_mm * yy_mm - xy_mm * xy_mm)
+    return min(math.sqrt(1.0 + square), MOST_GROWTH) if square > 0.0 else 1.0
+
+
+def solve_felt(
+    shapes: bytes,
+    weights: FloatArray,
+    curve: FrictionCurve,
+    targets_um: list[float],
+    limits_um: FloatArray,
+    modal_um: Phasors,
+    log_weights: list[float],
+    speed_gains: list[float],
+    priorities: list[int],
+    most_step_um: float = math.inf,
+) -> tuple[Phasors, list[float], bool]:
+    """Return W (M,), moved to where the largest error is least, each contact's RMS (N,), and `limited`.
+
+    `shapes` (N, Q, M) are those at the points of each contact, which have `weights` (Q,); `speed_gains` (N,) are the
+    gains of the amplitude that each finger needs as it slides, `priorities` (N,) say whose errors come first. Where a
+    contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
+    `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. No mode moves by
+    more than `most_step_um`: a pattern that begins from silence keeps its contrast.
+    """
+    fingers = len(targets_um)
+    if not is_any_slippery(targets_um):
+        return (0j,) * len(modal_um), [0.0] * fingers, False
+    table = finger_table(curve, targets_um, log_weights, speed_gains, priorities)
+    moved_um, limited = descend(shapes, weights, table, curve.table, limits_um, modal_um, ITERATIONS, most_step_um)
+    found = table.tolist()
+    log_weights[:] = found[5 * fingers : 6 * fingers]
+    return moved_um, found[7 * fingers :], limited
+
+
+def finger_table(
+    curve: FrictionCurve,
+    targets_um: list[float],
+    log_weights: list[float],
+    speed_gains: list[float],
+    priorities: list[int],
+) -> array[float]:
+    """Return what `descend` takes of fingers (8, N), see there."""
+    frictions = [curve.friction(targets_um[n] / speed_gains[n]) for n in range(len(targets_um))]
+    stickiness = [_between(friction, TO_ZERO) for friction in frictions]
+    counted, answers = counted_jnd(frictions, priorities), [0.0] * (2 * len(targets_um))
+    return array("d", targets_um + frictions + counted + stickiness + speed_gains + log_weights + answers)
+
+
+def is_any_slippery(targets_um: list[float]) -> bool:
+    """Return whether some finger's target is above 0."""
+    is_any = False
+    for target_um in targets_um:
+        is_any = is_any or target_um > 0.0
+    return is_any
+
+
+def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
+    """Return as much of each finger's error as counts, in just noticeable differences, for the targets' frictions and
+    the fingers' priorities.
+
+    Of each priority in use a share of what counts one above. Within the highest, where there are lower ones, the
+    stickiest finger counts in full, however slippery it is.
+    """
+    slipperiness = [1.0 - _between(friction, FIRST) for friction in frictions]
+    has_ranks, in_use, least = max(priorities) > min(priorities), priorities, 0.0
+    if has_ranks:
+        in_use = sorted(set(priorities), reverse=True)
+        least = min([slipperiness[n] for n in range(len(frictions)) if priorities[n] == in_use[0]])
+    counted = []
+    for n in range(len(frictions)):
+        rank, more = in_use.index(priorities[n]) if has_ranks else 0, slipperiness[n] - least
+        if rank > 0:
+            counted.append((1.0 - (1.0 - MOST_SLIPPERY) * slipperiness[n]) * MOST_LOWER**rank)
+        else:
+            counted.append(MOST_SLIPPERY / more if more > 0.0 else math.inf)
+    return counted
+
+
+def _between(friction: float, ends: tuple[float, float]) -> float:
+    return min(max((friction - ends[0]) / (ends[1] - ends[0]), 0.0), 1.0)

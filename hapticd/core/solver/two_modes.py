@@ -14,11 +14,11 @@ still finger more than it gives the other, near singular positions:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
+from ..plate.mode_shapes import ModeShapes
+
 Pair = tuple[float, float]
-Slope = tuple[float, float, float]  # of one mode at one point: phi, dphi/dx, dphi/dy
 
 NOISE: Final = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
 SAFE: Final = 1e100  # squares of larger numbers, or of their inverses, leave the range of floats
@@ -80,22 +80,16 @@ def turned(modal: Pair, phase: complex, limits: Pair) -> tuple[complex, complex]
 
 
 def derated(
-    modal: Pair,
-    share: float,
-    slopes: Callable[[], tuple[Slope, ...]],
-    still: Pair,
-    steepest_1_mm: float,
-    *,
-    limited: bool,
+    modal: Pair, share: float, still: Pair, modes: ModeShapes, place: tuple[float, float, float], *, limited: bool
 ) -> Pair:
-    """Return W scaled by 1 or less: `share` is what the slipping finger gets of its target, `slopes` gives shapes and
-    slopes under the still one, and is called only where they could matter."""
+    """Return W scaled by 1 or less: `share` is what the slipping finger gets of its target, `still` are the shapes at
+    `place` under the other one."""
     square = still[0] * still[0] + still[1] * still[1]
-    largest_um_mm = steepest_1_mm * (abs(modal[0]) + abs(modal[1]))
+    largest_um_mm = modes.steepest_1_mm() * (abs(modal[0]) + abs(modal[1]))
     if not (limited or square * STEEPEST_UM_MM**2 < largest_um_mm * largest_um_mm):
         return modal
     along_x = along_y = 0.0
-    for w_um, (_, dx_1_mm, dy_1_mm) in zip(modal, slopes(), strict=True):
+    for w_um, (_, dx_1_mm, dy_1_mm) in zip(modal, modes.at_with_gradient(place[0], place[1]), strict=True):
         along_x += dx_1_mm * w_um
         along_y += dy_1_mm * w_um
     slope_um_mm, bound_um_mm, scale = math.hypot(along_x, along_y), STEEPEST_UM_MM * math.sqrt(square), 1.0

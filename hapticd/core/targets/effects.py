@@ -13,7 +13,7 @@ from hapticd_contract.effects import At, Effect, Now, OnEdge, Start
 from hapticd_contract.targets import ClientTargets
 
 from ...values import FingerKey
-from ..trajectory.knots import GRAIN_NS
+from ..trajectory.gate import GRAIN_NS
 from .forms import ENDLESS_NS, SINE_CORNERS, Course
 from .layer import Layer
 from .surfaces import NEVER_NS, SurfaceSet

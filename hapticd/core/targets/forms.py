@@ -14,7 +14,7 @@ from typing import Final
 
 from hapticd_contract.effects import Envelope, Form, Modulation, Pulse
 
-from ..trajectory.knots import GRAIN_NS
+from ..trajectory.gate import GRAIN_NS
 
 SINE_CORNERS: Final = 7  # six would be 3.6 % of the depth off
 ENDLESS_NS: Final = 2**60

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from hapticd_contract.surfaces import Circle, Surface
 from hapticd_contract.targets import ClientTargets
 
-from ..trajectory.knots import GRAIN_NS
+from ..trajectory.gate import GRAIN_NS
 from .layer import Layer
 from .textures import Textures, detail, fills_shape
 

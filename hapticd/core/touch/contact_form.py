@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from ..plate.contact import EllipseForm
+from ..plate.contact import ContactEllipse
 
 LEAST_MM: Final = 3.0  # semi-axes of a fingertip's contact; what is reported beyond is a palm, or two fingers merged
 MOST_MM: Final = 8.0
@@ -41,7 +41,7 @@ class ContactForm:
     """The form of one finger's contact, while it is down; None until the pad has reported an ellipse."""
 
     def __init__(self, scale: EllipseScale) -> None:
-        self.form: EllipseForm | None = None
+        self.form: ContactEllipse | None = None
         self._scale: Final = scale
         self._reports = 0.0
         self._mean_mm = self._along_mm = self._across_mm = 0.0
@@ -84,7 +84,7 @@ class ContactForm:
         self.form = (mean_mm + along_mm, across_mm, mean_mm - along_mm)
 
 
-def axes(form: EllipseForm) -> tuple[float, float, float]:
+def axes(form: ContactEllipse) -> tuple[float, float, float]:
     """Return the whole axes of an ellipse in mm, the longer one first, and the angle of that to x in rad."""
     xx_mm, xy_mm, yy_mm = form
     along_mm = 0.5 * (xx_mm - yy_mm)

@@ -17,6 +17,8 @@ from typing import Final
 from ...values import Drive, Knot, LimitReason, SafeDrive
 
 UNTOUCHED: Final = LimitReason.NONE  # here and in all that passes do: a member looked up in its class takes 0.15 us
+SHORTEST_NS: Final = 500_000  # the board's control tick: a finer polyline is never seen
+GRAIN_NS: Final = 4_000  # the wire's unit of time
 MAX_SPAN_NS: Final = 262_000_000  # a polyline longer than this does not fit the wire's 16-bit offsets of 4 us
 MAX_LIMIT_UM: Final = 1e3  # a limit beyond is a mistake; the plate breaks long before
 

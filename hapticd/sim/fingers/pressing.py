@@ -15,7 +15,7 @@ import numpy as np
 
 from hapticd_contract.simulated import USUAL_PRESSURE_FRAC, SimulatedTouch
 
-from ...core.plate.contact import EllipseForm
+from ...core.plate.contact import ContactEllipse
 from ...values import FloatArray
 from ..score import CONTACT_RADIUS_MM, TrueContact
 
@@ -35,7 +35,7 @@ class Tip(TrueContact, Protocol):
 @dataclass(frozen=True)
 class SampledFinger:
     """A path and its tip through samples, straight between them: `at_s` (K,) rising, `rows` (K, 6), each x_mm and y_mm,
-    NaN where the finger is lifted, the pressure, and the `EllipseForm`."""
+    NaN where the finger is lifted, the pressure, and the `ContactEllipse`."""
 
     at_s: FloatArray
     rows: FloatArray
@@ -79,7 +79,7 @@ def row_of(touch: SimulatedTouch) -> Row:
     return touch.x_mm, touch.y_mm, touch.pressure_frac, *form_of(touch)
 
 
-def form_of(touch: SimulatedTouch) -> EllipseForm:
+def form_of(touch: SimulatedTouch) -> ContactEllipse:
     """Return the contact of a finger: its ellipse, or the disc that its pressure makes."""
     if touch.major_mm > 0.0:
         return ellipse(touch.major_mm, touch.minor_mm, touch.angle_rad)
@@ -88,7 +88,7 @@ def form_of(touch: SimulatedTouch) -> EllipseForm:
     return radius_mm, 0.0, radius_mm
 
 
-def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> EllipseForm:
+def ellipse(major_mm: float, minor_mm: float, angle_rad: float) -> ContactEllipse:
     """Return the form of a contact with these whole axes, the major one at `angle_rad` to x."""
     mean_mm, half_mm = (major_mm + minor_mm) / 4.0, (major_mm - minor_mm) / 4.0
     along_mm, across_mm = half_mm * math.cos(2.0 * angle_rad), half_mm * math.sin(2.0 * angle_rad)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ...core.plate.contact import EllipseForm
+from ...core.plate.contact import ContactEllipse
 from ...daemon.settings import plate_from_pad
 from ...errors import UsageError
 from ...files.recording.kinds import pad_of
@@ -97,7 +97,7 @@ def read(path: Path) -> Scenario:
     return Scenario(path.name, "fingers of a recording", seconds, lambda _seed, _speed_mm_s: actors)
 
 
-def _form(contact: Contact) -> EllipseForm:
+def _form(contact: Contact) -> ContactEllipse:
     """Return the true contact that the simulated pad reports as this one."""
     law = pad_ellipse.USUAL
     major_mm, minor_mm = (

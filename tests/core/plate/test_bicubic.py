@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from hapticd.core.plate.bicubic import BicubicSurfaces, fill_gaps
+from hapticd.core.plate.bicubic import POINT, BicubicSurfaces, fill_gaps
+from hapticd.core.plate.surfaces import evaluate
 
 
 def uneven_knots(random: np.random.Generator, count: int) -> np.ndarray:
@@ -37,6 +38,30 @@ def test_it_is_the_not_a_knot_spline_of_scipy(seed: int) -> None:
     ]
 
     np.testing.assert_allclose(surfaces.evaluate(points), expected, rtol=0.0, atol=1e-11)
+
+
+def test_slopes_are_those_of_finite_differences_and_contacts_are_points_around_their_centres() -> None:
+    surfaces, _, random = random_surfaces(4)
+    points, step = 0.9 * points_within(random, surfaces, 50), 1e-5
+    for axis in (0, 1):
+        away = step * np.eye(2)[axis]
+        slopes = (surfaces.evaluate(points + away) - surfaces.evaluate(points - away)) / (2.0 * step)
+        np.testing.assert_allclose(surfaces.gradient(points)[..., axis], slopes, rtol=0.0, atol=1e-5)
+
+    disc, (xx, xy, yy) = np.array([(0.3, -0.2, 0.5), (-1.0, 0.4, 0.5)]), (1.5, 0.2, 0.7)
+    contacts = np.column_stack((points, np.tile((xx, xy, yy), (50, 1))))
+    around = (points[:, None] + disc[:, :2] @ np.array([(xx, xy), (xy, yy)])).reshape(-1, 2)
+    found = np.frombuffer(evaluate(surfaces.tables, disc, contacts, False)).reshape(-1, 3)
+    np.testing.assert_allclose(found, surfaces.evaluate(around), rtol=0.0, atol=1e-12)
+
+
+def test_tables_of_another_form_are_refused() -> None:
+    (patches, x, y), contact = random_surfaces(5)[0].tables, np.array([0.0, 0.0, 5.0, 0.0, 5.0])
+    for tables, given in (((patches, x, x), contact), ((patches, x[:1], y), contact), ((patches, x, y), contact[:4])):
+        with pytest.raises(ValueError, match="lengths"):
+            evaluate(tables, POINT, given, False)
+    with pytest.raises(TypeError):
+        evaluate(None, POINT, contact, False)
 
 
 def test_beyond_the_edge_the_surface_is_constant() -> None:

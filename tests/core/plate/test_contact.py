@@ -1,12 +1,13 @@
-"""Gram matrices of contacts: seven points against a Gauss quadrature, and what no finger has."""
+"""Contacts: their Gram matrices against a Gauss quadrature, their growth, and what no finger has."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from hapticd.core.plate.contact import contact_gram, contact_grams, disc_points, growth
+from hapticd.core.plate.contact import contact_grams
 from hapticd.core.plate.mode_shapes import ModeShapes
+from hapticd.core.solver.instant import growth
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import disc
 
@@ -29,10 +30,11 @@ def test_an_uncertain_disc_is_the_mean_over_the_places_where_it_may_be(modes: Mo
     random, sigma_mm = np.random.default_rng(3), 0.8
     places_mm = np.array([12.0, -30.0]) + sigma_mm * random.normal(size=(4000, 2))
     expected = contact_grams(modes, places_mm, 5.0).mean(axis=0)
-    grown = growth(sigma_mm**2, 5.0)
-    stretched = np.array(contact_gram(modes, disc_points(5.0), 12.0, -30.0, (grown, 0.0, grown)))
-    certain = np.array(contact_gram(modes, disc_points(5.0), 12.0, -30.0))
-    assert np.abs(stretched - expected).max() < 0.3 * np.abs(certain - expected).max()
+    certain, grown = (
+        contact_grams(modes, [(12.0, -30.0)], radius_mm)[0]
+        for radius_mm in (5.0, 5.0 * growth(sigma_mm**2, (5.0, 0.0, 5.0)))
+    )
+    assert np.abs(grown - expected).max() < 0.3 * np.abs(certain - expected).max()
 
 
 def test_points_and_radii_of_another_form_are_refused_in_one_sentence(modes: ModeShapes) -> None:

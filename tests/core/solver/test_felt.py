@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
-from hapticd.core.solver.felt import solve_felt
-from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver
+from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver, solve_felt
 from hapticd.core.touch.contact_form import ContactForm, EllipseScale
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
@@ -171,11 +170,11 @@ def test_whatever_the_contacts_amplitudes_are_finite_and_within_the_limits(data:
     asked_um = st.sampled_from((0.0, 1e-9, 0.1, 0.5, 1.0, 1e6))
     targets_um = data.draw(st.lists(asked_um, min_size=fingers, max_size=fingers))
     curve = data.draw(st.sampled_from((DEFAULT_FRICTION_CURVE, FrictionCurve.from_amplitudes((0.0, 0.2, 1.1), 0.3))))
-    limits_um, disc = 10.0 ** random.uniform(-3, 2, modes), np.tile([0.0, 0.0, 0.2], (5, 1))
+    limits_um, weights = 10.0 ** random.uniform(-3, 2, modes), np.full(5, 0.2)
     modal_um, logs, priorities = (0j,) * modes, [0.0] * fingers, random.integers(0, 4, fingers).tolist()
     for _ in range(4):
         modal_um, rms_um, _ = solve_felt(
-            phi.tobytes(), disc, curve, targets_um, limits_um, modal_um, logs, [1.0] * fingers, priorities
+            phi.tobytes(), weights, curve, targets_um, limits_um, modal_um, logs, [1.0] * fingers, priorities
         )
         assert np.isfinite(modal_um).all()
         assert np.isfinite(logs).all()
@@ -233,12 +232,12 @@ def test_whatever_ellipses_a_pad_reports_amplitudes_are_finite_and_within_the_li
     one, modal_um = solver(plate), (0j,) * 4
     for _ in range(3):
         forms = [contact.form for contact in contacts]
-        modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, [0.1, math.nan], forms=forms).modal_um
+        modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, [0.1, math.nan], ellipses=forms).modal_um
         assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(modal_um, LIMITS_UM, strict=True))
 
 
 def test_a_disc_that_a_pad_reports_gives_the_bits_of_a_disc_that_is_believed(plate: ModeShapes) -> None:
     at = places(PAIR_MM, (1.0, 0.0))
     plain = solver(plate).solve(at, (0j,) * 4, MS)
-    reported = solver(plate).solve(at, (0j,) * 4, MS, forms=[(5.0, 0.0, 5.0), None])
+    reported = solver(plate).solve(at, (0j,) * 4, MS, ellipses=[(5.0, 0.0, 5.0), None])
     assert plain.modal_um == reported.modal_um

@@ -7,14 +7,14 @@ import pytest
 
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.core.solver.instant import AskedPlace, InstantSolver
-from hapticd.core.solver.reach import COLD_CALLS, LEAST_CALLS, MOST_CALLS, TRIED
+from hapticd.core.solver.reach import LEAST_CALLS, MOST_CALLS, TRIED, ReachSearch
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
 from hapticd.values import WEBER_FRAC
 
 PLATE = GroundTruth(PlateSettings.of("fingertip"))
 MODES = PLATE.true_mode_map()
-ALL_CALLS = 2 * COLD_CALLS + TRIED * MOST_CALLS
+ALL_CALLS = LEAST_CALLS + TRIED * (MOST_CALLS - 2)
 BEYOND = 0.1  # of friction, outside of an interval
 
 
@@ -23,7 +23,8 @@ def solver() -> InstantSolver:
 
 
 def reached(places: list[AskedPlace], calls: int = ALL_CALLS) -> tuple[float, float] | None:
-    return solver().reach(places, [0.0] * len(places), [1.0] * len(places), [0] * len(places), calls)
+    count = len(places)
+    return ReachSearch(solver(), places, [0.0] * count, [1.0] * count, [0] * count).interval(calls)
 
 
 def errors_jnd(places: list[AskedPlace]) -> np.ndarray:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.core.targets.forms import Course
-from hapticd.core.trajectory.knots import GRAIN_NS
+from hapticd.core.trajectory.gate import GRAIN_NS
 from hapticd_contract.effects import Envelope, Form, Modulation, Pulse
 
 WAVES = st.sampled_from(["sine", "square"])

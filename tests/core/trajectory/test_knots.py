@@ -8,8 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapticd.core.frame import refine
 from hapticd.core.phasors import Phasors
-from hapticd.core.trajectory.knots import GRAIN_NS, SHORTEST_NS, refine
+from hapticd.core.trajectory.gate import GRAIN_NS, SHORTEST_NS
 from hapticd.values import Knot
 
 SPAN_NS = 17_000_000
