@@ -56,7 +56,7 @@ def rises(flags: np.ndarray) -> list[int]:
     return np.flatnonzero(np.diff(high, prepend=False) & high).tolist()
 
 
-def test_the_sync_output_rises_for_5_ms_at_the_tick_at_which_the_reference_takes_effect(bench: Bench) -> None:
+def test_the_sync_output_is_high_for_5_ms_from_when_the_reference_takes_effect(bench: Bench) -> None:
     bench.arm()
     bench.messages.clear()
     pulsed(bench)

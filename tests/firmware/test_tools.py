@@ -177,7 +177,7 @@ def test_only_a_quiet_board_takes_a_tool(bench: Bench, command: Any) -> None:
 
 
 @pytest.mark.parametrize(("asked_hz", "ticks"), [(2000, 1), (5000, 1), (1999, 2), (1000, 2), (999, 3), (1, 2000)])
-def test_telemetry_comes_at_the_highest_divisor_of_the_control_rate_not_above_the_asked(
+def test_telemetry_comes_at_the_highest_divisor_of_the_control_rate_within_the_asked(
     bench: Bench, asked_hz: int, ticks: int
 ) -> None:
     assert bench.verdict(SetTelemetry(asked_hz)) is CommandResult.DONE

@@ -102,7 +102,7 @@ def test_the_outsiders_frames_are_those_of_the_examples() -> None:
         assert outsider.framed(*message) == line
 
 
-def test_fingers_are_driven_and_nothing_that_is_sent_is_late_invalid_or_beyond_a_limit(
+def test_fingers_are_driven_and_nothing_sent_is_late_invalid_or_beyond_a_limit(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     stand = Stand(STROKE, STICKY).driven()
@@ -125,7 +125,7 @@ def test_still_fingers_are_kept_alive_within_the_dead_man_time() -> None:
     assert board.trips == 0
 
 
-def test_a_cut_line_quiets_the_plate_within_the_dead_man_time_and_is_driven_again_afterwards() -> None:
+def test_a_cut_line_silences_the_plate_in_time_and_is_driven_again_afterwards() -> None:
     stand = Stand(STROKE, STICKY).driven()
     stand.board.is_cut = True
     stand.run(150)
@@ -249,7 +249,7 @@ def refusing(result: int) -> Any:
         (refusing(outsider.OUT_OF_RANGE), "refuses the control law or its gains: a value is out of range"),
     ],
 )
-def test_a_handshake_that_cannot_end_is_one_sentence_within_two_seconds_and_in_the_status(
+def test_a_handshake_that_cannot_end_is_one_sentence_within_2_s_and_in_the_status(
     censor: Any, named: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     stand = Stand(SLIPPERY, STICKY, censor=censor)
@@ -303,7 +303,7 @@ WHIMS: dict[str, Any] = {
 @pytest.mark.long
 @settings(max_examples=40)
 @given(st.lists(st.tuples(st.sampled_from([*WHIMS, "reset", "backwards"]), st.integers(1, 15)), max_size=5))
-def test_a_board_of_any_whims_is_driven_only_while_it_reports_and_again_once_it_is_in_order(
+def test_a_board_of_any_whims_is_driven_only_while_it_reports(
     whims: list[tuple[str, int]],
 ) -> None:
     stand, reported_us = Stand(SLIPPERY, STICKY), [0]

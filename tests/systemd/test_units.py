@@ -43,7 +43,7 @@ def analyze(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 @needs_systemd
 @pytest.mark.parametrize(("drop_in", "max_exposure"), [("", MAX_EXPOSURE), (TCP.read_text("utf-8"), MAX_EXPOSURE_TCP)])
-def test_systemd_accepts_unit_and_drop_in_without_a_word_and_leaves_them_next_to_nothing(
+def test_systemd_accepts_unit_and_drop_in_and_leaves_them_next_to_nothing(
     drop_in: str, max_exposure: float, tmp_path: Path
 ) -> None:
     """With a program that exists on every machine, for systemd looks whether it does; a drop-in's lines come last."""
@@ -56,7 +56,7 @@ def test_systemd_accepts_unit_and_drop_in_without_a_word_and_leaves_them_next_to
     assert judged.returncode == 0, judged.stdout[-300:]
 
 
-def test_the_only_folder_on_a_disk_that_it_may_write_is_the_configurations_for_recordings() -> None:
+def test_the_only_folder_that_it_may_write_is_the_configurations_for_recordings() -> None:
     (name,) = directives("StateDirectory")
     assert f'# file = "/var/lib/{name}/session.mcap"' in CONFIGURATION.read_text(encoding="utf-8")
 

@@ -84,7 +84,8 @@ def _environment(venv: Path) -> None:
             shutil.copy2(source, site)
     if why_interpreted() != "":
         for compiled in [path for part in FOLDERS for path in (site / "hapticd" / part).rglob("*.so")]:
-            compiled.unlink()
+            if compiled.with_name(compiled.name.split(".")[0] + ".py").exists():  # the kernel in C has none
+                compiled.unlink()
     shutil.copytree(ROOT / "systemd", venv / "share/hapticd/systemd")
 
 
