@@ -7,7 +7,7 @@ import itertools
 import os
 import signal
 import socket
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from hapticd.core.budget import OVERRUN_NS
 from hapticd.daemon import daemon as daemons
 from hapticd.daemon.daemon import Daemon, now_ns
 from hapticd.daemon.lifecycle import serve
-from hapticd.errors import AlreadyRunningError, ConfigError
+from hapticd.errors import AlreadyRunningError
 from hapticd.io.devices.socket_trackpad import SocketTrackpad
 from hapticd.io.host import cpu_latency as awake
 from hapticd.io.host.realtime import Granted
@@ -63,9 +63,9 @@ class Hardware:
         finally:
             await daemon.stop()
 
-    async def serving(self, *reread: Callable[[], Coroutine[Any, Any, Any]]) -> asyncio.Task[Any]:
+    async def serving(self) -> asyncio.Task[Any]:
         """`serve` from when it serves clients."""
-        task = asyncio.create_task(serve(self.daemon(), PLATE, *reread))
+        task = asyncio.create_task(serve(self.daemon(), PLATE))
         await until((self.folder / "run" / "control").is_socket)
         return task
 
@@ -89,36 +89,6 @@ async def test_a_signal_ends_serving_and_frees_the_directory(hardware: Hardware,
     os.kill(os.getpid(), number)  # an impatient person
     await asyncio.wait_for(serving, PATIENCE_S)
     assert sorted(os.listdir(hardware.folder / "run")) == ["lock"]
-
-
-@asynchronous
-async def test_a_hang_up_with_a_sound_configuration_ends_serving_with_what_shall_follow(hardware: Hardware) -> None:
-    async def reread() -> str:
-        return "the next"
-
-    serving = await hardware.serving(reread)
-    os.kill(os.getpid(), signal.SIGHUP)
-    assert await asyncio.wait_for(serving, PATIENCE_S) == "the next"
-    assert sorted(os.listdir(hardware.folder / "run")) == ["lock"]
-
-
-@asynchronous
-async def test_a_hang_up_with_a_bad_configuration_is_one_line_and_changes_nothing(
-    hardware: Hardware, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def reread() -> str:
-        raise ConfigError("hapticd.toml: limits is wrong.")
-
-    serving = await hardware.serving(reread)
-    for _ in range(2):  # the second shows that the first is over and done with
-        caplog.clear()
-        os.kill(os.getpid(), signal.SIGHUP)
-        await until(lambda: "hapticd.toml: limits is wrong." in caplog.text)
-    assert not serving.done()
-    os.kill(os.getpid(), signal.SIGTERM)
-    assert await asyncio.wait_for(serving, PATIENCE_S) is None
-    said = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
-    assert said == ["SIGHUP: hapticd.toml: limits is wrong. The present configuration stays."]
 
 
 class Manager(Notifier):

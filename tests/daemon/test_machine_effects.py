@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from machine_bench import LIVE, MS, SLIPPERY, Bench
+from machine_bench import MS, SLIPPERY, Bench
 
 from hapticd_client.messages import decode_state
 from hapticd_contract.states import PlateEvent
@@ -19,17 +19,6 @@ def publish(bench: Bench, *effects: dict[str, Any], ttl_s: float = 5.0, **more: 
 
 def events(published: list[bytes]) -> list[PlateEvent]:
     return [event for state in map(decode_state, published) for event in state.events]
-
-
-def test_a_board_at_rest_is_woken_by_an_effect_and_rests_when_it_has_gone() -> None:
-    bench = Bench()
-    bench.run(3000)
-    assert bench.machine.session.is_on_standby
-    publish(bench, CLICK, ttl_s=2.0)
-    bench.run(300)
-    assert (bench.machine.session.is_on_standby, bench.board.state) == (False, LIVE)
-    bench.run(5000)
-    assert bench.machine.session.is_on_standby
 
 
 def test_events_are_each_in_one_state_and_carry_the_instant_of_their_cause() -> None:

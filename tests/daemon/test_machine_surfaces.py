@@ -5,12 +5,7 @@ from __future__ import annotations
 import hashlib
 
 import msgpack
-import pytest
 from machine_bench import MS, SLIPPERY, STICKY, Bench
-
-from hapticd.core.targets.assets import Assets
-from hapticd.core.targets.layer import Layer
-from hapticd.daemon import client_gateway
 
 
 def publish(bench: Bench, *surfaces: dict[str, object], client: str = "test", ttl_s: float = 5.0) -> None:
@@ -82,21 +77,3 @@ def test_a_reader_gets_all_surfaces_as_they_were_laid_with_their_owner_and_the_i
     assert (plate["client"], plate["friction"]) == ("other", 0.5)
     assert "circle_mm" not in plate
     assert body["version"] == version(bench)
-
-
-def test_a_reader_that_asks_again_costs_no_description_of_what_did_not_change(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[str] = []
-    described = client_gateway.described
-
-    def noted(layer: Layer, assets: Assets) -> dict[str, object]:
-        made.append(layer.name)
-        return described(layer, assets)
-
-    monkeypatch.setattr(client_gateway, "described", noted)
-    bench = Bench(SLIPPERY)
-    publish(bench, {"name": "track", "amplitude_um": 1.0}, {"name": "tile", "amplitude_um": 0.5})
-    for _ in range(3):
-        bench.ask("surfaces")
-    publish(bench, {"name": "track", "amplitude_um": 1.0}, {"name": "tile", "amplitude_um": 0.7})
-    assert [one["amplitude_um"] for one in bench.ask("surfaces")["body"]["surfaces"]] == [0.7, 1.0]
-    assert sorted(made) == ["tile", "tile", "track"]

@@ -193,18 +193,8 @@ async def test_the_board_is_greeted_only_when_the_test_has_ended(tmp_path: Path)
     waits = f"open({str(gate)!r}).read(); print({document(moved=(SHIFTED,))!r})"
     line = Line(tmp_path, [sys.executable, "-c", waits])
     port = line.daemon._link.port
-    compared = ["--calibration", "plate.toml"]
-    assert line.asked[3:] == [
-        "hapticd",
-        "firmware",
-        "selftest",
-        "--port",
-        port,
-        "--baud",
-        "921600",
-        *compared,
-        "--json",
-    ]
+    asked = f"hapticd firmware selftest --port {port} --baud 921600 --calibration plate.toml --json"
+    assert line.asked[3:] == asked.split()
     line.daemon.start(asyncio.get_running_loop(), PLATE)
     assert line.test.result is not None
     assert line.test.result[0] == RUNNING

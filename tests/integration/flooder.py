@@ -19,8 +19,6 @@ SOCKETS = 500
 REQUESTERS = 140
 NOBODY = 65534
 OTHER_ADDRESS = "127.0.0.2"
-HALF_A_GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x00NULL"
-
 is_program = __name__ == "__main__"  # the test imports KINDS alone
 if is_program:
     context = zmq.Context()
@@ -76,25 +74,6 @@ def churn() -> None:
             client.close()
 
 
-def half() -> None:
-    """500 connections that never complete their handshake."""
-    held: list[socket.socket] = []
-    for name in itertools.cycle(NAMES):
-        try:
-            if is_remote:
-                client = socket.create_connection(address(name))
-            else:
-                client = socket.socket(socket.AF_UNIX)
-                client.connect(f"{endpoint}/{name}")
-            client.setblocking(False)
-            client.send(HALF_A_GREETING)
-            held.append(client)
-        except OSError:
-            time.sleep(0.01)
-        if len(held) > SOCKETS:
-            held.pop(0).close()
-
-
 def closing() -> None:
     """Connections of another user (over TCP: from another address) that are closed at once, one after the other."""
     if os.geteuid() == 0:
@@ -123,7 +102,7 @@ def expensive() -> None:
         time.sleep(0.02)
 
 
-KINDS = {one.__name__: one for one in (subscriptions, unread, churn, half, closing, expensive)}
+KINDS = {one.__name__: one for one in (subscriptions, unread, churn, closing, expensive)}
 
 if __name__ == "__main__":
     print("ready", flush=True)

@@ -50,17 +50,6 @@ class Rig:
         assert self.process.stdout is not None
         self.t_start_s = float(self.process.stdout.readline().split()[1])
 
-    def kill(self) -> None:
-        """Every plug at once, and the power."""
-        self.process.kill()
-        self.close()
-
-    def replug_board(self) -> None:
-        self.process.send_signal(signal.SIGUSR1)
-
-    def replug_trackpad(self) -> None:
-        self.process.send_signal(signal.SIGUSR2)
-
     def recording(self) -> dict[str, npt.NDArray[np.complex128]]:
         """End it, and what the plate did."""
         self.process.terminate()
@@ -75,12 +64,12 @@ class Rig:
 class Service:
     """`hapticd run` as a process; with its log in a file."""
 
-    def __init__(self, config: Path, runtime_dir: Path, log: Path, stderr: int | None = None) -> None:
+    def __init__(self, config: Path, runtime_dir: Path, log: Path) -> None:
         self._log = log
         environ = {**os.environ, "HAPTICD_RUNTIME_DIR": str(runtime_dir)}
         with log.open("w") as file:
             command = [sys.executable, "-m", "hapticd", "run", "--config", str(config)]
-            self.process = first(subprocess.Popen(command, env=environ, stderr=file if stderr is None else stderr))
+            self.process = first(subprocess.Popen(command, env=environ, stderr=file))
 
     @property
     def lines(self) -> list[str]:
@@ -115,10 +104,9 @@ class Bench:
         self._running.append(rig.process)
         return rig
 
-    def service(self, stderr: int | None = None) -> Service:
-        """`stderr` is a file descriptor in place of the log."""
+    def service(self) -> Service:
         self._services += 1
-        service = Service(self.config, self.runtime_dir, self.folder / f"log-{self._services}", stderr)
+        service = Service(self.config, self.runtime_dir, self.folder / f"log-{self._services}")
         self._running.append(service.process)
         return service
 

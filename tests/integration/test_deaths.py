@@ -60,11 +60,3 @@ def test_a_signal_ends_in_a_quiet_plate(bench: Bench, number: signal.Signals) ->
     last = [line for line in service.lines if "too busy" not in line][-1]
     assert last == service.lines_with(number.name)[0]
     assert not any(stat.S_ISSOCK(path.lstat().st_mode) for path in bench.runtime_dir.iterdir())
-
-
-def test_a_signal_while_nothing_is_there_ends_as_well(bench: Bench) -> None:
-    service = bench.service()  # no rig: it looks for the hardware
-    bench.client()
-    assert service.end(signal.SIGTERM) == 0
-    assert len(service.lines_with("WARNING", "board")) == 1
-    assert len(service.lines_with("WARNING", "trackpad")) == 1

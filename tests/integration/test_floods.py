@@ -6,22 +6,17 @@ printed only: without SCHED_FIFO they are also those of a machine that is busy w
 
 from __future__ import annotations
 
-import math
-import socket
 import subprocess
-import threading
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
 import pytest
 import zmq
-from datagrams import bundle, message, tuio1
 from flooder import KINDS
 from free_ports import free_ports
-from service import PATIENCE_S, Bench, resident_mb, wait_for, wait_state
+from service import PATIENCE_S, Bench, resident_mb, wait_for
 
 from hapticd.io.clients import keys
 from hapticd_client.control import Control
@@ -102,53 +97,3 @@ def test_a_flood_takes_neither_memory_nor_the_states_of_others(bench: Bench, kin
     print(f"  dead-man trips {trips}")
     assert max(flooded_mb, left_mb) <= MAX_RSS_MB
     assert len(instants_ns) >= FLOOD_S * MIN_STATES_HZ
-
-
-def test_dear_datagrams_of_another_source_do_not_change_a_trackers_finger(bench: Bench) -> None:
-    """200 a second of 4 kB, as a tracker of 90 frames a second goes on."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        address = free.getsockname()
-    bench.configure(f'[trackpad]\nsource = "tuio"\ndevice = "127.0.0.1:{address[1]}"\nsize_mm = [137.5, 137.5]\n')
-    bench.rig()
-    bench.service()
-    client, ended, flooded = bench.client(), threading.Event(), threading.Event()
-    dear = [message("/tuio/2Dcur", "set", *[10**18] * 31, times=range(1, 32)) for _ in range(13)]
-
-    def send(hz: float, begun: threading.Event, datagram: Callable[[int], bytes]) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as endpoint:
-            begun.wait()
-            number = 0
-            while not ended.wait(1 / hz):
-                number += 1
-                endpoint.sendto(datagram(number), address)
-
-    def frame(number: int) -> bytes:
-        return tuio1(number, {5: (0.5 + 0.3 * math.cos(number / 40), 0.5 + 0.3 * math.sin(number / 40))})
-
-    other = bundle(message("/tuio/2Dcur", "source", "other"), *dear, message("/tuio/2Dcur", "fseq", 5))
-    begun = threading.Event()
-    begun.set()
-    senders = [
-        threading.Thread(target=send, args=(90.0, begun, frame)),
-        threading.Thread(target=send, args=(200.0, flooded, lambda _: other)),
-    ]
-    for one in senders:
-        one.start()
-    try:
-        finger_id = wait_state(client, lambda state: len(state.fingers) == 1).fingers[0].id
-        flooded.set()
-        t_end_s, states = time.monotonic() + FLOOD_S, client.states(timeout_s=10.0)
-        seen = [next(states)]
-        while time.monotonic() < t_end_s:
-            seen.append(next(states))
-    finally:
-        ended.set()
-        flooded.set()
-        for one in senders:
-            one.join()
-    gap_ms = max(after.t_ns - before.t_ns for before, after in pairwise(seen)) * 1e-6
-    status = client.status()
-    print(f"\ntracker  gap {gap_ms:5.1f} ms  dead-man trips {status['board']['deadman_trips']}")
-    assert {finger.id for state in seen for finger in state.fingers} == {finger_id}
-    assert status["inputs"]["trackpad"]["other_sender"] > 0

@@ -128,22 +128,3 @@ def test_requests_targets_and_states_are_those_of_the_protocol(clients: tuple[Ou
     marked = client.state(lambda state: "markers" in state)
     assert marked["markers"] == [{"t_ns": t_ns, "client": "outsider", "text": "trial 12 begins"}]
     assert client.request("release", client="outsider")["ok"]
-
-
-@pytest.mark.parametrize(
-    ("parts", "request_id"),
-    [
-        ([b""], 0),
-        ([b"\x91" * 60_000], 0),
-        ([msgpack.packb({"v": 1, "id": 7, "op": "hello"}), b"and more"], 0),
-        ([msgpack.packb({"v": 1, "id": 7, "op": "hello"}) + b"\x00"], 7),
-        ([msgpack.packb({"v": 1, "id": 7, "op": "x" * 60_000})], 7),
-        ([msgpack.packb({"v": 1, "id": 7, "op": "set", "body": {"client": "\x1b[2J"}})], 7),
-    ],
-)
-def test_what_is_wrong_is_refused_in_one_sentence_with_its_id(
-    clients: tuple[Outsider, Outsider], parts: list[bytes], request_id: int
-) -> None:
-    reply = clients[0].reply(*parts)
-    assert (reply["ok"], reply["id"], reply["error"].isprintable()) == (False, request_id, True)
-    assert clients[0].request("hello")["ok"]

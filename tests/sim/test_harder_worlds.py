@@ -144,24 +144,3 @@ def test_another_person_feels_something_else_on_the_same_plate() -> None:
     assert other.plate_um.tobytes() == usual.plate_um.tobytes()
     assert other.score.contact_slip_um == usual.score.contact_slip_um
     assert other.score.still_friction_change < usual.score.still_friction_change
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        WorldErrors(centroids=CentroidErrors(finger_mm=0.35), seed=4),
-        WorldErrors(centroids=CentroidErrors(wander_mm=0.5), seed=4),
-        WorldErrors(pad_warp_mm=0.5, seed=4),
-        WorldErrors(mixing_deg=5.0, seed=4),
-        WorldErrors(chip_mm=2.0, seed=4),
-        WorldErrors(supports_hz=5.0, seed=4),
-    ],
-    ids=("finger", "wander", "warp", "mixing", "chip", "supports"),
-)
-def test_each_kind_of_error_leaks_in_the_loop(wrong: WorldErrors) -> None:
-    assert played(wrong).score.leak_um > 1.05 * played(WorldErrors()).score.leak_um
-
-
-def test_another_session_of_the_same_world_is_another_run() -> None:
-    world = WorldErrors(centroids=CentroidErrors(posture_mm=0.5), seed=4)
-    assert not np.array_equal(played(world).plate_um, played(world, session=1).plate_um)

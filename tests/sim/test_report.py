@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
@@ -23,20 +22,6 @@ def circles() -> Run:
 @pytest.fixture(scope="module")
 def result(circles: Run) -> dict[str, object]:
     return report.figures(circles, report.compare(circles))
-
-
-def plain(value: object) -> bool:
-    """Nothing but what JSON has, and no NaN."""
-    if isinstance(value, dict):
-        return all(type(key) is str and plain(item) for key, item in value.items())
-    if isinstance(value, list):
-        return all(plain(item) for item in value)
-    return value is None or type(value) in (str, int, bool) or (type(value) is float and math.isfinite(value))
-
-
-def test_figures_are_plain_json_without_nan(result: dict[str, object]) -> None:
-    assert plain(result)
-    assert json.loads(json.dumps(result, allow_nan=False)) == result
 
 
 def test_figures_compare_the_run_with_the_papers_scheme_and_perfect_knowledge(

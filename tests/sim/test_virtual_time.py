@@ -23,12 +23,3 @@ def test_who_waits_until_an_instant_reaches_it(left_s: float) -> None:
         return turns
 
     assert in_virtual_time(waits()) < 5
-
-
-def test_turns_of_the_loop_take_no_time() -> None:
-    async def turns() -> float:
-        for _ in range(100):
-            await asyncio.sleep(0)
-        return asyncio.get_running_loop().time()
-
-    assert in_virtual_time(turns()) == 0.0

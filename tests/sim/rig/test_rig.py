@@ -19,11 +19,10 @@ import pytest
 import zmq
 from asynchronous import wait_for
 
-from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict, HelloRequest
+from hapticd.board_protocol import BoardState, BoardTime, BoardVerdict
 from hapticd.board_values import BoardHello, BoardMessage, BoardStatus
 from hapticd.core.board.session import BoardSession
 from hapticd.errors import DeviceError
-from hapticd.sim.fingers.hands import RETURN_S
 from hapticd.sim.rig import sockets as rigsockets
 from hapticd.sim.rig.process import RigProcess, RigSettings
 from hapticd.sim.rig.program import Rig
@@ -81,14 +80,6 @@ def receive_message(fd: int, is_expected: Callable[[BoardMessage], bool]) -> Boa
                 if is_expected(message):
                     return message
     raise AssertionError("the expected message did not arrive")
-
-
-def test_behind_the_terminal_is_the_firmware(rig: tuple[Rig, Path]) -> None:
-    with opened(rig[1]) as fd:
-        os.write(fd, device.encode(HelloRequest()))
-        hello = receive_message(fd, lambda message: isinstance(message, BoardHello))
-    assert isinstance(hello, BoardHello)
-    device.check_hello(hello, modes=2, w_limit_um=(4.0, 4.0))
 
 
 def test_the_endpoint_gives_genuine_reports_one_a_packet_to_each_that_connects(rig: tuple[Rig, Path]) -> None:
@@ -151,16 +142,6 @@ def truth_where(end: zmq.Socket[bytes], condition: Callable[[dict[str, Any]], bo
     raise AssertionError(f"still {truth}")
 
 
-def test_the_truth_is_published_to_subscribers(rig: tuple[Rig, Path]) -> None:
-    made, directory = rig
-    with socket_of(directory, zmq.SUB, "truth") as end:
-        first, second = (truth_where(end, lambda truth: len(truth["fingers"]) == 2) for _ in range(2))
-    assert second["t_ns"] - first["t_ns"] >= 0.9 * rigsockets.PERIOD_S * 1e9
-    assert np.shape(first["modal_um"]) == (4, 2)
-    assert np.shape(first["truth_um"]) == (2, 2)
-    wait_for(lambda: not made._sockets._is_subscribed)
-
-
 def test_a_users_fingers_replace_the_scenarios_until_they_lift() -> None:
     with RigProcess("rest", 1) as running, socket_of(running.directory, zmq.SUB, "truth") as truth:
         truth_where(truth, lambda state: len(state["fingers"]) == 2)
@@ -192,20 +173,6 @@ def test_the_pad_reports_a_persons_finger_like_any_other(tmp_path: Path) -> None
         assert arrays["finger_true_mm"].shape == (800, 1, 2)
         np.testing.assert_array_equal(arrays["t_s"][down][0], 0.05)
         assert np.isnan(arrays["target_um"]).all()
-
-
-def test_the_pad_reports_the_scenarios_fingers_again_after_a_persons(tmp_path: Path) -> None:
-    made = Rig(tmp_path, RigSettings("strokes", 1))
-    counts: list[int] = []
-    decoder = Decoder("mt2-usb")
-    made._pad.send = lambda data: counts.extend(len(frame.contacts) for frame in decoder.decode(data, 0))  # type: ignore[method-assign]
-    seen = []
-    for t_s, held in ((1.0, {}), (1.4, {"1": SimulatedTouch(7.0, -3.0)}), (1.6 + RETURN_S, {})):
-        made.hands.hold(held, made.world.t_ahead_s)
-        made._advance(t_s)
-        seen.append(counts[-1])
-    made.close()
-    assert seen == [2, 1, 2]
 
 
 class BusyRig(Rig):

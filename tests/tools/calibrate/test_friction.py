@@ -39,13 +39,6 @@ def test_the_simulated_curve_is_found_again_and_wrong_readings_are_left_out(seed
         assert curve.amplitude_um(share) == pytest.approx(DEFAULT_FRICTION_CURVE.amplitude_um(share), abs=0.15)
 
 
-def test_readings_without_noise_give_the_law_and_none_is_left_out() -> None:
-    found = fit_friction(LEVELS_UM, falling(LEVELS_UM))
-    assert not found.left_out.any()
-    shares = (np.interp(found.amplitude_um, LEVELS_UM[::5], falling(LEVELS_UM[::5])) - 0.25) / 0.55
-    np.testing.assert_allclose(shares, np.linspace(1.0, 0.0, KNOTS), atol=0.01)
-
-
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**31), st.floats(0.0, 0.1), st.floats(0.01, 100.0))
 def test_whatever_the_noise_the_curve_rises_strictly_and_does_not_know_the_unit(

@@ -52,15 +52,6 @@ def test_noise_across_time_error_along_and_repeated_reports_are_measured(across_
     assert prediction.noise([held]).repeated_frac == pytest.approx(0.5, abs=0.01)
 
 
-def test_the_halves_hold_every_sample_once() -> None:
-    traces = [stroked(seed, seconds=seconds) for seed, seconds in ((1, 3.0), (2, 4.0), (3, 1.0))]
-    first, second = prediction.halves(traces)
-    assert sum(len(trace.t_s) for trace in first) == sum(len(trace.t_s) for trace in second) == 400
-    assert np.array_equal(
-        np.concatenate([trace.xy_mm for trace in (*first, *second)]), np.concatenate([one.xy_mm for one in traces])
-    )
-
-
 def test_weights_of_a_pad_that_filters_are_kept_and_the_service_begins_with_them() -> None:
     traces = [filtered()]
     found = prediction.learned(traces)

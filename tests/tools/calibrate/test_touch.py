@@ -68,16 +68,6 @@ def test_a_reference_is_read_with_and_without_a_pulse_of_the_sync_output(has_pul
     assert frame.modal_um.tolist() == [[1.0, 0.5j], [0.25, 0.0]]
 
 
-def test_a_recording_has_ticks_and_fingers_on_one_clock(recorded: Recorded) -> None:
-    touched = read(recorded(TrackpadConfig(), 500, 2.5))
-    assert 500 < len(touched.ticks.t_s) < 1250
-    assert len(touched.tracks) == 2
-    assert 0.0 < touched.ticks.t_s[0] < touched.ticks.t_s[-1] < 2.5
-    assert np.all(np.diff(touched.ticks.t_s) > 0.0)
-    # These ticks are away from the steps between references, so the plate is where they are.
-    assert np.median(np.abs(touched.ticks.behind_um_s)) * 5e-4 < 0.01  # um
-
-
 def test_ticks_at_the_voltage_limit_have_the_slope_of_those_before_and_after(recorded: Recorded) -> None:
     recording, seen = open_recording(recorded(TrackpadConfig(), 500, 2.5)), Collected()
     for record in recording.records():

@@ -24,7 +24,7 @@ from hapticd.sim.fingers.paths import Path as FingerPath
 from hapticd.sim.fingers.sensor import Report, SensorModel, SensorSettings
 from hapticd.tools import pads
 from hapticd.tools.calibrate import program, trackpad
-from hapticd.tools.calibrate.marks import TouchedMarks, fit_affine, placement
+from hapticd.tools.calibrate.marks import TouchedMarks, fit_affine
 from hapticd.tools.calibrate.simulated import frames, touch_reports
 from hapticd.tools.calibrate.step import Outcome, Verdict
 from hapticd.tools.calibrate.trackpad import parse_marks
@@ -89,12 +89,6 @@ def test_left_out_residual_is_what_a_fit_without_that_mark_misses() -> None:
         others = np.delete(np.arange(7), place)
         one = fit_affine(pad[others], plate[others]).plate_from_pad.apply(*pad[place])
         assert whole.left_out_mm[place] == pytest.approx(math.dist(one, plate[place]))
-
-
-def test_placement_of_a_map_is_that_by_which_it_was_made() -> None:
-    where = placement(AffineMap.from_placement((1.0, 2.0), 30.0, (1.1, 0.9)))
-    assert (where.rotation_deg, where.scale_x, where.scale_y) == pytest.approx((30.0, 1.1, 0.9))
-    assert where.shear == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(
