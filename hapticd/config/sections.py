@@ -12,6 +12,7 @@ from .keys import key
 
 SIMULATED = "sim"
 LEAST_MODES, MOST_MODES = 2, 8  # with an amplifier each: boards are built for these
+LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
 HEADROOM_FRAC = 0.05  # of each limit at least is kept free
 OVERSHOOT_FRAC = 0.01  # by which the plate passes a moving reference
 SIGMAS = 3.0  # of the sensors, with all modes at their limits at once: the worst of 40 worlds stay within by 1 %

@@ -6,7 +6,7 @@ import math
 from functools import partial
 
 from ..board_protocol import KNOTS_MAX, REFERENCE
-from ..config.sections import Config
+from ..config.sections import LEAST_CONTACT_MODES, Config
 from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..core.pipeline import PipelineSettings
 from ..core.prediction.motion import AdaptivePredictor
@@ -14,7 +14,6 @@ from ..core.prediction.pad_memory import PadMemory
 from ..core.uncertainty import Uncertainty
 from ..values import AffineMap
 
-LEAST_CONTACT_MODES = 4  # one still and one slippery contact are four conditions (design/README.md)
 MOST_KNOTS = 16  # in one reference frame without effects
 LATENCY_SIGMA_S = 1.7e-3  # of trackpad.latency_ms
 SILENCE_NS = 40_000_000  # fingers count as lifted after it without a report, of a slow pad after 3.5 periods

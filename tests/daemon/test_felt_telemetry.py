@@ -39,6 +39,7 @@ def reported(scenario: str, settings: Settings, seed: int, seconds: float, known
     simulation.run(seconds)
     run, curve = simulation.result(scenario), simulation.machine.scene.friction_curve
     counts, rows = settled(run.t_s, run.target_um), []
+    has_contacts = simulation.machine.pipeline.contact_radius_mm > 0.0
     states = [*map(msgpack.unpackb, sent)]
     at_s = np.array([(state["t_ns"] - T_START_NS) * 1e-9 - state["age_ms"] * 1e-3 for state in states])
     ticks = np.searchsorted(run.t_s, at_s)
@@ -53,8 +54,8 @@ def reported(scenario: str, settings: Settings, seed: int, seconds: float, known
                 continue
             actor = actors[0]
             target_um, friction = run.target_um[tick, actor], float(frictions[actor])
-            gets_um = contacts_um[actor] if run.has_contacts else centres_um[actor]
-            gets = friction if run.has_contacts else curve.friction(gets_um)
+            gets_um = contacts_um[actor] if has_contacts else centres_um[actor]
+            gets = friction if has_contacts else curve.friction(gets_um)
             asked = curve.friction(target_um)
             misses = gets_um < 0.9 * target_um or abs(gets / asked - 1.0) > WEBER_FRAC
             true = {"true_um": contacts_um[actor], "true_friction": curve.friction_frac(friction)}

@@ -28,6 +28,16 @@ CENTRE_WEIGHT: Final = 0.25
 RIM_WEIGHT: Final = 0.125
 RIM_FRAC: Final = math.sqrt(2.0 / 3.0)
 RIM_POINTS: Final = 6
+# Gauss's nodes on 0 .. 1 with their weights; written out, as numpy.polynomial would stay in the service's memory.
+GAUSS: Final = {
+    2: ((0.21132486540518713, 0.5), (0.7886751345948129, 0.5)),
+    4: (
+        (0.06943184420297371, 0.17392742256872692),
+        (0.33000947820757187, 0.32607257743127307),
+        (0.6699905217924281, 0.32607257743127307),
+        (0.9305681557970263, 0.17392742256872692),
+    ),
+}
 
 
 def disc_points(radius_mm: float) -> Disc:
@@ -42,12 +52,12 @@ def disc_rule(rings: int, spokes: int) -> Disc:
     """Return points (u, v, weight) of the unit disc: Gauss's rule along the radius squared, the rings turned against
     each other. Friction needs more of them than an RMS: it has a cusp wherever the amplitude is 0."""
     points = []
-    nodes, weights = (found.tolist() for found in np.polynomial.legendre.leggauss(rings))
     for ring in range(rings):
-        radius = math.sqrt(0.5 * (nodes[ring] + 1.0))
+        radius_squared, weight = GAUSS[rings][ring]
+        radius = math.sqrt(radius_squared)
         for spoke in range(spokes):
             turn_rad = 2.0 * math.pi * (spoke + 0.5 * (ring % 2)) / spokes
-            points.append((radius * math.cos(turn_rad), radius * math.sin(turn_rad), 0.5 * weights[ring] / spokes))
+            points.append((radius * math.cos(turn_rad), radius * math.sin(turn_rad), weight / spokes))
     return points
 
 

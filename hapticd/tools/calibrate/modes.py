@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...config.sections import LimitsConfig, SimConfig, SolverConfig
+from ...config.sections import LEAST_CONTACT_MODES, LimitsConfig, SimConfig, SolverConfig
 from ...core.plate.mode_shapes import ModeShapes
 from ...core.solver.public import solve_batch
-from ...daemon.settings import LEAST_CONTACT_MODES
 from ...design import CartographyFit, fit_scan, nearest_free_modes
 from ...design.added_mass import signed
 from ...design.cartography import REFERENCE_SIZE_MM

@@ -145,7 +145,7 @@ async def test_a_client_that_leaves_replies_unread_gets_no_further_ones_until_it
     ):
         await until(lambda: any(relay.is_behind for relay in gate._relays), server.sweep)
         assert await answered(tmp_path) == REPLY  # others are
-        assert len(handled) < 30
+        assert len(handled) < 60
         received = 0
         while received < 60 * len(REPLY):
             received += len(await asyncio.to_thread(client.recv, 1 << 20))

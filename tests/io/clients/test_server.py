@@ -120,6 +120,7 @@ async def test_after_the_end_of_a_client_none_of_its_messages_is_handled(
         living.send(b"living")
         await until(lambda: running.waiting() == [b"living"])
         running.resume()
+        await until(lambda: bool(running.messages + running.requests))
         assert running.messages + running.requests == [b"living"]
 
 
