@@ -110,16 +110,6 @@ def test_a_finger_that_has_not_touched_yet_can_be_held_by_nobody() -> None:
     assert [bench.machine.scene.owner_of(finger) for finger in (3, 18, 77)] == [None] * 3
 
 
-@pytest.mark.parametrize("op", ["set", "release"])
-def test_a_request_that_a_newer_message_overtook_is_an_error_and_changes_nothing(op: str) -> None:
-    bench = held()
-    reply = bench.ask(op, by=VICTIM, client="study", stamp=99)
-    assert (reply["ok"], "A newer message of this client" in reply["error"]) == (False, True)
-    assert bench.machine.scene.owner_of(1) == "study"
-    assert bench.ask(op, by=VICTIM, client="study", stamp=100)["ok"]
-    assert bench.machine.scene.owner_of(1) is None
-
-
 @pytest.mark.parametrize("op", ["targets", "set"])
 @pytest.mark.parametrize(("waited_ms", "left_ms"), [(0, 500), (300, 200), (500, 0), (9000, 0)])
 def test_a_message_that_waited_holds_for_what_is_left_of_its_ttl(op: str, waited_ms: int, left_ms: int) -> None:

@@ -13,7 +13,6 @@ from stand import (
     PERIOD_MS,
     QUIET_UM,
     SILENCE_MS,
-    T_FAULT_S,
     TIMER_MS,
     W_LIM_UM,
     agrees,
@@ -21,7 +20,6 @@ from stand import (
     play,
     rms_um,
     seconds,
-    simulate,
     worst,
 )
 
@@ -31,7 +29,6 @@ from hapticd.sim.fingers.scenarios import LAND_S, SLIPPERY_UM, STICKY_UM, Actor
 from hapticd.wire.trackpad import STAMP_WRAP_MS
 
 STAMP_AT = 9  # of a Magic Trackpad 2 over USB: 8 bytes, the report's type, then 21 bits of milliseconds above 3 others
-STICKY = 1
 
 
 def with_stamps(stand: FaultySimulation, stamp_ms: Callable[[int, float], int]) -> None:
@@ -43,29 +40,6 @@ def with_stamps(stand: FaultySimulation, stamp_ms: Callable[[int, float], int]) 
         return [(t_ns, data[:STAMP_AT] + (said << 3 | word & 7).to_bytes(3, "little") + data[STAMP_AT + 3 :])]
 
     stand.ways["report"] = way
-
-
-def leak_um(stamp_ms: Callable[[int, float], int]) -> float:
-    """Under the sticky finger from a little before the fault to the end."""
-
-    def set_up(stand: FaultySimulation, *_: float) -> None:
-        with_stamps(stand, stamp_ms)
-
-    after = simulate(set_up, T_FAULT_S, 3.5, 0.0)
-    assert after.board["state"] == "LIVE"
-    assert after.simulation.machine.report_status(after.simulation.t_ns)["state"] == "ACTIVE"
-    return rms_um(after.run(), STICKY, 1.0, 3.5)
-
-
-def test_a_stamp_that_wraps_is_not_felt() -> None:
-    first: list[int] = []
-
-    def wraps_at_the_fault(meant_ms: int, t_s: float) -> int:
-        first.append(meant_ms - round((t_s - T_FAULT_S) * 1e3))
-        return meant_ms - first[0]
-
-    leak = leak_um(wraps_at_the_fault)
-    assert leak == pytest.approx(leak_um(lambda meant_ms, _: meant_ms), abs=1e-3)
 
 
 def test_a_pad_whose_stamp_stands_still_is_as_good_as_silent(caplog: pytest.LogCaptureFixture) -> None:

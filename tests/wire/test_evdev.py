@@ -8,7 +8,7 @@ import math
 import pytest
 from input_events import BARE_SCREEN, END, SCREEN, axis, lifted, packed, placed
 
-from hapticd.values import AffineMap, Contact, TouchFrame
+from hapticd.values import Contact, TouchFrame
 from hapticd.wire.trackpad import Decoder, StillContacts, evdev
 from hapticd.wire.trackpad.evdev import (
     BTN_LEFT,
@@ -124,12 +124,6 @@ def test_a_report_may_come_in_pieces() -> None:
     assert decoder.decode(packed(0, *events[:2]), 0) == ()
     (frame,) = decoder.decode(packed(0, *events[2:], END), 0)
     assert places(frame) == {7: (0.0, 0.0)}
-
-
-def test_a_sensor_that_lies_rotated_and_mirrored_is_placed() -> None:
-    decoder = Decoder(SCREEN, AffineMap(0.0, 1.0, 1.0, 0.0, 5.0, 0.0))
-    (frame,) = frames(decoder, placed(0, 3000, 1000, 1))
-    assert places(frame) == {1: (55.0, 100.0)}
 
 
 # --- protocol A ---

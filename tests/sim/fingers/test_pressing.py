@@ -48,17 +48,6 @@ def test_a_contact_grows_with_the_third_root_of_the_pressure_within_a_finger_pad
     np.testing.assert_allclose(radii_mm, [LEAST_RADIUS_MM, 5.0, 5.0 * 2 ** (1 / 3), MOST_RADIUS_MM])
 
 
-def test_a_pad_reports_who_presses_harder_and_a_larger_contact() -> None:
-    contacts = reported(SCENARIOS["press"].build(1, 100.0), 3.0)
-    light = [contact for t_s, contact in contacts if t_s > 0.6 and 0.05 < t_s % 1.0 < 0.35]
-    hard = [contact for t_s, contact in contacts if t_s > 0.6 and 0.55 < t_s % 1.0 < 0.75]
-    for group, pressure_frac in ((light, USUAL_PRESSURE_FRAC), (hard, 0.6)):
-        assert len(group) > 20
-        assert all(abs(contact.pressure_frac - pressure_frac) <= 1 / 253 for contact in group)
-    grown = np.mean([contact.major_mm for contact in hard]) / np.mean([contact.major_mm for contact in light])
-    assert 1.4 < grown < 1.9
-
-
 def test_a_file_says_how_hard_each_finger_presses_and_what_its_contact_is(tmp_path: Path) -> None:
     file = written(
         tmp_path,

@@ -84,8 +84,3 @@ def test_a_command_plays_real_hands_unless_a_speed_or_smooth_ones_are_asked_for(
 
     assert played_mm() == played_mm("--motion", REAL) != played_mm("--motion", SMOOTH)
     assert played_mm("--speed", "100") == played_mm("--motion", SMOOTH)
-
-
-def test_a_real_hand_has_no_speed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", "strokes", "--motion", "real", "--speed", "50"]) == 2
-    assert "a real hand has its own" in capsys.readouterr().err

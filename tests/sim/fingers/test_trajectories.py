@@ -107,8 +107,11 @@ def test_own_fingers_are_played_and_compared_and_all_arrays_are_written(
         assert sticky_um.max() < np.abs(arrays["paper_truth_um"][-400:, 1]).max()
 
 
-def test_fingers_of_a_file_have_a_speed_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", "f.csv", "--speed", "50"]) == 2
+@pytest.mark.parametrize("fingers", [["f.csv"], ["strokes", "--motion", "real"]], ids=["of a file", "a real hand"])
+def test_fingers_that_have_a_speed_of_their_own_get_no_other(
+    fingers: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", *fingers, "--speed", "50"]) == 2
     assert capsys.readouterr().err.startswith("hapticd: --speed: ")
 
 

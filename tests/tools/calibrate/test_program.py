@@ -104,12 +104,9 @@ def test_without_a_step_the_order_and_the_results_are_shown(out: Path, capsys: p
         (["modes"], "No scan is given"),
         (["friction"], "No readings are given"),
         (["latency"], "No devices are configured"),
-        (["modes", "--sim", "--size", "big"], "--size is 'big'"),
-        (["trackpad", "--sim", "--marks", "1,2"], "--marks"),
         (["friction", "--sim", "--seed", "-1"], "--seed: -1 is out of bounds"),
         (["all", "--port", "/dev/none", "--marks", "1,2"], "--marks needs"),
         (["wires", "--sim", "--wiring", "paper"], "--wiring: this step knows"),
-        (["all", "--sim", "--marks", "1,2"], "--marks needs"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
