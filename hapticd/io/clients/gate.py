@@ -2,8 +2,8 @@
 
 libzmq bounds messages per peer, but neither connections nor subscriptions. Here the connections have a number and a
 rate, and a subscriber's inbound bytes are bounded. Behind the gate libzmq serves sockets that only the daemon's user
-may open: one for all subscribers, and one for each connection that sends messages, so that none of them is handled
-after its connection has ended.
+may open: one for all subscribers of states, and one for each other connection, so that nothing of it is handled after
+its end.
 
 Accepting is cheap and admitting is not, so they are two steps. A wake-up accepts many connections and drops those that
 are closed again, so that a flood does not fill the kernel's queue. What is left waits, and is admitted one at a time.
@@ -143,10 +143,11 @@ class Gate:
                 inbox.close()
             self._refuse(outer, "crowded")
             return
-        if inbox is None:
+        if inbox is not None:
+            path.unlink()
+        if inbox is None or inbox.socket.type == zmq.XPUB:
             inbound = self._bounded(MAX_LOCAL_BYTES if is_local else MAX_SUBSCRIBER_BYTES)
         else:
-            path.unlink()
             inbound = inbox.note_arrival
 
         def on_close(relay: Relay) -> None:

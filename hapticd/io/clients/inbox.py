@@ -1,4 +1,4 @@
-"""Messages of one connection to `targets` or `control`, with a ZeroMQ socket of its own."""
+"""Messages of one connection to `targets`, `control` or `record`, with a ZeroMQ socket of its own."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from client_sockets import GREETING, connected, frame, greeted, in_thread, raw, 
 from hapticd.io.clients import gate as gate_module
 from hapticd.io.clients import sockets as sockets_module
 from hapticd.io.clients.gate import MAX_LOCAL_BYTES, MAX_SUBSCRIBER_BYTES, Gate, Listener
+from hapticd.io.clients.record_socket import WHOLE, RecordSocket
 from hapticd.io.clients.server import ClientServer
 from hapticd.io.clients.sockets import Remote
 
@@ -160,3 +161,22 @@ async def test_half_a_handshake_is_given_up(tmp_path: Path, monkeypatch: pytest.
         with raw(tmp_path / "control", GREETING[:40]), raw(tmp_path / "telemetry", GREETING, ready(A=b"")[:5]):
             await until(lambda: len(gate._relays) == 2, server.sweep)
             await until(lambda: not gate._relays, server.sweep)
+
+
+@asynchronous
+async def test_a_recorder_that_follows_one_that_has_ended_finds_it_detached(tmp_path: Path) -> None:
+    seen: list[tuple[bytes, bool]] = []
+    ours = RecordSocket(tmp_path)
+    ours.start(asyncio.get_running_loop(), lambda topic, is_attached: seen.append((topic, is_attached)))
+    with zmq.Context() as context:
+        for count in (1, 3):
+            with (
+                context.socket(zmq.SUB) as recorder,
+                recorder.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED) as monitor,
+            ):
+                recorder.connect(f"ipc://{tmp_path / 'record'}")
+                recorder.subscribe(WHOLE)
+                await until(lambda monitor=monitor: monitor.poll(0) > 0)  # type: ignore[misc]
+                await until(lambda count=count: len(seen) == count, ours.sweep)  # type: ignore[misc]
+    ours.close()
+    assert seen == [(WHOLE, True), (WHOLE, False), (WHOLE, True)]
