@@ -23,35 +23,18 @@ X, Y = (ModeCalibration(mode, 29195.0 + 20.0 * mode, 500.0, 5.3, 0.0) for mode i
 class Rig:
     """A machine and a board on a line that carries nothing but noise while their speeds differ."""
 
-    def __init__(
-        self, *, config: Config | None = None, calibration: BoardCalibration = UNCALIBRATED, **board: object
-    ) -> None:
-        self.config = BoardConfig(**board)  # type: ignore[arg-type]
-        self.host = Config() if config is None else config
-        self.calibration = calibration
-        self.t_ns, self.steps = 1000 * MS, 0
-        self.port_baud = FIRST
+    def __init__(self, *, calibration: BoardCalibration = UNCALIBRATED, **board: object) -> None:
+        config = BoardConfig(**board)  # type: ignore[arg-type]
+        gain, decay = np.diag(config.gain_um_per_v_s), np.array(config.decay_1_s)
+        plate = PlateModel(decay, np.array(config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
+        self.board = Board(plate, config=config, boot_id=7)
+        self.t_ns, self.steps, self._said = 1000 * MS, 0, b""
+        self.port_baud = self.board_baud = FIRST
         self.fails_at = 0  # a speed that the cable does not carry
         self.flags: list[int] = []
         self.statuses: list[BoardStatus] = []
-        self.plug_in_a_board()
-        self.connect()
-
-    def plug_in_a_board(self) -> None:
-        gain, decay = np.diag(self.config.gain_um_per_v_s), np.array(self.config.decay_1_s)
-        plate = PlateModel(decay, np.array(self.config.detuning_rad_s), gain, np.eye(2), 0.0, 150.0)
-        self.board = Board(plate, config=self.config, boot_id=7)
-        self.board_baud = FIRST
-
-    def connect(self) -> None:
-        """Begin with a machine of its own on the port as it is."""
-        self.machine = Machine(
-            self.host,
-            PLATE,
-            write_board=self._write,
-            set_baud=self._set_baud,
-            calibration=self.calibration,
-        )
+        writers = {"write_board": self._write, "set_baud": self._set_baud}
+        self.machine = Machine(Config(), PLATE, calibration=calibration, **writers)
         self.machine.observer = self._observe
         self.machine.board_link(True, "open", self.t_ns)
         self.machine.trackpad_link(True, "open", self.t_ns)
@@ -70,7 +53,7 @@ class Rig:
         return self.t_ns
 
     def _answer(self) -> None:
-        self._said = getattr(self, "_said", b"") + self._carries(self.board.transmit())
+        self._said += self._carries(self.board.transmit())
         self.board_baud = self.board.baud or FIRST  # the answer has left at the speed of before
 
     def _set_baud(self, baud: int) -> None:

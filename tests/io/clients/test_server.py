@@ -16,7 +16,7 @@ import zmq
 from asynchronous import asynchronous, until
 from client_sockets import Served, connected, in_thread, secured, served
 
-from hapticd.errors import AlreadyRunningError, HapticdError
+from hapticd.errors import HapticdError
 from hapticd.io.clients import server as server_module
 from hapticd.io.clients.inbox import MAX_READS
 from hapticd.io.clients.record_socket import RecordSocket
@@ -224,18 +224,6 @@ async def test_only_owner_and_group_may_connect_and_the_umask_is_as_before(tmp_p
         assert os.umask(0o022) == 0o022
     finally:
         os.umask(umask)
-
-
-@asynchronous
-async def test_a_second_daemon_is_refused_and_the_first_keeps_its_sockets(tmp_path: Path) -> None:
-    async with served(tmp_path):
-        second = ClientServer(tmp_path)
-        with pytest.raises(AlreadyRunningError, match=f"Another hapticd serves {tmp_path}"):
-            second.start(asyncio.get_running_loop(), lambda *_: None, lambda payload, *_: payload)
-        second.close()
-        with connected(tmp_path, zmq.DEALER, "control") as client:
-            client.send(b"still there?")
-            assert await in_thread(client.recv) == b"answer to still there?"
 
 
 @asynchronous

@@ -54,10 +54,6 @@ class Port:
         found: int = termios.tcgetattr(self.terminal.slave)[5]
         return found
 
-    def taken(self) -> bytes:
-        """What another program reads in the link's place."""
-        return os.read(self.terminal.slave, 1 << 16)
-
 
 class Bench:
     """A link on a port, with its events."""
