@@ -10,16 +10,16 @@ import argparse
 import re
 import sys
 import sysconfig
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..errors import HapticdError
 from . import keys
 from .arguments import add_command
 
+UNIT = "hapticd.service"
 DESTINATIONS = {
-    "hapticd.service": Path("etc/systemd/system/hapticd.service"),
+    UNIT: Path("etc/systemd/system/hapticd.service"),
     "71-hapticd.rules": Path("etc/udev/rules.d/71-hapticd.rules"),
     "hapticd.sysusers.conf": Path("etc/sysusers.d/hapticd.conf"),
     "hapticd.toml": Path("etc/hapticd/hapticd.toml"),
@@ -42,13 +42,7 @@ systemctl daemon-reload
 """
 
 
-@dataclass(frozen=True, slots=True)
-class ServiceFile:
-    """One file: its name in `systemd/`, its destination below the root, and its text."""
-
-    name: str
-    destination: Path
-    text: str
+Files = Mapping[str, str]  # names in `systemd/`, and their texts
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,49 +68,40 @@ def _install_service(options: argparse.Namespace) -> None:
     print(listing(files) if options.print else install(files, options.root), end="")
 
 
-def service_files(folder: Path | None = None, program: Path | None = None) -> tuple[ServiceFile, ...]:
+def service_files(folder: Path | None = None, program: Path | None = None) -> Files:
     """Return the files of `folder` (default: the package's or the checkout's), the unit starting `program` (default:
     the `hapticd` next to this interpreter). Raises HapticdError."""
     folder = service_folder() if folder is None else folder
     program = Path(sys.executable).with_name("hapticd") if program is None else program
-    files = []
-    for name, destination in DESTINATIONS.items():
-        try:
-            text = (folder / name).read_text(encoding="utf-8")
-        except OSError as error:
-            raise HapticdError(f"{folder / name}: cannot be read ({error.strerror}): install hapticd again.") from None
-        if name.endswith(".service"):
-            text = re.sub(r"^ExecStart=\S+", lambda _: f"ExecStart={program}", text, flags=re.MULTILINE)
-        files.append(ServiceFile(name, destination, text))
-    return tuple(files)
+    try:
+        files = {name: (folder / name).read_text(encoding="utf-8") for name in DESTINATIONS}
+    except OSError as error:
+        raise HapticdError(f"{error.filename}: cannot be read ({error.strerror}): install hapticd again.") from None
+    files[UNIT] = re.sub(r"^ExecStart=\S+", lambda _: f"ExecStart={program}", files[UNIT], flags=re.MULTILINE)
+    return files
 
 
-def listing(files: Sequence[ServiceFile]) -> str:
+def listing(files: Files) -> str:
     """Return all files with their destinations, and the commands to run afterwards."""
-    shown = [f"# --- /{file.destination}\n{file.text}" for file in files]
+    shown = [f"# --- /{DESTINATIONS[name]}\n{text}" for name, text in files.items()]
     return "\n".join([*shown, f"# --- then\n{AFTERWARDS}"])
 
 
-def install(files: Sequence[ServiceFile], root: Path) -> str:
+def install(files: Files, root: Path) -> str:
     """Write the files below `root`; return a report with the next commands. Raises HapticdError."""
-    unit = next(file.text for file in files if file.name.endswith(".service"))
-    program = next(line.split("=")[1].split()[0] for line in unit.splitlines() if line.startswith("ExecStart="))
+    program = next(line.split("=")[1].split()[0] for line in files[UNIT].splitlines() if line.startswith("ExecStart="))
     if program.startswith(tuple(f"{place}/" for place in HIDDEN_BY_UNIT)):
         raise HapticdError(f"{program}: is hidden from the service: install hapticd in /opt, see systemd/README.md.")
-    done = []
-    for file in files:
-        path = root / file.destination
-        if file.name in KEPT and path.exists():
-            done.append(f"kept       {path}")
-            continue
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(file.text, encoding="utf-8")
-            path.chmod(0o644)
-        except OSError as error:
-            raise HapticdError(f"{path}: cannot be written ({error.strerror}): run it as root.") from None
-        done.append(f"installed  {path}")
-    return "\n".join([*done, "then run:", *(f"  {line}" for line in AFTERWARDS.splitlines()), ""])
+
+    def write(path: Path, name: str) -> str:
+        if name in KEPT and path.exists():
+            return "kept"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(files[name], encoding="utf-8")
+        path.chmod(0o644)
+        return "installed"
+
+    return _report(root, write, AFTERWARDS)
 
 
 def uninstall(root: Path, *, is_print: bool = False) -> str:
@@ -127,23 +112,28 @@ def uninstall(root: Path, *, is_print: bool = False) -> str:
     enabled = root / "etc/systemd/system/multi-user.target.wants/hapticd.service"
     if enabled.is_symlink() and not is_print:
         raise HapticdError(f"{enabled}: the service is enabled: run `{FIRST}` before.")
+
+    def remove(path: Path, name: str) -> str:
+        if not path.exists() or name in KEPT:
+            return "kept" if path.exists() else ""
+        if not is_print:
+            path.unlink()
+        return "removed"
+
+    return _report(root, remove, AFTER_REMOVAL) or f"nothing of hapticd's service is below {root}\n"
+
+
+def _report(root: Path, change: Callable[[Path, str], str], afterwards: str) -> str:
+    """Change each file, and return what was done and the next commands; empty for nothing. Raises HapticdError."""
     done = []
     for name, destination in DESTINATIONS.items():
         path = root / destination
-        if not path.exists():
-            continue
-        if name in KEPT:
-            done.append(f"kept       {path}")
-            continue
         try:
-            if not is_print:
-                path.unlink()
+            done.append((change(path, name), path))
         except OSError as error:
-            raise HapticdError(f"{path}: cannot be removed ({error.strerror}): run it as root.") from None
-        done.append(f"removed    {path}")
-    if not done:
-        return f"nothing of hapticd's service is below {root}\n"
-    return "\n".join([*done, "then run:", *(f"  {line}" for line in AFTER_REMOVAL.splitlines()), ""])
+            raise HapticdError(f"{path}: cannot be changed ({error.strerror}): run it as root.") from None
+    lines = [f"{what:<10} {path}" for what, path in done if what]
+    return "\n".join([*lines, "then run:", *(f"  {line}" for line in afterwards.splitlines()), ""]) if lines else ""
 
 
 def service_folder() -> Path:

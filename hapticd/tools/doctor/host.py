@@ -38,7 +38,7 @@ def rules(system: System) -> CheckResult:
             return CheckResult(PASS, "not installed, and not needed for these devices")
         return CheckResult(WARN, f"{RULES} is not installed", INSTALL)
     try:
-        ours = next(file.text for file in service_files() if file.name == RULES)
+        ours = service_files()[RULES]
     except HapticdError as error:
         return CheckResult(WARN, str(error))
     if system.text(found, RULES) != ours.strip():
