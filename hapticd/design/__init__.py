@@ -1,4 +1,4 @@
-"""Plate design: free-plate theory, fits of measured mode maps, achievability maps, resonance and drive."""
+"""Plate design: free-plate theory, fits of measured mode maps, maps of felt friction, resonance and drive."""
 
 from .cartography import CartographyFit, fit_cartography, fit_scan
 from .free_fit import nearest_free_modes

@@ -26,7 +26,6 @@ from ...errors import HapticdError, ModesError
 from ...sim.rig.process import PLATE_FILE
 from ..served_friction import served_curve
 from . import messages
-from .layers import LAYERS, LayerFinger
 from .rig import TruthSubscriber
 from .surfaces import SurfacePainter
 
@@ -48,13 +47,10 @@ class PagePlate:
     def __init__(self, body: Mapping[str, Any]) -> None:
         simulated = body.get("simulated")
         self.rig_dir = Path(simulated) if simulated and Path(simulated, "fingers").is_socket() else None
-        self.modes = modes_of(body)
-        self.size_mm = (float(body["size_mm"][0]), float(body["size_mm"][1]))
-        self.reference_limit_um = tuple(map(float, body["reference_limit_um"]))
-        self.grid = picture_grid(self.modes, self.size_mm)
-        self.fingers: tuple[LayerFinger, ...] = ()  # those that have a target
-        self.painter = SurfacePainter(served_curve(body), self.size_mm, max(map(float, body["w_limit_um"])))
-        self.text = messages.plate(body, sorted(LAYERS), _name(self.rig_dir))
+        size_mm = (float(body["size_mm"][0]), float(body["size_mm"][1]))
+        self.grid = picture_grid(modes_of(body), size_mm)
+        self.painter = SurfacePainter(served_curve(body), size_mm, max(map(float, body["w_limit_um"])))
+        self.text = messages.plate(body, _name(self.rig_dir))
 
 
 class PlateClient:
@@ -107,11 +103,6 @@ class PlateClient:
             if t_now_s - t_frame_s >= FRAME_EVERY_S:
                 t_frame_s = t_now_s
                 truth = None if subscriber is None else subscriber.newest(state.t_ns)
-                plate.fingers = tuple(
-                    LayerFinger(finger.id, finger.x_mm, finger.y_mm, finger.target_um)
-                    for finger in state.fingers
-                    if finger.target_um is not None
-                )
                 self._publish("frame", messages.frame(state, truth, events), None)
                 events.clear()
             if state.surfaces_version != surfaces and t_now_s - t_surfaces_s >= SURFACES_EVERY_S:

@@ -18,7 +18,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import asdict
 
-from hapticd_contract.base import Contract, Key, Name
+from hapticd_contract.base import Contract, Name
 from hapticd_contract.simulated import SimulatedTouch, problem_of_touches
 from hapticd_contract.states import Perceived
 
@@ -67,17 +67,6 @@ def decode(text: str) -> Message:
     return message
 
 
-def mover(text: str) -> int | str | None:
-    """Decode the finger of a layer request, JSON or empty for none. Raises RequestError."""
-    if not text:
-        return None
-    key: int | str = read(decoded(text), Key, "finger")
-    return key
-
-
-# --- to the page --------------------------------------------------------------------------------------------------
-
-
 def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] = ()) -> str:
     """Return one instant of the plate: the daemon's state, the events since the frame before, and on a simulated plate
     the ground truth."""
@@ -100,7 +89,7 @@ def frame(state: PlateState, truth: Truth | None, events: Iterable[PlateEvent] =
     )
 
 
-def plate(body: Mapping[str, Any], layers: Sequence[str], simulated: str | None) -> str:
+def plate(body: Mapping[str, Any], simulated: str | None) -> str:
     """Return the plate's constants: sizes, limits, and the name of a simulated plate.
 
     The page can touch a simulated one. Contacts are drawn with `contact_radius_mm`; with `has_contacts` amplitudes
@@ -113,7 +102,6 @@ def plate(body: Mapping[str, Any], layers: Sequence[str], simulated: str | None)
             "size_mm": body["size_mm"],
             "w_limit_um": body["w_limit_um"],
             "modes": body["modes"],
-            "layers": list(layers),
             "contact_radius_mm": contact_radius_mm or CONTACT_RADIUS_MM,
             "has_contacts": contact_radius_mm > 0.0,
             "simulated": simulated is not None,

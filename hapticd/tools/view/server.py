@@ -1,8 +1,7 @@
 """HTTP server of the page, with a websocket per open page, on one asyncio loop; the client has its own thread.
 
 /            the page; needs the key       /shapes           the plate's mode shapes, float32
-/<file>      its styles and scripts        /layer?name=..    layer over the picture for &finger=.. (layers.py)
-/socket      frames out, simulated fingers in (messages.py)
+/<file>      its styles and scripts        /socket           frames out, simulated fingers in (messages.py)
 /client      a WebSocket of the gateway: the client protocol as JSON (../gateway), for the page's requests too
 """
 
@@ -25,13 +24,13 @@ from ...errors import CHECKOUT, RequestError
 from ..gateway.server import PATH, Gateway
 from ..web.application import add_page, application
 from ..web.sockets import Outbox, Pace, opened, read, until_one_ends
-from . import layers, messages
+from . import messages
 from .client import PagePlate, PlateClient
 from .messages import Hold
 from .recording import PageRecording
 from .rig import PadSender
 
-KEYED = ("/", "/shapes", "/layer", "/socket", PATH)  # all but the page's own files
+KEYED = ("/", "/shapes", "/socket", PATH)  # all but the page's own files
 INSTALLED = Path(sysconfig.get_path("data"), "share", "hapticd", "javascript")
 CLIENT_LIBRARY = (INSTALLED if INSTALLED.is_dir() else CHECKOUT / "clients" / "javascript") / "hapticd.js"
 MAX_PAGES = 8
@@ -68,14 +67,12 @@ class Viewer:
         self._closing: set[asyncio.Task[None]] = set()
         self._recorded = ""  # the last message of a recording
         self._recording = PageRecording(endpoint, self._publish_recording)
-        self._layering = asyncio.Lock()  # one layer at a time, while frames go on
 
     def app(self) -> web.Application:
         """The web application."""
         app = application("view", self.key, keyed=KEYED)
         add_page(app, __package__)
         app.router.add_get("/shapes", self._shapes)
-        app.router.add_get("/layer", self._layer)
         app.router.add_get("/socket", self._socket)
         app.on_shutdown.append(self._close)
         app.router.add_get("/hapticd.js", self._client_library)
@@ -85,28 +82,12 @@ class Viewer:
     # --- responses ---
 
     async def _shapes(self, _: web.Request) -> web.StreamResponse:
-        return web.Response(body=self._described_plate().grid, content_type="application/octet-stream")
+        if self._plate is None:
+            raise web.HTTPNotFound(text="The daemon has not described its plate yet.\n")
+        return web.Response(body=self._plate.grid, content_type="application/octet-stream")
 
     async def _client_library(self, _: web.Request) -> web.StreamResponse:
         return web.Response(body=CLIENT_LIBRARY.read_bytes(), content_type="text/javascript", charset="utf-8")
-
-    def _described_plate(self) -> PagePlate:
-        if self._plate is None:
-            raise web.HTTPNotFound(text="The daemon has not described its plate yet.\n")
-        return self._plate
-
-    async def _layer(self, request: web.Request) -> web.StreamResponse:
-        plate = self._described_plate()
-        name, fingers = request.query.get("name", ""), plate.fingers
-        try:
-            mover = messages.mover(request.query.get("finger", ""))
-            async with self._layering:
-                levels = await asyncio.to_thread(
-                    layers.picture, name, plate.modes, fingers, plate.reference_limit_um, plate.size_mm, mover
-                )
-        except RequestError as error:
-            raise web.HTTPNotFound(text=f"{error}\n") from None
-        return web.Response(body=levels, content_type="application/octet-stream")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         socket = await opened(request, messages.MAX_MESSAGE_BYTES, self._pages, MAX_PAGES, "pages")

@@ -25,10 +25,6 @@ class Page:
     def until(self, condition: Callable[[], object]) -> None:
         WebDriverWait(self.browser, PATIENCE_S, poll_frequency=0.05).until(lambda _: condition())
 
-    def lay(self, name: str) -> None:
-        """Choose a layer; as keys, what was typed within a second would count as one name."""
-        self.choose("layer", name)
-
     def choose(self, menu: str, text: str) -> None:
         """Choose from a menu, which the page rebuilds for another plate."""
 
@@ -53,10 +49,6 @@ class Page:
     def brightness(self) -> float:
         """Of the plate's picture on average: a still plate is dark."""
         return self.average("green")
-
-    def colourfulness(self) -> float:
-        """Of the plate's picture on average: the field is colourful however it moves, a layer over it is grey."""
-        return self.average("Math.max(red, green, blue) - Math.min(red, green, blue)")
 
     def average(self, of_pixel: str, of: str = "plate") -> float:
         return float(

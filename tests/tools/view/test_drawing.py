@@ -13,7 +13,6 @@ from browserpage import PATIENCE_S, Page, drag, lay_down
 from PIL import Image
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
-from test_browser import WRITTEN, written
 from viewprocess import View, first
 
 from hapticd.files.recording.mcap_reader import open_recording
@@ -120,13 +119,6 @@ def test_layers_are_painted_drawn_dragged_and_removed(drawn: Drawn) -> None:
     lay_down(page, 100, 80)
     page.until(lambda: any("of 1.00" in row and "ours" in row for row in page.fingers()))
 
-    page["pause"].click()
-    page.until(lambda: page["state"].text.startswith("paused"))
-    page.browser.execute_script(WRITTEN, "plate")
-    page.until(lambda: {"friction 0.20", "grating 12 mm, up to 1.50 µm"} <= set(written(page)))
-    assert not page.browser.find_element(By.CSS_SELECTOR, ".finger input").is_enabled()
-    page["pause"].click()
-    page.until(lambda: not page["state"].text.startswith("paused"))
     page["plate"].send_keys(Keys.ESCAPE)
     assert page.complaints() == []
 

@@ -38,7 +38,6 @@ def test_the_whole_toolbar_is_in_view(browser: Chrome, view: View, window: str) 
         "tool",
         "content",
         "erase",
-        "layer",
         "record",
         "help",
     ):

@@ -135,7 +135,7 @@ def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
 def test_the_page_of_a_daemon_that_sends_no_friction_curve_has_the_built_in_one() -> None:
     body = {"size_mm": [200.0, 200.0], "w_limit_um": [4.0, 4.0], "modes": 2}
     without, measured = (
-        json.loads(messages.plate({**body, **more}, (), None))["friction_curve"]
+        json.loads(messages.plate({**body, **more}, None))["friction_curve"]
         for more in ({}, {"friction_curve": [[0.0, 1.0], [1.5, 0.2]]})
     )
     assert measured == [[0.0, 1.0], [1.5, 0.2]]

@@ -36,15 +36,12 @@ def test_invalid_arguments_are_one_sentence(
     assert sentence in refused("view", "--no-browser", *arguments)
 
 
-def test_a_port_in_use_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_and_a_missing_library_are_one_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         assert main(["view", "--no-browser", "--port", str(taken.getsockname()[1])]) == 1
     assert "choose another with --port" in capsys.readouterr().err
-
-
-def test_a_missing_library_is_named_with_its_command(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     assert main(["view", "--no-browser"]) == 1
     assert f"run `{sys.executable} -m pip install 'aiohttp>=" in capsys.readouterr().err

@@ -7,19 +7,17 @@ const SPANS = { age: "age of a touch", compute: "computing", link: "way to the b
 const NARROW = 90; // pixels of a mode's cell
 const IN_A_ROW = 5; // modes; more take two rows, with their names left of the rings
 
-/** Draw the colours of the field, which end at `full_um`; with null the grey of a layer over it. */
+/** Draw the colours of the field, which end at `full_um`. */
 export function drawScale(canvas, full_um, colours) {
   const { context, width } = prepared(canvas);
   const tall = 10;
   for (let x = 0; x < width; x++) {
     const level = Math.round((x / (width - 1)) * (LEVELS - 1));
-    const [r, g, b] = full_um === null ? [level, level, level] : [0, 8, 16].map((shift) => (PIXELS[level] >> shift) & 255);
+    const [r, g, b] = [0, 8, 16].map((shift) => (PIXELS[level] >> shift) & 255);
     context.fillStyle = `rgb(${r} ${g} ${b})`;
     context.fillRect(x, 0, 1, tall);
   }
-  const ticks = full_um === null
-    ? [0, 0.5, 1].map((part) => [part, `${100 * part} %`])
-    : [0, 0.1, 0.5, 1, 2, 4, 8, 16].filter((um) => um <= full_um).map((um) => [brightness(um, full_um), `${um}`]);
+  const ticks = [0, 0.1, 0.5, 1, 2, 4, 8, 16].filter((um) => um <= full_um).map((um) => [brightness(um, full_um), `${um}`]);
   context.font = "11px system-ui, sans-serif";
   context.fillStyle = colours.quiet;
   let end = 0;

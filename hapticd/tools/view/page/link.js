@@ -61,12 +61,6 @@ export class Link {
     return new Float32Array(await this.bytes("/shapes?"));
   }
 
-  /** Fetch a layer's levels, one byte per point, for the finger `mover` or, with null, for one more. */
-  async layer(name, mover) {
-    const finger = mover === null ? "" : `finger=${encodeURIComponent(JSON.stringify(mover))}&`;
-    return new Uint8Array(await this.bytes(`/layer?name=${encodeURIComponent(name)}&${finger}`));
-  }
-
   async bytes(path) {
     const answer = await fetch(`${path}key=${encodeURIComponent(this.key)}`);
     if (!answer.ok) throw new Error(await answer.text());

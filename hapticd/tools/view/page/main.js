@@ -10,7 +10,6 @@ import { Flags } from "./flags.js";
 import { FrictionCurve } from "./friction.js";
 import { Hands } from "./hands.js";
 import { History, judge, motion } from "./history.js";
-import { LayerMenu } from "./layers.js";
 import { Link } from "./link.js";
 import { PlatePicture } from "./plate.js";
 import { backAt, drawStrip } from "./strip.js";
@@ -83,7 +82,6 @@ const link = new Link({
     hands.allow(message.simulated ? message.size_mm : null);
     writeHints();
     $("new-box").hidden = !message.simulated;
-    layers.offer(message.layers);
     if (!$("notice").classList.contains("mild")) notice("");
   },
   frame: (message) => {
@@ -128,7 +126,6 @@ const drawing = new Drawing($("plate"), tools, surfaces, {
   now: () => history.newest?.t_s ?? 0,
 });
 const hands = new Hands($("plate"), send, pointedAt);
-const layers = new LayerMenu($("layer-box"), $("layer"), $("layer-text"), (name, mover) => link.layer(name, mover), mover);
 const flags = new Flags($("flags"), () => ask((client) => client.request("clear_fault")));
 const list = new FingerList($("fingers"), $("untouched"), ask, choose);
 
@@ -172,12 +169,6 @@ function pointedAt([right, up]) {
   const there = frame.fingers.find(({ seen_mm: [x_mm, y_mm] }) =>
     x_mm !== null && Math.hypot(x_mm - right * plate.size_mm[0], y_mm - up * plate.size_mm[1]) < NEAR_MM);
   if (there) choose(there.id);
-}
-
-/** The finger of a layer: the selected one if others have targets; else null, for one more. */
-function mover() {
-  const targeted = history.newest?.fingers.filter((finger) => finger.target_um !== null) ?? [];
-  return targeted.length > 1 && targeted.some(({ id }) => id === chosen) ? chosen : null;
 }
 
 /** Have the client change the selected finger, if it exists and no other client owns it. */
@@ -265,11 +256,10 @@ function draw(t_ms) {
   requestAnimationFrame(draw);
   hands.flush();
   const frame = history.current;
-  const layer = history.paused ? null : layers.canvas;
   const isUntouched = frame?.fingers.length === 0 && surfaces.layers.length === 0;
   const isInviting = plate?.simulated && isLive && isUntouched && tools.value === "touch";
   const invitation = isInviting ? (isTouch() ? TOUCH_INVITATION : INVITATION) : starting;
-  picture.draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent: history.recent(ringSpan_s) });
+  picture.draw(frame, { chosen, isLive, invitation, surfaces, drawing, effects, recent: history.recent(ringSpan_s) });
   if (pictures % 2 === 0) drawStrip($("strip"), history, colours); // it moves by a pixel in 30 ms
   if (plate && frame) {
     const is = motion(frame);
@@ -295,9 +285,7 @@ function writeTexts(frame) {
   const state = `${frame.state.toLowerCase()} · ${fingers === 1 ? "1 finger" : `${fingers} fingers`}`;
   if (isLive) write($("state"), history.paused ? `paused: ${state}` : state);
   write($("field-of"), FIELDS[is.of]);
-  const isLayered = !history.paused && layers.canvas !== null;
-  if (picture.field) drawScale($("scale"), isLayered ? null : picture.field.full_um, colours);
-  write($("scale-text"), isLayered ? "share of the target that is reached" : "vibration, µm peak to peak");
+  if (picture.field) drawScale($("scale"), picture.field.full_um, colours);
   write($("modes-text"), `${drive()} · grey: asked, blue: ${is.of}`);
   const horizon = frame.horizon_ms?.toFixed(1) ?? "–";
   const rate = status?.frames_hz ? `, ${status.frames_hz.toFixed(0)} frames/s` : "";

@@ -15,10 +15,9 @@ export class PlatePicture {
     this.least_friction = 0; // that at 1 um
   }
 
-  /** Draw a frame; `chosen` is the id of the selected finger, `layer` a picture over the field,
-   * `invitation` a text over all, `surfaces` what draws those of the frame, `drawing` what is being drawn,
+  /** Draw a frame; `chosen` is the id of the selected finger, `invitation` a text over all, `surfaces` what draws those of the frame, `drawing` what is being drawn,
    * `effects` those that play and `recent` the frames before this one. */
-  draw(frame, { chosen, isLive, layer, invitation, surfaces, drawing, effects, recent }) {
+  draw(frame, { chosen, isLive, invitation, surfaces, drawing, effects, recent }) {
     const { context, width, height } = prepared(this.canvas);
     if (!frame || !this.field) {
       if (invitation) invite(context, invitation, width, height);
@@ -28,9 +27,8 @@ export class PlatePicture {
     const largest_um = this.field.update(modal_um);
     context.globalAlpha = isLive ? 1 : 0.4;
     this.field.draw(context, width, height);
-    if (layer) context.drawImage(layer, 0.5, 0.5, layer.width - 1, layer.height - 1, 0, 0, width, height);
     if (largest_um > LEAST_UM) {
-      context.strokeStyle = layer ? "rgb(12 16 20 / .45)" : "rgb(255 255 255 / .5)";
+      context.strokeStyle = "rgb(255 255 255 / .5)";
       context.lineWidth = 1;
       context.stroke(this.field.nodes(width, height, modal_um));
     }
