@@ -51,28 +51,30 @@ class PipelineCounters:
     skipped_standing: int = 0
 
 
-class Participants:
-    """The fingers that take part in a pass, the priority of each, and the forms of their contacts: None where all are
-    discs, or points."""
+class DrivenFingers:
+    """The fingers that take part in a pass, the priority of each, and the ellipses of their contacts: None where all
+    are discs, or points."""
 
-    def __init__(self, keys: list[FingerKey], priorities: list[int], forms: list[ContactEllipse | None] | None) -> None:
+    def __init__(
+        self, keys: list[FingerKey], priorities: list[int], ellipses: list[ContactEllipse | None] | None
+    ) -> None:
         self.keys: Final = keys
         self.priorities: Final = priorities
-        self.forms: Final = forms
+        self.ellipses: Final = ellipses
 
-    def are(self, others: Participants) -> bool:
+    def are(self, others: DrivenFingers) -> bool:
         """Return whether these are the same, as they were."""
-        return self.keys == others.keys and self.priorities == others.priorities and self.forms == others.forms
+        return self.keys == others.keys and self.priorities == others.priorities and self.ellipses == others.ellipses
 
 
-NO_FINGERS: Final = Participants([], [], None)
+NO_FINGERS: Final = DrivenFingers([], [], None)
 
 
-class Instant:
-    """The fingers at one instant: where each will be with which target, and, where friction depends on the speed, by
-    how much more amplitude it needs as it gains."""
+class FingerTargets:
+    """The fingers at one instant: where each will be with which target, and the gain of the amplitude that it needs as
+    it slides."""
 
-    def __init__(self, places: list[AskedPlace], speed_gains: list[float] | None) -> None:
+    def __init__(self, places: list[AskedPlace], speed_gains: list[float]) -> None:
         self.places: Final = places
         self.speed_gains: Final = speed_gains
 
@@ -83,7 +85,7 @@ class FramePlan:
 
     def __init__(
         self,
-        fingers: Participants,
+        fingers: DrivenFingers,
         t_ns: int,
         span_ns: int,
         most_knots: int,
@@ -103,15 +105,10 @@ class KnotPlanner:
 
     def __init__(self, scene: Scene, fingers: Fingers, steepness_1_mm: float, tolerance_um: float) -> None:
         self._scene: Final = scene
-        self._surfaces: Final = scene.surfaces
+        self.surfaces: Final = scene.surfaces
         self._fingers: Final = fingers
         self.steepness_1_mm: Final = steepness_1_mm  # of the plate's shapes
         self._tolerance_um: Final = tolerance_um
-
-    @property
-    def has_surfaces(self) -> bool:
-        """Whether surfaces lie on the plate."""
-        return len(self._surfaces.layers) > 0
 
     def pieces(
         self, keys: Sequence[FingerKey], moved_mm: Sequence[float], t_plate_ns: int, span_ns: int, most: int
@@ -124,7 +121,7 @@ class KnotPlanner:
             if way_mm > pieces * finest_mm:
                 pieces = way_mm / finest_mm
             smooth = smooth and is_smooth
-        if self._surfaces.layers:
+        if self.surfaces.layers:
             surface_pieces, are_smooth, edges_ns = self._edges(keys, t_plate_ns, span_ns, most)
             pieces, smooth = max(pieces, surface_pieces), smooth and are_smooth
         room = max(most - 1 - len(edges_ns), 1)
@@ -138,10 +135,10 @@ class KnotPlanner:
         for key in keys:
             if isinstance(key, int) and self._scene.target_of(key) is None:
                 predicted_mm = partial(self._fingers.predicted_mm, key)
-                way = self._surfaces.along(predicted_mm, t_plate_ns, span_ns)
+                way = self.surfaces.along(predicted_mm, t_plate_ns, span_ns)
                 pieces, smooth = max(pieces, way.pieces), smooth and way.is_smooth
                 crossed += way.crossings
-        edges_ns = [edge_ns for edge_ns in self._surfaces.edges_ns(crossed, t_plate_ns, self._tolerance_um) if edge_ns]
+        edges_ns = [edge_ns for edge_ns in self.surfaces.edges_ns(crossed, t_plate_ns, self._tolerance_um) if edge_ns]
         return pieces, smooth, edges_ns[: max(most - 2, 0) // 2 * 2]
 
     def bend_um(self, ends: Sequence[Knot], moved_mm: Sequence[float]) -> float:
@@ -190,22 +187,22 @@ class FrameSolver:
         self._tolerance_um: Final = tolerance_um
         self._counters: Final = counters
 
-    def at(self, keys: Sequence[FingerKey], t_ns: int) -> Instant:
+    def at(self, keys: Sequence[FingerKey], t_ns: int) -> FingerTargets:
         """Predict the fingers, and look up what each should feel where it will be."""
         scene = self._scene
-        speed_gains: list[float] | None = [] if scene.depends_on_speed else None
+        speed_gains = [1.0] * len(keys)
         places: list[AskedPlace] = []
         for key in keys:
             x_mm, y_mm = self._predicted_mm(key, t_ns)
-            if speed_gains is not None:
-                speed_gains.append(scene.speed_gain(self._speed_mm_s(key, t_ns, x_mm, y_mm)))
+            if scene.depends_on_speed:
+                speed_gains[len(places)] = scene.speed_gain(self._speed_mm_s(key, t_ns, x_mm, y_mm))
             target_um = scene.amplitude_um(key, x_mm, y_mm)
             if target_um is None:
                 target_um = self._surfaces.amplitude_um(x_mm, y_mm, t_ns)
             if self._effects.felt:
                 target_um = self._effects.felt_um(key, scene.owner_of(key), (x_mm, y_mm), t_ns, target_um)
             places.append((x_mm, y_mm, target_um))
-        return Instant(places, speed_gains)
+        return FingerTargets(places, speed_gains)
 
     def speed_mm_s(self, key: FingerKey, t_ns: int) -> float:
         """Return how fast a finger will slide."""
@@ -221,12 +218,12 @@ class FrameSolver:
             return self._scene.virtual_position_mm(key, t_ns)
         return self._fingers.predicted_mm(key, t_ns)
 
-    def forms(self, keys: Sequence[FingerKey]) -> list[ContactEllipse | None] | None:
-        """Return the forms of contacts that the plate is driven for; None where all are discs, or points."""
+    def ellipses(self, keys: Sequence[FingerKey]) -> list[ContactEllipse | None] | None:
+        """Return the ellipses of contacts that the plate is driven for; None where all are discs, or points."""
         return self._fingers.forms(keys) if self._solver.has_contacts else None
 
     def polyline(
-        self, plan: FramePlan, begin: Instant, end: Instant, previous_um: Phasors
+        self, plan: FramePlan, begin: FingerTargets, end: FingerTargets, previous_um: Phasors
     ) -> tuple[ModalSolution, ModalSolution, list[Knot]]:
         """Return the solutions at the frame's beginning and end, and the knots from one to the other."""
         fingers, span_ns, tolerance_um = plan.fingers, plan.span_ns, self._tolerance_um
@@ -257,14 +254,16 @@ class FrameSolver:
         return first, last, knots
 
     def _solve(
-        self, fingers: Participants, t_ns: int, at: Instant, previous_um: Phasors, since_ns: int
+        self, fingers: DrivenFingers, t_ns: int, at: FingerTargets, previous_um: Phasors, since_ns: int
     ) -> ModalSolution:
         """Evaluate the modes and solve, for one instant `since_ns` after another."""
         self._counters.solves += 1
         if not self._solver.has_contacts:
             return self._solver.solve(at.places, previous_um, since_ns)
         variances_mm2, ranks = self._fingers.variances_mm2(fingers.keys, t_ns), fingers.priorities
-        return self._solver.solve(at.places, previous_um, since_ns, variances_mm2, at.speed_gains, ranks, fingers.forms)
+        return self._solver.solve(
+            at.places, previous_um, since_ns, variances_mm2, at.speed_gains, ranks, fingers.ellipses
+        )
 
 
 # --- knots ---
@@ -324,20 +323,20 @@ def _severity(miss: _Miss) -> tuple[float, int]:
 
 
 class PlayedReference:
-    """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, by
-    how much more amplitude it needs as it gains, and the form of its contact, where that is known."""
+    """The plate at an instant that has passed: its amplitudes (M,), and for each finger its place with its target, the
+    gain of the amplitude that it needs as it slides, and the ellipse of its contact, where that is known."""
 
     def __init__(
         self,
         modal_um: Phasors,
         places: list[AskedPlace],
         speed_gains: list[float],
-        forms: list[ContactEllipse | None] | None = None,
+        ellipses: list[ContactEllipse | None] | None = None,
     ) -> None:
         self.modal_um: Final = modal_um
         self.places: Final = places
         self.speed_gains: Final = speed_gains
-        self.forms: Final = forms
+        self.ellipses: Final = ellipses
 
 
 class ActiveReference:
@@ -363,7 +362,7 @@ class ActiveReference:
     def activate(
         self,
         drive: SafeDrive,
-        fingers: Participants,
+        fingers: DrivenFingers,
         places: list[AskedPlace],
         points: tuple[TouchPoint, ...],
         *,
@@ -375,7 +374,7 @@ class ActiveReference:
         self._t_settled_ns = settles_ns(drive, self._tolerance_um)
         self._recent = [*self._recent[1 - _KEPT :], drive]
 
-    def has_settled(self, fingers: Participants, t_apply_ns: int) -> bool:
+    def has_settled(self, fingers: DrivenFingers, t_apply_ns: int) -> bool:
         """Return whether it is for these fingers, and no longer changes: it may hold on."""
         return self.is_sent and t_apply_ns >= self._t_settled_ns and fingers.are(self.fingers)
 
@@ -388,7 +387,7 @@ class ActiveReference:
                 moved_um = steepness_um_mm * math.hypot(x_mm - was_x_mm, y_mm - was_y_mm)
                 if target_um != was_um or not moved_um <= self._tolerance_um:
                     return False
-        if steepness_um_mm > 0.0 and not self._planner.has_surfaces:
+        if steepness_um_mm > 0.0 and not self._planner.surfaces.layers:
             return True  # while the plate is silent, fingers may move far: over stripes, to the same target
         ways_mm = moved_mm(begin, end)
         pieces, _, edges_ns = self._planner.pieces(plan.fingers.keys, ways_mm, plan.t_ns, plan.span_ns, most_knots)

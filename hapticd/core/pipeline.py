@@ -8,6 +8,12 @@
 
 Pure: all instants are arguments, and the same calls give the same drives bit for bit. What a scene does not need is
 skipped and counted: no finger, no target, or fingers so still that the last reference still holds.
+
+A pass must end long before the next report (8 ms), whatever clients ask for. Beyond the budget its reference gets fewer
+knots, and where two are too many, fewer fingers take part: those of the lowest priority are left out first, of these
+the virtual ones, of these the newest. Figures are ns of machine code with warm caches; cold ones take up to twice as
+long. On a slower machine `PassTimes` lowers the share of the budget by what passes took, an input like all others, so
+that replay decides the same.
 """
 
 from __future__ import annotations
@@ -17,20 +23,20 @@ from dataclasses import dataclass
 from typing import Final
 
 from ..values import Drive, Finger, FingerFrame, FingerKey, LinkTiming, SafeDrive, Tick, TouchFrame, TouchPoint
-from .budget import BUDGET_NS, allot, solves_of_request
 from .frame import (
     NO_FINGERS,
     ActiveReference,
+    DrivenFingers,
     FramePlan,
     FrameSolver,
     KnotPlanner,
-    Participants,
     PipelineCounters,
     PlayedReference,
     touch_points,
 )
 from .phasors import Phasors
 from .plate.mode_shapes import ModeShapes
+from .solver.felt_descent import COLD
 from .solver.instant import InstantSolver, PointSolver
 from .solver.reach import LEAST_CALLS, ReachSearch
 from .targets.scene import Scene
@@ -39,10 +45,23 @@ from .touch.fingers import FingerPredictor, Fingers
 from .trajectory.gate import UNTOUCHED, gate, silence
 from .triggers import Triggers
 
-_DURATION_STEP_NS: Final = (
-    1_500_000  # of a slow pad's frames, so that they do not change with each estimate of its period
-)
+_DURATION_STEP_NS: Final = 1_500_000  # of a slow pad's frames: they do not change with each estimate of its period
 _LONGEST_DURATION_NS: Final = 30_000_000  # a pad of 50 Hz: farther ahead nothing is known
+
+BUDGET_NS: Final = 3_500_000.0
+OVERRUN_NS: Final = 8_000_000
+LONG_NS: Final = 5_000_000  # of a pass: then the share is halved
+SHORT_PASSES: Final = 100  # in a row, of less than half of that: then it is doubled
+LEAST_FRAC: Final = 1.0 / 64.0
+LEAST_SOLVES: Final = 2  # the frame's beginning and its end
+
+_PASS_NS: Final = 40_000.0  # decoding, tracking, gate, frame, status
+_FINGER_NS: Final = 35_000.0  # of a finger that takes part: what it perceives, its telemetry
+_TOUCHED_NS: Final = 3_000.0  # of a finger that is down: its report and its events
+_PLACE_NS: Final = 2_000.0  # of a finger at one instant: its prediction and its own target
+_LAYER_WAY_NS: Final = 1_500.0  # of a layer on a finger's way
+_LAYER_PLACE_NS: Final = 300.0  # of a layer at one of its places
+_EFFECT_NS: Final = 250.0  # of an effect that is felt, at one place, or may start, in a pass
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +89,23 @@ class PipelineSettings:
     frame_duration_ns: int = 17_000_000
     silence_ns: int = 40_000_000
     solve: PointSolver | None = None
+
+
+class PassTimes:
+    """The share of BUDGET_NS that passes may use on this machine, from the processor time that they took."""
+
+    def __init__(self) -> None:
+        self.budget_frac = 1.0
+        self._short = 0
+
+    def measured(self, ran_ns: float) -> bool:
+        """Take a pass; return whether the share changes."""
+        before, self._short = self.budget_frac, self._short + 1 if ran_ns < LONG_NS / 2 else 0
+        if ran_ns > LONG_NS:
+            self.budget_frac = max(0.5 * before, LEAST_FRAC)
+        elif self._short >= SHORT_PASSES:
+            self.budget_frac, self._short = min(2.0 * before, 1.0), 0
+        return self.budget_frac != before
 
 
 class Pipeline:
@@ -200,7 +236,7 @@ class Pipeline:
         if len(kept) < len(keys):
             self.counters.left_out_fingers += len(keys) - len(kept)
             keys, priorities = kept, self._scene.priorities(kept)
-        fingers = Participants(keys, priorities, self._frame.forms(keys))
+        fingers = DrivenFingers(keys, priorities, self._frame.ellipses(keys))
         plan = self._plan(fingers, t_plate_ns, most_solves)
         active = self._active
         may_stand = not self._effects.felt and active.has_settled(fingers, t_apply_ns)
@@ -245,7 +281,7 @@ class Pipeline:
         """What the plate did, and where these fingers were with which targets, at an instant not before the newest
         sample: there a finger's place is known best, and the plate has followed its reference."""
         at, modal_um = self._frame.at(keys, t_ns), self._active.past_um(t_ns - self._settings.loop_delay_ns)
-        return PlayedReference(modal_um, at.places, at.speed_gains or [1.0] * len(keys), self._fingers.forms(keys))
+        return PlayedReference(modal_um, at.places, at.speed_gains, self._fingers.forms(keys))
 
     def motions(self, keys: Sequence[FingerKey], t_ns: int) -> list[tuple[float, float]]:
         """How sure the place of each of these fingers is at an instant, its variance in mm^2 on each axis, and how fast
@@ -268,22 +304,23 @@ class Pipeline:
         requested = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns)
         others = [one for one in requested if one != key]
         keys = others if key is None else [*others, key]
-        calls = solves_of_request(self._solver, len(others) + 1, BUDGET_NS * self.budget_frac)
+        cost_ns = 1.5 * self._solver.cost_ns(len(others) + 1)  # what each gives is judged too, in half the time
+        calls = int(BUDGET_NS * self.budget_frac / cost_ns)
         if calls < LEAST_CALLS:
             raise ValueError(f"{len(keys)} fingers on the plate are too many to compute it in the time of a pass.")
         if isinstance(key, int) and key not in self._fingers.predictors:
             raise ValueError(f"finger {key} does not touch the plate.")
         at, variances_mm2 = self._frame.at(keys, t_now_ns), self._fingers.variances_mm2(keys, t_now_ns)
-        places, speed_gains, forms = at.places, at.speed_gains or [1.0] * len(keys), self._frame.forms(keys)
+        places, speed_gains, ellipses = at.places, at.speed_gains, self._frame.ellipses(keys)
         if key is None:
             places, variances_mm2, speed_gains = [*places, (*place_mm, 0.0)], [*variances_mm2, 0.0], [*speed_gains, 1.0]
-            forms = None if forms is None else [*forms, None]
+            ellipses = None if ellipses is None else [*ellipses, None]
         priorities = [*self._scene.priorities(keys), *([0] if key is None else [])]
-        return ReachSearch(self._solver, places, variances_mm2, speed_gains, priorities, forms).interval(calls)
+        return ReachSearch(self._solver, places, variances_mm2, speed_gains, priorities, ellipses).interval(calls)
 
     # --- the steps of a pass ---
 
-    def _plan(self, fingers: Participants, t_plate_ns: int, solves: int) -> FramePlan:
+    def _plan(self, fingers: DrivenFingers, t_plate_ns: int, solves: int) -> FramePlan:
         """Return the frame to be: while an effect is felt it may be shorter, and have more knots."""
         if not self._effects.felt:
             return FramePlan(fingers, t_plate_ns, self._frame_duration_ns, min(self.max_knots, solves), solves, [])
@@ -297,6 +334,39 @@ class Pipeline:
         t_sample_ns = self._fingers.t_sample_ns if self._fingers.down else t_now_ns
         age_ns, horizon_ns = t_now_ns - t_sample_ns, t_plate_ns - t_sample_ns
         return Tick(t_now_ns, age_ns, horizon_ns, drive, points, limited)
+
+
+def allot(
+    scene: Scene,
+    solver: InstantSolver,
+    keys: list[FingerKey],
+    priorities: list[int],
+    touched: int,
+    budget_ns: float,
+    *,
+    is_silent: bool,
+) -> tuple[list[FingerKey], int]:
+    """Return those of these fingers that take part in a pass, in the order in which they came, and how often it may
+    solve for them, while `touched` are down. `is_silent`: the plate has no amplitudes that a solve could begin from."""
+    layers, effects = float(scene.surfaces.weight), scene.effects
+    way_ns, cold = _LAYER_WAY_NS * layers, COLD - 1.0 if is_silent else 0.0
+    fixed_ns = _PASS_NS + touched * (_TOUCHED_NS + way_ns + _EFFECT_NS * len(effects.held))
+    places_ns, solve_ns, count = 0.0, 0.0, 0
+    ordered = sorted(range(len(keys)), key=lambda n: -priorities[n]) if any(priorities) else list(range(len(keys)))
+    for n in ordered:
+        place_ns = _PLACE_NS + _EFFECT_NS * len(effects.felt)
+        finger_ns = _FINGER_NS + 2.0 * place_ns
+        if scene.target_of(keys[n]) is None:
+            place_ns += _LAYER_PLACE_NS * layers
+            finger_ns += way_ns
+        cost_ns = solver.cost_ns(count + 1)
+        then_solve_ns = places_ns + place_ns + cost_ns
+        if count > 0 and fixed_ns + finger_ns + cold * cost_ns + LEAST_SOLVES * then_solve_ns > budget_ns:
+            break
+        fixed_ns, places_ns, solve_ns, count = fixed_ns + finger_ns, places_ns + place_ns, then_solve_ns, count + 1
+    solves = int((budget_ns - fixed_ns - cold * solver.cost_ns(count)) / solve_ns)
+    kept = keys if count == len(keys) else [keys[n] for n in sorted(ordered[:count])]  # the solver keeps weights by it
+    return kept, max(solves, LEAST_SOLVES)
 
 
 def _ellipse_scale(scale: float, offset_mm: float) -> EllipseScale | None:

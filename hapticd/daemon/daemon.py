@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
-from ..core.budget import OVERRUN_NS, PassTimes
+from ..core.pipeline import OVERRUN_NS, PassTimes
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
 from ..files.recording.header import Header, utc_now
 from ..io.clients.server import ClientServer

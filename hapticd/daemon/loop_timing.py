@@ -18,7 +18,7 @@ class LoopTiming:
 
     `joined_reports` came to a pass together with a newer one; `missed_ticks` are timer ticks that were due while the
     loop was busy, and are skipped, not made up for; `pauses` are those of the collector above PAUSE_NS; `overruns` are
-    passes that took more than `core.budget.OVERRUN_NS` of the processor, `throttled` the sleeps of a loop that was too
+    passes that took more than `OVERRUN_NS` of the processor, `throttled` the sleeps of a loop that was too
     busy.
     """
 

@@ -82,7 +82,7 @@ class Perception:
         missing_um = self._missing_um(tick.t_now_ns)
         if missing_um is not None:
             modal_um = tuple([w_um + less_um for w_um, less_um in zip(modal_um, missing_um, strict=True)])
-        forms = dict.fromkeys(keys) if past.forms is None else dict(zip(keys, past.forms, strict=True))
+        forms = dict.fromkeys(keys) if past.ellipses is None else dict(zip(keys, past.ellipses, strict=True))
         achieved = self._achieved(tick, forms)
         places_mm2 = self._places_mm2(keys, t_ns)
         felt = {

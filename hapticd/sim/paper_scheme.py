@@ -14,7 +14,7 @@ from ..config import Config
 from ..core.phasors import ModeRow, ModeRows
 from ..core.pipeline import PipelineSettings
 from ..core.solver import solve
-from ..core.solver.two_modes import clamped
+from ..core.solver.instant import clamped
 from ..core.touch.fingers import FingerPredictor
 from ..daemon.settings import pipeline_settings
 

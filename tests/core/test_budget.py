@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from pipeline_bench import ONE, SLIPPERY, STICKY, STILL, Bench, amplitude_um
 
-from hapticd.core.budget import LEAST_FRAC, LONG_NS, SHORT_PASSES, PassTimes
+from hapticd.core.pipeline import LEAST_FRAC, LONG_NS, SHORT_PASSES, PassTimes
 from hapticd_contract.contents import Amplitude, Grating, Noise
 from hapticd_contract.surfaces import VirtualPath
 from hapticd_contract.targets import ClientTargets

@@ -21,7 +21,7 @@ from pipeline_bench import (
 )
 
 from hapticd.core.solver import solve
-from hapticd.core.solver.two_modes import DERATING_MM2_UM2, LEAST_SHARE
+from hapticd.core.solver.instant import DERATING_MM2_UM2, LEAST_SHARE
 from hapticd.sim.paper_scheme import invert
 from hapticd.values import LinkTiming
 from hapticd_contract.contents import Amplitude, Grating

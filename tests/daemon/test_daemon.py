@@ -19,7 +19,7 @@ from machine_bench import PLATE
 from terminal import Terminal
 
 from hapticd.config.sections import Config
-from hapticd.core.budget import OVERRUN_NS
+from hapticd.core.pipeline import OVERRUN_NS
 from hapticd.daemon import daemon as daemons
 from hapticd.daemon.daemon import Daemon, now_ns
 from hapticd.daemon.lifecycle import serve

@@ -38,14 +38,14 @@ class Given:
         self.targets_um = dict(enumerate(targets_um, 1))
         self.fingers = tuple(Finger(n, n, CREST_MM, 0.0, False) for n in self.targets_um)
         self.asked_ns: list[int] = []
-        self.forms: list[ContactEllipse | None] | None = None
+        self.ellipses: list[ContactEllipse | None] | None = None
         self.status: Any = None
         self.clock: Any = None
 
     def past(self, keys: Sequence[int], t_ns: int) -> PlayedReference:
         self.asked_ns.append(t_ns)
         places = [(CREST_MM, 0.0, self.targets_um[key] or 0.0) for key in keys]
-        return PlayedReference(self.modal_um, places, [1.0] * len(keys), self.forms)
+        return PlayedReference(self.modal_um, places, [1.0] * len(keys), self.ellipses)
 
     def asked_um(self, _: int) -> tuple[complex, ...]:
         return self.modal_um
@@ -125,7 +125,7 @@ def test_an_ellipse_is_reported_with_its_axes_and_amplitudes_count_over_it() -> 
     turned_rad, cosine, sine = 0.4, math.cos(0.4), math.sin(0.4)
     given = Given(1.0, 1.0, 1.0, 1.0)
     turned = (5.5 * cosine**2 + 4.0 * sine**2, 1.5 * cosine * sine, 5.5 * sine**2 + 4.0 * cosine**2)
-    given.forms = [(5.5, 0.0, 4.0), (4.0, 0.0, 5.5), turned, None]
+    given.ellipses = [(5.5, 0.0, 4.0), (4.0, 0.0, 5.5), turned, None]
     tick, perceived = perception_of(given).judge(given.tick(0))
     along, across, oblique, point = [perceived[key] for key in (1, 2, 3, 4)]
     axes = [(one.contact_major_mm, one.contact_minor_mm, one.contact_angle_rad) for one in perceived.values()]

@@ -58,13 +58,6 @@ static double length(pair_t phasor)
 
 /* --- the iteration --------------------------------------------------------------------------------------------------- */
 
-static void lay_out(problem_t *p)
-{
-    for (Py_ssize_t k = 0; k < p->modes; k++)
-        for (Py_ssize_t place = 0; place < p->room; place++)
-            p->across[k * p->room + place] = place < p->fingers * p->points ? p->rows[place * p->modes + k] : 0.0;
-}
-
 INLINE void move_points(problem_t *p, const Py_ssize_t modes)
 {
     const Py_ssize_t room = p->room;
@@ -151,15 +144,6 @@ static void majorise(problem_t *p, Py_ssize_t finger)
     }
 }
 
-/* Of points the squares of their errors: each is pulled to what is asked, in the phase that it has. */
-static void pull_points(problem_t *p)
-{
-    for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
-        p->kappa[finger] = 1.0;
-        p->pulled[finger] = p->targets_um[finger] / fmax(p->rms_um[finger], TINY_UM);
-    }
-}
-
 /* The sum of squares as a function of the modes: its curvature, and the pull on each. */
 INLINE void add_points(problem_t *p, const Py_ssize_t modes)
 {
@@ -221,14 +205,15 @@ INLINE void sweep(problem_t *p, const Py_ssize_t modes)
 INLINE void iterate_for(problem_t *p, const Py_ssize_t modes)
 {
     move_points(p, modes);
-    if (p->is_point) {
-        pull_points(p);
-    } else {
+    if (!p->is_point) {
         feel(p);
         weigh(p);
-        for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
-            majorise(p, finger);
     }
+    for (Py_ssize_t finger = 0; finger < p->fingers; finger++)
+        if (p->is_point) /* the square of its error: it is pulled to what is asked, in the phase that it has */
+            p->kappa[finger] = 1.0, p->pulled[finger] = p->targets_um[finger] / fmax(p->rms_um[finger], TINY_UM);
+        else
+            majorise(p, finger);
     add_points(p, modes);
     sweep(p, modes);
 }
@@ -253,11 +238,6 @@ static double dot(const double *one, const double *other, Py_ssize_t stride, Py_
     for (Py_ssize_t k = 0; k < modes; k++)
         total += one[k] * other[k * stride];
     return total;
-}
-
-static double size_of(const double *row, Py_ssize_t modes)
-{
-    return sqrt(dot(row, row, 1, modes));
 }
 
 /* Takes from a vector its projection on `size` orthonormal rows; twice leaves rounding alone. */
@@ -285,8 +265,8 @@ static Py_ssize_t with_row(double *basis, Py_ssize_t size, const double *row, Py
     double *unit = &basis[size * modes];
     memcpy(unit, row, (size_t)modes * sizeof(double));
     leave(basis, size, unit, 1, modes);
-    const double left = size_of(unit, modes);
-    if (!(left > INDEPENDENT * size_of(row, modes)))
+    const double left = sqrt(dot(unit, unit, 1, modes));
+    if (!(left > INDEPENDENT * sqrt(dot(row, row, 1, modes))))
         return size;
     for (Py_ssize_t k = 0; k < modes; k++)
         unit[k] /= left;
@@ -303,9 +283,10 @@ static void free_rows(problem_t *p)
             p->still = with_row(p->still_rows, p->still, &p->rows[finger * modes], modes);
     for (Py_ssize_t finger = 0; finger < p->fingers; finger++) {
         double *row = &p->rows[finger * modes];
-        const double before = size_of(row, modes);
+        const double before = sqrt(dot(row, row, 1, modes));
         leave(p->still_rows, p->still, row, 1, modes);
-        if (p->targets_um[finger] == 0.0 || p->still == modes || !(size_of(row, modes) > INDEPENDENT * before))
+        const int is_free = p->still < modes && sqrt(dot(row, row, 1, modes)) > INDEPENDENT * before;
+        if (p->targets_um[finger] == 0.0 || !is_free)
             memset(row, 0, (size_t)modes * sizeof(double));
         else
             p->slipping++, p->moved = with_row(p->moved_rows, p->moved, row, modes);
@@ -430,7 +411,9 @@ static int descend_for(problem_t *p, Py_ssize_t iterations)
     }
     if (p->is_point)
         free_rows(p);
-    lay_out(p);
+    for (Py_ssize_t place = 0; place < p->fingers * p->points; place++)
+        for (Py_ssize_t k = 0; k < p->modes; k++)
+            p->across[k * p->room + place] = p->rows[place * p->modes + k];
     p->keep = p->is_point && p->still == 0 ? 1.0 - RIDGE_FRAC * fmax(0.0, 1.0 - 2.0 * largest_of(p, p->w_um)) : 1.0;
     if (iterations > 0)
         leave_still(p, p->w_um);
@@ -461,28 +444,23 @@ static void step_towards(problem_t *p, const pair_t *before_um, double most_um)
     double largest_um = 0.0;
     for (Py_ssize_t k = 0; k < p->modes; k++)
         largest_um = fmax(largest_um, length(p->w_um[k] - before_um[k]));
-    if (!(largest_um > most_um))
-        return;
-    for (Py_ssize_t k = 0; k < p->modes; k++)
+    for (Py_ssize_t k = 0; k < p->modes && largest_um > most_um; k++)
         p->w_um[k] = before_um[k] + most_um / largest_um * (p->w_um[k] - before_um[k]);
-    measure(p);
 }
 
 /* --- Python's arrays ------------------------------------------------------------------------------------------------- */
 
-static Py_ssize_t doubles(const Py_buffer *buffer)
-{
-    return buffer->len / (Py_ssize_t)sizeof(double);
-}
-
 static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_t iterations, double most_step_um)
 {
-    enum { SHAPES, WEIGHTS, FINGERS, CURVE, LIMITS };
+    enum { SHAPES, WEIGHTS, FINGERS, CURVE, LIMITS, ARRAYS };
+    Py_ssize_t size[ARRAYS];
+    for (int index = 0; index < ARRAYS; index++)
+        size[index] = given[index].len / (Py_ssize_t)sizeof(double);
     const double *curve = given[CURVE].buf;
     double *fingers = given[FINGERS].buf;
-    const Py_ssize_t n = doubles(&given[FINGERS]) / 8, q = doubles(&given[WEIGHTS]), m = doubles(&given[LIMITS]);
-    problem_t p = {.fingers = n, .points = q, .modes = m, .pieces = (doubles(&given[CURVE]) - 2) / 3, .is_point = q == 1};
-    if (m > MOST_MODES || q < 1 || p.pieces < 1 || PyTuple_GET_SIZE(modal) != m || doubles(&given[SHAPES]) != n * q * m) {
+    const Py_ssize_t n = size[FINGERS] / 8, q = size[WEIGHTS], m = size[LIMITS];
+    problem_t p = {.fingers = n, .points = q, .modes = m, .pieces = (size[CURVE] - 2) / 3, .is_point = q == 1};
+    if (m > MOST_MODES || q < 1 || p.pieces < 1 || PyTuple_GET_SIZE(modal) != m || size[SHAPES] != n * q * m) {
         PyErr_SetString(PyExc_ValueError, "felt_descent: the arrays' lengths do not fit");
         return NULL;
     }
@@ -510,6 +488,7 @@ static PyObject *descend_over(const Py_buffer *given, PyObject *modal, Py_ssize_
     if (!PyErr_Occurred()) {
         const int limited = descend_for(&p, iterations);
         step_towards(&p, before_um, most_step_um);
+        measure(&p);
         PyObject *moved = PyTuple_New(m);
         for (Py_ssize_t k = 0; k < m && moved != NULL; k++)
             PyTuple_SET_ITEM(moved, k, PyComplex_FromDoubles(p.w_um[k][0], p.w_um[k][1]));

@@ -27,6 +27,17 @@ Each iteration
 
 It starts from the last W and the last weights, so W follows the fingers continuously: phases are free and nothing
 flips. From there it stays near the best of many starts (`hapticd bench felt`). `felt_descent.c` is the iteration.
+
+The paper's case, two fingers as points on two modes, one slipping, one still, has a closed form (`hold_still`).
+W lies on the line (phi_Y, -phi_X) of the still finger, limited along it (paper, section IV.B): it gets 0. Of the
+line's two sides that of the present amplitudes is taken, or their phase. All is scaled down where amplitude costs the
+still finger more than it gives the other, near singular positions:
+
+    price   a position is never known to better than a tenth of a millimetre. Of an error e the still finger feels
+            e |grad w|, although w is exactly zero at the predicted position. Of all amplitudes that give the slipping
+            finger the same mean, those cost the least whose share of the target is in proportion to |grad w|^2.
+    slew    where the still finger crosses a common node of the modes any amplitudes are zero there, and those that
+            stay so change sign at once. Zero all the way takes |dW/dP| >= |grad w| / |phi|, um per mm of its way.
 """
 
 from __future__ import annotations
@@ -46,9 +57,9 @@ from ..plate.bicubic import POINT
 from ..plate.contact import SOLVED_DISC, ContactEllipse
 from ..plate.mode_shapes import ModeShapes
 from ..plate.surfaces import evaluate
-from .felt_descent import COLD, descend
-from .two_modes import Pair, derated, hold_still, turned
+from .felt_descent import descend
 
+Pair = tuple[float, float]
 AskedPlace = tuple[float, float, float]  # x_mm, y_mm and target_um: where a finger is, and what it should feel there
 PointSolver = Callable[[ModeRows, ModeRow, ModeRow], tuple[ModeRow, bool]]  # rows, targets_um, limits_um: W, `limited`
 
@@ -61,6 +72,11 @@ SLEW_UM_NS: Final = 0.5e-6  # what the plate follows: 2 um in 4 ms; landing and 
 LEAST_STEP_UM: Final = 1.0  # from one frame to the next: what a report may tell of a finger in motion
 WIRE_FRAC: Final = 1.0 - 2.0**-22  # of a limit: rounding both parts to 32 bits may lengthen a phasor by the rest
 MOST_GROWTH: Final = 1.5  # of a contact: one whose place is less certain than that is better served as it was
+NOISE: Final = 8 * 2.0**-52  # a sum of products below this share of its terms is rounding, not signal
+SAFE: Final = 1e100  # squares of larger numbers, or of their inverses, leave the range of floats
+DERATING_MM2_UM2: Final = 5.0  # least share of its target for a slipping finger, per slope of 1 um/mm under a still one
+STEEPEST_UM_MM: Final = 4.0  # of the reference along a still finger's way: a step of 1.5 um from knot to knot
+LEAST_SHARE: Final = 0.3  # a share falls to 0 and rises again within a knot or two: following it fully makes steps
 _PAIRS: Final = Struct("4d")
 
 
@@ -110,12 +126,8 @@ class InstantSolver:
 
     def cost_ns(self, fingers: int) -> float:
         """Return an estimate of what one solve for so many fingers takes at most, fitted to machine code: one and a
-        half times its time in a row."""
+        half times its time in a row. The first one from silence takes COLD times as long."""
         return 5_000.0 + 550.0 * fingers * len(self._w_limit_um)
-
-    def cold_ns(self, fingers: int) -> float:
-        """Return what the first solve from silence takes more, by the same estimate."""
-        return (COLD - 1.0) * self.cost_ns(fingers)
 
     def solve(
         self,
@@ -130,17 +142,16 @@ class InstantSolver:
         """The solution for these places; `previous_um` (M,) are the amplitudes `since_ns` before. For contacts:
         `variances_mm2` (N,) of each place on each axis, `speed_gains` (N,), the gains of the amplitude that each finger
         needs as it slides, `priorities` (N,), and `ellipses` (N,) where they are known."""
-        if not self.has_contacts:
-            solution = (
-                self._solve_two(places, previous_um) if self._solve is None else self._solve_by(self._solve, places)
-            )
-            if solution is not None:
-                return solution
+        if self._solve is not None and not self.has_contacts:
+            return self._solve_by(self._solve, places)
+        solution = None if self.has_contacts else self._solve_two(places, previous_um)
+        if solution is not None:
+            return solution
         fingers, most_step_um = len(places), math.inf
         targets_um = [target_um for _, _, target_um in places]
         if len(self._log_weights) != fingers:
             self._log_weights = [0.0] * fingers
-        if self.has_contacts and is_any_slippery(targets_um):
+        if self.has_contacts:
             most_step_um = LEAST_STEP_UM + SLEW_UM_NS * since_ns
         modal_um, achieved_um, limited = solve_felt(
             self.shapes(self._disc, places, variances_mm2, ellipses),
@@ -229,14 +240,13 @@ def solve_felt(
 ) -> tuple[Phasors, list[float], bool]:
     """Return W (M,), moved to where the largest error is least, each contact's RMS (N,), and `limited`.
 
-    `shapes` (N, Q, M) are those at the points of each contact, which have `weights` (Q,); `speed_gains` (N,) are the
-    gains of the amplitude that each finger needs as it slides, `priorities` (N,) say whose errors come first. Where a
-    contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
+    Shapes and weights are those of `descend`; `speed_gains` (N,) and `priorities` (N,) those of `InstantSolver.solve`.
+    Where a contact is one point, still fingers get exactly 0, and the squares of the others' errors in um are least.
     `log_weights` (N,) are kept from call to call, from 0 on. Without a slipping finger W becomes 0. No mode moves by
     more than `most_step_um`: a pattern that begins from silence keeps its contrast.
     """
     fingers = len(targets_um)
-    if not is_any_slippery(targets_um):
+    if not any(target_um > 0.0 for target_um in targets_um):
         return (0j,) * len(modal_um), [0.0] * fingers, False
     table = finger_table(curve, targets_um, log_weights, speed_gains, priorities)
     moved_um, limited = descend(shapes, weights, table, curve.table, limits_um, modal_um, ITERATIONS, most_step_um)
@@ -259,14 +269,6 @@ def finger_table(
     return array("d", targets_um + frictions + counted + stickiness + speed_gains + log_weights + answers)
 
 
-def is_any_slippery(targets_um: list[float]) -> bool:
-    """Return whether some finger's target is above 0."""
-    is_any = False
-    for target_um in targets_um:
-        is_any = is_any or target_um > 0.0
-    return is_any
-
-
 def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
     """Return as much of each finger's error as counts, in just noticeable differences, for the targets' frictions and
     the fingers' priorities.
@@ -274,14 +276,12 @@ def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
     Of each priority in use a share of what counts one above. Within the highest, where there are lower ones, the
     stickiest finger counts in full, however slippery it is.
     """
-    slipperiness = [1.0 - _between(friction, FIRST) for friction in frictions]
-    has_ranks, in_use, least = max(priorities) > min(priorities), priorities, 0.0
-    if has_ranks:
-        in_use = sorted(set(priorities), reverse=True)
+    slipperiness, least, counted = [1.0 - _between(friction, FIRST) for friction in frictions], 0.0, []
+    in_use = sorted(set(priorities), reverse=True)
+    if len(in_use) > 1:
         least = min([slipperiness[n] for n in range(len(frictions)) if priorities[n] == in_use[0]])
-    counted = []
     for n in range(len(frictions)):
-        rank, more = in_use.index(priorities[n]) if has_ranks else 0, slipperiness[n] - least
+        rank, more = in_use.index(priorities[n]), slipperiness[n] - least
         if rank > 0:
             counted.append((1.0 - (1.0 - MOST_SLIPPERY) * slipperiness[n]) * MOST_LOWER**rank)
         else:
@@ -291,3 +291,77 @@ def counted_jnd(frictions: list[float], priorities: list[int]) -> list[float]:
 
 def _between(friction: float, ends: tuple[float, float]) -> float:
     return min(max((friction - ends[0]) / (ends[1] - ends[0]), 0.0), 1.0)
+
+
+# --- two fingers on two modes ---
+
+
+def clamped(value: float, limit: float) -> float:
+    """Clamp a value to +-limit; NaN becomes 0."""
+    if -limit <= value <= limit:
+        return value
+    return math.copysign(limit, value) if value == value else 0.0
+
+
+def hold_still(
+    slipping: Pair, target: float, still: Pair, limits: Pair, previous: tuple[complex, complex]
+) -> tuple[Pair, complex, bool]:
+    """Return real W, the phase by which to turn it to the present amplitudes, and `limited`.
+
+    The still finger must be on no common node. Zeros in `previous` leave sign and phase free. Shapes that are not
+    finite give silence.
+    """
+    (x, y), (limit_x, limit_y) = still, limits
+    is_first = abs(y) >= abs(x)  # the mode that moves more
+    base, slope = (y, x) if is_first else (x, y)
+    slope = -slope / base if 0.0 < abs(base) < math.inf else math.nan
+    ux, uy = (1.0, slope) if is_first else (slope, 1.0)
+    most, other = (limit_x, limit_y) if is_first else (limit_y, limit_x)
+    top = other / abs(slope) if abs(slope) * most > other else most
+    first, second = slipping[0] * ux, slipping[1] * uy
+    gain = first + second
+    size = abs(gain)
+    if not NOISE * (abs(first) + abs(second)) < size < math.inf:
+        return (0.0, 0.0), 1.0 + 0j, False
+    wanted = target / size
+    t = wanted if wanted <= top else top
+    lean, behind = (previous[0].real * ux + previous[1].real * uy), (previous[0].imag * ux + previous[1].imag * uy)
+    phase, ahead = 1.0 + 0j, math.hypot(lean, behind)
+    if behind != 0.0 and 0.0 < ahead < SAFE:
+        phase = complex(lean / ahead, behind / ahead)
+    elif lean < 0.0 or (lean == 0.0 and gain < 0.0):
+        t = -t
+    return (clamped(t * ux, limit_x), clamped(t * uy, limit_y)), phase, not wanted <= top
+
+
+def turned(modal: Pair, phase: complex, limits: Pair) -> tuple[complex, complex]:
+    """Return real W turned by a phase, within the limits to the last bit."""
+    if phase.imag == 0.0:
+        return complex(modal[0], 0.0), complex(modal[1], 0.0)
+    one, other, shave = modal[0] * phase, modal[1] * phase, 2.0**-53
+    while abs(one) > limits[0] or abs(other) > limits[1]:  # both: the still finger stays still
+        one, other, shave = one * (1.0 - shave), other * (1.0 - shave), 2.0 * shave
+    return one, other
+
+
+def derated(
+    modal: Pair, share: float, still: Pair, modes: ModeShapes, place: tuple[float, float, float], *, limited: bool
+) -> Pair:
+    """Return W scaled by 1 or less: `share` is what the slipping finger gets of its target, `still` are the shapes at
+    `place` under the other one."""
+    square = still[0] * still[0] + still[1] * still[1]
+    largest_um_mm = modes.steepest_1_mm() * (abs(modal[0]) + abs(modal[1]))
+    if not (limited or square * STEEPEST_UM_MM**2 < largest_um_mm * largest_um_mm):
+        return modal
+    along_x = along_y = 0.0
+    for w_um, (_, dx_1_mm, dy_1_mm) in zip(modal, modes.at_with_gradient(place[0], place[1]), strict=True):
+        along_x += dx_1_mm * w_um
+        along_y += dy_1_mm * w_um
+    slope_um_mm, bound_um_mm, scale = math.hypot(along_x, along_y), STEEPEST_UM_MM * math.sqrt(square), 1.0
+    if slope_um_mm > bound_um_mm:
+        scale = bound_um_mm / slope_um_mm
+    if limited:
+        price, worth = DERATING_MM2_UM2 * slope_um_mm * slope_um_mm, math.hypot(share, LEAST_SHARE)
+        if price > worth:
+            scale = min(scale, worth / price)
+    return modal if scale == 1.0 else (modal[0] * scale, modal[1] * scale)

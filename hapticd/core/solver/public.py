@@ -4,7 +4,7 @@ The rules are lexicographic. In this order: (1) |W_k| <= limit_k, always, to the
 0; (3) the others' sum (|w_i| - a_i)^2 is least, their signs being free, because friction depends on |w_i| only; (4)
 then sum |W_k|^2 is least; (5) of equals, the one nearest `previous_um`. At a singular position amplitudes therefore
 stay where they are, where the inverse of Phi flips from limit to limit; at exactly coincident fingers W = 0. Two
-fingers on two modes, one of them still, are solved in closed form (`two_modes`), all else by descent (`felt_descent`)
+fingers on two modes, one of them still, are solved in closed form (`hold_still`), all else by descent (`felt_descent`)
 from several patterns of signs: as far as that goes. With `gram` fingers are contacts, under another rule (`instant`).
 """
 
@@ -21,10 +21,9 @@ import numpy.typing as npt
 from ...values import FloatArray, Solution
 from ..friction import DEFAULT_FRICTION_CURVE
 from .felt_descent import descend
-from .instant import finger_table
-from .two_modes import SAFE, clamped, hold_still
+from .instant import SAFE, clamped, finger_table, hold_still
 
-ROUNDS, ITERATIONS = 20, 200  # of a descent
+ROUNDS, ITERATIONS = 60, 200  # of a descent
 MOST_PATTERNS = 16  # of signs
 SETTLED = 1e-12  # of the largest amplitude that is asked for: less changes nothing
 EQUAL_ERROR, EQUAL_NORM = 1e-9, 1e-6  # of squares: solutions that differ by less are equals
@@ -32,6 +31,7 @@ MISSED = 1e-6  # of a target: a finger that lacks more than this does not get it
 MOST_REACH = 1e3  # a target so many times out of reach acts like any farther one
 FAR = 1e12  # times what is asked for: amplitudes beyond act like it
 NOISE = 1e-12  # of the largest shape
+MOST_MODES = 8  # of a descent
 SETTLING = 84  # iterations of a contact's descent, from anywhere
 CURVE = DEFAULT_FRICTION_CURVE
 
@@ -108,18 +108,13 @@ def _solved_points(
     wanted = np.where(slips, np.clip(asked, 1.0 / SAFE, most), 0.0)  # where it underflows
     box = np.clip(limits / top / unit, 1.0 / FAR, FAR)
     near = np.clip(near / top, -unit * FAR, unit * FAR) / unit
-    found = [_descended(rows, wanted, box, start) for start in _starts(rows, wanted, near)]
+    found = np.array([_descended(rows, wanted, box, start) for start in _starts(rows, wanted, near)])
     errors = np.sum((np.abs(found @ rows.T) - wanted) ** 2, axis=1)
-    best = [
-        modal
-        for modal, error in zip(found, errors, strict=True)
-        if error <= errors.min() + EQUAL_ERROR * wanted @ wanted
-    ]
-    least = min([float(modal @ modal) for modal in best]) * (1.0 + EQUAL_NORM)
-    best = [
-        math.copysign(1.0, near @ modal) * modal for modal in best if modal @ modal <= least
-    ]  # alike for every finger
-    modal = min(best, key=lambda modal: float(np.sum((modal - near) ** 2)))
+    best = found[errors <= errors.min() + EQUAL_ERROR * wanted @ wanted]
+    norms = np.sum(best**2, axis=1)
+    best = best[norms <= norms.min() * (1.0 + EQUAL_NORM)]
+    best *= np.copysign(1.0, best @ near)[:, None]  # alike for every finger
+    modal = best[np.argmin(np.sum((best - near) ** 2, axis=1))]
     is_missed = bool(np.any(np.abs(np.abs(rows @ modal) - asked)[slips] > MISSED * asked[slips]))
     limited = is_missed and bool(np.any(np.abs(modal) >= (1.0 - MISSED) * box))
     return np.array([clamped(w, limit) for w, limit in zip(modal * unit * top, limits, strict=True)]), limited
@@ -165,8 +160,8 @@ def _solved_contacts(
     starts = [contrast * np.min(limits / np.maximum(np.abs(contrast), NOISE)) for contrast in contrasts.T]
     for start in [*([previous] if previous is not None and previous.any() else []), *starts]:
         table = finger_table(CURVE, targets.tolist(), [0.0] * fingers, [1.0] * fingers, [0] * fingers)
-        start = tuple(map(complex, start))
-        modal, limited = descend(shapes, weights, table, CURVE.table, limits, start, SETTLING, math.inf)
+        modal = tuple(map(complex, start))
+        modal, limited = descend(shapes, weights, table, CURVE.table, limits, modal, SETTLING, math.inf)
         within = [clamped(w.real, limit) for w, limit in zip(modal, limits.tolist(), strict=True)]
         got = table[7 * fingers :].tolist()
         found.append((float(np.abs(np.array(got) - targets).max()), within, got, limited))
@@ -183,8 +178,8 @@ def _checked_all(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
     shapes = _checked("phi", phi, (None,) * axes)
     fingers, modes = shapes.shape[-2:]
-    if modes < 1:
-        raise ValueError("phi: has no modes; its last axis must hold at least one.")
+    if not 1 <= modes <= MOST_MODES:
+        raise ValueError(f"phi: has {modes} modes on its last axis, which must hold 1 .. {MOST_MODES}.")
     targets = _checked("target_um", target_um, (fingers,))
     if (targets < 0.0).any():
         raise ValueError("target_um: amplitudes must be 0 or more; the solver chooses the sign.")
@@ -199,9 +194,7 @@ def _checked(name: str, values: npt.ArrayLike, shape: tuple[int | None, ...]) ->
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: must be an array of numbers, all rows of the same length.") from None
-    if array.ndim != len(shape) or any(
-        asked not in (None, found) for asked, found in zip(shape, array.shape, strict=True)
-    ):
+    if array.ndim != len(shape) or any(map(lambda asked, found: asked not in (None, found), shape, array.shape)):
         raise ValueError(f"{name}: has shape {array.shape}, which does not fit phi; see the arrays' shapes in `solve`.")
     if not np.isfinite(array).all():
         raise ValueError(f"{name}: holds NaN or infinity; give finite numbers.")

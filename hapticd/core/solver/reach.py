@@ -97,20 +97,13 @@ class ReachSearch:
 
     def _solved(self, targets_um: list[float], state: _State) -> tuple[_State, list[float]]:
         """Return the state after one call for the first fingers, which have these targets, and their errors there."""
-        count, fingers = len(targets_um), len(self._speed_gains)
-        limits_um, curve, given = (
-            self._solver.limits_um,
-            self._solver.curve,
-            (self._speed_gains[:count], self._priorities[:count]),
-        )
-        shapes, judged = (all_shapes[: count * len(all_shapes) // fingers] for all_shapes in self._shapes)
-        modal_um, log_weights = state[0], state[1].copy()
-        modal_um, _, _ = solve_felt(
-            shapes, self._weights[0], curve, targets_um, limits_um, modal_um, log_weights, *given
-        )
-        table = finger_table(curve, targets_um, log_weights, *given)
+        count, limits_um, curve = len(targets_um), self._solver.limits_um, self._solver.curve
+        shapes, judged = (of_all[: count * len(of_all) // len(self._speed_gains)] for of_all in self._shapes)
+        given = state[1].copy(), self._speed_gains[:count], self._priorities[:count]
+        modal_um, _, _ = solve_felt(shapes, self._weights[0], curve, targets_um, limits_um, state[0], *given)
+        table = finger_table(curve, targets_um, *given)
         descend(judged, self._weights[1], table, curve.table, limits_um, modal_um, 0, math.inf)
-        return (modal_um, log_weights), table[6 * count : 7 * count].tolist()
+        return (modal_um, given[0]), table[6 * count : 7 * count].tolist()
 
 
 def _longest_run(is_good: list[bool]) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hapticd.board_protocol import REFERENCE
 from hapticd.core.solver import solve
-from hapticd.core.solver.two_modes import hold_still, turned
+from hapticd.core.solver.instant import hold_still, turned
 from hapticd.core.trajectory.gate import gate
 from hapticd.values import Drive, Knot
 from hapticd.wire.board_messages import FRAME_MAX
