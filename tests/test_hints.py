@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-import hapticd_client.errors
 from hapticd import errors
 
 ROOT = Path(__file__).parents[1]
@@ -37,11 +36,3 @@ def test_a_missing_library_is_installed_by_its_name_into_this_python(extra: str)
     here = [one for one in map(Requirement, EXTRAS[extra]) if one.marker is None or one.marker.evaluate()]
     assert command[4:] == [str(one).partition(";")[0] for one in here] != []
     assert "hapticd" not in " ".join(command[4:])
-
-
-@pytest.mark.parametrize("module", [errors, hapticd_client.errors])
-def test_a_copy_without_metadata_names_what_it_needs_without_a_command(
-    module: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    assert str(module.missing_library("It needs it", "image")) == "It needs it."  # type: ignore[attr-defined]

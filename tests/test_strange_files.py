@@ -80,6 +80,3 @@ def test_content_that_is_not_a_regular_file_is_refused_at_once(name: str, suffix
     with pytest.raises(RefusedError, match="cannot be read \\(Not a regular file\\)") as refused:
         content.load(path)
     assert str(path) in str(refused.value)
-
-
-# --- one place ------------------------------------------------------------------------------------------------------

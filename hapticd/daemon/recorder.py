@@ -97,11 +97,6 @@ class Recorders:
         self._socket.start(loop, self._on_recorder)
 
     @property
-    def is_live(self) -> bool:
-        """A recorder is attached."""
-        return self._live is not None
-
-    @property
     def waits(self) -> bool:
         """A recorder requests a recording that begins with its machine, and a restart would end no other."""
         return WHOLE in self._requests and self._live is None and self._writer is None

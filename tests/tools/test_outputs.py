@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-import ast
-import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-import hapticd
-from hapticd.__main__ import COMMANDS, main
-from hapticd.__main__ import parser as cli_parser
+from hapticd.__main__ import main
 from hapticd.errors import HapticdError, UsageError
 from hapticd.regular_file import opened
 from hapticd.tools import outputs
-
-PACKAGE = Path(hapticd.__file__).parent
 
 # A call of each command up to its output, a name with the right suffix, and one with that of another kind of file.
 OUTPUTS = [
@@ -112,70 +104,6 @@ def test_a_forced_output_is_replaced(capsys: pytest.CaptureFixture[str]) -> None
     assert main([*arguments, "--force"]) == 0
     capsys.readouterr()
     assert Path("map.npz").read_bytes().startswith(b"PK")
-
-
-def all_parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    yield parser
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                yield from all_parsers(below)
-
-
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "study"])  # that is another distribution's
-def test_every_option_that_writes_is_declared_as_an_output(command: str) -> None:
-    (commands,) = (action for action in cli_parser(command)._actions if isinstance(action, argparse._SubParsersAction))
-    for parser in all_parsers(commands.choices[command]):
-        declared = parser.get_default("outputs") or {}
-        for action in parser._actions:
-            writes = (action.help or "").startswith(("write ", "draw "))
-            if writes and action.nargs != 0 and action.dest != "save":  # firmware's, which adds to a file
-                assert action.dest in declared, f"{parser.prog} {action.option_strings}"
-
-
-ELSEWHERE = {
-    "compiled/prerequisites.py",  # a folder of its own
-    "files/recording/mcap_writer.py",  # recordings take the next free name
-    "io/clients/keys.py",  # keys are refused by name
-    "io/clients/runtime_dir.py",  # the daemon's lock
-    "io/devices/replay.py",  # for tests: no command writes reports
-    "io/host/cpu_latency.py",  # a device
-    "io/host/journal.py",  # a socket
-    "sim/rig/files.py",  # the rig's own folder
-    "sim/rig/program.py",  # likewise
-    "tools/daemon_process.py",  # its own folder
-    "tools/plate_verdict.py",  # its own folder
-    "tools/install_service.py",  # its destinations are fixed
-    "regular_file.py",  # the one place
-    "tools/view/program.py",  # the address, in a folder of its own
-}
-
-
-def is_writing(call: ast.Call) -> bool:
-    """Whether it opens a file to write it, in any of Python's ways."""
-    of = call.func.value if isinstance(call.func, ast.Attribute) else None
-    name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
-    if name in ("write_text", "write_bytes"):
-        return of is not None and getattr(of, "id", "") != "outputs"
-    if name not in ("open", "fdopen"):
-        return False
-    words = [node.value for node in ast.walk(call) if isinstance(node, ast.Constant)]
-    flags = [node.attr for node in ast.walk(call) if isinstance(node, ast.Attribute)]
-    return "O_CREAT" in flags or any(re.fullmatch("[wax][bt+]*", word) for word in words if isinstance(word, str))
-
-
-def writes(path: Path) -> bool:
-    text = path.read_text(encoding="utf-8")
-    if not re.search(r"write_(text|bytes)|open\(", text):  # most files, which need no parsing
-        return False
-    calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
-    return any(is_writing(call) for call in calls)
-
-
-def test_outputs_are_opened_in_one_place() -> None:
-    found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if writes(path)}
-    assert found <= ELSEWHERE
-    assert "regular_file.py" in found
 
 
 def test_an_output_gets_its_name_when_it_is_whole() -> None:

@@ -52,7 +52,7 @@ async def served(bench: Bench, ours: Recorders, until: threading.Thread) -> list
         ours.sweep()
         observed.append(bench.machine.observer is not None)
         await asyncio.sleep(STEP_S)
-    while ours.is_live:
+    while ours._live is not None:
         ours.sweep()
         await asyncio.sleep(STEP_S)
     observed.append(bench.machine.observer is not None)
@@ -129,7 +129,7 @@ async def test_a_recorder_ends_with_its_daemon(tmp_path: Path) -> None:
     thread = threading.Thread(target=lambda: record(tmp_path / "a.mcap", tmp_path, 60.0, is_now=True))
     ours.start(asyncio.get_running_loop())
     thread.start()
-    while not ours.is_live:
+    while ours._live is None:
         ours.sweep()
         await asyncio.sleep(STEP_S)
     bench.run(50)
@@ -201,7 +201,7 @@ def test_a_recording_is_not_ended_by_a_recorder_that_attaches_later(
     ours._on_recorder(WHOLE, True)
     assert not ours.waits
     ours._on_recorder(NOW, False)
-    assert ours.is_live  # the other one is still there
+    assert ours._live is not None  # the other one is still there
 
 
 def test_fingers_targets_a_board_tool_and_a_latched_fault_use_a_machine() -> None:
@@ -298,7 +298,7 @@ async def test_a_recorder_that_attaches_and_detaches_all_the_time_makes_few_head
             socket.send(b"\x00")
         socket.send(b"\x01")
         async with asyncio.timeout(30.0):
-            while await asyncio.to_thread(socket.poll, 20) == 0 or not ours.is_live:  # it may have to reconnect
+            while await asyncio.to_thread(socket.poll, 20) == 0 or ours._live is None:  # it may have to reconnect
                 ours.sweep()
     ours.close(bench.t_ns)
     assert 1 <= len(made) <= 2 + 401 // 64
