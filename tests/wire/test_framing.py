@@ -58,3 +58,9 @@ def test_memory_stays_bounded_without_a_delimiter() -> None:
     splitter.feed(b"\0")
     assert splitter.counters == {"oversize": 1, "cobs": 0, "crc": 0}
     assert splitter.feed(encode_frame(b"back")) == [b"back"]
+
+
+def test_runs_around_a_full_block_come_out_again() -> None:
+    for n in (*range(248, 258), *range(502, 512)):
+        for message in (b"\x07" * n, b"\x07" * n + b"\0" + b"\x07" * n):
+            assert FrameSplitter(1200).feed(encode_frame(message)) == [message]
