@@ -5,22 +5,40 @@
     FAULT             latched: left by CLEARED alone, whatever else happens
     STOPPED           the daemon is going down; nothing leaves it
 
-Link and sensor are remembered through every state: a transition into a state whose needs are not met ends in IDLE.
-Events are levels, not edges; reporting one again changes nothing. After an interruption the touch must be reported
-again, which the next trackpad report does.
+Link and sensor are remembered through every state: without one of them ARMED and ACTIVE end in IDLE. Events are levels,
+not edges; reporting one again changes nothing. After an interruption the touch must be reported again, which the next
+trackpad report does.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from typing import Final, NamedTuple
-
-from .transitions import CONDITIONS, NEEDS, TRANSITIONS, Event, State
-
-__all__ = ["TRANSITIONS", "Event", "State", "Supervisor", "Transition"]
+from enum import Enum
+from typing import NamedTuple
 
 
-_DRIVING: Final = (State.ARMED, State.ACTIVE)
+class State(Enum):
+    """State of the daemon's output."""
+
+    IDLE = "idle"  # board or trackpad is missing
+    ARMED = "armed"  # both are there, no finger has a target
+    ACTIVE = "active"  # references go out
+    FAULT = "fault"  # latched until a client clears it
+    STOPPED = "stopped"  # shutting down
+
+
+class Event(Enum):
+    """Input of the state machine."""
+
+    LINK_UP = "link up"  # the board's handshake is done and its clock known
+    LINK_DOWN = "link down"
+    SENSOR_UP = "sensor up"
+    SENSOR_DOWN = "sensor down"
+    TOUCHED = "touched"  # a finger that has a target is down, or a virtual one moves
+    RELEASED = "released"
+    BOARD_FAULT = "board fault"
+    CLEARED = "cleared"  # a client cleared the fault, and the board agreed
+    STOP = "stop"
 
 
 class Transition(NamedTuple):
@@ -39,32 +57,40 @@ class Supervisor:
     def __init__(self) -> None:
         self.state = State.IDLE
         self.history: deque[Transition] = deque(maxlen=64)
-        self._up: frozenset[str] = frozenset()
+        self._has_link = self._has_sensor = False
         self._unchanging: list[Event] = []  # that changed nothing since something did
 
     @property
     def may_drive(self) -> bool:
         """Whether references other than zero may go out, if something is touched that has a target."""
-        return self.state in _DRIVING
+        return self.state is State.ARMED or self.state is State.ACTIVE
 
     def handle(self, event: Event, reason: str, t_ns: int) -> State:
         """Take one event and give the new state; only changes are recorded."""
-        if event in self._unchanging:  # as most are: to look up what they do takes 0.4 us
+        if event in self._unchanging:  # as most are
             return self.state
-        condition, was_up = CONDITIONS.get(event), self._up
-        if condition is not None:
-            name, is_up = condition
-            if is_up is not (name in self._up):
-                self._up ^= {name}
-        after = TRANSITIONS[self.state, event]
-        if not NEEDS[after] <= self._up:
-            after = State.IDLE
+        had_both = self._has_link, self._has_sensor
+        if event is Event.LINK_UP or event is Event.LINK_DOWN:
+            self._has_link = event is Event.LINK_UP
+        elif event is Event.SENSOR_UP or event is Event.SENSOR_DOWN:
+            self._has_sensor = event is Event.SENSOR_UP
+        after = self._after(event)
+        if after is self.state and had_both == (self._has_link, self._has_sensor):
+            self._unchanging.append(event)
+            return after
+        self._unchanging = []
         if after is not self.state:
             self.history.append(Transition(t_ns, event, self.state, after, reason))
             self.state = after
-            self._unchanging = []
-        elif self._up is was_up:
-            self._unchanging.append(event)
-        else:
-            self._unchanging = []
         return after
+
+    def _after(self, event: Event) -> State:
+        if self.state is State.STOPPED or event is Event.STOP:
+            return State.STOPPED
+        if event is Event.BOARD_FAULT or (self.state is State.FAULT and event is not Event.CLEARED):
+            return State.FAULT
+        if not (self._has_link and self._has_sensor):
+            return State.IDLE
+        if event is Event.TOUCHED or (self.state is State.ACTIVE and event is not Event.RELEASED):
+            return State.ACTIVE
+        return State.ARMED
