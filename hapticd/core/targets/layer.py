@@ -22,19 +22,12 @@ class Layer:
     """One surface with its owner and its place in the stack. `born` counts layers in the order in which they came."""
 
     def __init__(
-        self,
-        owner: str,
-        surface: Surface,
-        content: Content,
-        texture: AmplitudeAt,
-        detail: Detail,
-        born: int,
-        t_pose_ns: int,
+        self, owner: str, surface: Surface, texture: AmplitudeAt, detail: Detail, born: int, t_pose_ns: int
     ) -> None:
         self.name: Final = surface.name
         self.owner: Final = owner
         self.surface: Final = surface
-        self.content: Final = content
+        self.content: Final[Content] = surface.content
         self.texture: Final = texture
         self.born: Final = born
         self.z: Final = surface.z
@@ -49,7 +42,7 @@ class Layer:
         path = surface.path
         self._walk: Final = None if path is None else Walk(path, t_pose_ns)
         self._turning_rad_s: Final = surface.turning_rad_s
-        self.is_expensive: Final = isinstance(content, Noise) or path is not None or surface.turning_rad_s != 0.0
+        self.is_expensive: Final = isinstance(self.content, Noise) or path is not None or surface.turning_rad_s != 0.0
         self._moves: Final = self._vx_mm_s != 0.0 or self._vy_mm_s != 0.0
         self._angle_rad: Final = surface.angle_rad
         self._cos: Final = math.cos(surface.angle_rad)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from hapticd_contract.contents import Content
 from hapticd_contract.surfaces import VirtualPath
@@ -39,7 +40,7 @@ class _Held:
     walk: Walk | None
 
 
-_UNHELD = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, detail=NO_DETAIL, walk=None)
+_UNHELD: Final = _Held("", t_expires_ns=0, target=None, priority=0, texture=None, detail=NO_DETAIL, walk=None)
 
 
 class Scene:
@@ -132,16 +133,11 @@ class Scene:
 
     def target_of(self, key: FingerKey) -> Content | None:
         """The target of a finger, or None."""
-        held = self._held.get(key)
-        return None if held is None else held.target
+        return self._held.get(key, _UNHELD).target
 
     def priorities(self, keys: Iterable[FingerKey]) -> list[int]:
         """Return the priority of each finger's target; 0 without one."""
-        found: list[int] = []
-        for key in keys:
-            held = self._held.get(key)
-            found.append(0 if held is None else held.priority)
-        return found
+        return [self._held.get(key, _UNHELD).priority for key in keys]
 
     def owner_of(self, key: FingerKey) -> str | None:
         """The client that owns a finger, or None."""
@@ -156,13 +152,12 @@ class Scene:
 
     def amplitude_um(self, key: FingerKey, x_mm: float, y_mm: float) -> float | None:
         """The target amplitude of a finger at this position; None if it has no target."""
-        held = self._held.get(key)
-        return None if held is None or held.texture is None else held.texture(x_mm, y_mm)
+        texture = self._held.get(key, _UNHELD).texture
+        return None if texture is None else texture(x_mm, y_mm)
 
     def detail(self, key: FingerKey) -> Detail:
         """How finely a finger's texture must be sampled."""
-        held = self._held.get(key)
-        return NO_DETAIL if held is None else held.detail
+        return self._held.get(key, _UNHELD).detail
 
     def virtual_names(self, t_ns: int) -> tuple[str, ...]:
         """The names of the virtual fingers at `t_ns`, in the order in which they came."""

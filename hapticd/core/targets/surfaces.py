@@ -11,12 +11,13 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from hapticd_contract.contents import LevelMap
 from hapticd_contract.surfaces import Circle, Surface
 from hapticd_contract.targets import ClientTargets
 
 from ..trajectory.gate import GRAIN_NS
 from .layer import Layer
-from .textures import Textures, detail, fills_shape
+from .textures import Textures, detail
 
 MAX_SURFACES: Final = 64  # of all clients
 MAX_CORNERS: Final = 256  # of all polygons: 64 rectangles; each is looked at wherever a finger is near
@@ -26,6 +27,7 @@ MAX_EDGES: Final = 8  # of one layer, and corners of its path, that a finger mee
 NEVER_NS: Final = 2**62
 MAX_REFINED: Final = 16  # crossings of all fingers whose instant is refined for one frame: it has room for knots at 11
 
+_POSE: Final = ("position_mm", "angle_rad", "scale", "velocity_mm_s", "turning_rad_s", "t_pose_ns", "path")
 Predicted = Callable[[int], tuple[float, float]]  # an instant: where the finger will be
 _Span = tuple[float, float, float]  # of a crossing, ns: when it is, and from when to when it is the only one
 
@@ -152,7 +154,7 @@ class SurfaceSet:
     def edges_ns(self, crossed: list[Crossing], t_ns: int, tolerance_um: float) -> list[int]:
         """Return the instants from `t_ns` on just before and just after the crossings of any fingers where what they
         feel steps, the earliest of them."""
-        crossed.sort(key=_about_ns)
+        crossed.sort(key=lambda crossing: crossing.at_ns)
         found_ns = set[int]()
         for _, from_ns, to_ns, layer, predicted_mm in crossed[:MAX_REFINED]:
             before_ns = crossing_ns(layer, predicted_mm, t_ns, from_ns, to_ns)
@@ -180,7 +182,7 @@ class SurfaceSet:
         self._born += before is None
         content, size_mm = surface.content, _size_mm(surface, self._textures.plate_size_mm)
         texture, fine = self._textures.amplitude(content, size_mm), detail(content, size_mm)
-        return Layer(owner, surface, content, texture, fine, born, t_pose_ns)
+        return Layer(owner, surface, texture, fine, born, t_pose_ns)
 
     def _stack(self, layers: list[Layer]) -> None:
         stacked = sorted(layers, key=lambda layer: (-layer.z, -layer.born))
@@ -202,26 +204,14 @@ def _lack_of_room(others: list[Layer], layer: Layer) -> str:
     return ""
 
 
-def _about_ns(crossing: Crossing) -> float:
-    return crossing.at_ns
-
-
-def _pose(surface: Surface) -> tuple[object, ...]:
-    return (
-        surface.position_mm,
-        surface.angle_rad,
-        surface.scale,
-        surface.velocity_mm_s,
-        surface.turning_rad_s,
-        surface.t_pose_ns,
-        surface.path,
-    )
+def _pose(surface: Surface) -> list[object]:
+    return [getattr(surface, name) for name in _POSE]
 
 
 def _size_mm(surface: Surface, plate_size_mm: tuple[float, float]) -> tuple[float, float]:
     """Return over which box around the layer's origin content is spread: the least that holds the shape."""
     shape = surface.shape
-    if shape is None or not fills_shape(surface.content):
+    if shape is None or not isinstance(surface.content, LevelMap):
         return plate_size_mm
     if isinstance(shape, Circle):
         return 2.0 * shape.radius_mm, 2.0 * shape.radius_mm

@@ -1,15 +1,15 @@
 """The textures of targets and surfaces: amplitude in um over plate mm, friction turned into amplitude.
 
-Each class of `Content` has a `Texture` in `_TEXTURES`. Its amplitude is a function that is made once per request and
-called at every knot: plain arithmetic, about a microsecond. It is finite and within the content's two amplitudes for
-every finite position; NaN and positions far from any plate give what silence would.
+The amplitude of a content is a function that is made once per request and called at every knot: plain arithmetic, about
+a microsecond. It is finite and within the content's two amplitudes for every finite position; NaN and positions far
+from any plate give what silence would.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
@@ -27,7 +27,6 @@ _MASK: Final = 2**64 - 1
 _GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 
 AmplitudeAt = Callable[[float, float], float]  # um over plate mm
-T = TypeVar("T", bound=Content)
 _Wave = tuple[float, float, float, float]  # rad/mm along x and y, rad, um
 
 
@@ -40,30 +39,6 @@ class Detail(NamedTuple):
 
 
 NO_DETAIL = Detail(math.inf, True)
-
-
-class Texture(Generic[T]):
-    """The texture of one class of content.
-
-    `highest_um` is the largest amplitude anywhere. Content that `asks_for_friction` gets at most the plate's limit,
-    and more amplitude as a finger slides; one that asks for more amplitude than the limit is refused. `fills_shape`: on
-    a surface it is spread over the shape, not the plate.
-    """
-
-    def __init__(
-        self,
-        amplitude: Callable[[T, Textures, tuple[float, float]], AmplitudeAt],
-        highest_um: Callable[[T, FrictionCurve], float],
-        detail: Callable[[T, tuple[float, float]], Detail] = lambda _content, _size_mm: NO_DETAIL,
-        asks_for_friction: Callable[[T], bool] = lambda _content: False,
-        *,
-        fills_shape: bool = False,
-    ) -> None:
-        self.amplitude: Final = amplitude
-        self.highest_um: Final = highest_um
-        self.detail: Final = detail
-        self.asks_for_friction: Final = asks_for_friction
-        self.fills_shape: Final = fills_shape
 
 
 class Textures:
@@ -79,42 +54,83 @@ class Textures:
     def refusal(self, content: Content) -> str:
         """Return why content asks for too much or lacks its asset; empty if it does not. A friction asks for as much as
         the plate can do."""
-        texture = _TEXTURES[type(content)]
-        asked_um = texture.highest_um(content, self.curve)
-        if asked_um <= self.w_limit_um or texture.asks_for_friction(content):
+        asked_um = _highest_um(content)
+        if asked_um <= self.w_limit_um:
             return self.assets.refusal(content)
         return f"cannot have {asked_um:g} um: ask for at most {self.w_limit_um:g} um."
 
     def amplitude(self, content: Content, size_mm: tuple[float, float] | None = None) -> AmplitudeAt:
         """Return the amplitude in um over mm, of a map that is spread over `size_mm`, else over the plate. A friction
-        that needs more than the limit gets that."""
-        texture = _TEXTURES[type(content)]
+        that needs more than the limit gets that, and one under a sliding finger more amplitude."""
         size_mm = self.plate_size_mm if size_mm is None else size_mm
-        at_rest = texture.amplitude(self.assets.resolved(content), self, size_mm)
-        if self.curve.speed_mm_s == math.inf or not texture.asks_for_friction(content):
+        at_rest = self._at_rest(self.assets.resolved(content), size_mm)
+        if self.curve.speed_mm_s == math.inf or not _asks_for_friction(content):
             return at_rest
         return lambda x_mm, y_mm: min(at_rest(x_mm, y_mm) * self.speed_gain, self.w_limit_um)
+
+    def _at_rest(self, content: Content, size_mm: tuple[float, float]) -> AmplitudeAt:
+        if isinstance(content, Amplitude):
+            return _even(min(content.amplitude_um, self.w_limit_um))
+        if isinstance(content, Friction):
+            return _even(self._of_friction_um(content.friction))
+        if isinstance(content, Gradient):
+            return _gradient(content)
+        if isinstance(content, Grating):
+            return _sine(content) if content.duty_frac == 0.0 else _stripes(content)
+        if isinstance(content, Noise):
+            return _noise(content)
+        if content.friction is None:
+            return _image(content, size_mm)
+        low, high = content.friction
+        levels_um = [self._of_friction_um(low + (high - low) * level / 255.0) for level in range(256)]
+        return _looked_up(_image(replace(content, low_um=0.0, high_um=255.0), size_mm), levels_um)
+
+    def _of_friction_um(self, friction: float) -> float:
+        return min(self.curve.amplitude_um(friction), self.w_limit_um)
+
+
+def _asks_for_friction(content: Content) -> bool:
+    return isinstance(content, Friction) or (isinstance(content, LevelMap) and content.friction is not None)
+
+
+def _highest_um(content: Content) -> float:
+    """Return the largest amplitude that content asks for; 0 where it asks for a friction."""
+    if isinstance(content, Amplitude):
+        return content.amplitude_um
+    if isinstance(content, Gradient):
+        return max(content.from_um, content.to_um)
+    if isinstance(content, Grating):
+        return max(content.low_um, content.high_um)
+    if isinstance(content, Noise):
+        return content.mean_um + MOST_RMS * content.rms_um
+    return 0.0 if isinstance(content, Friction) or content.friction is not None else max(content.amplitudes_um)
 
 
 def detail(content: Content, size_mm: tuple[float, float]) -> Detail:
     """Return how finely content must be sampled; what is finer than FINEST_MM is not felt."""
-    fine = _TEXTURES[type(content)].detail(content, size_mm)
-    return fine if fine.finest_mm >= FINEST_MM else Detail(FINEST_MM, fine.smooth)
+    finest_mm, is_smooth = math.inf, True
+    if isinstance(content, Gradient):
+        finest_mm, is_smooth = content.length_mm, False
+    elif isinstance(content, Grating) and content.duty_frac == 0.0:
+        finest_mm = content.period_mm / PIECES_PER_WAVE
+    elif isinstance(content, Grating) and content.duty_frac < 1.0:
+        finest_mm, is_smooth = min(content.duty_frac, 1.0 - content.duty_frac) * content.period_mm, False
+    elif isinstance(content, LevelMap):
+        columns, rows = max(content.width - 1, 1), max(content.height - 1, 1)
+        finest_mm, is_smooth = min(size_mm[0] / columns, size_mm[1] / rows), False
+    elif isinstance(content, Noise):  # where it is cut it is nearly flat, and its waves are smooth: no corners
+        finest_mm = content.shortest_mm / PIECES_PER_WAVE
+    return Detail(max(finest_mm, FINEST_MM), is_smooth)
 
 
-def fills_shape(content: Content) -> bool:
-    """Return whether content is spread over the shape of its surface."""
-    return _TEXTURES[type(content)].fills_shape
-
-
-# --- amplitudes and details of each ---
+# --- amplitudes of each ---
 
 
 def _even(amplitude_um: float) -> AmplitudeAt:
     return lambda _x_mm, _y_mm: amplitude_um
 
 
-def _gradient(gradient: Gradient, _textures: Textures, _size_mm: tuple[float, float]) -> AmplitudeAt:
+def _gradient(gradient: Gradient) -> AmplitudeAt:
     """Linear along a direction, and constant beyond."""
     along_x, along_y = math.cos(gradient.angle_rad), math.sin(gradient.angle_rad)
     length_mm, from_um, to_um = gradient.length_mm, gradient.from_um, gradient.to_um
@@ -126,10 +142,6 @@ def _gradient(gradient: Gradient, _textures: Textures, _size_mm: tuple[float, fl
         return from_um * (1.0 - share) + to_um * share if share < 1.0 else to_um
 
     return amplitude_um
-
-
-def _grating(grating: Grating, _textures: Textures, _size_mm: tuple[float, float]) -> AmplitudeAt:
-    return _sine(grating) if grating.duty_frac == 0.0 else _stripes(grating)
 
 
 def _sine(grating: Grating) -> AmplitudeAt:
@@ -160,22 +172,6 @@ def _stripes(grating: Grating) -> AmplitudeAt:
         return high_um if abs(remainder(along_mm, period_mm)) <= half_crest_mm else low_um
 
     return amplitude_um
-
-
-def _grating_detail(grating: Grating, _size_mm: tuple[float, float]) -> Detail:
-    period_mm, duty_frac = grating.period_mm, grating.duty_frac
-    if duty_frac == 0.0:
-        return Detail(period_mm / PIECES_PER_WAVE, True)
-    return NO_DETAIL if duty_frac == 1.0 else Detail(min(duty_frac, 1.0 - duty_frac) * period_mm, False)
-
-
-def _map(image: LevelMap, textures: Textures, size_mm: tuple[float, float]) -> AmplitudeAt:
-    if image.friction is None:
-        return _image(image, size_mm)
-    low, high = image.friction
-    frictions = [low + (high - low) * level / 255.0 for level in range(256)]
-    levels_um = [min(textures.curve.amplitude_um(friction), textures.w_limit_um) for friction in frictions]
-    return _looked_up(_image(replace(image, low_um=0.0, high_um=255.0), size_mm), levels_um)
 
 
 def _looked_up(level_of: AmplitudeAt, levels_um: list[float]) -> AmplitudeAt:
@@ -222,15 +218,7 @@ def _image(image: LevelMap, size_mm: tuple[float, float]) -> AmplitudeAt:
     return amplitude_um
 
 
-def _map_detail(image: LevelMap, size_mm: tuple[float, float]) -> Detail:
-    return Detail(min(size_mm[0] / max(image.width - 1, 1), size_mm[1] / max(image.height - 1, 1)), False)
-
-
-def _highest_of_map_um(image: LevelMap, curve: FrictionCurve) -> float:
-    return max(image.amplitudes_um) if image.friction is None else curve.amplitude_um(min(image.friction))
-
-
-def _noise(target: Noise, _textures: Textures, _size_mm: tuple[float, float]) -> AmplitudeAt:
+def _noise(target: Noise) -> AmplitudeAt:
     """A sum of plane waves, the same for the same seed on every machine."""
     waves = _waves(target)
     mean_um = target.mean_um
@@ -274,30 +262,3 @@ def _uniform(seed: int, count: int) -> list[float]:
         mixed = ((mixed ^ (mixed >> 27)) * 0x94D049BB133111EB) & _MASK
         numbers.append(((mixed ^ (mixed >> 31)) >> 11) * 2.0**-53)
     return numbers
-
-
-_TEXTURES: Final[dict[type, Texture[Any]]] = {
-    Amplitude: Texture[Amplitude](
-        lambda even, textures, _size_mm: _even(min(even.amplitude_um, textures.w_limit_um)),
-        lambda even, _curve: even.amplitude_um,
-    ),
-    Friction: Texture[Friction](
-        lambda even, textures, _size_mm: _even(min(textures.curve.amplitude_um(even.friction), textures.w_limit_um)),
-        lambda even, curve: curve.amplitude_um(even.friction),
-        asks_for_friction=lambda _even: True,
-    ),
-    Gradient: Texture[Gradient](
-        _gradient,
-        lambda gradient, _curve: max(gradient.from_um, gradient.to_um),
-        lambda gradient, _size_mm: Detail(gradient.length_mm, False),
-    ),
-    Grating: Texture[Grating](_grating, lambda grating, _curve: max(grating.low_um, grating.high_um), _grating_detail),
-    LevelMap: Texture[LevelMap](
-        _map, _highest_of_map_um, _map_detail, lambda image: image.friction is not None, fills_shape=True
-    ),
-    Noise: Texture[Noise](  # where it is cut it is nearly flat, and its waves are smooth: no corners
-        _noise,
-        lambda noise, _curve: noise.mean_um + MOST_RMS * noise.rms_um,
-        lambda noise, _size_mm: Detail(noise.shortest_mm / PIECES_PER_WAVE, True),
-    ),
-}
