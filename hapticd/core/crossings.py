@@ -93,7 +93,7 @@ class Crossings:
             if not layer.is_whole:
                 crossed += self._crossed(finger_id, layer, was_on, place_mm, to_place_mm, t_from_ns, t_to_ns)
         touched.t_checked_ns = t_to_ns
-        crossed.sort(key=_instant_ns)
+        crossed.sort(key=lambda change: change.t_ns)
         return found + crossed
 
     def _crossed(
@@ -137,7 +137,3 @@ class Crossings:
                 found.append(Change(t_now_ns, layer, False, False))
             still_on[layer if same is None else same] = None
         touched.on = still_on
-
-
-def _instant_ns(change: Change) -> int:
-    return change.t_ns

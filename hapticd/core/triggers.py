@@ -44,23 +44,30 @@ class Events:
     def add(
         self,
         kind: EventKind,
-        t_ns: int,
-        t_device_ns: int | None = None,
+        touched: TouchedContents | None,
+        t_ns: int | None = None,
+        layer: Layer | None = None,
+        held: Held | None = None,
         finger_id: int | None = None,
-        place_mm: tuple[float, float] | None = None,
-        client: str = "",
-        surface: str = "",
-        effect: str = "",
     ) -> None:
-        """Add one; `t_ns` is when its cause occurred, on the host's axis."""
+        """Add one; `t_ns` is when its cause occurred, on the host's axis: without it at the finger's newest sample.
+        `finger_id` is that of a finger that has lifted."""
         self.count += 1
         is_crossing = kind in LOSSY
         if (is_crossing and self._crossings >= MAX_CROSSINGS) or len(self._waiting) >= MAX_WAITING:
             self.lost += 1
             return
         self._crossings += is_crossing
-        x_mm, y_mm = (None, None) if place_mm is None else place_mm
-        event = PlateEvent(self.count, kind, t_ns, t_device_ns, finger_id, x_mm, y_mm, client, surface, effect)
+        t_device_ns: int | None = None
+        x_mm: float | None = None
+        y_mm: float | None = None
+        if touched is not None:
+            t_ns = touched.t_ns if t_ns is None else t_ns
+            t_device_ns = touched.t_device_ns + t_ns - touched.t_ns
+            finger_id, x_mm, y_mm = touched.finger.finger_id, touched.finger.x_mm, touched.finger.y_mm
+        client = layer.owner if layer is not None else held.owner if held is not None else ""
+        surface, effect = "" if layer is None else layer.name, "" if held is None else held.name
+        event = PlateEvent(self.count, kind, t_ns or 0, t_device_ns, finger_id, x_mm, y_mm, client, surface, effect)
         self._waiting.append(event)
 
     def take(self) -> tuple[PlateEvent, ...]:
@@ -81,14 +88,13 @@ class Triggers:
         self._effects: Final = scene.effects
         self._surfaces: Final = scene.surfaces
         self._fingers: Final = fingers
-        self._period_ns = period_ns
         self._crossings: Final = Crossings(scene.surfaces, fingers, period_ns)
         self._touched: dict[int, TouchedContents] = {}
         self._lifted: list[TouchedContents] = []
 
     def set_period(self, period_ns: int) -> None:
         """Take the time from one frame to the next to be this from now on."""
-        self._period_ns = self._crossings.period_ns = period_ns
+        self._crossings.period_ns = period_ns
 
     # --- from reports ---
 
@@ -101,7 +107,7 @@ class Triggers:
             touched = self._touched.get(finger.finger_id)
             if touched is None:
                 touched = self._touched[finger.finger_id] = TouchedContents(finger, t_ns, t_device_ns)
-                self._add_event(EventKind.LANDED, touched)
+                self.events.add(EventKind.LANDED, touched)
             touched.finger, touched.t_ns, touched.t_device_ns = finger, t_ns, t_device_ns
 
     def lift_all(self) -> None:
@@ -115,10 +121,10 @@ class Triggers:
             touched.t_ns, touched.t_device_ns = t_ns, t_device_ns
             self._lifted.append(touched)
             for held in touched.pressed:
-                self._add_event(EventKind.RELEASED, touched, held=held)
+                self.events.add(EventKind.RELEASED, touched, held=held)
             for layer in touched.on:
-                self._add_event(EventKind.LEFT, touched, layer=layer)
-            self._add_event(EventKind.LIFTED, touched)
+                self.events.add(EventKind.LEFT, touched, layer=layer)
+            self.events.add(EventKind.LIFTED, touched)
 
     # --- in a pass ---
 
@@ -139,7 +145,7 @@ class Triggers:
         if effects.held:
             self._check_effects(t_plate_ns)
         for touched in self._lifted:
-            self._start(OnLifting, touched, t_plate_ns, finger_id=EVERYONE)
+            self._start(OnLifting, touched, touched.t_ns, t_plate_ns)
         self._lifted.clear()
         for touched in self._touched.values():
             touched.is_seen = True
@@ -155,17 +161,17 @@ class Triggers:
         t_ns, layer = change.t_ns, change.layer
         t_begin_ns = t_ns if change.is_crossing else t_plate_ns
         if change.is_crossing:
-            self._add_event(EventKind.CROSSED, touched, t_ns, layer=layer)
-            self._start(OnCrossing, touched, t_ns, layer)
+            self.events.add(EventKind.CROSSED, touched, t_ns, layer=layer)
+            self._start(OnCrossing, touched, t_ns, t_ns, layer)
         if change.is_on:
             touched.on[layer] = None
         kind = EventKind.ENTERED if change.is_on else EventKind.LEFT
         cause, opposite = (OnEntering, OnLeaving) if change.is_on else (OnLeaving, OnEntering)
-        self._add_event(kind, touched, t_ns, layer=layer)
+        self.events.add(kind, touched, t_ns, layer=layer)
         for held in [one.held for one in self._effects.playing]:  # what only its opposite ends
             if held.cause is opposite and held.trigger is layer:
                 self._end_one(held, touched, t_ns)
-        self._start(cause, touched, t_begin_ns, layer, t_ns)
+        self._start(cause, touched, t_ns, t_begin_ns, layer)
         if not change.is_on:
             touched.on.pop(layer, None)
 
@@ -179,7 +185,7 @@ class Triggers:
             held.is_new = False
         for touched in self._touched.values():
             if not touched.is_seen:
-                self._start(OnLanding, touched, t_plate_ns)
+                self._start(OnLanding, touched, touched.t_ns, t_plate_ns)
             if touched.hard:
                 touched.hard = {held: None for held in touched.hard if not held.is_gone}
                 touched.pressed = {held: None for held in touched.pressed if not held.is_gone}
@@ -190,7 +196,7 @@ class Triggers:
         start = held.effect.start
         if isinstance(start, At):
             t_ns = t_begin_ns = start.t_ns
-            if t_ns >= t_plate_ns + self._period_ns:
+            if t_ns >= t_plate_ns + self._crossings.period_ns:
                 return
         held.is_due = False
         if t_begin_ns + held.course.length_ns <= t_plate_ns:
@@ -206,7 +212,7 @@ class Triggers:
                 del touched.hard[held]
                 if held in touched.pressed:
                     del touched.pressed[held]
-                    self._add_event(EventKind.RELEASED, touched, held=held)
+                    self.events.add(EventKind.RELEASED, touched, held=held)
                     self._end_one(held, touched, touched.t_ns)
             return
         if held.is_new and touched.is_seen:
@@ -216,26 +222,19 @@ class Triggers:
             touched.hard[held] = None
             if _is_at(held, touched):
                 touched.pressed[held] = None
-                self._add_event(EventKind.PRESSED, touched, held=held)
+                self.events.add(EventKind.PRESSED, touched, held=held)
                 self._begin(held, touched, touched.finger.finger_id, touched.t_ns, t_plate_ns)
 
     # --- beginnings and ends ---
 
     def _start(
-        self,
-        cause: Cause,
-        touched: TouchedContents,
-        t_begin_ns: int,
-        layer: Layer | None = None,
-        t_ns: int | None = None,
-        finger_id: int | None = None,
+        self, cause: Cause, touched: TouchedContents, t_ns: int, t_begin_ns: int, layer: Layer | None = None
     ) -> None:
         """Start all effects that have this cause; `layer` is the one that was entered, left or crossed."""
         for held in self._effects.caused(cause, layer):
             if _is_at(held, touched):
-                t_cause_ns = t_ns if t_ns is not None else touched.t_ns if layer is None else t_begin_ns
-                playing_id = touched.finger.finger_id if finger_id is None else finger_id
-                self._begin(held, touched, playing_id, t_cause_ns, t_begin_ns)
+                playing_id = EVERYONE if cause is OnLifting else touched.finger.finger_id
+                self._begin(held, touched, playing_id, t_ns, t_begin_ns)
 
     def _begin(self, held: Held, touched: TouchedContents | None, finger_id: int, t_ns: int, t_begin_ns: int) -> None:
         if touched is not None:
@@ -247,7 +246,7 @@ class Triggers:
             held.started_ns = {one: at_ns for one, at_ns in held.started_ns.items() if one in self._touched}
             held.started_ns[mine] = t_begin_ns
         if self._effects.start(held, finger_id, -(-t_begin_ns // GRAIN_NS) * GRAIN_NS):
-            self._add_event(EventKind.BEGUN, touched, t_ns, held=held)
+            self.events.add(EventKind.BEGUN, touched, t_ns, held=held)
 
     def _end(self, t_now_ns: int, t_plate_ns: int) -> None:
         """End what has played to its end, what is no longer in force, and what played for a finger that has lifted."""
@@ -265,30 +264,7 @@ class Triggers:
     def _stop(self, one: Playing, t_ns: int) -> None:
         self._effects.playing = [other for other in self._effects.playing if other is not one]
         touched, finger_id = self._touched.get(one.finger_id), None if one.finger_id == EVERYONE else one.finger_id
-        self._add_event(EventKind.ENDED, touched, t_ns, held=one.held, finger_id=finger_id)
-
-    def _add_event(
-        self,
-        kind: EventKind,
-        touched: TouchedContents | None,
-        t_ns: int | None = None,
-        layer: Layer | None = None,
-        held: Held | None = None,
-        finger_id: int | None = None,
-    ) -> None:
-        """Add one; `finger_id` is that of a finger that has lifted."""
-        client = layer.owner if layer is not None else held.owner if held is not None else ""
-        surface = "" if layer is None else layer.name
-        effect = "" if held is None else held.name
-        if touched is None:
-            self.events.add(kind, t_ns or 0, finger_id=finger_id, client=client, surface=surface, effect=effect)
-            return
-        finger = touched.finger
-        if t_ns is None:
-            t_ns = touched.t_ns
-        t_device_ns = touched.t_device_ns + t_ns - touched.t_ns
-        place_mm = (finger.x_mm, finger.y_mm)
-        self.events.add(kind, t_ns, t_device_ns, finger.finger_id, place_mm, client, surface, effect)
+        self.events.add(EventKind.ENDED, touched, t_ns, held=one.held, finger_id=finger_id)
 
 
 def _is_at(held: Held, touched: TouchedContents) -> bool:
