@@ -22,7 +22,7 @@ from typing import Final
 
 from ..touch.fingers import FingerPredictor
 from .gains import MODELS, STEPS, Gain, bank_gains
-from .pad_memory import FAR_S, NEAR_S, HorizonFit, MotionVector, PadMemory, Spread, dot, speed_class
+from .pad_memory import HorizonFit, MotionVector, PadMemory, dot, speed_class
 
 # No finger on a plate exceeds these; a model beyond them has taken a bad sample.
 MAX_SPEED_MM_S: Final = 4e3
@@ -307,9 +307,9 @@ class AdaptivePredictor(FingerPredictor):
 
     def step(self, interval_s: float, x_mm: float, y_mm: float) -> None:
         """Take the next sample; learn from the predictions whose horizon it passes."""
-        t_s, memory, place_mm = self._t_s + interval_s, self._memory, (x_mm, y_mm)
-        self._learn(self._near, NEAR_S, memory.near, (memory.near_along, memory.near_across), t_s, interval_s, place_mm)
-        self._learn(self._far, FAR_S, memory.far, (memory.far_along, memory.far_across), t_s, interval_s, place_mm)
+        t_s, place_mm = self._t_s + interval_s, (x_mm, y_mm)
+        self._learn(self._near, self._memory.near, t_s, interval_s, place_mm)
+        self._learn(self._far, self._memory.far, t_s, interval_s, place_mm)
         self._bank.step(interval_s, x_mm, y_mm)
         self._slow.step(interval_s, x_mm, y_mm)
         self._last = place_mm
@@ -352,16 +352,10 @@ class AdaptivePredictor(FingerPredictor):
         self._estimate = Estimate(t_s, self._bank, self._last, self._slow)
 
     def _learn(
-        self,
-        waiting: deque[Estimate],
-        ahead_s: float,
-        fit: HorizonFit,
-        spreads: tuple[Spread, Spread],
-        t_s: float,
-        interval_s: float,
-        place_mm: tuple[float, float],
+        self, waiting: deque[Estimate], fit: HorizonFit, t_s: float, interval_s: float, place_mm: tuple[float, float]
     ) -> None:
         """Compare the predictions whose horizon lies between the last sample and this one with the line between."""
+        ahead_s = fit.ahead_s
         while len(waiting) > 0 and waiting[0].t_s + ahead_s <= t_s:
             then = waiting.popleft()
             left = (t_s - then.t_s - ahead_s) / interval_s
@@ -373,5 +367,5 @@ class AdaptivePredictor(FingerPredictor):
             ex_mm, ey_mm = fit.learn(along_x, along_y, dx_mm, dy_mm)
             cos, sin = then.direction()
             place = then.speed_class()
-            spreads[0].learn(place, cos * ex_mm + sin * ey_mm)
-            spreads[1].learn(place, cos * ey_mm - sin * ex_mm)
+            fit.along.learn(place, cos * ex_mm + sin * ey_mm)
+            fit.across.learn(place, cos * ey_mm - sin * ex_mm)

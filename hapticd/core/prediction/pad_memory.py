@@ -27,8 +27,6 @@ from typing import Final, NamedTuple
 
 MotionVector = tuple[float, float, float, float, float]
 
-NEAR_S: Final = 0.015
-FAR_S: Final = 0.030
 MOST_WEIGHT: Final = 8.0  # beyond three deviations of every prior
 
 _FORGET: Final = 0.998  # per sample: 5 s
@@ -59,13 +57,18 @@ _MOST_SCALE: Final = 10.0
 
 
 class Prior(NamedTuple):
-    """A normal distribution: its mean, and the inverse of its covariance by rows."""
+    """At one horizon: the weights' normal distribution, its mean and the inverse of its covariance by rows, and the
+    spreads along and across the motion by class of speed."""
 
+    ahead_s: float
     mean: MotionVector
     precision: tuple[MotionVector, MotionVector, MotionVector, MotionVector, MotionVector]
+    along_mm: tuple[float, ...]
+    across_mm: tuple[float, ...]
 
 
 NEAR: Final = Prior(
+    0.015,
     (-0.0338721, 0.100796, 1.36776, -0.47556, 0.521582),
     (
         (1072.3, 3.54525, 40.8981, 15.3229, -15.8362),
@@ -74,9 +77,12 @@ NEAR: Final = Prior(
         (15.3229, 0.598389, 2.11084, 1.348, -0.78711),
         (-15.8362, -1.43149, -2.70726, -0.78711, 4.11951),
     ),
+    (0.0226, 0.0756, 0.11, 0.16, 0.2, 0.313, 0.454, 0.64, 2.92),
+    (0.00583, 0.0351, 0.05, 0.063, 0.0903, 0.114, 0.15, 0.164, 0.175),
 )
 
 FAR: Final = Prior(
+    0.030,
     (-0.0509109, 0.182597, 2.26636, -1.55334, 0.536177),
     (
         (571.166, 7.74706, 18.6196, 7.6117, -0.502112),
@@ -85,26 +91,18 @@ FAR: Final = Prior(
         (7.6117, 1.55545, 0.818618, 0.524009, 0.286304),
         (-0.502112, 1.52172, -0.03327, 0.286304, 2.15345),
     ),
-)
-
-# Along and across the motion, at both horizons, by class of speed.
-SPREADS_MM: Final[tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = (
-    (
-        (0.0226, 0.0756, 0.11, 0.16, 0.2, 0.313, 0.454, 0.64, 2.92),
-        (0.00583, 0.0351, 0.05, 0.063, 0.0903, 0.114, 0.15, 0.164, 0.175),
-    ),
-    (
-        (0.0541, 0.152, 0.245, 0.36, 0.439, 0.627, 0.901, 1.33, 5.84),
-        (0.0133, 0.0608, 0.0938, 0.136, 0.203, 0.252, 0.322, 0.336, 0.421),
-    ),
+    (0.0541, 0.152, 0.245, 0.36, 0.439, 0.627, 0.901, 1.33, 5.84),
+    (0.0133, 0.0608, 0.0938, 0.136, 0.203, 0.252, 0.322, 0.336, 0.421),
 )
 
 
 class HorizonFit:
-    """Weights of the corrections at one horizon."""
+    """Weights of the corrections at one horizon, and the spread of what they miss."""
 
     def __init__(self, prior: Prior, weights: MotionVector | None = None) -> None:
         """`weights` replaces the prior's mean: those that were kept of this pad."""
+        self.ahead_s: Final = prior.ahead_s
+        self.along, self.across = Spread(prior.along_mm), Spread(prior.across_mm)
         self._start = prior.mean if weights is None else weights
         self.weights = self._start
         self._prior0, self._prior1, self._prior2, self._prior3, self._prior4 = prior.precision
@@ -172,9 +170,6 @@ class PadMemory:
     def __init__(self, near: MotionVector | None = None, far: MotionVector | None = None) -> None:
         """`near` and `far`: weights kept of this pad, at the two horizons."""
         self.near, self.far = HorizonFit(NEAR, near), HorizonFit(FAR, far)
-        (near_along_mm, near_across_mm), (far_along_mm, far_across_mm) = SPREADS_MM
-        self.near_along, self.near_across = Spread(near_along_mm), Spread(near_across_mm)
-        self.far_along, self.far_across = Spread(far_along_mm), Spread(far_across_mm)
 
     @classmethod
     def of(cls, weights: Sequence[float]) -> PadMemory:
@@ -199,10 +194,10 @@ class PadMemory:
     def spread_mm(self, ahead_s: float, place: int) -> tuple[float, float]:
         """Return the spread of the error along and across the motion at a horizon, in a class of speed."""
         u = _between(ahead_s)
-        along_mm, across_mm = self.near_along.at(place), self.near_across.at(place)
+        along_mm, across_mm = self.near.along.at(place), self.near.across.at(place)
         return (
-            max(along_mm, along_mm + u * (self.far_along.at(place) - along_mm)),
-            max(across_mm, across_mm + u * (self.far_across.at(place) - across_mm)),
+            max(along_mm, along_mm + u * (self.far.along.at(place) - along_mm)),
+            max(across_mm, across_mm + u * (self.far.across.at(place) - across_mm)),
         )
 
 
@@ -216,7 +211,7 @@ def speed_class(speed_mm_s: float) -> int:
 
 
 def _between(ahead_s: float) -> float:
-    u = (ahead_s - NEAR_S) / (FAR_S - NEAR_S)
+    u = (ahead_s - NEAR.ahead_s) / (FAR.ahead_s - NEAR.ahead_s)
     return 0.0 if u < 0.0 else _FARTHEST_U if u > _FARTHEST_U else u
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.core.prediction.pad_memory import FAR, MOST_WEIGHT, NEAR, NEAR_S, HorizonFit, MotionVector, PadMemory
+from hapticd.core.prediction.pad_memory import FAR, MOST_WEIGHT, NEAR, HorizonFit, MotionVector, PadMemory
 
 TRUE = (0.05, 0.5, -0.3, 0.2, 0.4)
 
@@ -33,7 +33,7 @@ def test_what_was_kept_of_a_pad_is_where_the_next_memory_begins() -> None:
     for _ in range(50):
         memory.near.learn((1.0, 0.2, 0.1, 0.0, 0.3), (0.0, 0.1, 0.0, 0.2, 0.1), 0.1, 0.05)
     later = PadMemory.of(memory.kept)
-    assert later.weights(NEAR_S) == memory.near.weights != NEAR.mean
+    assert later.weights(NEAR.ahead_s) == memory.near.weights != NEAR.mean
     assert PadMemory.of(()).kept == PadMemory().kept
 
 
