@@ -22,10 +22,6 @@ class Histogram:
     costs one shift and one addition, and the memory does not grow."""
 
     def __init__(self) -> None:
-        self.clear()
-
-    def clear(self) -> None:
-        """Reset."""
         self.count = 0
         self.longest_ns = self.shortest_ns = 0
         self._counts = [0] * _BUCKETS

@@ -54,7 +54,6 @@ class BoardClock:
     _MOST_PENDING = 16
 
     def __init__(self) -> None:
-        self.ignored = 0
         self.relocks = 0
         self.is_asked = False  # a reply is under way, whose instant counts
         self.senseless = 0  # replies in a row whose own times contradict the round trip
@@ -76,7 +75,6 @@ class BoardClock:
         """Take the board's answer; False where it is ignored: an unknown stamp, one of the future, too long ago."""
         exchange = self._exchange(reply, t_host_received_ns)
         if exchange is None:
-            self.ignored += 1
             return False
         if self._contradicts(exchange):
             self._exchanges.clear()
@@ -204,7 +202,6 @@ class LinkLatency:
     _MAX_NS = 1_000_000_000  # beyond, the stamps belong to another frame
 
     def __init__(self, start_ns: int = 5_000_000) -> None:
-        self.ignored = 0
         self.link_ns = start_ns  # the one-way delay to plan with
         self._start_ns = start_ns
         self._delays: deque[int] = deque(maxlen=self._WINDOW)
@@ -212,7 +209,6 @@ class LinkLatency:
     def update(self, link_ns: int) -> None:
         """Take one frame's delay; a little below 0 is the clocks' error and counts as 0."""
         if not -self._MAX_NS <= link_ns <= self._MAX_NS:
-            self.ignored += 1
             return
         self._delays.append(max(link_ns, 0))
         if len(self._delays) >= self._ENOUGH:

@@ -217,14 +217,11 @@ def test_a_reboot_is_seen_in_one_exchange_and_must_be_confirmed() -> None:
         (10 * S, 5000, 4999, 10 * S + MS),  # answered before it came
     ],
 )
-def test_a_hostile_answer_is_ignored_and_counted(
-    stamp_ns: int, received_us: int, sent_us: int, t_received_ns: int
-) -> None:
+def test_a_hostile_answer_is_ignored(stamp_ns: int, received_us: int, sent_us: int, t_received_ns: int) -> None:
     clock = BoardClock()
     clock.request(10 * S)
     clock.request(20 * S)
     assert not clock.update(BoardTime(stamp_ns, received_us, sent_us), t_received_ns)
-    assert clock.ignored == 1
     assert clock.rtt_ns == 0
 
 
