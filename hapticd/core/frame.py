@@ -220,7 +220,7 @@ class FrameSolver:
 
     def ellipses(self, keys: Sequence[FingerKey]) -> list[ContactEllipse | None] | None:
         """Return the ellipses of contacts that the plate is driven for; None where all are discs, or points."""
-        return self._fingers.forms(keys) if self._solver.has_contacts else None
+        return self._fingers.ellipses(keys) if self._solver.has_contacts else None
 
     def polyline(
         self, plan: FramePlan, begin: FingerTargets, end: FingerTargets, previous_um: Phasors

@@ -57,14 +57,14 @@ class ContactPerception:
         modal_um: Sequence[complex],
         speed_gain: float,
         place_mm2: float = 0.0,
-        form: ContactEllipse | None = None,
+        ellipse: ContactEllipse | None = None,
     ) -> Felt:
         """Return what is felt over a contact whose place has this variance on each axis.
 
-        `modal_um` (M,) moves the plate; a sliding finger needs `speed_gain` times the amplitude of one at rest; `form`
-        is that of an ellipse.
+        `modal_um` (M,) moves the plate; a sliding finger needs `speed_gain` times the amplitude of one at rest;
+        without an `ellipse` the contact is a disc.
         """
-        friction, amplitude = self._expected(self._many, modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, form)
+        friction, amplitude = self._expected(self._many, modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipse)
         friction = min(friction, 1.0)  # rounding may add to bare glass's
         rms_um, low_um, high_um = amplitude
         per = friction / self.curve.friction(
@@ -80,10 +80,10 @@ class ContactPerception:
         y_mm: float,
         modal_um: Sequence[complex],
         place_mm2: float,
-        form: ContactEllipse | None = None,
+        ellipse: ContactEllipse | None = None,
     ) -> ExpectedAmplitude:
         """Return the amplitude over a contact, or at a point, whose place has this variance on each axis."""
-        _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, form)
+        _, amplitude = self._expected(self._few, modes, x_mm, y_mm, modal_um, 1.0, place_mm2, ellipse)
         return amplitude
 
     def asked(self, target_um: float, speed_gain: float) -> float:
@@ -99,10 +99,10 @@ class ContactPerception:
         modal_um: Sequence[complex],
         speed_gain: float,
         place_mm2: float,
-        form: ContactEllipse | None,
+        ellipse: ContactEllipse | None,
     ) -> tuple[float, ExpectedAmplitude]:
         """Return the friction and the amplitude over a contact, at the points of a rule for the unit disc."""
-        xx_mm, xy_mm, yy_mm = (self.radius_mm, 0.0, self.radius_mm) if form is None else form
+        xx_mm, xy_mm, yy_mm = (self.radius_mm, 0.0, self.radius_mm) if ellipse is None else ellipse
         size_mm2 = xx_mm * yy_mm - xy_mm * xy_mm
         if place_mm2 > 0.0:  # the mean over all places where it may be
             if size_mm2 > 0.0:

@@ -40,7 +40,7 @@ from .solver.felt_descent import COLD
 from .solver.instant import InstantSolver, PointSolver
 from .solver.reach import LEAST_CALLS, ReachSearch
 from .targets.scene import Scene
-from .touch.contact_form import EllipseScale
+from .touch.contact_ellipse import EllipseScale
 from .touch.fingers import FingerPredictor, Fingers
 from .trajectory.gate import UNTOUCHED, gate, silence
 from .triggers import Triggers
@@ -69,7 +69,7 @@ class PipelineSettings:
     """Pipeline settings.
 
     `contact_radius_mm` above 0 makes
-    fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_form`).
+    fingers discs, and where `ellipse_scale` is not 0 what the pad reports of them (see `core.touch.contact_ellipse`).
     `frame_duration_ns` is how long one frame must last: one and a half report periods, to
     bridge a lost report; a slower pad gets frames of one and a half of its own periods. While an effect plays, a frame
     may have `effect_knots`, and be shorter: 1.1 report periods. `loop_delay_ns` is by how much the plate follows its
@@ -169,7 +169,7 @@ class Pipeline:
 
     @property
     def contact_radius_mm(self) -> float:
-        """That of contacts whose form is not known; 0 where fingers are points."""
+        """That of contacts whose ellipse is not known; 0 where fingers are points."""
         return self._solver.contact_radius_mm
 
     @property
@@ -281,7 +281,7 @@ class Pipeline:
         """What the plate did, and where these fingers were with which targets, at an instant not before the newest
         sample: there a finger's place is known best, and the plate has followed its reference."""
         at, modal_um = self._frame.at(keys, t_ns), self._active.past_um(t_ns - self._settings.loop_delay_ns)
-        return PlayedReference(modal_um, at.places, at.speed_gains, self._fingers.forms(keys))
+        return PlayedReference(modal_um, at.places, at.speed_gains, self._fingers.ellipses(keys))
 
     def motions(self, keys: Sequence[FingerKey], t_ns: int) -> list[tuple[float, float]]:
         """How sure the place of each of these fingers is at an instant, its variance in mm^2 on each axis, and how fast

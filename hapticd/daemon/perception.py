@@ -21,7 +21,7 @@ from ..core.perception import ContactPerception, ExpectedAmplitude, Felt
 from ..core.phasors import Phasors
 from ..core.pipeline import Pipeline
 from ..core.plate.contact import ContactEllipse
-from ..core.touch.contact_form import axes
+from ..core.touch.contact_ellipse import axes
 from ..values import WEBER_FRAC, Finger, FingerKey, Tick, TouchPoint
 
 LEAST_SHARE = 0.9  # of its target: a finger that gets less misses it
@@ -82,11 +82,11 @@ class Perception:
         missing_um = self._missing_um(tick.t_now_ns)
         if missing_um is not None:
             modal_um = tuple([w_um + less_um for w_um, less_um in zip(modal_um, missing_um, strict=True)])
-        forms = dict.fromkeys(keys) if past.ellipses is None else dict(zip(keys, past.ellipses, strict=True))
-        achieved = self._achieved(tick, forms)
+        ellipses = dict.fromkeys(keys) if past.ellipses is None else dict(zip(keys, past.ellipses, strict=True))
+        achieved = self._achieved(tick, ellipses)
         places_mm2 = self._places_mm2(keys, t_ns)
         felt = {
-            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, forms[key])
+            key: self._contacts.felt(self._pipeline.modes, x_mm, y_mm, modal_um, speed_gain, place_mm2, ellipses[key])
             for key, (x_mm, y_mm, _), speed_gain, place_mm2 in zip(
                 keys, past.places, past.speed_gains, places_mm2, strict=True
             )
@@ -98,14 +98,14 @@ class Perception:
         }
         self._spans_ns = {key: self._spans_ns.get(key, (0, 0)) for key in self._changes}
         reported: dict[FingerKey, Finger] = {finger.finger_id: finger for finger in self._pipeline.fingers}
-        perceived = {key: self._felt_only(one, forms[key], reported.get(key)) for key, one in felt.items()}
+        perceived = {key: self._felt_only(one, ellipses[key], reported.get(key)) for key, one in felt.items()}
         for key, point in solved.items():
             perceived[key] = self._perceived(perceived[key], felt[key], point, achieved[key])
         points = tuple([point._replace(achieved_um=achieved[point.key].rms_um) for point in tick.points])
         return tick._replace(points=points), perceived
 
     def _achieved(
-        self, tick: Tick, forms: Mapping[FingerKey, ContactEllipse | None]
+        self, tick: Tick, ellipses: Mapping[FingerKey, ContactEllipse | None]
     ) -> dict[FingerKey, ExpectedAmplitude]:
         """Return what each finger in the solve will get at the first knot."""
         points, pipeline = tick.points, self._pipeline
@@ -114,7 +114,7 @@ class Perception:
         return {
             point.key: self._by_reference.amplitude(
                 *(pipeline.modes, point.x_mm, point.y_mm, pipeline.modal_um, place_mm2),
-                forms[point.key] if self._has_contacts else None,
+                ellipses[point.key] if self._has_contacts else None,
             )
             for point, place_mm2 in zip(points, places_mm2, strict=True)
         }
@@ -142,10 +142,10 @@ class Perception:
         share = square_um2 / (square_um2 + READING_UM * READING_UM)  # the best estimate where both are noise
         return tuple([share * less_um for less_um in missing_um])
 
-    def _felt_only(self, felt: Felt, form: ContactEllipse | None, finger: Finger | None) -> Perceived:
+    def _felt_only(self, felt: Felt, ellipse: ContactEllipse | None, finger: Finger | None) -> Perceived:
         """Return what is perceived at a finger without a target, and how the pad reports it; None is not on the pad."""
         curve = self._contacts.curve
-        major_mm, minor_mm, angle_rad = (None, None, None) if form is None else axes(form)
+        major_mm, minor_mm, angle_rad = (None, None, None) if ellipse is None else axes(ellipse)
         return Perceived(
             contact_um=felt.amplitude.rms_um,
             contact_um_low=felt.amplitude.low_um,

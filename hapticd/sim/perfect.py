@@ -14,7 +14,7 @@ from ..core.solver.instant import InstantSolver
 from ..daemon.settings import friction_curve, pipeline_settings
 from .lockstep import TICK_NS, Run
 from .plate.ground_truth import GroundTruth
-from .score import Score, forms_mm, score, speeds_mm_s
+from .score import Score, ellipses_mm, score, speeds_mm_s
 from .settings import scheme_config
 
 
@@ -42,7 +42,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
         friction_curve=curve,
     )
     t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
-    known_mm = forms_mm(played.fingertips, t_s)[..., (0, 0, 1), (0, 1, 1)]
+    known_mm = ellipses_mm(played.fingertips, t_s)[..., (0, 0, 1), (0, 1, 1)]
     speed_gains = 1.0 + np.nan_to_num(speeds_mm_s(t_s, finger_mm)) / curve.speed_mm_s
     modes = plate.settings.driven_modes
     plate_um = np.zeros((len(t_s), len(plate.decay_1_s)), dtype=np.complex128)
@@ -57,11 +57,11 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
         ]
         if places:
             counts = np.isfinite(target_um[index])
-            forms: list[ContactEllipse | None] = [
+            ellipses: list[ContactEllipse | None] = [
                 (xx_mm, xy_mm, yy_mm) for xx_mm, xy_mm, yy_mm in known_mm[index, counts].tolist()
             ]
             gains = speed_gains[index, counts].tolist()
-            solution = solver.solve(places, previous_um, every * TICK_NS, None, gains, None, forms)
+            solution = solver.solve(places, previous_um, every * TICK_NS, None, gains, None, ellipses)
             previous_um, limited[index] = solution.modal_um, solution.limited
             plate_um[index, :modes] = previous_um
     truth_um = np.einsum("tnp,tp->tn", plate.shapes(finger_mm), plate_um)

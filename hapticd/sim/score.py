@@ -43,7 +43,7 @@ _AT_ONCE = 4000  # instants evaluated together
 class TrueContact(Protocol):
     """A finger's contact, as `fingers.fingertip.Fingertip`."""
 
-    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+    def ellipses_mm(self, t_s: FloatArray) -> FloatArray:
         """Return the symmetric matrices (T,2,2) that make the contact of the unit disc."""
 
 
@@ -114,10 +114,10 @@ def score(
     counts, still, slipping = counts[part], still[part], slipping[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
     sliding_mm_s = speeds_mm_s(t_s, finger_mm)
-    forms = None if fingertips is None else forms_mm(fingertips, t_s)
+    ellipses = None if fingertips is None else ellipses_mm(fingertips, t_s)
     rms_um, got = felt(
         *(finger_mm, plate_um, shapes),
-        *(lambda w_um, v_mm_s: friction(friction_factor * w_um, v_mm_s), sliding_mm_s, forms),
+        *(lambda w_um, v_mm_s: friction(friction_factor * w_um, v_mm_s), sliding_mm_s, ellipses),
     )
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
     change = got / friction(target_um, sliding_mm_s) - 1.0
@@ -165,20 +165,20 @@ def felt(
     shapes: Callable[[FloatArray], FloatArray],
     friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
     sliding_mm_s: FloatArray | None = None,
-    forms: FloatArray | None = None,
+    ellipses: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent.
 
-    `forms` (T,N,2,2) in mm make the contacts of the unit disc; without them they are discs of CONTACT_RADIUS_MM.
+    `ellipses` (T,N,2,2) in mm make the contacts of the unit disc; without them they are discs of CONTACT_RADIUS_MM.
     """
     rms_um, got = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
     if sliding_mm_s is None:
         sliding_mm_s = np.zeros(finger_mm.shape[:2])
-    points, weights = disc(CONTACT_RADIUS_MM if forms is None else 1.0)
+    points, weights = disc(CONTACT_RADIUS_MM if ellipses is None else 1.0)
     for start in range(0, len(finger_mm), _AT_ONCE):
         when = slice(start, start + _AT_ONCE)
         for finger in range(finger_mm.shape[1]):
-            offsets_mm = points if forms is None else np.einsum("tij,qj->tqi", forms[when, finger], points)
+            offsets_mm = points if ellipses is None else np.einsum("tij,qj->tqi", ellipses[when, finger], points)
             phi = shapes(finger_mm[when, finger, None] + offsets_mm)
             w_um = np.abs(np.einsum("tqp,tp->tq", phi, plate_um[when]))
             rms_um[when, finger] = np.sqrt(w_um**2 @ weights)
@@ -188,9 +188,9 @@ def felt(
     return rms_um, got
 
 
-def forms_mm(fingertips: Sequence[TrueContact], t_s: FloatArray) -> FloatArray:
+def ellipses_mm(fingertips: Sequence[TrueContact], t_s: FloatArray) -> FloatArray:
     """Return the matrices (T,N,2,2) that make the contacts of the unit disc."""
-    each = [tip.forms_mm(t_s) for tip in fingertips]
+    each = [tip.ellipses_mm(t_s) for tip in fingertips]
     return np.reshape(each, (len(fingertips), len(t_s), 2, 2)).swapaxes(0, 1)
 
 

@@ -185,8 +185,8 @@ class World:
         if not (spread_frac and self._fingertips and len(fingers)):
             return places_mm, np.ones(1)
         dx, dy, shares = np.array(disc_points(spread_frac)).T
-        forms_mm = np.stack([self._fingertips[finger].forms_mm(t_s) for finger in fingers.tolist()], axis=1)
-        away_mm = np.einsum("tfij,qj->tfqi", forms_mm, np.stack((dx, dy), axis=1))
+        ellipses_mm = np.stack([self._fingertips[finger].ellipses_mm(t_s) for finger in fingers.tolist()], axis=1)
+        away_mm = np.einsum("tfij,qj->tfqi", ellipses_mm, np.stack((dx, dy), axis=1))
         return (places_mm[:, :, None] + away_mm).reshape(len(t_s), -1, 2), shares
 
     def _finger_loads(

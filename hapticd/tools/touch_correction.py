@@ -13,7 +13,7 @@ import numpy as np
 from ..board_values import BoardCalibration
 from ..config.sections import SIGMAS, Config, TrackpadConfig, UncertaintyConfig
 from ..core.plate.mode_shapes import ModeShapes
-from ..core.touch.contact_form import LEAST_MM, MOST_MM
+from ..core.touch.contact_ellipse import LEAST_MM, MOST_MM
 from ..daemon.settings import has_contacts, plate_from_pad
 from ..design.touch.contacts import KNOWN_MM, contact_sizes, ellipse_law
 from ..design.touch.judge import NO_CHANGE, Judged, calibrate
@@ -28,7 +28,7 @@ MOST_SHIFT_S = 0.01  # of the latency; touches count this long after they land a
 
 
 class LearnedSizes(NamedTuple):
-    """The radius of a contact without a reported form, and the pad's law of ellipses: `ellipse_scale` 0 for none."""
+    """The radius of a contact without a reported ellipse, and the pad's law of ellipses: `ellipse_scale` 0 for none."""
 
     radius_mm: float
     ellipse_scale: float = 0.0

@@ -20,7 +20,7 @@ from mypy_extensions import mypyc_attr
 
 from ...values import Contact, Finger, FingerFrame, TouchFrame
 from ..plate.contact import ContactEllipse
-from .contact_form import ContactForm, EllipseScale
+from .contact_ellipse import ContactTracker, EllipseScale
 from .sensor_clock import GAP_PERIODS, SHORTEST_PERIODS, SensorClock
 
 OLD_IN_A_ROW: Final = 3  # a frame out of order comes alone; several in a row: the pad's clock was reset
@@ -338,7 +338,7 @@ class Fingers:
         self.period_s = 0.0  # from one report to the next, as stamps show it; 0 before the first
         self.make_predictor = make_predictor
         self._ellipse_scale = ellipse_scale
-        self._forms: dict[int, ContactForm] = {}  # with `ellipse_scale`, of those that are down
+        self._contacts: dict[int, ContactTracker] = {}  # with `ellipse_scale`, of those that are down
         self._least_silence_ns = self._silence_ns = silence_ns
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(sensor_latency_ns)
@@ -379,8 +379,8 @@ class Fingers:
             self.predictors[finger_id].update(t_sample_ns, t_stamp_ns, x_mm, y_mm, period_s)
             if self._ellipse_scale is not None:
                 if is_new:
-                    self._forms[finger_id] = ContactForm(self._ellipse_scale)
-                self._forms[finger_id].update(major_mm, minor_mm, angle_rad)
+                    self._contacts[finger_id] = ContactTracker(self._ellipse_scale)
+                self._contacts[finger_id].update(major_mm, minor_mm, angle_rad)
         self.down = tracked.fingers
         return tracked
 
@@ -420,14 +420,14 @@ class Fingers:
             variances_mm2.append(0.5 * (xx_mm2 + yy_mm2))
         return variances_mm2
 
-    def forms(self, keys: Sequence[int | str]) -> list[ContactEllipse | None] | None:
-        """Return the form of each contact, None where the pad reports none, as for virtual fingers; None for all where
-        the pad's ellipses are not used."""
+    def ellipses(self, keys: Sequence[int | str]) -> list[ContactEllipse | None] | None:
+        """Return the ellipse of each contact, None where the pad reports none, as for virtual fingers; None for all
+        where the pad's ellipses are not used."""
         if self._ellipse_scale is None:
             return None
-        return [self._forms[key].form if isinstance(key, int) else None for key in keys]
+        return [self._contacts[key].ellipse if isinstance(key, int) else None for key in keys]
 
     def _forget(self, finger_id: int) -> None:
         self.predictors.pop(finger_id, None)
-        self._forms.pop(finger_id, None)
+        self._contacts.pop(finger_id, None)
         self.released.discard(finger_id)

@@ -19,7 +19,7 @@ class Fingertip:
     minor_mm: float = CONTACT_RADIUS_MM
     angle_rad: float = 0.0
 
-    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+    def ellipses_mm(self, t_s: FloatArray) -> FloatArray:
         """Return the symmetric matrices (T, 2, 2) that make the contact of the unit disc at times (T,)."""
         cosine, sine = math.cos(self.angle_rad), math.sin(self.angle_rad)
         turned = np.array(((cosine, -sine), (sine, cosine)))

@@ -47,9 +47,9 @@ class HeldFinger:
         """Return the pressure (T,), also where the finger is lifted, where it means nothing."""
         return self._sampled.pressure_frac(t_s) if self._knots else np.full(len(t_s), np.nan)
 
-    def forms_mm(self, t_s: FloatArray) -> FloatArray:
+    def ellipses_mm(self, t_s: FloatArray) -> FloatArray:
         """Return the symmetric matrices (T, 2, 2) that make the contact of the unit disc, as `pressure_frac`."""
-        return self._sampled.forms_mm(t_s) if self._knots else np.full((len(t_s), 2, 2), np.nan)
+        return self._sampled.ellipses_mm(t_s) if self._knots else np.full((len(t_s), 2, 2), np.nan)
 
     def land(self, t_s: float, touch: SimulatedTouch) -> None:
         """Land at `t_s`; the finger must be lifted."""

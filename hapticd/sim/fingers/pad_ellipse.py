@@ -53,7 +53,7 @@ Reported = tuple[int, int, int]  # major and minor in counts, and the code of th
 
 
 class EllipseSensor:
-    """What a pad makes of one contact's form, over the blocks of its scans."""
+    """What a pad makes of one contact's ellipse, over the blocks of its scans."""
 
     def __init__(self, of: PadEllipse, pad: PadGeometry, random: np.random.Generator) -> None:
         self._of = of
@@ -61,12 +61,12 @@ class EllipseSensor:
         self._mm_per_count = _UNITS_PER_COUNT / (sum(pad.units_per_mm) / 2.0)
         self._noise = np.zeros(3)
 
-    def reported(self, forms_mm: FloatArray, positions_mm: FloatArray) -> list[Reported]:
+    def reported(self, ellipses_mm: FloatArray, positions_mm: FloatArray) -> list[Reported]:
         """Return what is reported of contacts that these matrices (T, 2, 2) make of the unit disc, at positions (T, 2),
         both in the pad's millimetres."""
-        mean_mm, along_mm, across_mm = _parts(forms_mm)
-        size_mm = np.sqrt(np.abs(np.linalg.det(forms_mm)))
-        noise = self._correlated(self._random.normal(0.0, self._of.noise_frac, (len(forms_mm), 3)))
+        mean_mm, along_mm, across_mm = _parts(ellipses_mm)
+        size_mm = np.sqrt(np.abs(np.linalg.det(ellipses_mm)))
+        noise = self._correlated(self._random.normal(0.0, self._of.noise_frac, (len(ellipses_mm), 3)))
         cells = 0.5 * self._of.cell_frac * np.cos(2.0 * np.pi * np.nan_to_num(positions_mm) / CELL_MM)
         mean_mm = mean_mm + size_mm * (noise[:, 0] + cells[:, 0] + cells[:, 1])
         along_mm = along_mm + size_mm * (noise[:, 1] + cells[:, 0] - cells[:, 1])
@@ -88,10 +88,10 @@ class EllipseSensor:
         return white
 
 
-def _parts(forms_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _parts(ellipses_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the mean of the semi-axes of ellipses, and the parts of half their difference: the symmetric matrix that
     makes the same ellipse of the unit disc is (mean + along, across; across, mean - along)."""
-    square = forms_mm @ forms_mm.transpose(0, 2, 1)
+    square = ellipses_mm @ ellipses_mm.transpose(0, 2, 1)
     xx, xy, yy = square[:, 0, 0], square[:, 0, 1], square[:, 1, 1]
     area = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0))
     root = np.sqrt(xx + yy + 2.0 * area)  # a matrix's square root by Cayley and Hamilton

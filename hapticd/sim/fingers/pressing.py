@@ -22,7 +22,7 @@ from ..score import CONTACT_RADIUS_MM, TrueContact
 LEAST_RADIUS_MM: Final = 3.0
 MOST_RADIUS_MM: Final = 8.0  # a finger pad is no larger, however hard it presses
 
-Row = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's form
+Row = tuple[float, float, float, float, float, float]  # x_mm, y_mm, pressure_frac, and the contact's ellipse
 
 
 class Tip(TrueContact, Protocol):
@@ -52,9 +52,9 @@ class SampledFinger:
     def pressure_frac(self, t_s: FloatArray) -> FloatArray:
         return np.interp(t_s, self.at_s, self.rows[:, 2])
 
-    def forms_mm(self, t_s: FloatArray) -> FloatArray:
-        forms = np.stack([np.interp(t_s, self.at_s, part) for part in self.rows.T[3:]], axis=-1)
-        return np.asarray(forms[:, (0, 1, 1, 2)].reshape(-1, 2, 2))
+    def ellipses_mm(self, t_s: FloatArray) -> FloatArray:
+        ellipses = np.stack([np.interp(t_s, self.at_s, part) for part in self.rows.T[3:]], axis=-1)
+        return np.asarray(ellipses[:, (0, 1, 1, 2)].reshape(-1, 2, 2))
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ class Repeated:
     def pressure_frac(self, t_s: FloatArray) -> FloatArray:
         return self.finger.pressure_frac(np.mod(t_s, self.period_s))
 
-    def forms_mm(self, t_s: FloatArray) -> FloatArray:
-        return self.finger.forms_mm(np.mod(t_s, self.period_s))
+    def ellipses_mm(self, t_s: FloatArray) -> FloatArray:
+        return self.finger.ellipses_mm(np.mod(t_s, self.period_s))
 
 
 def row_of(touch: SimulatedTouch) -> Row:

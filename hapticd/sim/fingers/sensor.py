@@ -142,10 +142,10 @@ class SensorModel:
             stamps_ms = np.rint(start_ms + t_s * 1e3 + rng.uniform(-1, 1, size) * settings.stamp_jitter_ms)
             points = self._raw_points(paths, firmware, t_s, rng)
             is_lost, _ = rng.random((2, size)) < settings.lost_frac
-            forms = [self._ellipses(*each, t_s) for each in zip(points, ellipses, tips, strict=True)]
+            reported = [self._ellipses(*each, t_s) for each in zip(points, ellipses, tips, strict=True)]
             pressures_frac = np.stack([tip.pressure_frac(t_s) for tip in tips], axis=1) if tips else _NOBODY
             for i, t_sample_s in enumerate(t_s.tolist()):
-                felt = [path_points[i] for path_points in points], [form[i] for form in forms]
+                felt = [path_points[i] for path_points in points], [ellipse[i] for ellipse in reported]
                 records = contacts.scan(*felt, pressures_frac[i].tolist())
                 is_silent = records is None or is_lost[i]
                 data = b"" if is_silent else encode_mt2(int(stamps_ms[i]), records or (), usb=usb)
@@ -175,7 +175,7 @@ class SensorModel:
             return [None] * len(points)
         pad = self.settings.pad.geometry
         places_mm = (np.array([point or (0, 0) for point in points]) - pad.centre_raw) / pad.units_per_mm
-        return sensor.reported(self._pad_from_plate @ tip.forms_mm(t_s), places_mm)
+        return sensor.reported(self._pad_from_plate @ tip.ellipses_mm(t_s), places_mm)
 
 
 class _Contacts:

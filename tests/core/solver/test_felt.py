@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hapticd.core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from hapticd.core.plate.mode_shapes import ModeShapes
 from hapticd.core.solver.instant import SLEW_UM_NS, InstantSolver, solve_felt
-from hapticd.core.touch.contact_form import ContactForm, EllipseScale
+from hapticd.core.touch.contact_ellipse import ContactTracker, EllipseScale
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.score import felt
 from hapticd.values import WEBER_FRAC
@@ -226,13 +226,13 @@ def test_from_knot_to_knot_amplitudes_are_finite_within_limits_and_within_the_sl
 def test_whatever_ellipses_a_pad_reports_amplitudes_are_finite_and_within_the_limits_to_the_last_bit(
     plate: ModeShapes, ellipses: list[tuple[float, float, float]]
 ) -> None:
-    contacts = [ContactForm(EllipseScale(1.2, 0.5)) for _ in ellipses]
+    contacts = [ContactTracker(EllipseScale(1.2, 0.5)) for _ in ellipses]
     for contact, ellipse in zip(contacts, ellipses, strict=True):
         contact.update(*ellipse)
     one, modal_um = solver(plate), (0j,) * 4
     for _ in range(3):
-        forms = [contact.form for contact in contacts]
-        modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, [0.1, math.nan], ellipses=forms).modal_um
+        found = [contact.ellipse for contact in contacts]
+        modal_um = one.solve(places(PAIR_MM, (1.0, 0.0)), modal_um, 10 * MS, [0.1, math.nan], ellipses=found).modal_um
         assert all(abs(w_um) <= limit_um for w_um, limit_um in zip(modal_um, LIMITS_UM, strict=True))
 
 

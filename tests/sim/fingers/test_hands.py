@@ -88,10 +88,10 @@ def test_a_finger_presses_harder_within_a_glide_and_its_contact_grows_with_it() 
     finger.move(1.0, SimulatedTouch(0.0, 0.0, 0.33))
     at_s = np.array([0.5, 1.0, 1.0 + GLIDE_S, 2.0])
     np.testing.assert_allclose(finger.pressure_frac(at_s), [0.11, 0.11, 0.33, 0.33])
-    areas_mm2 = math.pi * np.linalg.det(finger.forms_mm(at_s))
+    areas_mm2 = math.pi * np.linalg.det(finger.ellipses_mm(at_s))
     np.testing.assert_allclose(areas_mm2, math.pi * 25.0 * np.array([1.0, 1.0, 3 ** (2 / 3), 3 ** (2 / 3)]))
     finger.move(2.0, SimulatedTouch(0.0, 0.0, 0.33, 14.0, 8.0, math.pi / 2))
-    np.testing.assert_allclose(finger.forms_mm(np.array([3.0])), [[[4.0, 0.0], [0.0, 7.0]]], atol=1e-12)
+    np.testing.assert_allclose(finger.ellipses_mm(np.array([3.0])), [[[4.0, 0.0], [0.0, 7.0]]], atol=1e-12)
 
 
 def test_a_message_names_each_finger_its_place_and_maybe_its_pressure_and_contact() -> None:

@@ -61,7 +61,7 @@ def test_a_file_says_how_hard_each_finger_presses_and_what_its_contact_is(tmp_pa
     at_mm = actor.path.position_mm(np.array([0.3, 0.6, period_s - 0.1, period_s + 0.6, 7 * period_s + 0.6]))[:, 0]
     np.testing.assert_allclose(at_mm, [np.nan, -30.0, np.nan, -30.0, -30.0], atol=1e-6)
     np.testing.assert_allclose(actor.fingertip.pressure_frac(at_s), [0.2, 0.4, 0.6, USUAL_PRESSURE_FRAC, 0.4])
-    still, at_rest = actor.fingertip.forms_mm(at_s)[[1, 3]]
+    still, at_rest = actor.fingertip.ellipses_mm(at_s)[[1, 3]]
     np.testing.assert_allclose(still, [[7.0, 0.0], [0.0, 5.0]])
     np.testing.assert_allclose(at_rest, [[5.0, 0.0], [0.0, 5.0]])
 

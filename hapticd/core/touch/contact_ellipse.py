@@ -1,11 +1,11 @@
-"""A finger's contact, from the ellipse that the pad reports: its true size, without the pad's noise.
+"""The ellipse of a finger's contact, from the one that the pad reports: its true size, without the pad's noise.
 
 A pad's millimetres of an ellipse are of unknown scale. One affine law, calibrated once (`hapticd calibrate trackpad`),
 gives the true axis of what is reported. An ellipse is kept as the symmetric matrix that makes it of the unit disc,
 (xx xy; xy yy), whose eigenvalues are its semi-axes: it is continuous in axes and angle, also where the axes are equal
 and the angle is noise.
 
-The form follows the average of the newest reports with a play of PLAY_MM, which takes most of the noise: it moves
+It follows the average of the newest reports with a play of PLAY_MM, which takes most of the noise: it moves
 continuously, and under a finger that only rests it stays as it is to the last bit, so that the last reference holds.
 """
 
@@ -37,11 +37,11 @@ class EllipseScale:
         return MOST_MM if semi_mm > MOST_MM else (semi_mm if semi_mm > LEAST_MM else LEAST_MM)
 
 
-class ContactForm:
-    """The form of one finger's contact, while it is down; None until the pad has reported an ellipse."""
+class ContactTracker:
+    """The `ellipse` of one finger's contact, while it is down; None until the pad has reported one."""
 
     def __init__(self, scale: EllipseScale) -> None:
-        self.form: ContactEllipse | None = None
+        self.ellipse: ContactEllipse | None = None
         self._scale: Final = scale
         self._reports = 0.0
         self._mean_mm = self._along_mm = self._across_mm = 0.0
@@ -71,7 +71,7 @@ class ContactForm:
         mean_mm, along_mm, across_mm = self._shown
         d_mean, d_along, d_across = to_mean_mm - mean_mm, to_along_mm - along_mm, to_across_mm - across_mm
         away_mm = math.sqrt(d_mean * d_mean + d_along * d_along + d_across * d_across)
-        if self.form is None:
+        if self.ellipse is None:
             share = 1.0
         elif away_mm <= PLAY_MM:
             return
@@ -81,12 +81,12 @@ class ContactForm:
         along_mm += share * d_along
         across_mm += share * d_across
         self._shown = (mean_mm, along_mm, across_mm)
-        self.form = (mean_mm + along_mm, across_mm, mean_mm - along_mm)
+        self.ellipse = (mean_mm + along_mm, across_mm, mean_mm - along_mm)
 
 
-def axes(form: ContactEllipse) -> tuple[float, float, float]:
+def axes(ellipse: ContactEllipse) -> tuple[float, float, float]:
     """Return the whole axes of an ellipse in mm, the longer one first, and the angle of that to x in rad."""
-    xx_mm, xy_mm, yy_mm = form
+    xx_mm, xy_mm, yy_mm = ellipse
     along_mm = 0.5 * (xx_mm - yy_mm)
     half_mm = math.hypot(along_mm, xy_mm)
     return xx_mm + yy_mm + 2.0 * half_mm, xx_mm + yy_mm - 2.0 * half_mm, 0.5 * math.atan2(xy_mm, along_mm)
