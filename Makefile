@@ -7,6 +7,7 @@ PIP := PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet --disable-pip-
 INSTALL := $(PIP) --no-build-isolation --no-deps --editable .
 LOCKED := $(PIP) --no-deps --require-hashes --requirement
 PACKAGES := $(VENV)/.packages
+PURE := $(VENV)/.pure
 HAPTICD := $(VENV)/.hapticd
 TESTS := $(VENV)/.tests
 LINT := $(VENV)/.lint
@@ -15,9 +16,7 @@ DOCS := $(VENV)/.docs
 .PHONY: demo test test-all coverage fuzz lint bench firmware docs view-picture lock version clean
 
 # The first demo runs as Python, for machine code takes longer to build than all else; `make test` builds it.
-demo: $(PACKAGES)
-	@test -e $(HAPTICD) || (HAPTICD_PURE=1 $(INSTALL))
-	@! test -e $(HAPTICD) || $(MAKE) --no-print-directory $(HAPTICD)
+demo: $(if $(wildcard $(HAPTICD)),$(HAPTICD),$(PURE))
 	$(BIN)/hapticd demo --force
 
 # Proves the product. Property tests look at the same examples each time: everybody gets the same answer. (A third of the
@@ -85,13 +84,17 @@ COMPILED := $(wildcard firmware/core/*.[ch] firmware/boards/host/*.[ch] firmware
 
 # Installation makes it of firmware/core/protocol.h; this is for a checkout of another commit that was installed before.
 hapticd/board_protocol.py:
-	@! test -e $(HAPTICD) || $(PYTHON) firmware/make_protocol.py
+	@! test -e $(PACKAGES) || $(PYTHON) firmware/make_protocol.py
 
 $(PACKAGES): .lock/build.txt .lock/demo.txt | hapticd/board_protocol.py
 	@$(PYTHON) hapticd/compiled/prerequisites.py
 	@echo "Everything goes into $(VENV)."
 	$(PYTHON) -m venv $(VENV)
 	$(LOCKED) .lock/build.txt & build=$$!; $(LOCKED) .lock/demo.txt && wait $$build
+	touch $@
+
+$(PURE): pyproject.toml $(PACKAGES) $(filter %.c %.h,$(COMPILED))
+	HAPTICD_PURE=1 $(INSTALL)
 	touch $@
 
 # Without pip's isolated build, which would download and unpack mypy and numpy a second time.

@@ -17,7 +17,7 @@ from .friction import FrictionCurve
 from .plate.bicubic import POINT
 from .plate.contact import JUDGED_DISC, ContactEllipse, disc_points
 from .plate.mode_shapes import ModeShapes
-from .plate.surfaces import evaluate
+from .plate.splines import evaluate
 from .uncertainty import CERTAIN, Uncertainty, interval_um
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...values import FloatArray
-from .surfaces import evaluate
+from .splines import evaluate
 
 POINT = np.array([(0.0, 0.0, 1.0)])  # of the unit disc: its centre
 
@@ -22,7 +22,7 @@ _FILL_STEPS = 500  # far more than scattered gaps need; a gap too wide to conver
 class BicubicSurfaces:
     """M surfaces over one rectangular grid, evaluated many points at a time.
 
-    `tables` is what `surfaces.c` takes: views of the coefficients (cells, M, 16), and of the knots along x and y. Cells
+    `tables` is what `splines.c` takes: views of the coefficients (cells, M, 16), and of the knots along x and y. Cells
     are row by row from the lowest y; a surface has the powers x^c y^d, y fastest, of the distances to the cell's lower
     left corner.
     """

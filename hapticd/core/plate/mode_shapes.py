@@ -1,7 +1,7 @@
 """Mode shapes: from a measured mode map to the mode matrix Phi at the fingers (paper eq. 1-3).
 
 A map is values on a rectangular grid; between its points the shapes are bicubic splines, which C evaluates
-(`surfaces.c`). README.md compares interpolators.
+(`splines.c`). README.md compares interpolators.
 
 Outside the map the shapes are those of the nearest edge point, which `inside` reports; a NaN position gives zeros.
 """
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticd.core.plate.bicubic import POINT, BicubicSurfaces, fill_gaps
-from hapticd.core.plate.surfaces import evaluate
+from hapticd.core.plate.splines import evaluate
 from hapticd.errors import ModesError
 from hapticd.values import FloatArray
 

@@ -56,7 +56,7 @@ from ..phasors import ModeRow, ModeRows, Phasors
 from ..plate.bicubic import POINT
 from ..plate.contact import SOLVED_DISC, ContactEllipse
 from ..plate.mode_shapes import ModeShapes
-from ..plate.surfaces import evaluate
+from ..plate.splines import evaluate
 from .felt_descent import descend
 
 Pair = tuple[float, float]

@@ -65,7 +65,7 @@ def collect(path: Path, system: System | None, config_path: Path | None, found: 
 
 
 def versions() -> str:
-    """Return the versions of the program, its platform and all that is installed beside it."""
+    """Return the versions of the program, its platform and every installed package."""
     lines = [
         f"hapticd {version_text()}",
         f"python {sys.version.split()[0]} ({platform.python_implementation()})",

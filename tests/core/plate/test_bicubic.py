@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from hapticd.core.plate.bicubic import POINT, BicubicSurfaces, fill_gaps
-from hapticd.core.plate.surfaces import evaluate
+from hapticd.core.plate.splines import evaluate
 
 
 def uneven_knots(random: np.random.Generator, count: int) -> np.ndarray:

@@ -209,7 +209,7 @@ class Bench:
         return self.cpu.run_to("board_wait", instructions=instructions)
 
     def restarted(self) -> None:
-        """The firmware has started the converters anew."""
+        """The firmware has started the converters again."""
         assert self.converters() == self.settings
         self.begin()
 

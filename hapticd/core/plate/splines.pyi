@@ -1,4 +1,4 @@
-"""`surfaces.c`: bicubic surfaces at the points of contacts; its arrays are contiguous, of float64."""
+"""`splines.c`: bicubic surfaces at the points of contacts; its arrays are contiguous, of float64."""
 
 from array import array
 

@@ -1,4 +1,4 @@
-/* Bicubic surfaces at points: `bicubic.py` has their coefficients, `surfaces.pyi` the shapes of the arrays.
+/* Bicubic surfaces at points: `bicubic.py` has their coefficients, `splines.pyi` the shapes of the arrays.
  *
  * The compiler may not fuse products into sums: every machine gives the same bits. */
 
@@ -68,7 +68,7 @@ static PyObject *evaluated(const Py_buffer *given, Py_ssize_t width)
     tables_t t = {given[PATCHES].buf, given[X].buf, given[Y].buf, 0, doubles(&given[X]) - 1, doubles(&given[Y]) - 1};
     const Py_ssize_t patch = t.columns * t.rows * COEFFICIENTS, points = doubles(&given[DISC]) / 3;
     if (t.columns < 1 || t.rows < 1 || doubles(&given[PATCHES]) % patch != 0 || doubles(&given[CONTACTS]) % 5 != 0) {
-        PyErr_SetString(PyExc_ValueError, "surfaces: the arrays' lengths do not fit");
+        PyErr_SetString(PyExc_ValueError, "splines: the arrays' lengths do not fit");
         return NULL;
     }
     t.modes = doubles(&given[PATCHES]) / patch;
@@ -97,13 +97,13 @@ static PyObject *evaluate(PyObject *module, PyObject *arguments)
     return answer;
 }
 
-static PyMethodDef methods[] = {{"evaluate", evaluate, METH_VARARGS, "See surfaces.pyi."}, {NULL, NULL, 0, NULL}};
+static PyMethodDef methods[] = {{"evaluate", evaluate, METH_VARARGS, "See splines.pyi."}, {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef definition = {
-    PyModuleDef_HEAD_INIT, "surfaces", "Bicubic surfaces at points.", -1, methods, NULL, NULL, NULL, NULL,
+    PyModuleDef_HEAD_INIT, "splines", "Bicubic surfaces at points.", -1, methods, NULL, NULL, NULL, NULL,
 };
 
-PyMODINIT_FUNC PyInit_surfaces(void)
+PyMODINIT_FUNC PyInit_splines(void)
 {
     return PyModule_Create(&definition);
 }
