@@ -92,8 +92,8 @@ COMMANDS = {
     ),
     "stream": Command(
         "tools.stream.program",
-        "stream states and metrics to Prometheus or the Lab Streaming Layer",
-        "prometheus",
+        "stream fingers, modes and markers to the Lab Streaming Layer",
+        "lsl",
     ),
     "simulate": Command(
         "tools.simulate",

@@ -202,7 +202,6 @@ def test_the_recording_format_needs_no_simulation_and_no_library_of_an_extra() -
     ("libraries", "parts"),
     [
         ({"aiohttp"}, ("tools/gateway", "tools/view", "tools/web")),
-        ({"prometheus_client"}, ("tools/stream",)),
         ({"pylsl"}, ("tools/record/inlets",)),
         ({"lz4", "mcap"}, ("files/recording/mcap_",)),
         ({"distributed"}, ("tools/campaigns",)),

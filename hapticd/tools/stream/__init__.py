@@ -1,4 +1,4 @@
-"""`hapticd stream`: a running daemon's states and metrics in the formats of other programs.
+"""`hapticd stream`: a running daemon's states in the format of another program.
 
-Each stream is a process of its own and a client of the daemon, which needs no code for it.
+It is a process of its own and a client of the daemon, which needs no code for it.
 """
