@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError, reason
 from ..regular_file import named_when_whole, read_bounded
@@ -25,6 +27,7 @@ WORLD_BYTES = 1 << 20
 IDEAL = "ideal"
 LEAST_S = 0.01  # as sim.lockstep, which takes a second to import
 MOST_S = 3600.0  # all of it is kept in memory until the end
+DRAWN_S = 5.0
 MOST_MM_S = 2000.0  # faster than any finger on a pad
 
 
@@ -87,17 +90,16 @@ def _simulate(options: argparse.Namespace) -> None:
     )
     t_start_s = time.perf_counter()
     with Progress(scenario.name) as progress:
-        if options.record is None:
-            result = lockstep.run(
-                scenario, settings=settings, seed=options.seed, seconds=options.seconds, progress=progress
-            )
+        play: dict[str, Any] = {"settings": settings, "seed": options.seed, "seconds": options.seconds}
+        if options.record is options.plot is None:
+            result = lockstep.run(scenario, **play, progress=progress)
         else:
             from .record import simulated
 
-            with named_when_whole(options.record) as part:
-                result = simulated.run(
-                    scenario, part, settings=settings, seed=options.seed, seconds=options.seconds, progress=progress
-                )
+            with _recorded_to(options.record) as part:
+                result = simulated.run(scenario, part, **play, progress=progress)
+                if options.plot is not None:
+                    _draw(part, options.plot, f"{scenario.name}, seed {options.seed}")
     took_s = time.perf_counter() - t_start_s
     with contextlib.ExitStack() as shown:
         compared = None if options.alone else report.compare(result, lambda part: shown.enter_context(Progress(part)))
@@ -108,10 +110,27 @@ def _simulate(options: argparse.Namespace) -> None:
         outputs.write_json(figures, options.json)
     if options.out is not None:
         report.save(result, options.out, compared)
-    if options.plot is not None:
-        from . import simulated_picture
 
-        simulated_picture.draw_run(result, options.plot)
+
+@contextlib.contextmanager
+def _recorded_to(path: Path | None) -> Iterator[Path]:
+    """Context of a recording that gets its name when it is whole, or without one is deleted."""
+    if path is not None:
+        with named_when_whole(path) as part:
+            yield part
+        return
+    with tempfile.TemporaryDirectory(prefix="hapticd-simulate-") as folder:
+        yield Path(folder, "run.mcap")
+
+
+def _draw(recording: Path, picture: Path, title: str) -> None:
+    """Draw the first seconds of a recording, so that single strokes are seen."""
+    from ..files.recording.mcap_reader import open_recording
+    from .record.picture import draw
+    from .record.tables import tables
+
+    found = tables(open_recording(recording))
+    draw(found, picture, title=title, end_s=min(DRAWN_S, float(found["passes"]["t_s"][-1])))
 
 
 def _motion(options: argparse.Namespace) -> str:

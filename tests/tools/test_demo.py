@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,9 +18,9 @@ from hapticd.sim import lockstep
 from hapticd.sim.fingers.scenarios import REAL
 from hapticd.sim.settings import Settings
 from hapticd.tools.demo.columns import columns, live_column, virtual_film
+from hapticd.tools.demo.film import Film
 from hapticd.tools.demo.picture import draw, typical_instant
 from hapticd.tools.demo.program import COMPARED_S, SCENARIO, VIRTUAL_START_S, _connected, line, summary
-from hapticd.tools.simulated_picture import Film
 from hapticd_client import FingerState, PlateState
 
 STATUS: dict[str, dict[str, float]] = {"latency_ms": {}}
@@ -28,6 +29,12 @@ STATUS: dict[str, dict[str, float]] = {"latency_ms": {}}
 PAPER = "the paper's scheme, reference plate, 2 modes"
 REFERENCE, FINGERTIP = "hapticd, reference plate, 2 modes", "hapticd, fingertip plate, 4 modes"
 WIDE = "hapticd, wide plate, 8 modes"
+
+
+def second(title: str) -> Film:
+    """The first second of strokes on the reference plate."""
+    run = lockstep.run("strokes", seconds=1.0)
+    return Film.between(title, run.settings.plate, partial(getattr, run), 0.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -59,8 +66,8 @@ def test_the_live_column_takes_the_place_of_its_plate_and_the_papers_scheme_is_c
 
 def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
     live = live_column(SimConfig())
-    run = lockstep.run("strokes", seconds=1.0)
-    films = dict.fromkeys(columns(live), Film.of(run, live.title))
+    run = second(live.title)
+    films = dict.fromkeys(columns(live), run)
     rows = {row[:26].strip(): row[26:].split() for row in summary(films, live, STATUS).splitlines()}
     assert rows["plate"] == ["reference", "reference", "wide"]
     assert rows["both felt as asked"] == [f"{run.score.felt_frac:.0%}"] * 3
@@ -73,17 +80,17 @@ def test_the_summary_has_contacts_and_centres_of_every_column() -> None:
 
 def test_a_plate_that_is_not_driven_is_not_praised_for_its_silence() -> None:
     live = live_column(SimConfig())
-    film = Film.of(lockstep.run("strokes", seconds=1.0), live.title)
+    film = second(live.title)
     silent = replace(film, score=replace(film.score, leak_um=1e-4, slip_frac=0.0))
     assert "times less" not in summary({**dict.fromkeys(columns(live), film), live: silent}, live, STATUS)
 
 
 def test_the_picture_shows_the_plate_with_both_fingers_and_what_each_gets(tmp_path: Path, figures: list[Any]) -> None:
-    paper, ours = (Film.of(lockstep.run("strokes", seconds=1.5), title) for title in (PAPER, REFERENCE))
-    draw([paper, ours], tmp_path / "demo.png", seconds=1.0, source="demo")
+    paper, ours = second(PAPER), second(REFERENCE)
+    draw([paper, ours], tmp_path / "demo.png", seconds=0.9, source="demo")
     papers, hapticds, plate, _ = figures[0].axes
-    at = typical_instant(ours, 1.0)
-    t_s, _, got, asked = ours.contacts(1.0)
+    at = typical_instant(ours, 0.9)
+    t_s, got, asked = ours.contacts(0.9)
     here = t_s.tolist().index(ours.t_s[at])
     assert asked[here].tolist() == pytest.approx([math.exp(-1.0 / 0.7), 1.0])
     assert [text.get_text() for text in plate.texts] == [
@@ -115,7 +122,7 @@ def test_a_virtual_run_gives_the_window_of_the_lock_step_run() -> None:
     column = live_column(SimConfig())
     film = virtual_film(column, "strokes", 1, 0.5, 1.0)
     run = lockstep.run("strokes", settings=Settings(motion=REAL), seconds=1.0)
-    same = Film.of(run, column.title).between(0.5, 1.0)
+    same = Film.between(column.title, column.plate, partial(getattr, run), 0.5, 1.0)
     assert film.plate_um.tobytes() == same.plate_um.tobytes()
     assert film.score == same.score
 

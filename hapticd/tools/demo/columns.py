@@ -4,6 +4,7 @@ others run in virtual time."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from ...config.sections import SimConfig
 from ...sim import lockstep
@@ -14,7 +15,7 @@ from ...sim.plate.wirings import IDENTITY
 from ...sim.plate.wirings import PAPER as SHARED
 from ...sim.settings import Settings, paper_settings
 from ..progress import Progress
-from ..simulated_picture import Film
+from .film import Film
 
 PAPER, HAPTICD = "the paper", "hapticd"
 MOTION = REAL
@@ -65,4 +66,4 @@ def virtual_film(column: DemoColumn, scenario: str, seed: int, start_s: float, e
         settings = paper_settings(settings)
     with Progress(f"comparing with {column.title}") as progress:
         run = lockstep.run(scenario, settings=settings, seed=seed, seconds=end_s, progress=progress)
-    return Film.of(run, column.title).between(start_s, end_s)
+    return Film.between(column.title, column.plate, partial(getattr, run), start_s, end_s)

@@ -16,7 +16,7 @@ from ...sim.plate.glasses import find_glass
 from ...sim.score import CONTACT_RADIUS_MM
 from ...values import WEBER_FRAC
 from .. import plotting
-from ..simulated_picture import Film
+from .film import Film
 
 SLIPPERY, STICKY = "#0b6fa4", "#b3500c"  # as in the browser's page
 ON_FIELD = {SLIPPERY: "#8fd3ff", STICKY: "#ffb877"}  # the same, legible on dark colours
@@ -49,7 +49,7 @@ def draw(films: list[Film], path: Path, *, seconds: float, source: str) -> None:
 
 def typical_instant(film: Film, seconds: float) -> int:
     """Return the index of the instant at which both contacts' frictions are nearest to their medians over the run."""
-    t_s, _, got, _ = film.contacts(seconds)
+    t_s, got, _ = film.contacts(seconds)
     is_complete = np.isfinite(got).all(axis=1)
     if not is_complete.any():
         return 0
@@ -71,7 +71,7 @@ def _draw_plate(figure: Any, axis: Any, film: Film, seconds: float) -> None:
         cmap=plotting.stepped("viridis", LEVELS),
         norm=PowerNorm(0.5, vmin=0.0),  # small amplitudes matter as much as large ones
     )
-    instants_s, _, *frictions = film.contacts(seconds)
+    instants_s, *frictions = film.contacts(seconds)
     felt, wanted = (each[int(np.searchsorted(instants_s, film.t_s[at]))] for each in frictions)
     for finger, (place_mm, got, asked) in enumerate(zip(film.finger_true_mm[at], felt, wanted, strict=True)):
         if not np.isfinite(asked):
@@ -104,7 +104,7 @@ def _draw_plate(figure: Any, axis: Any, film: Film, seconds: float) -> None:
 
 
 def _draw_time(axis: Any, film: Film, seconds: float) -> None:
-    t_s, _, got, asked = film.contacts(seconds)
+    t_s, got, asked = film.contacts(seconds)
     t_s = t_s - film.t_s[0]  # windows of different runs, over one axis
     for finger in range(asked.shape[1]):
         known = asked[np.isfinite(asked[:, finger]), finger]

@@ -35,8 +35,8 @@ from ...tools import owned_process
 from .. import glass, outputs, plotting
 from ..arguments import POSITIVE, whole
 from ..daemon_process import DaemonProcess
-from ..simulated_picture import Film
 from .columns import MOTION, DemoColumn, columns, live_column, virtual_film
+from .film import Film
 from .picture import draw
 
 DEFAULT_OUT = Path("demo.png")  # written again over that of an earlier demo
@@ -113,7 +113,7 @@ def _play(options: argparse.Namespace, sim: SimConfig, out: Path | None) -> None
             raise HapticdError(status["board"]["refused"])
     compared_s = min(options.seconds, COMPARED_S)
     print("\nscoring it, and the same fingers in virtual time ...", flush=True)
-    ours = _film(rig.history, live, t_asked_s, t_asked_s + compared_s)
+    ours = Film.between(f"{live.title}, live", live.plate, rig.history.__getitem__, t_asked_s, t_asked_s + compared_s)
     window_s = VIRTUAL_START_S, VIRTUAL_START_S + compared_s
     films = {
         column: ours if column == live else virtual_film(column, SCENARIO, seed, *window_s) for column in columns(live)
@@ -257,9 +257,3 @@ def line(state: PlateState) -> str:
     )
     flag = "  limited" if state.limited else ""
     return f"{state.state:<7} horizon {state.horizon_ms:4.1f} ms  {fingers}{flag}"
-
-
-def _film(history: Mapping[str, Any], live: DemoColumn, start_s: float, end_s: float) -> Film:
-    """Return a window of the rig's recording."""
-    part = (history["t_s"] >= start_s) & (history["t_s"] < end_s)
-    return Film.judged(f"{live.title}, live", live.plate, {name: array[part] for name, array in history.items()})

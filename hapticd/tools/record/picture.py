@@ -14,10 +14,14 @@ import numpy.typing as npt
 
 from ...errors import RecordingError
 from .. import plotting
-from ..simulated_picture import FINGER_COLOURS, LEAST_UM, MODE_COLOURS, REFERENCE
 from .tables import Column
 
 _Table = Mapping[str, Column]
+# As in the paper: blue is mode X, green mode Y.
+MODE_COLOURS = ("tab:blue", "tab:green", "tab:cyan", "tab:olive", "tab:pink", "tab:gray", "tab:brown", "tab:red")
+FINGER_COLOURS = ("tab:orange", "tab:purple", "tab:red", "tab:brown")
+REFERENCE = {"lw": 4.0, "alpha": 0.3, "solid_capstyle": "butt"}  # behind the amplitude that follows it
+LEAST_UM = 0.1  # that the axes show: a still plate's noise is 0.002 um
 MODE_NAMES = "XYZ"
 MOST_LABELS = 9  # two rows, with the line style
 MOST_CHARS = 24  # of a marker's text
