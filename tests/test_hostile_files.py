@@ -151,15 +151,16 @@ CLIENT: dict[str, tuple[str, Callable[[Path], object]]] = {
     ),
     "an array without end": ("a.npy", lambda path: sparse(path, b"\x93NUMPY\x01\x00", 400 * MB)),
 }
+MAP = ("plate", "map", "--finger=1,2", "--modes")
 FOLDER = "."  # of the file, in place of its name
 FINGERS = "t_s,finger,x_mm,y_mm,target_um\n"
 SERVICE: dict[str, tuple[tuple[str, ...], str, Callable[[Path], object]]] = {
-    "a bomb of arrays": (("plate", "map", "--modes"), "a.npz", lambda path: npz(path, bytes(1 << 20))),
-    "an archive of 340 000 members": (("plate", "map", "--modes"), "a.npz", crowded_zip),
-    "a map of empty lines": (("plate", "map", "--modes"), "a.csv", lambda path: path.write_bytes(b"\n" * 16_000_000)),
-    "a map of wide text": (("plate", "map", "--modes"), "a.csv", lambda path: path.write_text("😀\n" * 3_300_000)),
+    "a bomb of arrays": (MAP, "a.npz", lambda path: npz(path, bytes(1 << 20))),
+    "an archive of 340 000 members": (MAP, "a.npz", crowded_zip),
+    "a map of empty lines": (MAP, "a.csv", lambda path: path.write_bytes(b"\n" * 16_000_000)),
+    "a map of wide text": (MAP, "a.csv", lambda path: path.write_text("😀\n" * 3_300_000)),
     "a map of many columns": (
-        ("plate", "map", "--modes"),
+        MAP,
         "a.csv",
         lambda path: path.write_text(
             "x_mm,y_mm," + ",".join(f"phi_{k}" for k in range(1, 1500)) + "\n" + ("0,0" + ",1" * 1499 + "\n") * 5300

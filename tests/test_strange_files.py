@@ -15,7 +15,7 @@ READERS = [
     ("run", "--check", "--config"),
     ("replay",),
     ("export", "--csv", "tables"),
-    ("plate", "map", "--modes"),
+    ("plate", "map", "--finger=1,2", "--modes"),
     ("calibrate", "friction", "--out", "plate", "--readings"),
     ("calibrate", "modes", "--out", "plate", "--scan"),
     ("service", "keys", "allow", "."),

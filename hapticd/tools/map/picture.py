@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...design.felt_map import FeltMap, FeltPairs
+from ...design.felt_map import FeltMap
 from ...design.felt_places import ENOUGH_JND
-from ...values import FloatArray
 from .. import plotting
 from .plate import MappedPlate
 
@@ -32,9 +31,13 @@ def draw(figure: Any, path: Path) -> None:
 
 def felt_figure(panels: Sequence[FeltPanel], mapped: MappedPlate) -> Any:
     """Return a figure with a panel for each map: the error of the finger that is served worst, 1 as a line."""
-    figure, axes = _canvas(len(panels))
+    figure, grid = plotting.subplots(4.9 * len(panels) + 1.2, 5.6, 1, len(panels), layout="compressed", sharey=True)
+    axes = grid[0]
+    axes[0].set_ylabel("y, mm")
+    half_x, half_y = (edge_mm / 2 for edge_mm in mapped.size_mm)
+    look = {"vmin": 0.0, "vmax": MOST_JND, "cmap": "viridis_r", "extent": (-half_x, half_x, -half_y, half_y)}
     for axis, (fingers_mm, frictions, result) in zip(axes, panels, strict=True):
-        image = _draw_image(axis, result.largest_jnd, mapped.size_mm, vmin=0.0, vmax=MOST_JND, cmap="viridis_r")
+        image = axis.imshow(result.largest_jnd, origin="lower", **look)
         if result.largest_jnd.min() < ENOUGH_JND < result.largest_jnd.max():
             axis.contour(result.x_mm, result.y_mm, result.largest_jnd, [ENOUGH_JND], colors=_EDGE, linewidths=1.2)
         for (x_mm, y_mm), friction in zip(fingers_mm, frictions, strict=False):
@@ -61,31 +64,3 @@ def felt_figure(panels: Sequence[FeltPanel], mapped: MappedPlate) -> Any:
     names = axes[0].get_legend_handles_labels()
     figure.legend(*names, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
     return figure
-
-
-def pairs_figure(pairs: FeltPairs, asked: Sequence[float], mapped: MappedPlate) -> Any:
-    """Return a figure of both shares, on one scale."""
-    figure, axes = _canvas(2)
-    room_mm = [centres_mm.size * float(centres_mm[1] - centres_mm[0]) for centres_mm in (pairs.x_mm, pairs.y_mm)]
-    for axis, share, friction in zip(axes, pairs.shares, asked, strict=True):
-        image = _draw_image(axis, share, room_mm, vmin=0.0, vmax=1.0)
-        half_mm = [edge_mm / 2 for edge_mm in mapped.size_mm]
-        axis.set(xlim=(-half_mm[0], half_mm[0]), ylim=(-half_mm[1], half_mm[1]))
-        axis.set_title(f"a finger with friction {friction:g} is here", fontsize=10)
-        axis.set_xlabel("x, mm")
-    scale = figure.colorbar(image, ax=axes, pad=0.02)
-    scale.set_label("share of the other finger's positions: both as asked")
-    return figure
-
-
-def _canvas(columns: int) -> tuple[Any, Any]:
-    """Return a figure and its axes, a plate each."""
-    figure, grid = plotting.subplots(4.9 * columns + 1.2, 5.6, 1, columns, layout="compressed", sharey=True)
-    grid[0, 0].set_ylabel("y, mm")
-    return figure, grid[0]
-
-
-def _draw_image(axis: Any, values: FloatArray, size_mm: Sequence[float], **look: Any) -> Any:
-    """Draw values over a rectangle about the middle."""
-    extent = (-size_mm[0] / 2, size_mm[0] / 2, -size_mm[1] / 2, size_mm[1] / 2)
-    return axis.imshow(values, origin="lower", extent=extent, **{"cmap": "viridis"} | look)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...core.friction import FrictionCurve
     from ...core.plate.mode_shapes import ModeShapes
 
-LIMIT_UM, MOST_LIMIT_UM = 4.0, 20.0  # of each mode with --modes, which names no configuration; and the largest
+LIMIT_UM = 4.0  # of each mode with --modes, which names no configuration
 
 
 class MappedPlate(NamedTuple):
@@ -51,8 +51,8 @@ def mapped_plate(options: argparse.Namespace) -> MappedPlate:
         if modes.M > MOST_MODES:
             raise UsageError(f"--modes: {options.modes} has {modes.M} modes: give a file of at most {MOST_MODES}.")
         size_mm = 2.0 * float(np.abs(modes.x_mm).max()), 2.0 * float(np.abs(modes.y_mm).max())
-        limits_um, radius_mm = _limits(options.limit, (LIMIT_UM,) * modes.M), Config().solver.contact_radius_mm
-        return MappedPlate(modes, size_mm, limits_um, radius_mm, DEFAULT_FRICTION_CURVE)
+        radius_mm = Config().solver.contact_radius_mm
+        return MappedPlate(modes, size_mm, (LIMIT_UM,) * modes.M, radius_mm, DEFAULT_FRICTION_CURVE)
     from ...daemon.settings import friction_curve
     from ..service import load_modes
 
@@ -67,8 +67,7 @@ def mapped_plate(options: argparse.Namespace) -> MappedPlate:
     if not radius_mm > 0.0:
         raise UsageError("--config: friction is felt by whole contacts: set solver.contact_radius_mm above 0.")
     width_mm, depth_mm = loaded.plate.size_mm
-    limits_um = _limits(options.limit, loaded.reference_limit_um)
-    return MappedPlate(load_modes(loaded), (width_mm, depth_mm), limits_um, radius_mm, curve)
+    return MappedPlate(load_modes(loaded), (width_mm, depth_mm), loaded.reference_limit_um, radius_mm, curve)
 
 
 def _simulated(loaded: Config, name: str) -> Config:
@@ -83,12 +82,3 @@ def _simulated(loaded: Config, name: str) -> Config:
     loaded = replace(loaded, sim=replace(loaded.sim, plate=name))
     plate = GroundTruth(PlateSettings.of(name))
     return with_uncertainty(on_plate(loaded, size_mm, plate.w_limit_um), plate.uncertainty)
-
-
-def _limits(given_um: Sequence[float] | None, usual_um: Sequence[float]) -> Sequence[float]:
-    """Return the limit of each mode. Raises UsageError."""
-    if given_um is not None and len(given_um) not in (1, len(usual_um)):
-        raise UsageError(f"--limit: has {len(given_um)} limits for {len(usual_um)} modes: give one, or one for each.")
-    if given_um is None:
-        return usual_um
-    return given_um if len(given_um) > 1 else tuple(given_um) * len(usual_um)

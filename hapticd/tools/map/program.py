@@ -15,20 +15,17 @@ from ...values import FloatArray
 from .. import outputs
 from ..arguments import numbers, whole
 from ..progress import Progress
-from .plate import MOST_LIMIT_UM, MappedPlate, mapped_plate
+from .plate import MappedPlate, mapped_plate
 
 MOST_FINGERS = 15
 CELLS, MOST_CELLS = 61, 401
-PAIR_CELLS, MOST_PAIR_CELLS = 11, 101
-PAIRS_PER_CELL = 50
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     # A position may begin with a minus sign, which argparse accepts in whole numbers only.
     parser._negative_number_matcher = re.compile(r"-[\d.]")
     parser.description = (
-        f"{parser.description} As asked is within one just noticeable difference, as the mean over a contact. Without "
-        "--finger: for random pairs of positions."
+        f"{parser.description} As asked is within one just noticeable difference, as the mean over a contact."
     )
     plate = parser.add_mutually_exclusive_group()
     plate.add_argument("--modes", type=Path, metavar="F.npz", help="mode shapes, NPZ or CSV, of 1 to 8 modes")
@@ -37,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--finger",
         action="append",
-        default=[],
+        required=True,
         type=numbers(-1e6, 1e6, 2),
         metavar="X,Y",
         help="a finger's position in mm from the plate's centre; repeat for more fingers",
@@ -50,16 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="0 (most slippery) .. 1 (bare glass), of each --finger and of the other one (default 0.2,1)",
     )
     parser.add_argument(
-        "--limit",
-        type=numbers(1e-3, MOST_LIMIT_UM),
-        metavar="UM[,UM..]",
-        help="of each mode (default: the configuration's, or 4)",
-    )
-    parser.add_argument(
         "--cells",
         type=whole(2, MOST_CELLS),
+        default=CELLS,
         metavar="N",
-        help=f"per side (default {CELLS}, without --finger {PAIR_CELLS})",
+        help=f"per side (default {CELLS})",
     )
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw it")
     outputs.add_file(parser, "--out", outputs.NPZ, metavar="F.npz", help="write the arrays")
@@ -67,11 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _map(options: argparse.Namespace) -> None:
-    if not options.finger and options.cells is not None and options.cells > MOST_PAIR_CELLS:
-        raise UsageError(f"--cells: without --finger it must be 2 .. {MOST_PAIR_CELLS}, not {options.cells}.")
     if len(options.finger) > MOST_FINGERS:
         raise UsageError(f"--finger: {len(options.finger)} fingers are too many: give at most {MOST_FINGERS}.")
-    fingers = max(len(options.finger), 1) + 1
+    fingers = len(options.finger) + 1
     if len(options.friction) != fingers:
         raise UsageError(f"--friction: has {len(options.friction)} frictions for {fingers} fingers: give one for each.")
     mapped = mapped_plate(options)
@@ -79,7 +69,7 @@ def _map(options: argparse.Namespace) -> None:
         if not (abs(x_mm) <= mapped.size_mm[0] / 2 and abs(y_mm) <= mapped.size_mm[1] / 2):
             raise UsageError(f"--finger {x_mm:g},{y_mm:g}: lies off {mapped}.")
     print(mapped)
-    arrays = _map_given(options, mapped) if options.finger else _map_pairs(options, mapped)
+    arrays = _map_given(options, mapped)
     if options.out is not None:
         with opened(options.out) as file:
             np.savez_compressed(file, limit_um=np.array(mapped.limit_um), **arrays)  # type: ignore[arg-type]
@@ -99,7 +89,7 @@ def _map_given(options: argparse.Namespace, mapped: MappedPlate) -> dict[str, Fl
                 *(mapped.modes, given, each, mapped.limit_um, mapped.curve),
                 radius_mm=mapped.radius_mm,
                 size_mm=mapped.size_mm,
-                cells=options.cells or CELLS,
+                cells=options.cells,
                 progress=progress,
             )
         panels.append(FeltPanel(given, each, result))
@@ -118,29 +108,3 @@ def _map_given(options: argparse.Namespace, mapped: MappedPlate) -> dict[str, Fl
     if options.plot is not None:
         draw(felt_figure(panels, mapped), options.plot)
     return arrays
-
-
-def _map_pairs(options: argparse.Namespace, mapped: MappedPlate) -> dict[str, FloatArray]:
-    from ...design.felt_map import felt_pairs
-    from .picture import draw, pairs_figure
-
-    cells, asked = options.cells or PAIR_CELLS, options.friction
-    with Progress("random pairs of positions") as progress:
-        try:
-            pairs = felt_pairs(
-                *(mapped.modes, asked, mapped.limit_um, mapped.curve),
-                radius_mm=mapped.radius_mm,
-                size_mm=mapped.size_mm,
-                cells=cells,
-                count=PAIRS_PER_CELL * cells * cells,
-                progress=progress,
-            )
-        except ValueError as error:
-            raise UsageError(f"--friction: {error}") from None
-    print(
-        f"frictions {asked[0]:g} and {asked[1]:g} of two fingers: both as asked on {100 * pairs.felt_frac:.1f} % of "
-        f"{pairs.count} random pairs of positions"
-    )
-    if options.plot is not None:
-        draw(pairs_figure(pairs, asked, mapped), options.plot)
-    return {"x_mm": pairs.x_mm, "y_mm": pairs.y_mm, "shares": pairs.shares, "frictions": np.array(asked)}
