@@ -53,11 +53,11 @@ def solved_um(curve: FrictionCurve, scale: float) -> np.ndarray:
 
 def test_friction_as_asked_is_that_of_the_curve() -> None:
     got = [
-        felt(np.array(PLACES_MM)[None], padded(solved_um(curve, scale)), TRUTH.shapes, curve.frictions)[1]
+        felt(np.array(PLACES_MM)[None], padded(solved_um(curve, scale)), TRUTH.shapes, curve)[1]
         for curve, scale in ((CURVE, 0.5), (DEFAULT_FRICTION_CURVE, 1.0))
     ]
     assert got[0] == pytest.approx(got[1], abs=0.01)
-    others = felt(np.array(PLACES_MM)[None], padded(solved_um(CURVE, 1.0)), TRUTH.shapes, CURVE.frictions)
+    others = felt(np.array(PLACES_MM)[None], padded(solved_um(CURVE, 1.0)), TRUTH.shapes, CURVE)
     assert np.abs(others[1] - got[0]).max() > 0.1  # twice as much is asked there
 
 
@@ -74,7 +74,7 @@ def test_telemetry_and_score_judge_by_it() -> None:
     assert felt_by_half == pytest.approx(whole.felt(modes, x_mm, y_mm, modal_um.tolist(), 1.0).friction, rel=1e-9)
     plate_um = padded(modal_um)
     fingers_mm = np.array(PLACES_MM)[None]
-    _, judged = felt(fingers_mm, plate_um / 2.0, TRUTH.shapes, CURVE.frictions)
+    _, judged = felt(fingers_mm, plate_um / 2.0, TRUTH.shapes, CURVE)
     assert judged == pytest.approx(felt(fingers_mm, plate_um, TRUTH.shapes)[1])
 
 

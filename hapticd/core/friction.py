@@ -109,7 +109,7 @@ class FrictionCurve:
         """By how much more amplitude a finger needs at this speed than at rest."""
         return 1.0 + sliding_mm_s / self.speed_mm_s
 
-    def frictions(self, amplitude_um: FloatArray, sliding_mm_s: FloatArray) -> FloatArray:
+    def frictions(self, amplitude_um: FloatArray, sliding_mm_s: FloatArray | float = 0.0) -> FloatArray:
         """`friction` of arrays that broadcast."""
         at_um = np.maximum(amplitude_um / (1.0 + sliding_mm_s / self.speed_mm_s), 0.0)
         piece = self._pieces(at_um)

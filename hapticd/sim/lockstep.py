@@ -161,7 +161,8 @@ class Simulation:
         self._rank = _Rank.BEFORE
         self._pushed = 0
         self._t_ns = T_START_NS
-        self._client = ScriptedClient(actors)
+        curve = self.machine.scene.friction_curve if settings.friction_targets else None
+        self._client = ScriptedClient(actors, curve)
         self._passes = Passes(T_START_NS)
         self._finger_ids: list[tuple[float, list[int]]] = []  # of the actors, from each instant on
 
@@ -286,9 +287,10 @@ class Simulation:
                 reference_um=recording.reference_um,
                 limited=limited,
                 limit_frac=float((np.abs(modal_um) / self._config.limits.w_limit_um).max(initial=0.0)),
-                friction=self.machine.scene.friction_curve.frictions,
+                curve=self.machine.scene.friction_curve,
                 fingertips=self.fingertips,
-                friction_factor=self.settings.plate.world.friction_factor,
+                gains=self.settings.plate.world.amplitude_gains,
+                friction_targets=self.settings.friction_targets,
             ),
             status=self.machine.report_status(self._t_ns),
             is_virtual=tuple(actor.path is None for actor in self.actors),

@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..core.friction import DEFAULT_FRICTION_CURVE
 from ..core.plate.contact import ContactEllipse
 from ..core.solver.instant import InstantSolver
 from ..daemon.settings import friction_curve, pipeline_settings
 from .lockstep import TICK_NS, Run
 from .plate.ground_truth import GroundTruth
-from .score import Score, ellipses_mm, score, speeds_mm_s
+from .score import Score, ellipses_mm, needed_gains, score
 from .settings import scheme_config
 
 
@@ -29,7 +30,7 @@ class Perfect(NamedTuple):
 
 
 def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lambda _: None) -> Perfect:
-    """Solve for true positions, contacts and shapes, without the loop's delay, at each `every` ticks."""
+    """Solve for true positions, contacts, shapes and friction, without the loop's delay, at each `every` ticks."""
     part = slice(None, None, every)
     plate = GroundTruth(played.settings.plate)
     curve = friction_curve(played.settings.config)
@@ -43,12 +44,18 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
     )
     t_s, finger_mm, target_um = played.t_s[part], played.finger_true_mm[part], played.target_um[part]
     known_mm = ellipses_mm(played.fingertips, t_s)[..., (0, 0, 1), (0, 1, 1)]
-    speed_gains = 1.0 + np.nan_to_num(speeds_mm_s(t_s, finger_mm)) / curve.speed_mm_s
+    person = plate.settings.world.amplitude_gains
+    needed = needed_gains(t_s, finger_mm, curve, person)
+    asks_um = target_um
+    if played.settings.friction_targets:
+        needs_um = np.vectorize(lambda friction: curve.amplitude_um(curve.friction_frac(friction)))
+        at_rest_um = needs_um(DEFAULT_FRICTION_CURVE.frictions(np.nan_to_num(target_um)))
+        asks_um = np.where(np.isfinite(target_um), needed * at_rest_um, math.nan)
     modes = plate.settings.driven_modes
     plate_um = np.zeros((len(t_s), len(plate.decay_1_s)), dtype=np.complex128)
     limited = np.zeros(len(t_s), dtype=bool)
     previous_um: tuple[complex, ...] = (0.0,) * modes
-    for index, (points_mm, targets_um) in enumerate(zip(finger_mm.tolist(), target_um.tolist(), strict=True)):
+    for index, (points_mm, targets_um) in enumerate(zip(finger_mm.tolist(), asks_um.tolist(), strict=True)):
         progress(index / len(t_s))
         places = [
             (x_mm, y_mm, asked_um)
@@ -60,7 +67,7 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
             ellipses: list[ContactEllipse | None] = [
                 (xx_mm, xy_mm, yy_mm) for xx_mm, xy_mm, yy_mm in known_mm[index, counts].tolist()
             ]
-            gains = speed_gains[index, counts].tolist()
+            gains = needed[index, counts].tolist()
             solution = solver.solve(places, previous_um, every * TICK_NS, None, gains, None, ellipses)
             previous_um, limited[index] = solution.modal_um, solution.limited
             plate_um[index, :modes] = previous_um
@@ -70,8 +77,9 @@ def perfect(played: Run, every: int = 4, progress: Callable[[float], None] = lam
         reference_um=plate_um[:, :modes],
         limited=limited,
         every=1,
-        friction=curve.frictions,
+        curve=curve,
         fingertips=played.fingertips,
-        friction_factor=plate.settings.world.friction_factor,
+        gains=person,
+        friction_targets=played.settings.friction_targets,
     )
     return Perfect(t_s, plate_um[:, :modes], truth_um, limited, judged)

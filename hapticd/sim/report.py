@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,16 +34,21 @@ ARRAYS = (
 PERFECT_ARRAYS = ("t_s", "modal_um", "truth_um", "limited")
 _COLUMNS = (
     ("felt", "felt_frac", 7),
+    ("within two JND", "within_two_frac", 16),
     ("leak um", "leak_um", 9),
     ("slip error um", "slip_error_um", 15),
     ("slip", "slip_frac", 8),
     ("contact leak um", "contact_leak_um", 17),
     ("contact slip um", "contact_slip_um", 17),
     ("contrast", "contrast", 10),
-    ("friction: sticky", "still_friction_change", 18),
-    ("slippery", "slip_friction_change", 10),
-    ("weber", "weber_frac", 7),
     ("limited", "limited_frac", 9),
+)
+_FINGER_COLUMNS = (
+    ("bias", "bias_jnd", 8),
+    ("median", "error_jnd", 8),
+    ("95 %", "error_95_jnd", 8),
+    ("within one", "felt_frac", 12),
+    ("two JND", "within_two_frac", 9),
 )
 SETTLED_FRAC = 0.02  # a step has settled when it stays within 2 % of its size
 FINAL_S = 0.1  # its final value is the mean over the run's end
@@ -114,16 +119,27 @@ def step_response(
 
 def table(report: Mapping[str, Any]) -> str:
     """Format the figures as a table."""
-    rows = ["".join((f"{'':<10}", *(f"{heading:>{width}}" for heading, _, width in _COLUMNS)))]
-    for scheme in ("hapticd", "paper", "perfect"):
-        if scheme in report:
-            cells = ((report[scheme][name], width) for _, name, width in _COLUMNS)
-            rows.append(f"{scheme:<10}" + "".join(f"{'-' if x is None else format(x, '.3f'):>{w}}" for x, w in cells))
+    schemes = [scheme for scheme in ("hapticd", "paper", "perfect") if scheme in report]
+    rows = [_row("", _COLUMNS)]
+    rows += [_row(scheme, _COLUMNS, report[scheme]) for scheme in schemes]
+    rows.append(_row("error, JND", _FINGER_COLUMNS))
+    for scheme in schemes:
+        for number, finger in enumerate(report[scheme]["fingers"], 1):
+            rows.append(_row(f"{scheme}, finger {number}", _FINGER_COLUMNS, finger))
     if "leak_ratio" in report:
         rows.append(f"the paper's scheme leaks {report['leak_ratio']:.1f} times as much")
     if "step" in report:
         rows.append("step of {final_um:.3f} um: settles in {settling_ms:.1f} ms".format(**report["step"]))
     return "\n".join(rows)
+
+
+def _row(name: str, columns: Sequence[tuple[str, str, int]], figures: Mapping[str, Any] | None = None) -> str:
+    """Return a line of a table, its heading without `figures`."""
+    cells = []
+    for heading, key, width in columns:
+        figure = heading if figures is None else "-" if figures[key] is None else f"{figures[key]:.3f}"
+        cells.append(f"{figure:>{width}}")
+    return f"{name:<18}" + "".join(cells)
 
 
 def save(played: Run, path: Path, compared: Compared | None = None) -> None:

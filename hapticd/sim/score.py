@@ -6,14 +6,13 @@
 
     contact leak, contact slip   the same fingers' RMS amplitude over the contact, an ellipse, not at its centre
     contrast                     contact slip / contact leak
-    friction change              a finger's friction, the mean over its contact, relative to its target's, minus 1: its
-                                 mean over the fingers with target 0 (still), over the others (slip), or of one finger
-    weber                        share of time in which that is beyond the Weber fraction of friction, either way
-    felt                         share of time in which no finger's change is beyond it: all feel what was asked
+    error                        a finger's friction, the mean over its contact, over what was asked, minus 1, in just
+                                 noticeable differences (JND), Weber fractions: its mean is the bias
+    felt, within two             share of time in which no finger's error is beyond one or two JND, either way
     limit                        the largest true amplitude of a driven mode over its limit W_LIM
-    error                        one finger's change, either way, in just noticeable differences: in Weber fractions
 
-An amplitude asks for the friction that it has when it is the same all over the contact.
+A target in um asks for the friction that this amplitude gives the person who touches when it is the same all over the
+contact; a target that is a friction asks for that, whoever touches.
 
 A finger counts from 0.1 s after it landed or its target changed: the system cannot respond earlier.
 """
@@ -28,10 +27,10 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..core.friction import DEFAULT_FRICTION_CURVE
+from ..core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from ..values import WEBER_FRAC, ComplexArray, FloatArray
 
-FrictionLaw = Callable[[FloatArray, FloatArray], FloatArray]  # of amplitudes in um, and of sliding speeds in mm/s
+AmplitudeGains = Callable[[FloatArray, FloatArray], FloatArray]  # as `world_errors.WorldErrors.amplitude_gains`
 
 SETTLE_S = 0.1
 CONTACT_RADIUS_MM = 5.0  # a fingertip at 0.2 .. 1 N covers 50 .. 150 mm2
@@ -49,14 +48,14 @@ class TrueContact(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FingerFriction:
-    """What one finger felt while it counted: the mean of its friction change, its share of time beyond the Weber
-    fraction, and its error in just noticeable differences, the median and what 95 % of the time is below; NaN if it
-    never counted."""
+    """What one finger felt while it counted, NaN if it never did: its error's mean, the median of its size and what
+    that is below for 95 % of the time, and the shares of time within one and two just noticeable differences."""
 
-    friction_change: float
-    weber_frac: float
+    bias_jnd: float
     error_jnd: float
     error_95_jnd: float
+    felt_frac: float
+    within_two_frac: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +71,8 @@ class Score:
     contact_slip_um: float
     contrast: float
     contrast_median: float
-    still_friction_change: float
-    slip_friction_change: float
-    weber_frac: float
     felt_frac: float
+    within_two_frac: float
     limit_frac: float
     fingers: tuple[FingerFriction, ...]
 
@@ -92,14 +89,15 @@ def score(
     limited: npt.NDArray[np.bool_],
     limit_frac: float = math.nan,
     every: int = _EVERY_TICKS,
-    friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
+    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
     fingertips: Sequence[TrueContact] | None = None,
-    friction_factor: float = 1.0,
+    gains: AmplitudeGains | None = None,
+    friction_targets: bool = False,
 ) -> Score:
     """Score a run: t_s (T,), finger_mm (T,N,2), target_um and truth_um (T,N), NaN where a finger is absent,
     reference_um (T,M), plate_um (T,P) of all modes, whose `shapes` are true; `fingertips` (N,), without them discs of
-    CONTACT_RADIUS_MM. An amplitude gives the friction that `friction_factor` times as much gives by `friction`, by
-    which is asked."""
+    CONTACT_RADIUS_MM. A friction takes `gains` times the amplitude that it takes by `curve`. With `friction_targets`
+    that of `target_um` by the built-in curve is asked."""
     counts, finger_um = settled(t_s, target_um), np.abs(truth_um)
     still, slipping = counts & (target_um == 0), counts & (target_um > 0)
     points = {
@@ -113,43 +111,49 @@ def score(
     part = slice(None, None, every)
     counts, still, slipping = counts[part], still[part], slipping[part]
     t_s, target_um, finger_mm, plate_um = t_s[part], target_um[part], finger_mm[part], plate_um[part]
-    sliding_mm_s = speeds_mm_s(t_s, finger_mm)
+    needed = needed_gains(t_s, finger_mm, curve, gains)
     ellipses = None if fingertips is None else ellipses_mm(fingertips, t_s)
-    rms_um, got = felt(
-        *(finger_mm, plate_um, shapes),
-        *(lambda w_um, v_mm_s: friction(friction_factor * w_um, v_mm_s), sliding_mm_s, ellipses),
-    )
+    rms_um, got = felt(finger_mm, plate_um, shapes, curve, needed, ellipses)
     leak_um, slip_um = rms(rms_um[still]), rms(rms_um[slipping])
-    change = got / friction(target_um, sliding_mm_s) - 1.0
+    asked = curve.frictions(target_um / needed)
+    if friction_targets:
+        asked = DEFAULT_FRICTION_CURVE.frictions(target_um)
+    errors_jnd = (got / asked - 1.0) / WEBER_FRAC
     return Score(
         **points,
         contact_leak_um=leak_um,
         contact_slip_um=slip_um,
         contrast=slip_um / leak_um if leak_um > 0.0 else math.nan,
         contrast_median=_median_contrast(rms_um, still, slipping),
-        still_friction_change=_friction(change[still]).friction_change,
-        slip_friction_change=_friction(change[slipping]).friction_change,
-        weber_frac=_friction(change[counts]).weber_frac,
-        felt_frac=_felt_frac(change, counts),
-        fingers=tuple(_friction(change[counts[:, n], n]) for n in range(change.shape[1])),
+        felt_frac=_within_frac(errors_jnd, counts, 1.0),
+        within_two_frac=_within_frac(errors_jnd, counts, 2.0),
+        fingers=tuple(_friction(errors_jnd[:, n : n + 1], counts[:, n : n + 1]) for n in range(errors_jnd.shape[1])),
     )
 
 
-def _friction(change: FloatArray) -> FingerFriction:
-    if not change.size:
-        return FingerFriction(*[math.nan] * 4)
-    errors_jnd = np.abs(change) / WEBER_FRAC
-    middle_jnd, most_jnd = np.quantile(errors_jnd, (0.5, 0.95))
-    return FingerFriction(
-        float(np.mean(change)), float(np.mean(np.abs(change) > WEBER_FRAC)), float(middle_jnd), float(most_jnd)
-    )
+def _friction(errors_jnd: FloatArray, counts: npt.NDArray[np.bool_]) -> FingerFriction:
+    counted_jnd = errors_jnd[counts]
+    if not counted_jnd.size:
+        return FingerFriction(*[math.nan] * 5)
+    middle_jnd, most_jnd = np.quantile(np.abs(counted_jnd), (0.5, 0.95))
+    within = [_within_frac(errors_jnd, counts, most) for most in (1.0, 2.0)]
+    return FingerFriction(float(np.mean(counted_jnd)), float(middle_jnd), float(most_jnd), *within)
 
 
-def _felt_frac(change: FloatArray, counts: npt.NDArray[np.bool_]) -> float:
-    """Return the share of time in which all fingers that count feel what was asked."""
+def _within_frac(errors_jnd: FloatArray, counts: npt.NDArray[np.bool_], most_jnd: float) -> float:
+    """Return the share of time in which all fingers that count are within this error."""
     is_judged = np.asarray(counts.any(axis=1))
-    is_wrong = np.asarray((counts & ~(np.abs(change) <= WEBER_FRAC)).any(axis=1))
+    is_wrong = np.asarray((counts & ~(np.abs(errors_jnd) <= most_jnd)).any(axis=1))
     return 1.0 - float(np.mean(is_wrong[is_judged])) if is_judged.any() else math.nan
+
+
+def needed_gains(
+    t_s: FloatArray, finger_mm: FloatArray, curve: FrictionCurve, gains: AmplitudeGains | None = None
+) -> FloatArray:
+    """Return by how much more amplitude than at rest by the curve each finger (T,N) needs for the same friction."""
+    sliding_mm_s = np.nan_to_num(speeds_mm_s(t_s, finger_mm))
+    of_speed = 1.0 + sliding_mm_s / curve.speed_mm_s
+    return of_speed if gains is None else of_speed * gains(t_s, sliding_mm_s)
 
 
 def speeds_mm_s(t_s: FloatArray, finger_mm: FloatArray) -> FloatArray:
@@ -163,17 +167,18 @@ def felt(
     finger_mm: FloatArray,
     plate_um: ComplexArray,
     shapes: Callable[[FloatArray], FloatArray],
-    friction: FrictionLaw = DEFAULT_FRICTION_CURVE.frictions,
-    sliding_mm_s: FloatArray | None = None,
+    curve: FrictionCurve = DEFAULT_FRICTION_CURVE,
+    gains: FloatArray | None = None,
     ellipses: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return over each contact (T,N) the RMS amplitude, and the mean friction relative to bare glass; NaN if absent.
 
-    `ellipses` (T,N,2,2) in mm make the contacts of the unit disc; without them they are discs of CONTACT_RADIUS_MM.
+    A friction takes `gains` (T,N) times the amplitude that it takes by the curve. `ellipses` (T,N,2,2) in mm make the
+    contacts of the unit disc; without them they are discs of CONTACT_RADIUS_MM.
     """
     rms_um, got = np.full(finger_mm.shape[:2], np.nan), np.full(finger_mm.shape[:2], np.nan)
-    if sliding_mm_s is None:
-        sliding_mm_s = np.zeros(finger_mm.shape[:2])
+    if gains is None:
+        gains = np.ones(finger_mm.shape[:2])
     points, weights = disc(CONTACT_RADIUS_MM if ellipses is None else 1.0)
     for start in range(0, len(finger_mm), _AT_ONCE):
         when = slice(start, start + _AT_ONCE)
@@ -182,7 +187,7 @@ def felt(
             phi = shapes(finger_mm[when, finger, None] + offsets_mm)
             w_um = np.abs(np.einsum("tqp,tp->tq", phi, plate_um[when]))
             rms_um[when, finger] = np.sqrt(w_um**2 @ weights)
-            got[when, finger] = friction(w_um, sliding_mm_s[when, finger, None]) @ weights
+            got[when, finger] = curve.frictions(w_um / gains[when, finger, None]) @ weights
     is_absent = ~np.isfinite(finger_mm).all(axis=2)
     rms_um[is_absent] = got[is_absent] = np.nan
     return rms_um, got

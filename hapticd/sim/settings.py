@@ -29,7 +29,8 @@ _NOT_NEGATIVE = ("stamp_jitter_ms", "sensor_latency_ms", "link_ms")
 class Settings:
     """Settings of a simulated run: the daemon's are in `config`, and what is wrong in `plate.world`; `fingertip` is the
     contact of all fingers that have none of their own. `motion` is that of strokes, one of `MOTIONS`; `speed_mm_s` that
-    of smooth ones and of the other scenarios. Fingers that come back later touch in another `session`."""
+    of smooth ones and of the other scenarios. Fingers that come back later touch in another `session`. With
+    `friction_targets` clients ask for the frictions that the scenario's amplitudes have by the built-in curve."""
 
     scheme: str = "hapticd"
     motion: str = SMOOTH
@@ -41,6 +42,7 @@ class Settings:
     sensor_latency_ms: float = 10.0
     link_ms: float = 5.0
     session: int = 0
+    friction_targets: bool = False
     plate: PlateSettings = field(default_factory=PlateSettings)
     config: Config = field(default_factory=Config)
 

@@ -20,6 +20,9 @@ from ..values import FloatArray
 from .fingers.pad_noise import PadNoise
 from .score import CONTACT_RADIUS_MM
 
+DRIFT_S: Final = 600.0
+USUAL_MM_S: Final = 100.0  # the paper's fingers
+_SKIN_STREAM: Final = 26
 # Bounds of a world in a file.
 _Size = Annotated[float, msgspec.Meta(ge=0.0)]
 _Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -123,6 +126,22 @@ class ContactSizes:
 
 
 @dataclass(frozen=True, slots=True)
+class Skin:
+    """What changes a person's `friction_factor`.
+
+    `finger_ratio`: each finger has its own, up to so many times the person's either way. `drift_frac`: by which it
+    grows in DRIFT_S from a run's start on, as skin moistens. `speed_s_m`, `force_power`: a friction takes an amplitude
+    that grows by `speed_s_m` times the sliding speed, and with this power of the force (`FingerLoad.force_frac`); at
+    USUAL_MM_S and the mean force it is that of the factor. Left out: curves of another form.
+    """
+
+    finger_ratio: Annotated[float, msgspec.Meta(ge=1.0)] = 1.0
+    drift_frac: _Scale = 0.0
+    speed_s_m: _Size = 0.0
+    force_power: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class EllipseErrors:
     """How the pad's law of ellipses differs from that of `pad_ellipse.USUAL`: scale over its less 1, and its offset."""
 
@@ -147,8 +166,7 @@ class WorldErrors:
     `supports_hz`: springs that four points of the edge have met since, by which a mode rises where its shape is 1;
     both mix and shift the modes (`plate.coupled_modes`). `drift_hz_per_min`: of all modes alike, from a run's start
     on, while `drift_hz` returns. `contacts`: None are discs of 5 mm radius. `friction_factor`: an amplitude gives this
-    person the friction that so many times as much gives by the daemon's curve; left out: curves of another form, and
-    friction that changes with moisture.
+    person the friction that so many times as much gives by the daemon's curve.
     What a laboratory knows is no cause either, and is never drawn: `map_step_mm`, from one point of the scan to the
     next, and `report_period_ms` of the pad; None takes the settings'. `lost_frac` of the reports do not arrive.
     """
@@ -176,6 +194,7 @@ class WorldErrors:
     contacts: ContactSizes | None = None
     friction_factor: _Positive = 1.0
     ellipses: EllipseErrors = field(default_factory=EllipseErrors)
+    skin: Skin = field(default_factory=Skin)
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
     map_step_mm: _Positive | None = None
     report_period_ms: _Positive | None = None
@@ -191,6 +210,17 @@ class WorldErrors:
     def couples_modes(self) -> bool:
         """Whether modes of the plate mix (`plate.coupled_modes`)."""
         return any((self.mixing_deg, self.chip_mm, self.supports_hz))
+
+    def amplitude_gains(self, t_s: FloatArray, sliding_mm_s: FloatArray) -> FloatArray:
+        """Return how many times the amplitude of the daemon's curve each finger needs for a friction, at instants (T,)
+        and sliding speeds (T,N)."""
+        skin, gains = self.skin, 1.0 + 1e-3 * self.skin.speed_s_m * sliding_mm_s
+        gains /= self.friction_factor * (1.0 + 1e-3 * skin.speed_s_m * USUAL_MM_S)
+        for finger in range(gains.shape[1]):
+            share = float(np.random.default_rng([self.seed, _SKIN_STREAM, finger]).uniform(-1.0, 1.0))
+            pressed = self.finger_load.force(self.seed, finger, t_s) ** skin.force_power
+            gains[:, finger] *= pressed / skin.finger_ratio**share / (1.0 + skin.drift_frac) ** (t_s / DRIFT_S)
+        return gains
 
     def without(self, cause: str) -> WorldErrors:
         """Return this world with perfect knowledge of one of `CAUSES`."""

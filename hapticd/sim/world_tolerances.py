@@ -20,6 +20,7 @@ from .world_errors import (
     MapChange,
     PadPose,
     SensorErrors,
+    Skin,
     WorldErrors,
 )
 
@@ -74,6 +75,10 @@ TOLERANCES: Final[dict[str, Tolerance]] = {
     "person": Tolerance(1.15, 1.4, 2.0, "times", "the decay of friction with amplitude, person to person"),
     "ellipse_scale": Tolerance(0.05, 0.15, 0.3, "", "no maker says what a pad's ellipses are"),
     "ellipse_offset": Tolerance(0.3, 0.8, 1.5, "mm", "the same"),
+    "skin_finger": Tolerance(1.05, 1.1, 1.2, "times", "assumed: no measurement of one person's fingers was found"),
+    "skin_drift": Tolerance(0.05, 0.1, 0.2, "", "assumed, in ten minutes; at once it takes 20 s (Dzidek 2017)"),
+    "skin_speed": Tolerance(0.3, 1.0, 3.0, "s/m", "assumed: a film of air 0 (Wiertlewski 2016), bouncing more"),
+    "skin_force": Tolerance(0.05, 0.17, 0.5, "", "power: 0 (Sednaoui 2017) .. 1/6, a film (Salbu 1964) below a sphere"),
 }
 LEVELS: Final = ("mild", "laboratory", "worst")
 
@@ -140,6 +145,12 @@ def draw(level: str, seed: int) -> WorldErrors:
             bounds["contact_aspect"],
         ),
         friction_factor=bounds["person"] ** drawn.within(1.0, "person"),
+        skin=Skin(
+            bounds["skin_finger"],
+            drawn.signed("skin_drift"),
+            bounds["skin_speed"] * drawn.share("skin_speed"),
+            bounds["skin_force"] * drawn.share("skin_force"),
+        ),
         ellipses=EllipseErrors(drawn.signed("ellipse_scale"), drawn.signed("ellipse_offset")),
         stop_ramp_s=_USUAL_RAMP_S - (_USUAL_RAMP_S - bounds["stop_ramp"]) * drawn.share("stop_ramp"),
         seed=seed,

@@ -63,7 +63,7 @@ def simulate_felt(
     rates_um_s = np.gradient(run.modal_um, run.t_s, axis=0)
     patch_v = design.driven.patch_volts_v(run.modal_um.T, design.drive_hz, rates_um_s.T)
     within = np.all(patch_v <= design.driven.most_v[:, None], axis=0)
-    each = tuple(1.0 - finger.weber_frac for finger in run.score.fingers)
+    each = tuple(finger.felt_frac for finger in run.score.fingers)
     score = run.score
     return FeltMotion(score.felt_frac, each, float(np.mean(within)), score.contact_slip_um, score.contact_leak_um)
 

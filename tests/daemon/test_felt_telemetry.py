@@ -16,7 +16,7 @@ from hapticd.sim.fingers.scenarios import SCENARIOS
 from hapticd.sim.lockstep import T_START_NS, Run, Simulation
 from hapticd.sim.plate.glasses import FINGERTIP, REFERENCE, WIDE
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
-from hapticd.sim.score import ellipses_mm, felt, settled, speeds_mm_s
+from hapticd.sim.score import ellipses_mm, felt, needed_gains, settled
 from hapticd.sim.settings import Measured, Settings, in_world
 from hapticd.sim.world_tolerances import draw
 from hapticd.values import WEBER_FRAC
@@ -72,9 +72,9 @@ def felt_at(
     plates_um = run.plate_um[ticks - 1] * (1.0 - share) + run.plate_um[ticks] * share
     places_mm = run.finger_true_mm
     fingers_mm = places_mm[ticks - 1] * (1.0 - share[..., None]) + places_mm[ticks] * share[..., None]
-    speeds = speeds_mm_s(run.t_s, places_mm)[ticks]
-    friction, shapes = simulation.machine.scene.friction_curve.frictions, simulation.world.plate.shapes
-    rms_um, frictions = felt(fingers_mm, plates_um, shapes, friction, speeds, ellipses_mm(run.fingertips, at_s))
+    curve, shapes = simulation.machine.scene.friction_curve, simulation.world.plate.shapes
+    gains = needed_gains(run.t_s, places_mm, curve)[ticks]
+    rms_um, frictions = felt(fingers_mm, plates_um, shapes, curve, gains, ellipses_mm(run.fingertips, at_s))
     return rms_um, frictions, np.abs(np.einsum("tnp,tp->tn", shapes(fingers_mm), plates_um))
 
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hapticd.sim.score import SETTLE_S, Score, score, settled
+from hapticd.sim.world_errors import WorldErrors
 
 T_S = (np.arange(2000) + 1) / 2000.0
 SETTLE_TICKS = 200
 
 
-def judge(target_um: np.ndarray, truth_um: np.ndarray, plate_um: np.ndarray | None = None) -> Score:
+def judge(target_um: np.ndarray, truth_um: np.ndarray, plate_um: np.ndarray | None = None, **person: Any) -> Score:
     """The score of fingers that slide at 100 mm/s on a plate whose one mode is 1 everywhere."""
     slide_mm = np.stack((100.0 * T_S, np.zeros(len(T_S))), axis=1)
     finger_mm = np.stack([slide_mm] * target_um.shape[1], axis=1)
@@ -24,6 +26,7 @@ def judge(target_um: np.ndarray, truth_um: np.ndarray, plate_um: np.ndarray | No
         lambda places_mm: np.ones((*places_mm.shape[:-1], 1)),
         reference_um=np.zeros((len(T_S), 2), dtype=np.complex128),
         limited=np.zeros(len(T_S), dtype=bool),
+        **person,
     )
 
 
@@ -68,23 +71,36 @@ def test_without_fingers_figures_are_nan() -> None:
         "slip_error_um",
         "slip_frac",
         *("contact_leak_um", "contact_slip_um", "contrast", "contrast_median"),
-        *("still_friction_change", "slip_friction_change", "weber_frac", "felt_frac", "limit_frac"),
+        *("felt_frac", "within_two_frac", "limit_frac"),
     ]
     assert judged.limited_frac == 0.0
 
 
-def perceived(target_um: np.ndarray, plate_um: np.ndarray) -> Score:
-    return judge(target_um, np.zeros(target_um.shape), plate_um)
+def perceived(target_um: np.ndarray, plate_um: np.ndarray, **person: Any) -> Score:
+    return judge(target_um, np.zeros(target_um.shape), plate_um, **person)
 
 
 def test_friction_is_judged_relative_to_what_was_asked_of_each_finger() -> None:
     judged = perceived(constant(0.0, 1.0, np.nan), constant(0.7)[:, 0])
 
     sticky, slippery, absent = judged.fingers
-    assert sticky.friction_change == judged.still_friction_change == pytest.approx(math.exp(-1.0) - 1.0)
-    assert slippery.friction_change == judged.slip_friction_change == pytest.approx(math.exp(1 / 0.7 - 1.0) - 1.0)
-    assert math.isnan(absent.friction_change)
-    assert math.isnan(absent.weber_frac)
+    assert sticky.bias_jnd == pytest.approx((math.exp(-1.0) - 1.0) / 0.11)
+    assert slippery.bias_jnd == pytest.approx((math.exp(1 / 0.7 - 1.0) - 1.0) / 0.11)
+    assert all(map(math.isnan, asdict(absent).values()))
+
+
+def test_an_amplitude_asks_for_what_it_gives_this_person_and_a_friction_for_itself() -> None:
+    target_um, plate_um = constant(0.0, 0.8), constant(0.8)[:, 0]
+    person: dict[str, Any] = {"gains": WorldErrors(friction_factor=1.25).amplitude_gains}
+
+    _, amplitude = perceived(target_um, plate_um, **person).fingers
+    sticky, friction = perceived(target_um, plate_um, **person, friction_targets=True).fingers
+
+    assert amplitude.bias_jnd == pytest.approx(0.0, abs=1e-9)
+    assert friction.bias_jnd == pytest.approx((math.exp(-0.2 / 0.7) - 1.0) / 0.11)
+    assert sticky.bias_jnd == pytest.approx((math.exp(-1.0 / 0.7) - 1.0) / 0.11)
+    fits = perceived(target_um, 0.8 * plate_um, **person, friction_targets=True)
+    assert fits.fingers[1].error_95_jnd == pytest.approx(0.0, abs=1e-9)
 
 
 def test_time_counts_as_felt_where_every_finger_is_within_the_weber_fraction_of_what_was_asked() -> None:
@@ -106,3 +122,5 @@ def test_a_finger_s_error_is_in_just_noticeable_differences_and_has_a_median_and
 
     assert finger.error_jnd == pytest.approx((1.0 - math.exp(-0.05 / 0.7)) / 0.11)
     assert finger.error_95_jnd == pytest.approx((1.0 - math.exp(-0.1 / 0.7)) / 0.11)
+    assert finger.felt_frac == pytest.approx((0.8 - SETTLE_S) / (1.0 - SETTLE_S), abs=0.005)
+    assert finger.within_two_frac == 1.0

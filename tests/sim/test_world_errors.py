@@ -15,7 +15,7 @@ from hapticd.sim.perfect import perfect
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
 from hapticd.sim.settings import Settings, in_world, paper_settings
 from hapticd.sim.world_causes import sensor_settings
-from hapticd.sim.world_errors import NEUTRAL, PadPose, WorldErrors
+from hapticd.sim.world_errors import NEUTRAL, USUAL_MM_S, FingerLoad, PadPose, Skin, WorldErrors
 from hapticd.sim.world_tolerances import LEVELS, TOLERANCES, draw
 
 
@@ -33,10 +33,38 @@ def test_a_drawn_world_is_within_its_tolerances_and_the_same_again(level: str) -
         assert bounds["centroid_finger"] / 2 <= world.centroids.finger_mm <= bounds["centroid_finger"]
         assert bounds["mixing"] / 2 <= world.mixing_deg <= bounds["mixing"]
         assert 1 / bounds["person"] <= world.friction_factor <= bounds["person"]
+        assert abs(world.skin.drift_frac) <= bounds["skin_drift"]
         assert world.stop_ramp_s is not None
         assert world.stop_ramp_s >= bounds["stop_ramp"]
         assert world.contacts is not None
         assert 4.0 <= world.contacts.least_mm < 5.0 < world.contacts.most_mm <= 7.0
+
+
+def test_fingers_of_a_person_differ_drift_and_depend_on_speed_and_force() -> None:
+    t_s, at_100_mm_s = np.arange(0.0, 600.1, 0.1), np.full((6001, 2), USUAL_MM_S)
+    still = WorldErrors(friction_factor=1.25, seed=3)
+    assert still.amplitude_gains(t_s, at_100_mm_s) == pytest.approx(0.8)
+    alike = replace(still, skin=Skin(drift_frac=0.1)).amplitude_gains(t_s, at_100_mm_s)
+    assert alike[0] == pytest.approx(0.8)
+    assert alike[-1] == pytest.approx(0.8 / 1.1)
+    one, other = replace(still, skin=Skin(finger_ratio=1.1)).amplitude_gains(t_s, at_100_mm_s)[0].tolist()
+    assert 0.8 / 1.1 <= min(one, other) < max(one, other) <= 0.8 * 1.1
+    fast = replace(still, skin=Skin(speed_s_m=1.0)).amplitude_gains(t_s, 2.0 * at_100_mm_s)
+    assert fast == pytest.approx(0.8 * 1.2 / 1.1)
+    presses = replace(still, finger_load=FingerLoad(force_frac=0.4), skin=Skin(force_power=1 / 6))
+    gains = presses.amplitude_gains(t_s, at_100_mm_s)
+    assert (gains.min(), gains.max()) == pytest.approx((0.8 * 0.6 ** (1 / 6), 0.8 * 1.4 ** (1 / 6)), rel=1e-3)
+
+
+def test_perfect_knowledge_knows_the_person() -> None:
+    world = WorldErrors(friction_factor=0.7, skin=Skin(finger_ratio=1.2, speed_s_m=1.0), seed=2)
+    for friction_targets in (False, True):
+        settings = Settings(
+            plate=replace(PlateSettings.of("wide"), world=world), motion="real", friction_targets=friction_targets
+        )
+        known = perfect(lockstep.run("strokes", settings=settings, seconds=2.0)).score
+        assert known.felt_frac > 0.8
+        assert abs(known.fingers[0].bias_jnd) < 0.5
 
 
 def test_a_world_of_a_file_is_the_world_that_was_written() -> None:

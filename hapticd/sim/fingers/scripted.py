@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hapticd_contract.contents import Amplitude, Content
+from hapticd_contract.contents import Amplitude, Content, Friction
 from hapticd_contract.targets import ClientTargets
 
+from ...core.friction import DEFAULT_FRICTION_CURVE, FrictionCurve
 from .scenarios import Actor
 
 TTL_NS = 500_000_000
@@ -26,11 +27,13 @@ def virtual_name(actor: int) -> str:
 class ScriptedClient:
     """Assigns the daemon's finger ids to actors (by position, when an id is first seen) and builds their targets.
 
-    `actor_of` maps finger ids and virtual names to actors.
+    `actor_of` maps finger ids and virtual names to actors. With the daemon's `curve` the targets are the frictions that
+    their amplitudes have by the built-in one.
     """
 
-    def __init__(self, actors: Sequence[Actor]) -> None:
+    def __init__(self, actors: Sequence[Actor], curve: FrictionCurve | None = None) -> None:
         self._actors = actors
+        self._curve = curve
         self._virtuals = {
             virtual_name(index): actor.virtual for index, actor in enumerate(actors) if actor.virtual is not None
         }
@@ -55,11 +58,16 @@ class ScriptedClient:
         for key in keys:
             amplitude_um = self._actors[self.actor_of[key]].target_at_um(t_s)
             if amplitude_um is not None:
-                targets[key] = Amplitude(amplitude_um)
+                targets[key] = self._content(amplitude_um)
         if targets == self._last and t_s - self._t_last_s < REFRESH_S:
             return None
         self._last, self._t_last_s = targets, t_s
         return ClientTargets.of("scenario", TTL_NS, targets, self._virtuals)
+
+    def _content(self, amplitude_um: float) -> Content:
+        if self._curve is None:
+            return Amplitude(amplitude_um)
+        return Friction(self._curve.friction_frac(DEFAULT_FRICTION_CURVE.friction(amplitude_um)))
 
     def _nearest(self, x_mm: float, y_mm: float, t_s: float) -> int:
         def distance_mm(index: int) -> float:
