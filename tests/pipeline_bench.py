@@ -85,7 +85,7 @@ class Bench:
 
 
 def felt_um(modal_um: Phasors, at_mm: tuple[float, float]) -> float:
-    return abs(sum(phi * w_um for phi, w_um in zip(PLATE.at(*at_mm), modal_um, strict=True)))
+    return abs(PLATE.evaluate([at_mm])[0] @ np.array(modal_um))
 
 
 def amplitude_um(tick: Tick, knot: int, at_mm: tuple[float, float]) -> float:

@@ -7,13 +7,16 @@ reference plate; `interpolation` is the leak of a map without noise.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from ..core.plate.bicubic import POINT
 from ..core.plate.mode_shapes import ModeShapes
+from ..core.plate.splines import evaluate
 from ..core.solver import solve_batch
 from ..design import free_plate_modes
 from ..sim.plate.ground_truth import DRIVEN_MODES, GroundTruth
@@ -56,11 +59,19 @@ def run(
 
 
 def _ways(modes: ModeShapes, scipy: Any | None) -> dict[str, _Shapes]:
-    ways: dict[str, _Shapes] = {"bicubic": modes.at, "bilinear": partial(_bilinear, modes, modes.shapes.tolist())}
+    ways: dict[str, _Shapes] = {
+        "bicubic": partial(_bicubic, modes),
+        "bilinear": partial(_bilinear, modes, modes.shapes.tolist()),
+    }
     if scipy is not None:
         surfaces = [scipy.RectBivariateSpline(modes.y_mm, modes.x_mm, shape) for shape in modes.shapes]
         ways["RectBivariateSpline"] = lambda x_mm, y_mm: [float(one.ev(y_mm, x_mm)) for one in surfaces]
     return ways
+
+
+def _bicubic(modes: ModeShapes, x_mm: float, y_mm: float) -> Sequence[float]:
+    """As the solver has it."""
+    return memoryview(evaluate(modes.tables, POINT, array("d", (x_mm, y_mm, 0.0, 0.0, 0.0)), False)).cast("d")
 
 
 def _bilinear(modes: ModeShapes, values: list[list[list[float]]], x_mm: float, y_mm: float) -> list[float]:

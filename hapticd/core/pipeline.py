@@ -187,15 +187,17 @@ class Pipeline:
     def touch(self, frame: TouchFrame, t_read_ns: int) -> FingerFrame:
         """Take one report: track its contacts and feed the predictors, on the host's time axis."""
         self.counters.frames += 1
+        before = self._fingers.down
         tracked = self._fingers.touch(frame, t_read_ns)
         self._follow_period(self._fingers.period_s)
-        self._triggers.take(tracked)
+        if tracked.lifted or len(tracked.fingers) > len(before):
+            self._triggers.take(tracked, before)
         return tracked
 
     def sensor_lost(self) -> None:
         """Lift all fingers: the pad is gone or silent."""
-        self._fingers.lift_all()
         self._triggers.lift_all()
+        self._fingers.lift_all()
 
     def sensor_is_silent(self, t_now_ns: int) -> bool:
         """Whether fingers are down and no report came for too long (then call `sensor_lost`)."""
@@ -219,15 +221,17 @@ class Pipeline:
             self._fingers.hold_all()
         t_apply_ns = t_now_ns + link_ns
         t_plate_ns = t_apply_ns + self._settings.loop_delay_ns
-        self._triggers.check(t_now_ns, t_plate_ns)
+        effects = self._effects
+        if self._triggers.is_due or self._surfaces.layers or effects.held or effects.playing:
+            self._triggers.check(t_now_ns, t_plate_ns)
         keys = self._scene.requested(self._fingers.predictors, self._fingers.released, t_now_ns) if may_drive else []
         if not keys:
             return self.silence(t_now_ns, link_ns)
         if not is_followed:
             self.invalidate_reference()
-        if self._effects.playing or self._effects.felt:
+        if effects.playing or effects.felt:
             t_end_ns = t_plate_ns + self._frame_duration_ns
-            self._effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
+            effects.find_felt(keys, self._scene.owner_of, self._fingers.predicted_mm, t_plate_ns, t_end_ns)
         priorities = self._scene.priorities(keys)
         kept, most_solves = allot(
             *(self._scene, self._solver, keys, priorities, len(self._fingers.down), BUDGET_NS * self.budget_frac),
@@ -239,7 +243,7 @@ class Pipeline:
         fingers = DrivenFingers(keys, priorities, self._frame.ellipses(keys))
         plan = self._plan(fingers, t_plate_ns, most_solves)
         active = self._active
-        may_stand = not self._effects.felt and active.has_settled(fingers, t_apply_ns)
+        may_stand = not effects.felt and active.has_settled(fingers, t_apply_ns)
         begin = self._frame.at(keys, t_plate_ns)
         end = self._frame.at(keys, t_plate_ns + plan.span_ns) if may_stand or plan.most_knots > 1 else begin
         if may_stand and active.still_holds(plan, begin.places, end.places, self.max_knots):

@@ -8,12 +8,13 @@ the frame of the pass.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from typing import Final
 
 from hapticd_contract.effects import At, OnCrossing, OnEntering, OnLanding, OnLeaving, OnLifting, OnPressure
 from hapticd_contract.states import EventKind, PlateEvent
 
-from ..values import FingerFrame
+from ..values import Finger, FingerFrame
 from .crossings import Change, Crossings, TouchedContents
 from .targets.effects import EVERYONE, Cause, Held, Playing
 from .targets.forms import ENDLESS_NS
@@ -38,7 +39,7 @@ class Events:
     def __init__(self) -> None:
         self.count = 0
         self.lost = 0
-        self._waiting: deque[PlateEvent] = deque()
+        self.waiting: deque[PlateEvent] = deque()
         self._crossings = 0  # waiting
 
     def add(
@@ -54,7 +55,7 @@ class Events:
         `finger_id` is that of a finger that has lifted."""
         self.count += 1
         is_crossing = kind in LOSSY
-        if (is_crossing and self._crossings >= MAX_CROSSINGS) or len(self._waiting) >= MAX_WAITING:
+        if (is_crossing and self._crossings >= MAX_CROSSINGS) or len(self.waiting) >= MAX_WAITING:
             self.lost += 1
             return
         self._crossings += is_crossing
@@ -68,19 +69,18 @@ class Events:
         client = layer.owner if layer is not None else held.owner if held is not None else ""
         surface, effect = "" if layer is None else layer.name, "" if held is None else held.name
         event = PlateEvent(self.count, kind, t_ns or 0, t_device_ns, finger_id, x_mm, y_mm, client, surface, effect)
-        self._waiting.append(event)
+        self.waiting.append(event)
 
     def take(self) -> tuple[PlateEvent, ...]:
         """Return the events since the last call, up to MAX_AT_ONCE."""
-        if not self._waiting:
-            return ()
-        taken = tuple([self._waiting.popleft() for _ in range(min(len(self._waiting), MAX_AT_ONCE))])
+        taken = tuple([self.waiting.popleft() for _ in range(min(len(self.waiting), MAX_AT_ONCE))])
         self._crossings -= sum([event.kind in LOSSY for event in taken])
         return taken
 
 
 class Triggers:
-    """Finds the events of each pass, and starts and ends effects."""
+    """Finds the events of each pass, and starts and ends effects: where fingers land or lift, or the scene has surfaces
+    or effects."""
 
     def __init__(self, scene: Scene, fingers: Fingers, period_ns: int) -> None:
         """`period_ns`: from one frame to the next."""
@@ -91,6 +91,7 @@ class Triggers:
         self._crossings: Final = Crossings(scene.surfaces, fingers, period_ns)
         self._touched: dict[int, TouchedContents] = {}
         self._lifted: list[TouchedContents] = []
+        self.is_due = False  # in the next pass, whatever is in force: fingers landed or lifted, or a surface was there
 
     def set_period(self, period_ns: int) -> None:
         """Take the time from one frame to the next to be this from now on."""
@@ -98,27 +99,33 @@ class Triggers:
 
     # --- from reports ---
 
-    def take(self, frame: FingerFrame) -> None:
-        """Take the fingers of a report."""
+    def take(self, frame: FingerFrame, before: Iterable[Finger]) -> None:
+        """Take the fingers of a report that shows landing or lifting, and those of the report before."""
         t_ns, t_device_ns = self._fingers.t_sample_ns, frame.t_ns
+        self._update(before, t_ns, t_device_ns)
+        self.is_due = True
         for finger_id in frame.lifted:
-            self._lift(finger_id, t_ns, t_device_ns)
+            self._lift(finger_id)
         for finger in frame.fingers:
-            touched = self._touched.get(finger.finger_id)
-            if touched is None:
+            if finger.finger_id not in self._touched:
                 touched = self._touched[finger.finger_id] = TouchedContents(finger, t_ns, t_device_ns)
                 self.events.add(EventKind.LANDED, touched)
-            touched.finger, touched.t_ns, touched.t_device_ns = finger, t_ns, t_device_ns
 
     def lift_all(self) -> None:
-        """Lift all fingers: the pad is gone or silent."""
-        for finger_id, touched in list(self._touched.items()):
-            self._lift(finger_id, touched.t_ns, touched.t_device_ns)
+        """Lift all fingers, which are still down: the pad is gone or silent."""
+        self._update(self._fingers.down, self._fingers.t_sample_ns, self._fingers.t_device_ns)
+        self.is_due = True
+        for finger_id in list(self._touched):
+            self._lift(finger_id)
 
-    def _lift(self, finger_id: int, t_ns: int, t_device_ns: int) -> None:
+    def _update(self, fingers: Iterable[Finger], t_ns: int, t_device_ns: int) -> None:
+        for finger in fingers:
+            touched = self._touched[finger.finger_id]
+            touched.finger, touched.t_ns, touched.t_device_ns = finger, t_ns, t_device_ns
+
+    def _lift(self, finger_id: int) -> None:
         touched = self._touched.pop(finger_id, None)
         if touched is not None:
-            touched.t_ns, touched.t_device_ns = t_ns, t_device_ns
             self._lifted.append(touched)
             for held in touched.pressed:
                 self.events.add(EventKind.RELEASED, touched, held=held)
@@ -132,6 +139,7 @@ class Triggers:
         """Find what has happened by now, and what will until the next frame; begin and end effects for the frame that
         takes effect at `t_plate_ns`."""
         effects = self._effects
+        self._update(self._fingers.down, self._fingers.t_sample_ns, self._fingers.t_device_ns)
         if effects.held:
             effects.expire(t_now_ns)
             effects.resolve()
@@ -149,6 +157,7 @@ class Triggers:
         self._lifted.clear()
         for touched in self._touched.values():
             touched.is_seen = True
+        self.is_due = len(self._crossings.layers) > 0
         for one in effects.playing:
             on = one.held.on if one.finger_id == EVERYONE else one.finger_id
             if on is None:

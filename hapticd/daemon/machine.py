@@ -18,7 +18,7 @@ from hapticd_contract.targets import ClientTargets
 from ..board_protocol import BoardState
 from ..board_values import UNCALIBRATED, BoardCalibration
 from ..config.sections import Config
-from ..core.board.supervisor import Event, State, Supervisor
+from ..core.board.supervisor import DRIVING, Event, State, Supervisor
 from ..core.perception import ContactPerception
 from ..core.pipeline import Pipeline, PipelineSettings
 from ..core.plate.mode_shapes import ModeShapes, ParasiticModes
@@ -209,9 +209,10 @@ class Machine:
             tick = self.pipeline.silence(t_now_ns, timing.ahead_ns)
         self.last_tick = tick
         t_written_ns = self.board.follow(tick, t_now_ns)
-        if not self.is_failing:
-            self._supervise(TOUCHED if tick.points else RELEASED, "", t_now_ns)
-        events = self.pipeline.events.take()
+        is_touched = len(tick.points) > 0
+        if not self.is_failing and is_touched is not (self.supervisor.state is State.ACTIVE):
+            self._supervise(TOUCHED if is_touched else RELEASED, "", t_now_ns)
+        events = self.pipeline.events.take() if self.pipeline.events.waiting else ()
         observer = self._observed.observer
         is_perceived = self.status.publish is not None or observer is not None
         judged, perceived = self._perception.judge(tick) if is_perceived else (tick, {})
@@ -219,7 +220,9 @@ class Machine:
             observer("pass", t_now_ns, judged, self.supervisor.state.name, self.pipeline.fingers, perceived)
             for event in events:
                 observer("event", t_now_ns, event)
-        self.status.report_pass(judged, perceived, events)
+        if self.status.publish is not None:  # else nothing is built
+            self.status.publish(self.status.telemetry(judged, perceived, events))
+        self.clients.markers.clear()
         return t_written_ns
 
     def _decide(self, batch: Sequence[RawReport], t_now_ns: int, timing: LinkTiming) -> Tick:
@@ -232,7 +235,7 @@ class Machine:
         reference when it wakes."""
         session = self.session
         is_followed = session.is_on_standby or session.holds(t_now_ns)
-        return LinkTiming(session.latency.link_ns, self.supervisor.may_drive, is_followed)
+        return LinkTiming(session.latency.link_ns, self.supervisor.state in DRIVING, is_followed)
 
     def timer(self, t_now_ns: int) -> None:
         """Due every TIMER_NS: expire targets, lift the fingers of a silent pad, keep the board alive; without reports,

@@ -57,7 +57,7 @@ class Status:
         clients: ClientGateway,
     ) -> None:
         self.publish: Callable[[bytes], None] | None = None
-        self.published = self.skipped_no_subscriber = self.failed_passes = 0
+        self.published = self.failed_passes = 0
         self.loop = LoopTiming()
         self.real_time: Mapping[str, object] = {}
         self.lost_messages: Callable[[], Mapping[str, int]] = dict  # dropped by the sockets, by cause
@@ -74,19 +74,9 @@ class Status:
 
     # --- telemetry ---
 
-    def report_pass(
-        self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent] = ()
-    ) -> None:
-        """Publish one pass and its events, if there is a subscriber: else nothing is built."""
-        if self.publish is None:
-            self.skipped_no_subscriber += 1
-        else:
-            self.published += 1
-            self.publish(self._telemetry(tick, perceived, events))
-        self._clients.markers.clear()
-
-    def _telemetry(self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent]) -> bytes:
-        """Every finger seen or virtual, with its target and what it gets."""
+    def telemetry(self, tick: Tick, perceived: Mapping[int | str, Perceived], events: Sequence[PlateEvent]) -> bytes:
+        """Return the message of one pass: every finger seen or virtual with its target and what it gets, and events."""
+        self.published += 1
         points = {point.key: point for point in tick.points}
         owner_of, board, loop = self._scene.owner_of, self._board.session.status, self.loop
         modal_um = self._pipeline.modal_um
@@ -174,7 +164,7 @@ class Status:
             "events": {"count": self._pipeline.events.count, "lost": self._pipeline.events.lost},
             "simulated": self._config.rig_dir or None,
             "touch": {**dataclasses.asdict(self._pipeline.counters), "failed_passes": self.failed_passes},
-            "telemetry": {"published": self.published, "skipped_no_subscriber": self.skipped_no_subscriber},
+            "telemetry": {"published": self.published},
             "trackpad": {
                 "model": trackpad.pad.model,
                 "silent_ms": _ago_ms(t_reports_ns, t_now_ns),

@@ -43,7 +43,7 @@ def test_errors_of_map_and_sensors_add_in_quadrature() -> None:
     assert found.amplitude.rms_um == pytest.approx(math.hypot(base_um, 0.03 * SIZE_UM), rel=1e-6)
     assert found.low < found.friction < found.high
     at_point = ContactPerception(DEFAULT_FRICTION_CURVE, 0.0, Uncertainty(sensors_frac=0.03))
-    shapes = PLATE.at(CREST_MM, 3.0)
+    (shapes,) = PLATE.evaluate([(CREST_MM, 3.0)])
     w_um = abs(sum(phi * one_um for phi, one_um in zip(shapes, MODAL_UM, strict=True)))
     expected_um = math.hypot(w_um, 0.03 * SIZE_UM * math.hypot(*shapes))
     assert at_point.amplitude(PLATE, CREST_MM, 3.0, MODAL_UM, 0.0).rms_um == pytest.approx(expected_um, rel=1e-6)

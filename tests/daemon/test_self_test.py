@@ -19,6 +19,7 @@ from terminal import Terminal
 
 from hapticd.board_protocol import HelloRequest
 from hapticd.config.sections import Config
+from hapticd.core.board.supervisor import DRIVING
 from hapticd.daemon import self_test
 from hapticd.daemon.board_gateway import MOVED, PASSED, RUNNING, UNKNOWN, UNSAFE
 from hapticd.daemon.daemon import Daemon
@@ -166,7 +167,7 @@ def test_wires_that_the_loop_cannot_bear_keep_the_plate_quiet_until_a_test_finds
     bench.machine.board_link(True, "open", bench.t_ns)
     bench.run(500)
     assert not bench.machine.session.ready
-    assert not bench.machine.supervisor.may_drive
+    assert bench.machine.supervisor.state not in DRIVING
     assert board_of(bench)["refused"] == SWAPPED
     assert len([record for record in caplog.records if record.levelno == logging.ERROR]) == 2  # test and board
     bench.machine.self_test(PASSED, "", bench.t_ns)

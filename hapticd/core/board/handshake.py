@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import Final
 
 from ... import board_protocol as protocol
@@ -31,13 +30,8 @@ class BoardSettings:
         self.telemetry: Final = [SetTelemetry(telemetry_hz)] if telemetry_hz > 0 else []
         self._controller: Final = controller
         self._calibration: Final = calibration
-        self._left: deque[BoardSetting] = deque()
+        self.left: list[BoardSetting] = []  # the first is sent, and again until the board takes it
         self._t_sent_ns = 0
-
-    @property
-    def next(self) -> BoardSetting | None:
-        """The setting that is sent, and again until the board takes it."""
-        return self._left[0] if self._left else None
 
     def drive_hz(self, hello: BoardHello) -> float:
         """Return the drive that the board is set to, from which it follows the plate."""
@@ -46,7 +40,7 @@ class BoardSettings:
     def begin(self, hello: BoardHello, baud: int) -> None:
         """List the settings of a board; a line's other speed alone, since all begins again on that."""
         if baud > 0:
-            self._left = deque([SetBaud(baud)])
+            self.left = [SetBaud(baud)]
             return
         drive_hz = self.drive_hz(hello)
         moves = abs(drive_hz - hello.drive_hz) > SAME_DRIVE_HZ
@@ -54,21 +48,12 @@ class BoardSettings:
         models = [SetModel(measured.mode, measured.model(drive_hz)) for measured in self._calibration.modes]
         wiring = SetWiring.of(self._calibration, hello.modes)
         wires = [] if wiring is None else [wiring]
-        self._left = deque([SetController(self._controller), *drive, *models, *wires, *self.telemetry])
-
-    def clear(self) -> None:
-        """Drop all: the session begins again."""
-        self._left.clear()
-
-    def taken(self) -> None:
-        """Take note that the board took the first one."""
-        if self._left:
-            self._left.popleft()
+        self.left = [SetController(self._controller), *drive, *models, *wires, *self.telemetry]
 
     def send(self, t_now_ns: int) -> list[BoardCommand]:
         """Return the setting to send now, if any is left."""
         self._t_sent_ns = t_now_ns
-        return [] if self.next is None else [self.next]
+        return [*self.left[:1]]
 
     def repeat(self, t_now_ns: int) -> list[BoardCommand]:
         """Return the setting that is due again, if any."""

@@ -133,7 +133,7 @@ class BoardSession:
         """The message that the handshake lacks, by its name in firmware/PROTOCOL.md; "" if it is complete."""
         if self.hello is None:
             return "HELLO"
-        if self._settings.next is not None:
+        if self._settings.left:
             return "VERDICT"
         if not self.clock.ready:
             return "TIME"
@@ -142,7 +142,7 @@ class BoardSession:
     @property
     def setting(self) -> BoardSetting | None:
         """The setting that the board has not taken yet."""
-        return self._settings.next
+        return self._settings.left[0] if self._settings.left else None
 
     @property
     def drive_hz(self) -> float:
@@ -225,7 +225,7 @@ class BoardSession:
             return self._change_baud(self.setting.baud if is_taken else 0, t_now_ns)
         if not is_taken:
             return []
-        self._settings.taken()
+        del self._settings.left[:1]
         return self._settings.send(t_now_ns)
 
     def _change_baud(self, baud: int, t_now_ns: int) -> list[BoardCommand]:
@@ -233,7 +233,7 @@ class BoardSession:
         self.line.change(baud, t_now_ns)
         self.hello = self.status = None
         self._is_leaving = self._is_reporting = False
-        self._settings.clear()
+        self._settings.left.clear()
         self._greeting.restart(t_now_ns)
         return [HelloRequest()]
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 
 class State(Enum):
@@ -25,6 +25,9 @@ class State(Enum):
     ACTIVE = "active"  # references go out
     FAULT = "fault"  # latched until a client clears it
     STOPPED = "stopped"  # shutting down
+
+
+DRIVING: Final = (State.ARMED, State.ACTIVE)  # where references other than zero may go out
 
 
 class Event(Enum):
@@ -58,27 +61,14 @@ class Supervisor:
         self.state = State.IDLE
         self.history: deque[Transition] = deque(maxlen=64)
         self._has_link = self._has_sensor = False
-        self._unchanging: list[Event] = []  # that changed nothing since something did
-
-    @property
-    def may_drive(self) -> bool:
-        """Whether references other than zero may go out, if something is touched that has a target."""
-        return self.state is State.ARMED or self.state is State.ACTIVE
 
     def handle(self, event: Event, reason: str, t_ns: int) -> State:
         """Take one event and give the new state; only changes are recorded."""
-        if event in self._unchanging:  # as most are
-            return self.state
-        had_both = self._has_link, self._has_sensor
         if event is Event.LINK_UP or event is Event.LINK_DOWN:
             self._has_link = event is Event.LINK_UP
         elif event is Event.SENSOR_UP or event is Event.SENSOR_DOWN:
             self._has_sensor = event is Event.SENSOR_UP
         after = self._after(event)
-        if after is self.state and had_both == (self._has_link, self._has_sensor):
-            self._unchanging.append(event)
-            return after
-        self._unchanging = []
         if after is not self.state:
             self.history.append(Transition(t_ns, event, self.state, after, reason))
             self.state = after

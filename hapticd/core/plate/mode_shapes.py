@@ -9,16 +9,13 @@ Outside the map the shapes are those of the nearest edge point, which `inside` r
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Sequence
-from struct import Struct
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from hapticd.core.plate.bicubic import POINT, BicubicSurfaces, fill_gaps
-from hapticd.core.plate.splines import evaluate
+from hapticd.core.plate.bicubic import BicubicSurfaces, fill_gaps
 from hapticd.errors import ModesError
 from hapticd.values import FloatArray
 
@@ -27,21 +24,17 @@ if TYPE_CHECKING:
 
 __all__ = ["BicubicSurfaces", "ModeShapes", "ParasiticModes"]
 
-_Row = tuple[float, ...]  # of M shapes at one point
-_Slope = tuple[float, float, float]  # a shape's value, and its derivatives along x and y in 1/mm
-
 _MIN_POINTS = 4  # what a cubic through a line of the grid needs
 _MAX_POINTS = 400  # along one axis
 _MAX_VALUES = 250_000  # of all modes, which take 0.15 kB each; two modes on 350 x 350 points
 _MAX_MISSING_FRAC = 0.25  # beyond it a local fill would invent the map instead of mending it
 _MIN_STEP_MM, _MAX_POSITION_MM, _MAX_VALUE = 1e-6, 1e6, 1e12  # beyond is a damaged file, and could overflow
-_SLOPE = Struct("3d")
 
 
 class ModeShapes:
     """M mode shapes over the plate. Immutable; `x_mm` (nx,), `y_mm` (ny,) and `shapes` (M, ny, nx) are read-only.
 
-    `tables` is what C takes `at` from (`BicubicSurfaces`).
+    `tables` is what C evaluates (`BicubicSurfaces`).
     """
 
     def __init__(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, shapes: npt.ArrayLike) -> None:
@@ -51,7 +44,6 @@ class ModeShapes:
         self._surfaces = BicubicSurfaces(self.x_mm, self.y_mm, self.shapes)
         self.tables = self._surfaces.tables
         self.M = int(self.shapes.shape[0])
-        self._row = Struct(f"{self.M}d")
         self._steepest_1_mm: float | None = None
 
     @classmethod
@@ -80,16 +72,6 @@ class ModeShapes:
         from hapticd.formats.mode_map import write_grid
 
         write_grid(path, (self.x_mm, self.y_mm, self.shapes))
-
-    def at(self, x_mm: float, y_mm: float) -> _Row:
-        """Return all M shapes at one point as floats; clamped outside, zeros for NaN."""
-        place = array("d", (x_mm, y_mm, 0.0, 0.0, 0.0))
-        return self._row.unpack(evaluate(self.tables, POINT, place, False))
-
-    def at_with_gradient(self, x_mm: float, y_mm: float) -> tuple[_Slope, ...]:
-        """Return (phi, dphi/dx, dphi/dy) of all M shapes at one point, in 1 and 1/mm: `at` and `gradient` in one."""
-        place = array("d", (x_mm, y_mm, 0.0, 0.0, 0.0))
-        return tuple(_SLOPE.iter_unpack(evaluate(self.tables, POINT, place, True)))
 
     def evaluate(self, points_mm: npt.ArrayLike) -> FloatArray:
         """Return the mode matrix (N, M) at `points_mm` (N, 2). Raises ValueError for another shape."""

@@ -77,7 +77,7 @@ SAFE: Final = 1e100  # squares of larger numbers, or of their inverses, leave th
 DERATING_MM2_UM2: Final = 5.0  # least share of its target for a slipping finger, per slope of 1 um/mm under a still one
 STEEPEST_UM_MM: Final = 4.0  # of the reference along a still finger's way: a step of 1.5 um from knot to knot
 LEAST_SHARE: Final = 0.3  # a share falls to 0 and rises again within a knot or two: following it fully makes steps
-_PAIRS: Final = Struct("4d")
+_PLACE: Final = Struct("6d")  # of two modes at a point: shape, and its derivatives along x and y
 
 
 class ModalSolution:
@@ -173,8 +173,11 @@ class InstantSolver:
         places: list[AskedPlace],
         variances_mm2: list[float] | None = None,
         ellipses: list[ContactEllipse | None] | None = None,
+        *,
+        has_slopes: bool = False,
     ) -> bytes:
-        """Return the shapes (N, Q, M) at the points of each contact, a unit disc that has these (Q, 3)."""
+        """Return the shapes (N, Q, M) at the points of each contact, a unit disc that has these (Q, 3), as `evaluate`
+        does."""
         contacts: list[float] = []
         for finger in range(len(places)):
             x_mm, y_mm, _ = places[finger]
@@ -183,7 +186,7 @@ class InstantSolver:
                 ellipse = (self.contact_radius_mm, 0.0, self.contact_radius_mm)
             scale = 1.0 if variances_mm2 is None else growth(variances_mm2[finger], ellipse)
             contacts += [x_mm, y_mm, scale * ellipse[0], scale * ellipse[1], scale * ellipse[2]]
-        return evaluate(self._modes.tables, disc, array("d", contacts), False)
+        return evaluate(self._modes.tables, disc, array("d", contacts), has_slopes)
 
     def _solve_two(self, places: list[AskedPlace], previous_um: Phasors) -> ModalSolution | None:
         """The paper's case; None for any other."""
@@ -193,29 +196,32 @@ class InstantSolver:
         target_um = places[moved][2]
         if not (target_um > 0.0 and places[held][2] == 0.0):
             return None
-        x, y, other_x, other_y = _PAIRS.unpack(self.shapes(POINT, [places[moved], places[held]]))
+        at_points = self.shapes(POINT, [places[moved], places[held]], has_slopes=True)
+        x, _, _, y, _, _ = _PLACE.unpack_from(at_points)
+        other_x, x_dx, x_dy, other_y, y_dx, y_dy = _PLACE.unpack_from(at_points, _PLACE.size)
         slipping, still = (x, y), (other_x, other_y)
         if still == (0.0, 0.0):  # on a node of both modes: still, whatever they do
             return None
         limits_um = self._w_limit_um[0], self._w_limit_um[1]
         modal_um, phase, limited = hold_still(slipping, target_um, still, limits_um, (previous_um[0], previous_um[1]))
         if self._derates:
-            share = min(1.0, _at(slipping, modal_um) / target_um) if limited else 1.0
-            modal_um = derated(modal_um, share, still, self._modes, places[held], limited=limited)
+            share = min(1.0, abs(_along(slipping, modal_um)) / target_um) if limited else 1.0
+            slope_um_mm = math.hypot(_along((x_dx, y_dx), modal_um), _along((x_dy, y_dy), modal_um))
+            modal_um = derated(modal_um, share, still, slope_um_mm, limited=limited)
         got_um = [0.0, 0.0]
-        got_um[moved], got_um[held] = _at(slipping, modal_um), _at(still, modal_um)
+        got_um[moved], got_um[held] = abs(_along(slipping, modal_um)), abs(_along(still, modal_um))
         return ModalSolution(places, got_um, turned(modal_um, phase, limits_um), limited)
 
     def _solve_by(self, solve: PointSolver, places: list[AskedPlace]) -> ModalSolution:
         """The solution by another rule for points, with real amplitudes."""
-        rows = tuple([self._modes.at(x_mm, y_mm) for x_mm, y_mm, _ in places])
+        rows = tuple(map(tuple, self._modes.evaluate([place[:2] for place in places]).tolist()))
         modal_um, limited = solve(rows, tuple([target_um for _, _, target_um in places]), self._w_limit_um)
         got_um = [abs(sum([phi * w_um for phi, w_um in zip(row, modal_um, strict=True)])) for row in rows]
         return ModalSolution(places, got_um, tuple(map(complex, modal_um)), limited)
 
 
-def _at(row: Pair, modal_um: Pair) -> float:
-    return abs(row[0] * modal_um[0] + row[1] * modal_um[1])
+def _along(row: Pair, modal_um: Pair) -> float:
+    return row[0] * modal_um[0] + row[1] * modal_um[1]
 
 
 def growth(variance_mm2: float, ellipse: ContactEllipse) -> float:
@@ -344,20 +350,10 @@ def turned(modal: Pair, phase: complex, limits: Pair) -> tuple[complex, complex]
     return one, other
 
 
-def derated(
-    modal: Pair, share: float, still: Pair, modes: ModeShapes, place: tuple[float, float, float], *, limited: bool
-) -> Pair:
-    """Return W scaled by 1 or less: `share` is what the slipping finger gets of its target, `still` are the shapes at
-    `place` under the other one."""
-    square = still[0] * still[0] + still[1] * still[1]
-    largest_um_mm = modes.steepest_1_mm() * (abs(modal[0]) + abs(modal[1]))
-    if not (limited or square * STEEPEST_UM_MM**2 < largest_um_mm * largest_um_mm):
-        return modal
-    along_x = along_y = 0.0
-    for w_um, (_, dx_1_mm, dy_1_mm) in zip(modal, modes.at_with_gradient(place[0], place[1]), strict=True):
-        along_x += dx_1_mm * w_um
-        along_y += dy_1_mm * w_um
-    slope_um_mm, bound_um_mm, scale = math.hypot(along_x, along_y), STEEPEST_UM_MM * math.sqrt(square), 1.0
+def derated(modal: Pair, share: float, still: Pair, slope_um_mm: float, *, limited: bool) -> Pair:
+    """Return W scaled by 1 or less: `share` is what the slipping finger gets of its target; under the other one are the
+    shapes `still`, and the amplitude's slope."""
+    bound_um_mm, scale = STEEPEST_UM_MM * math.sqrt(still[0] * still[0] + still[1] * still[1]), 1.0
     if slope_um_mm > bound_um_mm:
         scale = bound_um_mm / slope_um_mm
     if limited:

@@ -335,6 +335,7 @@ class Fingers:
         self.predictors: dict[int, FingerPredictor] = {}  # of those that are down, by finger id
         self.released: set[int] = set()  # of those: held still unless they have a target
         self.t_sample_ns = 0  # when the newest report was sampled, on the host's axis
+        self.t_device_ns = 0  # the same, as the pad stamped it
         self.period_s = 0.0  # from one report to the next, as stamps show it; 0 before the first
         self.make_predictor = make_predictor
         self._ellipse_scale = ellipse_scale
@@ -343,7 +344,6 @@ class Fingers:
         self._tracker = Tracker()
         self._sensor_clock = SensorClock(sensor_latency_ns)
         self._t_stamp_ns: int | None = None
-        self._t_frame_ns = 0
         self._t_read_ns = 0
         self._old_in_a_row = 0
 
@@ -358,7 +358,7 @@ class Fingers:
             return FingerFrame(frame.t_ns, self.down, ())  # a pad whose clock stands still counts as silent
         self._t_stamp_ns = frame.t_ns
         self._t_read_ns = t_read_ns
-        self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self._t_frame_ns else 0
+        self._old_in_a_row = self._old_in_a_row + 1 if frame.t_ns < self.t_device_ns else 0
         if self._old_in_a_row == OLD_IN_A_ROW:
             self.lift_all()
         t_sample_ns = self._sensor_clock.update(frame.t_ns, t_read_ns)
@@ -367,7 +367,7 @@ class Fingers:
             self._forget(finger_id)
         if tracked.t_ns != frame.t_ns:
             return tracked  # an old frame holds no news
-        self._t_frame_ns = frame.t_ns
+        self.t_device_ns = frame.t_ns
         self.t_sample_ns = t_sample_ns
         t_stamp_ns, period_s = self._sensor_clock.t_filtered_ns, self._sensor_clock.period_s
         self.period_s = period_s
@@ -391,7 +391,7 @@ class Fingers:
         self.down = ()
         self._tracker.reset()
         self._sensor_clock.reset()
-        self._t_frame_ns = self._old_in_a_row = 0
+        self.t_device_ns = self._old_in_a_row = 0
 
     def are_silent(self, t_now_ns: int) -> bool:
         """Whether fingers are down and no report came for too long."""

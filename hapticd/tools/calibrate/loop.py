@@ -61,9 +61,8 @@ async def _closed(bench: Bench) -> AsyncIterator[_Loop]:
         loop = _Loop(board, calibration.load(bench.out / CALIBRATION_FILE, board.hello.modes))
         settings = BoardSettings(law, loop.calibration, TELEMETRY_HZ)
         settings.begin(board.hello, 0)
-        while (setting := settings.next) is not None:
+        for setting in settings.left:
             await board.demand(setting)
-            settings.taken()
         answer = await board.ask(TimeRequest(0), BoardTime)
         loop.ahead_us = answer.t_received_us - round(asyncio.get_running_loop().time() * 1e6)
         yield loop

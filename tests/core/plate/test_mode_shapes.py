@@ -47,12 +47,9 @@ def test_a_wave_is_interpolated_between_the_points_of_the_map(modes: ModeShapes)
 
 @settings(max_examples=200)
 @given(st.floats(width=64), st.floats(width=64))
-def test_one_point_and_arrays_agree_and_are_finite_anywhere(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
-    rows, point = np.array(modes.at_with_gradient(x_mm, y_mm)), [(x_mm, y_mm)]
-    assert np.isfinite(rows).all()
-    np.testing.assert_array_equal(rows[:, 0], modes.at(x_mm, y_mm))
-    np.testing.assert_array_equal(rows[:, 0], modes.evaluate(point)[0])
-    np.testing.assert_array_equal(rows[:, 1:], modes.gradient(point)[0])
+def test_shapes_and_slopes_are_finite_anywhere(modes: ModeShapes, x_mm: float, y_mm: float) -> None:
+    assert np.isfinite(modes.evaluate([(x_mm, y_mm)])).all()
+    assert np.isfinite(modes.gradient([(x_mm, y_mm)])).all()
 
 
 def test_the_steepest_slope_bounds_all_others(modes: ModeShapes) -> None:

@@ -128,8 +128,8 @@ def test_the_picture_s_grid_is_the_daemon_s_map_from_the_top_left() -> None:
         "shapes": modes.shapes.astype("<f4").tobytes(),
     }
     grid = np.frombuffer(picture_grid(modes_of(body), (137.5, 137.5)), "<f4").reshape(2, GRID, GRID)
-    np.testing.assert_allclose(grid[:, 0, 0], modes.at(-68.75, 68.75), atol=1e-5)
-    np.testing.assert_allclose(grid[:, 50, 75], modes.at(34.375, 0.0), atol=1e-5)
+    np.testing.assert_allclose(grid[:, 0, 0], modes.evaluate([(-68.75, 68.75)])[0], atol=1e-5)
+    np.testing.assert_allclose(grid[:, 50, 75], modes.evaluate([(34.375, 0.0)])[0], atol=1e-5)
 
 
 def test_the_page_of_a_daemon_that_sends_no_friction_curve_has_the_built_in_one() -> None:
