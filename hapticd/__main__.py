@@ -65,7 +65,7 @@ COMMANDS = {
     "firmware": Command(
         "tools.firmware.program",
         "work with the board: status, sweeps, telemetry, gains",
-        "sweep --port /dev/ttyACM0 --mode 0 --save plate.toml",
+        "sweep --port /dev/ttyACM0 --mode 0 --plot mode-0.png",
     ),
     "plate": Command(
         "tools.plate",

@@ -99,4 +99,4 @@ def played(hand: Hand, seeds: Sequence[int], seconds: float) -> list[Trace]:
 def sensed(finger: Path, seed: int, seconds: float) -> Trace:
     """Return a finger's touch as a pad that filters reports it."""
     touch = sense(finger, seconds, seed, noise=FILTERED_NOISE, period_s=PERIOD_S)
-    return Trace("simulated/hand", touch.sampled_s, np.array([(x_mm, y_mm) for _, x_mm, y_mm in touch.samples]))
+    return Trace(touch.sampled_s, np.array([(x_mm, y_mm) for _, x_mm, y_mm in touch.samples]))

@@ -118,7 +118,7 @@ class DeviceConfig:
     controller: str = key("deadbeat", "control law on the board", choices=("pi", "pi_ff", "deadbeat"))
     calibration_file: str = key(
         "",
-        "TOML of the measured modes, from `hapticd firmware sweep --save`, against which modes and wires are tested "
+        "TOML of the measured modes, from `hapticd calibrate resonance`, against which modes and wires are tested "
         "before the plate is first driven; empty: the firmware's defaults, no test",
     )
 

@@ -1,6 +1,6 @@
 """Calibration file: the swept modes of a plate as TOML that a person can read and correct.
 
-`hapticd firmware sweep --save FILE` writes it; the service reads `device.calibration_file` and sends it to the board.
+`hapticd calibrate resonance` writes it; the service reads `device.calibration_file` and sends it to the board.
 """
 
 from __future__ import annotations
@@ -31,11 +31,10 @@ WIRES = {
 }
 DRIVE_KEY, DRIVE_HZ = "drive_hz", KEYS["frequency_hz"]
 HEADER = """\
-# Modes of the plate, measured by `hapticd firmware sweep`. The plate moves by gain_um_per_v_s for each volt and second;
-# loop_phase_deg is what amplifier, electrodes and sensor add to the loop. The wiring, measured by `hapticd calibrate
-# resonance`: drive is what each amplifier gives per volt of the mode, sense each sensor's weight in its amplitude,
-# feedthrough_um_per_v what a volt of each amplifier adds to that without moving it; [real, imaginary]. drive_hz, if it
-# is there, is set on the board.
+# Modes and wires of the plate, measured by `hapticd calibrate resonance`. The plate moves by gain_um_per_v_s for each
+# volt and second; loop_phase_deg is what amplifier, electrodes and sensor add to the loop. drive is what each amplifier
+# gives per volt of the mode, sense each sensor's weight in its amplitude, feedthrough_um_per_v what a volt of each
+# amplifier adds to that without moving it; [real, imaginary]. drive_hz, if it is there, is set on the board.
 """
 
 
@@ -46,7 +45,7 @@ def load(path: Path, modes: int) -> BoardCalibration:
     entries = table.pop("mode", None)
     if table or not isinstance(entries, list):
         raise ConfigError(
-            f"{path}: must hold [[mode]] tables, drive_hz and nothing else: measure with `hapticd firmware sweep`."
+            f"{path}: must hold [[mode]] tables, drive_hz and nothing else: measure with `hapticd calibrate resonance`."
         )
     found = [_mode(entry, f"{path}: [[mode]] {place}", modes) for place, entry in enumerate(entries, 1)]
     for place, measured in enumerate(found, 1):

@@ -9,31 +9,17 @@ import numpy as np
 
 from ..core.touch.fingers import Tracker
 from ..errors import UsageError
-from ..files.recording.kinds import pad_of
-from ..files.recording.mcap_reader import open_recording
-from ..values import FloatArray, TouchFrame
-from ..wire.trackpad import Decoder
+from ..files.recording.mcap_reader import open_recording, touch_frames
+from ..values import AffineMap, FloatArray, TouchFrame
 
-_BY_VENDOR = "hid"
+_OWN = AffineMap(1.0, 0.0, 0.0, 1.0)  # the pad's own coordinates
 
 
 class Trace(NamedTuple):
-    """One touch: the device's name, stamps (n,) and positions (n, 2)."""
+    """One touch: stamps (n,) and positions (n, 2)."""
 
-    device: str
     t_s: FloatArray
     xy_mm: FloatArray
-
-    @property
-    def kind(self) -> str:
-        """The kind of device that it is reported under."""
-        return self.device.partition("/")[0]
-
-    @property
-    def group(self) -> str:
-        """The same, but the vendor where a kind has many."""
-        kind, _, name = self.device.partition("/")
-        return name.rsplit("_", 2)[0] if kind == _BY_VENDOR else kind
 
     @property
     def samples(self) -> list[tuple[int, float, float]]:
@@ -43,10 +29,9 @@ class Trace(NamedTuple):
 
 
 class RecordedTouches:
-    """Samples of fingers, by their ids. `samples` counts them."""
+    """Samples of fingers, by their ids."""
 
     def __init__(self) -> None:
-        self.samples = 0
         self._tracker = Tracker()
         self._samples: dict[int, list[tuple[int, float, float]]] = {}
 
@@ -61,12 +46,11 @@ class RecordedTouches:
             samples = self._samples.setdefault(finger.finger_id, [])
             if not samples or frame.t_ns > samples[-1][0]:
                 samples.append((frame.t_ns, finger.x_mm, finger.y_mm))
-                self.samples += 1
 
-    def traces(self, device: str) -> list[Trace]:
-        """Return what each finger left, under the name of the device."""
+    def traces(self) -> list[Trace]:
+        """Return what each finger left."""
         return [
-            Trace(device, 1e-9 * np.array([t_ns - samples[0][0] for t_ns, _, _ in samples]), np.array(samples)[:, 1:])
+            Trace(1e-9 * np.array([t_ns - samples[0][0] for t_ns, _, _ in samples]), np.array(samples)[:, 1:])
             for samples in self._samples.values()
             if len(samples) > 1
         ]
@@ -74,18 +58,12 @@ class RecordedTouches:
 
 def recorded(path: Path) -> list[Trace]:
     """Read the touches of a recording: one trace a finger, in the pad's own coordinates. Raises HapticdError."""
-    recording = open_recording(path)
-    decoder = Decoder(recording.header.pad)
-    traces = RecordedTouches()
-    for record in recording.records():
-        if record.kind == "trackpad_link":
-            decoder = Decoder(pad_of(record.fields) or decoder.pad)
-            traces.lift_all()
-        elif record.kind == "reports":
-            for report in record.fields["reports"]:
-                for frame in decoder.decode(report["data"], report["t_host_ns"]):
-                    traces.add(frame)
-    found = traces.traces(f"recording/{decoder.pad.model}")
-    if not found:
+    touches = RecordedTouches()
+    for frame in touch_frames(open_recording(path), _OWN):
+        if frame is None:
+            touches.lift_all()
+        else:
+            touches.add(frame)
+    if not (found := touches.traces()):
         raise UsageError(f"--recording {path}: no finger touched the pad: record some strokes.")
     return found

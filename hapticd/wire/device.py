@@ -67,5 +67,5 @@ def check_calibration(hello: BoardHello, calibration: BoardCalibration) -> None:
         if not abs(measured.model(drive_hz).detuning_rad_s) <= protocol.DETUNING_MAX_RAD_S:
             raise DeviceError(
                 f"Mode {measured.mode} is calibrated at {measured.frequency_hz:g} Hz but the board drives at "
-                f"{drive_hz:g} Hz: measure it again with `hapticd firmware sweep`."
+                f"{drive_hz:g} Hz: measure it again with `hapticd calibrate resonance`."
             )

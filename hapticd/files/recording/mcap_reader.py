@@ -24,8 +24,10 @@ from mcap.stream_reader import breakup_chunk
 
 from ...errors import RecordingError
 from ...regular_file import open_regular
+from ...values import AffineMap, TouchFrame
+from ...wire.trackpad import Decoder
 from .header import Header, header_from
-from .kinds import HEADER, KINDS, MAX_HEADER_BYTES, MAX_WHOLE, Record, decode
+from .kinds import HEADER, KINDS, MAX_HEADER_BYTES, MAX_WHOLE, Record, decode, pad_of
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_CHUNK_BYTES = 2 * MAX_HEADER_BYTES  # also unpacked; the longest that is written is the header's
@@ -135,6 +137,18 @@ def open_recording(paths: Path | Sequence[Path]) -> Recording:
         if (other.instance, other.t_start_ns) != (header.instance, header.t_start_ns):
             raise RecordingError(f"{path}: is no part of the recording in {files[0]}: replay it by itself.")
     return Recording(files, header, first_seq)
+
+
+def touch_frames(recording: Recording, plate_from_pad: AffineMap) -> Iterator[TouchFrame | None]:
+    """Yield what the pad reported; None where it was connected or disconnected, which lifts all fingers."""
+    decoder = Decoder(recording.header.pad, plate_from_pad)
+    for record in recording.records():
+        if record.kind == "trackpad_link":
+            decoder = Decoder(pad_of(record.fields) or decoder.pad, plate_from_pad)
+            yield None
+        elif record.kind == "reports":
+            for report in record.fields["reports"]:
+                yield from decoder.decode(report["data"], report["t_host_ns"])
 
 
 def _header(path: Path) -> tuple[int, Header]:

@@ -14,10 +14,8 @@ import numpy as np
 from ...core.plate.contact import ContactEllipse
 from ...daemon.settings import plate_from_pad
 from ...errors import UsageError
-from ...files.recording.kinds import pad_of
-from ...files.recording.mcap_reader import open_recording
+from ...files.recording.mcap_reader import open_recording, touch_frames
 from ...values import Contact, TouchFrame
-from ...wire.trackpad import Decoder
 from . import pad_ellipse
 from .pressing import LEAST_RADIUS_MM, MOST_RADIUS_MM, SampledFinger, ellipse
 from .scenarios import LAND_S, Actor, Scenario
@@ -75,17 +73,12 @@ class _Touches:
 def read(path: Path) -> Scenario:
     """Read the fingers of a recording; the first lands LAND_S after the start. Raises HapticdError."""
     recording = open_recording(path)
-    place = plate_from_pad(recording.header.config)
-    decoder = Decoder(recording.header.pad, place)
     touches = _Touches()
-    for record in recording.records():
-        if record.kind == "trackpad_link":
-            decoder = Decoder(pad_of(record.fields) or decoder.pad, place)
+    for frame in touch_frames(recording, plate_from_pad(recording.header.config)):
+        if frame is None:
             touches.lift_all()
-        elif record.kind == "reports":
-            for report in record.fields["reports"]:
-                for frame in decoder.decode(report["data"], report["t_host_ns"]):
-                    touches.take(frame)
+        else:
+            touches.take(frame)
         if touches.samples > MOST_SAMPLES:
             raise UsageError(f"{path}: has more than {MOST_SAMPLES} positions: record some minutes of touching.")
     touches.lift_all()

@@ -22,7 +22,7 @@ from ...io.devices.trackpad_source import TrackpadSource
 from ...sim.fingers.sensor import SensorModel
 from ...sim.fingers.strokes import Strokes
 from ...values import FloatArray
-from ...wire.trackpad import DEFAULT_PAD, Pad
+from ...wire.trackpad import Pad
 from .. import pads, plotting
 from ..arguments import POSITIVE
 from ..touches import RecordedTouches, Trace, recorded
@@ -94,22 +94,21 @@ def strokes(seed: int, seconds: float) -> list[Trace]:
     touches = RecordedTouches()
     for frame in simulated.frames(SensorModel(seed=seed).reports([Strokes(seed, SIMULATED_SPEED_MM_S)], seconds)):
         touches.add(frame)
-    return touches.traces(DEFAULT_PAD.model)
+    return touches.traces()
 
 
 async def _touched(source: TrackpadSource, seconds: float) -> list[Trace]:
     """Return the touches of the next seconds on the pad."""
-    touches, models = RecordedTouches(), list[str]()
+    touches = RecordedTouches()
 
     def on_link(pad: Pad | None) -> None:
         touches.lift_all()
         if pad is not None:
-            models.append(pad.model)
             print(f"stroke the pad for {seconds:g} s with one or two fingers, slowly and fast, with stops", flush=True)
 
     async with reading(source, touches.add, on_link):
         await asyncio.sleep(seconds)
-    return touches.traces(models[-1] if models else "no trackpad")
+    return touches.traces()
 
 
 def learned(traces: Sequence[Trace]) -> Learned:

@@ -61,7 +61,7 @@ def calibrated(system: System) -> CheckResult:
     missing = len(config.limits.w_limit_um) - len(found.modes)
     if missing > 0:
         text = f"{path} has {len(found.modes)} of {len(config.limits.w_limit_um)} modes"
-        return CheckResult(WARN, text, f"hapticd firmware sweep --mode N --save {path}")
+        return CheckResult(WARN, text, "measure again: hapticd calibrate resonance --help")
     hz = ", ".join(f"{one.frequency_hz:.1f}" for one in found.modes)
     drive = "" if found.drive_hz is None else f", a drive of {found.drive_hz:.1f} Hz"
     test = f"; self-test: {tested}" if tested else ""

@@ -66,7 +66,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dwell", type=int, default=100, metavar="MS", help="at each (default 100)")
     parser.add_argument("--volts", type=float, help="on the amplifier (default: a tenth of the board's limit)")
     outputs.add_file(parser, "--plot", outputs.PICTURE, metavar="F.png", help="draw amplitude and circle")
-    parser.add_argument("--save", type=Path, metavar="F.toml", help="write the mode to a calibration file")
     parser = _command(commands, "raw", "put a voltage on one amplifier, open loop, for at most 1 s", "--sim --volts 10")
     parser.add_argument("--mode", type=int, default=0, help="which amplifier, from 0 (default 0)")
     parser.add_argument("--volts", type=float, required=True, help="magnitude, at most a fifth of the board's limit")

@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -14,11 +14,10 @@ import numpy as np
 
 from ... import board_protocol as protocol
 from ...board_protocol import BoardState, Sweep
-from ...board_values import BoardCalibration, BoardHello, BoardStatus, SweepPoint
+from ...board_values import BoardHello, BoardStatus, SweepPoint
 from ...design.resonance import Resonance, fit_resonance
-from ...errors import ConfigError, DeviceError, SweepEndedError, UsageError
-from ...files import calibration
-from .. import outputs, plotting
+from ...errors import DeviceError, SweepEndedError, UsageError
+from .. import plotting
 from . import text
 from .conversation import Conversation
 
@@ -29,7 +28,6 @@ LAST_POINTS_S = 0.5  # for a full ring of points over a line of 9600 baud
 CURVE_POINTS = 400
 STATUS_WITHIN_S = 0.5  # the board sends its status ten times a second
 QUIET_WITHIN = 10  # status messages
-TOML = (".toml",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +41,9 @@ class ModeSweep:
 
 
 async def run(board: Conversation, options: argparse.Namespace) -> None:
-    """Sweep, print and fit; draw and save on request."""
+    """Sweep, print and fit; draw on request."""
     sweep = planned(board.hello, options)
-    if options.save is not None:  # an existing one is read and gets the mode
-        outputs.check_suffix(options.save, TOML)
-        outputs.check([options.save], is_forced=True)
-    saved = _saved(options.save, board.hello.modes)
-    show = partial(text.show, is_all=options.plot is None and options.save is None)
+    show = partial(text.show, is_all=options.plot is None)
     points = await measured(board, sweep, show=None if options.json else show)
     swept = fitted(points, sweep.mode)
     if options.json:
@@ -58,9 +52,6 @@ async def run(board: Conversation, options: argparse.Namespace) -> None:
         show("\n" + text.resonance(sweep.mode, swept.fit, points))
     if options.plot is not None:
         draw([swept], options.plot)
-    if options.save is not None:
-        others = [one for one in saved.modes if one.mode != sweep.mode]
-        calibration.save(options.save, replace(saved, modes=(*others, swept.fit.calibration(sweep.mode))))
 
 
 def planned(hello: BoardHello, options: argparse.Namespace, band_hz: float = BAND_HZ) -> Sweep:
@@ -163,14 +154,3 @@ def draw(sweeps: Sequence[ModeSweep], path: Path, **style: int) -> None:
     amplitude.legend(loc="lower center", fontsize=8)
     circle.set(xlabel="in phase, nm/V", ylabel="quadrature, nm/V", aspect="equal")
     plotting.save(figure, path, **style)
-
-
-def _saved(path: Path | None, modes: int) -> BoardCalibration:
-    if path is None or not path.exists():
-        return BoardCalibration()
-    if not path.is_file():
-        raise UsageError(f"{path}: is not a file: name one for --save.")
-    try:
-        return calibration.load(path, modes)
-    except ConfigError as error:
-        raise UsageError(f"--save: {error}") from None

@@ -28,7 +28,7 @@ def stroked(seed: int, *, across_mm: float = 0.02, along_ms: float = 0.0, second
     rng = np.random.default_rng(seed)
     t_s: FloatArray = np.arange(round(100 * seconds)) / 100.0
     x_mm = 100.0 * (t_s + 1e-3 * along_ms * rng.standard_normal(len(t_s)))
-    return Trace("pad", t_s, np.stack((x_mm, across_mm * rng.standard_normal(len(t_s))), axis=-1))
+    return Trace(t_s, np.stack((x_mm, across_mm * rng.standard_normal(len(t_s))), axis=-1))
 
 
 def filtered() -> Trace:
@@ -38,7 +38,7 @@ def filtered() -> Trace:
     xy_mm = Strokes(1, 150.0).position_mm(t_s) + 0.05 * rng.standard_normal((len(t_s), 2))
     for k in range(1, len(xy_mm)):
         xy_mm[k] = 0.8 * xy_mm[k - 1] + 0.2 * xy_mm[k]
-    return Trace("pad", t_s, np.round(xy_mm, 2))
+    return Trace(t_s, np.round(xy_mm, 2))
 
 
 @pytest.mark.parametrize(("across_mm", "along_ms"), [(0.02, 0.0), (0.05, 0.0), (0.02, 0.8)])

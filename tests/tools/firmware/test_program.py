@@ -20,7 +20,6 @@ from hapticd.__main__ import main
 from hapticd.board_protocol import BoardState, RawVoltage
 from hapticd.board_values import BoardStatus, SetController, SweepPoint
 from hapticd.errors import DeviceError, UsageError
-from hapticd.files import calibration
 from hapticd.sim.board.board import BoardConfig
 from hapticd.sim.board.virtual_link import LINK_S
 from hapticd.tools.firmware.conversation import Conversation
@@ -47,28 +46,24 @@ def test_info_shows_identity_and_status_and_all_of_them_as_json(link: BoardLink,
 
 def test_a_sweep_fits_the_resonance_that_is_there(link: BoardLink, type_in: TypeIn, tmp_path: Path) -> None:
     """The bench's plate is exactly what the firmware believes: 10 Hz off the drive, Q 500."""
-    saved, drawn = tmp_path / "plate.toml", tmp_path / "sweep.png"
-    output = type_in(link, *SWEEP, "--mode", "0", "--save", str(saved), "--plot", str(drawn))
-    assert output.count("\n 29") == 9
-    type_in(link, *SWEEP, "--mode", "1", "--save", str(saved))
-    truth = BoardConfig()
-    measured = calibration.load(saved, 2).modes
-    assert [one.mode for one in measured] == [0, 1]
-    for k, one in enumerate(measured):
-        model = one.model(truth.drive_hz)
-        assert model.decay_1_s == pytest.approx(truth.decay_1_s[k], rel=0.01)
-        assert model.detuning_rad_s == pytest.approx(truth.detuning_rad_s[k], abs=2 * math.pi * 0.3)
-        assert model.gain_um_per_v_s == pytest.approx(truth.gain_um_per_v_s[k], rel=0.01)
-        assert abs(one.loop_phase_rad) < math.radians(1)
+    drawn, truth = tmp_path / "sweep.png", BoardConfig()
+    assert type_in(link, *SWEEP, "--mode", "0", "--plot", str(drawn)).count("\n 29") == 9
+    for k in range(2):
+        found = json.loads(type_in(link, *SWEEP, "--mode", str(k), "--json"))
+        fit = found["resonance"]
+        assert math.pi * fit["frequency_hz"] / fit["q_factor"] == pytest.approx(truth.decay_1_s[k], rel=0.01)
+        off_rad_s = 2 * math.pi * (fit["frequency_hz"] - truth.drive_hz)
+        assert off_rad_s == pytest.approx(truth.detuning_rad_s[k], abs=2 * math.pi * 0.3)
+        assert fit["gain_um_per_v_s"] == pytest.approx(truth.gain_um_per_v_s[k], rel=0.01)
+        assert abs(fit["loop_phase_rad"]) < math.radians(1)
+        assert fit["residual_frac"] < 0.01
+        assert (len(found["points"]), found["sweep"]["voltage_v"]) == (9, 15.0)
     assert drawn.read_bytes().startswith(b"\x89PNG")
-    as_json = json.loads(type_in(link, *SWEEP, "--json"))
-    assert (len(as_json["points"]), as_json["sweep"]["voltage_v"]) == (9, 15.0)
-    assert as_json["resonance"]["residual_frac"] < 0.01
     assert link.peak_v <= 15.0001
     assert not link.voltage_v.any()
 
 
-def test_a_sweep_whose_reader_has_gone_still_writes_its_file_and_without_one_it_ends(
+def test_a_sweep_whose_reader_has_gone_still_draws_it_and_without_one_it_ends(
     link: BoardLink, type_in: TypeIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reading, writing = os.pipe()
@@ -78,8 +73,8 @@ def test_a_sweep_whose_reader_has_gone_still_writes_its_file_and_without_one_it_
         with pytest.raises(BrokenPipeError):
             type_in(link, *SWEEP)
         assert not link.voltage_v.any()
-        type_in(BoardLink(), *SWEEP, "--save", str(tmp_path / "plate.toml"))
-    assert len(calibration.load(tmp_path / "plate.toml", 2).modes) == 1
+        type_in(BoardLink(), *SWEEP, "--plot", str(tmp_path / "sweep.png"))
+    assert (tmp_path / "sweep.png").exists()
 
 
 @pytest.mark.parametrize(
@@ -92,7 +87,6 @@ def test_a_sweep_whose_reader_has_gone_still_writes_its_file_and_without_one_it_
         (("--points", "3000"), "points is 3000, not within 1..2001"),
         (("--dwell", "0"), "dwell_ms is 0, not within 1..1000"),
         (("--points", "3"), "5 or more points"),
-        (("--save", "nowhere/file.toml"), "its directory is missing"),
     ],
 )
 def test_a_sweep_that_cannot_be_is_refused_in_one_sentence(
