@@ -25,27 +25,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.friction import DEFAULT_FRICTION_CURVE, FLOOR_FRAC, FrictionCurve
 from ..values import FloatArray
 from .campaign import TaskRunner, one_by_one
 from .contact_pairs import ShapeMaps, surfaces
 from .felt_places import ENOUGH_JND, PlateTouches, settle_felt, touches
 from .free_plate import ModeShape
 from .glued_plate import PZT, GluedPlate, Patch
-from .patch_places import BoolArray, along_edges, couplings, overlapping, places_for_reach
+from .mode_choice import (
+    FINGER_KG_S,
+    MOST_UM,
+    SEARCH_PLACES,
+    Choice,
+    FeltTask,
+    NearModes,
+    choose,
+    fits,
+    is_felt,
+    least_volts_hz,
+    limited,
+)
+from .patch_places import along_edges, couplings, overlapping, places_for_reach
 from .patch_reach import PatchDrive, UndrivenError, patch_drive
 
-Q_FACTOR = 500.0
-RADIUS_MM = 5.0  # of a fingertip's contact at 0.2 .. 1 N (50 .. 150 mm2)
-FARTHEST_HZ = 180.0  # of a driven mode from the drive: an amplifier reaches a sixth there; the firmware controls 300
-STEP_HZ = 25.0  # of the drives tried, less than a mode's bandwidth of 58 Hz
-SEED = 1
-
 ORDERABLE = tuple((width, depth, thick) for width, depth in ((10, 10), (20, 10), (15, 15)) for thick in (0.3, 0.5))
-SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18)  # of the reach alone
-ALIKE_FRAC = 0.02  # of the places: of shares that differ by less the least is taken, which spares volts in motion
-MOST_UM = 6.0  # of a mode: 95 % of places need less than 5, and the glass bears the sum of all
-SEARCH_PLACES, JUDGE_PLACES = 60, 500
+JUDGE_PLACES = 500
 FINALISTS = 3  # for each number of modes, that get patches
 USUAL_UM = 12.0  # reach at resonance of eight 10 x 10 mm patches: by it bare plates are compared
 GLUE_HZ = 250.0  # by which patches move modes, at most
@@ -56,27 +59,6 @@ ROUNDS, MORE_ROUNDS = 2, 12  # of placing patches on the shapes that they make; 
 Kit = tuple[float, float, float]  # a patch's width, depth and thickness in mm
 Modes = Sequence[tuple[float, ModeShape]]
 Measure = Callable[[Sequence[ModeShape]], ShapeMaps]  # from a plate's modes to the maps that a laboratory has of them
-
-
-@dataclass(frozen=True, slots=True)
-class FeltTask:
-    """What is asked of the fingers, all at the same time, and of the modes; `curve_um`: the amplitudes at which these
-    fingers feel equally spaced frictions 1 .. 0, where they were measured."""
-
-    targets_um: tuple[float, ...] = (1.0, 0.0)
-    q_factor: float = Q_FACTOR
-    radius_mm: float = RADIUS_MM
-    farthest_hz: float = FARTHEST_HZ
-    seed: int = SEED
-    curve_um: tuple[float, ...] = ()
-    floor_frac: float = FLOOR_FRAC
-
-    @property
-    def curve(self) -> FrictionCurve:
-        """The friction that these fingers feel, at rest."""
-        return (
-            FrictionCurve.from_amplitudes(self.curve_um, self.floor_frac) if self.curve_um else DEFAULT_FRICTION_CURVE
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +131,7 @@ class GluedModes:
         task: FeltTask,
         places: int,
         around_hz: float = 0.0,
-        measure: Measure | None = None,
+        measure: Measure = surfaces,
     ) -> None:
         """Solve the plate's modes in the band, widened by `task.farthest_hz`, or `around_hz` if that is more."""
         self.plate, self.task, self.places, self._measure = plate, task, places, measure
@@ -158,15 +140,18 @@ class GluedModes:
         self._band_hz = band_hz
 
     @cached_property
+    def _known(self) -> PlateTouches:
+        return self._under(self._measure([shape for _, shape in self.modes]))
+
+    @cached_property
     def _touches(self) -> PlateTouches:
-        task, shapes = self.task, [shape for _, shape in self.modes]
+        if self._measure is surfaces:
+            return self._known
+        return self._under(surfaces([shape for _, shape in self.modes])).known_by(self._known)
 
-        def under(known: ShapeMaps) -> PlateTouches:
-            fingers = len(task.targets_um)
-            return touches(known, self.plate.size_mm, task.radius_mm, fingers, self.places, task.seed)
-
-        true = under(surfaces(shapes))
-        return true if self._measure is None else true.known_by(under(self._measure(shapes)))
+    def _under(self, known: ShapeMaps) -> PlateTouches:
+        task = self.task
+        return touches(known, self.plate.size_mm, task.radius_mm, len(task.targets_um), self.places, task.seed)
 
     def sets(self, count: int) -> list[range]:
         """Return the sets of `count` neighbouring modes that a drive in the band has within `farthest_hz`."""
@@ -188,7 +173,7 @@ class GluedModes:
         few = self._touches.of(chosen, SEARCH_PLACES)
         task = self.task
         _, error_jnd = settle_felt(few, task.targets_um, np.minimum(limits_um, MOST_UM), starts=1, curve=task.curve)
-        return float(np.mean(_is_felt(error_jnd)))
+        return float(np.mean(is_felt(error_jnd)))
 
     def of(self, chosen: Sequence[int]) -> list[tuple[float, ModeShape]]:
         """Return some of the modes."""
@@ -197,40 +182,43 @@ class GluedModes:
     def judge(self, chosen: Sequence[int], patches: Sequence[Patch], drive_hz: float | None = None) -> FeltDesign:
         """Return the plate's figures with these modes driven by these patches, without `drive_hz` at the drive that
         takes least volts."""
-        plate, task, targets_um, curve = self.plate, self.task, self.task.targets_um, self.task.curve
-        driven = patch_drive(plate.thickness_mm, plate.material, patches, self.of(chosen), task.q_factor)
-        drive_hz = _least_volts_hz(driven, task.farthest_hz) if drive_hz is None else drive_hz
-        order = np.argsort(np.abs(driven.frequency_hz - drive_hz))
-        driven, chosen = driven.of(order), [chosen[at] for at in order]
-        modes = self.of(chosen)
-        reach_um = driven.reach_um(drive_hz)
-        few, found = self._touches.of(chosen, SEARCH_PLACES), self._touches.of(chosen)
+        near = self.near(self._touches, patches)
+        drive_hz = least_volts_hz(near.of(chosen), self.task.farthest_hz) if drive_hz is None else drive_hz
+        return self._judged(near, limited(near, chosen, drive_hz, self.task))
 
-        def share_felt(share: float) -> float:
-            most_um = np.minimum(share * reach_um, MOST_UM)
-            modal_um, error_jnd = settle_felt(few, targets_um, most_um, starts=1, curve=curve)
-            patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T
-            return float(np.mean(_is_felt(error_jnd) & _fits(patch_v, driven)))
+    def set_up(self) -> FeltDesign | None:
+        """Return the plate's figures with the drive and the modes that are chosen from what is known of it, None
+        without a drive near as many modes as there are patches."""
+        choice = choose(self.near(self._known, self.plate.patches), self.task)
+        return None if choice is None else self._judged(self.near(self._touches, self.plate.patches), choice)
 
-        felt_by_share = {share: share_felt(share) for share in SHARES}
-        enough = max(felt_by_share.values()) - ALIKE_FRAC
-        share = min(share for share, felt_frac in felt_by_share.items() if felt_frac >= enough)
-        limits_um = np.minimum(share * reach_um, MOST_UM)
-        modal_um, error_jnd = settle_felt(found, targets_um, limits_um, curve=curve)
+    def near(self, found: PlateTouches, patches: Sequence[Patch]) -> NearModes:
+        """Return what these patches do to all modes."""
+        plate = self.plate
+        driven = patch_drive(plate.thickness_mm, plate.material, patches, self.modes, self.task.q_factor)
+        mass_kg = math.prod(plate.size_mm) * plate.thickness_mm * plate.material.density_kg_m3 * 1e-9
+        return NearModes(driven, found, FINGER_KG_S / mass_kg)
+
+    def _judged(self, near: NearModes, choice: Choice) -> FeltDesign:
+        drive_hz, task = choice.drive_hz, self.task
+        nearest = np.argsort(np.abs(near.driven.frequency_hz[list(choice.used)] - drive_hz))
+        chosen = [choice.used[at] for at in nearest]
+        driven, limits_um = near.of(chosen), np.array(choice.limits_um)[nearest]
+        modal_um, error_jnd = settle_felt(near.under(chosen, drive_hz), task.targets_um, limits_um, curve=task.curve)
         patch_v = driven.patch_volts_v(modal_um.T, drive_hz).T
-        fits = _fits(patch_v, driven)
+        is_within = fits(patch_v, driven)
         others_hz = [abs(hz - drive_hz) for at, (hz, _) in enumerate(self.modes) if at not in chosen]
         return FeltDesign(
-            plate,
+            self.plate,
             drive_hz,
-            tuple(modes),
+            tuple(self.of(chosen)),
             min(others_hz, default=math.inf),
             driven,
-            share,
+            choice.share,
             tuple(limits_um.tolist()),
-            float(np.mean(_is_felt(error_jnd) & fits)),
+            float(np.mean(is_felt(error_jnd) & is_within)),
             tuple(np.mean(np.abs(error_jnd) <= ENOUGH_JND, axis=0).tolist()),
-            float(np.mean(fits)),
+            float(np.mean(is_within)),
             np.abs(modal_um),
             patch_v,
         )
@@ -317,19 +305,15 @@ def glue(plate: GluedPlate, modes: Modes, kit: Kit, task: FeltTask, rounds: int)
     return best
 
 
-def judge_near(
-    plate: GluedPlate, drive_hz: float, count: int, task: FeltTask, measure: Measure | None = None
-) -> FeltDesign | None:
+def judge_near(plate: GluedPlate, drive_hz: float, count: int, task: FeltTask) -> FeltDesign | None:
     """Return `judge_best` of the drives that patches make of `drive_hz`."""
-    return judge_best(plate, (drive_hz - GLUE_HZ, drive_hz + GLUE_HZ), count, task, measure)
+    return judge_best(plate, (drive_hz - GLUE_HZ, drive_hz + GLUE_HZ), count, task)
 
 
-def judge_best(
-    plate: GluedPlate, drive_hz: tuple[float, float], count: int, task: FeltTask, measure: Measure | None = None
-) -> FeltDesign | None:
-    """Return a plate with its patches at its best drive within `drive_hz`, or None without `count` modes there. It is
-    solved on the maps that `measure` makes of its modes, without it on the modes themselves. Raises ValueError."""
-    glued = GluedModes(plate, drive_hz, task, JUDGE_PLACES, measure=measure)
+def judge_best(plate: GluedPlate, drive_hz: tuple[float, float], count: int, task: FeltTask) -> FeltDesign | None:
+    """Return a plate with its patches at its best drive within `drive_hz`, or None without `count` modes there. Raises
+    ValueError."""
+    glued = GluedModes(plate, drive_hz, task, JUDGE_PLACES)
     found = []
     for chosen in glued.sets(count):
         with suppress(UndrivenError):
@@ -375,25 +359,3 @@ def place(
             candidates_mm[chosen].tolist(), sizes_mm[chosen].tolist(), strict=True
         )
     )
-
-
-def _least_volts_hz(driven: PatchDrive, farthest_hz: float) -> float:
-    """Return the drive at which the worst patch needs least, RMS, when all modes have the same amplitude."""
-    frequency_hz = driven.frequency_hz
-    middle_hz = (frequency_hz.min() + frequency_hz.max()) / 2.0
-    low_hz, high_hz = max(frequency_hz.max() - farthest_hz, 0.0), frequency_hz.min() + farthest_hz
-    tried = low_hz + STEP_HZ * np.arange(math.floor((high_hz - low_hz) / STEP_HZ + 1e-9) + 1)
-    volts = driven.volts_per_um_s / driven.most_v[:, None]
-
-    def worst(hz: float) -> float:
-        return float(np.linalg.norm(volts * np.abs(driven.stiffness_1_s(hz)), axis=1).max())
-
-    return float(min([middle_hz, *tried.tolist()], key=worst))
-
-
-def _is_felt(error_jnd: FloatArray) -> BoolArray:
-    return np.asarray(np.abs(error_jnd).max(axis=1) <= ENOUGH_JND)
-
-
-def _fits(patch_v: FloatArray, driven: PatchDrive) -> BoolArray:
-    return np.asarray((patch_v <= driven.most_v).all(axis=1))

@@ -87,10 +87,7 @@ def patch_drive(
     modes: Sequence[tuple[float, ModeShape]],
     q_factor: float,
 ) -> PatchDrive:
-    """Return what the patches do to the plate's `modes`, (frequency_hz, shape) each. Raises ValueError unless there is
-    one patch for each mode, and where they do not move each mode alone."""
-    if len(patches) != len(modes):
-        raise ValueError(f"{len(patches)} patches drive {len(modes)} modes; glue one for each.")
+    """Return what the patches do to the plate's `modes`, (frequency_hz, shape) each."""
     frequency_hz = np.array([hz for hz, _ in modes])
     shapes = [shape for _, shape in modes]
     areal_kg_m2 = material.density_kg_m3 * thickness_mm * 1e-3
@@ -99,8 +96,6 @@ def patch_drive(
     places_mm = np.array([(patch.x_mm, patch.y_mm) for patch in patches])
     curvature = couplings(shapes, places_mm, np.array([patch.size_mm for patch in patches]))
     gain = 2e6 * bending_n_v * curvature / (2.0 * mass_kg * 2.0 * math.pi * frequency_hz)[:, None]
-    if np.linalg.matrix_rank(gain) < len(gain):
-        raise UndrivenError("these patches do not move each mode alone: place them elsewhere.")
     most_v = np.array([most_volts_v(patch) for patch in patches])
     return PatchDrive(frequency_hz, math.pi * frequency_hz / q_factor, gain, most_v)
 

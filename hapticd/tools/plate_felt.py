@@ -11,19 +11,9 @@ from ..config import loader
 from ..config.sections import PlateConfig
 from ..core.friction import FrictionCurve
 from ..design.campaign import TaskRunner
-from ..design.felt_search import (
-    FARTHEST_HZ,
-    ORDERABLE,
-    Q_FACTOR,
-    RADIUS_MM,
-    SEED,
-    FeltDesign,
-    FeltTask,
-    Kit,
-    judge_within,
-    search,
-)
+from ..design.felt_search import ORDERABLE, FeltDesign, Kit, judge_within, search
 from ..design.felt_tolerances import felt_tolerances
+from ..design.mode_choice import FARTHEST_HZ, Q_FACTOR, RADIUS_MM, SEED, FeltTask
 from ..design.plate_bounds import bounds
 from ..errors import CalibrationError, UsageError
 from ..sim.plate.glasses import FARTHEST_HZ as AROUND_HZ
@@ -73,8 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerances",
         type=whole(1, 10000),
         metavar="N",
-        help="also judge N random plates around the best: edges within 0.1 mm, modulus 2 %%, thickness 0.2 mm, "
-        "patches 0.5 mm",
+        help="also judge N copies of the best as they may be made: edges within 0.1 mm, modulus 2 %%, thickness "
+        "0.2 mm, patches 0.5 mm, glue; each is scanned and set up, in 4 s",
     )
     group.add_argument(
         "--friction",

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..design.felt_search import MOST_UM, FeltDesign, FeltTask
+from ..design.felt_search import FeltDesign
+from ..design.felt_tolerances import Tolerances
+from ..design.mode_choice import MOST_UM, FeltTask
 from ..design.patch_load import charge_nc_um, moving_ma, patch_load
 from ..design.plate_bounds import Bound, most
 from ..values import FloatArray
@@ -96,7 +98,7 @@ def write_json(
     task: FeltTask,
     asked: Sequence[Bound],
     motion: FeltMotion | str,
-    study: FloatArray | None,
+    study: Tolerances | None,
     placement: Placement,
     file: str,
 ) -> None:
@@ -112,7 +114,7 @@ def write_json(
         "placement": plate_places.as_json(placement),
     }
     if study is not None:
-        table["tolerances"] = {"plates": len(study), "felt_frac": study.tolist()}
+        table["tolerances"] = {"nominal_frac": study.nominal_frac, "felt_frac": study.felt_frac.tolist()}
     outputs.write_json(table, file)
 
 

@@ -17,13 +17,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..config.sections import Config, PlateConfig
-from ..design.felt_search import FeltDesign, FeltTask
+from ..design.felt_search import FeltDesign
+from ..design.felt_tolerances import THICKNESS_MM, Tolerances
 from ..design.glued_plate import GluedPlate
 from ..design.materials import MATERIALS
+from ..design.mode_choice import FeltTask
 from ..design.plate_bounds import Bound
 from ..sim.fingers.strokes import HALF_SIZE_MM
 from ..sim.score import CONTACT_RADIUS_MM
-from ..values import FloatArray
 from . import plate_files
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def _settings(path: Path, q_factor: float, person: PlateConfig) -> Settings:
 
 
 def felt_verdict(
-    design: FeltDesign, asked: Sequence[Bound], motion: FeltMotion | str, study: FloatArray | None
+    design: FeltDesign, asked: Sequence[Bound], motion: FeltMotion | str, study: Tolerances | None
 ) -> list[str]:
     """Return a line for each figure of a plate with its patches, and at last the verdict."""
     lines = [
@@ -119,17 +120,34 @@ def felt_verdict(
             )
         lacks = [] if motion.felt_frac >= ENOUGH_FELT else [f"less than {ENOUGH_FELT:.0%} in motion"]
     if study is not None:
+        nominal_frac, tenth_frac = study.nominal_frac, study.tenth_frac
         lines.append(
-            f"tolerances: of {len(study)} plates the median has {np.median(study):.0%}, the worst tenth "
-            f"{np.quantile(study, 0.1):.0%}, the worst {study.min():.0%} of places at rest (computed; edges 0.1 mm, "
-            "thickness 0.2 mm, modulus 2 %, patches 0.5 mm, each calibrated)"
+            f"tolerances: as drawn {nominal_frac:.0%} of places at rest; of {len(study.felt_frac)} copies nine in ten "
+            f"{tenth_frac:.0%} or more, {tenth_frac / max(nominal_frac, 1e-9):.2f} of that (computed; edges 0.1 mm, "
+            "thickness 0.2 mm, modulus 2 %, patches 0.5 mm, glue; each scanned and set up)"
         )
     lines += map(str, asked)
     judged = f"not enough friction as asked ({'; '.join(lacks)})" if lacks else "enough friction as asked"
     beyond = [one.name.partition(",")[0] for one in asked if not one.is_kept]
     judged += f", {'and' if lacks else 'but'} beyond its bound: {', '.join(beyond)}" if beyond else ""
+    lines += _known_when(design, study)
     lines.append(f"{_plate_name(design.plate)}, driven at {design.drive_hz:.0f} Hz: {judged}.")
     return lines
+
+
+def _known_when(design: FeltDesign, study: Tolerances | None) -> list[str]:
+    """Return what is certain of a plate before it is ordered, and what only its scan decides."""
+    families = ", ".join(shape.name for shape in design.shapes)
+    least = "what nine in ten copies give: --tolerances 200"
+    if study is not None:
+        least = f"{study.tenth_frac:.0%} of places or more for nine in ten who order it"
+    off_hz = design.drive_hz * THICKNESS_MM / design.plate.thickness_mm
+    return [
+        f"certain before the order: {_plate_name(design.plate)}, where these are glued, families of modes such as "
+        f"{families}; {least}",
+        f"only the scan decides: frequencies, {off_hz:.0f} Hz to either side of {design.drive_hz:.0f}, and which modes "
+        "near the drive are used (`hapticd calibrate modes`)",
+    ]
 
 
 def _percents(shares: Sequence[float]) -> str:

@@ -11,9 +11,10 @@ from hapticd.core.friction import DEFAULT_FRICTION_CURVE
 from hapticd.design import ModeShape, felt_search, free_plate_modes
 from hapticd.design.contact_pairs import random_fingers, surfaces
 from hapticd.design.felt_places import settle_felt, touches
-from hapticd.design.felt_search import FeltDesign, FeltTask, GluedModes, search
+from hapticd.design.felt_search import FeltDesign, GluedModes, search
 from hapticd.design.glued_plate import GluedPlate
 from hapticd.design.materials import MATERIALS
+from hapticd.design.mode_choice import FeltTask
 from hapticd.design.patch_places import along_edges, couplings, overlapping, places_for_reach
 
 SIZE_MM, TARGETS_UM = (120.0, 120.0), (1.0, 0.0)

@@ -9,10 +9,10 @@ import pytest
 
 from hapticd.design.contact_pairs import surfaces
 from hapticd.design.felt_places import ENOUGH_JND, settle_felt, touches
-from hapticd.design.felt_search import MOST_UM
 from hapticd.design.free_plate import ModeShape
 from hapticd.design.glued_plate import Patch
 from hapticd.design.materials import find_material
+from hapticd.design.mode_choice import MOST_UM
 from hapticd.design.patch_reach import PatchDrive, patch_drive
 from hapticd.sim.plate.glasses import FINGERTIP, WIDE, Glass, find_glass
 from hapticd.sim.plate.ground_truth import GroundTruth, PlateSettings
